@@ -1,0 +1,86 @@
+"""Everything pinadapt raises on purpose: what was wrong, where, and what to try."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+def nearest(name: str, allowed: Iterable[str]) -> str | None:
+    """Return the allowed name closest to ``name``, or None when nothing resembles it."""
+    allowed = list(allowed)
+    exact = [other for other in allowed if other.lower() == name.lower()]
+    close = exact or difflib.get_close_matches(name, allowed, n=1, cutoff=0.5)
+    return close[0] if close else None
+
+
+def did_you_mean(name: str, allowed: Iterable[str]) -> str:
+    """Return ``" Did you mean 'x'?"`` for the nearest allowed name, else an empty string."""
+    suggestion = nearest(name, allowed)
+    return f" Did you mean '{suggestion}'?" if suggestion else ""
+
+
+class PinadaptError(Exception):
+    """Root of all errors raised by pinadapt."""
+
+
+class InputError(PinadaptError, ValueError):
+    """The input was refused before anything moved.
+
+    Attributes:
+        what: what was wrong.
+        where: the place it was found (a file, a key, an argument), or None.
+        hint: what to try, or None.
+    """
+
+    def __init__(self, what: str, *, where: str | None = None, hint: str | None = None) -> None:
+        """Put what, where and hint into one message."""
+        self.what, self.where, self.hint = what, where, hint
+        message = f"{where}: {what}" if where else what
+        super().__init__(f"{message} {hint}" if hint else message)
+
+
+class RobotError(InputError):
+    """A robot description that cannot be used: file, frame, joints, masses or sizes."""
+
+
+class GainError(InputError):
+    """A gain that breaks a hypothesis of the law: sign, definiteness or size."""
+
+
+class ParameterError(InputError):
+    """A set of unknown parameters, or an estimate of them, that cannot be used."""
+
+
+class ScenarioError(InputError):
+    """A key or value of a scenario that is not allowed."""
+
+
+class MeasurementError(PinadaptError):
+    """A measurement with non-finite entries; the controller's state was not touched.
+
+    Attributes:
+        field: name of the measured signal.
+        value: what was measured.
+    """
+
+    def __init__(self, field: str, value: object) -> None:
+        """Name the signal and its value."""
+        self.field, self.value = field, value
+        super().__init__(
+            f"measurement '{field}' is not finite: {value}. The estimates were left as they were; "
+            "repeat the step with a valid measurement or hold the last torque."
+        )
+
+
+class DivergedError(PinadaptError):
+    """The closed loop left every finite bound.
+
+    Attributes:
+        reason: which quantity, and what is known about why.
+    """
+
+    def __init__(self, reason: str) -> None:
+        """Keep the reason."""
+        self.reason = reason
+        super().__init__(reason)
