@@ -1,0 +1,10 @@
+"""Robots: any URDF, catalogue name or Pinocchio model becomes one chain with a task frame."""
+
+from .catalogue import CatalogueEntry as CatalogueEntry
+from .catalogue import catalogue as catalogue
+from .catalogue import robots_folder as robots_folder
+from .changes import Payload as Payload
+from .friction import Friction as Friction
+from .robot import Robot as Robot
+from .robot import load as load
+from .task import Task as Task

@@ -1,0 +1,91 @@
+"""How a real robot differs from its description: each function changes a model in place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from .._checks import vector
+from ..exceptions import RobotError, did_you_mean
+
+
+@dataclass(frozen=True)
+class Payload:
+    """A load fixed to the last body.
+
+    Attributes:
+        mass: kg.
+        com: (3) centre of mass from the URDF's frame origin, in the frame's axes [m].
+        inertia: (6) Ixx Ixy Iyy Ixz Iyz Izz about the centre of mass, in the frame's axes [kg m^2].
+    """
+
+    mass: float
+    com: ArrayLike = (0.0, 0.0, 0.0)
+    inertia: ArrayLike = (0.0,) * 6
+
+    def spatial_inertia(self) -> pin.Inertia:
+        """Return the load as a Pinocchio inertia in the frame's axes.
+
+        Raises:
+            RobotError: a mass that is not positive, or wrong sizes.
+        """
+        if not (np.isfinite(self.mass) and self.mass > 0.0):
+            raise RobotError(f"must be positive, got {self.mass}.", where="payload.mass")
+        com = vector(self.com, 3, "payload.com", error=RobotError)
+        xx, xy, yy, xz, yz, zz = vector(self.inertia, 6, "payload.inertia", error=RobotError)
+        return pin.Inertia(float(self.mass), com, np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+
+
+def joint_id(model: pin.Model, name: str, where: str, words: Sequence[str] = ()) -> int:
+    """Return the index of a joint of the chain; ``words`` were allowed in its place.
+
+    Raises:
+        RobotError: unknown name; the nearest is suggested.
+    """
+    names = [str(other) for other in model.names[1:]]
+    if name not in names:
+        raise RobotError(f"no joint of the chain is called '{name}'; it has {names}.{did_you_mean(name, names)}", where=where)
+    return names.index(name) + 1
+
+
+def scale_inertias(model: pin.Model, scale: float | Mapping[str, float]) -> None:
+    """Multiply mass and inertia of all bodies, or of the bodies moved by the named joints.
+
+    Raises:
+        RobotError: unknown joint or a factor that is not positive.
+    """
+    factors = scale if isinstance(scale, Mapping) else {str(name): scale for name in model.names[1:]}
+    for name, factor in factors.items():
+        joint = joint_id(model, name, "inertial_scale")
+        if not (np.isfinite(factor) and factor > 0.0):
+            raise RobotError(f"must be positive, got {factor} for '{name}'.", where="inertial_scale")
+        body = model.inertias[joint]
+        model.inertias[joint] = pin.Inertia(float(factor) * body.mass, body.lever, float(factor) * body.inertia)
+
+
+def attach_payload(model: pin.Model, frame: int, payload: Payload) -> None:
+    """Fix a load to the body that carries the frame."""
+    carrier = model.frames[frame]
+    model.inertias[carrier.parentJoint] += carrier.placement.act(payload.spatial_inertia())
+
+
+def shift_tool(model: pin.Model, frame: int, translation: ArrayLike) -> None:
+    """Move the frame's origin by a translation (3) [m] in the frame's own axes."""
+    placement = model.frames[frame].placement
+    shift = vector(translation, 3, "tool_translation", error=RobotError)
+    placement.translation = placement.translation + placement.rotation @ shift
+
+
+def shift_joints(model: pin.Model, translations: Mapping[str, ArrayLike]) -> None:
+    """Add a translation (3) [m], in parent axes, to the placement of each named joint, with what hangs on it.
+
+    Raises:
+        RobotError: unknown joint or wrong sizes.
+    """
+    for name, translation in translations.items():
+        placement = model.jointPlacements[joint_id(model, name, "link_translation")]
+        placement.translation = placement.translation + vector(translation, 3, f"link_translation.{name}", error=RobotError)

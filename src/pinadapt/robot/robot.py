@@ -1,0 +1,235 @@
+"""A robot as the library sees it: one open chain, one task frame, one starting pose."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+from pinocchio.robot_wrapper import RobotWrapper
+
+from .._checks import vector
+from ..exceptions import RobotError
+from . import changes
+from .catalogue import catalogue_entry
+from .chain import (
+    angles_from_configuration,
+    chain_joints,
+    check_joints,
+    check_mass_matrix,
+    configuration_from_angles,
+    frame_id,
+    reduce_to_chain,
+)
+from .friction import Friction
+from .home import find_home
+from .task import Task, task_named
+from .urdf import mimic_joints, read_urdf
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """An open chain of revolute, continuous and prismatic joints that carries a task frame.
+
+    Immutable by convention: whoever needs to change the model takes ``model.copy()``.
+
+    Attributes:
+        name: catalogue name or the model's own.
+        model: Pinocchio model of the chain alone, everything off the chain locked into it.
+        frame: name of the task frame.
+        task: the controlled coordinates of that frame.
+        q0: (nq) home configuration.
+        friction: joint friction of the real robot; beliefs have none.
+        visual: geometry to draw, or None.
+    """
+
+    name: str
+    model: pin.Model
+    frame: str
+    task: Task
+    q0: np.ndarray
+    friction: Friction
+    visual: pin.GeometryModel | None = None
+
+    @property
+    def frame_id(self) -> int:
+        """Index of the task frame in ``model.frames``."""
+        return frame_id(self.model, self.frame)
+
+    @property
+    def joint_names(self) -> list[str]:
+        """Names of the chain's joints, from the base."""
+        return [str(name) for name in self.model.names[1:]]
+
+    @property
+    def home_angles(self) -> np.ndarray:
+        """The home configuration as one number a joint (nv) [rad or m]."""
+        return angles_from_configuration(self.model, self.q0)
+
+    def position(self, q: np.ndarray) -> np.ndarray:
+        """Return the task coordinates (m) [m] of this description at configuration q (nq), in world axes."""
+        data = self.model.createData()
+        pin.framesForwardKinematics(self.model, data, q)
+        return data.oMf[self.frame_id].translation[self.task.rows].copy()
+
+    def at(self, q0: ArrayLike) -> Robot:
+        """Return this robot with another home pose, given as one number a joint (nv) [rad or m].
+
+        Raises:
+            RobotError: wrong size or non-finite numbers.
+        """
+        angles = vector(q0, self.model.nv, "q0", names=self.joint_names, error=RobotError)
+        return replace(self, q0=configuration_from_angles(self.model, angles))
+
+    def changed(
+        self,
+        *,
+        inertial_scale: float | Mapping[str, float] = 1.0,
+        payload: changes.Payload | None = None,
+        tool_translation: ArrayLike | None = None,
+        link_translation: Mapping[str, ArrayLike] | None = None,
+        viscous: ArrayLike = 0.0,
+        coulomb: ArrayLike = 0.0,
+    ) -> Robot:
+        """Return another robot that differs from this one as stated; nothing is shared between the two models.
+
+        Args:
+            inertial_scale: factor on mass and inertia of all bodies, or joint name -> factor.
+            payload: load fixed to the last body; placed from this robot's frame, before the tool moves it.
+            tool_translation: (3) [m] added to the frame's origin, in the frame's axes.
+            link_translation: joint name -> (3) [m] added to that joint's placement, parent axes.
+            viscous: friction, number or (nv) [N m s/rad or N s/m].
+            coulomb: friction, number or (nv) [N m or N].
+
+        Raises:
+            RobotError: unknown joints, wrong sizes, factors or masses that are not positive.
+        """
+        model = self.model.copy()
+        changes.scale_inertias(model, inertial_scale)
+        if payload is not None:
+            changes.attach_payload(model, self.frame_id, payload)
+        changes.shift_joints(model, link_translation or {})
+        if tool_translation is not None:
+            changes.shift_tool(model, self.frame_id, tool_translation)
+        friction = Friction(
+            vector(viscous, model.nv, "friction.viscous", names=self.joint_names, error=RobotError),
+            vector(coulomb, model.nv, "friction.coulomb", names=self.joint_names, error=RobotError),
+        )
+        if (friction.viscous < 0).any() or (friction.coulomb < 0).any():
+            raise RobotError("friction coefficients must not be negative.", where="friction")
+        return replace(self, model=model, friction=friction)
+
+
+Source: TypeAlias = "str | Path | pin.Model | RobotWrapper"
+
+
+@dataclass(frozen=True)
+class _Description:
+    """A whole robot as found, before the chain is cut out of it."""
+
+    name: str
+    model: pin.Model
+    visual: pin.GeometryModel | None
+    q_reference: np.ndarray
+    mimics: frozenset[str] = frozenset()
+    frame: str | None = None
+    task: str | None = None
+    q0: Sequence[float] | None = None
+
+
+def load(
+    source: Source,
+    *,
+    frame: str | None = None,
+    task: str | None = None,
+    locked: Sequence[str] = (),
+    q0: ArrayLike | None = None,
+    gravity: ArrayLike | None = None,
+    weld_root: bool = False,
+) -> Robot:
+    """Load any robot and keep the chain from its base to one frame.
+
+    Args:
+        source: catalogue name, URDF path, ``pin.Model`` or ``RobotWrapper``; never written to.
+        frame: task frame, by default the catalogue's, else the model's last frame.
+        task: "xy" or "xyz", by default the catalogue's, else "xyz".
+        locked: joints of the chain to lock as well; joints off the chain always are.
+        q0: home pose, one number a remaining joint (nv) [rad or m]; by default the catalogue's, the
+            description's own where it is well conditioned, else a well-conditioned one inside the limits.
+        gravity: (3) [m/s^2] in world axes, by default the model's.
+        weld_root: fix a floating base where the reference configuration has it.
+
+    Raises:
+        RobotError: missing file, bad XML, unknown frame or joint, floating base, mimic or unsupported
+            joints, a singular mass matrix, too few joints for the task, wrong sizes or NaN.
+    """
+    found = _describe(source)
+    chosen = task_named(task or found.task or "xyz")
+    name = frame or found.frame or str(found.model.frames[-1].name)
+    keep = _kept_joints(found, name, locked, weld_root)
+    model, visual = reduce_to_chain(found.model, found.visual, keep, found.q_reference)
+    if gravity is not None:
+        model.gravity.linear = vector(gravity, 3, "gravity", error=RobotError)
+    if model.nv < chosen.size:
+        raise RobotError(
+            f"task '{chosen.name}' has {chosen.size} coordinates, the chain to '{name}' only {model.nv} joints.",
+            where=found.name,
+            hint="Take a frame further out, or a smaller task.",
+        )
+    angles = found.q0 if q0 is None else q0
+    candidates = [] if angles is not None else _reference_poses(found, model, keep)
+    home = pin.neutral(model) if angles is not None else find_home(model, frame_id(model, name), chosen.rows, candidates)
+    robot = Robot(found.name, model, name, chosen, home, Friction.none(model.nv), visual)
+    robot = robot if angles is None else robot.at(angles)
+    samples = np.random.default_rng(0).uniform(-1.0, 1.0, (3, model.nv))
+    check_mass_matrix(model, [robot.q0, *(configuration_from_angles(model, sample) for sample in samples)])
+    return robot
+
+
+def _describe(source: Source) -> _Description:
+    """Find the whole model behind a name, a path or an object."""
+    if isinstance(source, RobotWrapper):
+        q_reference = getattr(source, "q0", None)
+        q_reference = pin.neutral(source.model) if q_reference is None else q_reference
+        return _Description(str(source.model.name), source.model, source.visual_model, q_reference)
+    if isinstance(source, pin.Model):
+        return _Description(str(source.name), source, None, pin.neutral(source))
+    if isinstance(source, Path) or str(source).endswith((".urdf", ".xml")) or "/" in str(source):
+        path = Path(source)
+        model, visual = read_urdf(path)
+        return _Description(str(model.name), model, visual, pin.neutral(model), mimic_joints(path))
+    entry = catalogue_entry(str(source))
+    model, visual, q_reference = entry.load()
+    q_reference = pin.neutral(model) if q_reference is None else q_reference
+    return _Description(entry.name, model, visual, q_reference, frame=entry.frame, task=entry.task, q0=entry.q0)
+
+
+def _kept_joints(found: _Description, frame: str, locked: Sequence[str], weld_root: bool) -> list[int]:
+    """Return the joints from base to frame that are not locked, after refusing the unsupported ones."""
+    chain = chain_joints(found.model, frame_id(found.model, frame))
+    if weld_root:
+        chain = [j for j in chain if found.model.joints[j].shortname() != "JointModelFreeFlyer"]
+    for name in locked:
+        changes.joint_id(found.model, name, "locked")
+    keep = [joint for joint in chain if str(found.model.names[joint]) not in set(locked)]
+    check_joints(found.model, keep)
+    mimics = [str(found.model.names[j]) for j in keep if str(found.model.names[j]) in found.mimics]
+    if mimics:
+        raise RobotError(
+            f"joints {mimics} mimic other joints, which laws for independent joints do not cover.",
+            where=found.name,
+            hint="Lock them, or choose a frame before them.",
+        )
+    if not keep:
+        raise RobotError(f"no moving joint lies between the base and frame '{frame}'.", where=found.name)
+    return keep
+
+
+def _reference_poses(found: _Description, model: pin.Model, keep: Sequence[int]) -> list[Any]:
+    """Return the description's own poses of the chain (nq): its reference configuration and the neutral one."""
+    parts = [found.q_reference[j.idx_q : j.idx_q + j.nq] for j in (found.model.joints[k] for k in keep)]
+    return [np.concatenate(parts), pin.neutral(model)]

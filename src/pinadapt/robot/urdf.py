@@ -1,0 +1,56 @@
+"""Reading a URDF file, with errors a person can act on."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pinocchio as pin
+
+from ..exceptions import RobotError
+
+
+def read_urdf(path: Path, *, floating: bool = False) -> tuple[pin.Model, pin.GeometryModel | None]:
+    """Build the model of a URDF file, and its visual geometry when the meshes can be found.
+
+    Args:
+        path: the URDF file; meshes named ``package://`` are searched in the folders above it.
+        floating: put a free-flyer at the root.
+
+    Raises:
+        RobotError: no such file, not XML, or not a URDF.
+    """
+    _check_xml(path)
+    try:
+        root = [pin.JointModelFreeFlyer()] if floating else []
+        model = pin.buildModelFromUrdf(str(path), *root)
+    except Exception as error:
+        raise RobotError(
+            "this XML is not a valid URDF; the parser's own words stand above.",
+            where=str(path),
+            hint="Every joint needs a parent and child that exist, revolute and prismatic ones also <limit>.",
+        ) from error
+    try:
+        folders = [str(folder) for folder in path.resolve().parents]
+        visual = pin.buildGeomFromUrdf(model, str(path), pin.GeometryType.VISUAL, package_dirs=folders)
+    except Exception:  # a mesh that cannot be found must not keep a robot from being controlled
+        visual = None
+    return model, visual
+
+
+def mimic_joints(path: Path) -> frozenset[str]:
+    """Return the names of the joints that mimic another; Pinocchio's parser makes them independent by default."""
+    robot = ElementTree.parse(path).getroot()
+    return frozenset(joint.get("name", "") for joint in robot.iter("joint") if joint.find("mimic") is not None)
+
+
+def _check_xml(path: Path) -> None:
+    if not path.is_file():
+        near = sorted(str(other) for other in path.parent.glob("*.urdf")) if path.parent.is_dir() else []
+        raise RobotError("no such file.", where=str(path), hint=f"URDF files there: {near}." if near else None)
+    try:
+        root = ElementTree.parse(path).getroot()
+    except ElementTree.ParseError as error:
+        raise RobotError(f"not well-formed XML ({error}).", where=str(path)) from error
+    if root.tag != "robot":
+        raise RobotError(f"the root element is <{root.tag}>, a URDF has <robot>.", where=str(path))
