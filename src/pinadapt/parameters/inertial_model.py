@@ -1,0 +1,55 @@
+"""Torque and mass matrix of a chain for any inertial parameters, physical or not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from .regressor import PER_BODY, inertial_parameters
+
+_LEAST_MASS = 1e-6  # [kg] pin.Inertia stores the centre of mass mc/m, which loses its digits below this |m|
+
+
+class InertialModel:
+    """A private model whose ten parameters a body may be any numbers.
+
+    RNEA and CRBA are linear in the parameters pi but ``pin.Inertia`` cannot hold a body without mass. Where one has (nearly)
+    none, a ballast u of one kilogram a body is added c times and its effect taken off again: M(pi) = M(pi + c u) - c M(u),
+    exact for every pi.
+    """
+
+    def __init__(self, model: pin.Model) -> None:
+        """Copy a chain's model."""
+        self._model, self._ballast_model = model.copy(), model.copy()
+        self._data, self._ballast_data = self._model.createData(), self._ballast_model.createData()
+        self._inertias = self._model.inertias
+        for joint in range(1, model.njoints):
+            self._ballast_model.inertias[joint] = pin.Inertia(1.0, np.zeros(3), np.zeros((3, 3)))
+        self._ballast_model.armature = np.zeros(model.nv)
+        self._ballast = inertial_parameters(self._ballast_model)
+        self._c = 0.0
+
+    def load(self, pi: np.ndarray) -> None:
+        """Set the parameters (10 n) of all bodies."""
+        self._c = 0.0
+        masses = [abs(mass) for mass in pi[::PER_BODY].tolist()]  # plain floats: this runs in every control step
+        if min(masses) < _LEAST_MASS:
+            self._c = 1.0 + max(masses)
+            pi = pi + self._c * self._ballast
+        inertias, inertia = self._inertias, pin.Inertia.FromDynamicParameters
+        for joint, ten in enumerate(pi.reshape(-1, PER_BODY), 1):
+            inertias[joint] = inertia(ten)
+
+    def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return M a + C v + g (n) [N m or N], rotors included."""
+        tau = pin.rnea(self._model, self._data, q, v, a)
+        if self._c:
+            tau -= self._c * pin.rnea(self._ballast_model, self._ballast_data, q, v, a)
+        return tau
+
+    def mass_matrix(self, q: np.ndarray) -> np.ndarray:
+        """Return M (n, n), rotors included."""
+        M = pin.crba(self._model, self._data, q)
+        if self._c:
+            M = M - self._c * pin.crba(self._ballast_model, self._ballast_data, q)
+        return M

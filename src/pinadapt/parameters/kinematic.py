@@ -1,0 +1,248 @@
+"""Unknown translations of a chain, in which position, velocity and acceleration of the frame are affine.
+
+Theory: x = sum_j R_parent(j)(q) p_j + R_n(q) p_e over the joint placements p_j and the frame's own p_e, so that with
+p = p_0 + B a_k the task velocity is xdot = Y_k(q, v) a_k + y_k0(q, v): Wang and Xie (2009), equation (2), for any chain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+
+from ..exceptions import ParameterError
+from ..robot import Robot
+from ..robot.changes import joint_id
+
+TOOL = "tool"
+LENGTHS = "lengths"
+
+
+@dataclass(frozen=True, eq=False)
+class Translation:
+    """One unknown translation p = offset + directions @ theta, of a joint's placement or of the task frame's.
+
+    Attributes:
+        name: "tool", or the joint's name.
+        joint: index of the joint whose placement it is, or None for the task frame's own.
+        directions: (3, k) columns in the parent joint's axes; the identity for a wholly unknown translation.
+        offset: (3) known part [m], parent axes.
+        labels: one name for each of the k parameters.
+    """
+
+    name: str
+    joint: int | None
+    directions: np.ndarray
+    offset: np.ndarray
+    labels: tuple[str, ...]
+
+    @cached_property
+    def whole(self) -> bool:
+        """Whether the parameters are the translation itself."""
+        return bool(self.directions.shape == (3, 3) and (self.directions == np.eye(3)).all() and not self.offset.any())
+
+    def at(self, theta: np.ndarray) -> np.ndarray:
+        """Return the translation (3) [m] for parameters theta (k)."""
+        return theta if self.whole else self.offset + self.directions.dot(theta)
+
+
+def unknown_translations(robot: Robot, unknown: str | Sequence[str | Translation]) -> list[Translation]:
+    """Turn a user's words into translations; ready-made translations pass through.
+
+    Args:
+        robot: the believed robot; its placements give the directions of lengths.
+        unknown: "tool" or joint names (whole translations), "tool:length" or "joint:length" (along its direction),
+            "lengths" (every link's length, one a link, tool included).
+
+    Raises:
+        ParameterError: a word twice, a translation that does not move the frame, or a length without direction.
+        RobotError: unknown joint.
+    """
+    words: list[str | Translation] = []
+    for word in [unknown] if isinstance(unknown, str) else unknown:
+        words += _all_lengths(robot) if word == LENGTHS else [word]
+    parts = [_translation(robot, word) if isinstance(word, str) else word for word in words]
+    names = [part.name for part in parts]
+    if len(set(names)) != len(names):
+        raise ParameterError(f"a translation is named twice in {names}.", where="unknown.kinematic")
+    return parts
+
+
+def _placement(model: pin.Model, frame: int, joint: int | None) -> pin.SE3:
+    """Return the live placement of a joint, or of the frame where ``joint`` is None; writing to it writes to the model."""
+    return model.frames[frame].placement if joint is None else model.jointPlacements[joint]
+
+
+def _all_lengths(robot: Robot) -> list[str]:
+    """Return "name:length" for every translation after the first joint that has a direction, from the base."""
+    links = [*((name, i) for i, name in enumerate(robot.joint_names, 1) if i > 1), (TOOL, None)]
+    return [
+        f"{name}:length"
+        for name, joint in links
+        if np.linalg.norm(_placement(robot.model, robot.frame_id, joint).translation) > 1e-9
+    ]
+
+
+def _translation(robot: Robot, word: str) -> Translation:
+    name, _, kind = word.partition(":")
+    if kind not in ("", "length"):
+        raise ParameterError(f"'{word}' must be a name, or a name followed by ':length'.", where="unknown.kinematic")
+    joint = None if name == TOOL else joint_id(robot.model, name, "unknown.kinematic", (TOOL, LENGTHS))
+    if joint == 1:
+        raise ParameterError(
+            f"the placement of the first joint, '{name}', has no effect on the frame's velocity.",
+            where="unknown.kinematic",
+            hint="It cannot be learned from motion; measure x from the robot's base instead.",
+        )
+    nominal = _placement(robot.model, robot.frame_id, joint).translation.copy()
+    if kind == "":
+        return Translation(name, joint, np.eye(3), np.zeros(3), tuple(f"{name}_{axis}" for axis in "xyz"))
+    length = np.linalg.norm(nominal)
+    if length < 1e-9:
+        raise ParameterError(f"'{name}' has no length whose direction could be kept.", where="unknown.kinematic")
+    return Translation(name, joint, (nominal / length)[:, None], np.zeros(3), (f"{name}_length",))
+
+
+class KinematicParameters:
+    """The believed kinematics of a chain at the current estimate of its unknown translations.
+
+    ``update`` evaluates everything at one state; the attributes then hold for that state until the next update. All are in
+    world axes (LOCAL_WORLD_ALIGNED), rows of the task only. m: task size, p: number of parameters.
+
+    Attributes:
+        names: one name a parameter.
+        size: p.
+        initial: (p) values in the believed robot's own description [m].
+        task: the controlled coordinates.
+        nv: number of joints.
+        x_hat: (m) believed position [m].
+        xd_hat: (m) believed velocity J v [m/s].
+        J: (m, nv) Jacobian at the estimate.
+        Jdot_v: (m) dJ/dt v with the estimate held constant [m/s^2].
+        Y_k: (m, p) kinematic regressor, (2).
+        y_k0: (m) velocity that no parameter changes, so that J v = Y_k a_k + y_k0 [m/s].
+    """
+
+    def __init__(self, robot: Robot, unknown: str | Sequence[str | Translation] = ()) -> None:
+        """Choose the unknown translations of a believed robot; see ``unknown_translations`` for the words.
+
+        Raises:
+            ParameterError, RobotError: as ``unknown_translations``.
+        """
+        self.translations = unknown_translations(robot, unknown)
+        self.task, self.nv = robot.task, int(robot.model.nv)
+        self.names = tuple(label for part in self.translations for label in part.labels)
+        self.size = len(self.names)
+        self._rows = robot.task.rows
+        self._model = robot.model.copy()
+        self._data = self._model.createData()
+        self._frame = robot.frame_id
+        self._unknown = [
+            (part, window, _placement(self._model, self._frame, part.joint))
+            for part, window in zip(self.translations, self._split(), strict=True)
+        ]
+        self._parents = [self._parent(self._model, part) for part in self.translations]
+        # Live views into Data: rotation of each parent joint, its angular velocity and acceleration in its own axes.
+        self._R = [self._data.oMi[i].rotation for i in self._parents]
+        self._w = [self._data.v[i].angular for i in self._parents]
+        self._dw = [self._data.a[i].angular for i in self._parents]
+        self._zero, self._no_columns = np.zeros(self._model.nv), np.zeros((3, 0))
+        initial = self.value(robot)
+        if initial is None:
+            raise ParameterError("the directions and offsets do not contain the believed robot's own placements.")
+        self.initial = initial
+
+    def _split(self) -> list[slice]:
+        ends = np.cumsum([0] + [len(part.labels) for part in self.translations])
+        return [slice(int(a), int(b)) for a, b in pairwise(ends)]
+
+    def _parent(self, model: pin.Model, part: Translation) -> int:
+        return int(model.frames[self._frame].parentJoint if part.joint is None else model.parents[part.joint])
+
+    def value(self, robot: Robot) -> np.ndarray | None:
+        """Return the parameters (p) [m] of any robot with this chain, the truth when given the true one.
+
+        None when no value of the parameters gives that robot's position: something else differs too.
+        """
+        values = [
+            part.directions.T @ (_placement(robot.model, self._frame, part.joint).translation - part.offset)
+            for part in self.translations
+        ]
+        a_k = np.concatenate([np.zeros(0), *values])
+        q = pin.integrate(self._model, pin.neutral(self._model), np.linspace(0.3, 1.1, self._model.nv))
+        self.update(a_k, q, self._zero)
+        return a_k if np.allclose(self.x_hat, robot.position(q), atol=1e-9) else None
+
+    def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
+        """Evaluate the kinematics at estimate a_k (p) [m], configuration q (nq) and velocity v (nv)."""
+        model, data = self._model, self._data
+        for part, window, placement in self._unknown:
+            placement.translation = part.at(a_k[window])
+        pin.forwardKinematics(model, data, q, v, self._zero)
+        pin.computeJointJacobians(model, data)
+        aligned = pin.LOCAL_WORLD_ALIGNED
+        self.J = pin.getFrameJacobian(model, data, self._frame, aligned)[self._rows]
+        self.Jdot_v = pin.getFrameClassicalAcceleration(model, data, self._frame, aligned).linear[self._rows]
+        self.Y_k = self._stack([pin.skew(w) for w in self._w])
+        self.xd_hat = self.J.dot(v)
+        self.y_k0 = self.xd_hat - self.Y_k.dot(a_k)
+        self._q, self._v = q, v
+
+    @property
+    def x_hat(self) -> np.ndarray:
+        """Believed position (m) [m] at the last update."""
+        return np.array(pin.updateFramePlacement(self._model, self._data, self._frame).translation[self._rows])
+
+    def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
+        """Return the task-acceleration regressor (m, p) of Wang and Xie (27): xddot = Ybar_k(q, v, a) a_k + known part."""
+        pin.forwardKinematics(self._model, self._data, self._q, self._v, a)
+        blocks = []
+        for w, dw in zip(self._w, self._dw, strict=True):
+            W = pin.skew(w)
+            blocks.append(pin.skew(dw) + W.dot(W))
+        return self._stack(blocks)
+
+    def position_regressor(self) -> np.ndarray:
+        """Return dx/da_k (m, p) at the last update: x = (this) a_k + known part."""
+        return self._stack([np.eye(3)] * len(self._R))
+
+    def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
+        """Return dJ/dt (m, nv) while the estimate moves at a_k_rate (p) [m/s]: the motion's part plus the estimate's.
+
+        The second part is linear in a_k_rate because J is affine in a_k; without it (17) of Wang and Xie does not hold.
+        """
+        model, data = self._model, self._data
+        pin.computeJointJacobiansTimeVariation(model, data, self._q, self._v)
+        Jdot = pin.getFrameJacobianTimeVariation(model, data, self._frame, pin.LOCAL_WORLD_ALIGNED)[self._rows]
+        axes = data.J[3:]  # (3, nv) world directions of the revolute axes, zero for prismatic joints
+        for (part, window, _), R, parent in zip(self._unknown, self._R, self._parents, strict=True):
+            velocity = R @ (part.directions @ a_k_rate[window])
+            columns = slice(0, model.joints[parent].idx_v + 1)  # the joints before the translation turn it
+            Jdot[:, columns] -= (pin.skew(velocity) @ axes[:, columns])[self._rows]
+        return Jdot
+
+    def _stack(self, blocks: Sequence[np.ndarray]) -> np.ndarray:
+        """Return the task rows (m, p) of R B for each block (3, 3) in its parent joint's axes and directions B."""
+        parts = [
+            R.dot(block if part.whole else block.dot(part.directions))
+            for part, R, block in zip(self.translations, self._R, blocks, strict=True)
+        ]
+        stacked = parts[0] if len(parts) == 1 else np.concatenate([self._no_columns, *parts], axis=1)
+        return stacked[self._rows]
+
+    def base(self, samples: int = 50) -> int:
+        """Return how many combinations of the parameters motion can identify: the rank of Y_k over random states."""
+        rng = np.random.default_rng(0)
+        rows = []
+        for _ in range(samples):
+            self.update(
+                self.initial,
+                pin.integrate(self._model, pin.neutral(self._model), rng.uniform(-3, 3, self._model.nv)),
+                rng.standard_normal(self._model.nv),
+            )
+            rows.append(self.Y_k)
+        return int(np.linalg.matrix_rank(np.vstack(rows), tol=1e-8 * samples)) if self.size else 0
