@@ -1,0 +1,8 @@
+"""How estimates move: gradient, natural (log-det), or not at all."""
+
+from .adaptation import Adaptation as Adaptation
+from .cone import BodyCone as BodyCone
+from .cone import Cone as Cone
+from .frozen import Frozen as Frozen
+from .gradient import Gradient as Gradient
+from .natural import Natural as Natural
