@@ -1,0 +1,67 @@
+"""Adaptive inverse dynamics with measured task velocity."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import solve_continuous_lyapunov
+
+from .gains import Gains
+from .inertia import solve_inertia
+from .law import Command, Gradients, Law, Signals, Truth
+from .posture import Posture
+
+
+class AdaptiveInverseDynamicsVelocity(Law):
+    """Adaptive inverse dynamics with task velocity: Wang and Xie (2009), theorem 2.
+
+    Law:          tau = M_hat J_hat^+ (xdd_d - K_v dxd - K_P dx - dJ_hat/dt qd) + C_hat qd + g_hat (25), dJ_hat/dt at constant
+                  estimate: the motion's part alone, which is what makes (26) hold.
+    Adaptation:   da_d/dt = -Gamma_d Phi^T B^T P xi (29), xi = (dx, dxd), A^T P + P A = -Q (31);
+                  da_k/dt = Gamma_k (Ybar_k^T B^T P xi - Y_k^T R_k (Y_k a_k - xd)) (30), Ybar_k of (27).
+    Closed loop:  dxi/dt = A xi + B (Phi da_d - Ybar_k da_k) (26).
+    V:            xi^T P xi / 2 + D_d(a_d) + D_k(a_k), dV/dt = -xi^T Q xi / 2 - da_k^T Y_k^T R_k Y_k da_k.
+    Assumptions:  constant parameters; J_hat of full row rank; M_hat invertible; task velocity and joint acceleration known.
+    """
+
+    name = "adaptive-inverse-dynamics-velocity"
+    needs_task_velocity = True
+
+    def __init__(self, gains: Gains, posture: Posture) -> None:
+        """Solve the Lyapunov equation (31)."""
+        super().__init__(gains, posture)
+        m = gains.K_P.shape[0]
+        A = np.block([[np.zeros((m, m)), np.eye(m)], [-gains.K_P, -gains.K_v]])
+        self.P = solve_continuous_lyapunov(A.T, -gains.Q)  # (31)
+        self._B_T_P = self.P[m:]  # B^T P, B = (0, I)
+
+    def _xi(self, s: Signals) -> np.ndarray:
+        assert s.xd is not None  # the controller refuses measurements without it
+        return np.concatenate([s.dx, s.xd - s.xd_d])
+
+    def command(self, s: Signals) -> Command:
+        """Return (25)."""
+        k, xi = self.gains, self._xi(s)
+        dx, dxd = xi[: s.dx.size], xi[s.dx.size :]
+        u = s.xdd_d - k.K_v.dot(dxd) - k.K_P.dot(dx) - s.kinematics.Jdot_v
+        psi = None if s.inverse.square else self.posture.acceleration(s.q, s.v)
+        return Command(s.dynamics.torque(s.q, s.v, s.inverse.solve(u, psi)), memo=(xi,))  # (25)
+
+    def gradients(self, s: Signals, command: Command, a: np.ndarray) -> Gradients:
+        """Return g_d, (29), and g_k, (30)."""
+        model, (xi,) = s.kinematics, command.memo
+        z = self._B_T_P.dot(xi)
+        force = solve_inertia(s.dynamics.mass_matrix(s.q), z.dot(model.J))  # M_hat^-1 J_hat^T B^T P xi
+        g_d = force.dot(s.dynamics.regressor(s.q, s.v, a))  # (29)
+        prediction = self.gains.R_k.dot(model.Y_k.dot(s.a_k) + model.y_k0 - s.xd)
+        g_k = prediction.dot(model.Y_k) - z.dot(model.acceleration_regressor(a))  # (30)
+        return Gradients(g_d, g_k)
+
+    def storage(self, s: Signals, truth: Truth) -> float:
+        """Return xi^T P xi / 2."""
+        xi = self._xi(s)
+        return float(0.5 * xi @ (self.P @ xi))
+
+    def dissipation(self, s: Signals, truth: Truth) -> float:
+        """Return -xi^T Q xi / 2 - da_k^T Y_k^T R_k Y_k da_k."""
+        xi, prediction = self._xi(s), s.kinematics.Y_k @ (s.a_k - truth.a_k)
+        return float(-0.5 * xi @ (self.gains.Q @ xi) - prediction @ (self.gains.R_k @ prediction))

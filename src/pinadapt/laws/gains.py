@@ -1,0 +1,55 @@
+"""The gains that the task-space laws share, checked against their hypotheses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import block_diag
+
+from .._checks import definite_matrix, positive
+from ..exceptions import GainError
+
+
+@dataclass(frozen=True, eq=False)
+class Gains:
+    """Gains of Wang and Xie (2009) for m task coordinates.
+
+    Attributes:
+        K_v: (m, m) velocity gain [1/s].
+        K_P: (m, m) position gain [1/s^2].
+        alpha: weight of the position error in e = dxd_hat + alpha dx [1/s].
+        R_k: (m, m) weight of the kinematic prediction error.
+        Q: (2 m, 2 m) right-hand side of the Lyapunov equation of the law with task velocity.
+    """
+
+    K_v: np.ndarray
+    K_P: np.ndarray
+    alpha: float
+    R_k: np.ndarray
+    Q: np.ndarray
+
+    @classmethod
+    def checked(
+        cls, size: int, K_v: ArrayLike, K_P: ArrayLike, alpha: float, R_k: ArrayLike = 1.0, Q: ArrayLike | None = None
+    ) -> Gains:
+        """Take numbers, lists or matrices for m = ``size`` task coordinates.
+
+        Q defaults to diag(2 alpha K_P, 2 (K_v - alpha I)), for which B^T P xi = dxd + alpha dx, the error e of the other laws.
+
+        Raises:
+            GainError: not positive (definite), wrong size, or K_v - alpha I not positive definite.
+        """
+        velocity, position = definite_matrix(K_v, size, "Kv"), definite_matrix(K_P, size, "Kp")
+        weight = positive(alpha, "alpha")
+        beta = np.linalg.eigvalsh(velocity)[0] - weight
+        if beta <= 0.0:
+            raise GainError(
+                f"K_v - alpha I must be positive definite; its smallest eigenvalue is {beta:.4g}.",
+                where="alpha",
+                hint=f"Take alpha below {beta + weight:.4g}, or a larger Kv.",
+            )
+        if Q is None:
+            Q = block_diag(2.0 * weight * position, 2.0 * (velocity - weight * np.eye(size)))
+        return cls(velocity, position, weight, definite_matrix(R_k, size, "R_k"), definite_matrix(Q, 2 * size, "Q"))

@@ -1,0 +1,134 @@
+"""What a control law sees, what it returns, and what it must state about itself."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from ..parameters import DynamicParameters, KinematicParameters
+from .gains import Gains
+from .posture import Posture
+from .right_inverse import RightInverse
+
+
+@dataclass(slots=True, eq=False)
+class Signals:
+    """Everything a law may see at one instant; m task coordinates, n joints.
+
+    Attributes:
+        q, v: measured configuration (nq) and joint velocity (n).
+        xd: (m) measured task velocity, or None without such a sensor.
+        xd_d, xdd_d: (m) desired task velocity and acceleration.
+        dx: (m) x - x_d.
+        dxd_hat: (m) J_hat v - xd_d, the estimated task-velocity error.
+        W_k, y: (m, p_k) and (m) the filtered regressor and velocity, (3)-(4), known part taken off y.
+        a_k, a_d: (p_k), (p_d) the estimates.
+        a_0: (p_d) the initial dynamic estimate.
+        kinematics: the believed kinematics, evaluated at q, v, a_k.
+        dynamics: the believed dynamics, a_d loaded.
+        inverse: right inverse of the believed Jacobian.
+        rate_k: from a gradient signal g_k (p_k) to the rate of a_k (p_k), by the chosen adaptation.
+    """
+
+    q: np.ndarray
+    v: np.ndarray
+    xd: np.ndarray | None
+    xd_d: np.ndarray
+    xdd_d: np.ndarray
+    dx: np.ndarray
+    dxd_hat: np.ndarray
+    W_k: np.ndarray
+    y: np.ndarray
+    a_k: np.ndarray
+    a_d: np.ndarray
+    a_0: np.ndarray
+    kinematics: KinematicParameters
+    dynamics: DynamicParameters
+    inverse: RightInverse
+    rate_k: Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(slots=True, eq=False)
+class Command:
+    """A torque, affine in the joint acceleration where the law measures it: tau = torque + feedthrough @ a.
+
+    Attributes:
+        torque: (n) N m or N.
+        feedthrough: (n, n) or None for zero.
+        memo: what the law wants back when it adapts, so that nothing is computed twice.
+    """
+
+    torque: np.ndarray
+    feedthrough: np.ndarray | None = None
+    memo: tuple[np.ndarray, ...] = ()
+
+    def at(self, a: np.ndarray) -> np.ndarray:
+        """Return the torque (n) at joint acceleration a (n)."""
+        return self.torque if self.feedthrough is None else self.torque + self.feedthrough @ a
+
+
+class Gradients(NamedTuple):
+    """The signals that estimates descend: da/dt = -Gamma g.
+
+    Attributes:
+        g_d: (p_d) dynamic.
+        g_k: (p_k) kinematic.
+    """
+
+    g_d: np.ndarray
+    g_k: np.ndarray
+
+
+class Truth(NamedTuple):
+    """The true values at one instant, known in simulation only.
+
+    Attributes:
+        a_k, a_d: (p_k), (p_d) true parameters.
+        M: (n, n) true mass matrix at q.
+    """
+
+    a_k: np.ndarray
+    a_d: np.ndarray
+    M: np.ndarray
+
+
+class Law(ABC):
+    """A control law: torque, gradient signals, and the Lyapunov function that proves it.
+
+    A new law is one file with one subclass; listing it in ``laws/__init__.py`` names it for scenarios.
+
+    Attributes:
+        name: as written in scenarios.
+        adapts: whether it uses estimates that move.
+        needs_task_velocity: whether ``Signals.xd`` must be measured.
+        energy_based: whether V is in joules, so that gains are forces; otherwise gains are accelerations.
+    """
+
+    name: ClassVar[str]
+    adapts: ClassVar[bool] = True
+    needs_task_velocity: ClassVar[bool] = False
+    energy_based: ClassVar[bool] = False
+
+    def __init__(self, gains: Gains, posture: Posture) -> None:
+        """Take checked gains and the null-space posture."""
+        self.gains, self.posture = gains, posture
+
+    @abstractmethod
+    def command(self, s: Signals) -> Command:
+        """Return the torque for the signals of one instant."""
+
+    @abstractmethod
+    def gradients(self, s: Signals, command: Command, a: np.ndarray) -> Gradients:
+        """Return the adaptation signals, given the command just computed and the joint acceleration a (n)."""
+
+    @abstractmethod
+    def storage(self, s: Signals, truth: Truth) -> float:
+        """Return V without the parts of the parameters, which the adaptations' ``distance`` adds."""
+
+    @abstractmethod
+    def dissipation(self, s: Signals, truth: Truth) -> float:
+        """Return dV/dt as the proof has it, an equality in continuous time with the ideal acceleration."""

@@ -1,0 +1,43 @@
+"""What a redundant arm does with its null space: damp it and return to a rest posture."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from .._checks import positive, vector
+from ..robot import Robot
+
+
+class Posture:
+    """Critically damped return to a rest configuration, seen only in the null space of the task.
+
+    Attributes:
+        frequency: w [rad/s].
+        damping: (n) null-space damping torque per velocity of the passivity-based law, w diag M(q_rest).
+    """
+
+    def __init__(self, robot: Robot, rest: ArrayLike | None = None, frequency: float = 4.0) -> None:
+        """Take the rest pose (n) [rad or m], by default the robot's home, and the frequency [rad/s].
+
+        Raises:
+            RobotError, GainError: wrong size, non-finite or not positive.
+        """
+        self.frequency = positive(frequency, "posture frequency")
+        resting = robot if rest is None else robot.at(vector(rest, robot.model.nv, "rest"))
+        self._model, self._q_rest = robot.model.copy(), resting.q0
+        M = pin.crba(self._model, self._model.createData(), self._q_rest)
+        self.damping = self.frequency * np.diag(M).copy()
+
+    def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return psi (n) = -2 w v - w^2 (q - q_rest) [rad/s^2 or m/s^2]."""
+        return (-2.0 * self.frequency) * v - self.frequency**2 * pin.difference(self._model, self._q_rest, q)
+
+    def velocity(self, q: np.ndarray) -> np.ndarray:
+        """Return psi (n) = -w (q - q_rest) [rad/s or m/s]."""
+        return -self.frequency * pin.difference(self._model, self._q_rest, q)
+
+    def velocity_rate(self, v: np.ndarray) -> np.ndarray:
+        """Return the time derivative of ``velocity`` (n)."""
+        return -self.frequency * v
