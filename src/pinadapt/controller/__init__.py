@@ -1,0 +1,6 @@
+"""The controller: law, belief and adaptation in one object with explicit state."""
+
+from .controller import Controller as Controller
+from .make import ADAPTATIONS as ADAPTATIONS
+from .make import make_controller as make_controller
+from .state import ControllerState as ControllerState

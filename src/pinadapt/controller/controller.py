@@ -1,0 +1,179 @@
+"""The adaptive controller: one object for simulation and for the robot."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..adaptation import Adaptation
+from ..exceptions import DivergedError, MeasurementError, ParameterError
+from ..laws import Command, Gradients, Law, Signals
+from ..laws.right_inverse import RightInverse
+from ..parameters import DynamicParameters, KinematicParameters
+from ..signals import Desired, LowPass, Measurement
+from .state import ControllerState
+
+
+class Controller:
+    """A control law, the believed robot, and how its estimates adapt.
+
+    ``init`` and ``step`` are pure: all memory is in the ``ControllerState`` that goes in and comes out. The private Pinocchio
+    models are scratch, so one controller serves one thread at a time.
+
+    Attributes:
+        law: the control law.
+        kinematics, dynamics: the believed robot.
+        adaptation_k, adaptation_d: how its estimates move.
+        velocity_filter: lambda of (3)-(4).
+        acceleration_filter: 1 / lambda_a.
+    """
+
+    def __init__(
+        self,
+        law: Law,
+        kinematics: KinematicParameters,
+        dynamics: DynamicParameters,
+        *,
+        adaptation_k: Adaptation,
+        adaptation_d: Adaptation,
+        velocity_filter: LowPass,
+        acceleration_filter: LowPass,
+    ) -> None:
+        """Put the parts together; ``pinadapt.make_controller`` does so with defaults for everything."""
+        self.law = law
+        self.kinematics, self.dynamics = kinematics, dynamics
+        self.adaptation_k, self.adaptation_d = adaptation_k, adaptation_d
+        self.velocity_filter, self.acceleration_filter = velocity_filter, acceleration_filter
+
+    def init(
+        self, measurement: Measurement, *, a_k: np.ndarray | None = None, a_d: np.ndarray | None = None
+    ) -> ControllerState:
+        """Return the state to start from: filters at rest, estimates as given or as the believed robot has them.
+
+        Args:
+            measurement: the first sample.
+            a_k: (p_k) initial kinematic estimate [m].
+            a_d: (p_d) initial dynamic estimate; natural adaptation moves unphysical bodies into the cone, with a warning.
+
+        Raises:
+            MeasurementError: non-finite or missing measurements.
+            ParameterError: estimates of the wrong size, non-finite, or outside the cone of natural adaptation.
+        """
+        self._check(measurement)
+        a_k = _estimate(a_k, self.kinematics.initial, "belief.kinematic", self.kinematics.names)
+        a_d = _estimate(a_d, self.dynamics.initial, "belief.dynamic", self.dynamics.names)
+        a_d = self.adaptation_d.admit(a_d)
+        m = measurement.x.size
+        return ControllerState(
+            a_d=a_d,
+            a_k=self.adaptation_k.admit(a_k),
+            a_0=a_d.copy(),
+            W_k=np.zeros((m, self.kinematics.size)),
+            xi=self.velocity_filter.bandwidth * np.array(measurement.x, dtype=float),
+            z=np.array(measurement.v, dtype=float),
+        )
+
+    def step(
+        self, state: ControllerState, measurement: Measurement, desired: Desired, dt: float
+    ) -> tuple[np.ndarray, ControllerState]:
+        """Return the torque (n) [N m or N] to hold for the next dt [s], and the next state.
+
+        Raises:
+            MeasurementError: a non-finite measurement; ``state`` is as good as before.
+            DivergedError: torque or estimates are no longer finite, or the law met a singularity.
+        """
+        try:
+            signals = self.observe(state, measurement, desired)
+            command = self.law.command(signals)
+            a = self.acceleration(state, measurement)
+            torque = command.at(a)
+            g_d, g_k = self.law.gradients(signals, command, a)
+            velocity = self.velocity_filter
+            after = ControllerState(
+                a_d=self.adaptation_d.advance(state.a_d, g_d, dt),
+                a_k=self.adaptation_k.advance(state.a_k, g_k, dt),
+                a_0=state.a_0,
+                W_k=velocity.advance(state.W_k, self.kinematics.Y_k, dt),
+                xi=velocity.advance(state.xi, state.xi + signals.y + self.kinematics.y_k0, dt),
+                z=self.acceleration_filter.advance(state.z, measurement.v, dt),
+            )
+        except DivergedError:
+            self._check(measurement)  # a sensor that fails is the likelier cause
+            raise
+        if not math.isfinite(torque.dot(torque) + after.a_d.dot(after.a_d)):  # every measurement enters one of them
+            self._check(measurement)
+            raise DivergedError("the torque or the estimates are no longer finite.")
+        return torque, after
+
+    def observe(self, state: ControllerState, measurement: Measurement, desired: Desired) -> Signals:
+        """Evaluate the believed robot at the current estimates and return what the law may see."""
+        q, v, x, xd, _ = measurement
+        kinematics = self.kinematics
+        kinematics.update(state.a_k, q, v)
+        self.dynamics.load(state.a_d)
+        return Signals(
+            q=q,
+            v=v,
+            xd=xd,
+            xd_d=desired.xd_d,
+            xdd_d=desired.xdd_d,
+            dx=x - desired.x_d,
+            dxd_hat=kinematics.xd_hat - desired.xd_d,
+            W_k=state.W_k,
+            y=self.velocity_filter.bandwidth * x - state.xi,
+            a_k=state.a_k,
+            a_d=state.a_d,
+            a_0=state.a_0,
+            kinematics=kinematics,
+            dynamics=self.dynamics,
+            inverse=RightInverse(kinematics.J),
+            rate_k=lambda g_k: self.adaptation_k.rate(state.a_k, g_k),
+        )
+
+    def acceleration(self, state: ControllerState, measurement: Measurement) -> np.ndarray:
+        """Return the joint acceleration (n): the measured one if there is one, else (v - z) / lambda_a."""
+        if measurement.a is not None:
+            return measurement.a
+        return self.acceleration_filter.rate(state.z, measurement.v)
+
+    def rate(self, state: ControllerState, measurement: Measurement, gradients: Gradients) -> ControllerState:
+        """Return d(state)/dt after ``observe`` at the same instant, for integration as an ODE; a_0 has no rate and is kept."""
+        return ControllerState(
+            a_d=self.adaptation_d.rate(state.a_d, gradients.g_d),
+            a_k=self.adaptation_k.rate(state.a_k, gradients.g_k),
+            a_0=state.a_0,
+            W_k=self.velocity_filter.rate(state.W_k, self.kinematics.Y_k),
+            xi=self.velocity_filter.rate(state.xi, self._filtered_position(measurement.x)),
+            z=self.acceleration_filter.rate(state.z, measurement.v),
+        )
+
+    def command(self, state: ControllerState, measurement: Measurement, desired: Desired) -> tuple[Signals, Command]:
+        """Return what the law saw and its command, torque still affine in the joint acceleration."""
+        signals = self.observe(state, measurement, desired)
+        return signals, self.law.command(signals)
+
+    def _filtered_position(self, x: np.ndarray) -> np.ndarray:
+        """Return lambda x + y_k0 (m), the input of the filter behind y."""
+        return self.velocity_filter.bandwidth * x + self.kinematics.y_k0
+
+    def _check(self, measurement: Measurement) -> None:
+        for name, value in zip(measurement._fields, measurement, strict=True):
+            if value is not None and not np.isfinite(value).all():
+                raise MeasurementError(name, value)
+        if measurement.xd is None and self.law.needs_task_velocity:
+            raise ParameterError(
+                f"the law '{self.law.name}' needs the task velocity xd.",
+                where="measurement",
+                hint="Measure it, or take 'adaptive-inverse-dynamics', which does without.",
+            )
+
+
+def _estimate(given: np.ndarray | None, default: np.ndarray, where: str, names: tuple[str, ...]) -> np.ndarray:
+    """Return an initial estimate as a new array, or refuse it."""
+    if given is None:
+        return default.copy()
+    estimate = np.array(given, dtype=float)
+    if estimate.shape != default.shape or not np.isfinite(estimate).all():
+        raise ParameterError(f"expected {default.size} finite numbers {list(names)}, got {estimate.tolist()}.", where=where)
+    return estimate

@@ -1,0 +1,99 @@
+"""Gains for a robot nobody has tuned, from its size, its inertia and the sampling period.
+
+The bandwidth w is 20 rad/s, or 0.04 / dt for slow loops. Acceleration laws (V in m^2/s^2) take K_P = w^2, K_v = 2 w,
+alpha = w / 4, lambda = w / 2, lambda_a = 1 / (3 w): Wang and Xie's published numbers, at w = 20. The rate of natural
+adaptation is one over twice the square of a typical task speed, a third of the arm's reach a second; that of the kinematics
+is 0.05. Energy laws (V in joules) multiply K_P, K_v and R_k by the mass felt at the frame and divide the adaptation rates by
+it, so that V scales as a whole.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from ..laws import Law
+from ..parameters import DynamicParameters
+from ..robot import Robot
+
+_FASTEST = 20.0  # [rad/s]
+_LARGEST_STEP = 0.04  # bandwidth times sampling period
+_GRADIENT_RATE = 0.3  # [1/s] at which one parameter alone would be learned
+_SAMPLES = 200
+
+
+@dataclass(frozen=True)
+class Defaults:
+    """Default gains; see the module for the rule.
+
+    Attributes:
+        Kv, Kp, alpha, R_k: gains of the law.
+        gamma_k: rate of the kinematic adaptation.
+        gamma_natural: rate of natural adaptation.
+        lambda_: velocity filter [1/s].
+        lambda_a: acceleration filter [s].
+    """
+
+    Kv: float
+    Kp: float
+    alpha: float
+    R_k: float
+    gamma_k: float
+    gamma_natural: float
+    lambda_: float
+    lambda_a: float
+
+
+def reach(robot: Robot) -> float:
+    """Return the length [m] of the stretched chain from the first joint to the frame; a slide counts its joint's offset."""
+    model = robot.model
+    lengths = [np.linalg.norm(placement.translation) for placement in model.jointPlacements[2:]]
+    return float(sum(lengths) + np.linalg.norm(model.frames[robot.frame_id].placement.translation))
+
+
+def felt_mass(robot: Robot) -> float:
+    """Return the mean mass [kg] felt at the frame at home, tr((J M^-1 J^T)^-1) / m."""
+    model, data = robot.model, robot.model.createData()
+    M = pin.crba(model, data, robot.q0)
+    J = pin.computeFrameJacobian(model, data, robot.q0, robot.frame_id, pin.LOCAL_WORLD_ALIGNED)[robot.task.rows]
+    mobility = J @ np.linalg.solve(M, J.T)
+    return float(1.0 / np.mean(np.linalg.eigvalsh(mobility)))
+
+
+def default_gains(robot: Robot, law: type[Law], dt: float) -> Defaults:
+    """Return the defaults for a believed robot under a law at sampling period dt [s]."""
+    w = min(_FASTEST, _LARGEST_STEP / dt)
+    scale = felt_mass(robot) if law.energy_based else 1.0
+    speed = reach(robot) / 3.0
+    return Defaults(
+        Kv=2.0 * w * scale,
+        Kp=w * w * scale,
+        alpha=w / 4.0,
+        R_k=50.0 * scale,
+        gamma_k=0.05 / scale,
+        gamma_natural=0.5 / (speed * speed * scale),
+        lambda_=w / 2.0,
+        lambda_a=1.0 / (3.0 * w),
+    )
+
+
+def default_gradient_gain(robot: Robot, dynamics: DynamicParameters, law: type[Law]) -> np.ndarray:
+    """Return the diagonal (p) of Gamma_d: each parameter learns at its own scale.
+
+    G. Niemeyer and J.-J. Slotine, *Performance in adaptive manipulator control*, 1991: Gamma proportional to the inverse
+    diagonal of the integral of Y^T Y, here over seeded states around home at typical speeds instead of a trajectory.
+    """
+    model, data, rng = robot.model, robot.model.createData(), np.random.default_rng(0)
+    speed, excitation = 0.5, np.zeros(dynamics.size)
+    for _ in range(_SAMPLES):
+        q = pin.integrate(model, robot.q0, rng.uniform(-0.3, 0.3, model.nv))
+        v, a = speed * rng.standard_normal((2, model.nv))
+        Y = dynamics.regressor(q, v, a)
+        if not law.energy_based:
+            J = pin.computeFrameJacobian(model, data, q, robot.frame_id, pin.LOCAL_WORLD_ALIGNED)[robot.task.rows]
+            Y = J @ np.linalg.solve(pin.crba(model, data, q), Y)
+        excitation += np.sum(Y * Y, axis=0) / _SAMPLES
+    floor = 1e-6 * excitation.max(initial=1e-12)
+    return _GRADIENT_RATE / np.maximum(excitation, floor)
