@@ -1,0 +1,142 @@
+"""What a run leaves behind."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .table import two_columns
+
+
+@dataclass(frozen=True, eq=False)
+class Rollout:
+    """A closed loop over N samples; ``print`` shows a table. All in SI units, positions in world axes.
+
+    Attributes:
+        title, robot, law, adaptation: what ran.
+        kinematic_names, dynamic_names: one name a parameter.
+        t: (N) time [s].
+        q, v, tau: (N, nq), (N, nv), (N, nv) true configuration and velocity, torque given by the motors.
+        x, x_d, error: (N, m) true and desired task position, and their difference [m].
+        a_k, a_d: (N, p_k), (N, p_d) estimates.
+        a_k_true, a_d_true: the true parameters, or None where no value of the parameters is the truth.
+        lyapunov: (N) V(t), or None where undefined.
+        min_eig_M_hat: (N) smallest eigenvalue of the estimated mass matrix.
+        min_singular_J_hat: (N) smallest singular value of the estimated Jacobian.
+        diverged: time [s] at which the loop left every bound, or None; the arrays end there.
+        reason: why it diverged, or None.
+        wall_time: seconds for the whole run.
+        step_time: mean seconds of one controller step; zero in continuous mode, which has no steps.
+    """
+
+    title: str
+    robot: str
+    law: str
+    adaptation: str
+    kinematic_names: tuple[str, ...]
+    dynamic_names: tuple[str, ...]
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    tau: np.ndarray
+    x: np.ndarray
+    x_d: np.ndarray
+    error: np.ndarray
+    a_k: np.ndarray
+    a_d: np.ndarray
+    a_k_true: np.ndarray | None
+    a_d_true: np.ndarray | None
+    lyapunov: np.ndarray | None
+    min_eig_M_hat: np.ndarray
+    min_singular_J_hat: np.ndarray
+    diverged: float | None
+    reason: str | None
+    wall_time: float
+    step_time: float
+
+    @property
+    def distance(self) -> np.ndarray:
+        """Norm of the task error (N) [m]."""
+        return np.linalg.norm(self.error, axis=1)
+
+    def window(self, first: bool) -> np.ndarray:
+        """Return the error norms (>= 1) [m] in the first or last 10 % of the samples."""
+        count = max(1, len(self.t) // 10)
+        return self.distance[:count] if first else self.distance[-count:]
+
+    def summary(self) -> dict[str, Any]:
+        """Return the numbers of ``summary.json``; a run without a single sample has NaN for None."""
+        from .. import __version__
+
+        some = len(self.t) > 0
+        return {
+            "title": self.title,
+            "law": self.law,
+            "adaptation": self.adaptation,
+            "robot": self.robot,
+            "nv": int(self.v.shape[1]),
+            "diverged": self.diverged,
+            "reason": self.reason,
+            "max_error_first": float(self.window(True).max()) if some else None,
+            "max_error_last": float(self.window(False).max()) if some else None,
+            "rms_error_last": float(np.sqrt(np.mean(self.window(False) ** 2))) if some else None,
+            "tau_max": float(np.abs(self.tau).max()) if some else None,
+            "min_eig_M_hat": float(self.min_eig_M_hat.min()) if some else None,
+            "min_singular_J_hat": float(self.min_singular_J_hat.min()) if some else None,
+            "steps": len(self.t),
+            "wall_time_s": self.wall_time,
+            "step_time_us": self.step_time * 1e6,
+            "kinematic_names": list(self.kinematic_names),
+            "dynamic_names": list(self.dynamic_names),
+            "version": __version__,
+        }
+
+    def __str__(self) -> str:
+        """Return a table of what matters."""
+        numbers = self.summary()
+
+        def show(key: str, scale: float, unit: str, digits: int = 3) -> str:
+            return "-" if numbers[key] is None else f"{numbers[key] * scale:.{digits}f} {unit}"
+
+        rows = [
+            ("robot", f"{self.robot}, {numbers['nv']} joints"),
+            ("law", self.law),
+            ("adaptation", f"{self.adaptation}: {len(self.kinematic_names)} kinematic, {len(self.dynamic_names)} dynamic"),
+            ("error, first 10 % (max)", show("max_error_first", 1e3, "mm")),
+            ("error, last 10 % (max)", show("max_error_last", 1e3, "mm")),
+            ("error, last 10 % (rms)", show("rms_error_last", 1e3, "mm")),
+            ("largest torque", show("tau_max", 1.0, "N m", 1)),
+            ("smallest eigenvalue of M_hat", show("min_eig_M_hat", 1.0, "kg m^2", 5)),
+            ("smallest singular value of J_hat", show("min_singular_J_hat", 1.0, "m", 4)),
+            ("V, first and last", self._lyapunov_words()),
+            ("samples", f"{numbers['steps']} in {self.wall_time:.1f} s"),
+        ]
+        if self.step_time:
+            rows.append(("controller step (mean)", show("step_time_us", 1.0, "us", 0)))
+        if self.diverged is not None:
+            rows.append(("DIVERGED", f"at {self.diverged:.3f} s: {self.reason}"))
+        return two_columns(self.title, rows)
+
+    def _lyapunov_words(self) -> str:
+        if self.lyapunov is None or not len(self.lyapunov):
+            return "undefined"
+        return f"{self.lyapunov[0]:.4g} -> {self.lyapunov[-1]:.4g}"
+
+    def save(self, folder: Path | str) -> None:
+        """Write ``summary.json`` and ``rollout.npz`` into a folder, which is made if it is missing."""
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "summary.json").write_text(json.dumps(self.summary(), indent=2) + "\n", encoding="utf-8")
+        names = ("t", "q", "v", "tau", "x", "x_d", "error", "a_k", "a_d", "a_k_true", "a_d_true", "lyapunov")
+        arrays = {name: getattr(self, name) for name in (*names, "min_eig_M_hat", "min_singular_J_hat")}
+        np.savez_compressed(folder / "rollout.npz", **{name: a for name, a in arrays.items() if a is not None})
+
+    def plot(self, folder: Path | str) -> list[Path]:
+        """Draw ``error.png``, ``parameters.png`` and ``torque.png`` into a folder and return their paths."""
+        from .plots import draw_all  # matplotlib is slow to import
+
+        return draw_all(self, Path(folder))

@@ -1,0 +1,95 @@
+"""The closed loop as one ordinary differential equation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from ..controller import Controller, ControllerState
+from ..exceptions import DivergedError
+from ..signals import Desired, Measurement, Trajectory
+from .plant import LARGEST_SPEED, Plant
+from .trace import Trace
+
+
+def run_continuous(
+    plant: Plant,
+    controller: Controller,
+    trajectory: Trajectory,
+    state: ControllerState,
+    *,
+    times: Iterable[int],
+    dt: float,
+    ideal_acceleration: bool = False,
+) -> Trace:
+    """Integrate plant, estimates and filters together by Runge-Kutta of fourth order.
+
+    Args:
+        plant: the true robot, started at its home and at rest.
+        controller: the controller.
+        trajectory: the desired motion.
+        state: the controller's initial state.
+        times: indices of the samples; index k is time k dt. The last one is recorded and not integrated.
+        dt: integration step [s].
+        ideal_acceleration: give the law the plant's own acceleration instead of the filtered one.
+    """
+    loop = _Loop(plant, controller, ideal_acceleration, plant.robot.q0, state)
+    y = np.concatenate([np.zeros(2 * plant.nv), state.flat()])
+    trace = Trace()
+    for k in times:
+        t = k * dt
+        try:
+            k1 = loop.slope(y, trajectory.at(t))
+            trace.add(t, loop.measurement, trajectory.at(t), loop.measurement, loop.state, loop.torque)
+            middle = trajectory.at(t + 0.5 * dt)
+            k2 = loop.slope(y + (0.5 * dt) * k1, middle)
+            k3 = loop.slope(y + (0.5 * dt) * k2, middle)
+            k4 = loop.slope(y + dt * k3, trajectory.at(t + dt))
+        except (DivergedError, np.linalg.LinAlgError) as error:
+            trace.end(t, str(error))
+            break
+        y = loop.rebased(y + (dt / 6.0) * (k1 + 2.0 * (k2 + k3) + k4))
+        if not np.abs(y[plant.nv : 2 * plant.nv]).max() < LARGEST_SPEED:  # also true for NaN
+            trace.end(t + dt, "the joint velocities left every bound.")
+            break
+    return trace
+
+
+class _Loop:
+    """The right-hand side dy/dt for y = (displacement from q, v, controller state).
+
+    Attributes:
+        measurement, state, torque: as the last evaluation had them.
+    """
+
+    def __init__(
+        self, plant: Plant, controller: Controller, ideal_acceleration: bool, q: np.ndarray, state: ControllerState
+    ) -> None:
+        self._plant, self._controller, self._ideal = plant, controller, ideal_acceleration
+        self._q, self.state = q, state
+        self.measurement: Measurement
+        self.torque: np.ndarray
+
+    def rebased(self, y: np.ndarray) -> np.ndarray:
+        """Move q by the displacement in y and return y without it; exact because one-joint groups commute."""
+        n = self._plant.nv
+        self._q = self._plant.integrate(self._q, y[:n])
+        return np.concatenate([np.zeros(n), y[n:]])
+
+    def slope(self, y: np.ndarray, desired: Desired) -> np.ndarray:
+        """Return dy/dt."""
+        plant, controller, n = self._plant, self._controller, self._plant.nv
+        q, v = plant.integrate(self._q, y[:n]), y[n : 2 * n]
+        self.state = self.state.with_flat(y[2 * n :])
+        self.measurement = Measurement(q, v, *plant.task_motion(q, v))
+        signals, command = controller.command(self.state, self.measurement, desired)
+        if self._ideal:
+            a = a_law = plant.acceleration(q, v, command.torque, command.feedthrough)
+            self.torque = command.at(a)
+        else:
+            a_law = controller.acceleration(self.state, self.measurement)
+            self.torque = command.at(a_law)
+            a = plant.acceleration(q, v, self.torque)
+        gradients = controller.law.gradients(signals, command, a_law)
+        return np.concatenate([v, a, controller.rate(self.state, self.measurement, gradients).flat()])

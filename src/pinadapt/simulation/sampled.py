@@ -1,0 +1,78 @@
+"""The closed loop as it runs on a robot: a controller at a fixed period, a plant in between."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from time import perf_counter
+
+import numpy as np
+
+from ..controller import Controller, ControllerState
+from ..exceptions import DivergedError
+from ..signals import Desired, Measurement, Trajectory
+from .plant import LARGEST_SPEED, Plant
+from .sensors import Sensors
+from .trace import Trace
+
+
+def run_sampled(
+    plant: Plant,
+    controller: Controller,
+    trajectory: Trajectory,
+    state: ControllerState,
+    *,
+    times: Iterable[int],
+    dt: float,
+    sensors: Sensors,
+    substeps: int = 4,
+    torque_limits: np.ndarray | None = None,
+    ideal_acceleration: bool = False,
+) -> Trace:
+    """Hold each torque for dt while the plant is integrated in substeps.
+
+    Args:
+        plant: the true robot, started at its home and at rest.
+        controller: the controller.
+        trajectory: the desired motion.
+        state: the controller's initial state.
+        times: indices of the samples; index k is time k dt.
+        dt: controller period [s].
+        sensors: what the controller sees.
+        substeps: integration steps a period.
+        torque_limits: (nv) bounds the motors clip at, infinite where there is none, or None.
+        ideal_acceleration: give the law the plant's own acceleration instead of the filtered one.
+    """
+    q, v = plant.robot.q0, np.zeros(plant.nv)
+    trace = Trace()
+    for k in times:
+        t = k * dt
+        measurement, truth = sensors.measure(q, v)
+        desired = trajectory.at(t)
+        try:
+            if ideal_acceleration:
+                measurement = _with_ideal_acceleration(plant, controller, state, measurement, desired)
+            started = perf_counter()
+            tau, after = controller.step(state, measurement, desired, dt)
+            trace.step_time += perf_counter() - started
+        except DivergedError as error:
+            trace.end(t, str(error))
+            break
+        if torque_limits is not None:
+            tau = np.clip(tau, -torque_limits, torque_limits)
+        trace.add(t, measurement, desired, truth, state, tau)
+        state = after
+        for _ in range(substeps):
+            q, v = plant.advance(q, v, tau, dt / substeps)
+        if not np.abs(v).max() < LARGEST_SPEED:  # also true for NaN
+            trace.end(t + dt, "the joint velocities left every bound.")
+            break
+    return trace
+
+
+def _with_ideal_acceleration(
+    plant: Plant, controller: Controller, state: ControllerState, measurement: Measurement, desired: Desired
+) -> Measurement:
+    """Return the measurement with the acceleration that the coming torque will cause."""
+    _, command = controller.command(state, measurement, desired)
+    a = plant.acceleration(measurement.q, measurement.v, command.torque, command.feedthrough)
+    return measurement._replace(a=a)

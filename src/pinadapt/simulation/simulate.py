@@ -1,0 +1,135 @@
+"""Run a closed loop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from time import perf_counter
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._checks import positive
+from ..controller import Controller
+from ..exceptions import InputError, did_you_mean
+from ..robot import Robot
+from ..rollout import Rollout
+from ..signals import Measurement, Trajectory
+from .continuous import run_continuous
+from .evaluate import evaluate
+from .plant import Plant
+from .sampled import run_sampled
+from .sensors import Sensors
+from .trace import Trace
+
+MODES = ("sampled", "continuous")
+ACCELERATIONS = ("filtered", "ideal")
+Progress = Callable[[range], Iterable[int]]
+
+
+def simulate(
+    true: Robot,
+    controller: Controller,
+    trajectory: Trajectory,
+    *,
+    duration: float = 10.0,
+    dt: float = 1e-3,
+    mode: str = "sampled",
+    substeps: int = 4,
+    acceleration: str = "filtered",
+    a_k: ArrayLike | None = None,
+    a_d: ArrayLike | None = None,
+    noise: Mapping[str, float] | None = None,
+    delay: float = 0.0,
+    torque_limits: bool = False,
+    seed: int = 0,
+    title: str = "",
+    progress: Progress | None = None,
+) -> Rollout:
+    """Let a controller drive the true robot from its home, at rest.
+
+    Args:
+        true: the true robot.
+        controller: made for the believed robot.
+        trajectory: the desired motion.
+        duration: s.
+        dt: controller period, or integration step in continuous mode [s].
+        mode: "sampled" (torque held for dt) or "continuous" (one ODE, Runge-Kutta 4).
+        substeps: integration steps a period, sampled mode.
+        acceleration: "filtered", or "ideal": the plant's own, for checking theory.
+        a_k: (p_k) initial kinematic estimate [m], by default the believed robot's.
+        a_d: (p_d) initial dynamic estimate, by default the believed robot's.
+        noise: standard deviations of q, v, x, sampled mode.
+        delay: s, of the task-space measurement, sampled mode.
+        torque_limits: clip at the true robot's effort limits, sampled mode; limits of zero or infinity are none.
+        seed: of the noise.
+        title: of the rollout.
+        progress: wraps the range of samples, ``tqdm`` for example.
+
+    Raises:
+        InputError: anything that cannot be run; a loop that diverges is no error, see ``Rollout.diverged``.
+    """
+    positive(duration, "duration")
+    positive(dt, "dt")
+    _one_of(mode, MODES, "mode")
+    ideal = _one_of(acceleration, ACCELERATIONS, "acceleration") == "ideal"
+    if mode == "continuous" and (delay or torque_limits or any((noise or {}).values())):
+        raise InputError("noise, delay and torque limits exist in sampled mode only.", where="mode")
+    if int(substeps) < 1:
+        raise InputError(f"must be at least 1, got {substeps}.", where="substeps")
+    plant = Plant(true)
+    _check_same_shape(true, controller)
+    started = perf_counter()
+    v = np.zeros(plant.nv)
+    first = Measurement(true.q0, v, *plant.task_motion(true.q0, v))
+    state = controller.init(first, a_k=_array(a_k), a_d=_array(a_d))
+    samples = range(max(1, round(duration / dt)) + (mode == "continuous"))
+    times = samples if progress is None else progress(samples)
+    trace: Trace
+    if mode == "continuous":
+        trace = run_continuous(plant, controller, trajectory, state, times=times, dt=dt, ideal_acceleration=ideal)
+    else:
+        trace = run_sampled(
+            plant,
+            controller,
+            trajectory,
+            state,
+            times=times,
+            dt=dt,
+            sensors=Sensors(plant, dt, noise=noise, delay=delay, seed=seed),
+            substeps=int(substeps),
+            torque_limits=effort_limits(true) if torque_limits else None,
+            ideal_acceleration=ideal,
+        )
+    return evaluate(
+        trace, plant, controller, title=title or true.name, adaptation=_words(controller), wall_time=perf_counter() - started
+    )
+
+
+def effort_limits(robot: Robot) -> np.ndarray:
+    """Return the effort limits (nv) [N m or N], infinite where the URDF's 0, 1.8e308 or inf mean none."""
+    limits = np.array(robot.model.effortLimit, dtype=float)
+    return np.where((limits > 0.0) & (limits < 1e300), limits, np.inf)
+
+
+def _array(value: ArrayLike | None) -> np.ndarray | None:
+    return None if value is None else np.atleast_1d(np.array(value, dtype=float))
+
+
+def _words(controller: Controller) -> str:
+    return type(controller.adaptation_d).__name__.lower().replace("frozen", "none")
+
+
+def _one_of(value: str, allowed: tuple[str, ...], where: str) -> str:
+    if value not in allowed:
+        raise InputError(f"must be one of {list(allowed)}, got {value!r}.{did_you_mean(str(value), allowed)}", where=where)
+    return value
+
+
+def _check_same_shape(true: Robot, controller: Controller) -> None:
+    believed = controller.kinematics.task
+    if true.task != believed or true.model.nv != controller.kinematics.nv:
+        raise InputError(
+            f"the true robot ({true.model.nv} joints, task '{true.task.name}') and the controller's "
+            f"({controller.kinematics.nv} joints, task '{believed.name}') differ.",
+            hint="Make both from the same load(), the true one by .changed().",
+        )
