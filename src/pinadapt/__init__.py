@@ -1,0 +1,54 @@
+"""Adaptive control of robots with uncertain kinematics and dynamics, on Pinocchio."""
+
+__version__ = "0.1.0"
+
+from .adaptation import Adaptation as Adaptation
+from .adaptation import BodyCone as BodyCone
+from .adaptation import Cone as Cone
+from .adaptation import Frozen as Frozen
+from .adaptation import Gradient as Gradient
+from .adaptation import Natural as Natural
+from .controller import Controller as Controller
+from .controller import ControllerState as ControllerState
+from .controller import make_controller as make_controller
+from .exceptions import DivergedError as DivergedError
+from .exceptions import GainError as GainError
+from .exceptions import InputError as InputError
+from .exceptions import MeasurementError as MeasurementError
+from .exceptions import ParameterError as ParameterError
+from .exceptions import PinadaptError as PinadaptError
+from .exceptions import RobotError as RobotError
+from .exceptions import ScenarioError as ScenarioError
+from .laws import LAWS as LAWS
+from .laws import AdaptiveInverseDynamics as AdaptiveInverseDynamics
+from .laws import AdaptiveInverseDynamicsImproved as AdaptiveInverseDynamicsImproved
+from .laws import AdaptiveInverseDynamicsVelocity as AdaptiveInverseDynamicsVelocity
+from .laws import AdaptiveJacobian as AdaptiveJacobian
+from .laws import Command as Command
+from .laws import Gains as Gains
+from .laws import Gradients as Gradients
+from .laws import Law as Law
+from .laws import Posture as Posture
+from .laws import ResolvedAcceleration as ResolvedAcceleration
+from .laws import Signals as Signals
+from .laws import Truth as Truth
+from .parameters import BasisParameters as BasisParameters
+from .parameters import BodyParameters as BodyParameters
+from .parameters import DynamicParameters as DynamicParameters
+from .parameters import KinematicParameters as KinematicParameters
+from .robot import Friction as Friction
+from .robot import Payload as Payload
+from .robot import Robot as Robot
+from .robot import catalogue as catalogue
+from .robot import load as load
+from .rollout import Rollout as Rollout
+from .signals import Circle as Circle
+from .signals import Desired as Desired
+from .signals import Hold as Hold
+from .signals import Lissajous as Lissajous
+from .signals import LowPass as LowPass
+from .signals import Measurement as Measurement
+from .signals import Trajectory as Trajectory
+from .signals import Waypoints as Waypoints
+from .simulation import Plant as Plant
+from .simulation import simulate as simulate

@@ -1,0 +1,65 @@
+"""``pinadapt compare``: the laws side by side."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..laws import LAWS
+from ..rollout import Rollout
+from ..rollout.table import columns
+from ..scenario import Scenario
+from .run import run_and_write
+
+
+def compare(options: argparse.Namespace) -> int:
+    """Run a scenario under several laws, print one table, write each law's outputs and ``compare.json``.
+
+    A law that diverges is a result, shown in the table, not a failure of the comparison.
+    """
+    folder = options.out or Path("out") / f"{options.scenario.stem}-compare"
+    # All scenarios are built, and so checked, before the first one runs.
+    scenarios = [Scenario.read(options.scenario, [*options.set, f'controller.law="{law}"']) for law in options.laws or LAWS]
+    rollouts = [run_and_write(scenario, folder / scenario.controller.law.name, html=False) for scenario in scenarios]
+    print(comparison_table(rollouts))
+    (folder / "compare.json").write_text(json.dumps([rollout.summary() for rollout in rollouts], indent=2) + "\n")
+    print(f"\nwritten to {folder}")
+    return 0
+
+
+def comparison_table(rollouts: Sequence[Rollout]) -> str:
+    """Return one row a rollout."""
+    header = (
+        "run",
+        "law",
+        "adaptation",
+        "first 10 % [mm]",
+        "last 10 % [mm]",
+        "rms [mm]",
+        "min eig M_hat",
+        "step [us]",
+        "verdict",
+    )
+    return columns(header, [_row(rollout) for rollout in rollouts])
+
+
+def _row(rollout: Rollout) -> list[str]:
+    numbers = rollout.summary()
+
+    def show(key: str, scale: float, digits: int) -> str:
+        return "-" if numbers[key] is None else f"{numbers[key] * scale:.{digits}f}"
+
+    verdict = "ok" if rollout.diverged is None else f"diverged at {rollout.diverged:.3f} s"
+    return [
+        rollout.title,
+        rollout.law,
+        rollout.adaptation,
+        show("max_error_first", 1e3, 2),
+        show("max_error_last", 1e3, 3),
+        show("rms_error_last", 1e3, 3),
+        show("min_eig_M_hat", 1.0, 4),
+        show("step_time_us", 1.0, 0),
+        verdict,
+    ]

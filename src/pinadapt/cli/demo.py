@@ -1,0 +1,51 @@
+"""``pinadapt demo``: two showcases, from nothing."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+
+from ..robot import robots_folder
+from ..scenario import Scenario
+from .compare import comparison_table
+from .run import run_and_write
+
+_GRADIENT = ('controller.adaptation="gradient"', "controller.gamma_d=[4.5, 1.5, 1.5]")
+_PLANAR, _PANDA = "planar_2r/wang_xie_2009.toml", "panda/tool_and_load.toml"
+
+# folder, scenario file, settings
+SHOWCASE: tuple[tuple[str, str, Sequence[str]], ...] = (
+    (
+        "planar_known",
+        _PLANAR,
+        (
+            'title="planar arm, known"',
+            'controller.law="resolved-acceleration"',
+            "belief.kinematic=[1.0, 1.2]",
+            "belief.dynamic=[3.34, 1.2, 0.97]",
+        ),
+    ),
+    (
+        "planar_improved",
+        _PLANAR,
+        ('title="planar arm, improved law"', 'controller.law="adaptive-inverse-dynamics-improved"', *_GRADIENT),
+    ),
+    (
+        "planar_passivity_based",
+        _PLANAR,
+        ('title="planar arm, passivity based"', 'controller.law="adaptive-jacobian"', *_GRADIENT),
+    ),
+    ("panda_unadapted", _PANDA, ('title="panda, unadapted"', 'controller.adaptation="none"')),
+    ("panda_adaptive", _PANDA, ('title="panda, unknown tool and load"',)),
+)
+
+
+def demo(options: argparse.Namespace) -> int:
+    """Run the showcases, print one table, write everything; return 3 if one diverged, else 0."""
+    rollouts = []
+    for name, file, settings in SHOWCASE:
+        scenario = Scenario.read(robots_folder() / file, settings)
+        rollouts.append(run_and_write(scenario, options.out / name, html=True))
+    print(comparison_table(rollouts))
+    print(f"\nplots and animations: {options.out}/*/error.png, parameters.png, torque.png, animation.html")
+    return 0 if all(rollout.diverged is None for rollout in rollouts) else 3

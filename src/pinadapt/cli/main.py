@@ -1,0 +1,72 @@
+"""The ``pinadapt`` command."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import warnings
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from .. import __version__
+from ..exceptions import InputError, PinadaptError
+
+DONE, REFUSED, DIVERGED = 0, 2, 3
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit status: 0 done, 2 the input was refused, 3 the closed loop diverged."""
+    options = _parser().parse_args(arguments)
+    warnings.showwarning = _show_warning
+    try:
+        command: Callable[[argparse.Namespace], int] = options.command
+        return command(options)
+    except InputError as error:
+        print(f"pinadapt: {error}", file=sys.stderr)
+        return REFUSED
+    except PinadaptError as error:
+        print(f"pinadapt: {error}", file=sys.stderr)
+        return DIVERGED
+    except BrokenPipeError:  # the reader of our output went away
+        sys.stderr.close()
+        return DONE
+
+
+def _show_warning(message: Any, category: Any, filename: str, lineno: int, file: Any = None, line: Any = None) -> None:
+    print(f"pinadapt: warning: {message}", file=sys.stderr)
+
+
+def _parser() -> argparse.ArgumentParser:
+    from .compare import compare
+    from .demo import demo
+    from .robots import robots
+    from .run import run
+
+    parser = argparse.ArgumentParser(prog="pinadapt", description="Adaptive control of robots whose model is wrong.")
+    parser.add_argument("--version", action="version", version=f"pinadapt {__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    def add(name: str, function: Callable[[argparse.Namespace], int], text: str) -> argparse.ArgumentParser:
+        command = commands.add_parser(name, help=text, description=text)
+        command.set_defaults(command=function)
+        return command
+
+    command = add("demo", demo, "two showcase scenarios, with report and animation")
+    command.add_argument(
+        "--out", type=Path, default=Path("out/demo"), metavar="DIR", help="where to write (default: %(default)s)"
+    )
+    command = add("run", run, "run one scenario")
+    _scenario_arguments(command)
+    command.add_argument("--no-html", action="store_true", help="write no animation")
+    command = add("compare", compare, "run the laws side by side on one scenario")
+    _scenario_arguments(command)
+    command.add_argument("--laws", type=lambda text: text.split(","), metavar="A,B", help="default: all laws")
+    add("robots", robots, "list the robots of the catalogue")
+    return parser
+
+
+def _scenario_arguments(command: argparse.ArgumentParser) -> None:
+    command.add_argument("scenario", type=Path, metavar="SCENARIO.toml")
+    command.add_argument("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help="override a dotted key")
+    command.add_argument("--out", type=Path, metavar="DIR", help="where to write (default: out/ and the scenario's name)")

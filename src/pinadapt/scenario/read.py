@@ -1,0 +1,87 @@
+"""Reading and checking a scenario, with errors that name the key and suggest the nearest."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from .._toml import parse_toml_value, read_toml
+from ..exceptions import ScenarioError, did_you_mean
+from .schema import REFERENCES, ScenarioTables, allowed_keys
+
+
+def read_tables(path: Path, settings: Sequence[str] = ()) -> ScenarioTables:
+    """Return the checked tables of a scenario file after applying ``key=value`` settings.
+
+    Raises:
+        ScenarioError: no such file, not TOML, or a key or value that is not allowed.
+    """
+    raw = read_toml(path)
+    for setting in settings:
+        _apply(raw, setting)
+    return check_tables(raw, str(path))
+
+
+def check_tables(raw: Mapping[str, Any], where: str) -> ScenarioTables:
+    """Return checked tables from raw ones.
+
+    Raises:
+        ScenarioError: a key or value that is not allowed; the message names it, says what is, and suggests the nearest.
+    """
+    raw = dict(raw)
+    if isinstance(raw.get("reference"), dict):
+        raw["reference"] = {"kind": "circle", **raw["reference"]}
+    try:
+        return ScenarioTables.model_validate(raw)
+    except ValidationError as error:
+        raise ScenarioError(_explain(error, raw), where=where) from error
+
+
+def _apply(raw: dict[str, Any], setting: str) -> None:
+    """Write one dotted ``key=value`` into raw tables."""
+    key, equals, text = setting.partition("=")
+    parts = key.strip().split(".")
+    if not equals or not all(parts):
+        raise ScenarioError(f"expected key=value with a dotted key, got '{setting}'.", where="--set")
+    table = raw
+    for part in parts[:-1]:
+        table = table.setdefault(part, {})
+        if not isinstance(table, dict):
+            raise ScenarioError(f"'{part}' in '{key}' is not a table.", where="--set")
+    table[parts[-1]] = parse_toml_value(text.strip())
+
+
+def _explain(error: ValidationError, raw: dict[str, Any]) -> str:
+    """Turn the first problem of each key into a sentence."""
+    sentences: dict[str, list[str]] = {}
+    for problem in error.errors(include_url=False):
+        location = tuple(part for part in problem["loc"] if part not in REFERENCES)
+        key = _dotted(location)
+        sentences.setdefault(key, []).append(_sentence(problem, location, raw))
+    return "; ".join(f"{key}: {' or '.join(dict.fromkeys(parts))}" for key, parts in sentences.items())
+
+
+def _dotted(location: tuple[Any, ...]) -> str:
+    """Return a path of keys without the names that a union of types adds to it."""
+    names = [str(part) for part in location if not (isinstance(part, str) and ("[" in part or part in _TYPES))]
+    return ".".join(names) or "scenario"
+
+
+_TYPES = {"float", "constrained-float", "int", "str", "dict", "bool", "list"}
+
+
+def _sentence(problem: Any, location: tuple[Any, ...], raw: dict[str, Any]) -> str:
+    if problem["type"] == "extra_forbidden":
+        allowed = allowed_keys(location[:-1], raw)
+        return f"unknown key; allowed here: {', '.join(allowed)}.{did_you_mean(str(location[-1]), allowed)}"
+    if problem["type"] == "missing":
+        return "this key is required"
+    message = problem["msg"][0].lower() + problem["msg"][1:]
+    expected = problem.get("ctx", {}).get("expected") or problem.get("ctx", {}).get("expected_tags")
+    options = [word.strip(" '") for word in str(expected).replace(" or ", ",").split(",")] if expected else []
+    given = problem.get("ctx", {}).get("tag", problem["input"])
+    guess = did_you_mean(given, options) if isinstance(given, str) else ""
+    return f"{message}, got {given!r}.{guess}"

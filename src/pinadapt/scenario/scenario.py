@@ -1,0 +1,151 @@
+"""A scenario: truth, belief, controller and desired motion, ready to run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..adaptation import Cone
+from ..controller import Controller, make_controller
+from ..exceptions import ScenarioError
+from ..parameters.basis import read_matrix
+from ..robot import Payload, Robot, catalogue, load
+from ..rollout import Rollout
+from ..signals import Circle, Hold, Lissajous, Trajectory, Waypoints
+from ..simulation import simulate
+from ..simulation.simulate import Progress
+from .read import read_tables
+from .schema import CircleSection, HoldSection, LissajousSection, ScenarioTables, WaypointsSection
+
+
+@dataclass(frozen=True, eq=False)
+class Scenario:
+    """Everything a run needs, built and checked before anything moves.
+
+    Attributes:
+        tables: the checked file.
+        true: the true robot.
+        believed: what the controller starts from.
+        controller: made for the believed robot.
+        trajectory: the desired motion.
+    """
+
+    tables: ScenarioTables
+    true: Robot
+    believed: Robot
+    controller: Controller
+    trajectory: Trajectory
+
+    @classmethod
+    def read(cls, path: Path | str, settings: Sequence[str] = ()) -> Scenario:
+        """Read a scenario file; ``settings`` are dotted ``key=value`` strings that override it.
+
+        Raises:
+            InputError: anything in the file, the robot or the gains that cannot be used.
+        """
+        path = Path(path)
+        return cls.build(read_tables(path, settings), path.parent)
+
+    @classmethod
+    def build(cls, tables: ScenarioTables, folder: Path) -> Scenario:
+        """Build a scenario from checked tables; relative paths start at ``folder``.
+
+        Raises:
+            InputError: anything in the tables that cannot be used.
+        """
+        described = _described(tables, folder)
+        true = _true(tables, described)
+        believed = described.changed(inertial_scale=tables.belief.inertial_scale)
+        controller = _controller(tables, believed, folder)
+        trajectory = _trajectory(tables, true)
+        return cls(tables, true, believed, controller, trajectory)
+
+    def run(self, progress: Progress | None = None) -> Rollout:
+        """Run the closed loop; ``progress`` wraps the range of samples."""
+        simulation, belief = self.tables.simulation, self.tables.belief
+        return simulate(
+            self.true,
+            self.controller,
+            self.trajectory,
+            duration=simulation.duration,
+            dt=simulation.dt,
+            mode=simulation.mode,
+            substeps=simulation.substeps,
+            acceleration=self.tables.controller.acceleration,
+            a_k=belief.kinematic,
+            a_d=belief.dynamic,
+            noise=simulation.noise.model_dump() if any(simulation.noise.model_dump().values()) else None,
+            delay=simulation.delay,
+            torque_limits=simulation.torque_limits,
+            seed=simulation.seed,
+            title=self.tables.title or self.true.name,
+            progress=progress,
+        )
+
+
+def _described(tables: ScenarioTables, folder: Path) -> Robot:
+    robot = tables.robot
+    source = robot.source if robot.source in catalogue() or not _is_path(robot.source) else folder / robot.source
+    return load(source, frame=robot.frame, task=robot.task, locked=robot.locked, q0=robot.q0, gravity=robot.gravity)
+
+
+def _is_path(source: str) -> bool:
+    return "/" in source or source.endswith((".urdf", ".xml"))
+
+
+def _true(tables: ScenarioTables, described: Robot) -> Robot:
+    truth = tables.truth
+    payload = None if truth.payload is None else Payload(**truth.payload.model_dump())
+    return described.changed(
+        inertial_scale=truth.inertial_scale,
+        payload=payload,
+        tool_translation=truth.tool_translation,
+        link_translation=truth.link_translation,
+        viscous=truth.friction.viscous,
+        coulomb=truth.friction.coulomb,
+    )
+
+
+def _controller(tables: ScenarioTables, believed: Robot, folder: Path) -> Controller:
+    unknown, controller = tables.unknown, tables.controller
+    if unknown.lmi is not None and unknown.basis is None:
+        raise ScenarioError(
+            "an inequality belongs to a basis of your own.", where="unknown.lmi", hint="Give unknown.basis too."
+        )
+    gains = controller.model_dump(exclude={"law", "adaptation", "acceleration"})
+    return make_controller(
+        believed,
+        law=controller.law,
+        adaptation=controller.adaptation,
+        kinematic=unknown.kinematic,
+        dynamic=unknown.dynamic,
+        basis=None if unknown.basis is None else read_matrix(folder / unknown.basis),
+        lmi=None if unknown.lmi is None else Cone.from_file(folder / unknown.lmi),
+        dt=1e-3 if tables.simulation.mode == "continuous" else tables.simulation.dt,
+        **gains,
+    )
+
+
+def _trajectory(tables: ScenarioTables, true: Robot) -> Trajectory:
+    """Return the desired motion; where no centre is given it starts at the measured initial position."""
+    start, reference = true.position(true.q0), tables.reference
+    centre = None if isinstance(reference, WaypointsSection) else reference.center
+    if centre is not None and len(centre) != start.size:
+        raise ScenarioError(f"the task has {start.size} coordinates, got {len(centre)}.", where="reference.center")
+    middle = np.zeros(start.size) if centre is None else np.array(centre)
+    motion: Trajectory
+    if isinstance(reference, WaypointsSection):
+        points = [np.array(point) for point in reference.points]
+        motion = Waypoints([np.zeros(start.size), *points] if reference.relative else points, reference.segment)
+        return motion.starting_at(start) if reference.relative else motion
+    if isinstance(reference, HoldSection):
+        motion = Hold(middle)
+    elif isinstance(reference, LissajousSection):
+        motion = Lissajous(middle, reference.amplitude, reference.cycles, reference.period, reference.phase)
+    else:
+        assert isinstance(reference, CircleSection)
+        motion = Circle(middle, reference.radius, reference.period, reference.plane, reference.phase)
+    return motion.starting_at(start) if centre is None else motion

@@ -1,0 +1,194 @@
+"""What a scenario file may say, key by key."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Vector3 = Annotated[list[Number], Field(min_length=3, max_length=3)]
+Gain = Number | list[Number] | list[list[Number]]
+
+
+class Section(BaseModel):
+    """A table of a scenario; unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", strict=False, populate_by_name=True)
+
+
+class RobotSection(Section):
+    """[robot]: which chain, which frame, which task."""
+
+    source: str
+    frame: str | None = None
+    task: Literal["xy", "xyz"] | None = None
+    locked: list[str] = []
+    q0: list[Number] | None = None
+    gravity: Vector3 | None = None
+
+
+class PayloadSection(Section):
+    """[truth] payload: a load on the last body."""
+
+    mass: Positive
+    com: Vector3 = [0.0, 0.0, 0.0]
+    inertia: Annotated[list[Number], Field(min_length=6, max_length=6)] = [0.0] * 6
+
+
+class FrictionSection(Section):
+    """[truth] friction: a number or one per joint."""
+
+    viscous: NotNegative | list[NotNegative] = 0.0
+    coulomb: NotNegative | list[NotNegative] = 0.0
+
+
+class TruthSection(Section):
+    """[truth]: how the real robot differs from the URDF."""
+
+    tool_translation: Vector3 | None = None
+    payload: PayloadSection | None = None
+    inertial_scale: Positive | dict[str, Positive] = 1.0
+    link_translation: dict[str, Vector3] = {}
+    friction: FrictionSection = FrictionSection()
+
+
+class BeliefSection(Section):
+    """[belief]: the initial estimates."""
+
+    inertial_scale: Positive | dict[str, Positive] = 1.0
+    kinematic: list[Number] | None = None
+    dynamic: list[Number] | None = None
+
+
+class UnknownSection(Section):
+    """[unknown]: what the controller adapts."""
+
+    kinematic: str | list[str] = ["tool"]
+    dynamic: str | list[str] = "all"
+    basis: str | None = None
+    lmi: str | None = None
+
+
+class ControllerSection(Section):
+    """[controller]: law, adaptation, gains."""
+
+    law: str = "adaptive-inverse-dynamics"
+    adaptation: Literal["natural", "gradient", "none"] = "natural"
+    Kv: Gain | None = None
+    Kp: Gain | None = None
+    alpha: Number | None = None
+    gamma_d: Gain | None = None
+    gamma_k: Gain | None = None
+    R_k: Gain | None = None
+    Q: Number | None = None
+    lambda_: Number | None = Field(default=None, alias="lambda")
+    lambda_a: Number | None = None
+    acceleration: Literal["filtered", "ideal"] = "filtered"
+
+
+class CircleSection(Section):
+    """[reference] kind = "circle"."""
+
+    kind: Literal["circle"] = "circle"
+    center: list[Number] | None = None
+    radius: Positive = 0.1
+    period: Positive = 3.0
+    plane: Literal["xy", "yz", "xz"] = "xy"
+    phase: Number = 0.0
+
+
+class LissajousSection(Section):
+    """[reference] kind = "lissajous"."""
+
+    kind: Literal["lissajous"]
+    center: list[Number] | None = None
+    amplitude: list[Number]
+    cycles: list[Number]
+    period: Positive = 6.0
+    phase: Number | list[Number] = 0.0
+
+
+class WaypointsSection(Section):
+    """[reference] kind = "waypoints": minimum jerk from point to point, offsets from the start unless absolute."""
+
+    kind: Literal["waypoints"]
+    points: list[list[Number]]
+    segment: Positive = 2.0
+    relative: bool = True
+
+
+class HoldSection(Section):
+    """[reference] kind = "hold": a point, by default the initial position."""
+
+    kind: Literal["hold"]
+    center: list[Number] | None = None
+
+
+Reference = Annotated[CircleSection | LissajousSection | WaypointsSection | HoldSection, Field(discriminator="kind")]
+
+
+REFERENCES: dict[str, type[Section]] = {
+    "circle": CircleSection,
+    "lissajous": LissajousSection,
+    "waypoints": WaypointsSection,
+    "hold": HoldSection,
+}
+
+
+class NoiseSection(Section):
+    """[simulation] noise: standard deviations."""
+
+    q: NotNegative = 0.0
+    v: NotNegative = 0.0
+    x: NotNegative = 0.0
+
+
+class SimulationSection(Section):
+    """[simulation]: how long, how fine, how real."""
+
+    duration: Positive = 10.0
+    dt: Positive = 1e-3
+    mode: Literal["sampled", "continuous"] = "sampled"
+    substeps: Annotated[int, Field(ge=1)] = 4
+    engine: Literal["pinocchio"] = "pinocchio"
+    noise: NoiseSection = NoiseSection()
+    delay: NotNegative = 0.0
+    torque_limits: bool = False
+    seed: int = 0
+
+
+class ScenarioTables(Section):
+    """A whole scenario file."""
+
+    title: str = ""
+    robot: RobotSection
+    truth: TruthSection = TruthSection()
+    belief: BeliefSection = BeliefSection()
+    unknown: UnknownSection = UnknownSection()
+    controller: ControllerSection = ControllerSection()
+    reference: Reference = CircleSection()
+    simulation: SimulationSection = SimulationSection()
+
+
+def allowed_keys(location: tuple[Any, ...], raw: dict[str, Any]) -> list[str]:
+    """Return the keys allowed in the table that holds ``location``, a path of keys."""
+    table: type[Section] = ScenarioTables
+    for key in location:
+        if key == "reference":
+            table = REFERENCES.get(raw["reference"]["kind"], CircleSection)
+            continue
+        field = table.model_fields.get(str(key))
+        parts = _types(field.annotation) if field else []
+        sections = [part for part in parts if isinstance(part, type) and issubclass(part, Section)]
+        if not sections:
+            break
+        table = sections[0]
+    return [field.alias or name for name, field in table.model_fields.items()]
+
+
+def _types(annotation: Any) -> list[Any]:
+    """Return the members of a union, or the type itself."""
+    return list(getattr(annotation, "__args__", ())) or [annotation]
