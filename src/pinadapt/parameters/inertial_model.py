@@ -7,15 +7,15 @@ import pinocchio as pin
 
 from .regressor import PER_BODY, inertial_parameters
 
-_LEAST_MASS = 1e-6  # [kg] pin.Inertia stores the centre of mass mc/m, which loses its digits below this |m|
+_LEAST_MASS = 1e-6  # [kg] pin.Inertia stores the centre of mass mc/m, which loses its digits below this mass
 
 
 class InertialModel:
     """A private model whose ten parameters a body may be any numbers.
 
-    RNEA and CRBA are linear in the parameters pi but ``pin.Inertia`` cannot hold a body without mass. Where one has (nearly)
-    none, a ballast u of one kilogram a body is added c times and its effect taken off again: M(pi) = M(pi + c u) - c M(u),
-    exact for every pi.
+    RNEA and CRBA are linear in the parameters pi, but ``pin.Inertia`` cannot hold a body without mass and CRBA cannot add
+    bodies whose masses sum to less than nothing. Where a mass is not positive, a ballast u of one kilogram a body is added c
+    times and its effect taken off again: M(pi) = M(pi + c u) - c M(u), exact for every pi.
     """
 
     def __init__(self, model: pin.Model) -> None:
@@ -32,9 +32,9 @@ class InertialModel:
     def load(self, pi: np.ndarray) -> None:
         """Set the parameters (10 n) of all bodies."""
         self._c = 0.0
-        masses = [abs(mass) for mass in pi[::PER_BODY].tolist()]  # plain floats: this runs in every control step
-        if min(masses) < _LEAST_MASS:
-            self._c = 1.0 + max(masses)
+        lightest = min(pi[::PER_BODY].tolist())  # plain floats: this runs in every control step
+        if lightest < _LEAST_MASS:
+            self._c = 1.0 - lightest
             pi = pi + self._c * self._ballast
         inertias, inertia = self._inertias, pin.Inertia.FromDynamicParameters
         for joint, ten in enumerate(pi.reshape(-1, PER_BODY), 1):

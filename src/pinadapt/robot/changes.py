@@ -48,7 +48,9 @@ def joint_id(model: pin.Model, name: str, where: str, words: Sequence[str] = ())
     """
     names = [str(other) for other in model.names[1:]]
     if name not in names:
-        raise RobotError(f"no joint of the chain is called '{name}'; it has {names}.{did_you_mean(name, names)}", where=where)
+        also = f", or one of the words {list(words)}" if words else ""
+        guess = did_you_mean(name, [*words, *names])
+        raise RobotError(f"no joint of the chain is called '{name}'; it has {names}{also}.{guess}", where=where)
     return names.index(name) + 1
 
 
