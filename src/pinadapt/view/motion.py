@@ -1,0 +1,77 @@
+"""Where the joints and the tool of a chain are over time, at its own or at estimated translations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from ..parameters import KinematicParameters
+from ..robot import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A chain of n joints at F moments.
+
+    Attributes:
+        joints: (F, n + 1, 4, 4) placements of the universe and the joints [m], world axes.
+        origins: (F, n + 1, 3) each joint's origin [m], axes of its parent joint.
+        tool: (F, 3) the task frame's origin [m], axes of the joint that carries it.
+        parents: (n + 1) parent joint of each joint.
+        last: the joint that carries the tool.
+    """
+
+    joints: np.ndarray
+    origins: np.ndarray
+    tool: np.ndarray
+    parents: tuple[int, ...]
+    last: int
+
+    @property
+    def tip(self) -> np.ndarray:
+        """The task frame's origin (F, 3) [m], world axes."""
+        carrier = self.joints[:, self.last]
+        return np.einsum("fij,fj->fi", carrier[:, :3, :3], self.tool) + carrier[:, :3, 3]
+
+    @property
+    def points(self) -> np.ndarray:
+        """All joint origins and tips (F (n + 2), 3) [m], world axes."""
+        return np.vstack([self.joints[:, :, :3, 3].reshape(-1, 3), self.tip])
+
+
+def motion_of(
+    robot: Robot, q: np.ndarray, kinematics: KinematicParameters | None = None, a_k: np.ndarray | None = None
+) -> Motion:
+    """Place a robot's joints along q; the robot is only read.
+
+    Args:
+        robot: whose description to use.
+        q: (F, nq) configurations.
+        kinematics: its unknown translations, or None.
+        a_k: (F, p) their values at each moment [m], or None to keep the description's own.
+    """
+    model = robot.model.copy()
+    data = model.createData()
+    frame = model.frames[robot.frame_id]
+    joints, origins, tool = [], [], []
+    for k, configuration in enumerate(q):
+        if kinematics is not None and a_k is not None:
+            _write_translations(model, robot.frame_id, kinematics, a_k[k])
+        pin.forwardKinematics(model, data, configuration)
+        joints.append([placement.homogeneous for placement in data.oMi])
+        origins.append([placement.translation.copy() for placement in data.liMi])
+        tool.append(frame.placement.translation.copy())
+    parents = tuple(int(parent) for parent in model.parents)
+    return Motion(np.array(joints), np.array(origins), np.array(tool), parents, int(frame.parentJoint))
+
+
+def _write_translations(model: pin.Model, frame: int, kinematics: KinematicParameters, a_k: np.ndarray) -> None:
+    """Write the unknown translations for parameters a_k (p) [m] into a model of one's own."""
+    start = 0
+    for part in kinematics.translations:
+        theta = a_k[start : start + part.directions.shape[1]]
+        start += len(theta)
+        placement = model.frames[frame].placement if part.joint is None else model.jointPlacements[part.joint]
+        placement.translation = part.at(theta)
