@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from typing import ClassVar
 
 import numpy as np
 
@@ -12,7 +13,12 @@ class Adaptation(ABC):
 
     Every control law here proves dV/dt <= 0 with any adaptation for which ``distance`` D obeys
     dD/dt = (a - a_true)^T (-g): the metric is free. Laws and adaptations therefore combine freely.
+
+    Attributes:
+        name: as written in scenarios.
     """
+
+    name: ClassVar[str]
 
     def admit(self, a: np.ndarray) -> np.ndarray:
         """Return the initial estimate to start from: ``a`` itself, or moved (with a warning) to where the law is defined."""

@@ -10,6 +10,8 @@ from .adaptation import Adaptation
 class Frozen(Adaptation):
     """da/dt = 0, the baseline against which learning is measured."""
 
+    name = "none"
+
     def rate(self, a: np.ndarray, g: np.ndarray) -> np.ndarray:
         """Return zero (p)."""
         return np.zeros_like(a)

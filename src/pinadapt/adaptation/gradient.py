@@ -16,6 +16,8 @@ class Gradient(Adaptation):
         Gamma: (p, p) constant, symmetric, positive definite.
     """
 
+    name = "gradient"
+
     def __init__(self, Gamma: ArrayLike, size: int, name: str = "Gamma") -> None:
         """Take a scalar, p numbers or a matrix, for p = ``size`` parameters.
 

@@ -29,6 +29,8 @@ class Natural(Adaptation):
         gamma: the one gain.
     """
 
+    name = "natural"
+
     def __init__(self, gamma: float, cone: Cone, name: str = "gamma_d") -> None:
         """Take the gain and the cone.
 

@@ -38,7 +38,10 @@ def error_figure(rollout: Rollout) -> Figure:
         axes[0].plot(rollout.t, 1e3 * rollout.error[:, i], label=f"{'xyz'[i]}", lw=1.0)
     axes[0].set_ylabel("task error [mm]")
     axes[0].legend(loc="upper right", ncols=3)
-    axes[1].semilogy(rollout.t, 1e3 * np.maximum(rollout.distance, 1e-9), color="black", lw=0.8)
+    distance = 1e3 * np.maximum(rollout.distance, 1e-12)
+    axes[1].semilogy(rollout.t, distance, color="black", lw=0.8)
+    if len(distance):
+        axes[1].set_ylim(bottom=0.5 * np.quantile(distance, 0.01))
     axes[1].set_ylabel("|x - x_d| [mm]")
     if rollout.lyapunov is not None:
         axes[2].plot(rollout.t, rollout.lyapunov, color="tab:purple", lw=1.0)

@@ -21,6 +21,7 @@ def run_continuous(
     *,
     times: Iterable[int],
     dt: float,
+    record_every: int = 1,
     ideal_acceleration: bool = False,
 ) -> Trace:
     """Integrate plant, estimates and filters together by Runge-Kutta of fourth order.
@@ -30,8 +31,9 @@ def run_continuous(
         controller: the controller.
         trajectory: the desired motion.
         state: the controller's initial state.
-        times: indices of the samples; index k is time k dt. The last one is recorded and not integrated.
+        times: indices of the samples; index k is time k dt.
         dt: integration step [s].
+        record_every: record the samples whose index is a multiple of this.
         ideal_acceleration: give the law the plant's own acceleration instead of the filtered one.
     """
     loop = _Loop(plant, controller, ideal_acceleration, plant.robot.q0, state)
@@ -39,9 +41,11 @@ def run_continuous(
     trace = Trace()
     for k in times:
         t = k * dt
+        desired = trajectory.at(t)
         try:
-            k1 = loop.slope(y, trajectory.at(t))
-            trace.add(t, loop.measurement, trajectory.at(t), loop.measurement, loop.state, loop.torque)
+            k1 = loop.slope(y, desired)
+            if k % record_every == 0:
+                trace.add(t, loop.measurement, desired, loop.measurement, loop.state, loop.torque)
             middle = trajectory.at(t + 0.5 * dt)
             k2 = loop.slope(y + (0.5 * dt) * k1, middle)
             k3 = loop.slope(y + (0.5 * dt) * k2, middle)

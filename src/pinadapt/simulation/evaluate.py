@@ -42,7 +42,7 @@ def evaluate(trace: Trace, plant: Plant, controller: Controller, *, title: str, 
         diverged=trace.diverged,
         reason=trace.reason,
         wall_time=wall_time,
-        step_time=trace.step_time / max(len(trace.t), 1),
+        step_time=trace.step_time / max(trace.steps, 1),
     )
 
 

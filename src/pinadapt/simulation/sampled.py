@@ -25,6 +25,7 @@ def run_sampled(
     dt: float,
     sensors: Sensors,
     substeps: int = 4,
+    record_every: int = 1,
     torque_limits: np.ndarray | None = None,
     ideal_acceleration: bool = False,
 ) -> Trace:
@@ -39,6 +40,7 @@ def run_sampled(
         dt: controller period [s].
         sensors: what the controller sees.
         substeps: integration steps a period.
+        record_every: record the samples whose index is a multiple of this.
         torque_limits: (nv) bounds the motors clip at, infinite where there is none, or None.
         ideal_acceleration: give the law the plant's own acceleration instead of the filtered one.
     """
@@ -54,12 +56,14 @@ def run_sampled(
             started = perf_counter()
             tau, after = controller.step(state, measurement, desired, dt)
             trace.step_time += perf_counter() - started
+            trace.steps += 1
         except DivergedError as error:
             trace.end(t, str(error))
             break
         if torque_limits is not None:
             tau = np.clip(tau, -torque_limits, torque_limits)
-        trace.add(t, measurement, desired, truth, state, tau)
+        if k % record_every == 0:
+            trace.add(t, measurement, desired, truth, state, tau)
         state = after
         for _ in range(substeps):
             q, v = plant.advance(q, v, tau, dt / substeps)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +20,6 @@ from .evaluate import evaluate
 from .plant import Plant
 from .sampled import run_sampled
 from .sensors import Sensors
-from .trace import Trace
 
 MODES = ("sampled", "continuous")
 ACCELERATIONS = ("filtered", "ideal")
@@ -35,6 +35,7 @@ def simulate(
     dt: float = 1e-3,
     mode: str = "sampled",
     substeps: int = 4,
+    record_every: int = 1,
     acceleration: str = "filtered",
     a_k: ArrayLike | None = None,
     a_d: ArrayLike | None = None,
@@ -55,6 +56,7 @@ def simulate(
         dt: controller period, or integration step in continuous mode [s].
         mode: "sampled" (torque held for dt) or "continuous" (one ODE, Runge-Kutta 4).
         substeps: integration steps a period, sampled mode.
+        record_every: keep one sample of so many; the loop itself runs at every one.
         acceleration: "filtered", or "ideal": the plant's own, for checking theory.
         a_k: (p_k) initial kinematic estimate [m], by default the believed robot's.
         a_d: (p_d) initial dynamic estimate, by default the believed robot's.
@@ -74,8 +76,9 @@ def simulate(
     ideal = _one_of(acceleration, ACCELERATIONS, "acceleration") == "ideal"
     if mode == "continuous" and (delay or torque_limits or any((noise or {}).values())):
         raise InputError("noise, delay and torque limits exist in sampled mode only.", where="mode")
-    if int(substeps) < 1:
-        raise InputError(f"must be at least 1, got {substeps}.", where="substeps")
+    for name, count in (("substeps", substeps), ("record_every", record_every)):
+        if int(count) < 1:
+            raise InputError(f"must be at least 1, got {count}.", where=name)
     plant = Plant(true)
     _check_same_shape(true, controller)
     started = perf_counter()
@@ -84,22 +87,13 @@ def simulate(
     state = controller.init(first, a_k=_array(a_k), a_d=_array(a_d))
     samples = range(max(1, round(duration / dt)) + (mode == "continuous"))
     times = samples if progress is None else progress(samples)
-    trace: Trace
+    loop: dict[str, Any] = {"times": times, "dt": dt, "record_every": int(record_every), "ideal_acceleration": ideal}
     if mode == "continuous":
-        trace = run_continuous(plant, controller, trajectory, state, times=times, dt=dt, ideal_acceleration=ideal)
+        trace = run_continuous(plant, controller, trajectory, state, **loop)
     else:
-        trace = run_sampled(
-            plant,
-            controller,
-            trajectory,
-            state,
-            times=times,
-            dt=dt,
-            sensors=Sensors(plant, dt, noise=noise, delay=delay, seed=seed),
-            substeps=int(substeps),
-            torque_limits=effort_limits(true) if torque_limits else None,
-            ideal_acceleration=ideal,
-        )
+        loop["sensors"] = Sensors(plant, dt, noise=noise, delay=delay, seed=seed)
+        loop["torque_limits"] = effort_limits(true) if torque_limits else None
+        trace = run_sampled(plant, controller, trajectory, state, substeps=int(substeps), **loop)
     return evaluate(
         trace, plant, controller, title=title or true.name, adaptation=_words(controller), wall_time=perf_counter() - started
     )
@@ -116,7 +110,8 @@ def _array(value: ArrayLike | None) -> np.ndarray | None:
 
 
 def _words(controller: Controller) -> str:
-    return type(controller.adaptation_d).__name__.lower().replace("frozen", "none")
+    """Return the name of the dynamic adaptation, or of the kinematic one where no dynamic parameter is unknown."""
+    return controller.adaptation_d.name if controller.dynamics.size else controller.adaptation_k.name
 
 
 def _one_of(value: str, allowed: tuple[str, ...], where: str) -> str:

@@ -23,7 +23,8 @@ class Trace:
         torques: the torques (n) [N m or N] that the motors gave.
         diverged: time [s] at which the loop left every bound, or None.
         reason: why, or None.
-        step_time: seconds spent in the controller.
+        steps: controller steps done, recorded or not.
+        step_time: seconds spent in them.
     """
 
     t: list[float] = field(default_factory=list)
@@ -36,6 +37,7 @@ class Trace:
     torques: list[np.ndarray] = field(default_factory=list)
     diverged: float | None = None
     reason: str | None = None
+    steps: int = 0
     step_time: float = 0.0
 
     def add(
