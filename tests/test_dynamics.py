@@ -1,0 +1,131 @@
+"""Every dynamic regressor against RNEA, CRBA and finite differences."""
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+
+import pinadapt as pa
+from chains import catalogue_robot, chains, random_state
+from differences import derivative
+from pinadapt.parameters.regressor import Regressor, inertial_parameters
+
+ROBOTS = ["planar_2r", "scara", "ur5", "panda", "kinova", "tiago_arm", "talos_arm"]
+PLANAR = Path(__file__).parents[1] / "robots" / "planar_2r"
+seeded = settings(max_examples=25, deadline=None, derandomize=True)
+
+
+def check_identities(robot):
+    """Y pi = rnea; the Slotine-Li form with the Christoffel matrix; dM/dt - 2 C skew."""
+    rng = np.random.default_rng(5)
+    model, data = robot.model.copy(), robot.model.createData()
+    model.armature = np.zeros(model.nv)
+    Y, pi = Regressor(model), inertial_parameters(model)
+    q, v, a = random_state(robot, rng)
+    v_r, a_r = rng.standard_normal((2, model.nv))
+    scale = 1.0 + np.abs(pin.rnea(model, data, q, v, a)).max()
+    assert np.allclose(Y(q, v, a) @ pi, pin.rnea(model, data, q, v, a), atol=1e-11 * scale)
+    C = pin.computeCoriolisMatrix(model, data, q, v)
+    M, g = pin.crba(model, data, q), pin.computeGeneralizedGravity(model, data, q)
+    slotine_li = Y.slotine_li(q, v, v_r, a_r)
+    assert np.allclose(slotine_li @ pi, M @ a_r + C @ v_r + g, atol=1e-10 * scale)
+    assert np.allclose(Y.slotine_li(q, v, v, a), Y(q, v, a), atol=1e-10 * scale)
+    # The C behind the regressor, column by column, makes dM/dt - 2 C skew-symmetric.
+    zero = np.zeros(model.nv)
+    rest = Y.slotine_li(q, v, zero, zero) @ pi
+    C_Y = np.stack([Y.slotine_li(q, v, e, zero) @ pi - rest for e in np.eye(model.nv)], axis=1)
+    Mdot = derivative(lambda t: pin.crba(model, data, pin.integrate(model, q, t * v)))
+    skew = Mdot - 2.0 * C_Y
+    assert np.allclose(skew, -skew.T, atol=1e-7 * scale)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_identities_on_robots(name):
+    check_identities(catalogue_robot(name))
+
+
+@given(chains)
+@seeded
+def test_identities_on_random_chains(robot):
+    check_identities(robot)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("unknown", ["all", "payload", "none", "one"])
+def test_torque_and_mass_matrix_are_affine_in_the_estimate(name, unknown):
+    robot = catalogue_robot(name)
+    believed = pa.BodyParameters(robot, robot.joint_names[0] if unknown == "one" else unknown)
+    rng = np.random.default_rng(0)
+    q, v, a = random_state(robot, rng)
+    data = robot.model.createData()
+    assert np.allclose(believed.torque(q, v, a), pin.rnea(robot.model, data, q, v, a))  # armature included
+    assert np.allclose(believed.mass_matrix(q), pin.crba(robot.model, data, q))
+    a_hat = believed.initial + rng.standard_normal(believed.size)  # unphysical on purpose
+    known = believed.torque(q, v, a) - believed.regressor(q, v, a) @ believed.initial
+    M0 = believed.mass_matrix(q)
+    believed.load(a_hat)
+    assert np.allclose(believed.torque(q, v, a), believed.regressor(q, v, a) @ a_hat + known, atol=1e-9)
+    zero = np.zeros(robot.model.nv)
+    for i, e in enumerate(np.eye(robot.model.nv)):
+        change = (believed.regressor(q, zero, e) - believed.regressor(q, zero, zero)) @ (a_hat - believed.initial)
+        assert np.allclose(believed.mass_matrix(q)[:, i] - M0[:, i], change, atol=1e-9)
+    Y_r, torque = believed.slotine_li(q, v, v, a)
+    assert np.allclose(Y_r, believed.regressor(q, v, a), atol=1e-10)
+    assert np.allclose(torque, believed.torque(q, v, a), atol=1e-9)
+
+
+@pytest.mark.parametrize("masses", ["zero", "negative", "tiny"])
+def test_estimates_without_mass_are_evaluated_exactly(masses):
+    robot = catalogue_robot("ur5")
+    believed = pa.BodyParameters(robot, "all")
+    rng = np.random.default_rng(1)
+    a_hat = believed.initial + 0.1 * rng.standard_normal(believed.size)
+    a_hat[::10] = {"zero": 0.0, "negative": -1.0, "tiny": 1e-12}[masses]
+    q, v, a = random_state(robot, rng)
+    believed.load(a_hat)
+    expected = believed.regressor(q, v, a) @ a_hat
+    assert np.allclose(believed.torque(q, v, a), expected, atol=1e-9)
+    zero = np.zeros(6)
+    columns = [(believed.regressor(q, zero, e) - believed.regressor(q, zero, zero)) @ a_hat for e in np.eye(6)]
+    assert np.allclose(believed.mass_matrix(q), np.stack(columns, axis=1), atol=1e-9)
+
+
+def test_truth_of_the_bodies():
+    robot = catalogue_robot("panda")
+    true = robot.changed(payload=pa.Payload(1.5, [0.0, 0.0, 0.05]))
+    everything, last = pa.BodyParameters(robot.changed(inertial_scale=0.7), "all"), pa.BodyParameters(robot, "payload")
+    assert np.allclose(everything.value(true), inertial_parameters(true.model))
+    assert np.allclose(last.value(true), inertial_parameters(true.model)[-10:])
+    assert last.value(true.changed(inertial_scale=1.1)) is None  # the known bodies are not as believed
+    assert everything.value(robot.changed(link_translation={"panda_joint4": [0.0, 0.0, 0.01]})) is None
+
+
+def test_wang_xie_basis():
+    robot = catalogue_robot("planar_2r")
+    B = np.loadtxt(PLANAR / "basis.csv", delimiter=",")
+    believed = pa.BasisParameters(robot, B)
+    assert np.allclose(believed.initial, [3.34, 1.2, 0.97], atol=1e-9)
+    a1, a2, a3 = a_hat = np.array([4.0, 0.5, 0.5])
+    believed.load(a_hat)
+    q, (v1, v2) = np.array([0.4, -1.1]), (0.7, -0.3)
+    c, s = np.cos(q[1]), np.sin(q[1])
+    M = np.array([[a1 + 2 * a2 * c, a3 + a2 * c], [a3 + a2 * c, a3]])
+    h = np.array([-a2 * s * (2 * v1 * v2 + v2 * v2), a2 * s * v1 * v1])
+    assert np.allclose(believed.mass_matrix(q), M, atol=1e-12)
+    v, a = np.array([v1, v2]), np.array([0.2, 1.3])
+    assert np.allclose(believed.torque(q, v, a), M @ a + h, atol=1e-12)
+
+
+def test_basis_of_other_lengths_is_found_or_refused():
+    robot = catalogue_robot("planar_2r")
+    B = np.loadtxt(PLANAR / "basis.csv", delimiter=",")
+    longer = robot.changed(link_translation={"joint2": [0.3, 0.0, 0.0]})
+    l1, (m, lc, inertia) = 1.3, (2.0, 0.6, 0.25)
+    expected = [0.12 + 0.25 + m * l1**2 + inertia + m * lc**2, m * l1 * lc, inertia + m * lc**2]
+    assert np.allclose(pa.BasisParameters(robot, B).value(longer), expected, atol=1e-9)
+    with pytest.raises(pa.ParameterError, match="cannot represent"):
+        pa.BasisParameters(robot, B[:, :2])
+    with pytest.raises(pa.ParameterError, match="20 rows"):
+        pa.BasisParameters(robot, B[:10])

@@ -1,0 +1,126 @@
+"""Every kinematic regressor against Pinocchio and finite differences."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+
+import pinadapt as pa
+from chains import catalogue_robot, chains, random_robot, random_state
+from differences import derivative
+from pinadapt.parameters.kinematic import Translation
+
+ROBOTS = ["planar_2r", "scara", "ur5", "panda", "kinova", "tiago_arm"]
+seeded = settings(max_examples=25, deadline=None, derandomize=True)
+
+
+def choices(robot):
+    """Return the ways to declare translations unknown."""
+    return [["tool"], ["lengths"], [*robot.joint_names[1:], "tool"], [robot.joint_names[1], "tool:length"]]
+
+
+def check_identities(robot, unknown):
+    """Position, velocity, acceleration and their regressors at an estimate that is not the description's."""
+    rng = np.random.default_rng(7)
+    believed = pa.KinematicParameters(robot, unknown)
+    q, v, a = random_state(robot, rng)
+    a_k = believed.initial + 0.2 * rng.standard_normal(believed.size)
+    a_k_rate = rng.standard_normal(believed.size)
+
+    def at(t, rate=0.0):
+        believed.update(a_k + t * rate * a_k_rate, pin.integrate(robot.model, q, v * t + a * (t * t / 2)), v + a * t)
+        return believed
+
+    xd = derivative(lambda t: at(t).x_hat)
+    xdd = derivative(lambda t: at(t).xd_hat)
+    Jdot = derivative(lambda t: at(t, rate=1.0).J)
+    Jdot_v = derivative(lambda t: at(t).J) @ v
+    now = at(0.0)
+    assert np.allclose(now.J @ v, xd, atol=1e-8)
+    assert np.allclose(now.Y_k @ a_k + now.y_k0, now.J @ v, atol=1e-12)
+    assert np.allclose(now.Jdot_v, Jdot_v, atol=1e-7)
+    assert np.allclose(now.J @ a + now.Jdot_v, xdd, atol=1e-7)
+    assert np.allclose(now.jacobian_rate(a_k_rate), Jdot, atol=1e-7)
+    x, position_regressor = now.x_hat, now.position_regressor()
+    acceleration_regressor = now.acceleration_regressor(a)
+    step = 0.1 * a_k_rate
+    xdd_now = now.J @ a + now.Jdot_v
+    now.update(a_k + step, q, v)
+    assert np.allclose(now.x_hat - x, position_regressor @ step, atol=1e-12)  # affine: no truncation in a large step
+    assert np.allclose(now.J @ a + now.Jdot_v - xdd_now, acceleration_regressor @ step, atol=1e-11)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("choice", range(4))
+def test_identities_on_robots(name, choice):
+    robot = catalogue_robot(name)
+    check_identities(robot, choices(robot)[choice])
+
+
+@given(chains)
+@seeded
+def test_identities_on_random_chains(robot):
+    check_identities(robot, [*robot.joint_names[1:], "tool"])
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_jacobian_is_pinocchios_at_the_descriptions_values(name):
+    robot = catalogue_robot(name)
+    believed = pa.KinematicParameters(robot, ["lengths"])
+    q, v, _ = random_state(robot, np.random.default_rng(1))
+    believed.update(believed.initial, q, v)
+    data = robot.model.createData()
+    J = pin.computeFrameJacobian(robot.model, data, q, robot.frame_id, pin.LOCAL_WORLD_ALIGNED)[robot.task.rows]
+    assert np.allclose(believed.J, J, atol=1e-12)
+    assert np.allclose(believed.x_hat, robot.position(q), atol=1e-12)
+
+
+def test_second_term_of_the_jacobian_rate_matters():
+    robot = random_robot(3, 6)
+    believed = pa.KinematicParameters(robot, ["tool"])
+    q, v, _ = random_state(robot, np.random.default_rng(2))
+    believed.update(believed.initial, q, v)
+    rate = np.array([0.3, -0.2, 0.1])
+    still, moving = believed.jacobian_rate(np.zeros(3)), believed.jacobian_rate(rate)
+    assert np.allclose((moving - still) @ v, believed.Y_k @ rate, atol=1e-12)
+    assert np.linalg.norm((moving - still) @ v) > 1e-2
+
+
+@pytest.mark.parametrize(("name", "rank"), [("ur5", 12), ("panda", 14), ("xarm7", 14)])
+def test_base_of_all_translations(name, rank):
+    robot = catalogue_robot(name)
+    assert pa.KinematicParameters(robot, [*robot.joint_names[1:], "tool"]).base() == rank
+
+
+def test_truth_of_a_changed_robot():
+    robot = catalogue_robot("panda")
+    believed = pa.KinematicParameters(robot, ["tool", "panda_joint4"])
+    true = robot.changed(tool_translation=[0.01, 0.02, 0.03], link_translation={"panda_joint4": [0.0, 0.0, 0.01]})
+    q, v, _ = random_state(robot, np.random.default_rng(3))
+    believed.update(believed.value(true), q, v)
+    assert np.allclose(believed.x_hat, true.position(q), atol=1e-12)
+    other = robot.changed(link_translation={"panda_joint6": [0.01, 0.0, 0.0]})
+    assert believed.value(other) is None  # no value of these parameters is the truth
+
+
+def test_known_offset_plus_unknown_direction():
+    robot = catalogue_robot("ur5")
+    nominal = robot.model.jointPlacements[3].translation.copy()
+    part = Translation("elbow_joint", 3, np.array([[0.0], [0.0], [1.0]]), nominal - np.array([0.0, 0.0, nominal[2]]), ("z",))
+    believed = pa.KinematicParameters(robot, [part])
+    assert np.allclose(believed.initial, nominal[2])
+    check_identities(robot, [part])
+
+
+@pytest.mark.parametrize(
+    ("unknown", "words"),
+    [
+        (["tol"], "Did you mean 'tool'"),
+        (["shoulder_pan_joint"], "no effect"),
+        (["tool", "tool:length"], "twice"),
+        (["tool:width"], ":length"),
+    ],
+)
+def test_unusable_translations_are_refused(unknown, words):
+    with pytest.raises(pa.InputError, match=words):
+        pa.KinematicParameters(catalogue_robot("ur5"), unknown)
