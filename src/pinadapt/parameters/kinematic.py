@@ -146,6 +146,7 @@ class KinematicParameters:
             for part, window in zip(self.translations, self._split(), strict=True)
         ]
         self._parents = [self._parent(self._model, part) for part in self.translations]
+        self._B = [None if part.whole else part.directions for part in self.translations]
         # Live views into Data: rotation of each parent joint, its angular velocity and acceleration in its own axes.
         self._R = [self._data.oMi[i].rotation for i in self._parents]
         self._w = [self._data.v[i].angular for i in self._parents]
@@ -227,10 +228,7 @@ class KinematicParameters:
 
     def _stack(self, blocks: Sequence[np.ndarray]) -> np.ndarray:
         """Return the task rows (m, p) of R B for each block (3, 3) in its parent joint's axes and directions B."""
-        parts = [
-            R.dot(block if part.whole else block.dot(part.directions))
-            for part, R, block in zip(self.translations, self._R, blocks, strict=True)
-        ]
+        parts = [R.dot(block if B is None else block.dot(B)) for R, B, block in zip(self._R, self._B, blocks)]  # noqa: B905
         stacked = parts[0] if len(parts) == 1 else np.concatenate([self._no_columns, *parts], axis=1)
         return stacked[self._rows]
 

@@ -11,7 +11,7 @@ from .trajectory import Trajectory
 
 
 class Hold(Trajectory):
-    """A fixed point."""
+    """Rest at a fixed point, for set-point control."""
 
     def __init__(self, point: ArrayLike) -> None:
         """Take the point (m) [m].

@@ -17,7 +17,7 @@ def evaluate(trace: Trace, plant: Plant, controller: Controller, *, title: str, 
     nq, nv, m = plant.robot.model.nq, plant.nv, plant.robot.task.size
     a_k_true, a_d_true = controller.kinematics.value(plant.robot), controller.dynamics.value(plant.robot)
     x, x_d = _rows(trace.true_x, m), _rows([desired.x_d for desired in trace.desired], m)
-    eigenvalues, singulars = _watched(trace, controller)
+    eigenvalues, singulars, V = _watch(trace, plant, controller, a_k_true, a_d_true)
     return Rollout(
         title=title,
         robot=plant.robot.name,
@@ -36,7 +36,7 @@ def evaluate(trace: Trace, plant: Plant, controller: Controller, *, title: str, 
         a_d=_rows([state.a_d for state in trace.states], controller.dynamics.size),
         a_k_true=a_k_true,
         a_d_true=a_d_true,
-        lyapunov=_lyapunov(trace, plant, controller, a_k_true, a_d_true),
+        lyapunov=V,
         min_eig_M_hat=eigenvalues,
         min_singular_J_hat=singulars,
         diverged=trace.diverged,
@@ -50,34 +50,30 @@ def _rows(samples: list[np.ndarray], width: int) -> np.ndarray:
     return np.array(samples, dtype=float).reshape(len(samples), width)
 
 
-def _watched(trace: Trace, controller: Controller) -> tuple[np.ndarray, np.ndarray]:
-    """Return the smallest eigenvalue of M_hat (N) and the smallest singular value of J_hat (N)."""
+def _watch(
+    trace: Trace, plant: Plant, controller: Controller, a_k_true: np.ndarray | None, a_d_true: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Return the smallest eigenvalue of M_hat (N), the smallest singular value of J_hat (N), and V (N).
+
+    V is None when a truth is unknown or a part of it undefined.
+    """
     if not trace.t:
-        return np.zeros(0), np.zeros(0)
-    M_hats, J_hats = [], []
-    for measurement, state in zip(trace.measurements, trace.states, strict=True):
-        controller.kinematics.update(state.a_k, measurement.q, measurement.v)
-        controller.dynamics.load(state.a_d)
+        return np.zeros(0), np.zeros(0), None
+    M_hats, J_hats, V = [], [], []
+    for measurement, desired, state in zip(trace.measurements, trace.desired, trace.states, strict=True):
+        signals = controller.observe(state, measurement, desired)
         M_hats.append(controller.dynamics.mass_matrix(measurement.q))
         J_hats.append(controller.kinematics.J)
-    return np.linalg.eigvalsh(np.array(M_hats))[:, 0], np.linalg.svd(np.array(J_hats), compute_uv=False)[:, -1]
-
-
-def _lyapunov(
-    trace: Trace, plant: Plant, controller: Controller, a_k_true: np.ndarray | None, a_d_true: np.ndarray | None
-) -> np.ndarray | None:
-    """Return V (N), or None when a truth is unknown or a part of V undefined."""
-    if a_k_true is None or a_d_true is None:
-        return None
-    values = []
-    for measurement, desired, state in zip(trace.measurements, trace.desired, trace.states, strict=True):
+        if a_k_true is None or a_d_true is None:
+            continue
         part = parameter_storage(controller, state, a_k_true, a_d_true)
         if part is None:
-            return None
-        signals = controller.observe(state, measurement, desired)
-        truth = truth_at(plant, measurement, a_k_true, a_d_true)
-        values.append(controller.law.storage(signals, truth) + part)
-    return np.array(values)
+            a_k_true = None  # undefined once is undefined for good
+            continue
+        V.append(part + controller.law.storage(signals, truth_at(plant, measurement, a_k_true, a_d_true)))
+    eigenvalues = np.linalg.eigvalsh(np.array(M_hats))[:, 0]
+    singulars = np.linalg.svd(np.array(J_hats), compute_uv=False)[:, -1]
+    return eigenvalues, singulars, np.array(V) if len(V) == len(trace.t) else None
 
 
 def truth_at(plant: Plant, measurement: Measurement, a_k_true: np.ndarray, a_d_true: np.ndarray) -> Truth:

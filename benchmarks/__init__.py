@@ -1,0 +1,1 @@
+"""Benchmarks through the public API; never part of the tests."""

@@ -1,0 +1,41 @@
+"""The main job: Panda learns an unknown tool and load, every inertial parameter adapted, at 1 kHz."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pinadapt.scenario import Scenario
+
+ROBOTS = Path(__file__).parents[1] / "robots"
+
+
+@pytest.fixture(scope="module")
+def adapted():
+    return Scenario.read(ROBOTS / "panda" / "tool_and_load.toml").run()
+
+
+def test_panda_tracks_within_a_millimetre(adapted):
+    assert adapted.diverged is None
+    assert len(adapted.dynamic_names) == 70
+    assert adapted.summary()["max_error_last"] <= 1e-3
+    assert adapted.min_eig_M_hat.min() > 0.0
+
+
+def test_panda_unadapted_is_ten_times_worse(adapted):
+    unadapted = Scenario.read(ROBOTS / "panda" / "tool_and_load.toml", ["controller.adaptation=none"]).run()
+    assert unadapted.diverged is None
+    assert adapted.summary()["max_error_last"] <= 0.1 * unadapted.summary()["max_error_last"]
+
+
+def test_panda_learns_its_tool_and_loses_v(adapted):
+    assert np.linalg.norm(adapted.a_k[-1] - adapted.a_k_true) < 0.1 * np.linalg.norm(adapted.a_k[0] - adapted.a_k_true)
+    assert adapted.lyapunov[-1] < 0.8 * adapted.lyapunov[0]
+
+
+def test_panda_with_plain_gradient_loses_its_mass_matrix():
+    gradient = ["controller.adaptation=gradient", "controller.gamma_d=0.01", "simulation.duration=1.0"]
+    rollout = Scenario.read(ROBOTS / "panda" / "tool_and_load.toml", gradient).run()
+    assert rollout.diverged < 1.0
+    assert rollout.min_eig_M_hat.min() < 0.0
+    assert 0.0 < rollout.t[-1] < rollout.diverged  # what happened until then is kept
