@@ -14,7 +14,7 @@ PLANAR = Path(__file__).parents[1] / "robots" / "planar_2r"
 DT, STEPS = 1e-4, 600
 
 # The hypotheses that adaptation can destroy must hold while the equality is tested: M_hat invertible for (11) and (25) under
-# gradient adaptation, M + M_0 - M_hat invertible for the improved law with the ideal acceleration. Hence rates below those of use.
+# gradient adaptation, M + M_0 - M_hat invertible for the improved law with the ideal acceleration. Hence low rates.
 GRADIENT_RATE = {"kinova": 1e-5}
 IMPROVED = "adaptive-inverse-dynamics-improved"
 

@@ -17,7 +17,7 @@ from ..parameters.kinematic import TOOL, Translation
 from ..robot import Robot
 from ..signals import LowPass
 from .controller import Controller
-from .defaults import default_gains, default_gradient_gain, reach
+from .defaults import Defaults, default_gains, default_gradient_gain, reach
 
 ADAPTATIONS = ("natural", "gradient", "none")
 
@@ -81,23 +81,33 @@ def make_controller(
     )
     kind = _adaptation(adaptation) if chosen.adapts else "none"
     _warn_of_lengths(kinematics, dynamics, kind)
-    if kind == "none" or not dynamics.size:
-        adaptation_d: Adaptation = Frozen()
-    elif kind == "natural":
-        adaptation_d = _natural(believed, dynamics, default.gamma_natural if gamma_d is None else gamma_d, lmi)
-    else:
-        rates = default_gradient_gain(believed, dynamics, chosen) if gamma_d is None else gamma_d
-        adaptation_d = Gradient(rates, dynamics.size, "gamma_d")
     rates_k = default.gamma_k if gamma_k is None else gamma_k
     return Controller(
         chosen(gains, Posture(believed)),
         kinematics,
         dynamics,
         adaptation_k=Frozen() if kind == "none" else Gradient(rates_k, kinematics.size, "gamma_k"),
-        adaptation_d=adaptation_d,
+        adaptation_d=_dynamic_adaptation(kind, believed, dynamics, chosen, default, gamma_d, lmi),
         velocity_filter=LowPass(default.lambda_ if lambda_ is None else lambda_, "lambda"),
         acceleration_filter=LowPass(1.0 / (default.lambda_a if lambda_a is None else positive(lambda_a, "lambda_a"))),
     )
+
+
+def _dynamic_adaptation(
+    kind: str,
+    believed: Robot,
+    dynamics: DynamicParameters,
+    law: type[Law],
+    default: Defaults,
+    gamma_d: ArrayLike | None,
+    lmi: ArrayLike | Cone | None,
+) -> Adaptation:
+    if kind == "none" or not dynamics.size:
+        return Frozen()
+    if kind == "natural":
+        return _natural(believed, dynamics, default.gamma_natural if gamma_d is None else gamma_d, lmi)
+    rates = default_gradient_gain(believed, dynamics, law) if gamma_d is None else gamma_d
+    return Gradient(rates, dynamics.size, "gamma_d")
 
 
 def _law(name: str) -> type[Law]:

@@ -69,11 +69,13 @@ def check_mass_matrix(model: pin.Model, configurations: Sequence[np.ndarray]) ->
 
     Raises:
         RobotError: M(q) has a relative eigenvalue below 1e-10 at one of the configurations; the
-            massless moving bodies are named.
+            massless moving bodies are named. Or its entries are not finite.
     """
     data = model.createData()
     for q in configurations:
         M = pin.crba(model, data, q)
+        if not np.isfinite(M).all():
+            raise RobotError("masses, inertias or placements are not finite numbers.", where=model.name)
         scale = np.sqrt(np.maximum(np.diag(M), np.finfo(float).tiny))
         if np.linalg.eigvalsh(M / np.outer(scale, scale))[0] < 1e-10:
             massless = [str(model.names[i]) for i in range(1, model.njoints) if model.inertias[i].mass <= 0.0]
