@@ -61,10 +61,13 @@ class Natural(Adaptation):
 
     def distance(self, a: np.ndarray, a_true: np.ndarray) -> float | None:
         """Return the log-det divergence from the truth over gamma; None if the truth itself is outside the cone."""
-        if not self.cone.contains(a_true) or not self.cone.contains(a):
+        if not np.isfinite(a).all() or not self.cone.contains(a_true) or not self.cone.contains(a):
             return None
         P, P_true = self.cone.matrices(a), self.cone.matrices(a_true)
-        trace = np.trace(np.linalg.solve(P, P_true), axis1=1, axis2=2)
+        try:
+            trace = np.trace(np.linalg.solve(P, P_true), axis1=1, axis2=2)
+        except np.linalg.LinAlgError:  # inside the cone by less than rounding
+            return None
         logs = np.linalg.slogdet(P)[1] - np.linalg.slogdet(P_true)[1]
         return float(np.sum(logs + trace - P.shape[1]) / self.gamma)
 
@@ -87,8 +90,8 @@ def _geodesic(P: np.ndarray, X: np.ndarray) -> np.ndarray:
             return P - A @ R
     try:
         S = np.linalg.cholesky(P)
+        eigenvalues, U = np.linalg.eigh(S.transpose(0, 2, 1) @ X @ S)
     except np.linalg.LinAlgError as error:
         raise DivergedError("an estimate reached the edge of its cone to rounding; lower gamma_d.") from error
-    eigenvalues, U = np.linalg.eigh(S.transpose(0, 2, 1) @ X @ S)
     SU = S @ U
     return (SU * np.exp(-np.clip(eigenvalues, -_LARGEST_EXPONENT, _LARGEST_EXPONENT))[:, None, :]) @ SU.transpose(0, 2, 1)

@@ -31,6 +31,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of our output went away
         sys.stderr.close()
         return DONE
+    except OSError as error:  # an output folder that cannot be made or written
+        print(f"pinadapt: {error}", file=sys.stderr)
+        return REFUSED
 
 
 def _show_warning(message: Any, category: Any, filename: str, lineno: int, file: Any = None, line: Any = None) -> None:

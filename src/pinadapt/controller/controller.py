@@ -98,9 +98,9 @@ class Controller:
                 xi=velocity.advance(state.xi, state.xi + signals.y + self.kinematics.y_k0, dt),
                 z=self.acceleration_filter.advance(state.z, measurement.v, dt),
             )
-        except DivergedError:
+        except (DivergedError, np.linalg.LinAlgError) as error:
             self._check(measurement)  # a sensor that fails is the likelier cause
-            raise
+            raise DivergedError(str(error)) from error
         if not math.isfinite(torque.dot(torque) + after.a_d.dot(after.a_d)):  # every measurement enters one of them
             self._check(measurement)
             raise DivergedError("the torque or the estimates are no longer finite.")

@@ -68,9 +68,9 @@ def make_controller(
     """
     chosen = _law(law)
     kinematics = KinematicParameters(believed, kinematic)
-    dynamics: DynamicParameters
-    dynamics = BodyParameters(believed, dynamic) if basis is None else BasisParameters(believed, basis)
-    default = default_gains(believed, chosen, dt)
+    bodies = BodyParameters(believed, dynamic)  # checks the words even where a basis takes their place
+    dynamics: DynamicParameters = bodies if basis is None else BasisParameters(believed, basis)
+    default = default_gains(believed, chosen, positive(dt, "dt"))
     gains = Gains.checked(
         believed.task.size,
         K_v=default.Kv if Kv is None else Kv,
@@ -79,7 +79,8 @@ def make_controller(
         R_k=default.R_k if R_k is None else R_k,
         Q=Q,
     )
-    kind = _adaptation(adaptation) if chosen.adapts else "none"
+    kind = _adaptation(adaptation)
+    kind = kind if chosen.adapts else "none"
     _warn_of_lengths(kinematics, dynamics, kind)
     rates_k = default.gamma_k if gamma_k is None else gamma_k
     return Controller(

@@ -118,7 +118,7 @@ class KinematicParameters:
         size: p.
         initial: (p) values in the believed robot's own description [m].
         task: the controlled coordinates.
-        nv: number of joints.
+        joint_names: names of the chain's joints.
         x_hat: (m) believed position [m].
         xd_hat: (m) believed velocity J v [m/s].
         J: (m, nv) Jacobian at the estimate.
@@ -134,7 +134,7 @@ class KinematicParameters:
             ParameterError, RobotError: as ``unknown_translations``.
         """
         self.translations = unknown_translations(robot, unknown)
-        self.task, self.nv = robot.task, int(robot.model.nv)
+        self.task, self.joint_names = robot.task, robot.joint_names
         self.names = tuple(label for part in self.translations for label in part.labels)
         self.size = len(self.names)
         self._rows = robot.task.rows

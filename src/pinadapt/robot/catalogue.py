@@ -83,6 +83,7 @@ def catalogue_entry(name: str) -> CatalogueEntry:
     if name not in catalogue():
         raise RobotError(
             f"'{name}' is neither a robot of the catalogue nor a URDF file.{did_you_mean(name, catalogue())}",
+            where="source",
             hint="See `pinadapt robots`.",
         )
     return catalogue()[name]

@@ -14,15 +14,17 @@ _SUPPORTED = (*_CONTINUOUS, "JointModelR", "JointModelP")
 
 
 def frame_id(model: pin.Model, name: str) -> int:
-    """Return the index of the frame ``name``.
+    """Return the index of the frame ``name``; where a link and a joint share it, of the link.
 
     Raises:
         RobotError: no frame has that name; the nearest one is suggested.
     """
-    if not model.existFrame(name):
+    found = [i for i, frame in enumerate(model.frames) if frame.name == name]
+    if not found:
         names = [frame.name for frame in model.frames]
-        raise RobotError(f"no frame is called '{name}'.{did_you_mean(name, names)}", where=model.name)
-    return int(model.getFrameId(name))
+        raise RobotError(f"no frame of '{model.name}' is called '{name}'.{did_you_mean(name, names)}", where="frame")
+    links = [i for i in found if model.frames[i].type == pin.FrameType.BODY]
+    return (links or found)[0]
 
 
 def chain_joints(model: pin.Model, frame: int) -> list[int]:
@@ -64,18 +66,31 @@ def check_joints(model: pin.Model, joints: Sequence[int]) -> None:
             )
 
 
+def check_numbers(model: pin.Model) -> None:
+    """Refuse models with numbers that no robot has.
+
+    Raises:
+        RobotError: non-finite placements, inertias or gravity, or a negative mass; the joint is named.
+    """
+    for name, placement, body in zip(model.names, model.jointPlacements, model.inertias, strict=True):
+        if not np.isfinite(placement.homogeneous).all() or not np.isfinite(body.toDynamicParameters()).all():
+            raise RobotError(f"the placement of joint '{name}' or the inertia it moves is not finite.", where=model.name)
+        if body.mass < 0.0:
+            raise RobotError(f"the body moved by joint '{name}' has a negative mass, {body.mass} kg.", where=model.name)
+    if not np.isfinite(model.gravity.linear).all():
+        raise RobotError(f"gravity is not finite: {model.gravity.linear}.", where=model.name)
+
+
 def check_mass_matrix(model: pin.Model, configurations: Sequence[np.ndarray]) -> None:
     """Refuse models whose mass matrix is singular or not positive definite.
 
     Raises:
         RobotError: M(q) has a relative eigenvalue below 1e-10 at one of the configurations; the
-            massless moving bodies are named. Or its entries are not finite.
+            massless moving bodies are named.
     """
     data = model.createData()
     for q in configurations:
         M = pin.crba(model, data, q)
-        if not np.isfinite(M).all():
-            raise RobotError("masses, inertias or placements are not finite numbers.", where=model.name)
         scale = np.sqrt(np.maximum(np.diag(M), np.finfo(float).tiny))
         if np.linalg.eigvalsh(M / np.outer(scale, scale))[0] < 1e-10:
             massless = [str(model.names[i]) for i in range(1, model.njoints) if model.inertias[i].mass <= 0.0]
@@ -102,7 +117,21 @@ def reduce_to_chain(
 ) -> tuple[pin.Model, pin.GeometryModel | None]:
     """Lock every joint but ``keep`` at ``q_reference`` (nq of the whole model); the input is not changed."""
     lock = [joint for joint in range(1, model.njoints) if joint not in set(keep)]
-    if visual is None:
-        return pin.buildReducedModel(model, lock, q_reference), None
-    reduced, geometries = pin.buildReducedModel(model, [visual], lock, q_reference)
-    return reduced, geometries[0]
+    model = model.copy()
+    _rename_links(model, mark=True)
+    reduced, geometries = pin.buildReducedModel(model, [] if visual is None else [visual], lock, q_reference)
+    _rename_links(reduced, mark=False)
+    return reduced, geometries[0] if len(geometries) else None
+
+
+_LINK = "(link) "
+
+
+def _rename_links(model: pin.Model, *, mark: bool) -> None:
+    """Mark the links that share a name with another frame, over which buildReducedModel stumbles, or remove the marks."""
+    names = [frame.name for frame in model.frames]
+    for frame, name in zip(model.frames, names, strict=True):
+        if not mark:
+            frame.name = name.removeprefix(_LINK)
+        elif frame.type == pin.FrameType.BODY and names.count(name) > 1:
+            frame.name = _LINK + name

@@ -31,13 +31,16 @@ class Payload:
         """Return the load as a Pinocchio inertia in the frame's axes.
 
         Raises:
-            RobotError: a mass that is not positive, or wrong sizes.
+            RobotError: a mass that is not positive, an inertia that is negative, or wrong sizes.
         """
         if not (np.isfinite(self.mass) and self.mass > 0.0):
             raise RobotError(f"must be positive, got {self.mass}.", where="payload.mass")
         com = vector(self.com, 3, "payload.com", error=RobotError)
         xx, xy, yy, xz, yz, zz = vector(self.inertia, 6, "payload.inertia", error=RobotError)
-        return pin.Inertia(float(self.mass), com, np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+        matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        if np.linalg.eigvalsh(matrix)[0] < -1e-12:
+            raise RobotError("an inertia about the centre of mass has no negative eigenvalue.", where="payload.inertia")
+        return pin.Inertia(float(self.mass), com, matrix)
 
 
 def joint_id(model: pin.Model, name: str, where: str, words: Sequence[str] = ()) -> int:

@@ -21,6 +21,7 @@ from .chain import (
     chain_joints,
     check_joints,
     check_mass_matrix,
+    check_numbers,
     configuration_from_angles,
     frame_id,
     reduce_to_chain,
@@ -138,7 +139,6 @@ class _Description:
     mimics: frozenset[str] = frozenset()
     frame: str | None = None
     task: str | None = None
-    q0: Sequence[float] | None = None
 
 
 def load(
@@ -171,20 +171,19 @@ def load(
     chosen = task_named(task or found.task or "xyz")
     name = frame or found.frame or str(found.model.frames[-1].name)
     keep = _kept_joints(found, name, locked, weld_root)
+    check_numbers(found.model)
     model, visual = reduce_to_chain(found.model, found.visual, keep, found.q_reference)
     if gravity is not None:
         model.gravity.linear = vector(gravity, 3, "gravity", error=RobotError)
     if model.nv < chosen.size:
         raise RobotError(
             f"task '{chosen.name}' has {chosen.size} coordinates, the chain to '{name}' only {model.nv} joints.",
-            where=found.name,
+            where="task",
             hint="Take a frame further out, or a smaller task.",
         )
-    angles = found.q0 if q0 is None else q0
-    candidates = [] if angles is not None else _reference_poses(found, model, keep)
-    home = pin.neutral(model) if angles is not None else find_home(model, frame_id(model, name), chosen.rows, candidates)
-    robot = Robot(found.name, model, name, chosen, home, Friction.none(model.nv), visual)
-    robot = robot if angles is None else robot.at(angles)
+    poses = _reference_poses(found, model, keep)
+    robot = Robot(found.name, model, name, chosen, poses[0], Friction.none(model.nv), visual)
+    robot = replace(robot, q0=find_home(model, robot.frame_id, chosen.rows, poses)) if q0 is None else robot.at(q0)
     samples = np.random.default_rng(0).uniform(-1.0, 1.0, (3, model.nv))
     check_mass_matrix(model, [robot.q0, *(configuration_from_angles(model, sample) for sample in samples)])
     return robot
@@ -204,8 +203,11 @@ def _describe(source: Source) -> _Description:
         return _Description(str(model.name), model, visual, pin.neutral(model), mimic_joints(path))
     entry = catalogue_entry(str(source))
     model, visual, q_reference = entry.load()
-    q_reference = pin.neutral(model) if q_reference is None else q_reference
-    return _Description(entry.name, model, visual, q_reference, frame=entry.frame, task=entry.task, q0=entry.q0)
+    q_reference = pin.neutral(model) if q_reference is None else np.array(q_reference)
+    for joint, angle in zip(chain_joints(model, frame_id(model, entry.frame)), entry.q0 or (), strict=entry.q0 is not None):
+        part = model.joints[joint]
+        q_reference[part.idx_q : part.idx_q + part.nq] = angle if part.nq == 1 else [np.cos(angle), np.sin(angle)]
+    return _Description(entry.name, model, visual, q_reference, frame=entry.frame, task=entry.task)
 
 
 def _kept_joints(found: _Description, frame: str, locked: Sequence[str], weld_root: bool) -> list[int]:

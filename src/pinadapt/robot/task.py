@@ -48,5 +48,5 @@ def task_named(name: str) -> Task:
         RobotError: unknown name.
     """
     if name not in TASKS:
-        raise RobotError(f"no task is called '{name}'; there are {sorted(TASKS)}.{did_you_mean(name, TASKS)}")
+        raise RobotError(f"no task is called '{name}'; there are {sorted(TASKS)}.{did_you_mean(name, TASKS)}", where="task")
     return TASKS[name]

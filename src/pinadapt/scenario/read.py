@@ -59,6 +59,7 @@ def _explain(error: ValidationError, raw: dict[str, Any]) -> str:
     sentences: dict[str, list[str]] = {}
     for problem in error.errors(include_url=False):
         location = tuple(part for part in problem["loc"] if part not in REFERENCES)
+        location += ("kind",) if problem["type"] == "union_tag_invalid" else ()
         key = _dotted(location)
         sentences.setdefault(key, []).append(_sentence(problem, location, raw))
     return "; ".join(f"{key}: {' or '.join(dict.fromkeys(parts))}" for key, parts in sentences.items())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +17,8 @@ from ..robot import Payload, Robot, catalogue, load
 from ..rollout import Rollout
 from ..signals import Circle, Hold, Lissajous, Trajectory, Waypoints
 from ..simulation import simulate
-from ..simulation.simulate import Progress
+from ..simulation.simulate import Progress, prepare
+from .naming import named
 from .read import read_tables
 from .schema import CircleSection, HoldSection, LissajousSection, ScenarioTables, WaypointsSection
 
@@ -56,12 +58,30 @@ class Scenario:
         Raises:
             InputError: anything in the tables that cannot be used.
         """
-        described = _described(tables, folder)
-        true = _true(tables, described)
-        believed = described.changed(inertial_scale=tables.belief.inertial_scale)
-        controller = _controller(tables, believed, folder)
-        trajectory = _trajectory(tables, true)
-        return cls(tables, true, believed, controller, trajectory)
+        with named("robot"):
+            described = _described(tables, folder)
+        with named("truth"):
+            true = _true(tables, described)
+        with named("belief"):
+            believed = described.changed(inertial_scale=tables.belief.inertial_scale)
+        with named("controller"):
+            controller = _controller(tables, believed, folder)
+        with named("reference"):
+            trajectory = _trajectory(tables, true)
+        scenario = cls(tables, true, believed, controller, trajectory)
+        scenario.check()
+        return scenario
+
+    def check(self) -> None:
+        """Refuse what only shows when true robot, controller and motion meet.
+
+        Raises:
+            InputError: initial estimates or a motion of the wrong size, or estimates outside the cone.
+        """
+        belief = self.tables.belief
+        with named("belief"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # they are shown when the run starts
+            prepare(self.true, self.controller, self.trajectory, belief.kinematic, belief.dynamic)
 
     def run(self, progress: Progress | None = None) -> Rollout:
         """Run the closed loop; ``progress`` wraps the range of samples."""
@@ -115,6 +135,10 @@ def _controller(tables: ScenarioTables, believed: Robot, folder: Path) -> Contro
         raise ScenarioError(
             "an inequality belongs to a basis of your own.", where="unknown.lmi", hint="Give unknown.basis too."
         )
+    with named("unknown.basis"):
+        basis = None if unknown.basis is None else read_matrix(folder / unknown.basis)
+    with named("unknown.lmi"):
+        lmi = None if unknown.lmi is None else Cone.from_file(folder / unknown.lmi)
     gains = controller.model_dump(exclude={"law", "adaptation", "acceleration"})
     return make_controller(
         believed,
@@ -122,8 +146,8 @@ def _controller(tables: ScenarioTables, believed: Robot, folder: Path) -> Contro
         adaptation=controller.adaptation,
         kinematic=unknown.kinematic,
         dynamic=unknown.dynamic,
-        basis=None if unknown.basis is None else read_matrix(folder / unknown.basis),
-        lmi=None if unknown.lmi is None else Cone.from_file(folder / unknown.lmi),
+        basis=basis,
+        lmi=lmi,
         dt=1e-3 if tables.simulation.mode == "continuous" else tables.simulation.dt,
         **gains,
     )
@@ -139,6 +163,8 @@ def _trajectory(tables: ScenarioTables, true: Robot) -> Trajectory:
     motion: Trajectory
     if isinstance(reference, WaypointsSection):
         points = [np.array(point) for point in reference.points]
+        if any(point.size != start.size for point in points):
+            raise ScenarioError(f"every point needs {start.size} coordinates, as the task has.", where="reference.points")
         motion = Waypoints([np.zeros(start.size), *points] if reference.relative else points, reference.segment)
         return motion.starting_at(start) if reference.relative else motion
     if isinstance(reference, HoldSection):

@@ -157,7 +157,7 @@ class SimulationSection(Section):
     noise: NoiseSection = NoiseSection()
     delay: NotNegative = 0.0
     torque_limits: bool = False
-    seed: int = 0
+    seed: Annotated[int, Field(ge=0)] = 0
 
 
 class ScenarioTables(Section):

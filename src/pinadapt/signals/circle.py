@@ -22,6 +22,8 @@ def plane_axes(plane: str, size: int) -> np.ndarray:
     Raises:
         InputError: an unknown plane, or one that the task does not span.
     """
+    if size not in (2, 3):
+        raise InputError(f"a circle needs 2 or 3 coordinates, got {size}.", where="reference.center")
     if plane not in PLANES or (size == 2 and plane != "xy"):
         allowed = ["xy"] if size == 2 else list(PLANES)
         raise InputError(f"must be one of {allowed}, got {plane!r}.", where="reference.plane")
@@ -41,7 +43,7 @@ class Circle(Trajectory):
         self.center = vector(center, size, "reference.center")
         self.radius = positive(radius, "reference.radius")
         self.period = positive(period, "reference.period")
-        self.phase = float(phase)
+        self.phase = float(vector(phase, 1, "reference.phase")[0])
         self._axes = plane_axes(plane, size)
 
     def shifted(self, by: np.ndarray) -> Circle:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ..controller import Controller, ControllerState
@@ -71,9 +73,17 @@ def _watch(
             a_k_true = None  # undefined once is undefined for good
             continue
         V.append(part + controller.law.storage(signals, truth_at(plant, measurement, a_k_true, a_d_true)))
-    eigenvalues = np.linalg.eigvalsh(np.array(M_hats))[:, 0]
-    singulars = np.linalg.svd(np.array(J_hats), compute_uv=False)[:, -1]
+    eigenvalues = _smallest(np.linalg.eigvalsh, np.array(M_hats))
+    singulars = _smallest(lambda J: np.linalg.svd(J, compute_uv=False), np.array(J_hats))
     return eigenvalues, singulars, np.array(V) if len(V) == len(trace.t) else None
+
+
+def _smallest(values: Callable[[np.ndarray], np.ndarray], matrices: np.ndarray) -> np.ndarray:
+    """Return the smallest value (N) of each matrix (N, ., .), NaN for those that are not finite."""
+    finite = np.isfinite(matrices).all(axis=(1, 2))
+    smallest = np.full(len(matrices), np.nan)
+    smallest[finite] = values(matrices[finite]).min(axis=1)
+    return smallest
 
 
 def truth_at(plant: Plant, measurement: Measurement, a_k_true: np.ndarray, a_d_true: np.ndarray) -> Truth:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
+from ..exceptions import DivergedError
 from ..robot import Robot
 
 LARGEST_SPEED = 1e4  # [rad/s or m/s]; beyond, the loop has diverged
@@ -30,14 +31,21 @@ class Plant:
         self.nv = int(self._model.nv)
 
     def acceleration(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, feedthrough: np.ndarray | None = None) -> np.ndarray:
-        """Return the joint acceleration a (nv) under torque tau + feedthrough @ a, friction included."""
+        """Return the joint acceleration a (nv) under torque tau + feedthrough @ a, friction included.
+
+        Raises:
+            DivergedError: M - feedthrough is singular.
+        """
         if not self._frictionless:
             tau = tau - self._friction.torque(v)
         if feedthrough is None:
             return np.asarray(pin.aba(self._model, self._data, q, v, tau))
         M = pin.crba(self._model, self._data, q)
         bias = pin.nonLinearEffects(self._model, self._data, q, v)
-        return np.asarray(np.linalg.solve(M - feedthrough, tau - bias))
+        try:
+            return np.asarray(np.linalg.solve(M - feedthrough, tau - bias))
+        except np.linalg.LinAlgError as error:
+            raise DivergedError("the algebraic loop of torque and acceleration became singular.") from error
 
     def task_motion(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the frame's true task position (m) [m] and velocity (m) [m/s], in world axes."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import positive
-from ..controller import Controller
+from ..controller import Controller, ControllerState
 from ..exceptions import InputError, did_you_mean
 from ..robot import Robot
 from ..rollout import Rollout
@@ -79,12 +79,10 @@ def simulate(
     for name, count in (("substeps", substeps), ("record_every", record_every)):
         if int(count) < 1:
             raise InputError(f"must be at least 1, got {count}.", where=name)
-    plant = Plant(true)
-    _check_same_shape(true, controller)
+    if int(seed) < 0:
+        raise InputError(f"must not be negative, got {seed}.", where="seed")
     started = perf_counter()
-    v = np.zeros(plant.nv)
-    first = Measurement(true.q0, v, *plant.task_motion(true.q0, v))
-    state = controller.init(first, a_k=_array(a_k), a_d=_array(a_d))
+    plant, state = prepare(true, controller, trajectory, a_k, a_d)
     samples = range(max(1, round(duration / dt)) + (mode == "continuous"))
     times = samples if progress is None else progress(samples)
     loop: dict[str, Any] = {"times": times, "dt": dt, "record_every": int(record_every), "ideal_acceleration": ideal}
@@ -97,6 +95,24 @@ def simulate(
     return evaluate(
         trace, plant, controller, title=title or true.name, adaptation=_words(controller), wall_time=perf_counter() - started
     )
+
+
+def prepare(
+    true: Robot,
+    controller: Controller,
+    trajectory: Trajectory,
+    a_k: ArrayLike | None = None,
+    a_d: ArrayLike | None = None,
+) -> tuple[Plant, ControllerState]:
+    """Return the plant and the controller's initial state, after checking that robot, controller and motion match.
+
+    Raises:
+        InputError: they do not, or the initial estimates cannot be used.
+    """
+    _check_same_shape(true, controller, trajectory)
+    plant, v = Plant(true), np.zeros(true.model.nv)
+    first = Measurement(true.q0, v, *plant.task_motion(true.q0, v))
+    return plant, controller.init(first, a_k=_array(a_k), a_d=_array(a_d))
 
 
 def effort_limits(robot: Robot) -> np.ndarray:
@@ -120,11 +136,16 @@ def _one_of(value: str, allowed: tuple[str, ...], where: str) -> str:
     return value
 
 
-def _check_same_shape(true: Robot, controller: Controller) -> None:
+def _check_same_shape(true: Robot, controller: Controller, trajectory: Trajectory) -> None:
     believed = controller.kinematics.task
-    if true.task != believed or true.model.nv != controller.kinematics.nv:
+    if true.task != believed or true.joint_names != controller.kinematics.joint_names:
         raise InputError(
-            f"the true robot ({true.model.nv} joints, task '{true.task.name}') and the controller's "
-            f"({controller.kinematics.nv} joints, task '{believed.name}') differ.",
+            f"the true robot (joints {true.joint_names}, task '{true.task.name}') and the controller's "
+            f"(joints {controller.kinematics.joint_names}, task '{believed.name}') differ.",
             hint="Make both from the same load(), the true one by .changed().",
+        )
+    size = trajectory.at(0.0).x_d.size
+    if size != believed.size:
+        raise InputError(
+            f"the desired motion has {size} coordinates, the task '{believed.name}' {believed.size}.", where="trajectory"
         )

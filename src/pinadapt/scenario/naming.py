@@ -1,0 +1,26 @@
+"""Errors of the library, told with the scenario's dotted keys."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from ..exceptions import InputError
+from .schema import ScenarioTables
+
+
+@contextmanager
+def named(key: str) -> Iterator[None]:
+    """Put a section or a dotted key in front of where an error was found, unless it stands there already.
+
+    Raises:
+        InputError: of the kind raised inside.
+    """
+    try:
+        yield
+    except InputError as error:
+        place = error.where or ""
+        if place.partition(".")[0] in ScenarioTables.model_fields:
+            raise
+        joint = ": " if "/" in place or " " in place else "."
+        raise type(error)(error.what, where=f"{key}{joint}{place}" if place else key, hint=error.hint) from error

@@ -1,0 +1,426 @@
+"""The closed loop: plant, sensors, both modes, divergence, and the controller's manners."""
+
+import json
+from functools import cache
+from itertools import product
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from chains import random_state
+from pinadapt.robot import robots_folder
+from pinadapt.simulation import effort_limits
+from pinadapt.simulation.sensors import Sensors
+
+load = cache(pa.load)
+ARRAYS = ("t", "q", "v", "tau", "x", "x_d", "error", "a_k", "a_d")
+
+
+def circle(robot, radius=0.05, period=2.0):
+    """Return a circle that starts at the robot's home."""
+    return pa.Circle(np.zeros(robot.task.size), radius, period).starting_at(robot.position(robot.q0))
+
+
+def run(name="planar_2r", *, truth=None, control=None, **options):
+    """Return a short rollout of an adaptive controller that believes the arm 20 % too light."""
+    described = load(name)
+    true = described.changed(**(truth or {}))
+    controller = pa.make_controller(described.changed(inertial_scale=0.8), **(control or {}))
+    return pa.simulate(true, controller, circle(true), **{"duration": 0.1, **options})
+
+
+def same(one, other):
+    """Tell whether two rollouts are equal to the last bit."""
+    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in ARRAYS)
+
+
+# --- what a rollout holds ---
+
+
+@pytest.mark.parametrize("name", ["planar_2r", "scara", "ur5", "panda"])
+def test_rollouts_hold_one_row_a_sample(name):
+    robot, rollout = load(name), run(name, duration=0.05)
+    rows = {"q": robot.model.nq, "v": robot.model.nv, "tau": robot.model.nv, "x": robot.task.size, "a_d": 10 * robot.model.nv}
+    assert np.allclose(rollout.t, 1e-3 * np.arange(50), atol=1e-12)
+    assert {key: getattr(rollout, key).shape for key in rows} == {key: (50, width) for key, width in rows.items()}
+    assert np.array_equal(rollout.q[0], robot.q0) and not rollout.v[0].any()
+    assert np.allclose(rollout.x, [robot.position(q) for q in rollout.q], atol=1e-12)
+    assert np.array_equal(rollout.error, rollout.x - rollout.x_d)
+    assert rollout.diverged is None and "DIVERGED" not in str(rollout)
+
+
+def test_continuous_mode_also_records_the_end():
+    assert np.allclose(run(duration=0.05, mode="continuous").t, 1e-3 * np.arange(51), atol=1e-12)
+
+
+def test_a_truth_that_no_estimate_reaches_is_none(tmp_path):
+    rollout = run("ur5", truth={"inertial_scale": 1.1}, control={"dynamic": "payload"}, duration=0.01)
+    assert rollout.a_d_true is None and rollout.lyapunov is None and rollout.a_k_true is not None
+    rollout.save(tmp_path)
+    assert {"a_d_true", "lyapunov"}.isdisjoint(np.load(tmp_path / "rollout.npz").files)
+
+
+def test_save_and_plot_write_files(tmp_path):
+    rollout = run(duration=0.02)
+    rollout.save(tmp_path / "new" / "folder")
+    paths = rollout.plot(tmp_path / "new" / "folder")
+    assert [path.name for path in paths] == ["error.png", "parameters.png", "torque.png"]
+    assert all(path.read_bytes().startswith(b"\x89PNG") for path in paths)
+    saved = np.load(tmp_path / "new" / "folder" / "rollout.npz")
+    assert all(np.array_equal(saved[name], getattr(rollout, name)) for name in ARRAYS)
+    assert json.loads((tmp_path / "new" / "folder" / "summary.json").read_text()) == rollout.summary()
+
+
+def test_plots_of_a_run_without_unknowns_are_drawn(tmp_path):
+    assert len(run(control={"kinematic": [], "dynamic": "none"}, duration=0.01).plot(tmp_path)) == 3
+
+
+def test_the_summary_names_the_adaptation_that_ran():
+    for adaptation in ("natural", "gradient", "none"):
+        assert run(control={"adaptation": adaptation}, duration=0.002).summary()["adaptation"] == adaptation
+
+
+# --- sensors and motors ---
+
+
+def test_zero_noise_is_no_noise():
+    assert same(run(noise={"q": 0.0, "v": 0.0, "x": 0.0}, seed=7), run())
+
+
+def test_noise_is_reproducible_by_its_seed():
+    noise = {"q": 1e-4, "v": 1e-3, "x": 1e-4}
+    first = run(noise=noise, seed=1)
+    assert same(first, run(noise=noise, seed=1))
+    assert not same(first, run(noise=noise, seed=2))
+
+
+@pytest.mark.parametrize("channel", ["q", "v", "x"])
+def test_noise_has_the_stated_deviation_and_touches_its_channel_only(channel):
+    robot = load("scara")
+    sensors = Sensors(pa.Plant(robot), 1e-3, noise={channel: 0.02}, seed=3)
+    q, v, _ = random_state(robot, np.random.default_rng(0))
+    errors = {"q": [], "v": [], "x": []}
+    for _ in range(1000):
+        seen, true = sensors.measure(q, v)
+        errors["q"].append(pin.difference(robot.model, true.q, seen.q))
+        errors["v"].append(seen.v - true.v)
+        errors["x"].append(seen.x - true.x)
+    for name, error in errors.items():
+        assert np.isclose(np.std(error), 0.02 if name == channel else 0.0, rtol=0.1)
+
+
+def test_delay_makes_the_measured_position_late_and_nothing_else():
+    robot = load("planar_2r")
+    sensors = Sensors(pa.Plant(robot), 1e-3, delay=2e-3)
+    states = [(np.array([0.1 * k, 0.5]), np.array([1.0, k])) for k in range(6)]
+    samples = [sensors.measure(*state)[0] for state in states]
+    late = [states[max(k - 2, 0)][0] for k in range(6)]
+    assert np.allclose([sample.x for sample in samples], [robot.position(q) for q in late])
+    assert np.array_equal([sample.q for sample in samples], [q for q, _ in states])
+    assert np.array_equal([sample.v for sample in samples], [v for _, v in states])
+
+
+def test_a_delay_reaches_the_loop():
+    prompt, late = run(duration=0.01), run(duration=0.01, delay=3e-3)
+    assert np.array_equal(prompt.tau[0], late.tau[0])
+    assert not np.array_equal(prompt.tau[2], late.tau[2])
+
+
+def test_torque_limits_clip():
+    hard = {"Kp": 4e4, "Kv": 400.0}
+    free = run("ur5", control=hard, noise={"v": 0.3})
+    clipped = run("ur5", control=hard, noise={"v": 0.3}, torque_limits=True)
+    limits = effort_limits(load("ur5"))
+    assert (np.abs(free.tau).max(axis=0) > limits).any()
+    assert (np.abs(clipped.tau) <= limits).all()
+    assert (clipped.tau == limits).any() and (clipped.tau == -limits).any()
+
+
+def test_limits_of_zero_do_not_take_the_torque_away():
+    model = load("ur5").model.copy()
+    model.effortLimit = np.zeros(6)
+    robot = pa.load(model, frame="tool0", q0=load("ur5").home_angles)
+    controller = pa.make_controller(robot)
+    runs = [pa.simulate(robot, controller, circle(robot), duration=0.02, torque_limits=limits) for limits in (True, False)]
+    assert same(*runs)
+    assert np.abs(runs[0].tau).max() > 10.0
+
+
+# --- the plant ---
+
+
+def swing(robot, seconds, dt=1e-3):
+    """Let a robot go from a random state, torque zero; return times, velocities and energies."""
+    plant, model, data = pa.Plant(robot), robot.model, robot.model.createData()
+    q, v, _ = random_state(robot, np.random.default_rng(0))
+    velocities, energies = [], []
+    for _ in range(round(seconds / dt)):
+        velocities.append(v)
+        energies.append(pin.computeMechanicalEnergy(model, data, q, v))
+        q, v = plant.advance(q, v, np.zeros(model.nv), dt)
+    return np.array(velocities), np.array(energies)
+
+
+@pytest.mark.parametrize("name", ["planar_2r", "scara", "ur5", "panda"])
+def test_a_free_frictionless_robot_keeps_its_energy(name):
+    velocities, energies = swing(load(name), 0.3, dt=2.5e-4)
+    assert np.abs(velocities - velocities[0]).max() > 0.1
+    assert np.allclose(energies, energies[0], atol=1e-6 * max(1.0, abs(energies[0])))
+
+
+@pytest.mark.parametrize(
+    ("name", "friction"),
+    [("scara", {"viscous": 0.5}), ("panda", {"viscous": 0.5}), ("planar_2r", {"coulomb": 0.5}), ("panda", {"coulomb": 0.5})],
+)
+def test_friction_takes_the_energy_that_it_should(name, friction):
+    robot = load(name).changed(**friction)
+    velocities, energies = swing(robot, 0.3, dt=2.5e-4)
+    power = np.array([v @ robot.friction.torque(v) for v in velocities])
+    assert (np.diff(energies) < 0.0).all()
+    lost = 2.5e-4 * (power.sum() - 0.5 * (power[0] + power[-1]))  # trapezoidal rule
+    assert np.isclose(energies[0] - energies[-1], lost, rtol=1e-2)
+
+
+def test_continuous_and_sampled_agree_as_the_period_shrinks():
+    control = {"dt": 1e-3}
+    reference = run("planar_2r", control=control, duration=0.4, dt=1e-3, mode="continuous").x[-1]
+    errors = []
+    for dt in (2e-3, 1e-3, 5e-4):
+        rollout = run("planar_2r", control=control, duration=0.4 + dt, dt=dt)
+        assert np.isclose(rollout.t[-1], 0.4)
+        errors.append(np.linalg.norm(rollout.x[-1] - reference))
+    ratios = np.array(errors[:-1]) / np.array(errors[1:])
+    assert (ratios > 1.7).all() and (ratios < 2.3).all()  # first order in dt
+    assert errors[-1] < 1e-4
+
+
+def test_continuous_mode_converges_with_its_step():
+    ends = [run("scara", duration=0.1, dt=dt, mode="continuous", control={"dt": 1e-3}).x[-1] for dt in (2e-3, 1e-3, 5e-4)]
+    assert np.linalg.norm(ends[1] - ends[2]) < 0.2 * np.linalg.norm(ends[0] - ends[1])
+
+
+# --- the controller ---
+
+
+def controlled(name, law, adaptation="natural"):
+    """Return a controller a few steps into its work, its state, a measurement and the desired motion."""
+    robot = load(name)
+    controller = pa.make_controller(robot.changed(inertial_scale=0.8), law=law, adaptation=adaptation)
+    plant, desired = pa.Plant(robot), circle(robot).at(0.1)
+    rng = np.random.default_rng(5)
+    v = 0.3 * rng.standard_normal(plant.nv)
+    q = plant.integrate(robot.q0, 0.05 * rng.standard_normal(plant.nv))
+    measurement = pa.Measurement(q, v, *plant.task_motion(q, v))
+    state = controller.init(measurement)
+    for _ in range(3):
+        state = controller.step(state, measurement, desired, 1e-3)[1]
+    return controller, state, measurement, desired
+
+
+def copies(record):
+    """Return deep copies of a record's arrays."""
+    return [None if field is None else np.copy(field) for field in record]
+
+
+def equal(record, arrays):
+    """Tell whether a record's arrays are still what they were."""
+    return all(field is array or np.array_equal(field, array) for field, array in zip(record, arrays, strict=True))
+
+
+@pytest.mark.parametrize(("law", "adaptation"), list(product(pa.LAWS, ["natural", "gradient", "none"])))
+def test_step_is_pure(law, adaptation):
+    controller, state, measurement, desired = controlled("ur5", law, adaptation)
+    before = copies(state), copies(measurement), copies(desired)
+    tau, after = controller.step(state, measurement, desired, 1e-3)
+    kept = copies(after)
+    controller.step(after, measurement, desired, 1e-3)
+    again, state_again = controller.step(state, measurement, desired, 1e-3)
+    assert np.array_equal(tau, again) and equal(state_again, kept) and equal(after, kept)
+    assert equal(state, before[0]) and equal(measurement, before[1]) and equal(desired, before[2])
+
+
+MEASURED = [(law, field) for law in pa.LAWS for field in ("q", "v", "x")]
+MEASURED += [(name, "xd") for name, law in pa.LAWS.items() if law.needs_task_velocity]
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+@pytest.mark.parametrize("adaptation", ["natural", "gradient"])
+@pytest.mark.parametrize(("law", "field"), MEASURED)
+def test_a_bad_measurement_raises_and_leaves_the_state_alone(law, adaptation, field, bad):
+    controller, state, measurement, desired = controlled("scara", law, adaptation)
+    tau, after = controller.step(state, measurement, desired, 1e-3)
+    before, expected = copies(state), copies(after)
+    spoilt = np.copy(getattr(measurement, field))
+    spoilt[-1 if field != "q" else 0] = bad
+    with pytest.raises(pa.MeasurementError, match=f"'{field}'") as error, np.errstate(all="ignore"):
+        controller.step(state, measurement._replace(**{field: spoilt}), desired, 1e-3)
+    assert error.value.field == field
+    assert equal(state, before)
+    tau_again, after_again = controller.step(state, measurement, desired, 1e-3)  # as if nothing had happened
+    assert np.array_equal(tau, tau_again) and equal(after_again, expected)
+
+
+def test_states_do_not_change_when_the_caller_reuses_its_buffers():
+    robot = load("ur5")
+    controller = pa.make_controller(robot)
+    q, v, x = robot.q0.copy(), np.full(6, 0.1), robot.position(robot.q0)
+    first = controller.init(pa.Measurement(q, v, x))
+    _, second = controller.step(first, pa.Measurement(q, v, x), circle(robot).at(0.0), 1e-3)
+    before = copies(first), copies(second)
+    for buffer in (q, v, x):
+        buffer += 1.0
+    assert equal(first, before[0]) and equal(second, before[1])
+
+
+def test_a_bad_first_measurement_is_refused():
+    robot = load("ur5")
+    controller = pa.make_controller(robot)
+    with pytest.raises(pa.MeasurementError, match="'x'"):
+        controller.init(pa.Measurement(robot.q0, np.zeros(6), np.full(3, np.nan)))
+
+
+def test_laws_with_task_velocity_say_that_they_need_it():
+    robot = load("ur5")
+    for name, law in pa.LAWS.items():
+        controller = pa.make_controller(robot, law=name)
+        measurement = pa.Measurement(robot.q0, np.zeros(6), robot.position(robot.q0))
+        if law.needs_task_velocity:
+            with pytest.raises(pa.InputError, match="task velocity"):
+                controller.init(measurement)
+        else:
+            controller.step(controller.init(measurement), measurement, circle(robot).at(0.0), 1e-3)
+
+
+# --- divergence ---
+
+
+def test_a_diverged_run_is_a_partial_rollout():
+    rollout = run("panda", control={"adaptation": "gradient", "gamma_d": 1.0}, duration=1.0)
+    assert rollout.diverged is not None and 0.0 < rollout.diverged < 1.0
+    assert len(rollout.t) == len(rollout.tau) == len(rollout.a_d) == len(rollout.min_eig_M_hat) < 1000
+    assert np.isclose(rollout.t[-1] + 1e-3, rollout.diverged)
+    assert np.isfinite(rollout.q).all() and np.isfinite(rollout.tau).all()
+    assert f"at {rollout.diverged:.3f} s" in str(rollout) and "DIVERGED" in str(rollout)
+    assert rollout.summary()["diverged"] == rollout.diverged
+
+
+WILD = {  # loops that blow up in many ways: robot, law, gamma_d, Kv, options
+    "edge of the cone": ("panda", "adaptive-inverse-dynamics", 1e2, 1e3, {}),
+    "lyapunov function": ("planar_2r", "adaptive-inverse-dynamics-velocity", 1e2, 1e4, {}),
+    "overflow, sampled": ("ur5", "adaptive-inverse-dynamics", 1e3, 1e3, {}),
+    "overflow, continuous": (
+        "planar_2r",
+        "adaptive-inverse-dynamics",
+        1e3,
+        None,
+        {"mode": "continuous", "acceleration": "ideal"},
+    ),
+    "watched matrices": (
+        "ur5",
+        "adaptive-inverse-dynamics-improved",
+        1e2,
+        1e3,
+        {"mode": "continuous", "acceleration": "ideal"},
+    ),
+    "algebraic loop": ("panda", "adaptive-inverse-dynamics-improved", 1e3, None, {"acceleration": "ideal"}),
+}
+
+
+@pytest.mark.parametrize(("name", "law", "gamma_d", "Kv", "options"), WILD.values(), ids=WILD.keys())
+def test_divergence_is_a_result_and_no_error(name, law, gamma_d, Kv, options):
+    described = load(name)
+    true = described.changed(payload=pa.Payload(1.0, [0.0, 0.0, 0.05]))
+    controller = pa.make_controller(described.changed(inertial_scale=0.5), law=law, gamma_d=gamma_d, Kv=Kv)
+    with np.errstate(all="ignore"):  # numbers may overflow on the way
+        rollout = pa.simulate(true, controller, circle(true, 0.1, 1.0), duration=0.05, dt=2e-3, **options)
+    assert rollout.diverged is not None
+    assert "DIVERGED" in str(rollout)
+
+
+# --- refusals ---
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"duration": 0.0}, "duration"),
+        ({"dt": -1e-3}, "dt"),
+        ({"mode": "sampld"}, "Did you mean 'sampled'"),
+        ({"acceleration": "idel"}, "Did you mean 'ideal'"),
+        ({"substeps": 0}, "substeps"),
+        ({"noise": {"p": 1e-3}}, "'p'"),
+        ({"noise": {"q": -1e-3}}, r"noise\.q"),
+        ({"noise": {"x": np.nan}}, r"noise\.x"),
+        ({"delay": -1e-3}, "delay"),
+        ({"seed": -1}, "seed"),
+        ({"mode": "continuous", "noise": {"q": 1e-3}}, "sampled mode only"),
+        ({"mode": "continuous", "delay": 1e-3}, "sampled mode only"),
+        ({"mode": "continuous", "torque_limits": True}, "sampled mode only"),
+        ({"a_k": [0.0]}, r"belief\.kinematic"),
+        ({"a_k": [np.nan] * 2}, r"belief\.kinematic"),
+        ({"a_d": np.zeros(3)}, r"belief\.dynamic"),
+    ],
+)
+def test_impossible_runs_are_refused(options, words):
+    with pytest.raises(pa.InputError, match=words):
+        run(**{"duration": 0.002, **options})
+
+
+@pytest.mark.parametrize("true", ["planar_2r", "panda", "kinova"])
+def test_a_true_robot_of_another_shape_is_refused(true):
+    controller, robot = pa.make_controller(load("ur5")), load(true)
+    with pytest.raises(pa.InputError, match="differ"):
+        pa.simulate(robot, controller, circle(robot), duration=0.002)
+
+
+def test_a_motion_of_another_size_is_refused():
+    robot = load("ur5")
+    with pytest.raises(pa.InputError):
+        pa.simulate(robot, pa.make_controller(robot), pa.Hold([0.3, 0.2]), duration=0.002)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"alpha": 40.0, "Kv": 40.0}, "alpha.*positive definite"),
+        ({"alpha": 30.0, "Kv": [40.0, 20.0, 40.0]}, "Take alpha below 20"),
+        ({"alpha": -1.0}, "alpha"),
+        ({"Kv": -1.0}, "Kv"),
+        ({"Kv": [1.0, 2.0]}, "Kv.*3 numbers"),
+        ({"Kv": [[40.0, 1.0, 0.0], [0.0, 40.0, 0.0], [0.0, 0.0, 40.0]]}, "Kv.*symmetric"),
+        ({"Kp": 0.0}, "Kp"),
+        ({"Kp": np.nan}, "Kp.*finite"),
+        ({"R_k": -1.0}, "R_k"),
+        ({"Q": -1.0}, "Q"),
+        ({"Q": [1.0, 1.0, 1.0]}, "Q.*6 numbers"),
+        ({"gamma_d": -1.0}, "gamma_d"),
+        ({"gamma_d": [1.0, 2.0]}, "gamma_d.*scalar"),
+        ({"gamma_d": [1.0, 2.0], "adaptation": "gradient"}, "gamma_d.*60 numbers"),
+        ({"gamma_d": 0.0, "adaptation": "gradient"}, "gamma_d.*positive"),
+        ({"gamma_k": [1.0]}, "gamma_k.*3 numbers"),
+        ({"gamma_k": 0.0}, "gamma_k.*positive"),
+        ({"lambda_": 0.0}, "lambda"),
+        ({"lambda_a": -1.0}, "lambda_a"),
+        ({"dt": 0.0}, "dt"),
+        ({"dt": -1e-3}, "dt"),
+        ({"law": "adaptive-invers-dynamics"}, "Did you mean 'adaptive-inverse-dynamics'"),
+        ({"adaptation": "natrual"}, "Did you mean 'natural'"),
+        ({"adaptation": "natrual", "law": "resolved-acceleration"}, "Did you mean 'natural'"),
+        ({"kinematic": ["tol"]}, "Did you mean 'tool'"),
+        ({"dynamic": "al"}, "Did you mean 'all'"),
+        ({"basis": np.ones((3, 2))}, "60 rows"),
+    ],
+)
+def test_impossible_controllers_are_refused(arguments, words):
+    with pytest.raises(pa.InputError, match=words):
+        pa.make_controller(load("ur5"), **arguments)
+
+
+def test_a_basis_with_natural_adaptation_needs_a_fitting_inequality():
+    robot, B = load("planar_2r"), np.loadtxt(robots_folder() / "planar_2r" / "basis.csv", delimiter=",")
+    with pytest.raises(pa.InputError, match="inequality"):
+        pa.make_controller(robot, basis=B)
+    with pytest.raises(pa.InputError, match="1 coefficients"):
+        pa.make_controller(robot, basis=B, lmi=[[[1.0]]])
