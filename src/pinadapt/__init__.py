@@ -1,7 +1,6 @@
 """Adaptive control of robots with uncertain kinematics and dynamics, on Pinocchio."""
 
-__version__ = "0.1.0"
-
+from ._version import __version__ as __version__
 from .adaptation import Adaptation as Adaptation
 from .adaptation import BodyCone as BodyCone
 from .adaptation import Cone as Cone

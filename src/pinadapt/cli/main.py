@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from .. import __version__
+from .._version import __version__
 from ..exceptions import InputError, PinadaptError
 
 DONE, REFUSED, DIVERGED = 0, 2, 3

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from .._version import __version__
 from .table import two_columns
 
 
@@ -69,10 +71,7 @@ class Rollout:
         return self.distance[:count] if first else self.distance[-count:]
 
     def summary(self) -> dict[str, Any]:
-        """Return the numbers of ``summary.json``; a run without a single sample has NaN for None."""
-        from .. import __version__
-
-        some = len(self.t) > 0
+        """Return the numbers of ``summary.json``; None stands for those that no sample or no finite number gives."""
         return {
             "title": self.title,
             "law": self.law,
@@ -81,12 +80,12 @@ class Rollout:
             "nv": int(self.v.shape[1]),
             "diverged": self.diverged,
             "reason": self.reason,
-            "max_error_first": float(self.window(True).max()) if some else None,
-            "max_error_last": float(self.window(False).max()) if some else None,
-            "rms_error_last": float(np.sqrt(np.mean(self.window(False) ** 2))) if some else None,
-            "tau_max": float(np.abs(self.tau).max()) if some else None,
-            "min_eig_M_hat": float(self.min_eig_M_hat.min()) if some else None,
-            "min_singular_J_hat": float(self.min_singular_J_hat.min()) if some else None,
+            "max_error_first": _extreme(np.max, self.window(True)),
+            "max_error_last": _extreme(np.max, self.window(False)),
+            "rms_error_last": _extreme(_rms, self.window(False)),
+            "tau_max": _extreme(np.max, np.abs(self.tau)),
+            "min_eig_M_hat": _extreme(np.min, self.min_eig_M_hat),
+            "min_singular_J_hat": _extreme(np.min, self.min_singular_J_hat),
             "steps": len(self.t),
             "wall_time_s": self.wall_time,
             "step_time_us": self.step_time * 1e6,
@@ -140,3 +139,13 @@ class Rollout:
         from .plots import draw_all  # matplotlib is slow to import
 
         return draw_all(self, Path(folder))
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _extreme(of: Callable[[np.ndarray], float], values: np.ndarray) -> float | None:
+    """Return a number made of the finite values, or None where there is none."""
+    finite = values[np.isfinite(values)]
+    return float(of(finite)) if finite.size else None
