@@ -95,7 +95,7 @@ class Controller:
                 a_k=self.adaptation_k.advance(state.a_k, g_k, dt),
                 a_0=state.a_0,
                 W_k=velocity.advance(state.W_k, self.kinematics.Y_k, dt),
-                xi=velocity.advance(state.xi, state.xi + signals.y + self.kinematics.y_k0, dt),
+                xi=state.xi + velocity.fraction(dt) * (signals.y + self.kinematics.y_k0),
                 z=self.acceleration_filter.advance(state.z, measurement.v, dt),
             )
         except (DivergedError, np.linalg.LinAlgError) as error:
@@ -137,14 +137,14 @@ class Controller:
             return measurement.a
         return self.acceleration_filter.rate(state.z, measurement.v)
 
-    def rate(self, state: ControllerState, measurement: Measurement, gradients: Gradients) -> ControllerState:
-        """Return d(state)/dt after ``observe`` at the same instant, for integration as an ODE; a_0 has no rate and is kept."""
+    def rate(self, state: ControllerState, measurement: Measurement, signals: Signals, gradients: Gradients) -> ControllerState:
+        """Return d(state)/dt from what the law saw and its gradients, to integrate as an ODE; a_0 is kept as it is."""
         return ControllerState(
             a_d=self.adaptation_d.rate(state.a_d, gradients.g_d),
             a_k=self.adaptation_k.rate(state.a_k, gradients.g_k),
             a_0=state.a_0,
             W_k=self.velocity_filter.rate(state.W_k, self.kinematics.Y_k),
-            xi=self.velocity_filter.rate(state.xi, self._filtered_position(measurement.x)),
+            xi=self.velocity_filter.bandwidth * (signals.y + self.kinematics.y_k0),  # the input is lambda x + y_k0
             z=self.acceleration_filter.rate(state.z, measurement.v),
         )
 
@@ -152,10 +152,6 @@ class Controller:
         """Return what the law saw and its command, torque still affine in the joint acceleration."""
         signals = self.observe(state, measurement, desired)
         return signals, self.law.command(signals)
-
-    def _filtered_position(self, x: np.ndarray) -> np.ndarray:
-        """Return lambda x + y_k0 (m), the input of the filter behind y."""
-        return self.velocity_filter.bandwidth * x + self.kinematics.y_k0
 
     def _check(self, measurement: Measurement) -> None:
         for name, value in zip(measurement._fields, measurement, strict=True):

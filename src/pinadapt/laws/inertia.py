@@ -14,7 +14,7 @@ def solve_inertia(M: np.ndarray, w: np.ndarray) -> np.ndarray:
     Raises:
         DivergedError: M is singular.
     """
-    _, _, solution, info = dgesv(M, w)
+    _, _, solution, info = dgesv(M.T, w)  # M is symmetric; its transpose is in the order LAPACK wants
     if info != 0:
         raise DivergedError(
             "the estimated mass matrix became singular. Natural adaptation keeps it positive definite; "

@@ -9,12 +9,12 @@ from numpy.typing import ArrayLike
 
 from ..exceptions import ParameterError
 from ..robot import Robot
-from .dynamic import DynamicParameters, equivalent_parameters
-from .inertial_model import InertialModel
-from .regressor import PER_BODY, Regressor
+from .dynamic import equivalent_parameters
+from .inertial import InertialParameters
+from .regressor import PER_BODY
 
 
-class BasisParameters(DynamicParameters):
+class BasisParameters(InertialParameters):
     """Parameters a with pi = B a, so that the torque is Y B a; pi is the stack of ten parameters a body.
 
     pi need not be physical, nor even have masses. Lumped parameters that
@@ -27,6 +27,7 @@ class BasisParameters(DynamicParameters):
         Raises:
             ParameterError: wrong shape, non-finite entries, or columns that the dynamics cannot tell apart.
         """
+        super().__init__(robot)
         rows = PER_BODY * robot.model.nv
         self.B = np.array(B, dtype=float)
         if self.B.ndim != 2 or self.B.shape[0] != rows or not self.B.shape[1]:
@@ -37,9 +38,6 @@ class BasisParameters(DynamicParameters):
             raise ParameterError("all entries must be finite.", where="unknown.basis")
         self.size = self.B.shape[1]
         self.names = names or tuple(f"a{i + 1}" for i in range(self.size))
-        self._armature = np.array(robot.model.armature)
-        self._regressor = Regressor(robot.model)
-        self._believed = InertialModel(robot.model)
         initial = equivalent_parameters(self._regressor, self.B, robot)
         if initial is None:
             raise ParameterError(
@@ -59,27 +57,13 @@ class BasisParameters(DynamicParameters):
         """
         return cls(robot, read_matrix(path))
 
-    def load(self, a_d: np.ndarray) -> None:
-        """Set pi = B a_d."""
-        self._pi = self.B @ a_d
-        self._believed.load(self._pi)
+    def expand(self, a_d: np.ndarray) -> np.ndarray:
+        """Return pi = B a_d (10 n)."""
+        return self.B.dot(a_d)
 
-    def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Return M a + C v + g (n) = Y B a_d + rotors, by RNEA."""
-        return self._believed.torque(q, v, a)
-
-    def mass_matrix(self, q: np.ndarray) -> np.ndarray:
-        """Return M (n, n) by CRBA."""
-        return self._believed.mass_matrix(q)
-
-    def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+    def reduce(self, Y: np.ndarray) -> np.ndarray:
         """Return Y B (n, p)."""
-        return self._regressor(q, v, a) @ self.B
-
-    def slotine_li(self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return Y_r B (n, p) and the torque it gives (n)."""
-        Y = self._regressor.slotine_li(q, v, v_r, a_r)
-        return Y @ self.B, Y @ self._pi + self._armature * a_r
+        return Y.dot(self.B)
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the a that reproduces a robot's dynamics with the believed placements, or None if none does."""

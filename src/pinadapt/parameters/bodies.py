@@ -8,9 +8,8 @@ import numpy as np
 
 from ..robot import Robot
 from ..robot.changes import joint_id
-from .dynamic import DynamicParameters
-from .inertial_model import InertialModel
-from .regressor import LABELS, PER_BODY, Regressor, inertial_parameters
+from .inertial import InertialParameters
+from .regressor import LABELS, PER_BODY, inertial_parameters
 
 ALL, PAYLOAD, NONE = "all", "payload", "none"
 
@@ -29,7 +28,7 @@ def chosen_bodies(robot: Robot, unknown: str | Sequence[str]) -> list[int]:
     return sorted({joint_id(robot.model, name, "unknown.dynamic", (ALL, PAYLOAD, NONE)) - 1 for name in names})
 
 
-class BodyParameters(DynamicParameters):
+class BodyParameters(InertialParameters):
     """The ten inertial parameters [m, mc, I about the joint] of chosen bodies; the others are as believed.
 
     Attributes:
@@ -42,43 +41,26 @@ class BodyParameters(DynamicParameters):
         Raises:
             RobotError: unknown joint.
         """
+        super().__init__(robot)
         self.bodies = chosen_bodies(robot, unknown)
         self.names = tuple(f"{robot.joint_names[body]}.{label}" for body in self.bodies for label in LABELS)
         self.size = len(self.names)
         self._columns = np.concatenate([[PER_BODY * b + i for i in range(PER_BODY)] for b in self.bodies] or [[]]).astype(int)
         self._complete = self.size == PER_BODY * robot.model.nv
-        self._believed = InertialModel(robot.model)
-        self._regressor = Regressor(robot.model)
         self._placements = [placement.copy() for placement in robot.model.jointPlacements]
-        self._armature = np.array(robot.model.armature)
-        self._pi = inertial_parameters(robot.model)
         self.initial = self._pi[self._columns].copy()
-        self._believed.load(self._pi)
 
-    def load(self, a_d: np.ndarray) -> None:
-        """Write the estimate into the private model's inertias."""
+    def expand(self, a_d: np.ndarray) -> np.ndarray:
+        """Return pi (10 n): a_d for the adapted bodies, the believed parameters for the others."""
         if self._complete:
-            self._pi = a_d
-        else:
-            self._pi[self._columns] = a_d
-        self._believed.load(self._pi)
+            return a_d
+        pi = self._pi.copy()
+        pi[self._columns] = a_d
+        return pi
 
-    def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Return M a + C v + g (n) by RNEA."""
-        return self._believed.torque(q, v, a)
-
-    def mass_matrix(self, q: np.ndarray) -> np.ndarray:
-        """Return M (n, n) by CRBA."""
-        return self._believed.mass_matrix(q)
-
-    def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+    def reduce(self, Y: np.ndarray) -> np.ndarray:
         """Return the columns of the adapted bodies (n, p)."""
-        return self._adapted(self._regressor(q, v, a))
-
-    def slotine_li(self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return Y_r (n, p) and the torque it gives (n), known bodies and rotors included."""
-        Y = self._regressor.slotine_li(q, v, v_r, a_r)
-        return self._adapted(Y), Y @ self._pi + self._armature * a_r
+        return Y if self._complete else Y[:, self._columns]
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the ten parameters of each adapted body; None when known bodies or placements differ from the believed."""
@@ -90,6 +72,3 @@ class BodyParameters(DynamicParameters):
             ours.isApprox(theirs, 1e-9) for ours, theirs in zip(self._placements, robot.model.jointPlacements, strict=True)
         )
         return pi[self._columns] if same else None
-
-    def _adapted(self, Y: np.ndarray) -> np.ndarray:
-        return Y if self._complete else Y[:, self._columns]

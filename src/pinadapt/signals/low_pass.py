@@ -32,4 +32,8 @@ class LowPass:
 
     def advance(self, state: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
         """Return the state after dt [s] with the input held: exact for any dt."""
-        return state - math.expm1(-self.bandwidth * dt) * (u - state)
+        return state + self.fraction(dt) * (u - state)
+
+    def fraction(self, dt: float) -> float:
+        """Return how much of the way to a held input the state goes in dt [s]."""
+        return -math.expm1(-self.bandwidth * dt)

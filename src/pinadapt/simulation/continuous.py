@@ -96,4 +96,4 @@ class _Loop:
             self.torque = command.at(a_law)
             a = plant.acceleration(q, v, self.torque)
         gradients = controller.law.gradients(signals, command, a_law)
-        return np.concatenate([v, a, controller.rate(self.state, self.measurement, gradients).flat()])
+        return np.concatenate([v, a, controller.rate(self.state, self.measurement, signals, gradients).flat()])
