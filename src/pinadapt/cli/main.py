@@ -18,7 +18,7 @@ DONE, REFUSED, DIVERGED = 0, 2, 3
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status: 0 done, 2 the input was refused, 3 the closed loop diverged."""
     options = _parser().parse_args(arguments)
-    warnings.showwarning = _show_warning
+    shown, warnings.showwarning = warnings.showwarning, _show_warning
     try:
         command: Callable[[argparse.Namespace], int] = options.command
         return command(options)
@@ -34,6 +34,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:  # an output folder that cannot be made or written
         print(f"pinadapt: {error}", file=sys.stderr)
         return REFUSED
+    finally:
+        warnings.showwarning = shown
 
 
 def _show_warning(message: Any, category: Any, filename: str, lineno: int, file: Any = None, line: Any = None) -> None:
@@ -64,7 +66,9 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--no-html", action="store_true", help="write no animation")
     command = add("compare", compare, "run the laws side by side on one scenario")
     _scenario_arguments(command)
-    command.add_argument("--laws", type=lambda text: text.split(","), metavar="A,B", help="default: all laws")
+    command.add_argument(
+        "--laws", type=lambda text: [law.strip() for law in text.split(",")], metavar="A,B", help="default: all laws"
+    )
     add("robots", robots, "list the robots of the catalogue")
     return parser
 

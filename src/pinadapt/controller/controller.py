@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ..adaptation import Adaptation
-from ..exceptions import DivergedError, MeasurementError, ParameterError
+from ..exceptions import DivergedError, InputError, MeasurementError, ParameterError
 from ..laws import Command, Gradients, Law, Signals
 from ..laws.right_inverse import RightInverse
 from ..parameters import DynamicParameters, KinematicParameters
@@ -57,10 +57,15 @@ class Controller:
             a_d: (p_d) initial dynamic estimate; natural adaptation moves unphysical bodies into the cone, with a warning.
 
         Raises:
-            MeasurementError: non-finite or missing measurements.
+            MeasurementError: non-finite measurements.
+            InputError: measurements of the wrong size, or none where the law needs one.
             ParameterError: estimates of the wrong size, non-finite, or outside the cone of natural adaptation.
         """
         self._check(measurement)
+        for name, size in (("q", self.kinematics.nq), ("v", self.kinematics.nv), ("x", self.kinematics.task.size)):
+            if np.shape(getattr(measurement, name)) != (size,):
+                shape = np.shape(getattr(measurement, name))
+                raise InputError(f"expected {size} numbers, got shape {shape}.", where=f"measurement.{name}")
         a_k = _estimate(a_k, self.kinematics.initial, "belief.kinematic", self.kinematics.names)
         a_d = _estimate(a_d, self.dynamics.initial, "belief.dynamic", self.dynamics.names)
         a_d = self.adaptation_d.admit(a_d)

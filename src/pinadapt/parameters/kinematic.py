@@ -119,6 +119,7 @@ class KinematicParameters:
         initial: (p) values in the believed robot's own description [m].
         task: the controlled coordinates.
         joint_names: names of the chain's joints.
+        nq, nv: sizes of configuration and velocity.
         x_hat: (m) believed position [m].
         xd_hat: (m) believed velocity J v [m/s].
         J: (m, nv) Jacobian at the estimate.
@@ -135,6 +136,7 @@ class KinematicParameters:
         """
         self.translations = unknown_translations(robot, unknown)
         self.task, self.joint_names = robot.task, robot.joint_names
+        self.nq, self.nv = int(robot.model.nq), int(robot.model.nv)
         self.names = tuple(label for part in self.translations for label in part.labels)
         self.size = len(self.names)
         self._rows = robot.task.rows

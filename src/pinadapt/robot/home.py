@@ -7,9 +7,11 @@ from collections.abc import Iterable
 import numpy as np
 import pinocchio as pin
 
+from ..exceptions import RobotError
 from .chain import configuration_from_angles
 
 _WELL_CONDITIONED = 0.1  # smallest over largest singular value of the task Jacobian
+_DEGENERATE = 1e-6
 _SAMPLES = 500
 
 
@@ -38,7 +40,11 @@ def conditioning(model: pin.Model, data: pin.Data, frame: int, rows: slice, q: n
 
 
 def find_home(model: pin.Model, frame: int, rows: slice, candidates: Iterable[np.ndarray]) -> np.ndarray:
-    """Return the first well-conditioned candidate (nq), else the best of many seeded samples inside the limits."""
+    """Return the first well-conditioned candidate (nq), else the best of many seeded samples inside the limits.
+
+    Raises:
+        RobotError: the task Jacobian is degenerate in all of them.
+    """
     data = model.createData()
     for q in candidates:
         if conditioning(model, data, frame, rows, q)[1] >= _WELL_CONDITIONED:
@@ -47,4 +53,11 @@ def find_home(model: pin.Model, frame: int, rows: slice, candidates: Iterable[np
     middle, half = (lower + upper) / 2, 0.8 * (upper - lower) / 2
     angles = middle + half * np.random.default_rng(0).uniform(-1.0, 1.0, (_SAMPLES, model.nv))
     samples = [configuration_from_angles(model, sample) for sample in angles]
-    return max(samples, key=lambda q: conditioning(model, data, frame, rows, q)[0])
+    best = max(samples, key=lambda q: conditioning(model, data, frame, rows, q)[0])
+    if conditioning(model, data, frame, rows, best)[1] < _DEGENERATE:
+        raise RobotError(
+            f"the chain to frame '{model.frames[frame].name}' cannot move all coordinates of the task in any posture.",
+            where="task",
+            hint="Take another task, or a frame further out.",
+        )
+    return best

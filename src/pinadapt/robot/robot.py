@@ -146,7 +146,7 @@ def load(
     *,
     frame: str | None = None,
     task: str | None = None,
-    locked: Sequence[str] = (),
+    locked: str | Sequence[str] = (),
     q0: ArrayLike | None = None,
     gravity: ArrayLike | None = None,
     weld_root: bool = False,
@@ -170,7 +170,7 @@ def load(
     found = _describe(source)
     chosen = task_named(task or found.task or "xyz")
     name = frame or found.frame or str(found.model.frames[-1].name)
-    keep = _kept_joints(found, name, locked, weld_root)
+    keep = _kept_joints(found, name, [locked] if isinstance(locked, str) else locked, weld_root)
     check_numbers(found.model)
     model, visual = reduce_to_chain(found.model, found.visual, keep, found.q_reference)
     if gravity is not None:

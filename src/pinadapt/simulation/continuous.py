@@ -44,6 +44,8 @@ def run_continuous(
         desired = trajectory.at(t)
         try:
             k1 = loop.slope(y, desired)
+            if not np.isfinite(k1).all() or not np.isfinite(loop.torque).all():
+                raise DivergedError("the torque or the estimates are no longer finite.")
             if k % record_every == 0:
                 trace.add(t, loop.measurement, desired, loop.measurement, loop.state, loop.torque)
             middle = trajectory.at(t + 0.5 * dt)

@@ -24,7 +24,14 @@ class Sensors:
     def __init__(
         self, plant: Plant, dt: float, *, noise: Mapping[str, float] | None = None, delay: float = 0.0, seed: int = 0
     ) -> None:
-        """Take standard deviations q [rad or m], v [rad/s or m/s], x [m], and the tracker's delay [s].
+        """Take standard deviations q [rad or m], v [rad/s or m/s], x [m], and the tracker's delay.
+
+        Args:
+            plant: what is measured.
+            dt: sampling period [s].
+            noise: standard deviation of each channel.
+            delay: s, rounded to whole periods.
+            seed: of the noise.
 
         Raises:
             InputError: unknown channels or negative numbers.

@@ -86,15 +86,21 @@ def simulate(
     samples = range(max(1, round(duration / dt)) + (mode == "continuous"))
     times = samples if progress is None else progress(samples)
     loop: dict[str, Any] = {"times": times, "dt": dt, "record_every": int(record_every), "ideal_acceleration": ideal}
-    if mode == "continuous":
-        trace = run_continuous(plant, controller, trajectory, state, **loop)
-    else:
-        loop["sensors"] = Sensors(plant, dt, noise=noise, delay=delay, seed=seed)
-        loop["torque_limits"] = effort_limits(true) if torque_limits else None
-        trace = run_sampled(plant, controller, trajectory, state, substeps=int(substeps), **loop)
-    return evaluate(
-        trace, plant, controller, title=title or true.name, adaptation=_words(controller), wall_time=perf_counter() - started
-    )
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a loop that diverges overflows on its way
+        if mode == "continuous":
+            trace = run_continuous(plant, controller, trajectory, state, **loop)
+        else:
+            loop["sensors"] = Sensors(plant, dt, noise=noise, delay=delay, seed=seed)
+            loop["torque_limits"] = effort_limits(true) if torque_limits else None
+            trace = run_sampled(plant, controller, trajectory, state, substeps=int(substeps), **loop)
+        return evaluate(
+            trace,
+            plant,
+            controller,
+            title=title or true.name,
+            adaptation=_words(controller),
+            wall_time=perf_counter() - started,
+        )
 
 
 def prepare(
