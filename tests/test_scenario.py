@@ -354,6 +354,7 @@ def test_what_does_not_exist_yet_is_refused_and_the_alternatives_named(setting, 
 
 
 def test_an_inequality_without_basis_is_refused(tmp_path):
+    (tmp_path / "lmi.csv").write_text("1, 0, 0, 1\n")
     with pytest.raises(pa.InputError, match=r"unknown\.lmi.*basis"):
         scara(tmp_path, '[unknown]\nlmi = "lmi.csv"')
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -58,7 +59,7 @@ def definite_matrix(value: ArrayLike, size: int, name: str) -> np.ndarray:
     return array
 
 
-def positive(value: float, name: str, *, zero: bool = False) -> float:
+def positive(value: Any, name: str, *, zero: bool = False) -> float:
     """Return ``value`` as a finite positive float (or zero, where allowed).
 
     Raises:

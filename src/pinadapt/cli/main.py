@@ -17,7 +17,14 @@ DONE, REFUSED, DIVERGED = 0, 2, 3
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status: 0 done, 2 the input was refused, 3 the closed loop diverged."""
-    options = _parser().parse_args(arguments)
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    if getattr(options, "scenario", options) is None:  # ``--set key=value scenario.toml`` takes the file for a setting
+        files = [text for text in options.set if "=" not in text]
+        if len(files) != 1:
+            parser.error("exactly one SCENARIO.toml is required")
+        options.scenario = Path(files[0])
+        options.set.remove(files[0])
     shown, warnings.showwarning = warnings.showwarning, _show_warning
     try:
         command: Callable[[argparse.Namespace], int] = options.command
@@ -74,6 +81,6 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _scenario_arguments(command: argparse.ArgumentParser) -> None:
-    command.add_argument("scenario", type=Path, metavar="SCENARIO.toml")
+    command.add_argument("scenario", type=Path, nargs="?", metavar="SCENARIO.toml")
     command.add_argument("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help="override a dotted key")
     command.add_argument("--out", type=Path, metavar="DIR", help="where to write (default: out/ and the scenario's name)")

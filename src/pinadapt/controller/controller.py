@@ -85,7 +85,8 @@ class Controller:
         """Return the torque (n) [N m or N] to hold for the next dt [s], and the next state.
 
         Raises:
-            MeasurementError: a non-finite measurement; ``state`` is as good as before.
+            MeasurementError: a signal the law uses is not finite; ``state`` is as good as before.
+            InputError: the desired motion is not finite.
             DivergedError: torque or estimates are no longer finite, or the law met a singularity.
         """
         try:
@@ -104,10 +105,10 @@ class Controller:
                 z=self.acceleration_filter.advance(state.z, measurement.v, dt),
             )
         except (DivergedError, np.linalg.LinAlgError) as error:
-            self._check(measurement)  # a sensor that fails is the likelier cause
+            self._check(measurement, desired)  # a signal that fails is the likelier cause
             raise DivergedError(str(error)) from error
-        if not math.isfinite(torque.dot(torque) + after.a_d.dot(after.a_d)):  # every measurement enters one of them
-            self._check(measurement)
+        if not math.isfinite(torque.dot(torque) + after.a_d.dot(after.a_d) + after.a_k.dot(after.a_k)):
+            self._check(measurement, desired)
             raise DivergedError("the torque or the estimates are no longer finite.")
         return torque, after
 
@@ -158,7 +159,9 @@ class Controller:
         signals = self.observe(state, measurement, desired)
         return signals, self.law.command(signals)
 
-    def _check(self, measurement: Measurement) -> None:
+    def _check(self, measurement: Measurement, desired: Desired | None = None) -> None:
+        if desired is not None and not np.isfinite(desired).all():
+            raise InputError(f"the desired motion is not finite: {desired}.", where="desired")
         for name, value in zip(measurement._fields, measurement, strict=True):
             if value is not None and not np.isfinite(value).all():
                 raise MeasurementError(name, value)

@@ -68,6 +68,8 @@ def make_controller(
     """
     chosen = _law(law)
     kinematics = KinematicParameters(believed, kinematic)
+    if lmi is not None and basis is None:
+        raise ParameterError("an inequality belongs to a basis of your own.", where="unknown.lmi", hint="Give a basis too.")
     bodies = BodyParameters(believed, dynamic)  # checks the words even where a basis takes their place
     dynamics: DynamicParameters = bodies if basis is None else BasisParameters(believed, basis)
     default = default_gains(believed, chosen, positive(dt, "dt"))
@@ -78,6 +80,7 @@ def make_controller(
         alpha=default.alpha if alpha is None else alpha,
         R_k=default.R_k if R_k is None else R_k,
         Q=Q,
+        margin=chosen.needs_margin,
     )
     kind = _adaptation(adaptation)
     kind = kind if chosen.adapts else "none"
@@ -143,7 +146,7 @@ def _natural(believed: Robot, dynamics: DynamicParameters, rate: ArrayLike, lmi:
         cone = lmi if isinstance(lmi, Cone) else Cone(lmi)
     if cone.size != dynamics.size:
         raise ParameterError(f"the inequality has {cone.size} coefficients, there are {dynamics.size} parameters.", where="lmi")
-    return Natural(float(np.asarray(rate)), cone)
+    return Natural(positive(rate, "gamma_d"), cone)
 
 
 def _warn_of_lengths(kinematics: KinematicParameters, dynamics: DynamicParameters, adaptation: str) -> None:

@@ -16,6 +16,8 @@ class EstimatedVelocityLaw(Law):
     dV/dt = -dxd_hat^T (K_v - alpha I) dxd_hat - alpha dx^T K_P dx - da_k^T W_k^T R_k W_k da_k.
     """
 
+    needs_margin = True
+
     def __init__(self, gains: Gains, posture: Posture) -> None:
         """Combine the gains once."""
         super().__init__(gains, posture)

@@ -32,11 +32,21 @@ class Gains:
 
     @classmethod
     def checked(
-        cls, size: int, K_v: ArrayLike, K_P: ArrayLike, alpha: float, R_k: ArrayLike = 1.0, Q: ArrayLike | None = None
+        cls,
+        size: int,
+        K_v: ArrayLike,
+        K_P: ArrayLike,
+        alpha: float,
+        R_k: ArrayLike = 1.0,
+        Q: ArrayLike | None = None,
+        *,
+        margin: bool = True,
     ) -> Gains:
         """Take numbers, lists or matrices for m = ``size`` task coordinates.
 
         Q defaults to diag(2 alpha K_P, 2 (K_v - alpha I)), for which B^T P xi = dxd + alpha dx, the error e of the other laws.
+
+        ``margin`` asks for K_v - alpha I > 0, which the laws on the estimated velocity error need.
 
         Raises:
             GainError: not positive (definite), wrong size, or K_v - alpha I not positive definite.
@@ -44,12 +54,12 @@ class Gains:
         velocity, position = definite_matrix(K_v, size, "Kv"), definite_matrix(K_P, size, "Kp")
         weight = positive(alpha, "alpha")
         beta = np.linalg.eigvalsh(velocity)[0] - weight
-        if beta <= 0.0:
+        if margin and beta <= 0.0:
             raise GainError(
                 f"K_v - alpha I must be positive definite; its smallest eigenvalue is {beta:.4g}.",
                 where="alpha",
                 hint=f"Take alpha below {beta + weight:.4g}, or a larger Kv.",
             )
         if Q is None:
-            Q = block_diag(2.0 * weight * position, 2.0 * (velocity - weight * np.eye(size)))
+            Q = block_diag(2.0 * weight * position, 2.0 * (velocity - weight * np.eye(size))) if beta > 0.0 else 1.0
         return cls(velocity, position, weight, definite_matrix(R_k, size, "R_k"), definite_matrix(Q, 2 * size, "Q"))

@@ -105,12 +105,14 @@ class Law(ABC):
         name: as written in scenarios.
         adapts: whether it uses estimates that move.
         needs_task_velocity: whether ``Signals.xd`` must be measured.
+        needs_margin: whether the proof needs K_v - alpha I > 0.
         energy_based: whether V is in joules, so that gains are forces; otherwise gains are accelerations.
     """
 
     name: ClassVar[str]
     adapts: ClassVar[bool] = True
     needs_task_velocity: ClassVar[bool] = False
+    needs_margin: ClassVar[bool] = False
     energy_based: ClassVar[bool] = False
 
     def __init__(self, gains: Gains, posture: Posture) -> None:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ..exceptions import ParameterError
 from ..robot import Robot
-from .dynamic import equivalent_parameters
+from .dynamic import equivalent_parameters, identifiable
 from .inertial import InertialParameters
 from .regressor import PER_BODY
 
@@ -38,6 +38,12 @@ class BasisParameters(InertialParameters):
             raise ParameterError("all entries must be finite.", where="unknown.basis")
         self.size = self.B.shape[1]
         self.names = names or tuple(f"a{i + 1}" for i in range(self.size))
+        if identifiable(self._regressor, self.B, robot) < self.size:
+            raise ParameterError(
+                "the dynamics cannot tell all columns of the basis apart.",
+                where="unknown.basis",
+                hint="Remove combinations of parameters that cause no torque, or lump them.",
+            )
         initial = equivalent_parameters(self._regressor, self.B, robot)
         if initial is None:
             raise ParameterError(
@@ -47,15 +53,6 @@ class BasisParameters(InertialParameters):
             )
         self.initial = initial
         self.load(initial)
-
-    @classmethod
-    def from_file(cls, robot: Robot, path: Path) -> BasisParameters:
-        """Read B from a CSV file with 10 n rows and one column a parameter.
-
-        Raises:
-            ParameterError: no such file, not numbers, or wrong shape.
-        """
-        return cls(robot, read_matrix(path))
 
     def expand(self, a_d: np.ndarray) -> np.ndarray:
         """Return pi = B a_d (10 n)."""
@@ -67,9 +64,7 @@ class BasisParameters(InertialParameters):
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the a that reproduces a robot's dynamics with the believed placements, or None if none does."""
-        if not np.allclose(robot.model.armature, self._armature):
-            return None
-        return equivalent_parameters(self._regressor, self.B, robot)
+        return equivalent_parameters(self._regressor, self.B, robot) if self.shares_the_rest(robot) else None
 
 
 def read_matrix(path: Path) -> np.ndarray:

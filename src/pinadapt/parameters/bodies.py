@@ -63,11 +63,11 @@ class BodyParameters(InertialParameters):
         return Y if self._complete else Y[:, self._columns]
 
     def value(self, robot: Robot) -> np.ndarray | None:
-        """Return the ten parameters of each adapted body; None when known bodies or placements differ from the believed."""
+        """Return the ten parameters of each adapted body; None when anything else differs from the believed."""
         pi, known = inertial_parameters(robot.model), np.ones(len(self._pi), dtype=bool)
         known[self._columns] = False
         same = np.allclose(pi[known], self._pi[known], rtol=1e-9, atol=1e-12)
-        same = same and np.allclose(robot.model.armature, self._armature)
+        same = same and self.shares_the_rest(robot)
         same = same and all(
             ours.isApprox(theirs, 1e-9) for ours, theirs in zip(self._placements, robot.model.jointPlacements, strict=True)
         )

@@ -68,6 +68,22 @@ def equivalent_parameters(
         samples: number of random states.
         tolerance: relative residual up to which a match counts as exact.
     """
+    Y, tau = _random_motion(regressor, robot, samples)
+    Y = Y @ B
+    a_d = np.linalg.lstsq(Y, tau, rcond=None)[0]
+    residual = np.linalg.norm(Y @ a_d - tau)
+    return np.asarray(a_d) if residual <= tolerance * np.linalg.norm(tau) else None
+
+
+def identifiable(regressor: Regressor, B: np.ndarray, robot: Robot, *, samples: int = 60) -> int:
+    """Return how many of the parameters a of pi = B a (10 n, p) the torque can tell apart: the rank of Y B."""
+    Y = _random_motion(regressor, robot, samples)[0] @ B
+    scale = np.linalg.norm(Y, axis=0)
+    return int(np.linalg.matrix_rank(Y / np.where(scale > 0.0, scale, 1.0), tol=1e-8 * samples))
+
+
+def _random_motion(regressor: Regressor, robot: Robot, samples: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the regressor (samples n, 10 n) and the torque (samples n) without rotors over seeded random states."""
     model, rng = robot.model.copy(), np.random.default_rng(0)
     model.armature = np.zeros(model.nv)
     data = model.createData()
@@ -75,9 +91,6 @@ def equivalent_parameters(
     for _ in range(samples):
         q = pin.integrate(model, pin.neutral(model), rng.uniform(-2.0, 2.0, model.nv))
         v, a = rng.standard_normal((2, model.nv))
-        rows.append(regressor(q, v, a) @ B)
+        rows.append(regressor(q, v, a))
         torques.append(pin.rnea(model, data, q, v, a))
-    Y, tau = np.vstack(rows), np.concatenate(torques)
-    a_d = np.linalg.lstsq(Y, tau, rcond=None)[0]
-    residual = np.linalg.norm(Y @ a_d - tau)
-    return np.asarray(a_d) if residual <= tolerance * np.linalg.norm(tau) else None
+    return np.vstack(rows), np.concatenate(torques)

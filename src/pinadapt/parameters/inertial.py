@@ -25,6 +25,13 @@ class InertialParameters(DynamicParameters):
         self._regressor = Regressor(robot.model)
         self._armature = np.array(robot.model.armature)
         self._pi = inertial_parameters(robot.model)
+        self._gravity = np.array(robot.model.gravity.linear)
+
+    def shares_the_rest(self, robot: Robot) -> bool:
+        """Tell whether rotors and gravity are as believed and the joints free of friction, which no parameter here covers."""
+        frictionless = not (robot.friction.viscous.any() or robot.friction.coulomb.any())
+        rotors = np.allclose(robot.model.armature, self._armature)
+        return frictionless and rotors and np.allclose(robot.model.gravity.linear, self._gravity)
 
     @abstractmethod
     def expand(self, a_d: np.ndarray) -> np.ndarray:

@@ -119,6 +119,7 @@ class KinematicParameters:
         initial: (p) values in the believed robot's own description [m].
         task: the controlled coordinates.
         joint_names: names of the chain's joints.
+        frame: name of the task frame.
         nq, nv: sizes of configuration and velocity.
         x_hat: (m) believed position [m].
         xd_hat: (m) believed velocity J v [m/s].
@@ -135,7 +136,7 @@ class KinematicParameters:
             ParameterError, RobotError: as ``unknown_translations``.
         """
         self.translations = unknown_translations(robot, unknown)
-        self.task, self.joint_names = robot.task, robot.joint_names
+        self.task, self.joint_names, self.frame = robot.task, robot.joint_names, robot.frame
         self.nq, self.nv = int(robot.model.nq), int(robot.model.nv)
         self.names = tuple(label for part in self.translations for label in part.labels)
         self.size = len(self.names)

@@ -49,7 +49,7 @@ def check_joints(model: pin.Model, joints: Sequence[int]) -> None:
             raise RobotError(
                 f"joint '{name}' makes the base floating; the laws hold for fixed-base chains.",
                 where=model.name,
-                hint="Weld it (weld_root=True) to use one limb as a fixed-base arm.",
+                hint="Weld it (weld_root=True, in a scenario robot.weld_root = true) to use one limb as a fixed-base arm.",
             )
         if "Mimic" in kind:
             raise RobotError(

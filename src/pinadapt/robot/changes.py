@@ -38,8 +38,12 @@ class Payload:
         com = vector(self.com, 3, "payload.com", error=RobotError)
         xx, xy, yy, xz, yz, zz = vector(self.inertia, 6, "payload.inertia", error=RobotError)
         matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        if np.linalg.eigvalsh(matrix)[0] < -1e-12:
-            raise RobotError("an inertia about the centre of mass has no negative eigenvalue.", where="payload.inertia")
+        second_moment = 0.5 * np.trace(matrix) * np.eye(3) - matrix
+        if np.linalg.eigvalsh(second_moment)[0] < -1e-12:
+            raise RobotError(
+                "no distribution of mass has this inertia: each principal moment is at most the sum of the other two.",
+                where="payload.inertia",
+            )
         return pin.Inertia(float(self.mass), com, matrix)
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from ..exceptions import RobotError, did_you_mean
 
 
@@ -27,12 +25,6 @@ class Task:
     def size(self) -> int:
         """Number of task coordinates m."""
         return len(self.labels)
-
-    def embed(self, x: np.ndarray) -> np.ndarray:
-        """Lift task coordinates (..., m) [m] to points in space (..., 3), zero elsewhere."""
-        point = np.zeros((*np.shape(x)[:-1], 3))
-        point[..., self.rows] = x
-        return point
 
 
 TASKS = {

@@ -10,20 +10,18 @@ import pinocchio as pin
 from ..exceptions import RobotError
 
 
-def read_urdf(path: Path, *, floating: bool = False) -> tuple[pin.Model, pin.GeometryModel | None]:
+def read_urdf(path: Path) -> tuple[pin.Model, pin.GeometryModel | None]:
     """Build the model of a URDF file, and its visual geometry when the meshes can be found.
 
     Args:
         path: the URDF file; meshes named ``package://`` are searched in the folders above it.
-        floating: put a free-flyer at the root.
 
     Raises:
         RobotError: no such file, not XML, or not a URDF.
     """
     _check_xml(path)
     try:
-        root = [pin.JointModelFreeFlyer()] if floating else []
-        model = pin.buildModelFromUrdf(str(path), *root)
+        model = pin.buildModelFromUrdf(str(path))
     except Exception as error:
         raise RobotError(
             "this XML is not a valid URDF; the parser's own words stand above.",

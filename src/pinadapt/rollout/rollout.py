@@ -21,6 +21,7 @@ class Rollout:
     Attributes:
         title, robot, law, adaptation: what ran.
         kinematic_names, dynamic_names: one name a parameter.
+        kinematic_base: how many combinations of the kinematic parameters motion can identify.
         t: (N) time [s].
         q, v, tau: (N, nq), (N, nv), (N, nv) true configuration and velocity, torque given by the motors.
         x, x_d, error: (N, m) true and desired task position, and their difference [m].
@@ -41,6 +42,7 @@ class Rollout:
     adaptation: str
     kinematic_names: tuple[str, ...]
     dynamic_names: tuple[str, ...]
+    kinematic_base: int
     t: np.ndarray
     q: np.ndarray
     v: np.ndarray
@@ -91,6 +93,7 @@ class Rollout:
             "step_time_us": self.step_time * 1e6,
             "kinematic_names": list(self.kinematic_names),
             "dynamic_names": list(self.dynamic_names),
+            "kinematic_base": self.kinematic_base,
             "version": __version__,
         }
 

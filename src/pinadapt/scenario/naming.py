@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from ..exceptions import InputError
-from .schema import ScenarioTables
+from .schema import ScenarioTables, allowed_keys
 
 
 @contextmanager
@@ -22,5 +22,6 @@ def named(key: str) -> Iterator[None]:
         place = error.where or ""
         if place.partition(".")[0] in ScenarioTables.model_fields:
             raise
-        joint = ": " if "/" in place or " " in place else "."
+        inside = allowed_keys((key.partition(".")[0], ""), {})
+        joint = "." if place.partition(".")[0] in inside else ": "
         raise type(error)(error.what, where=f"{key}{joint}{place}" if place else key, hint=error.hint) from error

@@ -86,30 +86,39 @@ class Scenario:
     def run(self, progress: Progress | None = None) -> Rollout:
         """Run the closed loop; ``progress`` wraps the range of samples."""
         simulation, belief = self.tables.simulation, self.tables.belief
-        return simulate(
-            self.true,
-            self.controller,
-            self.trajectory,
-            duration=simulation.duration,
-            dt=simulation.dt,
-            mode=simulation.mode,
-            substeps=simulation.substeps,
-            acceleration=self.tables.controller.acceleration,
-            a_k=belief.kinematic,
-            a_d=belief.dynamic,
-            noise=simulation.noise.model_dump() if any(simulation.noise.model_dump().values()) else None,
-            delay=simulation.delay,
-            torque_limits=simulation.torque_limits,
-            seed=simulation.seed,
-            title=self.tables.title or self.true.name,
-            progress=progress,
-        )
+        with named("simulation"):
+            return simulate(
+                self.true,
+                self.controller,
+                self.trajectory,
+                duration=simulation.duration,
+                dt=simulation.dt,
+                mode=simulation.mode,
+                substeps=simulation.substeps,
+                acceleration=self.tables.controller.acceleration,
+                a_k=belief.kinematic,
+                a_d=belief.dynamic,
+                noise=simulation.noise.model_dump() if any(simulation.noise.model_dump().values()) else None,
+                delay=simulation.delay,
+                torque_limits=simulation.torque_limits,
+                seed=simulation.seed,
+                title=self.tables.title or self.true.name,
+                progress=progress,
+            )
 
 
 def _described(tables: ScenarioTables, folder: Path) -> Robot:
     robot = tables.robot
     source = robot.source if robot.source in catalogue() or not _is_path(robot.source) else folder / robot.source
-    return load(source, frame=robot.frame, task=robot.task, locked=robot.locked, q0=robot.q0, gravity=robot.gravity)
+    return load(
+        source,
+        frame=robot.frame,
+        task=robot.task,
+        locked=robot.locked,
+        q0=robot.q0,
+        gravity=robot.gravity,
+        weld_root=robot.weld_root,
+    )
 
 
 def _is_path(source: str) -> bool:
@@ -131,10 +140,6 @@ def _true(tables: ScenarioTables, described: Robot) -> Robot:
 
 def _controller(tables: ScenarioTables, believed: Robot, folder: Path) -> Controller:
     unknown, controller = tables.unknown, tables.controller
-    if unknown.lmi is not None and unknown.basis is None:
-        raise ScenarioError(
-            "an inequality belongs to a basis of your own.", where="unknown.lmi", hint="Give unknown.basis too."
-        )
     with named("unknown.basis"):
         basis = None if unknown.basis is None else read_matrix(folder / unknown.basis)
     with named("unknown.lmi"):

@@ -28,6 +28,7 @@ class RobotSection(Section):
     locked: list[str] = []
     q0: list[Number] | None = None
     gravity: Vector3 | None = None
+    weld_root: bool = False
 
 
 class PayloadSection(Section):
@@ -178,7 +179,7 @@ def allowed_keys(location: tuple[Any, ...], raw: dict[str, Any]) -> list[str]:
     table: type[Section] = ScenarioTables
     for key in location:
         if key == "reference":
-            table = REFERENCES.get(raw["reference"]["kind"], CircleSection)
+            table = REFERENCES.get(raw.get("reference", {}).get("kind", "circle"), CircleSection)
             continue
         field = table.model_fields.get(str(key))
         parts = _types(field.annotation) if field else []

@@ -13,6 +13,7 @@ from .._checks import positive
 from ..controller import Controller, ControllerState
 from ..exceptions import InputError, did_you_mean
 from ..robot import Robot
+from ..robot.home import conditioning
 from ..rollout import Rollout
 from ..signals import Measurement, Trajectory
 from .continuous import run_continuous
@@ -70,17 +71,12 @@ def simulate(
     Raises:
         InputError: anything that cannot be run; a loop that diverges is no error, see ``Rollout.diverged``.
     """
-    positive(duration, "duration")
-    positive(dt, "dt")
-    _one_of(mode, MODES, "mode")
     ideal = _one_of(acceleration, ACCELERATIONS, "acceleration") == "ideal"
+    _check_options(mode, duration, dt, {"substeps": substeps, "record_every": record_every}, seed)
     if mode == "continuous" and (delay or torque_limits or any((noise or {}).values())):
         raise InputError("noise, delay and torque limits exist in sampled mode only.", where="mode")
-    for name, count in (("substeps", substeps), ("record_every", record_every)):
-        if int(count) < 1:
-            raise InputError(f"must be at least 1, got {count}.", where=name)
-    if int(seed) < 0:
-        raise InputError(f"must not be negative, got {seed}.", where="seed")
+    if ideal and torque_limits:
+        raise InputError("the ideal acceleration is that of the unclipped torque; choose one.", where="torque_limits")
     started = perf_counter()
     plant, state = prepare(true, controller, trajectory, a_k, a_d)
     samples = range(max(1, round(duration / dt)) + (mode == "continuous"))
@@ -118,6 +114,12 @@ def prepare(
     _check_same_shape(true, controller, trajectory)
     plant, v = Plant(true), np.zeros(true.model.nv)
     first = Measurement(true.q0, v, *plant.task_motion(true.q0, v))
+    if conditioning(true.model, true.model.createData(), true.frame_id, true.task.rows, true.q0)[1] < 1e-6:
+        raise InputError(
+            f"the robot starts in a singularity: at {true.home_angles.round(4).tolist()} it cannot move all of its task.",
+            where="robot.q0",
+            hint="Bend a joint, or leave q0 out to have a pose searched.",
+        )
     return plant, controller.init(first, a_k=_array(a_k), a_d=_array(a_d))
 
 
@@ -125,6 +127,18 @@ def effort_limits(robot: Robot) -> np.ndarray:
     """Return the effort limits (nv) [N m or N], infinite where the URDF's 0, 1.8e308 or inf mean none."""
     limits = np.array(robot.model.effortLimit, dtype=float)
     return np.where((limits > 0.0) & (limits < 1e300), limits, np.inf)
+
+
+def _check_options(mode: str, duration: float, dt: float, counts: Mapping[str, int], seed: int) -> None:
+    """Refuse numbers that make no run."""
+    _one_of(mode, MODES, "mode")
+    if positive(duration, "duration") < 0.5 * positive(dt, "dt"):
+        raise InputError(f"must be at least one period of {dt} s, got {duration}.", where="duration")
+    for name, count in counts.items():
+        if int(count) < 1:
+            raise InputError(f"must be at least 1, got {count}.", where=name)
+    if int(seed) < 0:
+        raise InputError(f"must not be negative, got {seed}.", where="seed")
 
 
 def _array(value: ArrayLike | None) -> np.ndarray | None:
@@ -143,11 +157,13 @@ def _one_of(value: str, allowed: tuple[str, ...], where: str) -> str:
 
 
 def _check_same_shape(true: Robot, controller: Controller, trajectory: Trajectory) -> None:
-    believed = controller.kinematics.task
-    if true.task != believed or true.joint_names != controller.kinematics.joint_names:
+    kinematics = controller.kinematics
+    believed = kinematics.task
+    ours = (true.joint_names, true.frame, true.task.name)
+    theirs = (kinematics.joint_names, kinematics.frame, believed.name)
+    if ours != theirs:
         raise InputError(
-            f"the true robot (joints {true.joint_names}, task '{true.task.name}') and the controller's "
-            f"(joints {controller.kinematics.joint_names}, task '{believed.name}') differ.",
+            f"the true robot (joints, frame, task: {ours}) and the controller's ({theirs}) differ.",
             hint="Make both from the same load(), the true one by .changed().",
         )
     size = trajectory.at(0.0).x_d.size
