@@ -101,18 +101,20 @@ def test_natural_never_leaves_the_cone(case, step):
     for _ in range(20):
         g = rng.standard_normal(a.size)
         a_next = adaptation.advance(a, g, step / scale)
-        assert cone.contains(a_next) or step > 1.0  # beyond, eigenvalues may underflow; they must not turn negative
-        assert np.linalg.eigvalsh(cone.matrices(a_next)).min() > -1e-9 * np.abs(cone.matrices(a_next)).max()
+        assert cone.contains(a_next)
+        ratios = np.linalg.eigvals(np.linalg.solve(cone.matrices(a), cone.matrices(a_next))).real
+        assert ratios.max() <= np.exp(0.02) + 1e-5 and ratios.min() >= np.exp(-0.021)
 
 
-@pytest.mark.parametrize("norm", [1e-3, 2.9e-3, 1e-2, 2.9e-2, 0.1, 0.24])
+@pytest.mark.parametrize("norm", [1e-4, 1e-3, 2.9e-3, 1e-2, 1.9e-2])
 def test_series_is_the_geodesic(norm):
     """The short series used for small steps agrees with S exp(-S^T X S) S^T, computed here by the eigenvalues."""
     rng = np.random.default_rng(8)
     cone = pa.BodyCone(["a", "b"])
     a, g = bodies(rng, 2), rng.standard_normal(20)
     P, L = cone.matrices(a), cone.covectors(g)
-    h = norm / np.linalg.norm(P @ L)
+    A = P @ L
+    h = norm / np.sqrt(np.einsum("bij,bji->", A, A))
     S = np.linalg.cholesky(P)
     w, U = np.linalg.eigh(h * S.transpose(0, 2, 1) @ L @ S)
     exact = (S @ U * np.exp(-w)[:, None, :]) @ (S @ U).transpose(0, 2, 1)

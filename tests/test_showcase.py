@@ -39,3 +39,12 @@ def test_panda_with_plain_gradient_loses_its_mass_matrix():
     assert rollout.diverged < 1.0
     assert rollout.min_eig_M_hat.min() < 0.0
     assert 0.0 < rollout.t[-1] < rollout.diverged  # what happened until then is kept
+
+
+def test_panda_survives_a_start_far_from_its_path():
+    """The path begins 23 cm from the tool; the estimates must not blow up between two samples."""
+    far = ["reference.center=[0.5, 0.0, 0.5]", "simulation.duration=4.0"]
+    rollout = Scenario.read(ROBOTS / "panda" / "tool_and_load.toml", far).run()
+    assert rollout.diverged is None
+    assert rollout.distance[0] > 0.2
+    assert rollout.summary()["max_error_last"] < 0.01

@@ -307,9 +307,8 @@ def test_a_diverged_run_is_a_partial_rollout():
 
 
 WILD = {  # loops that blow up in many ways: robot, law, gamma_d, Kv, options
-    "edge of the cone": ("panda", "adaptive-inverse-dynamics", 1e2, 1e3, {}),
+    "overflow, sampled": ("panda", "adaptive-inverse-dynamics", 10.0, 1e4, {}),
     "lyapunov function": ("planar_2r", "adaptive-inverse-dynamics-velocity", 1e2, 1e4, {}),
-    "overflow, sampled": ("ur5", "adaptive-inverse-dynamics", 1e3, 1e3, {}),
     "overflow, continuous": (
         "planar_2r",
         "adaptive-inverse-dynamics",
@@ -324,7 +323,6 @@ WILD = {  # loops that blow up in many ways: robot, law, gamma_d, Kv, options
         1e3,
         {"mode": "continuous", "acceleration": "ideal"},
     ),
-    "algebraic loop": ("panda", "adaptive-inverse-dynamics-improved", 1e3, None, {"acceleration": "ideal"}),
 }
 
 
@@ -337,6 +335,16 @@ def test_divergence_is_a_result_and_no_error(name, law, gamma_d, Kv, options):
     assert rollout.diverged is not None
     assert np.isfinite(rollout.tau).all() and np.isfinite(rollout.q).all()
     assert "DIVERGED" in str(rollout)
+
+
+@pytest.mark.parametrize("law", ["adaptive-inverse-dynamics", "adaptive-inverse-dynamics-improved", "adaptive-jacobian"])
+def test_a_wild_rate_does_not_blow_up_between_two_samples(law):
+    described = load("ur5")
+    true = described.changed(payload=pa.Payload(1.0, [0.0, 0.0, 0.05]))
+    controller = pa.make_controller(described.changed(inertial_scale=0.5), law=law, gamma_d=1e3)
+    rollout = pa.simulate(true, controller, circle(true, 0.1, 1.0), duration=0.05, dt=2e-3)
+    assert rollout.diverged is None
+    assert rollout.min_eig_M_hat.min() > 0.0
 
 
 # --- refusals ---

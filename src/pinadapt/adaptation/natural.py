@@ -6,23 +6,26 @@ J.-J. Slotine, *Beyond convexity - contraction and global convergence of gradien
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from .._checks import positive
-from ..exceptions import DivergedError
 from .adaptation import Adaptation
 from .cone import Cone
 
-_LARGEST_EXPONENT = 300.0  # keeps exp() finite
-# Truncated exponential series, innermost divisors first, and the norm up to which each is right to 1e-5 and positive definite.
-_SERIES = ((0.003, ()), (0.03, (2.0,)), (0.25, (4.0, 3.0, 2.0)))
+_LARGEST_STEP = 0.02
+_ONE_TERM = 0.003
 
 
 class Natural(Adaptation):
     """dP/dt = -gamma P L P, with tr(L P(da)) = g . da, and V's part sum of log|P|/|P_true| + tr(P^-1 P_true) - n, over gamma.
 
     The estimate stays inside the cone for every step length: in a complete cone it moves along the geodesic
-    P+ = S exp(-h gamma S^T L S) S^T, P = S S^T; in others by a step that never leaves the Dikin ellipsoid of log det.
+    P+ = S exp(-h gamma S^T L S) S^T, P = S S^T; in others by a step that never leaves the Dikin ellipsoid of log det. One
+    sample moves it by at most 0.02 in the log-det metric, so by two per cent in any direction (at 1 kHz, 20 a second): a
+    sampled signal that asks for more, at a start far from the path for example, is no longer the one of the continuous-time
+    proof, and following it would blow the estimate up between two measurements. ``rate`` is not limited.
 
     Attributes:
         cone: where the parameters live.
@@ -57,7 +60,8 @@ class Natural(Adaptation):
             return self.cone.parameters(_geodesic(P, (dt * self.gamma) * self.cone.covectors(g)))
         metric = self._metric(P[0])
         step = -dt * self.gamma * np.linalg.solve(metric, g)
-        return a + step / (1.0 + np.sqrt(step @ metric @ step))
+        length = np.sqrt(step @ metric @ step)
+        return a + step * min(1.0, _LARGEST_STEP / length if length else 1.0)
 
     def distance(self, a: np.ndarray, a_true: np.ndarray) -> float | None:
         """Return the log-det divergence from the truth over gamma; None if the truth itself is outside the cone."""
@@ -78,20 +82,13 @@ class Natural(Adaptation):
 
 
 def _geodesic(P: np.ndarray, X: np.ndarray) -> np.ndarray:
-    """Return S exp(-S^T X S) S^T = exp(-P X) P for P = S S^T (k, n, n), X symmetric (k, n, n)."""
+    """Return S exp(-S^T X S) S^T = exp(-P X) P for P = S S^T (k, n, n), X symmetric (k, n, n), at most _LARGEST_STEP long.
+
+    So short a step needs one or two terms of the series to be right to 5e-6, and stays positive definite.
+    """
     A = P @ X
-    flat = A.ravel()
-    squared_norm = flat.dot(flat)
-    for bound, terms in _SERIES:
-        if squared_norm < bound * bound:
-            R = P
-            for k in terms:
-                R = P - A @ R / k
-            return P - A @ R
-    try:
-        S = np.linalg.cholesky(P)
-        eigenvalues, U = np.linalg.eigh(S.transpose(0, 2, 1) @ X @ S)
-    except np.linalg.LinAlgError as error:
-        raise DivergedError("an estimate reached the edge of its cone to rounding; lower gamma_d.") from error
-    SU = S @ U
-    return (SU * np.exp(-np.clip(eigenvalues, -_LARGEST_EXPONENT, _LARGEST_EXPONENT))[:, None, :]) @ SU.transpose(0, 2, 1)
+    length = math.sqrt(abs(A.ravel().dot(A.transpose(0, 2, 1).ravel())))  # tr(A A) is the squared norm of S^T X S
+    if length > _LARGEST_STEP:
+        A *= _LARGEST_STEP / length
+    R = P if length < _ONE_TERM else P - 0.5 * (A @ P)
+    return P - A @ R
