@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ..laws import LAWS
 from ..rollout import Rollout
-from ..rollout.table import columns
+from ..rollout.table import columns, number
 from ..scenario import Scenario
 from .run import run_and_write
 
@@ -48,18 +48,15 @@ def comparison_table(rollouts: Sequence[Rollout]) -> str:
 def _row(rollout: Rollout) -> list[str]:
     numbers = rollout.summary()
 
-    def show(key: str, scale: float, digits: int) -> str:
-        return "-" if numbers[key] is None else f"{numbers[key] * scale:.{digits}f}"
-
     verdict = "ok" if rollout.diverged is None else f"diverged at {rollout.diverged:.3f} s"
     return [
         rollout.title,
         rollout.law,
         rollout.adaptation,
-        show("max_error_first", 1e3, 2),
-        show("max_error_last", 1e3, 3),
-        show("rms_error_last", 1e3, 3),
-        show("min_eig_M_hat", 1.0, 4),
-        show("step_time_us", 1.0, 0),
+        number(numbers["max_error_first"], scale=1e3, digits=2),
+        number(numbers["max_error_last"], scale=1e3, digits=3),
+        number(numbers["rms_error_last"], scale=1e3, digits=3),
+        number(numbers["min_eig_M_hat"], digits=4),
+        number(numbers["step_time_us"], digits=0),
         verdict,
     ]

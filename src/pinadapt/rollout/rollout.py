@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from .._version import __version__
-from .table import two_columns
+from .table import number, two_columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,24 +101,21 @@ class Rollout:
         """Return a table of what matters."""
         numbers = self.summary()
 
-        def show(key: str, scale: float, unit: str, digits: int = 3) -> str:
-            return "-" if numbers[key] is None else f"{numbers[key] * scale:.{digits}f} {unit}"
-
         rows = [
             ("robot", f"{self.robot}, {numbers['nv']} joints"),
             ("law", self.law),
             ("adaptation", f"{self.adaptation}: {len(self.kinematic_names)} kinematic, {len(self.dynamic_names)} dynamic"),
-            ("error, first 10 % (max)", show("max_error_first", 1e3, "mm")),
-            ("error, last 10 % (max)", show("max_error_last", 1e3, "mm")),
-            ("error, last 10 % (rms)", show("rms_error_last", 1e3, "mm")),
-            ("largest torque", show("tau_max", 1.0, "N m", 1)),
-            ("smallest eigenvalue of M_hat", show("min_eig_M_hat", 1.0, "kg m^2", 5)),
-            ("smallest singular value of J_hat", show("min_singular_J_hat", 1.0, "m", 4)),
+            ("error, first 10 % (max)", number(numbers["max_error_first"], "mm", scale=1e3)),
+            ("error, last 10 % (max)", number(numbers["max_error_last"], "mm", scale=1e3)),
+            ("error, last 10 % (rms)", number(numbers["rms_error_last"], "mm", scale=1e3)),
+            ("largest torque", number(numbers["tau_max"], "N m", digits=1)),
+            ("smallest eigenvalue of M_hat", number(numbers["min_eig_M_hat"], "kg m^2", digits=5)),
+            ("smallest singular value of J_hat", number(numbers["min_singular_J_hat"], "m", digits=4)),
             ("V, first and last", self._lyapunov_words()),
             ("samples", f"{numbers['steps']} in {self.wall_time:.1f} s"),
         ]
         if self.step_time:
-            rows.append(("controller step (mean)", show("step_time_us", 1.0, "us", 0)))
+            rows.append(("controller step (mean)", number(numbers["step_time_us"], "us", digits=0)))
         if self.diverged is not None:
             rows.append(("DIVERGED", f"at {self.diverged:.3f} s: {self.reason}"))
         return two_columns(self.title, rows)

@@ -20,3 +20,8 @@ def columns(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
         for row in table
     ]
     return "\n".join([lines[0], "-" * len(lines[0]), *lines[1:]])
+
+
+def number(value: float | None, unit: str = "", *, scale: float = 1.0, digits: int = 3) -> str:
+    """Return a scaled number with its unit, or a dash for none."""
+    return "-" if value is None else f"{value * scale:.{digits}f} {unit}".rstrip()
