@@ -44,7 +44,7 @@ class Robot:
         frame: name of the task frame.
         task: the controlled coordinates of that frame.
         q0: (nq) home configuration.
-        friction: joint friction of the real robot; beliefs have none.
+        friction: joint friction, of the real robot or as believed; descriptions have none.
         visual: geometry to draw, or None.
     """
 
@@ -93,8 +93,9 @@ class Robot:
         payload: changes.Payload | None = None,
         tool_translation: ArrayLike | None = None,
         link_translation: Mapping[str, ArrayLike] | None = None,
-        viscous: ArrayLike = 0.0,
-        coulomb: ArrayLike = 0.0,
+        armature: ArrayLike | None = None,
+        viscous: ArrayLike | None = None,
+        coulomb: ArrayLike | None = None,
     ) -> Robot:
         """Return another robot that differs from this one as stated; nothing is shared between the two models.
 
@@ -103,8 +104,9 @@ class Robot:
             payload: load fixed to the last body; placed from this robot's frame, before the tool moves it.
             tool_translation: (3) [m] added to the frame's origin, in the frame's axes.
             link_translation: joint name -> (3) [m] added to that joint's placement, parent axes.
-            viscous: friction, number or (nv) [N m s/rad or N s/m].
-            coulomb: friction, number or (nv) [N m or N].
+            armature: rotor inertia as the joint feels it, number or (nv) [kg m^2 or kg]; default: as it is.
+            viscous: friction, number or (nv) [N m s/rad or N s/m]; default: as it is.
+            coulomb: friction, number or (nv) [N m or N]; default: as it is.
 
         Raises:
             RobotError: unknown joints, wrong sizes, factors or masses that are not positive.
@@ -116,13 +118,21 @@ class Robot:
         changes.shift_joints(model, link_translation or {})
         if tool_translation is not None:
             changes.shift_tool(model, self.frame_id, tool_translation)
+        model.armature = self._coefficients(armature, "armature", model.armature)
         friction = Friction(
-            vector(viscous, model.nv, "friction.viscous", names=self.joint_names, error=RobotError),
-            vector(coulomb, model.nv, "friction.coulomb", names=self.joint_names, error=RobotError),
+            self._coefficients(viscous, "friction.viscous", self.friction.viscous),
+            self._coefficients(coulomb, "friction.coulomb", self.friction.coulomb),
         )
-        if (friction.viscous < 0).any() or (friction.coulomb < 0).any():
-            raise RobotError("friction coefficients must not be negative.", where="friction")
         return replace(self, model=model, friction=friction)
+
+    def _coefficients(self, given: ArrayLike | None, where: str, default: np.ndarray) -> np.ndarray:
+        """Return coefficients (nv), one a joint, or refuse negative ones."""
+        if given is None:
+            return np.array(default, dtype=float)
+        numbers = vector(given, self.model.nv, where, names=self.joint_names, error=RobotError)
+        if (numbers < 0.0).any():
+            raise RobotError(f"must not be negative, got {numbers.tolist()}.", where=where)
+        return numbers
 
 
 Source: TypeAlias = "str | Path | pin.Model | RobotWrapper"

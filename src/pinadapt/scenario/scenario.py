@@ -63,7 +63,7 @@ class Scenario:
         with named("truth"):
             true = _true(tables, described)
         with named("belief"):
-            believed = described.changed(inertial_scale=tables.belief.inertial_scale)
+            believed = _believed(tables, described)
         with named("controller"):
             controller = _controller(tables, believed, folder)
         with named("reference"):
@@ -133,8 +133,19 @@ def _true(tables: ScenarioTables, described: Robot) -> Robot:
         payload=payload,
         tool_translation=truth.tool_translation,
         link_translation=truth.link_translation,
+        armature=truth.armature,
         viscous=truth.friction.viscous,
         coulomb=truth.friction.coulomb,
+    )
+
+
+def _believed(tables: ScenarioTables, described: Robot) -> Robot:
+    belief = tables.belief
+    return described.changed(
+        inertial_scale=belief.inertial_scale,
+        armature=belief.armature,
+        viscous=belief.friction.viscous,
+        coulomb=belief.friction.coulomb,
     )
 
 
@@ -151,6 +162,7 @@ def _controller(tables: ScenarioTables, believed: Robot, folder: Path) -> Contro
         adaptation=controller.adaptation,
         kinematic=unknown.kinematic,
         dynamic=unknown.dynamic,
+        joint=unknown.joint,
         basis=basis,
         lmi=lmi,
         dt=1e-3 if tables.simulation.mode == "continuous" else tables.simulation.dt,
