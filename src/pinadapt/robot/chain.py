@@ -37,6 +37,11 @@ def is_continuous(joint: pin.JointModel) -> bool:
     return joint.shortname().startswith(_CONTINUOUS)
 
 
+def is_slide(joint: pin.JointModel) -> bool:
+    """Tell whether a joint is prismatic."""
+    return bool(joint.shortname().startswith("JointModelP"))
+
+
 def is_free_flyer(joint: pin.JointModel) -> bool:
     """Tell whether a joint is the six-dof one of a floating base."""
     return bool(joint.shortname() == "JointModelFreeFlyer")
