@@ -42,8 +42,10 @@ from .parameters import StackedParameters as StackedParameters
 from .robot import Friction as Friction
 from .robot import Payload as Payload
 from .robot import Robot as Robot
+from .robot import WorkspaceCircle as WorkspaceCircle
 from .robot import catalogue as catalogue
 from .robot import load as load
+from .robot import reachable_circle as reachable_circle
 from .rollout import Rollout as Rollout
 from .signals import Circle as Circle
 from .signals import Desired as Desired

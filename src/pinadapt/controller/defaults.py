@@ -18,7 +18,7 @@ import pinocchio as pin
 from ..laws import Law
 from ..parameters import DynamicParameters
 from ..robot import Robot
-from ..robot.home import position_bounds
+from ..robot.workspace import reach
 
 _FASTEST = 20.0  # [rad/s]
 _LARGEST_STEP = 0.04  # bandwidth times sampling period
@@ -44,16 +44,6 @@ class Defaults:
     alpha: float
     lambda_: float
     lambda_a: float
-
-
-def reach(robot: Robot) -> float:
-    """Return the length [m] of the stretched chain from the first joint to the frame, with the travel of its slides."""
-    model = robot.model
-    lower, upper = position_bounds(model)
-    slides = [joint.idx_v for joint in model.joints[1:] if joint.shortname().startswith("JointModelP")]
-    lengths = [np.linalg.norm(placement.translation) for placement in model.jointPlacements[2:]]
-    lengths.append(np.linalg.norm(model.frames[robot.frame_id].placement.translation))
-    return float(sum(lengths) + sum(upper[i] - lower[i] for i in slides))
 
 
 def felt_mass(robot: Robot) -> float:

@@ -24,6 +24,7 @@ from .chain import (
     check_numbers,
     configuration_from_angles,
     frame_id,
+    is_free_flyer,
     reduce_to_chain,
 )
 from .friction import Friction
@@ -149,6 +150,8 @@ class _Description:
     mimics: frozenset[str] = frozenset()
     frame: str | None = None
     task: str | None = None
+    locked: tuple[str, ...] = ()
+    weld_root: bool = False
 
 
 def load(
@@ -166,12 +169,12 @@ def load(
     Args:
         source: catalogue name, URDF path, ``pin.Model`` or ``RobotWrapper``; never written to.
         frame: task frame, by default the catalogue's, else the model's last frame.
-        task: "xy" or "xyz", by default the catalogue's, else "xyz".
+        task: "xyz", "xy", "xz" or "yz", by default the catalogue's, else "xyz".
         locked: joints of the chain to lock as well; joints off the chain always are.
         q0: home pose, one number a remaining joint (nv) [rad or m]; by default the catalogue's, the
             description's own where it is well conditioned, else a well-conditioned one inside the limits.
         gravity: (3) [m/s^2] in world axes, by default the model's.
-        weld_root: fix a floating base where the reference configuration has it.
+        weld_root: fix a floating base where the reference configuration has it; always done for robots of the catalogue.
 
     Raises:
         RobotError: missing file, bad XML, unknown frame or joint, floating base, mimic or unsupported
@@ -180,7 +183,8 @@ def load(
     found = _describe(source)
     chosen = task_named(task or found.task or "xyz")
     name = frame or found.frame or str(found.model.frames[-1].name)
-    keep = _kept_joints(found, name, [locked] if isinstance(locked, str) else locked, weld_root)
+    locked = [*found.locked, *([locked] if isinstance(locked, str) else locked)]
+    keep = _kept_joints(found, name, locked, weld_root or found.weld_root)
     check_numbers(found.model)
     model, visual = reduce_to_chain(found.model, found.visual, keep, found.q_reference)
     if gravity is not None:
@@ -212,19 +216,22 @@ def _describe(source: Source) -> _Description:
         model, visual = read_urdf(path)
         return _Description(str(model.name), model, visual, pin.neutral(model), mimic_joints(path))
     entry = catalogue_entry(str(source))
-    model, visual, q_reference = entry.load()
+    model, visual, q_reference, mimics = entry.load()
     q_reference = pin.neutral(model) if q_reference is None else np.array(q_reference)
-    for joint, angle in zip(chain_joints(model, frame_id(model, entry.frame)), entry.q0 or (), strict=entry.q0 is not None):
+    limb = entry.limb(model)
+    for joint, angle in zip(limb, entry.q0 or (), strict=entry.q0 is not None):
         part = model.joints[joint]
         q_reference[part.idx_q : part.idx_q + part.nq] = angle if part.nq == 1 else [np.cos(angle), np.sin(angle)]
-    return _Description(entry.name, model, visual, q_reference, frame=entry.frame, task=entry.task)
+    chain = [j for j in chain_joints(model, frame_id(model, entry.frame)) if not is_free_flyer(model.joints[j])]
+    before = tuple(str(model.names[j]) for j in chain if j not in limb)
+    return _Description(entry.name, model, visual, q_reference, mimics, entry.frame, entry.task, before, weld_root=True)
 
 
 def _kept_joints(found: _Description, frame: str, locked: Sequence[str], weld_root: bool) -> list[int]:
     """Return the joints from base to frame that are not locked, after refusing the unsupported ones."""
     chain = chain_joints(found.model, frame_id(found.model, frame))
     if weld_root:
-        chain = [j for j in chain if found.model.joints[j].shortname() != "JointModelFreeFlyer"]
+        chain = [j for j in chain if not is_free_flyer(found.model.joints[j])]
     for name in locked:
         changes.joint_id(found.model, name, "locked")
     keep = [joint for joint in chain if str(found.model.names[joint]) not in set(locked)]

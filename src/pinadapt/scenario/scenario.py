@@ -190,5 +190,14 @@ def _trajectory(tables: ScenarioTables, true: Robot) -> Trajectory:
         motion = Lissajous(middle, reference.amplitude, reference.cycles, reference.period, reference.phase)
     else:
         assert isinstance(reference, CircleSection)
-        motion = Circle(middle, reference.radius, reference.period, reference.plane, reference.phase)
+        motion = Circle(middle, reference.radius, reference.period, _plane(reference, true.task.name), reference.phase)
     return motion.starting_at(start) if centre is None else motion
+
+
+def _plane(reference: CircleSection, task: str) -> str:
+    """Return the circle's plane as the trajectory takes it: a task of two coordinates is a plane, its own "xy"."""
+    if len(task) != 2:
+        return reference.plane
+    if "plane" in reference.model_fields_set and reference.plane != task:
+        raise ScenarioError(f"the task '{task}' has no plane but its own, got '{reference.plane}'.", where="reference.plane")
+    return "xy"

@@ -24,7 +24,7 @@ class RobotSection(Section):
 
     source: str
     frame: str | None = None
-    task: Literal["xy", "xyz"] | None = None
+    task: Literal["xy", "xz", "yz", "xyz"] | None = None
     locked: list[str] = []
     q0: list[Number] | None = None
     gravity: Vector3 | None = None
