@@ -7,6 +7,8 @@ from .adaptation import Cone as Cone
 from .adaptation import Frozen as Frozen
 from .adaptation import Gradient as Gradient
 from .adaptation import Natural as Natural
+from .adaptation import Positive as Positive
+from .adaptation import Stacked as Stacked
 from .controller import Controller as Controller
 from .controller import ControllerState as ControllerState
 from .controller import make_controller as make_controller
@@ -34,12 +36,16 @@ from .laws import Truth as Truth
 from .parameters import BasisParameters as BasisParameters
 from .parameters import BodyParameters as BodyParameters
 from .parameters import DynamicParameters as DynamicParameters
+from .parameters import JointParameters as JointParameters
 from .parameters import KinematicParameters as KinematicParameters
+from .parameters import StackedParameters as StackedParameters
 from .robot import Friction as Friction
 from .robot import Payload as Payload
 from .robot import Robot as Robot
+from .robot import WorkspaceCircle as WorkspaceCircle
 from .robot import catalogue as catalogue
 from .robot import load as load
+from .robot import reachable_circle as reachable_circle
 from .rollout import Rollout as Rollout
 from .signals import Circle as Circle
 from .signals import Desired as Desired

@@ -6,3 +6,5 @@ from .cone import Cone as Cone
 from .frozen import Frozen as Frozen
 from .gradient import Gradient as Gradient
 from .natural import Natural as Natural
+from .positive import Positive as Positive
+from .stacked import Stacked as Stacked

@@ -1,10 +1,11 @@
 """Gains for a robot nobody has tuned, from its size, its inertia and the sampling period.
 
 The bandwidth w is 20 rad/s, or 0.04 / dt for slow loops. Acceleration laws (V in m^2/s^2) take K_P = w^2, K_v = 2 w,
-alpha = w / 4, lambda = w / 2, lambda_a = 1 / (3 w): Wang and Xie's published numbers, at w = 20. The rate of natural
-adaptation is one over twice the square of a typical task speed, a third of the arm's reach a second; that of the kinematics
-is 0.05. Energy laws (V in joules) multiply K_P, K_v and R_k by the mass felt at the frame and divide the adaptation rates by
-it, so that V scales as a whole.
+alpha = w / 4, lambda = w / 2, lambda_a = 1 / (3 w): Wang and Xie's published numbers, at w = 20. Energy laws (V in joules)
+multiply K_P and K_v by the mass felt at the frame. The rates of adaptation follow from how fast they make the closed loop
+(see ``modes``): over a typical motion the fastest mode of the bodies' adaptation is 2 w, that of the joints' coefficients 2 w,
+that of the kinematics w / 4, and R_k lets the filtered prediction error decay at w / 8. On Wang and Xie's arm the last two are
+about their published 0.05 and 50.
 """
 
 from __future__ import annotations
@@ -17,10 +18,11 @@ import pinocchio as pin
 from ..laws import Law
 from ..parameters import DynamicParameters
 from ..robot import Robot
-from ..robot.home import position_bounds
+from ..robot.workspace import reach
 
 _FASTEST = 20.0  # [rad/s]
 _LARGEST_STEP = 0.04  # bandwidth times sampling period
+INERTIAL_MODE, JOINT_MODE, KINEMATIC_MODE, PREDICTION_RATE = 2.0, 2.0, 0.25, 0.125  # of the bandwidth
 _GRADIENT_RATE = 0.3  # [1/s] at which one parameter alone would be learned
 _SAMPLES = 200
 
@@ -30,31 +32,18 @@ class Defaults:
     """Default gains; see the module for the rule.
 
     Attributes:
-        Kv, Kp, alpha, R_k: gains of the law.
-        gamma_k: rate of the kinematic adaptation.
-        gamma_natural: rate of natural adaptation.
+        bandwidth: w [rad/s].
+        Kv, Kp, alpha: gains of the law.
         lambda_: velocity filter [1/s].
         lambda_a: acceleration filter [s].
     """
 
+    bandwidth: float
     Kv: float
     Kp: float
     alpha: float
-    R_k: float
-    gamma_k: float
-    gamma_natural: float
     lambda_: float
     lambda_a: float
-
-
-def reach(robot: Robot) -> float:
-    """Return the length [m] of the stretched chain from the first joint to the frame, with the travel of its slides."""
-    model = robot.model
-    lower, upper = position_bounds(model)
-    slides = [joint.idx_v for joint in model.joints[1:] if joint.shortname().startswith("JointModelP")]
-    lengths = [np.linalg.norm(placement.translation) for placement in model.jointPlacements[2:]]
-    lengths.append(np.linalg.norm(model.frames[robot.frame_id].placement.translation))
-    return float(sum(lengths) + sum(upper[i] - lower[i] for i in slides))
 
 
 def felt_mass(robot: Robot) -> float:
@@ -70,14 +59,11 @@ def default_gains(robot: Robot, law: type[Law], dt: float) -> Defaults:
     """Return the defaults for a believed robot under a law at sampling period dt [s]."""
     w = min(_FASTEST, _LARGEST_STEP / dt)
     scale = felt_mass(robot) if law.energy_based else 1.0
-    speed = reach(robot) / 3.0
     return Defaults(
+        bandwidth=w,
         Kv=2.0 * w * scale,
         Kp=w * w * scale,
         alpha=w / 4.0,
-        R_k=50.0 * scale,
-        gamma_k=0.05 / scale,
-        gamma_natural=0.5 / (speed * speed * scale),
         lambda_=w / 2.0,
         lambda_a=1.0 / (3.0 * w),
     )

@@ -17,7 +17,8 @@ class AdaptiveJacobian(Law):
     Adaptation:   da_d/dt = -Gamma_d Y_r^T s; da_k/dt = Gamma_k (Y_k^T (K_P + alpha K_v) dx - W_k^T R_k (W_k a_k - y)).
     Closed loop:  M ds/dt + C s = -J_hat^T (K_v dxd_hat + K_P dx) + Y_r da_d - N D N s.
     V:            s^T M s / 2 + dx^T (K_P + alpha K_v) dx / 2 + D_d(a_d) + D_k(a_k),
-                  dV/dt = -dxd_hat^T K_v dxd_hat - alpha dx^T K_P dx - da_k^T W_k^T R_k W_k da_k - (N s)^T D (N s).
+                  dV/dt = -dxd_hat^T K_v dxd_hat - alpha dx^T K_P dx - da_k^T W_k^T R_k W_k da_k - (N s)^T D (N s)
+                  - s^T (f(qd) - f(qd_r)), f the true friction of the joints: monotone, so the last term is at most zero.
     Assumptions:  constant parameters; J_hat of full row rank; task velocity known (it enters qdd_r).
                   Neither acceleration nor M_hat^-1 is needed.
     """
@@ -78,6 +79,8 @@ class AdaptiveJacobian(Law):
     def dissipation(self, s: Signals, truth: Truth) -> float:
         """Return dV/dt."""
         k, prediction = self.gains, s.W_k @ (s.a_k - truth.a_k)
-        null = s.inverse.null(s.v - self._reference_velocity(s)[2])
+        qd_r = self._reference_velocity(s)[2]
+        null, braking = s.inverse.null(s.v - qd_r), truth.friction.torque(s.v) - truth.friction.torque(qd_r)
         task = s.dxd_hat @ (k.K_v @ s.dxd_hat) + k.alpha * s.dx @ (k.K_P @ s.dx)
-        return float(-task - prediction @ (k.R_k @ prediction) - null @ (self.posture.damping * null))
+        joints = null @ (self.posture.damping * null) + (s.v - qd_r) @ braking
+        return float(-task - prediction @ (k.R_k @ prediction) - joints)

@@ -10,6 +10,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from ..parameters import DynamicParameters, KinematicParameters
+from ..robot import Friction
 from .gains import Gains
 from .posture import Posture
 from .right_inverse import RightInverse
@@ -89,11 +90,13 @@ class Truth(NamedTuple):
     Attributes:
         a_k, a_d: (p_k), (p_d) true parameters.
         M: (n, n) true mass matrix at q.
+        friction: true friction of the joints.
     """
 
     a_k: np.ndarray
     a_d: np.ndarray
     M: np.ndarray
+    friction: Friction
 
 
 class Law(ABC):

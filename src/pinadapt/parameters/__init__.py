@@ -3,4 +3,6 @@
 from .basis import BasisParameters as BasisParameters
 from .bodies import BodyParameters as BodyParameters
 from .dynamic import DynamicParameters as DynamicParameters
+from .joint import JointParameters as JointParameters
 from .kinematic import KinematicParameters as KinematicParameters
+from .stacked import StackedParameters as StackedParameters

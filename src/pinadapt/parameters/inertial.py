@@ -28,10 +28,9 @@ class InertialParameters(DynamicParameters):
         self._gravity = np.array(robot.model.gravity.linear)
 
     def shares_the_rest(self, robot: Robot) -> bool:
-        """Tell whether rotors and gravity are as believed and the joints free of friction, which no parameter here covers."""
-        frictionless = not (robot.friction.viscous.any() or robot.friction.coulomb.any())
+        """Tell whether rotors and gravity are as believed and the joints free of friction, which no inertia explains."""
         rotors = np.allclose(robot.model.armature, self._armature)
-        return frictionless and rotors and np.allclose(robot.model.gravity.linear, self._gravity)
+        return not robot.friction.present and rotors and np.allclose(robot.model.gravity.linear, self._gravity)
 
     @abstractmethod
     def expand(self, a_d: np.ndarray) -> np.ndarray:

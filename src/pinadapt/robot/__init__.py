@@ -8,3 +8,5 @@ from .friction import Friction as Friction
 from .robot import Robot as Robot
 from .robot import load as load
 from .task import Task as Task
+from .workspace import WorkspaceCircle as WorkspaceCircle
+from .workspace import reachable_circle as reachable_circle

@@ -8,16 +8,19 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pinocchio as pin
+from pinocchio.robot_wrapper import RobotWrapper
 
 from .._toml import read_toml
 from ..exceptions import RobotError, did_you_mean
-from .urdf import read_urdf
+from .chain import chain_joints, frame_id, is_free_flyer
+from .urdf import mimic_joints, read_urdf
 
 
 @dataclass(frozen=True)
 class CatalogueEntry:
-    """One robot of the catalogue.
+    """One robot of the catalogue: a fixed-base arm, or one limb of a larger robot whose root is welded.
 
     Attributes:
         name: name in the catalogue.
@@ -25,6 +28,9 @@ class CatalogueEntry:
         task: default task.
         origin: "pinadapt", or the name of the loader in example-robot-data.
         path: URDF file for our own robots, None for example-robot-data's.
+        first: the limb's first joint, or None for the base's; the joints before it are locked.
+        tip: (3) [m] where the frame lies in the axes of ``link``, for links that have no frame at their end, or None.
+        link: the link that carries the frame; the frame itself where there is no tip.
         q0: home pose, one angle a joint [rad or m], or None for a searched one.
         about: a line for people.
     """
@@ -34,17 +40,71 @@ class CatalogueEntry:
     task: str
     origin: str
     path: Path | None
+    first: str | None
+    tip: tuple[float, ...] | None
+    link: str
     q0: tuple[float, ...] | None
     about: str
 
-    def load(self) -> tuple[pin.Model, pin.GeometryModel | None, Any]:
-        """Return the whole model, its visual geometry, and a reference configuration (nq) or None."""
-        if self.path is not None:
-            return (*read_urdf(self.path), None)
-        import example_robot_data  # slow to import, and not needed for a user's own URDF
+    def load(self) -> tuple[pin.Model, pin.GeometryModel | None, Any, frozenset[str]]:
+        """Return the whole model, its visual geometry, a reference configuration (nq) or None, and its mimic joints.
 
-        wrapper = example_robot_data.load(self.origin)
-        return wrapper.model, wrapper.visual_model, wrapper.q0
+        A robot of example-robot-data is read once in a process, whichever of its limbs are asked for.
+        """
+        if self.path is not None:
+            return (*read_urdf(self.path), None, mimic_joints(self.path))
+        whole = _example_robot(self.origin)
+        return self._with_tip(whole.model), whole.visual_model, whole.q0, _example_mimics(self.origin)
+
+    def joints(self) -> list[str]:
+        """Return the names of the chain's joints, without reading any mesh."""
+        model = read_urdf(self.path, meshes=False)[0] if self.path is not None else _example_model(self.origin)
+        return [str(model.names[joint]) for joint in self.limb(self._with_tip(model))]
+
+    def limb(self, model: pin.Model) -> list[int]:
+        """Return the indices of the chain's joints in the whole model."""
+        chain = [j for j in chain_joints(model, frame_id(model, self.frame)) if not is_free_flyer(model.joints[j])]
+        return chain if self.first is None else chain[[str(model.names[j]) for j in chain].index(self.first) :]
+
+    def _with_tip(self, model: pin.Model) -> pin.Model:
+        if self.tip is None:
+            return model
+        model, index = model.copy(), frame_id(model, self.link)
+        link = model.frames[index]
+        placement = link.placement * pin.SE3(np.eye(3), np.array(self.tip))
+        model.addFrame(pin.Frame(self.frame, link.parentJoint, index, placement, pin.FrameType.OP_FRAME))
+        return model
+
+
+def _loaders() -> Any:
+    from example_robot_data import robots_loader  # slow to import, and not needed for a user's own URDF
+
+    return robots_loader
+
+
+@cache
+def _example_robot(origin: str) -> RobotWrapper:
+    """Read a robot of example-robot-data, with its meshes; never written to."""
+    return _loaders().load(origin)
+
+
+@cache
+def _example_path(origin: str) -> Path:
+    loaders = _loaders()
+    kind = loaders.ROBOTS[origin]
+    file = Path(kind.path, kind.urdf_subpath, kind.urdf_filename)
+    return Path(kind.model_path or loaders.getModelPath(str(file))) / file
+
+
+@cache
+def _example_model(origin: str) -> pin.Model:
+    """Read a robot of example-robot-data without its meshes; a floating base is left out."""
+    return read_urdf(_example_path(origin), meshes=False)[0]
+
+
+@cache
+def _example_mimics(origin: str) -> frozenset[str]:
+    return mimic_joints(_example_path(origin))
 
 
 def robots_folder() -> Path:
@@ -64,10 +124,13 @@ def catalogue() -> Mapping[str, CatalogueEntry]:
     for name, row in read_toml(folder / "catalogue.toml").items():
         entries[name] = CatalogueEntry(
             name=name,
-            frame=row["frame"],
+            frame=f"{row['frame']}_tip" if "tip" in row else row["frame"],
             task=row.get("task", "xyz"),
             origin="pinadapt" if "urdf" in row else row.get("loader", name),
             path=folder / row["urdf"] if "urdf" in row else None,
+            first=row.get("first"),
+            tip=tuple(row["tip"]) if "tip" in row else None,
+            link=row["frame"],
             q0=tuple(row["q0"]) if "q0" in row else None,
             about=row.get("about", ""),
         )

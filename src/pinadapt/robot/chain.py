@@ -37,6 +37,16 @@ def is_continuous(joint: pin.JointModel) -> bool:
     return joint.shortname().startswith(_CONTINUOUS)
 
 
+def is_slide(joint: pin.JointModel) -> bool:
+    """Tell whether a joint is prismatic."""
+    return bool(joint.shortname().startswith("JointModelP"))
+
+
+def is_free_flyer(joint: pin.JointModel) -> bool:
+    """Tell whether a joint is the six-dof one of a floating base."""
+    return bool(joint.shortname() == "JointModelFreeFlyer")
+
+
 def check_joints(model: pin.Model, joints: Sequence[int]) -> None:
     """Refuse joints for which the regressor identities do not hold.
 
@@ -45,7 +55,7 @@ def check_joints(model: pin.Model, joints: Sequence[int]) -> None:
     """
     for joint in joints:
         kind, name = model.joints[joint].shortname(), model.names[joint]
-        if kind == "JointModelFreeFlyer":
+        if is_free_flyer(model.joints[joint]):
             raise RobotError(
                 f"joint '{name}' makes the base floating; the laws hold for fixed-base chains.",
                 where=model.name,

@@ -21,6 +21,11 @@ class Friction:
     coulomb: np.ndarray
     threshold: float = 0.01
 
+    @property
+    def present(self) -> bool:
+        """Whether any joint has friction."""
+        return bool(self.viscous.any() or self.coulomb.any())
+
     @classmethod
     def none(cls, nv: int) -> Friction:
         """Return no friction at nv joints."""

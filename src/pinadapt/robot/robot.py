@@ -24,6 +24,7 @@ from .chain import (
     check_numbers,
     configuration_from_angles,
     frame_id,
+    is_free_flyer,
     reduce_to_chain,
 )
 from .friction import Friction
@@ -44,7 +45,7 @@ class Robot:
         frame: name of the task frame.
         task: the controlled coordinates of that frame.
         q0: (nq) home configuration.
-        friction: joint friction of the real robot; beliefs have none.
+        friction: joint friction, of the real robot or as believed; descriptions have none.
         visual: geometry to draw, or None.
     """
 
@@ -93,8 +94,9 @@ class Robot:
         payload: changes.Payload | None = None,
         tool_translation: ArrayLike | None = None,
         link_translation: Mapping[str, ArrayLike] | None = None,
-        viscous: ArrayLike = 0.0,
-        coulomb: ArrayLike = 0.0,
+        armature: ArrayLike | None = None,
+        viscous: ArrayLike | None = None,
+        coulomb: ArrayLike | None = None,
     ) -> Robot:
         """Return another robot that differs from this one as stated; nothing is shared between the two models.
 
@@ -103,8 +105,9 @@ class Robot:
             payload: load fixed to the last body; placed from this robot's frame, before the tool moves it.
             tool_translation: (3) [m] added to the frame's origin, in the frame's axes.
             link_translation: joint name -> (3) [m] added to that joint's placement, parent axes.
-            viscous: friction, number or (nv) [N m s/rad or N s/m].
-            coulomb: friction, number or (nv) [N m or N].
+            armature: rotor inertia as the joint feels it, number or (nv) [kg m^2 or kg]; default: as it is.
+            viscous: friction, number or (nv) [N m s/rad or N s/m]; default: as it is.
+            coulomb: friction, number or (nv) [N m or N]; default: as it is.
 
         Raises:
             RobotError: unknown joints, wrong sizes, factors or masses that are not positive.
@@ -116,13 +119,21 @@ class Robot:
         changes.shift_joints(model, link_translation or {})
         if tool_translation is not None:
             changes.shift_tool(model, self.frame_id, tool_translation)
+        model.armature = self._coefficients(armature, "armature", model.armature)
         friction = Friction(
-            vector(viscous, model.nv, "friction.viscous", names=self.joint_names, error=RobotError),
-            vector(coulomb, model.nv, "friction.coulomb", names=self.joint_names, error=RobotError),
+            self._coefficients(viscous, "friction.viscous", self.friction.viscous),
+            self._coefficients(coulomb, "friction.coulomb", self.friction.coulomb),
         )
-        if (friction.viscous < 0).any() or (friction.coulomb < 0).any():
-            raise RobotError("friction coefficients must not be negative.", where="friction")
         return replace(self, model=model, friction=friction)
+
+    def _coefficients(self, given: ArrayLike | None, where: str, default: np.ndarray) -> np.ndarray:
+        """Return coefficients (nv), one a joint, or refuse negative ones."""
+        if given is None:
+            return np.array(default, dtype=float)
+        numbers = vector(given, self.model.nv, where, names=self.joint_names, error=RobotError)
+        if (numbers < 0.0).any():
+            raise RobotError(f"must not be negative, got {numbers.tolist()}.", where=where)
+        return numbers
 
 
 Source: TypeAlias = "str | Path | pin.Model | RobotWrapper"
@@ -139,6 +150,8 @@ class _Description:
     mimics: frozenset[str] = frozenset()
     frame: str | None = None
     task: str | None = None
+    locked: tuple[str, ...] = ()
+    weld_root: bool = False
 
 
 def load(
@@ -156,12 +169,12 @@ def load(
     Args:
         source: catalogue name, URDF path, ``pin.Model`` or ``RobotWrapper``; never written to.
         frame: task frame, by default the catalogue's, else the model's last frame.
-        task: "xy" or "xyz", by default the catalogue's, else "xyz".
+        task: "xyz", "xy", "xz" or "yz", by default the catalogue's, else "xyz".
         locked: joints of the chain to lock as well; joints off the chain always are.
         q0: home pose, one number a remaining joint (nv) [rad or m]; by default the catalogue's, the
             description's own where it is well conditioned, else a well-conditioned one inside the limits.
         gravity: (3) [m/s^2] in world axes, by default the model's.
-        weld_root: fix a floating base where the reference configuration has it.
+        weld_root: fix a floating base where the reference configuration has it; always done for robots of the catalogue.
 
     Raises:
         RobotError: missing file, bad XML, unknown frame or joint, floating base, mimic or unsupported
@@ -170,7 +183,8 @@ def load(
     found = _describe(source)
     chosen = task_named(task or found.task or "xyz")
     name = frame or found.frame or str(found.model.frames[-1].name)
-    keep = _kept_joints(found, name, [locked] if isinstance(locked, str) else locked, weld_root)
+    locked = [*found.locked, *([locked] if isinstance(locked, str) else locked)]
+    keep = _kept_joints(found, name, locked, weld_root or found.weld_root)
     check_numbers(found.model)
     model, visual = reduce_to_chain(found.model, found.visual, keep, found.q_reference)
     if gravity is not None:
@@ -202,19 +216,22 @@ def _describe(source: Source) -> _Description:
         model, visual = read_urdf(path)
         return _Description(str(model.name), model, visual, pin.neutral(model), mimic_joints(path))
     entry = catalogue_entry(str(source))
-    model, visual, q_reference = entry.load()
+    model, visual, q_reference, mimics = entry.load()
     q_reference = pin.neutral(model) if q_reference is None else np.array(q_reference)
-    for joint, angle in zip(chain_joints(model, frame_id(model, entry.frame)), entry.q0 or (), strict=entry.q0 is not None):
+    limb = entry.limb(model)
+    for joint, angle in zip(limb, entry.q0 or (), strict=entry.q0 is not None):
         part = model.joints[joint]
         q_reference[part.idx_q : part.idx_q + part.nq] = angle if part.nq == 1 else [np.cos(angle), np.sin(angle)]
-    return _Description(entry.name, model, visual, q_reference, frame=entry.frame, task=entry.task)
+    chain = [j for j in chain_joints(model, frame_id(model, entry.frame)) if not is_free_flyer(model.joints[j])]
+    before = tuple(str(model.names[j]) for j in chain if j not in limb)
+    return _Description(entry.name, model, visual, q_reference, mimics, entry.frame, entry.task, before, weld_root=True)
 
 
 def _kept_joints(found: _Description, frame: str, locked: Sequence[str], weld_root: bool) -> list[int]:
     """Return the joints from base to frame that are not locked, after refusing the unsupported ones."""
     chain = chain_joints(found.model, frame_id(found.model, frame))
     if weld_root:
-        chain = [j for j in chain if found.model.joints[j].shortname() != "JointModelFreeFlyer"]
+        chain = [j for j in chain if not is_free_flyer(found.model.joints[j])]
     for name in locked:
         changes.joint_id(found.model, name, "locked")
     keep = [joint for joint in chain if str(found.model.names[joint]) not in set(locked)]

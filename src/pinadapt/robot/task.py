@@ -29,6 +29,8 @@ class Task:
 
 TASKS = {
     "xy": Task("xy", ("x", "y"), slice(0, 2)),
+    "xz": Task("xz", ("x", "z"), slice(0, 3, 2)),
+    "yz": Task("yz", ("y", "z"), slice(1, 3)),
     "xyz": Task("xyz", ("x", "y", "z"), slice(0, 3)),
 }
 

@@ -10,11 +10,12 @@ import pinocchio as pin
 from ..exceptions import RobotError
 
 
-def read_urdf(path: Path) -> tuple[pin.Model, pin.GeometryModel | None]:
+def read_urdf(path: Path, *, meshes: bool = True) -> tuple[pin.Model, pin.GeometryModel | None]:
     """Build the model of a URDF file, and its visual geometry when the meshes can be found.
 
     Args:
         path: the URDF file; meshes named ``package://`` are searched in the folders above it.
+        meshes: whether to look for the visual geometry at all.
 
     Raises:
         RobotError: no such file, not XML, or not a URDF.
@@ -28,6 +29,8 @@ def read_urdf(path: Path) -> tuple[pin.Model, pin.GeometryModel | None]:
             where=str(path),
             hint="Every joint needs a parent and child that exist, revolute and prismatic ones also <limit>.",
         ) from error
+    if not meshes:
+        return model, None
     try:
         folders = [str(folder) for folder in path.resolve().parents]
         visual = pin.buildGeomFromUrdf(model, str(path), pin.GeometryType.VISUAL, package_dirs=folders)

@@ -63,7 +63,7 @@ class Scenario:
         with named("truth"):
             true = _true(tables, described)
         with named("belief"):
-            believed = described.changed(inertial_scale=tables.belief.inertial_scale)
+            believed = _believed(tables, described)
         with named("controller"):
             controller = _controller(tables, believed, folder)
         with named("reference"):
@@ -133,8 +133,19 @@ def _true(tables: ScenarioTables, described: Robot) -> Robot:
         payload=payload,
         tool_translation=truth.tool_translation,
         link_translation=truth.link_translation,
+        armature=truth.armature,
         viscous=truth.friction.viscous,
         coulomb=truth.friction.coulomb,
+    )
+
+
+def _believed(tables: ScenarioTables, described: Robot) -> Robot:
+    belief = tables.belief
+    return described.changed(
+        inertial_scale=belief.inertial_scale,
+        armature=belief.armature,
+        viscous=belief.friction.viscous,
+        coulomb=belief.friction.coulomb,
     )
 
 
@@ -151,6 +162,7 @@ def _controller(tables: ScenarioTables, believed: Robot, folder: Path) -> Contro
         adaptation=controller.adaptation,
         kinematic=unknown.kinematic,
         dynamic=unknown.dynamic,
+        joint=unknown.joint,
         basis=basis,
         lmi=lmi,
         dt=1e-3 if tables.simulation.mode == "continuous" else tables.simulation.dt,
@@ -178,5 +190,14 @@ def _trajectory(tables: ScenarioTables, true: Robot) -> Trajectory:
         motion = Lissajous(middle, reference.amplitude, reference.cycles, reference.period, reference.phase)
     else:
         assert isinstance(reference, CircleSection)
-        motion = Circle(middle, reference.radius, reference.period, reference.plane, reference.phase)
+        motion = Circle(middle, reference.radius, reference.period, _plane(reference, true.task.name), reference.phase)
     return motion.starting_at(start) if centre is None else motion
+
+
+def _plane(reference: CircleSection, task: str) -> str:
+    """Return the circle's plane as the trajectory takes it: a task of two coordinates is a plane, its own "xy"."""
+    if len(task) != 2:
+        return reference.plane
+    if "plane" in reference.model_fields_set and reference.plane != task:
+        raise ScenarioError(f"the task '{task}' has no plane but its own, got '{reference.plane}'.", where="reference.plane")
+    return "xy"

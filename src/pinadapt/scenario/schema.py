@@ -24,7 +24,7 @@ class RobotSection(Section):
 
     source: str
     frame: str | None = None
-    task: Literal["xy", "xyz"] | None = None
+    task: Literal["xy", "xz", "yz", "xyz"] | None = None
     locked: list[str] = []
     q0: list[Number] | None = None
     gravity: Vector3 | None = None
@@ -40,7 +40,7 @@ class PayloadSection(Section):
 
 
 class FrictionSection(Section):
-    """[truth] friction: a number or one per joint."""
+    """Friction of the joints, each a number or one per joint."""
 
     viscous: NotNegative | list[NotNegative] = 0.0
     coulomb: NotNegative | list[NotNegative] = 0.0
@@ -54,12 +54,15 @@ class TruthSection(Section):
     inertial_scale: Positive | dict[str, Positive] = 1.0
     link_translation: dict[str, Vector3] = {}
     friction: FrictionSection = FrictionSection()
+    armature: NotNegative | list[NotNegative] | None = None
 
 
 class BeliefSection(Section):
     """[belief]: the initial estimates."""
 
     inertial_scale: Positive | dict[str, Positive] = 1.0
+    friction: FrictionSection = FrictionSection()
+    armature: NotNegative | list[NotNegative] | None = None
     kinematic: list[Number] | None = None
     dynamic: list[Number] | None = None
 
@@ -69,6 +72,7 @@ class UnknownSection(Section):
 
     kinematic: str | list[str] = ["tool"]
     dynamic: str | list[str] = "all"
+    joint: str | list[str] = "none"
     basis: str | None = None
     lmi: str | None = None
 
@@ -82,6 +86,7 @@ class ControllerSection(Section):
     Kp: Gain | None = None
     alpha: Number | None = None
     gamma_d: Gain | None = None
+    gamma_joint: Number | None = None
     gamma_k: Gain | None = None
     R_k: Gain | None = None
     Q: Number | None = None

@@ -17,7 +17,7 @@ PLANES = ("xy", "yz", "xz")
 
 
 def plane_axes(plane: str, size: int) -> np.ndarray:
-    """Return the two unit vectors (2, m) of a plane named by its world axes.
+    """Return the two unit vectors (2, m) of a plane named by its world axes; two coordinates have one plane, called "xy".
 
     Raises:
         InputError: an unknown plane, or one that the task does not span.

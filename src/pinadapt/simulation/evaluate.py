@@ -89,7 +89,7 @@ def _smallest(values: Callable[[np.ndarray], np.ndarray], matrices: np.ndarray) 
 
 def truth_at(plant: Plant, measurement: Measurement, a_k_true: np.ndarray, a_d_true: np.ndarray) -> Truth:
     """Return what a law's V needs to know of the true robot at one instant."""
-    return Truth(a_k_true, a_d_true, plant.mass_matrix(measurement.q))
+    return Truth(a_k_true, a_d_true, plant.mass_matrix(measurement.q), plant.robot.friction)
 
 
 def parameter_storage(

@@ -26,8 +26,7 @@ class Plant:
         self._data = self._model.createData()
         self._frame = robot.frame_id
         self._rows = robot.task.rows
-        self._friction = robot.friction
-        self._frictionless = not (robot.friction.viscous.any() or robot.friction.coulomb.any())
+        self._friction, self._braked = robot.friction, robot.friction.present
         self.nv = int(self._model.nv)
 
     def acceleration(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, feedthrough: np.ndarray | None = None) -> np.ndarray:
@@ -36,7 +35,7 @@ class Plant:
         Raises:
             DivergedError: M - feedthrough is singular.
         """
-        if not self._frictionless:
+        if self._braked:
             tau = tau - self._friction.torque(v)
         if feedthrough is None:
             return np.asarray(pin.aba(self._model, self._data, q, v, tau))

@@ -1,0 +1,208 @@
+"""A circle that a robot can follow: inside its limits, away from singularities, also with a tool it does not know of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import product
+from math import ceil, cos, exp, floor, log10, pi, sin, sqrt
+
+import numpy as np
+import pinocchio as pin
+
+from ..exceptions import RobotError
+from .chain import is_slide
+from .home import position_bounds, position_limits
+from .robot import Robot
+
+_RATIO, _SIZES = 0.8, 18  # the radii tried: geometric, down to two per cent of the largest
+_PHASES = (0.0, pi / 2, pi, -pi / 2)
+_STEPS, _TURNS = 40, 1.5
+_LEAST_SINGULAR = 0.5  # of the smallest singular value at home
+_LIMIT_MARGIN = 0.05  # of a joint's range
+_PERIOD = 3.0  # [s]
+_JOINT_SPEED, _SLIDE_SPEED = 1.5, 0.75  # [rad/s], [m/s]
+_SPEED_SHARE = 0.8  # of the description's own speed limit
+_RETURN = 4.0  # [rad/s] at which the null space goes home, as under the laws
+_TRACKED = 0.05  # of the radius, the error left to the inverse kinematics
+
+
+@dataclass(frozen=True)
+class WorkspaceCircle:
+    """A circle through the home position, as ``reachable_circle`` finds it.
+
+    Attributes:
+        plane: the two world axes that span it.
+        phase: angle at which home lies on it, from the first of them [rad].
+        radius: [m].
+        period: of a turn [s].
+        least_singular: smallest singular value of the task Jacobian on the way, in parts of the one at home.
+    """
+
+    plane: str
+    phase: float
+    radius: float
+    period: float
+    least_singular: float
+
+
+def reach(robot: Robot) -> float:
+    """Return the length [m] of the stretched chain from the first joint to the frame, with the travel of its slides."""
+    model = robot.model
+    lower, upper = position_bounds(model)
+    slides = [joint.idx_v for joint in model.joints[1:] if is_slide(joint)]
+    lengths = [np.linalg.norm(placement.translation) for placement in model.jointPlacements[2:]]
+    lengths.append(np.linalg.norm(model.frames[robot.frame_id].placement.translation))
+    return float(sum(lengths) + sum(upper[i] - lower[i] for i in slides))
+
+
+def reachable_circle(robot: Robot, *, largest: float = 0.1, tool_error: float = 0.05) -> WorkspaceCircle:
+    """Return the largest circle through home that the robot can follow with room to spare.
+
+    Radii are tried from the largest downwards, each four fifths of the last; planes and sides of home in the order of the
+    conditioning they keep. A circle will do if inverse kinematics from home, whose null space returns home as under the
+    laws, keeps a twentieth of each joint's range between it and its limits (less where home itself is nearer) and half of
+    the smallest singular value that the task Jacobian has at home. This is asked with the tool as described and with one
+    moved by the tool error to either side along each axis of the frame, of the Jacobians of both.
+
+    The period is 3 s, above a reach of L = 1 m 3 sqrt(L) s, and longer where joints would exceed 1.5 rad/s, slides 0.75 m/s,
+    or either four fifths of the speed that the description allows.
+
+    Args:
+        robot: any robot with a task of positions; only read.
+        largest: largest radius, in parts of the reach.
+        tool_error: how far the tool may be from where it is described, in parts of the reach.
+
+    Raises:
+        RobotError: no circle will do; home lies at a limit or at a singularity.
+    """
+    length = reach(robot)
+    planes = [robot.task.name] if robot.task.size == 2 else ["xy", "yz", "xz"]
+    followers = [_Follower(robot, shift) for shift in _shifts(tool_error * length)]
+    for size in largest * length * _RATIO ** np.arange(_SIZES):
+        paths = [_Path(plane, phase, _two_digits(size)) for plane, phase in product(planes, _PHASES)]
+        first = [(followers[0].follow(path), path) for path in paths]
+        for run, path in sorted(((r, p) for r, p in first if r), key=lambda found: -found[0].least_singular):
+            runs = [run, *_while_found(follower.follow(path) for follower in followers[1:])]
+            if len(runs) == len(followers):
+                return _circle(robot, path, runs, length)
+    raise RobotError(
+        f"no circle through the home pose {np.round(robot.home_angles, 3).tolist()} stays inside the joint limits and away "
+        "from singularities.",
+        where=robot.name,
+        hint="Give a home pose q0 further from both.",
+    )
+
+
+@dataclass(frozen=True)
+class _Path:
+    """A circle that starts at home."""
+
+    plane: str
+    phase: float
+    radius: float
+
+    def offset(self, angle: float) -> dict[str, float]:
+        """Return how far from home it is after an angle, axis by axis [m]."""
+        along = cos(angle + self.phase) - cos(self.phase), sin(angle + self.phase) - sin(self.phase)
+        return {axis: self.radius * part for axis, part in zip(self.plane, along, strict=True)}
+
+
+@dataclass(frozen=True)
+class _Run:
+    """What following a path took: joint speeds (nv) [rad or m per rad of the circle], conditioning as in WorkspaceCircle."""
+
+    speeds: np.ndarray
+    least_singular: float
+
+
+class _Follower:
+    """Damped least squares from home, for a robot whose tool is moved by a shift (3) [m] in the frame's axes."""
+
+    def __init__(self, robot: Robot, shift: np.ndarray) -> None:
+        self._task, self._q0 = robot.task, robot.q0
+        self._model = robot.model.copy()
+        self._described = robot.frame_id
+        frame = self._model.frames[self._described]
+        moved = frame.placement * pin.SE3(np.eye(3), shift)
+        self._tool = self._model.addFrame(pin.Frame("moved tool", frame.parentJoint, 0, moved, pin.FrameType.OP_FRAME))
+        self._data = self._model.createData()
+        self._low, self._high = _allowed(robot)
+        pin.computeJointJacobians(self._model, self._data, self._q0)
+        self._home = self._singular(self._jacobian(self._described))
+
+    def follow(self, path: _Path) -> _Run | None:
+        """Return what it takes to follow a path, or None where a limit, a singularity or the path's end is in the way."""
+        model, data, rows, q = self._model, self._data, self._task.rows, self._q0
+        home_share = 1.0 - exp(-_RETURN * _PERIOD / _STEPS)
+        damping = (0.01 * self._home) ** 2 * np.eye(self._task.size)
+        speeds, least, start = np.zeros(model.nv), np.inf, None
+        for k in range(int(_TURNS * _STEPS) + 1):
+            pin.computeJointJacobians(model, data, q)
+            J = self._jacobian(self._tool)
+            least = min(least, self._singular(J), self._singular(self._jacobian(self._described)))
+            if least < _LEAST_SINGULAR * self._home or (q < self._low).any() or (q > self._high).any():
+                return None
+            x = pin.updateFramePlacement(model, data, self._tool).translation[rows]
+            start = x.copy() if start is None else start
+            if np.linalg.norm(start + self._offset(path, k) - x) > _TRACKED * path.radius:
+                return None
+            psi = home_share * pin.difference(model, q, self._q0)
+            step = psi + J.T @ np.linalg.solve(J @ J.T + damping, start + self._offset(path, k + 1) - x - J @ psi)
+            speeds = np.maximum(speeds, np.abs(step))
+            q = pin.integrate(model, q, step)
+        return _Run(speeds * _STEPS / (2 * pi), least / self._home)
+
+    def _offset(self, path: _Path, step: int) -> np.ndarray:
+        offset = path.offset(2 * pi * step / _STEPS)
+        return np.array([offset.get(label, 0.0) for label in self._task.labels])
+
+    def _jacobian(self, frame: int) -> np.ndarray:
+        return np.asarray(pin.getFrameJacobian(self._model, self._data, frame, pin.LOCAL_WORLD_ALIGNED)[self._task.rows])
+
+    @staticmethod
+    def _singular(J: np.ndarray) -> float:
+        return sqrt(max(np.linalg.eigvalsh(J @ J.T)[0], 0.0))
+
+
+def _shifts(size: float) -> list[np.ndarray]:
+    """Return no shift, then one of the size to either side along each axis."""
+    return [np.zeros(3), *(size * side * axis for side in (1.0, -1.0) for axis in np.eye(3))]
+
+
+def _two_digits(number: float) -> float:
+    """Return the number rounded down to two digits."""
+    unit = 10.0 ** (floor(log10(number)) - 1)
+    return float(f"{floor(number / unit + 1e-9) * unit:.2g}")
+
+
+def _while_found(runs: Iterable[_Run | None]) -> Iterator[_Run]:
+    for run in runs:
+        if run is None:
+            return
+        yield run
+
+
+def _allowed(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lowest and highest configuration (nq) to be used."""
+    model, q0 = robot.model, robot.q0
+    lower, upper = position_limits(model)
+    low, high = np.full(model.nq, -np.inf), np.full(model.nq, np.inf)
+    for joint in model.joints[1:]:
+        i, k = joint.idx_v, joint.idx_q
+        if joint.nq == 1 and np.isfinite(lower[i]):
+            margin = _LIMIT_MARGIN * (upper[i] - lower[i])
+            low[k] = lower[i] + min(margin, max((q0[k] - lower[i]) / 2, 0.0))
+            high[k] = upper[i] - min(margin, max((upper[i] - q0[k]) / 2, 0.0))
+    return low, high
+
+
+def _circle(robot: Robot, path: _Path, runs: list[_Run], length: float) -> WorkspaceCircle:
+    """Return the circle of a path that all runs could follow, at a speed that suits them all."""
+    speeds = np.max([run.speeds for run in runs], axis=0)
+    allowed = np.array([_SLIDE_SPEED if is_slide(joint) else _JOINT_SPEED for joint in robot.model.joints[1:]])
+    own = _SPEED_SHARE * robot.model.velocityLimit
+    allowed = np.where((own > 0.0) & (own < allowed), own, allowed)
+    period = max(_PERIOD * sqrt(max(length, 1.0)), float(np.max(2 * pi * speeds / allowed)))
+    least = min(run.least_singular for run in runs)
+    return WorkspaceCircle(path.plane, path.phase, path.radius, ceil(10 * period) / 10, least)
