@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import positive
-from ..adaptation import Adaptation, BodyCone, Cone, Frozen, Gradient, Natural, Positive, Stacked
+from ..adaptation import Adaptation, BodyCone, Cone, Frozen, Gradient, Natural, Positive, Projected, Stacked
 from ..exceptions import InputError, ParameterError, did_you_mean
 from ..laws import LAWS, Gains, Law, Posture
 from ..parameters import (
@@ -19,6 +19,7 @@ from ..parameters import (
     DynamicParameters,
     JointParameters,
     KinematicParameters,
+    LumpedParameters,
     StackedParameters,
 )
 from ..parameters.joint import NONE, chosen_kinds, without_joint_effects
@@ -26,10 +27,11 @@ from ..parameters.kinematic import TOOL, Translation
 from ..robot import Robot
 from ..signals import LowPass
 from .controller import Controller
-from .defaults import INERTIAL_MODE, JOINT_MODE, KINEMATIC_MODE, PREDICTION_RATE, default_gains, default_gradient_gain, reach
+from .defaults import INERTIAL_MODE, JOINT_MODE, KINEMATIC_MODE, PREDICTION_RATE, default_gains, gradient_shape, reach
 from .modes import TypicalLoop, frequency, gain_matrix, rate_for, typical_motion
 
-ADAPTATIONS = ("natural", "gradient", "none")
+ADAPTATIONS = ("natural", "gradient", "projected", "none")
+REGRESSORS = ("exact", "nominal")
 
 
 def make_controller(
@@ -42,6 +44,7 @@ def make_controller(
     basis: ArrayLike | None = None,
     lmi: ArrayLike | Cone | None = None,
     adaptation: str = "natural",
+    regressor: str = "exact",
     dt: float = 1e-3,
     Kv: ArrayLike | None = None,
     Kp: ArrayLike | None = None,
@@ -64,7 +67,8 @@ def make_controller(
         joint: unknown coefficients of the joints: "all", "none", or some of "armature", "viscous", "coulomb".
         basis: (10 n, p) matrix B of the user's own dynamic parameters, pi = B a, instead of bodies.
         lmi: (p, k, k) coefficient matrices of the inequality that natural adaptation keeps, for a basis.
-        adaptation: "natural", "gradient" or "none".
+        adaptation: "natural", "gradient", "projected" (gradient that keeps M_hat positive definite) or "none".
+        regressor: with unknown lengths, "exact" (lumped parameters) or, for comparison, "nominal" (believed lengths in it).
         dt: controller period [s], for the defaults.
         Kv: velocity gain, number, list or matrix [1/s; N s/m for energy-based laws].
         Kp: position gain [1/s^2; N/m for energy-based laws].
@@ -82,10 +86,10 @@ def make_controller(
     """
     chosen = _law(law)
     kinematics = KinematicParameters(believed, kinematic)
-    dynamics = _dynamics(believed, dynamic, basis, lmi, joint)
-    default = default_gains(believed, chosen, positive(dt, "dt"))
     kind = _adaptation(adaptation, chosen)
-    _warn_of_lengths(kinematics, dynamics, kind)
+    exact = _exact(kinematics, regressor, kind, chosen) if basis is None else []
+    dynamics = _dynamics(believed, dynamic, basis, lmi, joint, exact)
+    default = default_gains(believed, chosen, positive(dt, "dt"))
     gains = Gains.checked(
         believed.task.size,
         K_v=default.Kv if Kv is None else Kv,
@@ -117,6 +121,7 @@ def _dynamics(
     basis: ArrayLike | None,
     lmi: ArrayLike | Cone | None,
     joint: str | Sequence[str],
+    lengths: Sequence[Translation],
 ) -> DynamicParameters:
     """Return the inertial parameters, stacked with those of the joints where some are unknown or friction is believed."""
     if lmi is not None and basis is None:
@@ -124,8 +129,11 @@ def _dynamics(
     kinds = chosen_kinds(joint)
     stacked = bool(kinds) or believed.friction.present
     carrier = without_joint_effects(believed) if stacked else believed
-    bodies = BodyParameters(carrier, dynamic)  # checks the words even where a basis takes their place
-    inertial = bodies if basis is None else BasisParameters(carrier, basis)
+    inertial: DynamicParameters = BodyParameters(carrier, dynamic)  # checks the words even where others take their place
+    if basis is not None:
+        inertial = BasisParameters(carrier, basis)
+    elif lengths:
+        inertial = LumpedParameters(carrier, lengths, dynamic)
     return StackedParameters(inertial, JointParameters(believed, kinds)) if stacked else inertial
 
 
@@ -168,8 +176,10 @@ def _dynamic_adaptation(
         mode, unit = INERTIAL_MODE * bandwidth, Natural(1.0, cone)
         adaptation = _natural(rate_for(mode, effects, unit, unit.admit(inertial.initial)) if gamma_d is None else gamma_d, cone)
     elif inertial.size:
-        rates = default_gradient_gain(believed, inertial, loop.law) if gamma_d is None else gamma_d
-        adaptation = Gradient(rates, inertial.size, "gamma_d")
+        carrier = without_joint_effects(believed) if dynamics is not inertial else believed
+        Gamma = _gradient_gain(carrier, inertial, effects, bandwidth) if gamma_d is None else gamma_d
+        projected = kind == "projected"
+        adaptation = Projected(Gamma, inertial, carrier) if projected else Gradient(Gamma, inertial.size, "gamma_d")
     if not isinstance(dynamics, StackedParameters) or not dynamics.joint.size:
         return adaptation
     joint = dynamics.joint
@@ -177,6 +187,12 @@ def _dynamic_adaptation(
         effects = [Phi[:, inertial.size :] for Phi in loop.dynamic]
         gamma_joint = rate_for(JOINT_MODE * bandwidth, effects, Positive(1.0, joint.typical), joint.typical)
     return Stacked([(adaptation, inertial.size), (Positive(gamma_joint, joint.typical), joint.size)])
+
+
+def _gradient_gain(believed: Robot, dynamics: DynamicParameters, effects: list[np.ndarray], bandwidth: float) -> np.ndarray:
+    """Return Gamma_d (p, p): how far the truth may be from the belief, at the rate that suits the loop."""
+    shape = gradient_shape(believed, dynamics, effects)
+    return shape * rate_for(INERTIAL_MODE * bandwidth, effects, Gradient(shape, dynamics.size), dynamics.initial)
 
 
 def _law(name: str) -> type[Law]:
@@ -219,12 +235,34 @@ def _cone(believed: Robot, dynamics: DynamicParameters, lmi: ArrayLike | Cone | 
     return cone
 
 
-def _warn_of_lengths(kinematics: KinematicParameters, dynamics: DynamicParameters, adaptation: str) -> None:
-    """Say so when the regressor contains placements that are among the unknowns."""
-    joints = [part.name for part in kinematics.translations if part.joint is not None]
-    if joints and adaptation != "none" and isinstance(dynamics, BodyParameters) and dynamics.size:
+def _exact(kinematics: KinematicParameters, regressor: str, kind: str, law: type[Law]) -> list[Translation]:
+    """Return the translations that have to be lumped with the inertias because the bodies' regressor contains them."""
+    if regressor not in REGRESSORS:
+        what = f"must be one of {list(REGRESSORS)}, got '{regressor}'.{did_you_mean(regressor, REGRESSORS)}"
+        raise InputError(what, where="unknown.regressor")
+    lengths = [part for part in kinematics.translations if part.joint is not None]
+    names = [part.name for part in lengths]
+    if not lengths or kind == "none":
+        return []
+    if regressor == "nominal":
         warnings.warn(
-            f"the placements of {joints} are unknown, but the regressor of the bodies' parameters contains them at their "
-            "believed values: the proof does not cover this closed loop. A basis of lumped parameters avoids it.",
+            f"the placements of {names} are unknown, but the nominal regressor contains them at their believed values: "
+            'the proof does not cover this closed loop. regressor = "exact" does.',
             stacklevel=3,
         )
+        return []
+    if kind == "natural":
+        raise ParameterError(
+            f"natural adaptation does not apply while the placements of {names} are unknown: lengths multiply inertias, and "
+            "the lumped parameters that remain are no longer the inertias of bodies, so they have no cone to stay in.",
+            where="adaptation",
+            hint='Use "gradient" with the law "adaptive-jacobian" or "adaptive-inverse-dynamics-improved", which never invert '
+            'M_hat, or "projected", which keeps it positive definite, with any law.',
+        )
+    if kind == "gradient" and law.inverts_estimate:
+        warnings.warn(
+            f"the law '{law.name}' inverts M_hat, which plain gradient adaptation does not keep positive definite; "
+            'adaptation = "projected" does.',
+            stacklevel=3,
+        )
+    return lengths

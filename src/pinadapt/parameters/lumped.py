@@ -64,9 +64,9 @@ class LumpedParameters(InertialParameters):
         if whole is None:
             raise ParameterError("the directions and offsets do not contain the believed robot's own placements.")
         self._B, self._rest, rows = None, np.zeros(len(whole)), np.arange(len(whole))
-        bodies = chosen_bodies(robot, unknown)
-        if len(bodies) < robot.model.nv:
-            self._B, self._rest, rows = _affine_hull(self._possible(robot, bodies, whole), self._found.weights)
+        self.bodies = chosen_bodies(robot, unknown)
+        if len(self.bodies) < robot.model.nv:
+            self._B, self._rest, rows = _affine_hull(self._possible(robot, whole), self._found.weights)
         self._rows = rows
         self.names = tuple(names[row] for row in rows)
         self.size, self.initial = len(rows), whole[rows].copy()
@@ -89,14 +89,14 @@ class LumpedParameters(InertialParameters):
         missed = (self.expand(a_d) - whole) * weights
         return a_d if np.linalg.norm(missed) <= _NEGLIGIBLE * np.linalg.norm(whole * weights) else None
 
-    def _possible(self, robot: Robot, bodies: Sequence[int], whole: np.ndarray) -> np.ndarray:
+    def _possible(self, robot: Robot, whole: np.ndarray) -> np.ndarray:
         """Return lumped vectors (N, p) for random lengths and random inertias of the chosen bodies, the believed one first."""
         rng, model = np.random.default_rng(1), robot.model.copy()
         samples = [whole]
         for _ in range(len(whole) + 20):
             for part in self.translations:
                 model.jointPlacements[part.joint].translation = part.at(rng.uniform(-1.0, 1.0, part.directions.shape[1]))
-            for body in bodies:
+            for body in self.bodies:
                 model.inertias[body + 1] = _random_inertia(rng)
             sample = self._found.fit(model)
             assert sample is not None

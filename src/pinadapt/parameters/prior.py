@@ -1,8 +1,7 @@
-"""How far the truth may be from the belief: what scales a constant gain."""
+"""How far the truth may be from the belief, which gives a constant gain its shape."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,53 +9,51 @@ import pinocchio as pin
 
 from ..robot import Robot
 from .dynamic import DynamicParameters
-from .kinematic import Translation
-from .pseudo_inertia import inertial_ten, nearest_physical, pseudo_inertia
+from .pseudo_inertia import nearest_physical, pseudo_inertia, ten_parameters
 
 INERTIA, LENGTH = 0.3, 0.1  # relative standard deviations
 _SAMPLES_PER_PARAMETER = 10
-_RIDGE = 1e-6  # part of its own variance added to each parameter, so that no combination is taken for known
+_RIDGE = 1e-6  # share of its own variance added to each parameter, so that no combination is taken for known
+_LEAST_RADIUS = 1e-3  # [m] of gyration, for bodies that a description leaves without extent
 
 
 def prior_covariance(robot: Robot, dynamics: DynamicParameters) -> np.ndarray | None:
-    """Return E[da da^T] (p, p) of the parameters' errors over seeded plausible truths, or None where these have no value.
+    """Return E[da da^T] (p, p) of the errors of a believed robot's parameters, or None where plausible truths have no value.
 
-    Inertias are off by 30 %: pseudo-inertias P = S S^T become S exp(0.3 W) S^T with W symmetric and standard normal
-    in the norm tr(W W), so that to first order the covariance of a body is 0.09 times the inverse of the metric of natural
-    adaptation at the believed body, whatever its frame and units. Lengths are off by 10 %.
+    The truths are seeded samples of ``plausible``. To first order the covariance of a whole body is 0.09 times the inverse of
+    the metric of natural adaptation at the believed body: as a constant gain it does not depend on frames and units either.
     """
-    rng, deviations = np.random.default_rng(0), []
-    believed = dynamics.value(robot)
+    rng = np.random.default_rng(0)
+    believed, deviations = dynamics.value(robot), []
     for _ in range(_SAMPLES_PER_PARAMETER * dynamics.size):
-        value = dynamics.value(plausible(robot, rng, dynamics.bodies, dynamics.translations))
+        value = dynamics.value(plausible(robot, dynamics, rng))
         if value is None or believed is None:
             return None
         deviations.append(value - believed)
-    errors = np.array(deviations)
+    errors = np.array(deviations).reshape(-1, dynamics.size)
     covariance = errors.T @ errors / max(len(errors), 1)
     variances = np.diag(covariance)
-    if not (variances > 0.0).all():
-        return None
-    return np.asarray(covariance + _RIDGE * np.diag(variances))
+    return np.asarray(covariance + _RIDGE * np.diag(variances)) if (variances > 0.0).all() else None
 
 
-def plausible(
-    robot: Robot, rng: np.random.Generator, bodies: Sequence[int], translations: Sequence[Translation]
-) -> Robot:
-    """Return a robot whose chosen bodies (from 0) and joint translations differ at random from the believed ones."""
+def plausible(robot: Robot, dynamics: DynamicParameters, rng: np.random.Generator) -> Robot:
+    """Return a robot that differs at random from the believed one in what the parameters leave unknown.
+
+    The pseudo-inertia P = S S^T of an unknown body becomes S exp(0.3 W) S^T, W symmetric and normal with density
+    exp(-tr(W W) / 2): physical, and off by 30 %. Each unknown length becomes 10 % longer or shorter.
+    """
     model = robot.model.copy()
     mass = sum(inertia.mass for inertia in model.inertias[1:]) / model.nv
-    for body in bodies:
+    for body in dynamics.bodies:
         ten = model.inertias[body + 1].toDynamicParameters()
-        S = np.linalg.cholesky(pseudo_inertia(nearest_physical(ten, least_mass=1e-3 * mass, least_radius=1e-3)))
+        S = np.linalg.cholesky(pseudo_inertia(nearest_physical(ten, least_mass=1e-3 * mass, least_radius=_LEAST_RADIUS)))
         W = rng.standard_normal((4, 4))
-        w, U = np.linalg.eigh(INERTIA * (W + W.T) / np.sqrt(2.0) * _HALF)
+        w, U = np.linalg.eigh(0.5 * INERTIA * (W + W.T))
         A = S @ U
-        model.inertias[body + 1] = pin.Inertia.FromDynamicParameters(inertial_ten((A * np.exp(w)) @ A.T))
-    for part in translations:
-        if part.joint is not None:
-            placement = model.jointPlacements[part.joint]
-            theta = part.directions.T @ (placement.translation - part.offset)
-            scale = np.maximum(np.abs(theta), np.linalg.norm(theta) / len(theta))
-            placement.translation = part.at(theta + LENGTH * scale * rng.standard_normal(len(theta)))
+        model.inertias[body + 1] = pin.Inertia.FromDynamicParameters(ten_parameters((A * np.exp(w)) @ A.T))
+    for part in dynamics.translations:
+        placement = model.jointPlacements[part.joint]
+        theta = part.directions.T @ (placement.translation - part.offset)
+        size = np.linalg.norm(theta) / np.sqrt(max(theta.size, 1))
+        placement.translation = part.at(theta + LENGTH * size * rng.standard_normal(theta.size))
     return replace(robot, model=model)

@@ -178,11 +178,12 @@ class SuperposedModel(InertialModel):
         self._pi = np.zeros((len(found.models), PER_BODY * found.models[0].nv))
         counts = [len(columns) for columns in found.columns]
         self._where = np.repeat(np.arange(len(counts)), counts) * self._pi.shape[1] + np.concatenate(found.columns)
-        self._loaded = True
+        self._a, self._loaded = np.full(found.size, np.nan), False
 
     def load(self, pi: np.ndarray) -> None:
         """Set the lumped vector (p)."""
-        self._a, self._loaded = pi, False
+        self._loaded = self._loaded and np.array_equal(pi, self._a)
+        self._a = pi.copy()
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return M a + C v + g (n) [N m or N]: by the regressor, which is quicker than writing all the virtual bodies."""

@@ -165,6 +165,7 @@ def _controller(tables: ScenarioTables, believed: Robot, folder: Path) -> Contro
         joint=unknown.joint,
         basis=basis,
         lmi=lmi,
+        regressor=unknown.regressor,
         dt=1e-3 if tables.simulation.mode == "continuous" else tables.simulation.dt,
         **gains,
     )
