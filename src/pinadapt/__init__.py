@@ -7,8 +7,8 @@ from .adaptation import Cone as Cone
 from .adaptation import Frozen as Frozen
 from .adaptation import Gradient as Gradient
 from .adaptation import Natural as Natural
-from .adaptation import Projected as Projected
 from .adaptation import Positive as Positive
+from .adaptation import Projected as Projected
 from .adaptation import Stacked as Stacked
 from .controller import Controller as Controller
 from .controller import ControllerState as ControllerState

@@ -20,7 +20,6 @@ from ..laws import Law
 from ..parameters import DynamicParameters
 from ..parameters.prior import prior_covariance
 from ..robot import Robot
-from ..robot.workspace import reach
 
 _FASTEST = 20.0  # [rad/s]
 _LARGEST_STEP = 0.04  # bandwidth times sampling period

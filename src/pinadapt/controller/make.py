@@ -25,9 +25,10 @@ from ..parameters import (
 from ..parameters.joint import NONE, chosen_kinds, without_joint_effects
 from ..parameters.kinematic import TOOL, Translation
 from ..robot import Robot
+from ..robot.workspace import reach
 from ..signals import LowPass
 from .controller import Controller
-from .defaults import INERTIAL_MODE, JOINT_MODE, KINEMATIC_MODE, PREDICTION_RATE, default_gains, gradient_shape, reach
+from .defaults import INERTIAL_MODE, JOINT_MODE, KINEMATIC_MODE, PREDICTION_RATE, default_gains, gradient_shape
 from .modes import TypicalLoop, frequency, gain_matrix, rate_for, typical_motion
 
 ADAPTATIONS = ("natural", "gradient", "projected", "none")
@@ -87,8 +88,8 @@ def make_controller(
     chosen = _law(law)
     kinematics = KinematicParameters(believed, kinematic)
     kind = _adaptation(adaptation, chosen)
-    exact = _exact(kinematics, regressor, kind, chosen) if basis is None else []
-    dynamics = _dynamics(believed, dynamic, basis, lmi, joint, exact)
+    lumped = [] if basis is not None else _lumped(kinematics, regressor, kind, chosen)
+    dynamics = _dynamics(believed, dynamic, basis, lmi, joint, lumped)
     default = default_gains(believed, chosen, positive(dt, "dt"))
     gains = Gains.checked(
         believed.task.size,
@@ -99,8 +100,7 @@ def make_controller(
         Q=Q,
         margin=chosen.needs_margin,
     )
-    w = default.bandwidth
-    loop = TypicalLoop(chosen, kinematics, dynamics, typical_motion(believed, kinematics, w))
+    loop = TypicalLoop(chosen, kinematics, dynamics, typical_motion(believed, kinematics, w := default.bandwidth))
     adaptation_k = _kinematic_adaptation(kind, loop, gains, w, gamma_k)
     if R_k is None:
         gains = replace(gains, R_k=_prediction_weight(loop, adaptation_k, w) * gains.R_k)
@@ -235,7 +235,7 @@ def _cone(believed: Robot, dynamics: DynamicParameters, lmi: ArrayLike | Cone | 
     return cone
 
 
-def _exact(kinematics: KinematicParameters, regressor: str, kind: str, law: type[Law]) -> list[Translation]:
+def _lumped(kinematics: KinematicParameters, regressor: str, kind: str, law: type[Law]) -> list[Translation]:
     """Return the translations that have to be lumped with the inertias because the bodies' regressor contains them."""
     if regressor not in REGRESSORS:
         what = f"must be one of {list(REGRESSORS)}, got '{regressor}'.{did_you_mean(regressor, REGRESSORS)}"

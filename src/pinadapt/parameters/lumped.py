@@ -16,7 +16,6 @@ from .kinematic import LENGTHS, Translation, unknown_translations
 from .regressor import LABELS, PER_BODY
 from .superposition import SuperposedModel, SuperposedRegressor, superposition
 
-
 _NEGLIGIBLE = 1e-8  # relative size of what is left of a dependent entry
 
 
@@ -95,7 +94,7 @@ class LumpedParameters(InertialParameters):
         samples = [whole]
         for _ in range(len(whole) + 20):
             for part in self.translations:
-                model.jointPlacements[part.joint].translation = part.at(rng.uniform(-1.0, 1.0, part.directions.shape[1]))
+                model.jointPlacements[part.joint].translation = part.at(rng.uniform(-1.0, 1.0, (part.directions.shape[1],)))
             for body in self.bodies:
                 model.inertias[body + 1] = _random_inertia(rng)
             sample = self._found.fit(model)

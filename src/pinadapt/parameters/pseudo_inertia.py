@@ -37,9 +37,8 @@ def pseudo_inertia(pi: np.ndarray) -> np.ndarray:
 
 def ten_parameters(P: np.ndarray) -> np.ndarray:
     """Return the ten parameters (10) of a body with pseudo-inertia P (4, 4)."""
-    inertia = np.trace(P[:3, :3]) * np.eye(3) - P[:3, :3]
-    i, j = np.array([0, 0, 1, 0, 1, 2]), np.array([0, 1, 1, 2, 2, 2])
-    return np.concatenate([P[3:, 3], P[:3, 3], inertia[i, j]])
+    xx, yy, zz = P[0, 0], P[1, 1], P[2, 2]
+    return np.array([P[3, 3], *P[:3, 3], yy + zz, -P[0, 1], xx + zz, -P[0, 2], -P[1, 2], xx + yy])
 
 
 def is_physical(pi: np.ndarray) -> bool:

@@ -70,7 +70,7 @@ class Superposition:
 
 
 def superposition(model: pin.Model, translations: Sequence[Translation]) -> Superposition:
-    """Return the base of a chain's dynamics for unknown translations of its joints, found once a process for each such chain."""
+    """Return the base of a chain's dynamics for unknown translations of its joints, found once a process for each chain."""
     bare = model.copy()
     bare.armature, bare.name = np.zeros(model.nv), ""
     for joint in range(1, model.njoints):
