@@ -157,14 +157,14 @@ class SuperposedRegressor(Regressor):
         """Return Y(q, v, a) (n, p)."""
         Y = np.empty(self._shape)
         for regressor, window, columns in self._parts:
-            Y[:, window] = regressor(q, v, a)[:, columns]
+            Y[:, window] = regressor(q, v, a)[..., columns]
         return Y
 
     def slotine_li(self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray) -> np.ndarray:
         """Return Y(q, v, v_r, a_r) (n, p)."""
         Y = np.empty(self._shape)
         for regressor, window, columns in self._parts:
-            Y[:, window] = regressor.slotine_li(q, v, v_r, a_r)[:, columns]
+            Y[:, window] = regressor.slotine_li(q, v, v_r, a_r)[..., columns]
         return Y
 
 
