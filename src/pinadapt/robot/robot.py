@@ -74,9 +74,13 @@ class Robot:
 
     def position(self, q: np.ndarray) -> np.ndarray:
         """Return the task coordinates (m) [m] of this description at configuration q (nq), in world axes."""
+        return np.array(self.placement(q).translation[self.task.rows])
+
+    def placement(self, q: np.ndarray) -> pin.SE3:
+        """Return the placement of the task frame of this description at configuration q (nq), in world axes."""
         data = self.model.createData()
         pin.framesForwardKinematics(self.model, data, q)
-        return data.oMf[self.frame_id].translation[self.task.rows].copy()
+        return data.oMf[self.frame_id].copy()
 
     def at(self, q0: ArrayLike) -> Robot:
         """Return this robot with another home pose, given as one number a joint (nv) [rad or m].
