@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import ClassVar
 
 import numpy as np
 
@@ -18,7 +17,7 @@ class Adaptation(ABC):
         name: as written in scenarios.
     """
 
-    name: ClassVar[str]
+    name: str
 
     def admit(self, a: np.ndarray) -> np.ndarray:
         """Return the initial estimate to start from: ``a`` itself, or moved (with a warning) to where the law is defined."""

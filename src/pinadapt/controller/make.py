@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import positive
-from ..adaptation import Adaptation, BodyCone, Cone, Frozen, Gradient, Natural
+from ..adaptation import Adaptation, BodyCone, Boxed, Cone, Frozen, Gradient, Natural
 from ..exceptions import InputError, ParameterError, did_you_mean
 from ..laws import LAWS, Gains, Law, Posture
 from ..parameters import BasisParameters, BodyParameters, DynamicParameters, KinematicParameters
@@ -18,6 +18,7 @@ from ..robot import Robot
 from ..signals import LowPass
 from .controller import Controller
 from .defaults import Defaults, default_gains, default_gradient_gain, reach
+from .limits import make_box, make_limits
 
 ADAPTATIONS = ("natural", "gradient", "none")
 
@@ -41,6 +42,10 @@ def make_controller(
     Q: ArrayLike | None = None,
     lambda_: float | None = None,
     lambda_a: float | None = None,
+    kinematic_box: ArrayLike | bool | None = None,
+    torque_limits: ArrayLike | bool | None = None,
+    damping: float = 0.2,
+    watch: bool = True,
 ) -> Controller:
     """Make an adaptive controller for a believed robot; every gain has a default derived from the robot and dt.
 
@@ -62,16 +67,22 @@ def make_controller(
         Q: right-hand side of the Lyapunov equation of the law with task velocity.
         lambda_: velocity filter [1/s].
         lambda_a: acceleration filter [s].
+        kinematic_box: where the kinematic estimates stay: a margin around the believed values [m], or p of them; lower and
+            upper bounds; False for no box. By default a length stays within a fifth and five times, other coordinates within
+            half the robot's reach.
+        torque_limits: n bounds [N m or N] at which the torque is clipped and the adaptation of the tracking error rests; True
+            for the efforts of the robot's description.
+        damping: the right inverse of J_hat is damped where its smallest singular value, estimated from below, falls under this
+            fraction of home's; zero never damps.
+        watch: end the run with a message when an M_hat to be inverted is not positive definite or the estimates run away;
+            False goes on regardless.
 
     Raises:
         InputError: an unknown name, a gain that breaks a hypothesis, or parameters that cannot be used.
     """
     chosen = _law(law)
     kinematics = KinematicParameters(believed, kinematic)
-    if lmi is not None and basis is None:
-        raise ParameterError("an inequality belongs to a basis of your own.", where="unknown.lmi", hint="Give a basis too.")
-    bodies = BodyParameters(believed, dynamic)  # checks the words even where a basis takes their place
-    dynamics: DynamicParameters = bodies if basis is None else BasisParameters(believed, basis)
+    dynamics = _dynamics(believed, dynamic, basis, lmi)
     default = default_gains(believed, chosen, positive(dt, "dt"))
     gains = Gains.checked(
         believed.task.size,
@@ -85,16 +96,42 @@ def make_controller(
     kind = _adaptation(adaptation)
     kind = kind if chosen.adapts else "none"
     _warn_of_lengths(kinematics, dynamics, kind)
-    rates_k = default.gamma_k if gamma_k is None else gamma_k
     return Controller(
         chosen(gains, Posture(believed)),
         kinematics,
         dynamics,
-        adaptation_k=Frozen() if kind == "none" else Gradient(rates_k, kinematics.size, "gamma_k"),
+        adaptation_k=_kinematic_adaptation(kind, believed, kinematics, default, gamma_k, kinematic_box),
         adaptation_d=_dynamic_adaptation(kind, believed, dynamics, chosen, default, gamma_d, lmi),
         velocity_filter=LowPass(default.lambda_ if lambda_ is None else lambda_, "lambda"),
         acceleration_filter=LowPass(1.0 / (default.lambda_a if lambda_a is None else positive(lambda_a, "lambda_a"))),
+        limits=make_limits(believed, dynamics, torque=torque_limits, damping=damping, watch=watch),
     )
+
+
+def _dynamics(
+    believed: Robot, dynamic: str | Sequence[str], basis: ArrayLike | None, lmi: ArrayLike | Cone | None
+) -> DynamicParameters:
+    if lmi is not None and basis is None:
+        raise ParameterError("an inequality belongs to a basis of your own.", where="unknown.lmi", hint="Give a basis too.")
+    bodies = BodyParameters(believed, dynamic)  # checks the words even where a basis takes their place
+    return bodies if basis is None else BasisParameters(believed, basis)
+
+
+def _kinematic_adaptation(
+    kind: str,
+    believed: Robot,
+    kinematics: KinematicParameters,
+    default: Defaults,
+    gamma_k: ArrayLike | None,
+    box: ArrayLike | bool | None,
+) -> Adaptation:
+    bounds = make_box(believed, kinematics, box)
+    if kind == "none":
+        return Frozen()
+    gradient = Gradient(default.gamma_k if gamma_k is None else gamma_k, kinematics.size, "gamma_k")
+    if bounds is None:
+        return gradient
+    return Boxed(gradient, *bounds, names=kinematics.names, where="unknown.kinematic_box")
 
 
 def _dynamic_adaptation(
