@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.linalg.lapack import dposv, dpotrs
+from scipy.linalg.lapack import dposv
 
 from ..exceptions import DivergedError
 
+_IDENTITY = tuple(np.eye(m, order="F") for m in range(7))  # of as many coordinates as a task can have
 _LOST_RANK = 1e14  # (|J|_F / s)^2; the Gram matrix cannot tell more from rounding
 
 
@@ -19,8 +20,8 @@ class RightInverse:
     times it is u - mu^2 (J J^T + mu^2 I)^-1 (u - J psi): the task is missed by at most the share mu^2 / (s_min^2 + mu^2) of
     u - J psi, and (17) of Wang and Xie holds up to that.
 
-    Damping begins where s = 1 / |(J^T (J J^T)^-1)|_F falls below a threshold s_0. As s^-2 is the sum of all sigma_i^-2, s is at
-    most the smallest singular value, and at least that over sqrt(m); the factorisation that solves gives it. The form of mu is
+    Damping begins where s = tr((J J^T)^-1)^(-1/2) falls below a threshold s_0. As s^-2 is the sum of all sigma_i^-2, s is at
+    most the smallest singular value, and at least that over sqrt(m); the solution needs (J J^T)^-1 anyway. The form of mu is
     that of damped least squares (Y. Nakamura, H. Hanafusa, ASME J. Dyn. Syst. Meas. Control 108 (1986) 163-171; S. Chiaverini,
     IEEE T. Robot. Autom. 13 (1997) 398-410), mu^2 = mu_max^2 (1 - (s / s_0)^2), with mu_max^2 = s_0^2 / 2, the least for which
     |J^+| <= 1 / s_0 always.
@@ -39,13 +40,12 @@ class RightInverse:
         """
         self._J, self.damping, (m, n) = J, 0.0, J.shape
         gram = J.dot(J.T)
-        self._factor, self._J_plus_T, info = dposv(gram, J)
-        flat = self._J_plus_T.T.ravel()
-        size = flat.dot(flat) if info == 0 else math.inf  # s^-2
+        _, self._gram_inverse, info = dposv(gram, _IDENTITY[m])
+        size = sum(self._gram_inverse.diagonal().tolist()) if info == 0 else math.inf  # s^-2
         self.smallest = 1.0 / math.sqrt(size)
         if self.smallest < threshold:
             self.damping = 0.5 * (threshold * threshold - 1.0 / size)
-            self._factor, self._J_plus_T, info = dposv(gram + self.damping * np.eye(m), J)
+            _, self._gram_inverse, info = dposv(gram + self.damping * _IDENTITY[m], _IDENTITY[m])
         elif threshold == 0.0 and not size * gram.trace() < _LOST_RANK:
             info = 1
         if info != 0:
@@ -59,8 +59,8 @@ class RightInverse:
     def solve(self, u: np.ndarray, psi: np.ndarray | None) -> np.ndarray:
         """Return J^+ u + (I - J^+ J) psi (n), u (m) and psi (n), which is None where the inverse is unique."""
         if psi is None:
-            return u.dot(self._J_plus_T)
-        return psi + (u - self._J.dot(psi)).dot(self._J_plus_T)
+            return self._gram_inverse.dot(u).dot(self._J)
+        return psi + self._gram_inverse.dot(u - self._J.dot(psi)).dot(self._J)
 
     def solve_rate(
         self, u: np.ndarray, psi: np.ndarray | None, ud: np.ndarray, psid: np.ndarray, Jdot: np.ndarray
@@ -73,14 +73,14 @@ class RightInverse:
         ud = ud - Jdot.dot(self.solve(u, psi))
         if psi is None:
             return self.solve(ud, None)
-        y = dpotrs(self._factor, u - self._J.dot(psi))[0]
+        y = self._gram_inverse.dot(u - self._J.dot(psi))
         if self.damping:
             ud -= self._damping_rate(Jdot) * y
         return self.solve(ud, psid + y.dot(Jdot))
 
     def null(self, z: np.ndarray) -> np.ndarray:
         """Return (I - J^+ J) z (n); undamped, the orthogonal projection onto the null space."""
-        return np.zeros_like(z) if self.unique else z - self._J.dot(z).dot(self._J_plus_T)
+        return np.zeros_like(z) if self.unique else z - self._gram_inverse.dot(self._J.dot(z)).dot(self._J)
 
     def _damping_rate(self, Jdot: np.ndarray) -> float:
         """Return d(mu^2)/dt = -d(s^2)/dt / 2 = -sum_i (s / sigma_i)^4 d(sigma_i^2)/dt / 2; the ratios are at most one."""
