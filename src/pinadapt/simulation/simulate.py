@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable, Mapping
 from time import perf_counter
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import positive
+from ..adaptation import Boxed
 from ..controller import Controller, ControllerState
 from ..exceptions import InputError, did_you_mean
 from ..robot import Robot
@@ -125,7 +127,23 @@ def prepare(
             where="robot.q0",
             hint="Bend a joint, or leave q0 out to have a pose searched.",
         )
+    _warn_of_box(true, controller)
     return plant, controller.init(first, a_k=_array(a_k), a_d=_array(a_d))
+
+
+def _warn_of_box(true: Robot, controller: Controller) -> None:
+    """Say so when the box of the kinematic estimates does not hold the truth."""
+    box, truth = controller.adaptation_k, controller.kinematics.value(true)
+    if truth is None or not isinstance(box, Boxed):
+        return
+    outside = (truth < box.low) | (truth > box.high)
+    if outside.any():
+        names = [name for name, out in zip(controller.kinematics.names, outside, strict=True) if out]
+        warnings.warn(
+            f"the true values of {names} are outside the box of their estimates, which cannot reach them: no proof covers this "
+            "closed loop. A wider kinematic_box avoids it.",
+            stacklevel=4,
+        )
 
 
 def _check_options(mode: str, duration: float, dt: float, counts: Mapping[str, int], seed: int) -> None:
