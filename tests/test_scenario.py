@@ -365,8 +365,8 @@ def test_a_basis_with_natural_adaptation_needs_an_inequality(tmp_path):
         Scenario.read(write(tmp_path, text))
 
 
-def test_continuous_mode_refuses_noise_delay_and_limits():
-    for setting in ("simulation.noise.q=1e-3", "simulation.delay=0.01", "simulation.torque_limits=true"):
+def test_continuous_mode_refuses_noise_and_delay():
+    for setting in ("simulation.noise.q=1e-3", "simulation.delay=0.01"):
         with pytest.raises(pa.InputError, match="sampled mode only"):
             planar("simulation.mode=continuous", setting).run()
 

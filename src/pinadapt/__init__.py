@@ -3,6 +3,7 @@
 from ._version import __version__ as __version__
 from .adaptation import Adaptation as Adaptation
 from .adaptation import BodyCone as BodyCone
+from .adaptation import Boxed as Boxed
 from .adaptation import Cone as Cone
 from .adaptation import Frozen as Frozen
 from .adaptation import Gradient as Gradient

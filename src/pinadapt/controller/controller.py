@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,6 +14,7 @@ from ..laws import Command, Gradients, Law, Signals
 from ..laws.right_inverse import RightInverse
 from ..parameters import DynamicParameters, KinematicParameters
 from ..signals import Desired, LowPass, Measurement
+from .limits import Limits
 from .state import ControllerState
 
 
@@ -27,6 +30,7 @@ class Controller:
         adaptation_k, adaptation_d: how its estimates move.
         velocity_filter: lambda of (3)-(4).
         acceleration_filter: 1 / lambda_a.
+        limits: what it does not exceed.
     """
 
     def __init__(
@@ -39,12 +43,20 @@ class Controller:
         adaptation_d: Adaptation,
         velocity_filter: LowPass,
         acceleration_filter: LowPass,
+        limits: Limits | None = None,
     ) -> None:
         """Put the parts together; ``pinadapt.make_controller`` does so with defaults for everything."""
         self.law = law
         self.kinematics, self.dynamics = kinematics, dynamics
         self.adaptation_k, self.adaptation_d = adaptation_k, adaptation_d
         self.velocity_filter, self.acceleration_filter = velocity_filter, acceleration_filter
+        self.limits = Limits() if limits is None else limits
+
+    def limited(self, torque: np.ndarray | None) -> Controller:
+        """Return this controller with other torque limits (n) [N m or N]; it shares the scratch models."""
+        other = copy.copy(self)
+        other.limits = replace(self.limits, torque=torque)
+        return other
 
     def init(
         self, measurement: Measurement, *, a_k: np.ndarray | None = None, a_d: np.ndarray | None = None
@@ -87,14 +99,13 @@ class Controller:
         Raises:
             MeasurementError: a signal the law uses is not finite; ``state`` is as good as before.
             InputError: the desired motion is not finite.
-            DivergedError: torque or estimates are no longer finite, or the law met a singularity.
+            DivergedError: torque or estimates went wrong, see ``watch``, or the law met a singularity.
         """
         try:
             signals = self.observe(state, measurement, desired)
             command = self.law.command(signals)
             a = self.acceleration(state, measurement)
-            torque = command.at(a)
-            g_d, g_k = self.law.gradients(signals, command, a)
+            torque, (g_d, g_k) = self.respond(signals, command, a)
             velocity = self.velocity_filter
             after = ControllerState(
                 a_d=self.adaptation_d.advance(state.a_d, g_d, dt),
@@ -104,13 +115,39 @@ class Controller:
                 xi=state.xi + velocity.fraction(dt) * (signals.y + self.kinematics.y_k0),
                 z=self.acceleration_filter.advance(state.z, measurement.v, dt),
             )
+            self.watch(torque, after)
         except (DivergedError, np.linalg.LinAlgError) as error:
             self._check(measurement, desired)  # a signal that fails is the likelier cause
             raise DivergedError(str(error)) from error
-        if not math.isfinite(torque.dot(torque) + after.a_d.dot(after.a_d) + after.a_k.dot(after.a_k)):
-            self._check(measurement, desired)
-            raise DivergedError("the torque or the estimates are no longer finite.")
         return torque, after
+
+    def respond(self, signals: Signals, command: Command, a: np.ndarray) -> tuple[np.ndarray, Gradients]:
+        """Return the torque (n) at joint acceleration a (n), within its limits, and the gradient signals.
+
+        While a motor saturates, the tracking error tells of the lost torque as much as of the parameters, and following it
+        winds the estimates up. They then learn only from what holds whatever the torque is, the kinematic prediction error.
+        """
+        torque, limits = command.at(a), self.limits.torque
+        if limits is not None:
+            clipped = np.minimum(np.maximum(torque, -limits), limits)
+            if math.isfinite(torque.dot(torque)) and (clipped != torque).any():
+                return clipped, Gradients(np.zeros(signals.a_d.size), self.law.prediction_gradient(signals))
+        return torque, self.law.gradients(signals, command, a)
+
+    def watch(self, torque: np.ndarray, state: ControllerState) -> None:
+        """Refuse a torque (n) or estimates that went wrong.
+
+        Raises:
+            DivergedError: they are not finite, or the estimates are larger than any robot's.
+        """
+        size = state.a_d.dot(state.a_d) + state.a_k.dot(state.a_k)
+        if not math.isfinite(size + torque.dot(torque)):
+            raise DivergedError("the torque or the estimates are no longer finite.")
+        if size > self.limits.estimate**2:
+            raise DivergedError(
+                f"the estimates ran away: their norm is {math.sqrt(size):.3g}. Try smaller gamma_d and gamma_k, natural "
+                "adaptation, or a start nearer to the truth; watch = false goes on regardless."
+            )
 
     def observe(self, state: ControllerState, measurement: Measurement, desired: Desired) -> Signals:
         """Evaluate the believed robot at the current estimates and return what the law may see."""
@@ -133,8 +170,9 @@ class Controller:
             a_0=state.a_0,
             kinematics=kinematics,
             dynamics=self.dynamics,
-            inverse=RightInverse(kinematics.J),
+            inverse=RightInverse(kinematics.J, self.limits.singular),
             rate_k=lambda g_k: self.adaptation_k.rate(state.a_k, g_k),
+            watch=self.limits.watch,
         )
 
     def acceleration(self, state: ControllerState, measurement: Measurement) -> np.ndarray:

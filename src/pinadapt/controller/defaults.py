@@ -18,7 +18,6 @@ import pinocchio as pin
 from ..laws import Law
 from ..parameters import DynamicParameters
 from ..robot import Robot
-from ..robot.workspace import reach
 
 _FASTEST = 20.0  # [rad/s]
 _LARGEST_STEP = 0.04  # bandwidth times sampling period

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import positive
-from ..adaptation import Adaptation, BodyCone, Cone, Frozen, Gradient, Natural, Positive, Stacked
+from ..adaptation import Adaptation, BodyCone, Boxed, Cone, Frozen, Gradient, Natural, Positive, Stacked
 from ..exceptions import InputError, ParameterError, did_you_mean
 from ..laws import LAWS, Gains, Law, Posture
 from ..parameters import (
@@ -24,9 +24,11 @@ from ..parameters import (
 from ..parameters.joint import NONE, chosen_kinds, without_joint_effects
 from ..parameters.kinematic import TOOL, Translation
 from ..robot import Robot
+from ..robot.workspace import reach
 from ..signals import LowPass
 from .controller import Controller
-from .defaults import INERTIAL_MODE, JOINT_MODE, KINEMATIC_MODE, PREDICTION_RATE, default_gains, default_gradient_gain, reach
+from .defaults import INERTIAL_MODE, JOINT_MODE, KINEMATIC_MODE, PREDICTION_RATE, default_gains, default_gradient_gain
+from .limits import make_box, make_limits
 from .modes import TypicalLoop, frequency, gain_matrix, rate_for, typical_motion
 
 ADAPTATIONS = ("natural", "gradient", "none")
@@ -53,6 +55,10 @@ def make_controller(
     Q: ArrayLike | None = None,
     lambda_: float | None = None,
     lambda_a: float | None = None,
+    kinematic_box: ArrayLike | bool | None = None,
+    torque_limits: ArrayLike | bool | None = None,
+    damping: float = 0.2,
+    watch: bool = True,
 ) -> Controller:
     """Make an adaptive controller for a believed robot; every gain has a default derived from the robot and dt.
 
@@ -76,6 +82,15 @@ def make_controller(
         Q: right-hand side of the Lyapunov equation of the law with task velocity.
         lambda_: velocity filter [1/s].
         lambda_a: acceleration filter [s].
+        kinematic_box: where the kinematic estimates stay: a margin around the believed values [m], or p of them; lower and
+            upper bounds; False for no box. By default a length stays within a fifth and five times, other coordinates within
+            half the robot's reach.
+        torque_limits: n bounds [N m or N] at which the torque is clipped and the adaptation of the tracking error rests; True
+            for the efforts of the robot's description.
+        damping: the right inverse of J_hat is damped where its smallest singular value, estimated from below, falls under this
+            fraction of home's; zero never damps.
+        watch: end the run with a message when an M_hat to be inverted is not positive definite or the estimates run away;
+            False goes on regardless.
 
     Raises:
         InputError: an unknown name, a gain that breaks a hypothesis, or parameters that cannot be used.
@@ -97,7 +112,8 @@ def make_controller(
     )
     w = default.bandwidth
     loop = TypicalLoop(chosen, kinematics, dynamics, typical_motion(believed, kinematics, w))
-    adaptation_k = _kinematic_adaptation(kind, loop, gains, w, gamma_k)
+    box = make_box(believed, kinematics, kinematic_box)
+    adaptation_k = _kinematic_adaptation(kind, loop, gains, w, gamma_k, box)
     if R_k is None:
         gains = replace(gains, R_k=_prediction_weight(loop, adaptation_k, w) * gains.R_k)
     return Controller(
@@ -108,6 +124,7 @@ def make_controller(
         adaptation_d=_dynamic_adaptation(kind, believed, loop, w, gamma_d, gamma_joint, lmi),
         velocity_filter=LowPass(default.lambda_ if lambda_ is None else lambda_, "lambda"),
         acceleration_filter=LowPass(1.0 / (default.lambda_a if lambda_a is None else positive(lambda_a, "lambda_a"))),
+        limits=make_limits(believed, dynamics, torque=torque_limits, damping=damping, watch=watch),
     )
 
 
@@ -130,7 +147,12 @@ def _dynamics(
 
 
 def _kinematic_adaptation(
-    kind: str, loop: TypicalLoop, gains: Gains, bandwidth: float, gamma_k: ArrayLike | None
+    kind: str,
+    loop: TypicalLoop,
+    gains: Gains,
+    bandwidth: float,
+    gamma_k: ArrayLike | None,
+    box: np.ndarray | None,
 ) -> Adaptation:
     size = loop.kinematics.size
     if kind == "none":
@@ -139,7 +161,8 @@ def _kinematic_adaptation(
         stiffness = float(np.linalg.eigvalsh(gains.K_P + gains.alpha * gains.K_v)[-1])
         effects = [np.sqrt(stiffness) * Y_k for Y_k in loop.kinematic]
         gamma_k = rate_for(KINEMATIC_MODE * bandwidth, effects, Gradient(1.0, size), loop.kinematics.initial)
-    return Gradient(gamma_k, size, "gamma_k")
+    gradient = Gradient(gamma_k, size, "gamma_k")
+    return gradient if box is None else Boxed(gradient, *box, names=loop.kinematics.names, where="unknown.kinematic_box")
 
 
 def _prediction_weight(loop: TypicalLoop, adaptation: Adaptation, bandwidth: float) -> float:

@@ -18,7 +18,7 @@ from ..adaptation import Adaptation
 from ..laws import Law
 from ..parameters import DynamicParameters, KinematicParameters
 from ..robot import Robot
-from .defaults import reach
+from ..robot.workspace import reach
 
 _SAMPLES = 30
 _SPREAD = 0.3  # [rad or m] around home

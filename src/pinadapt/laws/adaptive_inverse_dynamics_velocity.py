@@ -43,18 +43,21 @@ class AdaptiveInverseDynamicsVelocity(Law):
         k, xi = self.gains, self._xi(s)
         dx, dxd = xi[: s.dx.size], xi[s.dx.size :]
         u = s.xdd_d - k.K_v.dot(dxd) - k.K_P.dot(dx) - s.kinematics.Jdot_v
-        psi = None if s.inverse.square else self.posture.acceleration(s.q, s.v)
+        psi = None if s.inverse.unique else self.posture.acceleration(s.q, s.v)
         return Command(s.dynamics.torque(s.q, s.v, s.inverse.solve(u, psi)), memo=(xi,))  # (25)
 
     def gradients(self, s: Signals, command: Command, a: np.ndarray) -> Gradients:
         """Return g_d, (29), and g_k, (30)."""
         model, (xi,) = s.kinematics, command.memo
         z = self._B_T_P.dot(xi)
-        force = solve_inertia(s.dynamics.mass_matrix(s.q), z.dot(model.J))  # M_hat^-1 J_hat^T B^T P xi
+        force = solve_inertia(s.dynamics.mass_matrix(s.q), z.dot(model.J), s.watch)  # M_hat^-1 J_hat^T B^T P xi
         g_d = force.dot(s.dynamics.regressor(s.q, s.v, a))  # (29)
-        prediction = self.gains.R_k.dot(model.Y_k.dot(s.a_k) + model.y_k0 - s.xd)
-        g_k = prediction.dot(model.Y_k) - z.dot(model.acceleration_regressor(a))  # (30)
+        g_k = self.prediction_gradient(s) - z.dot(model.acceleration_regressor(a))  # (30)
         return Gradients(g_d, g_k)
+
+    def prediction_gradient(self, s: Signals) -> np.ndarray:
+        """Return Y_k^T R_k (Y_k a_k - xd) (p_k): this law has no filter between the velocity and its prediction."""
+        return self.gains.R_k.dot(s.kinematics.xd_hat - s.xd).dot(s.kinematics.Y_k)
 
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return xi^T P xi / 2."""

@@ -31,8 +31,9 @@ class Signals:
         a_0: (p_d) the initial dynamic estimate.
         kinematics: the believed kinematics, evaluated at q, v, a_k.
         dynamics: the believed dynamics, a_d loaded.
-        inverse: right inverse of the believed Jacobian.
+        inverse: right inverse of the believed Jacobian, damped near its singularities.
         rate_k: from a gradient signal g_k (p_k) to the rate of a_k (p_k), by the chosen adaptation.
+        watch: whether an M_hat that is not positive definite ends the run of a law that inverts it.
     """
 
     q: np.ndarray
@@ -51,6 +52,7 @@ class Signals:
     dynamics: DynamicParameters
     inverse: RightInverse
     rate_k: Callable[[np.ndarray], np.ndarray]
+    watch: bool
 
 
 @dataclass(slots=True, eq=False)
@@ -129,6 +131,10 @@ class Law(ABC):
     @abstractmethod
     def gradients(self, s: Signals, command: Command, a: np.ndarray) -> Gradients:
         """Return the adaptation signals, given the command just computed and the joint acceleration a (n)."""
+
+    def prediction_gradient(self, s: Signals) -> np.ndarray:
+        """Return the part W_k^T R_k (W_k a_k - y) (p_k) of g_k that compares measurements alone, whatever the torque did."""
+        return self.gains.R_k.dot(s.W_k.dot(s.a_k) - s.y).dot(s.W_k)
 
     @abstractmethod
     def storage(self, s: Signals, truth: Truth) -> float:

@@ -5,6 +5,8 @@ from .catalogue import catalogue as catalogue
 from .catalogue import robots_folder as robots_folder
 from .changes import Payload as Payload
 from .friction import Friction as Friction
+from .limits import effort_limits as effort_limits
+from .limits import torque_limits as torque_limits
 from .robot import Robot as Robot
 from .robot import load as load
 from .task import Task as Task

@@ -30,6 +30,9 @@ class Rollout:
         lyapunov: (N) V(t), or None where undefined.
         min_eig_M_hat: (N) smallest eigenvalue of the estimated mass matrix.
         min_singular_J_hat: (N) smallest singular value of the estimated Jacobian.
+        damping: (N) mu^2 of its right inverse, zero where that is exact; see ``laws.right_inverse``.
+        damping_share: (N) mu^2 / (s_min^2 + mu^2), the largest share of a commanded task motion that the damping takes away.
+        saturated: (N) whether a torque was at its limit.
         diverged: time [s] at which the loop left every bound, or None; the arrays end there.
         reason: why it diverged, or None.
         wall_time: seconds for the whole run.
@@ -57,6 +60,9 @@ class Rollout:
     lyapunov: np.ndarray | None
     min_eig_M_hat: np.ndarray
     min_singular_J_hat: np.ndarray
+    damping: np.ndarray
+    damping_share: np.ndarray
+    saturated: np.ndarray
     diverged: float | None
     reason: str | None
     wall_time: float
@@ -88,6 +94,9 @@ class Rollout:
             "tau_max": _extreme(np.max, np.abs(self.tau)),
             "min_eig_M_hat": _extreme(np.min, self.min_eig_M_hat),
             "min_singular_J_hat": _extreme(np.min, self.min_singular_J_hat),
+            "max_damping": _extreme(np.max, self.damping),
+            "max_damping_share": _extreme(np.max, self.damping_share),
+            "saturated": _extreme(np.mean, self.saturated),
             "steps": len(self.t),
             "wall_time_s": self.wall_time,
             "step_time_us": self.step_time * 1e6,
@@ -114,6 +123,11 @@ class Rollout:
             ("V, first and last", self._lyapunov_words()),
             ("samples", f"{numbers['steps']} in {self.wall_time:.1f} s"),
         ]
+        if numbers["max_damping"]:
+            share, lost = np.mean(self.damping > 0.0), numbers["max_damping_share"]
+            rows.append(("damped near a singularity", f"{share:.1%} of the time, up to {lost:.0%} of the task motion lost"))
+        if numbers["saturated"]:
+            rows.append(("torque at its limit", f"{numbers['saturated']:.1%} of the time"))
         if self.step_time:
             rows.append(("controller step (mean)", number(numbers["step_time_us"], "us", digits=0)))
         if self.diverged is not None:
@@ -130,8 +144,9 @@ class Rollout:
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "summary.json").write_text(json.dumps(self.summary(), indent=2) + "\n", encoding="utf-8")
-        names = ("t", "q", "v", "tau", "x", "x_d", "error", "a_k", "a_d", "a_k_true", "a_d_true", "lyapunov")
-        arrays = {name: getattr(self, name) for name in (*names, "min_eig_M_hat", "min_singular_J_hat")}
+        names = ["t", "q", "v", "tau", "x", "x_d", "error", "a_k", "a_d", "a_k_true", "a_d_true", "lyapunov"]
+        names += ["min_eig_M_hat", "min_singular_J_hat", "damping", "damping_share", "saturated"]
+        arrays = {name: getattr(self, name) for name in names}
         np.savez_compressed(folder / "rollout.npz", **{name: a for name, a in arrays.items() if a is not None})
 
     def plot(self, folder: Path | str) -> list[Path]:

@@ -165,6 +165,8 @@ def _controller(tables: ScenarioTables, believed: Robot, folder: Path) -> Contro
         joint=unknown.joint,
         basis=basis,
         lmi=lmi,
+        kinematic_box=unknown.kinematic_box,
+        torque_limits=tables.simulation.torque_limits,
         dt=1e-3 if tables.simulation.mode == "continuous" else tables.simulation.dt,
         **gains,
     )

@@ -75,6 +75,7 @@ class UnknownSection(Section):
     joint: str | list[str] = "none"
     basis: str | None = None
     lmi: str | None = None
+    kinematic_box: bool | Number | list[Number] | list[list[Number]] | None = None
 
 
 class ControllerSection(Section):
@@ -93,6 +94,8 @@ class ControllerSection(Section):
     lambda_: Number | None = Field(default=None, alias="lambda")
     lambda_a: Number | None = None
     acceleration: Literal["filtered", "ideal"] = "filtered"
+    damping: NotNegative = 0.2
+    watch: bool = True
 
 
 class CircleSection(Section):

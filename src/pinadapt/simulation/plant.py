@@ -17,6 +17,7 @@ class Plant:
     Attributes:
         robot: the true robot.
         nv: number of joints.
+        torque_limits: (nv) bounds the motors clip at [N m or N], infinite where there is none, or None.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -28,6 +29,12 @@ class Plant:
         self._rows = robot.task.rows
         self._friction, self._braked = robot.friction, robot.friction.present
         self.nv = int(self._model.nv)
+        self.torque_limits: np.ndarray | None = None
+
+    def motors(self, tau: np.ndarray) -> np.ndarray:
+        """Return the torque (nv) that the motors give when asked for tau (nv)."""
+        limits = self.torque_limits
+        return tau if limits is None else np.minimum(np.maximum(tau, -limits), limits)
 
     def acceleration(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, feedthrough: np.ndarray | None = None) -> np.ndarray:
         """Return the joint acceleration a (nv) under torque tau + feedthrough @ a, friction included.
