@@ -53,8 +53,8 @@ def make_controller(
         lmi: (p, k, k) coefficient matrices of the inequality that natural adaptation keeps, for a basis.
         adaptation: "natural", "gradient" or "none".
         dt: controller period [s], for the defaults.
-        Kv: velocity gain, number, list or matrix [1/s; N s/m for energy-based laws].
-        Kp: position gain [1/s^2; N/m for energy-based laws].
+        Kv: velocity gain, number, list or matrix [1/s; N s/m for energy-based laws, N m s/rad on the rotations of a pose].
+        Kp: position gain [1/s^2; N/m for energy-based laws, N m/rad on the rotations of a pose].
         alpha: [1/s].
         gamma_d: rate of the dynamic adaptation: a number for natural; number, list or matrix for gradient.
         gamma_k: rate of the kinematic adaptation, number, list or matrix.
@@ -81,6 +81,7 @@ def make_controller(
         R_k=default.R_k if R_k is None else R_k,
         Q=Q,
         margin=chosen.needs_margin,
+        positions=believed.task.positions,
     )
     kind = _adaptation(adaptation)
     kind = kind if chosen.adapts else "none"

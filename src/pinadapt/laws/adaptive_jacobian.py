@@ -18,6 +18,7 @@ class AdaptiveJacobian(Law):
     Closed loop:  M ds/dt + C s = -J_hat^T (K_v dxd_hat + K_P dx) + Y_r da_d - N D N s.
     V:            s^T M s / 2 + dx^T (K_P + alpha K_v) dx / 2 + D_d(a_d) + D_k(a_k),
                   dV/dt = -dxd_hat^T K_v dxd_hat - alpha dx^T K_P dx - da_k^T W_k^T R_k W_k da_k - (N s)^T D (N s).
+    Pose:         qdd_r takes the true d(dx)/dt = xd - xd_d + delta, and dx^T (K_P + alpha K_v) delta = 0; see ``PoseTask``.
     Assumptions:  constant parameters; J_hat of full row rank; task velocity known (it enters qdd_r).
                   Neither acceleration nor M_hat^-1 is needed.
     """
@@ -60,6 +61,8 @@ class AdaptiveJacobian(Law):
         """
         assert s.xd is not None  # the controller refuses measurements without it
         ud = s.xdd_d - self.gains.alpha * (s.xd - s.xd_d)
+        if s.delta is not None:
+            ud -= self.gains.alpha * s.delta
         if psi is None:
             return s.inverse.solve(ud - Jdot.dot(qd_r), None)
         turning = s.inverse.gram_solve(u - s.kinematics.J.dot(psi)).dot(Jdot)
