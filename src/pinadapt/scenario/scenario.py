@@ -7,20 +7,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from ..adaptation import Cone
 from ..controller import Controller, make_controller
-from ..exceptions import ScenarioError
 from ..parameters.basis import read_matrix
 from ..robot import Payload, Robot, catalogue, load
 from ..rollout import Rollout
-from ..signals import Circle, Hold, Lissajous, Trajectory, Waypoints
+from ..signals import Trajectory
 from ..simulation import simulate
 from ..simulation.simulate import Progress, prepare
 from .naming import named
 from .read import read_tables
-from .schema import CircleSection, HoldSection, LissajousSection, ScenarioTables, WaypointsSection
+from .reference import trajectory_of
+from .schema import ScenarioTables
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +65,7 @@ class Scenario:
         with named("controller"):
             controller = _controller(tables, believed, folder)
         with named("reference"):
-            trajectory = _trajectory(tables, true)
+            trajectory = trajectory_of(tables.reference, true)
         scenario = cls(tables, true, believed, controller, trajectory)
         scenario.check()
         return scenario
@@ -156,27 +154,3 @@ def _controller(tables: ScenarioTables, believed: Robot, folder: Path) -> Contro
         dt=1e-3 if tables.simulation.mode == "continuous" else tables.simulation.dt,
         **gains,
     )
-
-
-def _trajectory(tables: ScenarioTables, true: Robot) -> Trajectory:
-    """Return the desired motion; where no centre is given it starts at the measured initial position."""
-    start, reference = true.position(true.q0), tables.reference
-    centre = None if isinstance(reference, WaypointsSection) else reference.center
-    if centre is not None and len(centre) != start.size:
-        raise ScenarioError(f"the task has {start.size} coordinates, got {len(centre)}.", where="reference.center")
-    middle = np.zeros(start.size) if centre is None else np.array(centre)
-    motion: Trajectory
-    if isinstance(reference, WaypointsSection):
-        points = [np.array(point) for point in reference.points]
-        if any(point.size != start.size for point in points):
-            raise ScenarioError(f"every point needs {start.size} coordinates, as the task has.", where="reference.points")
-        motion = Waypoints([np.zeros(start.size), *points] if reference.relative else points, reference.segment)
-        return motion.starting_at(start) if reference.relative else motion
-    if isinstance(reference, HoldSection):
-        motion = Hold(middle)
-    elif isinstance(reference, LissajousSection):
-        motion = Lissajous(middle, reference.amplitude, reference.cycles, reference.period, reference.phase)
-    else:
-        assert isinstance(reference, CircleSection)
-        motion = Circle(middle, reference.radius, reference.period, reference.plane, reference.phase)
-    return motion.starting_at(start) if centre is None else motion

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from .._checks import positive, vector
 from ..exceptions import InputError
-from ..robot.rotation import matrix, turned
+from ..robot.rotation import matrix, rotation_between, turned
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
@@ -39,6 +39,10 @@ class Orientation(ABC):
     @abstractmethod
     def turned(self, by: np.ndarray) -> Orientation:
         """Return the same motion turned by the rotation vector (3) [rad], world axes."""
+
+    def starting_at(self, start: np.ndarray) -> Orientation:
+        """Return the same motion turned so that it is at the quaternion ``start`` (4) at time 0."""
+        return self.turned(np.array(rotation_between(np.asarray(start).tolist(), self.at(0.0)[0].tolist())))
 
 
 class FixedOrientation(Orientation):

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..exceptions import InputError
-from ..robot.rotation import rotation_between
 from .orientation import UPRIGHT, FixedOrientation, Orientation
 from .records import Desired
 from .trajectory import Trajectory
@@ -37,8 +36,8 @@ class PoseTrajectory(Trajectory):
 
     def starting_at(self, start: np.ndarray) -> PoseTrajectory:
         """Return the same motion moved and turned so that it is at the pose ``start`` (7) at time 0."""
-        start, now = np.asarray(start), self.at(0.0).x_d
-        return self.shifted(np.concatenate([start[:3] - now[:3], rotation_between(start[3:].tolist(), now[3:].tolist())]))
+        start = np.asarray(start)
+        return PoseTrajectory(self.position.starting_at(start[:3]), self.orientation.starting_at(start[3:]))
 
     def at(self, t: float) -> Desired:
         """Return pose (7), velocity (6) and acceleration (6) at time t [s]."""
