@@ -4,7 +4,8 @@ The bandwidth w is 20 rad/s, or 0.04 / dt for slow loops. Acceleration laws (V i
 alpha = w / 4, lambda = w / 2, lambda_a = 1 / (3 w): Wang and Xie's published numbers, at w = 20. The rate of natural
 adaptation is one over twice the square of a typical task speed, a third of the arm's reach a second; that of the kinematics
 is 0.05. Energy laws (V in joules) multiply K_P, K_v and R_k by the mass felt at the frame and divide the adaptation rates by
-it, so that V scales as a whole.
+it, so that V scales as a whole. On the rotations of a pose they multiply K_P and K_v by the inertia felt there instead, or
+by as much as lets damping change the angular velocity of the lightest axis by its own size in one period, if that is less.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import pinocchio as pin
 
 from ..laws import Law
 from ..parameters import DynamicParameters
-from ..robot import Robot
+from ..robot import PoseTask, Robot
 from ..robot.home import position_bounds
 
 _FASTEST = 20.0  # [rad/s]
@@ -37,8 +38,8 @@ class Defaults:
         lambda_a: acceleration filter [s].
     """
 
-    Kv: float
-    Kp: float
+    Kv: float | np.ndarray
+    Kp: float | np.ndarray
     alpha: float
     R_k: float
     gamma_k: float
@@ -58,22 +59,40 @@ def reach(robot: Robot) -> float:
 
 
 def felt_mass(robot: Robot) -> float:
-    """Return the mean mass [kg] felt at the frame at home, tr((J M^-1 J^T)^-1) / m."""
+    """Return the mean mass [kg] felt at the frame's position at home, one over the mean eigenvalue of J M^-1 J^T."""
+    m = robot.task.positions
+    return float(1.0 / np.mean(np.linalg.eigvalsh(_mobility(robot)[:m, :m])))
+
+
+def felt_inertia(robot: Robot, fastest: float) -> float:
+    """Return the mean inertia [kg m^2] against turning the frame of a pose task in place at home.
+
+    At most the inertia that damping at the rate ``fastest`` [1/s] stands for on the axis that turns most easily.
+    """
+    mobility = _mobility(robot)
+    in_place = np.linalg.inv(mobility)[3:, 3:]
+    return float(min(np.trace(in_place) / 3.0, fastest / np.linalg.eigvalsh(mobility[3:, 3:])[-1]))
+
+
+def _mobility(robot: Robot) -> np.ndarray:
+    """Return J M^-1 J^T (m, m) at home."""
     model, data = robot.model, robot.model.createData()
     M = pin.crba(model, data, robot.q0)
     J = pin.computeFrameJacobian(model, data, robot.q0, robot.frame_id, pin.LOCAL_WORLD_ALIGNED)[robot.task.rows]
-    mobility = J @ np.linalg.solve(M, J.T)
-    return float(1.0 / np.mean(np.linalg.eigvalsh(mobility)))
+    return np.asarray(J @ np.linalg.solve(M, J.T))
 
 
 def default_gains(robot: Robot, law: type[Law], dt: float) -> Defaults:
     """Return the defaults for a believed robot under a law at sampling period dt [s]."""
     w = min(_FASTEST, _LARGEST_STEP / dt)
     scale = felt_mass(robot) if law.energy_based else 1.0
+    rows: float | np.ndarray = scale
+    if law.energy_based and isinstance(robot.task, PoseTask):
+        rows = np.repeat([scale, felt_inertia(robot, 1.0 / (2.0 * w * dt))], 3)
     speed = reach(robot) / 3.0
     return Defaults(
-        Kv=2.0 * w * scale,
-        Kp=w * w * scale,
+        Kv=2.0 * w * rows,
+        Kp=w * w * rows,
         alpha=w / 4.0,
         R_k=50.0 * scale,
         gamma_k=0.05 / scale,
