@@ -81,6 +81,22 @@ def test_unadapted_the_pose_is_far_off():
     assert summary["max_error_last"] > 0.02 and summary["max_angle_last"] > np.radians(1.0)
 
 
+def test_a_light_wrist_needs_a_guess_of_its_load():
+    """UR10's last body has 5e-4 kg m^2, the load many times that; a guess 60 % too heavy does."""
+    robot = pose_robot("ur10")
+    load = pa.Payload(0.5, [0.02, -0.01, 0.05], [0.002, 0.0, 0.002, 0.0, 0.0, 0.002])
+    true = robot.changed(tool_translation=[0.03, -0.02, 0.05], payload=load)
+    guess = pa.Payload(0.8, [0.0, 0.0, 0.04], [0.003, 0.0, 0.003, 0.0, 0.0, 0.003])
+    path = pa.PoseTrajectory(pa.Circle(np.zeros(3), 0.03, 3.0, "yz"), pa.Swing([0.0, 1.0, 1.0], 0.2, 2.0))
+    path = path.starting_at(true.position(true.q0))
+    results = [
+        pa.simulate(true, pa.make_controller(believed), path, duration=3.0, substeps=1).summary()
+        for believed in (robot.changed(payload=guess), robot)
+    ]
+    assert results[0]["max_error_last"] < 1e-3 and results[0]["max_angle_last"] < np.radians(0.1)
+    assert results[1]["max_angle_last"] > 10.0 * results[0]["max_angle_last"]
+
+
 # --- the controller's manners ---
 
 
@@ -194,6 +210,14 @@ def test_scenario_swings_from_the_initial_pose():
     assert np.allclose(POSE.error(first, start), 0.0, atol=1e-12)
     turn = matrix(start[3:]).T @ matrix(quarter[3:])  # in the tool's axes
     assert np.allclose(pin.log3(turn), [0.0, 0.3, 0.0], atol=1e-12)
+
+
+def test_a_scenario_may_believe_in_a_load():
+    guess = "belief.payload={ mass = 0.8, com = [0.0, 0.0, 0.04] }"
+    believed, without = short(guess).believed, short().believed
+    assert np.isclose(pin.computeTotalMass(believed.model), pin.computeTotalMass(without.model) + 0.8)
+    with pytest.raises(pa.InputError, match=r"belief\.payload"):
+        short("belief.payload={ mass = 0.8, inertia = [1.0, 0.0, 0.1, 0.0, 0.0, 0.1] }")
 
 
 def test_scenario_orientation_is_held_where_nothing_is_said_of_it():

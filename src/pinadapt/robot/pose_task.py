@@ -27,6 +27,9 @@ class PoseTask(Task):
     identity, without coupling to the position, and others are refused. Each law's V and dV/dt then hold as they stand, and
     unknown translations are learned from the position rows, those of the orientation being zero in Y_k.
 
+    What is asked of the belief. The inertia of a wrist may be a small part of its load's, and laws that command M_hat v
+    then command too little on the rotation rows until the load is learned. Believe in a load, rather too heavy.
+
     What is local. phi jumps where the orientation is half a turn off, |phi| = pi, and the proofs hold in |phi| < pi. Where
     V(0) < k pi^2 / 2, k such that V >= k phi^T phi / 2, the loop stays inside because V does not grow.
     """

@@ -18,7 +18,7 @@ from ..simulation.simulate import Progress, prepare
 from .naming import named
 from .read import read_tables
 from .reference import trajectory_of
-from .schema import ScenarioTables
+from .schema import PayloadSection, ScenarioTables
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +61,7 @@ class Scenario:
         with named("truth"):
             true = _true(tables, described)
         with named("belief"):
-            believed = described.changed(inertial_scale=tables.belief.inertial_scale)
+            believed = _believed(tables, described)
         with named("controller"):
             controller = _controller(tables, believed, folder)
         with named("reference"):
@@ -123,12 +123,20 @@ def _is_path(source: str) -> bool:
     return "/" in source or source.endswith((".urdf", ".xml"))
 
 
+def _payload(section: PayloadSection | None) -> Payload | None:
+    return None if section is None else Payload(**section.model_dump())
+
+
+def _believed(tables: ScenarioTables, described: Robot) -> Robot:
+    belief = tables.belief
+    return described.changed(inertial_scale=belief.inertial_scale, payload=_payload(belief.payload))
+
+
 def _true(tables: ScenarioTables, described: Robot) -> Robot:
     truth = tables.truth
-    payload = None if truth.payload is None else Payload(**truth.payload.model_dump())
     return described.changed(
         inertial_scale=truth.inertial_scale,
-        payload=payload,
+        payload=_payload(truth.payload),
         tool_translation=truth.tool_translation,
         link_translation=truth.link_translation,
         viscous=truth.friction.viscous,

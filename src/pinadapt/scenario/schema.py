@@ -57,9 +57,10 @@ class TruthSection(Section):
 
 
 class BeliefSection(Section):
-    """[belief]: the initial estimates."""
+    """[belief]: the initial estimates; a payload is a guess of the load, added after the scaling."""
 
     inertial_scale: Positive | dict[str, Positive] = 1.0
+    payload: PayloadSection | None = None
     kinematic: list[Number] | None = None
     dynamic: list[Number] | None = None
 
