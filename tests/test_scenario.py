@@ -338,7 +338,7 @@ def test_a_misspelt_word_is_told_the_nearest(setting, suggestion):
 @pytest.mark.parametrize(
     ("setting", "key", "allowed"),
     [
-        ("robot.task=pose", "robot.task", "xyz"),
+        ("robot.task=joint", "robot.task", "xyz"),
         ("robot.task=joint", "robot.task", "xyz"),
         ("simulation.engine=mujoco", "simulation.engine", "pinocchio"),
         ("reference.kind=sinusoid", "reference.kind", "lissajous"),

@@ -42,7 +42,9 @@ from .parameters import KinematicParameters as KinematicParameters
 from .parameters import StackedParameters as StackedParameters
 from .robot import Friction as Friction
 from .robot import Payload as Payload
+from .robot import PoseTask as PoseTask
 from .robot import Robot as Robot
+from .robot import Task as Task
 from .robot import WorkspaceCircle as WorkspaceCircle
 from .robot import catalogue as catalogue
 from .robot import load as load
@@ -50,10 +52,14 @@ from .robot import reachable_circle as reachable_circle
 from .rollout import Rollout as Rollout
 from .signals import Circle as Circle
 from .signals import Desired as Desired
+from .signals import FixedOrientation as FixedOrientation
 from .signals import Hold as Hold
 from .signals import Lissajous as Lissajous
 from .signals import LowPass as LowPass
 from .signals import Measurement as Measurement
+from .signals import Orientation as Orientation
+from .signals import PoseTrajectory as PoseTrajectory
+from .signals import Swing as Swing
 from .signals import Trajectory as Trajectory
 from .signals import Waypoints as Waypoints
 from .simulation import Plant as Plant

@@ -74,20 +74,22 @@ class Controller:
             ParameterError: estimates of the wrong size, non-finite, or outside the cone of natural adaptation.
         """
         self._check(measurement)
-        for name, size in (("q", self.kinematics.nq), ("v", self.kinematics.nv), ("x", self.kinematics.task.size)):
+        task = self.kinematics.task
+        for name, size in (("q", self.kinematics.nq), ("v", self.kinematics.nv), ("x", task.coordinates)):
             if np.shape(getattr(measurement, name)) != (size,):
                 shape = np.shape(getattr(measurement, name))
                 raise InputError(f"expected {size} numbers, got shape {shape}.", where=f"measurement.{name}")
+        if flaw := task.flaw(measurement.x):
+            raise InputError(f"{flaw}.", where="measurement.x")
         a_k = _estimate(a_k, self.kinematics.initial, "belief.kinematic", self.kinematics.names)
         a_d = _estimate(a_d, self.dynamics.initial, "belief.dynamic", self.dynamics.names)
         a_d = self.adaptation_d.admit(a_d)
-        m = measurement.x.size
         return ControllerState(
             a_d=a_d,
             a_k=self.adaptation_k.admit(a_k),
             a_0=a_d.copy(),
-            W_k=np.zeros((m, self.kinematics.size)),
-            xi=self.velocity_filter.bandwidth * np.array(measurement.x, dtype=float),
+            W_k=np.zeros((task.positions, self.kinematics.size)),
+            xi=self.velocity_filter.bandwidth * np.array(task.position(measurement.x), dtype=float),
             z=np.array(measurement.v, dtype=float),
         )
 
@@ -111,8 +113,8 @@ class Controller:
                 a_d=self.adaptation_d.advance(state.a_d, g_d, dt),
                 a_k=self.adaptation_k.advance(state.a_k, g_k, dt),
                 a_0=state.a_0,
-                W_k=velocity.advance(state.W_k, self.kinematics.Y_k, dt),
-                xi=state.xi + velocity.fraction(dt) * (signals.y + self.kinematics.y_k0),
+                W_k=velocity.advance(state.W_k, self.kinematics.Y_p, dt),
+                xi=state.xi + velocity.fraction(dt) * (signals.y + self.kinematics.y_p0),
                 z=self.acceleration_filter.advance(state.z, measurement.v, dt),
             )
             self.watch(torque, after)
@@ -152,19 +154,20 @@ class Controller:
     def observe(self, state: ControllerState, measurement: Measurement, desired: Desired) -> Signals:
         """Evaluate the believed robot at the current estimates and return what the law may see."""
         q, v, x, xd, _ = measurement
-        kinematics = self.kinematics
+        kinematics, task = self.kinematics, self.kinematics.task
         kinematics.update(state.a_k, q, v)
         self.dynamics.load(state.a_d)
+        dx = task.error(x, desired.x_d)
         return Signals(
             q=q,
             v=v,
-            xd=xd,
+            xd=task.known_velocity(xd, kinematics.xd_hat),
             xd_d=desired.xd_d,
             xdd_d=desired.xdd_d,
-            dx=x - desired.x_d,
+            dx=dx,
             dxd_hat=kinematics.xd_hat - desired.xd_d,
             W_k=state.W_k,
-            y=self.velocity_filter.bandwidth * x - state.xi,
+            y=self.velocity_filter.bandwidth * task.position(x) - state.xi,
             a_k=state.a_k,
             a_d=state.a_d,
             a_0=state.a_0,
@@ -173,6 +176,7 @@ class Controller:
             inverse=RightInverse(kinematics.J, self.limits.singular),
             rate_k=lambda g_k: self.adaptation_k.rate(state.a_k, g_k),
             watch=self.limits.watch,
+            delta=task.drift(dx, kinematics.xd_hat, desired.xd_d),
         )
 
     def acceleration(self, state: ControllerState, measurement: Measurement) -> np.ndarray:
@@ -187,8 +191,8 @@ class Controller:
             a_d=self.adaptation_d.rate(state.a_d, gradients.g_d),
             a_k=self.adaptation_k.rate(state.a_k, gradients.g_k),
             a_0=state.a_0,
-            W_k=self.velocity_filter.rate(state.W_k, self.kinematics.Y_k),
-            xi=self.velocity_filter.bandwidth * (signals.y + self.kinematics.y_k0),  # the input is lambda x + y_k0
+            W_k=self.velocity_filter.rate(state.W_k, self.kinematics.Y_p),
+            xi=self.velocity_filter.bandwidth * (signals.y + self.kinematics.y_p0),  # the input is lambda x + y_p0
             z=self.acceleration_filter.rate(state.z, measurement.v),
         )
 
@@ -198,11 +202,17 @@ class Controller:
         return signals, self.law.command(signals)
 
     def _check(self, measurement: Measurement, desired: Desired | None = None) -> None:
-        if desired is not None and not np.isfinite(desired).all():
-            raise InputError(f"the desired motion is not finite: {desired}.", where="desired")
+        task = self.kinematics.task
+        if desired is not None:
+            if not np.isfinite(np.concatenate(desired)).all():
+                raise InputError(f"the desired motion is not finite: {desired}.", where="desired")
+            if flaw := task.flaw(desired.x_d):
+                raise InputError(f"{flaw}.", where="desired.x_d")
         for name, value in zip(measurement._fields, measurement, strict=True):
             if value is not None and not np.isfinite(value).all():
                 raise MeasurementError(name, value)
+        if desired is not None and (flaw := task.flaw(measurement.x)):
+            raise MeasurementError("x", measurement.x, flaw)
         if measurement.xd is None and self.law.needs_task_velocity:
             raise ParameterError(
                 f"the law '{self.law.name}' needs the task velocity xd.",

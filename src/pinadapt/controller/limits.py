@@ -13,7 +13,7 @@ from ..exceptions import GainError, ParameterError
 from ..laws.right_inverse import RightInverse
 from ..parameters import DynamicParameters, KinematicParameters
 from ..robot import Robot, torque_limits
-from .defaults import reach
+from ..robot.workspace import reach
 
 _ABSURD = 1e4
 _SHORTEST, _LONGEST = 0.2, 5.0

@@ -72,8 +72,8 @@ def make_controller(
         lmi: (p, k, k) coefficient matrices of the inequality that natural adaptation keeps, for a basis.
         adaptation: "natural", "gradient" or "none".
         dt: controller period [s], for the defaults.
-        Kv: velocity gain, number, list or matrix [1/s; N s/m for energy-based laws].
-        Kp: position gain [1/s^2; N/m for energy-based laws].
+        Kv: velocity gain, number, list or matrix [1/s; N s/m for energy-based laws, N m s/rad on the rotations of a pose].
+        Kp: position gain [1/s^2; N/m for energy-based laws, N m/rad on the rotations of a pose].
         alpha: [1/s].
         gamma_d: rate of the inertial adaptation: a number for natural; number, list or matrix for gradient.
         gamma_joint: rate of the joints' coefficients, which always adapt naturally and so stay positive.
@@ -109,6 +109,7 @@ def make_controller(
         R_k=1.0 if R_k is None else R_k,
         Q=Q,
         margin=chosen.needs_margin,
+        positions=believed.task.positions,
     )
     w = default.bandwidth
     loop = TypicalLoop(chosen, kinematics, dynamics, typical_motion(believed, kinematics, w))
@@ -158,8 +159,9 @@ def _kinematic_adaptation(
     if kind == "none":
         return Frozen()
     if gamma_k is None:
-        stiffness = float(np.linalg.eigvalsh(gains.K_P + gains.alpha * gains.K_v)[-1])
-        effects = [np.sqrt(stiffness) * Y_k for Y_k in loop.kinematic]
+        m = loop.kinematics.task.positions
+        stiffness = float(np.linalg.eigvalsh((gains.K_P + gains.alpha * gains.K_v)[:m, :m])[-1])
+        effects = [np.sqrt(stiffness) * Y_p for Y_p in loop.kinematic]
         gamma_k = rate_for(KINEMATIC_MODE * bandwidth, effects, Gradient(1.0, size), loop.kinematics.initial)
     gradient = Gradient(gamma_k, size, "gamma_k")
     return gradient if box is None else Boxed(gradient, *box, names=loop.kinematics.names, where="unknown.kinematic_box")

@@ -19,6 +19,7 @@ class AdaptiveJacobian(Law):
     V:            s^T M s / 2 + dx^T (K_P + alpha K_v) dx / 2 + D_d(a_d) + D_k(a_k),
                   dV/dt = -dxd_hat^T K_v dxd_hat - alpha dx^T K_P dx - da_k^T W_k^T R_k W_k da_k - (N s)^T D (N s)
                   - s^T (f(qd) - f(qd_r)), f the true friction of the joints: monotone, so the last term is at most zero.
+    Pose:         qdd_r takes the true d(dx)/dt = xd - xd_d + delta, and dx^T (K_P + alpha K_v) delta = 0; see ``PoseTask``.
     Assumptions:  constant parameters; J_hat of full row rank; task velocity known (it enters qdd_r).
                   Neither acceleration nor M_hat^-1 is needed.
     """
@@ -55,6 +56,8 @@ class AdaptiveJacobian(Law):
         """Return the time derivative of qd_r (n)."""
         assert s.xd is not None  # the controller refuses measurements without it
         ud = s.xdd_d - self.gains.alpha * (s.xd - s.xd_d)
+        if s.delta is not None:
+            ud -= self.gains.alpha * s.delta
         return s.inverse.solve_rate(u, psi, ud, self.posture.velocity_rate(s.v), Jdot)
 
     def gradients(self, s: Signals, command: Command, a: np.ndarray) -> Gradients:

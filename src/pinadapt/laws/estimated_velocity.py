@@ -14,6 +14,9 @@ class EstimatedVelocityLaw(Law):
 
     V = e^T e / 2 + dx^T (K_P + alpha K_v - alpha^2 I) dx / 2 + parameters,
     dV/dt = -dxd_hat^T (K_v - alpha I) dxd_hat - alpha dx^T K_P dx - da_k^T W_k^T R_k W_k da_k.
+
+    For a pose v also holds -alpha delta, delta = d(dx)/dt - (xd - xd_d): de/dt = d(dxd_hat)/dt + alpha (xd - xd_d + delta) is
+    then as (17) has it, and dx^T (K_P + alpha K_v - alpha^2 I) delta = 0 leaves dV/dt; see ``PoseTask``.
     """
 
     needs_margin = True
@@ -38,6 +41,8 @@ class EstimatedVelocityLaw(Law):
         k, model = self.gains, s.kinematics
         Jdot_hat_v = model.Jdot_v + model.Y_k.dot(s.rate_k(g_k))
         u = s.xdd_d - k.K_v.dot(s.dxd_hat) - k.K_P.dot(s.dx) - Jdot_hat_v
+        if s.delta is not None:
+            u -= k.alpha * s.delta
         psi = None if s.inverse.unique else self.posture.acceleration(s.q, s.v)
         return s.inverse.solve(u, psi)
 

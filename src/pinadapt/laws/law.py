@@ -22,11 +22,11 @@ class Signals:
 
     Attributes:
         q, v: measured configuration (nq) and joint velocity (n).
-        xd: (m) measured task velocity, or None without such a sensor.
+        xd: (m) measured task velocity, or None without such a sensor; angular rows are J_omega v, which needs none.
         xd_d, xdd_d: (m) desired task velocity and acceleration.
-        dx: (m) x - x_d.
+        dx: (m) x - x_d; for a pose the rotation vector of the orientation error in its last three rows.
         dxd_hat: (m) J_hat v - xd_d, the estimated task-velocity error.
-        W_k, y: (m, p_k) and (m) the filtered regressor and velocity, (3)-(4), known part taken off y.
+        W_k, y: (m_p, p_k) and (m_p) the filtered regressor and velocity, (3)-(4), known part taken off y; positions only.
         a_k, a_d: (p_k), (p_d) the estimates.
         a_0: (p_d) the initial dynamic estimate.
         kinematics: the believed kinematics, evaluated at q, v, a_k.
@@ -34,6 +34,7 @@ class Signals:
         inverse: right inverse of the believed Jacobian, damped near its singularities.
         rate_k: from a gradient signal g_k (p_k) to the rate of a_k (p_k), by the chosen adaptation.
         watch: whether an M_hat that is not positive definite ends the run of a law that inverts it.
+        delta: (m) d(dx)/dt - (xd - xd_d) of a pose, known without xd, or None where it is zero; see ``PoseTask``.
     """
 
     q: np.ndarray
@@ -53,6 +54,7 @@ class Signals:
     inverse: RightInverse
     rate_k: Callable[[np.ndarray], np.ndarray]
     watch: bool
+    delta: np.ndarray | None = None
 
 
 @dataclass(slots=True, eq=False)

@@ -16,9 +16,9 @@ from .trace import Trace
 
 def evaluate(trace: Trace, plant: Plant, controller: Controller, *, title: str, adaptation: str, wall_time: float) -> Rollout:
     """Turn a trace into a rollout."""
-    nq, nv, m = plant.robot.model.nq, plant.nv, plant.robot.task.size
+    nq, nv, task = plant.robot.model.nq, plant.nv, plant.robot.task
     a_k_true, a_d_true = controller.kinematics.value(plant.robot), controller.dynamics.value(plant.robot)
-    x, x_d = _rows(trace.true_x, m), _rows([desired.x_d for desired in trace.desired], m)
+    x, x_d = (_rows(rows, task.coordinates) for rows in (trace.true_x, [desired.x_d for desired in trace.desired]))
     eigenvalues, singulars, damping, V = _watch(trace, plant, controller, a_k_true, a_d_true)
     tau = _rows(trace.torques, nv)
     return Rollout(
@@ -26,6 +26,7 @@ def evaluate(trace: Trace, plant: Plant, controller: Controller, *, title: str, 
         robot=plant.robot.name,
         law=controller.law.name,
         adaptation=adaptation,
+        task=task.name,
         kinematic_names=controller.kinematics.names,
         dynamic_names=controller.dynamics.names,
         kinematic_base=controller.kinematics.base(),
@@ -35,7 +36,7 @@ def evaluate(trace: Trace, plant: Plant, controller: Controller, *, title: str, 
         tau=tau,
         x=x,
         x_d=x_d,
-        error=x - x_d,
+        error=_rows([task.error(*both) for both in zip(x, x_d, strict=True)], task.size),
         a_k=_rows([state.a_k for state in trace.states], controller.kinematics.size),
         a_d=_rows([state.a_d for state in trace.states], controller.dynamics.size),
         a_k_true=a_k_true,

@@ -64,7 +64,7 @@ def simulate(
         acceleration: "filtered", or "ideal": the plant's own, for checking theory.
         a_k: (p_k) initial kinematic estimate [m], by default the believed robot's.
         a_d: (p_d) initial dynamic estimate, by default the believed robot's.
-        noise: standard deviations of q, v, x, sampled mode.
+        noise: standard deviations of q, v, x, and the angle of a measured pose, sampled mode.
         delay: s, of the task-space measurement, sampled mode.
         torque_limits: the motors clip at the true robot's effort limits; limits of zero or infinity are none. A controller
             without limits of its own is given these, so that its adaptation rests while they clip.
@@ -184,7 +184,11 @@ def _check_same_shape(true: Robot, controller: Controller, trajectory: Trajector
             hint="Make both from the same load(), the true one by .changed().",
         )
     size = trajectory.at(0.0).x_d.size
-    if size != believed.size:
+    if size != believed.coordinates:
         raise InputError(
-            f"the desired motion has {size} coordinates, the task '{believed.name}' {believed.size}.", where="trajectory"
+            f"the desired motion has {size} coordinates, the task '{believed.name}' {believed.coordinates}.",
+            where="trajectory",
+            hint="PoseTrajectory adds an orientation to a motion of three coordinates."
+            if (size, believed.name) == (3, "pose")
+            else None,
         )
