@@ -52,6 +52,7 @@ def _show_warning(message: Any, category: Any, filename: str, lineno: int, file:
 def _parser() -> argparse.ArgumentParser:
     from .compare import compare
     from .demo import demo
+    from .init import init
     from .robots import robots
     from .run import run
 
@@ -68,6 +69,12 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument(
         "--out", type=Path, default=Path("out/demo"), metavar="DIR", help="where to write (default: %(default)s)"
     )
+    command = add("init", init, "write a scenario for a URDF or a robot of the catalogue")
+    command.add_argument("source", metavar="ROBOT", help="URDF file, or a name that `pinadapt robots` lists")
+    command.add_argument("--frame", help="task frame (default: the likeliest link at the robot's end)")
+    command.add_argument("--task", help="xyz, xy, xz or yz (default: the largest that the chain can do)")
+    command.add_argument("--out", type=Path, metavar="FILE", help="file to write (default: the robot's name and .toml)")
+    command.add_argument("--force", action="store_true", help="overwrite the file")
     command = add("run", run, "run one scenario")
     _scenario_arguments(command)
     command.add_argument("--no-html", action="store_true", help="write no animation")
