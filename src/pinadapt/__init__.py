@@ -13,6 +13,7 @@ from .adaptation import Stacked as Stacked
 from .controller import Controller as Controller
 from .controller import ControllerState as ControllerState
 from .controller import make_controller as make_controller
+from .controller import preflight as preflight
 from .exceptions import DivergedError as DivergedError
 from .exceptions import GainError as GainError
 from .exceptions import InputError as InputError

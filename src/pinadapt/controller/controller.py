@@ -15,6 +15,7 @@ from ..laws.right_inverse import RightInverse
 from ..parameters import DynamicParameters, KinematicParameters
 from ..signals import Desired, LowPass, Measurement
 from .limits import Limits
+from .modes import TypicalLoop
 from .state import ControllerState
 
 
@@ -31,6 +32,7 @@ class Controller:
         velocity_filter: lambda of (3)-(4).
         acceleration_filter: 1 / lambda_a.
         limits: what it does not exceed.
+        loop: the robot over a typical motion, for the check before a run; None for a controller put together by hand.
     """
 
     def __init__(
@@ -44,6 +46,7 @@ class Controller:
         velocity_filter: LowPass,
         acceleration_filter: LowPass,
         limits: Limits | None = None,
+        loop: TypicalLoop | None = None,
     ) -> None:
         """Put the parts together; ``pinadapt.make_controller`` does so with defaults for everything."""
         self.law = law
@@ -51,6 +54,7 @@ class Controller:
         self.adaptation_k, self.adaptation_d = adaptation_k, adaptation_d
         self.velocity_filter, self.acceleration_filter = velocity_filter, acceleration_filter
         self.limits = Limits() if limits is None else limits
+        self.loop = loop
 
     def limited(self, torque: np.ndarray | None) -> Controller:
         """Return this controller with other torque limits (n) [N m or N]; it shares the scratch models."""

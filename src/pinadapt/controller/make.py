@@ -126,6 +126,7 @@ def make_controller(
         velocity_filter=LowPass(default.lambda_ if lambda_ is None else lambda_, "lambda"),
         acceleration_filter=LowPass(1.0 / (default.lambda_a if lambda_a is None else positive(lambda_a, "lambda_a"))),
         limits=make_limits(believed, dynamics, torque=torque_limits, damping=damping, watch=watch),
+        loop=loop,
     )
 
 

@@ -12,9 +12,10 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from ..controller.defaults import Defaults, default_gains
+from ..adaptation import Natural
+from ..controller import make_controller
+from ..controller.modes import gain_matrix
 from ..exceptions import RobotError
-from ..laws import LAWS
 from ..robot import Robot, WorkspaceCircle, catalogue, load, reachable_circle
 from ..robot.catalogue import catalogue_entry
 from ..robot.chain import is_free_flyer
@@ -119,12 +120,11 @@ class Template:
 
     def _controller(self) -> Iterable[str]:
         law, dt = ControllerSection().law, SimulationSection().dt
-        gains = default_gains(self.robot, LAWS[law], dt)
         yield "\n[controller]"
         yield f"law = {_string(law)}"
         yield 'adaptation = "natural"'
         yield "# These gains are chosen for this robot, law and sampling period; take the # away to set your own."
-        yield from (f"# {f'{key} = {_three(value)}':<20} # {meaning}" for key, value, meaning in _gains(gains))
+        yield from (f"# {f'{key} = {_three(value)}':<20} # {meaning}" for key, value, meaning in _gains(self.robot, dt))
 
     def _motion(self) -> Iterable[str]:
         circle = self.circle
@@ -188,16 +188,21 @@ def _further_out(robot: Robot) -> np.ndarray:
     return np.round(tool, 3 - int(np.floor(np.log10(length))))
 
 
-def _gains(gains: Defaults) -> list[tuple[str, float, str]]:
+def _gains(robot: Robot, period: float) -> list[tuple[str, float, str]]:
+    """Return key, default and meaning of the gains of the default law."""
+    controller = make_controller(robot, dt=period)
+    gains, natural = controller.law.gains, controller.adaptation_d
+    assert isinstance(natural, Natural)  # the default
+    rate_k = gain_matrix(controller.adaptation_k, controller.kinematics.initial)
     return [
-        ("Kv", gains.Kv, "velocity gain [1/s]"),
-        ("Kp", gains.Kp, "position gain [1/s^2]"),
+        ("Kv", gains.K_v[0, 0], "velocity gain [1/s]"),
+        ("Kp", gains.K_P[0, 0], "position gain [1/s^2]"),
         ("alpha", gains.alpha, "e = velocity error + alpha position error [1/s]"),
-        ("gamma_d", gains.gamma_natural, "rate of the inertial parameters"),
-        ("gamma_k", gains.gamma_k, "rate of the tool"),
-        ("R_k", gains.R_k, "weight of the tool's prediction error"),
-        ("lambda", gains.lambda_, "velocity filter [1/s]"),
-        ("lambda_a", gains.lambda_a, "acceleration filter [s]"),
+        ("gamma_d", natural.gamma, "rate of the inertial parameters"),
+        ("gamma_k", rate_k[0, 0], "rate of the tool"),
+        ("R_k", gains.R_k[0, 0], "weight of the tool's prediction error"),
+        ("lambda", controller.velocity_filter.bandwidth, "velocity filter [1/s]"),
+        ("lambda_a", 1.0 / controller.acceleration_filter.bandwidth, "acceleration filter [s]"),
     ]
 
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from .._checks import positive
 from ..adaptation import Boxed
-from ..controller import Controller, ControllerState
+from ..controller import Controller, ControllerState, preflight
 from ..exceptions import InputError, did_you_mean
 from ..robot import Robot
 from ..robot import torque_limits as limits_of
@@ -94,6 +94,8 @@ def simulate(
         if mode == "continuous":
             trace = run_continuous(plant, controller, trajectory, state, **loop)
         else:
+            for finding in preflight(controller, dt):
+                warnings.warn(str(finding), stacklevel=2)
             loop["sensors"] = Sensors(plant, dt, noise=noise, delay=delay, seed=seed)
             trace = run_sampled(plant, controller, trajectory, state, substeps=int(substeps), **loop)
         return evaluate(
