@@ -9,6 +9,7 @@ from .adaptation import Frozen as Frozen
 from .adaptation import Gradient as Gradient
 from .adaptation import Natural as Natural
 from .adaptation import Positive as Positive
+from .adaptation import Projected as Projected
 from .adaptation import Stacked as Stacked
 from .controller import Controller as Controller
 from .controller import ControllerState as ControllerState
@@ -40,6 +41,7 @@ from .parameters import BodyParameters as BodyParameters
 from .parameters import DynamicParameters as DynamicParameters
 from .parameters import JointParameters as JointParameters
 from .parameters import KinematicParameters as KinematicParameters
+from .parameters import LumpedParameters as LumpedParameters
 from .parameters import StackedParameters as StackedParameters
 from .robot import Friction as Friction
 from .robot import Payload as Payload

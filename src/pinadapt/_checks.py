@@ -53,8 +53,9 @@ def definite_matrix(value: ArrayLike, size: int, name: str) -> np.ndarray:
         raise GainError(f"expected a number, {size} numbers or a {size} x {size} matrix, got {array.shape}.", where=name)
     if not np.allclose(array, array.T, rtol=1e-9, atol=0.0):
         raise GainError("the matrix must be symmetric.", where=name)
-    lowest = np.linalg.eigvalsh(array)[0] if size else 1.0
-    if lowest <= 0.0:
+    scale = np.sqrt(np.abs(np.diag(array)))  # a congruence keeps definiteness, and units apart by 1e6 would drown it
+    if size and not (scale.all() and np.linalg.eigvalsh(array / np.outer(scale, scale))[0] > 0.0):
+        lowest = np.linalg.eigvalsh(array)[0]
         raise GainError(f"must be positive definite; its smallest eigenvalue is {lowest:.4g}.", where=name)
     return array
 

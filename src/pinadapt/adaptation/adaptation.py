@@ -23,6 +23,10 @@ class Adaptation(ABC):
         """Return the initial estimate to start from: ``a`` itself, or moved (with a warning) to where the law is defined."""
         return a
 
+    def keep(self, a: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """Return the estimate (p) to use at configuration q (nq): ``a`` itself, or a point closer to every possible truth."""
+        return a
+
     @abstractmethod
     def rate(self, a: np.ndarray, g: np.ndarray) -> np.ndarray:
         """Return da/dt (p)."""

@@ -27,6 +27,11 @@ class Stacked(Adaptation):
         """Return the initial estimate (p), each block as its adaptation admits it."""
         return np.concatenate([part.admit(a[block]) for part, block in self.parts])
 
+    def keep(self, a: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """Return the estimate (p) to use at q, each block as its adaptation keeps it."""
+        blocks = [part.keep(a[block], q) for part, block in self.parts]
+        return a if all(kept.base is a for kept in blocks) else np.concatenate(blocks)
+
     def rate(self, a: np.ndarray, g: np.ndarray) -> np.ndarray:
         """Return da/dt (p)."""
         return np.concatenate([part.rate(a[block], g[block]) for part, block in self.parts])

@@ -114,7 +114,7 @@ class Controller:
             torque, (g_d, g_k) = self.respond(signals, command, a)
             velocity = self.velocity_filter
             after = ControllerState(
-                a_d=self.adaptation_d.advance(state.a_d, g_d, dt),
+                a_d=self.adaptation_d.advance(signals.a_d, g_d, dt),
                 a_k=self.adaptation_k.advance(state.a_k, g_k, dt),
                 a_0=state.a_0,
                 W_k=velocity.advance(state.W_k, self.kinematics.Y_p, dt),
@@ -160,7 +160,8 @@ class Controller:
         q, v, x, xd, _ = measurement
         kinematics, task = self.kinematics, self.kinematics.task
         kinematics.update(state.a_k, q, v)
-        self.dynamics.load(state.a_d)
+        a_d = self.adaptation_d.keep(state.a_d, q)
+        self.dynamics.load(a_d)
         dx = task.error(x, desired.x_d)
         return Signals(
             q=q,
@@ -173,7 +174,7 @@ class Controller:
             W_k=state.W_k,
             y=self.velocity_filter.bandwidth * task.position(x) - state.xi,
             a_k=state.a_k,
-            a_d=state.a_d,
+            a_d=a_d,
             a_0=state.a_0,
             kinematics=kinematics,
             dynamics=self.dynamics,
@@ -192,7 +193,7 @@ class Controller:
     def rate(self, state: ControllerState, measurement: Measurement, signals: Signals, gradients: Gradients) -> ControllerState:
         """Return d(state)/dt from what the law saw and its gradients, to integrate as an ODE; a_0 is kept as it is."""
         return ControllerState(
-            a_d=self.adaptation_d.rate(state.a_d, gradients.g_d),
+            a_d=self.adaptation_d.rate(signals.a_d, gradients.g_d),
             a_k=self.adaptation_k.rate(state.a_k, gradients.g_k),
             a_0=state.a_0,
             W_k=self.velocity_filter.rate(state.W_k, self.kinematics.Y_p),

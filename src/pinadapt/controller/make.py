@@ -5,12 +5,12 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import positive
-from ..adaptation import Adaptation, BodyCone, Boxed, Cone, Frozen, Gradient, Natural, Positive, Stacked
+from ..adaptation import Cone
 from ..exceptions import InputError, ParameterError, did_you_mean
 from ..laws import LAWS, Gains, Law, Posture
 from ..parameters import (
@@ -19,19 +19,21 @@ from ..parameters import (
     DynamicParameters,
     JointParameters,
     KinematicParameters,
+    LumpedParameters,
     StackedParameters,
 )
 from ..parameters.joint import NONE, chosen_kinds, without_joint_effects
 from ..parameters.kinematic import TOOL, Translation
 from ..robot import Robot
-from ..robot.workspace import reach
 from ..signals import LowPass
 from .controller import Controller
-from .defaults import INERTIAL_MODE, JOINT_MODE, KINEMATIC_MODE, PREDICTION_RATE, default_gains, default_gradient_gain
+from .defaults import Defaults, default_gains
 from .limits import make_box, make_limits
-from .modes import TypicalLoop, frequency, gain_matrix, rate_for, typical_motion
+from .modes import TypicalLoop, typical_motion
+from .rates import dynamic_adaptation, kinematic_adaptation, prediction_weight
 
-ADAPTATIONS = ("natural", "gradient", "none")
+ADAPTATIONS = ("natural", "gradient", "projected", "none")
+REGRESSORS = ("exact", "nominal")
 
 
 def make_controller(
@@ -44,6 +46,7 @@ def make_controller(
     basis: ArrayLike | None = None,
     lmi: ArrayLike | Cone | None = None,
     adaptation: str = "natural",
+    regressor: str = "exact",
     dt: float = 1e-3,
     Kv: ArrayLike | None = None,
     Kp: ArrayLike | None = None,
@@ -70,7 +73,8 @@ def make_controller(
         joint: unknown coefficients of the joints: "all", "none", or some of "armature", "viscous", "coulomb".
         basis: (10 n, p) matrix B of the user's own dynamic parameters, pi = B a, instead of bodies.
         lmi: (p, k, k) coefficient matrices of the inequality that natural adaptation keeps, for a basis.
-        adaptation: "natural", "gradient" or "none".
+        adaptation: "natural", "gradient", "projected" (gradient that keeps M_hat positive definite) or "none".
+        regressor: with unknown lengths, "exact" (lumped parameters) or, for comparison, "nominal" (believed lengths in it).
         dt: controller period [s], for the defaults.
         Kv: velocity gain, number, list or matrix [1/s; N s/m for energy-based laws, N m s/rad on the rotations of a pose].
         Kp: position gain [1/s^2; N/m for energy-based laws, N m/rad on the rotations of a pose].
@@ -97,37 +101,35 @@ def make_controller(
     """
     chosen = _law(law)
     kinematics = KinematicParameters(believed, kinematic)
-    dynamics = _dynamics(believed, dynamic, basis, lmi, joint)
-    default = default_gains(believed, chosen, positive(dt, "dt"))
     kind = _adaptation(adaptation, chosen)
-    _warn_of_lengths(kinematics, dynamics, kind)
-    gains = Gains.checked(
-        believed.task.size,
-        K_v=default.Kv if Kv is None else Kv,
-        K_P=default.Kp if Kp is None else Kp,
-        alpha=default.alpha if alpha is None else alpha,
-        R_k=1.0 if R_k is None else R_k,
-        Q=Q,
-        margin=chosen.needs_margin,
-        positions=believed.task.positions,
-    )
+    lumped = [] if basis is not None else _lumped(kinematics, regressor, kind, chosen)
+    dynamics = _dynamics(believed, dynamic, basis, lmi, joint, lumped)
+    default = default_gains(believed, chosen, positive(dt, "dt"))
+    gains = _gains(believed, chosen, default, K_v=Kv, K_P=Kp, alpha=alpha, R_k=R_k, Q=Q)
     w = default.bandwidth
     loop = TypicalLoop(chosen, kinematics, dynamics, typical_motion(believed, kinematics, w))
     box = make_box(believed, kinematics, kinematic_box)
-    adaptation_k = _kinematic_adaptation(kind, loop, gains, w, gamma_k, box)
+    adaptation_k = kinematic_adaptation(kind, loop, gains, w, gamma_k, box)
     if R_k is None:
-        gains = replace(gains, R_k=_prediction_weight(loop, adaptation_k, w) * gains.R_k)
+        gains = replace(gains, R_k=prediction_weight(loop, adaptation_k, w) * gains.R_k)
     return Controller(
         chosen(gains, Posture(believed)),
         kinematics,
         dynamics,
         adaptation_k=adaptation_k,
-        adaptation_d=_dynamic_adaptation(kind, believed, loop, w, gamma_d, gamma_joint, lmi),
+        adaptation_d=dynamic_adaptation(kind, believed, loop, w, gamma_d, gamma_joint, lmi),
         velocity_filter=LowPass(default.lambda_ if lambda_ is None else lambda_, "lambda"),
         acceleration_filter=LowPass(1.0 / (default.lambda_a if lambda_a is None else positive(lambda_a, "lambda_a"))),
         limits=make_limits(believed, dynamics, torque=torque_limits, damping=damping, watch=watch),
         loop=loop,
     )
+
+
+def _gains(believed: Robot, law: type[Law], default: Defaults, **given: Any) -> Gains:
+    """Return the checked gains, the given ones and the defaults of the others; R_k, whose default comes later, is one."""
+    defaults: dict[str, Any] = {"K_v": default.Kv, "K_P": default.Kp, "alpha": default.alpha, "R_k": 1.0}
+    taken: dict[str, Any] = {name: value if value is not None else defaults.get(name) for name, value in given.items()}
+    return Gains.checked(believed.task.size, **taken, margin=law.needs_margin, positions=believed.task.positions)
 
 
 def _dynamics(
@@ -136,6 +138,7 @@ def _dynamics(
     basis: ArrayLike | None,
     lmi: ArrayLike | Cone | None,
     joint: str | Sequence[str],
+    lengths: Sequence[Translation],
 ) -> DynamicParameters:
     """Return the inertial parameters, stacked with those of the joints where some are unknown or friction is believed."""
     if lmi is not None and basis is None:
@@ -143,66 +146,12 @@ def _dynamics(
     kinds = chosen_kinds(joint)
     stacked = bool(kinds) or believed.friction.present
     carrier = without_joint_effects(believed) if stacked else believed
-    bodies = BodyParameters(carrier, dynamic)  # checks the words even where a basis takes their place
-    inertial = bodies if basis is None else BasisParameters(carrier, basis)
+    inertial: DynamicParameters = BodyParameters(carrier, dynamic)  # checks the words even where others take their place
+    if basis is not None:
+        inertial = BasisParameters(carrier, basis)
+    elif lengths:
+        inertial = LumpedParameters(carrier, lengths, dynamic)
     return StackedParameters(inertial, JointParameters(believed, kinds)) if stacked else inertial
-
-
-def _kinematic_adaptation(
-    kind: str,
-    loop: TypicalLoop,
-    gains: Gains,
-    bandwidth: float,
-    gamma_k: ArrayLike | None,
-    box: np.ndarray | None,
-) -> Adaptation:
-    size = loop.kinematics.size
-    if kind == "none":
-        return Frozen()
-    if gamma_k is None:
-        m = loop.kinematics.task.positions
-        stiffness = float(np.linalg.eigvalsh((gains.K_P + gains.alpha * gains.K_v)[:m, :m])[-1])
-        effects = [np.sqrt(stiffness) * Y_p for Y_p in loop.kinematic]
-        gamma_k = rate_for(KINEMATIC_MODE * bandwidth, effects, Gradient(1.0, size), loop.kinematics.initial)
-    gradient = Gradient(gamma_k, size, "gamma_k")
-    return gradient if box is None else Boxed(gradient, *box, names=loop.kinematics.names, where="unknown.kinematic_box")
-
-
-def _prediction_weight(loop: TypicalLoop, adaptation: Adaptation, bandwidth: float) -> float:
-    """Return R_k with which the prediction error decays at its share of the bandwidth over a typical motion."""
-    rate = frequency(loop.kinematic, gain_matrix(adaptation, loop.kinematics.initial)) ** 2
-    return PREDICTION_RATE * bandwidth / rate if rate > 0.0 else 1.0
-
-
-def _dynamic_adaptation(
-    kind: str,
-    believed: Robot,
-    loop: TypicalLoop,
-    bandwidth: float,
-    gamma_d: ArrayLike | None,
-    gamma_joint: float | None,
-    lmi: ArrayLike | Cone | None,
-) -> Adaptation:
-    dynamics = loop.dynamics
-    if kind == "none" or not dynamics.size:
-        return Frozen()
-    inertial = dynamics.inertial if isinstance(dynamics, StackedParameters) else dynamics
-    effects = [Phi[:, : inertial.size] for Phi in loop.dynamic]
-    adaptation: Adaptation = Frozen()
-    if inertial.size and kind == "natural":
-        cone = _cone(believed, inertial, lmi)
-        mode, unit = INERTIAL_MODE * bandwidth, Natural(1.0, cone)
-        adaptation = _natural(rate_for(mode, effects, unit, unit.admit(inertial.initial)) if gamma_d is None else gamma_d, cone)
-    elif inertial.size:
-        rates = default_gradient_gain(believed, inertial, loop.law) if gamma_d is None else gamma_d
-        adaptation = Gradient(rates, inertial.size, "gamma_d")
-    if not isinstance(dynamics, StackedParameters) or not dynamics.joint.size:
-        return adaptation
-    joint = dynamics.joint
-    if gamma_joint is None:
-        effects = [Phi[:, inertial.size :] for Phi in loop.dynamic]
-        gamma_joint = rate_for(JOINT_MODE * bandwidth, effects, Positive(1.0, joint.typical), joint.typical)
-    return Stacked([(adaptation, inertial.size), (Positive(gamma_joint, joint.typical), joint.size)])
 
 
 def _law(name: str) -> type[Law]:
@@ -219,38 +168,34 @@ def _adaptation(name: str, law: type[Law]) -> str:
     return name if law.adapts else "none"
 
 
-def _natural(rate: ArrayLike, cone: Cone) -> Natural:
-    if np.ndim(rate) != 0:
-        raise InputError("natural adaptation has one scalar gain.", where="gamma_d")
-    return Natural(positive(rate, "gamma_d"), cone)
-
-
-def _cone(believed: Robot, dynamics: DynamicParameters, lmi: ArrayLike | Cone | None) -> Cone:
-    """Return the bodies' cone, or the user's inequality for a basis."""
-    cone: Cone
-    if isinstance(dynamics, BodyParameters):
-        names = [believed.joint_names[body] for body in dynamics.bodies]
-        mass = sum(inertia.mass for inertia in believed.model.inertias[1:]) / believed.model.nv
-        cone = BodyCone(names, least_mass=1e-3 * mass, least_radius=1e-2 * reach(believed))
-    elif lmi is None:
-        raise ParameterError(
-            "natural adaptation of a user's basis needs the inequality that keeps M positive definite.",
-            where="unknown.lmi",
-            hint='Give one (see robots/planar_2r/lmi.csv), or use adaptation = "gradient".',
-        )
-    else:
-        cone = lmi if isinstance(lmi, Cone) else Cone(lmi)
-    if cone.size != dynamics.size:
-        raise ParameterError(f"the inequality has {cone.size} coefficients, there are {dynamics.size} parameters.", where="lmi")
-    return cone
-
-
-def _warn_of_lengths(kinematics: KinematicParameters, dynamics: DynamicParameters, adaptation: str) -> None:
-    """Say so when the regressor contains placements that are among the unknowns."""
-    joints = [part.name for part in kinematics.translations if part.joint is not None]
-    if joints and adaptation != "none" and isinstance(dynamics, BodyParameters) and dynamics.size:
+def _lumped(kinematics: KinematicParameters, regressor: str, kind: str, law: type[Law]) -> list[Translation]:
+    """Return the translations that have to be lumped with the inertias because the bodies' regressor contains them."""
+    if regressor not in REGRESSORS:
+        what = f"must be one of {list(REGRESSORS)}, got '{regressor}'.{did_you_mean(regressor, REGRESSORS)}"
+        raise InputError(what, where="unknown.regressor")
+    lengths = [part for part in kinematics.translations if part.joint is not None]
+    names = [part.name for part in lengths]
+    if not lengths or kind == "none":
+        return []
+    if regressor == "nominal":
         warnings.warn(
-            f"the placements of {joints} are unknown, but the regressor of the bodies' parameters contains them at their "
-            "believed values: the proof does not cover this closed loop. A basis of lumped parameters avoids it.",
+            f"the placements of {names} are unknown, but the nominal regressor contains them at their believed values: "
+            'the proof does not cover this closed loop. regressor = "exact" does.',
             stacklevel=3,
         )
+        return []
+    if kind == "natural":
+        raise ParameterError(
+            f"natural adaptation does not apply while the placements of {names} are unknown: lengths multiply inertias, and "
+            "the lumped parameters that remain are no longer the inertias of bodies, so they have no cone to stay in.",
+            where="adaptation",
+            hint='Use "gradient" with the law "adaptive-jacobian" or "adaptive-inverse-dynamics-improved", which never invert '
+            'M_hat, or "projected", which keeps it positive definite, with any law.',
+        )
+    if kind == "gradient" and law.inverts_estimate:
+        warnings.warn(
+            f"the law '{law.name}' inverts M_hat, which plain gradient adaptation does not keep positive definite; "
+            'adaptation = "projected" does.',
+            stacklevel=3,
+        )
+    return lengths

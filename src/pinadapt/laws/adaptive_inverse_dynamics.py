@@ -22,6 +22,7 @@ class AdaptiveInverseDynamics(EstimatedVelocityLaw):
     """
 
     name = "adaptive-inverse-dynamics"
+    inverts_estimate = True
 
     def command(self, s: Signals) -> Command:
         """Return M_hat v + C_hat qd + g_hat, (11)."""

@@ -26,6 +26,7 @@ class AdaptiveInverseDynamicsVelocity(Law):
     """
 
     name = "adaptive-inverse-dynamics-velocity"
+    inverts_estimate = True
     needs_task_velocity = True
 
     def __init__(self, gains: Gains, posture: Posture) -> None:

@@ -113,6 +113,7 @@ class Law(ABC):
         adapts: whether it uses estimates that move.
         needs_task_velocity: whether ``Signals.xd`` must be measured.
         needs_margin: whether the proof needs K_v - alpha I > 0.
+        inverts_estimate: whether it needs M_hat^-1 at the moving estimate.
         energy_based: whether V is in joules, so that gains are forces; otherwise gains are accelerations.
     """
 
@@ -120,6 +121,7 @@ class Law(ABC):
     adapts: ClassVar[bool] = True
     needs_task_velocity: ClassVar[bool] = False
     needs_margin: ClassVar[bool] = False
+    inverts_estimate: ClassVar[bool] = False
     energy_based: ClassVar[bool] = False
 
     def __init__(self, gains: Gains, posture: Posture) -> None:

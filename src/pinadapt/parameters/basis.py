@@ -36,7 +36,7 @@ class BasisParameters(InertialParameters):
             )
         if not np.isfinite(self.B).all():
             raise ParameterError("all entries must be finite.", where="unknown.basis")
-        self.size = self.B.shape[1]
+        self.size, self.bodies = self.B.shape[1], range(robot.model.nv)
         self.names = names or tuple(f"a{i + 1}" for i in range(self.size))
         if identifiable(self._regressor, self.B, robot) < self.size:
             raise ParameterError(

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
 
 from ..robot import Robot
+from .kinematic import Translation
 from .regressor import Regressor
 
 
@@ -22,11 +24,15 @@ class DynamicParameters(ABC):
         names: one name a parameter.
         size: p.
         initial: (p) values in the believed robot's own description.
+        bodies: indices from 0 of the bodies whose inertias are unknown.
+        translations: the unknown translations of joints that the parameters cover.
     """
 
     names: tuple[str, ...]
     size: int
     initial: np.ndarray
+    bodies: Sequence[int] = ()
+    translations: Sequence[Translation] = ()
 
     @abstractmethod
     def load(self, a_d: np.ndarray) -> None:

@@ -35,6 +35,12 @@ def pseudo_inertia(pi: np.ndarray) -> np.ndarray:
     return np.tensordot(pi, COEFFICIENTS, axes=1)
 
 
+def ten_parameters(P: np.ndarray) -> np.ndarray:
+    """Return the ten parameters (10) of a body with pseudo-inertia P (4, 4)."""
+    xx, yy, zz = P[0, 0], P[1, 1], P[2, 2]
+    return np.array([P[3, 3], *P[:3, 3], yy + zz, -P[0, 1], xx + zz, -P[0, 2], -P[1, 2], xx + yy])
+
+
 def is_physical(pi: np.ndarray) -> bool:
     """Tell whether the ten parameters pi (10) belong to some distribution of positive mass: P positive definite."""
     P = pseudo_inertia(pi)
@@ -57,9 +63,7 @@ def nearest_physical(pi: np.ndarray, *, least_mass: float, least_radius: float) 
     eigenvalues, vectors = np.linalg.eigh(about_com)
     eigenvalues = np.maximum(eigenvalues, m * least_radius**2)
     Sigma = (vectors * eigenvalues) @ vectors.T + m * np.outer(c, c)
-    inertia = np.trace(Sigma) * np.eye(3) - Sigma
-    i, j = np.array([0, 0, 1, 0, 1, 2]), np.array([0, 1, 1, 2, 2, 2])
-    return np.concatenate([[m], m * c, inertia[i, j]])
+    return ten_parameters(np.block([[Sigma, m * c[:, None]], [m * c, m]]))
 
 
 def unphysical_bodies(a_d: np.ndarray, names: Sequence[str]) -> list[str]:

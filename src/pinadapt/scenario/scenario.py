@@ -169,6 +169,7 @@ def _controller(tables: ScenarioTables, believed: Robot, folder: Path) -> Contro
         lmi=lmi,
         kinematic_box=unknown.kinematic_box,
         torque_limits=tables.simulation.torque_limits,
+        regressor=unknown.regressor,
         dt=1e-3 if tables.simulation.mode == "continuous" else tables.simulation.dt,
         **gains,
     )

@@ -77,13 +77,14 @@ class UnknownSection(Section):
     basis: str | None = None
     lmi: str | None = None
     kinematic_box: bool | Number | list[Number] | list[list[Number]] | None = None
+    regressor: Literal["exact", "nominal"] = "exact"
 
 
 class ControllerSection(Section):
     """[controller]: law, adaptation, gains."""
 
     law: str = "adaptive-inverse-dynamics"
-    adaptation: Literal["natural", "gradient", "none"] = "natural"
+    adaptation: Literal["natural", "gradient", "projected", "none"] = "natural"
     Kv: Gain | None = None
     Kp: Gain | None = None
     alpha: Number | None = None

@@ -56,7 +56,11 @@ def run_continuous(
         except (DivergedError, np.linalg.LinAlgError) as error:
             trace.end(t, str(error))
             break
-        y = loop.rebased(y + (dt / 6.0) * (k1 + 2.0 * (k2 + k3) + k4))
+        try:
+            y = loop.rebased(y + (dt / 6.0) * (k1 + 2.0 * (k2 + k3) + k4))
+        except DivergedError as error:
+            trace.end(t + dt, str(error))
+            break
         if not np.abs(y[plant.nv : 2 * plant.nv]).max() < LARGEST_SPEED:  # also true for NaN
             trace.end(t + dt, "the joint velocities left every bound.")
             break
@@ -79,10 +83,16 @@ class _Loop:
         self.torque: np.ndarray
 
     def rebased(self, y: np.ndarray) -> np.ndarray:
-        """Move q by the displacement in y and return y without it; exact because one-joint groups commute."""
+        """Move q by the displacement in y and return y without it; exact because one-joint groups commute.
+
+        The estimate becomes the one that the adaptation keeps there: a projection is a jump, not a slope.
+        """
         n = self._plant.nv
         self._q = self._plant.integrate(self._q, y[:n])
-        return np.concatenate([np.zeros(n), y[n:]])
+        state = self.state.with_flat(y[2 * n :])
+        kept = self._controller.adaptation_d.keep(state.a_d, self._q)
+        rest = y[2 * n :] if kept is state.a_d else state._replace(a_d=kept).flat()
+        return np.concatenate([np.zeros(n), y[n : 2 * n], rest])
 
     def slope(self, y: np.ndarray, desired: Desired) -> np.ndarray:
         """Return dy/dt."""

@@ -1,0 +1,299 @@
+"""Lumped parameters: exact at any lengths, minimal, known for a known robot, and good enough to track with."""
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import pinadapt as pa
+from chains import catalogue_robot, random_model, random_state
+from pinadapt.parameters.kinematic import Translation
+from pinadapt.parameters.superposition import superposition
+from pinadapt.robot.task import task_named
+from pinadapt.scenario import Scenario
+from pinadapt.simulation.continuous import run_continuous
+from pinadapt.simulation.evaluate import parameter_storage, truth_at
+
+ROBOTS = Path(__file__).parents[1] / "robots"
+IMPROVED = "adaptive-inverse-dynamics-improved"
+seeded = settings(max_examples=40, deadline=None, derandomize=True)
+seeds = st.integers(0, 2**31)
+
+
+def chain(seed, joints, rotors=0.0):
+    """Return a robot on a random chain, even one too short for any task."""
+    model = random_model(seed, joints)
+    model.armature = np.full(joints, rotors)
+    return pa.Robot("chain", model, "tip", task_named("xyz"), pin.neutral(model), pa.Friction.none(joints))
+
+
+def translations(robot, rng):
+    """Return unknown translations of more than half of the joints: whole ones, or along random directions with an offset."""
+    found = []
+    for joint in range(1, robot.model.njoints):
+        if rng.random() < 0.4 and joint > 1:
+            continue
+        name, nominal = robot.joint_names[joint - 1], robot.model.jointPlacements[joint].translation
+        if rng.random() < 0.4:
+            found.append(Translation(name, joint, np.eye(3), np.zeros(3), tuple(name + axis for axis in "xyz")))
+        else:
+            directions = rng.standard_normal((3, rng.choice([1, 2])))
+            labels = tuple(f"{name}_{i}" for i in range(directions.shape[1]))
+            offset = nominal - directions @ rng.standard_normal(len(labels))
+            found.append(Translation(name, joint, directions, offset, labels))
+    return found
+
+
+def another(robot, parts, rng, bodies=None):
+    """Return a robot with other lengths and other inertias of the named bodies, all by default."""
+    shifts = {part.name: part.directions @ rng.uniform(-0.3, 0.3, part.directions.shape[1]) for part in parts}
+    names = robot.joint_names if bodies is None else bodies
+    return robot.changed(link_translation=shifts, inertial_scale={name: rng.uniform(0.4, 2.0) for name in names})
+
+
+def check_exact(believed, true, rng):
+    """Parameters made from a wrong robot give, at the value of the true one, its torque and mass matrix."""
+    a_d = believed.value(true)
+    assert a_d is not None
+    q, v, a = random_state(true, rng)
+    v_r, a_r = rng.standard_normal((2, true.model.nv))
+    model, data = true.model, true.model.createData()
+    tau, M = pin.rnea(model, data, q, v, a), pin.crba(model, data, q).copy()
+    g = pin.computeGeneralizedGravity(model, data, q).copy()
+    C = pin.computeCoriolisMatrix(model, data, q, v).copy()
+    scale = 1.0 + np.abs(tau).max()
+    known = believed.torque(q, v, a) - believed.regressor(q, v, a) @ believed.initial
+    assert np.allclose(believed.regressor(q, v, a) @ a_d + known, tau, atol=1e-9 * scale)
+    believed.load(a_d)
+    assert np.allclose(believed.torque(q, v, a), tau, atol=1e-9 * scale)
+    assert np.allclose(believed.mass_matrix(q), M, atol=1e-8 * (1.0 + np.abs(M).max()))
+    Y_r, torque = believed.slotine_li(q, v, v_r, a_r)
+    expected = M @ a_r + C @ v_r + g
+    assert np.allclose(torque, expected, atol=1e-8 * (1.0 + np.abs(expected).max()))
+    assert np.allclose(
+        Y_r @ (a_d - believed.initial), torque - at(believed, believed.initial, q, v, v_r, a_r), atol=1e-8 * scale
+    )
+
+
+def at(believed, a_d, *state):
+    believed.load(a_d)
+    return believed.slotine_li(*state)[1]
+
+
+@given(seed=seeds, joints=st.integers(1, 10), rotors=st.sampled_from([0.0, 0.2]))
+@seeded
+def test_lumped_regressor_is_rnea_at_the_true_lengths(seed, joints, rotors):
+    rng = np.random.default_rng(seed)
+    wrong = chain(seed, joints, rotors)
+    parts = translations(wrong, rng)
+    true = another(wrong, parts, rng)
+    believed = pa.LumpedParameters(wrong, parts)
+    check_exact(believed, true, rng)
+    q, v, a = random_state(wrong, rng)  # the regressor knows nothing of the believed values
+    assert np.array_equal(believed.regressor(q, v, a), pa.LumpedParameters(true, parts).regressor(q, v, a))
+
+
+@given(seed=seeds, joints=st.integers(2, 7))
+@settings(seeded, max_examples=20)
+def test_known_bodies_still_multiply_unknown_lengths(seed, joints):
+    rng = np.random.default_rng(seed)
+    wrong = chain(seed, joints, 0.1)
+    parts = translations(wrong, rng)
+    unknown = [name for name in wrong.joint_names if rng.random() < 0.4]
+    believed, everything = pa.LumpedParameters(wrong, parts, unknown or "none"), pa.LumpedParameters(wrong, parts)
+    assert believed.size <= everything.size
+    check_exact(believed, another(wrong, parts, rng, unknown), rng)
+    if believed.size < everything.size:
+        assert believed.value(another(wrong, parts, rng)) is None
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "talos_arm", "kinova", "scara"])
+def test_lengths_of_the_catalogue(name):
+    robot, rng = catalogue_robot(name), np.random.default_rng(0)
+    believed = pa.LumpedParameters(robot)
+    check_exact(believed, another(robot, believed.translations, rng), rng)
+
+
+def test_sizes():
+    ur5 = catalogue_robot("ur5")
+    five = pa.LumpedParameters(ur5, [f"{name}:length" for name in ur5.joint_names[1:]])
+    assert five.size == len(set(five.names)) == 56
+    pendulum = pa.load("planar_2r", gravity=[0.0, -9.81, 0.0])
+    assert pa.LumpedParameters(pendulum).size == 8
+    # With every inertia known, one unknown length enters as itself and as its square.
+    assert pa.LumpedParameters(ur5, ["elbow_joint:length"], "none").size == 2
+    with pytest.raises(pa.ParameterError, match="nothing has to be lumped"):
+        pa.LumpedParameters(ur5, ["tool"])
+
+
+def test_value_is_none_where_something_else_differs():
+    robot = catalogue_robot("ur5")
+    believed = pa.LumpedParameters(robot, ["elbow_joint:length", "tool"])
+    longer = robot.changed(link_translation={"elbow_joint": 0.1 * robot.model.jointPlacements[3].translation})
+    assert believed.value(longer) is not None
+    assert believed.value(longer.changed(tool_translation=[0.1, 0.0, 0.0])) is not None  # no part in the dynamics
+    assert believed.value(longer.changed(link_translation={"wrist_1_joint": [0.0, 0.0, 0.01]})) is None
+    assert believed.value(longer.changed(link_translation={"elbow_joint": [0.01, 0.0, 0.0]})) is None  # not along the link
+    assert believed.value(longer.changed(viscous=0.1)) is None
+    assert believed.value(longer.changed(armature=0.1)) is None
+
+
+def test_the_base_is_found_once():
+    robot = catalogue_robot("ur5")
+    parts = pa.KinematicParameters(robot, [*robot.joint_names[1:]]).translations
+    true = another(robot, parts, np.random.default_rng(0))
+    assert superposition(robot.model, parts) is superposition(true.model, parts)
+
+
+def ur5(law, adaptation, **options):
+    """Return the true robot, the controller of a wrong one, and a path."""
+    robot = catalogue_robot("ur5")
+    names = robot.joint_names[1:]
+    shifts = {name: 0.1 * robot.model.jointPlacements[i].translation for i, name in enumerate(names, 2)}
+    true = robot.changed(link_translation=shifts)
+    lengths = [f"{name}:length" for name in names]
+    believed = robot.changed(inertial_scale=0.7)
+    controller = pa.make_controller(believed, law=law, adaptation=adaptation, kinematic=lengths, **options)
+    path = pa.Circle(np.zeros(3), 0.05, 2.0, "yz").starting_at(true.position(true.q0) + np.array([0.01, -0.01, 0.02]))
+    return true, controller, path
+
+
+def lyapunov(true, controller, path, steps, dt):
+    """Return V, the dV/dt of the proof, and the ratios of M_hat to the believed M along an ideal continuous closed loop."""
+    plant = pa.Plant(true)
+    v = np.zeros(plant.nv)
+    state = controller.init(pa.Measurement(true.q0, v, *plant.task_motion(true.q0, v)))
+    trace = run_continuous(plant, controller, path, state, times=range(steps), dt=dt, ideal_acceleration=True)
+    assert trace.diverged is None
+    a_k, a_d = controller.kinematics.value(true), controller.dynamics.value(true)
+    V, rate = [], []
+    for measurement, desired, state in zip(trace.measurements, trace.desired, trace.states, strict=True):
+        signals, truth = controller.observe(state, measurement, desired), truth_at(plant, measurement, a_k, a_d)
+        V.append(controller.law.storage(signals, truth) + parameter_storage(controller, state, a_k, a_d))
+        rate.append(controller.law.dissipation(signals, truth))
+    return np.array(V), np.array(rate), trace
+
+
+@pytest.mark.parametrize(
+    ("law", "adaptation"),
+    [("adaptive-jacobian", "gradient"), (IMPROVED, "gradient"), ("adaptive-inverse-dynamics", "projected")],
+)
+def test_lyapunov_equality(law, adaptation):
+    """The proofs hold with lengths and inertias unknown together, which no regressor of bodies allows."""
+    true, controller, path = ur5(law, adaptation)
+    assert controller.dynamics.size == 56
+    dt = 1e-4
+    V, rate, _ = lyapunov(true, controller, path, 400, dt)
+    numerical = (8.0 * (V[3:-1] - V[1:-3]) - (V[4:] - V[:-4])) / (12.0 * dt)
+    assert np.abs(numerical - rate[2:-2]).max() <= 1e-4 * np.abs(rate).max()
+    assert (np.diff(V) <= 1e-12 * V[0]).all()
+
+
+def test_v_falls_while_the_projection_acts():
+    true, controller, path = ur5("adaptive-inverse-dynamics", "projected", gamma_d=2.0)
+    keep, moves = controller.adaptation_d.keep, []
+
+    def counted(a, q):
+        kept = keep(a, q)
+        moves.append(kept is not a)
+        return kept
+
+    controller.adaptation_d.keep = counted
+    V, _, _ = lyapunov(true, controller, path, 500, 2e-4)
+    assert any(moves)
+    assert (np.diff(V) <= 1e-9 * V[0]).all()
+
+
+def projections():
+    robot = catalogue_robot("ur5")
+    planar = catalogue_robot("planar_2r")
+    basis = np.loadtxt(ROBOTS / "planar_2r" / "basis.csv", delimiter=",")
+    lengths = [f"{name}:length" for name in robot.joint_names[1:]]
+    return {
+        "lumped": (robot, pa.LumpedParameters(robot, lengths)),
+        "bodies": (robot, pa.BodyParameters(robot)),
+        "payload": (robot, pa.BodyParameters(robot, "payload")),
+        "basis": (planar, pa.BasisParameters(planar, basis)),
+    }
+
+
+@pytest.mark.parametrize("case", ["lumped", "bodies", "payload", "basis"])
+def test_projection_keeps_the_mass_matrix_and_never_moves_away_from_the_truth(case):
+    robot, dynamics = projections()[case]
+    rng, size = np.random.default_rng(2), dynamics.size
+    factor = rng.standard_normal((size, size)) / np.sqrt(size)
+    scale = np.diag(np.maximum(np.abs(dynamics.initial), 1e-3 * np.abs(dynamics.initial).max()))
+    adaptation = pa.Projected(scale @ (factor @ factor.T + np.eye(size)) @ scale, dynamics, robot)
+    data, moved = robot.model.createData(), 0
+    for _ in range(30):
+        q, _, _ = random_state(robot, rng)
+        a = dynamics.initial + 3.0 * scale @ rng.standard_normal(size)
+        kept = adaptation.keep(a, q)
+        M_0 = pin.crba(robot.model, data, q)
+        dynamics.load(kept)
+        ratios = np.linalg.eigvals(np.linalg.solve(M_0, dynamics.mass_matrix(q))).real
+        assert ratios.min() >= 0.1 - 1e-9
+        moved += kept is not a
+        for true in (dynamics.initial, 0.3 * dynamics.initial if case != "payload" else dynamics.initial):
+            assert adaptation.distance(kept, true) <= adaptation.distance(a, true) * (1.0 + 1e-12)
+        assert adaptation.keep(dynamics.initial, q) is dynamics.initial  # nothing to do
+    assert moved > 3
+
+
+@pytest.mark.parametrize("rate", [0.01, 0.1])
+def test_projection_saves_a_gradient_that_loses_the_mass_matrix(rate):
+    """The rates at which law (11) with plain gradient adaptation diverges within half a second (see test_showcase)."""
+    settings = ["controller.adaptation=projected", f"controller.gamma_d={rate}", "simulation.duration=1.0"]
+    rollout = Scenario.read(ROBOTS / "panda" / "tool_and_load.toml", settings).run()
+    assert rollout.diverged is None
+    assert rollout.min_eig_M_hat.min() > 0.0
+
+
+def test_projection_with_unknown_rotors():
+    robot = catalogue_robot("ur5")
+    controller = pa.make_controller(robot, adaptation="projected", joint="armature", kinematic=["elbow_joint:length"])
+    a = controller.dynamics.initial.copy()
+    q = robot.q0
+    assert controller.adaptation_d.keep(a, q) is a
+    a[: controller.dynamics.inertial.size] *= -1.0
+    kept = controller.adaptation_d.keep(a, q)
+    controller.dynamics.load(kept)
+    assert np.linalg.eigvalsh(controller.dynamics.mass_matrix(q))[0] > 0.0
+    assert np.array_equal(kept[-6:], a[-6:])
+
+
+def test_lengths_decide_about_the_dynamics():
+    robot = catalogue_robot("ur5")
+    make, lengths = pa.make_controller, ["elbow_joint:length"]
+    with pytest.raises(
+        pa.ParameterError, match=r"natural adaptation does not apply.*elbow_joint.*adaptive-jacobian.*projected"
+    ):
+        make(robot, kinematic=lengths)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        lumped = make(robot, kinematic=lengths, law="adaptive-jacobian", adaptation="gradient")
+        assert isinstance(lumped.dynamics, pa.LumpedParameters)
+        assert isinstance(make(robot, kinematic=lengths, adaptation="projected").dynamics, pa.LumpedParameters)
+        assert isinstance(make(robot, kinematic=["tool"], adaptation="projected").dynamics, pa.BodyParameters)
+        make(robot, kinematic=lengths, law="resolved-acceleration")  # nothing adapts
+    with pytest.warns(UserWarning, match=r"inverts M_hat.*projected"):
+        make(robot, kinematic=lengths, adaptation="gradient")
+    with pytest.warns(UserWarning, match=r"nominal regressor contains them.*does not cover"):
+        nominal = make(robot, kinematic=lengths, regressor="nominal")
+    assert isinstance(nominal.dynamics, pa.BodyParameters)
+    with pytest.raises(pa.InputError, match="Did you mean 'nominal'"):
+        make(robot, kinematic=lengths, regressor="nominel")
+
+
+def test_ur5_learns_five_lengths_and_all_inertias():
+    rollout = Scenario.read(ROBOTS / "ur5" / "unknown_lengths.toml").run()
+    assert rollout.diverged is None
+    assert (len(rollout.dynamic_names), len(rollout.kinematic_names)) == (56, 5)
+    assert rollout.summary()["max_error_last"] <= 1e-3
+    assert rollout.distance[rollout.t < 1.0].max() > 4e-3  # it had something to learn
+    assert (np.diff(rollout.lyapunov) < 1e-4 * rollout.lyapunov[0]).all()
+    assert rollout.lyapunov[-1] < 0.5 * rollout.lyapunov[0]
