@@ -19,10 +19,10 @@ def solve_inertia(M: np.ndarray, w: np.ndarray, watch: bool) -> np.ndarray:
     Raises:
         DivergedError: M is refused.
     """
-    if watch:
-        _, solution, info = dposv(M, w)
+    if watch:  # the transpose is in the order LAPACK wants
+        _, solution, info = dposv(M.T, w)
     else:
-        _, _, solution, info = dgesv(M.T, w)  # the transpose is in the order LAPACK wants
+        _, _, solution, info = dgesv(M.T, w)
     if info != 0:
         raise DivergedError(
             f"the estimated mass matrix {'is no longer positive definite' if watch else 'became singular'}, and this law "

@@ -40,7 +40,7 @@ class RightInverse:
         """
         self._J, self.damping, (m, n) = J, 0.0, J.shape
         gram = J.dot(J.T)
-        _, self._gram_inverse, info = dposv(gram, _IDENTITY[m])
+        _, self._gram_inverse, info = dposv(gram.T, _IDENTITY[m])  # the transpose is in the order LAPACK wants
         size = sum(self._gram_inverse.diagonal().tolist()) if info == 0 else math.inf  # s^-2
         self.smallest = 1.0 / math.sqrt(size)
         if self.smallest < threshold:

@@ -154,11 +154,11 @@ class KinematicParameters:
         ]
         self._parents = [self._parent(self._model, part) for part in self.translations]
         self._B = [None if part.whole else part.directions for part in self.translations]
-        # Live views into Data: rotation of each parent joint, its angular velocity and acceleration in its own axes.
-        self._R = [self._data.oMi[i].rotation for i in self._parents]
+        # Live views into Data: position rows of each parent joint's rotation, its angular velocity and acceleration in own axes.
+        self._R = [self._data.oMi[i].rotation[self._place] for i in self._parents]
         self._w = [self._data.v[i].angular for i in self._parents]
         self._dw = [self._data.a[i].angular for i in self._parents]
-        self._zero, self._no_columns = np.zeros(self._model.nv), np.zeros((3, 0))
+        self._zero, self._no_columns = np.zeros(self._model.nv), np.zeros((self._positions, 0))
         self._no_turning = np.zeros((robot.task.size - self._positions, self.size))
         initial = self.value(robot)
         if initial is None:
@@ -198,7 +198,7 @@ class KinematicParameters:
         acceleration = pin.getFrameClassicalAcceleration(model, data, self._frame, aligned)
         self.Y_p = self._stack([pin.skew(w) for w in self._w])
         self.xd_hat = self.J.dot(v)
-        self.Jdot_v = acceleration.vector if self._turns else acceleration.linear[self._rows]
+        self.Jdot_v = acceleration.vector[self._rows]
         self.Y_k = self._padded(self.Y_p)
         self.y_k0 = self.xd_hat - self.Y_k.dot(a_k)
         self.y_p0 = self.y_k0[: self._positions] if self._turns else self.y_k0
@@ -231,8 +231,8 @@ class KinematicParameters:
         pin.computeJointJacobiansTimeVariation(model, data, self._q, self._v)
         Jdot = pin.getFrameJacobianTimeVariation(model, data, self._frame, pin.LOCAL_WORLD_ALIGNED)[self._rows]
         axes = data.J[3:]  # (3, nv) world directions of the revolute axes, zero for prismatic joints
-        for (part, window, _), R, parent in zip(self._unknown, self._R, self._parents, strict=True):
-            velocity = R @ (part.directions @ a_k_rate[window])
+        for (part, window, _), parent in zip(self._unknown, self._parents, strict=True):
+            velocity = data.oMi[parent].rotation @ (part.directions @ a_k_rate[window])
             columns = slice(0, model.joints[parent].idx_v + 1)  # the joints before the translation turn it
             Jdot[: self._positions, columns] -= (pin.skew(velocity) @ axes[:, columns])[self._place]
         return Jdot
@@ -240,8 +240,7 @@ class KinematicParameters:
     def _stack(self, blocks: Sequence[np.ndarray]) -> np.ndarray:
         """Return the position rows (m_p, p) of R B for each block (3, 3) in its parent joint's axes and directions B."""
         parts = [R.dot(block if B is None else block.dot(B)) for R, B, block in zip(self._R, self._B, blocks)]  # noqa: B905
-        stacked = parts[0] if len(parts) == 1 else np.concatenate([self._no_columns, *parts], axis=1)
-        return stacked[self._place]
+        return parts[0] if len(parts) == 1 else np.concatenate([self._no_columns, *parts], axis=1)
 
     def _padded(self, Y: np.ndarray) -> np.ndarray:
         """Return position rows (m_p, p) with the zeros of the rotation rows below, (m, p)."""
