@@ -13,7 +13,7 @@ import pinadapt as pa
 from chains import catalogue_robot, random_model, random_state
 from pinadapt.parameters.kinematic import Translation
 from pinadapt.parameters.superposition import superposition
-from pinadapt.robot.task import task_named
+from pinadapt.robot import task_named
 from pinadapt.scenario import Scenario
 from pinadapt.simulation.continuous import run_continuous
 from pinadapt.simulation.evaluate import parameter_storage, truth_at

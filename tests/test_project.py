@@ -24,7 +24,7 @@ LAYERS = [
     {"controller"},
     {"rollout"},
     {"simulation", "view"},
-    {"scenario"},
+    {"scenario", "zoo"},
     {"cli"},
 ]
 LAYER = {name: level for level, names in enumerate(LAYERS) for name in names}

@@ -83,7 +83,7 @@ def test_natural_adaptation_is_stable_at_every_sampling_period(dt):
 
 
 def test_published_adaptation_drives_the_mass_matrix_through_singularity():
-    published = controller("adaptive-inverse-dynamics", gamma_d=[4.5, 1.5, 1.5])
+    published = controller("adaptive-inverse-dynamics", gamma_d=[4.5, 1.5, 1.5], watch=False)  # step over it
     rollout = pa.simulate(
         catalogue_robot("planar_2r"),
         published,

@@ -10,8 +10,7 @@ import pytest
 
 import pinadapt as pa
 from chains import random_state
-from pinadapt.robot import robots_folder
-from pinadapt.simulation import effort_limits
+from pinadapt.robot import effort_limits, robots_folder
 
 ARM4 = Path(__file__).parent / "data" / "arm4.urdf"
 HOME = [0.1, -0.5, 0.8, 0.3]  # of arm4

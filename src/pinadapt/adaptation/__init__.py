@@ -1,6 +1,7 @@
-"""How estimates move: gradient, projected gradient, natural (log-det), or not at all."""
+"""How estimates move: gradient, projected gradient, natural (log-det), boxed, or not at all."""
 
 from .adaptation import Adaptation as Adaptation
+from .box import Boxed as Boxed
 from .cone import BodyCone as BodyCone
 from .cone import Cone as Cone
 from .frozen import Frozen as Frozen

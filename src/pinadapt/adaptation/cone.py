@@ -77,11 +77,6 @@ class Cone:
         P = a.reshape(self.blocks, self._p).dot(self._flat).reshape(self.blocks, self._n, self._n)
         return P if self._offset is None else P + self._offset
 
-    def parameters(self, P: np.ndarray) -> np.ndarray:
-        """Return the parameters (k p) of matrices P (k, n, n) in the affine span of F."""
-        P = P if self._offset is None else P - self._offset
-        return self.components(P)
-
     def components(self, P: np.ndarray) -> np.ndarray:
         """Return the coordinates (k p) of changes of P (k, n, n), to which the offset does not count."""
         return P.reshape(self.blocks, -1).dot(self._dual_T).ravel()

@@ -54,12 +54,24 @@ class Natural(Adaptation):
         return -self.gamma * np.linalg.solve(self._metric(P[0]), g)
 
     def advance(self, a: np.ndarray, g: np.ndarray, dt: float) -> np.ndarray:
-        """Return the estimate (p) after dt [s] with g held; inside the cone for any dt."""
-        P = self.cone.matrices(a)
+        """Return the estimate (p) after dt [s] with g held; inside the cone for any dt.
+
+        In a complete cone P+ = exp(-h P L) P with h = gamma dt, so short that one or two terms of the series are right to
+        5e-6 of P and stay positive definite; tr(L P L P), which is |S^T L S|^2, measures its length.
+        """
+        P, h = self.cone.matrices(a), self.gamma * dt
         if self.cone.complete:
-            return self.cone.parameters(_geodesic(P, (dt * self.gamma) * self.cone.covectors(g)))
+            L = self.cone.covectors(g)
+            A = P @ L
+            change = A @ P
+            length = h * math.sqrt(abs(np.vdot(L, change)))
+            if length > _LARGEST_STEP:
+                h *= _LARGEST_STEP / length
+            if length > _ONE_TERM:
+                change -= (0.5 * h) * (A @ change)
+            return a - h * self.cone.components(change)
         metric = self._metric(P[0])
-        step = -dt * self.gamma * np.linalg.solve(metric, g)
+        step = -h * np.linalg.solve(metric, g)
         length = np.sqrt(step @ metric @ step)
         return a + step * min(1.0, _LARGEST_STEP / length if length else 1.0)
 
@@ -79,16 +91,3 @@ class Natural(Adaptation):
         """Return the Hessian of -log det, H_ij = tr(P^-1 F_i P^-1 F_j) (p, p), of a one-block cone."""
         G = np.linalg.solve(P, self.cone.F)
         return np.einsum("iab,jba->ij", G, G)
-
-
-def _geodesic(P: np.ndarray, X: np.ndarray) -> np.ndarray:
-    """Return S exp(-S^T X S) S^T = exp(-P X) P for P = S S^T (k, n, n), X symmetric (k, n, n), at most _LARGEST_STEP long.
-
-    So short a step needs one or two terms of the series to be right to 5e-6, and stays positive definite.
-    """
-    A = P @ X
-    length = math.sqrt(abs(A.ravel().dot(A.transpose(0, 2, 1).ravel())))  # tr(A A) is the squared norm of S^T X S
-    if length > _LARGEST_STEP:
-        A *= _LARGEST_STEP / length
-    R = P if length < _ONE_TERM else P - 0.5 * (A @ P)
-    return P - A @ R

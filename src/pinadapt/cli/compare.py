@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -30,8 +31,8 @@ def compare(options: argparse.Namespace) -> int:
 
 
 def comparison_table(rollouts: Sequence[Rollout]) -> str:
-    """Return one row a rollout."""
-    header = (
+    """Return one row a rollout; poses get a column for their angle."""
+    header: tuple[str, ...] = (
         "run",
         "law",
         "adaptation",
@@ -42,7 +43,16 @@ def comparison_table(rollouts: Sequence[Rollout]) -> str:
         "step [us]",
         "verdict",
     )
-    return columns(header, [_row(rollout) for rollout in rollouts])
+    rows = [_row(rollout) for rollout in rollouts]
+    if any(rollout.angle is not None for rollout in rollouts):
+        header = (*header[:6], "last 10 % [deg]", *header[6:])
+        rows = [[*row[:6], _angle(rollout), *row[6:]] for row, rollout in zip(rows, rollouts, strict=True)]
+    return columns(header, rows)
+
+
+def _angle(rollout: Rollout) -> str:
+    """Return the largest angle of a pose in the last 10 %, a dash for tasks without orientation."""
+    return number(rollout.summary().get("max_angle_last"), scale=180.0 / math.pi, digits=3)
 
 
 def _row(rollout: Rollout) -> list[str]:

@@ -11,6 +11,7 @@ from typing import Any
 
 from .._version import __version__
 from ..exceptions import InputError, PinadaptError
+from ..laws import LAWS
 
 DONE, REFUSED, DIVERGED = 0, 2, 3
 
@@ -52,8 +53,10 @@ def _show_warning(message: Any, category: Any, filename: str, lineno: int, file:
 def _parser() -> argparse.ArgumentParser:
     from .compare import compare
     from .demo import demo
+    from .init import init
     from .robots import robots
     from .run import run
+    from .zoo import zoo
 
     parser = argparse.ArgumentParser(prog="pinadapt", description="Adaptive control of robots whose model is wrong.")
     parser.add_argument("--version", action="version", version=f"pinadapt {__version__}")
@@ -68,16 +71,32 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument(
         "--out", type=Path, default=Path("out/demo"), metavar="DIR", help="where to write (default: %(default)s)"
     )
+    command = add("init", init, "write a scenario for a URDF or a robot of the catalogue")
+    command.add_argument("source", metavar="ROBOT", help="URDF file, or a name that `pinadapt robots` lists")
+    command.add_argument("--frame", help="task frame (default: the likeliest link at the robot's end)")
+    command.add_argument("--task", help="xyz, xy, xz or yz (default: the largest that the chain can do)")
+    command.add_argument("--out", type=Path, metavar="FILE", help="file to write (default: the robot's name and .toml)")
+    command.add_argument("--force", action="store_true", help="overwrite the file")
     command = add("run", run, "run one scenario")
     _scenario_arguments(command)
     command.add_argument("--no-html", action="store_true", help="write no animation")
     command = add("compare", compare, "run the laws side by side on one scenario")
     _scenario_arguments(command)
-    command.add_argument(
-        "--laws", type=lambda text: [law.strip() for law in text.split(",")], metavar="A,B", help="default: all laws"
-    )
+    command.add_argument("--laws", type=_names, metavar="A,B", help="default: all laws")
     add("robots", robots, "list the robots of the catalogue")
+    command = add("zoo", zoo, "every chain of the catalogue with a wrong model of everything, default gains, one table")
+    command.add_argument("--robots", type=_names, metavar="A,B", help="default: the whole catalogue")
+    command.add_argument("--law", choices=list(LAWS), default="adaptive-jacobian", help="default: %(default)s")
+    command.add_argument("--seed", type=int, default=0, help="of friction, tools and errors (default: %(default)s)")
+    command.add_argument("--processes", type=int, metavar="N", help="how many at once (default: one a core)")
+    command.add_argument(
+        "--out", type=Path, default=Path("out/zoo"), metavar="DIR", help="where to write (default: %(default)s)"
+    )
     return parser
+
+
+def _names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",")]
 
 
 def _scenario_arguments(command: argparse.ArgumentParser) -> None:

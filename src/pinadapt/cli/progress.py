@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from typing import TypeVar
 
 from tqdm import tqdm
+
+Row = TypeVar("Row")
 
 
 def samples_bar(name: str) -> Callable[[range], Iterable[int]]:
@@ -15,3 +18,9 @@ def samples_bar(name: str) -> Callable[[range], Iterable[int]]:
         return bar
 
     return wrap
+
+
+def rows_bar(rows: Iterable[Row], total: int) -> Iterable[Row]:
+    """Return the rows with a bar over them, when standard error is a terminal."""
+    bar: Iterable[Row] = tqdm(rows, total=total, desc="zoo", unit="robot", disable=None, leave=False)
+    return bar

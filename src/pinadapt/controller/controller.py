@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,6 +14,8 @@ from ..laws import Command, Gradients, Law, Signals
 from ..laws.right_inverse import RightInverse
 from ..parameters import DynamicParameters, KinematicParameters
 from ..signals import Desired, LowPass, Measurement
+from .limits import Limits
+from .modes import TypicalLoop
 from .state import ControllerState
 
 
@@ -27,6 +31,8 @@ class Controller:
         adaptation_k, adaptation_d: how its estimates move.
         velocity_filter: lambda of (3)-(4).
         acceleration_filter: 1 / lambda_a.
+        limits: what it does not exceed.
+        loop: the robot over a typical motion, for the check before a run; None for a controller put together by hand.
     """
 
     def __init__(
@@ -39,12 +45,22 @@ class Controller:
         adaptation_d: Adaptation,
         velocity_filter: LowPass,
         acceleration_filter: LowPass,
+        limits: Limits | None = None,
+        loop: TypicalLoop | None = None,
     ) -> None:
         """Put the parts together; ``pinadapt.make_controller`` does so with defaults for everything."""
         self.law = law
         self.kinematics, self.dynamics = kinematics, dynamics
         self.adaptation_k, self.adaptation_d = adaptation_k, adaptation_d
         self.velocity_filter, self.acceleration_filter = velocity_filter, acceleration_filter
+        self.limits = Limits() if limits is None else limits
+        self.loop = loop
+
+    def limited(self, torque: np.ndarray | None) -> Controller:
+        """Return this controller with other torque limits (n) [N m or N]; it shares the scratch models."""
+        other = copy.copy(self)
+        other.limits = replace(self.limits, torque=torque)
+        return other
 
     def init(
         self, measurement: Measurement, *, a_k: np.ndarray | None = None, a_d: np.ndarray | None = None
@@ -62,20 +78,22 @@ class Controller:
             ParameterError: estimates of the wrong size, non-finite, or outside the cone of natural adaptation.
         """
         self._check(measurement)
-        for name, size in (("q", self.kinematics.nq), ("v", self.kinematics.nv), ("x", self.kinematics.task.size)):
+        task = self.kinematics.task
+        for name, size in (("q", self.kinematics.nq), ("v", self.kinematics.nv), ("x", task.coordinates)):
             if np.shape(getattr(measurement, name)) != (size,):
                 shape = np.shape(getattr(measurement, name))
                 raise InputError(f"expected {size} numbers, got shape {shape}.", where=f"measurement.{name}")
+        if flaw := task.flaw(measurement.x):
+            raise InputError(f"{flaw}.", where="measurement.x")
         a_k = _estimate(a_k, self.kinematics.initial, "belief.kinematic", self.kinematics.names)
         a_d = _estimate(a_d, self.dynamics.initial, "belief.dynamic", self.dynamics.names)
         a_d = self.adaptation_d.admit(a_d)
-        m = measurement.x.size
         return ControllerState(
             a_d=a_d,
             a_k=self.adaptation_k.admit(a_k),
             a_0=a_d.copy(),
-            W_k=np.zeros((m, self.kinematics.size)),
-            xi=self.velocity_filter.bandwidth * np.array(measurement.x, dtype=float),
+            W_k=np.zeros((task.positions, self.kinematics.size)),
+            xi=self.velocity_filter.bandwidth * np.array(task.position(measurement.x), dtype=float),
             z=np.array(measurement.v, dtype=float),
         )
 
@@ -87,55 +105,83 @@ class Controller:
         Raises:
             MeasurementError: a signal the law uses is not finite; ``state`` is as good as before.
             InputError: the desired motion is not finite.
-            DivergedError: torque or estimates are no longer finite, or the law met a singularity.
+            DivergedError: torque or estimates went wrong, see ``watch``, or the law met a singularity.
         """
         try:
             signals = self.observe(state, measurement, desired)
             command = self.law.command(signals)
             a = self.acceleration(state, measurement)
-            torque = command.at(a)
-            g_d, g_k = self.law.gradients(signals, command, a)
+            torque, (g_d, g_k) = self.respond(signals, command, a)
             velocity = self.velocity_filter
             after = ControllerState(
                 a_d=self.adaptation_d.advance(signals.a_d, g_d, dt),
                 a_k=self.adaptation_k.advance(state.a_k, g_k, dt),
                 a_0=state.a_0,
-                W_k=velocity.advance(state.W_k, self.kinematics.Y_k, dt),
-                xi=state.xi + velocity.fraction(dt) * (signals.y + self.kinematics.y_k0),
+                W_k=velocity.advance(state.W_k, self.kinematics.Y_p, dt),
+                xi=state.xi + velocity.fraction(dt) * (signals.y + self.kinematics.y_p0),
                 z=self.acceleration_filter.advance(state.z, measurement.v, dt),
             )
+            self.watch(torque, after)
         except (DivergedError, np.linalg.LinAlgError) as error:
             self._check(measurement, desired)  # a signal that fails is the likelier cause
             raise DivergedError(str(error)) from error
-        if not math.isfinite(torque.dot(torque) + after.a_d.dot(after.a_d) + after.a_k.dot(after.a_k)):
-            self._check(measurement, desired)
-            raise DivergedError("the torque or the estimates are no longer finite.")
         return torque, after
+
+    def respond(self, signals: Signals, command: Command, a: np.ndarray) -> tuple[np.ndarray, Gradients]:
+        """Return the torque (n) at joint acceleration a (n), within its limits, and the gradient signals.
+
+        While a motor saturates, the tracking error tells of the lost torque as much as of the parameters, and following it
+        winds the estimates up. They then learn only from what holds whatever the torque is, the kinematic prediction error.
+        """
+        torque, limits = command.at(a), self.limits.torque
+        if limits is not None:
+            clipped = np.minimum(np.maximum(torque, -limits), limits)
+            if math.isfinite(torque.dot(torque)) and (clipped != torque).any():
+                return clipped, Gradients(np.zeros(signals.a_d.size), self.law.prediction_gradient(signals))
+        return torque, self.law.gradients(signals, command, a)
+
+    def watch(self, torque: np.ndarray, state: ControllerState) -> None:
+        """Refuse a torque (n) or estimates that went wrong.
+
+        Raises:
+            DivergedError: they are not finite, or the estimates are larger than any robot's.
+        """
+        size = state.a_d.dot(state.a_d) + state.a_k.dot(state.a_k)
+        if not math.isfinite(size + torque.dot(torque)):
+            raise DivergedError("the torque or the estimates are no longer finite.")
+        if size > self.limits.estimate**2:
+            raise DivergedError(
+                f"the estimates ran away: their norm is {math.sqrt(size):.3g}. Try smaller gamma_d and gamma_k, natural "
+                "adaptation, or a start nearer to the truth; watch = false goes on regardless."
+            )
 
     def observe(self, state: ControllerState, measurement: Measurement, desired: Desired) -> Signals:
         """Evaluate the believed robot at the current estimates and return what the law may see."""
         q, v, x, xd, _ = measurement
-        kinematics = self.kinematics
+        kinematics, task = self.kinematics, self.kinematics.task
         kinematics.update(state.a_k, q, v)
         a_d = self.adaptation_d.keep(state.a_d, q)
         self.dynamics.load(a_d)
+        dx = task.error(x, desired.x_d)
         return Signals(
             q=q,
             v=v,
-            xd=xd,
+            xd=task.known_velocity(xd, kinematics.xd_hat),
             xd_d=desired.xd_d,
             xdd_d=desired.xdd_d,
-            dx=x - desired.x_d,
+            dx=dx,
             dxd_hat=kinematics.xd_hat - desired.xd_d,
             W_k=state.W_k,
-            y=self.velocity_filter.bandwidth * x - state.xi,
+            y=self.velocity_filter.bandwidth * task.position(x) - state.xi,
             a_k=state.a_k,
             a_d=a_d,
             a_0=state.a_0,
             kinematics=kinematics,
             dynamics=self.dynamics,
-            inverse=RightInverse(kinematics.J),
+            inverse=RightInverse(kinematics.J, self.limits.singular),
             rate_k=lambda g_k: self.adaptation_k.rate(state.a_k, g_k),
+            watch=self.limits.watch,
+            delta=task.drift(dx, kinematics.xd_hat, desired.xd_d),
         )
 
     def acceleration(self, state: ControllerState, measurement: Measurement) -> np.ndarray:
@@ -150,8 +196,8 @@ class Controller:
             a_d=self.adaptation_d.rate(signals.a_d, gradients.g_d),
             a_k=self.adaptation_k.rate(state.a_k, gradients.g_k),
             a_0=state.a_0,
-            W_k=self.velocity_filter.rate(state.W_k, self.kinematics.Y_k),
-            xi=self.velocity_filter.bandwidth * (signals.y + self.kinematics.y_k0),  # the input is lambda x + y_k0
+            W_k=self.velocity_filter.rate(state.W_k, self.kinematics.Y_p),
+            xi=self.velocity_filter.bandwidth * (signals.y + self.kinematics.y_p0),  # the input is lambda x + y_p0
             z=self.acceleration_filter.rate(state.z, measurement.v),
         )
 
@@ -161,11 +207,17 @@ class Controller:
         return signals, self.law.command(signals)
 
     def _check(self, measurement: Measurement, desired: Desired | None = None) -> None:
-        if desired is not None and not np.isfinite(desired).all():
-            raise InputError(f"the desired motion is not finite: {desired}.", where="desired")
+        task = self.kinematics.task
+        if desired is not None:
+            if not np.isfinite(np.concatenate(desired)).all():
+                raise InputError(f"the desired motion is not finite: {desired}.", where="desired")
+            if flaw := task.flaw(desired.x_d):
+                raise InputError(f"{flaw}.", where="desired.x_d")
         for name, value in zip(measurement._fields, measurement, strict=True):
             if value is not None and not np.isfinite(value).all():
                 raise MeasurementError(name, value)
+        if desired is not None and (flaw := task.flaw(measurement.x)):
+            raise MeasurementError("x", measurement.x, flaw)
         if measurement.xd is None and self.law.needs_task_velocity:
             raise ParameterError(
                 f"the law '{self.law.name}' needs the task velocity xd.",

@@ -2,10 +2,11 @@
 
 The bandwidth w is 20 rad/s, or 0.04 / dt for slow loops. Acceleration laws (V in m^2/s^2) take K_P = w^2, K_v = 2 w,
 alpha = w / 4, lambda = w / 2, lambda_a = 1 / (3 w): Wang and Xie's published numbers, at w = 20. Energy laws (V in joules)
-multiply K_P and K_v by the mass felt at the frame. The rates of adaptation follow from how fast they make the closed loop
-(see ``modes``): over a typical motion the fastest mode of the bodies' adaptation is 2 w, that of the joints' coefficients 2 w,
-that of the kinematics w / 4, and R_k lets the filtered prediction error decay at w / 8. On Wang and Xie's arm the last two are
-about their published 0.05 and 50.
+multiply K_P and K_v by the mass felt at the frame; on the rotations of a pose by the inertia felt there instead, or
+by as much as lets damping change the angular velocity of the lightest axis by its own size in one period, if that is less.
+The rates of adaptation follow from how fast they make the closed loop (see ``modes``): over a typical motion the fastest mode
+of the bodies' adaptation is 2 w, that of the joints' coefficients 2 w, that of the kinematics w / 4, and R_k lets the filtered
+prediction error decay at w / 8. On Wang and Xie's arm the last two are about their published 0.05 and 50.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import pinocchio as pin
 from ..laws import Law
 from ..parameters import DynamicParameters
 from ..parameters.prior import prior_covariance
-from ..robot import Robot
+from ..robot import PoseTask, Robot
 
 _FASTEST = 20.0  # [rad/s]
 _LARGEST_STEP = 0.04  # bandwidth times sampling period
@@ -39,30 +40,48 @@ class Defaults:
     """
 
     bandwidth: float
-    Kv: float
-    Kp: float
+    Kv: float | np.ndarray
+    Kp: float | np.ndarray
     alpha: float
     lambda_: float
     lambda_a: float
 
 
 def felt_mass(robot: Robot) -> float:
-    """Return the mean mass [kg] felt at the frame at home, tr((J M^-1 J^T)^-1) / m."""
+    """Return the mean mass [kg] felt at the frame's position at home, one over the mean eigenvalue of J M^-1 J^T."""
+    m = robot.task.positions
+    return float(1.0 / np.mean(np.linalg.eigvalsh(_mobility(robot)[:m, :m])))
+
+
+def felt_inertia(robot: Robot, fastest: float) -> float:
+    """Return the mean inertia [kg m^2] against turning the frame of a pose task in place at home.
+
+    At most the inertia that damping at the rate ``fastest`` [1/s] stands for on the axis that turns most easily.
+    """
+    mobility = _mobility(robot)
+    in_place = np.linalg.inv(mobility)[3:, 3:]
+    return float(min(np.trace(in_place) / 3.0, fastest / np.linalg.eigvalsh(mobility[3:, 3:])[-1]))
+
+
+def _mobility(robot: Robot) -> np.ndarray:
+    """Return J M^-1 J^T (m, m) at home."""
     model, data = robot.model, robot.model.createData()
     M = pin.crba(model, data, robot.q0)
     J = pin.computeFrameJacobian(model, data, robot.q0, robot.frame_id, pin.LOCAL_WORLD_ALIGNED)[robot.task.rows]
-    mobility = J @ np.linalg.solve(M, J.T)
-    return float(1.0 / np.mean(np.linalg.eigvalsh(mobility)))
+    return np.asarray(J @ np.linalg.solve(M, J.T))
 
 
 def default_gains(robot: Robot, law: type[Law], dt: float) -> Defaults:
     """Return the defaults for a believed robot under a law at sampling period dt [s]."""
     w = min(_FASTEST, _LARGEST_STEP / dt)
     scale = felt_mass(robot) if law.energy_based else 1.0
+    rows: float | np.ndarray = scale
+    if law.energy_based and isinstance(robot.task, PoseTask):
+        rows = np.repeat([scale, felt_inertia(robot, 1.0 / (2.0 * w * dt))], 3)
     return Defaults(
         bandwidth=w,
-        Kv=2.0 * w * scale,
-        Kp=w * w * scale,
+        Kv=2.0 * w * rows,
+        Kp=w * w * rows,
         alpha=w / 4.0,
         lambda_=w / 2.0,
         lambda_a=1.0 / (3.0 * w),

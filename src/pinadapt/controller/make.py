@@ -5,12 +5,12 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import positive
-from ..adaptation import Adaptation, BodyCone, Cone, Frozen, Gradient, Natural, Positive, Projected, Stacked
+from ..adaptation import Cone
 from ..exceptions import InputError, ParameterError, did_you_mean
 from ..laws import LAWS, Gains, Law, Posture
 from ..parameters import (
@@ -25,11 +25,12 @@ from ..parameters import (
 from ..parameters.joint import NONE, chosen_kinds, without_joint_effects
 from ..parameters.kinematic import TOOL, Translation
 from ..robot import Robot
-from ..robot.workspace import reach
 from ..signals import LowPass
 from .controller import Controller
-from .defaults import INERTIAL_MODE, JOINT_MODE, KINEMATIC_MODE, PREDICTION_RATE, default_gains, gradient_shape
-from .modes import TypicalLoop, frequency, gain_matrix, rate_for, typical_motion
+from .defaults import Defaults, default_gains
+from .limits import make_box, make_limits
+from .modes import TypicalLoop, typical_motion
+from .rates import dynamic_adaptation, kinematic_adaptation, prediction_weight
 
 ADAPTATIONS = ("natural", "gradient", "projected", "none")
 REGRESSORS = ("exact", "nominal")
@@ -57,6 +58,10 @@ def make_controller(
     Q: ArrayLike | None = None,
     lambda_: float | None = None,
     lambda_a: float | None = None,
+    kinematic_box: ArrayLike | bool | None = None,
+    torque_limits: ArrayLike | bool | None = None,
+    damping: float = 0.2,
+    watch: bool = True,
 ) -> Controller:
     """Make an adaptive controller for a believed robot; every gain has a default derived from the robot and dt.
 
@@ -71,8 +76,8 @@ def make_controller(
         adaptation: "natural", "gradient", "projected" (gradient that keeps M_hat positive definite) or "none".
         regressor: with unknown lengths, "exact" (lumped parameters) or, for comparison, "nominal" (believed lengths in it).
         dt: controller period [s], for the defaults.
-        Kv: velocity gain, number, list or matrix [1/s; N s/m for energy-based laws].
-        Kp: position gain [1/s^2; N/m for energy-based laws].
+        Kv: velocity gain, number, list or matrix [1/s; N s/m for energy-based laws, N m s/rad on the rotations of a pose].
+        Kp: position gain [1/s^2; N/m for energy-based laws, N m/rad on the rotations of a pose].
         alpha: [1/s].
         gamma_d: rate of the inertial adaptation: a number for natural; number, list or matrix for gradient.
         gamma_joint: rate of the joints' coefficients, which always adapt naturally and so stay positive.
@@ -81,6 +86,15 @@ def make_controller(
         Q: right-hand side of the Lyapunov equation of the law with task velocity.
         lambda_: velocity filter [1/s].
         lambda_a: acceleration filter [s].
+        kinematic_box: where the kinematic estimates stay: a margin around the believed values [m], or p of them; lower and
+            upper bounds; False for no box. By default a length stays within a fifth and five times, other coordinates within
+            half the robot's reach.
+        torque_limits: n bounds [N m or N] at which the torque is clipped and the adaptation of the tracking error rests; True
+            for the efforts of the robot's description.
+        damping: the right inverse of J_hat is damped where its smallest singular value, estimated from below, falls under this
+            fraction of home's; zero never damps.
+        watch: end the run with a message when an M_hat to be inverted is not positive definite or the estimates run away;
+            False goes on regardless.
 
     Raises:
         InputError: an unknown name, a gain that breaks a hypothesis, or parameters that cannot be used.
@@ -91,28 +105,31 @@ def make_controller(
     lumped = [] if basis is not None else _lumped(kinematics, regressor, kind, chosen)
     dynamics = _dynamics(believed, dynamic, basis, lmi, joint, lumped)
     default = default_gains(believed, chosen, positive(dt, "dt"))
-    gains = Gains.checked(
-        believed.task.size,
-        K_v=default.Kv if Kv is None else Kv,
-        K_P=default.Kp if Kp is None else Kp,
-        alpha=default.alpha if alpha is None else alpha,
-        R_k=1.0 if R_k is None else R_k,
-        Q=Q,
-        margin=chosen.needs_margin,
-    )
-    loop = TypicalLoop(chosen, kinematics, dynamics, typical_motion(believed, kinematics, w := default.bandwidth))
-    adaptation_k = _kinematic_adaptation(kind, loop, gains, w, gamma_k)
+    gains = _gains(believed, chosen, default, K_v=Kv, K_P=Kp, alpha=alpha, R_k=R_k, Q=Q)
+    w = default.bandwidth
+    loop = TypicalLoop(chosen, kinematics, dynamics, typical_motion(believed, kinematics, w))
+    box = make_box(believed, kinematics, kinematic_box)
+    adaptation_k = kinematic_adaptation(kind, loop, gains, w, gamma_k, box)
     if R_k is None:
-        gains = replace(gains, R_k=_prediction_weight(loop, adaptation_k, w) * gains.R_k)
+        gains = replace(gains, R_k=prediction_weight(loop, adaptation_k, w) * gains.R_k)
     return Controller(
         chosen(gains, Posture(believed)),
         kinematics,
         dynamics,
         adaptation_k=adaptation_k,
-        adaptation_d=_dynamic_adaptation(kind, believed, loop, w, gamma_d, gamma_joint, lmi),
+        adaptation_d=dynamic_adaptation(kind, believed, loop, w, gamma_d, gamma_joint, lmi),
         velocity_filter=LowPass(default.lambda_ if lambda_ is None else lambda_, "lambda"),
         acceleration_filter=LowPass(1.0 / (default.lambda_a if lambda_a is None else positive(lambda_a, "lambda_a"))),
+        limits=make_limits(believed, dynamics, torque=torque_limits, damping=damping, watch=watch),
+        loop=loop,
     )
+
+
+def _gains(believed: Robot, law: type[Law], default: Defaults, **given: Any) -> Gains:
+    """Return the checked gains, the given ones and the defaults of the others; R_k, whose default comes later, is one."""
+    defaults: dict[str, Any] = {"K_v": default.Kv, "K_P": default.Kp, "alpha": default.alpha, "R_k": 1.0}
+    taken: dict[str, Any] = {name: value if value is not None else defaults.get(name) for name, value in given.items()}
+    return Gains.checked(believed.task.size, **taken, margin=law.needs_margin, positions=believed.task.positions)
 
 
 def _dynamics(
@@ -137,64 +154,6 @@ def _dynamics(
     return StackedParameters(inertial, JointParameters(believed, kinds)) if stacked else inertial
 
 
-def _kinematic_adaptation(
-    kind: str, loop: TypicalLoop, gains: Gains, bandwidth: float, gamma_k: ArrayLike | None
-) -> Adaptation:
-    size = loop.kinematics.size
-    if kind == "none":
-        return Frozen()
-    if gamma_k is None:
-        stiffness = float(np.linalg.eigvalsh(gains.K_P + gains.alpha * gains.K_v)[-1])
-        effects = [np.sqrt(stiffness) * Y_k for Y_k in loop.kinematic]
-        gamma_k = rate_for(KINEMATIC_MODE * bandwidth, effects, Gradient(1.0, size), loop.kinematics.initial)
-    return Gradient(gamma_k, size, "gamma_k")
-
-
-def _prediction_weight(loop: TypicalLoop, adaptation: Adaptation, bandwidth: float) -> float:
-    """Return R_k with which the prediction error decays at its share of the bandwidth over a typical motion."""
-    rate = frequency(loop.kinematic, gain_matrix(adaptation, loop.kinematics.initial)) ** 2
-    return PREDICTION_RATE * bandwidth / rate if rate > 0.0 else 1.0
-
-
-def _dynamic_adaptation(
-    kind: str,
-    believed: Robot,
-    loop: TypicalLoop,
-    bandwidth: float,
-    gamma_d: ArrayLike | None,
-    gamma_joint: float | None,
-    lmi: ArrayLike | Cone | None,
-) -> Adaptation:
-    dynamics = loop.dynamics
-    if kind == "none" or not dynamics.size:
-        return Frozen()
-    inertial = dynamics.inertial if isinstance(dynamics, StackedParameters) else dynamics
-    effects = [Phi[:, : inertial.size] for Phi in loop.dynamic]
-    adaptation: Adaptation = Frozen()
-    if inertial.size and kind == "natural":
-        cone = _cone(believed, inertial, lmi)
-        mode, unit = INERTIAL_MODE * bandwidth, Natural(1.0, cone)
-        adaptation = _natural(rate_for(mode, effects, unit, unit.admit(inertial.initial)) if gamma_d is None else gamma_d, cone)
-    elif inertial.size:
-        carrier = without_joint_effects(believed) if dynamics is not inertial else believed
-        Gamma = _gradient_gain(carrier, inertial, effects, bandwidth) if gamma_d is None else gamma_d
-        projected = kind == "projected"
-        adaptation = Projected(Gamma, inertial, carrier) if projected else Gradient(Gamma, inertial.size, "gamma_d")
-    if not isinstance(dynamics, StackedParameters) or not dynamics.joint.size:
-        return adaptation
-    joint = dynamics.joint
-    if gamma_joint is None:
-        effects = [Phi[:, inertial.size :] for Phi in loop.dynamic]
-        gamma_joint = rate_for(JOINT_MODE * bandwidth, effects, Positive(1.0, joint.typical), joint.typical)
-    return Stacked([(adaptation, inertial.size), (Positive(gamma_joint, joint.typical), joint.size)])
-
-
-def _gradient_gain(believed: Robot, dynamics: DynamicParameters, effects: list[np.ndarray], bandwidth: float) -> np.ndarray:
-    """Return Gamma_d (p, p): how far the truth may be from the belief, at the rate that suits the loop."""
-    shape = gradient_shape(believed, dynamics, effects)
-    return shape * rate_for(INERTIAL_MODE * bandwidth, effects, Gradient(shape, dynamics.size), dynamics.initial)
-
-
 def _law(name: str) -> type[Law]:
     if name not in LAWS:
         raise InputError(f"no law is called '{name}'; there are {list(LAWS)}.{did_you_mean(name, LAWS)}", where="law")
@@ -207,32 +166,6 @@ def _adaptation(name: str, law: type[Law]) -> str:
         what = f"no adaptation is called '{name}'; there are {list(ADAPTATIONS)}.{did_you_mean(name, ADAPTATIONS)}"
         raise InputError(what, where="adaptation")
     return name if law.adapts else "none"
-
-
-def _natural(rate: ArrayLike, cone: Cone) -> Natural:
-    if np.ndim(rate) != 0:
-        raise InputError("natural adaptation has one scalar gain.", where="gamma_d")
-    return Natural(positive(rate, "gamma_d"), cone)
-
-
-def _cone(believed: Robot, dynamics: DynamicParameters, lmi: ArrayLike | Cone | None) -> Cone:
-    """Return the bodies' cone, or the user's inequality for a basis."""
-    cone: Cone
-    if isinstance(dynamics, BodyParameters):
-        names = [believed.joint_names[body] for body in dynamics.bodies]
-        mass = sum(inertia.mass for inertia in believed.model.inertias[1:]) / believed.model.nv
-        cone = BodyCone(names, least_mass=1e-3 * mass, least_radius=1e-2 * reach(believed))
-    elif lmi is None:
-        raise ParameterError(
-            "natural adaptation of a user's basis needs the inequality that keeps M positive definite.",
-            where="unknown.lmi",
-            hint='Give one (see robots/planar_2r/lmi.csv), or use adaptation = "gradient".',
-        )
-    else:
-        cone = lmi if isinstance(lmi, Cone) else Cone(lmi)
-    if cone.size != dynamics.size:
-        raise ParameterError(f"the inequality has {cone.size} coefficients, there are {dynamics.size} parameters.", where="lmi")
-    return cone
 
 
 def _lumped(kinematics: KinematicParameters, regressor: str, kind: str, law: type[Law]) -> list[Translation]:

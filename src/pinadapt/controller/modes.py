@@ -23,6 +23,7 @@ from ..robot.workspace import reach
 _SAMPLES = 30
 _SPREAD = 0.3  # [rad or m] around home
 _SPEED, _ERROR = 1.0 / 6.0, 0.01  # of the reach: task speed [1/s], and task error to which the feedback reacts
+_TURN = 1.0  # [rad] what takes the place of the reach for the rotations of a pose
 
 
 class Motion(NamedTuple):
@@ -44,7 +45,9 @@ class Motion(NamedTuple):
 def typical_motion(robot: Robot, kinematics: KinematicParameters, bandwidth: float) -> Motion:
     """Return the typical motion of a believed robot under feedback of a bandwidth [rad/s]."""
     model, rng = robot.model, np.random.default_rng(0)
-    scale = reach(robot) * np.array([[_SPEED], [_ERROR * bandwidth**2]])
+    m = robot.task.positions
+    size = np.repeat([reach(robot), _TURN], [m, robot.task.size - m])
+    scale = np.array([[_SPEED], [_ERROR * bandwidth**2]]) * size
     states = []
     for _ in range(_SAMPLES):
         q = pin.integrate(model, robot.q0, rng.uniform(-_SPREAD, _SPREAD, model.nv))
@@ -87,11 +90,11 @@ class TypicalLoop:
 
     @cached_property
     def kinematic(self) -> list[np.ndarray]:
-        """Y_k (m, p) at each state."""
+        """Y_p (m_p, p), the position rows of Y_k, at each state."""
         effects = []
         for q, v, _ in zip(*self.motion, strict=True):
             self.kinematics.update(self.kinematics.initial, q, v)
-            effects.append(self.kinematics.Y_k)
+            effects.append(self.kinematics.Y_p)
         return effects
 
 

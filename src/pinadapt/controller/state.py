@@ -14,8 +14,8 @@ class ControllerState(NamedTuple):
         a_d: (p_d) dynamic estimate.
         a_k: (p_k) kinematic estimate [m].
         a_0: (p_d) the dynamic estimate at the start.
-        W_k: (m, p_k) filtered kinematic regressor, (3).
-        xi: (m) low-passed lambda x + y_k0, from which y = lambda x - xi comes, (4) [m/s].
+        W_k: (m_p, p_k) filtered kinematic regressor of the m_p positions, (3).
+        xi: (m_p) low-passed lambda x + y_p0, from which y = lambda x - xi comes, (4) [m/s].
         z: (n) low-passed joint velocity, from which the joint acceleration comes.
     """
 

@@ -19,6 +19,7 @@ class AdaptiveJacobian(Law):
     V:            s^T M s / 2 + dx^T (K_P + alpha K_v) dx / 2 + D_d(a_d) + D_k(a_k),
                   dV/dt = -dxd_hat^T K_v dxd_hat - alpha dx^T K_P dx - da_k^T W_k^T R_k W_k da_k - (N s)^T D (N s)
                   - s^T (f(qd) - f(qd_r)), f the true friction of the joints: monotone, so the last term is at most zero.
+    Pose:         qdd_r takes the true d(dx)/dt = xd - xd_d + delta, and dx^T (K_P + alpha K_v) delta = 0; see ``PoseTask``.
     Assumptions:  constant parameters; J_hat of full row rank; task velocity known (it enters qdd_r).
                   Neither acceleration nor M_hat^-1 is needed.
     """
@@ -35,36 +36,29 @@ class AdaptiveJacobian(Law):
     def _reference_velocity(self, s: Signals) -> tuple[np.ndarray, np.ndarray | None, np.ndarray]:
         """Return xd_d - alpha dx (m), the null-space motion psi (n) and qd_r (n)."""
         u = s.xd_d - self.gains.alpha * s.dx
-        psi = None if s.inverse.square else self.posture.velocity(s.q)
+        psi = None if s.inverse.unique else self.posture.velocity(s.q)
         return u, psi, s.inverse.solve(u, psi)
 
     def command(self, s: Signals) -> Command:
         """Return the torque, with g_k and the regressor kept for the adaptation."""
         k, model = self.gains, s.kinematics
-        prediction = k.R_k.dot(s.W_k.dot(s.a_k) - s.y)
-        g_k = prediction.dot(s.W_k) - self._K_PV.dot(s.dx).dot(model.Y_k)
+        g_k = self.prediction_gradient(s) - self._K_PV.dot(s.dx).dot(model.Y_k)
         u, psi, qd_r = self._reference_velocity(s)
-        qdd_r = self._reference_acceleration(s, u, psi, qd_r, model.jacobian_rate(s.rate_k(g_k)))
+        qdd_r = self._reference_acceleration(s, u, psi, model.jacobian_rate(s.rate_k(g_k)))
         Y_r, feedforward = s.dynamics.slotine_li(s.q, s.v, qd_r, qdd_r)
         error = s.v - qd_r
         torque = feedforward - (k.K_v.dot(s.dxd_hat) + k.K_P.dot(s.dx)).dot(model.J)
-        if not s.inverse.square:
+        if not s.inverse.unique:
             torque -= s.inverse.null(self.posture.damping * s.inverse.null(error))
         return Command(torque, memo=(g_k, Y_r, error))
 
-    def _reference_acceleration(
-        self, s: Signals, u: np.ndarray, psi: np.ndarray | None, qd_r: np.ndarray, Jdot: np.ndarray
-    ) -> np.ndarray:
-        """Return the time derivative of qd_r (n).
-
-        With J^+ = J^T (J J^T)^-1 it is J^+ (du/dt - Jdot qd_r) + N (dpsi/dt + Jdot^T (J J^T)^-1 (u - J psi)).
-        """
+    def _reference_acceleration(self, s: Signals, u: np.ndarray, psi: np.ndarray | None, Jdot: np.ndarray) -> np.ndarray:
+        """Return the time derivative of qd_r (n)."""
         assert s.xd is not None  # the controller refuses measurements without it
         ud = s.xdd_d - self.gains.alpha * (s.xd - s.xd_d)
-        if psi is None:
-            return s.inverse.solve(ud - Jdot.dot(qd_r), None)
-        turning = s.inverse.gram_solve(u - s.kinematics.J.dot(psi)).dot(Jdot)
-        return s.inverse.solve(ud - Jdot.dot(qd_r), self.posture.velocity_rate(s.v) + turning)
+        if s.delta is not None:
+            ud -= self.gains.alpha * s.delta
+        return s.inverse.solve_rate(u, psi, ud, self.posture.velocity_rate(s.v), Jdot)
 
     def gradients(self, s: Signals, command: Command, a: np.ndarray) -> Gradients:
         """Return g_d = Y_r^T s and g_k."""

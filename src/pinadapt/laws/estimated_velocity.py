@@ -14,6 +14,9 @@ class EstimatedVelocityLaw(Law):
 
     V = e^T e / 2 + dx^T (K_P + alpha K_v - alpha^2 I) dx / 2 + parameters,
     dV/dt = -dxd_hat^T (K_v - alpha I) dxd_hat - alpha dx^T K_P dx - da_k^T W_k^T R_k W_k da_k.
+
+    For a pose v also holds -alpha delta, delta = d(dx)/dt - (xd - xd_d): de/dt = d(dxd_hat)/dt + alpha (xd - xd_d + delta) is
+    then as (17) has it, and dx^T (K_P + alpha K_v - alpha^2 I) delta = 0 leaves dV/dt; see ``PoseTask``.
     """
 
     needs_margin = True
@@ -31,15 +34,16 @@ class EstimatedVelocityLaw(Law):
         """Return g_k (p_k) with da_k/dt = -Gamma_k g_k, (19)."""
         k = self.gains
         task = self._K_PV.dot(s.dx) + k.alpha * s.dxd_hat
-        prediction = k.R_k.dot(s.W_k.dot(s.a_k) - s.y)
-        return prediction.dot(s.W_k) - task.dot(s.kinematics.Y_k)  # (19)
+        return self.prediction_gradient(s) - task.dot(s.kinematics.Y_k)  # (19)
 
     def commanded_acceleration(self, s: Signals, g_k: np.ndarray) -> np.ndarray:
         """Return v (n), with dJ_hat/dt qd = dJ/dt(a_k) v + Y_k da_k/dt: the estimate moves as well."""
         k, model = self.gains, s.kinematics
         Jdot_hat_v = model.Jdot_v + model.Y_k.dot(s.rate_k(g_k))
         u = s.xdd_d - k.K_v.dot(s.dxd_hat) - k.K_P.dot(s.dx) - Jdot_hat_v
-        psi = None if s.inverse.square else self.posture.acceleration(s.q, s.v)
+        if s.delta is not None:
+            u -= k.alpha * s.delta
+        psi = None if s.inverse.unique else self.posture.acceleration(s.q, s.v)
         return s.inverse.solve(u, psi)
 
     def storage(self, s: Signals, truth: Truth) -> float:

@@ -20,7 +20,7 @@ class Gains:
         K_v: (m, m) velocity gain [1/s].
         K_P: (m, m) position gain [1/s^2].
         alpha: weight of the position error in e = dxd_hat + alpha dx [1/s].
-        R_k: (m, m) weight of the kinematic prediction error.
+        R_k: (m_p, m_p) weight of the kinematic prediction error; m_p = m, or the 3 positions of a pose.
         Q: (2 m, 2 m) right-hand side of the Lyapunov equation of the law with task velocity.
     """
 
@@ -41,16 +41,20 @@ class Gains:
         Q: ArrayLike | None = None,
         *,
         margin: bool = True,
+        positions: int | None = None,
     ) -> Gains:
         """Take numbers, lists or matrices for m = ``size`` task coordinates.
 
         Q defaults to diag(2 alpha K_P, 2 (K_v - alpha I)), for which B^T P xi = dxd + alpha dx, the error e of the other laws.
 
-        ``margin`` asks for K_v - alpha I > 0, which the laws on the estimated velocity error need.
+        ``margin`` asks for K_v - alpha I > 0, which the laws on the estimated velocity error need. Rows after the first
+        ``positions`` (all of them by default) are rotations; see ``PoseTask`` for what their gains have to be.
 
         Raises:
-            GainError: not positive (definite), wrong size, or K_v - alpha I not positive definite.
+            GainError: not positive (definite), wrong size, K_v - alpha I not positive definite, or gains on rotations that
+                are no multiple of the identity.
         """
+        places = size if positions is None else positions
         velocity, position = definite_matrix(K_v, size, "Kv"), definite_matrix(K_P, size, "Kp")
         weight = positive(alpha, "alpha")
         beta = np.linalg.eigvalsh(velocity)[0] - weight
@@ -62,4 +66,23 @@ class Gains:
             )
         if Q is None:
             Q = block_diag(2.0 * weight * position, 2.0 * (velocity - weight * np.eye(size))) if beta > 0.0 else 1.0
-        return cls(velocity, position, weight, definite_matrix(R_k, size, "R_k"), definite_matrix(Q, 2 * size, "Q"))
+        weights = definite_matrix(Q, 2 * size, "Q")
+        for name, K in (("Kv", velocity), ("Kp", position), ("Q", weights)):
+            for block in (K[i : i + size, j : j + size] for i in range(0, len(K), size) for j in range(0, len(K), size)):
+                _check_rotations(block, places, name)
+        return cls(velocity, position, weight, definite_matrix(R_k, places, "R_k"), weights)
+
+
+def _check_rotations(block: np.ndarray, places: int, name: str) -> None:
+    """Refuse a block (m, m) whose rows after the first ``places`` are not one number times the identity."""
+    expected = np.zeros_like(block)
+    expected[:places, :places] = block[:places, :places]
+    turning = np.arange(places, len(block))
+    expected[turning, turning] = block[places, places] if turning.size else 0.0
+    if not np.allclose(block, expected, rtol=1e-9, atol=1e-9 * np.abs(block).max()):
+        raise GainError(
+            "the rotation rows must be one number times the identity, not coupled to the position: phi^T K delta = 0, on "
+            "which the proof for a pose rests, holds for such gains only.",
+            where=name,
+            hint=f"Give one number, or {len(block)} numbers whose last {turning.size} are equal.",
+        )

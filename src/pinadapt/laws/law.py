@@ -22,17 +22,19 @@ class Signals:
 
     Attributes:
         q, v: measured configuration (nq) and joint velocity (n).
-        xd: (m) measured task velocity, or None without such a sensor.
+        xd: (m) measured task velocity, or None without such a sensor; angular rows are J_omega v, which needs none.
         xd_d, xdd_d: (m) desired task velocity and acceleration.
-        dx: (m) x - x_d.
+        dx: (m) x - x_d; for a pose the rotation vector of the orientation error in its last three rows.
         dxd_hat: (m) J_hat v - xd_d, the estimated task-velocity error.
-        W_k, y: (m, p_k) and (m) the filtered regressor and velocity, (3)-(4), known part taken off y.
+        W_k, y: (m_p, p_k) and (m_p) the filtered regressor and velocity, (3)-(4), known part taken off y; positions only.
         a_k, a_d: (p_k), (p_d) the estimates.
         a_0: (p_d) the initial dynamic estimate.
         kinematics: the believed kinematics, evaluated at q, v, a_k.
         dynamics: the believed dynamics, a_d loaded.
-        inverse: right inverse of the believed Jacobian.
+        inverse: right inverse of the believed Jacobian, damped near its singularities.
         rate_k: from a gradient signal g_k (p_k) to the rate of a_k (p_k), by the chosen adaptation.
+        watch: whether an M_hat that is not positive definite ends the run of a law that inverts it.
+        delta: (m) d(dx)/dt - (xd - xd_d) of a pose, known without xd, or None where it is zero; see ``PoseTask``.
     """
 
     q: np.ndarray
@@ -51,6 +53,8 @@ class Signals:
     dynamics: DynamicParameters
     inverse: RightInverse
     rate_k: Callable[[np.ndarray], np.ndarray]
+    watch: bool
+    delta: np.ndarray | None = None
 
 
 @dataclass(slots=True, eq=False)
@@ -131,6 +135,10 @@ class Law(ABC):
     @abstractmethod
     def gradients(self, s: Signals, command: Command, a: np.ndarray) -> Gradients:
         """Return the adaptation signals, given the command just computed and the joint acceleration a (n)."""
+
+    def prediction_gradient(self, s: Signals) -> np.ndarray:
+        """Return the part W_k^T R_k (W_k a_k - y) (p_k) of g_k that compares measurements alone, whatever the torque did."""
+        return self.gains.R_k.dot(s.W_k.dot(s.a_k) - s.y).dot(s.W_k)
 
     @abstractmethod
     def storage(self, s: Signals, truth: Truth) -> float:

@@ -1,59 +1,91 @@
-"""A right inverse of the believed Jacobian, and the null space it leaves."""
+"""A right inverse of the believed Jacobian, damped near its singularities, and the null space it leaves."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
-from scipy.linalg.lapack import dgesv, dposv
+from scipy.linalg.lapack import dposv
 
 from ..exceptions import DivergedError
 
+_IDENTITY = tuple(np.eye(m, order="F") for m in range(7))  # of as many coordinates as a task can have
+_LOST_RANK = 1e14  # (|J|_F / s)^2; the Gram matrix cannot tell more from rounding
+
 
 class RightInverse:
-    """J^+ = J^T (J J^T)^-1 of a Jacobian J (m, n) of full rank, the inverse itself where m = n.
+    """J^+ = J^T (J J^T + mu^2 I)^-1 of a Jacobian J (m, n), m <= n; mu = 0 wherever J is well conditioned.
 
-    Null-space motion psi enters as J^+ u + (I - J^+ J) psi, which any right inverse allows without touching the task:
-    J times it is u.
+    Null-space motion psi enters as J^+ u + (I - J^+ J) psi. Undamped, J times it is u: the task does not feel psi. Damped, J
+    times it is u - mu^2 (J J^T + mu^2 I)^-1 (u - J psi): the task is missed by at most the share mu^2 / (s_min^2 + mu^2) of
+    u - J psi, and (17) of Wang and Xie holds up to that.
+
+    Damping begins where s = tr((J J^T)^-1)^(-1/2) falls below a threshold s_0. As s^-2 is the sum of all sigma_i^-2, s is at
+    most the smallest singular value, and at least that over sqrt(m); the solution needs (J J^T)^-1 anyway. The form of mu is
+    that of damped least squares (Y. Nakamura, H. Hanafusa, ASME J. Dyn. Syst. Meas. Control 108 (1986) 163-171; S. Chiaverini,
+    IEEE T. Robot. Autom. 13 (1997) 398-410), mu^2 = mu_max^2 (1 - (s / s_0)^2), with mu_max^2 = s_0^2 / 2, the least for which
+    |J^+| <= 1 / s_0 always.
 
     Attributes:
-        square: m = n, so that there is no null space.
+        damping: mu^2.
+        smallest: s.
+        unique: whether J^+ is the inverse itself, so that there is no null space: J square and not damped.
     """
 
-    def __init__(self, J: np.ndarray) -> None:
-        """Take the Jacobian."""
-        self._J = J
-        self.square = J.shape[0] == J.shape[1]
-        self._gram = J if self.square else J.dot(J.T)
-
-    def gram_solve(self, u: np.ndarray) -> np.ndarray:
-        """Return (J J^T)^-1 u (m) of a J that is not square.
+    def __init__(self, J: np.ndarray, threshold: float = 0.0) -> None:
+        """Take the Jacobian (m, n) and s_0, zero for no damping.
 
         Raises:
-            DivergedError: J lost rank.
+            DivergedError: J lost rank and is not damped, or is not finite.
         """
-        _, solution, info = dposv(self._gram, u)
-        _check(info)
-        return solution
+        self._J, self.damping, (m, n) = J, 0.0, J.shape
+        gram = J.dot(J.T)
+        _, self._gram_inverse, info = dposv(gram.T, _IDENTITY[m])  # the transpose is in the order LAPACK wants
+        size = sum(self._gram_inverse.diagonal().tolist()) if info == 0 else math.inf  # s^-2
+        self.smallest = 1.0 / math.sqrt(size)
+        if self.smallest < threshold:
+            self.damping = 0.5 * (threshold * threshold - 1.0 / size)
+            _, self._gram_inverse, info = dposv(gram + self.damping * _IDENTITY[m], _IDENTITY[m])
+        elif threshold == 0.0 and not size * gram.trace() < _LOST_RANK:
+            info = 1
+        if info != 0:
+            raise DivergedError(
+                "the believed Jacobian lost rank: the arm is at a singularity of the estimated kinematics. "
+                "Keep the path away from the workspace's edge, start nearer to the true kinematics, or damp the inverse "
+                "(damping = 0.2)."
+            )
+        self.unique = m == n and not self.damping
 
     def solve(self, u: np.ndarray, psi: np.ndarray | None) -> np.ndarray:
-        """Return J^+ u + (I - J^+ J) psi (n), u (m) and psi (n), which is None for a square J.
-
-        Raises:
-            DivergedError: J is singular.
-        """
+        """Return J^+ u + (I - J^+ J) psi (n), u (m) and psi (n), which is None where the inverse is unique."""
         if psi is None:
-            _, _, solution, info = dgesv(self._J, u)
-            _check(info)
-            return solution
-        return psi + self.gram_solve(u - self._J.dot(psi)).dot(self._J)
+            return self._gram_inverse.dot(u).dot(self._J)
+        return psi + self._gram_inverse.dot(u - self._J.dot(psi)).dot(self._J)
+
+    def solve_rate(
+        self, u: np.ndarray, psi: np.ndarray | None, ud: np.ndarray, psid: np.ndarray, Jdot: np.ndarray
+    ) -> np.ndarray:
+        """Return the time derivative (n) of ``solve(u, psi)`` while u, psi and J move at ud, psid and Jdot.
+
+        With y = (J J^T + mu^2 I)^-1 (u - J psi), which makes the solution r = psi + J^T y, it is
+        J^+ (ud - Jdot r - y d(mu^2)/dt) + (I - J^+ J) (psid + Jdot^T y).
+        """
+        ud = ud - Jdot.dot(self.solve(u, psi))
+        if psi is None:
+            return self.solve(ud, None)
+        y = self._gram_inverse.dot(u - self._J.dot(psi))
+        if self.damping:
+            ud -= self._damping_rate(Jdot) * y
+        return self.solve(ud, psid + y.dot(Jdot))
 
     def null(self, z: np.ndarray) -> np.ndarray:
-        """Return (I - J^+ J) z (n), the orthogonal projection onto the null space."""
-        return np.zeros_like(z) if self.square else z - self.gram_solve(self._J.dot(z)).dot(self._J)
+        """Return (I - J^+ J) z (n); undamped, the orthogonal projection onto the null space."""
+        return np.zeros_like(z) if self.unique else z - self._gram_inverse.dot(self._J.dot(z)).dot(self._J)
 
-
-def _check(info: int) -> None:
-    if info != 0:
-        raise DivergedError(
-            "the believed Jacobian lost rank: the arm is at a singularity of the estimated kinematics. "
-            "Keep the path away from the workspace's edge, or start nearer to the true kinematics."
-        )
+    def _damping_rate(self, Jdot: np.ndarray) -> float:
+        """Return d(mu^2)/dt = -d(s^2)/dt / 2 = -sum_i (s / sigma_i)^4 d(sigma_i^2)/dt / 2; the ratios are at most one."""
+        U, sigma, _ = np.linalg.svd(self._J, full_matrices=False)
+        sigma = np.maximum(sigma, np.finfo(float).eps * sigma[0])
+        halves = np.diag(U.T @ Jdot @ self._J.T @ U)  # d(sigma_i^2)/dt / 2
+        ratios = 1.0 / (sigma * sigma * np.sum(1.0 / (sigma * sigma)))  # (s / sigma_i)^2
+        return float(-halves.dot(ratios * ratios))

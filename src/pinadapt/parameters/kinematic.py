@@ -111,7 +111,8 @@ class KinematicParameters:
     """The believed kinematics of a chain at the current estimate of its unknown translations.
 
     ``update`` evaluates everything at one state; the attributes then hold for that state until the next update. All are in
-    world axes (LOCAL_WORLD_ALIGNED), rows of the task only. m: task size, p: number of parameters.
+    world axes (LOCAL_WORLD_ALIGNED), rows of the task only. m: task size, m_p: its positions (m, but 3 for a pose),
+    p: number of parameters. No translation turns the frame: the rotation rows of a pose have no unknowns.
 
     Attributes:
         names: one name a parameter.
@@ -121,12 +122,13 @@ class KinematicParameters:
         joint_names: names of the chain's joints.
         frame: name of the task frame.
         nq, nv: sizes of configuration and velocity.
-        x_hat: (m) believed position [m].
-        xd_hat: (m) believed velocity J v [m/s].
+        x_hat: believed task coordinates: (m) [m], or the 7 numbers of a pose.
+        xd_hat: (m) believed velocity J v [m/s, rad/s].
         J: (m, nv) Jacobian at the estimate.
-        Jdot_v: (m) dJ/dt v with the estimate held constant [m/s^2].
-        Y_k: (m, p) kinematic regressor, (2).
-        y_k0: (m) velocity that no parameter changes, so that J v = Y_k a_k + y_k0 [m/s].
+        Jdot_v: (m) dJ/dt v with the estimate held constant [m/s^2, rad/s^2].
+        Y_k: (m, p) kinematic regressor, (2); zero in rotation rows.
+        y_k0: (m) velocity that no parameter changes, so that J v = Y_k a_k + y_k0 [m/s, rad/s].
+        Y_p, y_p0: (m_p, p) and (m_p) their position rows.
     """
 
     def __init__(self, robot: Robot, unknown: str | Sequence[str | Translation] = ()) -> None:
@@ -140,7 +142,9 @@ class KinematicParameters:
         self.nq, self.nv = int(robot.model.nq), int(robot.model.nv)
         self.names = tuple(label for part in self.translations for label in part.labels)
         self.size = len(self.names)
-        self._rows = robot.task.rows
+        self._rows, self._place = robot.task.rows, robot.task.place
+        self._positions = robot.task.positions
+        self._turns = robot.task.size > self._positions
         self._model = robot.model.copy()
         self._data = self._model.createData()
         self._frame = robot.frame_id
@@ -150,11 +154,12 @@ class KinematicParameters:
         ]
         self._parents = [self._parent(self._model, part) for part in self.translations]
         self._B = [None if part.whole else part.directions for part in self.translations]
-        # Live views into Data: rotation of each parent joint, its angular velocity and acceleration in its own axes.
-        self._R = [self._data.oMi[i].rotation for i in self._parents]
+        # Live views into Data: position rows of each parent joint's rotation, its angular velocity and acceleration in own axes.
+        self._R = [self._data.oMi[i].rotation[self._place] for i in self._parents]
         self._w = [self._data.v[i].angular for i in self._parents]
         self._dw = [self._data.a[i].angular for i in self._parents]
-        self._zero, self._no_columns = np.zeros(self._model.nv), np.zeros((3, 0))
+        self._zero, self._no_columns = np.zeros(self._model.nv), np.zeros((self._positions, 0))
+        self._no_turning = np.zeros((robot.task.size - self._positions, self.size))
         initial = self.value(robot)
         if initial is None:
             raise ParameterError("the directions and offsets do not contain the believed robot's own placements.")
@@ -179,7 +184,7 @@ class KinematicParameters:
         a_k = np.concatenate([np.zeros(0), *values])
         q = pin.integrate(self._model, pin.neutral(self._model), np.linspace(0.3, 1.1, self._model.nv))
         self.update(a_k, q, self._zero)
-        return a_k if np.allclose(self.x_hat, robot.position(q), atol=1e-9) else None
+        return a_k if np.abs(self.task.error(self.x_hat, robot.position(q))).max() < 1e-9 else None
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Evaluate the kinematics at estimate a_k (p) [m], configuration q (nq) and velocity v (nv)."""
@@ -190,16 +195,19 @@ class KinematicParameters:
         pin.computeJointJacobians(model, data)
         aligned = pin.LOCAL_WORLD_ALIGNED
         self.J = pin.getFrameJacobian(model, data, self._frame, aligned)[self._rows]
-        self.Jdot_v = pin.getFrameClassicalAcceleration(model, data, self._frame, aligned).linear[self._rows]
-        self.Y_k = self._stack([pin.skew(w) for w in self._w])
+        acceleration = pin.getFrameClassicalAcceleration(model, data, self._frame, aligned)
+        self.Y_p = self._stack([pin.skew(w) for w in self._w])
         self.xd_hat = self.J.dot(v)
+        self.Jdot_v = acceleration.vector[self._rows]
+        self.Y_k = self._padded(self.Y_p)
         self.y_k0 = self.xd_hat - self.Y_k.dot(a_k)
+        self.y_p0 = self.y_k0[: self._positions] if self._turns else self.y_k0
         self._q, self._v = q, v
 
     @property
     def x_hat(self) -> np.ndarray:
-        """Believed position (m) [m] at the last update."""
-        return np.array(pin.updateFramePlacement(self._model, self._data, self._frame).translation[self._rows])
+        """Believed task coordinates at the last update: positions (m) [m], or position and quaternion xyzw (7)."""
+        return self.task.of(pin.updateFramePlacement(self._model, self._data, self._frame))
 
     def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
         """Return the task-acceleration regressor (m, p) of Wang and Xie (27): xddot = Ybar_k(q, v, a) a_k + known part."""
@@ -208,11 +216,11 @@ class KinematicParameters:
         for w, dw in zip(self._w, self._dw, strict=True):
             W = pin.skew(w)
             blocks.append(pin.skew(dw) + W.dot(W))
-        return self._stack(blocks)
+        return self._padded(self._stack(blocks))
 
     def position_regressor(self) -> np.ndarray:
-        """Return dx/da_k (m, p) at the last update: x = (this) a_k + known part."""
-        return self._stack([np.eye(3)] * len(self._R))
+        """Return dx/da_k (m, p) at the last update: x = (this) a_k + known part, and the orientation does not move."""
+        return self._padded(self._stack([np.eye(3)] * len(self._R)))
 
     def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
         """Return dJ/dt (m, nv) while the estimate moves at a_k_rate (p) [m/s]: the motion's part plus the estimate's.
@@ -223,20 +231,23 @@ class KinematicParameters:
         pin.computeJointJacobiansTimeVariation(model, data, self._q, self._v)
         Jdot = pin.getFrameJacobianTimeVariation(model, data, self._frame, pin.LOCAL_WORLD_ALIGNED)[self._rows]
         axes = data.J[3:]  # (3, nv) world directions of the revolute axes, zero for prismatic joints
-        for (part, window, _), R, parent in zip(self._unknown, self._R, self._parents, strict=True):
-            velocity = R @ (part.directions @ a_k_rate[window])
+        for (part, window, _), parent in zip(self._unknown, self._parents, strict=True):
+            velocity = data.oMi[parent].rotation @ (part.directions @ a_k_rate[window])
             columns = slice(0, model.joints[parent].idx_v + 1)  # the joints before the translation turn it
-            Jdot[:, columns] -= (pin.skew(velocity) @ axes[:, columns])[self._rows]
+            Jdot[: self._positions, columns] -= (pin.skew(velocity) @ axes[:, columns])[self._place]
         return Jdot
 
     def _stack(self, blocks: Sequence[np.ndarray]) -> np.ndarray:
-        """Return the task rows (m, p) of R B for each block (3, 3) in its parent joint's axes and directions B."""
+        """Return the position rows (m_p, p) of R B for each block (3, 3) in its parent joint's axes and directions B."""
         parts = [R.dot(block if B is None else block.dot(B)) for R, B, block in zip(self._R, self._B, blocks)]  # noqa: B905
-        stacked = parts[0] if len(parts) == 1 else np.concatenate([self._no_columns, *parts], axis=1)
-        return stacked[self._rows]
+        return parts[0] if len(parts) == 1 else np.concatenate([self._no_columns, *parts], axis=1)
+
+    def _padded(self, Y: np.ndarray) -> np.ndarray:
+        """Return position rows (m_p, p) with the zeros of the rotation rows below, (m, p)."""
+        return np.concatenate([Y, self._no_turning]) if self._turns else Y
 
     def base(self, samples: int = 50) -> int:
-        """Return how many combinations of the parameters motion can identify: the rank of Y_k over random states."""
+        """Return how many combinations of the parameters motion can identify: the rank of Y_p over random states."""
         rng = np.random.default_rng(0)
         rows = []
         for _ in range(samples):
@@ -245,5 +256,5 @@ class KinematicParameters:
                 pin.integrate(self._model, pin.neutral(self._model), rng.uniform(-3, 3, self._model.nv)),
                 rng.standard_normal(self._model.nv),
             )
-            rows.append(self.Y_k)
+            rows.append(self.Y_p)
         return int(np.linalg.matrix_rank(np.vstack(rows), tol=1e-8 * samples)) if self.size else 0

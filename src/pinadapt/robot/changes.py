@@ -73,7 +73,9 @@ def scale_inertias(model: pin.Model, scale: float | Mapping[str, float]) -> None
         if not (np.isfinite(factor) and factor > 0.0):
             raise RobotError(f"must be positive, got {factor} for '{name}'.", where="inertial_scale")
         body = model.inertias[joint]
-        model.inertias[joint] = pin.Inertia(float(factor) * body.mass, body.lever, float(factor) * body.inertia)
+        model.inertias[joint] = pin.Inertia.FromDynamicParameters(
+            float(factor) * body.toDynamicParameters()
+        )  # any, physical or not
 
 
 def attach_payload(model: pin.Model, frame: int, payload: Payload) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 import pinocchio as pin
@@ -10,8 +10,8 @@ import pinocchio as pin
 from ..exceptions import RobotError
 from .chain import angles_from_configuration, configuration_from_angles, is_slide
 
-_WELL_CONDITIONED = 0.1  # smallest over largest singular value of the task Jacobian
-_DEGENERATE = 1e-6
+_NEARLY = 0.6  # of the best smallest singular value
+_DEGENERATE = 1e-6  # smallest over largest singular value of the task Jacobian
 _OFF_LIMITS, _FAR_OFF = 0.05, 0.2  # parts of a joint's range
 _SAMPLES, _REFINEMENTS = 500, (0.2, 0.1, 0.05)
 
@@ -45,38 +45,45 @@ def conditioning(model: pin.Model, data: pin.Data, frame: int, rows: slice, q: n
 
 
 def find_home(model: pin.Model, frame: int, rows: slice, candidates: Iterable[np.ndarray]) -> np.ndarray:
-    """Return the first candidate (nq) that is well conditioned and off the limits, else the best of many seeded samples.
+    """Return the first candidate (nq) off the limits and nearly as well conditioned as can be, else the best pose found.
 
-    The best one has the largest smallest singular value of the task Jacobian, times how far it is from the limits up to a
-    fifth of each joint's range; it is refined by samples around it.
+    The best pose found among seeded samples inside the limits, and samples around the best of them, has the largest
+    smallest singular value of the task Jacobian times how far it is from the limits, up to a fifth of each joint's range.
+    A candidate needs three fifths of its singular value and a twentieth of each range.
 
     Raises:
         RobotError: the task Jacobian is degenerate in all of them.
     """
     data, limits = model.createData(), position_limits(model)
-    for q in candidates:
-        margin = _margin(limits, angles_from_configuration(model, q))
-        if margin >= _OFF_LIMITS and conditioning(model, data, frame, rows, q)[1] >= _WELL_CONDITIONED:
-            return np.asarray(q)
 
     def quality(angles: np.ndarray) -> float:
         q = configuration_from_angles(model, angles)
         return conditioning(model, data, frame, rows, q)[0] * min(1.0, _margin(limits, angles) / _FAR_OFF)
 
+    home = configuration_from_angles(model, _best_inside(model, quality))
+    singular, ratio = conditioning(model, data, frame, rows, home)
+    if ratio < _DEGENERATE:
+        raise RobotError(
+            f"the chain to frame '{model.frames[frame].name}' cannot move all coordinates of the task in any posture.",
+            where="task",
+            hint="Take another task, or a frame further out.",
+        )
+    for q in candidates:
+        off_limits = _margin(limits, angles_from_configuration(model, q)) >= _OFF_LIMITS
+        if off_limits and conditioning(model, data, frame, rows, q)[0] >= _NEARLY * singular:
+            return np.asarray(q)
+    return home
+
+
+def _best_inside(model: pin.Model, quality: Callable[[np.ndarray], float]) -> np.ndarray:
+    """Return the angles (nv) of highest quality among seeded samples of the inner four fifths of the bounds."""
     lower, upper = position_bounds(model)
     middle, half, rng = (lower + upper) / 2, 0.8 * (upper - lower) / 2, np.random.default_rng(0)
     best = max(middle + half * rng.uniform(-1.0, 1.0, (_SAMPLES, model.nv)), key=quality)
     for size in _REFINEMENTS:
         around = best + size * half * rng.standard_normal((_SAMPLES // 10, model.nv))
         best = max([best, *np.clip(around, middle - half, middle + half)], key=quality)
-    home = configuration_from_angles(model, best)
-    if conditioning(model, data, frame, rows, home)[1] < _DEGENERATE:
-        raise RobotError(
-            f"the chain to frame '{model.frames[frame].name}' cannot move all coordinates of the task in any posture.",
-            where="task",
-            hint="Take another task, or a frame further out.",
-        )
-    return home
+    return np.asarray(best)
 
 
 def _margin(limits: tuple[np.ndarray, np.ndarray], angles: np.ndarray) -> float:

@@ -29,7 +29,8 @@ from .chain import (
 )
 from .friction import Friction
 from .home import find_home
-from .task import Task, task_named
+from .task import Task
+from .tasks import task_named
 from .urdf import mimic_joints, read_urdf
 
 
@@ -73,10 +74,17 @@ class Robot:
         return angles_from_configuration(self.model, self.q0)
 
     def position(self, q: np.ndarray) -> np.ndarray:
-        """Return the task coordinates (m) [m] of this description at configuration q (nq), in world axes."""
+        """Return the task coordinates x of this description at configuration q (nq), in world axes.
+
+        Positions (m) [m]; for a pose position and quaternion xyzw (7).
+        """
+        return self.task.of(self.placement(q))
+
+    def placement(self, q: np.ndarray) -> pin.SE3:
+        """Return the placement of the task frame of this description at configuration q (nq), in world axes."""
         data = self.model.createData()
         pin.framesForwardKinematics(self.model, data, q)
-        return data.oMf[self.frame_id].translation[self.task.rows].copy()
+        return data.oMf[self.frame_id].copy()
 
     def at(self, q0: ArrayLike) -> Robot:
         """Return this robot with another home pose, given as one number a joint (nv) [rad or m].
@@ -169,7 +177,7 @@ def load(
     Args:
         source: catalogue name, URDF path, ``pin.Model`` or ``RobotWrapper``; never written to.
         frame: task frame, by default the catalogue's, else the model's last frame.
-        task: "xyz", "xy", "xz" or "yz", by default the catalogue's, else "xyz".
+        task: "xy", "xz", "yz", "xyz" or "pose", by default the catalogue's, else "xyz".
         locked: joints of the chain to lock as well; joints off the chain always are.
         q0: home pose, one number a remaining joint (nv) [rad or m]; by default the catalogue's, the
             description's own where it is well conditioned, else a well-conditioned one inside the limits.

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from .error_figure import draw_errors
 from .rollout import Rollout
 
 _MOST_LABELLED = 12  # more lines than this share one colour map and carry no legend
@@ -30,22 +31,8 @@ def draw_all(rollout: Rollout, folder: Path) -> list[Path]:
 
 
 def error_figure(rollout: Rollout) -> Figure:
-    """Return the task error in mm, each coordinate and its norm, and V(t) where it is known."""
-    known = rollout.lyapunov is not None
-    figure = Figure(figsize=(8, 7 if known else 5), layout="constrained")
-    axes = np.atleast_1d(figure.subplots(3 if known else 2, 1, sharex=True))
-    for i in range(rollout.error.shape[1]):
-        axes[0].plot(rollout.t, 1e3 * rollout.error[:, i], label=f"{'xyz'[i]}", lw=1.0)
-    axes[0].set_ylabel("task error [mm]")
-    axes[0].legend(loc="upper right", ncols=3)
-    distance = 1e3 * np.maximum(rollout.distance, 1e-12)
-    axes[1].semilogy(rollout.t, distance, color="black", lw=0.8)
-    if len(distance):
-        axes[1].set_ylim(bottom=0.5 * np.quantile(distance, 0.01))
-    axes[1].set_ylabel("|x - x_d| [mm]")
-    if rollout.lyapunov is not None:
-        axes[2].plot(rollout.t, rollout.lyapunov, color="tab:purple", lw=1.0)
-        axes[2].set_ylabel("V")
+    """Return the task error, each coordinate and its norm, and V(t) where it is known."""
+    figure, axes = draw_errors(rollout)
     _finish(figure, axes, rollout)
     return figure
 
@@ -68,18 +55,29 @@ def parameter_figure(rollout: Rollout) -> Figure:
 
 
 def torque_figure(rollout: Rollout) -> Figure:
-    """Return the motor torques and the smallest eigenvalue of the estimated mass matrix."""
+    """Return the motor torques and the smallest eigenvalue of the estimated mass matrix.
+
+    Shaded red where a torque is at its limit, blue where the inverse Jacobian is damped.
+    """
     figure = Figure(figsize=(8, 5), layout="constrained")
     axes = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
     for i in range(rollout.tau.shape[1]):
         axes[0].plot(rollout.t, rollout.tau[:, i], lw=0.9, label=f"{i + 1}")
     axes[0].set_ylabel("torque [N m] or force [N]")
     axes[0].legend(title="joint", loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
+    for ax in axes:
+        _shade(ax, rollout.t, rollout.saturated, "tab:red")  # a torque at its limit
+        _shade(ax, rollout.t, rollout.damping > 0.0, "tab:blue")  # damped near a singularity
     axes[1].plot(rollout.t, rollout.min_eig_M_hat, color="tab:green", lw=0.9)
     axes[1].axhline(0.0, color="black", lw=0.6)
     axes[1].set_ylabel("smallest eigenvalue\nof $\\hat M$")
     _finish(figure, axes, rollout)
     return figure
+
+
+def _shade(ax: Any, t: np.ndarray, where: np.ndarray, colour: str) -> None:
+    if where.any():
+        ax.fill_between(t, 0.0, 1.0, where=where, transform=ax.get_xaxis_transform(), color=colour, alpha=0.15, lw=0.0)
 
 
 def _by_kind(rollout: Rollout) -> list[tuple[str, np.ndarray, np.ndarray | None, tuple[str, ...]]]:

@@ -7,20 +7,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from ..adaptation import Cone
 from ..controller import Controller, make_controller
-from ..exceptions import ScenarioError
 from ..parameters.basis import read_matrix
 from ..robot import Payload, Robot, catalogue, load
 from ..rollout import Rollout
-from ..signals import Circle, Hold, Lissajous, Trajectory, Waypoints
+from ..signals import Trajectory
 from ..simulation import simulate
 from ..simulation.simulate import Progress, prepare
 from .naming import named
 from .read import read_tables
-from .schema import CircleSection, HoldSection, LissajousSection, ScenarioTables, WaypointsSection
+from .reference import trajectory_of
+from .schema import PayloadSection, ScenarioTables
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +65,7 @@ class Scenario:
         with named("controller"):
             controller = _controller(tables, believed, folder)
         with named("reference"):
-            trajectory = _trajectory(tables, true)
+            trajectory = trajectory_of(tables.reference, true)
         scenario = cls(tables, true, believed, controller, trajectory)
         scenario.check()
         return scenario
@@ -125,12 +123,15 @@ def _is_path(source: str) -> bool:
     return "/" in source or source.endswith((".urdf", ".xml"))
 
 
+def _payload(section: PayloadSection | None) -> Payload | None:
+    return None if section is None else Payload(**section.model_dump())
+
+
 def _true(tables: ScenarioTables, described: Robot) -> Robot:
     truth = tables.truth
-    payload = None if truth.payload is None else Payload(**truth.payload.model_dump())
     return described.changed(
         inertial_scale=truth.inertial_scale,
-        payload=payload,
+        payload=_payload(truth.payload),
         tool_translation=truth.tool_translation,
         link_translation=truth.link_translation,
         armature=truth.armature,
@@ -143,6 +144,7 @@ def _believed(tables: ScenarioTables, described: Robot) -> Robot:
     belief = tables.belief
     return described.changed(
         inertial_scale=belief.inertial_scale,
+        payload=_payload(belief.payload),
         armature=belief.armature,
         viscous=belief.friction.viscous,
         coulomb=belief.friction.coulomb,
@@ -165,40 +167,9 @@ def _controller(tables: ScenarioTables, believed: Robot, folder: Path) -> Contro
         joint=unknown.joint,
         basis=basis,
         lmi=lmi,
+        kinematic_box=unknown.kinematic_box,
+        torque_limits=tables.simulation.torque_limits,
         regressor=unknown.regressor,
         dt=1e-3 if tables.simulation.mode == "continuous" else tables.simulation.dt,
         **gains,
     )
-
-
-def _trajectory(tables: ScenarioTables, true: Robot) -> Trajectory:
-    """Return the desired motion; where no centre is given it starts at the measured initial position."""
-    start, reference = true.position(true.q0), tables.reference
-    centre = None if isinstance(reference, WaypointsSection) else reference.center
-    if centre is not None and len(centre) != start.size:
-        raise ScenarioError(f"the task has {start.size} coordinates, got {len(centre)}.", where="reference.center")
-    middle = np.zeros(start.size) if centre is None else np.array(centre)
-    motion: Trajectory
-    if isinstance(reference, WaypointsSection):
-        points = [np.array(point) for point in reference.points]
-        if any(point.size != start.size for point in points):
-            raise ScenarioError(f"every point needs {start.size} coordinates, as the task has.", where="reference.points")
-        motion = Waypoints([np.zeros(start.size), *points] if reference.relative else points, reference.segment)
-        return motion.starting_at(start) if reference.relative else motion
-    if isinstance(reference, HoldSection):
-        motion = Hold(middle)
-    elif isinstance(reference, LissajousSection):
-        motion = Lissajous(middle, reference.amplitude, reference.cycles, reference.period, reference.phase)
-    else:
-        assert isinstance(reference, CircleSection)
-        motion = Circle(middle, reference.radius, reference.period, _plane(reference, true.task.name), reference.phase)
-    return motion.starting_at(start) if centre is None else motion
-
-
-def _plane(reference: CircleSection, task: str) -> str:
-    """Return the circle's plane as the trajectory takes it: a task of two coordinates is a plane, its own "xy"."""
-    if len(task) != 2:
-        return reference.plane
-    if "plane" in reference.model_fields_set and reference.plane != task:
-        raise ScenarioError(f"the task '{task}' has no plane but its own, got '{reference.plane}'.", where="reference.plane")
-    return "xy"

@@ -24,7 +24,7 @@ class RobotSection(Section):
 
     source: str
     frame: str | None = None
-    task: Literal["xy", "xz", "yz", "xyz"] | None = None
+    task: Literal["xy", "xz", "yz", "xyz", "pose"] | None = None
     locked: list[str] = []
     q0: list[Number] | None = None
     gravity: Vector3 | None = None
@@ -58,11 +58,12 @@ class TruthSection(Section):
 
 
 class BeliefSection(Section):
-    """[belief]: the initial estimates."""
+    """[belief]: the initial estimates; a payload is a guess of the load, added after the scaling."""
 
     inertial_scale: Positive | dict[str, Positive] = 1.0
     friction: FrictionSection = FrictionSection()
     armature: NotNegative | list[NotNegative] | None = None
+    payload: PayloadSection | None = None
     kinematic: list[Number] | None = None
     dynamic: list[Number] | None = None
 
@@ -75,6 +76,7 @@ class UnknownSection(Section):
     joint: str | list[str] = "none"
     basis: str | None = None
     lmi: str | None = None
+    kinematic_box: bool | Number | list[Number] | list[list[Number]] | None = None
     regressor: Literal["exact", "nominal"] = "exact"
 
 
@@ -94,20 +96,38 @@ class ControllerSection(Section):
     lambda_: Number | None = Field(default=None, alias="lambda")
     lambda_a: Number | None = None
     acceleration: Literal["filtered", "ideal"] = "filtered"
+    damping: NotNegative = 0.2
+    watch: bool = True
 
 
-class CircleSection(Section):
+class OrientationSection(Section):
+    """[reference] orientation of a pose: a quaternion xyzw about which the tool may swing; without, it starts as it is."""
+
+    quaternion: Annotated[list[Number], Field(min_length=4, max_length=4)] | None = None
+    axis: Vector3 = [0.0, 0.0, 1.0]
+    amplitude: NotNegative = 0.0
+    period: Positive = 3.0
+    phase: Number = 0.0
+
+
+class ReferenceSection(Section):
+    """[reference]: what all kinds of it may say."""
+
+    orientation: OrientationSection | None = None
+
+
+class CircleSection(ReferenceSection):
     """[reference] kind = "circle"."""
 
     kind: Literal["circle"] = "circle"
     center: list[Number] | None = None
     radius: Positive = 0.1
     period: Positive = 3.0
-    plane: Literal["xy", "yz", "xz"] = "xy"
+    plane: Literal["xy", "yz", "xz"] | None = None
     phase: Number = 0.0
 
 
-class LissajousSection(Section):
+class LissajousSection(ReferenceSection):
     """[reference] kind = "lissajous"."""
 
     kind: Literal["lissajous"]
@@ -118,7 +138,7 @@ class LissajousSection(Section):
     phase: Number | list[Number] = 0.0
 
 
-class WaypointsSection(Section):
+class WaypointsSection(ReferenceSection):
     """[reference] kind = "waypoints": minimum jerk from point to point, offsets from the start unless absolute."""
 
     kind: Literal["waypoints"]
@@ -127,7 +147,7 @@ class WaypointsSection(Section):
     relative: bool = True
 
 
-class HoldSection(Section):
+class HoldSection(ReferenceSection):
     """[reference] kind = "hold": a point, by default the initial position."""
 
     kind: Literal["hold"]
@@ -151,6 +171,7 @@ class NoiseSection(Section):
     q: NotNegative = 0.0
     v: NotNegative = 0.0
     x: NotNegative = 0.0
+    angle: NotNegative = 0.0
 
 
 class SimulationSection(Section):

@@ -13,8 +13,9 @@ class Measurement(NamedTuple):
     Attributes:
         q: (nq) configuration, as ``pin.integrate`` has it.
         v: (nv) joint velocity [rad/s or m/s].
-        x: (m) task coordinates [m] in world axes, from a camera or tracker, not from the model.
-        xd: (m) task velocity [m/s]; needed only by the laws that say so.
+        x: task coordinates in world axes, from a camera or tracker, not from the model: (m) [m], or for a pose position [m]
+            and unit quaternion xyzw (7), of either sign.
+        xd: (m) task velocity [m/s], a pose's first three rows alone being read; needed only by the laws that say so.
         a: (nv) joint acceleration [rad/s^2 or m/s^2]; filtered from v when absent.
     """
 
@@ -29,9 +30,9 @@ class Desired(NamedTuple):
     """The desired task motion at one instant, in world axes.
 
     Attributes:
-        x_d: (m) position [m].
-        xd_d: (m) velocity [m/s].
-        xdd_d: (m) acceleration [m/s^2].
+        x_d: (m) position [m], or for a pose position [m] and unit quaternion xyzw (7).
+        xd_d: (m) velocity [m/s], linear before angular [rad/s].
+        xdd_d: (m) acceleration [m/s^2], linear before angular [rad/s^2].
     """
 
     x_d: np.ndarray

@@ -44,8 +44,9 @@ def run_continuous(
         desired = trajectory.at(t)
         try:
             k1 = loop.slope(y, desired)
-            if not np.isfinite(k1).all() or not np.isfinite(loop.torque).all():
+            if not np.isfinite(k1).all():
                 raise DivergedError("the torque or the estimates are no longer finite.")
+            controller.watch(loop.torque, loop.state)
             if k % record_every == 0:
                 trace.add(t, loop.measurement, desired, loop.measurement, loop.state, loop.torque)
             middle = trajectory.at(t + 0.5 * dt)
@@ -101,11 +102,10 @@ class _Loop:
         self.measurement = Measurement(q, v, *plant.task_motion(q, v))
         signals, command = controller.command(self.state, self.measurement, desired)
         if self._ideal:
-            a = a_law = plant.acceleration(q, v, command.torque, command.feedthrough)
-            self.torque = command.at(a)
+            a_law = plant.acceleration(q, v, command.torque, command.feedthrough)
         else:
             a_law = controller.acceleration(self.state, self.measurement)
-            self.torque = command.at(a_law)
-            a = plant.acceleration(q, v, self.torque)
-        gradients = controller.law.gradients(signals, command, a_law)
+        tau, gradients = controller.respond(signals, command, a_law)
+        self.torque = plant.motors(tau)
+        a = a_law if self._ideal else plant.acceleration(q, v, self.torque)
         return np.concatenate([v, a, controller.rate(self.state, self.measurement, signals, gradients).flat()])

@@ -17,6 +17,7 @@ class Plant:
     Attributes:
         robot: the true robot.
         nv: number of joints.
+        torque_limits: (nv) bounds the motors clip at [N m or N], infinite where there is none, or None.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -25,9 +26,14 @@ class Plant:
         self._model = robot.model.copy()
         self._data = self._model.createData()
         self._frame = robot.frame_id
-        self._rows = robot.task.rows
         self._friction, self._braked = robot.friction, robot.friction.present
         self.nv = int(self._model.nv)
+        self.torque_limits: np.ndarray | None = None
+
+    def motors(self, tau: np.ndarray) -> np.ndarray:
+        """Return the torque (nv) that the motors give when asked for tau (nv)."""
+        limits = self.torque_limits
+        return tau if limits is None else np.minimum(np.maximum(tau, -limits), limits)
 
     def acceleration(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, feedthrough: np.ndarray | None = None) -> np.ndarray:
         """Return the joint acceleration a (nv) under torque tau + feedthrough @ a, friction included.
@@ -47,11 +53,11 @@ class Plant:
             raise DivergedError("the algebraic loop of torque and acceleration became singular.") from error
 
     def task_motion(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the frame's true task position (m) [m] and velocity (m) [m/s], in world axes."""
+        """Return the frame's true task coordinates x and velocity xd (m), in world axes; see ``Task``."""
         pin.forwardKinematics(self._model, self._data, q, v)
-        x = pin.updateFramePlacement(self._model, self._data, self._frame).translation[self._rows]
-        xd = pin.getFrameVelocity(self._model, self._data, self._frame, pin.LOCAL_WORLD_ALIGNED).linear[self._rows]
-        return np.array(x), np.array(xd)
+        task, aligned = self.robot.task, pin.LOCAL_WORLD_ALIGNED
+        x = task.of(pin.updateFramePlacement(self._model, self._data, self._frame))
+        return x, task.velocity_of(pin.getFrameVelocity(self._model, self._data, self._frame, aligned))
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return the true M(q) (nv, nv)."""

@@ -26,7 +26,6 @@ def run_sampled(
     sensors: Sensors,
     substeps: int = 4,
     record_every: int = 1,
-    torque_limits: np.ndarray | None = None,
     ideal_acceleration: bool = False,
 ) -> Trace:
     """Hold each torque for dt while the plant is integrated in substeps.
@@ -41,7 +40,6 @@ def run_sampled(
         sensors: what the controller sees.
         substeps: integration steps a period.
         record_every: record the samples whose index is a multiple of this.
-        torque_limits: (nv) bounds the motors clip at, infinite where there is none, or None.
         ideal_acceleration: give the law the plant's own acceleration instead of the filtered one.
     """
     q, v = plant.robot.q0, np.zeros(plant.nv)
@@ -60,8 +58,7 @@ def run_sampled(
         except DivergedError as error:
             trace.end(t, str(error))
             break
-        if torque_limits is not None:
-            tau = np.clip(tau, -torque_limits, torque_limits)
+        tau = plant.motors(tau)
         if k % record_every == 0:
             trace.add(t, measurement, desired, truth, state, tau)
         state = after

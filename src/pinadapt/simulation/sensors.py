@@ -12,7 +12,7 @@ from ..exceptions import InputError, did_you_mean
 from ..signals import Measurement
 from .plant import Plant
 
-CHANNELS = ("q", "v", "x")
+CHANNELS = ("q", "v", "x", "angle")
 
 
 class Sensors:
@@ -24,7 +24,9 @@ class Sensors:
     def __init__(
         self, plant: Plant, dt: float, *, noise: Mapping[str, float] | None = None, delay: float = 0.0, seed: int = 0
     ) -> None:
-        """Take standard deviations q [rad or m], v [rad/s or m/s], x [m], and the tracker's delay.
+        """Take standard deviations q [rad or m], v [rad/s or m/s], x [m], angle [rad], and the tracker's delay.
+
+        The tracker's ``angle`` turns a measured pose about each world axis.
 
         Args:
             plant: what is measured.
@@ -34,7 +36,7 @@ class Sensors:
             seed: of the noise.
 
         Raises:
-            InputError: unknown channels or negative numbers.
+            InputError: unknown channels, negative numbers, or angles of a task that has none.
         """
         for name in noise or {}:
             if name not in CHANNELS:
@@ -43,6 +45,10 @@ class Sensors:
                 )
         self._plant, self._rng = plant, np.random.default_rng(seed)
         self._noise = {name: positive((noise or {}).get(name, 0.0), f"noise.{name}", zero=True) for name in CHANNELS}
+        self._task = plant.robot.task
+        self._angles = self._task.size - self._task.positions
+        if self._noise["angle"] and not self._angles:
+            raise InputError(f"the task '{self._task.name}' has no orientation to disturb.", where="noise.angle")
         late = round(positive(delay, "delay", zero=True) / dt)
         self._tracked: deque[tuple[np.ndarray, np.ndarray | None]] = deque(maxlen=late + 1)
 
@@ -54,8 +60,12 @@ class Sensors:
         if any(self._noise.values()):
             q = self._plant.integrate(q, self._white("q", self._plant.nv))
             v = v + self._white("v", self._plant.nv)
-            x = x + self._white("x", x.size)
+            x = self._task.moved(x, self._tracking_error())
         return Measurement(q, v, x, xd), truth
+
+    def _tracking_error(self) -> np.ndarray:
+        places = self._white("x", self._task.positions)
+        return np.concatenate([places, self._white("angle", self._angles)]) if self._angles else places
 
     def _white(self, name: str, size: int) -> np.ndarray:
         return self._noise[name] * self._rng.standard_normal(size)

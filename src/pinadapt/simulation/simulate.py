@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable, Mapping
 from time import perf_counter
 from typing import Any
@@ -10,9 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import positive
-from ..controller import Controller, ControllerState
+from ..adaptation import Boxed
+from ..controller import Controller, ControllerState, preflight
 from ..exceptions import InputError, did_you_mean
 from ..robot import Robot
+from ..robot import torque_limits as limits_of
 from ..robot.home import conditioning
 from ..rollout import Rollout
 from ..signals import Measurement, Trajectory
@@ -61,9 +64,10 @@ def simulate(
         acceleration: "filtered", or "ideal": the plant's own, for checking theory.
         a_k: (p_k) initial kinematic estimate [m], by default the believed robot's.
         a_d: (p_d) initial dynamic estimate, by default the believed robot's.
-        noise: standard deviations of q, v, x, sampled mode.
+        noise: standard deviations of q, v, x, and the angle of a measured pose, sampled mode.
         delay: s, of the task-space measurement, sampled mode.
-        torque_limits: clip at the true robot's effort limits, sampled mode; limits of zero or infinity are none.
+        torque_limits: the motors clip at the true robot's effort limits; limits of zero or infinity are none. A controller
+            without limits of its own is given these, so that its adaptation rests while they clip.
         seed: of the noise.
         title: of the rollout.
         progress: wraps the range of samples, ``tqdm`` for example.
@@ -73,12 +77,16 @@ def simulate(
     """
     ideal = _one_of(acceleration, ACCELERATIONS, "acceleration") == "ideal"
     _check_options(mode, duration, dt, {"substeps": substeps, "record_every": record_every}, seed)
-    if mode == "continuous" and (delay or torque_limits or any((noise or {}).values())):
-        raise InputError("noise, delay and torque limits exist in sampled mode only.", where="mode")
-    if ideal and torque_limits:
+    if mode == "continuous" and (delay or any((noise or {}).values())):
+        raise InputError("noise and delay exist in sampled mode only.", where="mode")
+    motors = limits_of(true, torque_limits)
+    if controller.limits.torque is None:
+        controller = controller.limited(motors)
+    if ideal and (torque_limits or controller.limits.torque is not None):
         raise InputError("the ideal acceleration is that of the unclipped torque; choose one.", where="torque_limits")
     started = perf_counter()
     plant, state = prepare(true, controller, trajectory, a_k, a_d)
+    plant.torque_limits = motors
     samples = range(max(1, round(duration / dt)) + (mode == "continuous"))
     times = samples if progress is None else progress(samples)
     loop: dict[str, Any] = {"times": times, "dt": dt, "record_every": int(record_every), "ideal_acceleration": ideal}
@@ -86,8 +94,9 @@ def simulate(
         if mode == "continuous":
             trace = run_continuous(plant, controller, trajectory, state, **loop)
         else:
+            for finding in preflight(controller, dt):
+                warnings.warn(str(finding), stacklevel=2)
             loop["sensors"] = Sensors(plant, dt, noise=noise, delay=delay, seed=seed)
-            loop["torque_limits"] = effort_limits(true) if torque_limits else None
             trace = run_sampled(plant, controller, trajectory, state, substeps=int(substeps), **loop)
         return evaluate(
             trace,
@@ -120,13 +129,23 @@ def prepare(
             where="robot.q0",
             hint="Bend a joint, or leave q0 out to have a pose searched.",
         )
+    _warn_of_box(true, controller)
     return plant, controller.init(first, a_k=_array(a_k), a_d=_array(a_d))
 
 
-def effort_limits(robot: Robot) -> np.ndarray:
-    """Return the effort limits (nv) [N m or N], infinite where the URDF's 0, 1.8e308 or inf mean none."""
-    limits = np.array(robot.model.effortLimit, dtype=float)
-    return np.where((limits > 0.0) & (limits < 1e300), limits, np.inf)
+def _warn_of_box(true: Robot, controller: Controller) -> None:
+    """Say so when the box of the kinematic estimates does not hold the truth."""
+    box, truth = controller.adaptation_k, controller.kinematics.value(true)
+    if truth is None or not isinstance(box, Boxed):
+        return
+    outside = (truth < box.low) | (truth > box.high)
+    if outside.any():
+        names = [name for name, out in zip(controller.kinematics.names, outside, strict=True) if out]
+        warnings.warn(
+            f"the true values of {names} are outside the box of their estimates, which cannot reach them: no proof covers this "
+            "closed loop. A wider kinematic_box avoids it.",
+            stacklevel=4,
+        )
 
 
 def _check_options(mode: str, duration: float, dt: float, counts: Mapping[str, int], seed: int) -> None:
@@ -167,7 +186,11 @@ def _check_same_shape(true: Robot, controller: Controller, trajectory: Trajector
             hint="Make both from the same load(), the true one by .changed().",
         )
     size = trajectory.at(0.0).x_d.size
-    if size != believed.size:
+    if size != believed.coordinates:
         raise InputError(
-            f"the desired motion has {size} coordinates, the task '{believed.name}' {believed.size}.", where="trajectory"
+            f"the desired motion has {size} coordinates, the task '{believed.name}' {believed.coordinates}.",
+            where="trajectory",
+            hint="PoseTrajectory adds an orientation to a motion of three coordinates."
+            if (size, believed.name) == (3, "pose")
+            else None,
         )

@@ -18,7 +18,7 @@ class Trace:
         t: times [s].
         measurements: what the sensors said.
         desired: the desired motion.
-        true_q, true_v, true_x: true configuration (nq), velocity (nv) and task position (m), without noise or delay.
+        true_q, true_v, true_x: true configuration (nq), velocity (nv) and task coordinates, without noise or delay.
         states: the controller's states before each step.
         torques: the torques (n) [N m or N] that the motors gave.
         diverged: time [s] at which the loop left every bound, or None.

@@ -66,7 +66,7 @@ def write_animation(
     traced = motion_of(true, q[line]).tip
     desired = traced.copy()  # coordinates outside of the task are nobody's wish
     if some:
-        desired[:, true.task.rows] = rollout.x_d[line]
+        desired[:, true.task.place] = rollout.x_d[line, : true.task.positions]
     scene = _Scene(t[frames], camera_for(np.vstack([truth.points, desired]), desired))
     scene.draw_robots(true, believed, truth, belief)
     scene.lay_floor(float(min(traced[:, 2].min(), desired[:, 2].min())))

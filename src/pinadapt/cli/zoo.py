@@ -1,0 +1,52 @@
+"""``pinadapt zoo``: every chain of the catalogue, untuned, with and without adaptation."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+from ..exceptions import InputError
+from ..robot.catalogue import catalogue, catalogue_entry
+from ..rollout.table import columns, number
+from ..zoo import ZooRow, run_zoo
+from ..zoo.experiment import CONVERGED
+from .progress import rows_bar
+
+
+def zoo(options: argparse.Namespace) -> int:
+    """Run the zoo over processes, print one table and write ``zoo.json``; a chain that fails is a row, not a failure."""
+    names = [catalogue_entry(name).name for name in options.robots] if options.robots else list(catalogue())
+    if options.processes is not None and options.processes < 1:
+        raise InputError(f"must be at least 1, got {options.processes}.", where="--processes")
+    folder: Path = options.out
+    folder.mkdir(parents=True, exist_ok=True)  # before the work, not after it
+    coming = run_zoo(names, options.law, seed=options.seed, processes=options.processes)
+    found = {row.robot: row for row in rows_bar(coming, len(names))}
+    rows = [found[name] for name in names]
+    print(zoo_table(rows))
+    (folder / "zoo.json").write_text(json.dumps([asdict(row) for row in rows], indent=2) + "\n", encoding="utf-8")
+    print(f"\n{sum(row.verdict == CONVERGED for row in rows)} of {len(rows)} converged; written to {folder / 'zoo.json'}")
+    return 0
+
+
+def zoo_table(rows: Sequence[ZooRow]) -> str:
+    """Return one line a chain; errors are the largest of the last 10 %, in mm and in per cent of the circle's radius."""
+    header = ("robot", "joints", "radius [mm]", "not adapted [mm]", "adapted [mm]", "[% of radius]", "min eig M_hat", "verdict")
+    return columns(header, [_cells(row) for row in rows])
+
+
+def _cells(row: ZooRow) -> list[str]:
+    share = None if row.adapted is None or row.radius is None else 100.0 * row.adapted / row.radius
+    return [
+        row.robot,
+        "-" if row.joints is None else str(row.joints),
+        number(row.radius, scale=1e3, digits=0),
+        number(row.unadapted, scale=1e3, digits=2),
+        number(row.adapted, scale=1e3, digits=3),
+        number(share, digits=2),
+        "-" if row.min_eig_M_hat is None else f"{row.min_eig_M_hat:.2g}",
+        row.verdict,
+    ]

@@ -1,0 +1,142 @@
+"""Before the run: is the sampling period short enough for these gains on this robot?
+
+Each part of the closed loop is linearised over a typical motion of the believed robot (see ``modes``) and sampled as the
+controller does it, torques and gradients held for dt. The part is stable while the spectral radius of its transition matrix is
+below one. The check asks for it with the gains doubled, because real inertias are not the believed ones.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from .controller import Controller
+from .modes import TypicalLoop, frequency, gain_matrix
+
+_MARGIN = 2.0
+_UNSTABLE = 1.0 + 1e-9  # the null space of a redundant arm moves freely
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One part of the closed loop that the sampling period makes unstable.
+
+    Attributes:
+        part: what it is.
+        dt: the given period [s].
+        longest: the longest period that would do [s].
+        factors: what gains would have to be multiplied with at the given period, by name.
+    """
+
+    part: str
+    dt: float
+    longest: float
+    factors: dict[str, float]
+
+    def __str__(self) -> str:
+        """Say what is too fast and what to take."""
+        gains = ", ".join(f"{name} by at most {factor:.2g}" for name, factor in self.factors.items())
+        return f"dt = {self.dt:.3g} s is too long for the {self.part}: take dt <= {self.longest:.2g} s, or multiply {gains}."
+
+
+Radius = Callable[..., float]  # of dt [s] and factor, both by name
+
+
+def preflight(controller: Controller, dt: float) -> list[Finding]:
+    """Return what is too fast for the sampling period dt [s]; an empty list is a go.
+
+    A controller put together by hand, without the typical motion that ``make_controller`` gives it, is not checked.
+    """
+    findings = []
+    for part, gains, radius in _parts(controller):
+        if radius(dt=dt, factor=1.0) > _UNSTABLE:
+            longest = _largest(lambda period, of=radius: of(dt=period, factor=1.0), dt)
+            factor = _largest(lambda factor, of=radius: of(dt=dt, factor=factor), 1.0)
+            findings.append(Finding(part, dt, longest, {gain: factor**power for gain, power in gains.items()}))
+    return findings
+
+
+def _largest(radius: Callable[..., float], start: float) -> float:
+    """Return about the largest number below ``start`` at which the spectral radius is stable."""
+    low, high = start * 1e-6, start
+    for _ in range(40):
+        middle = (low * high) ** 0.5
+        low, high = (low, middle) if radius(middle) > _UNSTABLE else (middle, high)
+    return low
+
+
+def _parts(controller: Controller) -> list[tuple[str, dict[str, float], Radius]]:
+    """Return name, gains with the powers of the factor they take, and spectral radius of each part of the loop."""
+    loop = controller.loop
+    if loop is None:
+        return []
+    gains, size = controller.law.gains, controller.dynamics.size
+    feedback = list(_feedback(controller, loop))
+    parts: list[tuple[str, dict[str, float], Radius]] = [
+        ("task feedback", {"Kv": 1.0, "alpha": 1.0, "Kp": 2.0}, partial(_feedback_radius, feedback))
+    ]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # bodies moved into the cone are told of when the run starts
+        start = controller.adaptation_d.admit(loop.dynamics.initial)
+    Gamma_d = gain_matrix(controller.adaptation_d, start)
+    if size and Gamma_d.any():
+        damping = float(np.median([_least_damping(D, loop.kinematics.task.size) for _, D in feedback])) - gains.alpha
+        mode = frequency(loop.dynamic, Gamma_d)
+        parts.append(
+            (
+                "adaptation of the dynamics",
+                {"gamma_d": 1.0, "gamma_joint": 1.0},
+                partial(_adaptation_radius, mode, damping, 0.0),
+            )
+        )
+    Gamma_k = gain_matrix(controller.adaptation_k, loop.kinematics.initial)
+    if Gamma_k.any():
+        m = loop.kinematics.task.positions
+        speed = frequency(loop.kinematic, Gamma_k)
+        mode = speed * float(np.linalg.eigvalsh((gains.K_P + gains.alpha * gains.K_v)[:m, :m])[-1]) ** 0.5
+        decay = speed**2 * float(np.linalg.eigvalsh(gains.R_k)[-1])
+        parts.append(("adaptation of the kinematics", {"gamma_k": 1.0}, partial(_adaptation_radius, mode, gains.alpha, decay)))
+    return parts
+
+
+def _feedback(controller: Controller, loop: TypicalLoop) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Return stiffness [1/s^2] and damping [1/s] of the error, in the task's rows or, for energy-based laws, the joints."""
+    gains, kinematics, dynamics = controller.law.gains, loop.kinematics, loop.dynamics
+    if not loop.law.energy_based:
+        yield gains.K_P, gains.K_v
+        return
+    dynamics.load(dynamics.initial)
+    for q, v, _ in zip(*loop.motion, strict=True):
+        kinematics.update(kinematics.initial, q, v)
+        J, M = kinematics.J, dynamics.mass_matrix(q)
+        tracked = np.linalg.pinv(J, rcond=1e-2) @ J
+        null = np.eye(len(M)) - tracked
+        force = J.T @ gains.K_v @ J + null @ np.diag(controller.law.posture.damping) @ null
+        yield np.linalg.solve(M, J.T @ gains.K_P @ J), np.linalg.solve(M, force) + gains.alpha * tracked
+
+
+def _feedback_radius(feedback: Sequence[tuple[np.ndarray, np.ndarray]], dt: float, factor: float) -> float:
+    """Return the median spectral radius of the feedback -(S x + D dx/dt), its bandwidth times ``factor``, held over dt."""
+    return float(np.median([_radius(_MARGIN * factor**2 * S, _MARGIN * factor * D, dt) for S, D in feedback]))
+
+
+def _radius(S: np.ndarray, D: np.ndarray, dt: float) -> float:
+    one = np.eye(len(S))
+    transition = np.block([[one - 0.5 * dt**2 * S, dt * one - 0.5 * dt**2 * D], [-dt * S, one - dt * D]])
+    return float(np.abs(np.linalg.eigvals(transition)).max())
+
+
+def _least_damping(D: np.ndarray, size: int) -> float:
+    """Return the smallest damping [1/s] among the ``size`` directions that the task feels."""
+    return float(np.sort(np.linalg.eigvals(D).real)[-size])
+
+
+def _adaptation_radius(mode: float, damping: float, decay: float, dt: float, factor: float) -> float:
+    """Return the spectral radius of de/dt = -damping e + w a, da/dt = -w e - decay a, held over dt; rates times ``factor``."""
+    w, decay = mode * (_MARGIN * factor) ** 0.5, _MARGIN * factor * decay
+    transition = np.array([[1.0 - dt * damping, dt * w], [-dt * w, 1.0 - dt * decay]])
+    return float(np.abs(np.linalg.eigvals(transition)).max())

@@ -1,0 +1,114 @@
+"""Which adaptation moves which estimate, and how fast; see ``defaults`` for the rule."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._checks import positive
+from ..adaptation import Adaptation, BodyCone, Boxed, Cone, Frozen, Gradient, Natural, Positive, Projected, Stacked
+from ..exceptions import InputError, ParameterError
+from ..laws import Gains
+from ..parameters import BodyParameters, DynamicParameters, StackedParameters
+from ..parameters.joint import without_joint_effects
+from ..robot import Robot
+from ..robot.workspace import reach
+from .defaults import INERTIAL_MODE, JOINT_MODE, KINEMATIC_MODE, PREDICTION_RATE, gradient_shape
+from .modes import TypicalLoop, frequency, gain_matrix, rate_for
+
+
+def kinematic_adaptation(
+    kind: str,
+    loop: TypicalLoop,
+    gains: Gains,
+    bandwidth: float,
+    gamma_k: ArrayLike | None,
+    box: np.ndarray | None,
+) -> Adaptation:
+    """Return how the kinematic estimate moves, at a given rate or the default one, inside a box (2, p) or none."""
+    size = loop.kinematics.size
+    if kind == "none":
+        return Frozen()
+    if gamma_k is None:
+        m = loop.kinematics.task.positions
+        stiffness = float(np.linalg.eigvalsh((gains.K_P + gains.alpha * gains.K_v)[:m, :m])[-1])
+        effects = [np.sqrt(stiffness) * Y_p for Y_p in loop.kinematic]
+        gamma_k = rate_for(KINEMATIC_MODE * bandwidth, effects, Gradient(1.0, size), loop.kinematics.initial)
+    gradient = Gradient(gamma_k, size, "gamma_k")
+    return gradient if box is None else Boxed(gradient, *box, names=loop.kinematics.names, where="unknown.kinematic_box")
+
+
+def prediction_weight(loop: TypicalLoop, adaptation: Adaptation, bandwidth: float) -> float:
+    """Return R_k with which the prediction error decays at its share of the bandwidth over a typical motion."""
+    rate = frequency(loop.kinematic, gain_matrix(adaptation, loop.kinematics.initial)) ** 2
+    return PREDICTION_RATE * bandwidth / rate if rate > 0.0 else 1.0
+
+
+def dynamic_adaptation(
+    kind: str,
+    believed: Robot,
+    loop: TypicalLoop,
+    bandwidth: float,
+    gamma_d: ArrayLike | None,
+    gamma_joint: float | None,
+    lmi: ArrayLike | Cone | None,
+) -> Adaptation:
+    """Return how the dynamic estimate moves, at given rates or the default ones.
+
+    Raises:
+        InputError: a rate or an inequality that does not fit the parameters.
+    """
+    dynamics = loop.dynamics
+    if kind == "none" or not dynamics.size:
+        return Frozen()
+    inertial = dynamics.inertial if isinstance(dynamics, StackedParameters) else dynamics
+    effects = [Phi[:, : inertial.size] for Phi in loop.dynamic]
+    adaptation: Adaptation = Frozen()
+    if inertial.size and kind == "natural":
+        cone = _cone(believed, inertial, lmi)
+        mode, unit = INERTIAL_MODE * bandwidth, Natural(1.0, cone)
+        adaptation = _natural(rate_for(mode, effects, unit, unit.admit(inertial.initial)) if gamma_d is None else gamma_d, cone)
+    elif inertial.size:
+        carrier = without_joint_effects(believed) if dynamics is not inertial else believed
+        Gamma = _gradient_gain(carrier, inertial, effects, bandwidth) if gamma_d is None else gamma_d
+        projected = kind == "projected"
+        adaptation = Projected(Gamma, inertial, carrier) if projected else Gradient(Gamma, inertial.size, "gamma_d")
+    if not isinstance(dynamics, StackedParameters) or not dynamics.joint.size:
+        return adaptation
+    joint = dynamics.joint
+    if gamma_joint is None:
+        effects = [Phi[:, inertial.size :] for Phi in loop.dynamic]
+        gamma_joint = rate_for(JOINT_MODE * bandwidth, effects, Positive(1.0, joint.typical), joint.typical)
+    return Stacked([(adaptation, inertial.size), (Positive(gamma_joint, joint.typical), joint.size)])
+
+
+def _gradient_gain(believed: Robot, dynamics: DynamicParameters, effects: list[np.ndarray], bandwidth: float) -> np.ndarray:
+    """Return Gamma_d (p, p): how far the truth may be from the belief, at the rate that suits the loop."""
+    shape = gradient_shape(believed, dynamics, effects)
+    return shape * rate_for(INERTIAL_MODE * bandwidth, effects, Gradient(shape, dynamics.size), dynamics.initial)
+
+
+def _natural(rate: ArrayLike, cone: Cone) -> Natural:
+    if np.ndim(rate) != 0:
+        raise InputError("natural adaptation has one scalar gain.", where="gamma_d")
+    return Natural(positive(rate, "gamma_d"), cone)
+
+
+def _cone(believed: Robot, dynamics: DynamicParameters, lmi: ArrayLike | Cone | None) -> Cone:
+    """Return the bodies' cone, or the user's inequality for a basis."""
+    cone: Cone
+    if isinstance(dynamics, BodyParameters):
+        names = [believed.joint_names[body] for body in dynamics.bodies]
+        mass = sum(inertia.mass for inertia in believed.model.inertias[1:]) / believed.model.nv
+        cone = BodyCone(names, least_mass=1e-3 * mass, least_radius=1e-2 * reach(believed))
+    elif lmi is None:
+        raise ParameterError(
+            "natural adaptation of a user's basis needs the inequality that keeps M positive definite.",
+            where="unknown.lmi",
+            hint='Give one (see robots/planar_2r/lmi.csv), or use adaptation = "gradient".',
+        )
+    else:
+        cone = lmi if isinstance(lmi, Cone) else Cone(lmi)
+    if cone.size != dynamics.size:
+        raise ParameterError(f"the inequality has {cone.size} coefficients, there are {dynamics.size} parameters.", where="lmi")
+    return cone

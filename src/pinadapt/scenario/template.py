@@ -1,0 +1,224 @@
+"""A scenario for a robot nobody has written one for: frame, task, home, unknown tool and load, and a circle it can follow."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from math import ceil
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from ..adaptation import Natural
+from ..controller import make_controller
+from ..controller.modes import gain_matrix
+from ..exceptions import RobotError
+from ..robot import Robot, WorkspaceCircle, catalogue, load, reachable_circle
+from ..robot.catalogue import catalogue_entry
+from ..robot.chain import is_free_flyer
+from ..robot.ends import end_links
+from ..robot.home import conditioning
+from ..robot.urdf import mimic_joints, read_urdf
+from ..robot.workspace import reach
+from .schema import ControllerSection, SimulationSection
+
+_TOOL = 0.05  # unknown tool, in parts of the reach
+_LOAD = 0.05  # unknown load, in parts of the moving mass
+_PLANAR = ("xy", "xz", "yz")
+_SHOWN = 12  # names in a comment
+
+
+@dataclass(frozen=True)
+class Template:
+    """A scenario to be written.
+
+    Attributes:
+        source: catalogue name or URDF path.
+        robot: as described, at the home pose that is written.
+        circle: one it can follow.
+        welded: its base floats in the description.
+        ends: other links at which its chain might end.
+        others: joints off the chain.
+    """
+
+    source: str
+    robot: Robot
+    circle: WorkspaceCircle
+    welded: bool
+    ends: Sequence[str]
+    others: Sequence[str]
+
+    @classmethod
+    def of(cls, source: str, *, frame: str | None = None, task: str | None = None) -> Template:
+        """Choose what is not given: the likeliest frame, the largest task, a home pose and a circle.
+
+        Raises:
+            RobotError: as ``load`` and ``reachable_circle``, or a robot without a chain of two joints.
+        """
+        model, mimics = _whole(source)
+        ends = end_links(model, mimics)
+        known = source in catalogue()
+        if frame is None and not known:
+            if not ends:
+                raise RobotError("no link is moved by two independent joints or more.", where=source)
+            frame = ends[0]
+        welded = not known and any(is_free_flyer(joint) for joint in model.joints[1:])
+        robot = (
+            load(source, frame=frame, task=task, weld_root=welded) if task or known else _largest_task(source, frame, welded)
+        )
+        robot = robot.at(np.round(robot.home_angles, 4))
+        others = [str(name) for name in model.names[1:] if str(name) not in robot.joint_names and name != "root_joint"]
+        return cls(source, robot, reachable_circle(robot), welded, [end for end in ends if end != robot.frame], others)
+
+    @property
+    def name(self) -> str:
+        """Name for the file and the title."""
+        return self.source if self.source in catalogue() else Path(self.source).stem
+
+    def text(self, folder: Path) -> str:
+        """Return the scenario file; a relative URDF path is written relative to the folder it will lie in."""
+        return "\n".join([*self._robot(folder), *self._truth(), *self._controller(), *self._motion()])
+
+    def _robot(self, folder: Path) -> Iterable[str]:
+        source, robot = self.source, self.robot
+        if source not in catalogue() and not Path(source).is_absolute():
+            source = os.path.join(os.path.relpath(Path(source).resolve().parent, folder.resolve()), Path(source).name)
+        yield f"title = {_string(self.name)}"
+        yield "\n[robot]"
+        yield f"source = {_string(source)}"
+        yield f"# Other ends of chains: {_names(self.ends)}; any link of the robot can be named."
+        yield f"frame = {_string(robot.frame)}"
+        yield "# The controlled coordinates of the frame, in world axes: xyz, xy, xz or yz."
+        yield f"task = {_string(robot.task.name)}"
+        if self.welded:
+            yield "# The base floats in the description: it is fixed, and the chain is used as an arm."
+            yield "weld_root = true"
+        yield f"# Joints of the chain to lock as well. Locked anyway, for they are not on it: {_names(self.others)}."
+        yield "locked = []"
+        yield f"# Home pose, where the motion starts [rad or m]: {', '.join(robot.joint_names)}."
+        yield f"q0 = {_numbers(robot.home_angles)}"
+
+    def _truth(self) -> Iterable[str]:
+        tool, mass = _numbers(_further_out(self.robot)), self._load()
+        moment = _three(0.4 * mass * (0.5 * _TOOL * reach(self.robot)) ** 2)
+        inertia = _numbers([moment, 0.0, moment, 0.0, 0.0, moment])
+        yield "\n# How the simulated robot differs from its description, which the controller is not told. Here: a tool"
+        yield f"# {100 * _TOOL:g} % of the reach longer [m, frame's axes], in its end a ball of {100 * _LOAD:g} % of the mass"
+        yield "# [kg; com m from the described frame; Ixx Ixy Iyy Ixz Iyz Izz kg m^2]. Put what you expect of your robot."
+        yield "[truth]"
+        yield f"tool_translation = {tool}"
+        yield f"payload = {{ mass = {mass}, com = {tool}, inertia = {inertia} }}"
+        yield "# inertial_scale = 1.3                           # every mass and inertia 30 % above its description"
+        yield "# friction = { viscous = 0.1, coulomb = 0.05 }   # [N m s/rad, N m], or one number a joint"
+        yield "\n# What the controller adapts: the tool's translation, and all inertial parameters of every body."
+        yield "[unknown]"
+        yield 'kinematic = ["tool"]'
+        yield 'dynamic = "all"'
+
+    def _controller(self) -> Iterable[str]:
+        law, dt = ControllerSection().law, SimulationSection().dt
+        yield "\n[controller]"
+        yield f"law = {_string(law)}"
+        yield 'adaptation = "natural"'
+        yield "# These gains are chosen for this robot, law and sampling period; take the # away to set your own."
+        yield from (f"# {f'{key} = {_three(value)}':<20} # {meaning}" for key, value, meaning in _gains(self.robot, dt))
+
+    def _motion(self) -> Iterable[str]:
+        circle = self.circle
+        yield "\n# A circle through the tool's first position, which the arm follows inside its joint limits and away from"
+        yield "# singularities, also with a tool 5 % of its reach off."
+        yield "[reference]"
+        yield 'kind = "circle"'
+        yield f"radius = {circle.radius}"
+        yield f"period = {circle.period}"
+        yield f"plane = {_string(circle.plane)}"
+        yield f"phase = {circle.phase:.6g}"
+        yield "\n[simulation]"
+        yield f"duration = {float(ceil(max(10.0, 2 * circle.period)))}"
+        yield f"dt = {SimulationSection().dt}"
+        yield "# torque_limits = true                            # hold the torque inside the description's effort limits\n"
+
+    def _load(self) -> float:
+        return _three(_LOAD * sum(inertia.mass for inertia in self.robot.model.inertias[1:]))
+
+
+def _whole(source: str) -> tuple[pin.Model, frozenset[str]]:
+    """Return the whole model behind a source, and its mimic joints."""
+    if source.endswith((".urdf", ".xml")) or "/" in source:
+        return read_urdf(Path(source), meshes=False)[0], mimic_joints(Path(source))
+    model, _, _, mimics = catalogue_entry(source).load()
+    return model, mimics
+
+
+def _largest_task(source: str, frame: str | None, welded: bool) -> Robot:
+    """Return the robot with the task "xyz", or with the best conditioned plane if it cannot do that."""
+    try:
+        return load(source, frame=frame, task="xyz", weld_root=welded)
+    except RobotError as error:
+        if error.where != "task":
+            raise
+    robots = []
+    for task in _PLANAR:
+        try:
+            robots.append(load(source, frame=frame, task=task, weld_root=welded))
+        except RobotError as error:
+            if error.where != "task" or (task == _PLANAR[-1] and not robots):
+                raise
+    return max(robots, key=_conditioning)
+
+
+def _conditioning(robot: Robot) -> float:
+    return conditioning(robot.model, robot.model.createData(), robot.frame_id, robot.task.rows, robot.q0)[1]
+
+
+def _further_out(robot: Robot) -> np.ndarray:
+    """Return a tool (3) [m], in the frame's axes, that lengthens the arm where the task can see it."""
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, robot.q0)
+    frame, seen = data.oMf[robot.frame_id], np.zeros(3)
+    length = _TOOL * reach(robot)
+    for placement in reversed(list(data.oMi)):
+        seen[robot.task.rows] = (frame.translation - placement.translation)[robot.task.rows]
+        if np.linalg.norm(seen) > 0.1 * length:
+            break
+    tool = frame.rotation.T @ seen * (length / np.linalg.norm(seen))
+    return np.round(tool, 3 - int(np.floor(np.log10(length))))
+
+
+def _gains(robot: Robot, period: float) -> list[tuple[str, float, str]]:
+    """Return key, default and meaning of the gains of the default law."""
+    controller = make_controller(robot, dt=period)
+    gains, natural = controller.law.gains, controller.adaptation_d
+    assert isinstance(natural, Natural)  # the default
+    rate_k = gain_matrix(controller.adaptation_k, controller.kinematics.initial)
+    return [
+        ("Kv", gains.K_v[0, 0], "velocity gain [1/s]"),
+        ("Kp", gains.K_P[0, 0], "position gain [1/s^2]"),
+        ("alpha", gains.alpha, "e = velocity error + alpha position error [1/s]"),
+        ("gamma_d", natural.gamma, "rate of the inertial parameters"),
+        ("gamma_k", rate_k[0, 0], "rate of the tool"),
+        ("R_k", gains.R_k[0, 0], "weight of the tool's prediction error"),
+        ("lambda", controller.velocity_filter.bandwidth, "velocity filter [1/s]"),
+        ("lambda_a", 1.0 / controller.acceleration_filter.bandwidth, "acceleration filter [s]"),
+    ]
+
+
+def _three(number: float) -> float:
+    return float(f"{number:.3g}")
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return str([float(f"{value:.6g}") + 0.0 for value in values])
+
+
+def _string(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False)
+
+
+def _names(names: Sequence[str]) -> str:
+    if not names:
+        return "none"
+    return ", ".join(names[:_SHOWN]) + (f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else "")

@@ -1,0 +1,7 @@
+"""The zoo: every chain of the catalogue under the same untuned controller, with a wrong model of everything."""
+
+from .case import ZooCase as ZooCase
+from .case import zoo_case as zoo_case
+from .experiment import ZooRow as ZooRow
+from .experiment import run_zoo as run_zoo
+from .experiment import zoo_row as zoo_row

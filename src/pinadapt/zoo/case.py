@@ -1,0 +1,76 @@
+"""A chain of the catalogue with a wrong model of its bodies, joints, tool and load, and a circle to follow."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..parameters.joint import typical_coefficients
+from ..robot import Payload, Robot, load, reachable_circle
+from ..robot.workspace import reach
+from ..signals import Circle, Trajectory
+
+INERTIA_ERROR = 0.3  # each body is believed this much too light or too heavy
+TOOL_ERROR = 0.05  # of the reach
+LOAD = 0.1  # of the chain's mass, or the last body's own if that is less
+FRICTION = 0.5  # of what is typical for the robot's size, times 0.5 to 1.5
+_TURNS, _LEAST_DURATION = 4.0, 12.0  # [s]
+
+
+@dataclass(frozen=True, eq=False)
+class ZooCase:
+    """One robot of the zoo.
+
+    Attributes:
+        true, believed: the real robot and what is believed of it.
+        circle: the desired motion, through the true initial position.
+        radius: of the circle [m].
+        duration: of the run [s].
+    """
+
+    true: Robot
+    believed: Robot
+    circle: Trajectory
+    radius: float
+    duration: float
+
+
+def zoo_case(name: str, seed: int = 0) -> ZooCase:
+    """Return the case of a chain of the catalogue, reproducible by name and seed.
+
+    The real robot has friction, a tool moved by 5 % of the reach in a random direction of the task, and a load there; each body
+    is believed 30 % too light or too heavy.
+
+    Raises:
+        RobotError: the chain cannot be loaded, or no circle is in its reach.
+    """
+    robot = load(name)
+    rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
+    circle = reachable_circle(robot, tool_error=TOOL_ERROR)
+    tool = _tool(robot, rng)
+    bodies = [inertia.mass for inertia in robot.model.inertias[1:]]
+    _, viscous, coulomb = FRICTION * typical_coefficients(robot) * rng.uniform(0.5, 1.5, (3, robot.model.nv))
+    true = robot.changed(
+        tool_translation=tool,
+        payload=Payload(mass=min(LOAD * sum(bodies), bodies[-1]), com=tool),
+        viscous=viscous,
+        coulomb=coulomb,
+    )
+    factors = 1.0 + INERTIA_ERROR * rng.choice([-1.0, 1.0], robot.model.nv)
+    believed = robot.changed(inertial_scale=dict(zip(robot.joint_names, factors.tolist(), strict=True)))
+    plane = robot.task.name if robot.task.size == 2 else circle.plane
+    path = Circle(
+        np.zeros(robot.task.size), circle.radius, circle.period, plane if robot.task.size == 3 else "xy", circle.phase
+    )
+    duration = max(_LEAST_DURATION, _TURNS * circle.period)
+    return ZooCase(true, believed, path.starting_at(true.position(true.q0)), circle.radius, duration)
+
+
+def _tool(robot: Robot, rng: np.random.Generator) -> np.ndarray:
+    """Return a translation (3) [m] in the frame's axes, of 5 % of the reach and inside the task's coordinates at home."""
+    direction = np.zeros(3)
+    direction[robot.task.rows] = rng.standard_normal(robot.task.size)
+    direction *= TOOL_ERROR * reach(robot) / np.linalg.norm(direction)
+    return np.asarray(robot.placement(robot.q0).rotation.T @ direction)

@@ -1,0 +1,208 @@
+"""Pose tasks: position and orientation, and the two-row tasks beside them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import pinadapt as pa
+from chains import catalogue_robot, random_robot, random_state
+from differences import derivative
+from pinadapt.robot import task_named
+from pinadapt.robot.rotation import matrix, quaternion, rotation_between, rotation_drift, turned
+from pinadapt.simulation.continuous import run_continuous
+from pinadapt.simulation.evaluate import parameter_storage, truth_at
+
+POSE = task_named("pose")
+LAWS = [
+    "adaptive-inverse-dynamics",
+    "adaptive-inverse-dynamics-velocity",
+    "adaptive-jacobian",
+    "adaptive-inverse-dynamics-improved",
+]
+seeded = settings(max_examples=25, deadline=None, derandomize=True)
+vectors = st.integers(0, 2**31).map(lambda seed: np.random.default_rng(seed).standard_normal((4, 3)))
+
+
+def pose_robot(name):
+    return catalogue_robot(name, task="pose")
+
+
+def swinging(start, by=(0.0,) * 6):
+    """Return a circle whose tool swings, beside a starting pose by an error (6)."""
+    path = pa.PoseTrajectory(pa.Circle(np.zeros(3), 0.05, 2.0, "yz"), pa.Swing([0.3, -1.0, 0.5], 0.4, 1.5, phase=0.3))
+    return path.starting_at(POSE.moved(start, np.array(by)))
+
+
+# --- rotations ---
+
+
+@given(vectors, st.floats(0.0, 3.1))
+@seeded
+def test_error_is_the_logarithm_in_world_axes(some, angle):
+    phi = angle * some[0] / np.linalg.norm(some[0])
+    R_d = pin.exp3(some[1])
+    R = pin.exp3(phi) @ R_d
+    for sign in (1.0, -1.0):  # a quaternion and its negative are the same rotation
+        assert np.allclose(rotation_between(sign * quaternion(R), quaternion(R_d)), phi, atol=1e-12)
+    assert np.allclose(rotation_between(quaternion(R), quaternion(R_d)), pin.log3(R @ R_d.T), atol=1e-9)
+    assert np.allclose(matrix(turned(quaternion(R_d), phi)), R, atol=1e-14)
+
+
+@given(vectors, st.floats(0.0, 3.0))
+@seeded
+def test_drift_is_what_the_error_moves_beside_the_difference_of_velocities(some, angle):
+    phi = angle * some[0] / np.linalg.norm(some[0])
+    omega, omega_d = some[2:]
+    q_d = quaternion(pin.exp3(some[1]))
+    q = turned(q_d, phi)
+    rate = derivative(lambda t: np.array(rotation_between(turned(q, t * omega), turned(q_d, t * omega_d))))
+    drift = np.array(rotation_drift(phi, omega, omega_d))
+    assert np.allclose(omega - omega_d + drift, rate, atol=1e-7)
+    assert abs(phi @ drift) < 1e-14  # on which dV/dt rests
+
+
+def test_drift_is_smooth_where_its_series_ends():
+    axis, omega, omega_d = np.array([0.6, 0.0, 0.8]), np.array([0.3, -1.0, 0.2]), np.array([1.0, 0.4, -0.7])
+    below, above = (np.array(rotation_drift(0.05 * (1.0 + e) * axis, omega, omega_d)) for e in (-1e-13, 1e-13))
+    assert np.abs(below - above).max() < 1e-12
+
+
+def test_half_a_turn_is_found_and_nothing_is_lost_below_it():
+    q_d = quaternion(pin.exp3(np.array([0.3, 0.2, -0.4])))
+    for angle in (np.pi - 1e-9, np.pi):
+        phi = np.array(rotation_between(turned(q_d, np.array([0.0, angle, 0.0])), q_d))
+        assert np.isclose(np.linalg.norm(phi), angle, atol=1e-12)
+    assert rotation_between(q_d, q_d) == (0.0, 0.0, 0.0)
+
+
+# --- kinematics ---
+
+
+def check_identities(robot, unknown):
+    """J, Jdot_v, Y_k and their kin against finite differences at an estimate that is not the description's."""
+    rng = np.random.default_rng(7)
+    believed = pa.KinematicParameters(robot, unknown)
+    q, v, a = random_state(robot, rng)
+    a_k = believed.initial + 0.2 * rng.standard_normal(believed.size)
+    a_k_rate = rng.standard_normal(believed.size)
+
+    def at(t, rate=0.0):
+        believed.update(a_k + t * rate * a_k_rate, pin.integrate(robot.model, q, v * t + a * (t * t / 2)), v + a * t)
+        return believed
+
+    task, start = robot.task, at(0.0).x_hat
+    xd = derivative(lambda t: task.error(at(t).x_hat, start))  # at its zero the error moves as x does
+    xdd, Jdot = derivative(lambda t: at(t).xd_hat), derivative(lambda t: at(t, rate=1.0).J)
+    Jdot_v = derivative(lambda t: at(t).J) @ v
+    now = at(0.0)
+    assert now.J.shape == (task.size, robot.model.nv)
+    assert np.allclose(now.J @ v, xd, atol=1e-8)
+    assert np.allclose(now.Y_k @ a_k + now.y_k0, now.J @ v, atol=1e-12)
+    assert np.array_equal(now.Y_p, now.Y_k[: task.positions]) and np.array_equal(now.y_p0, now.y_k0[: task.positions])
+    assert np.allclose(now.Jdot_v, Jdot_v, atol=1e-7)
+    assert np.allclose(now.J @ a + now.Jdot_v, xdd, atol=1e-7)
+    assert np.allclose(now.jacobian_rate(a_k_rate), Jdot, atol=1e-7)
+    x, xdd_now = now.x_hat, now.J @ a + now.Jdot_v
+    position_regressor, acceleration_regressor = now.position_regressor(), now.acceleration_regressor(a)
+    for regressor in (now.Y_k, position_regressor, acceleration_regressor):
+        assert regressor.shape == (task.size, now.size) and not regressor[task.positions :].any()
+    step = 0.1 * a_k_rate
+    now.update(a_k + step, q, v)
+    assert np.allclose(task.error(now.x_hat, x), position_regressor @ step, atol=1e-12)
+    assert np.allclose(now.J @ a + now.Jdot_v - xdd_now, acceleration_regressor @ step, atol=1e-11)
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "kinova"])
+@pytest.mark.parametrize("task", ["pose", "xz", "yz"])
+def test_identities_on_robots(name, task):
+    robot = replace(catalogue_robot(name), task=task_named(task))
+    for unknown in (["tool"], ["lengths"], [*robot.joint_names[1:], "tool"], [robot.joint_names[1], "tool:length"]):
+        check_identities(robot, unknown)
+
+
+@given(st.integers(0, 2**31), st.integers(6, 10))
+@seeded
+def test_identities_on_random_chains(seed, joints):
+    robot = replace(random_robot(seed, joints), task=POSE)
+    check_identities(robot, [*robot.joint_names[1:], "tool"])
+
+
+def test_plant_robot_and_belief_agree():
+    robot = pose_robot("kinova")
+    q, v, _ = random_state(robot, np.random.default_rng(4))
+    x, xd = pa.Plant(robot).task_motion(q, v)
+    believed = pa.KinematicParameters(robot, ["tool"])
+    believed.update(believed.initial, q, v)
+    assert np.allclose(POSE.error(x, robot.position(q)), 0.0, atol=1e-12)
+    assert np.allclose(POSE.error(x, believed.x_hat), 0.0, atol=1e-12)
+    assert np.allclose(xd, believed.xd_hat, atol=1e-12)
+
+
+# --- trajectories ---
+
+
+@pytest.mark.parametrize("orientation", [pa.Swing([1.0, 2.0, -0.5], 0.7, 1.3, 0.4), pa.FixedOrientation([0.6, 0.0, 0.8, 0.0])])
+@pytest.mark.parametrize("t", [0.0, 0.3, 1.1])
+def test_pose_trajectories_are_twice_differentiated_exactly(orientation, t):
+    path = pa.PoseTrajectory(pa.Lissajous([0.5, 0.1, 0.4], 0.1, [1.0, 2.0, 3.0], 4.0), orientation)
+    start = np.array([0.3, -0.2, 0.5, *quaternion(pin.exp3(np.array([1.0, -2.0, 0.3])))])
+    for motion in (path, path.starting_at(start)):
+        now = motion.at(t)
+        assert np.allclose(now.xd_d, derivative(lambda h: POSE.error(motion.at(t + h).x_d, now.x_d)), atol=1e-9)  # noqa: B023
+        assert np.allclose(now.xdd_d, derivative(lambda h: motion.at(t + h).xd_d), atol=1e-8)  # noqa: B023
+        assert np.isclose(np.linalg.norm(now.x_d[3:]), 1.0)
+    assert np.allclose(POSE.error(path.starting_at(start).at(0.0).x_d, start), 0.0, atol=1e-14)
+
+
+def test_swing_turns_the_tool_about_its_own_axis():
+    start = quaternion(pin.exp3(np.array([0.4, -1.0, 0.7])))
+    swing = pa.Swing([0.0, 0.0, 2.0], 0.3, 2.0, quaternion=start)
+    quarter = matrix(start).T @ matrix(swing.at(0.5)[0])
+    assert np.allclose(quarter, pin.exp3(np.array([0.0, 0.0, 0.3])), atol=1e-14)
+
+
+# --- the proofs ---
+
+DT, STEPS = 1e-4, 600
+
+
+def loop(name, law):
+    """Return truth, controller and a rotating reference that starts half a radian off."""
+    robot = pose_robot(name)
+    true = robot.changed(
+        tool_translation=[0.03, -0.02, 0.08], payload=pa.Payload(1.0, [0.01, 0.0, 0.05], [0.01, 0, 0.01, 0, 0, 0.01])
+    )
+    controller = pa.make_controller(
+        robot.changed(inertial_scale=0.7),
+        law=law,
+        gamma_d=0.02 if law.endswith("improved") else 1.0,
+        **({} if law == "adaptive-jacobian" else {"R_k": np.diag([30.0, 50.0, 80.0])}),
+    )
+    return true, controller, swinging(true.position(true.q0), np.array([0.01, -0.01, 0.02, 0.3, -0.35, 0.2]))
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+@pytest.mark.parametrize("law", LAWS)
+def test_equality_along_the_trajectory(law, name):
+    true, controller, path = loop(name, law)
+    plant, v = pa.Plant(true), np.zeros(true.model.nv)
+    state = controller.init(pa.Measurement(true.q0, v, *plant.task_motion(true.q0, v)))
+    trace = run_continuous(plant, controller, path, state, times=range(STEPS), dt=DT, ideal_acceleration=True)
+    assert trace.diverged is None
+    a_k, a_d = controller.kinematics.value(true), controller.dynamics.value(true)
+    V, rate, drift = [], [], []
+    for measurement, desired, state in zip(trace.measurements, trace.desired, trace.states, strict=True):
+        signals, truth = controller.observe(state, measurement, desired), truth_at(plant, measurement, a_k, a_d)
+        V.append(controller.law.storage(signals, truth) + parameter_storage(controller, state, a_k, a_d))
+        rate.append(controller.law.dissipation(signals, truth))
+        drift.append(np.linalg.norm(signals.delta))
+    V, rate = np.array(V), np.array(rate)
+    numerical = (8.0 * (V[3:-1] - V[1:-3]) - (V[4:] - V[:-4])) / (12.0 * DT)
+    assert np.abs(numerical - rate[2:-2]).max() <= 1e-4 * np.abs(rate).max()
+    assert min(drift) > 0.05 and np.linalg.norm(signals.dx[3:]) > 0.2  # the curvature of rotations is there to be seen
+    assert (rate <= 0.0).all() and np.abs(rate).max() > 1e-4
+    assert (np.diff(V) <= 1e-12 * V[0]).all()

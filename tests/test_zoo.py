@@ -1,0 +1,68 @@
+"""The zoo: cases as stated, chains that converge untuned, verdicts that name what failed, and rows for whatever breaks."""
+
+import json
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from pinadapt.cli import main
+from pinadapt.robot.workspace import reach
+from pinadapt.zoo import zoo_case, zoo_row
+from pinadapt.zoo.experiment import CONVERGED
+
+
+@pytest.mark.parametrize("name", ["ur5", "solo8_fl_leg", "allegro_left_thumb", "scara"])
+def test_a_case_is_wrong_as_stated(name):
+    case, robot = zoo_case(name), pa.load(name)
+    placements = [r.model.frames[r.frame_id].placement for r in (case.true, robot)]
+    np.testing.assert_allclose(
+        np.linalg.norm(placements[0].translation - placements[1].translation), 0.05 * reach(robot), rtol=1e-9
+    )
+    described = [body.mass for body in robot.model.inertias[1:]]
+    believed = np.array([body.mass for body in case.believed.model.inertias[1:]])
+    np.testing.assert_allclose(np.abs(believed / described - 1.0), 0.3)
+    load = sum(body.mass for body in case.true.model.inertias[1:]) - sum(described)
+    assert load == pytest.approx(min(0.1 * sum(described), described[-1]))
+    assert (case.true.friction.coulomb > 0.0).all() and not case.believed.friction.present
+    moved = case.true.position(case.true.q0) - robot.position(robot.q0)
+    assert np.linalg.norm(moved) == pytest.approx(0.05 * reach(robot))  # the task sees all of the tool
+    again, other = zoo_case(name), zoo_case(name, seed=1)
+    assert again.true.model.inertias[1].isApprox(case.true.model.inertias[1])
+    assert (other.true.friction.coulomb != case.true.friction.coulomb).all()
+
+
+@pytest.mark.parametrize("name", ["finger_edu", "a1_fl_leg"])
+def test_a_chain_converges_untuned(name):
+    row = zoo_row(name, "adaptive-jacobian")
+    assert row.verdict == CONVERGED
+    assert row.adapted <= 0.02 * row.radius and row.adapted <= 0.2 * row.unadapted
+    assert row.min_eig_M_hat > 0.0
+
+
+def test_a_wrist_without_inertia_is_named():
+    row = zoo_row("tiago_arm", "adaptive-jacobian")
+    assert "1 kHz is too slow for arm_7_joint" in row.verdict
+    robot = pa.load("tiago_arm")
+    M = pin.crba(robot.model, robot.model.createData(), robot.q0)
+    assert M[-1, -1] < 1e-4  # kg m^2, what the description says of it
+
+
+def test_the_command_writes_rows_in_order_and_refuses_unknown_robots(tmp_path, capsys):
+    names = ["asr_twodof", "planar_2r"]
+    assert main(["zoo", "--robots", ",".join(names), "--out", str(tmp_path)]) == 0
+    rows = json.loads((tmp_path / "zoo.json").read_text())
+    assert [row["robot"] for row in rows] == names
+    assert [row["verdict"] for row in rows] == [CONVERGED] * 2
+    assert "2 of 2 converged" in capsys.readouterr().out
+    assert main(["zoo", "--robots", "pnda"]) == 2
+    assert "Did you mean 'panda'" in capsys.readouterr().err
+
+
+def test_what_cannot_run_is_a_row(monkeypatch):
+    def refuse(*arguments, **words):
+        raise pa.RobotError("no circle will do.")
+
+    monkeypatch.setattr("pinadapt.zoo.case.reachable_circle", refuse)
+    assert zoo_row("ur5", "adaptive-jacobian").verdict == "refused: no circle will do."
