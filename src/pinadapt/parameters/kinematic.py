@@ -154,7 +154,7 @@ class KinematicParameters:
         ]
         self._parents = [self._parent(self._model, part) for part in self.translations]
         self._B = [None if part.whole else part.directions for part in self.translations]
-        # Live views into Data: position rows of each parent joint's rotation, its angular velocity and acceleration in own axes.
+        # Live views into Data: position rows of each parent joint's rotation, its angular velocity and acceleration (own axes).
         self._R = [self._data.oMi[i].rotation[self._place] for i in self._parents]
         self._w = [self._data.v[i].angular for i in self._parents]
         self._dw = [self._data.a[i].angular for i in self._parents]
