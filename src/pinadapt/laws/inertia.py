@@ -26,7 +26,7 @@ def solve_inertia(M: np.ndarray, w: np.ndarray, watch: bool) -> np.ndarray:
     if info != 0:
         raise DivergedError(
             f"the estimated mass matrix {'is no longer positive definite' if watch else 'became singular'}, and this law "
-            "inverts it. Natural adaptation keeps it positive definite; with plain gradient adaptation try a smaller "
-            "gamma_d, or the passivity-based law 'adaptive-jacobian', which inverts no mass matrix."
+            "inverts it. Natural and projected adaptation keep it positive definite; with plain gradient adaptation try a "
+            "smaller gamma_d, or the passivity-based law 'adaptive-jacobian', which inverts no mass matrix."
         )
     return solution
