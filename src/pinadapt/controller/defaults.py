@@ -5,8 +5,8 @@ alpha = w / 4, lambda = w / 2, lambda_a = 1 / (3 w): Wang and Xie's published nu
 multiply K_P and K_v by the mass felt at the frame; on the rotations of a pose by the inertia felt there instead, or
 by as much as lets damping change the angular velocity of the lightest axis by its own size in one period, if that is less.
 The rates of adaptation follow from how fast they make the closed loop (see ``modes``): over a typical motion the fastest mode
-of the bodies' adaptation is 2 w, that of the joints' coefficients 2 w, that of the kinematics w / 4, and R_k lets the filtered
-prediction error decay at w / 8. On Wang and Xie's arm the last two are about their published 0.05 and 50.
+of the bodies' adaptation is 2 w, that of the joints' coefficients 2 w, that of the kinematics 0.15 w, and R_k lets the filtered
+prediction error decay at w / 8. On the Panda gamma_k is about the 0.05 that Wang and Xie published for their arm.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from ..robot import PoseTask, Robot
 
 _FASTEST = 20.0  # [rad/s]
 _LARGEST_STEP = 0.04  # bandwidth times sampling period
-INERTIAL_MODE, JOINT_MODE, KINEMATIC_MODE, PREDICTION_RATE = 2.0, 2.0, 0.25, 0.125  # of the bandwidth
+INERTIAL_MODE, JOINT_MODE, KINEMATIC_MODE, PREDICTION_RATE = 2.0, 2.0, 0.15, 0.125  # of the bandwidth
 _LEAST_EXCITATION = 1e-6  # relative
 
 
