@@ -46,7 +46,7 @@ class RightInverse:
         if self.smallest < threshold:
             self.damping = 0.5 * (threshold * threshold - 1.0 / size)
             _, self._gram_inverse, info = dposv(gram + self.damping * _IDENTITY[m], _IDENTITY[m])
-        elif threshold == 0.0 and not size * gram.trace() < _LOST_RANK:
+        elif threshold == 0.0 and info == 0 and not size * gram.trace() < _LOST_RANK:
             info = 1
         if info != 0:
             raise DivergedError(

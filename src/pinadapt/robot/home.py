@@ -24,7 +24,7 @@ def position_limits(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
     lower, upper = np.full(model.nv, -np.inf), np.full(model.nv, np.inf)
     for joint in model.joints[1:]:
         if joint.nq == 1:
-            low, high = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
+            low, high = float(model.lowerPositionLimit[joint.idx_q]), float(model.upperPositionLimit[joint.idx_q])
             if low < high and high - low <= 4 * np.pi:
                 lower[joint.idx_v], upper[joint.idx_v] = low, high
     return lower, upper
