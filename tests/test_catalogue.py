@@ -9,8 +9,7 @@ import pytest
 import pinadapt as pa
 from chains import catalogue_robot
 from pinadapt._toml import read_toml
-from pinadapt.robot import robots_folder
-from pinadapt.robot.task import TASKS
+from pinadapt.robot import TASKS, robots_folder
 
 ROWS = read_toml(robots_folder() / "catalogue.toml")
 KEYS = {"urdf", "loader", "first", "frame", "tip", "task", "q0", "about"}

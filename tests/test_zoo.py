@@ -41,7 +41,9 @@ def test_a_chain_converges_untuned(name):
     assert row.min_eig_M_hat > 0.0
 
 
-def test_a_wrist_without_inertia_is_named():
+def test_a_wrist_without_inertia_is_named(monkeypatch):
+    """With the tool learned too fast, damping through its estimate is more than a wrist of 1e-5 kg m^2 takes at 1 kHz."""
+    monkeypatch.setattr("pinadapt.controller.rates.KINEMATIC_MODE", 0.25)
     row = zoo_row("tiago_arm", "adaptive-jacobian")
     assert "1 kHz is too slow for arm_7_joint" in row.verdict
     robot = pa.load("tiago_arm")

@@ -72,10 +72,9 @@ def scale_inertias(model: pin.Model, scale: float | Mapping[str, float]) -> None
         joint = joint_id(model, name, "inertial_scale")
         if not (np.isfinite(factor) and factor > 0.0):
             raise RobotError(f"must be positive, got {factor} for '{name}'.", where="inertial_scale")
-        body = model.inertias[joint]
-        model.inertias[joint] = pin.Inertia.FromDynamicParameters(
-            float(factor) * body.toDynamicParameters()
-        )  # any, physical or not
+        if factor != 1.0:  # the ten parameters take any body, physical or not
+            ten = model.inertias[joint].toDynamicParameters()
+            model.inertias[joint] = pin.Inertia.FromDynamicParameters(float(factor) * ten)
 
 
 def attach_payload(model: pin.Model, frame: int, payload: Payload) -> None:
