@@ -9,8 +9,7 @@ import pinocchio as pin
 
 from ..exceptions import RobotError, did_you_mean
 
-_CONTINUOUS = ("JointModelRUB", "JointModelRevoluteUnbounded")
-_SUPPORTED = (*_CONTINUOUS, "JointModelR", "JointModelP")
+_SUPPORTED = ("JointModelR", "JointModelP")
 
 
 def frame_id(model: pin.Model, name: str) -> int:
@@ -30,11 +29,6 @@ def frame_id(model: pin.Model, name: str) -> int:
 def chain_joints(model: pin.Model, frame: int) -> list[int]:
     """Return the indices of the joints between the base and a frame, in order from the base."""
     return [int(joint) for joint in model.supports[model.frames[frame].parentJoint] if joint > 0]
-
-
-def is_continuous(joint: pin.JointModel) -> bool:
-    """Tell whether a joint is an unbounded revolute one, held in q as (cos, sin)."""
-    return joint.shortname().startswith(_CONTINUOUS)
 
 
 def is_slide(joint: pin.JointModel) -> bool:
