@@ -31,7 +31,7 @@ from .friction import Friction
 from .home import find_home
 from .task import Task
 from .tasks import task_named
-from .urdf import mimic_joints, read_urdf
+from .urdf import is_path, mimic_joints, read_urdf
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,7 +219,7 @@ def _describe(source: Source) -> _Description:
         return _Description(str(source.model.name), source.model, source.visual_model, q_reference)
     if isinstance(source, pin.Model):
         return _Description(str(source.name), source, None, pin.neutral(source))
-    if isinstance(source, Path) or str(source).endswith((".urdf", ".xml")) or "/" in str(source):
+    if is_path(source):
         path = Path(source)
         model, visual = read_urdf(path)
         return _Description(str(model.name), model, visual, pin.neutral(model), mimic_joints(path))

@@ -10,6 +10,11 @@ import pinocchio as pin
 from ..exceptions import RobotError
 
 
+def is_path(source: str | Path) -> bool:
+    """Tell whether a robot's source is the path of a file; any other text is a name in the catalogue."""
+    return isinstance(source, Path) or "/" in source or source.endswith((".urdf", ".xml"))
+
+
 def read_urdf(path: Path, *, meshes: bool = True) -> tuple[pin.Model, pin.GeometryModel | None]:
     """Build the model of a URDF file, and its visual geometry when the meshes can be found.
 

@@ -10,7 +10,8 @@ from pathlib import Path
 from ..adaptation import Cone
 from ..controller import Controller, make_controller
 from ..parameters.basis import read_matrix
-from ..robot import Payload, Robot, catalogue, load
+from ..robot import Payload, Robot, load
+from ..robot.urdf import is_path
 from ..rollout import Rollout
 from ..signals import Trajectory
 from ..simulation import simulate
@@ -107,9 +108,8 @@ class Scenario:
 
 def _described(tables: ScenarioTables, folder: Path) -> Robot:
     robot = tables.robot
-    source = robot.source if robot.source in catalogue() or not _is_path(robot.source) else folder / robot.source
     return load(
-        source,
+        folder / robot.source if is_path(robot.source) else robot.source,
         frame=robot.frame,
         task=robot.task,
         locked=robot.locked,
@@ -117,10 +117,6 @@ def _described(tables: ScenarioTables, folder: Path) -> Robot:
         gravity=robot.gravity,
         weld_root=robot.weld_root,
     )
-
-
-def _is_path(source: str) -> bool:
-    return "/" in source or source.endswith((".urdf", ".xml"))
 
 
 def _payload(section: PayloadSection | None) -> Payload | None:

@@ -16,12 +16,12 @@ from ..adaptation import Natural
 from ..controller import make_controller
 from ..controller.modes import gain_matrix
 from ..exceptions import RobotError
-from ..robot import Robot, WorkspaceCircle, catalogue, load, reachable_circle
+from ..robot import Robot, WorkspaceCircle, load, reachable_circle
 from ..robot.catalogue import catalogue_entry
 from ..robot.chain import is_free_flyer
 from ..robot.ends import end_links
 from ..robot.home import conditioning
-from ..robot.urdf import mimic_joints, read_urdf
+from ..robot.urdf import is_path, mimic_joints, read_urdf
 from ..robot.workspace import reach
 from .schema import ControllerSection, SimulationSection
 
@@ -60,7 +60,7 @@ class Template:
         """
         model, mimics = _whole(source)
         ends = end_links(model, mimics)
-        known = source in catalogue()
+        known = not is_path(source)
         if frame is None and not known:
             if not ends:
                 raise RobotError("no link is moved by two independent joints or more.", where=source)
@@ -76,7 +76,7 @@ class Template:
     @property
     def name(self) -> str:
         """Name for the file and the title."""
-        return self.source if self.source in catalogue() else Path(self.source).stem
+        return Path(self.source).stem if is_path(self.source) else self.source
 
     def text(self, folder: Path) -> str:
         """Return the scenario file; a relative URDF path is written relative to the folder it will lie in."""
@@ -84,7 +84,7 @@ class Template:
 
     def _robot(self, folder: Path) -> Iterable[str]:
         source, robot = self.source, self.robot
-        if source not in catalogue() and not Path(source).is_absolute():
+        if is_path(source) and not Path(source).is_absolute():
             source = os.path.join(os.path.relpath(Path(source).resolve().parent, folder.resolve()), Path(source).name)
         yield f"title = {_string(self.name)}"
         yield "\n[robot]"
@@ -147,7 +147,7 @@ class Template:
 
 def _whole(source: str) -> tuple[pin.Model, frozenset[str]]:
     """Return the whole model behind a source, and its mimic joints."""
-    if source.endswith((".urdf", ".xml")) or "/" in source:
+    if is_path(source):
         return read_urdf(Path(source), meshes=False)[0], mimic_joints(Path(source))
     model, _, _, mimics = catalogue_entry(source).load()
     return model, mimics
