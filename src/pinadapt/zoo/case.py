@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..parameters.joint import typical_coefficients
-from ..robot import Payload, Robot, load, reachable_circle
+from ..robot import Payload, Robot, WorkspaceCircle, load, reachable_circle
 from ..robot.workspace import reach
 from ..signals import Circle, Trajectory
 
@@ -48,7 +48,7 @@ def zoo_case(name: str, seed: int = 0) -> ZooCase:
     """
     robot = load(name)
     rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
-    circle = reachable_circle(robot, tool_error=TOOL_ERROR)
+    found = reachable_circle(robot, tool_error=TOOL_ERROR)
     tool = _tool(robot, rng)
     bodies = [inertia.mass for inertia in robot.model.inertias[1:]]
     _, viscous, coulomb = FRICTION * typical_coefficients(robot) * rng.uniform(0.5, 1.5, (3, robot.model.nv))
@@ -60,12 +60,14 @@ def zoo_case(name: str, seed: int = 0) -> ZooCase:
     )
     factors = 1.0 + INERTIA_ERROR * rng.choice([-1.0, 1.0], robot.model.nv)
     believed = robot.changed(inertial_scale=dict(zip(robot.joint_names, factors.tolist(), strict=True)))
-    plane = robot.task.name if robot.task.size == 2 else circle.plane
-    path = Circle(
-        np.zeros(robot.task.size), circle.radius, circle.period, plane if robot.task.size == 3 else "xy", circle.phase
-    )
-    duration = max(_LEAST_DURATION, _TURNS * circle.period)
-    return ZooCase(true, believed, path.starting_at(true.position(true.q0)), circle.radius, duration)
+    return ZooCase(true, believed, _circle(true, found), found.radius, max(_LEAST_DURATION, _TURNS * found.period))
+
+
+def _circle(robot: Robot, found: WorkspaceCircle) -> Trajectory:
+    """Return the circle through the robot's home in the task's own coordinates; where these are two, they are its plane."""
+    size = robot.task.size
+    circle = Circle(np.zeros(size), found.radius, found.period, found.plane if size == 3 else "xy", found.phase)
+    return circle.starting_at(robot.position(robot.q0))
 
 
 def _tool(robot: Robot, rng: np.random.Generator) -> np.ndarray:
