@@ -6,6 +6,7 @@ import argparse
 import sys
 import warnings
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -60,13 +61,7 @@ def _parser() -> argparse.ArgumentParser:
 
     parser = argparse.ArgumentParser(prog="pinadapt", description="Adaptive control of robots whose model is wrong.")
     parser.add_argument("--version", action="version", version=f"pinadapt {__version__}")
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
-
-    def add(name: str, function: Callable[[argparse.Namespace], int], text: str) -> argparse.ArgumentParser:
-        command = commands.add_parser(name, help=text, description=text)
-        command.set_defaults(command=function)
-        return command
-
+    add = partial(_command, parser.add_subparsers(required=True, metavar="COMMAND"))
     command = add("demo", demo, "two showcase scenarios, with report and animation")
     command.add_argument(
         "--out", type=Path, default=Path("out/demo"), metavar="DIR", help="where to write (default: %(default)s)"
@@ -93,6 +88,13 @@ def _parser() -> argparse.ArgumentParser:
         "--out", type=Path, default=Path("out/zoo"), metavar="DIR", help="where to write (default: %(default)s)"
     )
     return parser
+
+
+def _command(commands: Any, name: str, function: Callable[[argparse.Namespace], int], text: str) -> argparse.ArgumentParser:
+    """Add a command that calls a function, and return its parser."""
+    command: argparse.ArgumentParser = commands.add_parser(name, help=text, description=text)
+    command.set_defaults(command=function)
+    return command
 
 
 def _names(text: str) -> list[str]:

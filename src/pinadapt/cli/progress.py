@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import TypeVar
 
 from tqdm import tqdm
@@ -12,12 +13,7 @@ Row = TypeVar("Row")
 
 def samples_bar(name: str) -> Callable[[range], Iterable[int]]:
     """Return a wrapper that shows a bar over the samples of a run, when standard error is a terminal."""
-
-    def wrap(samples: range) -> Iterable[int]:
-        bar: Iterable[int] = tqdm(samples, desc=name, unit="step", disable=None, leave=False, mininterval=0.2)
-        return bar
-
-    return wrap
+    return partial(tqdm, desc=name, unit="step", disable=None, leave=False, mininterval=0.2)
 
 
 def rows_bar(rows: Iterable[Row], total: int) -> Iterable[Row]:

@@ -57,6 +57,7 @@ def find_home(model: pin.Model, frame: int, rows: slice, candidates: Iterable[np
     data, limits = model.createData(), position_limits(model)
 
     def quality(angles: np.ndarray) -> float:
+        """Return the smallest singular value of the task Jacobian at the angles (nv), less near a limit."""
         q = configuration_from_angles(model, angles)
         return conditioning(model, data, frame, rows, q)[0] * min(1.0, _margin(limits, angles) / _FAR_OFF)
 
