@@ -71,3 +71,35 @@ def test_a_controller_put_together_by_hand_is_not_checked():
     )
     assert pa.preflight(own, 1.0) == []
     assert np.isfinite(pa.preflight(made, 1.0)[0].longest)
+
+
+@pytest.mark.parametrize("dt", [0.02, 0.03, 0.1, 0.5])
+@pytest.mark.parametrize("law", LAWS)
+def test_every_factor_that_is_told_helps(law, dt):
+    """Also where damping alone is too fast: the adaptation is then not to blame, and no factor is told that changes nothing."""
+    robot = catalogue_robot("panda")
+    controller = pa.make_controller(robot, law=law)
+    its = controller.law.gains
+    gains = {"Kv": its.K_v, "Kp": its.K_P, "alpha": its.alpha, "R_k": its.R_k}
+    gains |= {"gamma_d": controller.adaptation_d.gamma, "gamma_k": -controller.adaptation_k.rate(np.zeros(3), np.eye(3)[0])[0]}
+    findings = pa.preflight(controller, dt)
+    for finding in findings:
+        factors = {name: 0.99 * factor for name, factor in finding.factors.items()}
+        factors |= {"Kp": 0.99 * factors["Kp"]} if "Kp" in factors else {}  # the square of the bandwidth
+        slower = pa.make_controller(robot, law=law, **{name: factors.get(name, 1.0) * gain for name, gain in gains.items()})
+        assert finding.part not in {other.part for other in pa.preflight(slower, dt) if finding.factors}
+    assert all(finding.factors for finding in findings if finding.part != "task feedback")
+    assert "task feedback" in {finding.part for finding in findings} or dt < 0.025
+
+
+def test_damping_that_no_gain_changes_is_told_without_factors():
+    """The null space's damping brakes a wrist of little inertia, whatever the task's gains are."""
+    robot, dt = catalogue_robot("panda"), 0.02
+    for share in (1.0, 1e-3):
+        default = pa.make_controller(robot, law="adaptive-jacobian").law.gains
+        gains = {"Kv": share * default.K_v, "Kp": share**2 * default.K_P, "alpha": share * default.alpha}
+        finding = pa.preflight(pa.make_controller(robot, law="adaptive-jacobian", adaptation="none", **gains), dt)[0]
+        assert finding.factors == {} and finding.longest < dt
+        assert str(finding).endswith("the null space's damping alone is too fast, smaller gains do not help.")
+        again = pa.make_controller(robot, law="adaptive-jacobian", adaptation="none", **gains)
+        assert pa.preflight(again, 0.99 * finding.longest) == []

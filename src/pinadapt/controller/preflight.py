@@ -18,6 +18,7 @@ from .controller import Controller
 from .modes import TypicalLoop, frequency, gain_matrix
 
 _MARGIN = 2.0
+_FEEDBACK = "task feedback"
 _UNSTABLE = 1.0 + 1e-9  # the null space of a redundant arm moves freely
 
 
@@ -29,7 +30,7 @@ class Finding:
         part: what it is.
         dt: the given period [s].
         longest: the longest period that would do [s].
-        factors: what gains would have to be multiplied with at the given period, by name.
+        factors: what gains would have to be multiplied with at the given period, by name; empty where none of them helps.
     """
 
     part: str
@@ -40,7 +41,8 @@ class Finding:
     def __str__(self) -> str:
         """Say what is too fast and what to take."""
         gains = ", ".join(f"{name} by at most {factor:.2g}" for name, factor in self.factors.items())
-        return f"dt = {self.dt:.3g} s is too long for the {self.part}: take dt <= {self.longest:.2g} s, or multiply {gains}."
+        other = f", or multiply {gains}" if gains else "; the null space's damping alone is too fast, smaller gains do not help"
+        return f"dt = {self.dt:.3g} s is too long for the {self.part}: take dt <= {self.longest:.2g} s{other}."
 
 
 Radius = Callable[..., float]  # of dt [s] and factor, both by name
@@ -49,14 +51,17 @@ Radius = Callable[..., float]  # of dt [s] and factor, both by name
 def preflight(controller: Controller, dt: float) -> list[Finding]:
     """Return what is too fast for the sampling period dt [s]; an empty list is a go.
 
-    A controller put together by hand, without the typical motion that ``make_controller`` gives it, is not checked.
+    A controller put together by hand, without the typical motion that ``make_controller`` gives it, is not checked. Where the
+    feedback's damping alone is too fast for dt, no rate of adaptation is to blame and the feedback alone is told.
     """
     findings = []
     for part, gains, radius in _parts(controller):
-        if radius(dt=dt, factor=1.0) > _UNSTABLE:
+        helps = radius(dt=dt, factor=0.0) <= _UNSTABLE
+        if radius(dt=dt, factor=1.0) > _UNSTABLE and (helps or part == _FEEDBACK):
             longest = _largest(lambda period, of=radius: of(dt=period, factor=1.0), dt)
-            factor = _largest(lambda factor, of=radius: of(dt=dt, factor=factor), 1.0)
-            findings.append(Finding(part, dt, longest, {gain: factor**power for gain, power in gains.items()}))
+            factor = _largest(lambda factor, of=radius: of(dt=dt, factor=factor), 1.0) if helps else 0.0
+            factors = {gain: factor**power for gain, power in gains.items() if helps}
+            findings.append(Finding(part, dt, longest, factors))
     return findings
 
 
@@ -77,14 +82,14 @@ def _parts(controller: Controller) -> list[tuple[str, dict[str, float], Radius]]
     gains, size = controller.law.gains, controller.dynamics.size
     feedback = list(_feedback(controller, loop))
     parts: list[tuple[str, dict[str, float], Radius]] = [
-        ("task feedback", {"Kv": 1.0, "alpha": 1.0, "Kp": 2.0}, partial(_feedback_radius, feedback))
+        (_FEEDBACK, {"Kv": 1.0, "alpha": 1.0, "Kp": 2.0}, partial(_feedback_radius, feedback))
     ]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # bodies moved into the cone are told of when the run starts
         start = controller.adaptation_d.admit(loop.dynamics.initial)
     Gamma_d = gain_matrix(controller.adaptation_d, start)
     if size and Gamma_d.any():
-        damping = float(np.median([_least_damping(D, loop.kinematics.task.size) for _, D in feedback])) - gains.alpha
+        damping = float(np.median([_least_damping(D + N, loop.kinematics.task.size) for _, D, N in feedback])) - gains.alpha
         mode = frequency(loop.dynamic, Gamma_d)
         parts.append(
             (
@@ -103,11 +108,14 @@ def _parts(controller: Controller) -> list[tuple[str, dict[str, float], Radius]]
     return parts
 
 
-def _feedback(controller: Controller, loop: TypicalLoop) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Return stiffness [1/s^2] and damping [1/s] of the error, in the task's rows or, for energy-based laws, the joints."""
+def _feedback(controller: Controller, loop: TypicalLoop) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Return stiffness S [1/s^2] and damping D [1/s] of the error, and damping N [1/s] that no gain changes, the posture's.
+
+    In the task's rows or, for energy-based laws, the joints.
+    """
     gains, kinematics, dynamics = controller.law.gains, loop.kinematics, loop.dynamics
     if not loop.law.energy_based:
-        yield gains.K_P, gains.K_v
+        yield gains.K_P, gains.K_v, np.zeros_like(gains.K_v)
         return
     dynamics.load(dynamics.initial)
     for q, v, _ in zip(*loop.motion, strict=True):
@@ -115,13 +123,15 @@ def _feedback(controller: Controller, loop: TypicalLoop) -> Iterator[tuple[np.nd
         J, M = kinematics.J, dynamics.mass_matrix(q)
         tracked = np.linalg.pinv(J, rcond=1e-2) @ J
         null = np.eye(len(M)) - tracked
-        force = J.T @ gains.K_v @ J + null @ np.diag(controller.law.posture.damping) @ null
-        yield np.linalg.solve(M, J.T @ gains.K_P @ J), np.linalg.solve(M, force) + gains.alpha * tracked
+        D = np.linalg.solve(M, J.T @ gains.K_v @ J) + gains.alpha * tracked
+        N = np.linalg.solve(M, null @ np.diag(controller.law.posture.damping) @ null)
+        yield np.linalg.solve(M, J.T @ gains.K_P @ J), D, N
 
 
-def _feedback_radius(feedback: Sequence[tuple[np.ndarray, np.ndarray]], dt: float, factor: float) -> float:
-    """Return the median spectral radius of the feedback -(S x + D dx/dt), its bandwidth times ``factor``, held over dt."""
-    return float(np.median([_radius(_MARGIN * factor**2 * S, _MARGIN * factor * D, dt) for S, D in feedback]))
+def _feedback_radius(feedback: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], dt: float, factor: float) -> float:
+    """Return the median spectral radius of -(S x + (D + N) dx/dt) held over dt; ``factor`` on the bandwidth of S and D."""
+    radii = [_radius(_MARGIN * factor**2 * S, _MARGIN * (factor * D + N), dt) for S, D, N in feedback]
+    return float(np.median(radii))
 
 
 def _radius(S: np.ndarray, D: np.ndarray, dt: float) -> float:
