@@ -1,11 +1,13 @@
 """Gains for a robot nobody has tuned, from its size, its inertia and the sampling period.
 
-The bandwidth w is 20 rad/s, or 0.04 / dt for slow loops. Acceleration laws (V in m^2/s^2) take K_P = w^2, K_v = 2 w,
-alpha = w / 4, lambda = w / 2, lambda_a = 1 / (3 w): Wang and Xie's published numbers, at w = 20. Energy laws (V in joules)
+The bandwidth is w = 20 rad/s sqrt(2.2 m / reach), or 0.05 / dt for slow loops: gravity and the centrifugal forces of similar
+motions accelerate a robot of reach L at the rate sqrt(g / L), and what is wrong with the model then moves it by the same
+part of its size. Acceleration laws (V in m^2/s^2) take K_P = w^2, K_v = 2 w, alpha = w / 4, lambda = w / 2,
+lambda_a = 1 / (3 w): on Wang and Xie's arm, which reaches 2.2 m, their published numbers. Energy laws (V in joules)
 multiply K_P and K_v by the mass felt at the frame; on the rotations of a pose by the inertia felt there instead, or
 by as much as lets damping change the angular velocity of the lightest axis by its own size in one period, if that is less.
 The rates of adaptation follow from how fast they make the closed loop (see ``modes``): over a typical motion the fastest mode
-of the bodies' adaptation is 2 w, that of the joints' coefficients 2 w, that of the kinematics 0.15 w, and R_k lets the filtered
+of the bodies' adaptation is 2 w, that of the joints' coefficients 3 w, that of the kinematics 0.15 w, and R_k lets the filtered
 prediction error decay at w / 8. On the Panda gamma_k is about the 0.05 that Wang and Xie published for their arm.
 """
 
@@ -21,10 +23,12 @@ from ..laws import Law
 from ..parameters import DynamicParameters
 from ..parameters.prior import prior_covariance
 from ..robot import PoseTask, Robot
+from ..robot.workspace import reach
 
-_FASTEST = 20.0  # [rad/s]
-_LARGEST_STEP = 0.04  # bandwidth times sampling period
-INERTIAL_MODE, JOINT_MODE, KINEMATIC_MODE, PREDICTION_RATE = 2.0, 2.0, 0.15, 0.125  # of the bandwidth
+_PUBLISHED, _REACH = 20.0, 2.2  # [rad/s], [m], of Wang and Xie's arm
+_LEAST_REACH = 1e-6  # [m]
+_LARGEST_STEP = 0.05  # bandwidth times sampling period
+INERTIAL_MODE, JOINT_MODE, KINEMATIC_MODE, PREDICTION_RATE = 2.0, 3.0, 0.15, 0.125  # of the bandwidth
 _LEAST_EXCITATION = 1e-6  # relative
 
 
@@ -73,7 +77,7 @@ def _mobility(robot: Robot) -> np.ndarray:
 
 def default_gains(robot: Robot, law: type[Law], dt: float) -> Defaults:
     """Return the defaults for a believed robot under a law at sampling period dt [s]."""
-    w = min(_FASTEST, _LARGEST_STEP / dt)
+    w = min(_PUBLISHED * (_REACH / max(reach(robot), _LEAST_REACH)) ** 0.5, _LARGEST_STEP / dt)
     scale = felt_mass(robot) if law.energy_based else 1.0
     rows: float | np.ndarray = scale
     if law.energy_based and isinstance(robot.task, PoseTask):

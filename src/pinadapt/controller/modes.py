@@ -81,8 +81,7 @@ class TypicalLoop:
         for q, v, a in zip(*self.motion, strict=True):
             Y, M = self.dynamics.regressor(q, v, a), self.dynamics.mass_matrix(q)
             if self.law.energy_based:
-                eigenvalues, vectors = np.linalg.eigh(M)
-                effects.append((vectors / np.sqrt(np.abs(eigenvalues))).T @ Y)
+                effects.append(unit_mass(M) @ Y)
             else:
                 self.kinematics.update(self.kinematics.initial, q, v)
                 effects.append(self.kinematics.J @ np.linalg.solve(M, Y))
@@ -96,6 +95,12 @@ class TypicalLoop:
             self.kinematics.update(self.kinematics.initial, q, v)
             effects.append(self.kinematics.Y_p)
         return effects
+
+
+def unit_mass(M: np.ndarray) -> np.ndarray:
+    """Return M^-1/2 (n, n) up to a rotation: W with W M W^T = 1, M a believed mass matrix."""
+    eigenvalues, vectors = np.linalg.eigh(M)
+    return np.asarray((vectors / np.sqrt(np.abs(eigenvalues))).T)
 
 
 def gain_matrix(adaptation: Adaptation, a: np.ndarray) -> np.ndarray:

@@ -11,11 +11,12 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from .controller import Controller
-from .modes import TypicalLoop, frequency, gain_matrix
+from .modes import TypicalLoop, frequency, gain_matrix, unit_mass
 
 _MARGIN = 2.0
 _FEEDBACK = "task feedback"
@@ -89,48 +90,57 @@ def _parts(controller: Controller) -> list[tuple[str, dict[str, float], Radius]]
         start = controller.adaptation_d.admit(loop.dynamics.initial)
     Gamma_d = gain_matrix(controller.adaptation_d, start)
     if size and Gamma_d.any():
-        damping = float(np.median([_least_damping(D + N, loop.kinematics.task.size) for _, D, N in feedback])) - gains.alpha
-        mode = frequency(loop.dynamic, Gamma_d)
-        parts.append(
-            (
-                "adaptation of the dynamics",
-                {"gamma_d": 1.0, "gamma_joint": 1.0},
-                partial(_adaptation_radius, mode, damping, 0.0),
-            )
-        )
+        damping = [at.D + at.N - gains.alpha * at.P for at in feedback]
+        pairs = [(Phi @ Gamma_d @ Phi.T, damping[i % len(damping)]) for i, Phi in enumerate(loop.dynamic)]
+        factors = {"gamma_d": 1.0, "gamma_joint": 1.0}
+        parts.append(("adaptation of the dynamics", factors, partial(_dynamic_radius, pairs)))
     Gamma_k = gain_matrix(controller.adaptation_k, loop.kinematics.initial)
     if Gamma_k.any():
         m = loop.kinematics.task.positions
         speed = frequency(loop.kinematic, Gamma_k)
         mode = speed * float(np.linalg.eigvalsh((gains.K_P + gains.alpha * gains.K_v)[:m, :m])[-1]) ** 0.5
         decay = speed**2 * float(np.linalg.eigvalsh(gains.R_k)[-1])
-        parts.append(("adaptation of the kinematics", {"gamma_k": 1.0}, partial(_adaptation_radius, mode, gains.alpha, decay)))
+        parts.append(("adaptation of the kinematics", {"gamma_k": 1.0}, partial(_kinematic_radius, mode, gains.alpha, decay)))
     return parts
 
 
-def _feedback(controller: Controller, loop: TypicalLoop) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Return stiffness S [1/s^2] and damping D [1/s] of the error, and damping N [1/s] that no gain changes, the posture's.
+class Feedback(NamedTuple):
+    """The feedback at one state, in the task's rows or, for energy-based laws, in joint coordinates of unit mass, M^1/2 v.
 
-    In the task's rows or, for energy-based laws, the joints.
+    Attributes:
+        S: stiffness [1/s^2].
+        D: damping [1/s].
+        N: damping that no gain changes, the posture's [1/s].
+        P: projection onto what the task feels.
     """
+
+    S: np.ndarray
+    D: np.ndarray
+    N: np.ndarray
+    P: np.ndarray
+
+
+def _feedback(controller: Controller, loop: TypicalLoop) -> Iterator[Feedback]:
+    """Return the feedback at each state, or once where all are the same."""
     gains, kinematics, dynamics = controller.law.gains, loop.kinematics, loop.dynamics
     if not loop.law.energy_based:
-        yield gains.K_P, gains.K_v, np.zeros_like(gains.K_v)
+        yield Feedback(gains.K_P, gains.K_v, np.zeros_like(gains.K_v), np.eye(len(gains.K_v)))
         return
     dynamics.load(dynamics.initial)
     for q, v, _ in zip(*loop.motion, strict=True):
         kinematics.update(kinematics.initial, q, v)
         J, M = kinematics.J, dynamics.mass_matrix(q)
+        W = unit_mass(M)
         tracked = np.linalg.pinv(J, rcond=1e-2) @ J
         null = np.eye(len(M)) - tracked
-        D = np.linalg.solve(M, J.T @ gains.K_v @ J) + gains.alpha * tracked
-        N = np.linalg.solve(M, null @ np.diag(controller.law.posture.damping) @ null)
-        yield np.linalg.solve(M, J.T @ gains.K_P @ J), D, N
+        N = W @ null @ np.diag(controller.law.posture.damping) @ null @ W.T
+        P, J = W @ M @ tracked @ W.T, J @ W.T
+        yield Feedback(J.T @ gains.K_P @ J, J.T @ gains.K_v @ J + gains.alpha * P, N, P)
 
 
-def _feedback_radius(feedback: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], dt: float, factor: float) -> float:
+def _feedback_radius(feedback: Sequence[Feedback], dt: float, factor: float) -> float:
     """Return the median spectral radius of -(S x + (D + N) dx/dt) held over dt; ``factor`` on the bandwidth of S and D."""
-    radii = [_radius(_MARGIN * factor**2 * S, _MARGIN * (factor * D + N), dt) for S, D, N in feedback]
+    radii = [_radius(_MARGIN * factor**2 * S, _MARGIN * (factor * D + N), dt) for S, D, N, _ in feedback]
     return float(np.median(radii))
 
 
@@ -140,12 +150,17 @@ def _radius(S: np.ndarray, D: np.ndarray, dt: float) -> float:
     return float(np.abs(np.linalg.eigvals(transition)).max())
 
 
-def _least_damping(D: np.ndarray, size: int) -> float:
-    """Return the smallest damping [1/s] among the ``size`` directions that the task feels."""
-    return float(np.sort(np.linalg.eigvals(D).real)[-size])
+def _dynamic_radius(pairs: Sequence[tuple[np.ndarray, np.ndarray]], dt: float, factor: float) -> float:
+    """Return the median spectral radius of de/dt = -D e + z, dz/dt = -S e, z = Phi da, held over dt; S times ``factor``."""
+    radii = []
+    for S, D in pairs:
+        one = np.eye(len(D))
+        transition = np.block([[one - dt * D, dt * one], [-dt * _MARGIN * factor * S, one]])
+        radii.append(np.abs(np.linalg.eigvals(transition)).max())
+    return float(np.median(radii))
 
 
-def _adaptation_radius(mode: float, damping: float, decay: float, dt: float, factor: float) -> float:
+def _kinematic_radius(mode: float, damping: float, decay: float, dt: float, factor: float) -> float:
     """Return the spectral radius of de/dt = -damping e + w a, da/dt = -w e - decay a, held over dt; rates times ``factor``."""
     w, decay = mode * (_MARGIN * factor) ** 0.5, _MARGIN * factor * decay
     transition = np.array([[1.0 - dt * damping, dt * w], [-dt * w, 1.0 - dt * decay]])
