@@ -56,6 +56,12 @@ def reach(robot: Robot) -> float:
     return float(sum(lengths) + sum(upper[i] - lower[i] for i in slides))
 
 
+def rounded_down(number: float) -> float:
+    """Return a positive number rounded down to two digits."""
+    unit = 10.0 ** (floor(log10(number)) - 1)
+    return float(f"{floor(number / unit + 1e-9) * unit:.2g}")
+
+
 def reachable_circle(robot: Robot, *, largest: float = 0.1, tool_error: float = 0.05) -> WorkspaceCircle:
     """Return the largest circle through home that the robot can follow with room to spare.
 
@@ -83,7 +89,7 @@ def reachable_circle(robot: Robot, *, largest: float = 0.1, tool_error: float = 
     planes = [robot.task.name] if robot.task.positions == 2 else ["xy", "yz", "xz"]
     followers = [_Follower(robot, shift) for shift in _shifts(tool_error * length)]
     for size in largest * length * _RATIO ** np.arange(_SIZES):
-        paths = [_Path(plane, phase, _two_digits(size)) for plane, phase in product(planes, _PHASES)]
+        paths = [_Path(plane, phase, rounded_down(size)) for plane, phase in product(planes, _PHASES)]
         first = [(followers[0].follow(path), path) for path in paths]
         for run, path in sorted(((r, p) for r, p in first if r), key=lambda found: -found[0].least_singular):
             runs = [run, *_while_found(follower.follow(path) for follower in followers[1:])]
@@ -176,12 +182,6 @@ class _Follower:
 def _shifts(size: float) -> list[np.ndarray]:
     """Return no shift, then one of the size to either side along each axis."""
     return [np.zeros(3), *(size * side * axis for side in (1.0, -1.0) for axis in np.eye(3))]
-
-
-def _two_digits(number: float) -> float:
-    """Return the number rounded down to two digits."""
-    unit = 10.0 ** (floor(log10(number)) - 1)
-    return float(f"{floor(number / unit + 1e-9) * unit:.2g}")
 
 
 def _while_found(runs: Iterable[_Run | None]) -> Iterator[_Run]:
