@@ -5,6 +5,7 @@ import pytest
 
 import pinadapt as pa
 from chains import catalogue_robot
+from pinadapt.controller import Finding
 
 LAWS = [law for law in pa.LAWS if law != "resolved-acceleration"]
 ROBOTS = ["planar_2r", "scara", "ur5", "panda", "kinova", "talos_arm", "finger_edu"]
@@ -103,3 +104,8 @@ def test_damping_that_no_gain_changes_is_told_without_factors():
         assert str(finding).endswith("the null space's damping alone is too fast, smaller gains do not help.")
         again = pa.make_controller(robot, law="adaptive-jacobian", adaptation="none", **gains)
         assert pa.preflight(again, 0.99 * finding.longest) == []
+
+
+def test_numbers_are_rounded_to_the_safe_side():
+    text = str(Finding("task feedback", 1e-3, 0.99962e-3, {"Kv": 0.9996, "Kp": 0.9992}))
+    assert "take dt <= 0.00099 s, or multiply Kv by at most 0.99, Kp by at most 0.99." in text

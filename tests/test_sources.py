@@ -9,6 +9,7 @@ from pinadapt.cli import main
 from pinadapt.robot.urdf import is_path
 from pinadapt.scenario import Scenario
 
+ARM4 = Path(__file__).parent / "data" / "arm4.urdf"
 PATHS = ["arm.urdf", "arm.xml", "./arm", "arms/arm", Path("arm")]
 NAMES = ["ur5", "arm", "urdf", "arm.toml"]
 
@@ -27,3 +28,22 @@ def test_everyone_follows_it(source, words, tmp_path, capsys):
             refused()
     assert main(["init", source]) == 2
     assert words in capsys.readouterr().err
+
+
+TRIANGLE = "solid t\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid t\n"
+
+
+def test_a_mesh_that_is_missing_is_told_and_found_where_the_warning_says(tmp_path, monkeypatch, recwarn):
+    arm = tmp_path / "here" / "arm4.urdf"
+    arm.parent.mkdir()
+    visual = '<visual><geometry><mesh filename="package://mine/meshes/link1.stl"/></geometry></visual>'
+    arm.write_text(ARM4.read_text().replace('<link name="base"/>', f'<link name="base">{visual}</link>'))
+    with pytest.warns(UserWarning, match=r"arm4.urdf: .*package://mine/meshes/link1.stl.* folders of ROS_PACKAGE_PATH"):
+        assert pa.load(arm, frame="tip").visual is None
+    mesh = tmp_path / "there" / "mine" / "meshes" / "link1.stl"
+    mesh.parent.mkdir(parents=True)
+    mesh.write_text(TRIANGLE)
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "there"))
+    recwarn.clear()
+    assert len(pa.load(arm, frame="tip").visual.geometryObjects) == 1
+    assert not recwarn.list

@@ -69,7 +69,7 @@ def _parser() -> argparse.ArgumentParser:
     command = add("init", init, "write a scenario for a URDF or a robot of the catalogue")
     command.add_argument("source", metavar="ROBOT", help="URDF file, or a name that `pinadapt robots` lists")
     command.add_argument("--frame", help="task frame (default: the likeliest link at the robot's end)")
-    command.add_argument("--task", help="xyz, xy, xz or yz (default: the largest that the chain can do)")
+    command.add_argument("--task", help="xyz, xy, xz, yz or pose (default: xyz, or a plane for a chain that cannot)")
     command.add_argument("--out", type=Path, metavar="FILE", help="file to write (default: the robot's name and .toml)")
     command.add_argument("--force", action="store_true", help="overwrite the file")
     command = add("run", run, "run one scenario")

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..robot.workspace import rounded_down
 from .controller import Controller
 from .modes import TypicalLoop, frequency, gain_matrix, unit_mass
 
@@ -41,9 +42,9 @@ class Finding:
 
     def __str__(self) -> str:
         """Say what is too fast and what to take."""
-        gains = ", ".join(f"{name} by at most {factor:.2g}" for name, factor in self.factors.items())
+        gains = ", ".join(f"{name} by at most {rounded_down(factor):.2g}" for name, factor in self.factors.items())
         other = f", or multiply {gains}" if gains else "; the null space's damping alone is too fast, smaller gains do not help"
-        return f"dt = {self.dt:.3g} s is too long for the {self.part}: take dt <= {self.longest:.2g} s{other}."
+        return f"dt = {self.dt:.3g} s is too long for the {self.part}: take dt <= {rounded_down(self.longest):.2g} s{other}."
 
 
 Radius = Callable[..., float]  # of dt [s] and factor, both by name

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -16,7 +17,7 @@ def is_path(source: str | Path) -> bool:
 
 
 def read_urdf(path: Path, *, meshes: bool = True) -> tuple[pin.Model, pin.GeometryModel | None]:
-    """Build the model of a URDF file, and its visual geometry when the meshes can be found.
+    """Build the model of a URDF file, and its visual geometry when the meshes can be found; a warning tells where they are not.
 
     Args:
         path: the URDF file; meshes named ``package://`` are searched in the folders above it.
@@ -39,8 +40,13 @@ def read_urdf(path: Path, *, meshes: bool = True) -> tuple[pin.Model, pin.Geomet
     try:
         folders = [str(folder) for folder in path.resolve().parents]
         visual = pin.buildGeomFromUrdf(model, str(path), pin.GeometryType.VISUAL, package_dirs=folders)
-    except Exception:  # a mesh that cannot be found must not keep a robot from being controlled
+    except Exception as error:  # a mesh that cannot be found must not keep a robot from being controlled
         visual = None
+        warnings.warn(
+            f"{path}: {str(error).strip().rstrip('.')}. The robot is drawn as a stick figure. Meshes are looked for in the "
+            "folders above the file and in the folders of ROS_PACKAGE_PATH.",
+            stacklevel=2,
+        )
     return model, visual
 
 

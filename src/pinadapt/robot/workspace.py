@@ -24,7 +24,7 @@ _PERIOD = 3.0  # [s]
 _JOINT_SPEED, _SLIDE_SPEED = 1.5, 0.75  # [rad/s], [m/s]
 _SPEED_SHARE = 0.8  # of the description's own speed limit
 _RETURN = 4.0  # [rad/s] at which the null space goes home, as under the laws
-_TRACKED = 0.05  # of the radius, the error left to the inverse kinematics
+_TRACKED = 0.05  # of the radius, and of a radian: the errors left to the inverse kinematics
 
 
 @dataclass(frozen=True)
@@ -56,6 +56,12 @@ def reach(robot: Robot) -> float:
     return float(sum(lengths) + sum(upper[i] - lower[i] for i in slides))
 
 
+def rounded_down(number: float) -> float:
+    """Return a positive number rounded down to two digits."""
+    unit = 10.0 ** (floor(log10(number)) - 1)
+    return float(f"{floor(number / unit + 1e-9) * unit:.2g}")
+
+
 def reachable_circle(robot: Robot, *, largest: float = 0.1, tool_error: float = 0.05) -> WorkspaceCircle:
     """Return the largest circle through home that the robot can follow with room to spare.
 
@@ -68,8 +74,11 @@ def reachable_circle(robot: Robot, *, largest: float = 0.1, tool_error: float = 
     The period is 3 s, above a reach of L = 1 m 3 sqrt(L) s, and longer where joints would exceed 1.5 rad/s, slides 0.75 m/s,
     or either four fifths of the speed that the description allows.
 
+    A pose goes round with the orientation it has at home. Its singular values are in metres per radian: the rotation rows of
+    the Jacobian count times the reach.
+
     Args:
-        robot: any robot with a task of positions; only read.
+        robot: any robot, whatever its task; only read.
         largest: largest radius, in parts of the reach.
         tool_error: how far the tool may be from where it is described, in parts of the reach.
 
@@ -77,10 +86,10 @@ def reachable_circle(robot: Robot, *, largest: float = 0.1, tool_error: float = 
         RobotError: no circle will do; home lies at a limit or at a singularity.
     """
     length = reach(robot)
-    planes = [robot.task.name] if robot.task.size == 2 else ["xy", "yz", "xz"]
+    planes = [robot.task.name] if robot.task.positions == 2 else ["xy", "yz", "xz"]
     followers = [_Follower(robot, shift) for shift in _shifts(tool_error * length)]
     for size in largest * length * _RATIO ** np.arange(_SIZES):
-        paths = [_Path(plane, phase, _two_digits(size)) for plane, phase in product(planes, _PHASES)]
+        paths = [_Path(plane, phase, rounded_down(size)) for plane, phase in product(planes, _PHASES)]
         first = [(followers[0].follow(path), path) for path in paths]
         for run, path in sorted(((r, p) for r, p in first if r), key=lambda found: -found[0].least_singular):
             runs = [run, *_while_found(follower.follow(path) for follower in followers[1:])]
@@ -121,6 +130,8 @@ class _Follower:
 
     def __init__(self, robot: Robot, shift: np.ndarray) -> None:
         self._task, self._q0 = robot.task, robot.q0
+        m = robot.task.positions
+        self._arms = np.repeat([1.0, reach(robot)], [m, robot.task.size - m])  # [m] a radian
         self._model = robot.model.copy()
         self._described = robot.frame_id
         frame = self._model.frames[self._described]
@@ -133,9 +144,9 @@ class _Follower:
 
     def follow(self, path: _Path) -> _Run | None:
         """Return what it takes to follow a path, or None where a limit, a singularity or the path's end is in the way."""
-        model, data, rows, q = self._model, self._data, self._task.rows, self._q0
+        model, data, task, q = self._model, self._data, self._task, self._q0
         home_share = 1.0 - exp(-_RETURN * _PERIOD / _STEPS)
-        damping = (0.01 * self._home) ** 2 * np.eye(self._task.size)
+        damping = (0.01 * self._home) ** 2 * np.eye(task.size)
         speeds, least, start = np.zeros(model.nv), np.inf, None
         for k in range(int(_TURNS * _STEPS) + 1):
             pin.computeJointJacobians(model, data, q)
@@ -143,12 +154,14 @@ class _Follower:
             least = min(least, self._singular(J), self._singular(self._jacobian(self._described)))
             if least < _LEAST_SINGULAR * self._home or (q < self._low).any() or (q > self._high).any():
                 return None
-            x = pin.updateFramePlacement(model, data, self._tool).translation[rows]
-            start = x.copy() if start is None else start
-            if np.linalg.norm(start + self._offset(path, k) - x) > _TRACKED * path.radius:
+            x = task.of(pin.updateFramePlacement(model, data, self._tool))
+            start = x if start is None else start
+            off = task.error(task.moved(start, self._offset(path, k)), x)
+            if np.linalg.norm(task.position(off)) > _TRACKED * path.radius or np.linalg.norm(off[task.positions :]) > _TRACKED:
                 return None
             psi = home_share * pin.difference(model, q, self._q0)
-            step = psi + J.T @ np.linalg.solve(J @ J.T + damping, start + self._offset(path, k + 1) - x - J @ psi)
+            to_go = self._arms * task.error(task.moved(start, self._offset(path, k + 1)), x)
+            step = psi + J.T @ np.linalg.solve(J @ J.T + damping, to_go - J @ psi)
             speeds = np.maximum(speeds, np.abs(step))
             q = pin.integrate(model, q, step)
         return _Run(speeds * _STEPS / (2 * pi), least / self._home)
@@ -158,7 +171,8 @@ class _Follower:
         return np.array([offset.get(label, 0.0) for label in self._task.labels])
 
     def _jacobian(self, frame: int) -> np.ndarray:
-        return np.asarray(pin.getFrameJacobian(self._model, self._data, frame, pin.LOCAL_WORLD_ALIGNED)[self._task.rows])
+        J = pin.getFrameJacobian(self._model, self._data, frame, pin.LOCAL_WORLD_ALIGNED)[self._task.rows]
+        return np.asarray(self._arms[:, None] * J)
 
     @staticmethod
     def _singular(J: np.ndarray) -> float:
@@ -168,12 +182,6 @@ class _Follower:
 def _shifts(size: float) -> list[np.ndarray]:
     """Return no shift, then one of the size to either side along each axis."""
     return [np.zeros(3), *(size * side * axis for side in (1.0, -1.0) for axis in np.eye(3))]
-
-
-def _two_digits(number: float) -> float:
-    """Return the number rounded down to two digits."""
-    unit = 10.0 ** (floor(log10(number)) - 1)
-    return float(f"{floor(number / unit + 1e-9) * unit:.2g}")
 
 
 def _while_found(runs: Iterable[_Run | None]) -> Iterator[_Run]:

@@ -91,7 +91,7 @@ class Template:
         yield f"source = {_string(source)}"
         yield f"# Other ends of chains: {_names(self.ends)}; any link of the robot can be named."
         yield f"frame = {_string(robot.frame)}"
-        yield "# The controlled coordinates of the frame, in world axes: xyz, xy, xz or yz."
+        yield "# The controlled coordinates of the frame, in world axes: xyz, xy, xz, yz, or pose, which adds the orientation."
         yield f"task = {_string(robot.task.name)}"
         if self.welded:
             yield "# The base floats in the description: it is fixed, and the chain is used as an arm."
@@ -181,7 +181,7 @@ def _further_out(robot: Robot) -> np.ndarray:
     frame, seen = data.oMf[robot.frame_id], np.zeros(3)
     length = _TOOL * reach(robot)
     for placement in reversed(list(data.oMi)):
-        seen[robot.task.rows] = (frame.translation - placement.translation)[robot.task.rows]
+        seen[robot.task.place] = (frame.translation - placement.translation)[robot.task.place]
         if np.linalg.norm(seen) > 0.1 * length:
             break
     tool = frame.rotation.T @ seen * (length / np.linalg.norm(seen))

@@ -73,6 +73,6 @@ def _circle(robot: Robot, found: WorkspaceCircle) -> Trajectory:
 def _tool(robot: Robot, rng: np.random.Generator) -> np.ndarray:
     """Return a translation (3) [m] in the frame's axes, of 5 % of the reach and inside the task's coordinates at home."""
     direction = np.zeros(3)
-    direction[robot.task.rows] = rng.standard_normal(robot.task.size)
+    direction[robot.task.place] = rng.standard_normal(robot.task.positions)
     direction *= TOOL_ERROR * reach(robot) / np.linalg.norm(direction)
     return np.asarray(robot.placement(robot.q0).rotation.T @ direction)

@@ -1,0 +1,93 @@
+"""A circle that a pose task can follow without turning, and the scenario that `init` writes for it."""
+
+import math
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from pinadapt._toml import read_toml
+from pinadapt.cli import main
+from pinadapt.robot.catalogue import _example_path
+from pinadapt.robot.home import position_limits
+from pinadapt.robot.workspace import reach
+from pinadapt.scenario import Scenario
+
+AXES = {"x": 0, "y": 1, "z": 2}
+
+
+def followed(robot, circle, turns=1.2, steps=600):
+    """Return angles (N, nv), speeds (N, nv) and Jacobians on the circle: fine steps of J^+ on the error in SE(3)'s parts."""
+    model, data, q = robot.model, robot.model.createData(), robot.q0
+    start, dt, w = robot.placement(q), circle.period / steps, 2 * math.pi / circle.period
+    first, second = (np.eye(3)[AXES[axis]] for axis in circle.plane)
+    angles, speeds, Jacobians = [], [], []
+    for k in range(int(turns * steps)):
+        angle = w * k * dt + circle.phase
+        there = circle.radius * (math.cos(angle) * first + math.sin(angle) * second)
+        here = circle.radius * (math.cos(circle.phase) * first + math.sin(circle.phase) * second)
+        speed = w * circle.radius * (math.cos(angle) * second - math.sin(angle) * first)
+        J = pin.computeFrameJacobian(model, data, q, robot.frame_id, pin.LOCAL_WORLD_ALIGNED)
+        now = pin.updateFramePlacement(model, data, robot.frame_id)
+        off = start.translation + there - here - now.translation
+        turn = pin.log3(start.rotation @ now.rotation.T)
+        inverse = np.linalg.pinv(J)
+        psi = 4.0 * pin.difference(model, q, robot.q0)
+        v = inverse @ np.concatenate([speed + 20.0 * off, 20.0 * turn]) + psi - inverse @ (J @ psi)
+        angles.append(pin.difference(model, pin.neutral(model), q))
+        speeds.append(v)
+        Jacobians.append(J.copy())
+        q = pin.integrate(model, q, dt * v)
+    assert np.linalg.norm(off) < 0.03 * circle.radius and np.linalg.norm(turn) < 0.01
+    return np.array(angles), np.array(speeds), Jacobians
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5", "kinova", "talos_left_leg"])
+def test_the_circle_can_be_followed_without_turning_also_with_a_longer_tool(name):
+    robot = pa.load(name, task="pose")
+    circle = pa.reachable_circle(robot)
+    length = reach(robot)
+    assert 0.05 * length < circle.radius <= 0.1 * length
+    lower, upper = position_limits(robot.model)
+    limited = np.isfinite(lower)
+    for axis in np.eye(3):
+        angles, speeds, Jacobians = followed(robot.changed(tool_translation=0.05 * length * axis), circle)
+        room = np.minimum(angles - lower, upper - angles)[:, limited] / (upper - lower)[limited]
+        assert room.min(initial=1.0) > 0.04
+        arms = np.repeat([1.0, length], 3)[:, None]
+        least = [np.linalg.svd(arms * J, compute_uv=False)[-1] for J in Jacobians[::20]]
+        assert min(least) > 0.48 * least[0]
+        assert np.abs(speeds).max() < 1.65
+
+
+def test_holding_the_orientation_asks_for_more_than_the_position_alone():
+    """With limits that leave the wrist little room, an arm still draws circles with its tip, but smaller ones as a pose."""
+    robot = pa.load("ur5", task="pose")
+    robot.model.lowerPositionLimit[3:] = robot.home_angles[3:] - 0.1
+    robot.model.upperPositionLimit[3:] = robot.home_angles[3:] + 0.1
+    free = pa.load(robot.model, frame=robot.frame, q0=robot.home_angles)
+    assert pa.reachable_circle(robot).radius < 0.8 * pa.reachable_circle(free).radius
+
+
+@pytest.mark.parametrize("source", ["panda", _example_path("ur10")], ids=["panda", "urdf"])
+def test_init_writes_a_pose_scenario_that_runs(source, tmp_path):
+    file = tmp_path / "pose.toml"
+    assert main(["init", str(source), "--task", "pose", "--out", str(file)]) == 0
+    tables = read_toml(file)
+    assert tables["robot"]["task"] == "pose"
+    scenario = Scenario.read(file, ["simulation.duration=4.0"])
+    directions = [scenario.trajectory.at(t).x_d[3:] for t in (0.0, 1.0, 2.0)]
+    assert np.ptp(directions, axis=0).max() < 1e-12  # the orientation is held
+    rollout = scenario.run()
+    assert rollout.diverged is None
+    assert rollout.distance[-400:].max() < 0.1 * tables["reference"]["radius"]
+    assert rollout.angle[-400:].max() < 0.01
+
+
+def test_init_names_pose_and_refuses_it_for_short_chains(tmp_path, capsys):
+    file = tmp_path / "arm.toml"
+    assert main(["init", "ur5", "--out", str(file)]) == 0
+    assert "or pose" in file.read_text()
+    assert main(["init", "scara", "--task", "pose"]) == 2
+    assert "task 'pose' has 6 coordinates, the chain to" in capsys.readouterr().err
