@@ -68,8 +68,8 @@ def test_panda_learns_tool_and_load_and_tracks_its_pose(law, scale):
     rollout = pa.simulate(true, controller, circle(true), duration=10.0, substeps=1)
     summary = rollout.summary()
     assert summary["diverged"] is None
-    assert summary["max_error_last"] < 1.5e-3
-    assert summary["max_angle_last"] < np.radians(0.3)
+    assert summary["max_error_last"] < 1e-3
+    assert summary["max_angle_last"] < np.radians(0.2)
     assert rollout.min_eig_M_hat.min() > 0.0
 
 
@@ -78,7 +78,7 @@ def test_unadapted_the_pose_is_far_off():
     true = robot.changed(tool_translation=[0.03, -0.02, 0.12], payload=LOAD)
     controller = pa.make_controller(robot.changed(inertial_scale=0.7), adaptation="none")
     summary = pa.simulate(true, controller, circle(true), duration=2.0, substeps=1).summary()
-    assert summary["max_error_last"] > 0.02 and summary["max_angle_last"] > np.radians(1.0)
+    assert summary["max_error_last"] > 0.01 and summary["max_angle_last"] > np.radians(1.0)
 
 
 def test_a_light_wrist_needs_a_guess_of_its_load():
@@ -93,8 +93,8 @@ def test_a_light_wrist_needs_a_guess_of_its_load():
         pa.simulate(true, pa.make_controller(believed), path, duration=3.0, substeps=1).summary()
         for believed in (robot.changed(payload=guess), robot)
     ]
-    assert results[0]["max_error_last"] < 2e-3 and results[0]["max_angle_last"] < np.radians(0.2)
-    assert results[1]["max_angle_last"] > 2.0 * results[0]["max_angle_last"]
+    assert results[0]["max_error_last"] < 1e-3 and results[0]["max_angle_last"] < np.radians(0.1)
+    assert results[1]["max_angle_last"] > 10.0 * results[0]["max_angle_last"]
 
 
 # --- the controller's manners ---

@@ -43,7 +43,7 @@ def test_the_longest_period_separates_loops_that_hold_from_loops_that_do_not(law
     held = loop(robot, controller, 0.99 * finding.longest)
     assert held.diverged is None and held.distance[-1] < 5e-3
     slower = pa.make_controller(
-        robot, law=law, adaptation="none", **{k: 0.9 * f * gains[k] for k, f in finding.factors.items()}
+        robot, law=law, adaptation="none", **{k: 0.99 * f * gains[k] for k, f in finding.factors.items()}
     )
     assert pa.preflight(slower, dt) == []
 

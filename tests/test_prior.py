@@ -8,7 +8,7 @@ import pytest
 import pinadapt as pa
 from chains import catalogue_robot
 from pinadapt.adaptation import BodyCone
-from pinadapt.controller.defaults import INERTIAL_MODE, default_gains, gradient_shape
+from pinadapt.controller.defaults import default_gains, gradient_shape, inertial_mode
 from pinadapt.controller.modes import TypicalLoop, frequency, typical_motion
 from pinadapt.parameters import prior
 from pinadapt.parameters.prior import plausible, prior_covariance
@@ -68,7 +68,9 @@ def test_default_gain_puts_the_fastest_mode_where_it_belongs(law, unknown):
     w = default_gains(robot, type(controller.law), 1e-3).bandwidth
     motion = typical_motion(robot, controller.kinematics, w)
     loop = TypicalLoop(type(controller.law), controller.kinematics, controller.dynamics, motion)
-    assert frequency(loop.dynamic, controller.adaptation_d.Gamma) == pytest.approx(INERTIAL_MODE * w, rel=1e-6)
+    assert frequency(loop.dynamic, controller.adaptation_d.Gamma) == pytest.approx(
+        inertial_mode(type(controller.law)) * w, rel=1e-6
+    )
 
 
 def test_a_basis_without_plausible_values_is_shaped_by_its_excitation():

@@ -7,7 +7,8 @@ lambda_a = 1 / (3 w): on Wang and Xie's arm, which reaches 2.2 m, their publishe
 multiply K_P and K_v by the mass felt at the frame; on the rotations of a pose by the inertia felt there instead, or
 by as much as lets damping change the angular velocity of the lightest axis by its own size in one period, if that is less.
 The rates of adaptation follow from how fast they make the closed loop (see ``modes``): over a typical motion the fastest mode
-of the bodies' adaptation is 2 w, that of the joints' coefficients 3 w, that of the kinematics 0.15 w, and R_k lets the filtered
+of the bodies' adaptation is 3 w, under energy laws, which damp light directions more than heavy ones, 2 w, that of the
+joints' coefficients 3 w, that of the kinematics 0.15 w, and R_k lets the filtered
 prediction error decay at w / 8. On the Panda gamma_k is about the 0.05 that Wang and Xie published for their arm.
 """
 
@@ -28,7 +29,7 @@ from ..robot.workspace import reach
 _PUBLISHED, _REACH = 20.0, 2.2  # [rad/s], [m], of Wang and Xie's arm
 _LEAST_REACH = 1e-6  # [m]
 _LARGEST_STEP = 0.05  # bandwidth times sampling period
-INERTIAL_MODE, JOINT_MODE, KINEMATIC_MODE, PREDICTION_RATE = 2.0, 3.0, 0.15, 0.125  # of the bandwidth
+INERTIAL_MODE, ENERGY_MODE, JOINT_MODE, KINEMATIC_MODE, PREDICTION_RATE = 3.0, 2.0, 3.0, 0.15, 0.125  # of the bandwidth
 _LEAST_EXCITATION = 1e-6  # relative
 
 
@@ -90,6 +91,11 @@ def default_gains(robot: Robot, law: type[Law], dt: float) -> Defaults:
         lambda_=w / 2.0,
         lambda_a=1.0 / (3.0 * w),
     )
+
+
+def inertial_mode(law: type[Law]) -> float:
+    """Return the fastest mode of the bodies' adaptation, in bandwidths."""
+    return ENERGY_MODE if law.energy_based else INERTIAL_MODE
 
 
 def gradient_shape(robot: Robot, dynamics: DynamicParameters, effects: Sequence[np.ndarray]) -> np.ndarray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -30,6 +31,7 @@ from .controller import Controller
 from .defaults import Defaults, default_gains
 from .limits import make_box, make_limits
 from .modes import TypicalLoop, typical_motion
+from .preflight import bearable
 from .rates import dynamic_adaptation, kinematic_adaptation, prediction_weight
 
 ADAPTATIONS = ("natural", "gradient", "projected", "none")
@@ -112,17 +114,21 @@ def make_controller(
     adaptation_k = kinematic_adaptation(kind, loop, gains, w, gamma_k, box)
     if R_k is None:
         gains = replace(gains, R_k=prediction_weight(loop, adaptation_k, w) * gains.R_k)
-    return Controller(
+    adaptation_d = partial(dynamic_adaptation, kind, believed, loop, w, gamma_d, gamma_joint, lmi)
+    controller = Controller(
         chosen(gains, Posture(believed)),
         kinematics,
         dynamics,
         adaptation_k=adaptation_k,
-        adaptation_d=dynamic_adaptation(kind, believed, loop, w, gamma_d, gamma_joint, lmi),
+        adaptation_d=adaptation_d(),
         velocity_filter=LowPass(default.lambda_ if lambda_ is None else lambda_, "lambda"),
         acceleration_filter=LowPass(1.0 / (default.lambda_a if lambda_a is None else positive(lambda_a, "lambda_a"))),
         limits=make_limits(believed, dynamics, torque=torque_limits, damping=damping, watch=watch),
         loop=loop,
     )
+    if gamma_d is None and gamma_joint is None and (share := bearable(controller, dt)) < 1.0:
+        controller.adaptation_d = adaptation_d(share)
+    return controller
 
 
 def _gains(believed: Robot, law: type[Law], default: Defaults, **given: Any) -> Gains:

@@ -13,7 +13,7 @@ from ..parameters import BodyParameters, DynamicParameters, StackedParameters
 from ..parameters.joint import without_joint_effects
 from ..robot import Robot
 from ..robot.workspace import reach
-from .defaults import INERTIAL_MODE, JOINT_MODE, KINEMATIC_MODE, PREDICTION_RATE, gradient_shape
+from .defaults import JOINT_MODE, KINEMATIC_MODE, PREDICTION_RATE, gradient_shape, inertial_mode
 from .modes import TypicalLoop, frequency, gain_matrix, rate_for
 
 
@@ -52,8 +52,9 @@ def dynamic_adaptation(
     gamma_d: ArrayLike | None,
     gamma_joint: float | None,
     lmi: ArrayLike | Cone | None,
+    share: float = 1.0,
 ) -> Adaptation:
-    """Return how the dynamic estimate moves, at given rates or the default ones.
+    """Return how the dynamic estimate moves, at given rates or a share of the default ones.
 
     Raises:
         InputError: a rate or an inequality that does not fit the parameters.
@@ -61,16 +62,18 @@ def dynamic_adaptation(
     dynamics = loop.dynamics
     if kind == "none" or not dynamics.size:
         return Frozen()
+    bodies, joints = (mode * bandwidth * share**0.5 for mode in (inertial_mode(loop.law), JOINT_MODE))
     inertial = dynamics.inertial if isinstance(dynamics, StackedParameters) else dynamics
     effects = [Phi[:, : inertial.size] for Phi in loop.dynamic]
     adaptation: Adaptation = Frozen()
     if inertial.size and kind == "natural":
         cone = _cone(believed, inertial, lmi)
-        mode, unit = INERTIAL_MODE * bandwidth, Natural(1.0, cone)
-        adaptation = _natural(rate_for(mode, effects, unit, unit.admit(inertial.initial)) if gamma_d is None else gamma_d, cone)
+        unit = Natural(1.0, cone)
+        rate = rate_for(bodies, effects, unit, unit.admit(inertial.initial)) if gamma_d is None else gamma_d
+        adaptation = _natural(rate, cone)
     elif inertial.size:
         carrier = without_joint_effects(believed) if dynamics is not inertial else believed
-        Gamma = _gradient_gain(carrier, inertial, effects, bandwidth) if gamma_d is None else gamma_d
+        Gamma = _gradient_gain(carrier, inertial, effects, bodies) if gamma_d is None else gamma_d
         projected = kind == "projected"
         adaptation = Projected(Gamma, inertial, carrier) if projected else Gradient(Gamma, inertial.size, "gamma_d")
     if not isinstance(dynamics, StackedParameters) or not dynamics.joint.size:
@@ -78,14 +81,14 @@ def dynamic_adaptation(
     joint = dynamics.joint
     if gamma_joint is None:
         effects = [Phi[:, inertial.size :] for Phi in loop.dynamic]
-        gamma_joint = rate_for(JOINT_MODE * bandwidth, effects, Positive(1.0, joint.typical), joint.typical)
+        gamma_joint = rate_for(joints, effects, Positive(1.0, joint.typical), joint.typical)
     return Stacked([(adaptation, inertial.size), (Positive(gamma_joint, joint.typical), joint.size)])
 
 
-def _gradient_gain(believed: Robot, dynamics: DynamicParameters, effects: list[np.ndarray], bandwidth: float) -> np.ndarray:
-    """Return Gamma_d (p, p): how far the truth may be from the belief, at the rate that suits the loop."""
+def _gradient_gain(believed: Robot, dynamics: DynamicParameters, effects: list[np.ndarray], mode: float) -> np.ndarray:
+    """Return Gamma_d (p, p): how far the truth may be from the belief, at the rate with the fastest mode [rad/s]."""
     shape = gradient_shape(believed, dynamics, effects)
-    return shape * rate_for(INERTIAL_MODE * bandwidth, effects, Gradient(shape, dynamics.size), dynamics.initial)
+    return shape * rate_for(mode, effects, Gradient(shape, dynamics.size), dynamics.initial)
 
 
 def _natural(rate: ArrayLike, cone: Cone) -> Natural:
