@@ -68,8 +68,10 @@ def _parser() -> argparse.ArgumentParser:
     )
     command = add("init", init, "write a scenario for a URDF or a robot of the catalogue")
     command.add_argument("source", metavar="ROBOT", help="URDF file, or a name that `pinadapt robots` lists")
-    command.add_argument("--frame", help="task frame (default: the likeliest link at the robot's end)")
-    command.add_argument("--task", help="xyz, xy, xz, yz or pose (default: xyz, or a plane for a chain that cannot)")
+    command.add_argument("--frame", metavar="LINK", help="task frame (default: the likeliest link at the robot's end)")
+    command.add_argument(
+        "--task", metavar="TASK", help="xyz, xy, xz, yz or pose (default: xyz, or a plane for a chain that cannot)"
+    )
     command.add_argument("--out", type=Path, metavar="FILE", help="file to write (default: the robot's name and .toml)")
     command.add_argument("--force", action="store_true", help="overwrite the file")
     command = add("run", run, "run one scenario")
@@ -77,16 +79,10 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--no-html", action="store_true", help="write no animation")
     command = add("compare", compare, "run the laws side by side on one scenario")
     _scenario_arguments(command)
-    command.add_argument("--laws", type=_names, metavar="A,B", help="default: all laws")
+    command.add_argument("--laws", type=_names, metavar="A,B", help=f"of {', '.join(LAWS)} (default: all)")
     add("robots", robots, "list the robots of the catalogue")
-    command = add("zoo", zoo, "every chain of the catalogue with a wrong model of everything, default gains, one table")
-    command.add_argument("--robots", type=_names, metavar="A,B", help="default: the whole catalogue")
-    command.add_argument("--law", choices=list(LAWS), default="adaptive-jacobian", help="default: %(default)s")
-    command.add_argument("--seed", type=int, default=0, help="of friction, tools and errors (default: %(default)s)")
-    command.add_argument("--processes", type=int, metavar="N", help="how many at once (default: one a core)")
-    command.add_argument(
-        "--out", type=Path, default=Path("out/zoo"), metavar="DIR", help="where to write (default: %(default)s)"
-    )
+    about = "run chains of the catalogue with wrong models and default gains, adapted and not, and print one table"
+    _zoo_arguments(add("zoo", zoo, about))
     return parser
 
 
@@ -98,7 +94,51 @@ def _command(commands: Any, name: str, function: Callable[[argparse.Namespace], 
 
 
 def _names(text: str) -> list[str]:
-    return [name.strip() for name in text.split(",")]
+    """Return the names in a list with commas, each once.
+
+    Raises:
+        ArgumentTypeError: there are none.
+    """
+    names = list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
+    if not names:
+        raise argparse.ArgumentTypeError("at least one name is expected")
+    return names
+
+
+def _whole_number(text: str, *, least: int) -> int:
+    """Return a whole number.
+
+    Raises:
+        ArgumentTypeError: it is none, or too small.
+    """
+    number = int(text) if text.strip().lstrip("+-").isdecimal() else least - 1
+    if number < least:
+        raise argparse.ArgumentTypeError(f"a whole number of at least {least} is expected, got {text}")
+    return number
+
+
+def _zoo_arguments(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--robots", type=_names, metavar="A,B", help="names that `pinadapt robots` lists (default: all)")
+    command.add_argument(
+        "--law",
+        choices=[name for name, law in LAWS.items() if law.adapts],
+        default="adaptive-jacobian",
+        metavar="NAME",
+        help="one that adapts: %(choices)s (default: %(default)s)",
+    )
+    command.add_argument(
+        "--seed",
+        type=partial(_whole_number, least=0),
+        default=0,
+        metavar="N",
+        help="of friction, tools and errors (default: %(default)s)",
+    )
+    command.add_argument(
+        "--processes", type=partial(_whole_number, least=1), metavar="N", help="how many at once (default: one a core)"
+    )
+    command.add_argument(
+        "--out", type=Path, default=Path("out/zoo"), metavar="DIR", help="where to write (default: %(default)s)"
+    )
 
 
 def _scenario_arguments(command: argparse.ArgumentParser) -> None:

@@ -22,7 +22,7 @@ def run(options: argparse.Namespace) -> int:
 
 def run_and_write(scenario: Scenario, folder: Path, *, html: bool) -> Rollout:
     """Run a scenario and write all that the interface promises into a folder."""
-    rollout = scenario.run(samples_bar(scenario.tables.title or scenario.true.name))
+    rollout = scenario.run(samples_bar(scenario.title))
     rollout.save(folder)
     rollout.plot(folder)
     if html:

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from ..exceptions import InputError
 from ..robot.catalogue import catalogue, catalogue_entry
 from ..rollout.table import columns, number
 from ..zoo import ZooRow, run_zoo
@@ -19,8 +18,6 @@ from .progress import rows_bar
 def zoo(options: argparse.Namespace) -> int:
     """Run the zoo over processes, print one table and write ``zoo.json``; a chain that fails is a row, not a failure."""
     names = [catalogue_entry(name).name for name in options.robots] if options.robots else list(catalogue())
-    if options.processes is not None and options.processes < 1:
-        raise InputError(f"must be at least 1, got {options.processes}.", where="--processes")
     folder: Path = options.out
     folder.mkdir(parents=True, exist_ok=True)  # before the work, not after it
     coming = run_zoo(names, options.law, seed=options.seed, processes=options.processes)

@@ -67,7 +67,7 @@ def find_home(model: pin.Model, frame: int, rows: slice, candidates: Iterable[np
         raise RobotError(
             f"the chain to frame '{model.frames[frame].name}' cannot move all coordinates of the task in any posture.",
             where="task",
-            hint="Take another task, or a frame further out.",
+            hint="Take another task, or a frame further out; where there is none, give the description a link there.",
         )
     for q in candidates:
         off_limits = _margin(limits, angles_from_configuration(model, q)) >= _OFF_LIMITS

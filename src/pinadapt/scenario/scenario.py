@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from ..adaptation import Cone
 from ..controller import Controller, make_controller
@@ -19,7 +20,7 @@ from ..simulation.simulate import Progress, prepare
 from .naming import named
 from .read import read_tables
 from .reference import trajectory_of
-from .schema import PayloadSection, ScenarioTables
+from .schema import BeliefSection, ScenarioTables, TruthSection
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +40,11 @@ class Scenario:
     believed: Robot
     controller: Controller
     trajectory: Trajectory
+
+    @property
+    def title(self) -> str:
+        """The file's title, or the robot's name."""
+        return self.tables.title or self.true.name
 
     @classmethod
     def read(cls, path: Path | str, settings: Sequence[str] = ()) -> Scenario:
@@ -60,9 +66,11 @@ class Scenario:
         with named("robot"):
             described = _described(tables, folder)
         with named("truth"):
-            true = _true(tables, described)
+            truth = tables.truth
+            lengths = {"tool_translation": truth.tool_translation, "link_translation": truth.link_translation}
+            true = _changed(described, truth, **lengths)
         with named("belief"):
-            believed = _believed(tables, described)
+            believed = _changed(described, tables.belief)
         with named("controller"):
             controller = _controller(tables, believed, folder)
         with named("reference"):
@@ -101,7 +109,7 @@ class Scenario:
                 delay=simulation.delay,
                 torque_limits=simulation.torque_limits,
                 seed=simulation.seed,
-                title=self.tables.title or self.true.name,
+                title=self.title,
                 progress=progress,
             )
 
@@ -119,31 +127,15 @@ def _described(tables: ScenarioTables, folder: Path) -> Robot:
     )
 
 
-def _payload(section: PayloadSection | None) -> Payload | None:
-    return None if section is None else Payload(**section.model_dump())
-
-
-def _true(tables: ScenarioTables, described: Robot) -> Robot:
-    truth = tables.truth
+def _changed(described: Robot, section: TruthSection | BeliefSection, **lengths: Any) -> Robot:
+    """Return the robot with the inertias, load and friction of a section, and the changed lengths."""
     return described.changed(
-        inertial_scale=truth.inertial_scale,
-        payload=_payload(truth.payload),
-        tool_translation=truth.tool_translation,
-        link_translation=truth.link_translation,
-        armature=truth.armature,
-        viscous=truth.friction.viscous,
-        coulomb=truth.friction.coulomb,
-    )
-
-
-def _believed(tables: ScenarioTables, described: Robot) -> Robot:
-    belief = tables.belief
-    return described.changed(
-        inertial_scale=belief.inertial_scale,
-        payload=_payload(belief.payload),
-        armature=belief.armature,
-        viscous=belief.friction.viscous,
-        coulomb=belief.friction.coulomb,
+        inertial_scale=section.inertial_scale,
+        payload=None if section.payload is None else Payload(**section.payload.model_dump()),
+        armature=section.armature,
+        viscous=section.friction.viscous,
+        coulomb=section.friction.coulomb,
+        **lengths,
     )
 
 
