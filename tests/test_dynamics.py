@@ -5,16 +5,15 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 import pinadapt as pa
-from chains import catalogue_robot, chains, random_state
+from chains import SIZES, catalogue_robot, chains_of, each_size, random_state, seeded
 from differences import derivative
 from pinadapt.parameters.regressor import Regressor, inertial_parameters
 
 ROBOTS = ["planar_2r", "scara", "ur5", "panda", "kinova", "tiago_arm", "talos_arm"]
 PLANAR = Path(__file__).parents[1] / "robots" / "planar_2r"
-seeded = settings(max_examples=25, deadline=None, derandomize=True)
 
 
 def check_identities(robot):
@@ -26,6 +25,7 @@ def check_identities(robot):
     q, v, a = random_state(robot, rng)
     v_r, a_r = rng.standard_normal((2, model.nv))
     scale = 1.0 + np.abs(pin.rnea(model, data, q, v, a)).max()
+    assert Y(q, v, a).shape == Y.slotine_li(q, v, v_r, a_r).shape == (model.nv, 10 * model.nv)
     assert np.allclose(Y(q, v, a) @ pi, pin.rnea(model, data, q, v, a), atol=1e-11 * scale)
     C = pin.computeCoriolisMatrix(model, data, q, v)
     M, g = pin.crba(model, data, q), pin.computeGeneralizedGravity(model, data, q)
@@ -46,7 +46,8 @@ def test_identities_on_robots(name):
     check_identities(catalogue_robot(name))
 
 
-@given(chains)
+@each_size(SIZES[1:])
+@given(robot=chains_of(SIZES[1:]))
 @seeded
 def test_identities_on_random_chains(robot):
     check_identities(robot)

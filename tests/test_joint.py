@@ -3,11 +3,11 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import pinadapt as pa
-from chains import catalogue_robot, random_robot, random_state
+from chains import SIZES, catalogue_robot, chains_of, each_size, random_state, seeded, seeds
 from pinadapt.parameters.joint import KINDS, coefficients
 from pinadapt.simulation.continuous import run_continuous
 from pinadapt.simulation.evaluate import parameter_storage, truth_at
@@ -26,12 +26,14 @@ def inverse_dynamics(robot, q, v, a):
     return pin.rnea(robot.model, robot.model.createData(), q, v, a) + robot.friction.torque(v)
 
 
-@settings(max_examples=20, deadline=None)
-@given(st.integers(0, 2**31), st.integers(3, 10), st.sampled_from([("viscous",), ("armature", "coulomb"), "all"]))
-def test_regressor_torque_and_mass_matrix_of_random_chains(seed, joints, unknown):
+@each_size(SIZES[1:], seed=0, unknown="all")
+@given(robot=chains_of(SIZES[1:]), seed=seeds, unknown=st.sampled_from([("viscous",), ("armature", "coulomb"), "all"]))
+@seeded
+def test_regressor_torque_and_mass_matrix_of_random_chains(robot, seed, unknown):
     rng = np.random.default_rng(seed)
-    robot = with_joints(random_robot(seed, joints), rng)
-    dynamics = stacked(robot, unknown)
+    robot = with_joints(robot, rng)
+    bodies = pa.BodyParameters(robot.changed(armature=0.0, viscous=0.0, coulomb=0.0))
+    dynamics = pa.StackedParameters(bodies, pa.JointParameters(robot, unknown))
     other = robot.changed(inertial_scale=1.4, viscous=0.3, coulomb=0.7, armature=0.2) if unknown == "all" else robot
     a_d = dynamics.value(other)
     dynamics.load(a_d)
@@ -48,6 +50,7 @@ def test_regressor_torque_and_mass_matrix_of_random_chains(seed, joints, unknown
         dynamics.load(a_d)
         Y, feedforward = dynamics.slotine_li(q, v, v, a)
         np.testing.assert_allclose(feedforward, tau, atol=1e-9 * scale)
+        assert Y.shape == (robot.model.nv, dynamics.size)
         np.testing.assert_allclose(Y, dynamics.regressor(q, v, a), atol=1e-9 * np.abs(Y).max())
 
 

@@ -10,25 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pinadapt as pa
-from chains import catalogue_robot, random_model, random_state
+from chains import catalogue_robot, chains, chains_of, each_size, random_state, seeded, seeds
 from pinadapt.parameters.kinematic import Translation
 from pinadapt.parameters.superposition import superposition
-from pinadapt.robot import task_named
 from pinadapt.scenario import Scenario
 from pinadapt.simulation.continuous import run_continuous
 from pinadapt.simulation.evaluate import parameter_storage, truth_at
 
 ROBOTS = Path(__file__).parents[1] / "robots"
 IMPROVED = "adaptive-inverse-dynamics-improved"
-seeded = settings(max_examples=40, deadline=None, derandomize=True)
-seeds = st.integers(0, 2**31)
-
-
-def chain(seed, joints, rotors=0.0):
-    """Return a robot on a random chain, even one too short for any task."""
-    model = random_model(seed, joints)
-    model.armature = np.full(joints, rotors)
-    return pa.Robot("chain", model, "tip", task_named("xyz"), pin.neutral(model), pa.Friction.none(joints))
 
 
 def translations(robot, rng):
@@ -84,11 +74,12 @@ def at(believed, a_d, *state):
     return believed.slotine_li(*state)[1]
 
 
-@given(seed=seeds, joints=st.integers(1, 10), rotors=st.sampled_from([0.0, 0.2]))
-@seeded
-def test_lumped_regressor_is_rnea_at_the_true_lengths(seed, joints, rotors):
+@each_size(seed=0, rotors=0.2)
+@given(robot=chains, seed=seeds, rotors=st.sampled_from([0.0, 0.2]))
+@settings(seeded, max_examples=30)
+def test_lumped_regressor_is_rnea_at_the_true_lengths(robot, seed, rotors):
     rng = np.random.default_rng(seed)
-    wrong = chain(seed, joints, rotors)
+    wrong = robot.changed(armature=rotors)
     parts = translations(wrong, rng)
     true = another(wrong, parts, rng)
     believed = pa.LumpedParameters(wrong, parts)
@@ -97,11 +88,12 @@ def test_lumped_regressor_is_rnea_at_the_true_lengths(seed, joints, rotors):
     assert np.array_equal(believed.regressor(q, v, a), pa.LumpedParameters(true, parts).regressor(q, v, a))
 
 
-@given(seed=seeds, joints=st.integers(2, 7))
-@settings(seeded, max_examples=20)
-def test_known_bodies_still_multiply_unknown_lengths(seed, joints):
+@each_size(range(1, 8), seed=0)
+@given(robot=chains_of(range(1, 8)), seed=seeds)
+@settings(seeded, max_examples=13)
+def test_known_bodies_still_multiply_unknown_lengths(robot, seed):
     rng = np.random.default_rng(seed)
-    wrong = chain(seed, joints, 0.1)
+    wrong = robot.changed(armature=0.1)
     parts = translations(wrong, rng)
     unknown = [name for name in wrong.joint_names if rng.random() < 0.4]
     believed, everything = pa.LumpedParameters(wrong, parts, unknown or "none"), pa.LumpedParameters(wrong, parts)

@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import pinadapt as pa
-from chains import catalogue_robot, random_robot, random_state
+from chains import SIZES, catalogue_robot, chains_of, each_size, random_state, seeded, seeds
 from differences import derivative
+from identities import check_kinematics, unknown_choices
 from pinadapt.robot import task_named
 from pinadapt.robot.rotation import matrix, quaternion, rotation_between, rotation_drift, turned
 from pinadapt.simulation.continuous import run_continuous
@@ -23,8 +24,7 @@ LAWS = [
     "adaptive-jacobian",
     "adaptive-inverse-dynamics-improved",
 ]
-seeded = settings(max_examples=25, deadline=None, derandomize=True)
-vectors = st.integers(0, 2**31).map(lambda seed: np.random.default_rng(seed).standard_normal((4, 3)))
+vectors = seeds.map(lambda seed: np.random.default_rng(seed).standard_normal((4, 3)))
 
 
 def pose_robot(name):
@@ -82,53 +82,19 @@ def test_half_a_turn_is_found_and_nothing_is_lost_below_it():
 # --- kinematics ---
 
 
-def check_identities(robot, unknown):
-    """J, Jdot_v, Y_k and their kin against finite differences at an estimate that is not the description's."""
-    rng = np.random.default_rng(7)
-    believed = pa.KinematicParameters(robot, unknown)
-    q, v, a = random_state(robot, rng)
-    a_k = believed.initial + 0.2 * rng.standard_normal(believed.size)
-    a_k_rate = rng.standard_normal(believed.size)
-
-    def at(t, rate=0.0):
-        believed.update(a_k + t * rate * a_k_rate, pin.integrate(robot.model, q, v * t + a * (t * t / 2)), v + a * t)
-        return believed
-
-    task, start = robot.task, at(0.0).x_hat
-    xd = derivative(lambda t: task.error(at(t).x_hat, start))  # at its zero the error moves as x does
-    xdd, Jdot = derivative(lambda t: at(t).xd_hat), derivative(lambda t: at(t, rate=1.0).J)
-    Jdot_v = derivative(lambda t: at(t).J) @ v
-    now = at(0.0)
-    assert now.J.shape == (task.size, robot.model.nv)
-    assert np.allclose(now.J @ v, xd, atol=1e-8)
-    assert np.allclose(now.Y_k @ a_k + now.y_k0, now.J @ v, atol=1e-12)
-    assert np.array_equal(now.Y_p, now.Y_k[: task.positions]) and np.array_equal(now.y_p0, now.y_k0[: task.positions])
-    assert np.allclose(now.Jdot_v, Jdot_v, atol=1e-7)
-    assert np.allclose(now.J @ a + now.Jdot_v, xdd, atol=1e-7)
-    assert np.allclose(now.jacobian_rate(a_k_rate), Jdot, atol=1e-7)
-    x, xdd_now = now.x_hat, now.J @ a + now.Jdot_v
-    position_regressor, acceleration_regressor = now.position_regressor(), now.acceleration_regressor(a)
-    for regressor in (now.Y_k, position_regressor, acceleration_regressor):
-        assert regressor.shape == (task.size, now.size) and not regressor[task.positions :].any()
-    step = 0.1 * a_k_rate
-    now.update(a_k + step, q, v)
-    assert np.allclose(task.error(now.x_hat, x), position_regressor @ step, atol=1e-12)
-    assert np.allclose(now.J @ a + now.Jdot_v - xdd_now, acceleration_regressor @ step, atol=1e-11)
-
-
 @pytest.mark.parametrize("name", ["ur5", "panda", "kinova"])
 @pytest.mark.parametrize("task", ["pose", "xz", "yz"])
 def test_identities_on_robots(name, task):
     robot = replace(catalogue_robot(name), task=task_named(task))
-    for unknown in (["tool"], ["lengths"], [*robot.joint_names[1:], "tool"], [robot.joint_names[1], "tool:length"]):
-        check_identities(robot, unknown)
+    for unknown in unknown_choices(robot):
+        check_kinematics(robot, unknown)
 
 
-@given(st.integers(0, 2**31), st.integers(6, 10))
+@each_size(SIZES[1:])
+@given(robot=chains_of(SIZES[1:]))
 @seeded
-def test_identities_on_random_chains(seed, joints):
-    robot = replace(random_robot(seed, joints), task=POSE)
-    check_identities(robot, [*robot.joint_names[1:], "tool"])
+def test_identities_on_random_chains(robot):
+    check_kinematics(replace(robot, task=POSE), [*robot.joint_names[1:], "tool"])
 
 
 def test_plant_robot_and_belief_agree():
