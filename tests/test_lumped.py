@@ -11,11 +11,10 @@ from hypothesis import strategies as st
 
 import pinadapt as pa
 from chains import catalogue_robot, chains, chains_of, each_size, random_state, seeded, seeds
+from loops import energy_along
 from pinadapt.parameters.kinematic import Translation
 from pinadapt.parameters.superposition import superposition
 from pinadapt.scenario import Scenario
-from pinadapt.simulation.continuous import run_continuous
-from pinadapt.simulation.evaluate import parameter_storage, truth_at
 
 ROBOTS = Path(__file__).parents[1] / "robots"
 IMPROVED = "adaptive-inverse-dynamics-improved"
@@ -154,22 +153,6 @@ def ur5(law, adaptation, **options):
     return true, controller, path
 
 
-def lyapunov(true, controller, path, steps, dt):
-    """Return V, the dV/dt of the proof, and the ratios of M_hat to the believed M along an ideal continuous closed loop."""
-    plant = pa.Plant(true)
-    v = np.zeros(plant.nv)
-    state = controller.init(pa.Measurement(true.q0, v, *plant.task_motion(true.q0, v)))
-    trace = run_continuous(plant, controller, path, state, times=range(steps), dt=dt, ideal_acceleration=True)
-    assert trace.diverged is None
-    a_k, a_d = controller.kinematics.value(true), controller.dynamics.value(true)
-    V, rate = [], []
-    for measurement, desired, state in zip(trace.measurements, trace.desired, trace.states, strict=True):
-        signals, truth = controller.observe(state, measurement, desired), truth_at(plant, measurement, a_k, a_d)
-        V.append(controller.law.storage(signals, truth) + parameter_storage(controller, state, a_k, a_d))
-        rate.append(controller.law.dissipation(signals, truth))
-    return np.array(V), np.array(rate), trace
-
-
 @pytest.mark.parametrize(
     ("law", "adaptation"),
     [("adaptive-jacobian", "gradient"), (IMPROVED, "gradient"), ("adaptive-inverse-dynamics", "projected")],
@@ -178,11 +161,9 @@ def test_lyapunov_equality(law, adaptation):
     """The proofs hold with lengths and inertias unknown together, which no regressor of bodies allows."""
     true, controller, path = ur5(law, adaptation)
     assert controller.dynamics.size == 56
-    dt = 1e-4
-    V, rate, _ = lyapunov(true, controller, path, 400, dt)
-    numerical = (8.0 * (V[3:-1] - V[1:-3]) - (V[4:] - V[:-4])) / (12.0 * dt)
-    assert np.abs(numerical - rate[2:-2]).max() <= 1e-4 * np.abs(rate).max()
-    assert (np.diff(V) <= 1e-12 * V[0]).all()
+    energy = energy_along(true, controller, path, steps=400)
+    assert energy.mismatch() <= 1e-4
+    assert energy.largest_rise() <= 1e-12
 
 
 def test_v_falls_while_the_projection_acts():
@@ -195,9 +176,9 @@ def test_v_falls_while_the_projection_acts():
         return kept
 
     controller.adaptation_d.keep = counted
-    V, _, _ = lyapunov(true, controller, path, 500, 2e-4)
+    energy = energy_along(true, controller, path, steps=500, dt=2e-4)
     assert any(moves)
-    assert (np.diff(V) <= 1e-9 * V[0]).all()
+    assert energy.largest_rise() <= 1e-9
 
 
 def projections():

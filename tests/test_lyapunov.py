@@ -7,11 +7,9 @@ import pytest
 
 import pinadapt as pa
 from chains import catalogue_robot
-from pinadapt.simulation.continuous import run_continuous
-from pinadapt.simulation.evaluate import parameter_storage, truth_at
+from loops import energy_along
 
 PLANAR = Path(__file__).parents[1] / "robots" / "planar_2r"
-DT, STEPS = 1e-4, 600
 
 # The hypotheses that adaptation can destroy must hold while the equality is tested: M_hat invertible for (11) and (25) under
 # gradient adaptation, M + M_0 - M_hat invertible for the improved law with the ideal acceleration. Hence low rates.
@@ -64,23 +62,11 @@ LAWS = ["adaptive-inverse-dynamics", "adaptive-inverse-dynamics-velocity", "adap
 @pytest.mark.parametrize("law", LAWS)
 def test_equality_along_the_trajectory(law, name, adaptation):
     true, controller, path, start = ROBOTS[name](law, adaptation)
-    plant = pa.Plant(true)
-    v = np.zeros(plant.nv)
-    state = controller.init(pa.Measurement(true.q0, v, *plant.task_motion(true.q0, v)), **start)
-    trace = run_continuous(plant, controller, path, state, times=range(STEPS), dt=DT, ideal_acceleration=True)
-    assert trace.diverged is None
-    a_k, a_d = controller.kinematics.value(true), controller.dynamics.value(true)
-    V, rate = [], []
-    for measurement, desired, state in zip(trace.measurements, trace.desired, trace.states, strict=True):
-        signals, truth = controller.observe(state, measurement, desired), truth_at(plant, measurement, a_k, a_d)
-        V.append(controller.law.storage(signals, truth) + parameter_storage(controller, state, a_k, a_d))
-        rate.append(controller.law.dissipation(signals, truth))
-    V, rate = np.array(V), np.array(rate)
-    numerical = (8.0 * (V[3:-1] - V[1:-3]) - (V[4:] - V[:-4])) / (12.0 * DT)
-    assert np.abs(numerical - rate[2:-2]).max() <= 1e-4 * np.abs(rate).max()
-    assert np.abs(rate).max() > 1e-4  # something moved
-    assert (rate <= 0.0).all()
-    assert (np.diff(V) <= 1e-12 * V[0]).all()
+    energy = energy_along(true, controller, path, steps=600, **start)
+    assert energy.mismatch() <= 1e-4
+    assert np.abs(energy.rate).max() > 1e-4  # something moved
+    assert (energy.rate <= 0.0).all()
+    assert energy.largest_rise() <= 1e-12
 
 
 def test_resolved_acceleration_obeys_its_linear_closed_loop():
