@@ -14,7 +14,7 @@ from pinadapt.robot import task_named
 
 SIZES = range(1, 11)  # numbers of joints
 seeds = st.integers(0, 2**31)
-seeded = settings(max_examples=25, deadline=None, derandomize=True)
+seeded = settings(max_examples=30, deadline=None, derandomize=True)
 
 
 def random_model(seed: int, joints: int) -> pin.Model:

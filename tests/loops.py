@@ -1,5 +1,6 @@
-"""A short closed loop with everything known to its observer: V, and the dV/dt that the law's proof claims."""
+"""Short closed loops: true robots and paths, and V with the dV/dt that the law's proof claims."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,6 +37,24 @@ class Energy:
     def largest_rise(self) -> float:
         """Return how much V rises from one sample to the next at most, relative to its first value; negative if it falls."""
         return float(np.diff(self.V).max() / self.V[0])
+
+
+def with_tool_and_load(robot: pa.Robot) -> pa.Robot:
+    """Return the robot with a tool 9 cm off its frame and a load of 1 kg."""
+    load = pa.Payload(1.0, [0.01, 0.0, 0.05], [0.01, 0.0, 0.01, 0.0, 0.0, 0.01])
+    return robot.changed(tool_translation=[0.03, -0.02, 0.08], payload=load)
+
+
+def circle_beside(robot: pa.Robot, plane: str, by: Sequence[float] = (0.01, -0.01, 0.02)) -> pa.Trajectory:
+    """Return a circle of 5 cm in two seconds that starts beside the robot's home by an offset (3) [m]."""
+    return pa.Circle(np.zeros(3), 0.05, 2.0, plane).starting_at(robot.position(robot.q0) + np.array(by))
+
+
+def check_holds_home(robot: pa.Robot) -> None:
+    """The default controller of a robot that is as believed stays at its home."""
+    rollout = pa.simulate(robot, pa.make_controller(robot), pa.Hold(robot.position(robot.q0)), duration=0.02)
+    assert rollout.diverged is None
+    assert rollout.distance.max() < 1e-3
 
 
 def energy_along(

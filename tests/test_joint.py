@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 import pinadapt as pa
 from chains import SIZES, catalogue_robot, chains_of, each_size, random_state, seeded, seeds
-from loops import energy_along
+from loops import circle_beside, energy_along
 from pinadapt.parameters.joint import KINDS, coefficients
 
 
@@ -85,7 +85,7 @@ def test_lyapunov_equality_with_friction(law, name):
     robot = catalogue_robot(name)
     true = robot.changed(armature=0.05, viscous=0.4, coulomb=0.3, tool_translation=[0.02, 0.0, 0.05])
     controller = pa.make_controller(robot.changed(inertial_scale=0.8), law=law, joint="all", gamma_d=2.0, gamma_joint=2.0)
-    path = pa.Circle(np.zeros(3), 0.05, 2.0, "xy").starting_at(true.position(true.q0) + np.array([0.01, -0.01, 0.01]))
+    path = circle_beside(true, "xy", by=(0.01, -0.01, 0.01))
     energy = energy_along(true, controller, path, steps=400)
     assert energy.mismatch(after=50) <= 1e-4  # tanh of the first millimetres a second is stiff for finite differences
     assert (energy.rate <= 0.0).all() and np.abs(energy.rate).max() > 1e-4

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 import pinadapt as pa
 from chains import catalogue_robot, chains, chains_of, each_size, random_state, seeded, seeds
-from loops import energy_along
+from loops import circle_beside, energy_along
+from paper import BASIS
 from pinadapt.parameters.kinematic import Translation
 from pinadapt.parameters.superposition import superposition
 from pinadapt.scenario import Scenario
@@ -149,8 +150,7 @@ def ur5(law, adaptation, **options):
     lengths = [f"{name}:length" for name in names]
     believed = robot.changed(inertial_scale=0.7)
     controller = pa.make_controller(believed, law=law, adaptation=adaptation, kinematic=lengths, **options)
-    path = pa.Circle(np.zeros(3), 0.05, 2.0, "yz").starting_at(true.position(true.q0) + np.array([0.01, -0.01, 0.02]))
-    return true, controller, path
+    return true, controller, circle_beside(true, "yz")
 
 
 @pytest.mark.parametrize(
@@ -184,13 +184,12 @@ def test_v_falls_while_the_projection_acts():
 def projections():
     robot = catalogue_robot("ur5")
     planar = catalogue_robot("planar_2r")
-    basis = np.loadtxt(ROBOTS / "planar_2r" / "basis.csv", delimiter=",")
     lengths = [f"{name}:length" for name in robot.joint_names[1:]]
     return {
         "lumped": (robot, pa.LumpedParameters(robot, lengths)),
         "bodies": (robot, pa.BodyParameters(robot)),
         "payload": (robot, pa.BodyParameters(robot, "payload")),
-        "basis": (planar, pa.BasisParameters(planar, basis)),
+        "basis": (planar, pa.BasisParameters(planar, BASIS)),
     }
 
 

@@ -12,7 +12,7 @@ import pinadapt as pa
 from chains import SIZES, catalogue_robot, chains_of, each_size, random_state, seeded, seeds
 from differences import derivative
 from identities import check_kinematics, unknown_choices
-from loops import energy_along
+from loops import energy_along, with_tool_and_load
 from pinadapt.robot import task_named
 from pinadapt.robot.rotation import matrix, quaternion, rotation_between, rotation_drift, turned
 
@@ -136,9 +136,7 @@ def test_swing_turns_the_tool_about_its_own_axis():
 def loop(name, law):
     """Return truth, controller and a rotating reference that starts half a radian off."""
     robot = pose_robot(name)
-    true = robot.changed(
-        tool_translation=[0.03, -0.02, 0.08], payload=pa.Payload(1.0, [0.01, 0.0, 0.05], [0.01, 0, 0.01, 0, 0, 0.01])
-    )
+    true = with_tool_and_load(robot)
     controller = pa.make_controller(
         robot.changed(inertial_scale=0.7),
         law=law,
