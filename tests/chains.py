@@ -1,34 +1,48 @@
 """Random open chains: revolute, continuous and prismatic joints about arbitrary axes, arbitrary physical bodies."""
 
+from collections.abc import Callable, Sequence
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from hypothesis import example, settings
 from hypothesis import strategies as st
 
-from pinadapt import Robot, load
+import pinadapt as pa
+from pinadapt.robot import task_named
+
+SIZES = range(1, 11)  # numbers of joints
+seeds = st.integers(0, 2**31)
+seeded = settings(max_examples=30, deadline=None, derandomize=True)
 
 
 def random_model(seed: int, joints: int) -> pin.Model:
     """Return a chain of 1 to 10 joints with a frame 'tip', reproducible by its seed."""
     rng = np.random.default_rng(seed)
     model = pin.Model()
-    model.name = f"chain{seed}"
+    model.name = f"chain of {joints}, seed {seed}"
     parent = 0
     for i in range(joints):
-        axis = rng.standard_normal(3)
-        axis /= np.linalg.norm(axis)
-        revolute, prismatic = pin.JointModelRevoluteUnaligned(axis), pin.JointModelPrismaticUnaligned(axis)
-        joint = (revolute, pin.JointModelRUBY(), prismatic)[rng.choice(3, p=(0.5, 0.2, 0.3))]
-        placement = pin.SE3.Random()
-        placement.translation = rng.uniform(-0.5, 0.5, 3)
-        placement.rotation = pin.exp3(rng.uniform(-2.0, 2.0, 3))
-        parent = model.addJoint(parent, joint, placement, f"joint{i + 1}")
+        parent = model.addJoint(parent, random_joint(rng), random_placement(rng, 0.5), f"joint{i + 1}")
         model.appendBodyToJoint(parent, random_inertia(rng), pin.SE3.Identity())
-    tip = pin.SE3(pin.exp3(rng.uniform(-2.0, 2.0, 3)), rng.uniform(-0.3, 0.3, 3))
-    model.addFrame(pin.Frame("tip", parent, 0, tip, pin.FrameType.BODY))
+    model.addFrame(pin.Frame("tip", parent, 0, random_placement(rng, 0.3), pin.FrameType.BODY))
     model.gravity.linear = rng.uniform(-10.0, 10.0, 3)
     return model
+
+
+def random_joint(rng: np.random.Generator) -> pin.JointModel:
+    """Return a joint; continuous ones turn about a coordinate axis, which the random placement makes arbitrary."""
+    axis = rng.standard_normal(3)
+    axis /= np.linalg.norm(axis)
+    continuous = (pin.JointModelRUBX, pin.JointModelRUBY, pin.JointModelRUBZ)[rng.integers(3)]
+    kinds = (pin.JointModelRevoluteUnaligned(axis), continuous(), pin.JointModelPrismaticUnaligned(axis))
+    return kinds[rng.choice(3, p=(0.5, 0.2, 0.3))]
+
+
+def random_placement(rng: np.random.Generator, distance: float) -> pin.SE3:
+    """Return a placement whose translation is at most ``distance`` along each axis [m]."""
+    return pin.SE3(pin.exp3(rng.uniform(-2.0, 2.0, 3)), rng.uniform(-distance, distance, 3))
 
 
 def random_inertia(rng: np.random.Generator) -> pin.Inertia:
@@ -41,18 +55,40 @@ def random_inertia(rng: np.random.Generator) -> pin.Inertia:
     return pin.Inertia(mass, com, inertia)
 
 
-def random_robot(seed: int, joints: int) -> Robot:
-    """Return a robot on a random chain; chains too short for three coordinates serve kinematic tests through the model."""
-    return load(random_model(seed, joints), frame="tip", q0=np.zeros(joints))
+def random_robot(seed: int, joints: int) -> pa.Robot:
+    """Return a robot on a random chain, at home in its neutral configuration, even on one too short for its task."""
+    model = random_model(seed, joints)
+    return pa.Robot(str(model.name), model, "tip", task_named("xyz"), pin.neutral(model), pa.Friction.none(joints))
 
 
-chains = st.builds(random_robot, st.integers(0, 2**31), st.integers(3, 10))
+def chains_of(sizes: Sequence[int]) -> st.SearchStrategy[pa.Robot]:
+    """Return the strategy of robots on random chains with one of these numbers of joints."""
+    return st.builds(random_robot, seeds, st.sampled_from(sizes))
 
 
-catalogue_robot = cache(load)  # loading takes most of a second, and robots are not written to
+chains = chains_of(SIZES)
 
 
-def random_state(robot: Robot, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def each_size(sizes: Sequence[int] = SIZES, **others: Any) -> Callable[[Callable], Callable]:
+    """Return a decorator: a test given a ``robot`` of random chains also runs on one chain of each size, whatever is drawn.
+
+    Args:
+        sizes: numbers of joints.
+        others: values of the test's other arguments for these chains.
+    """
+
+    def decorate(test: Callable) -> Callable:
+        for joints in sizes:
+            test = example(robot=random_robot(joints, joints), **others)(test)
+        return test
+
+    return decorate
+
+
+catalogue_robot = cache(pa.load)  # loading takes most of a second, and robots are not written to
+
+
+def random_state(robot: pa.Robot, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return q (nq), v and a (nv)."""
     nv = robot.model.nv
     q = pin.integrate(robot.model, pin.neutral(robot.model), rng.uniform(-2.0, 2.0, nv))

@@ -5,16 +5,13 @@ import warnings
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given
 
 import pinadapt as pa
-from chains import random_inertia
+from chains import random_inertia, seeded, seeds
 from differences import derivative
 from pinadapt.parameters.pseudo_inertia import is_physical, nearest_physical, pseudo_inertia
 
-seeds = st.integers(0, 2**31)
-seeded = settings(max_examples=30, deadline=None, derandomize=True)
 PLANAR_LMI = np.array([[[1, 0], [0, 0]], [[0, 1], [1, 0]], [[-1, 0], [0, 1]]], dtype=float)
 
 

@@ -3,14 +3,13 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import pinadapt as pa
-from chains import catalogue_robot, random_robot, random_state
+from chains import SIZES, catalogue_robot, chains_of, each_size, random_state, seeded, seeds
+from loops import circle_beside, energy_along
 from pinadapt.parameters.joint import KINDS, coefficients
-from pinadapt.simulation.continuous import run_continuous
-from pinadapt.simulation.evaluate import parameter_storage, truth_at
 
 
 def with_joints(robot, rng):
@@ -26,12 +25,14 @@ def inverse_dynamics(robot, q, v, a):
     return pin.rnea(robot.model, robot.model.createData(), q, v, a) + robot.friction.torque(v)
 
 
-@settings(max_examples=20, deadline=None)
-@given(st.integers(0, 2**31), st.integers(3, 10), st.sampled_from([("viscous",), ("armature", "coulomb"), "all"]))
-def test_regressor_torque_and_mass_matrix_of_random_chains(seed, joints, unknown):
+@each_size(SIZES[1:], seed=0, unknown="all")
+@given(robot=chains_of(SIZES[1:]), seed=seeds, unknown=st.sampled_from([("viscous",), ("armature", "coulomb"), "all"]))
+@seeded
+def test_regressor_torque_and_mass_matrix_of_random_chains(robot, seed, unknown):
     rng = np.random.default_rng(seed)
-    robot = with_joints(random_robot(seed, joints), rng)
-    dynamics = stacked(robot, unknown)
+    robot = with_joints(robot, rng)
+    bodies = pa.BodyParameters(robot.changed(armature=0.0, viscous=0.0, coulomb=0.0))
+    dynamics = pa.StackedParameters(bodies, pa.JointParameters(robot, unknown))
     other = robot.changed(inertial_scale=1.4, viscous=0.3, coulomb=0.7, armature=0.2) if unknown == "all" else robot
     a_d = dynamics.value(other)
     dynamics.load(a_d)
@@ -48,6 +49,7 @@ def test_regressor_torque_and_mass_matrix_of_random_chains(seed, joints, unknown
         dynamics.load(a_d)
         Y, feedforward = dynamics.slotine_li(q, v, v, a)
         np.testing.assert_allclose(feedforward, tau, atol=1e-9 * scale)
+        assert Y.shape == (robot.model.nv, dynamics.size)
         np.testing.assert_allclose(Y, dynamics.regressor(q, v, a), atol=1e-9 * np.abs(Y).max())
 
 
@@ -80,25 +82,13 @@ def test_known_friction_is_compensated_and_unknown_starts_positive():
 @pytest.mark.parametrize("name", ["ur5", "scara", "panda"])
 def test_lyapunov_equality_with_friction(law, name):
     """dV/dt = dissipation with unknown rotors and friction; the passivity-based law dissipates in the joints as well."""
-    robot, dt = catalogue_robot(name), 1e-4
+    robot = catalogue_robot(name)
     true = robot.changed(armature=0.05, viscous=0.4, coulomb=0.3, tool_translation=[0.02, 0.0, 0.05])
     controller = pa.make_controller(robot.changed(inertial_scale=0.8), law=law, joint="all", gamma_d=2.0, gamma_joint=2.0)
-    path = pa.Circle(np.zeros(3), 0.05, 2.0, "xy").starting_at(true.position(true.q0) + np.array([0.01, -0.01, 0.01]))
-    plant, v = pa.Plant(true), np.zeros(robot.model.nv)
-    state = controller.init(pa.Measurement(true.q0, v, *plant.task_motion(true.q0, v)))
-    trace = run_continuous(plant, controller, path, state, times=range(400), dt=dt, ideal_acceleration=True)
-    assert trace.diverged is None
-    a_k, a_d = controller.kinematics.value(true), controller.dynamics.value(true)
-    V, rate = [], []
-    for measurement, desired, state in zip(trace.measurements, trace.desired, trace.states, strict=True):
-        signals, truth = controller.observe(state, measurement, desired), truth_at(plant, measurement, a_k, a_d)
-        V.append(controller.law.storage(signals, truth) + parameter_storage(controller, state, a_k, a_d))
-        rate.append(controller.law.dissipation(signals, truth))
-    V, rate = np.array(V), np.array(rate)
-    numerical = (8.0 * (V[3:-1] - V[1:-3]) - (V[4:] - V[:-4])) / (12.0 * dt)
-    settled = slice(50, None)  # tanh of the first millimetres a second is stiff for finite differences
-    assert np.abs(numerical - rate[2:-2])[settled].max() <= 1e-4 * np.abs(rate).max()
-    assert (rate <= 0.0).all() and np.abs(rate).max() > 1e-4
+    path = circle_beside(true, "xy", by=(0.01, -0.01, 0.01))
+    energy = energy_along(true, controller, path, steps=400)
+    assert energy.mismatch(after=50) <= 1e-4  # tanh of the first millimetres a second is stiff for finite differences
+    assert (energy.rate <= 0.0).all() and np.abs(energy.rate).max() > 1e-4
 
 
 def test_friction_is_learned_and_stays_positive():

@@ -3,64 +3,29 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 import pinadapt as pa
-from chains import catalogue_robot, chains, random_robot, random_state
-from differences import derivative
+from chains import SIZES, catalogue_robot, chains_of, each_size, random_robot, random_state, seeded
+from identities import check_kinematics, unknown_choices
 from pinadapt.parameters.kinematic import Translation
 
 ROBOTS = ["planar_2r", "scara", "ur5", "panda", "kinova", "tiago_arm"]
-seeded = settings(max_examples=25, deadline=None, derandomize=True)
-
-
-def choices(robot):
-    """Return the ways to declare translations unknown."""
-    return [["tool"], ["lengths"], [*robot.joint_names[1:], "tool"], [robot.joint_names[1], "tool:length"]]
-
-
-def check_identities(robot, unknown):
-    """Position, velocity, acceleration and their regressors at an estimate that is not the description's."""
-    rng = np.random.default_rng(7)
-    believed = pa.KinematicParameters(robot, unknown)
-    q, v, a = random_state(robot, rng)
-    a_k = believed.initial + 0.2 * rng.standard_normal(believed.size)
-    a_k_rate = rng.standard_normal(believed.size)
-
-    def at(t, rate=0.0):
-        believed.update(a_k + t * rate * a_k_rate, pin.integrate(robot.model, q, v * t + a * (t * t / 2)), v + a * t)
-        return believed
-
-    xd = derivative(lambda t: at(t).x_hat)
-    xdd = derivative(lambda t: at(t).xd_hat)
-    Jdot = derivative(lambda t: at(t, rate=1.0).J)
-    Jdot_v = derivative(lambda t: at(t).J) @ v
-    now = at(0.0)
-    assert np.allclose(now.J @ v, xd, atol=1e-8)
-    assert np.allclose(now.Y_k @ a_k + now.y_k0, now.J @ v, atol=1e-12)
-    assert np.allclose(now.Jdot_v, Jdot_v, atol=1e-7)
-    assert np.allclose(now.J @ a + now.Jdot_v, xdd, atol=1e-7)
-    assert np.allclose(now.jacobian_rate(a_k_rate), Jdot, atol=1e-7)
-    x, position_regressor = now.x_hat, now.position_regressor()
-    acceleration_regressor = now.acceleration_regressor(a)
-    step = 0.1 * a_k_rate
-    xdd_now = now.J @ a + now.Jdot_v
-    now.update(a_k + step, q, v)
-    assert np.allclose(now.x_hat - x, position_regressor @ step, atol=1e-12)  # affine: no truncation in a large step
-    assert np.allclose(now.J @ a + now.Jdot_v - xdd_now, acceleration_regressor @ step, atol=1e-11)
 
 
 @pytest.mark.parametrize("name", ROBOTS)
 @pytest.mark.parametrize("choice", range(4))
 def test_identities_on_robots(name, choice):
     robot = catalogue_robot(name)
-    check_identities(robot, choices(robot)[choice])
+    check_kinematics(robot, unknown_choices(robot)[choice])
 
 
-@given(chains)
+@each_size(SIZES[1:])
+@given(robot=chains_of(SIZES[1:]))
 @seeded
 def test_identities_on_random_chains(robot):
-    check_identities(robot, [*robot.joint_names[1:], "tool"])
+    for unknown in unknown_choices(robot):
+        check_kinematics(robot, unknown)
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -109,7 +74,7 @@ def test_known_offset_plus_unknown_direction():
     part = Translation("elbow_joint", 3, np.array([[0.0], [0.0], [1.0]]), nominal - np.array([0.0, 0.0, nominal[2]]), ("z",))
     believed = pa.KinematicParameters(robot, [part])
     assert np.allclose(believed.initial, nominal[2])
-    check_identities(robot, [part])
+    check_kinematics(robot, [part])
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 import json
 from contextlib import nullcontext
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +12,8 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 import pinadapt as pa
+from chains import catalogue_robot as load
+from chains import seeded, seeds
 from differences import derivative
 from pinadapt.controller.defaults import felt_mass
 from pinadapt.controller.limits import make_box
@@ -20,9 +21,6 @@ from pinadapt.laws.right_inverse import RightInverse
 from pinadapt.scenario import Scenario
 
 ROBOTS = Path(__file__).parents[1] / "robots"
-load = cache(pa.load)
-seeds = st.integers(0, 2**31)
-seeded = settings(max_examples=60, deadline=None, derandomize=True)
 SHAPES = [(2, 2), (3, 3), (2, 3), (3, 7), (6, 7), (6, 6), (1, 2)]
 
 
@@ -38,7 +36,7 @@ def jacobian(rng, shape, smallest):
 
 @pytest.mark.parametrize("shape", SHAPES, ids=str)
 @given(seed=seeds, log=st.floats(-8.0, 0.0))
-@seeded
+@settings(seeded, max_examples=60)
 def test_the_inverse_is_bounded_and_its_damping_known(shape, seed, log):
     rng, s_0 = np.random.default_rng(seed), 0.1
     J = jacobian(rng, shape, 10.0**log)
@@ -256,7 +254,7 @@ def test_impossible_torque_limits_are_refused(limits):
 
 @pytest.mark.parametrize("diagonal", [True, False])
 @given(seed=seeds)
-@seeded
+@settings(seeded, max_examples=60)
 def test_projection_is_the_nearest_point_in_the_metric_and_v_only_improves(diagonal, seed):
     rng = np.random.default_rng(seed)
     A = rng.standard_normal((3, 3))

@@ -10,25 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pinadapt as pa
-from chains import catalogue_robot, random_model, random_state
+from chains import catalogue_robot, chains, chains_of, each_size, random_state, seeded, seeds
+from loops import circle_beside, energy_along
+from paper import BASIS
 from pinadapt.parameters.kinematic import Translation
 from pinadapt.parameters.superposition import superposition
-from pinadapt.robot import task_named
 from pinadapt.scenario import Scenario
-from pinadapt.simulation.continuous import run_continuous
-from pinadapt.simulation.evaluate import parameter_storage, truth_at
 
 ROBOTS = Path(__file__).parents[1] / "robots"
 IMPROVED = "adaptive-inverse-dynamics-improved"
-seeded = settings(max_examples=40, deadline=None, derandomize=True)
-seeds = st.integers(0, 2**31)
-
-
-def chain(seed, joints, rotors=0.0):
-    """Return a robot on a random chain, even one too short for any task."""
-    model = random_model(seed, joints)
-    model.armature = np.full(joints, rotors)
-    return pa.Robot("chain", model, "tip", task_named("xyz"), pin.neutral(model), pa.Friction.none(joints))
 
 
 def translations(robot, rng):
@@ -84,11 +74,12 @@ def at(believed, a_d, *state):
     return believed.slotine_li(*state)[1]
 
 
-@given(seed=seeds, joints=st.integers(1, 10), rotors=st.sampled_from([0.0, 0.2]))
-@seeded
-def test_lumped_regressor_is_rnea_at_the_true_lengths(seed, joints, rotors):
+@each_size(seed=0, rotors=0.2)
+@given(robot=chains, seed=seeds, rotors=st.sampled_from([0.0, 0.2]))
+@settings(seeded, max_examples=30)
+def test_lumped_regressor_is_rnea_at_the_true_lengths(robot, seed, rotors):
     rng = np.random.default_rng(seed)
-    wrong = chain(seed, joints, rotors)
+    wrong = robot.changed(armature=rotors)
     parts = translations(wrong, rng)
     true = another(wrong, parts, rng)
     believed = pa.LumpedParameters(wrong, parts)
@@ -97,11 +88,12 @@ def test_lumped_regressor_is_rnea_at_the_true_lengths(seed, joints, rotors):
     assert np.array_equal(believed.regressor(q, v, a), pa.LumpedParameters(true, parts).regressor(q, v, a))
 
 
-@given(seed=seeds, joints=st.integers(2, 7))
-@settings(seeded, max_examples=20)
-def test_known_bodies_still_multiply_unknown_lengths(seed, joints):
+@each_size(range(1, 8), seed=0)
+@given(robot=chains_of(range(1, 8)), seed=seeds)
+@settings(seeded, max_examples=13)
+def test_known_bodies_still_multiply_unknown_lengths(robot, seed):
     rng = np.random.default_rng(seed)
-    wrong = chain(seed, joints, 0.1)
+    wrong = robot.changed(armature=0.1)
     parts = translations(wrong, rng)
     unknown = [name for name in wrong.joint_names if rng.random() < 0.4]
     believed, everything = pa.LumpedParameters(wrong, parts, unknown or "none"), pa.LumpedParameters(wrong, parts)
@@ -158,24 +150,7 @@ def ur5(law, adaptation, **options):
     lengths = [f"{name}:length" for name in names]
     believed = robot.changed(inertial_scale=0.7)
     controller = pa.make_controller(believed, law=law, adaptation=adaptation, kinematic=lengths, **options)
-    path = pa.Circle(np.zeros(3), 0.05, 2.0, "yz").starting_at(true.position(true.q0) + np.array([0.01, -0.01, 0.02]))
-    return true, controller, path
-
-
-def lyapunov(true, controller, path, steps, dt):
-    """Return V, the dV/dt of the proof, and the ratios of M_hat to the believed M along an ideal continuous closed loop."""
-    plant = pa.Plant(true)
-    v = np.zeros(plant.nv)
-    state = controller.init(pa.Measurement(true.q0, v, *plant.task_motion(true.q0, v)))
-    trace = run_continuous(plant, controller, path, state, times=range(steps), dt=dt, ideal_acceleration=True)
-    assert trace.diverged is None
-    a_k, a_d = controller.kinematics.value(true), controller.dynamics.value(true)
-    V, rate = [], []
-    for measurement, desired, state in zip(trace.measurements, trace.desired, trace.states, strict=True):
-        signals, truth = controller.observe(state, measurement, desired), truth_at(plant, measurement, a_k, a_d)
-        V.append(controller.law.storage(signals, truth) + parameter_storage(controller, state, a_k, a_d))
-        rate.append(controller.law.dissipation(signals, truth))
-    return np.array(V), np.array(rate), trace
+    return true, controller, circle_beside(true, "yz")
 
 
 @pytest.mark.parametrize(
@@ -186,11 +161,9 @@ def test_lyapunov_equality(law, adaptation):
     """The proofs hold with lengths and inertias unknown together, which no regressor of bodies allows."""
     true, controller, path = ur5(law, adaptation)
     assert controller.dynamics.size == 56
-    dt = 1e-4
-    V, rate, _ = lyapunov(true, controller, path, 400, dt)
-    numerical = (8.0 * (V[3:-1] - V[1:-3]) - (V[4:] - V[:-4])) / (12.0 * dt)
-    assert np.abs(numerical - rate[2:-2]).max() <= 1e-4 * np.abs(rate).max()
-    assert (np.diff(V) <= 1e-12 * V[0]).all()
+    energy = energy_along(true, controller, path, steps=400)
+    assert energy.mismatch() <= 1e-4
+    assert energy.largest_rise() <= 1e-12
 
 
 def test_v_falls_while_the_projection_acts():
@@ -203,21 +176,20 @@ def test_v_falls_while_the_projection_acts():
         return kept
 
     controller.adaptation_d.keep = counted
-    V, _, _ = lyapunov(true, controller, path, 500, 2e-4)
+    energy = energy_along(true, controller, path, steps=500, dt=2e-4)
     assert any(moves)
-    assert (np.diff(V) <= 1e-9 * V[0]).all()
+    assert energy.largest_rise() <= 1e-9
 
 
 def projections():
     robot = catalogue_robot("ur5")
     planar = catalogue_robot("planar_2r")
-    basis = np.loadtxt(ROBOTS / "planar_2r" / "basis.csv", delimiter=",")
     lengths = [f"{name}:length" for name in robot.joint_names[1:]]
     return {
         "lumped": (robot, pa.LumpedParameters(robot, lengths)),
         "bodies": (robot, pa.BodyParameters(robot)),
         "payload": (robot, pa.BodyParameters(robot, "payload")),
-        "basis": (planar, pa.BasisParameters(planar, basis)),
+        "basis": (planar, pa.BasisParameters(planar, BASIS)),
     }
 
 

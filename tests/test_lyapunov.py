@@ -1,17 +1,12 @@
 """Every law's closed loop against its own Lyapunov equality, dV/dt = dissipation, with every adaptation."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 import pinadapt as pa
 from chains import catalogue_robot
-from pinadapt.simulation.continuous import run_continuous
-from pinadapt.simulation.evaluate import parameter_storage, truth_at
-
-PLANAR = Path(__file__).parents[1] / "robots" / "planar_2r"
-DT, STEPS = 1e-4, 600
+from loops import circle_beside, energy_along, with_tool_and_load
+from paper import CIRCLE, WRONG, paper_controller
 
 # The hypotheses that adaptation can destroy must hold while the equality is tested: M_hat invertible for (11) and (25) under
 # gradient adaptation, M + M_0 - M_hat invertible for the improved law with the ideal acceleration. Hence low rates.
@@ -20,37 +15,19 @@ IMPROVED = "adaptive-inverse-dynamics-improved"
 
 
 def planar(law, adaptation):
-    robot = catalogue_robot("planar_2r")
-    controller = pa.make_controller(
-        robot,
-        law=law,
-        adaptation=adaptation,
-        kinematic=["lengths"],
-        basis=np.loadtxt(PLANAR / "basis.csv", delimiter=","),
-        lmi=pa.Cone.from_file(PLANAR / "lmi.csv"),
-        Kv=40.0,
-        Kp=400.0,
-        alpha=5.0,
-        gamma_d=[0.2, 0.1, 0.1] if adaptation == "gradient" else 0.05 if law == IMPROVED else 0.5,
-    )
-    start = {"a_k": np.array([1.4, 1.5]), "a_d": np.array([4.0, 0.5, 0.5])}
-    return robot, controller, pa.Circle([0.8, 0.0], 0.3, 2.0), start
+    rate = [0.2, 0.1, 0.1] if adaptation == "gradient" else 0.05 if law == IMPROVED else 0.5
+    return catalogue_robot("planar_2r"), paper_controller(law, adaptation, gamma_d=rate), CIRCLE, WRONG
 
 
 def spatial(name):
     def make(law, adaptation):
         robot = catalogue_robot(name)
-        frame_axes = [0.03, -0.02, 0.08]
-        true = robot.changed(
-            tool_translation=frame_axes, payload=pa.Payload(1.0, [0.01, 0.0, 0.05], [0.01, 0, 0.01, 0, 0, 0.01])
-        )
+        true = with_tool_and_load(robot)
         believed = robot.changed(inertial_scale=0.7)
         natural = 0.05 if law == IMPROVED else 5.0
         rate = GRADIENT_RATE.get(name, 1e-3) if adaptation == "gradient" else natural
         controller = pa.make_controller(believed, law=law, adaptation=adaptation, gamma_d=rate)
-        plane = "xy" if name == "scara" else "yz"
-        path = pa.Circle(np.zeros(3), 0.05, 2.0, plane).starting_at(true.position(true.q0) + np.array([0.01, -0.01, 0.02]))
-        return true, controller, path, {}
+        return true, controller, circle_beside(true, "xy" if name == "scara" else "yz"), {}
 
     return make
 
@@ -64,23 +41,11 @@ LAWS = ["adaptive-inverse-dynamics", "adaptive-inverse-dynamics-velocity", "adap
 @pytest.mark.parametrize("law", LAWS)
 def test_equality_along_the_trajectory(law, name, adaptation):
     true, controller, path, start = ROBOTS[name](law, adaptation)
-    plant = pa.Plant(true)
-    v = np.zeros(plant.nv)
-    state = controller.init(pa.Measurement(true.q0, v, *plant.task_motion(true.q0, v)), **start)
-    trace = run_continuous(plant, controller, path, state, times=range(STEPS), dt=DT, ideal_acceleration=True)
-    assert trace.diverged is None
-    a_k, a_d = controller.kinematics.value(true), controller.dynamics.value(true)
-    V, rate = [], []
-    for measurement, desired, state in zip(trace.measurements, trace.desired, trace.states, strict=True):
-        signals, truth = controller.observe(state, measurement, desired), truth_at(plant, measurement, a_k, a_d)
-        V.append(controller.law.storage(signals, truth) + parameter_storage(controller, state, a_k, a_d))
-        rate.append(controller.law.dissipation(signals, truth))
-    V, rate = np.array(V), np.array(rate)
-    numerical = (8.0 * (V[3:-1] - V[1:-3]) - (V[4:] - V[:-4])) / (12.0 * DT)
-    assert np.abs(numerical - rate[2:-2]).max() <= 1e-4 * np.abs(rate).max()
-    assert np.abs(rate).max() > 1e-4  # something moved
-    assert (rate <= 0.0).all()
-    assert (np.diff(V) <= 1e-12 * V[0]).all()
+    energy = energy_along(true, controller, path, steps=600, **start)
+    assert energy.mismatch() <= 1e-4
+    assert np.abs(energy.rate).max() > 1e-4  # something moved
+    assert (energy.rate <= 0.0).all()
+    assert energy.largest_rise() <= 1e-12
 
 
 def test_resolved_acceleration_obeys_its_linear_closed_loop():

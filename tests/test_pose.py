@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import pinadapt as pa
-from chains import catalogue_robot, random_robot, random_state
+from chains import SIZES, catalogue_robot, chains_of, each_size, random_state, seeded, seeds
 from differences import derivative
+from identities import check_kinematics, unknown_choices
+from loops import energy_along, with_tool_and_load
 from pinadapt.robot import task_named
 from pinadapt.robot.rotation import matrix, quaternion, rotation_between, rotation_drift, turned
-from pinadapt.simulation.continuous import run_continuous
-from pinadapt.simulation.evaluate import parameter_storage, truth_at
 
 POSE = task_named("pose")
 LAWS = [
@@ -23,8 +23,7 @@ LAWS = [
     "adaptive-jacobian",
     "adaptive-inverse-dynamics-improved",
 ]
-seeded = settings(max_examples=25, deadline=None, derandomize=True)
-vectors = st.integers(0, 2**31).map(lambda seed: np.random.default_rng(seed).standard_normal((4, 3)))
+vectors = seeds.map(lambda seed: np.random.default_rng(seed).standard_normal((4, 3)))
 
 
 def pose_robot(name):
@@ -82,53 +81,19 @@ def test_half_a_turn_is_found_and_nothing_is_lost_below_it():
 # --- kinematics ---
 
 
-def check_identities(robot, unknown):
-    """J, Jdot_v, Y_k and their kin against finite differences at an estimate that is not the description's."""
-    rng = np.random.default_rng(7)
-    believed = pa.KinematicParameters(robot, unknown)
-    q, v, a = random_state(robot, rng)
-    a_k = believed.initial + 0.2 * rng.standard_normal(believed.size)
-    a_k_rate = rng.standard_normal(believed.size)
-
-    def at(t, rate=0.0):
-        believed.update(a_k + t * rate * a_k_rate, pin.integrate(robot.model, q, v * t + a * (t * t / 2)), v + a * t)
-        return believed
-
-    task, start = robot.task, at(0.0).x_hat
-    xd = derivative(lambda t: task.error(at(t).x_hat, start))  # at its zero the error moves as x does
-    xdd, Jdot = derivative(lambda t: at(t).xd_hat), derivative(lambda t: at(t, rate=1.0).J)
-    Jdot_v = derivative(lambda t: at(t).J) @ v
-    now = at(0.0)
-    assert now.J.shape == (task.size, robot.model.nv)
-    assert np.allclose(now.J @ v, xd, atol=1e-8)
-    assert np.allclose(now.Y_k @ a_k + now.y_k0, now.J @ v, atol=1e-12)
-    assert np.array_equal(now.Y_p, now.Y_k[: task.positions]) and np.array_equal(now.y_p0, now.y_k0[: task.positions])
-    assert np.allclose(now.Jdot_v, Jdot_v, atol=1e-7)
-    assert np.allclose(now.J @ a + now.Jdot_v, xdd, atol=1e-7)
-    assert np.allclose(now.jacobian_rate(a_k_rate), Jdot, atol=1e-7)
-    x, xdd_now = now.x_hat, now.J @ a + now.Jdot_v
-    position_regressor, acceleration_regressor = now.position_regressor(), now.acceleration_regressor(a)
-    for regressor in (now.Y_k, position_regressor, acceleration_regressor):
-        assert regressor.shape == (task.size, now.size) and not regressor[task.positions :].any()
-    step = 0.1 * a_k_rate
-    now.update(a_k + step, q, v)
-    assert np.allclose(task.error(now.x_hat, x), position_regressor @ step, atol=1e-12)
-    assert np.allclose(now.J @ a + now.Jdot_v - xdd_now, acceleration_regressor @ step, atol=1e-11)
-
-
 @pytest.mark.parametrize("name", ["ur5", "panda", "kinova"])
 @pytest.mark.parametrize("task", ["pose", "xz", "yz"])
 def test_identities_on_robots(name, task):
     robot = replace(catalogue_robot(name), task=task_named(task))
-    for unknown in (["tool"], ["lengths"], [*robot.joint_names[1:], "tool"], [robot.joint_names[1], "tool:length"]):
-        check_identities(robot, unknown)
+    for unknown in unknown_choices(robot):
+        check_kinematics(robot, unknown)
 
 
-@given(st.integers(0, 2**31), st.integers(6, 10))
+@each_size(SIZES[1:])
+@given(robot=chains_of(SIZES[1:]))
 @seeded
-def test_identities_on_random_chains(seed, joints):
-    robot = replace(random_robot(seed, joints), task=POSE)
-    check_identities(robot, [*robot.joint_names[1:], "tool"])
+def test_identities_on_random_chains(robot):
+    check_kinematics(replace(robot, task=POSE), [*robot.joint_names[1:], "tool"])
 
 
 def test_plant_robot_and_belief_agree():
@@ -167,15 +132,11 @@ def test_swing_turns_the_tool_about_its_own_axis():
 
 # --- the proofs ---
 
-DT, STEPS = 1e-4, 600
-
 
 def loop(name, law):
     """Return truth, controller and a rotating reference that starts half a radian off."""
     robot = pose_robot(name)
-    true = robot.changed(
-        tool_translation=[0.03, -0.02, 0.08], payload=pa.Payload(1.0, [0.01, 0.0, 0.05], [0.01, 0, 0.01, 0, 0, 0.01])
-    )
+    true = with_tool_and_load(robot)
     controller = pa.make_controller(
         robot.changed(inertial_scale=0.7),
         law=law,
@@ -189,20 +150,9 @@ def loop(name, law):
 @pytest.mark.parametrize("law", LAWS)
 def test_equality_along_the_trajectory(law, name):
     true, controller, path = loop(name, law)
-    plant, v = pa.Plant(true), np.zeros(true.model.nv)
-    state = controller.init(pa.Measurement(true.q0, v, *plant.task_motion(true.q0, v)))
-    trace = run_continuous(plant, controller, path, state, times=range(STEPS), dt=DT, ideal_acceleration=True)
-    assert trace.diverged is None
-    a_k, a_d = controller.kinematics.value(true), controller.dynamics.value(true)
-    V, rate, drift = [], [], []
-    for measurement, desired, state in zip(trace.measurements, trace.desired, trace.states, strict=True):
-        signals, truth = controller.observe(state, measurement, desired), truth_at(plant, measurement, a_k, a_d)
-        V.append(controller.law.storage(signals, truth) + parameter_storage(controller, state, a_k, a_d))
-        rate.append(controller.law.dissipation(signals, truth))
-        drift.append(np.linalg.norm(signals.delta))
-    V, rate = np.array(V), np.array(rate)
-    numerical = (8.0 * (V[3:-1] - V[1:-3]) - (V[4:] - V[:-4])) / (12.0 * DT)
-    assert np.abs(numerical - rate[2:-2]).max() <= 1e-4 * np.abs(rate).max()
-    assert min(drift) > 0.05 and np.linalg.norm(signals.dx[3:]) > 0.2  # the curvature of rotations is there to be seen
-    assert (rate <= 0.0).all() and np.abs(rate).max() > 1e-4
-    assert (np.diff(V) <= 1e-12 * V[0]).all()
+    energy = energy_along(true, controller, path, steps=600)
+    assert energy.mismatch() <= 1e-4
+    # The curvature of rotations is there to be seen.
+    assert np.linalg.norm(energy.delta, axis=1).min() > 0.05 and np.linalg.norm(energy.dx[-1, 3:]) > 0.2
+    assert (energy.rate <= 0.0).all() and np.abs(energy.rate).max() > 1e-4
+    assert energy.largest_rise() <= 1e-12

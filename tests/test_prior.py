@@ -1,20 +1,17 @@
 """The shape of a constant gain: how far the truth may be from the belief."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 import pinadapt as pa
 from chains import catalogue_robot
+from paper import BASIS
 from pinadapt.adaptation import BodyCone
 from pinadapt.controller.defaults import default_gains, gradient_shape, inertial_mode
 from pinadapt.controller.modes import TypicalLoop, frequency, typical_motion
 from pinadapt.parameters import prior
 from pinadapt.parameters.prior import plausible, prior_covariance
 from pinadapt.parameters.pseudo_inertia import is_physical, pseudo_inertia, ten_parameters
-
-BASIS = Path(__file__).parents[1] / "robots" / "planar_2r" / "basis.csv"
 
 
 def lengths(robot):
@@ -61,9 +58,7 @@ def test_covariance_of_bodies_is_the_metric_of_natural_adaptation(monkeypatch):
 @pytest.mark.parametrize("unknown", ["lumped", "bodies", "basis"])
 def test_default_gain_puts_the_fastest_mode_where_it_belongs(law, unknown):
     robot = catalogue_robot("planar_2r" if unknown == "basis" else "ur5")
-    options = {"lumped": {"kinematic": lengths(robot)}, "bodies": {}, "basis": {"basis": np.loadtxt(BASIS, delimiter=",")}}[
-        unknown
-    ]
+    options = {"lumped": {"kinematic": lengths(robot)}, "bodies": {}, "basis": {"basis": BASIS}}[unknown]
     controller = pa.make_controller(robot, law=law, adaptation="projected", **options)
     w = default_gains(robot, type(controller.law), 1e-3).bandwidth
     motion = typical_motion(robot, controller.kinematics, w)

@@ -7,12 +7,10 @@ import pytest
 
 import pinadapt as pa
 from chains import catalogue_robot
+from paper import CIRCLE, WRONG, paper_controller
 
 HERE = Path(__file__).parent
-PLANAR = HERE.parent / "robots" / "planar_2r"
-PUBLISHED = {"Kv": 40.0, "Kp": 400.0, "alpha": 5.0, "gamma_k": 0.05, "R_k": 50.0, "lambda_": 10.0, "lambda_a": 1 / 60}
-CIRCLE = pa.Circle([0.8, 0.0], 0.3, 2.0)
-WRONG = {"a_k": [1.4, 1.5], "a_d": [4.0, 0.5, 0.5]}
+PUBLISHED = {"gamma_k": 0.05, "R_k": 50.0, "lambda_": 10.0, "lambda_a": 1 / 60}
 
 # file: law, acceleration, integration step [s], further gains
 LOOPS = {
@@ -26,15 +24,7 @@ LOOPS = {
 
 
 def controller(law, adaptation="gradient", **gains):
-    return pa.make_controller(
-        catalogue_robot("planar_2r"),
-        law=law,
-        adaptation=adaptation,
-        kinematic=["lengths"],
-        basis=np.loadtxt(PLANAR / "basis.csv", delimiter=","),
-        lmi=pa.Cone.from_file(PLANAR / "lmi.csv"),
-        **{**PUBLISHED, **gains},
-    )
+    return paper_controller(law, adaptation, **PUBLISHED, **gains)
 
 
 @pytest.mark.parametrize("name", LOOPS)

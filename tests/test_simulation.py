@@ -1,7 +1,6 @@
 """The closed loop: plant, sensors, both modes, divergence, and the controller's manners."""
 
 import json
-from functools import cache
 from itertools import product
 
 import numpy as np
@@ -9,11 +8,12 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
+from chains import catalogue_robot as load
 from chains import random_state
-from pinadapt.robot import effort_limits, robots_folder
+from paper import BASIS
+from pinadapt.robot import effort_limits
 from pinadapt.simulation.sensors import Sensors
 
-load = cache(pa.load)
 ARRAYS = ("t", "q", "v", "tau", "x", "x_d", "error", "a_k", "a_d")
 
 
@@ -426,8 +426,8 @@ def test_impossible_controllers_are_refused(arguments, words):
 
 
 def test_a_basis_with_natural_adaptation_needs_a_fitting_inequality():
-    robot, B = load("planar_2r"), np.loadtxt(robots_folder() / "planar_2r" / "basis.csv", delimiter=",")
+    robot = load("planar_2r")
     with pytest.raises(pa.InputError, match="inequality"):
-        pa.make_controller(robot, basis=B)
+        pa.make_controller(robot, basis=BASIS)
     with pytest.raises(pa.InputError, match="1 coefficients"):
-        pa.make_controller(robot, basis=B, lmi=[[[1.0]]])
+        pa.make_controller(robot, basis=BASIS, lmi=[[[1.0]]])
