@@ -25,6 +25,7 @@ class Cone:
         F: (p, n, n) coefficient matrices of one block, symmetric and linearly independent.
         blocks: k.
         complete: whether the F_i span all symmetric matrices, p = n (n + 1) / 2.
+        tables: F_0 (n, n), all F_i (n, n, p) and the dual basis D_i (n, n, p), tr(D_i F_j) = delta_ij, for kernels.
     """
 
     def __init__(self, F: ArrayLike, *, offset: ArrayLike | None = None, blocks: int = 1) -> None:
@@ -53,6 +54,8 @@ class Cone:
         self._flat = flat
         self._dual = np.linalg.solve(flat @ flat.T, flat)  # rows D_i in the span of F with tr(D_i F_j) = delta_ij
         self._dual_T = np.ascontiguousarray(self._dual.T)
+        tables = [np.ascontiguousarray(M.T).reshape(self._n, self._n, self._p) for M in (flat, self._dual)]
+        self.tables = (np.zeros((self._n, self._n)) if self._offset is None else self._offset, tables[0], tables[1])
 
     @classmethod
     def from_file(cls, path: Path) -> Cone:

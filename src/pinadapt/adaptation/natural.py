@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from .._checks import positive
+from .._compiled import compiled
 from .adaptation import Adaptation
 from .cone import Cone
 
@@ -54,24 +55,13 @@ class Natural(Adaptation):
         return -self.gamma * np.linalg.solve(self._metric(P[0]), g)
 
     def advance(self, a: np.ndarray, g: np.ndarray, dt: float) -> np.ndarray:
-        """Return the estimate (p) after dt [s] with g held; inside the cone for any dt.
-
-        In a complete cone P+ = exp(-h P L) P with h = gamma dt, so short that one or two terms of the series are right to
-        5e-6 of P and stay positive definite; tr(L P L P), which is |S^T L S|^2, measures its length.
-        """
-        P, h = self.cone.matrices(a), self.gamma * dt
+        """Return the estimate (p) after dt [s] with g held; inside the cone for any dt."""
         if self.cone.complete:
-            L = self.cone.covectors(g)
-            A = P @ L
-            change = A @ P
-            length = h * math.sqrt(abs(np.vdot(L, change)))
-            if length > _LARGEST_STEP:
-                h *= _LARGEST_STEP / length
-            if length > _ONE_TERM:
-                change -= (0.5 * h) * (A @ change)
-            return a - h * self.cone.components(change)
-        metric = self._metric(P[0])
-        step = -h * np.linalg.solve(metric, g)
+            after = np.empty(a.size)
+            _follow_geodesic(a, g, self.gamma * dt, *self.cone.tables, after)
+            return after
+        metric = self._metric(self.cone.matrices(a)[0])
+        step = (-self.gamma * dt) * np.linalg.solve(metric, g)
         length = np.sqrt(step @ metric @ step)
         return a + step * min(1.0, _LARGEST_STEP / length if length else 1.0)
 
@@ -91,3 +81,57 @@ class Natural(Adaptation):
         """Return the Hessian of -log det, H_ij = tr(P^-1 F_i P^-1 F_j) (p, p), of a one-block cone."""
         G = np.linalg.solve(P, self.cone.F)
         return np.einsum("iab,jba->ij", G, G)
+
+
+@compiled("void(f8[:], f8[:], f8, f8[:,:], f8[:,:,::1], f8[:,:,::1], f8[:])")
+def _follow_geodesic(
+    a: np.ndarray, g: np.ndarray, h: float, F_0: np.ndarray, F: np.ndarray, D: np.ndarray, after: np.ndarray
+) -> None:
+    """Write P+ = exp(-h P L) P of every block of a complete cone as the parameters ``after`` (k p), h = gamma dt.
+
+    It goes so short a way that one or two terms of the series are right to 5e-6 of P and stay positive definite;
+    tr(L P L P), which is |S^T L S|^2, measures its length. F_0 (n, n), F and D (n, n, p) are the cone's ``tables``.
+    """
+    n, p = len(F), F.shape[2]
+    k = len(a) // p
+    P, L = np.empty((k, n, n)), np.empty((k, n, n))
+    A, change = np.empty((k, n, n)), np.empty((k, n, n))  # P L and P L P
+    square = 0.0
+    for b in range(k):
+        for r in range(n):
+            for s in range(r + 1):
+                P_rs, L_rs = F_0[r, s], 0.0
+                for i in range(p):  # P = F_0 + sum a_i F_i, L = sum g_i D_i
+                    P_rs += a[b * p + i] * F[r, s, i]
+                    L_rs += g[b * p + i] * D[r, s, i]
+                P[b, r, s] = P[b, s, r] = P_rs
+                L[b, r, s] = L[b, s, r] = L_rs
+        for r in range(n):
+            for s in range(n):
+                A_rs = 0.0
+                for t in range(n):
+                    A_rs += P[b, r, t] * L[b, t, s]
+                A[b, r, s] = A_rs
+        for r in range(n):
+            for s in range(r + 1):
+                change_rs = 0.0
+                for t in range(n):
+                    change_rs += A[b, r, t] * P[b, t, s]
+                change[b, r, s] = change[b, s, r] = change_rs
+                square += (1.0 if r == s else 2.0) * L[b, r, s] * change_rs  # tr(L P L P)
+    length = h * math.sqrt(abs(square))
+    if length > _LARGEST_STEP:
+        h *= _LARGEST_STEP / length
+    second = 0.5 * h if length > _ONE_TERM else 0.0
+    for b in range(k):
+        for i in range(p):
+            after[b * p + i] = a[b * p + i]
+        for r in range(n):
+            for s in range(r + 1):  # P+ - P = -h (1 - h P L / 2) P L P, symmetric
+                step = change[b, r, s]
+                if second > 0.0:
+                    for t in range(n):
+                        step -= second * A[b, r, t] * change[b, t, s]
+                step *= 1.0 if r == s else 2.0
+                for i in range(p):
+                    after[b * p + i] -= h * D[r, s, i] * step

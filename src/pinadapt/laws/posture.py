@@ -32,7 +32,10 @@ class Posture:
 
     def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return psi (n) = -2 w v - w^2 (q - q_rest) [rad/s^2 or m/s^2]."""
-        return (-2.0 * self.frequency) * v - self.frequency**2 * pin.difference(self._model, self._q_rest, q)
+        psi = pin.difference(self._model, q, self._q_rest)
+        psi *= self.frequency**2
+        psi -= (2.0 * self.frequency) * v
+        return psi
 
     def velocity(self, q: np.ndarray) -> np.ndarray:
         """Return psi (n) = -w (q - q_rest) [rad/s or m/s]."""
