@@ -83,55 +83,59 @@ class Natural(Adaptation):
         return np.einsum("iab,jba->ij", G, G)
 
 
-@compiled("void(f8[:], f8[:], f8, f8[:,:], f8[:,:,::1], f8[:,:,::1], f8[:])")
+@compiled("void(f8[:], f8[:], f8, f8[:,:], i8[:,::1], f8[::1], f8[::1], f8[:])")
 def _follow_geodesic(
-    a: np.ndarray, g: np.ndarray, h: float, F_0: np.ndarray, F: np.ndarray, D: np.ndarray, after: np.ndarray
+    a: np.ndarray,
+    g: np.ndarray,
+    h: float,
+    F_0: np.ndarray,
+    entries: np.ndarray,
+    F: np.ndarray,
+    D: np.ndarray,
+    after: np.ndarray,
 ) -> None:
     """Write P+ = exp(-h P L) P of every block of a complete cone as the parameters ``after`` (k p), h = gamma dt.
 
     It goes so short a way that one or two terms of the series are right to 5e-6 of P and stay positive definite;
-    tr(L P L P), which is |S^T L S|^2, measures its length. F_0 (n, n), F and D (n, n, p) are the cone's ``tables``.
+    tr(L P L P), which is |S^T L S|^2, measures its length. F_0, entries, F and D are the cone's ``tables``.
     """
-    n, p = len(F), F.shape[2]
+    n, p = len(F_0), entries[-1, 0] + 1
     k = len(a) // p
-    P, L = np.empty((k, n, n)), np.empty((k, n, n))
-    A, change = np.empty((k, n, n)), np.empty((k, n, n))  # P L and P L P
+    P, L = np.empty((n, n)), np.empty((n, n))
+    A, change = np.zeros((k, n, n)), np.zeros((k, n, n))  # P L and P L P
     square = 0.0
     for b in range(k):
         for r in range(n):
-            for s in range(r + 1):
-                P_rs, L_rs = F_0[r, s], 0.0
-                for i in range(p):  # P = F_0 + sum a_i F_i, L = sum g_i D_i
-                    P_rs += a[b * p + i] * F[r, s, i]
-                    L_rs += g[b * p + i] * D[r, s, i]
-                P[b, r, s] = P[b, s, r] = P_rs
-                L[b, r, s] = L[b, s, r] = L_rs
+            for s in range(n):
+                P[r, s], L[r, s] = F_0[r, s], 0.0
+        for e in range(len(entries)):  # P = F_0 + sum a_i F_i, L = sum g_i D_i
+            i, r, s = b * p + entries[e, 0], entries[e, 1], entries[e, 2]
+            P[r, s] += a[i] * F[e]
+            L[r, s] += g[i] * D[e]
+            P[s, r], L[s, r] = P[r, s], L[r, s]
         for r in range(n):
             for s in range(n):
-                A_rs = 0.0
                 for t in range(n):
-                    A_rs += P[b, r, t] * L[b, t, s]
-                A[b, r, s] = A_rs
+                    A[b, r, s] += P[r, t] * L[t, s]
         for r in range(n):
             for s in range(r + 1):
-                change_rs = 0.0
                 for t in range(n):
-                    change_rs += A[b, r, t] * P[b, t, s]
-                change[b, r, s] = change[b, s, r] = change_rs
-                square += (1.0 if r == s else 2.0) * L[b, r, s] * change_rs  # tr(L P L P)
+                    change[b, r, s] += A[b, r, t] * P[t, s]
+                change[b, s, r] = change[b, r, s]
+                square += (1.0 if r == s else 2.0) * L[r, s] * change[b, r, s]  # tr(L P L P)
     length = h * math.sqrt(abs(square))
     if length > _LARGEST_STEP:
         h *= _LARGEST_STEP / length
     second = 0.5 * h if length > _ONE_TERM else 0.0
+    for i in range(len(a)):
+        after[i] = a[i]
     for b in range(k):
-        for i in range(p):
-            after[b * p + i] = a[b * p + i]
         for r in range(n):
-            for s in range(r + 1):  # P+ - P = -h (1 - h P L / 2) P L P, symmetric
-                step = change[b, r, s]
+            for s in range(r + 1):
+                step = change[b, r, s]  # P - P+ = h (1 - h P L / 2) P L P, symmetric
                 if second > 0.0:
                     for t in range(n):
                         step -= second * A[b, r, t] * change[b, t, s]
-                step *= 1.0 if r == s else 2.0
-                for i in range(p):
-                    after[b * p + i] -= h * D[r, s, i] * step
+                P[r, s] = h * step * (1.0 if r == s else 2.0)
+        for e in range(len(entries)):
+            after[b * p + entries[e, 0]] -= D[e] * P[entries[e, 1], entries[e, 2]]

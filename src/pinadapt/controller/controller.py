@@ -157,17 +157,17 @@ class Controller:
         """Evaluate the believed robot at the current estimates and return what the law may see."""
         q, v, x, xd, _ = measurement
         x_d, xd_d, xdd_d = desired
+        v, xdd_d = np.array(v, dtype=float), np.array(xdd_d, dtype=float)
         kinematics, dynamics, task = self.kinematics, self.dynamics, self.kinematics.task
         kinematics.update(state.a_k, q, v)
         a_d = self.adaptation_d.keep(state.a_d, q)
         dynamics.load(a_d)
-        dx = task.error(x, x_d)
+        dx = np.asarray(task.error(x, x_d), dtype=float)
         xd_hat = kinematics.xd_hat
         dxd_hat = xd_hat - xd_d
         y = self.velocity_filter.bandwidth * task.position(x) - state.xi
         inverse = RightInverse(kinematics.J, self.limits.singular)
         xd, delta = task.known_velocity(xd, xd_hat), task.drift(dx, xd_hat, xd_d)
-        v, xdd_d, dx = np.asarray(v, dtype=float), np.asarray(xdd_d, dtype=float), np.asarray(dx, dtype=float)
         W_k, a_k, a_0, watch = state.W_k, state.a_k, state.a_0, self.limits.watch
 
         def rate_k(g_k: np.ndarray) -> np.ndarray:

@@ -161,7 +161,8 @@ class KinematicParameters:
         self._dw = [self._data.a[i].angular for i in self._parents]
         self._shape = (robot.task.size, self.size)
         self._columns = [
-            (window, (R, w, part.directions)) for (part, window, _), R, w in zip(self._unknown, self._R, self._w, strict=True)
+            (window, (R, w, np.array(part.directions, dtype=float)))
+            for (part, window, _), R, w in zip(self._unknown, self._R, self._w, strict=True)
         ]
         self._zero, self._no_columns = np.zeros(self._model.nv), np.zeros((self._positions, 0))
         self._no_turning = np.zeros((robot.task.size - self._positions, self.size))
@@ -205,9 +206,9 @@ class KinematicParameters:
         for window, (R, w, B) in self._columns:
             _velocity_regressor(R, w, B, self.Y_k[:, window])
         self.Y_p = self.Y_k[: self._positions] if self._turns else self.Y_k
-        self.xd_hat = self.J.dot(v)
+        self.xd_hat, self.y_k0 = np.empty(self._shape[0]), np.empty(self._shape[0])
+        _split_velocity(self.J, v, self.Y_k, a_k, self.xd_hat, self.y_k0)
         self.Jdot_v = acceleration.vector[self._rows]
-        self.y_k0 = self.xd_hat - self.Y_k.dot(a_k)
         self.y_p0 = self.y_k0[: self._positions] if self._turns else self.y_k0
         self._q, self._v = q, v
 
@@ -276,3 +277,17 @@ def _velocity_regressor(R: np.ndarray, w: np.ndarray, B: np.ndarray, Y: np.ndarr
         z = w[0] * B[1, j] - w[1] * B[0, j]
         for i in range(len(R)):
             Y[i, j] = R[i, 0] * x + R[i, 1] * y + R[i, 2] * z
+
+
+@compiled("void(f8[:,:], f8[:], f8[:,:], f8[:], f8[:], f8[:])")
+def _split_velocity(
+    J: np.ndarray, v: np.ndarray, Y_k: np.ndarray, a_k: np.ndarray, xd_hat: np.ndarray, y_k0: np.ndarray
+) -> None:
+    """Write xd_hat = J v (m) and the part y_k0 (m) of it that no parameter changes, J v = Y_k a_k + y_k0."""
+    for i in range(len(xd_hat)):
+        xd_hat[i] = 0.0
+        for j in range(len(v)):
+            xd_hat[i] += J[i, j] * v[j]
+        y_k0[i] = xd_hat[i]
+        for j in range(len(a_k)):
+            y_k0[i] -= Y_k[i, j] * a_k[j]
