@@ -16,18 +16,19 @@ from typing import Any, TypeVar
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-_waiting: list[tuple[Callable[..., Any], str]] = []
+_waiting: list[tuple[Callable[..., Any], str, int]] = []
 
 
-def compiled(signature: str) -> Callable[[Function], Function]:
+def compiled(signature: str, fills: int = 1) -> Callable[[Function], Function]:
     """Make a function of a module a kernel with a signature in numba's notation, such as "void(f8[:,:], f8[:])".
 
-    Its name stands for plain Python until ``compile_all``, and from then on for the machine code itself, with nothing in
-    between; so call a kernel by its name in its own module.
+    The last ``fills`` arguments are the arrays that it fills; the others it only reads, so they may be read-only. Its name
+    stands for plain Python until ``compile_all``, and from then on for the machine code itself, with nothing in between; so
+    call a kernel by its name in its own module.
     """
 
     def register(function: Function) -> Function:
-        _waiting.append((function, signature))
+        _waiting.append((function, signature, fills))
         return function
 
     return register
@@ -36,15 +37,20 @@ def compiled(signature: str) -> Callable[[Function], Function]:
 def compile_all() -> None:
     """Compile all kernels, or load them from disk, so that no control step has to wait; done when a controller is made."""
     while _waiting:
-        function, signature = _waiting[-1]
-        function.__globals__[function.__name__] = _machine_code(function, signature)
+        function, signature, fills = _waiting[-1]
+        function.__globals__[function.__name__] = _machine_code(function, signature, fills)
         _waiting.pop()
 
 
-def _machine_code(function: Callable[..., Any], signature: str) -> Callable[..., Any]:
-    from numba import njit  # here, because looking at robots or plots needs no compiler
+def _machine_code(function: Callable[..., Any], signature: str, fills: int) -> Callable[..., Any]:
+    from numba import njit, types  # here, because looking at robots or plots needs no compiler
+    from numba.core.sigutils import normalize_signature
 
+    arguments, result = normalize_signature(signature)
+    read = len(arguments) - fills
+    arrays = [kind.copy(readonly=True) if isinstance(kind, types.Array) else kind for kind in arguments[:read]]
+    typed = result(*arrays, *arguments[read:])
     try:
-        return njit(signature, cache=True, error_model="numpy")(function)
+        return njit(typed, cache=True, error_model="numpy")(function)
     except RuntimeError:  # no directory for the cache can be written
-        return njit(signature, error_model="numpy")(function)
+        return njit(typed, error_model="numpy")(function)

@@ -157,7 +157,7 @@ class Controller:
         """Evaluate the believed robot at the current estimates and return what the law may see."""
         q, v, x, xd, _ = measurement
         x_d, xd_d, xdd_d = desired
-        v, xdd_d = np.array(v, dtype=float), np.array(xdd_d, dtype=float)
+        v, xdd_d = np.asarray(v, dtype=float), np.asarray(xdd_d, dtype=float)
         kinematics, dynamics, task = self.kinematics, self.dynamics, self.kinematics.task
         kinematics.update(state.a_k, q, v)
         a_d = self.adaptation_d.keep(state.a_d, q)
@@ -230,7 +230,7 @@ def _estimate(given: np.ndarray | None, default: np.ndarray, where: str, names: 
     return estimate
 
 
-@compiled("UniTuple(f8, 2)(f8[:], f8[:], f8[:])")
+@compiled("UniTuple(f8, 2)(f8[:], f8[:], f8[:])", fills=0)
 def _squares(a_d: np.ndarray, a_k: np.ndarray, torque: np.ndarray) -> tuple[float, float]:
     """Return |a_d|^2 + |a_k|^2 and |torque|^2."""
     size, effort = 0.0, 0.0

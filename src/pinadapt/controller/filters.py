@@ -20,7 +20,7 @@ def advance_filters(state: ControllerState, signals: Signals, velocity: LowPass,
     return W_k, xi, z
 
 
-@compiled("void(f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8, f8[:], f8[:], f8, f8[:,:], f8[:], f8[:])")
+@compiled("void(f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8, f8[:], f8[:], f8, f8[:,:], f8[:], f8[:])", fills=3)
 def _advance(
     W_k: np.ndarray,
     Y_p: np.ndarray,

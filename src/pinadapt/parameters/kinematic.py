@@ -279,7 +279,7 @@ def _velocity_regressor(R: np.ndarray, w: np.ndarray, B: np.ndarray, Y: np.ndarr
             Y[i, j] = R[i, 0] * x + R[i, 1] * y + R[i, 2] * z
 
 
-@compiled("void(f8[:,:], f8[:], f8[:,:], f8[:], f8[:], f8[:])")
+@compiled("void(f8[:,:], f8[:], f8[:,:], f8[:], f8[:], f8[:])", fills=2)
 def _split_velocity(
     J: np.ndarray, v: np.ndarray, Y_k: np.ndarray, a_k: np.ndarray, xd_hat: np.ndarray, y_k0: np.ndarray
 ) -> None:
