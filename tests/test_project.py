@@ -16,7 +16,7 @@ FILES = sorted(SOURCE.rglob("*.py"))
 
 # A folder may import those of the layers before its own, and itself.
 LAYERS = [
-    {"exceptions", "_checks", "_toml", "_version"},
+    {"exceptions", "_checks", "_compiled", "_toml", "_version"},
     {"robot"},
     {"signals"},
     {"parameters"},

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import lsq_linear
 
 from .._checks import vector
+from .._compiled import compiled
 from ..exceptions import ParameterError
 from .adaptation import Adaptation
 from .gradient import Gradient
@@ -75,11 +76,9 @@ class Boxed(Adaptation):
 
     def advance(self, a: np.ndarray, g: np.ndarray, dt: float) -> np.ndarray:
         """Return the estimate (p) after dt [s] with g held; inside the box for any dt."""
-        after = self.inner.advance(a, g, dt)
-        for value, low, high in zip(after.tolist(), self._lows, self._highs):  # noqa: B905
-            if not low <= value <= high:
-                return self._nearest(after, self.low, self.high)
-        return after
+        after = np.empty(a.size)
+        inside = _descend(a, g, self.inner.Gamma, dt, self.low, self.high, after)
+        return after if inside else self._nearest(after, self.low, self.high)
 
     def distance(self, a: np.ndarray, a_true: np.ndarray) -> float:
         """Return the inner adaptation's part of V."""
@@ -93,3 +92,18 @@ class Boxed(Adaptation):
         # bounded variable least squares, exact up to rounding; its result is clipped against that
         y = lsq_linear(self._root, self._root.dot(x), bounds=(low, high), method="bvls", tol=1e-14).x
         return np.minimum(np.maximum(y, low), high)
+
+
+@compiled("b1(f8[:], f8[:], f8[:,:], f8, f8[:], f8[:], f8[:])")
+def _descend(
+    a: np.ndarray, g: np.ndarray, Gamma: np.ndarray, dt: float, low: np.ndarray, high: np.ndarray, after: np.ndarray
+) -> bool:
+    """Write a - dt Gamma g (p); tell whether it lies in the box."""
+    inside = True
+    for i in range(len(a)):
+        rate = 0.0
+        for j in range(len(g)):
+            rate -= Gamma[i, j] * g[j]
+        after[i] = a[i] + dt * rate
+        inside &= low[i] <= after[i] <= high[i]
+    return inside

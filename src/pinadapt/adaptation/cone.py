@@ -25,6 +25,8 @@ class Cone:
         F: (p, n, n) coefficient matrices of one block, symmetric and linearly independent.
         blocks: k.
         complete: whether the F_i span all symmetric matrices, p = n (n + 1) / 2.
+        tables: F_0 (n, n), and the e entries on and below the diagonals where F_i or D_i is not zero: their i, row and column
+            (e, 3), then F_i and D_i there, both (e). The D_i are the dual basis in the span of F, tr(D_i F_j) = delta_ij.
     """
 
     def __init__(self, F: ArrayLike, *, offset: ArrayLike | None = None, blocks: int = 1) -> None:
@@ -53,6 +55,15 @@ class Cone:
         self._flat = flat
         self._dual = np.linalg.solve(flat @ flat.T, flat)  # rows D_i in the span of F with tr(D_i F_j) = delta_ij
         self._dual_T = np.ascontiguousarray(self._dual.T)
+        self.tables = self._tables()
+
+    def _tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        D = self._dual.reshape(self.F.shape)
+        D = np.where(np.abs(D) > 1e-15 * np.abs(D).max(), D, 0.0)
+        entries = np.argwhere(np.tril((self.F != 0.0) | (D != 0.0)))
+        at = tuple(entries.T)
+        F_0 = np.zeros(self.F.shape[1:]) if self._offset is None else self._offset
+        return F_0, np.ascontiguousarray(entries, dtype=np.int64), self.F[at], D[at]
 
     @classmethod
     def from_file(cls, path: Path) -> Cone:

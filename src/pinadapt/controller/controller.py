@@ -8,12 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from .._compiled import compile_all, compiled
 from ..adaptation import Adaptation
 from ..exceptions import DivergedError, InputError, MeasurementError, ParameterError
 from ..laws import Command, Gradients, Law, Signals
 from ..laws.right_inverse import RightInverse
 from ..parameters import DynamicParameters, KinematicParameters
 from ..signals import Desired, LowPass, Measurement
+from .filters import advance_filters
 from .limits import Limits
 from .modes import TypicalLoop
 from .state import ControllerState
@@ -55,6 +57,7 @@ class Controller:
         self.velocity_filter, self.acceleration_filter = velocity_filter, acceleration_filter
         self.limits = Limits() if limits is None else limits
         self.loop = loop
+        compile_all()
 
     def limited(self, torque: np.ndarray | None) -> Controller:
         """Return this controller with other torque limits (n) [N m or N]; it shares the scratch models."""
@@ -112,15 +115,10 @@ class Controller:
             command = self.law.command(signals)
             a = self.acceleration(state, measurement)
             torque, (g_d, g_k) = self.respond(signals, command, a)
-            velocity = self.velocity_filter
-            after = ControllerState(
-                a_d=self.adaptation_d.advance(signals.a_d, g_d, dt),
-                a_k=self.adaptation_k.advance(state.a_k, g_k, dt),
-                a_0=state.a_0,
-                W_k=velocity.advance(state.W_k, self.kinematics.Y_p, dt),
-                xi=state.xi + velocity.fraction(dt) * (signals.y + self.kinematics.y_p0),
-                z=self.acceleration_filter.advance(state.z, measurement.v, dt),
-            )
+            a_d = self.adaptation_d.advance(signals.a_d, g_d, dt)
+            a_k = self.adaptation_k.advance(state.a_k, g_k, dt)
+            filtered = advance_filters(state, signals, self.velocity_filter, self.acceleration_filter, dt)
+            after = ControllerState(a_d, a_k, state.a_0, *filtered)
             self.watch(torque, after)
         except (DivergedError, np.linalg.LinAlgError) as error:
             self._check(measurement, desired)  # a signal that fails is the likelier cause
@@ -146,8 +144,8 @@ class Controller:
         Raises:
             DivergedError: they are not finite, or the estimates are larger than any robot's.
         """
-        size = state.a_d.dot(state.a_d) + state.a_k.dot(state.a_k)
-        if not math.isfinite(size + torque.dot(torque)):
+        size, effort = _squares(state.a_d, state.a_k, torque)
+        if not math.isfinite(size + effort):
             raise DivergedError("the torque or the estimates are no longer finite.")
         if size > self.limits.estimate**2:
             raise DivergedError(
@@ -158,30 +156,26 @@ class Controller:
     def observe(self, state: ControllerState, measurement: Measurement, desired: Desired) -> Signals:
         """Evaluate the believed robot at the current estimates and return what the law may see."""
         q, v, x, xd, _ = measurement
-        kinematics, task = self.kinematics, self.kinematics.task
+        x_d, xd_d, xdd_d = desired
+        v, xdd_d = np.asarray(v, dtype=float), np.asarray(xdd_d, dtype=float)
+        kinematics, dynamics, task = self.kinematics, self.dynamics, self.kinematics.task
         kinematics.update(state.a_k, q, v)
         a_d = self.adaptation_d.keep(state.a_d, q)
-        self.dynamics.load(a_d)
-        dx = task.error(x, desired.x_d)
+        dynamics.load(a_d)
+        dx = np.asarray(task.error(x, x_d), dtype=float)
+        xd_hat = kinematics.xd_hat
+        dxd_hat = xd_hat - xd_d
+        y = self.velocity_filter.bandwidth * task.position(x) - state.xi
+        inverse = RightInverse(kinematics.J, self.limits.singular)
+        xd, delta = task.known_velocity(xd, xd_hat), task.drift(dx, xd_hat, xd_d)
+        W_k, a_k, a_0, watch = state.W_k, state.a_k, state.a_0, self.limits.watch
+
+        def rate_k(g_k: np.ndarray) -> np.ndarray:
+            return self.adaptation_k.rate(a_k, g_k)
+
+        # in the order of the fields: eighteen keywords would cost more than the right inverse
         return Signals(
-            q=q,
-            v=v,
-            xd=task.known_velocity(xd, kinematics.xd_hat),
-            xd_d=desired.xd_d,
-            xdd_d=desired.xdd_d,
-            dx=dx,
-            dxd_hat=kinematics.xd_hat - desired.xd_d,
-            W_k=state.W_k,
-            y=self.velocity_filter.bandwidth * task.position(x) - state.xi,
-            a_k=state.a_k,
-            a_d=a_d,
-            a_0=state.a_0,
-            kinematics=kinematics,
-            dynamics=self.dynamics,
-            inverse=RightInverse(kinematics.J, self.limits.singular),
-            rate_k=lambda g_k: self.adaptation_k.rate(state.a_k, g_k),
-            watch=self.limits.watch,
-            delta=task.drift(dx, kinematics.xd_hat, desired.xd_d),
+            q, v, xd, xd_d, xdd_d, dx, dxd_hat, W_k, y, a_k, a_d, a_0, kinematics, dynamics, inverse, rate_k, watch, delta
         )
 
     def acceleration(self, state: ControllerState, measurement: Measurement) -> np.ndarray:
@@ -234,3 +228,16 @@ def _estimate(given: np.ndarray | None, default: np.ndarray, where: str, names: 
     if estimate.shape != default.shape or not np.isfinite(estimate).all():
         raise ParameterError(f"expected {default.size} finite numbers {list(names)}, got {estimate.tolist()}.", where=where)
     return estimate
+
+
+@compiled("UniTuple(f8, 2)(f8[:], f8[:], f8[:])", fills=0)
+def _squares(a_d: np.ndarray, a_k: np.ndarray, torque: np.ndarray) -> tuple[float, float]:
+    """Return |a_d|^2 + |a_k|^2 and |torque|^2."""
+    size, effort = 0.0, 0.0
+    for entry in a_d:
+        size += entry * entry
+    for entry in a_k:
+        size += entry * entry
+    for entry in torque:
+        effort += entry * entry
+    return size, effort

@@ -32,6 +32,6 @@ class AdaptiveInverseDynamics(EstimatedVelocityLaw):
 
     def gradients(self, s: Signals, command: Command, a: np.ndarray) -> Gradients:
         """Return g_d = Phi^T e, (18), and g_k, (19)."""
-        force = solve_inertia(s.dynamics.mass_matrix(s.q), self.error(s).dot(s.kinematics.J), s.watch)  # M_hat^-1 J_hat^T e
+        force = solve_inertia(s.dynamics.mass_matrix(s.q), self.error_force(s), s.watch)  # M_hat^-1 J_hat^T e
         g_d = force.dot(s.dynamics.regressor(s.q, s.v, a))  # Phi^T e = Y^T M_hat^-1 J_hat^T e, (18)
         return Gradients(g_d, command.memo[0])

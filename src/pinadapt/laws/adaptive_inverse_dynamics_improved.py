@@ -36,5 +36,5 @@ class AdaptiveInverseDynamicsImproved(EstimatedVelocityLaw):
     def gradients(self, s: Signals, command: Command, a: np.ndarray) -> Gradients:
         """Return g_d = Phi_1^T e, (36), and g_k, (37)."""
         g_k, M_0 = command.memo
-        force = solve_inertia(M_0, self.error(s).dot(s.kinematics.J), s.watch)  # M_0^-1 J_hat^T e
+        force = solve_inertia(M_0, self.error_force(s), s.watch)  # M_0^-1 J_hat^T e
         return Gradients(force.dot(s.dynamics.regressor(s.q, s.v, a)), g_k)  # (36), (37)

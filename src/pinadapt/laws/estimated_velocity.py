@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from .._compiled import compiled
 from .gains import Gains
 from .law import Law, Signals, Truth
 from .posture import Posture
@@ -30,17 +31,22 @@ class EstimatedVelocityLaw(Law):
         """Return e (m)."""
         return s.dxd_hat + self.gains.alpha * s.dx
 
+    def error_force(self, s: Signals) -> np.ndarray:
+        """Return J_hat^T e (n)."""
+        force = np.empty(s.v.size)
+        _error_force(s.kinematics.J, s.dxd_hat, self.gains.alpha, s.dx, force)
+        return force
+
     def kinematic_gradient(self, s: Signals) -> np.ndarray:
         """Return g_k (p_k) with da_k/dt = -Gamma_k g_k, (19)."""
-        k = self.gains
-        task = self._K_PV.dot(s.dx) + k.alpha * s.dxd_hat
-        return self.prediction_gradient(s) - task.dot(s.kinematics.Y_k)  # (19)
+        k, g_k = self.gains, np.empty(s.a_k.size)
+        _kinematic_gradient(self._K_PV, s.dx, k.alpha, s.dxd_hat, s.kinematics.Y_k, s.W_k, k.R_k, s.a_k, s.y, g_k)
+        return g_k
 
     def commanded_acceleration(self, s: Signals, g_k: np.ndarray) -> np.ndarray:
         """Return v (n), with dJ_hat/dt qd = dJ/dt(a_k) v + Y_k da_k/dt: the estimate moves as well."""
-        k, model = self.gains, s.kinematics
-        Jdot_hat_v = model.Jdot_v + model.Y_k.dot(s.rate_k(g_k))
-        u = s.xdd_d - k.K_v.dot(s.dxd_hat) - k.K_P.dot(s.dx) - Jdot_hat_v
+        k, model, u = self.gains, s.kinematics, np.empty(s.dx.size)
+        _task_acceleration(s.xdd_d, k.K_v, s.dxd_hat, k.K_P, s.dx, model.Jdot_v, model.Y_k, s.rate_k(g_k), u)
         if s.delta is not None:
             u -= k.alpha * s.delta
         psi = None if s.inverse.unique else self.posture.acceleration(s.q, s.v)
@@ -56,3 +62,70 @@ class EstimatedVelocityLaw(Law):
         k, prediction = self.gains, s.W_k @ (s.a_k - truth.a_k)
         velocity = s.dxd_hat @ (k.K_v @ s.dxd_hat) - k.alpha * s.dxd_hat @ s.dxd_hat
         return float(-velocity - k.alpha * s.dx @ (k.K_P @ s.dx) - prediction @ (k.R_k @ prediction))
+
+
+@compiled("void(f8[:,:], f8[:], f8, f8[:], f8[:,:], f8[:,:], f8[:,:], f8[:], f8[:], f8[:])")
+def _kinematic_gradient(
+    K_PV: np.ndarray,
+    dx: np.ndarray,
+    alpha: float,
+    dxd_hat: np.ndarray,
+    Y_k: np.ndarray,
+    W_k: np.ndarray,
+    R_k: np.ndarray,
+    a_k: np.ndarray,
+    y: np.ndarray,
+    g_k: np.ndarray,
+) -> None:
+    """Write g_k = W_k^T R_k (W_k a_k - y) - Y_k^T ((K_P + alpha K_v) dx + alpha dxd_hat) (p_k), (19)."""
+    residual = np.empty(len(y))
+    for i in range(len(y)):
+        residual[i] = -y[i]
+        for j in range(len(a_k)):
+            residual[i] += W_k[i, j] * a_k[j]
+    for j in range(len(a_k)):
+        g_k[j] = 0.0
+    for i in range(len(y)):
+        weighted = 0.0
+        for t in range(len(y)):
+            weighted += R_k[i, t] * residual[t]
+        for j in range(len(a_k)):
+            g_k[j] += W_k[i, j] * weighted
+    for i in range(len(dx)):
+        task = alpha * dxd_hat[i]
+        for t in range(len(dx)):
+            task += K_PV[i, t] * dx[t]
+        for j in range(len(a_k)):
+            g_k[j] -= Y_k[i, j] * task
+
+
+@compiled("void(f8[:], f8[:,:], f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], f8[:])")
+def _task_acceleration(
+    xdd_d: np.ndarray,
+    K_v: np.ndarray,
+    dxd_hat: np.ndarray,
+    K_P: np.ndarray,
+    dx: np.ndarray,
+    Jdot_v: np.ndarray,
+    Y_k: np.ndarray,
+    a_k_rate: np.ndarray,
+    u: np.ndarray,
+) -> None:
+    """Write u = xdd_d - K_v dxd_hat - K_P dx - (dJ/dt(a_k) v + Y_k da_k/dt) (m)."""
+    for i in range(len(u)):
+        u[i] = xdd_d[i] - Jdot_v[i]
+        for t in range(len(u)):
+            u[i] -= K_v[i, t] * dxd_hat[t] + K_P[i, t] * dx[t]
+        for j in range(len(a_k_rate)):
+            u[i] -= Y_k[i, j] * a_k_rate[j]
+
+
+@compiled("void(f8[:,:], f8[:], f8, f8[:], f8[:])")
+def _error_force(J: np.ndarray, dxd_hat: np.ndarray, alpha: float, dx: np.ndarray, force: np.ndarray) -> None:
+    """Write J^T (dxd_hat + alpha dx) (n)."""
+    for j in range(len(force)):
+        force[j] = 0.0
+    for i in range(len(dx)):
+        e = dxd_hat[i] + alpha * dx[i]
+        for j in range(len(force)):
+            force[j] += J[i, j] * e

@@ -7,6 +7,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._checks import positive, vector
+from .._compiled import compiled
 from ..robot import Robot
 
 
@@ -32,7 +33,9 @@ class Posture:
 
     def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return psi (n) = -2 w v - w^2 (q - q_rest) [rad/s^2 or m/s^2]."""
-        return (-2.0 * self.frequency) * v - self.frequency**2 * pin.difference(self._model, self._q_rest, q)
+        psi = np.empty(v.size)
+        _spring_and_damper(pin.difference(self._model, self._q_rest, q), v, self.frequency, psi)
+        return psi
 
     def velocity(self, q: np.ndarray) -> np.ndarray:
         """Return psi (n) = -w (q - q_rest) [rad/s or m/s]."""
@@ -41,3 +44,10 @@ class Posture:
     def velocity_rate(self, v: np.ndarray) -> np.ndarray:
         """Return the time derivative of ``velocity`` (n)."""
         return -self.frequency * v
+
+
+@compiled("void(f8[:], f8[:], f8, f8[:])")
+def _spring_and_damper(offset: np.ndarray, v: np.ndarray, w: float, psi: np.ndarray) -> None:
+    """Write psi = -2 w v - w^2 offset (n)."""
+    for i in range(len(psi)):
+        psi[i] = -2.0 * w * v[i] - w * w * offset[i]

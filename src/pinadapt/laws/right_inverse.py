@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.linalg.lapack import dposv
 
+from .._compiled import compiled
 from ..exceptions import DivergedError
 
-_IDENTITY = tuple(np.eye(m, order="F") for m in range(7))  # of as many coordinates as a task can have
 _LOST_RANK = 1e14  # (|J|_F / s)^2; the Gram matrix cannot tell more from rounding
 
 
@@ -38,17 +37,10 @@ class RightInverse:
         Raises:
             DivergedError: J lost rank and is not damped, or is not finite.
         """
-        self._J, self.damping, (m, n) = J, 0.0, J.shape
-        gram = J.dot(J.T)
-        _, self._gram_inverse, info = dposv(gram.T, _IDENTITY[m])  # the transpose is in the order LAPACK wants
-        size = sum(self._gram_inverse.diagonal().tolist()) if info == 0 else math.inf  # s^-2
-        self.smallest = 1.0 / math.sqrt(size)
-        if self.smallest < threshold:
-            self.damping = 0.5 * (threshold * threshold - 1.0 / size)
-            _, self._gram_inverse, info = dposv(gram + self.damping * _IDENTITY[m], _IDENTITY[m])
-        elif threshold == 0.0 and info == 0 and not size * gram.trace() < _LOST_RANK:
-            info = 1
-        if info != 0:
+        m, n = J.shape
+        self._J, self._gram_inverse = J, np.empty((m, m))
+        self.smallest, self.damping, lost = _invert_gram(J, threshold, self._gram_inverse)
+        if lost:
             raise DivergedError(
                 "the believed Jacobian lost rank: the arm is at a singularity of the estimated kinematics. "
                 "Keep the path away from the workspace's edge, start nearer to the true kinematics, or damp the inverse "
@@ -60,7 +52,9 @@ class RightInverse:
         """Return J^+ u + (I - J^+ J) psi (n), u (m) and psi (n), which is None where the inverse is unique."""
         if psi is None:
             return self._gram_inverse.dot(u).dot(self._J)
-        return psi + self._gram_inverse.dot(u - self._J.dot(psi)).dot(self._J)
+        r = np.empty(psi.size)
+        _solve_with_null(self._J, self._gram_inverse, u, psi, r)
+        return r
 
     def solve_rate(
         self, u: np.ndarray, psi: np.ndarray | None, ud: np.ndarray, psid: np.ndarray, Jdot: np.ndarray
@@ -89,3 +83,65 @@ class RightInverse:
         halves = np.diag(U.T @ Jdot @ self._J.T @ U)  # d(sigma_i^2)/dt / 2
         ratios = 1.0 / (sigma * sigma * np.sum(1.0 / (sigma * sigma)))  # (s / sigma_i)^2
         return float(-halves.dot(ratios * ratios))
+
+
+@compiled("Tuple((f8, f8, b1))(f8[:,:], f8, f8[:,::1])")
+def _invert_gram(J: np.ndarray, threshold: float, inverse: np.ndarray) -> tuple[float, float, bool]:
+    """Write (J J^T + mu^2 I)^-1 (m, m); return s, mu^2 and whether the rank is lost.
+
+    J J^T + mu^2 I = L L^T by Cholesky, its inverse is (L^-1)^T L^-1, and undamped s^-2 is the sum of squares in L^-1.
+    """
+    m, n = J.shape
+    L, L_inverse = np.empty((m, m)), np.zeros((m, m))
+    s, mu_2, lost = 0.0, 0.0, False
+    for damped in (False, True):
+        squares, size, lost = 0.0, 0.0, False  # |J|_F^2 and |L^-1|_F^2
+        for i in range(m):
+            for j in range(i + 1):
+                x = mu_2 if i == j else 0.0
+                for t in range(n):
+                    x += J[i, t] * J[j, t]
+                squares += x if i == j else 0.0
+                for t in range(j):
+                    x -= L[i, t] * L[j, t]
+                if i == j:
+                    lost |= not x > 0.0
+                L[i, j] = math.sqrt(x) if i == j else x / L[j, j]
+            for j in range(i + 1):
+                x = 1.0 if i == j else 0.0
+                for t in range(j, i):
+                    x -= L[i, t] * L_inverse[t, j]
+                L_inverse[i, j] = x / L[i, i]
+                size += L_inverse[i, j] * L_inverse[i, j]
+        if not damped:
+            s = 0.0 if lost else 1.0 / math.sqrt(size)
+            if not s < threshold:
+                lost |= threshold == 0.0 and not size * squares < _LOST_RANK
+                break
+            mu_2 = 0.5 * (threshold * threshold - s * s)
+    for i in range(m):
+        for j in range(i + 1):
+            x = 0.0
+            for t in range(i, m):
+                x += L_inverse[t, i] * L_inverse[t, j]
+            inverse[i, j] = inverse[j, i] = x
+    return s, mu_2, lost
+
+
+@compiled("void(f8[:,:], f8[:,::1], f8[:], f8[:], f8[:])")
+def _solve_with_null(J: np.ndarray, gram_inverse: np.ndarray, u: np.ndarray, psi: np.ndarray, r: np.ndarray) -> None:
+    """Write r = psi + J^T y (n), y = (J J^T + mu^2 I)^-1 (u - J psi)."""
+    m, n = J.shape
+    rest = np.empty(m)
+    for i in range(m):
+        rest[i] = u[i]
+        for t in range(n):
+            rest[i] -= J[i, t] * psi[t]
+    for t in range(n):
+        r[t] = psi[t]
+    for i in range(m):
+        y = 0.0
+        for j in range(m):
+            y += gram_inverse[i, j] * rest[j]
+        for t in range(n):
+            r[t] += J[i, t] * y

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
+from .._compiled import compiled
 from .regressor import PER_BODY, inertial_parameters
 
 _LEAST_MASS = 1e-6  # [kg] pin.Inertia stores the centre of mass mc/m, which loses its digits below this mass
@@ -22,7 +23,8 @@ class InertialModel:
         """Copy a chain's model."""
         self._model, self._ballast_model = model.copy(), model.copy()
         self._data, self._ballast_data = self._model.createData(), self._ballast_model.createData()
-        self._inertias = self._model.inertias
+        self._inertias, self._tens = self._model.inertias, np.zeros((model.nv, PER_BODY))
+        self._bodies = list(enumerate(self._tens, 1))  # joint and live row of ten parameters
         for joint in range(1, model.njoints):
             self._ballast_model.inertias[joint] = pin.Inertia(1.0, np.zeros(3), np.zeros((3, 3)))
         self._ballast_model.armature = np.zeros(model.nv)
@@ -31,13 +33,9 @@ class InertialModel:
 
     def load(self, pi: np.ndarray) -> None:
         """Set the parameters (10 n) of all bodies."""
-        self._c = 0.0
-        lightest = min(pi[::PER_BODY].tolist())  # plain floats: this runs in every control step
-        if lightest < _LEAST_MASS:
-            self._c = 1.0 - lightest
-            pi = pi + self._c * self._ballast
+        self._c = _take(pi, self._ballast, self._tens)
         inertias, inertia = self._inertias, pin.Inertia.FromDynamicParameters
-        for joint, ten in enumerate(pi.reshape(-1, PER_BODY), 1):
+        for joint, ten in self._bodies:
             inertias[joint] = inertia(ten)
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
@@ -53,3 +51,16 @@ class InertialModel:
         if self._c:
             M = M - self._c * pin.crba(self._ballast_model, self._ballast_data, q)
         return M
+
+
+@compiled("f8(f8[:], f8[:], f8[:,:])")
+def _take(pi: np.ndarray, ballast: np.ndarray, tens: np.ndarray) -> float:
+    """Write pi (10 n) and c times the ballast (10 n) as rows, n of ten parameters; return c, zero where no body needs it."""
+    lightest = pi[0]
+    for b in range(len(tens)):
+        lightest = min(lightest, pi[PER_BODY * b])
+    c = 1.0 - lightest if lightest < _LEAST_MASS else 0.0
+    for b in range(len(tens)):
+        for i in range(PER_BODY):
+            tens[b, i] = pi[PER_BODY * b + i] + c * ballast[PER_BODY * b + i]
+    return c

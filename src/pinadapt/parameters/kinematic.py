@@ -14,6 +14,7 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 
+from .._compiled import compiled
 from ..exceptions import ParameterError
 from ..robot import Robot
 from ..robot.changes import joint_id
@@ -158,6 +159,11 @@ class KinematicParameters:
         self._R = [self._data.oMi[i].rotation[self._place] for i in self._parents]
         self._w = [self._data.v[i].angular for i in self._parents]
         self._dw = [self._data.a[i].angular for i in self._parents]
+        self._shape = (robot.task.size, self.size)
+        self._columns = [
+            (window, (R, w, np.array(part.directions, dtype=float)))
+            for (part, window, _), R, w in zip(self._unknown, self._R, self._w, strict=True)
+        ]
         self._zero, self._no_columns = np.zeros(self._model.nv), np.zeros((self._positions, 0))
         self._no_turning = np.zeros((robot.task.size - self._positions, self.size))
         initial = self.value(robot)
@@ -190,17 +196,19 @@ class KinematicParameters:
         """Evaluate the kinematics at estimate a_k (p) [m], configuration q (nq) and velocity v (nv)."""
         model, data = self._model, self._data
         for part, window, placement in self._unknown:
-            placement.translation = part.at(a_k[window])
+            placement.translation = a_k[window] if part.whole else part.at(a_k[window])
         pin.forwardKinematics(model, data, q, v, self._zero)
         pin.computeJointJacobians(model, data)
         aligned = pin.LOCAL_WORLD_ALIGNED
         self.J = pin.getFrameJacobian(model, data, self._frame, aligned)[self._rows]
         acceleration = pin.getFrameClassicalAcceleration(model, data, self._frame, aligned)
-        self.Y_p = self._stack([pin.skew(w) for w in self._w])
-        self.xd_hat = self.J.dot(v)
+        self.Y_k = np.zeros(self._shape)
+        for window, (R, w, B) in self._columns:
+            _velocity_regressor(R, w, B, self.Y_k[:, window])
+        self.Y_p = self.Y_k[: self._positions] if self._turns else self.Y_k
+        self.xd_hat, self.y_k0 = np.empty(self._shape[0]), np.empty(self._shape[0])
+        _split_velocity(self.J, v, self.Y_k, a_k, self.xd_hat, self.y_k0)
         self.Jdot_v = acceleration.vector[self._rows]
-        self.Y_k = self._padded(self.Y_p)
-        self.y_k0 = self.xd_hat - self.Y_k.dot(a_k)
         self.y_p0 = self.y_k0[: self._positions] if self._turns else self.y_k0
         self._q, self._v = q, v
 
@@ -258,3 +266,28 @@ class KinematicParameters:
             )
             rows.append(self.Y_p)
         return int(np.linalg.matrix_rank(np.vstack(rows), tol=1e-8 * samples)) if self.size else 0
+
+
+@compiled("void(f8[:,:], f8[:], f8[:,:], f8[:,:])")
+def _velocity_regressor(R: np.ndarray, w: np.ndarray, B: np.ndarray, Y: np.ndarray) -> None:
+    """Write R [w]x B into the position rows of Y (m, k), R (m_p, 3) those of a rotation, w (3) in its own axes, B (3, k)."""
+    for j in range(B.shape[1]):
+        x = w[1] * B[2, j] - w[2] * B[1, j]
+        y = w[2] * B[0, j] - w[0] * B[2, j]
+        z = w[0] * B[1, j] - w[1] * B[0, j]
+        for i in range(len(R)):
+            Y[i, j] = R[i, 0] * x + R[i, 1] * y + R[i, 2] * z
+
+
+@compiled("void(f8[:,:], f8[:], f8[:,:], f8[:], f8[:], f8[:])", fills=2)
+def _split_velocity(
+    J: np.ndarray, v: np.ndarray, Y_k: np.ndarray, a_k: np.ndarray, xd_hat: np.ndarray, y_k0: np.ndarray
+) -> None:
+    """Write xd_hat = J v (m) and the part y_k0 (m) of it that no parameter changes, J v = Y_k a_k + y_k0."""
+    for i in range(len(xd_hat)):
+        xd_hat[i] = 0.0
+        for j in range(len(v)):
+            xd_hat[i] += J[i, j] * v[j]
+        y_k0[i] = xd_hat[i]
+        for j in range(len(a_k)):
+            y_k0[i] -= Y_k[i, j] * a_k[j]
