@@ -144,17 +144,13 @@ def saturating(law, monkeypatch=None, **options):
 
         monkeypatch.setattr(pa.Controller, "respond", winding)
     believed = robot.changed(inertial_scale=0.8)
-    felt = felt_mass(believed) if law == "adaptive-jacobian" else 1.0
-    controller = pa.make_controller(
-        believed,
-        law=law,
-        Kp=400.0 * felt,
-        Kv=40.0 * felt,
-        alpha=5.0,
-        gamma_d=0.6 if law == "adaptive-jacobian" else 3.8,
-        gamma_k=0.05,
-        torque_limits=limits,
-    )
+    slow = {"alpha": 5.0, "lambda_": 10.0, "lambda_a": 1 / 60}
+    if law == "adaptive-jacobian":
+        felt = felt_mass(believed)
+        slow |= {"Kp": 400.0 * felt, "Kv": 40.0 * felt, "gamma_d": 0.76, "gamma_k": 0.013, "R_k": 193.0}
+    else:
+        slow |= {"Kp": 400.0, "Kv": 40.0, "gamma_d": 3.8, "gamma_k": 0.05, "R_k": 50.0}
+    controller = pa.make_controller(believed, law=law, torque_limits=limits, **slow)
     start = true.position(true.q0) + np.array([0.1, 0.05, 0.1])
     path = pa.Circle(np.zeros(3), 0.05, 2.0, "yz").starting_at(start)
     return limits, pa.simulate(true, controller, path, **{"duration": 3.0, "substeps": 1, **options})

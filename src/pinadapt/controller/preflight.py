@@ -2,8 +2,8 @@
 
 Each part of the closed loop is linearised over a typical motion of the believed robot (see ``modes``) and sampled as the
 controller does it, torques and gradients held for dt. The part is stable while the spectral radius of its transition matrix is
-below one. The real inertias are not the believed ones: the check asks for it with feedback and kinematic adaptation doubled, and
-with the rates of the dynamic adaptation half as large again, as bodies a third lighter would have it.
+below one. The real inertias are not the believed ones: the check asks for it with feedback and kinematic adaptation doubled,
+and with the rates of the dynamic adaptation half as large again, as bodies a third lighter would have it.
 """
 
 from __future__ import annotations

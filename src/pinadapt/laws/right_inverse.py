@@ -106,7 +106,9 @@ def _invert_gram(J: np.ndarray, threshold: float, inverse: np.ndarray) -> tuple[
                     x -= L[i, t] * L[j, t]
                 if i == j:
                     lost |= not x > 0.0
-                L[i, j] = math.sqrt(x) if i == j else x / L[j, j]
+                    L[i, i] = math.sqrt(x) if x > 0.0 else math.inf
+                else:
+                    L[i, j] = x / L[j, j]
             for j in range(i + 1):
                 x = 1.0 if i == j else 0.0
                 for t in range(j, i):
