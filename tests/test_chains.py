@@ -8,11 +8,11 @@ from hypothesis import given, settings
 
 from chains import SIZES, chains, each_size, seeded
 from pinadapt.parameters.pseudo_inertia import is_physical
-from pinadapt.robot.chain import check_joints, check_mass_matrix, is_continuous, is_slide
+from pinadapt.robot.chain import check_joints, check_mass_matrix, is_slide
 
 
 def kind(joint):
-    return "prismatic" if is_slide(joint) else "continuous" if is_continuous(joint) else "revolute"
+    return "prismatic" if is_slide(joint) else "continuous" if joint.nq == 2 else "revolute"
 
 
 def first_axis(robot):
