@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 
 import pinadapt as pa
-from chains import SIZES, catalogue_robot, chains_of, each_size, random_state, seeded
+from chains import catalogue_robot, chains, each_size, random_state, seeded
 from differences import derivative
 from paper import BASIS
 from pinadapt.parameters.regressor import Regressor, inertial_parameters
@@ -44,8 +44,8 @@ def test_identities_on_robots(name):
     check_identities(catalogue_robot(name))
 
 
-@each_size(SIZES[1:])
-@given(robot=chains_of(SIZES[1:]))
+@each_size()
+@given(robot=chains)
 @seeded
 def test_identities_on_random_chains(robot):
     check_identities(robot)

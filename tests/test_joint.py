@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pinadapt as pa
-from chains import SIZES, catalogue_robot, chains_of, each_size, random_state, seeded, seeds
+from chains import catalogue_robot, chains, each_size, random_state, seeded, seeds
 from loops import circle_beside, energy_along
 from pinadapt.parameters.joint import KINDS, coefficients
 
@@ -25,8 +25,8 @@ def inverse_dynamics(robot, q, v, a):
     return pin.rnea(robot.model, robot.model.createData(), q, v, a) + robot.friction.torque(v)
 
 
-@each_size(SIZES[1:], seed=0, unknown="all")
-@given(robot=chains_of(SIZES[1:]), seed=seeds, unknown=st.sampled_from([("viscous",), ("armature", "coulomb"), "all"]))
+@each_size(seed=0, unknown="all")
+@given(robot=chains, seed=seeds, unknown=st.sampled_from([("viscous",), ("armature", "coulomb"), "all"]))
 @seeded
 def test_regressor_torque_and_mass_matrix_of_random_chains(robot, seed, unknown):
     rng = np.random.default_rng(seed)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 
 import pinadapt as pa
-from chains import SIZES, catalogue_robot, chains_of, each_size, random_robot, random_state, seeded
+from chains import catalogue_robot, chains, each_size, random_robot, random_state, seeded
 from identities import check_kinematics, unknown_choices
 from pinadapt.parameters.kinematic import Translation
 
@@ -20,8 +20,8 @@ def test_identities_on_robots(name, choice):
     check_kinematics(robot, unknown_choices(robot)[choice])
 
 
-@each_size(SIZES[1:])
-@given(robot=chains_of(SIZES[1:]))
+@each_size()
+@given(robot=chains)
 @seeded
 def test_identities_on_random_chains(robot):
     for unknown in unknown_choices(robot):

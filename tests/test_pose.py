@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pinadapt as pa
-from chains import SIZES, catalogue_robot, chains_of, each_size, random_state, seeded, seeds
+from chains import catalogue_robot, chains, each_size, random_state, seeded, seeds
 from differences import derivative
 from identities import check_kinematics, unknown_choices
 from loops import energy_along, with_tool_and_load
@@ -89,8 +89,8 @@ def test_identities_on_robots(name, task):
         check_kinematics(robot, unknown)
 
 
-@each_size(SIZES[1:])
-@given(robot=chains_of(SIZES[1:]))
+@each_size()
+@given(robot=chains)
 @seeded
 def test_identities_on_random_chains(robot):
     check_kinematics(replace(robot, task=POSE), [*robot.joint_names[1:], "tool"])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from .._checks import positive
-from ..adaptation import Cone
+from ..adaptation import Adaptation, Cone
 from ..exceptions import InputError, ParameterError, did_you_mean
 from ..laws import LAWS, Gains, Law, Posture
 from ..parameters import (
@@ -110,10 +110,8 @@ def make_controller(
     gains = _gains(believed, chosen, default, K_v=Kv, K_P=Kp, alpha=alpha, R_k=R_k, Q=Q)
     w = default.bandwidth
     loop = TypicalLoop(chosen, kinematics, dynamics, typical_motion(believed, kinematics, w))
-    box = make_box(believed, kinematics, kinematic_box)
-    adaptation_k = kinematic_adaptation(kind, loop, gains, w, gamma_k, box)
-    if R_k is None:
-        gains = replace(gains, R_k=prediction_weight(loop, adaptation_k, w) * gains.R_k)
+    adaptation_k = kinematic_adaptation(kind, loop, gains, w, gamma_k, make_box(believed, kinematics, kinematic_box))
+    gains = gains if R_k is not None else replace(gains, R_k=prediction_weight(loop, adaptation_k, w) * gains.R_k)
     adaptation_d = partial(dynamic_adaptation, kind, believed, loop, w, gamma_d, gamma_joint, lmi)
     controller = Controller(
         chosen(gains, Posture(believed)),
@@ -126,7 +124,12 @@ def make_controller(
         limits=make_limits(believed, dynamics, torque=torque_limits, damping=damping, watch=watch),
         loop=loop,
     )
-    if gamma_d is None and gamma_joint is None and (share := bearable(controller, dt)) < 1.0:
+    return controller if gamma_d is not None or gamma_joint is not None else _slowed(controller, adaptation_d, dt)
+
+
+def _slowed(controller: Controller, adaptation_d: Callable[[float], Adaptation], dt: float) -> Controller:
+    """Return the controller with the share of the default rates that the period dt [s] bears, by the check before a run."""
+    if (share := bearable(controller, dt)) < 1.0:
         controller.adaptation_d = adaptation_d(share)
     return controller
 

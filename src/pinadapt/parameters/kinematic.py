@@ -144,6 +144,7 @@ class KinematicParameters:
         self.names = tuple(label for part in self.translations for label in part.labels)
         self.size = len(self.names)
         self._rows, self._place = robot.task.rows, robot.task.place
+        self._whole = (6, self.nv)  # shape of whole Jacobians; Pinocchio returns a single column as a vector
         self._positions = robot.task.positions
         self._turns = robot.task.size > self._positions
         self._model = robot.model.copy()
@@ -200,7 +201,7 @@ class KinematicParameters:
         pin.forwardKinematics(model, data, q, v, self._zero)
         pin.computeJointJacobians(model, data)
         aligned = pin.LOCAL_WORLD_ALIGNED
-        self.J = pin.getFrameJacobian(model, data, self._frame, aligned)[self._rows]
+        self.J = pin.getFrameJacobian(model, data, self._frame, aligned).reshape(self._whole)[self._rows]
         acceleration = pin.getFrameClassicalAcceleration(model, data, self._frame, aligned)
         self.Y_k = np.zeros(self._shape)
         for window, (R, w, B) in self._columns:
@@ -237,8 +238,9 @@ class KinematicParameters:
         """
         model, data = self._model, self._data
         pin.computeJointJacobiansTimeVariation(model, data, self._q, self._v)
-        Jdot = pin.getFrameJacobianTimeVariation(model, data, self._frame, pin.LOCAL_WORLD_ALIGNED)[self._rows]
-        axes = data.J[3:]  # (3, nv) world directions of the revolute axes, zero for prismatic joints
+        Jdot = pin.getFrameJacobianTimeVariation(model, data, self._frame, pin.LOCAL_WORLD_ALIGNED)
+        Jdot = Jdot.reshape(self._whole)[self._rows]
+        axes = data.J.reshape(self._whole)[3:]  # (3, nv) world directions of the revolute axes, zero for prismatic joints
         for (part, window, _), parent in zip(self._unknown, self._parents, strict=True):
             velocity = data.oMi[parent].rotation @ (part.directions @ a_k_rate[window])
             columns = slice(0, model.joints[parent].idx_v + 1)  # the joints before the translation turn it

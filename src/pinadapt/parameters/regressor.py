@@ -22,10 +22,11 @@ class Regressor:
         self._weightless.gravity.linear = np.zeros(3)
         self._data, self._weightless_data = self._model.createData(), self._weightless.createData()
         self._zero = np.zeros(model.nv)
+        self._shape = (model.nv, PER_BODY * model.nv)  # Pinocchio returns a single row as a vector
 
     def __call__(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y(q, v, a) (n, 10 n)."""
-        return pin.computeJointTorqueRegressor(self._model, self._data, q, v, a)
+        return pin.computeJointTorqueRegressor(self._model, self._data, q, v, a).reshape(self._shape)
 
     def slotine_li(self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray) -> np.ndarray:
         """Return Y(q, v, v_r, a_r) (n, 10 n) with M a_r + C(q, v) v_r + g = Y pi, C the Christoffel matrix.
@@ -36,7 +37,7 @@ class Regressor:
         mean, half_gap = 0.5 * (v + v_r), 0.5 * (v - v_r)
         Y = pin.computeJointTorqueRegressor(self._model, self._data, q, mean, a_r)
         Y -= pin.computeJointTorqueRegressor(self._weightless, self._weightless_data, q, half_gap, self._zero)
-        return Y
+        return Y.reshape(self._shape)
 
 
 def inertial_parameters(model: pin.Model) -> np.ndarray:
