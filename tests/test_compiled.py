@@ -242,7 +242,7 @@ def test_numbers_that_are_not_floats():
 
 def test_wrong_sizes_never_reach_a_kernel():
     robot = pa.load("panda")
-    control, other = pa.make_controller(robot), pa.make_controller(robot, kinematic=["lengths"], dynamic="payload")
+    control, other = pa.make_controller(robot), pa.make_controller(robot, kinematic=["tool:length"], dynamic="payload")
     x = robot.position(robot.q0)
     measurement = pa.Measurement(robot.q0, np.zeros(7), x)
     desired = pa.Desired(x, np.zeros(3), np.zeros(3))
