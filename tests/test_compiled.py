@@ -238,3 +238,17 @@ def test_numbers_that_are_not_floats():
     for v in (np.ones(7, dtype=np.float32), frozen):
         same, too = control.step(state, measurement._replace(v=v), whole, 1e-3)
         assert np.array_equal(torque, same) and np.array_equal(after.a_d, too.a_d)
+
+
+def test_wrong_sizes_never_reach_a_kernel():
+    robot = pa.load("panda")
+    control, other = pa.make_controller(robot), pa.make_controller(robot, kinematic=["tool:length"], dynamic="payload")
+    x = robot.position(robot.q0)
+    measurement = pa.Measurement(robot.q0, np.zeros(7), x)
+    desired = pa.Desired(x, np.zeros(3), np.zeros(3))
+    state = control.init(measurement)
+    for flawed in (desired._replace(xdd_d=np.zeros(2)), desired._replace(xdd_d=np.zeros(4))):
+        with pytest.raises(pa.InputError, match="desired"):
+            control.step(state, measurement, flawed, 1e-3)
+    with pytest.raises(pa.InputError, match="state"):
+        control.step(other.init(measurement), measurement, desired, 1e-3)

@@ -159,11 +159,15 @@ class Controller:
         x_d, xd_d, xdd_d = desired
         v, xdd_d = np.asarray(v, dtype=float), np.asarray(xdd_d, dtype=float)
         kinematics, dynamics, task = self.kinematics, self.dynamics, self.kinematics.task
+        if state.a_k.size != kinematics.size or state.a_d.size != dynamics.size:
+            raise InputError("the estimates are those of another controller.", where="state")
         kinematics.update(state.a_k, q, v)
         a_d = self.adaptation_d.keep(state.a_d, q)
         dynamics.load(a_d)
         dx = np.asarray(task.error(x, x_d), dtype=float)
         xd_hat = kinematics.xd_hat
+        if not dx.size == xdd_d.size == xd_hat.size:
+            raise InputError(f"expected {xd_hat.size} task coordinates, got {desired}.", where="desired")
         dxd_hat = xd_hat - xd_d
         y = self.velocity_filter.bandwidth * task.position(x) - state.xi
         inverse = RightInverse(kinematics.J, self.limits.singular)
