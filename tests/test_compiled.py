@@ -12,7 +12,7 @@ from pinadapt import _compiled
 from pinadapt.adaptation import Boxed, Gradient, Natural, box, natural
 from pinadapt.controller import controller, filters
 from pinadapt.exceptions import DivergedError
-from pinadapt.laws import estimated_velocity, inertia, posture, right_inverse
+from pinadapt.laws import estimated_velocity, inertia, right_inverse
 from pinadapt.laws.right_inverse import RightInverse
 from pinadapt.parameters import inertial_model, kinematic
 
@@ -61,7 +61,6 @@ def test_kernels_have_one_specialisation_each():
         filters,
         estimated_velocity,
         inertia,
-        posture,
         right_inverse,
         inertial_model,
         kinematic,
@@ -139,17 +138,16 @@ def test_law_algebra(m, m_p, p, rng, laid):
     Y_k, W_k = laid(rng.standard_normal((m, p))), laid(rng.standard_normal((m_p, p)))
     dx, dxd, xdd, Jdot_v = rng.standard_normal((4, m))
     a_k, rate, y = rng.standard_normal(p), rng.standard_normal(p), rng.standard_normal(m_p)
-    g_k, u = filled(p), filled(m)
+    g_k = filled(p)
     estimated_velocity._kinematic_gradient(K_P, dx, 5.0, dxd, Y_k, W_k, R_k, a_k, y, g_k)
     assert close(g_k, W_k.T @ R_k @ (W_k @ a_k - y) - Y_k.T @ (K_P @ dx + 5.0 * dxd))
-    estimated_velocity._task_acceleration(xdd, K_v, dxd, K_P, dx, Jdot_v, Y_k, rate, u)
-    assert close(u, xdd - K_v @ dxd - K_P @ dx - (Jdot_v + Y_k @ rate))
-    J, force, psi = laid(rng.standard_normal((m, 7))), filled(7), filled(7)
+    J, force = laid(rng.standard_normal((m, 7))), filled(7)
     estimated_velocity._error_force(J, dxd, 5.0, dx, force)
     assert close(force, J.T @ (dxd + 5.0 * dx))
-    offset, v = rng.standard_normal((2, 7))
-    posture._spring_and_damper(offset, v, 4.0, psi)
-    assert close(psi, -8.0 * v - 16.0 * offset)
+    (offset, qd), G, v = rng.standard_normal((2, 7)), laid(rng.standard_normal((m, m))), filled(7)
+    u, psi = xdd - K_v @ dxd - K_P @ dx - (Jdot_v + Y_k @ rate), -8.0 * qd - 16.0 * offset
+    estimated_velocity._commanded_acceleration(xdd, K_v, dxd, K_P, dx, Jdot_v, Y_k, rate, J, G, qd, offset, 4.0, v)
+    assert np.allclose(v, psi + J.T @ G @ (u - J @ psi), rtol=1e-11, atol=1e-10)
 
 
 @pytest.mark.parametrize(("m", "k"), [(2, 1), (3, 3), (3, 1)])
@@ -160,16 +158,14 @@ def test_velocity_algebra(m, k, rng, laid):
     expected = np.zeros((6, k + 2))
     expected[:m, 1 : k + 1] = R @ pin.skew(w) @ B
     assert close(Y, expected)
-    J, v, a_k, xd_hat, y_k0 = laid(rng.standard_normal((6, 7))), rng.standard_normal(7), np.ones(k + 2), filled(6), filled(6)
-    kinematic._split_velocity(J, v, laid(Y), a_k, xd_hat, y_k0)
-    assert close(xd_hat, J @ v) and close(y_k0, J @ v - Y @ a_k)
 
 
 def test_filters(rng, laid):
     W, Y = laid(rng.standard_normal((3, 5))), laid(rng.standard_normal((3, 5)))
-    (xi, y, y_0), (z, v) = rng.standard_normal((3, 3)), rng.standard_normal((2, 7))
+    (xi, y, xd_hat), (z, v), a_k = rng.standard_normal((3, 3)), rng.standard_normal((2, 7)), rng.standard_normal(5)
     after = filled(3, 5), filled(3), filled(7)
-    filters._advance(W, Y, xi, y, y_0, 0.1, z, v, 0.2, *after)
+    filters._advance(W, Y, a_k, xi, y, xd_hat, 0.1, z, v, 0.2, *after)
+    y_0 = xd_hat - Y @ a_k
     assert close(after[0], 0.9 * W + 0.1 * Y) and close(after[1], xi + 0.1 * (y + y_0)) and close(after[2], 0.8 * z + 0.2 * v)
 
 

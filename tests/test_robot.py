@@ -301,6 +301,14 @@ def test_inertial_scale_scales_all_torques():
     assert np.allclose(tau_heavier, 1.7 * tau, atol=1e-12)
 
 
+def test_links_without_mass_can_be_scaled():
+    robot = pa.load("human_left_leg")
+    massless = robot.joint_names[0]
+    assert robot.model.inertias[1].mass == 0.0
+    changed = robot.changed(inertial_scale={massless: 0.7})
+    assert np.array_equal(changed.model.inertias[1].toDynamicParameters(), 0.7 * robot.model.inertias[1].toDynamicParameters())
+
+
 def test_inertial_scale_table_scales_the_named_bodies_only():
     robot = load("ur5")
     changed = robot.changed(inertial_scale={"elbow_joint": 0.5, "wrist_3_joint": 3.0})

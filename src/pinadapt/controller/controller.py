@@ -159,8 +159,8 @@ class Controller:
         x_d, xd_d, xdd_d = desired
         v, xdd_d = np.asarray(v, dtype=float), np.asarray(xdd_d, dtype=float)
         kinematics, dynamics, task = self.kinematics, self.dynamics, self.kinematics.task
-        if state.a_k.size != kinematics.size or state.a_d.size != dynamics.size:
-            raise InputError("the estimates are those of another controller.", where="state")
+        if state.a_k.size != kinematics.size or state.a_d.size != dynamics.size or state.W_k.shape != kinematics.Y_p.shape:
+            raise InputError("the state is that of another controller.", where="state")
         kinematics.update(state.a_k, q, v)
         a_d = self.adaptation_d.keep(state.a_d, q)
         dynamics.load(a_d)

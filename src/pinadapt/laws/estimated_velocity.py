@@ -44,13 +44,18 @@ class EstimatedVelocityLaw(Law):
         return g_k
 
     def commanded_acceleration(self, s: Signals, g_k: np.ndarray) -> np.ndarray:
-        """Return v (n), with dJ_hat/dt qd = dJ/dt(a_k) v + Y_k da_k/dt: the estimate moves as well."""
-        k, model, u = self.gains, s.kinematics, np.empty(s.dx.size)
-        _task_acceleration(s.xdd_d, k.K_v, s.dxd_hat, k.K_P, s.dx, model.Jdot_v, model.Y_k, s.rate_k(g_k), u)
-        if s.delta is not None:
-            u -= k.alpha * s.delta
-        psi = None if s.inverse.unique else self.posture.acceleration(s.q, s.v)
-        return s.inverse.solve(u, psi)
+        """Return v = J^+ u + (I - J^+ J) psi (n), u = xdd_d - K_v dxd_hat - K_P dx - dJ_hat/dt qd, psi the posture's.
+
+        dJ_hat/dt qd = dJ/dt(a_k) v + Y_k da_k/dt: the estimate moves as well.
+        """
+        k, model, inverse, v = self.gains, s.kinematics, s.inverse, np.empty(s.v.size)
+        Jdot_v = model.Jdot_v if s.delta is None else model.Jdot_v + k.alpha * s.delta
+        w = 0.0 if inverse.unique else self.posture.frequency
+        _commanded_acceleration(
+            s.xdd_d, k.K_v, s.dxd_hat, k.K_P, s.dx, Jdot_v, model.Y_k, s.rate_k(g_k),
+            inverse.J, inverse.gram_inverse, s.v, self.posture.offset(s.q), w, v,
+        )  # fmt: skip
+        return v
 
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return e^T e / 2 + dx^T (K_P + alpha K_v - alpha^2 I) dx / 2."""
@@ -99,8 +104,8 @@ def _kinematic_gradient(
             g_k[j] -= Y_k[i, j] * task
 
 
-@compiled("void(f8[:], f8[:,:], f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], f8[:])")
-def _task_acceleration(
+@compiled("void(f8[:], f8[:,:], f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], f8[:,:], f8[:,:], f8[:], f8[:], f8, f8[:])")
+def _commanded_acceleration(
     xdd_d: np.ndarray,
     K_v: np.ndarray,
     dxd_hat: np.ndarray,
@@ -109,15 +114,36 @@ def _task_acceleration(
     Jdot_v: np.ndarray,
     Y_k: np.ndarray,
     a_k_rate: np.ndarray,
-    u: np.ndarray,
+    J: np.ndarray,
+    gram_inverse: np.ndarray,
+    qd: np.ndarray,
+    offset: np.ndarray,
+    w: float,
+    v: np.ndarray,
 ) -> None:
-    """Write u = xdd_d - K_v dxd_hat - K_P dx - (dJ/dt(a_k) v + Y_k da_k/dt) (m)."""
-    for i in range(len(u)):
-        u[i] = xdd_d[i] - Jdot_v[i]
-        for t in range(len(u)):
-            u[i] -= K_v[i, t] * dxd_hat[t] + K_P[i, t] * dx[t]
+    """Write v = psi + J^T (J J^T)^-1 (u - J psi) (n) with psi = -2 w qd - w^2 offset.
+
+    u = xdd_d - K_v dxd_hat - K_P dx - (dJ/dt(a_k) qd + Y_k da_k/dt) (m).
+    """
+    m, n = J.shape
+    for t in range(n):
+        v[t] = -2.0 * w * qd[t] - w * w * offset[t]
+    rest = np.empty(m)  # u - J psi
+    for i in range(m):
+        x = xdd_d[i] - Jdot_v[i]
+        for j in range(m):
+            x -= K_v[i, j] * dxd_hat[j] + K_P[i, j] * dx[j]
         for j in range(len(a_k_rate)):
-            u[i] -= Y_k[i, j] * a_k_rate[j]
+            x -= Y_k[i, j] * a_k_rate[j]
+        for t in range(n):
+            x -= J[i, t] * v[t]
+        rest[i] = x
+    for i in range(m):
+        x = 0.0
+        for j in range(m):
+            x += gram_inverse[i, j] * rest[j]
+        for t in range(n):
+            v[t] += J[i, t] * x
 
 
 @compiled("void(f8[:,:], f8[:], f8, f8[:], f8[:])")

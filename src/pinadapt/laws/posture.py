@@ -7,7 +7,6 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._checks import positive, vector
-from .._compiled import compiled
 from ..robot import Robot
 
 
@@ -31,23 +30,18 @@ class Posture:
         M = pin.crba(self._model, self._model.createData(), self._q_rest)
         self.damping = self.frequency * np.diag(M).copy()
 
+    def offset(self, q: np.ndarray) -> np.ndarray:
+        """Return q - q_rest (n), on the circle for continuous joints, whose configuration has two numbers."""
+        return q - self._q_rest if q.size == self.damping.size else pin.difference(self._model, self._q_rest, q)
+
     def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return psi (n) = -2 w v - w^2 (q - q_rest) [rad/s^2 or m/s^2]."""
-        psi = np.empty(v.size)
-        _spring_and_damper(pin.difference(self._model, self._q_rest, q), v, self.frequency, psi)
-        return psi
+        return (-2.0 * self.frequency) * v - self.frequency**2 * self.offset(q)
 
     def velocity(self, q: np.ndarray) -> np.ndarray:
         """Return psi (n) = -w (q - q_rest) [rad/s or m/s]."""
-        return -self.frequency * pin.difference(self._model, self._q_rest, q)
+        return -self.frequency * self.offset(q)
 
     def velocity_rate(self, v: np.ndarray) -> np.ndarray:
         """Return the time derivative of ``velocity`` (n)."""
         return -self.frequency * v
-
-
-@compiled("void(f8[:], f8[:], f8, f8[:])")
-def _spring_and_damper(offset: np.ndarray, v: np.ndarray, w: float, psi: np.ndarray) -> None:
-    """Write psi = -2 w v - w^2 offset (n)."""
-    for i in range(len(psi)):
-        psi[i] = -2.0 * w * v[i] - w * w * offset[i]

@@ -26,6 +26,8 @@ class RightInverse:
     |J^+| <= 1 / s_0 always.
 
     Attributes:
+        J: the Jacobian (m, n).
+        gram_inverse: (J J^T + mu^2 I)^-1 (m, m).
         damping: mu^2.
         smallest: s.
         unique: whether J^+ is the inverse itself, so that there is no null space: J square and not damped.
@@ -38,8 +40,8 @@ class RightInverse:
             DivergedError: J lost rank and is not damped, or is not finite.
         """
         m, n = J.shape
-        self._J, self._gram_inverse = J, np.empty((m, m))
-        self.smallest, self.damping, lost = _invert_gram(J, threshold, self._gram_inverse)
+        self.J, self.gram_inverse = J, np.empty((m, m))
+        self.smallest, self.damping, lost = _invert_gram(J, threshold, self.gram_inverse)
         if lost:
             raise DivergedError(
                 "the believed Jacobian lost rank: the arm is at a singularity of the estimated kinematics. "
@@ -51,10 +53,8 @@ class RightInverse:
     def solve(self, u: np.ndarray, psi: np.ndarray | None) -> np.ndarray:
         """Return J^+ u + (I - J^+ J) psi (n), u (m) and psi (n), which is None where the inverse is unique."""
         if psi is None:
-            return self._gram_inverse.dot(u).dot(self._J)
-        r = np.empty(psi.size)
-        _solve_with_null(self._J, self._gram_inverse, u, psi, r)
-        return r
+            return self.gram_inverse.dot(u).dot(self.J)
+        return psi + self.gram_inverse.dot(u - self.J.dot(psi)).dot(self.J)
 
     def solve_rate(
         self, u: np.ndarray, psi: np.ndarray | None, ud: np.ndarray, psid: np.ndarray, Jdot: np.ndarray
@@ -67,20 +67,20 @@ class RightInverse:
         ud = ud - Jdot.dot(self.solve(u, psi))
         if psi is None:
             return self.solve(ud, None)
-        y = self._gram_inverse.dot(u - self._J.dot(psi))
+        y = self.gram_inverse.dot(u - self.J.dot(psi))
         if self.damping:
             ud -= self._damping_rate(Jdot) * y
         return self.solve(ud, psid + y.dot(Jdot))
 
     def null(self, z: np.ndarray) -> np.ndarray:
         """Return (I - J^+ J) z (n); undamped, the orthogonal projection onto the null space."""
-        return np.zeros_like(z) if self.unique else z - self._gram_inverse.dot(self._J.dot(z)).dot(self._J)
+        return np.zeros_like(z) if self.unique else z - self.gram_inverse.dot(self.J.dot(z)).dot(self.J)
 
     def _damping_rate(self, Jdot: np.ndarray) -> float:
         """Return d(mu^2)/dt = -d(s^2)/dt / 2 = -sum_i (s / sigma_i)^4 d(sigma_i^2)/dt / 2; the ratios are at most one."""
-        U, sigma, _ = np.linalg.svd(self._J, full_matrices=False)
+        U, sigma, _ = np.linalg.svd(self.J, full_matrices=False)
         sigma = np.maximum(sigma, np.finfo(float).eps * sigma[0])
-        halves = np.diag(U.T @ Jdot @ self._J.T @ U)  # d(sigma_i^2)/dt / 2
+        halves = np.diag(U.T @ Jdot @ self.J.T @ U)  # d(sigma_i^2)/dt / 2
         ratios = 1.0 / (sigma * sigma * np.sum(1.0 / (sigma * sigma)))  # (s / sigma_i)^2
         return float(-halves.dot(ratios * ratios))
 
@@ -128,22 +128,3 @@ def _invert_gram(J: np.ndarray, threshold: float, inverse: np.ndarray) -> tuple[
                 x += L_inverse[t, i] * L_inverse[t, j]
             inverse[i, j] = inverse[j, i] = x
     return s, mu_2, lost
-
-
-@compiled("void(f8[:,:], f8[:,::1], f8[:], f8[:], f8[:])")
-def _solve_with_null(J: np.ndarray, gram_inverse: np.ndarray, u: np.ndarray, psi: np.ndarray, r: np.ndarray) -> None:
-    """Write r = psi + J^T y (n), y = (J J^T + mu^2 I)^-1 (u - J psi)."""
-    m, n = J.shape
-    rest = np.empty(m)
-    for i in range(m):
-        rest[i] = u[i]
-        for t in range(n):
-            rest[i] -= J[i, t] * psi[t]
-    for t in range(n):
-        r[t] = psi[t]
-    for i in range(m):
-        y = 0.0
-        for j in range(m):
-            y += gram_inverse[i, j] * rest[j]
-        for t in range(n):
-            r[t] += J[i, t] * y

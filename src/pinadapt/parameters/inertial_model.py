@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from .._compiled import compiled
+from ..exceptions import ParameterError
 from .regressor import PER_BODY, inertial_parameters
 
 _LEAST_MASS = 1e-6  # [kg] pin.Inertia stores the centre of mass mc/m, which loses its digits below this mass
@@ -32,7 +33,13 @@ class InertialModel:
         self._c = 0.0
 
     def load(self, pi: np.ndarray) -> None:
-        """Set the parameters (10 n) of all bodies."""
+        """Set the parameters (10 n) of all bodies.
+
+        Raises:
+            ParameterError: not so many.
+        """
+        if pi.size != self._ballast.size:
+            raise ParameterError(f"expected {self._ballast.size} numbers, got {pi.size}.", where="inertial parameters")
         self._c = _take(pi, self._ballast, self._tens)
         inertias, inertia = self._inertias, pin.Inertia.FromDynamicParameters
         for joint, ten in self._bodies:

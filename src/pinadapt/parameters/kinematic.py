@@ -128,8 +128,7 @@ class KinematicParameters:
         J: (m, nv) Jacobian at the estimate.
         Jdot_v: (m) dJ/dt v with the estimate held constant [m/s^2, rad/s^2].
         Y_k: (m, p) kinematic regressor, (2); zero in rotation rows.
-        y_k0: (m) velocity that no parameter changes, so that J v = Y_k a_k + y_k0 [m/s, rad/s].
-        Y_p, y_p0: (m_p, p) and (m_p) their position rows.
+        Y_p: (m_p, p) its position rows.
     """
 
     def __init__(self, robot: Robot, unknown: str | Sequence[str | Translation] = ()) -> None:
@@ -144,7 +143,6 @@ class KinematicParameters:
         self.names = tuple(label for part in self.translations for label in part.labels)
         self.size = len(self.names)
         self._rows, self._place = robot.task.rows, robot.task.place
-        self._whole = (6, self.nv)  # shape of whole Jacobians; Pinocchio returns a single column as a vector
         self._positions = robot.task.positions
         self._turns = robot.task.size > self._positions
         self._model = robot.model.copy()
@@ -200,18 +198,27 @@ class KinematicParameters:
             placement.translation = a_k[window] if part.whole else part.at(a_k[window])
         pin.forwardKinematics(model, data, q, v, self._zero)
         pin.computeJointJacobians(model, data)
-        aligned = pin.LOCAL_WORLD_ALIGNED
-        self.J = pin.getFrameJacobian(model, data, self._frame, aligned).reshape(self._whole)[self._rows]
+        aligned = pin.LOCAL_WORLD_ALIGNED  # of a single joint Pinocchio returns the column as a vector
+        J = pin.getFrameJacobian(model, data, self._frame, aligned)
+        self.J = J[self._rows] if self.nv > 1 else J[self._rows, None]
         acceleration = pin.getFrameClassicalAcceleration(model, data, self._frame, aligned)
         self.Y_k = np.zeros(self._shape)
         for window, (R, w, B) in self._columns:
             _velocity_regressor(R, w, B, self.Y_k[:, window])
         self.Y_p = self.Y_k[: self._positions] if self._turns else self.Y_k
-        self.xd_hat, self.y_k0 = np.empty(self._shape[0]), np.empty(self._shape[0])
-        _split_velocity(self.J, v, self.Y_k, a_k, self.xd_hat, self.y_k0)
+        self.xd_hat = self.J.dot(v)
         self.Jdot_v = acceleration.vector[self._rows]
-        self.y_p0 = self.y_k0[: self._positions] if self._turns else self.y_k0
-        self._q, self._v = q, v
+        self._a_k, self._q, self._v = a_k, q, v
+
+    @property
+    def y_k0(self) -> np.ndarray:
+        """Velocity (m) that no parameter changes at the last update, so that J v = Y_k a_k + y_k0 [m/s, rad/s]."""
+        return self.xd_hat - self.Y_k.dot(self._a_k)
+
+    @property
+    def y_p0(self) -> np.ndarray:
+        """Position rows (m_p) of ``y_k0`` [m/s]."""
+        return self.y_k0[: self._positions]
 
     @property
     def x_hat(self) -> np.ndarray:
@@ -239,8 +246,8 @@ class KinematicParameters:
         model, data = self._model, self._data
         pin.computeJointJacobiansTimeVariation(model, data, self._q, self._v)
         Jdot = pin.getFrameJacobianTimeVariation(model, data, self._frame, pin.LOCAL_WORLD_ALIGNED)
-        Jdot = Jdot.reshape(self._whole)[self._rows]
-        axes = data.J.reshape(self._whole)[3:]  # (3, nv) world directions of the revolute axes, zero for prismatic joints
+        Jdot = Jdot.reshape(6, self.nv)[self._rows]
+        axes = data.J.reshape(6, self.nv)[3:]  # (3, nv) world directions of the revolute axes, zero for prismatic joints
         for (part, window, _), parent in zip(self._unknown, self._parents, strict=True):
             velocity = data.oMi[parent].rotation @ (part.directions @ a_k_rate[window])
             columns = slice(0, model.joints[parent].idx_v + 1)  # the joints before the translation turn it
@@ -279,17 +286,3 @@ def _velocity_regressor(R: np.ndarray, w: np.ndarray, B: np.ndarray, Y: np.ndarr
         z = w[0] * B[1, j] - w[1] * B[0, j]
         for i in range(len(R)):
             Y[i, j] = R[i, 0] * x + R[i, 1] * y + R[i, 2] * z
-
-
-@compiled("void(f8[:,:], f8[:], f8[:,:], f8[:], f8[:], f8[:])", fills=2)
-def _split_velocity(
-    J: np.ndarray, v: np.ndarray, Y_k: np.ndarray, a_k: np.ndarray, xd_hat: np.ndarray, y_k0: np.ndarray
-) -> None:
-    """Write xd_hat = J v (m) and the part y_k0 (m) of it that no parameter changes, J v = Y_k a_k + y_k0."""
-    for i in range(len(xd_hat)):
-        xd_hat[i] = 0.0
-        for j in range(len(v)):
-            xd_hat[i] += J[i, j] * v[j]
-        y_k0[i] = xd_hat[i]
-        for j in range(len(a_k)):
-            y_k0[i] -= Y_k[i, j] * a_k[j]

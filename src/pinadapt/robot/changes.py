@@ -72,9 +72,13 @@ def scale_inertias(model: pin.Model, scale: float | Mapping[str, float]) -> None
         joint = joint_id(model, name, "inertial_scale")
         if not (np.isfinite(factor) and factor > 0.0):
             raise RobotError(f"must be positive, got {factor} for '{name}'.", where="inertial_scale")
-        if factor != 1.0:  # the ten parameters take any body, physical or not
-            ten = model.inertias[joint].toDynamicParameters()
-            model.inertias[joint] = pin.Inertia.FromDynamicParameters(float(factor) * ten)
+        body = model.inertias[joint]
+        if factor == 1.0:
+            continue
+        if body.mass:  # the ten parameters take any body, physical or not, but one without mass
+            model.inertias[joint] = pin.Inertia.FromDynamicParameters(float(factor) * body.toDynamicParameters())
+        else:
+            model.inertias[joint] = pin.Inertia(0.0, body.lever, float(factor) * body.inertia)
 
 
 def attach_payload(model: pin.Model, frame: int, payload: Payload) -> None:

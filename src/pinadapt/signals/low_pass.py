@@ -28,7 +28,9 @@ class LowPass:
 
     def rate(self, state: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Return ds/dt for input u, of the state's shape."""
-        return self.bandwidth * (u - state)
+        rate: np.ndarray = u - state
+        rate *= self.bandwidth
+        return rate
 
     def advance(self, state: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
         """Return the state after dt [s] with the input held: exact for any dt."""
