@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -82,7 +82,7 @@ def _loaders() -> Any:
     return robots_loader
 
 
-@cache
+@lru_cache(maxsize=8)  # meshes take up to 200 MB a robot
 def _example_robot(origin: str) -> RobotWrapper:
     """Read a robot of example-robot-data, with its meshes; never written to."""
     return _loaders().load(origin)
