@@ -51,6 +51,18 @@ def test_a_wrist_without_inertia_is_named(monkeypatch):
     assert M[-1, -1] < 1e-4  # kg m^2, what the description says of it
 
 
+def test_a_wrist_that_spins_away_is_named():
+    """Under law (11) the load turns UR10's wrist before it is learned, and Y_k grows with the speed."""
+    row = zoo_row("ur10", "adaptive-inverse-dynamics")
+    assert "diverged" in row.verdict and "too slow for the kinematic adaptation with wrist_3_joint" in row.verdict
+
+
+def test_a_chain_of_which_no_hypothesis_failed_says_how_far_it_came(monkeypatch):
+    monkeypatch.setattr("pinadapt.zoo.experiment.ACCURATE", 1e-9)
+    monkeypatch.setattr("pinadapt.zoo.case._LEAST_DURATION", 2.0)
+    assert "no hypothesis failed within" in zoo_row("finger_edu", "adaptive-jacobian").verdict
+
+
 def test_the_command_writes_rows_in_order_and_refuses_unknown_robots(tmp_path, capsys):
     names = ["asr_twodof", "planar_2r"]
     assert main(["zoo", "--robots", ",".join(names), "--out", str(tmp_path)]) == 0
