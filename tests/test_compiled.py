@@ -14,7 +14,7 @@ from pinadapt.controller import controller, filters
 from pinadapt.exceptions import DivergedError
 from pinadapt.laws import estimated_velocity, inertia, right_inverse
 from pinadapt.laws.right_inverse import RightInverse
-from pinadapt.parameters import inertial_model, kinematic
+from pinadapt.parameters import inertial_model, kinematic, superposition
 
 _compiled.compile_all()
 LAYOUTS = {
@@ -64,6 +64,7 @@ def test_kernels_have_one_specialisation_each():
         right_inverse,
         inertial_model,
         kinematic,
+        superposition,
     ):
         kernels = [thing for thing in vars(module).values() if hasattr(thing, "py_func")]
         assert kernels
@@ -158,6 +159,12 @@ def test_velocity_algebra(m, k, rng, laid):
     expected = np.zeros((6, k + 2))
     expected[:m, 1 : k + 1] = R @ pin.skew(w) @ B
     assert close(Y, expected)
+
+
+def test_columns(rng, laid):
+    Y, columns, base = laid(rng.standard_normal((3, 30))), np.array([2, 7, 29]), filled(3, 5)
+    superposition._take_columns(Y, columns, base[:, 1:4])
+    assert np.array_equal(base[:, 1:4], Y[:, columns]) and np.isnan(base[:, [0, 4]]).all()
 
 
 def test_filters(rng, laid):

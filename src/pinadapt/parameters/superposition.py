@@ -18,6 +18,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import qr, solve_triangular
 
+from .._compiled import compiled
 from .inertial_model import InertialModel
 from .kinematic import Translation
 from .regressor import PER_BODY, Regressor
@@ -146,7 +147,7 @@ class SuperposedRegressor(Regressor):
     def __init__(self, found: Superposition) -> None:
         """Prepare one regressor a node."""
         self._parts = [
-            (Regressor(model), slice(int(first), int(last)), columns)
+            (Regressor(model), slice(int(first), int(last)), columns.astype(np.int64))
             for model, (first, last), columns in zip(
                 found.models, pairwise(np.cumsum([0, *map(len, found.columns)])), found.columns, strict=True
             )
@@ -157,14 +158,14 @@ class SuperposedRegressor(Regressor):
         """Return Y(q, v, a) (n, p)."""
         Y = np.empty(self._shape)
         for regressor, window, columns in self._parts:
-            Y[:, window] = regressor(q, v, a)[..., columns]
+            _take_columns(regressor(q, v, a), columns, Y[:, window])
         return Y
 
     def slotine_li(self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray) -> np.ndarray:
         """Return Y(q, v, v_r, a_r) (n, p)."""
         Y = np.empty(self._shape)
         for regressor, window, columns in self._parts:
-            Y[:, window] = regressor.slotine_li(q, v, v_r, a_r)[..., columns]
+            _take_columns(regressor.slotine_li(q, v, v_r, a_r), columns, Y[:, window])
         return Y
 
 
@@ -200,3 +201,11 @@ class SuperposedModel(InertialModel):
         for node in self._nodes:
             M += node.mass_matrix(q)
         return M
+
+
+@compiled("void(f8[:,:], i8[:], f8[:,:])")
+def _take_columns(Y: np.ndarray, columns: np.ndarray, chosen: np.ndarray) -> None:
+    """Write the columns (p) of Y (n, 10 n) side by side (n, p)."""
+    for i in range(len(chosen)):
+        for j in range(len(columns)):
+            chosen[i, j] = Y[i, columns[j]]
