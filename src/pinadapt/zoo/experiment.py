@@ -124,9 +124,11 @@ def _verdict(case: ZooCase, controller: Controller, adapted: Rollout, unadapted:
     found += [flaw for check in (_too_light, _too_fast) if (flaw := check(case, controller, adapted)) is not None]
     if np.nanmin(adapted.min_singular_J_hat) < 0.2 * adapted.min_singular_J_hat[0]:
         found.append("close to a singularity")
+    if not found:
+        found.append(_slow(case, adapted))
     if enough and error <= ACCURATE * case.radius:
-        found.append("accurate, but hardly wrong before")
-    return "; ".join(found) or _slow(case, adapted)
+        found.append(f"accurate, but only {without / error:.1f} times better than without")
+    return "; ".join(found)
 
 
 def _slow(case: ZooCase, rollout: Rollout) -> str:
