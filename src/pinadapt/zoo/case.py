@@ -16,7 +16,7 @@ INERTIA_ERROR = 0.3  # each body is believed this much too light or too heavy
 TOOL_ERROR = 0.05  # of the reach
 LOAD = 0.1  # of the chain's mass, or the last body's own if that is less
 FRICTION = 0.5  # of what is typical for the robot's size, times 0.5 to 1.5
-_TURNS, _LEAST_DURATION = 4.0, 20.0  # [s]
+_TURNS, _LEAST_DURATION = 4.0, 30.0  # [s]; of the shortest circles, 3 s, the last tenth is a whole turn
 
 
 @dataclass(frozen=True, eq=False)
