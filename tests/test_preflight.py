@@ -6,6 +6,7 @@ import pytest
 import pinadapt as pa
 from chains import catalogue_robot
 from pinadapt.controller import Finding
+from pinadapt.zoo import zoo_case
 
 LAWS = [law for law in pa.LAWS if law != "resolved-acceleration"]
 ROBOTS = ["planar_2r", "scara", "ur5", "panda", "kinova", "talos_arm", "finger_edu"]
@@ -109,3 +110,16 @@ def test_damping_that_no_gain_changes_is_told_without_factors():
 def test_numbers_are_rounded_to_the_safe_side():
     text = str(Finding("task feedback", 1e-3, 0.99962e-3, {"Kv": 0.9996, "Kp": 0.9992}))
     assert "take dt <= 0.00099 s, or multiply Kv by at most 0.99, Kp by at most 0.99." in text
+
+
+def test_default_rates_are_lowered_to_what_the_period_bears():
+    """A leg of ANYmal C is damped weakly in its heavy direction: the usual modes would fail the check at 1 kHz."""
+    believed = zoo_case("anymal_c_lf_leg").believed
+    controller = pa.make_controller(believed, law="adaptive-jacobian", joint=["viscous", "coulomb"])
+    assert pa.preflight(controller, 1e-3) == []
+    bodies, joints = (part.gamma for part, _ in controller.adaptation_d.parts)
+    usual = {"gamma_d": 1.7 * bodies, "gamma_joint": 1.7 * joints}
+    faster = pa.make_controller(believed, law="adaptive-jacobian", joint=["viscous", "coulomb"], **usual)
+    assert [finding.part for finding in pa.preflight(faster, 1e-3)] == ["adaptation of the dynamics"]
+    slow = pa.make_controller(believed, law="adaptive-jacobian", joint=["viscous", "coulomb"], dt=1e-4)
+    assert bodies < slow.adaptation_d.parts[0][0].gamma  # with a shorter period the usual rate is borne

@@ -28,6 +28,7 @@ def compiled(signature: str, fills: int = 1) -> Callable[[Function], Function]:
     """
 
     def register(function: Function) -> Function:
+        """Put the function on the list of ``compile_all``."""
         _waiting.append((function, signature, fills))
         return function
 

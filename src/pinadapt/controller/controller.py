@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -173,10 +174,7 @@ class Controller:
         inverse = RightInverse(kinematics.J, self.limits.singular)
         xd, delta = task.known_velocity(xd, xd_hat), task.drift(dx, xd_hat, xd_d)
         W_k, a_k, a_0, watch = state.W_k, state.a_k, state.a_0, self.limits.watch
-
-        def rate_k(g_k: np.ndarray) -> np.ndarray:
-            return self.adaptation_k.rate(a_k, g_k)
-
+        rate_k = partial(self.adaptation_k.rate, a_k)
         # in the order of the fields: eighteen keywords would cost more than the right inverse
         return Signals(
             q, v, xd, xd_d, xdd_d, dx, dxd_hat, W_k, y, a_k, a_d, a_0, kinematics, dynamics, inverse, rate_k, watch, delta
