@@ -20,6 +20,19 @@ def test_default_gains_pass(name, law, dt):
     assert [str(finding) for finding in pa.preflight(controller, dt)] == []
 
 
+@pytest.mark.parametrize("name", ["panda", "xarm7", "ur10", "romeo_right_arm"])
+def test_default_gains_of_a_pose_pass_too_slowed_where_they_must_be(name):
+    robot = pa.load(name, task="pose")
+    controller, slow = (pa.make_controller(robot, law="adaptive-jacobian", dt=dt) for dt in (1e-3, 1e-4))
+    assert [str(finding) for finding in pa.preflight(controller, 1e-3)] == []
+    share = controller.law.gains.alpha / slow.law.gains.alpha
+    assert 0.3 < share < 1.0
+    assert np.isclose(controller.velocity_filter.bandwidth, share * slow.velocity_filter.bandwidth)
+    assert np.isclose(controller.acceleration_filter.bandwidth, share * slow.acceleration_filter.bandwidth)
+    own = pa.make_controller(robot, law="adaptive-jacobian", alpha=slow.law.gains.alpha)  # a gain that is given is kept
+    assert pa.preflight(own, 1e-3)[0].part == "task feedback"
+
+
 def loop(robot, controller, dt, **options):
     start = robot.position(robot.q0)
     return pa.simulate(robot, controller, pa.Hold(start + np.array([0.01, 0.0, 0.0])), duration=1.0, dt=dt, **options)

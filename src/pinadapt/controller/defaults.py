@@ -5,7 +5,8 @@ motions accelerate a robot of reach L at the rate sqrt(g / L), and what is wrong
 part of its size. Acceleration laws (V in m^2/s^2) take K_P = w^2, K_v = 2 w, alpha = w / 4, lambda = w / 2,
 lambda_a = 1 / (3 w): on Wang and Xie's arm, which reaches 2.2 m, their published numbers. Energy laws (V in joules)
 multiply K_P and K_v by the mass felt at the frame; on the rotations of a pose by the inertia felt there instead, or
-by as much as lets damping change the angular velocity of the lightest axis by its own size in one period, if that is less.
+by as much as lets damping change the angular velocity of the lightest axis by its own size in one period, if that is less;
+and where the check before a run finds the feedback too fast for dt, w is lowered until it passes.
 The rates of adaptation follow from how fast they make the closed loop (see ``modes``): over a typical motion the fastest mode
 of the bodies' adaptation is 3 w, under energy laws, which damp light directions more than heavy ones, 2 w, that of the
 joints' coefficients 3 w, that of the kinematics 0.15 w, and R_k lets the filtered
@@ -15,7 +16,7 @@ prediction error decay at w / 8. On the Panda gamma_k is about the 0.05 that Wan
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -50,6 +51,18 @@ class Defaults:
     alpha: float
     lambda_: float
     lambda_a: float
+
+    def slowed(self, share: float) -> Defaults:
+        """Return the defaults for this share of the bandwidth."""
+        return replace(
+            self,
+            bandwidth=share * self.bandwidth,
+            Kv=share * self.Kv,
+            Kp=share**2 * self.Kp,
+            alpha=share * self.alpha,
+            lambda_=share * self.lambda_,
+            lambda_a=self.lambda_a / share,
+        )
 
 
 def felt_mass(robot: Robot) -> float:

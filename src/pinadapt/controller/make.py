@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -29,9 +29,10 @@ from ..robot import Robot
 from ..signals import LowPass
 from .controller import Controller
 from .defaults import Defaults, default_gains
+from .light_joint import lightest_joint
 from .limits import make_box, make_limits
 from .modes import TypicalLoop, typical_motion
-from .preflight import bearable
+from .preflight import bearable, bearable_feedback
 from .rates import dynamic_adaptation, kinematic_adaptation, prediction_weight
 
 ADAPTATIONS = ("natural", "gradient", "projected", "none")
@@ -106,15 +107,21 @@ def make_controller(
     kind = _adaptation(adaptation, chosen)
     lumped = [] if basis is not None else _lumped(kinematics, regressor, kind, chosen)
     dynamics = _dynamics(believed, dynamic, basis, lmi, joint, lumped)
-    default = default_gains(believed, chosen, positive(dt, "dt"))
-    gains = _gains(believed, chosen, default, K_v=Kv, K_P=Kp, alpha=alpha, R_k=R_k, Q=Q)
+    default, posture = default_gains(believed, chosen, positive(dt, "dt")), Posture(believed)
+    loop = TypicalLoop(chosen, kinematics, dynamics, typical_motion(believed, kinematics, default.bandwidth))
+    given = {"K_v": Kv, "K_P": Kp, "alpha": alpha, "R_k": R_k, "Q": Q}
+    gains = _gains(believed, chosen, default, given)
+    if Kv is None and Kp is None and alpha is None:
+        default = default.slowed(bearable_feedback(chosen(gains, posture), loop, dt))
+        gains = _gains(believed, chosen, default, given)
+    if kind != "none" and (light := lightest_joint(believed, loop, gains)):
+        warnings.warn(str(light), stacklevel=2)
     w = default.bandwidth
-    loop = TypicalLoop(chosen, kinematics, dynamics, typical_motion(believed, kinematics, w))
     adaptation_k = kinematic_adaptation(kind, loop, gains, w, gamma_k, make_box(believed, kinematics, kinematic_box))
     gains = gains if R_k is not None else replace(gains, R_k=prediction_weight(loop, adaptation_k, w) * gains.R_k)
     adaptation_d = partial(dynamic_adaptation, kind, believed, loop, w, gamma_d, gamma_joint, lmi)
     controller = Controller(
-        chosen(gains, Posture(believed)),
+        chosen(gains, posture),
         kinematics,
         dynamics,
         adaptation_k=adaptation_k,
@@ -134,7 +141,7 @@ def _slowed(controller: Controller, adaptation_d: Callable[[float], Adaptation],
     return controller
 
 
-def _gains(believed: Robot, law: type[Law], default: Defaults, **given: Any) -> Gains:
+def _gains(believed: Robot, law: type[Law], default: Defaults, given: Mapping[str, Any]) -> Gains:
     """Return the checked gains, the given ones and the defaults of the others; R_k, whose default comes later, is one."""
     defaults: dict[str, Any] = {"K_v": default.Kv, "K_P": default.Kp, "alpha": default.alpha, "R_k": 1.0}
     taken: dict[str, Any] = {name: value if value is not None else defaults.get(name) for name, value in given.items()}

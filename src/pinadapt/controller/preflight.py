@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..laws import Law
 from ..robot.workspace import rounded_down
 from .controller import Controller
 from .modes import TypicalLoop, frequency, gain_matrix, unit_mass
@@ -77,6 +78,14 @@ def bearable(controller: Controller, dt: float) -> float:
     return _SLACK * min(factors) if factors else 1.0
 
 
+def bearable_feedback(law: Law, loop: TypicalLoop, dt: float) -> float:
+    """Return the share of the feedback's bandwidth that passes the check at dt [s]; one where it passes, or where none does."""
+    radius = partial(_feedback_radius, list(_feedback(law, loop)), dt)
+    if radius(1.0) <= _UNSTABLE or radius(0.0) > _UNSTABLE:
+        return 1.0
+    return _SLACK * _largest(radius, 1.0)
+
+
 def _largest(radius: Callable[..., float], start: float) -> float:
     """Return about the largest number below ``start`` at which the spectral radius is stable."""
     low, high = start * 1e-6, start
@@ -92,7 +101,7 @@ def _parts(controller: Controller) -> list[tuple[str, dict[str, float], Radius]]
     if loop is None:
         return []
     gains, size = controller.law.gains, controller.dynamics.size
-    feedback = list(_feedback(controller, loop))
+    feedback = list(_feedback(controller.law, loop))
     parts: list[tuple[str, dict[str, float], Radius]] = [
         (_FEEDBACK, {"Kv": 1.0, "alpha": 1.0, "Kp": 2.0}, partial(_feedback_radius, feedback))
     ]
@@ -131,10 +140,10 @@ class Feedback(NamedTuple):
     P: np.ndarray
 
 
-def _feedback(controller: Controller, loop: TypicalLoop) -> Iterator[Feedback]:
+def _feedback(law: Law, loop: TypicalLoop) -> Iterator[Feedback]:
     """Return the feedback at each state, or once where all are the same."""
-    gains, kinematics, dynamics = controller.law.gains, loop.kinematics, loop.dynamics
-    if not loop.law.energy_based:
+    gains, kinematics, dynamics = law.gains, loop.kinematics, loop.dynamics
+    if not law.energy_based:
         yield Feedback(gains.K_P, gains.K_v, np.zeros_like(gains.K_v), np.eye(len(gains.K_v)))
         return
     dynamics.load(dynamics.initial)
@@ -144,7 +153,7 @@ def _feedback(controller: Controller, loop: TypicalLoop) -> Iterator[Feedback]:
         W = unit_mass(M)
         tracked = np.linalg.pinv(J, rcond=1e-2) @ J
         null = np.eye(len(M)) - tracked
-        N = W @ null @ np.diag(controller.law.posture.damping) @ null @ W.T
+        N = W @ null @ np.diag(law.posture.damping) @ null @ W.T
         P, J = W @ M @ tracked @ W.T, J @ W.T
         yield Feedback(J.T @ gains.K_P @ J, J.T @ gains.K_v @ J + gains.alpha * P, N, P)
 

@@ -26,6 +26,7 @@ class StackedParameters(DynamicParameters):
         self.names = (*inertial.names, *joint.names)
         self.size = inertial.size + joint.size
         self.initial = np.concatenate([inertial.initial, joint.initial])
+        self.bodies, self.translations = inertial.bodies, inertial.translations
 
     def load(self, a_d: np.ndarray) -> None:
         """Give each block its part of the estimate a_d (p)."""
