@@ -80,6 +80,21 @@ def test_the_gains_in_the_comments_are_the_ones_in_use(tmp_path):
     assert np.allclose(Scenario.read(file, short).run().x, Scenario.read(other, short).run().x, atol=1e-5)
 
 
+@pytest.mark.parametrize("task", ["xyz", "pose"])
+def test_an_arm_with_a_light_wrist_gets_a_law_whose_gains_are_forces(task, tmp_path):
+    file = written(tmp_path, "kinova", "--task", task)
+    text = file.read_text()
+    assert read_toml(file)["controller"]["law"] == "adaptive-jacobian" and "# j2s6s200_joint_6 moves so little" in text
+    assert "lambda_a" not in text  # this law has no use for the acceleration
+    for key in ("Kv", "Kp", "alpha", "gamma_d", "gamma_k", "R_k", "lambda"):
+        text = text.replace(f"\n# {key} = ", f"\n{key} = ")
+    other = tmp_path / "uncommented.toml"
+    other.write_text(text)
+    short = ["simulation.duration=0.2"]
+    assert np.allclose(Scenario.read(file, short).run().x, Scenario.read(other, short).run().x, atol=1e-4)
+    assert read_toml(written(tmp_path, "panda", "--force"))["controller"]["law"] == "adaptive-inverse-dynamics"
+
+
 def test_the_given_frame_and_task_are_taken(tmp_path):
     robot = read_toml(written(tmp_path, ARM4, "--frame", "link4", "--task", "xy"))["robot"]
     assert (robot["frame"], robot["task"], len(robot["q0"])) == ("link4", "xy", 4)

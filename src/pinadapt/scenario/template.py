@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import ceil
@@ -13,7 +14,8 @@ import numpy as np
 import pinocchio as pin
 
 from ..adaptation import Natural
-from ..controller import make_controller
+from ..controller import Controller, make_controller
+from ..controller.light_joint import LightJoint, lightest_joint
 from ..controller.modes import gain_matrix
 from ..exceptions import RobotError
 from ..robot import Robot, WorkspaceCircle, load, reachable_circle
@@ -22,12 +24,13 @@ from ..robot.chain import is_free_flyer
 from ..robot.ends import end_links
 from ..robot.home import conditioning
 from ..robot.urdf import is_path, mimic_joints, read_urdf
-from ..robot.workspace import reach
+from ..robot.workspace import reach, rounded_down
 from .schema import ControllerSection, SimulationSection
 
 _TOOL = 0.05  # unknown tool, in parts of the reach
 _LOAD = 0.05  # unknown load, in parts of the moving mass
 _PLANAR = ("xy", "xz", "yz")
+_FORCES = "adaptive-jacobian"  # the law whose gains are forces
 _SHOWN = 12  # names in a comment
 
 
@@ -120,11 +123,18 @@ class Template:
 
     def _controller(self) -> Iterable[str]:
         law, dt = ControllerSection().law, SimulationSection().dt
+        controller, light = _made(self.robot, law, dt)
         yield "\n[controller]"
+        if light is not None:
+            law = _FORCES
+            controller, _ = _made(self.robot, law, dt)
+            load, arm = rounded_down(light.load), 1e3 * light.arm
+            yield f"# {light.joint} moves so little that laws whose feedback is an acceleration can lose it under an"
+            yield f"# unknown load above {load} kg, {arm:.0f} mm off its axis; the gains of this law are forces."
         yield f"law = {_string(law)}"
         yield 'adaptation = "natural"'
         yield "# These gains are chosen for this robot, law and sampling period; take the # away to set your own."
-        yield from (f"# {f'{key} = {_three(value)}':<20} # {meaning}" for key, value, meaning in _gains(self.robot, dt))
+        yield from (f"# {f'{key} = {value}':<20} # {meaning}" for key, value, meaning in _gains(controller))
 
     def _motion(self) -> Iterable[str]:
         circle = self.circle
@@ -188,22 +198,36 @@ def _further_out(robot: Robot) -> np.ndarray:
     return np.round(tool, 3 - int(np.floor(np.log10(length))))
 
 
-def _gains(robot: Robot, period: float) -> list[tuple[str, float, str]]:
-    """Return key, default and meaning of the gains of the default law."""
-    controller = make_controller(robot, dt=period)
-    gains, natural = controller.law.gains, controller.adaptation_d
+def _made(robot: Robot, law: str, period: float) -> tuple[Controller, LightJoint | None]:
+    """Return the controller with a law's default gains, and the joint that it may lose."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the file says what there is to say
+        controller = make_controller(robot, law=law, dt=period)
+    assert controller.loop is not None  # make_controller gives one
+    return controller, lightest_joint(robot, controller.loop, controller.law.gains)
+
+
+def _gains(controller: Controller) -> Iterable[tuple[str, str, str]]:
+    """Return key, default and meaning of the gains."""
+    law, natural = controller.law, controller.adaptation_d
     assert isinstance(natural, Natural)  # the default
     rate_k = gain_matrix(controller.adaptation_k, controller.kinematics.initial)
-    return [
-        ("Kv", gains.K_v[0, 0], "velocity gain [1/s]"),
-        ("Kp", gains.K_P[0, 0], "position gain [1/s^2]"),
-        ("alpha", gains.alpha, "e = velocity error + alpha position error [1/s]"),
-        ("gamma_d", natural.gamma, "rate of the inertial parameters"),
-        ("gamma_k", rate_k[0, 0], "rate of the tool"),
-        ("R_k", gains.R_k[0, 0], "weight of the tool's prediction error"),
-        ("lambda", controller.velocity_filter.bandwidth, "velocity filter [1/s]"),
-        ("lambda_a", 1.0 / controller.acceleration_filter.bandwidth, "acceleration filter [s]"),
-    ]
+    kinds = ("N s/m, for rotations N m s/rad", "N/m, for rotations N m/rad") if law.energy_based else ("1/s", "1/s^2")
+    yield "Kv", _gain(law.gains.K_v), f"velocity gain [{kinds[0]}]"
+    yield "Kp", _gain(law.gains.K_P), f"position gain [{kinds[1]}]"
+    yield "alpha", _gain(law.gains.alpha), "e = velocity error + alpha position error [1/s]"
+    yield "gamma_d", _gain(natural.gamma), "rate of the inertial parameters"
+    yield "gamma_k", _gain(rate_k), "rate of the tool"
+    yield "R_k", _gain(law.gains.R_k), "weight of the tool's prediction error"
+    yield "lambda", _gain(controller.velocity_filter.bandwidth), "velocity filter [1/s]"
+    if not law.energy_based:
+        yield "lambda_a", _gain(1.0 / controller.acceleration_filter.bandwidth), "acceleration filter [s]"
+
+
+def _gain(gain: float | np.ndarray) -> str:
+    """Return a gain as it would be written: a number, or the diagonal of a matrix whose entries differ."""
+    values = [_three(value) for value in (np.diag(gain) if isinstance(gain, np.ndarray) else [gain])]
+    return str(values[0]) if len(set(values)) == 1 else str(values)
 
 
 def _three(number: float) -> float:
