@@ -110,10 +110,7 @@ def make_controller(
     default, posture = default_gains(believed, chosen, positive(dt, "dt")), Posture(believed)
     loop = TypicalLoop(chosen, kinematics, dynamics, typical_motion(believed, kinematics, default.bandwidth))
     given = {"K_v": Kv, "K_P": Kp, "alpha": alpha, "R_k": R_k, "Q": Q}
-    gains = _gains(believed, chosen, default, given)
-    if Kv is None and Kp is None and alpha is None:
-        default = default.slowed(bearable_feedback(chosen(gains, posture), loop, dt))
-        gains = _gains(believed, chosen, default, given)
+    default, gains = _feedback(believed, loop, posture, default, given, dt)
     if kind != "none" and (light := lightest_joint(believed, loop, gains)):
         warnings.warn(str(light), stacklevel=2)
     w = default.bandwidth
@@ -139,6 +136,17 @@ def _slowed(controller: Controller, adaptation_d: Callable[[float], Adaptation],
     if (share := bearable(controller, dt)) < 1.0:
         controller.adaptation_d = adaptation_d(share)
     return controller
+
+
+def _feedback(
+    believed: Robot, loop: TypicalLoop, posture: Posture, default: Defaults, given: Mapping[str, Any], dt: float
+) -> tuple[Defaults, Gains]:
+    """Return defaults and checked gains; where no gain of the feedback is given, slowed to what the period dt [s] bears."""
+    gains = _gains(believed, loop.law, default, given)
+    if any(given[name] is not None for name in ("K_v", "K_P", "alpha")):
+        return default, gains
+    default = default.slowed(bearable_feedback(loop.law(gains, posture), loop, dt))
+    return default, _gains(believed, loop.law, default, given)
 
 
 def _gains(believed: Robot, law: type[Law], default: Defaults, given: Mapping[str, Any]) -> Gains:
