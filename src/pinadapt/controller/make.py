@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -102,15 +102,12 @@ def make_controller(
     Raises:
         InputError: an unknown name, a gain that breaks a hypothesis, or parameters that cannot be used.
     """
-    chosen = _law(law)
-    kinematics = KinematicParameters(believed, kinematic)
+    chosen, kinematics = _law(law), KinematicParameters(believed, kinematic)
     kind = _adaptation(adaptation, chosen)
-    lumped = [] if basis is not None else _lumped(kinematics, regressor, kind, chosen)
-    dynamics = _dynamics(believed, dynamic, basis, lmi, joint, lumped)
+    dynamics = _dynamics(believed, dynamic, basis, lmi, joint, _lumped(kinematics, regressor, kind, chosen, basis))
     default, posture = default_gains(believed, chosen, positive(dt, "dt")), Posture(believed)
     loop = TypicalLoop(chosen, kinematics, dynamics, typical_motion(believed, kinematics, default.bandwidth))
-    given = {"K_v": Kv, "K_P": Kp, "alpha": alpha, "R_k": R_k, "Q": Q}
-    default, gains = _feedback(believed, loop, posture, default, given, dt)
+    default, gains = _feedback(believed, loop, posture, default, dt, K_v=Kv, K_P=Kp, alpha=alpha, R_k=R_k, Q=Q)
     if kind != "none" and (light := lightest_joint(believed, loop, gains)):
         warnings.warn(str(light), stacklevel=2)
     w = default.bandwidth
@@ -139,17 +136,17 @@ def _slowed(controller: Controller, adaptation_d: Callable[[float], Adaptation],
 
 
 def _feedback(
-    believed: Robot, loop: TypicalLoop, posture: Posture, default: Defaults, given: Mapping[str, Any], dt: float
+    believed: Robot, loop: TypicalLoop, posture: Posture, default: Defaults, dt: float, **given: Any
 ) -> tuple[Defaults, Gains]:
     """Return defaults and checked gains; where no gain of the feedback is given, slowed to what the period dt [s] bears."""
-    gains = _gains(believed, loop.law, default, given)
+    gains = _gains(believed, loop.law, default, **given)
     if any(given[name] is not None for name in ("K_v", "K_P", "alpha")):
         return default, gains
     default = default.slowed(bearable_feedback(loop.law(gains, posture), loop, dt))
-    return default, _gains(believed, loop.law, default, given)
+    return default, _gains(believed, loop.law, default, **given)
 
 
-def _gains(believed: Robot, law: type[Law], default: Defaults, given: Mapping[str, Any]) -> Gains:
+def _gains(believed: Robot, law: type[Law], default: Defaults, **given: Any) -> Gains:
     """Return the checked gains, the given ones and the defaults of the others; R_k, whose default comes later, is one."""
     defaults: dict[str, Any] = {"K_v": default.Kv, "K_P": default.Kp, "alpha": default.alpha, "R_k": 1.0}
     taken: dict[str, Any] = {name: value if value is not None else defaults.get(name) for name, value in given.items()}
@@ -192,14 +189,16 @@ def _adaptation(name: str, law: type[Law]) -> str:
     return name if law.adapts else "none"
 
 
-def _lumped(kinematics: KinematicParameters, regressor: str, kind: str, law: type[Law]) -> list[Translation]:
+def _lumped(
+    kinematics: KinematicParameters, regressor: str, kind: str, law: type[Law], basis: ArrayLike | None
+) -> list[Translation]:
     """Return the translations that have to be lumped with the inertias because the bodies' regressor contains them."""
     if regressor not in REGRESSORS:
         what = f"must be one of {list(REGRESSORS)}, got '{regressor}'.{did_you_mean(regressor, REGRESSORS)}"
         raise InputError(what, where="unknown.regressor")
     lengths = [part for part in kinematics.translations if part.joint is not None]
     names = [part.name for part in lengths]
-    if not lengths or kind == "none":
+    if not lengths or kind == "none" or basis is not None:
         return []
     if regressor == "nominal":
         warnings.warn(

@@ -7,8 +7,10 @@ import os
 import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import ceil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -18,7 +20,7 @@ from ..controller import Controller, make_controller
 from ..controller.light_joint import LightJoint, lightest_joint
 from ..controller.modes import gain_matrix
 from ..exceptions import RobotError
-from ..robot import Robot, WorkspaceCircle, load, reachable_circle
+from ..robot import Payload, Robot, WorkspaceCircle, load, reachable_circle
 from ..robot.catalogue import catalogue_entry
 from ..robot.chain import is_free_flyer
 from ..robot.ends import end_links
@@ -29,6 +31,7 @@ from .schema import ControllerSection, SimulationSection
 
 _TOOL = 0.05  # unknown tool, in parts of the reach
 _LOAD = 0.05  # unknown load, in parts of the moving mass
+_BELIEVED = 0.1  # the same of the load believed in where a joint is light; its radius of gyration is the tool
 _PLANAR = ("xy", "xz", "yz")
 _FORCES = "adaptive-jacobian"  # the law whose gains are forces
 _SHOWN = 12  # names in a comment
@@ -83,7 +86,7 @@ class Template:
 
     def text(self, folder: Path) -> str:
         """Return the scenario file; a relative URDF path is written relative to the folder it will lie in."""
-        return "\n".join([*self._robot(folder), *self._truth(), *self._controller(), *self._motion()])
+        return "\n".join([*self._robot(folder), *self._truth(), *self._belief(), *self._controller(), *self._motion()])
 
     def _robot(self, folder: Path) -> Iterable[str]:
         source, robot = self.source, self.robot
@@ -121,20 +124,28 @@ class Template:
         yield 'kinematic = ["tool"]'
         yield 'dynamic = "all"'
 
+    def _belief(self) -> Iterable[str]:
+        if (light := self._light) is None:
+            return
+        load, arm = rounded_down(light.load), 1e3 * light.arm
+        yield f"\n# {light.joint} moves so little that laws whose feedback is M_hat times an acceleration can lose it under an"
+        yield f"# unknown load above {load} kg, {arm:.0f} mm off its axis."
+        if (guess := self._guess) is None:
+            yield "# The law below has gains that are forces instead."
+            return
+        yield "# A load believed from the start keeps it, whether there is one or not."
+        yield "[belief]"
+        yield f"payload = {{ mass = {guess['mass']}, com = {_numbers(guess['com'])}, inertia = {_numbers(guess['inertia'])} }}"
+
     def _controller(self) -> Iterable[str]:
-        law, dt = ControllerSection().law, SimulationSection().dt
-        controller, light = _made(self.robot, law, dt)
+        law = ControllerSection().law if self._light is None or self._guess else _FORCES
+        robot = self.robot if self._guess is None else self.robot.changed(payload=Payload(**self._guess))
         yield "\n[controller]"
-        if light is not None:
-            law = _FORCES
-            controller, _ = _made(self.robot, law, dt)
-            load, arm = rounded_down(light.load), 1e3 * light.arm
-            yield f"# {light.joint} moves so little that laws whose feedback is an acceleration can lose it under an"
-            yield f"# unknown load above {load} kg, {arm:.0f} mm off its axis; the gains of this law are forces."
         yield f"law = {_string(law)}"
         yield 'adaptation = "natural"'
         yield "# These gains are chosen for this robot, law and sampling period; take the # away to set your own."
-        yield from (f"# {f'{key} = {value}':<20} # {meaning}" for key, value, meaning in _gains(controller))
+        gains = _gains(_made(robot, law))
+        yield from (f"# {f'{key} = {value}':<20} # {meaning}" for key, value, meaning in gains)
 
     def _motion(self) -> Iterable[str]:
         circle = self.circle
@@ -152,7 +163,30 @@ class Template:
         yield "# torque_limits = true                            # hold the torque inside the description's effort limits\n"
 
     def _load(self) -> float:
-        return _three(_LOAD * sum(inertia.mass for inertia in self.robot.model.inertias[1:]))
+        return _three(_LOAD * self._mass)
+
+    @property
+    def _mass(self) -> float:
+        return float(sum(inertia.mass for inertia in self.robot.model.inertias[1:]))
+
+    @cached_property
+    def _light(self) -> LightJoint | None:
+        """The joint that the main law may lose."""
+        controller = _made(self.robot, ControllerSection().law)
+        assert controller.loop is not None  # make_controller gives one
+        return lightest_joint(self.robot, controller.loop, controller.law.gains)
+
+    @cached_property
+    def _guess(self) -> dict[str, Any] | None:
+        """A load to believe in, whose inertia the light joint's damping bears at this period even where there is no load."""
+        if self._light is None:
+            return None
+        mass = _three(_BELIEVED * self._mass)
+        moment = _three(mass * self._light.arm**2)
+        K_v = _made(self.robot, ControllerSection().law).law.gains.K_v[0, 0]
+        if (1.0 + moment / self._light.inertia) * K_v * SimulationSection().dt > 2.0:
+            return None
+        return {"mass": mass, "com": [0.0, 0.0, 0.0], "inertia": [moment, 0.0, moment, 0.0, 0.0, moment]}
 
 
 def _whole(source: str) -> tuple[pin.Model, frozenset[str]]:
@@ -198,13 +232,11 @@ def _further_out(robot: Robot) -> np.ndarray:
     return np.round(tool, 3 - int(np.floor(np.log10(length))))
 
 
-def _made(robot: Robot, law: str, period: float) -> tuple[Controller, LightJoint | None]:
-    """Return the controller with a law's default gains, and the joint that it may lose."""
+def _made(robot: Robot, law: str) -> Controller:
+    """Return the controller with a law's default gains."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the file says what there is to say
-        controller = make_controller(robot, law=law, dt=period)
-    assert controller.loop is not None  # make_controller gives one
-    return controller, lightest_joint(robot, controller.loop, controller.law.gains)
+        return make_controller(robot, law=law, dt=SimulationSection().dt)
 
 
 def _gains(controller: Controller) -> Iterable[tuple[str, str, str]]:
