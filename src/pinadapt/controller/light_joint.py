@@ -52,7 +52,7 @@ def lightest_joint(believed: Robot, loop: TypicalLoop, gains: Gains) -> LightJoi
 
     At each state of the typical motion, the weight of the load at its distance from a joint's axis is divided by the believed
     inertia M_jj and by the least position gain: the angle at which the feedback balances it. On the catalogue, with 30 % wrong
-    inertias and loads of at most the last body's mass, the laws that command accelerations lost only joints told of here.
+    inertias and loads of at most the last body's mass, law (11) of Wang and Xie lost four joints, all of them told of here.
     """
     model, n = believed.model, believed.model.nv
     if loop.law.energy_based or not loop.law.adapts or n - 1 not in loop.dynamics.bodies:
