@@ -69,6 +69,6 @@ def lightest_joint(believed: Robot, loop: TypicalLoop, gains: Gains) -> LightJoi
         inertias.append(inertia)
     largest = np.max(angles, axis=0)
     j = int(np.argmax(largest))
-    if _LOAD * sum(body.mass for body in model.inertias[1:]) * largest[j] <= _ANGLE:
+    if _LOAD * pin.computeTotalMass(model) * largest[j] <= _ANGLE:
         return None
     return LightJoint(believed.joint_names[j], float(np.min(inertias, axis=0)[j]), _ANGLE / float(largest[j]), arm)

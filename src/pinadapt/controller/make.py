@@ -32,7 +32,7 @@ from .defaults import Defaults, default_gains
 from .light_joint import lightest_joint
 from .limits import make_box, make_limits
 from .modes import TypicalLoop, typical_motion
-from .preflight import bearable, bearable_feedback
+from .preflight import bearable_adaptation, bearable_feedback
 from .rates import dynamic_adaptation, kinematic_adaptation, prediction_weight
 
 ADAPTATIONS = ("natural", "gradient", "projected", "none")
@@ -130,7 +130,7 @@ def make_controller(
 
 def _slowed(controller: Controller, adaptation_d: Callable[[float], Adaptation], dt: float) -> Controller:
     """Return the controller with the share of the default rates that the period dt [s] bears, by the check before a run."""
-    if (share := bearable(controller, dt)) < 1.0:
+    if (share := bearable_adaptation(controller, dt)) < 1.0:
         controller.adaptation_d = adaptation_d(share)
     return controller
 

@@ -70,7 +70,7 @@ def preflight(controller: Controller, dt: float) -> list[Finding]:
     return findings
 
 
-def bearable(controller: Controller, dt: float) -> float:
+def bearable_adaptation(controller: Controller, dt: float) -> float:
     """Return the share of the rates of the dynamic adaptation that passes the check at dt [s]; one where they pass."""
     factors = [
         factor for finding in preflight(controller, dt) if finding.part == _DYNAMICS for factor in finding.factors.values()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._checks import positive
@@ -102,7 +103,7 @@ def _cone(believed: Robot, dynamics: DynamicParameters, lmi: ArrayLike | Cone | 
     cone: Cone
     if isinstance(dynamics, BodyParameters):
         names = [believed.joint_names[body] for body in dynamics.bodies]
-        mass = sum(inertia.mass for inertia in believed.model.inertias[1:]) / believed.model.nv
+        mass = pin.computeTotalMass(believed.model) / believed.model.nv
         cone = BodyCone(names, least_mass=1e-3 * mass, least_radius=1e-2 * reach(believed))
     elif lmi is None:
         raise ParameterError(

@@ -43,7 +43,7 @@ def plausible(robot: Robot, dynamics: DynamicParameters, count: int) -> Iterator
     exp(-tr(W W) / 2): physical, and off by 30 %. Unknown translations are off by 10 % of their lengths.
     """
     rng, bodies = np.random.default_rng(0), list(dynamics.bodies)
-    mass = sum(inertia.mass for inertia in robot.model.inertias[1:]) / robot.model.nv
+    mass = pin.computeTotalMass(robot.model) / robot.model.nv
     tens = [robot.model.inertias[body + 1].toDynamicParameters() for body in bodies]
     near = [pseudo_inertia(nearest_physical(ten, least_mass=1e-3 * mass, least_radius=_LEAST_RADIUS)) for ten in tens]
     roots = np.linalg.cholesky(np.array(near).reshape(-1, 4, 4))

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import ceil
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -108,15 +107,14 @@ class Template:
         yield f"q0 = {_numbers(robot.home_angles)}"
 
     def _truth(self) -> Iterable[str]:
-        tool, mass = _numbers(_further_out(self.robot)), self._load()
-        moment = _three(0.4 * mass * (0.5 * _TOOL * reach(self.robot)) ** 2)
-        inertia = _numbers([moment, 0.0, moment, 0.0, 0.0, moment])
+        tool, mass = _further_out(self.robot), _three(_LOAD * self._mass)
+        load = _ball(mass, 0.5 * _TOOL * reach(self.robot) * 0.4**0.5, tool)
         yield "\n# How the simulated robot differs from its description, which the controller is not told. Here: a tool"
         yield f"# {100 * _TOOL:g} % of the reach longer [m, frame's axes], in its end a ball of {100 * _LOAD:g} % of the mass"
         yield "# [kg; com m from the described frame; Ixx Ixy Iyy Ixz Iyz Izz kg m^2]. Put what you expect of your robot."
         yield "[truth]"
-        yield f"tool_translation = {tool}"
-        yield f"payload = {{ mass = {mass}, com = {tool}, inertia = {inertia} }}"
+        yield f"tool_translation = {_numbers(tool)}"
+        yield f"payload = {_table(load)}"
         yield "# inertial_scale = 1.3                           # every mass and inertia 30 % above its description"
         yield "# friction = { viscous = 0.1, coulomb = 0.05 }   # [N m s/rad, N m], or one number a joint"
         yield "\n# What the controller adapts: the tool's translation, and all inertial parameters of every body."
@@ -135,17 +133,20 @@ class Template:
             return
         yield "# A load believed from the start keeps it, whether there is one or not."
         yield "[belief]"
-        yield f"payload = {{ mass = {guess['mass']}, com = {_numbers(guess['com'])}, inertia = {_numbers(guess['inertia'])} }}"
+        yield f"payload = {_table(guess)}"
 
     def _controller(self) -> Iterable[str]:
-        law = ControllerSection().law if self._light is None or self._guess else _FORCES
-        robot = self.robot if self._guess is None else self.robot.changed(payload=Payload(**self._guess))
+        law, controller = ControllerSection().law, self._main
+        if self._guess is not None:
+            controller = _made(self.robot.changed(payload=self._guess), law)
+        elif self._light is not None:
+            law = _FORCES
+            controller = _made(self.robot, law)
         yield "\n[controller]"
         yield f"law = {_string(law)}"
         yield 'adaptation = "natural"'
         yield "# These gains are chosen for this robot, law and sampling period; take the # away to set your own."
-        gains = _gains(_made(robot, law))
-        yield from (f"# {f'{key} = {value}':<20} # {meaning}" for key, value, meaning in gains)
+        yield from (f"# {f'{key} = {value}':<20} # {meaning}" for key, value, meaning in _gains(controller))
 
     def _motion(self) -> Iterable[str]:
         circle = self.circle
@@ -162,31 +163,41 @@ class Template:
         yield f"dt = {SimulationSection().dt}"
         yield "# torque_limits = true                            # hold the torque inside the description's effort limits\n"
 
-    def _load(self) -> float:
-        return _three(_LOAD * self._mass)
-
     @property
     def _mass(self) -> float:
-        return float(sum(inertia.mass for inertia in self.robot.model.inertias[1:]))
+        return float(pin.computeTotalMass(self.robot.model))
+
+    @cached_property
+    def _main(self) -> Controller:
+        """The controller with the main law."""
+        return _made(self.robot, ControllerSection().law)
 
     @cached_property
     def _light(self) -> LightJoint | None:
         """The joint that the main law may lose."""
-        controller = _made(self.robot, ControllerSection().law)
-        assert controller.loop is not None  # make_controller gives one
-        return lightest_joint(self.robot, controller.loop, controller.law.gains)
+        assert self._main.loop is not None  # make_controller gives one
+        return lightest_joint(self.robot, self._main.loop, self._main.law.gains)
 
     @cached_property
-    def _guess(self) -> dict[str, Any] | None:
+    def _guess(self) -> Payload | None:
         """A load to believe in, whose inertia the light joint's damping bears at this period even where there is no load."""
-        if self._light is None:
+        if (light := self._light) is None:
             return None
-        mass = _three(_BELIEVED * self._mass)
-        moment = _three(mass * self._light.arm**2)
-        K_v = _made(self.robot, ControllerSection().law).law.gains.K_v[0, 0]
-        if (1.0 + moment / self._light.inertia) * K_v * SimulationSection().dt > 2.0:
-            return None
-        return {"mass": mass, "com": [0.0, 0.0, 0.0], "inertia": [moment, 0.0, moment, 0.0, 0.0, moment]}
+        guess = _ball(_three(_BELIEVED * self._mass), light.arm, np.zeros(3))
+        heavier = 1.0 + guess.mass * light.arm**2 / light.inertia
+        return None if heavier * self._main.law.gains.K_v[0, 0] * SimulationSection().dt > 2.0 else guess
+
+
+def _ball(mass: float, gyration: float, com: np.ndarray) -> Payload:
+    """Return a load of a mass [kg] with a radius of gyration [m] at a place (3) [m] in the frame's axes."""
+    moment = _three(mass * gyration**2)
+    return Payload(mass, com, (moment, 0.0, moment, 0.0, 0.0, moment))
+
+
+def _table(load: Payload) -> str:
+    """Return a load as it is written in a scenario."""
+    com, inertia = (_numbers(np.asarray(entries)) for entries in (load.com, load.inertia))
+    return f"{{ mass = {load.mass}, com = {com}, inertia = {inertia} }}"
 
 
 def _whole(source: str) -> tuple[pin.Model, frozenset[str]]:
