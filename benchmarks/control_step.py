@@ -1,9 +1,10 @@
 """One control step against the raw Pinocchio calls that its law cannot do without.
 
-``python -m benchmarks.control_step [--save FILE]`` times law (11), kinematics and every inertial parameter adapted, on three
-robots. The floor is the sequence of raw calls, listed by name, with the arguments ready: forward kinematics and Jacobian at
-the estimate, the estimated inertias written into a model, RNEA, CRBA and the regressor. Step and floor run in turn in one
-process, so that both see the caches and the clock of the same instant; the ratio is the median over pairs. ``bare floor``
+``python -m benchmarks.control_step [--save FILE]`` times law (11), kinematics and every inertial
+parameter adapted, on three robots. The floor is the sequence of raw calls, listed by name, with the
+arguments ready: forward kinematics and Jacobian at the estimate, the estimated inertias written
+into a model, RNEA, CRBA and the regressor. Step and floor run in turn in one process, so that both
+see the caches and the clock of the same instant; the ratio is the median over pairs. ``bare floor``
 leaves the writing of the estimates out.
 """
 
@@ -35,14 +36,22 @@ def controller(name: str) -> tuple[pa.Robot, pa.Controller]:
     if name != "planar_2r":
         return robot, pa.make_controller(robot, kinematic=["tool"], dynamic="all")
     basis = np.loadtxt(PLANAR / "basis.csv", delimiter=",")
-    return robot, pa.make_controller(robot, kinematic=["lengths"], basis=basis, lmi=pa.Cone.from_file(PLANAR / "lmi.csv"))
+    return robot, pa.make_controller(
+        robot,
+        kinematic=["lengths"],
+        basis=basis,
+        lmi=pa.MatrixInequality.from_file(PLANAR / "lmi.csv"),
+    )
 
 
 def floor_calls(robot: pa.Robot, q: np.ndarray, v: np.ndarray) -> dict[str, tuple[Call, bool]]:
     """Return the raw calls by name, in the order of a step, and whether each belongs to the bare floor too."""
     model, data = robot.model.copy(), robot.model.createData()
     zero, frame, n = np.zeros(model.nv), robot.frame_id, model.nv
-    inertias, tens = model.inertias, [inertia.toDynamicParameters() for inertia in model.inertias[1:]]
+    inertias, tens = (
+        model.inertias,
+        [inertia.toDynamicParameters() for inertia in model.inertias[1:]],
+    )
     bodies = [pin.Inertia.FromDynamicParameters(ten) for ten in tens]
     aligned = pin.LOCAL_WORLD_ALIGNED
 
@@ -55,15 +64,24 @@ def floor_calls(robot: pa.Robot, q: np.ndarray, v: np.ndarray) -> dict[str, tupl
             inertias[joint] = body
 
     return {
-        "forwardKinematics(q, v, 0)": (lambda: pin.forwardKinematics(model, data, q, v, zero), True),
+        "forwardKinematics(q, v, 0)": (
+            lambda: pin.forwardKinematics(model, data, q, v, zero),
+            True,
+        ),
         "computeJointJacobians": (lambda: pin.computeJointJacobians(model, data), True),
         "getFrameJacobian": (lambda: pin.getFrameJacobian(model, data, frame, aligned), True),
-        "getFrameClassicalAcceleration": (lambda: pin.getFrameClassicalAcceleration(model, data, frame, aligned), True),
+        "getFrameClassicalAcceleration": (
+            lambda: pin.getFrameClassicalAcceleration(model, data, frame, aligned),
+            True,
+        ),
         f"Inertia.FromDynamicParameters x {n}": (make_inertias, False),
         f"model.inertias[i] = x {n}": (write_inertias, False),
         "rnea": (lambda: pin.rnea(model, data, q, v, v), True),
         "crba": (lambda: pin.crba(model, data, q), True),
-        "computeJointTorqueRegressor": (lambda: pin.computeJointTorqueRegressor(model, data, q, v, v), True),
+        "computeJointTorqueRegressor": (
+            lambda: pin.computeJointTorqueRegressor(model, data, q, v, v),
+            True,
+        ),
     }
 
 
@@ -95,7 +113,7 @@ def in_turn(functions: dict[str, Call]) -> dict[str, np.ndarray]:
 def measure(name: str) -> dict[str, Any]:
     """Return the figures of one robot."""
     robot, control = controller(name)
-    plant, rng = pa.Plant(robot), np.random.default_rng(0)
+    plant, rng = pa.PinocchioPlant(robot), np.random.default_rng(0)
     v = 0.3 * rng.standard_normal(plant.nv)
     measurement = pa.Measurement(robot.q0, v, *plant.task_motion(robot.q0, v))
     desired = pa.Circle(np.zeros(robot.task.size), 0.1, 3.0).starting_at(measurement.x).at(0.1)
@@ -127,7 +145,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--save", type=Path, default=HERE / "control_step.json")
     path = parser.parse_args().save
-    before = {row["robot"]: row for row in json.loads(path.read_text())["robots"]} if path.is_file() else {}
+    before = (
+        {row["robot"]: row for row in json.loads(path.read_text())["robots"]}
+        if path.is_file()
+        else {}
+    )
     rows = [measure(name) for name in ("planar_2r", "ur5", "panda")]
     print(
         f"{'robot':10} {'params':>7} {'step us':>8} {'floor us':>9} {'ratio':>6} {'was':>6} {'bare us':>8} {'bare ratio':>11}"

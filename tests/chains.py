@@ -10,7 +10,7 @@ from hypothesis import example, settings
 from hypothesis import strategies as st
 
 import pinadapt as pa
-from pinadapt.robot import task_named
+from pinadapt.tasks.registry import task_named
 
 SIZES = range(1, 11)  # numbers of joints
 seeds = st.integers(0, 2**31)
@@ -24,7 +24,9 @@ def random_model(seed: int, joints: int) -> pin.Model:
     model.name = f"chain of {joints}, seed {seed}"
     parent = 0
     for i in range(joints):
-        parent = model.addJoint(parent, random_joint(rng), random_placement(rng, 0.5), f"joint{i + 1}")
+        parent = model.addJoint(
+            parent, random_joint(rng), random_placement(rng, 0.5), f"joint{i + 1}"
+        )
         model.appendBodyToJoint(parent, random_inertia(rng), pin.SE3.Identity())
     model.addFrame(pin.Frame("tip", parent, 0, random_placement(rng, 0.3), pin.FrameType.BODY))
     model.gravity.linear = rng.uniform(-10.0, 10.0, 3)
@@ -36,7 +38,11 @@ def random_joint(rng: np.random.Generator) -> pin.JointModel:
     axis = rng.standard_normal(3)
     axis /= np.linalg.norm(axis)
     continuous = (pin.JointModelRUBX, pin.JointModelRUBY, pin.JointModelRUBZ)[rng.integers(3)]
-    kinds = (pin.JointModelRevoluteUnaligned(axis), continuous(), pin.JointModelPrismaticUnaligned(axis))
+    kinds = (
+        pin.JointModelRevoluteUnaligned(axis),
+        continuous(),
+        pin.JointModelPrismaticUnaligned(axis),
+    )
     return kinds[rng.choice(3, p=(0.5, 0.2, 0.3))]
 
 
@@ -51,14 +57,23 @@ def random_inertia(rng: np.random.Generator) -> pin.Inertia:
     mass = masses.sum()
     com = masses @ points / mass
     arms = points - com
-    inertia = sum(m * (r @ r * np.eye(3) - np.outer(r, r)) for m, r in zip(masses, arms, strict=True))
+    inertia = sum(
+        m * (r @ r * np.eye(3) - np.outer(r, r)) for m, r in zip(masses, arms, strict=True)
+    )
     return pin.Inertia(mass, com, inertia)
 
 
 def random_robot(seed: int, joints: int) -> pa.Robot:
     """Return a robot on a random chain, at home in its neutral configuration, even on one too short for its task."""
     model = random_model(seed, joints)
-    return pa.Robot(str(model.name), model, "tip", task_named("xyz"), pin.neutral(model), pa.Friction.none(joints))
+    return pa.Robot(
+        str(model.name),
+        model,
+        "tip",
+        task_named("xyz"),
+        pin.neutral(model),
+        pa.Friction.none(joints),
+    )
 
 
 def chains_of(sizes: Sequence[int]) -> st.SearchStrategy[pa.Robot]:
@@ -88,7 +103,9 @@ def each_size(sizes: Sequence[int] = SIZES, **others: Any) -> Callable[[Callable
 catalogue_robot = cache(pa.load)  # loading takes most of a second, and robots are not written to
 
 
-def random_state(robot: pa.Robot, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def random_state(
+    robot: pa.Robot, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return q (nq), v and a (nv)."""
     nv = robot.model.nv
     q = pin.integrate(robot.model, pin.neutral(robot.model), rng.uniform(-2.0, 2.0, nv))

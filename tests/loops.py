@@ -32,7 +32,9 @@ class Energy:
 
     def mismatch(self, after: int = 0) -> float:
         """Return the largest difference of the two dV/dt, relative to the largest dV/dt, leaving out first samples."""
-        return float(np.abs(self.numerical - self.rate[2:-2])[after:].max() / np.abs(self.rate).max())
+        return float(
+            np.abs(self.numerical - self.rate[2:-2])[after:].max() / np.abs(self.rate).max()
+        )
 
     def largest_rise(self) -> float:
         """Return how much V rises from one sample to the next at most, relative to its first value; negative if it falls."""
@@ -45,20 +47,32 @@ def with_tool_and_load(robot: pa.Robot) -> pa.Robot:
     return robot.changed(tool_translation=[0.03, -0.02, 0.08], payload=load)
 
 
-def circle_beside(robot: pa.Robot, plane: str, by: Sequence[float] = (0.01, -0.01, 0.02)) -> pa.Trajectory:
+def circle_beside(
+    robot: pa.Robot, plane: str, by: Sequence[float] = (0.01, -0.01, 0.02)
+) -> pa.Trajectory:
     """Return a circle of 5 cm in two seconds that starts beside the robot's home by an offset (3) [m]."""
-    return pa.Circle(np.zeros(3), 0.05, 2.0, plane).starting_at(robot.position(robot.q0) + np.array(by))
+    return pa.Circle(np.zeros(3), 0.05, 2.0, plane).starting_at(
+        robot.position(robot.q0) + np.array(by)
+    )
 
 
 def check_holds_home(robot: pa.Robot) -> None:
     """The default controller of a robot that is as believed stays at its home."""
-    rollout = pa.simulate(robot, pa.make_controller(robot), pa.Hold(robot.position(robot.q0)), duration=0.02)
+    rollout = pa.simulate(
+        robot, pa.make_controller(robot), pa.Hold(robot.position(robot.q0)), duration=0.02
+    )
     assert rollout.diverged is None
     assert rollout.distance.max() < 1e-3
 
 
 def energy_along(
-    true: pa.Robot, controller: pa.Controller, path: pa.Trajectory, *, steps: int, dt: float = 1e-4, **start: Any
+    true: pa.Robot,
+    controller: pa.Controller,
+    path: pa.Trajectory,
+    *,
+    steps: int,
+    dt: float = 1e-4,
+    **start: Any,
 ) -> Energy:
     """Run the continuous loop with ideal acceleration from the true robot's home at rest, and trace V.
 
@@ -70,15 +84,24 @@ def energy_along(
         dt: integration step and time between samples [s].
         start: initial estimates a_k, a_d instead of the believed ones.
     """
-    plant, v = pa.Plant(true), np.zeros(true.model.nv)
+    plant, v = pa.PinocchioPlant(true), np.zeros(true.model.nv)
     state = controller.init(pa.Measurement(true.q0, v, *plant.task_motion(true.q0, v)), **start)
-    trace = run_continuous(plant, controller, path, state, times=range(steps), dt=dt, ideal_acceleration=True)
+    trace = run_continuous(
+        plant, controller, path, state, times=range(steps), dt=dt, ideal_acceleration=True
+    )
     assert trace.diverged is None
     a_k, a_d = controller.kinematics.value(true), controller.dynamics.value(true)
     V, rate, dx, delta = [], [], [], []
-    for measurement, desired, state in zip(trace.measurements, trace.desired, trace.states, strict=True):
-        signals, truth = controller.observe(state, measurement, desired), truth_at(plant, measurement, a_k, a_d)
-        V.append(controller.law.storage(signals, truth) + parameter_storage(controller, state, a_k, a_d))
+    for measurement, desired, state in zip(
+        trace.measurements, trace.desired, trace.states, strict=True
+    ):
+        signals, truth = (
+            controller.observe(state, measurement, desired),
+            truth_at(plant, measurement, a_k, a_d),
+        )
+        V.append(
+            controller.law.storage(signals, truth) + parameter_storage(controller, state, a_k, a_d)
+        )
         rate.append(controller.law.dissipation(signals, truth))
         dx.append(signals.dx.copy())
         delta.append(np.zeros_like(signals.dx) if signals.delta is None else signals.delta.copy())

@@ -6,10 +6,10 @@ import numpy as np
 
 import pinadapt as pa
 from chains import catalogue_robot
-from pinadapt.robot import robots_folder
+from pinadapt.robot.catalogue import robots_folder
 
 BASIS = np.loadtxt(robots_folder() / "planar_2r" / "basis.csv", delimiter=",")  # of a1, a2, a3
-LMI = pa.Cone.from_file(robots_folder() / "planar_2r" / "lmi.csv")
+LMI = pa.MatrixInequality.from_file(robots_folder() / "planar_2r" / "lmi.csv")
 CIRCLE = pa.Circle([0.8, 0.0], 0.3, 2.0)
 WRONG = {"a_k": [1.4, 1.5], "a_d": [4.0, 0.5, 0.5]}
 

@@ -10,7 +10,7 @@ from hypothesis import given
 import pinadapt as pa
 from chains import random_inertia, seeded, seeds
 from differences import derivative
-from pinadapt.parameters.pseudo_inertia import is_physical, nearest_physical, pseudo_inertia
+from pinadapt.models.pseudo_inertia import is_physical, nearest_physical, pseudo_inertia
 
 PLANAR_LMI = np.array([[[1, 0], [0, 0]], [[0, 1], [1, 0]], [[-1, 0], [0, 1]]], dtype=float)
 
@@ -24,12 +24,16 @@ def diagonal_bounds():
     F = np.zeros((2, 4, 4))
     F[0] = np.diag([1, -1, 0, -1])
     F[1] = np.diag([0, 0, 1, -1])
-    return pa.Cone(F, offset=np.diag([0.0, 2.0, 0.0, 3.0]))
+    return pa.MatrixInequality(F, offset=np.diag([0.0, 2.0, 0.0, 3.0]))
 
 
 CASES = {
-    "bodies": lambda rng: (pa.BodyCone(["a", "b", "c"]), bodies(rng, 3), bodies(rng, 3)),
-    "planar": lambda rng: (pa.Cone(PLANAR_LMI), np.array([3.0, 0.5, 0.5]), np.array([3.34, 1.2, 0.97])),
+    "bodies": lambda rng: (pa.BodyInequality(["a", "b", "c"]), bodies(rng, 3), bodies(rng, 3)),
+    "planar": lambda rng: (
+        pa.MatrixInequality(PLANAR_LMI),
+        np.array([3.0, 0.5, 0.5]),
+        np.array([3.34, 1.2, 0.97]),
+    ),
     "bounds": lambda rng: (diagonal_bounds(), np.array([0.5, 1.0]), np.array([1.2, 0.3])),
 }
 
@@ -44,7 +48,9 @@ def test_pseudo_inertia_is_pinocchios(seed):
 
 
 def test_unphysical_inertias_are_recognised():
-    triangle = pin.Inertia(1.0, np.array([0.1, 0.0, 0.0]), np.diag([1.0, 1.0, 3.0]))  # Ixx + Iyy < Izz
+    triangle = pin.Inertia(
+        1.0, np.array([0.1, 0.0, 0.0]), np.diag([1.0, 1.0, 3.0])
+    )  # Ixx + Iyy < Izz
     assert not is_physical(triangle.toDynamicParameters())
     assert not is_physical(np.zeros(10))
     assert not is_physical(-random_inertia(np.random.default_rng(0)).toDynamicParameters())
@@ -73,7 +79,9 @@ def test_distance_falls_as_the_gradient_signal_says(case, seed):
     for adaptation in (pa.Natural(0.3, cone), pa.Gradient(rng.uniform(0.1, 2.0, a.size), a.size)):
         rate = adaptation.rate(a, g)
         step = 1e-4 / max(1.0, np.linalg.norm(rate))
-        change = derivative(lambda t, a=a, r=rate, f=adaptation: f.distance(a + t * r, a_true), h=step)
+        change = derivative(
+            lambda t, a=a, r=rate, f=adaptation: f.distance(a + t * r, a_true), h=step
+        )
         assert np.isclose(change, -(a - a_true) @ g, rtol=1e-5, atol=1e-7)
         assert adaptation.distance(a_true, a_true) == pytest.approx(0.0, abs=1e-9)
         assert adaptation.distance(a, a_true) > 0.0
@@ -85,7 +93,9 @@ def test_advance_follows_rate_for_small_steps(case):
     cone, a, _ = CASES[case](rng)
     adaptation, g = pa.Natural(0.3, cone), rng.standard_normal(a.size)
     h = 1e-7
-    assert np.allclose((adaptation.advance(a, g, h) - a) / h, adaptation.rate(a, g), rtol=1e-4, atol=1e-6)
+    assert np.allclose(
+        (adaptation.advance(a, g, h) - a) / h, adaptation.rate(a, g), rtol=1e-4, atol=1e-6
+    )
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -107,7 +117,7 @@ def test_natural_never_leaves_the_cone(case, step):
 def test_series_is_the_geodesic(norm):
     """The short series used for small steps agrees with S exp(-S^T X S) S^T, computed here by the eigenvalues."""
     rng = np.random.default_rng(8)
-    cone = pa.BodyCone(["a", "b"])
+    cone = pa.BodyInequality(["a", "b"])
     a, g = bodies(rng, 2), rng.standard_normal(20)
     P, L = cone.matrices(a), cone.covectors(g)
     A = P @ L
@@ -122,14 +132,16 @@ def test_series_is_the_geodesic(norm):
 def test_natural_is_coordinate_free():
     """Moving every body to another frame and unit commutes with adaptation: the Euclidean gradient has no such property."""
     rng = np.random.default_rng(9)
-    cone = pa.BodyCone(["a"])
+    cone = pa.BodyInequality(["a"])
     a, g = bodies(rng, 1), rng.standard_normal(10)
     placement = pin.SE3.Random()
 
     def move(pi):
         return placement.act(pin.Inertia.FromDynamicParameters(pi)).toDynamicParameters()
 
-    A = np.stack([move(a + e) - move(a) for e in 1e-3 * np.eye(10)], axis=1) / 1e-3  # the map is linear
+    A = (
+        np.stack([move(a + e) - move(a) for e in 1e-3 * np.eye(10)], axis=1) / 1e-3
+    )  # the map is linear
     h = 1e-3
     there = pa.Natural(1.0, cone).advance(move(a), np.linalg.solve(A.T, g), h)
     assert np.allclose(there, move(pa.Natural(1.0, cone).advance(a, g, h)), rtol=1e-6, atol=1e-8)
@@ -139,7 +151,7 @@ def test_unphysical_bodies_are_moved_with_a_warning_that_names_them():
     rng = np.random.default_rng(10)
     a = bodies(rng, 2)
     a[19] += 100.0  # Izz of the second body
-    cone = pa.BodyCone(["shoulder", "elbow"], least_mass=1e-3, least_radius=1e-3)
+    cone = pa.BodyInequality(["shoulder", "elbow"], least_mass=1e-3, least_radius=1e-3)
     with pytest.warns(UserWarning, match=r"\['elbow'\]"):
         admitted = pa.Natural(1.0, cone).admit(a)
     assert cone.contains(admitted)
@@ -151,12 +163,12 @@ def test_unphysical_bodies_are_moved_with_a_warning_that_names_them():
 
 def test_refusals():
     with pytest.raises(pa.ParameterError, match="outside"):
-        pa.Natural(1.0, pa.Cone(PLANAR_LMI)).admit(np.array([4.0, 5.0, 0.5]))
+        pa.Natural(1.0, pa.MatrixInequality(PLANAR_LMI)).admit(np.array([4.0, 5.0, 0.5]))
     with pytest.raises(pa.ParameterError, match="independent"):
-        pa.Cone(np.stack([np.eye(2), 2 * np.eye(2)]))
+        pa.MatrixInequality(np.stack([np.eye(2), 2 * np.eye(2)]))
     with pytest.raises(pa.ParameterError, match="symmetric"):
-        pa.Cone([[[0.0, 1.0], [0.0, 0.0]]])
+        pa.MatrixInequality([[[0.0, 1.0], [0.0, 0.0]]])
     with pytest.raises(pa.GainError, match="positive"):
-        pa.Natural(-1.0, pa.Cone(PLANAR_LMI))
+        pa.Natural(-1.0, pa.MatrixInequality(PLANAR_LMI))
     with pytest.raises(pa.GainError, match="definite"):
         pa.Gradient([1.0, -1.0], 2)

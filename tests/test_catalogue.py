@@ -10,7 +10,8 @@ import pinadapt as pa
 from chains import catalogue_robot
 from loops import check_holds_home
 from pinadapt._toml import read_toml
-from pinadapt.robot import TASKS, robots_folder
+from pinadapt.robot.catalogue import robots_folder
+from pinadapt.tasks.registry import TASKS
 
 ROWS = read_toml(robots_folder() / "catalogue.toml")
 KEYS = {"urdf", "loader", "first", "frame", "tip", "task", "q0", "about"}
@@ -24,7 +25,10 @@ def test_rows_have_known_keys_a_frame_and_a_line_for_people():
 
 
 def test_no_chain_stands_twice():
-    chains = [(row.get("loader", row.get("urdf", name)), row.get("first"), row["frame"]) for name, row in ROWS.items()]
+    chains = [
+        (row.get("loader", row.get("urdf", name)), row.get("first"), row["frame"])
+        for name, row in ROWS.items()
+    ]
     assert len(set(chains)) == len(chains) == len(pa.catalogue())
     assert len({row["about"] for row in ROWS.values()}) == len(ROWS)
 
@@ -54,13 +58,19 @@ LIMBS = [  # name, joints, first and last of them
 @pytest.mark.parametrize(("name", "joints", "first", "last"), LIMBS)
 def test_a_limb_is_cut_out_of_its_robot_and_tracks(name, joints, first, last):
     robot = catalogue_robot(name)
-    assert (len(robot.joint_names), robot.joint_names[0], robot.joint_names[-1]) == (joints, first, last)
+    assert (len(robot.joint_names), robot.joint_names[0], robot.joint_names[-1]) == (
+        joints,
+        first,
+        last,
+    )
     assert pa.catalogue()[name].joints() == robot.joint_names
     check_holds_home(robot)
 
 
 def test_ur3_is_not_the_ur5():
-    upper_arms = [catalogue_robot(name).model.jointPlacements[3].translation[2] for name in ("ur3", "ur5")]
+    upper_arms = [
+        catalogue_robot(name).model.jointPlacements[3].translation[2] for name in ("ur3", "ur5")
+    ]
     assert np.allclose(upper_arms, [0.24365, 0.425], atol=1e-4)  # [m], the manufacturer's
 
 
@@ -69,7 +79,9 @@ def test_a_tip_lies_where_the_table_says():
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, robot.q0)
     assert robot.frame == "link2_tip"
-    assert np.allclose(robot.position(robot.q0), data.oMi[2].act(np.array(row["tip"]))[1:], atol=1e-12)
+    assert np.allclose(
+        robot.position(robot.q0), data.oMi[2].act(np.array(row["tip"]))[1:], atol=1e-12
+    )
 
 
 def test_limbs_of_one_robot_share_its_description_but_not_their_models():

@@ -7,7 +7,7 @@ import pinocchio as pin
 from hypothesis import given, settings
 
 from chains import SIZES, chains, each_size, seeded
-from pinadapt.parameters.pseudo_inertia import is_physical
+from pinadapt.models.pseudo_inertia import is_physical
 from pinadapt.robot.chain import check_joints, check_mass_matrix, is_slide
 
 
@@ -59,7 +59,9 @@ def test_each_size_is_run_however_few_are_drawn():
 @seeded
 def test_chains_are_robots_that_the_library_takes(robot):
     model = robot.model
-    assert model.nv == len(robot.joint_names) == len(robot.friction.viscous) and robot.q0.shape == (model.nq,)
+    assert model.nv == len(robot.joint_names) == len(robot.friction.viscous) and robot.q0.shape == (
+        model.nq,
+    )
     check_joints(model, range(1, model.njoints))
     check_mass_matrix(model, [robot.q0])
     assert all(is_physical(body.toDynamicParameters()) for body in model.inertias[1:])

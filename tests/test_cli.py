@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import pinadapt
-from pinadapt.cli import main
-from pinadapt.robot import robots_folder
+from pinadapt.cli.main import main
+from pinadapt.robot.catalogue import robots_folder
 
 PLANAR = str(robots_folder() / "planar_2r" / "wang_xie_2009.toml")
 PANDA = str(robots_folder() / "panda" / "tool_and_load.toml")
@@ -48,7 +48,12 @@ def module(*arguments):
     """Run ``python -m pinadapt`` in a process of its own, output piped."""
     source = str(Path(pinadapt.__file__).parents[1])
     environment = {**os.environ, "PYTHONPATH": source}
-    return subprocess.run([sys.executable, "-m", "pinadapt", *arguments], capture_output=True, text=True, env=environment)
+    return subprocess.run(
+        [sys.executable, "-m", "pinadapt", *arguments],
+        capture_output=True,
+        text=True,
+        env=environment,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +79,12 @@ def test_summary_has_the_documented_keys(finished):
     summary = json.loads((finished / "summary.json").read_text())
     assert not set(SUMMARY) - set(summary)
     assert all(isinstance(summary[key], kind) for key, kind in SUMMARY.items())
-    assert (summary["robot"], summary["nv"], summary["steps"], summary["diverged"]) == ("planar_2r", 2, 50, None)
+    assert (summary["robot"], summary["nv"], summary["steps"], summary["diverged"]) == (
+        "planar_2r",
+        2,
+        50,
+        None,
+    )
     assert (summary["law"], summary["adaptation"]) == ("adaptive-inverse-dynamics", "natural")
     assert summary["version"] == pinadapt.__version__
     assert 0.1 < summary["max_error_first"] < 0.3
@@ -89,7 +99,10 @@ def test_rollout_has_the_documented_arrays(finished):
 
 
 def test_plots_are_written(finished):
-    assert all((finished / f"{name}.png").stat().st_size > 5000 for name in ("error", "parameters", "torque"))
+    assert all(
+        (finished / f"{name}.png").stat().st_size > 5000
+        for name in ("error", "parameters", "torque")
+    )
 
 
 def test_no_html_writes_no_animation(finished):
@@ -97,7 +110,10 @@ def test_no_html_writes_no_animation(finished):
 
 
 def test_the_summary_agrees_with_the_arrays(finished):
-    summary, arrays = json.loads((finished / "summary.json").read_text()), np.load(finished / "rollout.npz")
+    summary, arrays = (
+        json.loads((finished / "summary.json").read_text()),
+        np.load(finished / "rollout.npz"),
+    )
     distance = np.linalg.norm(arrays["error"], axis=1)
     assert np.isclose(summary["max_error_first"], distance[:5].max())
     assert np.isclose(summary["max_error_last"], distance[-5:].max())
@@ -122,7 +138,10 @@ def test_without_out_the_folder_is_named_after_the_scenario(tmp_path, monkeypatc
 
 
 def test_divergence_leaves_the_outputs_up_to_that_time(diverged):
-    summary, arrays = json.loads((diverged / "summary.json").read_text()), np.load(diverged / "rollout.npz")
+    summary, arrays = (
+        json.loads((diverged / "summary.json").read_text()),
+        np.load(diverged / "rollout.npz"),
+    )
     assert 0.0 < summary["diverged"] < 1.0
     assert summary["steps"] == len(arrays["t"]) == len(arrays["tau"]) == len(arrays["a_d"])
     assert np.isclose(arrays["t"][-1] + 1e-3, summary["diverged"])
@@ -151,7 +170,10 @@ def test_summaries_are_json_for_every_reader(finished, diverged):
         ("belief.kinematic=[1.0]", "belief.kinematic"),
         ("simulation.seed=-1", "seed"),
         ("truth.payload={ mass = 1.0, inertia = [-1.0, 0.0, 1.0, 0.0, 0.0, 1.0] }", "inertia"),
-        ("reference={ kind = 'waypoints', relative = false, points = [[1, 1, 1], [1, 1, 2]] }", "points"),
+        (
+            "reference={ kind = 'waypoints', relative = false, points = [[1, 1, 1], [1, 1, 2]] }",
+            "points",
+        ),
         ("nonsense", "key=value"),
     ],
 )
@@ -190,12 +212,18 @@ def test_robots_lists_the_catalogue(capsys):
     lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()[2:]}
     assert list(lines) == list(pinadapt.catalogue())
     assert lines["panda"].split()[1:4] == ["7", "xyz", "panda_hand_tcp"]
-    assert all(entry.frame in lines[name] and entry.origin in lines[name] for name, entry in pinadapt.catalogue().items())
+    assert all(
+        entry.frame in lines[name] and entry.origin in lines[name]
+        for name, entry in pinadapt.catalogue().items()
+    )
 
 
 def test_compare_shows_the_laws_side_by_side(tmp_path, capsys):
     laws = ["resolved-acceleration", "adaptive-jacobian"]
-    assert main(["compare", PLANAR, "--laws", ",".join(laws), "--out", str(tmp_path), "--set", SHORT]) == 0
+    assert (
+        main(["compare", PLANAR, "--laws", ",".join(laws), "--out", str(tmp_path), "--set", SHORT])
+        == 0
+    )
     rows = capsys.readouterr().out.splitlines()
     assert [law for row in rows for law in laws if law in row] == laws
     summaries = json.loads((tmp_path / "compare.json").read_text())
@@ -206,13 +234,20 @@ def test_compare_shows_the_laws_side_by_side(tmp_path, capsys):
 
 def test_compare_refuses_an_unknown_law_before_it_runs_any(tmp_path, capsys):
     laws = "adaptive-jacobian,adaptive-jacobean"
-    assert main(["compare", PLANAR, "--laws", laws, "--out", str(tmp_path / "out"), "--set", SHORT]) == 2
+    assert (
+        main(["compare", PLANAR, "--laws", laws, "--out", str(tmp_path / "out"), "--set", SHORT])
+        == 2
+    )
     assert "Did you mean 'adaptive-jacobian'?" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
 def test_compare_refuses_a_bad_belief_before_it_runs_any(tmp_path):
-    settings = ["--set", SHORT, "belief.dynamic=[1.0, 5.0, 1.0]"]  # outside the cone that only the second law needs
+    settings = [
+        "--set",
+        SHORT,
+        "belief.dynamic=[1.0, 5.0, 1.0]",
+    ]  # outside the cone that only the second law needs
     laws = "resolved-acceleration,adaptive-inverse-dynamics"
     assert main(["compare", PLANAR, "--laws", laws, "--out", str(tmp_path / "out"), *settings]) == 2
     assert not (tmp_path / "out").exists()
@@ -230,10 +265,14 @@ def test_piped_output_has_no_progress_bar(tmp_path):
     process = module("run", PLANAR, "--no-html", "--out", str(tmp_path), "--set", SHORT)
     assert process.returncode == 0
     assert process.stderr == ""
-    assert "\r" not in process.stdout and "it/s" not in process.stdout and "%|" not in process.stdout
+    assert (
+        "\r" not in process.stdout and "it/s" not in process.stdout and "%|" not in process.stdout
+    )
 
 
 def test_a_refusal_of_the_module_is_status_2_without_traceback(tmp_path):
-    process = module("run", PLANAR, "--no-html", "--out", str(tmp_path), "--set", "controller.kv=1.0")
+    process = module(
+        "run", PLANAR, "--no-html", "--out", str(tmp_path), "--set", "controller.kv=1.0"
+    )
     assert (process.returncode, process.stdout) == (2, "")
     assert "controller.kv" in process.stderr and "Traceback" not in process.stderr

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from pinadapt.cli import main
-from pinadapt.zoo import ZooRow
+from pinadapt.cli.main import main
+from pinadapt.zoo.experiment import ZooRow
 
 
 @pytest.mark.parametrize(
@@ -15,7 +15,10 @@ from pinadapt.zoo import ZooRow
         (["--seed", "-1"], "--seed: a whole number of at least 0 is expected, got -1"),
         (["--processes", "0"], "--processes: a whole number of at least 1 is expected, got 0"),
         (["--processes", "two"], "--processes: a whole number of at least 1 is expected, got two"),
-        (["--law", "resolved-acceleration"], "invalid choice: 'resolved-acceleration'"),  # it does not adapt
+        (
+            ["--law", "resolved-acceleration"],
+            "invalid choice: 'resolved-acceleration'",
+        ),  # it does not adapt
     ],
 )
 def test_the_zoo_refuses(arguments, words, capsys):
@@ -26,6 +29,12 @@ def test_the_zoo_refuses(arguments, words, capsys):
 
 
 def test_a_robot_named_twice_runs_once(monkeypatch, tmp_path):
-    monkeypatch.setattr("pinadapt.cli.zoo.run_zoo", lambda names, law, **options: iter([ZooRow(name) for name in names]))
+    monkeypatch.setattr(
+        "pinadapt.cli.zoo.run_zoo",
+        lambda names, law, **options: iter([ZooRow(name) for name in names]),
+    )
     assert main(["zoo", "--robots", "ur5,panda,,ur5,", "--out", str(tmp_path)]) == 0
-    assert [row["robot"] for row in json.loads((tmp_path / "zoo.json").read_text())] == ["ur5", "panda"]
+    assert [row["robot"] for row in json.loads((tmp_path / "zoo.json").read_text())] == [
+        "ur5",
+        "panda",
+    ]

@@ -9,12 +9,15 @@ import pytest
 
 import pinadapt as pa
 from pinadapt import _compiled
-from pinadapt.adaptation import Boxed, Gradient, Natural, box, natural
+from pinadapt.adaptation import box_projection, natural
+from pinadapt.adaptation.box_projection import BoxProjection
+from pinadapt.adaptation.gradient import Gradient
+from pinadapt.adaptation.natural import Natural
 from pinadapt.controller import controller, filters
 from pinadapt.exceptions import DivergedError
-from pinadapt.laws import estimated_velocity, inertia, right_inverse
-from pinadapt.laws.right_inverse import RightInverse
-from pinadapt.parameters import inertial_model, kinematic, superposition
+from pinadapt.laws import estimated_velocity, inertia
+from pinadapt.models import frame_kinematics, inertial_model, lumped_basis, right_inverse
+from pinadapt.models.right_inverse import RightInverse
 
 _compiled.compile_all()
 LAYOUTS = {
@@ -56,15 +59,15 @@ def test_all_kernels_are_machine_code_once_a_controller_is_made():
 def test_kernels_have_one_specialisation_each():
     for module in (
         natural,
-        box,
+        box_projection,
         controller,
         filters,
         estimated_velocity,
         inertia,
         right_inverse,
         inertial_model,
-        kinematic,
-        superposition,
+        frame_kinematics,
+        lumped_basis,
     ):
         kernels = [thing for thing in vars(module).values() if hasattr(thing, "py_func")]
         assert kernels
@@ -78,8 +81,8 @@ def cones():
     lmi = np.array([[[1.0, 0], [0, 0]], [[0.0, 1], [1, 0]], [[-1.0, 0], [0, 1]]])
     return {
         "bodies": (bodies.adaptation_d.cone, bodies.dynamics.initial),
-        "planar": (pa.Cone(lmi), np.array([3.34, 1.2, 0.97])),
-        "offset": (pa.Cone(lmi, offset=0.3 * np.eye(2)), np.array([3.34, 1.2, 0.97])),
+        "planar": (pa.MatrixInequality(lmi), np.array([3.34, 1.2, 0.97])),
+        "offset": (pa.MatrixInequality(lmi, offset=0.3 * np.eye(2)), np.array([3.34, 1.2, 0.97])),
     }
 
 
@@ -114,7 +117,9 @@ def test_right_inverse(shape, rng, laid):
         mu_2 = 0.5 * (threshold**2 - s**2) if s < threshold else 0.0
         J_plus = J.T @ np.linalg.inv(J @ J.T + mu_2 * np.eye(m))
         assert np.isclose(inverse.smallest, s) and np.isclose(inverse.damping, mu_2)
-        assert np.allclose(inverse.solve(u, psi), J_plus @ u + psi - J_plus @ J @ psi, rtol=1e-9, atol=1e-9)
+        assert np.allclose(
+            inverse.solve(u, psi), J_plus @ u + psi - J_plus @ J @ psi, rtol=1e-9, atol=1e-9
+        )
     for flawed in (np.where(np.eye(m, n) > 0, NAN, J), np.zeros(shape)):
         with pytest.raises(DivergedError):
             RightInverse(flawed, 0.0)
@@ -147,15 +152,21 @@ def test_law_algebra(m, m_p, p, rng, laid):
     assert close(force, J.T @ (dxd + 5.0 * dx))
     (offset, qd), G, v = rng.standard_normal((2, 7)), laid(rng.standard_normal((m, m))), filled(7)
     u, psi = xdd - K_v @ dxd - K_P @ dx - (Jdot_v + Y_k @ rate), -8.0 * qd - 16.0 * offset
-    estimated_velocity._commanded_acceleration(xdd, K_v, dxd, K_P, dx, Jdot_v, Y_k, rate, J, G, qd, offset, 4.0, v)
+    estimated_velocity._commanded_acceleration(
+        xdd, K_v, dxd, K_P, dx, Jdot_v, Y_k, rate, J, G, qd, offset, 4.0, v
+    )
     assert np.allclose(v, psi + J.T @ G @ (u - J @ psi), rtol=1e-11, atol=1e-10)
 
 
 @pytest.mark.parametrize(("m", "k"), [(2, 1), (3, 3), (3, 1)])
 def test_velocity_algebra(m, k, rng, laid):
-    R, B, w = laid(rng.standard_normal((m, 3))), laid(rng.standard_normal((3, k))), rng.standard_normal(3)
+    R, B, w = (
+        laid(rng.standard_normal((m, 3))),
+        laid(rng.standard_normal((3, k))),
+        rng.standard_normal(3),
+    )
     Y = np.zeros((6, k + 2))
-    kinematic._velocity_regressor(R, w, B, Y[:, 1 : k + 1])
+    frame_kinematics._velocity_regressor(R, w, B, Y[:, 1 : k + 1])
     expected = np.zeros((6, k + 2))
     expected[:m, 1 : k + 1] = R @ pin.skew(w) @ B
     assert close(Y, expected)
@@ -163,17 +174,25 @@ def test_velocity_algebra(m, k, rng, laid):
 
 def test_columns(rng, laid):
     Y, columns, base = laid(rng.standard_normal((3, 30))), np.array([2, 7, 29]), filled(3, 5)
-    superposition._take_columns(Y, columns, base[:, 1:4])
+    lumped_basis._take_columns(Y, columns, base[:, 1:4])
     assert np.array_equal(base[:, 1:4], Y[:, columns]) and np.isnan(base[:, [0, 4]]).all()
 
 
 def test_filters(rng, laid):
     W, Y = laid(rng.standard_normal((3, 5))), laid(rng.standard_normal((3, 5)))
-    (xi, y, xd_hat), (z, v), a_k = rng.standard_normal((3, 3)), rng.standard_normal((2, 7)), rng.standard_normal(5)
+    (xi, y, xd_hat), (z, v), a_k = (
+        rng.standard_normal((3, 3)),
+        rng.standard_normal((2, 7)),
+        rng.standard_normal(5),
+    )
     after = filled(3, 5), filled(3), filled(7)
     filters._advance(W, Y, a_k, xi, y, xd_hat, 0.1, z, v, 0.2, *after)
     y_0 = xd_hat - Y @ a_k
-    assert close(after[0], 0.9 * W + 0.1 * Y) and close(after[1], xi + 0.1 * (y + y_0)) and close(after[2], 0.8 * z + 0.2 * v)
+    assert (
+        close(after[0], 0.9 * W + 0.1 * Y)
+        and close(after[1], xi + 0.1 * (y + y_0))
+        and close(after[2], 0.8 * z + 0.2 * v)
+    )
 
 
 def test_squares(rng):
@@ -199,12 +218,12 @@ def test_descent_in_a_box(rng):
     root = rng.standard_normal((3, 3))
     Gamma, a, g, after = root @ root.T + np.eye(3), np.zeros(3), rng.standard_normal(3), filled(3)
     wide, narrow = np.full(3, 10.0), np.full(3, 1e-3)
-    assert box._descend(a, g, Gamma, 0.1, -wide, wide, after)
+    assert box_projection._descend(a, g, Gamma, 0.1, -wide, wide, after)
     assert close(after, -0.1 * Gamma @ g)
-    assert not box._descend(a, g, Gamma, 0.1, -narrow, narrow, after)
-    boxed = Boxed(Gradient(0.5, 3), -narrow, narrow)
+    assert not box_projection._descend(a, g, Gamma, 0.1, -narrow, narrow, after)
+    boxed = BoxProjection(Gradient(0.5, 3), -narrow, narrow)
     assert np.array_equal(boxed.advance(a, g, 0.1), np.clip(-0.05 * g, -narrow, narrow))
-    assert not box._descend(a, g * NAN, Gamma, 0.1, -wide, wide, after)
+    assert not box_projection._descend(a, g * NAN, Gamma, 0.1, -wide, wide, after)
 
 
 @pytest.mark.parametrize("field", ["q", "v", "x"])
@@ -213,7 +232,7 @@ def test_a_nan_is_named_and_leaves_the_state_alone(field, task):
     robot = pa.load("panda", task=task)
     control = pa.make_controller(robot)
     v = np.full(7, 0.1)
-    measurement = pa.Measurement(robot.q0, v, *pa.Plant(robot).task_motion(robot.q0, v))
+    measurement = pa.Measurement(robot.q0, v, *pa.PinocchioPlant(robot).task_motion(robot.q0, v))
     m = robot.task.size
     desired = pa.Desired(measurement.x, np.zeros(m), np.zeros(m))
     state = control.init(measurement)
@@ -245,7 +264,10 @@ def test_numbers_that_are_not_floats():
 
 def test_wrong_sizes_never_reach_a_kernel():
     robot = pa.load("panda")
-    control, other = pa.make_controller(robot), pa.make_controller(robot, kinematic=["tool:length"], dynamic="payload")
+    control, other = (
+        pa.make_controller(robot),
+        pa.make_controller(robot, kinematic=["tool:length"], dynamic="payload"),
+    )
     x = robot.position(robot.q0)
     measurement = pa.Measurement(robot.q0, np.zeros(7), x)
     desired = pa.Desired(x, np.zeros(3), np.zeros(3))

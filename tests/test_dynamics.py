@@ -9,7 +9,7 @@ import pinadapt as pa
 from chains import catalogue_robot, chains, each_size, random_state, seeded
 from differences import derivative
 from paper import BASIS
-from pinadapt.parameters.regressor import Regressor, inertial_parameters
+from pinadapt.models.regressor import Regressor, inertial_parameters
 
 ROBOTS = ["planar_2r", "scara", "ur5", "panda", "kinova", "tiago_arm", "talos_arm"]
 
@@ -55,20 +55,26 @@ def test_identities_on_random_chains(robot):
 @pytest.mark.parametrize("unknown", ["all", "payload", "none", "one"])
 def test_torque_and_mass_matrix_are_affine_in_the_estimate(name, unknown):
     robot = catalogue_robot(name)
-    believed = pa.BodyParameters(robot, robot.joint_names[0] if unknown == "one" else unknown)
+    believed = pa.BodyDynamics(robot, robot.joint_names[0] if unknown == "one" else unknown)
     rng = np.random.default_rng(0)
     q, v, a = random_state(robot, rng)
     data = robot.model.createData()
-    assert np.allclose(believed.torque(q, v, a), pin.rnea(robot.model, data, q, v, a))  # armature included
+    assert np.allclose(
+        believed.torque(q, v, a), pin.rnea(robot.model, data, q, v, a)
+    )  # armature included
     assert np.allclose(believed.mass_matrix(q), pin.crba(robot.model, data, q))
     a_hat = believed.initial + rng.standard_normal(believed.size)  # unphysical on purpose
     known = believed.torque(q, v, a) - believed.regressor(q, v, a) @ believed.initial
     M0 = believed.mass_matrix(q)
     believed.load(a_hat)
-    assert np.allclose(believed.torque(q, v, a), believed.regressor(q, v, a) @ a_hat + known, atol=1e-9)
+    assert np.allclose(
+        believed.torque(q, v, a), believed.regressor(q, v, a) @ a_hat + known, atol=1e-9
+    )
     zero = np.zeros(robot.model.nv)
     for i, e in enumerate(np.eye(robot.model.nv)):
-        change = (believed.regressor(q, zero, e) - believed.regressor(q, zero, zero)) @ (a_hat - believed.initial)
+        change = (believed.regressor(q, zero, e) - believed.regressor(q, zero, zero)) @ (
+            a_hat - believed.initial
+        )
         assert np.allclose(believed.mass_matrix(q)[:, i] - M0[:, i], change, atol=1e-9)
     Y_r, torque = believed.slotine_li(q, v, v, a)
     assert np.allclose(Y_r, believed.regressor(q, v, a), atol=1e-10)
@@ -78,7 +84,7 @@ def test_torque_and_mass_matrix_are_affine_in_the_estimate(name, unknown):
 @pytest.mark.parametrize("masses", ["zero", "negative", "tiny"])
 def test_estimates_without_mass_are_evaluated_exactly(masses):
     robot = catalogue_robot("ur5")
-    believed = pa.BodyParameters(robot, "all")
+    believed = pa.BodyDynamics(robot, "all")
     rng = np.random.default_rng(1)
     a_hat = believed.initial + 0.1 * rng.standard_normal(believed.size)
     a_hat[::10] = {"zero": 0.0, "negative": -1.0, "tiny": 1e-12}[masses]
@@ -87,23 +93,33 @@ def test_estimates_without_mass_are_evaluated_exactly(masses):
     expected = believed.regressor(q, v, a) @ a_hat
     assert np.allclose(believed.torque(q, v, a), expected, atol=1e-9)
     zero = np.zeros(6)
-    columns = [(believed.regressor(q, zero, e) - believed.regressor(q, zero, zero)) @ a_hat for e in np.eye(6)]
+    columns = [
+        (believed.regressor(q, zero, e) - believed.regressor(q, zero, zero)) @ a_hat
+        for e in np.eye(6)
+    ]
     assert np.allclose(believed.mass_matrix(q), np.stack(columns, axis=1), atol=1e-9)
 
 
 def test_truth_of_the_bodies():
     robot = catalogue_robot("panda")
     true = robot.changed(payload=pa.Payload(1.5, [0.0, 0.0, 0.05]))
-    everything, last = pa.BodyParameters(robot.changed(inertial_scale=0.7), "all"), pa.BodyParameters(robot, "payload")
+    everything, last = (
+        pa.BodyDynamics(robot.changed(inertial_scale=0.7), "all"),
+        pa.BodyDynamics(robot, "payload"),
+    )
     assert np.allclose(everything.value(true), inertial_parameters(true.model))
     assert np.allclose(last.value(true), inertial_parameters(true.model)[-10:])
-    assert last.value(true.changed(inertial_scale=1.1)) is None  # the known bodies are not as believed
-    assert everything.value(robot.changed(link_translation={"panda_joint4": [0.0, 0.0, 0.01]})) is None
+    assert (
+        last.value(true.changed(inertial_scale=1.1)) is None
+    )  # the known bodies are not as believed
+    assert (
+        everything.value(robot.changed(link_translation={"panda_joint4": [0.0, 0.0, 0.01]})) is None
+    )
 
 
 def test_wang_xie_basis():
     robot = catalogue_robot("planar_2r")
-    believed = pa.BasisParameters(robot, BASIS)
+    believed = pa.BasisDynamics(robot, BASIS)
     assert np.allclose(believed.initial, [3.34, 1.2, 0.97], atol=1e-9)
     a1, a2, a3 = a_hat = np.array([4.0, 0.5, 0.5])
     believed.load(a_hat)
@@ -121,8 +137,8 @@ def test_basis_of_other_lengths_is_found_or_refused():
     longer = robot.changed(link_translation={"joint2": [0.3, 0.0, 0.0]})
     l1, (m, lc, inertia) = 1.3, (2.0, 0.6, 0.25)
     expected = [0.12 + 0.25 + m * l1**2 + inertia + m * lc**2, m * l1 * lc, inertia + m * lc**2]
-    assert np.allclose(pa.BasisParameters(robot, BASIS).value(longer), expected, atol=1e-9)
+    assert np.allclose(pa.BasisDynamics(robot, BASIS).value(longer), expected, atol=1e-9)
     with pytest.raises(pa.ParameterError, match="cannot represent"):
-        pa.BasisParameters(robot, BASIS[:, :2])
+        pa.BasisDynamics(robot, BASIS[:, :2])
     with pytest.raises(pa.ParameterError, match="20 rows"):
-        pa.BasisParameters(robot, BASIS[:10])
+        pa.BasisDynamics(robot, BASIS[:10])

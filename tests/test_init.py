@@ -8,12 +8,12 @@ import pytest
 
 import pinadapt as pa
 from pinadapt._toml import read_toml
-from pinadapt.cli import main
+from pinadapt.cli.main import main
 from pinadapt.robot.catalogue import _example_path
-from pinadapt.robot.ends import end_links
+from pinadapt.robot.end_links import end_links
 from pinadapt.robot.urdf import mimic_joints, read_urdf
 from pinadapt.robot.workspace import reach
-from pinadapt.scenario import Scenario
+from pinadapt.scenario.scenario import Scenario
 
 ARM4 = Path(__file__).parent / "data" / "arm4.urdf"
 
@@ -44,7 +44,10 @@ def test_the_written_file_runs_and_the_controller_learns(tmp_path, source, frame
     scenario = Scenario.read(file, ["simulation.duration=4.0"])
     tool = np.linalg.norm(tables["truth"]["tool_translation"])
     assert np.isclose(tool, 0.05 * reach(scenario.believed), rtol=0.01)
-    rollout, fixed = scenario.run(), Scenario.read(file, ["simulation.duration=4.0", "controller.adaptation='none'"]).run()
+    rollout, fixed = (
+        scenario.run(),
+        Scenario.read(file, ["simulation.duration=4.0", "controller.adaptation='none'"]).run(),
+    )
     assert rollout.diverged is None
     last = rollout.distance[-400:].max()
     assert last < 0.06 * tables["reference"]["radius"]
@@ -55,7 +58,11 @@ def test_the_written_file_runs_and_the_controller_learns(tmp_path, source, frame
 def test_the_unknown_tool_moves_the_task_by_all_its_length(tmp_path, source):
     scenario = Scenario.read(written(tmp_path, source))
     robot, true = scenario.believed, scenario.true
-    assert np.isclose(np.linalg.norm(true.position(robot.q0) - robot.position(robot.q0)), 0.05 * reach(robot), rtol=0.02)
+    assert np.isclose(
+        np.linalg.norm(true.position(robot.q0) - robot.position(robot.q0)),
+        0.05 * reach(robot),
+        rtol=0.02,
+    )
 
 
 def test_q0_and_the_circle_are_those_of_the_library(tmp_path):
@@ -64,7 +71,11 @@ def test_q0_and_the_circle_are_those_of_the_library(tmp_path):
     assert np.allclose(tables["robot"]["q0"], robot.home_angles, atol=1e-4)
     circle = pa.reachable_circle(robot.at(tables["robot"]["q0"]))
     reference = tables["reference"]
-    assert (reference["radius"], reference["period"], reference["plane"]) == (circle.radius, circle.period, circle.plane)
+    assert (reference["radius"], reference["period"], reference["plane"]) == (
+        circle.radius,
+        circle.period,
+        circle.plane,
+    )
     assert np.isclose(reference["phase"], circle.phase, atol=1e-5)
 
 
@@ -78,21 +89,29 @@ def test_the_gains_in_the_comments_are_the_ones_in_use(tmp_path):
     other = tmp_path / "uncommented.toml"
     other.write_text(uncommented)
     short = ["simulation.duration=0.2"]
-    assert np.allclose(Scenario.read(file, short).run().x, Scenario.read(other, short).run().x, atol=1e-5)
+    assert np.allclose(
+        Scenario.read(file, short).run().x, Scenario.read(other, short).run().x, atol=1e-5
+    )
 
 
-@pytest.mark.parametrize("arguments", [["ur10"], ["xarm7"], ["kinova", "--task", "pose"]], ids=lambda words: words[0])
+@pytest.mark.parametrize(
+    "arguments", [["ur10"], ["xarm7"], ["kinova", "--task", "pose"]], ids=lambda words: words[0]
+)
 def test_an_arm_with_a_light_wrist_believes_in_a_load_and_holds_others(arguments, tmp_path):
     file = written(tmp_path, *arguments)
     tables = read_toml(file)
     assert "moves so little" in file.read_text()
     assert tables["controller"]["law"] == "adaptive-inverse-dynamics"
     with warnings.catch_warnings():
-        warnings.filterwarnings("error", message=".*believed to move only")  # with that load it is not light any more
+        warnings.filterwarnings(
+            "error", message=".*believed to move only"
+        )  # with that load it is not light any more
         Scenario.read(file)
     beside = f"truth.payload.com={(0.6 * np.roll(tables['truth']['tool_translation'], 1)).tolist()}"
     for mass in (1e-3, tables["belief"]["payload"]["mass"]):
-        rollout = Scenario.read(file, ["simulation.duration=4.0", f"truth.payload.mass={mass}", beside]).run()
+        rollout = Scenario.read(
+            file, ["simulation.duration=4.0", f"truth.payload.mass={mass}", beside]
+        ).run()
         assert rollout.diverged is None
         assert rollout.distance[-400:].max() < 0.03 * tables["reference"]["radius"]
 
@@ -101,13 +120,17 @@ def test_a_wrist_too_light_to_believe_in_a_load_gets_a_law_whose_gains_are_force
     file = written(tmp_path, "tiago_arm", "--task", "xyz")
     text, tables = file.read_text(), read_toml(file)
     assert tables["controller"]["law"] == "adaptive-jacobian" and "belief" not in tables
-    assert "arm_7_joint moves so little" in text and "lambda_a" not in text  # this law has no use for the acceleration
+    assert (
+        "arm_7_joint moves so little" in text and "lambda_a" not in text
+    )  # this law has no use for the acceleration
     for key in ("Kv", "Kp", "alpha", "gamma_d", "gamma_k", "R_k", "lambda"):
         text = text.replace(f"\n# {key} = ", f"\n{key} = ")
     other = tmp_path / "uncommented.toml"
     other.write_text(text)
     short = ["simulation.duration=0.2"]
-    assert np.allclose(Scenario.read(file, short).run().x, Scenario.read(other, short).run().x, rtol=0.0, atol=1e-5)
+    assert np.allclose(
+        Scenario.read(file, short).run().x, Scenario.read(other, short).run().x, rtol=0.0, atol=1e-5
+    )
 
 
 def test_the_given_frame_and_task_are_taken(tmp_path):
@@ -130,7 +153,11 @@ def floating(folder):
     """Write arm4 on a floating base and return its path."""
     joint = '<joint name="free" type="floating"><parent link="world"/><child link="base"/></joint>'
     path = folder / "floating.urdf"
-    path.write_text(ARM4.read_text().replace('<link name="base"/>', f'<link name="world"/><link name="base"/>{joint}'))
+    path.write_text(
+        ARM4.read_text().replace(
+            '<link name="base"/>', f'<link name="world"/><link name="base"/>{joint}'
+        )
+    )
     return path
 
 

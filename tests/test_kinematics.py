@@ -8,7 +8,7 @@ from hypothesis import given
 import pinadapt as pa
 from chains import catalogue_robot, chains, each_size, random_robot, random_state, seeded
 from identities import check_kinematics, unknown_choices
-from pinadapt.parameters.kinematic import Translation
+from pinadapt.models.translations import Translation
 
 ROBOTS = ["planar_2r", "scara", "ur5", "panda", "kinova", "tiago_arm"]
 
@@ -31,18 +31,20 @@ def test_identities_on_random_chains(robot):
 @pytest.mark.parametrize("name", ROBOTS)
 def test_jacobian_is_pinocchios_at_the_descriptions_values(name):
     robot = catalogue_robot(name)
-    believed = pa.KinematicParameters(robot, ["lengths"])
+    believed = pa.FrameKinematics(robot, ["lengths"])
     q, v, _ = random_state(robot, np.random.default_rng(1))
     believed.update(believed.initial, q, v)
     data = robot.model.createData()
-    J = pin.computeFrameJacobian(robot.model, data, q, robot.frame_id, pin.LOCAL_WORLD_ALIGNED)[robot.task.rows]
+    J = pin.computeFrameJacobian(robot.model, data, q, robot.frame_id, pin.LOCAL_WORLD_ALIGNED)[
+        robot.task.rows
+    ]
     assert np.allclose(believed.J, J, atol=1e-12)
     assert np.allclose(believed.x_hat, robot.position(q), atol=1e-12)
 
 
 def test_second_term_of_the_jacobian_rate_matters():
     robot = random_robot(3, 6)
-    believed = pa.KinematicParameters(robot, ["tool"])
+    believed = pa.FrameKinematics(robot, ["tool"])
     q, v, _ = random_state(robot, np.random.default_rng(2))
     believed.update(believed.initial, q, v)
     rate = np.array([0.3, -0.2, 0.1])
@@ -54,13 +56,15 @@ def test_second_term_of_the_jacobian_rate_matters():
 @pytest.mark.parametrize(("name", "rank"), [("ur5", 12), ("panda", 14), ("xarm7", 14)])
 def test_base_of_all_translations(name, rank):
     robot = catalogue_robot(name)
-    assert pa.KinematicParameters(robot, [*robot.joint_names[1:], "tool"]).base() == rank
+    assert pa.FrameKinematics(robot, [*robot.joint_names[1:], "tool"]).base() == rank
 
 
 def test_truth_of_a_changed_robot():
     robot = catalogue_robot("panda")
-    believed = pa.KinematicParameters(robot, ["tool", "panda_joint4"])
-    true = robot.changed(tool_translation=[0.01, 0.02, 0.03], link_translation={"panda_joint4": [0.0, 0.0, 0.01]})
+    believed = pa.FrameKinematics(robot, ["tool", "panda_joint4"])
+    true = robot.changed(
+        tool_translation=[0.01, 0.02, 0.03], link_translation={"panda_joint4": [0.0, 0.0, 0.01]}
+    )
     q, v, _ = random_state(robot, np.random.default_rng(3))
     believed.update(believed.value(true), q, v)
     assert np.allclose(believed.x_hat, true.position(q), atol=1e-12)
@@ -71,8 +75,14 @@ def test_truth_of_a_changed_robot():
 def test_known_offset_plus_unknown_direction():
     robot = catalogue_robot("ur5")
     nominal = robot.model.jointPlacements[3].translation.copy()
-    part = Translation("elbow_joint", 3, np.array([[0.0], [0.0], [1.0]]), nominal - np.array([0.0, 0.0, nominal[2]]), ("z",))
-    believed = pa.KinematicParameters(robot, [part])
+    part = Translation(
+        "elbow_joint",
+        3,
+        np.array([[0.0], [0.0], [1.0]]),
+        nominal - np.array([0.0, 0.0, nominal[2]]),
+        ("z",),
+    )
+    believed = pa.FrameKinematics(robot, [part])
     assert np.allclose(believed.initial, nominal[2])
     check_kinematics(robot, [part])
 
@@ -88,4 +98,4 @@ def test_known_offset_plus_unknown_direction():
 )
 def test_unusable_translations_are_refused(unknown, words):
     with pytest.raises(pa.InputError, match=words):
-        pa.KinematicParameters(catalogue_robot("ur5"), unknown)
+        pa.FrameKinematics(catalogue_robot("ur5"), unknown)

@@ -8,7 +8,7 @@ import pytest
 
 import pinadapt as pa
 from chains import catalogue_robot
-from pinadapt.controller.light_joint import lightest_joint
+from pinadapt.tuning.light_joint import lightest_joint
 
 FORCES = "adaptive-jacobian"
 ACCELERATIONS = [law for law in pa.LAWS if law not in ("resolved-acceleration", FORCES)]
@@ -24,11 +24,16 @@ def light(robot, **options):
 
 @pytest.mark.parametrize("law", ACCELERATIONS)
 def test_a_light_wrist_is_named_with_the_load_that_it_bears(law):
-    with pytest.warns(UserWarning, match="wrist_3_joint is believed to move only .* above 0.076 kg, 88 mm off its axis"):
+    with pytest.warns(
+        UserWarning,
+        match="wrist_3_joint is believed to move only .* above 0.076 kg, 88 mm off its axis",
+    ):
         pa.make_controller(catalogue_robot("ur10"), law=law)
 
 
-@pytest.mark.parametrize("options", [{"joint": "all"}, {"dynamic": "payload"}, {"adaptation": "gradient"}], ids=str)
+@pytest.mark.parametrize(
+    "options", [{"joint": "all"}, {"dynamic": "payload"}, {"adaptation": "gradient"}], ids=str
+)
 def test_it_is_told_whatever_else_is_unknown(options):
     with pytest.warns(UserWarning, match="wrist_3_joint"):
         pa.make_controller(catalogue_robot("ur10"), **options)
@@ -58,7 +63,10 @@ def test_the_load_turns_the_joint_a_quarter_radian_against_the_feedback(name):
     """Held against rnea: the weight of the load that is told, beside the axis, over M_jj and the least position gain."""
     robot, rng = catalogue_robot(name), np.random.default_rng(0)
     found = light(robot)
-    j, stiffness = robot.joint_names.index(found.joint), pa.make_controller(robot).law.gains.K_P[0, 0]
+    j, stiffness = (
+        robot.joint_names.index(found.joint),
+        pa.make_controller(robot).law.gains.K_P[0, 0],
+    )
     arms = rng.standard_normal((200, 3))
     arms *= found.arm / np.linalg.norm(arms, axis=1)[:, None]
     data, largest = robot.model.createData(), 0.0
@@ -67,9 +75,9 @@ def test_the_load_turns_the_joint_a_quarter_radian_against_the_feedback(name):
         for arm in arms:  # in the joint's own axes
             model = robot.model.copy()
             model.inertias[j + 1] += pin.Inertia(found.load, arm, np.zeros((3, 3)))
-            weight = pin.computeGeneralizedGravity(model, model.createData(), q) - pin.computeGeneralizedGravity(
-                robot.model, data, q
-            )
+            weight = pin.computeGeneralizedGravity(
+                model, model.createData(), q
+            ) - pin.computeGeneralizedGravity(robot.model, data, q)
             weights.append(abs(weight[j]))
         largest = max(largest, max(weights) / (pin.crba(robot.model, data, q)[j, j] * stiffness))
     assert 0.22 < largest <= 0.25 + 1e-9  # the directions are random
@@ -82,8 +90,13 @@ def arm():
     found = light(robot)
 
     def run(times, believed=robot, **options):
-        tool, com = [0.3 * found.arm, -0.4 * found.arm, found.arm], [0.6 * found.arm, 0.8 * found.arm, 0.0]
-        true = robot.changed(tool_translation=tool, payload=pa.Payload(mass=times * found.load, com=com))
+        tool, com = (
+            [0.3 * found.arm, -0.4 * found.arm, found.arm],
+            [0.6 * found.arm, 0.8 * found.arm, 0.0],
+        )
+        true = robot.changed(
+            tool_translation=tool, payload=pa.Payload(mass=times * found.load, com=com)
+        )
         circle = pa.Circle(np.zeros(3), 0.08, 3.0, "yz").starting_at(true.position(true.q0))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -109,11 +122,19 @@ def test_believing_in_a_load_holds_the_heavier_one_and_the_lighter_one(arm):
     robot, found, run = arm
     mass = 0.1 * sum(body.mass for body in robot.model.inertias[1:])
     moment = mass * found.arm**2
-    believed = robot.changed(payload=pa.Payload(mass=mass, com=[0.0] * 3, inertia=[moment, 0.0, moment, 0.0, 0.0, moment]))
+    believed = robot.changed(
+        payload=pa.Payload(
+            mass=mass, com=[0.0] * 3, inertia=[moment, 0.0, moment, 0.0, 0.0, moment]
+        )
+    )
     assert light(believed) is None
     for times in (1.0, 20.0):
         held = run(times, believed)
-        assert held.diverged is None and np.abs(held.v).max() < 10.0 and held.distance[-500:].max() < 1e-3
+        assert (
+            held.diverged is None
+            and np.abs(held.v).max() < 10.0
+            and held.distance[-500:].max() < 1e-3
+        )
 
 
 def test_a_rotor_makes_a_joint_heavy():

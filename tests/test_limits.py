@@ -15,10 +15,10 @@ import pinadapt as pa
 from chains import catalogue_robot as load
 from chains import seeded, seeds
 from differences import derivative
-from pinadapt.controller.defaults import felt_mass
 from pinadapt.controller.limits import make_box
-from pinadapt.laws.right_inverse import RightInverse
-from pinadapt.scenario import Scenario
+from pinadapt.models.right_inverse import RightInverse
+from pinadapt.scenario.scenario import Scenario
+from pinadapt.tuning.defaults import felt_mass
 
 ROBOTS = Path(__file__).parents[1] / "robots"
 SHAPES = [(2, 2), (3, 3), (2, 3), (3, 7), (6, 7), (6, 6), (1, 2)]
@@ -51,7 +51,11 @@ def test_the_inverse_is_bounded_and_its_damping_known(shape, seed, log):
     missed = u - J @ inverse.solve(u, psi)
     share = inverse.damping / (least**2 + inverse.damping)
     assert np.linalg.norm(missed) <= share * np.linalg.norm(u - J @ psi) + 1e-9
-    assert np.allclose(missed, inverse.damping * np.linalg.solve(J @ J.T + inverse.damping * np.eye(shape[0]), u - J @ psi))
+    assert np.allclose(
+        missed,
+        inverse.damping
+        * np.linalg.solve(J @ J.T + inverse.damping * np.eye(shape[0]), u - J @ psi),
+    )
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=str)
@@ -61,7 +65,10 @@ def test_far_from_singularities_nothing_is_damped(shape):
     inverse = RightInverse(J, 0.1)
     assert inverse.damping == 0.0 and inverse.unique == (shape[0] == shape[1])
     assert np.allclose(inverse.solve(u, None), np.linalg.pinv(J) @ u)
-    assert np.allclose(inverse.null(np.arange(shape[1])), (np.eye(shape[1]) - np.linalg.pinv(J) @ J) @ np.arange(shape[1]))
+    assert np.allclose(
+        inverse.null(np.arange(shape[1])),
+        (np.eye(shape[1]) - np.linalg.pinv(J) @ J) @ np.arange(shape[1]),
+    )
 
 
 @pytest.mark.parametrize("smallest", [0.5, 0.15, 0.03, 1e-3, 1e-6])
@@ -92,9 +99,13 @@ def test_a_lost_rank_is_a_message_without_damping(shape):
 def reaching(name, law, **control):
     """Return a run to a point out of reach and back."""
     robot = load(name)
-    controller = pa.make_controller(robot.changed(inertial_scale=0.8), law=law, gamma_d=0.8, **control)
+    controller = pa.make_controller(
+        robot.changed(inertial_scale=0.8), law=law, gamma_d=0.8, **control
+    )
     far = [0.36, 0.0, 0.0] if name == "ur5" else [1.2, 0.0]
-    path = pa.Waypoints([np.zeros(len(far)), far, np.zeros(len(far))], 1.5).starting_at(robot.position(robot.q0))
+    path = pa.Waypoints([np.zeros(len(far)), far, np.zeros(len(far))], 1.5).starting_at(
+        robot.position(robot.q0)
+    )
     return pa.simulate(robot, controller, path, duration=4.0, substeps=1)
 
 
@@ -108,7 +119,10 @@ def test_damping_brings_the_arm_back_from_beyond_its_reach(name, law):
     damped = rollout.damping > 0.0
     assert 0.02 < damped.mean() < 0.5 and (rollout.damping[: len(damped) // 8] == 0.0).all()
     numbers = rollout.summary()
-    assert numbers["max_damping"] == rollout.damping.max() and 0.1 < numbers["max_damping_share"] <= 1.0
+    assert (
+        numbers["max_damping"] == rollout.damping.max()
+        and 0.1 < numbers["max_damping_share"] <= 1.0
+    )
     assert "damped near a singularity" in str(rollout)
 
 
@@ -131,9 +145,16 @@ def test_ordinary_runs_are_exact(name):
 
 def saturating(law, monkeypatch=None, **options):
     """Return a run with weak motors and a start 15 cm from its path; ``monkeypatch`` takes the anti-windup away."""
-    name, tool, spare = ("ur5", [0.02, -0.03, 0.08], 1.3) if law == "adaptive-jacobian" else ("panda", [0.03, -0.02, 0.12], 2.0)
+    name, tool, spare = (
+        ("ur5", [0.02, -0.03, 0.08], 1.3)
+        if law == "adaptive-jacobian"
+        else ("panda", [0.03, -0.02, 0.12], 2.0)
+    )
     robot = load(name)
-    true, rest = robot.changed(tool_translation=tool, payload=pa.Payload(1.0, [0.0, 0.0, 0.05])), np.zeros(robot.model.nv)
+    true, rest = (
+        robot.changed(tool_translation=tool, payload=pa.Payload(1.0, [0.0, 0.0, 0.05])),
+        np.zeros(robot.model.nv),
+    )
     hold = np.abs(pin.rnea(true.model, true.model.createData(), true.q0, rest, rest))
     limits = spare * np.maximum(hold, 0.3 * hold.max())
     if monkeypatch is not None:
@@ -147,18 +168,28 @@ def saturating(law, monkeypatch=None, **options):
     slow = {"alpha": 5.0, "lambda_": 10.0, "lambda_a": 1 / 60}
     if law == "adaptive-jacobian":
         felt = felt_mass(believed)
-        slow |= {"Kp": 400.0 * felt, "Kv": 40.0 * felt, "gamma_d": 0.76, "gamma_k": 0.013, "R_k": 193.0}
+        slow |= {
+            "Kp": 400.0 * felt,
+            "Kv": 40.0 * felt,
+            "gamma_d": 0.76,
+            "gamma_k": 0.013,
+            "R_k": 193.0,
+        }
     else:
         slow |= {"Kp": 400.0, "Kv": 40.0, "gamma_d": 3.8, "gamma_k": 0.05, "R_k": 50.0}
     controller = pa.make_controller(believed, law=law, torque_limits=limits, **slow)
     start = true.position(true.q0) + np.array([0.1, 0.05, 0.1])
     path = pa.Circle(np.zeros(3), 0.05, 2.0, "yz").starting_at(start)
-    return limits, pa.simulate(true, controller, path, **{"duration": 3.0, "substeps": 1, **options})
+    return limits, pa.simulate(
+        true, controller, path, **{"duration": 3.0, "substeps": 1, **options}
+    )
 
 
 def travel(rollout):
     """Return how far the dynamic estimate went, relative to its size at the start."""
-    return np.linalg.norm(rollout.a_d - rollout.a_d[0], axis=1).max() / np.linalg.norm(rollout.a_d[0])
+    return np.linalg.norm(rollout.a_d - rollout.a_d[0], axis=1).max() / np.linalg.norm(
+        rollout.a_d[0]
+    )
 
 
 @pytest.mark.parametrize("law", ["adaptive-inverse-dynamics", "adaptive-jacobian"])
@@ -180,7 +211,7 @@ def test_estimates_do_not_wind_up_while_motors_saturate(law, monkeypatch):
 def test_a_saturated_sample_teaches_by_prediction_alone(law):
     robot = load("ur5")
     controller = pa.make_controller(robot, law=law, adaptation="gradient")
-    plant, v = pa.Plant(robot), np.linspace(0.1, 0.4, 6)
+    plant, v = pa.PinocchioPlant(robot), np.linspace(0.1, 0.4, 6)
     measurement = pa.Measurement(robot.q0, v, *plant.task_motion(robot.q0, v))
     desired = pa.Circle(np.zeros(3), 0.1, 2.0).starting_at(measurement.x + 0.05).at(0.1)
     a_k = controller.kinematics.initial + 0.02
@@ -194,7 +225,11 @@ def test_a_saturated_sample_teaches_by_prediction_alone(law):
     assert np.allclose(clipped, 0.5 * free)
     assert not h_d.any() and h_d.shape == g_d.shape
     if law == "adaptive-inverse-dynamics-velocity":
-        expected = signals.kinematics.Y_k.T @ controller.law.gains.R_k @ (signals.kinematics.J @ v - measurement.xd)
+        expected = (
+            signals.kinematics.Y_k.T
+            @ controller.law.gains.R_k
+            @ (signals.kinematics.J @ v - measurement.xd)
+        )
     else:
         expected = state.W_k.T @ controller.law.gains.R_k @ (state.W_k @ a_k - signals.y)
     assert np.allclose(h_k, expected) and np.abs(expected).max() > 1e-3
@@ -210,7 +245,8 @@ def test_limits_that_are_not_reached_change_nothing():
     path = pa.Circle(np.zeros(3), 0.05, 2.0).starting_at(robot.position(robot.q0))
     believed = robot.changed(inertial_scale=0.8)
     runs = [
-        pa.simulate(robot, pa.make_controller(believed, torque_limits=limits), path, duration=0.1) for limits in (None, 1e4)
+        pa.simulate(robot, pa.make_controller(believed, torque_limits=limits), path, duration=0.1)
+        for limits in (None, 1e4)
     ]
     assert np.array_equal(runs[0].tau, runs[1].tau) and np.array_equal(runs[0].a_d, runs[1].a_d)
     assert runs[1].summary()["saturated"] == 0.0
@@ -223,7 +259,10 @@ def test_a_controller_without_limits_is_given_the_motors():
     path = pa.Hold(robot.position(robot.q0) + 0.1)
     rollout = pa.simulate(robot, controller, path, duration=0.05, torque_limits=True)
     own = pa.simulate(
-        robot, pa.make_controller(robot.changed(inertial_scale=0.8), Kp=4e4, Kv=400.0, torque_limits=True), path, duration=0.05
+        robot,
+        pa.make_controller(robot.changed(inertial_scale=0.8), Kp=4e4, Kv=400.0, torque_limits=True),
+        path,
+        duration=0.05,
     )
     assert rollout.saturated[:-1].any() and controller.limits.torque is None
     assert np.array_equal(rollout.a_d, own.a_d) and np.array_equal(rollout.tau, own.tau)
@@ -236,7 +275,9 @@ def test_continuous_mode_knows_limits_too():
     assert rollout.diverged is None
     assert (np.abs(rollout.tau) <= limits).all() and rollout.saturated[:-1].any()
     inside = rollout.saturated[:-1] & rollout.saturated[1:]
-    assert np.abs(np.diff(rollout.a_d, axis=0)[inside]).max() < 1e-2  # some stages of a Runge-Kutta step are not saturated
+    assert (
+        np.abs(np.diff(rollout.a_d, axis=0)[inside]).max() < 1e-2
+    )  # some stages of a Runge-Kutta step are not saturated
 
 
 @pytest.mark.parametrize("limits", [[1.0, 2.0], [-1.0] * 6, [np.nan] * 6, 0.0, "many"])
@@ -257,11 +298,16 @@ def test_projection_is_the_nearest_point_in_the_metric_and_v_only_improves(diago
     Gamma = np.diag(rng.uniform(0.1, 3.0, 3)) if diagonal else A @ A.T + 0.1 * np.eye(3)
     low, high = -rng.uniform(0.1, 1.0, 3), rng.uniform(0.1, 1.0, 3)
     inner = pa.Gradient(Gamma, 3)
-    boxed, g = pa.Boxed(inner, low, high), 5.0 * rng.standard_normal(3)
+    boxed, g = pa.BoxProjection(inner, low, high), 5.0 * rng.standard_normal(3)
     metric = np.linalg.inv(Gamma)
 
     def nearest(x, bounds):
-        return minimize(lambda y: (y - x) @ metric @ (y - x), np.clip(x, *np.array(bounds).T), bounds=bounds, tol=1e-12).x
+        return minimize(
+            lambda y: (y - x) @ metric @ (y - x),
+            np.clip(x, *np.array(bounds).T),
+            bounds=bounds,
+            tol=1e-12,
+        ).x
 
     a = np.where(rng.uniform(size=3) < 0.5, low, rng.uniform(low, high))  # often at a wall
     moved, free = boxed.advance(a, g, 0.5), inner.advance(a, g, 0.5)
@@ -272,13 +318,18 @@ def test_projection_is_the_nearest_point_in_the_metric_and_v_only_improves(diago
     scale = np.abs(inner.rate(a, g)).max()
     assert np.allclose(
         rate / scale,
-        nearest(inner.rate(a, g) / scale, [(lo, 1e9) if lo is not None else (-1e9, 1e9) for lo, _ in cone]),
+        nearest(
+            inner.rate(a, g) / scale,
+            [(lo, 1e9) if lo is not None else (-1e9, 1e9) for lo, _ in cone],
+        ),
         atol=1e-5,
     )
     a_true = rng.uniform(low, high)
     assert (a - a_true) @ metric @ (rate - inner.rate(a, g)) <= 1e-9 * scale
     assert boxed.distance(moved, a_true) <= inner.distance(free, a_true) + 1e-12
-    assert np.array_equal(boxed.rate(np.zeros(3), g), inner.rate(np.zeros(3), g))  # inside it is the inner one
+    assert np.array_equal(
+        boxed.rate(np.zeros(3), g), inner.rate(np.zeros(3), g)
+    )  # inside it is the inner one
 
 
 def test_an_estimate_outside_its_box_is_refused_by_name():
@@ -299,29 +350,49 @@ def test_estimates_stay_in_their_box():
         runs = {}
         for box in (0.03, False):
             controller = pa.make_controller(robot, kinematic_box=box, gamma_k=0.5)
-            with pytest.warns(UserWarning, match=r"\['tool_y'\] are outside") if box else nullcontext():
+            with (
+                pytest.warns(UserWarning, match=r"\['tool_y'\] are outside")
+                if box
+                else nullcontext()
+            ):
                 runs[box] = pa.simulate(true, controller, path, duration=1.0, **options)
             assert runs[box].diverged is None
         low, high = controller.kinematics.initial - 0.03, controller.kinematics.initial + 0.03
-        outside = 1e-12 if "mode" not in options else 1e-3  # an integrator's step passes the wall by a little
+        outside = (
+            1e-12 if "mode" not in options else 1e-3
+        )  # an integrator's step passes the wall by a little
         assert (runs[0.03].a_k >= low - outside).all() and (runs[0.03].a_k <= high + outside).all()
         assert np.abs(runs[False].a_k - controller.kinematics.initial).max() > 0.05
 
 
 def test_default_box_keeps_lengths_positive_and_offsets_within_half_the_reach():
     planar, panda = load("planar_2r"), load("panda")
-    lengths = pa.KinematicParameters(planar, ["lengths"])
+    lengths = pa.FrameKinematics(planar, ["lengths"])
     assert np.allclose(make_box(planar, lengths, None), [[0.2, 0.24], [5.0, 6.0]])
-    tool = pa.KinematicParameters(panda, ["tool"])
+    tool = pa.FrameKinematics(panda, ["tool"])
     low, high = make_box(panda, tool, None)
-    assert np.allclose((low + high) / 2, tool.initial) and (high - low > 0.8).all() and (high - low < 2.0).all()
+    assert (
+        np.allclose((low + high) / 2, tool.initial)
+        and (high - low > 0.8).all()
+        and (high - low < 2.0).all()
+    )
     assert np.allclose(make_box(panda, tool, [0.1, 0.2, 0.3])[1] - tool.initial, [0.1, 0.2, 0.3])
     assert np.allclose(make_box(panda, tool, [[-1, -1, 0], [1, 1, 2]]), [[-1, -1, 0], [1, 1, 2]])
     assert make_box(panda, tool, False) is None
 
 
 @pytest.mark.parametrize(
-    "box", [-0.1, 0.0, [0.1, 0.2], [[0, 0, 0], [1, 1, 0]], [[0, 0, 0]] * 3, "wide", np.nan, [[0, 0], [1, 1]]]
+    "box",
+    [
+        -0.1,
+        0.0,
+        [0.1, 0.2],
+        [[0, 0, 0], [1, 1, 0]],
+        [[0, 0, 0]] * 3,
+        "wide",
+        np.nan,
+        [[0, 0], [1, 1]],
+    ],
 )
 def test_impossible_boxes_are_refused(box):
     with pytest.raises(pa.ParameterError, match=r"unknown\.kinematic_box"):
@@ -332,9 +403,15 @@ def test_impossible_boxes_are_refused(box):
 
 
 def published(law="adaptive-inverse-dynamics", **options):
-    settings = ["controller.adaptation=gradient", "controller.gamma_d=[4.5, 1.5, 1.5]", "simulation.duration=0.1"]
+    settings = [
+        "controller.adaptation=gradient",
+        "controller.gamma_d=[4.5, 1.5, 1.5]",
+        "simulation.duration=0.1",
+    ]
     settings += [f"controller.law={law}", "simulation.mode=continuous", "simulation.dt=1e-4"]
-    return Scenario.read(ROBOTS / "planar_2r" / "wang_xie_2009.toml", [*settings, *options.get("more", [])]).run()
+    return Scenario.read(
+        ROBOTS / "planar_2r" / "wang_xie_2009.toml", [*settings, *options.get("more", [])]
+    ).run()
 
 
 def test_a_mass_matrix_that_is_none_ends_the_run_with_a_message():
@@ -358,9 +435,16 @@ def test_estimates_that_run_away_end_the_run_with_a_message():
     robot = load("ur5")
     for watch in (True, False):
         controller = pa.make_controller(
-            robot, law="adaptive-jacobian", adaptation="gradient", gamma_d=1e9, watch=watch, kinematic=[]
+            robot,
+            law="adaptive-jacobian",
+            adaptation="gradient",
+            gamma_d=1e9,
+            watch=watch,
+            kinematic=[],
         )
-        measurement = pa.Measurement(robot.q0, np.full(6, 0.1), robot.position(robot.q0), np.zeros(3))
+        measurement = pa.Measurement(
+            robot.q0, np.full(6, 0.1), robot.position(robot.q0), np.zeros(3)
+        )
         desired = pa.Circle(np.zeros(3), 0.1, 2.0).starting_at(measurement.x + 0.05).at(0.0)
         state = controller.init(measurement)
         if watch:
@@ -380,13 +464,26 @@ def test_impossible_dampings_are_refused():
 
 
 def test_scenarios_say_it_all(tmp_path):
-    keys = ["simulation.duration=0.01", "simulation.torque_limits=true", "controller.damping=0.3", "controller.watch=false"]
-    scenario = Scenario.read(ROBOTS / "panda" / "tool_and_load.toml", [*keys, "unknown.kinematic_box=0.2"])
+    keys = [
+        "simulation.duration=0.01",
+        "simulation.torque_limits=true",
+        "controller.damping=0.3",
+        "controller.watch=false",
+    ]
+    scenario = Scenario.read(
+        ROBOTS / "panda" / "tool_and_load.toml", [*keys, "unknown.kinematic_box=0.2"]
+    )
     limits, box = scenario.controller.limits, scenario.controller.adaptation_k
-    assert np.array_equal(limits.torque, scenario.true.model.effortLimit) and not limits.watch and limits.estimate == np.inf
+    assert (
+        np.array_equal(limits.torque, scenario.true.model.effortLimit)
+        and not limits.watch
+        and limits.estimate == np.inf
+    )
     assert np.allclose(box.high - box.low, 0.4)
     robot = load("panda")
-    J = pin.computeFrameJacobian(robot.model, robot.model.createData(), robot.q0, robot.frame_id, pin.LOCAL_WORLD_ALIGNED)[:3]
+    J = pin.computeFrameJacobian(
+        robot.model, robot.model.createData(), robot.q0, robot.frame_id, pin.LOCAL_WORLD_ALIGNED
+    )[:3]
     assert np.isclose(limits.singular, 0.3 / np.sqrt(np.trace(np.linalg.inv(J @ J.T))))
     rollout = scenario.run()
     rollout.save(tmp_path)

@@ -13,9 +13,9 @@ import pinadapt as pa
 from chains import catalogue_robot, chains, chains_of, each_size, random_state, seeded, seeds
 from loops import circle_beside, energy_along
 from paper import BASIS
-from pinadapt.parameters.kinematic import Translation
-from pinadapt.parameters.superposition import superposition
-from pinadapt.scenario import Scenario
+from pinadapt.models.lumped_basis import lumped_basis
+from pinadapt.models.translations import Translation
+from pinadapt.scenario.scenario import Scenario
 
 ROBOTS = Path(__file__).parents[1] / "robots"
 IMPROVED = "adaptive-inverse-dynamics-improved"
@@ -29,7 +29,11 @@ def translations(robot, rng):
             continue
         name, nominal = robot.joint_names[joint - 1], robot.model.jointPlacements[joint].translation
         if rng.random() < 0.4:
-            found.append(Translation(name, joint, np.eye(3), np.zeros(3), tuple(name + axis for axis in "xyz")))
+            found.append(
+                Translation(
+                    name, joint, np.eye(3), np.zeros(3), tuple(name + axis for axis in "xyz")
+                )
+            )
         else:
             directions = rng.standard_normal((3, rng.choice([1, 2])))
             labels = tuple(f"{name}_{i}" for i in range(directions.shape[1]))
@@ -40,9 +44,14 @@ def translations(robot, rng):
 
 def another(robot, parts, rng, bodies=None):
     """Return a robot with other lengths and other inertias of the named bodies, all by default."""
-    shifts = {part.name: part.directions @ rng.uniform(-0.3, 0.3, part.directions.shape[1]) for part in parts}
+    shifts = {
+        part.name: part.directions @ rng.uniform(-0.3, 0.3, part.directions.shape[1])
+        for part in parts
+    }
     names = robot.joint_names if bodies is None else bodies
-    return robot.changed(link_translation=shifts, inertial_scale={name: rng.uniform(0.4, 2.0) for name in names})
+    return robot.changed(
+        link_translation=shifts, inertial_scale={name: rng.uniform(0.4, 2.0) for name in names}
+    )
 
 
 def check_exact(believed, true, rng):
@@ -65,7 +74,9 @@ def check_exact(believed, true, rng):
     expected = M @ a_r + C @ v_r + g
     assert np.allclose(torque, expected, atol=1e-8 * (1.0 + np.abs(expected).max()))
     assert np.allclose(
-        Y_r @ (a_d - believed.initial), torque - at(believed, believed.initial, q, v, v_r, a_r), atol=1e-8 * scale
+        Y_r @ (a_d - believed.initial),
+        torque - at(believed, believed.initial, q, v, v_r, a_r),
+        atol=1e-8 * scale,
     )
 
 
@@ -82,10 +93,12 @@ def test_lumped_regressor_is_rnea_at_the_true_lengths(robot, seed, rotors):
     wrong = robot.changed(armature=rotors)
     parts = translations(wrong, rng)
     true = another(wrong, parts, rng)
-    believed = pa.LumpedParameters(wrong, parts)
+    believed = pa.LumpedDynamics(wrong, parts)
     check_exact(believed, true, rng)
     q, v, a = random_state(wrong, rng)  # the regressor knows nothing of the believed values
-    assert np.array_equal(believed.regressor(q, v, a), pa.LumpedParameters(true, parts).regressor(q, v, a))
+    assert np.array_equal(
+        believed.regressor(q, v, a), pa.LumpedDynamics(true, parts).regressor(q, v, a)
+    )
 
 
 @each_size(range(1, 8), seed=0)
@@ -96,7 +109,10 @@ def test_known_bodies_still_multiply_unknown_lengths(robot, seed):
     wrong = robot.changed(armature=0.1)
     parts = translations(wrong, rng)
     unknown = [name for name in wrong.joint_names if rng.random() < 0.4]
-    believed, everything = pa.LumpedParameters(wrong, parts, unknown or "none"), pa.LumpedParameters(wrong, parts)
+    believed, everything = (
+        pa.LumpedDynamics(wrong, parts, unknown or "none"),
+        pa.LumpedDynamics(wrong, parts),
+    )
     assert believed.size <= everything.size
     check_exact(believed, another(wrong, parts, rng, unknown), rng)
     if believed.size < everything.size:
@@ -106,56 +122,72 @@ def test_known_bodies_still_multiply_unknown_lengths(robot, seed):
 @pytest.mark.parametrize("name", ["ur5", "panda", "talos_arm", "kinova", "scara"])
 def test_lengths_of_the_catalogue(name):
     robot, rng = catalogue_robot(name), np.random.default_rng(0)
-    believed = pa.LumpedParameters(robot)
+    believed = pa.LumpedDynamics(robot)
     check_exact(believed, another(robot, believed.translations, rng), rng)
 
 
 def test_sizes():
     ur5 = catalogue_robot("ur5")
-    five = pa.LumpedParameters(ur5, [f"{name}:length" for name in ur5.joint_names[1:]])
+    five = pa.LumpedDynamics(ur5, [f"{name}:length" for name in ur5.joint_names[1:]])
     assert five.size == len(set(five.names)) == 56
     pendulum = pa.load("planar_2r", gravity=[0.0, -9.81, 0.0])
-    assert pa.LumpedParameters(pendulum).size == 8
+    assert pa.LumpedDynamics(pendulum).size == 8
     # With every inertia known, one unknown length enters as itself and as its square.
-    assert pa.LumpedParameters(ur5, ["elbow_joint:length"], "none").size == 2
+    assert pa.LumpedDynamics(ur5, ["elbow_joint:length"], "none").size == 2
     with pytest.raises(pa.ParameterError, match="nothing has to be lumped"):
-        pa.LumpedParameters(ur5, ["tool"])
+        pa.LumpedDynamics(ur5, ["tool"])
 
 
 def test_value_is_none_where_something_else_differs():
     robot = catalogue_robot("ur5")
-    believed = pa.LumpedParameters(robot, ["elbow_joint:length", "tool"])
-    longer = robot.changed(link_translation={"elbow_joint": 0.1 * robot.model.jointPlacements[3].translation})
+    believed = pa.LumpedDynamics(robot, ["elbow_joint:length", "tool"])
+    longer = robot.changed(
+        link_translation={"elbow_joint": 0.1 * robot.model.jointPlacements[3].translation}
+    )
     assert believed.value(longer) is not None
-    assert believed.value(longer.changed(tool_translation=[0.1, 0.0, 0.0])) is not None  # no part in the dynamics
-    assert believed.value(longer.changed(link_translation={"wrist_1_joint": [0.0, 0.0, 0.01]})) is None
-    assert believed.value(longer.changed(link_translation={"elbow_joint": [0.01, 0.0, 0.0]})) is None  # not along the link
+    assert (
+        believed.value(longer.changed(tool_translation=[0.1, 0.0, 0.0])) is not None
+    )  # no part in the dynamics
+    assert (
+        believed.value(longer.changed(link_translation={"wrist_1_joint": [0.0, 0.0, 0.01]})) is None
+    )
+    assert (
+        believed.value(longer.changed(link_translation={"elbow_joint": [0.01, 0.0, 0.0]})) is None
+    )  # not along the link
     assert believed.value(longer.changed(viscous=0.1)) is None
     assert believed.value(longer.changed(armature=0.1)) is None
 
 
 def test_the_base_is_found_once():
     robot = catalogue_robot("ur5")
-    parts = pa.KinematicParameters(robot, [*robot.joint_names[1:]]).translations
+    parts = pa.FrameKinematics(robot, [*robot.joint_names[1:]]).translations
     true = another(robot, parts, np.random.default_rng(0))
-    assert superposition(robot.model, parts) is superposition(true.model, parts)
+    assert lumped_basis(robot.model, parts) is lumped_basis(true.model, parts)
 
 
 def ur5(law, adaptation, **options):
     """Return the true robot, the controller of a wrong one, and a path."""
     robot = catalogue_robot("ur5")
     names = robot.joint_names[1:]
-    shifts = {name: 0.1 * robot.model.jointPlacements[i].translation for i, name in enumerate(names, 2)}
+    shifts = {
+        name: 0.1 * robot.model.jointPlacements[i].translation for i, name in enumerate(names, 2)
+    }
     true = robot.changed(link_translation=shifts)
     lengths = [f"{name}:length" for name in names]
     believed = robot.changed(inertial_scale=0.7)
-    controller = pa.make_controller(believed, law=law, adaptation=adaptation, kinematic=lengths, **options)
+    controller = pa.make_controller(
+        believed, law=law, adaptation=adaptation, kinematic=lengths, **options
+    )
     return true, controller, circle_beside(true, "yz")
 
 
 @pytest.mark.parametrize(
     ("law", "adaptation"),
-    [("adaptive-jacobian", "gradient"), (IMPROVED, "gradient"), ("adaptive-inverse-dynamics", "projected")],
+    [
+        ("adaptive-jacobian", "gradient"),
+        (IMPROVED, "gradient"),
+        ("adaptive-inverse-dynamics", "projected"),
+    ],
 )
 def test_lyapunov_equality(law, adaptation):
     """The proofs hold with lengths and inertias unknown together, which no regressor of bodies allows."""
@@ -188,10 +220,10 @@ def projections():
     planar = catalogue_robot("planar_2r")
     lengths = [f"{name}:length" for name in robot.joint_names[1:]]
     return {
-        "lumped": (robot, pa.LumpedParameters(robot, lengths)),
-        "bodies": (robot, pa.BodyParameters(robot)),
-        "payload": (robot, pa.BodyParameters(robot, "payload")),
-        "basis": (planar, pa.BasisParameters(planar, BASIS)),
+        "lumped": (robot, pa.LumpedDynamics(robot, lengths)),
+        "bodies": (robot, pa.BodyDynamics(robot)),
+        "payload": (robot, pa.BodyDynamics(robot, "payload")),
+        "basis": (planar, pa.BasisDynamics(planar, BASIS)),
     }
 
 
@@ -201,7 +233,9 @@ def test_projection_keeps_the_mass_matrix_and_never_moves_away_from_the_truth(ca
     rng, size = np.random.default_rng(2), dynamics.size
     factor = rng.standard_normal((size, size)) / np.sqrt(size)
     scale = np.diag(np.maximum(np.abs(dynamics.initial), 1e-3 * np.abs(dynamics.initial).max()))
-    adaptation = pa.Projected(scale @ (factor @ factor.T + np.eye(size)) @ scale, dynamics, robot)
+    adaptation = pa.MassMatrixProjection(
+        scale @ (factor @ factor.T + np.eye(size)) @ scale, dynamics, robot
+    )
     data, moved = robot.model.createData(), 0
     for _ in range(30):
         q, _, _ = random_state(robot, rng)
@@ -212,7 +246,10 @@ def test_projection_keeps_the_mass_matrix_and_never_moves_away_from_the_truth(ca
         ratios = np.linalg.eigvals(np.linalg.solve(M_0, dynamics.mass_matrix(q))).real
         assert ratios.min() >= 0.1 - 1e-9
         moved += kept is not a
-        for true in (dynamics.initial, 0.3 * dynamics.initial if case != "payload" else dynamics.initial):
+        for true in (
+            dynamics.initial,
+            0.3 * dynamics.initial if case != "payload" else dynamics.initial,
+        ):
             assert adaptation.distance(kept, true) <= adaptation.distance(a, true) * (1.0 + 1e-12)
         assert adaptation.keep(dynamics.initial, q) is dynamics.initial  # nothing to do
     assert moved > 3
@@ -221,7 +258,11 @@ def test_projection_keeps_the_mass_matrix_and_never_moves_away_from_the_truth(ca
 @pytest.mark.parametrize("rate", [0.01, 0.1])
 def test_projection_saves_a_gradient_that_loses_the_mass_matrix(rate):
     """The rates at which law (11) with plain gradient adaptation diverges within half a second (see test_showcase)."""
-    settings = ["controller.adaptation=projected", f"controller.gamma_d={rate}", "simulation.duration=1.0"]
+    settings = [
+        "controller.adaptation=projected",
+        f"controller.gamma_d={rate}",
+        "simulation.duration=1.0",
+    ]
     rollout = Scenario.read(ROBOTS / "panda" / "tool_and_load.toml", settings).run()
     assert rollout.diverged is None
     assert rollout.min_eig_M_hat.min() > 0.0
@@ -229,7 +270,9 @@ def test_projection_saves_a_gradient_that_loses_the_mass_matrix(rate):
 
 def test_projection_with_unknown_rotors():
     robot = catalogue_robot("ur5")
-    controller = pa.make_controller(robot, adaptation="projected", joint="armature", kinematic=["elbow_joint:length"])
+    controller = pa.make_controller(
+        robot, adaptation="projected", joint="armature", kinematic=["elbow_joint:length"]
+    )
     a = controller.dynamics.initial.copy()
     q = robot.q0
     assert controller.adaptation_d.keep(a, q) is a
@@ -244,21 +287,26 @@ def test_lengths_decide_about_the_dynamics():
     robot = catalogue_robot("ur5")
     make, lengths = pa.make_controller, ["elbow_joint:length"]
     with pytest.raises(
-        pa.ParameterError, match=r"natural adaptation does not apply.*elbow_joint.*adaptive-jacobian.*projected"
+        pa.ParameterError,
+        match=r"natural adaptation does not apply.*elbow_joint.*adaptive-jacobian.*projected",
     ):
         make(robot, kinematic=lengths)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         lumped = make(robot, kinematic=lengths, law="adaptive-jacobian", adaptation="gradient")
-        assert isinstance(lumped.dynamics, pa.LumpedParameters)
-        assert isinstance(make(robot, kinematic=lengths, adaptation="projected").dynamics, pa.LumpedParameters)
-        assert isinstance(make(robot, kinematic=["tool"], adaptation="projected").dynamics, pa.BodyParameters)
+        assert isinstance(lumped.dynamics, pa.LumpedDynamics)
+        assert isinstance(
+            make(robot, kinematic=lengths, adaptation="projected").dynamics, pa.LumpedDynamics
+        )
+        assert isinstance(
+            make(robot, kinematic=["tool"], adaptation="projected").dynamics, pa.BodyDynamics
+        )
         make(robot, kinematic=lengths, law="resolved-acceleration")  # nothing adapts
     with pytest.warns(UserWarning, match=r"inverts M_hat.*projected"):
         make(robot, kinematic=lengths, adaptation="gradient")
     with pytest.warns(UserWarning, match=r"nominal regressor contains them.*does not cover"):
         nominal = make(robot, kinematic=lengths, regressor="nominal")
-    assert isinstance(nominal.dynamics, pa.BodyParameters)
+    assert isinstance(nominal.dynamics, pa.BodyDynamics)
     with pytest.raises(pa.InputError, match="Did you mean 'nominal'"):
         make(robot, kinematic=lengths, regressor="nominel")
 

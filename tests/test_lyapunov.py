@@ -8,15 +8,22 @@ from chains import catalogue_robot
 from loops import circle_beside, energy_along, with_tool_and_load
 from paper import CIRCLE, WRONG, paper_controller
 
-# The hypotheses that adaptation can destroy must hold while the equality is tested: M_hat invertible for (11) and (25) under
-# gradient adaptation, M + M_0 - M_hat invertible for the improved law with the ideal acceleration. Hence low rates.
+# The hypotheses that adaptation can destroy must hold while the equality is tested: M_hat
+# invertible for (11) and (25) under
+# gradient adaptation, M + M_0 - M_hat invertible for the improved law with the ideal acceleration.
+# Hence low rates.
 GRADIENT_RATE = {"kinova": 1e-5}
 IMPROVED = "adaptive-inverse-dynamics-improved"
 
 
 def planar(law, adaptation):
     rate = [0.2, 0.1, 0.1] if adaptation == "gradient" else 0.05 if law == IMPROVED else 0.5
-    return catalogue_robot("planar_2r"), paper_controller(law, adaptation, gamma_d=rate), CIRCLE, WRONG
+    return (
+        catalogue_robot("planar_2r"),
+        paper_controller(law, adaptation, gamma_d=rate),
+        CIRCLE,
+        WRONG,
+    )
 
 
 def spatial(name):
@@ -32,8 +39,16 @@ def spatial(name):
     return make
 
 
-ROBOTS = {"planar_2r": planar, **{name: spatial(name) for name in ("ur5", "panda", "scara", "kinova")}}
-LAWS = ["adaptive-inverse-dynamics", "adaptive-inverse-dynamics-velocity", "adaptive-jacobian", IMPROVED]
+ROBOTS = {
+    "planar_2r": planar,
+    **{name: spatial(name) for name in ("ur5", "panda", "scara", "kinova")},
+}
+LAWS = [
+    "adaptive-inverse-dynamics",
+    "adaptive-inverse-dynamics-velocity",
+    "adaptive-jacobian",
+    IMPROVED,
+]
 
 
 @pytest.mark.parametrize("adaptation", ["gradient", "natural"])
@@ -51,10 +66,17 @@ def test_equality_along_the_trajectory(law, name, adaptation):
 def test_resolved_acceleration_obeys_its_linear_closed_loop():
     """With the truth known, |dx| follows (1 + w t) exp(-w t), equation (10) with K_v = 2 w, K_P = w^2."""
     robot = catalogue_robot("ur5")
-    controller = pa.make_controller(robot, law="resolved-acceleration", Kv=40.0, Kp=400.0, alpha=5.0)
+    controller = pa.make_controller(
+        robot, law="resolved-acceleration", Kv=40.0, Kp=400.0, alpha=5.0
+    )
     start = np.array([0.02, -0.01, 0.03])
     rollout = pa.simulate(
-        robot, controller, pa.Hold(robot.position(robot.q0) - start), duration=0.5, dt=5e-4, mode="continuous"
+        robot,
+        controller,
+        pa.Hold(robot.position(robot.q0) - start),
+        duration=0.5,
+        dt=5e-4,
+        mode="continuous",
     )
     decay = (1 + 20 * rollout.t) * np.exp(-20 * rollout.t)
     assert np.abs(rollout.error - decay[:, None] * start).max() < 1e-8
@@ -62,7 +84,9 @@ def test_resolved_acceleration_obeys_its_linear_closed_loop():
 
 def test_rollout_knows_v():
     true, controller, path, _ = ROBOTS["panda"]("adaptive-inverse-dynamics", "natural")
-    rollout = pa.simulate(true, controller, path, duration=0.2, dt=1e-3, mode="continuous", acceleration="ideal")
+    rollout = pa.simulate(
+        true, controller, path, duration=0.2, dt=1e-3, mode="continuous", acceleration="ideal"
+    )
     assert rollout.lyapunov.shape == rollout.t.shape
     assert (np.diff(rollout.lyapunov) < 0.0).all()
     unknowable = true.changed(link_translation={"panda_joint4": [0.01, 0.0, 0.0]})

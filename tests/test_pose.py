@@ -13,8 +13,8 @@ from chains import catalogue_robot, chains, each_size, random_state, seeded, see
 from differences import derivative
 from identities import check_kinematics, unknown_choices
 from loops import energy_along, with_tool_and_load
-from pinadapt.robot import task_named
-from pinadapt.robot.rotation import matrix, quaternion, rotation_between, rotation_drift, turned
+from pinadapt.tasks.registry import task_named
+from pinadapt.tasks.rotation import matrix, quaternion, rotation_between, rotation_drift, turned
 
 POSE = task_named("pose")
 LAWS = [
@@ -32,7 +32,9 @@ def pose_robot(name):
 
 def swinging(start, by=(0.0,) * 6):
     """Return a circle whose tool swings, beside a starting pose by an error (6)."""
-    path = pa.PoseTrajectory(pa.Circle(np.zeros(3), 0.05, 2.0, "yz"), pa.Swing([0.3, -1.0, 0.5], 0.4, 1.5, phase=0.3))
+    path = pa.PoseTrajectory(
+        pa.Circle(np.zeros(3), 0.05, 2.0, "yz"), pa.Swing([0.3, -1.0, 0.5], 0.4, 1.5, phase=0.3)
+    )
     return path.starting_at(POSE.moved(start, np.array(by)))
 
 
@@ -47,7 +49,9 @@ def test_error_is_the_logarithm_in_world_axes(some, angle):
     R = pin.exp3(phi) @ R_d
     for sign in (1.0, -1.0):  # a quaternion and its negative are the same rotation
         assert np.allclose(rotation_between(sign * quaternion(R), quaternion(R_d)), phi, atol=1e-12)
-    assert np.allclose(rotation_between(quaternion(R), quaternion(R_d)), pin.log3(R @ R_d.T), atol=1e-9)
+    assert np.allclose(
+        rotation_between(quaternion(R), quaternion(R_d)), pin.log3(R @ R_d.T), atol=1e-9
+    )
     assert np.allclose(matrix(turned(quaternion(R_d), phi)), R, atol=1e-14)
 
 
@@ -58,15 +62,23 @@ def test_drift_is_what_the_error_moves_beside_the_difference_of_velocities(some,
     omega, omega_d = some[2:]
     q_d = quaternion(pin.exp3(some[1]))
     q = turned(q_d, phi)
-    rate = derivative(lambda t: np.array(rotation_between(turned(q, t * omega), turned(q_d, t * omega_d))))
+    rate = derivative(
+        lambda t: np.array(rotation_between(turned(q, t * omega), turned(q_d, t * omega_d)))
+    )
     drift = np.array(rotation_drift(phi, omega, omega_d))
     assert np.allclose(omega - omega_d + drift, rate, atol=1e-7)
     assert abs(phi @ drift) < 1e-14  # on which dV/dt rests
 
 
 def test_drift_is_smooth_where_its_series_ends():
-    axis, omega, omega_d = np.array([0.6, 0.0, 0.8]), np.array([0.3, -1.0, 0.2]), np.array([1.0, 0.4, -0.7])
-    below, above = (np.array(rotation_drift(0.05 * (1.0 + e) * axis, omega, omega_d)) for e in (-1e-13, 1e-13))
+    axis, omega, omega_d = (
+        np.array([0.6, 0.0, 0.8]),
+        np.array([0.3, -1.0, 0.2]),
+        np.array([1.0, 0.4, -0.7]),
+    )
+    below, above = (
+        np.array(rotation_drift(0.05 * (1.0 + e) * axis, omega, omega_d)) for e in (-1e-13, 1e-13)
+    )
     assert np.abs(below - above).max() < 1e-12
 
 
@@ -99,8 +111,8 @@ def test_identities_on_random_chains(robot):
 def test_plant_robot_and_belief_agree():
     robot = pose_robot("kinova")
     q, v, _ = random_state(robot, np.random.default_rng(4))
-    x, xd = pa.Plant(robot).task_motion(q, v)
-    believed = pa.KinematicParameters(robot, ["tool"])
+    x, xd = pa.PinocchioPlant(robot).task_motion(q, v)
+    believed = pa.FrameKinematics(robot, ["tool"])
     believed.update(believed.initial, q, v)
     assert np.allclose(POSE.error(x, robot.position(q)), 0.0, atol=1e-12)
     assert np.allclose(POSE.error(x, believed.x_hat), 0.0, atol=1e-12)
@@ -110,14 +122,19 @@ def test_plant_robot_and_belief_agree():
 # --- trajectories ---
 
 
-@pytest.mark.parametrize("orientation", [pa.Swing([1.0, 2.0, -0.5], 0.7, 1.3, 0.4), pa.FixedOrientation([0.6, 0.0, 0.8, 0.0])])
+@pytest.mark.parametrize(
+    "orientation",
+    [pa.Swing([1.0, 2.0, -0.5], 0.7, 1.3, 0.4), pa.FixedOrientation([0.6, 0.0, 0.8, 0.0])],
+)
 @pytest.mark.parametrize("t", [0.0, 0.3, 1.1])
 def test_pose_trajectories_are_twice_differentiated_exactly(orientation, t):
     path = pa.PoseTrajectory(pa.Lissajous([0.5, 0.1, 0.4], 0.1, [1.0, 2.0, 3.0], 4.0), orientation)
     start = np.array([0.3, -0.2, 0.5, *quaternion(pin.exp3(np.array([1.0, -2.0, 0.3])))])
     for motion in (path, path.starting_at(start)):
         now = motion.at(t)
-        assert np.allclose(now.xd_d, derivative(lambda h: POSE.error(motion.at(t + h).x_d, now.x_d)), atol=1e-9)  # noqa: B023
+        assert np.allclose(
+            now.xd_d, derivative(lambda h: POSE.error(motion.at(t + h).x_d, now.x_d)), atol=1e-9
+        )  # noqa: B023
         assert np.allclose(now.xdd_d, derivative(lambda h: motion.at(t + h).xd_d), atol=1e-8)  # noqa: B023
         assert np.isclose(np.linalg.norm(now.x_d[3:]), 1.0)
     assert np.allclose(POSE.error(path.starting_at(start).at(0.0).x_d, start), 0.0, atol=1e-14)
@@ -143,7 +160,11 @@ def loop(name, law):
         gamma_d=0.02 if law.endswith("improved") else 1.0,
         **({} if law == "adaptive-jacobian" else {"R_k": np.diag([30.0, 50.0, 80.0])}),
     )
-    return true, controller, swinging(true.position(true.q0), np.array([0.01, -0.01, 0.02, 0.3, -0.35, 0.2]))
+    return (
+        true,
+        controller,
+        swinging(true.position(true.q0), np.array([0.01, -0.01, 0.02, 0.3, -0.35, 0.2])),
+    )
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda"])
@@ -153,6 +174,9 @@ def test_equality_along_the_trajectory(law, name):
     energy = energy_along(true, controller, path, steps=600)
     assert energy.mismatch() <= 1e-4
     # The curvature of rotations is there to be seen.
-    assert np.linalg.norm(energy.delta, axis=1).min() > 0.05 and np.linalg.norm(energy.dx[-1, 3:]) > 0.2
+    assert (
+        np.linalg.norm(energy.delta, axis=1).min() > 0.05
+        and np.linalg.norm(energy.dx[-1, 3:]) > 0.2
+    )
     assert (energy.rate <= 0.0).all() and np.abs(energy.rate).max() > 1e-4
     assert energy.largest_rise() <= 1e-12

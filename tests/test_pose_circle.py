@@ -8,11 +8,11 @@ import pytest
 
 import pinadapt as pa
 from pinadapt._toml import read_toml
-from pinadapt.cli import main
+from pinadapt.cli.main import main
 from pinadapt.robot.catalogue import _example_path
-from pinadapt.robot.home import position_limits
+from pinadapt.robot.position_limits import position_limits
 from pinadapt.robot.workspace import reach
-from pinadapt.scenario import Scenario
+from pinadapt.scenario.scenario import Scenario
 
 AXES = {"x": 0, "y": 1, "z": 2}
 
@@ -52,7 +52,9 @@ def test_the_circle_can_be_followed_without_turning_also_with_a_longer_tool(name
     lower, upper = position_limits(robot.model)
     limited = np.isfinite(lower)
     for axis in np.eye(3):
-        angles, speeds, Jacobians = followed(robot.changed(tool_translation=0.05 * length * axis), circle)
+        angles, speeds, Jacobians = followed(
+            robot.changed(tool_translation=0.05 * length * axis), circle
+        )
         room = np.minimum(angles - lower, upper - angles)[:, limited] / (upper - lower)[limited]
         assert room.min(initial=1.0) > 0.04
         arms = np.repeat([1.0, length], 3)[:, None]

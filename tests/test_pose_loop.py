@@ -10,11 +10,11 @@ import pytest
 import pinadapt as pa
 from chains import catalogue_robot, random_inertia
 from pinadapt.cli.compare import comparison_table
-from pinadapt.robot import task_named
-from pinadapt.robot.rotation import matrix
-from pinadapt.scenario import Scenario
-from pinadapt.simulation.sensors import Sensors
-from pinadapt.view import write_animation
+from pinadapt.plants.sensors import Sensors
+from pinadapt.scenario.scenario import Scenario
+from pinadapt.tasks.registry import task_named
+from pinadapt.tasks.rotation import matrix
+from pinadapt.view.animation import write_animation
 
 SCENARIO = Path(__file__).parents[1] / "robots" / "panda" / "pose.toml"
 POSE = task_named("pose")
@@ -42,16 +42,22 @@ def test_with_the_truth_known_position_and_orientation_go_to_zero(angle, duratio
     robot = pose_robot()
     start = POSE.moved(robot.position(robot.q0), np.array([0.02, -0.01, 0.03, 0.0, 0.0, 0.0]))
     tool_z = matrix(start[3:])[:, 2]
-    path = pa.PoseTrajectory(pa.Circle(np.zeros(3), 0.05, 3.0, "yz"), pa.Swing([0.0, 1.0, 1.0], 0.2, 2.0))
+    path = pa.PoseTrajectory(
+        pa.Circle(np.zeros(3), 0.05, 3.0, "yz"), pa.Swing([0.0, 1.0, 1.0], 0.2, 2.0)
+    )
     path = path.starting_at(POSE.moved(start, np.concatenate([np.zeros(3), angle * tool_z])))
     controller = pa.make_controller(robot, law="resolved-acceleration", kinematic=[])
     rollout = pa.simulate(robot, controller, path, duration=duration, mode="continuous")
-    assert np.isclose(rollout.angle[0], angle) and np.isclose(rollout.distance[0], np.linalg.norm([0.02, -0.01, 0.03]))
+    assert np.isclose(rollout.angle[0], angle) and np.isclose(
+        rollout.distance[0], np.linalg.norm([0.02, -0.01, 0.03])
+    )
     assert rollout.distance[-1] < 1e-6 and rollout.angle[-1] < 1e-6
 
 
-# The improved law's M_0 must not be far below M: a wrist believed 30 % light that carries an unknown load has a tenth of the
-# true inertia, and the feedback of the filtered acceleration is then too late. It converges from a belief that is too heavy.
+# The improved law's M_0 must not be far below M: a wrist believed 30 % light that carries an
+# unknown load has a tenth of the
+# true inertia, and the feedback of the filtered acceleration is then too late. It converges from a
+# belief that is too heavy.
 @pytest.mark.parametrize(
     ("law", "scale"),
     [
@@ -87,7 +93,9 @@ def test_a_guess_of_its_load_helps_a_light_wrist():
     load = pa.Payload(0.5, [0.02, -0.01, 0.05], [0.002, 0.0, 0.002, 0.0, 0.0, 0.002])
     true = robot.changed(tool_translation=[0.03, -0.02, 0.05], payload=load)
     guess = pa.Payload(0.8, [0.0, 0.0, 0.04], [0.003, 0.0, 0.003, 0.0, 0.0, 0.003])
-    path = pa.PoseTrajectory(pa.Circle(np.zeros(3), 0.03, 3.0, "yz"), pa.Swing([0.0, 1.0, 1.0], 0.2, 2.0))
+    path = pa.PoseTrajectory(
+        pa.Circle(np.zeros(3), 0.03, 3.0, "yz"), pa.Swing([0.0, 1.0, 1.0], 0.2, 2.0)
+    )
     path = path.starting_at(true.position(true.q0))
     results = [
         pa.simulate(true, pa.make_controller(believed), path, duration=3.0, substeps=1).summary()
@@ -101,7 +109,9 @@ def test_a_guess_of_its_load_helps_a_light_wrist():
 
 
 def sample(robot, x=None):
-    return pa.Measurement(robot.q0, np.zeros(robot.model.nv), robot.position(robot.q0) if x is None else x)
+    return pa.Measurement(
+        robot.q0, np.zeros(robot.model.nv), robot.position(robot.q0) if x is None else x
+    )
 
 
 def test_either_sign_of_the_measured_quaternion_gives_the_same_torque():
@@ -109,7 +119,10 @@ def test_either_sign_of_the_measured_quaternion_gives_the_same_torque():
     controller, desired = pa.make_controller(robot), circle(robot).at(0.2)
     x = robot.position(robot.q0)
     state = controller.init(sample(robot))
-    torques = [controller.step(state, sample(robot, x * [1, 1, 1, *[s] * 4]), desired, 1e-3)[0] for s in (1, -1)]
+    torques = [
+        controller.step(state, sample(robot, x * [1, 1, 1, *[s] * 4]), desired, 1e-3)[0]
+        for s in (1, -1)
+    ]
     assert np.allclose(*torques, rtol=0.0, atol=1e-12)
 
 
@@ -131,12 +144,18 @@ def test_a_quaternion_that_is_none_is_refused_and_the_state_kept(bad):
 
 def test_a_tracker_needs_no_angular_velocity():
     robot = pose_robot()
-    controller, desired = pa.make_controller(robot, law="adaptive-inverse-dynamics-velocity"), circle(robot).at(0.2)
+    controller, desired = (
+        pa.make_controller(robot, law="adaptive-inverse-dynamics-velocity"),
+        circle(robot).at(0.2),
+    )
     v = np.linspace(-0.3, 0.4, 7)
-    x, xd = pa.Plant(robot).task_motion(robot.q0, v)
+    x, xd = pa.PinocchioPlant(robot).task_motion(robot.q0, v)
     state = controller.init(pa.Measurement(robot.q0, v, x, xd))
     blind = np.concatenate([xd[:3], np.full(3, 9.0)])
-    torques = [controller.step(state, pa.Measurement(robot.q0, v, x, rate), desired, 1e-3)[0] for rate in (xd, blind)]
+    torques = [
+        controller.step(state, pa.Measurement(robot.q0, v, x, rate), desired, 1e-3)[0]
+        for rate in (xd, blind)
+    ]
     assert np.array_equal(*torques)
 
 
@@ -144,12 +163,18 @@ def test_default_gains_of_the_energy_based_law_are_numbers_on_either_block():
     robot = pose_robot()
     gains = pa.make_controller(robot, law="adaptive-jacobian").law.gains
     alone = pa.make_controller(catalogue_robot("panda"), law="adaptive-jacobian").law.gains
-    share = gains.alpha / alone.alpha  # of the bandwidth, which rotations lower to what the period bears
+    share = (
+        gains.alpha / alone.alpha
+    )  # of the bandwidth, which rotations lower to what the period bears
     assert 0.8 < share < 1.0
-    assert np.allclose(gains.K_P[:3, :3], share**2 * alone.K_P) and np.allclose(gains.K_v[:3, :3], share * alone.K_v)
+    assert np.allclose(gains.K_P[:3, :3], share**2 * alone.K_P) and np.allclose(
+        gains.K_v[:3, :3], share * alone.K_v
+    )
     assert gains.R_k.shape == (3, 3) and np.allclose(gains.R_k, share * alone.R_k)
     M, J = pin.crba(robot.model, robot.model.createData(), robot.q0), np.zeros((6, 7))
-    J[:] = pin.computeFrameJacobian(robot.model, robot.model.createData(), robot.q0, robot.frame_id, pin.LOCAL_WORLD_ALIGNED)
+    J[:] = pin.computeFrameJacobian(
+        robot.model, robot.model.createData(), robot.q0, robot.frame_id, pin.LOCAL_WORLD_ALIGNED
+    )
     damping = np.linalg.eigvalsh(J[3:] @ np.linalg.solve(M, J[3:].T))[-1] * gains.K_v[5, 5]
     assert 0.1 / 1e-3 < damping <= 1.0000001 / 1e-3  # [1/s], half of what a period of 1 ms bears
 
@@ -161,7 +186,13 @@ COUPLED = 400.0 * np.eye(6) + 10.0 * (np.eye(6, k=3) + np.eye(6, k=-3))
 
 
 @pytest.mark.parametrize(
-    "gains", [{"Kp": NOT_SCALAR}, {"Kv": [40.0] * 4 + [41.0, 40.0]}, {"Kp": COUPLED}, {"Q": np.diag(np.arange(1.0, 13.0))}]
+    "gains",
+    [
+        {"Kp": NOT_SCALAR},
+        {"Kv": [40.0] * 4 + [41.0, 40.0]},
+        {"Kp": COUPLED},
+        {"Q": np.diag(np.arange(1.0, 13.0))},
+    ],
 )
 def test_gains_that_break_the_proof_on_rotations_are_refused(gains):
     with pytest.raises(pa.GainError, match=r"rotation rows .* phi\^T K delta"):
@@ -172,7 +203,9 @@ def test_gains_that_differ_between_position_and_rotation_are_welcome():
     place = np.array([[400.0, 50.0, 0.0], [50.0, 300.0, 0.0], [0.0, 0.0, 500.0]])
     whole = np.zeros((6, 6))
     whole[:3, :3], whole[3:, 3:] = place, 900.0 * np.eye(3)
-    gains = pa.make_controller(pose_robot(), Kp=whole, Kv=[40.0, 41.0, 42.0, 60.0, 60.0, 60.0], R_k=[1.0, 2.0, 3.0]).law.gains
+    gains = pa.make_controller(
+        pose_robot(), Kp=whole, Kv=[40.0, 41.0, 42.0, 60.0, 60.0, 60.0], R_k=[1.0, 2.0, 3.0]
+    ).law.gains
     assert np.array_equal(gains.K_P, whole) and gains.K_v[5, 5] == 60.0
 
 
@@ -186,15 +219,28 @@ def test_gains_that_differ_between_position_and_rotation_are_welcome():
         (lambda: pa.Swing([0.0, 0.0, 0.0], 0.1, 1.0), "direction"),
         (lambda: pa.Swing([0.0, 0.0, 1.0], 0.1, 0.0), "period"),
         (lambda: pa.make_controller(pose_robot(), R_k=np.ones(6)), "R_k"),
-        (lambda: Sensors(pa.Plant(catalogue_robot("panda")), 1e-3, noise={"angle": 0.1}), "no orientation"),
         (
-            lambda: pa.simulate(pose_robot(), pa.make_controller(pose_robot()), pa.Circle(np.zeros(3), 0.1, 3.0)),
+            lambda: Sensors(
+                pa.PinocchioPlant(catalogue_robot("panda")), 1e-3, noise={"angle": 0.1}
+            ),
+            "no orientation",
+        ),
+        (
+            lambda: pa.simulate(
+                pose_robot(), pa.make_controller(pose_robot()), pa.Circle(np.zeros(3), 0.1, 3.0)
+            ),
             "PoseTrajectory",
         ),
         (lambda: short("robot.task=xyz"), "reference.orientation"),
         (lambda: short("reference.orientation.axs=[1, 0, 0]"), "Did you mean 'axis'"),
-        (lambda: short("reference.orientation.quaternion=[0, 0, 0, 3]"), "reference.orientation.quaternion"),
-        (lambda: short("reference.center=[0.5, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0]"), "reference.center.*3 coordinates"),
+        (
+            lambda: short("reference.orientation.quaternion=[0, 0, 0, 3]"),
+            "reference.orientation.quaternion",
+        ),
+        (
+            lambda: short("reference.center=[0.5, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0]"),
+            "reference.center.*3 coordinates",
+        ),
     ],
 )
 def test_impossible_poses_are_refused(make, words):
@@ -217,7 +263,9 @@ def test_scenario_swings_from_the_initial_pose():
 def test_a_scenario_may_believe_in_a_load():
     guess = "belief.payload={ mass = 0.8, com = [0.0, 0.0, 0.04] }"
     believed, without = short(guess).believed, short().believed
-    assert np.isclose(pin.computeTotalMass(believed.model), pin.computeTotalMass(without.model) + 0.8)
+    assert np.isclose(
+        pin.computeTotalMass(believed.model), pin.computeTotalMass(without.model) + 0.8
+    )
     with pytest.raises(pa.InputError, match=r"belief\.payload"):
         short("belief.payload={ mass = 0.8, inertia = [1.0, 0.0, 0.1, 0.0, 0.0, 0.1] }")
 
@@ -227,7 +275,10 @@ def test_scenario_orientation_is_held_where_nothing_is_said_of_it():
     desired, start = scenario.trajectory.at(1.0), scenario.true.position(scenario.true.q0)
     assert np.allclose(desired.x_d[:3], [0.4, 0.1, 0.5]) and not desired.xd_d.any()
     assert np.allclose(POSE.error(desired.x_d, start)[3:], 0.0, atol=1e-12)
-    given = Scenario.read(SCENARIO, ["reference={ kind = 'hold', orientation = { quaternion = [1.0, 0.0, 0.0, 0.0] } }"])
+    given = Scenario.read(
+        SCENARIO,
+        ["reference={ kind = 'hold', orientation = { quaternion = [1.0, 0.0, 0.0, 0.0] } }"],
+    )
     assert np.allclose(given.trajectory.at(0.0).x_d, [*start[:3], 1.0, 0.0, 0.0, 0.0], atol=1e-12)
 
 
@@ -235,16 +286,28 @@ def test_rollout_summary_table_plots_and_page_of_a_pose(tmp_path):
     scenario = short()
     rollout = scenario.run()
     shapes = {"x": 7, "x_d": 7, "error": 6, "q": 7}
-    assert {name: getattr(rollout, name).shape for name in shapes} == {name: (50, width) for name, width in shapes.items()}
-    assert np.allclose(rollout.error, [POSE.error(x, x_d) for x, x_d in zip(rollout.x, rollout.x_d, strict=True)])
+    assert {name: getattr(rollout, name).shape for name in shapes} == {
+        name: (50, width) for name, width in shapes.items()
+    }
+    assert np.allclose(
+        rollout.error, [POSE.error(x, x_d) for x, x_d in zip(rollout.x, rollout.x_d, strict=True)]
+    )
     rollout.save(tmp_path)
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["task"] == "pose" and summary["max_error_last"] == rollout.distance[-5:].max()
-    assert np.isclose(summary["max_angle_last"], np.linalg.norm(rollout.error[-5:, 3:], axis=1).max())
+    assert np.isclose(
+        summary["max_angle_last"], np.linalg.norm(rollout.error[-5:, 3:], axis=1).max()
+    )
     assert summary["rms_angle_last"] <= summary["max_angle_last"]
     assert "angle, last 10 % (max)" in str(rollout) and "[deg]" in comparison_table([rollout])
     assert all(path.stat().st_size > 10_000 for path in rollout.plot(tmp_path))
-    page = write_animation(rollout, scenario.true, scenario.believed, scenario.controller.kinematics, tmp_path / "a.html")
+    page = write_animation(
+        rollout,
+        scenario.true,
+        scenario.believed,
+        scenario.controller.kinematics,
+        tmp_path / "a.html",
+    )
     assert page.stat().st_size > 100_000
 
 
@@ -259,7 +322,7 @@ def test_rollouts_without_orientation_say_nothing_of_angles():
 @pytest.mark.parametrize("channel", ["x", "angle"])
 def test_tracker_noise_has_the_stated_deviation(channel):
     robot = pose_robot()
-    sensors = Sensors(pa.Plant(robot), 1e-3, noise={channel: 0.02}, seed=3)
+    sensors = Sensors(pa.PinocchioPlant(robot), 1e-3, noise={channel: 0.02}, seed=3)
     pairs = [sensors.measure(robot.q0, np.zeros(7)) for _ in range(1000)]
     errors = np.array([POSE.error(seen.x, true.x) for seen, true in pairs])
     assert np.isclose(np.std(errors[:, :3]), 0.02 if channel == "x" else 0.0, rtol=0.1)
@@ -276,9 +339,15 @@ def leg(axis):
     model.name = "leg"
     joint = pin.JointModelRY if axis == "y" else pin.JointModelRX
     for i, drop in enumerate([0.0, -0.2]):
-        parent = model.addJoint(parent, joint(), pin.SE3(np.eye(3), np.array([0.0, 0.0, drop])), f"joint{i + 1}")
+        parent = model.addJoint(
+            parent, joint(), pin.SE3(np.eye(3), np.array([0.0, 0.0, drop])), f"joint{i + 1}"
+        )
         model.appendBodyToJoint(parent, random_inertia(rng), pin.SE3.Identity())
-    model.addFrame(pin.Frame("foot", parent, 0, pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.2])), pin.FrameType.BODY))
+    model.addFrame(
+        pin.Frame(
+            "foot", parent, 0, pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.2])), pin.FrameType.BODY
+        )
+    )
     return model
 
 
@@ -290,7 +359,9 @@ def test_a_planar_leg_learns_its_foot(task, axis, tmp_path):
     assert start.shape == (2,)
     controller = pa.make_controller(described)
     path = pa.Circle([0.0, 0.0], 0.04, 1.5).starting_at(start)
-    rollout = pa.simulate(true, controller, path, duration=0.3, mode="continuous", acceleration="ideal")
+    rollout = pa.simulate(
+        true, controller, path, duration=0.3, mode="continuous", acceleration="ideal"
+    )
     assert (np.diff(rollout.lyapunov) < 0.0).all()
     rollout = pa.simulate(true, controller, path, duration=5.0, substeps=1)
     assert rollout.summary()["max_error_last"] < 1e-3 < rollout.summary()["max_error_first"]
@@ -303,7 +374,9 @@ def test_scenarios_of_two_rows_move_in_their_own_plane(task, rows):
     plain = ["reference={ kind = 'circle', radius = 0.05 }", f"robot.task={task}"]
     scenario = Scenario.read(SCENARIO, plain)
     whole = catalogue_robot("panda").changed(tool_translation=[0.03, -0.02, 0.12])
-    assert np.allclose(scenario.trajectory.at(0.0).x_d, whole.position(scenario.true.q0)[rows], atol=1e-12)
+    assert np.allclose(
+        scenario.trajectory.at(0.0).x_d, whole.position(scenario.true.q0)[rows], atol=1e-12
+    )
     named = Scenario.read(SCENARIO, [*plain, f"reference.plane={task}"])
     assert np.array_equal(named.trajectory.at(0.4).x_d, scenario.trajectory.at(0.4).x_d)
     with pytest.raises(pa.InputError, match=f"reference.plane.*'{task}'"):

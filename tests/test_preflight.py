@@ -5,8 +5,8 @@ import pytest
 
 import pinadapt as pa
 from chains import catalogue_robot
-from pinadapt.controller import Finding
-from pinadapt.zoo import zoo_case
+from pinadapt.tuning.preflight import Finding
+from pinadapt.zoo.case import zoo_case
 
 LAWS = [law for law in pa.LAWS if law != "resolved-acceleration"]
 ROBOTS = ["planar_2r", "scara", "ur5", "panda", "kinova", "talos_arm", "finger_edu"]
@@ -16,26 +16,41 @@ ROBOTS = ["planar_2r", "scara", "ur5", "panda", "kinova", "talos_arm", "finger_e
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("name", ROBOTS)
 def test_default_gains_pass(name, law, dt):
-    controller = pa.make_controller(catalogue_robot(name), law=law, joint=["viscous", "coulomb"], dt=dt)
+    controller = pa.make_controller(
+        catalogue_robot(name), law=law, joint=["viscous", "coulomb"], dt=dt
+    )
     assert [str(finding) for finding in pa.preflight(controller, dt)] == []
 
 
 @pytest.mark.parametrize("name", ["panda", "xarm7", "ur10", "romeo_right_arm"])
 def test_default_gains_of_a_pose_pass_too_slowed_where_they_must_be(name):
     robot = pa.load(name, task="pose")
-    controller, slow = (pa.make_controller(robot, law="adaptive-jacobian", dt=dt) for dt in (1e-3, 1e-4))
+    controller, slow = (
+        pa.make_controller(robot, law="adaptive-jacobian", dt=dt) for dt in (1e-3, 1e-4)
+    )
     assert [str(finding) for finding in pa.preflight(controller, 1e-3)] == []
     share = controller.law.gains.alpha / slow.law.gains.alpha
     assert 0.3 < share < 1.0
     assert np.isclose(controller.velocity_filter.bandwidth, share * slow.velocity_filter.bandwidth)
-    assert np.isclose(controller.acceleration_filter.bandwidth, share * slow.acceleration_filter.bandwidth)
-    own = pa.make_controller(robot, law="adaptive-jacobian", alpha=slow.law.gains.alpha)  # a gain that is given is kept
+    assert np.isclose(
+        controller.acceleration_filter.bandwidth, share * slow.acceleration_filter.bandwidth
+    )
+    own = pa.make_controller(
+        robot, law="adaptive-jacobian", alpha=slow.law.gains.alpha
+    )  # a gain that is given is kept
     assert pa.preflight(own, 1e-3)[0].part == "task feedback"
 
 
 def loop(robot, controller, dt, **options):
     start = robot.position(robot.q0)
-    return pa.simulate(robot, controller, pa.Hold(start + np.array([0.01, 0.0, 0.0])), duration=1.0, dt=dt, **options)
+    return pa.simulate(
+        robot,
+        controller,
+        pa.Hold(start + np.array([0.01, 0.0, 0.0])),
+        duration=1.0,
+        dt=dt,
+        **options,
+    )
 
 
 @pytest.mark.parametrize("law", ["adaptive-inverse-dynamics", "adaptive-jacobian"])
@@ -57,7 +72,10 @@ def test_the_longest_period_separates_loops_that_hold_from_loops_that_do_not(law
     held = loop(robot, controller, 0.99 * finding.longest)
     assert held.diverged is None and held.distance[-1] < 5e-3
     slower = pa.make_controller(
-        robot, law=law, adaptation="none", **{k: 0.99 * f * gains[k] for k, f in finding.factors.items()}
+        robot,
+        law=law,
+        adaptation="none",
+        **{k: 0.99 * f * gains[k] for k, f in finding.factors.items()},
     )
     assert pa.preflight(slower, dt) == []
 
@@ -96,13 +114,22 @@ def test_every_factor_that_is_told_helps(law, dt):
     controller = pa.make_controller(robot, law=law)
     its = controller.law.gains
     gains = {"Kv": its.K_v, "Kp": its.K_P, "alpha": its.alpha, "R_k": its.R_k}
-    gains |= {"gamma_d": controller.adaptation_d.gamma, "gamma_k": -controller.adaptation_k.rate(np.zeros(3), np.eye(3)[0])[0]}
+    gains |= {
+        "gamma_d": controller.adaptation_d.gamma,
+        "gamma_k": -controller.adaptation_k.rate(np.zeros(3), np.eye(3)[0])[0],
+    }
     findings = pa.preflight(controller, dt)
     for finding in findings:
         factors = {name: 0.99 * factor for name, factor in finding.factors.items()}
-        factors |= {"Kp": 0.99 * factors["Kp"]} if "Kp" in factors else {}  # the square of the bandwidth
-        slower = pa.make_controller(robot, law=law, **{name: factors.get(name, 1.0) * gain for name, gain in gains.items()})
-        assert finding.part not in {other.part for other in pa.preflight(slower, dt) if finding.factors}
+        factors |= (
+            {"Kp": 0.99 * factors["Kp"]} if "Kp" in factors else {}
+        )  # the square of the bandwidth
+        slower = pa.make_controller(
+            robot, law=law, **{name: factors.get(name, 1.0) * gain for name, gain in gains.items()}
+        )
+        assert finding.part not in {
+            other.part for other in pa.preflight(slower, dt) if finding.factors
+        }
     assert all(finding.factors for finding in findings if finding.part != "task feedback")
     assert "task feedback" in {finding.part for finding in findings} or dt < 0.025
 
@@ -112,10 +139,18 @@ def test_damping_that_no_gain_changes_is_told_without_factors():
     robot, dt = catalogue_robot("panda"), 0.02
     for share in (1.0, 1e-3):
         default = pa.make_controller(robot, law="adaptive-jacobian").law.gains
-        gains = {"Kv": share * default.K_v, "Kp": share**2 * default.K_P, "alpha": share * default.alpha}
-        finding = pa.preflight(pa.make_controller(robot, law="adaptive-jacobian", adaptation="none", **gains), dt)[0]
+        gains = {
+            "Kv": share * default.K_v,
+            "Kp": share**2 * default.K_P,
+            "alpha": share * default.alpha,
+        }
+        finding = pa.preflight(
+            pa.make_controller(robot, law="adaptive-jacobian", adaptation="none", **gains), dt
+        )[0]
         assert finding.factors == {} and finding.longest < dt
-        assert str(finding).endswith("the null space's damping alone is too fast, smaller gains do not help.")
+        assert str(finding).endswith(
+            "the null space's damping alone is too fast, smaller gains do not help."
+        )
         again = pa.make_controller(robot, law="adaptive-jacobian", adaptation="none", **gains)
         assert pa.preflight(again, 0.99 * finding.longest) == []
 
@@ -132,7 +167,15 @@ def test_default_rates_are_lowered_to_what_the_period_bears():
     assert pa.preflight(controller, 1e-3) == []
     bodies, joints = (part.gamma for part, _ in controller.adaptation_d.parts)
     usual = {"gamma_d": 1.7 * bodies, "gamma_joint": 1.7 * joints}
-    faster = pa.make_controller(believed, law="adaptive-jacobian", joint=["viscous", "coulomb"], **usual)
-    assert [finding.part for finding in pa.preflight(faster, 1e-3)] == ["adaptation of the dynamics"]
-    slow = pa.make_controller(believed, law="adaptive-jacobian", joint=["viscous", "coulomb"], dt=1e-4)
-    assert bodies < slow.adaptation_d.parts[0][0].gamma  # with a shorter period the usual rate is borne
+    faster = pa.make_controller(
+        believed, law="adaptive-jacobian", joint=["viscous", "coulomb"], **usual
+    )
+    assert [finding.part for finding in pa.preflight(faster, 1e-3)] == [
+        "adaptation of the dynamics"
+    ]
+    slow = pa.make_controller(
+        believed, law="adaptive-jacobian", joint=["viscous", "coulomb"], dt=1e-4
+    )
+    assert (
+        bodies < slow.adaptation_d.parts[0][0].gamma
+    )  # with a shorter period the usual rate is borne

@@ -6,12 +6,12 @@ import pytest
 import pinadapt as pa
 from chains import catalogue_robot
 from paper import BASIS
-from pinadapt.adaptation import BodyCone
-from pinadapt.controller.defaults import default_gains, gradient_shape, inertial_mode
-from pinadapt.controller.modes import TypicalLoop, frequency, typical_motion
-from pinadapt.parameters import prior
-from pinadapt.parameters.prior import plausible, prior_covariance
-from pinadapt.parameters.pseudo_inertia import is_physical, pseudo_inertia, ten_parameters
+from pinadapt.adaptation.matrix_inequality import BodyInequality
+from pinadapt.models.pseudo_inertia import is_physical, pseudo_inertia, ten_parameters
+from pinadapt.tuning import prior
+from pinadapt.tuning.defaults import default_gains, gradient_shape, inertial_mode
+from pinadapt.tuning.linearised_loop import LinearisedLoop, frequency, typical_motion
+from pinadapt.tuning.prior import plausible, prior_covariance
 
 
 def lengths(robot):
@@ -25,13 +25,15 @@ def test_ten_parameters_invert_the_pseudo_inertia():
 
 def test_plausible_robots_are_physical_and_differ_only_where_they_may():
     robot = catalogue_robot("ur5")
-    dynamics = pa.LumpedParameters(robot, ["elbow_joint:length"], ["wrist_1_joint"])
+    dynamics = pa.LumpedDynamics(robot, ["elbow_joint:length"], ["wrist_1_joint"])
     masses, stretched = [], []
     for true in plausible(robot, dynamics, 400):
         for joint in range(1, 7):
             same = true.model.inertias[joint].isApprox(robot.model.inertias[joint])
             assert same == (joint != 4)
-            moved = not true.model.jointPlacements[joint].isApprox(robot.model.jointPlacements[joint])
+            moved = not true.model.jointPlacements[joint].isApprox(
+                robot.model.jointPlacements[joint]
+            )
             assert moved == (joint == 3)
         assert is_physical(true.model.inertias[4].toDynamicParameters())
         masses.append(true.model.inertias[4].mass / robot.model.inertias[4].mass)
@@ -44,25 +46,29 @@ def test_covariance_of_bodies_is_the_metric_of_natural_adaptation(monkeypatch):
     """To first order it is s^2 H^-1, H the Hessian of the log-det divergence at the believed body, for deviations s."""
     monkeypatch.setattr(prior, "INERTIA", 0.01)
     robot = catalogue_robot("panda")
-    dynamics = pa.BodyParameters(robot, "payload")
+    dynamics = pa.BodyDynamics(robot, "payload")
     samples = list(plausible(robot, dynamics, 4000))
     errors = np.array([dynamics.value(true) - dynamics.initial for true in samples])
-    G = np.linalg.solve(pseudo_inertia(dynamics.initial), BodyCone(["last"]).F)
+    G = np.linalg.solve(pseudo_inertia(dynamics.initial), BodyInequality(["last"]).F)
     H = np.einsum("iab,jba->ij", G, G)
     root = np.linalg.cholesky(H)
     whitened = root.T @ (errors.T @ errors / len(errors)) @ root / 0.01**2
-    assert np.abs(np.linalg.eigvalsh(whitened) - 1.0).max() < 0.15  # sampling: 10 numbers by 4000 samples
+    assert (
+        np.abs(np.linalg.eigvalsh(whitened) - 1.0).max() < 0.15
+    )  # sampling: 10 numbers by 4000 samples
 
 
 @pytest.mark.parametrize("law", ["adaptive-jacobian", "adaptive-inverse-dynamics"])
 @pytest.mark.parametrize("unknown", ["lumped", "bodies", "basis"])
 def test_default_gain_puts_the_fastest_mode_where_it_belongs(law, unknown):
     robot = catalogue_robot("planar_2r" if unknown == "basis" else "ur5")
-    options = {"lumped": {"kinematic": lengths(robot)}, "bodies": {}, "basis": {"basis": BASIS}}[unknown]
+    options = {"lumped": {"kinematic": lengths(robot)}, "bodies": {}, "basis": {"basis": BASIS}}[
+        unknown
+    ]
     controller = pa.make_controller(robot, law=law, adaptation="projected", **options)
     w = default_gains(robot, type(controller.law), 1e-3).bandwidth
     motion = typical_motion(robot, controller.kinematics, w)
-    loop = TypicalLoop(type(controller.law), controller.kinematics, controller.dynamics, motion)
+    loop = LinearisedLoop(type(controller.law), controller.kinematics, controller.dynamics, motion)
     assert frequency(loop.dynamic, controller.adaptation_d.Gamma) == pytest.approx(
         inertial_mode(type(controller.law)) * w, rel=1e-6
     )
@@ -74,11 +80,13 @@ def test_a_basis_without_plausible_values_is_shaped_by_its_excitation():
     basis = pa.make_controller(robot, adaptation="gradient").dynamics
     assert prior_covariance(robot, basis) is not None
 
-    class Opaque(pa.BodyParameters):
+    class Opaque(pa.BodyDynamics):
         def value(self, robot):
             return None
 
-    assert np.allclose(np.diag(gradient_shape(robot, Opaque(robot), effects)), [1.0, 0.25, 1.0 / 4e-6])
+    assert np.allclose(
+        np.diag(gradient_shape(robot, Opaque(robot), effects)), [1.0, 0.25, 1.0 / 4e-6]
+    )
 
 
 def test_units_far_apart_are_no_reason_to_refuse_a_gain():

@@ -17,11 +17,17 @@ FILES = sorted(SOURCE.rglob("*.py"))
 # A folder may import those of the layers before its own, and itself.
 LAYERS = [
     {"exceptions", "_checks", "_compiled", "_toml", "_version"},
+    {"records"},
+    {"tasks"},
+    {"trajectories", "filters"},
     {"robot"},
-    {"signals"},
-    {"parameters"},
-    {"laws", "adaptation"},
+    {"models"},
+    {"laws"},
+    {"adaptation"},
     {"controller"},
+    {"tuning"},
+    {"plants"},
+    {"plots"},
     {"rollout"},
     {"simulation", "view"},
     {"scenario", "zoo"},
@@ -41,7 +47,9 @@ def imports_of(path):
             yield from (name for name in names if name in LAYER)
 
 
-@pytest.mark.parametrize("path", [p for p in FILES if p.parent != SOURCE], ids=lambda p: str(p.relative_to(SOURCE)))
+@pytest.mark.parametrize(
+    "path", [p for p in FILES if p.parent != SOURCE], ids=lambda p: str(p.relative_to(SOURCE))
+)
 def test_arrows_run_one_way(path):
     folder = path.relative_to(SOURCE).parts[0]
     for imported in imports_of(path):
@@ -49,7 +57,9 @@ def test_arrows_run_one_way(path):
 
 
 def test_every_folder_has_a_layer():
-    assert {p.name for p in SOURCE.iterdir() if p.is_dir() and p.name != "__pycache__"} <= set(LAYER)
+    assert {p.name for p in SOURCE.iterdir() if p.is_dir() and p.name != "__pycache__"} <= set(
+        LAYER
+    )
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(SOURCE)))
@@ -59,7 +69,9 @@ def test_files_and_functions_stay_small(path):
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.FunctionDef):
             doc = ast.get_docstring(node, clean=False)
-            assert node.end_lineno - node.lineno - (doc.count("\n") + 1 if doc else 0) <= 50, node.name
+            assert node.end_lineno - node.lineno - (doc.count("\n") + 1 if doc else 0) <= 50, (
+                node.name
+            )
 
 
 def public():
@@ -76,12 +88,19 @@ def test_public_names_resolve():
 
 
 @pytest.mark.parametrize(
-    "name", [name for name, thing in public().items() if inspect.isclass(thing) or inspect.isfunction(thing)]
+    "name",
+    [
+        name
+        for name, thing in public().items()
+        if inspect.isclass(thing) or inspect.isfunction(thing)
+    ],
 )
 def test_public_things_are_documented_and_annotated(name):
     thing = public()[name]
     assert len(inspect.getdoc(thing) or "") > 20
-    for label, method in inspect.getmembers(thing, inspect.isfunction) if inspect.isclass(thing) else [(name, thing)]:
+    for label, method in (
+        inspect.getmembers(thing, inspect.isfunction) if inspect.isclass(thing) else [(name, thing)]
+    ):
         if label.startswith("_") or not (method.__module__ or "").startswith("pinadapt"):
             continue
         assert inspect.getdoc(method), f"{name}.{label}"
@@ -113,6 +132,8 @@ def test_readme_stays_short():
 
 def test_every_module_imports():
     for path in FILES:
-        module = ".".join(path.relative_to(SOURCE.parent).with_suffix("").parts).removesuffix(".__init__")
+        module = ".".join(path.relative_to(SOURCE.parent).with_suffix("").parts).removesuffix(
+            ".__init__"
+        )
         if not module.endswith("__main__"):
             importlib.import_module(module)

@@ -57,7 +57,13 @@ def test_loop_falls_on_its_reference(name):
 
 
 def test_truth_is_the_papers():
-    rollout = pa.simulate(catalogue_robot("planar_2r"), controller("adaptive-jacobian"), CIRCLE, duration=0.01, **WRONG)
+    rollout = pa.simulate(
+        catalogue_robot("planar_2r"),
+        controller("adaptive-jacobian"),
+        CIRCLE,
+        duration=0.01,
+        **WRONG,
+    )
     assert np.allclose(rollout.a_k_true, [1.0, 1.2])
     assert np.allclose(rollout.a_d_true, [3.34, 1.2, 0.97])
 
@@ -66,14 +72,18 @@ def test_truth_is_the_papers():
 def test_natural_adaptation_is_stable_at_every_sampling_period(dt):
     """Law (11) with the published filter, whose published adaptation drives M_hat through singularity."""
     natural = controller("adaptive-inverse-dynamics", "natural", gamma_d=1.0)
-    rollout = pa.simulate(catalogue_robot("planar_2r"), natural, CIRCLE, duration=4.0, dt=dt, **WRONG)
+    rollout = pa.simulate(
+        catalogue_robot("planar_2r"), natural, CIRCLE, duration=4.0, dt=dt, **WRONG
+    )
     assert rollout.diverged is None
     assert rollout.distance[rollout.t >= 1.0].max() < 0.01
     assert rollout.min_eig_M_hat.min() > 0.0
 
 
 def test_published_adaptation_drives_the_mass_matrix_through_singularity():
-    published = controller("adaptive-inverse-dynamics", gamma_d=[4.5, 1.5, 1.5], watch=False)  # step over it
+    published = controller(
+        "adaptive-inverse-dynamics", gamma_d=[4.5, 1.5, 1.5], watch=False
+    )  # step over it
     rollout = pa.simulate(
         catalogue_robot("planar_2r"),
         published,

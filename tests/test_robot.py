@@ -12,7 +12,8 @@ import pinadapt as pa
 from chains import catalogue_robot as load
 from chains import random_state
 from loops import check_holds_home
-from pinadapt.robot import effort_limits, robots_folder
+from pinadapt.robot.catalogue import robots_folder
+from pinadapt.robot.effort_limits import effort_limits
 
 ARM4 = Path(__file__).parent / "data" / "arm4.urdf"
 HOME = [0.1, -0.5, 0.8, 0.3]  # of arm4
@@ -33,7 +34,9 @@ def arm4(tmp_path, *replacements):
 def conditioning(robot):
     """Return smallest over largest singular value of the task Jacobian at home."""
     data = robot.model.createData()
-    J = pin.computeFrameJacobian(robot.model, data, robot.q0, robot.frame_id, pin.LOCAL_WORLD_ALIGNED)[robot.task.rows]
+    J = pin.computeFrameJacobian(
+        robot.model, data, robot.q0, robot.frame_id, pin.LOCAL_WORLD_ALIGNED
+    )[robot.task.rows]
     singular = np.linalg.svd(J, compute_uv=False)
     return singular[-1] / singular[0]
 
@@ -44,14 +47,21 @@ def conditioning(robot):
 @pytest.mark.parametrize("kind", ["path", "string", "model", "wrapper"])
 def test_every_source_gives_the_same_chain(kind):
     wrapper = described("ur5")
-    sources = {"path": Path(wrapper.urdf), "string": str(wrapper.urdf), "model": wrapper.model, "wrapper": wrapper}
+    sources = {
+        "path": Path(wrapper.urdf),
+        "string": str(wrapper.urdf),
+        "model": wrapper.model,
+        "wrapper": wrapper,
+    }
     expected, robot = load("ur5"), pa.load(sources[kind], frame="tool0")
     assert robot.joint_names == expected.joint_names
     q, v, a = random_state(expected, np.random.default_rng(0))
     assert np.allclose(robot.position(q), expected.position(q), atol=1e-12)
     M, M_expected = (pin.crba(r.model, r.model.createData(), q) for r in (robot, expected))
     assert np.allclose(M, M_expected, atol=1e-12)
-    tau, tau_expected = (pin.rnea(r.model, r.model.createData(), q, v, a) for r in (robot, expected))
+    tau, tau_expected = (
+        pin.rnea(r.model, r.model.createData(), q, v, a) for r in (robot, expected)
+    )
     assert np.allclose(tau, tau_expected, atol=1e-10)
 
 
@@ -80,7 +90,9 @@ def test_panda_keeps_seven_joints_and_locks_its_fingers():
     assert described("panda").model.nv == 9
     assert robot.joint_names == [f"panda_joint{i}" for i in range(1, 8)]
     whole = sum(inertia.mass for inertia in described("panda").model.inertias[1:])
-    assert np.isclose(sum(inertia.mass for inertia in robot.model.inertias[1:]), whole)  # the fingers still weigh
+    assert np.isclose(
+        sum(inertia.mass for inertia in robot.model.inertias[1:]), whole
+    )  # the fingers still weigh
 
 
 def test_a_prismatic_joint_is_kept():
@@ -107,7 +119,11 @@ def test_locked_locks_one_more_joint():
     robot = pa.load(ARM4, frame="tip", locked=["joint4"])
     assert robot.joint_names == ["joint1", "joint2", "joint3"]
     q = np.array(HOME)
-    assert np.allclose(robot.position(q[:3]), pa.load(ARM4, frame="tip").position(np.append(q[:3], 0.0)), atol=1e-12)
+    assert np.allclose(
+        robot.position(q[:3]),
+        pa.load(ARM4, frame="tip").position(np.append(q[:3], 0.0)),
+        atol=1e-12,
+    )
 
 
 def test_locked_works_on_a_catalogue_robot_with_a_home_of_its_own():
@@ -163,10 +179,14 @@ def test_a_home_is_searched_where_the_descriptions_own_is_singular(tmp_path):
     robot = pa.load(ARM4, frame="tip")  # the neutral pose is stretched out
     assert conditioning(robot.at(np.zeros(4))) < 0.05
     assert conditioning(robot) >= 0.05
-    assert (robot.q0 >= robot.model.lowerPositionLimit).all() and (robot.q0 <= robot.model.upperPositionLimit).all()
+    assert (robot.q0 >= robot.model.lowerPositionLimit).all() and (
+        robot.q0 <= robot.model.upperPositionLimit
+    ).all()
 
 
-@pytest.mark.parametrize(("name", "frame", "joints"), [("solo12", "FL_FOOT", 3), ("so100", "gripper", 5)])
+@pytest.mark.parametrize(
+    ("name", "frame", "joints"), [("solo12", "FL_FOOT", 3), ("so100", "gripper", 5)]
+)
 def test_a_welded_root_makes_a_limb_a_usable_arm(name, frame, joints):
     robot = pa.load(described(name), frame=frame, weld_root=True)
     assert robot.model.nv == joints
@@ -174,20 +194,31 @@ def test_a_welded_root_makes_a_limb_a_usable_arm(name, frame, joints):
 
 
 def test_a_link_that_shares_its_joints_name_is_a_frame(tmp_path):
-    path = arm4(tmp_path, ('link="link4"', 'link="joint4"'), ('<link name="link4">', '<link name="joint4">'))
+    path = arm4(
+        tmp_path, ('link="link4"', 'link="joint4"'), ('<link name="link4">', '<link name="joint4">')
+    )
     q = np.array(HOME)
-    assert np.allclose(pa.load(path, frame="joint4", q0=q).position(q), pa.load(ARM4, frame="link4", q0=q).position(q))
+    assert np.allclose(
+        pa.load(path, frame="joint4", q0=q).position(q),
+        pa.load(ARM4, frame="link4", q0=q).position(q),
+    )
 
 
 # --- refusals ---
 
 REFUSED = [
-    (lambda: pa.load(robots_folder() / "planar_2r" / "planr.urdf"), ["planr.urdf", "no such file", "planar_2r.urdf"]),
+    (
+        lambda: pa.load(robots_folder() / "planar_2r" / "planr.urdf"),
+        ["planr.urdf", "no such file", "planar_2r.urdf"],
+    ),
     (lambda: pa.load("no/such/robot.urdf"), ["no/such/robot.urdf", "no such file"]),
     (lambda: pa.load("ur55"), ["'ur55'", "Did you mean 'ur5'?"]),
     (lambda: pa.load("scara", frame="tol"), ["'tol'", "Did you mean 'tool'?"]),
     (lambda: pa.load("scara", frame="base"), ["'base'", "no moving joint"]),
-    (lambda: pa.load("scara", frame="inner_arm"), ["'xyz' has 3 coordinates", "'inner_arm'", "1 joint"]),
+    (
+        lambda: pa.load("scara", frame="inner_arm"),
+        ["'xyz' has 3 coordinates", "'inner_arm'", "1 joint"],
+    ),
     (lambda: pa.load("planar_2r", task="xyz"), ["'xyz' has 3 coordinates", "2 joints"]),
     (lambda: pa.load("scara", task="xyy"), ["'xyy'", "Did you mean 'xy"]),
     (lambda: pa.load("scara", locked=["elbw"]), ["'elbw'", "Did you mean 'elbow'?"]),
@@ -196,7 +227,10 @@ REFUSED = [
     (lambda: pa.load("scara", gravity=[0.0, 0.0, np.nan]), ["gravity", "finite"]),
     (lambda: pa.load("scara", gravity=[0.0, 0.0]), ["gravity", "3 numbers"]),
     (lambda: pa.load(described("solo8")), ["'root_joint'", "floating", "weld_root=True"]),
-    (lambda: pa.load(described("solo8").model, frame="FL_FOOT"), ["'root_joint'", "floating", "weld_root=True"]),
+    (
+        lambda: pa.load(described("solo8").model, frame="FL_FOOT"),
+        ["'root_joint'", "floating", "weld_root=True"],
+    ),
 ]
 
 
@@ -215,7 +249,10 @@ def test_refusals_name_the_thing_and_suggest_the_nearest(action, words):
         ("", "not well-formed XML"),
         ("<mujoco/>", "<mujoco>"),
         ("<robot name='arm'/>", "not a valid URDF"),
-        (ARM4.read_text().replace('<child link="link3"/>', '<child link="link33"/>'), "not a valid URDF"),
+        (
+            ARM4.read_text().replace('<child link="link3"/>', '<child link="link33"/>'),
+            "not a valid URDF",
+        ),
     ],
 )
 def test_files_that_are_no_urdf_are_refused(tmp_path, text, words):
@@ -226,7 +263,10 @@ def test_files_that_are_no_urdf_are_refused(tmp_path, text, words):
     assert str(path) in str(error.value)
 
 
-MIMIC = ('<axis xyz="0 0 1"/><limit lower="-2"', '<axis xyz="0 0 1"/><mimic joint="joint3"/><limit lower="-2"')
+MIMIC = (
+    '<axis xyz="0 0 1"/><limit lower="-2"',
+    '<axis xyz="0 0 1"/><mimic joint="joint3"/><limit lower="-2"',
+)
 
 
 def test_a_mimic_joint_in_the_chain_is_refused(tmp_path):
@@ -246,9 +286,15 @@ def spherical_model():
     model = pin.Model()
     shoulder = model.addJoint(0, pin.JointModelSpherical(), pin.SE3.Identity(), "ball")
     model.appendBodyToJoint(shoulder, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
-    elbow = model.addJoint(shoulder, pin.JointModelRY(), pin.SE3(np.eye(3), np.array([0.3, 0.0, 0.0])), "elbow")
+    elbow = model.addJoint(
+        shoulder, pin.JointModelRY(), pin.SE3(np.eye(3), np.array([0.3, 0.0, 0.0])), "elbow"
+    )
     model.appendBodyToJoint(elbow, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
-    model.addFrame(pin.Frame("tip", elbow, 0, pin.SE3(np.eye(3), np.array([0.3, 0.0, 0.0])), pin.FrameType.BODY))
+    model.addFrame(
+        pin.Frame(
+            "tip", elbow, 0, pin.SE3(np.eye(3), np.array([0.3, 0.0, 0.0])), pin.FrameType.BODY
+        )
+    )
     return model
 
 
@@ -284,7 +330,9 @@ def spoilt(what):
     return model
 
 
-@pytest.mark.parametrize("what", ["negative mass", "nan mass", "nan centre of mass", "nan placement", "nan gravity"])
+@pytest.mark.parametrize(
+    "what", ["negative mass", "nan mass", "nan centre of mass", "nan placement", "nan gravity"]
+)
 def test_models_with_impossible_numbers_are_refused(what):
     with pytest.raises(pa.RobotError):
         pa.load(spoilt(what), frame="tool0")
@@ -306,18 +354,27 @@ def test_links_without_mass_can_be_scaled():
     massless = robot.joint_names[0]
     assert robot.model.inertias[1].mass == 0.0
     changed = robot.changed(inertial_scale={massless: 0.7})
-    assert np.array_equal(changed.model.inertias[1].toDynamicParameters(), 0.7 * robot.model.inertias[1].toDynamicParameters())
+    assert np.array_equal(
+        changed.model.inertias[1].toDynamicParameters(),
+        0.7 * robot.model.inertias[1].toDynamicParameters(),
+    )
 
 
 def test_inertial_scale_table_scales_the_named_bodies_only():
     robot = load("ur5")
     changed = robot.changed(inertial_scale={"elbow_joint": 0.5, "wrist_3_joint": 3.0})
     factors = [1.0, 1.0, 0.5, 1.0, 1.0, 3.0]
-    for factor, before, after in zip(factors, robot.model.inertias[1:], changed.model.inertias[1:], strict=True):
-        assert np.allclose(after.toDynamicParameters(), factor * before.toDynamicParameters(), atol=1e-12)
+    for factor, before, after in zip(
+        factors, robot.model.inertias[1:], changed.model.inertias[1:], strict=True
+    ):
+        assert np.allclose(
+            after.toDynamicParameters(), factor * before.toDynamicParameters(), atol=1e-12
+        )
 
 
-LOAD = pa.Payload(1.5, [0.02, -0.01, 0.05], [0.010, 0.001, 0.012, 0.002, 0.003, 0.014])  # Ixx Ixy Iyy Ixz Iyz Izz
+LOAD = pa.Payload(
+    1.5, [0.02, -0.01, 0.05], [0.010, 0.001, 0.012, 0.002, 0.003, 0.014]
+)  # Ixx Ixy Iyy Ixz Iyz Izz
 
 
 @pytest.mark.parametrize("tool", [None, [0.03, -0.02, 0.12]])
@@ -356,7 +413,8 @@ def test_link_translation_is_in_the_parent_joints_axes():
 def test_friction_is_a_number_or_one_a_joint():
     assert np.allclose(load("scara").changed(viscous=2.0).friction.torque(np.ones(4)), 2.0)
     assert np.allclose(
-        load("scara").changed(coulomb=[1.0, 2.0, 3.0, 4.0]).friction.torque(-np.ones(4)), [-1.0, -2.0, -3.0, -4.0]
+        load("scara").changed(coulomb=[1.0, 2.0, 3.0, 4.0]).friction.torque(-np.ones(4)),
+        [-1.0, -2.0, -3.0, -4.0],
     )
 
 

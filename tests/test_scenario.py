@@ -7,8 +7,8 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
-from pinadapt.robot import robots_folder
-from pinadapt.scenario import Scenario
+from pinadapt.robot.catalogue import robots_folder
+from pinadapt.scenario.scenario import Scenario
 
 PLANAR = robots_folder() / "planar_2r" / "wang_xie_2009.toml"
 ARM4 = Path(__file__).parent / "data" / "arm4.urdf"
@@ -99,7 +99,9 @@ def test_every_key_of_the_interface_is_accepted(tmp_path):
     true, believed, controller = scenario.true, scenario.believed, scenario.controller
     described = pa.load("panda")
     assert np.isclose(pin.computeTotalMass(true.model), pin.computeTotalMass(described.model) + 1.5)
-    assert np.isclose(pin.computeTotalMass(believed.model), 0.7 * pin.computeTotalMass(described.model))
+    assert np.isclose(
+        pin.computeTotalMass(believed.model), 0.7 * pin.computeTotalMass(described.model)
+    )
     assert np.allclose(true.friction.torque(np.ones(7)), 0.3)
     assert np.allclose(true.home_angles, [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
     assert np.allclose(controller.law.gains.K_v, 40.0 * np.eye(3))
@@ -111,7 +113,12 @@ def test_every_key_of_the_interface_is_accepted(tmp_path):
 
 
 def test_basis_and_dynamic_belief_of_the_interface_are_accepted():
-    assert planar("belief.dynamic=[4.0, 0.5, 0.5]", 'unknown.basis="basis.csv"').controller.dynamics.size == 3
+    assert (
+        planar(
+            "belief.dynamic=[4.0, 0.5, 0.5]", 'unknown.basis="basis.csv"'
+        ).controller.dynamics.size
+        == 3
+    )
 
 
 def test_defaults(tmp_path):
@@ -123,18 +130,37 @@ def test_defaults(tmp_path):
     assert isinstance(scenario.controller.adaptation_d, pa.Natural)
     assert scenario.controller.kinematics.names == ("tool_x", "tool_y", "tool_z")
     assert scenario.controller.dynamics.size == 60
-    assert (reference.kind, reference.radius, reference.period, reference.phase) == ("circle", 0.1, 3.0, 0.0)
-    assert (simulation.duration, simulation.dt, simulation.mode, simulation.substeps) == (10.0, 1e-3, "sampled", 4)
-    assert (simulation.engine, simulation.delay, simulation.torque_limits, simulation.seed) == ("pinocchio", 0.0, False, 0)
+    assert (reference.kind, reference.radius, reference.period, reference.phase) == (
+        "circle",
+        0.1,
+        3.0,
+        0.0,
+    )
+    assert (simulation.duration, simulation.dt, simulation.mode, simulation.substeps) == (
+        10.0,
+        1e-3,
+        "sampled",
+        4,
+    )
+    assert (simulation.engine, simulation.delay, simulation.torque_limits, simulation.seed) == (
+        "pinocchio",
+        0.0,
+        False,
+        0,
+    )
     assert set(simulation.noise.model_dump().values()) == {0.0}
 
 
 def test_a_circle_without_centre_starts_at_the_true_initial_position(tmp_path):
-    scenario = scara(tmp_path, "[truth]\ntool_translation = [0.1, 0.0, 0.05]\n[reference]\nphase = 0.8")
+    scenario = scara(
+        tmp_path, "[truth]\ntool_translation = [0.1, 0.0, 0.05]\n[reference]\nphase = 0.8"
+    )
     start = scenario.true.position(scenario.true.q0)
     assert np.allclose(scenario.trajectory.at(0.0).x_d, start, atol=1e-12)
     assert np.linalg.norm(start - scenario.believed.position(scenario.believed.q0)) > 0.1
-    assert np.isclose(np.linalg.norm(scenario.trajectory.at(0.0).x_d - scenario.trajectory.at(1.5).x_d), 0.2)
+    assert np.isclose(
+        np.linalg.norm(scenario.trajectory.at(0.0).x_d - scenario.trajectory.at(1.5).x_d), 0.2
+    )
 
 
 def test_relative_waypoints_are_offsets_from_the_start(tmp_path):
@@ -142,34 +168,46 @@ def test_relative_waypoints_are_offsets_from_the_start(tmp_path):
     scenario = scara(tmp_path, text)
     start = scenario.true.position(scenario.true.q0)
     assert np.allclose(
-        scenario.trajectory.positions([0.0, 0.5, 1.0]) - start, [[0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0]], atol=1e-12
+        scenario.trajectory.positions([0.0, 0.5, 1.0]) - start,
+        [[0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0]],
+        atol=1e-12,
     )
     absolute = scara(tmp_path, text + "relative = false")
-    assert np.allclose(absolute.trajectory.positions([0.0, 0.5]), [[0.1, 0.0, 0.0], [0.1, 0.1, 0.0]], atol=1e-12)
+    assert np.allclose(
+        absolute.trajectory.positions([0.0, 0.5]), [[0.1, 0.0, 0.0], [0.1, 0.1, 0.0]], atol=1e-12
+    )
 
 
 def test_lissajous_starts_at_the_initial_position(tmp_path):
     text = '[reference]\nkind = "lissajous"\namplitude = [0.1, 0.05, 0.0]\ncycles = [1, 2, 3]\nphase = [0.3, 0.0, 0.0]'
     scenario = scara(tmp_path, text)
-    assert np.allclose(scenario.trajectory.at(0.0).x_d, scenario.true.position(scenario.true.q0), atol=1e-12)
+    assert np.allclose(
+        scenario.trajectory.at(0.0).x_d, scenario.true.position(scenario.true.q0), atol=1e-12
+    )
 
 
 def test_hold_holds_the_initial_position_or_a_point(tmp_path):
     scenario = scara(tmp_path, '[reference]\nkind = "hold"')
-    assert np.allclose(scenario.trajectory.at(3.0).x_d, scenario.true.position(scenario.true.q0), atol=1e-12)
+    assert np.allclose(
+        scenario.trajectory.at(3.0).x_d, scenario.true.position(scenario.true.q0), atol=1e-12
+    )
     scenario = scara(tmp_path, '[reference]\nkind = "hold"\ncenter = [0.4, 0.1, 0.3]')
     assert np.allclose(scenario.trajectory.at(3.0).x_d, [0.4, 0.1, 0.3])
 
 
 def test_beliefs_are_the_initial_estimates():
-    rollout = planar("simulation.duration=0.01", "belief.kinematic=[1.3, 1.6]", "belief.dynamic=[3.9, 0.6, 0.7]").run()
+    rollout = planar(
+        "simulation.duration=0.01", "belief.kinematic=[1.3, 1.6]", "belief.dynamic=[3.9, 0.6, 0.7]"
+    ).run()
     assert np.allclose(rollout.a_k[0], [1.3, 1.6])
     assert np.allclose(rollout.a_d[0], [3.9, 0.6, 0.7])
 
 
 def test_belief_inertial_scale_is_the_initial_estimate(tmp_path):
-    scenario = scara(tmp_path, "[belief]\ninertial_scale = { slide_joint = 0.5 }\n[simulation]\nduration = 0.002")
-    truth = pa.BodyParameters(pa.load("scara")).initial
+    scenario = scara(
+        tmp_path, "[belief]\ninertial_scale = { slide_joint = 0.5 }\n[simulation]\nduration = 0.002"
+    )
+    truth = pa.BodyDynamics(pa.load("scara")).initial
     factors = np.repeat([1.0, 1.0, 0.5, 1.0], 10)
     assert np.allclose(scenario.run().a_d[0], factors * truth, atol=1e-12)
 
@@ -187,7 +225,11 @@ def test_paths_are_relative_to_the_scenario_file(tmp_path, monkeypatch):
 
 
 def test_settings_take_dotted_keys_and_toml_values():
-    scenario = planar("controller.Kv=[41.0, 42.0]", "simulation.torque_limits=true", "simulation.noise={ x = 1e-3 }")
+    scenario = planar(
+        "controller.Kv=[41.0, 42.0]",
+        "simulation.torque_limits=true",
+        "simulation.noise={ x = 1e-3 }",
+    )
     assert np.allclose(np.diag(scenario.controller.law.gains.K_v), [41.0, 42.0])
     assert scenario.tables.simulation.torque_limits is True
     assert scenario.tables.simulation.noise.x == 1e-3
@@ -200,14 +242,18 @@ def test_settings_make_tables_that_are_missing_and_reach_into_inline_ones():
 
 
 def test_bare_words_are_strings():
-    assert planar("controller.adaptation=gradient", "title=A first try").tables.title == "A first try"
+    assert (
+        planar("controller.adaptation=gradient", "title=A first try").tables.title == "A first try"
+    )
 
 
 def test_later_settings_win():
     assert planar("simulation.seed=1", "simulation.seed=2").tables.simulation.seed == 2
 
 
-@pytest.mark.parametrize("setting", ["simulation.duration", "=3", "controller..Kv=3", "simulation.duration.x=3"])
+@pytest.mark.parametrize(
+    "setting", ["simulation.duration", "=3", "controller..Kv=3", "simulation.duration.x=3"]
+)
 def test_malformed_settings_are_refused(setting):
     with pytest.raises(pa.ScenarioError, match="--set"):
         planar(setting)
@@ -282,7 +328,10 @@ def test_a_wrong_key_is_named_and_the_nearest_suggested(setting, key, suggestion
         ("truth.inertial_scale={ joint3 = 1.0 }", "truth.inertial_scale"),
         ("truth.link_translation={ joint3 = [0.0, 0.0, 0.0] }", "truth.link_translation"),
         ("truth.friction.viscous=[1.0]", "truth.friction.viscous"),
-        ("truth.payload={ mass = 1.0, inertia = [-1.0, 0.0, 1.0, 0.0, 0.0, 1.0] }", "truth.payload.inertia"),
+        (
+            "truth.payload={ mass = 1.0, inertia = [-1.0, 0.0, 1.0, 0.0, 0.0, 1.0] }",
+            "truth.payload.inertia",
+        ),
         ("belief.inertial_scale={ joint3 = 1.0 }", "belief.inertial_scale"),
         ("unknown.kinematic=['tol']", "unknown.kinematic"),
         ("unknown.kinematic=['joint1']", "unknown.kinematic"),
@@ -296,9 +345,15 @@ def test_a_wrong_key_is_named_and_the_nearest_suggested(setting, key, suggestion
         ("controller.gamma_k=[1.0]", "controller.gamma_k"),
         ("controller.lambda=-1.0", "controller.lambda"),
         ("controller.lambda_a=0.0", "controller.lambda_a"),
-        ("reference={ kind = 'lissajous', amplitude = [0.1], cycles = [1.0, 2.0] }", "reference.amplitude"),
+        (
+            "reference={ kind = 'lissajous', amplitude = [0.1], cycles = [1.0, 2.0] }",
+            "reference.amplitude",
+        ),
         ("reference={ kind = 'waypoints', points = [[0.1, 0.1, 0.1]] }", "reference.points"),
-        ("reference={ kind = 'waypoints', relative = false, points = [[1, 1, 1], [1, 1, 2]] }", "reference.points"),
+        (
+            "reference={ kind = 'waypoints', relative = false, points = [[1, 1, 1], [1, 1, 2]] }",
+            "reference.points",
+        ),
         # found when the run begins
         ("belief.kinematic=[1.0]", "belief.kinematic"),
         ("belief.dynamic=[1.0]", "belief.dynamic"),

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pinadapt.scenario import Scenario
+from pinadapt.scenario.scenario import Scenario
 
 ROBOTS = Path(__file__).parents[1] / "robots"
 
@@ -23,22 +23,32 @@ def test_panda_tracks_within_a_millimetre(adapted):
 
 
 def test_panda_unadapted_is_ten_times_worse(adapted):
-    unadapted = Scenario.read(ROBOTS / "panda" / "tool_and_load.toml", ["controller.adaptation=none"]).run()
+    unadapted = Scenario.read(
+        ROBOTS / "panda" / "tool_and_load.toml", ["controller.adaptation=none"]
+    ).run()
     assert unadapted.diverged is None
     assert adapted.summary()["max_error_last"] <= 0.1 * unadapted.summary()["max_error_last"]
 
 
 def test_panda_learns_its_tool_and_loses_v(adapted):
-    assert np.linalg.norm(adapted.a_k[-1] - adapted.a_k_true) < 0.1 * np.linalg.norm(adapted.a_k[0] - adapted.a_k_true)
+    assert np.linalg.norm(adapted.a_k[-1] - adapted.a_k_true) < 0.1 * np.linalg.norm(
+        adapted.a_k[0] - adapted.a_k_true
+    )
     assert adapted.lyapunov[-1] < 0.8 * adapted.lyapunov[0]
 
 
 def test_panda_with_plain_gradient_loses_its_mass_matrix():
-    gradient = ["controller.adaptation=gradient", "controller.gamma_d=0.01", "simulation.duration=1.0"]
+    gradient = [
+        "controller.adaptation=gradient",
+        "controller.gamma_d=0.01",
+        "simulation.duration=1.0",
+    ]
     watched = Scenario.read(ROBOTS / "panda" / "tool_and_load.toml", gradient).run()
     assert watched.diverged < 1.0 and "no longer positive definite" in watched.reason
     assert watched.min_eig_M_hat.min() > 0.0  # the run ends before it is used
-    rollout = Scenario.read(ROBOTS / "panda" / "tool_and_load.toml", [*gradient, "controller.watch=false"]).run()
+    rollout = Scenario.read(
+        ROBOTS / "panda" / "tool_and_load.toml", [*gradient, "controller.watch=false"]
+    ).run()
     assert watched.diverged < rollout.diverged < 1.0
     assert rollout.min_eig_M_hat.min() < 0.0
     assert 0.0 < rollout.t[-1] < rollout.diverged  # what happened until then is kept

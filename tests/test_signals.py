@@ -12,7 +12,9 @@ MOTIONS = {
     "circle, planar": pa.Circle([0.8, 0.0], 0.3, 2.0, phase=0.7),
     "circle, yz": pa.Circle([0.5, 0.1, 0.4], 0.1, 3.0, plane="yz"),
     "circle, xz": pa.Circle([0.5, 0.1, 0.4], 0.2, 1.3, plane="xz", phase=-1.0),
-    "lissajous": pa.Lissajous([0.5, 0.1, 0.4], [0.1, 0.2, 0.05], [1.0, 2.0, 3.0], 4.0, [0.0, 0.3, 1.0]),
+    "lissajous": pa.Lissajous(
+        [0.5, 0.1, 0.4], [0.1, 0.2, 0.05], [1.0, 2.0, 3.0], 4.0, [0.0, 0.3, 1.0]
+    ),
     "waypoints": pa.Waypoints([[0.0, 0.0, 0.0], [0.1, 0.0, 0.2], [0.1, -0.3, 0.1]], 0.8),
     "hold": pa.Hold([0.1, 0.2, 0.3]),
 }
@@ -80,10 +82,16 @@ def test_waypoints_rest_in_every_point_and_hold_the_last():
         (lambda: pa.Circle([0.0, 0.0], 0.1, 1.0, phase=np.nan), r"reference\.phase"),
         (lambda: pa.Circle([0.0, 0.0], 0.1, 1.0, plane="yz"), r"reference\.plane.*\['xy'\]"),
         (lambda: pa.Circle([0.0, 0.0, 0.0], 0.1, 1.0, plane="zy"), r"reference\.plane.*'yz'"),
-        (lambda: pa.Lissajous([0.0, 0.0], [0.1], [1.0, 2.0], 1.0), r"reference\.amplitude.*2 numbers"),
+        (
+            lambda: pa.Lissajous([0.0, 0.0], [0.1], [1.0, 2.0], 1.0),
+            r"reference\.amplitude.*2 numbers",
+        ),
         (lambda: pa.Lissajous([0.0, 0.0], [0.1, 0.1], [1.0, np.nan], 1.0), r"reference\.cycles"),
         (lambda: pa.Lissajous([0.0, 0.0], [0.1, 0.1], [1.0, 2.0], -1.0), r"reference\.period"),
-        (lambda: pa.Lissajous([0.0, 0.0], [0.1, 0.1], [1.0, 2.0], 1.0, [0.0] * 3), r"reference\.phase"),
+        (
+            lambda: pa.Lissajous([0.0, 0.0], [0.1, 0.1], [1.0, 2.0], 1.0, [0.0] * 3),
+            r"reference\.phase",
+        ),
         (lambda: pa.Waypoints([[0.0, 0.0]], 1.0), r"reference\.points.*two"),
         (lambda: pa.Waypoints([[0.0, 0.0], [1.0]], 1.0), r"reference\.points.*same number"),
         (lambda: pa.Waypoints([[0.0, 0.0], [1.0, np.inf]], 1.0), r"reference\.points.*finite"),
@@ -114,7 +122,9 @@ def test_low_pass_advance_is_what_fine_euler_steps_tend_to(dt):
 def test_low_pass_advance_does_not_depend_on_how_time_is_cut():
     low_pass = pa.LowPass(10.0)
     halfway = low_pass.advance(STATE, INPUT, 0.03)
-    assert np.allclose(low_pass.advance(halfway, INPUT, 0.04), low_pass.advance(STATE, INPUT, 0.07), atol=1e-15)
+    assert np.allclose(
+        low_pass.advance(halfway, INPUT, 0.04), low_pass.advance(STATE, INPUT, 0.07), atol=1e-15
+    )
 
 
 def test_low_pass_rate_is_the_derivative_of_its_state():
@@ -127,7 +137,9 @@ def test_low_pass_rate_is_the_filtered_derivative_of_a_ramp():
     low_pass, state, dt = pa.LowPass(50.0), np.zeros(1), 1e-3
     for k in range(1000):
         state = low_pass.advance(state, np.array([3.0 * k * dt]), dt)
-    assert np.allclose(low_pass.rate(state, np.array([3.0 * 1000 * dt])), 3.0, rtol=0.03)  # half a held sample, lambda dt / 2
+    assert np.allclose(
+        low_pass.rate(state, np.array([3.0 * 1000 * dt])), 3.0, rtol=0.03
+    )  # half a held sample, lambda dt / 2
 
 
 def test_low_pass_keeps_the_shape_of_matrices():

@@ -11,15 +11,17 @@ import pinadapt as pa
 from chains import catalogue_robot as load
 from chains import random_state
 from paper import BASIS
-from pinadapt.robot import effort_limits
-from pinadapt.simulation.sensors import Sensors
+from pinadapt.plants.sensors import Sensors
+from pinadapt.robot.effort_limits import effort_limits
 
 ARRAYS = ("t", "q", "v", "tau", "x", "x_d", "error", "a_k", "a_d")
 
 
 def circle(robot, radius=0.05, period=2.0):
     """Return a circle that starts at the robot's home."""
-    return pa.Circle(np.zeros(robot.task.size), radius, period).starting_at(robot.position(robot.q0))
+    return pa.Circle(np.zeros(robot.task.size), radius, period).starting_at(
+        robot.position(robot.q0)
+    )
 
 
 def run(name="planar_2r", *, truth=None, control=None, **options):
@@ -41,9 +43,17 @@ def same(one, other):
 @pytest.mark.parametrize("name", ["planar_2r", "scara", "ur5", "panda"])
 def test_rollouts_hold_one_row_a_sample(name):
     robot, rollout = load(name), run(name, duration=0.05)
-    rows = {"q": robot.model.nq, "v": robot.model.nv, "tau": robot.model.nv, "x": robot.task.size, "a_d": 10 * robot.model.nv}
+    rows = {
+        "q": robot.model.nq,
+        "v": robot.model.nv,
+        "tau": robot.model.nv,
+        "x": robot.task.size,
+        "a_d": 10 * robot.model.nv,
+    }
     assert np.allclose(rollout.t, 1e-3 * np.arange(50), atol=1e-12)
-    assert {key: getattr(rollout, key).shape for key in rows} == {key: (50, width) for key, width in rows.items()}
+    assert {key: getattr(rollout, key).shape for key in rows} == {
+        key: (50, width) for key, width in rows.items()
+    }
     assert np.array_equal(rollout.q[0], robot.q0) and not rollout.v[0].any()
     assert np.allclose(rollout.x, [robot.position(q) for q in rollout.q], atol=1e-12)
     assert np.array_equal(rollout.error, rollout.x - rollout.x_d)
@@ -55,7 +65,9 @@ def test_continuous_mode_also_records_the_end():
 
 
 def test_a_truth_that_no_estimate_reaches_is_none(tmp_path):
-    rollout = run("ur5", truth={"inertial_scale": 1.1}, control={"dynamic": "payload"}, duration=0.01)
+    rollout = run(
+        "ur5", truth={"inertial_scale": 1.1}, control={"dynamic": "payload"}, duration=0.01
+    )
     assert rollout.a_d_true is None and rollout.lyapunov is None and rollout.a_k_true is not None
     rollout.save(tmp_path)
     assert {"a_d_true", "lyapunov"}.isdisjoint(np.load(tmp_path / "rollout.npz").files)
@@ -69,7 +81,9 @@ def test_save_and_plot_write_files(tmp_path):
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in paths)
     saved = np.load(tmp_path / "new" / "folder" / "rollout.npz")
     assert all(np.array_equal(saved[name], getattr(rollout, name)) for name in ARRAYS)
-    assert json.loads((tmp_path / "new" / "folder" / "summary.json").read_text()) == rollout.summary()
+    assert (
+        json.loads((tmp_path / "new" / "folder" / "summary.json").read_text()) == rollout.summary()
+    )
 
 
 def test_plots_of_a_run_without_unknowns_are_drawn(tmp_path):
@@ -78,7 +92,10 @@ def test_plots_of_a_run_without_unknowns_are_drawn(tmp_path):
 
 def test_the_summary_names_the_adaptation_that_ran():
     for adaptation in ("natural", "gradient", "none"):
-        assert run(control={"adaptation": adaptation}, duration=0.002).summary()["adaptation"] == adaptation
+        assert (
+            run(control={"adaptation": adaptation}, duration=0.002).summary()["adaptation"]
+            == adaptation
+        )
 
 
 # --- sensors and motors ---
@@ -98,7 +115,7 @@ def test_noise_is_reproducible_by_its_seed():
 @pytest.mark.parametrize("channel", ["q", "v", "x"])
 def test_noise_has_the_stated_deviation_and_touches_its_channel_only(channel):
     robot = load("scara")
-    sensors = Sensors(pa.Plant(robot), 1e-3, noise={channel: 0.02}, seed=3)
+    sensors = Sensors(pa.PinocchioPlant(robot), 1e-3, noise={channel: 0.02}, seed=3)
     q, v, _ = random_state(robot, np.random.default_rng(0))
     errors = {"q": [], "v": [], "x": []}
     for _ in range(1000):
@@ -112,7 +129,7 @@ def test_noise_has_the_stated_deviation_and_touches_its_channel_only(channel):
 
 def test_delay_makes_the_measured_position_late_and_nothing_else():
     robot = load("planar_2r")
-    sensors = Sensors(pa.Plant(robot), 1e-3, delay=2e-3)
+    sensors = Sensors(pa.PinocchioPlant(robot), 1e-3, delay=2e-3)
     states = [(np.array([0.1 * k, 0.5]), np.array([1.0, k])) for k in range(6)]
     samples = [sensors.measure(*state)[0] for state in states]
     late = [states[max(k - 2, 0)][0] for k in range(6)]
@@ -142,7 +159,10 @@ def test_limits_of_zero_do_not_take_the_torque_away():
     model.effortLimit = np.zeros(6)
     robot = pa.load(model, frame="tool0", q0=load("ur5").home_angles)
     controller = pa.make_controller(robot)
-    runs = [pa.simulate(robot, controller, circle(robot), duration=0.02, torque_limits=limits) for limits in (True, False)]
+    runs = [
+        pa.simulate(robot, controller, circle(robot), duration=0.02, torque_limits=limits)
+        for limits in (True, False)
+    ]
     assert same(*runs)
     assert np.abs(runs[0].tau).max() > 10.0
 
@@ -152,7 +172,7 @@ def test_limits_of_zero_do_not_take_the_torque_away():
 
 def swing(robot, seconds, dt=1e-3):
     """Let a robot go from a random state, torque zero; return times, velocities and energies."""
-    plant, model, data = pa.Plant(robot), robot.model, robot.model.createData()
+    plant, model, data = pa.PinocchioPlant(robot), robot.model, robot.model.createData()
     q, v, _ = random_state(robot, np.random.default_rng(0))
     velocities, energies = [], []
     for _ in range(round(seconds / dt)):
@@ -171,7 +191,12 @@ def test_a_free_frictionless_robot_keeps_its_energy(name):
 
 @pytest.mark.parametrize(
     ("name", "friction"),
-    [("scara", {"viscous": 0.5}), ("panda", {"viscous": 0.5}), ("planar_2r", {"coulomb": 0.5}), ("panda", {"coulomb": 0.5})],
+    [
+        ("scara", {"viscous": 0.5}),
+        ("panda", {"viscous": 0.5}),
+        ("planar_2r", {"coulomb": 0.5}),
+        ("panda", {"coulomb": 0.5}),
+    ],
 )
 def test_friction_takes_the_energy_that_it_should(name, friction):
     robot = load(name).changed(**friction)
@@ -196,7 +221,10 @@ def test_continuous_and_sampled_agree_as_the_period_shrinks():
 
 
 def test_continuous_mode_converges_with_its_step():
-    ends = [run("scara", duration=0.1, dt=dt, mode="continuous", control={"dt": 1e-3}).x[-1] for dt in (2e-3, 1e-3, 5e-4)]
+    ends = [
+        run("scara", duration=0.1, dt=dt, mode="continuous", control={"dt": 1e-3}).x[-1]
+        for dt in (2e-3, 1e-3, 5e-4)
+    ]
     assert np.linalg.norm(ends[1] - ends[2]) < 0.2 * np.linalg.norm(ends[0] - ends[1])
 
 
@@ -206,8 +234,10 @@ def test_continuous_mode_converges_with_its_step():
 def controlled(name, law, adaptation="natural"):
     """Return a controller a few steps into its work, its state, a measurement and the desired motion."""
     robot = load(name)
-    controller = pa.make_controller(robot.changed(inertial_scale=0.8), law=law, adaptation=adaptation)
-    plant, desired = pa.Plant(robot), circle(robot).at(0.1)
+    controller = pa.make_controller(
+        robot.changed(inertial_scale=0.8), law=law, adaptation=adaptation
+    )
+    plant, desired = pa.PinocchioPlant(robot), circle(robot).at(0.1)
     rng = np.random.default_rng(5)
     v = 0.3 * rng.standard_normal(plant.nv)
     q = plant.integrate(robot.q0, 0.05 * rng.standard_normal(plant.nv))
@@ -225,10 +255,15 @@ def copies(record):
 
 def equal(record, arrays):
     """Tell whether a record's arrays are still what they were."""
-    return all(field is array or np.array_equal(field, array) for field, array in zip(record, arrays, strict=True))
+    return all(
+        field is array or np.array_equal(field, array)
+        for field, array in zip(record, arrays, strict=True)
+    )
 
 
-@pytest.mark.parametrize(("law", "adaptation"), list(product(pa.LAWS, ["natural", "gradient", "none"])))
+@pytest.mark.parametrize(
+    ("law", "adaptation"), list(product(pa.LAWS, ["natural", "gradient", "none"]))
+)
 def test_step_is_pure(law, adaptation):
     controller, state, measurement, desired = controlled("ur5", law, adaptation)
     before = copies(state), copies(measurement), copies(desired)
@@ -257,7 +292,9 @@ def test_a_bad_measurement_raises_and_leaves_the_state_alone(law, adaptation, fi
         controller.step(state, measurement._replace(**{field: spoilt}), desired, 1e-3)
     assert error.value.field == field
     assert equal(state, before)
-    tau_again, after_again = controller.step(state, measurement, desired, 1e-3)  # as if nothing had happened
+    tau_again, after_again = controller.step(
+        state, measurement, desired, 1e-3
+    )  # as if nothing had happened
     assert np.array_equal(tau, tau_again) and equal(after_again, expected)
 
 
@@ -298,7 +335,9 @@ def test_laws_with_task_velocity_say_that_they_need_it():
 def test_a_diverged_run_is_a_partial_rollout():
     rollout = run("panda", control={"adaptation": "gradient", "gamma_d": 1.0}, duration=1.0)
     assert rollout.diverged is not None and 0.0 < rollout.diverged < 1.0
-    assert len(rollout.t) == len(rollout.tau) == len(rollout.a_d) == len(rollout.min_eig_M_hat) < 1000
+    assert (
+        len(rollout.t) == len(rollout.tau) == len(rollout.a_d) == len(rollout.min_eig_M_hat) < 1000
+    )
     assert np.isclose(rollout.t[-1] + 1e-3, rollout.diverged)
     assert np.isfinite(rollout.q).all() and np.isfinite(rollout.tau).all()
     assert f"at {rollout.diverged:.3f} s" in str(rollout) and "DIVERGED" in str(rollout)
@@ -325,18 +364,26 @@ WILD = {  # loops that blow up in many ways: robot, law, gamma_d, Kv, options
 }
 
 
-@pytest.mark.parametrize(("name", "law", "gamma_d", "Kv", "options"), WILD.values(), ids=WILD.keys())
+@pytest.mark.parametrize(
+    ("name", "law", "gamma_d", "Kv", "options"), WILD.values(), ids=WILD.keys()
+)
 def test_divergence_is_a_result_and_no_error(name, law, gamma_d, Kv, options):
     described = load(name)
     true = described.changed(payload=pa.Payload(1.0, [0.0, 0.0, 0.05]))
-    controller = pa.make_controller(described.changed(inertial_scale=0.5), law=law, gamma_d=gamma_d, Kv=Kv)
-    rollout = pa.simulate(true, controller, circle(true, 0.1, 1.0), duration=0.05, dt=2e-3, **options)
+    controller = pa.make_controller(
+        described.changed(inertial_scale=0.5), law=law, gamma_d=gamma_d, Kv=Kv
+    )
+    rollout = pa.simulate(
+        true, controller, circle(true, 0.1, 1.0), duration=0.05, dt=2e-3, **options
+    )
     assert rollout.diverged is not None
     assert np.isfinite(rollout.tau).all() and np.isfinite(rollout.q).all()
     assert "DIVERGED" in str(rollout)
 
 
-@pytest.mark.parametrize("law", ["adaptive-inverse-dynamics", "adaptive-inverse-dynamics-improved", "adaptive-jacobian"])
+@pytest.mark.parametrize(
+    "law", ["adaptive-inverse-dynamics", "adaptive-inverse-dynamics-improved", "adaptive-jacobian"]
+)
 def test_a_wild_rate_does_not_blow_up_between_two_samples(law):
     described = load("ur5")
     true = described.changed(payload=pa.Payload(1.0, [0.0, 0.0, 0.05]))

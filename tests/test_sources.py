@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 import pinadapt as pa
-from pinadapt.cli import main
+from pinadapt.cli.main import main
 from pinadapt.robot.urdf import is_path
-from pinadapt.scenario import Scenario
+from pinadapt.scenario.scenario import Scenario
 
 ARM4 = Path(__file__).parent / "data" / "arm4.urdf"
 PATHS = ["arm.urdf", "arm.xml", "./arm", "arms/arm", Path("arm")]
@@ -19,7 +19,9 @@ def test_the_rule():
     assert not any(is_path(source) for source in NAMES)
 
 
-@pytest.mark.parametrize(("source", "words"), [("arms/arm", "no such file"), ("arm", "neither a robot of the catalogue")])
+@pytest.mark.parametrize(
+    ("source", "words"), [("arms/arm", "no such file"), ("arm", "neither a robot of the catalogue")]
+)
 def test_everyone_follows_it(source, words, tmp_path, capsys):
     scenario = tmp_path / "scenario.toml"
     scenario.write_text(f'[robot]\nsource = "{source}"\n')
@@ -33,12 +35,21 @@ def test_everyone_follows_it(source, words, tmp_path, capsys):
 TRIANGLE = "solid t\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid t\n"
 
 
-def test_a_mesh_that_is_missing_is_told_and_found_where_the_warning_says(tmp_path, monkeypatch, recwarn):
+def test_a_mesh_that_is_missing_is_told_and_found_where_the_warning_says(
+    tmp_path, monkeypatch, recwarn
+):
     arm = tmp_path / "here" / "arm4.urdf"
     arm.parent.mkdir()
-    visual = '<visual><geometry><mesh filename="package://mine/meshes/link1.stl"/></geometry></visual>'
-    arm.write_text(ARM4.read_text().replace('<link name="base"/>', f'<link name="base">{visual}</link>'))
-    with pytest.warns(UserWarning, match=r"arm4.urdf: .*package://mine/meshes/link1.stl.* folders of ROS_PACKAGE_PATH"):
+    visual = (
+        '<visual><geometry><mesh filename="package://mine/meshes/link1.stl"/></geometry></visual>'
+    )
+    arm.write_text(
+        ARM4.read_text().replace('<link name="base"/>', f'<link name="base">{visual}</link>')
+    )
+    with pytest.warns(
+        UserWarning,
+        match=r"arm4.urdf: .*package://mine/meshes/link1.stl.* folders of ROS_PACKAGE_PATH",
+    ):
         assert pa.load(arm, frame="tip").visual is None
     mesh = tmp_path / "there" / "mine" / "meshes" / "link1.stl"
     mesh.parent.mkdir(parents=True)

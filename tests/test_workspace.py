@@ -10,7 +10,8 @@ import pytest
 
 import pinadapt as pa
 from chains import catalogue_robot
-from pinadapt.robot.home import conditioning, position_limits
+from pinadapt.robot.home import conditioning
+from pinadapt.robot.position_limits import position_limits
 from pinadapt.robot.workspace import reach
 
 ARM4 = Path(__file__).parent / "data" / "arm4.urdf"
@@ -34,21 +35,32 @@ def followed(robot, circle, start, turns=1.2, steps=600):
     axes, dt = [AXES[axis] for axis in circle.plane], circle.period / steps
     configurations, speeds = [], []
     for k in range(int(turns * steps)):
-        J = pin.computeFrameJacobian(model, data, q, robot.frame_id, pin.LOCAL_WORLD_ALIGNED)[robot.task.rows]
+        J = pin.computeFrameJacobian(model, data, q, robot.frame_id, pin.LOCAL_WORLD_ALIGNED)[
+            robot.task.rows
+        ]
         pin.updateFramePlacement(model, data, robot.frame_id)
         angle = 2 * math.pi * k / steps + circle.phase
         x_d, v_d = start.copy(), np.zeros(3)
         x_d[axes] += circle.radius * np.array(
             [math.cos(angle) - math.cos(circle.phase), math.sin(angle) - math.sin(circle.phase)]
         )
-        v_d[axes] = 2 * math.pi / circle.period * circle.radius * np.array([-math.sin(angle), math.cos(angle)])
+        v_d[axes] = (
+            2
+            * math.pi
+            / circle.period
+            * circle.radius
+            * np.array([-math.sin(angle), math.cos(angle)])
+        )
         u = (v_d + 20.0 * (x_d - data.oMf[robot.frame_id].translation))[robot.task.rows]
         pinv = np.linalg.pinv(J)
         v = pinv @ u + (np.eye(model.nv) - pinv @ J) @ (4.0 * pin.difference(model, q, robot.q0))
         configurations.append(q)
         speeds.append(v)
         q = pin.integrate(model, q, dt * v)
-    assert np.linalg.norm((x_d - data.oMf[robot.frame_id].translation)[robot.task.rows]) < 0.03 * circle.radius
+    assert (
+        np.linalg.norm((x_d - data.oMf[robot.frame_id].translation)[robot.task.rows])
+        < 0.03 * circle.radius
+    )
     return configurations, np.array(speeds)
 
 
@@ -74,7 +86,10 @@ def test_the_circle_can_be_followed_also_with_a_longer_tool(name):
         limited = np.isfinite(lower)
         room = np.minimum(angles - lower, upper - angles)[:, limited] / (upper - lower)[limited]
         assert room.min(initial=1.0) > 0.04
-        least = min(conditioning(model, data, robot.frame_id, robot.task.rows, q)[0] for q in configurations[::20])
+        least = min(
+            conditioning(model, data, robot.frame_id, robot.task.rows, q)[0]
+            for q in configurations[::20]
+        )
         assert least > 0.48 * at_home
         assert np.abs(speeds).max() < 1.65
 
@@ -104,14 +119,20 @@ def test_slower_joints_take_longer():
     slow, fast = pa.reachable_circle(replace(robot, model=model)), pa.reachable_circle(robot)
     assert (slow.radius, slow.plane) == (fast.radius, fast.plane)
     true = robot.changed()
-    assert np.abs(followed(true, slow, point(true))[1]).max() < 0.1 < np.abs(followed(true, fast, point(true))[1]).max()
+    assert (
+        np.abs(followed(true, slow, point(true))[1]).max()
+        < 0.1
+        < np.abs(followed(true, fast, point(true))[1]).max()
+    )
 
 
 def test_a_home_at_its_limit_is_refused():
     robot = catalogue_robot("ur5")
     model = robot.model.copy()
     model.upperPositionLimit = robot.home_angles
-    with pytest.raises(pa.RobotError, match=r"ur5: no circle through the home pose .* Give a home pose q0"):
+    with pytest.raises(
+        pa.RobotError, match=r"ur5: no circle through the home pose .* Give a home pose q0"
+    ):
         pa.reachable_circle(replace(robot, model=model))
 
 
@@ -123,14 +144,24 @@ def test_a_singular_home_is_refused():
 # --- home poses ---
 
 
-@pytest.mark.parametrize("name", ["kinova", "so100", "human_left_arm", "simple_humanoid_left_leg", "alex_left_thumb"])
+@pytest.mark.parametrize(
+    "name", ["kinova", "so100", "human_left_arm", "simple_humanoid_left_leg", "alex_left_thumb"]
+)
 def test_a_description_whose_own_pose_is_at_or_past_a_limit_gets_another(name):
     robot = catalogue_robot(name)
     lower, upper = position_limits(robot.model)
     limited = np.isfinite(lower)
-    room = np.minimum(robot.home_angles - lower, upper - robot.home_angles)[limited] / (upper - lower)[limited]
+    room = (
+        np.minimum(robot.home_angles - lower, upper - robot.home_angles)[limited]
+        / (upper - lower)[limited]
+    )
     assert room.min() > 0.1
-    assert conditioning(robot.model, robot.model.createData(), robot.frame_id, robot.task.rows, robot.q0)[1] > 0.2
+    assert (
+        conditioning(
+            robot.model, robot.model.createData(), robot.frame_id, robot.task.rows, robot.q0
+        )[1]
+        > 0.2
+    )
 
 
 def test_the_searched_home_beats_random_poses_inside_the_limits():
@@ -141,7 +172,9 @@ def test_the_searched_home_beats_random_poses_inside_the_limits():
     def quality(angles):
         q = robot.at(angles).q0
         room = np.min(np.minimum(angles - lower, upper - angles) / (upper - lower))
-        return conditioning(robot.model, data, robot.frame_id, robot.task.rows, q)[0] * min(1.0, room / 0.2)
+        return conditioning(robot.model, data, robot.frame_id, robot.task.rows, q)[0] * min(
+            1.0, room / 0.2
+        )
 
     others = [quality(rng.uniform(lower, upper)) for _ in range(300)]
     assert quality(robot.home_angles) > max(others)

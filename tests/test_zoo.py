@@ -7,10 +7,10 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
-from pinadapt.cli import main
+from pinadapt.cli.main import main
 from pinadapt.robot.workspace import reach
-from pinadapt.zoo import zoo_case, zoo_row
-from pinadapt.zoo.experiment import CONVERGED
+from pinadapt.zoo.case import zoo_case
+from pinadapt.zoo.experiment import CONVERGED, zoo_row
 
 
 @pytest.mark.parametrize("name", ["ur5", "solo8_fl_leg", "allegro_left_thumb", "scara"])
@@ -18,7 +18,9 @@ def test_a_case_is_wrong_as_stated(name):
     case, robot = zoo_case(name), pa.load(name)
     placements = [r.model.frames[r.frame_id].placement for r in (case.true, robot)]
     np.testing.assert_allclose(
-        np.linalg.norm(placements[0].translation - placements[1].translation), 0.05 * reach(robot), rtol=1e-9
+        np.linalg.norm(placements[0].translation - placements[1].translation),
+        0.05 * reach(robot),
+        rtol=1e-9,
     )
     described = [body.mass for body in robot.model.inertias[1:]]
     believed = np.array([body.mass for body in case.believed.model.inertias[1:]])
@@ -27,7 +29,9 @@ def test_a_case_is_wrong_as_stated(name):
     assert load == pytest.approx(min(0.1 * sum(described), described[-1]))
     assert (case.true.friction.coulomb > 0.0).all() and not case.believed.friction.present
     moved = case.true.position(case.true.q0) - robot.position(robot.q0)
-    assert np.linalg.norm(moved) == pytest.approx(0.05 * reach(robot))  # the task sees all of the tool
+    assert np.linalg.norm(moved) == pytest.approx(
+        0.05 * reach(robot)
+    )  # the task sees all of the tool
     again, other = zoo_case(name), zoo_case(name, seed=1)
     assert again.true.model.inertias[1].isApprox(case.true.model.inertias[1])
     assert (other.true.friction.coulomb != case.true.friction.coulomb).all()
@@ -54,7 +58,10 @@ def test_a_wrist_without_inertia_is_named(monkeypatch):
 def test_a_wrist_that_spins_away_is_named():
     """Under law (11) the load turns UR10's wrist before it is learned."""
     row = zoo_row("ur10", "adaptive-inverse-dynamics")
-    assert "diverged" in row.verdict and "wrist_3_joint, believed to move 0.00037 kg m^2, bears" in row.verdict
+    assert (
+        "diverged" in row.verdict
+        and "wrist_3_joint, believed to move 0.00037 kg m^2, bears" in row.verdict
+    )
 
 
 def test_a_chain_of_which_no_hypothesis_failed_says_how_far_it_came(monkeypatch):

@@ -12,7 +12,12 @@ from .exceptions import GainError, InputError
 
 
 def vector(
-    value: ArrayLike, size: int, name: str, *, names: Sequence[str] | None = None, error: type[InputError] = InputError
+    value: ArrayLike,
+    size: int,
+    name: str,
+    *,
+    names: Sequence[str] | None = None,
+    error: type[InputError] = InputError,
 ) -> np.ndarray:
     """Return ``value`` as a new finite vector (size); a scalar fills it.
 
@@ -42,7 +47,9 @@ def definite_matrix(value: ArrayLike, size: int, name: str) -> np.ndarray:
     try:
         array = np.array(value, dtype=float)
     except (TypeError, ValueError) as reason:
-        raise GainError(f"expected a number, a list or a matrix, got {value!r}.", where=name) from reason
+        raise GainError(
+            f"expected a number, a list or a matrix, got {value!r}.", where=name
+        ) from reason
     if not np.isfinite(array).all():
         raise GainError("all entries must be finite.", where=name)
     if array.ndim == 0:
@@ -50,13 +57,20 @@ def definite_matrix(value: ArrayLike, size: int, name: str) -> np.ndarray:
     elif array.shape == (size,):
         array = np.diag(array)
     if array.shape != (size, size):
-        raise GainError(f"expected a number, {size} numbers or a {size} x {size} matrix, got {array.shape}.", where=name)
+        raise GainError(
+            f"expected a number, {size} numbers or a {size} x {size} matrix, got {array.shape}.",
+            where=name,
+        )
     if not np.allclose(array, array.T, rtol=1e-9, atol=0.0):
         raise GainError("the matrix must be symmetric.", where=name)
-    scale = np.sqrt(np.abs(np.diag(array)))  # a congruence keeps definiteness, and units apart by 1e6 would drown it
+    scale = np.sqrt(
+        np.abs(np.diag(array))
+    )  # a congruence keeps definiteness, and units apart by 1e6 would drown it
     if size and not (scale.all() and np.linalg.eigvalsh(array / np.outer(scale, scale))[0] > 0.0):
         lowest = np.linalg.eigvalsh(array)[0]
-        raise GainError(f"must be positive definite; its smallest eigenvalue is {lowest:.4g}.", where=name)
+        raise GainError(
+            f"must be positive definite; its smallest eigenvalue is {lowest:.4g}.", where=name
+        )
     return array
 
 
@@ -71,5 +85,7 @@ def positive(value: Any, name: str, *, zero: bool = False) -> float:
     except (TypeError, ValueError) as reason:
         raise GainError(f"expected a number, got {value!r}.", where=name) from reason
     if not np.isfinite(number) or number < 0.0 or (number == 0.0 and not zero):
-        raise GainError(f"must be {'zero or ' if zero else ''}positive, got {number:g}.", where=name)
+        raise GainError(
+            f"must be {'zero or ' if zero else ''}positive, got {number:g}.", where=name
+        )
     return number

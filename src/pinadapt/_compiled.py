@@ -1,12 +1,13 @@
 """Compiled kernels: the small-matrix algebra of a control step, in loops instead of many calls on arrays of a few numbers.
 
-A numpy call on a 3 x 7 matrix spends its microsecond on the call, and a control step would need over a hundred of them. A
-kernel is a plain function of float arrays that states one formula; numba compiles it for one signature, whose arrays may
-have any memory layout unless it says otherwise. Arithmetic stays IEEE: nothing is reordered, a division by zero gives inf,
-and NaN comes through. The machine code is kept on disk beside the source, or in the user's cache where that cannot be
-written. Kernels fill arrays that their caller has made, because numba is slow at returning arrays, and do not call each other,
-because the copy on disk would not see the other change. They do not check the sizes of their arrays: callers pass what numpy
-or Pinocchio made or checked.
+A numpy call on a 3 x 7 matrix spends its microsecond on the call, and a control step would need
+over a hundred of them. A kernel is a plain function of float arrays that states one formula; numba
+compiles it for one signature, whose arrays may have any memory layout unless it says otherwise.
+Arithmetic stays IEEE: nothing is reordered, a division by zero gives inf, and NaN comes through.
+The machine code is kept on disk beside the source, or in the user's cache where that cannot be
+written. Kernels fill arrays that their caller has made, because numba is slow at returning arrays,
+and do not call each other, because the copy on disk would not see the other change. They do not
+check the sizes of their arrays: callers pass what numpy or Pinocchio made or checked.
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ _waiting: list[tuple[Callable[..., Any], str, int]] = []
 def compiled(signature: str, fills: int = 1) -> Callable[[Function], Function]:
     """Make a function of a module a kernel with a signature in numba's notation, such as "void(f8[:,:], f8[:])".
 
-    The last ``fills`` arguments are the arrays that it fills; the others it only reads, so they may be read-only. Its name
-    stands for plain Python until ``compile_all``, and from then on for the machine code itself, with nothing in between; so
-    call a kernel by its name in its own module.
+    The last ``fills`` arguments are the arrays that it fills; the others it only reads, so they may
+    be read-only. Its name stands for plain Python until ``compile_all``, and from then on for the
+    machine code itself, with nothing in between; so call a kernel by its name in its own module.
     """
 
     def register(function: Function) -> Function:
@@ -49,7 +50,10 @@ def _machine_code(function: Callable[..., Any], signature: str, fills: int) -> C
 
     arguments, result = normalize_signature(signature)
     read = len(arguments) - fills
-    arrays = [kind.copy(readonly=True) if isinstance(kind, types.Array) else kind for kind in arguments[:read]]
+    arrays = [
+        kind.copy(readonly=True) if isinstance(kind, types.Array) else kind
+        for kind in arguments[:read]
+    ]
     typed = result(*arrays, *arguments[read:])
     try:
         return njit(typed, cache=True, error_model="numpy")(function)

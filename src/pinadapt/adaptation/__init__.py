@@ -1,12 +1,12 @@
-"""How estimates move: gradient, projected gradient, natural (log-det), boxed, or not at all."""
+"""How estimates move: gradient, natural (log-det), exponentiated gradient, projected, or not at all."""
 
 from .adaptation import Adaptation as Adaptation
-from .box import Boxed as Boxed
-from .cone import BodyCone as BodyCone
-from .cone import Cone as Cone
+from .box_projection import BoxProjection as BoxProjection
+from .exponentiated_gradient import ExponentiatedGradient as ExponentiatedGradient
 from .frozen import Frozen as Frozen
 from .gradient import Gradient as Gradient
+from .mass_matrix_projection import MassMatrixProjection as MassMatrixProjection
+from .matrix_inequality import BodyInequality as BodyInequality
+from .matrix_inequality import MatrixInequality as MatrixInequality
 from .natural import Natural as Natural
-from .positive import Positive as Positive
-from .projected import Projected as Projected
 from .stacked import Stacked as Stacked

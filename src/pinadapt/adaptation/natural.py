@@ -1,7 +1,8 @@
 """Natural adaptation: the gradient in the log-det metric of a cone of positive definite matrices.
 
-T. Lee, J. Kwon, F. C. Park, *A natural adaptive control law for robot manipulators*, IROS 2018; P. M. Wensing and
-J.-J. Slotine, *Beyond convexity - contraction and global convergence of gradient descent*, PLoS ONE 2020.
+T. Lee, J. Kwon, F. C. Park, *A natural adaptive control law for robot manipulators*, IROS 2018; P.
+M. Wensing and J.-J. Slotine, *Beyond convexity - contraction and global convergence of gradient
+descent*, PLoS ONE 2020.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 from .._checks import positive
 from .._compiled import compiled
 from .adaptation import Adaptation
-from .cone import Cone
+from .matrix_inequality import MatrixInequality
 
 _LARGEST_STEP = 0.02
 _ONE_TERM = 0.003
@@ -22,11 +23,12 @@ _ONE_TERM = 0.003
 class Natural(Adaptation):
     """dP/dt = -gamma P L P, with tr(L P(da)) = g . da, and V's part sum of log|P|/|P_true| + tr(P^-1 P_true) - n, over gamma.
 
-    The estimate stays inside the cone for every step length: in a complete cone it moves along the geodesic
-    P+ = S exp(-h gamma S^T L S) S^T, P = S S^T; in others by a step that never leaves the Dikin ellipsoid of log det. One
-    sample moves it by at most 0.02 in the log-det metric, so by two per cent in any direction (at 1 kHz, 20 a second): a
-    sampled signal that asks for more, at a start far from the path for example, is no longer the one of the continuous-time
-    proof, and following it would blow the estimate up between two measurements. ``rate`` is not limited.
+    The estimate stays inside the cone for every step length: in a complete cone it moves along the
+    geodesic P+ = S exp(-h gamma S^T L S) S^T, P = S S^T; in others by a step that never leaves the
+    Dikin ellipsoid of log det. One sample moves it by at most 0.02 in the log-det metric, so by two
+    per cent in any direction (at 1 kHz, 20 a second): a sampled signal that asks for more, at a
+    start far from the path for example, is no longer the one of the continuous-time proof, and
+    following it would blow the estimate up between two measurements. ``rate`` is not limited.
 
     Attributes:
         cone: where the parameters live.
@@ -35,7 +37,7 @@ class Natural(Adaptation):
 
     name = "natural"
 
-    def __init__(self, gamma: float, cone: Cone, name: str = "gamma_d") -> None:
+    def __init__(self, gamma: float, cone: MatrixInequality, name: str = "gamma_d") -> None:
         """Take the gain and the cone.
 
         Raises:
@@ -44,7 +46,7 @@ class Natural(Adaptation):
         self.gamma, self.cone = positive(gamma, name), cone
 
     def admit(self, a: np.ndarray) -> np.ndarray:
-        """Return an initial estimate inside the cone; see ``Cone.admit``."""
+        """Return an initial estimate inside the cone; see ``MatrixInequality.admit``."""
         return self.cone.admit(a)
 
     def rate(self, a: np.ndarray, g: np.ndarray) -> np.ndarray:
@@ -96,8 +98,9 @@ def _follow_geodesic(
 ) -> None:
     """Write P+ = exp(-h P L) P of every block of a complete cone as the parameters ``after`` (k p), h = gamma dt.
 
-    It goes so short a way that one or two terms of the series are right to 5e-6 of P and stay positive definite;
-    tr(L P L P), which is |S^T L S|^2, measures its length. F_0, entries, F and D are the cone's ``tables``.
+    It goes so short a way that one or two terms of the series are right to 5e-6 of P and stay
+    positive definite; tr(L P L P), which is |S^T L S|^2, measures its length. F_0, entries, F and D
+    are the cone's ``tables``.
     """
     n, p = len(F_0), entries[-1, 0] + 1
     k = len(a) // p

@@ -20,7 +20,10 @@ class Stacked(Adaptation):
     def __init__(self, parts: Sequence[tuple[Adaptation, int]]) -> None:
         """Take adaptations with the sizes of their blocks; the first one gives the name."""
         ends = np.cumsum([0] + [size for _, size in parts])
-        self.parts = [(part, slice(int(a), int(b))) for (part, _), (a, b) in zip(parts, pairwise(ends), strict=True)]
+        self.parts = [
+            (part, slice(int(a), int(b)))
+            for (part, _), (a, b) in zip(parts, pairwise(ends), strict=True)
+        ]
         self.name = parts[0][0].name
 
     def admit(self, a: np.ndarray) -> np.ndarray:
@@ -43,4 +46,8 @@ class Stacked(Adaptation):
     def distance(self, a: np.ndarray, a_true: np.ndarray) -> float | None:
         """Return the sum of the blocks' parts of V, or None where one is undefined."""
         distances = [part.distance(a[block], a_true[block]) for part, block in self.parts]
-        return None if any(d is None for d in distances) else float(sum(d for d in distances if d is not None))
+        return (
+            None
+            if any(d is None for d in distances)
+            else float(sum(d for d in distances if d is not None))
+        )

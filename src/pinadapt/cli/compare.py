@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..laws import LAWS
-from ..rollout import Rollout
+from ..rollout.rollout import Rollout
 from ..rollout.table import columns, number
-from ..scenario import Scenario
+from ..scenario.scenario import Scenario
 from .run import run_and_write
 
 
@@ -22,10 +22,18 @@ def compare(options: argparse.Namespace) -> int:
     """
     folder = options.out or Path("out") / f"{options.scenario.stem}-compare"
     # All scenarios are built, and so checked, before the first one runs.
-    scenarios = [Scenario.read(options.scenario, [*options.set, f'controller.law="{law}"']) for law in options.laws or LAWS]
-    rollouts = [run_and_write(scenario, folder / scenario.controller.law.name, html=False) for scenario in scenarios]
+    scenarios = [
+        Scenario.read(options.scenario, [*options.set, f'controller.law="{law}"'])
+        for law in options.laws or LAWS
+    ]
+    rollouts = [
+        run_and_write(scenario, folder / scenario.controller.law.name, html=False)
+        for scenario in scenarios
+    ]
     print(comparison_table(rollouts))
-    (folder / "compare.json").write_text(json.dumps([rollout.summary() for rollout in rollouts], indent=2) + "\n")
+    (folder / "compare.json").write_text(
+        json.dumps([rollout.summary() for rollout in rollouts], indent=2) + "\n"
+    )
     print(f"\nwritten to {folder}")
     return 0
 
@@ -46,7 +54,10 @@ def comparison_table(rollouts: Sequence[Rollout]) -> str:
     rows = [_row(rollout) for rollout in rollouts]
     if any(rollout.angle is not None for rollout in rollouts):
         header = (*header[:6], "last 10 % [deg]", *header[6:])
-        rows = [[*row[:6], _angle(rollout), *row[6:]] for row, rollout in zip(rows, rollouts, strict=True)]
+        rows = [
+            [*row[:6], _angle(rollout), *row[6:]]
+            for row, rollout in zip(rows, rollouts, strict=True)
+        ]
     return columns(header, rows)
 
 

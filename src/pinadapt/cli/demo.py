@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 
-from ..robot import robots_folder
-from ..scenario import Scenario
+from ..robot.catalogue import robots_folder
+from ..scenario.scenario import Scenario
 from .compare import comparison_table
 from .run import run_and_write
 
@@ -28,7 +28,11 @@ SHOWCASE: tuple[tuple[str, str, Sequence[str]], ...] = (
     (
         "planar_improved",
         _PLANAR,
-        ('title="planar arm, improved law"', 'controller.law="adaptive-inverse-dynamics-improved"', *_GRADIENT),
+        (
+            'title="planar arm, improved law"',
+            'controller.law="adaptive-inverse-dynamics-improved"',
+            *_GRADIENT,
+        ),
     ),
     (
         "planar_passivity_based",
@@ -47,5 +51,7 @@ def demo(options: argparse.Namespace) -> int:
         scenario = Scenario.read(robots_folder() / file, settings)
         rollouts.append(run_and_write(scenario, options.out / name, html=True))
     print(comparison_table(rollouts))
-    print(f"\nplots and animations: {options.out}/*/error.png, parameters.png, torque.png, animation.html")
+    print(
+        f"\nplots and animations: {options.out}/*/error.png, parameters.png, torque.png, animation.html"
+    )
     return 0 if all(rollout.diverged is None for rollout in rollouts) else 3

@@ -18,7 +18,11 @@ def init(options: argparse.Namespace) -> int:
     template = Template.of(options.source, frame=options.frame, task=options.task)
     file = options.out or Path(f"{template.name}.toml")
     if file.exists() and not options.force:
-        raise InputError("exists already.", where=str(file), hint="--force overwrites it, --out FILE takes another name.")
+        raise InputError(
+            "exists already.",
+            where=str(file),
+            hint="--force overwrites it, --out FILE takes another name.",
+        )
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(template.text(file.parent), encoding="utf-8")
     robot, circle = template.robot, template.circle

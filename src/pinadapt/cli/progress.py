@@ -18,5 +18,7 @@ def samples_bar(name: str) -> Callable[[range], Iterable[int]]:
 
 def rows_bar(rows: Iterable[Row], total: int) -> Iterable[Row]:
     """Return the rows with a bar over them, when standard error is a terminal."""
-    bar: Iterable[Row] = tqdm(rows, total=total, desc="zoo", unit="robot", disable=None, leave=False)
+    bar: Iterable[Row] = tqdm(
+        rows, total=total, desc="zoo", unit="robot", disable=None, leave=False
+    )
     return bar

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import argparse
 
-from ..robot import CatalogueEntry, catalogue
+from ..robot.catalogue import CatalogueEntry, catalogue
 from ..rollout.table import columns
 
 
 def robots(options: argparse.Namespace) -> int:
     """Print every robot of the catalogue: name, joints, task, frame, its model in example-robot-data or here."""
-    print(columns(("name", "joints", "task", "frame", "from", "about"), [_row(entry) for entry in catalogue().values()]))
+    print(
+        columns(
+            ("name", "joints", "task", "frame", "from", "about"),
+            [_row(entry) for entry in catalogue().values()],
+        )
+    )
     return 0
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..rollout import Rollout
-from ..scenario import Scenario
+from ..rollout.rollout import Rollout
+from ..scenario.scenario import Scenario
 from .progress import samples_bar
 
 
@@ -26,7 +26,13 @@ def run_and_write(scenario: Scenario, folder: Path, *, html: bool) -> Rollout:
     rollout.save(folder)
     rollout.plot(folder)
     if html:
-        from ..view import write_animation  # meshcat is slow to import
+        from ..view.animation import write_animation
 
-        write_animation(rollout, scenario.true, scenario.believed, scenario.controller.kinematics, folder / "animation.html")
+        write_animation(
+            rollout,
+            scenario.true,
+            scenario.believed,
+            scenario.controller.kinematics,
+            folder / "animation.html",
+        )
     return rollout

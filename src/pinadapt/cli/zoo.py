@@ -10,28 +10,44 @@ from pathlib import Path
 
 from ..robot.catalogue import catalogue, catalogue_entry
 from ..rollout.table import columns, number
-from ..zoo import ZooRow, run_zoo
-from ..zoo.experiment import CONVERGED
+from ..zoo.experiment import CONVERGED, ZooRow, run_zoo
 from .progress import rows_bar
 
 
 def zoo(options: argparse.Namespace) -> int:
     """Run the zoo over processes, print one table and write ``zoo.json``; a chain that fails is a row, not a failure."""
-    names = [catalogue_entry(name).name for name in options.robots] if options.robots else list(catalogue())
+    names = (
+        [catalogue_entry(name).name for name in options.robots]
+        if options.robots
+        else list(catalogue())
+    )
     folder: Path = options.out
     folder.mkdir(parents=True, exist_ok=True)  # before the work, not after it
     coming = run_zoo(names, options.law, seed=options.seed, processes=options.processes)
     found = {row.robot: row for row in rows_bar(coming, len(names))}
     rows = [found[name] for name in names]
     print(zoo_table(rows))
-    (folder / "zoo.json").write_text(json.dumps([asdict(row) for row in rows], indent=2) + "\n", encoding="utf-8")
-    print(f"\n{sum(row.verdict == CONVERGED for row in rows)} of {len(rows)} converged; written to {folder / 'zoo.json'}")
+    (folder / "zoo.json").write_text(
+        json.dumps([asdict(row) for row in rows], indent=2) + "\n", encoding="utf-8"
+    )
+    print(
+        f"\n{sum(row.verdict == CONVERGED for row in rows)} of {len(rows)} converged; written to {folder / 'zoo.json'}"
+    )
     return 0
 
 
 def zoo_table(rows: Sequence[ZooRow]) -> str:
     """Return one line a chain; errors are the largest of the last 10 %, in mm and in per cent of the circle's radius."""
-    header = ("robot", "joints", "radius [mm]", "not adapted [mm]", "adapted [mm]", "[% of radius]", "min eig M_hat", "verdict")
+    header = (
+        "robot",
+        "joints",
+        "radius [mm]",
+        "not adapted [mm]",
+        "adapted [mm]",
+        "[% of radius]",
+        "min eig M_hat",
+        "verdict",
+    )
     return columns(header, [_cells(row) for row in rows])
 
 

@@ -5,22 +5,41 @@ from __future__ import annotations
 import numpy as np
 
 from .._compiled import compiled
-from ..laws import Signals
-from ..signals import LowPass
+from ..filters.low_pass import LowPass
+from ..laws.law import Signals
 from .state import ControllerState
 
 Filtered = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-def advance_filters(state: ControllerState, signals: Signals, velocity: LowPass, acceleration: LowPass, dt: float) -> Filtered:
+def advance_filters(
+    state: ControllerState, signals: Signals, velocity: LowPass, acceleration: LowPass, dt: float
+) -> Filtered:
     """Return W_k, xi and z after dt [s] with their inputs Y_p, lambda x + J v - Y_p a_k and the joint velocity held."""
     W_k, xi, z = np.empty(state.W_k.shape), np.empty(state.xi.shape), np.empty(state.z.shape)
     model, f_k, f_a = signals.kinematics, velocity.fraction(dt), acceleration.fraction(dt)
-    _advance(state.W_k, model.Y_p, state.a_k, state.xi, signals.y, model.xd_hat, f_k, state.z, signals.v, f_a, W_k, xi, z)
+    _advance(
+        state.W_k,
+        model.Y_p,
+        state.a_k,
+        state.xi,
+        signals.y,
+        model.xd_hat,
+        f_k,
+        state.z,
+        signals.v,
+        f_a,
+        W_k,
+        xi,
+        z,
+    )
     return W_k, xi, z
 
 
-@compiled("void(f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8, f8[:], f8[:], f8, f8[:,:], f8[:], f8[:])", fills=3)
+@compiled(
+    "void(f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8, f8[:], f8[:], f8, f8[:,:], f8[:], f8[:])",
+    fills=3,
+)
 def _advance(
     W_k: np.ndarray,
     Y_p: np.ndarray,

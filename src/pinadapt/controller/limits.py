@@ -10,9 +10,11 @@ from numpy.typing import ArrayLike
 
 from .._checks import positive, vector
 from ..exceptions import GainError, ParameterError
-from ..laws.right_inverse import RightInverse
-from ..parameters import DynamicParameters, KinematicParameters
-from ..robot import Robot, torque_limits
+from ..models.dynamics import Dynamics
+from ..models.frame_kinematics import FrameKinematics
+from ..models.right_inverse import RightInverse
+from ..robot.effort_limits import torque_limits
+from ..robot.robot import Robot
 from ..robot.workspace import reach
 
 _ABSURD = 1e4
@@ -23,11 +25,10 @@ _SHORTEST, _LONGEST = 0.2, 5.0
 class Limits:
     """Limits of a controller; the defaults limit nothing.
 
-    Attributes:
-        torque: (n) bounds of the motors [N m or N], infinite where there is none, or None for none at all.
-        singular: s_0, below which the right inverse of J_hat is damped; zero never damps it.
-        estimate: bound on the norm of all estimates together; infinite when nobody watches.
-        watch: whether estimates that went wrong end the run.
+    Attributes: torque: (n) bounds of the motors [N m or N], infinite where there is none, or None
+        for none at all. singular: s_0, below which the right inverse of J_hat is damped; zero never
+        damps it. estimate: bound on the norm of all estimates together; infinite when nobody
+        watches. watch: whether estimates that went wrong end the run.
     """
 
     torque: np.ndarray | None = None
@@ -37,39 +38,56 @@ class Limits:
 
 
 def make_limits(
-    believed: Robot, dynamics: DynamicParameters, *, torque: ArrayLike | bool | None, damping: float, watch: bool
+    believed: Robot,
+    dynamics: Dynamics,
+    *,
+    torque: ArrayLike | bool | None,
+    damping: float,
+    watch: bool,
 ) -> Limits:
     """Return the limits of a controller for a believed robot.
 
-    Args:
-        believed: the believed robot.
-        dynamics: its parameters.
-        torque: (n) bounds, True for the efforts of the robot's description, None or False for none.
-        damping: s_0 as a fraction of s at home, zero for no damping; see ``RightInverse``.
-        watch: whether estimates that went wrong end the run; estimates are absurd beyond ten thousand times the believed
-            parameters, the robot's mass and its reach.
+    Args: believed: the believed robot. dynamics: its parameters. torque: (n) bounds, True for the
+        efforts of the robot's description, None or False for none. damping: s_0 as a fraction of s
+        at home, zero for no damping; see ``RightInverse``. watch: whether estimates that went wrong
+        end the run; estimates are absurd beyond ten thousand times the believed parameters, the
+        robot's mass and its reach.
 
     Raises:
         GainError: torque limits that are not positive, or a damping outside [0, 1).
     """
     fraction = positive(damping, "damping", zero=True)
     if fraction >= 1.0:
-        raise GainError(f"must be a fraction of home's, below 1, got {fraction:g}.", where="damping")
+        raise GainError(
+            f"must be a fraction of home's, below 1, got {fraction:g}.", where="damping"
+        )
     model = believed.model
-    J = pin.computeFrameJacobian(model, model.createData(), believed.q0, believed.frame_id, pin.LOCAL_WORLD_ALIGNED)
+    J = pin.computeFrameJacobian(
+        model, model.createData(), believed.q0, believed.frame_id, pin.LOCAL_WORLD_ALIGNED
+    )
     s_home = RightInverse(J[believed.task.rows], 1.0).smallest  # damped, so that no home is refused
-    size = float(np.linalg.norm(dynamics.initial)) + sum(body.mass for body in model.inertias) + reach(believed)
-    return Limits(torque_limits(believed, torque), fraction * s_home, _ABSURD * size if watch else np.inf, watch)
+    size = (
+        float(np.linalg.norm(dynamics.initial))
+        + sum(body.mass for body in model.inertias)
+        + reach(believed)
+    )
+    return Limits(
+        torque_limits(believed, torque),
+        fraction * s_home,
+        _ABSURD * size if watch else np.inf,
+        watch,
+    )
 
 
-def make_box(believed: Robot, kinematics: KinematicParameters, given: ArrayLike | bool | None) -> np.ndarray | None:
+def make_box(
+    believed: Robot, kinematics: FrameKinematics, given: ArrayLike | bool | None
+) -> np.ndarray | None:
     """Return the box (2, p) of the kinematic estimates, lower bounds first, or None for none.
 
-    Args:
-        believed: the believed robot.
-        kinematics: its unknown translations.
-        given: a margin [m] around the believed values, or p of them; both bounds (2, p) [m]; False for none. By default a
-            length lies between a fifth and five times the believed one, other coordinates within half the robot's reach.
+    Args: believed: the believed robot. kinematics: its unknown translations. given: a margin [m]
+        around the believed values, or p of them; both bounds (2, p) [m]; False for none. By default
+        a length lies between a fifth and five times the believed one, other coordinates within half
+        the robot's reach.
 
     Raises:
         ParameterError: wrong size or not numbers, or a negative margin.
@@ -78,17 +96,27 @@ def make_box(believed: Robot, kinematics: KinematicParameters, given: ArrayLike 
         return None
     names, centre = kinematics.names, kinematics.initial
     if given is None or given is True:
-        plain = [part.directions.shape[1] == 1 and not part.offset.any() for part in kinematics.translations]
+        plain = [
+            part.directions.shape[1] == 1 and not part.offset.any()
+            for part in kinematics.translations
+        ]
         sizes = [len(part.labels) for part in kinematics.translations]
         length, margin = np.repeat(plain, sizes) & (centre > 0.0), 0.5 * reach(believed)
         low = np.where(length, _SHORTEST * centre, centre - margin)
         return np.stack([low, np.where(length, _LONGEST * centre, centre + margin)])
     rows = [given] if np.ndim(given) < 2 else list(np.asarray(given, dtype=object))
     if len(rows) > 2:
-        raise ParameterError(f"expected lower and upper bounds, got {len(rows)} rows.", where="unknown.kinematic_box")
-    bounds = [vector(row, centre.size, "unknown.kinematic_box", names=names, error=ParameterError) for row in rows]
+        raise ParameterError(
+            f"expected lower and upper bounds, got {len(rows)} rows.", where="unknown.kinematic_box"
+        )
+    bounds = [
+        vector(row, centre.size, "unknown.kinematic_box", names=names, error=ParameterError)
+        for row in rows
+    ]
     if len(bounds) == 2:
         return np.stack(bounds)
     if not (bounds[0] > 0.0).all():
-        raise ParameterError(f"a margin must be positive, got {bounds[0].tolist()}.", where="unknown.kinematic_box")
+        raise ParameterError(
+            f"a margin must be positive, got {bounds[0].tolist()}.", where="unknown.kinematic_box"
+        )
     return np.stack([centre - bounds[0], centre + bounds[0]])

@@ -1,8 +1,12 @@
 """The control laws, one a file."""
 
 from .adaptive_inverse_dynamics import AdaptiveInverseDynamics as AdaptiveInverseDynamics
-from .adaptive_inverse_dynamics_improved import AdaptiveInverseDynamicsImproved as AdaptiveInverseDynamicsImproved
-from .adaptive_inverse_dynamics_velocity import AdaptiveInverseDynamicsVelocity as AdaptiveInverseDynamicsVelocity
+from .adaptive_inverse_dynamics_improved import (
+    AdaptiveInverseDynamicsImproved as AdaptiveInverseDynamicsImproved,
+)
+from .adaptive_inverse_dynamics_velocity import (
+    AdaptiveInverseDynamicsVelocity as AdaptiveInverseDynamicsVelocity,
+)
 from .adaptive_jacobian import AdaptiveJacobian as AdaptiveJacobian
 from .gains import Gains as Gains
 from .law import Command as Command

@@ -12,12 +12,16 @@ from .law import Command, Gradients, Signals
 class AdaptiveInverseDynamics(EstimatedVelocityLaw):
     """Adaptive inverse dynamics without task velocity: Wang and Xie (2009), theorem 1.
 
-    Law:          tau = M_hat v + C_hat qd + g_hat (11), v = J_hat^+ (xdd_d - K_v dxd_hat - K_P dx - dJ_hat/dt qd).
-    Adaptation:   da_d/dt = -Gamma_d Phi^T e, Phi = J_hat M_hat^-1 Y(q, qd, qdd) (18); da_k/dt by (19).
+    Law:          tau = M_hat v + C_hat qd + g_hat (11), v = J_hat^+ (xdd_d - K_v dxd_hat - K_P dx -
+                  dJ_hat/dt qd).
+    Adaptation:   da_d/dt = -Gamma_d Phi^T e, Phi = J_hat M_hat^-1 Y(q, qd, qdd) (18); da_k/dt by
+                  (19).
     Closed loop:  de/dt = -(K_v - alpha I) dxd_hat - K_P dx + Phi da_d (17).
     V:            e^T e / 2 + dx^T (K_P + alpha K_v - alpha^2 I) dx / 2 + D_d(a_d) + D_k(a_k),
-                  dV/dt = -dxd_hat^T (K_v - alpha I) dxd_hat - alpha dx^T K_P dx - da_k^T W_k^T R_k W_k da_k.
-    Assumptions:  constant parameters; J_hat of full row rank; M_hat invertible, which natural adaptation guarantees and
+                  dV/dt = -dxd_hat^T (K_v - alpha I) dxd_hat - alpha dx^T K_P dx - da_k^T W_k^T R_k
+                  W_k da_k.
+    Assumptions:  constant parameters; J_hat of full row rank; M_hat invertible, which natural
+                  adaptation guarantees and
                   plain gradient adaptation does not; joint acceleration known; K_v - alpha I > 0.
     """
 
@@ -32,6 +36,8 @@ class AdaptiveInverseDynamics(EstimatedVelocityLaw):
 
     def gradients(self, s: Signals, command: Command, a: np.ndarray) -> Gradients:
         """Return g_d = Phi^T e, (18), and g_k, (19)."""
-        force = solve_inertia(s.dynamics.mass_matrix(s.q), self.error_force(s), s.watch)  # M_hat^-1 J_hat^T e
+        force = solve_inertia(
+            s.dynamics.mass_matrix(s.q), self.error_force(s), s.watch
+        )  # M_hat^-1 J_hat^T e
         g_d = force.dot(s.dynamics.regressor(s.q, s.v, a))  # Phi^T e = Y^T M_hat^-1 J_hat^T e, (18)
         return Gradients(g_d, command.memo[0])

@@ -12,12 +12,16 @@ from .law import Command, Gradients, Signals
 class AdaptiveInverseDynamicsImproved(EstimatedVelocityLaw):
     """Improved adaptive inverse dynamics: Wang and Xie (2009), section 4, after Spong and Ortega (1990).
 
-    Law:          tau = M_0 v + C_hat qd + g_hat + delta (32), delta = (M_hat - M_0) qdd (34), M_0(q) from the initial estimate.
-    Adaptation:   da_d/dt = -Gamma_d Phi_1^T e, Phi_1 = J_hat M_0^-1 Y(q, qd, qdd) (36); da_k/dt by (37) = (19).
+    Law:          tau = M_0 v + C_hat qd + g_hat + delta (32), delta = (M_hat - M_0) qdd (34),
+                  M_0(q) from the initial estimate.
+    Adaptation:   da_d/dt = -Gamma_d Phi_1^T e, Phi_1 = J_hat M_0^-1 Y(q, qd, qdd) (36); da_k/dt by
+                  (37) = (19).
     Closed loop:  de/dt = -(K_v - alpha I) dxd_hat - K_P dx + Phi_1 da_d.
     V:            that of adaptive inverse dynamics, and the same dV/dt.
-    Assumptions:  constant parameters; J_hat of full row rank; joint acceleration known and fed back, so M + M_0 - M_hat
-                  must stay invertible (a filtered acceleration breaks that algebraic loop); K_v - alpha I > 0.
+    Assumptions:  constant parameters; J_hat of full row rank; joint acceleration known and fed
+                  back, so M + M_0 - M_hat
+                  must stay invertible (a filtered acceleration breaks that algebraic loop); K_v -
+                  alpha I > 0.
     """
 
     name = "adaptive-inverse-dynamics-improved"

@@ -13,14 +13,20 @@ class AdaptiveJacobian(Law):
     """Passivity-based adaptive Jacobian tracking: C. Cheah, C. Liu, J.-J. Slotine, IEEE TAC 51 (2006) 1024-1029.
 
     Law:          tau = -J_hat^T (K_v dxd_hat + K_P dx) + Y(q, qd, qd_r, qdd_r) a_d - N D N s,
-                  qd_r = J_hat^+ (xd_d - alpha dx) + N psi, s = qd - qd_r, N = I - J_hat^+ J_hat (zero for a square J_hat).
-    Adaptation:   da_d/dt = -Gamma_d Y_r^T s; da_k/dt = Gamma_k (Y_k^T (K_P + alpha K_v) dx - W_k^T R_k (W_k a_k - y)).
+                  qd_r = J_hat^+ (xd_d - alpha dx) + N psi, s = qd - qd_r, N = I - J_hat^+ J_hat
+                  (zero for a square J_hat).
+    Adaptation:   da_d/dt = -Gamma_d Y_r^T s; da_k/dt = Gamma_k (Y_k^T (K_P + alpha K_v) dx - W_k^T
+                  R_k (W_k a_k - y)).
     Closed loop:  M ds/dt + C s = -J_hat^T (K_v dxd_hat + K_P dx) + Y_r da_d - N D N s.
     V:            s^T M s / 2 + dx^T (K_P + alpha K_v) dx / 2 + D_d(a_d) + D_k(a_k),
-                  dV/dt = -dxd_hat^T K_v dxd_hat - alpha dx^T K_P dx - da_k^T W_k^T R_k W_k da_k - (N s)^T D (N s)
-                  - s^T (f(qd) - f(qd_r)), f the true friction of the joints: monotone, so the last term is at most zero.
-    Pose:         qdd_r takes the true d(dx)/dt = xd - xd_d + delta, and dx^T (K_P + alpha K_v) delta = 0; see ``PoseTask``.
-    Assumptions:  constant parameters; J_hat of full row rank; task velocity known (it enters qdd_r).
+                  dV/dt = -dxd_hat^T K_v dxd_hat - alpha dx^T K_P dx - da_k^T W_k^T R_k W_k da_k -
+                  (N s)^T D (N s)
+                  - s^T (f(qd) - f(qd_r)), f the true friction of the joints: monotone, so the last
+                  term is at most zero.
+    Pose:         qdd_r takes the true d(dx)/dt = xd - xd_d + delta, and dx^T (K_P + alpha K_v)
+                  delta = 0; see ``PoseTask``.
+    Assumptions:  constant parameters; J_hat of full row rank; task velocity known (it enters
+                  qdd_r).
                   Neither acceleration nor M_hat^-1 is needed.
     """
 
@@ -52,7 +58,9 @@ class AdaptiveJacobian(Law):
             torque -= s.inverse.null(self.posture.damping * s.inverse.null(error))
         return Command(torque, memo=(g_k, Y_r, error))
 
-    def _reference_acceleration(self, s: Signals, u: np.ndarray, psi: np.ndarray | None, Jdot: np.ndarray) -> np.ndarray:
+    def _reference_acceleration(
+        self, s: Signals, u: np.ndarray, psi: np.ndarray | None, Jdot: np.ndarray
+    ) -> np.ndarray:
         """Return the time derivative of qd_r (n)."""
         assert s.xd is not None  # the controller refuses measurements without it
         ud = s.xdd_d - self.gains.alpha * (s.xd - s.xd_d)
@@ -74,7 +82,10 @@ class AdaptiveJacobian(Law):
         """Return dV/dt."""
         k, prediction = self.gains, s.W_k @ (s.a_k - truth.a_k)
         qd_r = self._reference_velocity(s)[2]
-        null, braking = s.inverse.null(s.v - qd_r), truth.friction.torque(s.v) - truth.friction.torque(qd_r)
+        null, braking = (
+            s.inverse.null(s.v - qd_r),
+            truth.friction.torque(s.v) - truth.friction.torque(qd_r),
+        )
         task = s.dxd_hat @ (k.K_v @ s.dxd_hat) + k.alpha * s.dx @ (k.K_P @ s.dx)
         joints = null @ (self.posture.damping * null) + (s.v - qd_r) @ braking
         return float(-task - prediction @ (k.R_k @ prediction) - joints)

@@ -16,8 +16,9 @@ class EstimatedVelocityLaw(Law):
     V = e^T e / 2 + dx^T (K_P + alpha K_v - alpha^2 I) dx / 2 + parameters,
     dV/dt = -dxd_hat^T (K_v - alpha I) dxd_hat - alpha dx^T K_P dx - da_k^T W_k^T R_k W_k da_k.
 
-    For a pose v also holds -alpha delta, delta = d(dx)/dt - (xd - xd_d): de/dt = d(dxd_hat)/dt + alpha (xd - xd_d + delta) is
-    then as (17) has it, and dx^T (K_P + alpha K_v - alpha^2 I) delta = 0 leaves dV/dt; see ``PoseTask``.
+    For a pose v also holds -alpha delta, delta = d(dx)/dt - (xd - xd_d): de/dt = d(dxd_hat)/dt +
+    alpha (xd - xd_d + delta) is then as (17) has it, and dx^T (K_P + alpha K_v - alpha^2 I) delta =
+    0 leaves dV/dt; see ``PoseTask``.
     """
 
     needs_margin = True
@@ -40,7 +41,9 @@ class EstimatedVelocityLaw(Law):
     def kinematic_gradient(self, s: Signals) -> np.ndarray:
         """Return g_k (p_k) with da_k/dt = -Gamma_k g_k, (19)."""
         k, g_k = self.gains, np.empty(s.a_k.size)
-        _kinematic_gradient(self._K_PV, s.dx, k.alpha, s.dxd_hat, s.kinematics.Y_k, s.W_k, k.R_k, s.a_k, s.y, g_k)
+        _kinematic_gradient(
+            self._K_PV, s.dx, k.alpha, s.dxd_hat, s.kinematics.Y_k, s.W_k, k.R_k, s.a_k, s.y, g_k
+        )
         return g_k
 
     def commanded_acceleration(self, s: Signals, g_k: np.ndarray) -> np.ndarray:
@@ -66,7 +69,9 @@ class EstimatedVelocityLaw(Law):
         """Return dV/dt; Wang and Xie print the bound with beta, this is the equality."""
         k, prediction = self.gains, s.W_k @ (s.a_k - truth.a_k)
         velocity = s.dxd_hat @ (k.K_v @ s.dxd_hat) - k.alpha * s.dxd_hat @ s.dxd_hat
-        return float(-velocity - k.alpha * s.dx @ (k.K_P @ s.dx) - prediction @ (k.R_k @ prediction))
+        return float(
+            -velocity - k.alpha * s.dx @ (k.K_P @ s.dx) - prediction @ (k.R_k @ prediction)
+        )
 
 
 @compiled("void(f8[:,:], f8[:], f8, f8[:], f8[:,:], f8[:,:], f8[:,:], f8[:], f8[:], f8[:])")
@@ -104,7 +109,9 @@ def _kinematic_gradient(
             g_k[j] -= Y_k[i, j] * task
 
 
-@compiled("void(f8[:], f8[:,:], f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], f8[:,:], f8[:,:], f8[:], f8[:], f8, f8[:])")
+@compiled(
+    "void(f8[:], f8[:,:], f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], f8[:,:], f8[:,:], f8[:], f8[:], f8, f8[:])"
+)
 def _commanded_acceleration(
     xdd_d: np.ndarray,
     K_v: np.ndarray,
@@ -147,7 +154,9 @@ def _commanded_acceleration(
 
 
 @compiled("void(f8[:,:], f8[:], f8, f8[:], f8[:])")
-def _error_force(J: np.ndarray, dxd_hat: np.ndarray, alpha: float, dx: np.ndarray, force: np.ndarray) -> None:
+def _error_force(
+    J: np.ndarray, dxd_hat: np.ndarray, alpha: float, dx: np.ndarray, force: np.ndarray
+) -> None:
     """Write J^T (dxd_hat + alpha dx) (n)."""
     for j in range(len(force)):
         force[j] = 0.0

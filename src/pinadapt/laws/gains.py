@@ -16,12 +16,10 @@ from ..exceptions import GainError
 class Gains:
     """Gains of Wang and Xie (2009) for m task coordinates.
 
-    Attributes:
-        K_v: (m, m) velocity gain [1/s].
-        K_P: (m, m) position gain [1/s^2].
-        alpha: weight of the position error in e = dxd_hat + alpha dx [1/s].
-        R_k: (m_p, m_p) weight of the kinematic prediction error; m_p = m, or the 3 positions of a pose.
-        Q: (2 m, 2 m) right-hand side of the Lyapunov equation of the law with task velocity.
+    Attributes: K_v: (m, m) velocity gain [1/s]. K_P: (m, m) position gain [1/s^2]. alpha: weight of
+        the position error in e = dxd_hat + alpha dx [1/s]. R_k: (m_p, m_p) weight of the kinematic
+        prediction error; m_p = m, or the 3 positions of a pose. Q: (2 m, 2 m) right-hand side of
+        the Lyapunov equation of the law with task velocity.
     """
 
     K_v: np.ndarray
@@ -45,14 +43,15 @@ class Gains:
     ) -> Gains:
         """Take numbers, lists or matrices for m = ``size`` task coordinates.
 
-        Q defaults to diag(2 alpha K_P, 2 (K_v - alpha I)), for which B^T P xi = dxd + alpha dx, the error e of the other laws.
+        Q defaults to diag(2 alpha K_P, 2 (K_v - alpha I)), for which B^T P xi = dxd + alpha dx, the
+        error e of the other laws.
 
-        ``margin`` asks for K_v - alpha I > 0, which the laws on the estimated velocity error need. Rows after the first
-        ``positions`` (all of them by default) are rotations; see ``PoseTask`` for what their gains have to be.
+        ``margin`` asks for K_v - alpha I > 0, which the laws on the estimated velocity error need.
+        Rows after the first ``positions`` (all of them by default) are rotations; see ``PoseTask``
+        for what their gains have to be.
 
-        Raises:
-            GainError: not positive (definite), wrong size, K_v - alpha I not positive definite, or gains on rotations that
-                are no multiple of the identity.
+        Raises: GainError: not positive (definite), wrong size, K_v - alpha I not positive definite,
+            or gains on rotations that are no multiple of the identity.
         """
         places = size if positions is None else positions
         velocity, position = definite_matrix(K_v, size, "Kv"), definite_matrix(K_P, size, "Kp")
@@ -65,10 +64,18 @@ class Gains:
                 hint=f"Take alpha below {beta + weight:.4g}, or a larger Kv.",
             )
         if Q is None:
-            Q = block_diag(2.0 * weight * position, 2.0 * (velocity - weight * np.eye(size))) if beta > 0.0 else 1.0
+            Q = (
+                block_diag(2.0 * weight * position, 2.0 * (velocity - weight * np.eye(size)))
+                if beta > 0.0
+                else 1.0
+            )
         weights = definite_matrix(Q, 2 * size, "Q")
         for name, K in (("Kv", velocity), ("Kp", position), ("Q", weights)):
-            for block in (K[i : i + size, j : j + size] for i in range(0, len(K), size) for j in range(0, len(K), size)):
+            for block in (
+                K[i : i + size, j : j + size]
+                for i in range(0, len(K), size)
+                for j in range(0, len(K), size)
+            ):
                 _check_rotations(block, places, name)
         return cls(velocity, position, weight, definite_matrix(R_k, places, "R_k"), weights)
 

@@ -14,10 +14,8 @@ from ..exceptions import DivergedError
 def solve_inertia(M: np.ndarray, w: np.ndarray, watch: bool) -> np.ndarray:
     """Return M^-1 w (n) for an estimate M (n, n), symmetric.
 
-    Args:
-        M: the estimated mass matrix.
-        w: (n).
-        watch: refuse an M that is not positive definite, which no mass matrix is; else only a singular one.
+    Args: M: the estimated mass matrix. w: (n). watch: refuse an M that is not positive definite,
+        which no mass matrix is; else only a singular one.
 
     Raises:
         DivergedError: M is refused.

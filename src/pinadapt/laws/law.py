@@ -9,32 +9,30 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from ..parameters import DynamicParameters, KinematicParameters
-from ..robot import Friction
+from ..models.dynamics import Dynamics
+from ..models.frame_kinematics import FrameKinematics
+from ..models.right_inverse import RightInverse
+from ..robot.friction import Friction
 from .gains import Gains
 from .posture import Posture
-from .right_inverse import RightInverse
 
 
 @dataclass(slots=True, eq=False)
 class Signals:
     """Everything a law may see at one instant; m task coordinates, n joints.
 
-    Attributes:
-        q, v: measured configuration (nq) and joint velocity (n).
-        xd: (m) measured task velocity, or None without such a sensor; angular rows are J_omega v, which needs none.
-        xd_d, xdd_d: (m) desired task velocity and acceleration.
-        dx: (m) x - x_d; for a pose the rotation vector of the orientation error in its last three rows.
-        dxd_hat: (m) J_hat v - xd_d, the estimated task-velocity error.
-        W_k, y: (m_p, p_k) and (m_p) the filtered regressor and velocity, (3)-(4), known part taken off y; positions only.
-        a_k, a_d: (p_k), (p_d) the estimates.
-        a_0: (p_d) the initial dynamic estimate.
-        kinematics: the believed kinematics, evaluated at q, v, a_k.
-        dynamics: the believed dynamics, a_d loaded.
-        inverse: right inverse of the believed Jacobian, damped near its singularities.
-        rate_k: from a gradient signal g_k (p_k) to the rate of a_k (p_k), by the chosen adaptation.
-        watch: whether an M_hat that is not positive definite ends the run of a law that inverts it.
-        delta: (m) d(dx)/dt - (xd - xd_d) of a pose, known without xd, or None where it is zero; see ``PoseTask``.
+    Attributes: q, v: measured configuration (nq) and joint velocity (n). xd: (m) measured task
+        velocity, or None without such a sensor; angular rows are J_omega v, which needs none. xd_d,
+        xdd_d: (m) desired task velocity and acceleration. dx: (m) x - x_d; for a pose the rotation
+        vector of the orientation error in its last three rows. dxd_hat: (m) J_hat v - xd_d, the
+        estimated task-velocity error. W_k, y: (m_p, p_k) and (m_p) the filtered regressor and
+        velocity, (3)-(4), known part taken off y; positions only. a_k, a_d: (p_k), (p_d) the
+        estimates. a_0: (p_d) the initial dynamic estimate. kinematics: the believed kinematics,
+        evaluated at q, v, a_k. dynamics: the believed dynamics, a_d loaded. inverse: right inverse
+        of the believed Jacobian, damped near its singularities. rate_k: from a gradient signal g_k
+        (p_k) to the rate of a_k (p_k), by the chosen adaptation. watch: whether an M_hat that is
+        not positive definite ends the run of a law that inverts it. delta: (m) d(dx)/dt - (xd -
+        xd_d) of a pose, known without xd, or None where it is zero; see ``PoseTask``.
     """
 
     q: np.ndarray
@@ -49,8 +47,8 @@ class Signals:
     a_k: np.ndarray
     a_d: np.ndarray
     a_0: np.ndarray
-    kinematics: KinematicParameters
-    dynamics: DynamicParameters
+    kinematics: FrameKinematics
+    dynamics: Dynamics
     inverse: RightInverse
     rate_k: Callable[[np.ndarray], np.ndarray]
     watch: bool
@@ -106,15 +104,14 @@ class Truth(NamedTuple):
 class Law(ABC):
     """A control law: torque, gradient signals, and the Lyapunov function that proves it.
 
-    A new law is one file with one subclass; listing it in ``laws/__init__.py`` names it for scenarios.
+    A new law is one file with one subclass; listing it in ``laws/__init__.py`` names it for
+    scenarios.
 
-    Attributes:
-        name: as written in scenarios.
-        adapts: whether it uses estimates that move.
-        needs_task_velocity: whether ``Signals.xd`` must be measured.
-        needs_margin: whether the proof needs K_v - alpha I > 0.
-        inverts_estimate: whether it needs M_hat^-1 at the moving estimate.
-        energy_based: whether V is in joules, so that gains are forces; otherwise gains are accelerations.
+    Attributes: name: as written in scenarios. adapts: whether it uses estimates that move.
+        needs_task_velocity: whether ``Signals.xd`` must be measured. needs_margin: whether the
+        proof needs K_v - alpha I > 0. inverts_estimate: whether it needs M_hat^-1 at the moving
+        estimate. energy_based: whether V is in joules, so that gains are forces; otherwise gains
+        are accelerations.
     """
 
     name: ClassVar[str]

@@ -7,15 +7,14 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._checks import positive, vector
-from ..robot import Robot
+from ..robot.robot import Robot
 
 
 class Posture:
     """Critically damped return to a rest configuration, seen only in the null space of the task.
 
-    Attributes:
-        frequency: w [rad/s].
-        damping: (n) null-space damping torque per velocity of the passivity-based law, w diag M(q_rest).
+    Attributes: frequency: w [rad/s]. damping: (n) null-space damping torque per velocity of the
+        passivity-based law, w diag M(q_rest).
     """
 
     def __init__(self, robot: Robot, rest: ArrayLike | None = None, frequency: float = 4.0) -> None:
@@ -32,7 +31,11 @@ class Posture:
 
     def offset(self, q: np.ndarray) -> np.ndarray:
         """Return q - q_rest (n), on the circle for continuous joints, whose configuration has two numbers."""
-        return q - self._q_rest if q.size == self.damping.size else pin.difference(self._model, self._q_rest, q)
+        return (
+            q - self._q_rest
+            if q.size == self.damping.size
+            else pin.difference(self._model, self._q_rest, q)
+        )
 
     def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return psi (n) = -2 w v - w^2 (q - q_rest) [rad/s^2 or m/s^2]."""

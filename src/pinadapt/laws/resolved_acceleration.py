@@ -11,11 +11,14 @@ from .law import Command, Gradients, Signals
 class ResolvedAcceleration(EstimatedVelocityLaw):
     """Resolved acceleration, J. Luh, M. Walker, R. Paul, IEEE TAC 25 (1980) 468-474; Wang and Xie (2009), equation (8).
 
-    Law:          tau = M v + C qd + g, v = J^+ (xdd_d - K_v dxd - K_P dx - dJ/dt qd), true parameters.
+    Law:          tau = M v + C qd + g, v = J^+ (xdd_d - K_v dxd - K_P dx - dJ/dt qd), true
+                  parameters.
     Adaptation:   none.
     Closed loop:  dxdd + K_v dxd + K_P dx = 0 (10).
-    V:            e^T e / 2 + dx^T (K_P + alpha K_v - alpha^2 I) dx / 2, with dV/dt as in ``EstimatedVelocityLaw``.
-    Assumptions:  J and M known exactly; J of full row rank. With wrong estimates it is the unadapted baseline.
+    V:            e^T e / 2 + dx^T (K_P + alpha K_v - alpha^2 I) dx / 2, with dV/dt as in
+                  ``EstimatedVelocityLaw``.
+    Assumptions:  J and M known exactly; J of full row rank. With wrong estimates it is the
+                  unadapted baseline.
     """
 
     name = "resolved-acceleration"

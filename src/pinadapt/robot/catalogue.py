@@ -22,17 +22,13 @@ from .urdf import mimic_joints, read_urdf
 class CatalogueEntry:
     """One robot of the catalogue: a fixed-base arm, or one limb of a larger robot whose root is welded.
 
-    Attributes:
-        name: name in the catalogue.
-        frame: default task frame.
-        task: default task.
-        origin: "pinadapt", or the name of the loader in example-robot-data.
-        path: URDF file for our own robots, None for example-robot-data's.
-        first: the limb's first joint, or None for the base's; the joints before it are locked.
-        tip: (3) [m] where the frame lies in the axes of ``link``, for links that have no frame at their end, or None.
-        link: the link that carries the frame; the frame itself where there is no tip.
-        q0: home pose, one angle a joint [rad or m], or None for a searched one.
-        about: a line for people.
+    Attributes: name: name in the catalogue. frame: default task frame. task: default task. origin:
+        "pinadapt", or the name of the loader in example-robot-data. path: URDF file for our own
+        robots, None for example-robot-data's. first: the limb's first joint, or None for the
+        base's; the joints before it are locked. tip: (3) [m] where the frame lies in the axes of
+        ``link``, for links that have no frame at their end, or None. link: the link that carries
+        the frame; the frame itself where there is no tip. q0: home pose, one angle a joint [rad or
+        m], or None for a searched one. about: a line for people.
     """
 
     name: str
@@ -49,22 +45,40 @@ class CatalogueEntry:
     def load(self) -> tuple[pin.Model, pin.GeometryModel | None, Any, frozenset[str]]:
         """Return the whole model, its visual geometry, a reference configuration (nq) or None, and its mimic joints.
 
-        A robot of example-robot-data is read once in a process, whichever of its limbs are asked for.
+        A robot of example-robot-data is read once in a process, whichever of its limbs are asked
+        for.
         """
         if self.path is not None:
             return (*read_urdf(self.path), None, mimic_joints(self.path))
         whole = _example_robot(self.origin)
-        return self._with_tip(whole.model), whole.visual_model, whole.q0, _example_mimics(self.origin)
+        return (
+            self._with_tip(whole.model),
+            whole.visual_model,
+            whole.q0,
+            _example_mimics(self.origin),
+        )
 
     def joints(self) -> list[str]:
         """Return the names of the chain's joints, without reading any mesh."""
-        model = read_urdf(self.path, meshes=False)[0] if self.path is not None else _example_model(self.origin)
+        model = (
+            read_urdf(self.path, meshes=False)[0]
+            if self.path is not None
+            else _example_model(self.origin)
+        )
         return [str(model.names[joint]) for joint in self.limb(self._with_tip(model))]
 
     def limb(self, model: pin.Model) -> list[int]:
         """Return the indices of the chain's joints in the whole model."""
-        chain = [j for j in chain_joints(model, frame_id(model, self.frame)) if not is_free_flyer(model.joints[j])]
-        return chain if self.first is None else chain[[str(model.names[j]) for j in chain].index(self.first) :]
+        chain = [
+            j
+            for j in chain_joints(model, frame_id(model, self.frame))
+            if not is_free_flyer(model.joints[j])
+        ]
+        return (
+            chain
+            if self.first is None
+            else chain[[str(model.names[j]) for j in chain].index(self.first) :]
+        )
 
     def _with_tip(self, model: pin.Model) -> pin.Model:
         if self.tip is None:
@@ -72,12 +86,16 @@ class CatalogueEntry:
         model, index = model.copy(), frame_id(model, self.link)
         link = model.frames[index]
         placement = link.placement * pin.SE3(np.eye(3), np.array(self.tip))
-        model.addFrame(pin.Frame(self.frame, link.parentJoint, index, placement, pin.FrameType.OP_FRAME))
+        model.addFrame(
+            pin.Frame(self.frame, link.parentJoint, index, placement, pin.FrameType.OP_FRAME)
+        )
         return model
 
 
 def _loaders() -> Any:
-    from example_robot_data import robots_loader  # slow to import, and not needed for a user's own URDF
+    from example_robot_data import (
+        robots_loader,
+    )  # slow to import, and not needed for a user's own URDF
 
     return robots_loader
 
@@ -113,7 +131,10 @@ def robots_folder() -> Path:
     for folder in (package / "robots", package.parents[1] / "robots"):
         if (folder / "catalogue.toml").is_file():
             return folder
-    raise RobotError("the folder 'robots' with catalogue.toml is missing from this installation.", where=str(package))
+    raise RobotError(
+        "the folder 'robots' with catalogue.toml is missing from this installation.",
+        where=str(package),
+    )
 
 
 @cache

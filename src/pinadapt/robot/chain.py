@@ -21,7 +21,10 @@ def frame_id(model: pin.Model, name: str) -> int:
     found = [i for i, frame in enumerate(model.frames) if frame.name == name]
     if not found:
         names = [frame.name for frame in model.frames]
-        raise RobotError(f"no frame of '{model.name}' is called '{name}'.{did_you_mean(name, names)}", where="frame")
+        raise RobotError(
+            f"no frame of '{model.name}' is called '{name}'.{did_you_mean(name, names)}",
+            where="frame",
+        )
     links = [i for i in found if model.frames[i].type == pin.FrameType.BODY]
     return (links or found)[0]
 
@@ -73,14 +76,25 @@ def check_joints(model: pin.Model, joints: Sequence[int]) -> None:
 def check_numbers(model: pin.Model) -> None:
     """Refuse models with numbers that no robot has.
 
-    Raises:
-        RobotError: non-finite placements, inertias or gravity, or a negative mass; the joint is named.
+    Raises: RobotError: non-finite placements, inertias or gravity, or a negative mass; the joint is
+        named.
     """
-    for name, placement, body in zip(model.names, model.jointPlacements, model.inertias, strict=True):
-        if not np.isfinite(placement.homogeneous).all() or not np.isfinite(body.toDynamicParameters()).all():
-            raise RobotError(f"the placement of joint '{name}' or the inertia it moves is not finite.", where=model.name)
+    for name, placement, body in zip(
+        model.names, model.jointPlacements, model.inertias, strict=True
+    ):
+        if (
+            not np.isfinite(placement.homogeneous).all()
+            or not np.isfinite(body.toDynamicParameters()).all()
+        ):
+            raise RobotError(
+                f"the placement of joint '{name}' or the inertia it moves is not finite.",
+                where=model.name,
+            )
         if body.mass < 0.0:
-            raise RobotError(f"the body moved by joint '{name}' has a negative mass, {body.mass} kg.", where=model.name)
+            raise RobotError(
+                f"the body moved by joint '{name}' has a negative mass, {body.mass} kg.",
+                where=model.name,
+            )
     if not np.isfinite(model.gravity.linear).all():
         raise RobotError(f"gravity is not finite: {model.gravity.linear}.", where=model.name)
 
@@ -97,7 +111,11 @@ def check_mass_matrix(model: pin.Model, configurations: Sequence[np.ndarray]) ->
         M = pin.crba(model, data, q)
         scale = np.sqrt(np.maximum(np.diag(M), np.finfo(float).tiny))
         if np.linalg.eigvalsh(M / np.outer(scale, scale))[0] < 1e-10:
-            massless = [str(model.names[i]) for i in range(1, model.njoints) if model.inertias[i].mass <= 0.0]
+            massless = [
+                str(model.names[i])
+                for i in range(1, model.njoints)
+                if model.inertias[i].mass <= 0.0
+            ]
             blame = f"; bodies without mass after joints {massless}" if massless else ""
             raise RobotError(
                 f"the mass matrix is singular or indefinite{blame}.",
@@ -123,7 +141,9 @@ def reduce_to_chain(
     lock = [joint for joint in range(1, model.njoints) if joint not in set(keep)]
     model = model.copy()
     _rename_links(model, mark=True)
-    reduced, geometries = pin.buildReducedModel(model, [] if visual is None else [visual], lock, q_reference)
+    reduced, geometries = pin.buildReducedModel(
+        model, [] if visual is None else [visual], lock, q_reference
+    )
     _rename_links(reduced, mark=False)
     return reduced, geometries[0] if len(geometries) else None
 

@@ -57,7 +57,9 @@ def joint_id(model: pin.Model, name: str, where: str, words: Sequence[str] = ())
     if name not in names:
         also = f", or one of the words {list(words)}" if words else ""
         guess = did_you_mean(name, [*words, *names])
-        raise RobotError(f"no joint of the chain is called '{name}'; it has {names}{also}.{guess}", where=where)
+        raise RobotError(
+            f"no joint of the chain is called '{name}'; it has {names}{also}.{guess}", where=where
+        )
     return names.index(name) + 1
 
 
@@ -67,16 +69,22 @@ def scale_inertias(model: pin.Model, scale: float | Mapping[str, float]) -> None
     Raises:
         RobotError: unknown joint or a factor that is not positive.
     """
-    factors = scale if isinstance(scale, Mapping) else {str(name): scale for name in model.names[1:]}
+    factors = (
+        scale if isinstance(scale, Mapping) else {str(name): scale for name in model.names[1:]}
+    )
     for name, factor in factors.items():
         joint = joint_id(model, name, "inertial_scale")
         if not (np.isfinite(factor) and factor > 0.0):
-            raise RobotError(f"must be positive, got {factor} for '{name}'.", where="inertial_scale")
+            raise RobotError(
+                f"must be positive, got {factor} for '{name}'.", where="inertial_scale"
+            )
         body = model.inertias[joint]
         if factor == 1.0:
             continue
         if body.mass:  # the ten parameters take any body, physical or not, but one without mass
-            model.inertias[joint] = pin.Inertia.FromDynamicParameters(float(factor) * body.toDynamicParameters())
+            model.inertias[joint] = pin.Inertia.FromDynamicParameters(
+                float(factor) * body.toDynamicParameters()
+            )
         else:
             model.inertias[joint] = pin.Inertia(0.0, body.lever, float(factor) * body.inertia)
 
@@ -102,4 +110,6 @@ def shift_joints(model: pin.Model, translations: Mapping[str, ArrayLike]) -> Non
     """
     for name, translation in translations.items():
         placement = model.jointPlacements[joint_id(model, name, "link_translation")]
-        placement.translation = placement.translation + vector(translation, 3, f"link_translation.{name}", error=RobotError)
+        placement.translation = placement.translation + vector(
+            translation, 3, f"link_translation.{name}", error=RobotError
+        )

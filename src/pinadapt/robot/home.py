@@ -8,7 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from ..exceptions import RobotError
-from .chain import angles_from_configuration, configuration_from_angles, is_slide
+from .chain import angles_from_configuration, configuration_from_angles
+from .position_limits import position_bounds, position_limits
 
 _NEARLY = 0.6  # of the best smallest singular value
 _DEGENERATE = 1e-6  # smallest over largest singular value of the task Jacobian
@@ -16,40 +17,24 @@ _OFF_LIMITS, _FAR_OFF = 0.05, 0.2  # parts of a joint's range
 _SAMPLES, _REFINEMENTS = 500, (0.2, 0.1, 0.05)
 
 
-def position_limits(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
-    """Return lower and upper joint limits (nv) [rad or m], infinite where there are none.
-
-    URDFs say "no limit" with 0, 1.8e308 or infinity: any empty or wider-than-two-turns range counts as absent.
-    """
-    lower, upper = np.full(model.nv, -np.inf), np.full(model.nv, np.inf)
-    for joint in model.joints[1:]:
-        if joint.nq == 1:
-            low, high = float(model.lowerPositionLimit[joint.idx_q]), float(model.upperPositionLimit[joint.idx_q])
-            if low < high and high - low <= 4 * np.pi:
-                lower[joint.idx_v], upper[joint.idx_v] = low, high
-    return lower, upper
-
-
-def position_bounds(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
-    """Return lower and upper joint bounds (nv) [rad or m]; an absent limit becomes half a turn or one metre."""
-    lower, upper = position_limits(model)
-    half = np.array([1.0 if is_slide(joint) else np.pi for joint in model.joints[1:]])
-    return np.where(np.isfinite(lower), lower, -half), np.where(np.isfinite(upper), upper, half)
-
-
-def conditioning(model: pin.Model, data: pin.Data, frame: int, rows: slice, q: np.ndarray) -> tuple[float, float]:
+def conditioning(
+    model: pin.Model, data: pin.Data, frame: int, rows: slice, q: np.ndarray
+) -> tuple[float, float]:
     """Return smallest singular value of the task Jacobian, and its ratio to the largest, at q (nq)."""
     J = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL_WORLD_ALIGNED)[rows]
     singular = np.linalg.svd(J, compute_uv=False)
     return float(singular[-1]), float(singular[-1] / max(singular[0], np.finfo(float).tiny))
 
 
-def find_home(model: pin.Model, frame: int, rows: slice, candidates: Iterable[np.ndarray]) -> np.ndarray:
+def find_home(
+    model: pin.Model, frame: int, rows: slice, candidates: Iterable[np.ndarray]
+) -> np.ndarray:
     """Return the first candidate (nq) off the limits and nearly as well conditioned as can be, else the best pose found.
 
-    The best pose found among seeded samples inside the limits, and samples around the best of them, has the largest
-    smallest singular value of the task Jacobian times how far it is from the limits, up to a fifth of each joint's range.
-    A candidate needs three fifths of its singular value and a twentieth of each range.
+    The best pose found among seeded samples inside the limits, and samples around the best of them,
+    has the largest smallest singular value of the task Jacobian times how far it is from the
+    limits, up to a fifth of each joint's range. A candidate needs three fifths of its singular
+    value and a twentieth of each range.
 
     Raises:
         RobotError: the task Jacobian is degenerate in all of them.
@@ -59,7 +44,9 @@ def find_home(model: pin.Model, frame: int, rows: slice, candidates: Iterable[np
     def quality(angles: np.ndarray) -> float:
         """Return the smallest singular value of the task Jacobian at the angles (nv), less near a limit."""
         q = configuration_from_angles(model, angles)
-        return conditioning(model, data, frame, rows, q)[0] * min(1.0, _margin(limits, angles) / _FAR_OFF)
+        return conditioning(model, data, frame, rows, q)[0] * min(
+            1.0, _margin(limits, angles) / _FAR_OFF
+        )
 
     home = configuration_from_angles(model, _best_inside(model, quality))
     singular, ratio = conditioning(model, data, frame, rows, home)

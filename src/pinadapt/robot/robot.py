@@ -14,6 +14,8 @@ from pinocchio.robot_wrapper import RobotWrapper
 
 from .._checks import vector
 from ..exceptions import RobotError
+from ..tasks.registry import task_named
+from ..tasks.task import Task
 from . import changes
 from .catalogue import catalogue_entry
 from .chain import (
@@ -29,8 +31,6 @@ from .chain import (
 )
 from .friction import Friction
 from .home import find_home
-from .task import Task
-from .tasks import task_named
 from .urdf import is_path, mimic_joints, read_urdf
 
 
@@ -78,7 +78,7 @@ class Robot:
 
         Positions (m) [m]; for a pose position and quaternion xyzw (7).
         """
-        return self.task.of(self.placement(q))
+        return self.task.at(self.model, self.model.createData(), self.frame_id, q)
 
     def placement(self, q: np.ndarray) -> pin.SE3:
         """Return the placement of the task frame of this description at configuration q (nq), in world axes."""
@@ -108,13 +108,12 @@ class Robot:
     ) -> Robot:
         """Return another robot that differs from this one as stated; nothing is shared between the two models.
 
-        Args:
-            inertial_scale: factor on mass and inertia of all bodies, or joint name -> factor.
-            payload: load fixed to the last body; placed from this robot's frame, before the tool moves it.
-            tool_translation: (3) [m] added to the frame's origin, in the frame's axes.
+        Args: inertial_scale: factor on mass and inertia of all bodies, or joint name -> factor.
+            payload: load fixed to the last body; placed from this robot's frame, before the tool
+            moves it. tool_translation: (3) [m] added to the frame's origin, in the frame's axes.
             link_translation: joint name -> (3) [m] added to that joint's placement, parent axes.
-            armature: rotor inertia as the joint feels it, number or (nv) [kg m^2 or kg]; default: as it is.
-            viscous: friction, number or (nv) [N m s/rad or N s/m]; default: as it is.
+            armature: rotor inertia as the joint feels it, number or (nv) [kg m^2 or kg]; default:
+            as it is. viscous: friction, number or (nv) [N m s/rad or N s/m]; default: as it is.
             coulomb: friction, number or (nv) [N m or N]; default: as it is.
 
         Raises:
@@ -174,19 +173,17 @@ def load(
 ) -> Robot:
     """Load any robot and keep the chain from its base to one frame.
 
-    Args:
-        source: catalogue name, URDF path, ``pin.Model`` or ``RobotWrapper``; never written to.
-        frame: task frame, by default the catalogue's, else the model's last frame.
-        task: "xy", "xz", "yz", "xyz" or "pose", by default the catalogue's, else "xyz".
-        locked: joints of the chain to lock as well; joints off the chain always are.
-        q0: home pose, one number a remaining joint (nv) [rad or m]; by default the catalogue's, the
-            description's own where it is well conditioned, else a well-conditioned one inside the limits.
-        gravity: (3) [m/s^2] in world axes, by default the model's.
-        weld_root: fix a floating base where the reference configuration has it; always done for robots of the catalogue.
+    Args: source: catalogue name, URDF path, ``pin.Model`` or ``RobotWrapper``; never written to.
+        frame: task frame, by default the catalogue's, else the model's last frame. task: "xy",
+        "xz", "yz", "xyz" or "pose", by default the catalogue's, else "xyz". locked: joints of the
+        chain to lock as well; joints off the chain always are. q0: home pose, one number a
+        remaining joint (nv) [rad or m]; by default the catalogue's, the description's own where it
+        is well conditioned, else a well-conditioned one inside the limits. gravity: (3) [m/s^2] in
+        world axes, by default the model's. weld_root: fix a floating base where the reference
+        configuration has it; always done for robots of the catalogue.
 
-    Raises:
-        RobotError: missing file, bad XML, unknown frame or joint, floating base, mimic or unsupported
-            joints, a singular mass matrix, too few joints for the task, wrong sizes or NaN.
+    Raises: RobotError: missing file, bad XML, unknown frame or joint, floating base, mimic or
+        unsupported joints, a singular mass matrix, too few joints for the task, wrong sizes or NaN.
     """
     found = _describe(source)
     chosen = task_named(task or found.task or "xyz")
@@ -205,9 +202,15 @@ def load(
         )
     poses = _reference_poses(found, model, keep)
     robot = Robot(found.name, model, name, chosen, poses[0], Friction.none(model.nv), visual)
-    robot = replace(robot, q0=find_home(model, robot.frame_id, chosen.rows, poses)) if q0 is None else robot.at(q0)
+    robot = (
+        replace(robot, q0=find_home(model, robot.frame_id, chosen.rows, poses))
+        if q0 is None
+        else robot.at(q0)
+    )
     samples = np.random.default_rng(0).uniform(-1.0, 1.0, (3, model.nv))
-    check_mass_matrix(model, [robot.q0, *(configuration_from_angles(model, sample) for sample in samples)])
+    check_mass_matrix(
+        model, [robot.q0, *(configuration_from_angles(model, sample) for sample in samples)]
+    )
     return robot
 
 
@@ -229,13 +232,31 @@ def _describe(source: Source) -> _Description:
     limb = entry.limb(model)
     for joint, angle in zip(limb, entry.q0 or (), strict=entry.q0 is not None):
         part = model.joints[joint]
-        q_reference[part.idx_q : part.idx_q + part.nq] = angle if part.nq == 1 else [np.cos(angle), np.sin(angle)]
-    chain = [j for j in chain_joints(model, frame_id(model, entry.frame)) if not is_free_flyer(model.joints[j])]
+        q_reference[part.idx_q : part.idx_q + part.nq] = (
+            angle if part.nq == 1 else [np.cos(angle), np.sin(angle)]
+        )
+    chain = [
+        j
+        for j in chain_joints(model, frame_id(model, entry.frame))
+        if not is_free_flyer(model.joints[j])
+    ]
     before = tuple(str(model.names[j]) for j in chain if j not in limb)
-    return _Description(entry.name, model, visual, q_reference, mimics, entry.frame, entry.task, before, weld_root=True)
+    return _Description(
+        entry.name,
+        model,
+        visual,
+        q_reference,
+        mimics,
+        entry.frame,
+        entry.task,
+        before,
+        weld_root=True,
+    )
 
 
-def _kept_joints(found: _Description, frame: str, locked: Sequence[str], weld_root: bool) -> list[int]:
+def _kept_joints(
+    found: _Description, frame: str, locked: Sequence[str], weld_root: bool
+) -> list[int]:
     """Return the joints from base to frame that are not locked, after refusing the unsupported ones."""
     chain = chain_joints(found.model, frame_id(found.model, frame))
     if weld_root:
@@ -252,11 +273,15 @@ def _kept_joints(found: _Description, frame: str, locked: Sequence[str], weld_ro
             hint="Lock them, or choose a frame before them.",
         )
     if not keep:
-        raise RobotError(f"no moving joint lies between the base and frame '{frame}'.", where=found.name)
+        raise RobotError(
+            f"no moving joint lies between the base and frame '{frame}'.", where=found.name
+        )
     return keep
 
 
 def _reference_poses(found: _Description, model: pin.Model, keep: Sequence[int]) -> list[Any]:
     """Return the description's own poses of the chain (nq): its reference configuration and the neutral one."""
-    parts = [found.q_reference[j.idx_q : j.idx_q + j.nq] for j in (found.model.joints[k] for k in keep)]
+    parts = [
+        found.q_reference[j.idx_q : j.idx_q + j.nq] for j in (found.model.joints[k] for k in keep)
+    ]
     return [np.concatenate(parts), pin.neutral(model)]

@@ -39,8 +39,12 @@ def read_urdf(path: Path, *, meshes: bool = True) -> tuple[pin.Model, pin.Geomet
         return model, None
     try:
         folders = [str(folder) for folder in path.resolve().parents]
-        visual = pin.buildGeomFromUrdf(model, str(path), pin.GeometryType.VISUAL, package_dirs=folders)
-    except Exception as error:  # a mesh that cannot be found must not keep a robot from being controlled
+        visual = pin.buildGeomFromUrdf(
+            model, str(path), pin.GeometryType.VISUAL, package_dirs=folders
+        )
+    except (
+        Exception
+    ) as error:  # a mesh that cannot be found must not keep a robot from being controlled
         visual = None
         warnings.warn(
             f"{path}: {str(error).strip().rstrip('.')}. The robot is drawn as a stick figure. Meshes are looked for in the "
@@ -53,13 +57,21 @@ def read_urdf(path: Path, *, meshes: bool = True) -> tuple[pin.Model, pin.Geomet
 def mimic_joints(path: Path) -> frozenset[str]:
     """Return the names of the joints that mimic another; Pinocchio's parser makes them independent by default."""
     robot = ElementTree.parse(path).getroot()
-    return frozenset(joint.get("name", "") for joint in robot.iter("joint") if joint.find("mimic") is not None)
+    return frozenset(
+        joint.get("name", "") for joint in robot.iter("joint") if joint.find("mimic") is not None
+    )
 
 
 def _check_xml(path: Path) -> None:
     if not path.is_file():
-        near = sorted(str(other) for other in path.parent.glob("*.urdf")) if path.parent.is_dir() else []
-        raise RobotError("no such file.", where=str(path), hint=f"URDF files there: {near}." if near else None)
+        near = (
+            sorted(str(other) for other in path.parent.glob("*.urdf"))
+            if path.parent.is_dir()
+            else []
+        )
+        raise RobotError(
+            "no such file.", where=str(path), hint=f"URDF files there: {near}." if near else None
+        )
     try:
         root = ElementTree.parse(path).getroot()
     except ElementTree.ParseError as error:

@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from ..exceptions import RobotError
 from .chain import is_slide
-from .home import position_bounds, position_limits
+from .position_limits import position_bounds, position_limits
 from .robot import Robot
 
 _RATIO, _SIZES = 0.8, 18  # the radii tried: geometric, down to two per cent of the largest
@@ -31,12 +31,9 @@ _TRACKED = 0.05  # of the radius, and of a radian: the errors left to the invers
 class WorkspaceCircle:
     """A circle through the home position, as ``reachable_circle`` finds it.
 
-    Attributes:
-        plane: the two world axes that span it.
-        phase: angle at which home lies on it, from the first of them [rad].
-        radius: [m].
-        period: of a turn [s].
-        least_singular: smallest singular value of the task Jacobian on the way, in parts of the one at home.
+    Attributes: plane: the two world axes that span it. phase: angle at which home lies on it, from
+        the first of them [rad]. radius: [m]. period: of a turn [s]. least_singular: smallest
+        singular value of the task Jacobian on the way, in parts of the one at home.
     """
 
     plane: str
@@ -62,20 +59,23 @@ def rounded_down(number: float) -> float:
     return float(f"{floor(number / unit + 1e-9) * unit:.2g}")
 
 
-def reachable_circle(robot: Robot, *, largest: float = 0.1, tool_error: float = 0.05) -> WorkspaceCircle:
+def reachable_circle(
+    robot: Robot, *, largest: float = 0.1, tool_error: float = 0.05
+) -> WorkspaceCircle:
     """Return the largest circle through home that the robot can follow with room to spare.
 
-    Radii are tried from the largest downwards, each four fifths of the last; planes and sides of home in the order of the
-    conditioning they keep. A circle will do if inverse kinematics from home, whose null space returns home as under the
-    laws, keeps a twentieth of each joint's range between it and its limits (less where home itself is nearer) and half of
-    the smallest singular value that the task Jacobian has at home. This is asked with the tool as described and with one
+    Radii are tried from the largest downwards, each four fifths of the last; planes and sides of
+    home in the order of the conditioning they keep. A circle will do if inverse kinematics from
+    home, whose null space returns home as under the laws, keeps a twentieth of each joint's range
+    between it and its limits (less where home itself is nearer) and half of the smallest singular
+    value that the task Jacobian has at home. This is asked with the tool as described and with one
     moved by the tool error to either side along each axis of the frame, of the Jacobians of both.
 
-    The period is 3 s, above a reach of L = 1 m 3 sqrt(L) s, and longer where joints would exceed 1.5 rad/s, slides 0.75 m/s,
-    or either four fifths of the speed that the description allows.
+    The period is 3 s, above a reach of L = 1 m 3 sqrt(L) s, and longer where joints would exceed
+    1.5 rad/s, slides 0.75 m/s, or either four fifths of the speed that the description allows.
 
-    A pose goes round with the orientation it has at home. Its singular values are in metres per radian: the rotation rows of
-    the Jacobian count times the reach.
+    A pose goes round with the orientation it has at home. Its singular values are in metres per
+    radian: the rotation rows of the Jacobian count times the reach.
 
     Args:
         robot: any robot, whatever its task; only read.
@@ -89,9 +89,13 @@ def reachable_circle(robot: Robot, *, largest: float = 0.1, tool_error: float = 
     planes = [robot.task.name] if robot.task.positions == 2 else ["xy", "yz", "xz"]
     followers = [_Follower(robot, shift) for shift in _shifts(tool_error * length)]
     for size in largest * length * _RATIO ** np.arange(_SIZES):
-        paths = [_Path(plane, phase, rounded_down(size)) for plane, phase in product(planes, _PHASES)]
+        paths = [
+            _Path(plane, phase, rounded_down(size)) for plane, phase in product(planes, _PHASES)
+        ]
         first = [(followers[0].follow(path), path) for path in paths]
-        for run, path in sorted(((r, p) for r, p in first if r), key=lambda found: -found[0].least_singular):
+        for run, path in sorted(
+            ((r, p) for r, p in first if r), key=lambda found: -found[0].least_singular
+        ):
             runs = [run, *_while_found(follower.follow(path) for follower in followers[1:])]
             if len(runs) == len(followers):
                 return _circle(robot, path, runs, length)
@@ -136,7 +140,9 @@ class _Follower:
         self._described = robot.frame_id
         frame = self._model.frames[self._described]
         moved = frame.placement * pin.SE3(np.eye(3), shift)
-        self._tool = self._model.addFrame(pin.Frame("moved tool", frame.parentJoint, 0, moved, pin.FrameType.OP_FRAME))
+        self._tool = self._model.addFrame(
+            pin.Frame("moved tool", frame.parentJoint, 0, moved, pin.FrameType.OP_FRAME)
+        )
         self._data = self._model.createData()
         self._low, self._high = _allowed(robot)
         pin.computeJointJacobians(self._model, self._data, self._q0)
@@ -152,12 +158,19 @@ class _Follower:
             pin.computeJointJacobians(model, data, q)
             J = self._jacobian(self._tool)
             least = min(least, self._singular(J), self._singular(self._jacobian(self._described)))
-            if least < _LEAST_SINGULAR * self._home or (q < self._low).any() or (q > self._high).any():
+            if (
+                least < _LEAST_SINGULAR * self._home
+                or (q < self._low).any()
+                or (q > self._high).any()
+            ):
                 return None
             x = task.of(pin.updateFramePlacement(model, data, self._tool))
             start = x if start is None else start
             off = task.error(task.moved(start, self._offset(path, k)), x)
-            if np.linalg.norm(task.position(off)) > _TRACKED * path.radius or np.linalg.norm(off[task.positions :]) > _TRACKED:
+            if (
+                np.linalg.norm(task.position(off)) > _TRACKED * path.radius
+                or np.linalg.norm(off[task.positions :]) > _TRACKED
+            ):
                 return None
             psi = home_share * pin.difference(model, q, self._q0)
             to_go = self._arms * task.error(task.moved(start, self._offset(path, k + 1)), x)
@@ -171,7 +184,9 @@ class _Follower:
         return np.array([offset.get(label, 0.0) for label in self._task.labels])
 
     def _jacobian(self, frame: int) -> np.ndarray:
-        J = pin.getFrameJacobian(self._model, self._data, frame, pin.LOCAL_WORLD_ALIGNED)[self._task.rows]
+        J = pin.getFrameJacobian(self._model, self._data, frame, pin.LOCAL_WORLD_ALIGNED)[
+            self._task.rows
+        ]
         return np.asarray(self._arms[:, None] * J)
 
     @staticmethod
@@ -208,7 +223,9 @@ def _allowed(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
 def _circle(robot: Robot, path: _Path, runs: list[_Run], length: float) -> WorkspaceCircle:
     """Return the circle of a path that all runs could follow, at a speed that suits them all."""
     speeds = np.max([run.speeds for run in runs], axis=0)
-    allowed = np.array([_SLIDE_SPEED if is_slide(joint) else _JOINT_SPEED for joint in robot.model.joints[1:]])
+    allowed = np.array(
+        [_SLIDE_SPEED if is_slide(joint) else _JOINT_SPEED for joint in robot.model.joints[1:]]
+    )
     own = _SPEED_SHARE * robot.model.velocityLimit
     allowed = np.where((own > 0.0) & (own < allowed), own, allowed)
     period = max(_PERIOD * sqrt(max(length, 1.0)), float(np.max(2 * pi * speeds / allowed)))

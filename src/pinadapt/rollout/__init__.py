@@ -1,3 +1,3 @@
-"""What a run leaves behind: arrays, a table, plots."""
+"""What a run leaves behind: arrays and a table."""
 
 from .rollout import Rollout as Rollout

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from .._version import __version__
-from ..robot import task_named
+from ..tasks.registry import task_named
 from .table import number, two_columns
 
 
@@ -19,26 +19,21 @@ from .table import number, two_columns
 class Rollout:
     """A closed loop over N samples; ``print`` shows a table. All in SI units, positions in world axes.
 
-    Attributes:
-        title, robot, law, adaptation, task: what ran.
-        kinematic_names, dynamic_names: one name a parameter.
-        kinematic_base: how many combinations of the kinematic parameters motion can identify.
-        t: (N) time [s].
-        q, v, tau: (N, nq), (N, nv), (N, nv) true configuration and velocity, torque given by the motors.
-        x, x_d, error: (N, m) true and desired task position, and their difference [m]; for a pose (N, 7), (N, 7) and (N, 6),
-            position [m] before quaternion xyzw or rotation vector [rad].
-        a_k, a_d: (N, p_k), (N, p_d) estimates.
-        a_k_true, a_d_true: the true parameters, or None where no value of the parameters is the truth.
-        lyapunov: (N) V(t), or None where undefined.
-        min_eig_M_hat: (N) smallest eigenvalue of the estimated mass matrix.
-        min_singular_J_hat: (N) smallest singular value of the estimated Jacobian.
-        damping: (N) mu^2 of its right inverse, zero where that is exact; see ``laws.right_inverse``.
-        damping_share: (N) mu^2 / (s_min^2 + mu^2), the largest share of a commanded task motion that the damping takes away.
-        saturated: (N) whether a torque was at its limit.
-        diverged: time [s] at which the loop left every bound, or None; the arrays end there.
-        reason: why it diverged, or None.
-        wall_time: seconds for the whole run.
-        step_time: mean seconds of one controller step; zero in continuous mode, which has no steps.
+    Attributes: title, robot, law, adaptation, task: what ran. kinematic_names, dynamic_names: one
+        name a parameter. kinematic_base: how many combinations of the kinematic parameters motion
+        can identify. t: (N) time [s]. q, v, tau: (N, nq), (N, nv), (N, nv) true configuration and
+        velocity, torque given by the motors. x, x_d, error: (N, m) true and desired task position,
+        and their difference [m]; for a pose (N, 7), (N, 7) and (N, 6), position [m] before
+        quaternion xyzw or rotation vector [rad]. a_k, a_d: (N, p_k), (N, p_d) estimates. a_k_true,
+        a_d_true: the true parameters, or None where no value of the parameters is the truth.
+        lyapunov: (N) V(t), or None where undefined. min_eig_M_hat: (N) smallest eigenvalue of the
+        estimated mass matrix. min_singular_J_hat: (N) smallest singular value of the estimated
+        Jacobian. damping: (N) mu^2 of its right inverse, zero where that is exact; see
+        ``laws.right_inverse``. damping_share: (N) mu^2 / (s_min^2 + mu^2), the largest share of a
+        commanded task motion that the damping takes away. saturated: (N) whether a torque was at
+        its limit. diverged: time [s] at which the loop left every bound, or None; the arrays end
+        there. reason: why it diverged, or None. wall_time: seconds for the whole run. step_time:
+        mean seconds of one controller step; zero in continuous mode, which has no steps.
     """
 
     title: str
@@ -137,7 +132,10 @@ class Rollout:
         rows = [
             ("robot", f"{self.robot}, {numbers['nv']} joints"),
             ("law", self.law),
-            ("adaptation", f"{self.adaptation}: {len(self.kinematic_names)} kinematic, {len(self.dynamic_names)} dynamic"),
+            (
+                "adaptation",
+                f"{self.adaptation}: {len(self.kinematic_names)} kinematic, {len(self.dynamic_names)} dynamic",
+            ),
             ("error, first 10 % (max)", number(numbers["max_error_first"], "mm", scale=1e3)),
             ("error, last 10 % (max)", number(numbers["max_error_last"], "mm", scale=1e3)),
             ("error, last 10 % (rms)", number(numbers["rms_error_last"], "mm", scale=1e3)),
@@ -153,7 +151,12 @@ class Rollout:
         ]
         if numbers["max_damping"]:
             share, lost = np.mean(self.damping > 0.0), numbers["max_damping_share"]
-            rows.append(("damped near a singularity", f"{share:.1%} of the time, up to {lost:.0%} of the task motion lost"))
+            rows.append(
+                (
+                    "damped near a singularity",
+                    f"{share:.1%} of the time, up to {lost:.0%} of the task motion lost",
+                )
+            )
         if numbers["saturated"]:
             rows.append(("torque at its limit", f"{numbers['saturated']:.1%} of the time"))
         if self.step_time:
@@ -163,8 +166,15 @@ class Rollout:
         return two_columns(self.title, rows)
 
     def _angle_rows(self, numbers: dict[str, Any]) -> list[tuple[str, str]]:
-        rows = {"max_angle_first": "angle, first 10 % (max)", "max_angle_last": "angle, last 10 % (max)"}
-        return [(words, number(numbers[key], "deg", scale=180.0 / np.pi)) for key, words in rows.items() if key in numbers]
+        rows = {
+            "max_angle_first": "angle, first 10 % (max)",
+            "max_angle_last": "angle, last 10 % (max)",
+        }
+        return [
+            (words, number(numbers[key], "deg", scale=180.0 / np.pi))
+            for key, words in rows.items()
+            if key in numbers
+        ]
 
     def _lyapunov_words(self) -> str:
         if self.lyapunov is None or not len(self.lyapunov):
@@ -175,15 +185,32 @@ class Rollout:
         """Write ``summary.json`` and ``rollout.npz`` into a folder, which is made if it is missing."""
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "summary.json").write_text(json.dumps(self.summary(), indent=2) + "\n", encoding="utf-8")
-        names = ["t", "q", "v", "tau", "x", "x_d", "error", "a_k", "a_d", "a_k_true", "a_d_true", "lyapunov"]
+        (folder / "summary.json").write_text(
+            json.dumps(self.summary(), indent=2) + "\n", encoding="utf-8"
+        )
+        names = [
+            "t",
+            "q",
+            "v",
+            "tau",
+            "x",
+            "x_d",
+            "error",
+            "a_k",
+            "a_d",
+            "a_k_true",
+            "a_d_true",
+            "lyapunov",
+        ]
         names += ["min_eig_M_hat", "min_singular_J_hat", "damping", "damping_share", "saturated"]
         arrays = {name: getattr(self, name) for name in names}
-        np.savez_compressed(folder / "rollout.npz", **{name: a for name, a in arrays.items() if a is not None})
+        np.savez_compressed(
+            folder / "rollout.npz", **{name: a for name, a in arrays.items() if a is not None}
+        )
 
     def plot(self, folder: Path | str) -> list[Path]:
         """Draw ``error.png``, ``parameters.png`` and ``torque.png`` into a folder and return their paths."""
-        from .plots import draw_all  # matplotlib is slow to import
+        from ..plots.figures import draw_all
 
         return draw_all(self, Path(folder))
 

@@ -8,7 +8,9 @@ from collections.abc import Sequence
 def two_columns(title: str, rows: Sequence[tuple[str, str]]) -> str:
     """Return a title with one line a row, the second column aligned."""
     width = max(len(name) for name, _ in rows)
-    return "\n".join([title, "-" * len(title), *(f"{name:<{width}}  {value}" for name, value in rows)])
+    return "\n".join(
+        [title, "-" * len(title), *(f"{name:<{width}}  {value}" for name, value in rows)]
+    )
 
 
 def columns(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -18,7 +20,8 @@ def columns(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     ends = (0, len(header) - 1)
     lines = [
         "  ".join(
-            cell.ljust(w) if i in ends else cell.rjust(w) for i, (cell, w) in enumerate(zip(row, widths, strict=True))
+            cell.ljust(w) if i in ends else cell.rjust(w)
+            for i, (cell, w) in enumerate(zip(row, widths, strict=True))
         ).rstrip()
         for row in table
     ]

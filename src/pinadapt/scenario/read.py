@@ -28,8 +28,8 @@ def read_tables(path: Path, settings: Sequence[str] = ()) -> ScenarioTables:
 def check_tables(raw: Mapping[str, Any], where: str) -> ScenarioTables:
     """Return checked tables from raw ones.
 
-    Raises:
-        ScenarioError: a key or value that is not allowed; the message names it, says what is, and suggests the nearest.
+    Raises: ScenarioError: a key or value that is not allowed; the message names it, says what is,
+        and suggests the nearest.
     """
     raw = dict(raw)
     if isinstance(raw.get("reference"), dict):
@@ -45,7 +45,9 @@ def _apply(raw: dict[str, Any], setting: str) -> None:
     key, equals, text = setting.partition("=")
     parts = key.strip().split(".")
     if not equals or not all(parts):
-        raise ScenarioError(f"expected key=value with a dotted key, got '{setting}'.", where="--set")
+        raise ScenarioError(
+            f"expected key=value with a dotted key, got '{setting}'.", where="--set"
+        )
     table = raw
     for part in parts[:-1]:
         table = table.setdefault(part, {})
@@ -62,12 +64,18 @@ def _explain(error: ValidationError, raw: dict[str, Any]) -> str:
         location += ("kind",) if problem["type"] == "union_tag_invalid" else ()
         key = _dotted(location)
         sentences.setdefault(key, []).append(_sentence(problem, location, raw))
-    return "; ".join(f"{key}: {' or '.join(dict.fromkeys(parts))}" for key, parts in sentences.items())
+    return "; ".join(
+        f"{key}: {' or '.join(dict.fromkeys(parts))}" for key, parts in sentences.items()
+    )
 
 
 def _dotted(location: tuple[Any, ...]) -> str:
     """Return a path of keys without the names that a union of types adds to it."""
-    names = [str(part) for part in location if not (isinstance(part, str) and ("[" in part or part in _TYPES))]
+    names = [
+        str(part)
+        for part in location
+        if not (isinstance(part, str) and ("[" in part or part in _TYPES))
+    ]
     return ".".join(names) or "scenario"
 
 
@@ -82,7 +90,11 @@ def _sentence(problem: Any, location: tuple[Any, ...], raw: dict[str, Any]) -> s
         return "this key is required"
     message = problem["msg"][0].lower() + problem["msg"][1:]
     expected = problem.get("ctx", {}).get("expected") or problem.get("ctx", {}).get("expected_tags")
-    options = [word.strip(" '") for word in str(expected).replace(" or ", ",").split(",")] if expected else []
+    options = (
+        [word.strip(" '") for word in str(expected).replace(" or ", ",").split(",")]
+        if expected
+        else []
+    )
     given = problem.get("ctx", {}).get("tag", problem["input"])
     guess = did_you_mean(given, options) if isinstance(given, str) else ""
     return f"{message}, got {given!r}.{guess}"

@@ -5,10 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from ..exceptions import ScenarioError
-from ..robot import PoseTask, Robot, Task
-from ..signals import Circle, FixedOrientation, Hold, Lissajous, Orientation, PoseTrajectory, Swing, Trajectory, Waypoints
-from ..signals.orientation import UPRIGHT
-from .naming import named
+from ..robot.robot import Robot
+from ..tasks.pose import PoseTask
+from ..tasks.task import Task
+from ..trajectories.circle import Circle
+from ..trajectories.hold import Hold
+from ..trajectories.lissajous import Lissajous
+from ..trajectories.orientation import UPRIGHT, FixedOrientation, Orientation, Swing
+from ..trajectories.pose_trajectory import PoseTrajectory
+from ..trajectories.trajectory import Trajectory
+from ..trajectories.waypoints import Waypoints
+from .error_prefix import prefix_errors
 from .schema import (
     CircleSection,
     HoldSection,
@@ -22,8 +29,8 @@ from .schema import (
 def trajectory_of(reference: Reference, true: Robot) -> Trajectory:
     """Return the desired motion; what the table leaves open, centre or orientation, is that of the true robot at home.
 
-    Raises:
-        InputError: points or centres of the wrong size, a plane or an orientation that the task has not.
+    Raises: InputError: points or centres of the wrong size, a plane or an orientation that the task
+        has not.
     """
     start, task = true.position(true.q0), true.task
     place = task.position(start)
@@ -32,11 +39,15 @@ def trajectory_of(reference: Reference, true: Robot) -> Trajectory:
     if not isinstance(task, PoseTask):
         if reference.orientation is not None:
             raise ScenarioError(
-                f"the task '{task.name}' has no orientation.", where="reference.orientation", hint='Take robot.task = "pose".'
+                f"the task '{task.name}' has no orientation.",
+                where="reference.orientation",
+                hint='Take robot.task = "pose".',
             )
         return motion
-    with named("reference.orientation"):
-        return PoseTrajectory(motion, _orientation(reference.orientation or OrientationSection(), start[3:]))
+    with prefix_errors("reference.orientation"):
+        return PoseTrajectory(
+            motion, _orientation(reference.orientation or OrientationSection(), start[3:])
+        )
 
 
 def _position(reference: Reference, task: Task) -> tuple[Trajectory, bool]:
@@ -44,19 +55,29 @@ def _position(reference: Reference, task: Task) -> tuple[Trajectory, bool]:
     if isinstance(reference, WaypointsSection):
         points = [np.array(point) for point in reference.points]
         if any(point.size != task.positions for point in points):
-            raise ScenarioError(f"every point needs {task.positions} coordinates, as the task has.", where="reference.points")
+            raise ScenarioError(
+                f"every point needs {task.positions} coordinates, as the task has.",
+                where="reference.points",
+            )
         first = [np.zeros(task.positions)] if reference.relative else []
         return Waypoints([*first, *points], reference.segment), not reference.relative
     given = reference.center
     if given is not None and len(given) != task.positions:
-        raise ScenarioError(f"the task has {task.positions} coordinates, got {len(given)}.", where="reference.center")
+        raise ScenarioError(
+            f"the task has {task.positions} coordinates, got {len(given)}.",
+            where="reference.center",
+        )
     middle = np.zeros(task.positions) if given is None else np.array(given)
     if isinstance(reference, HoldSection):
         return Hold(middle), given is not None
     if isinstance(reference, LissajousSection):
-        motion = Lissajous(middle, reference.amplitude, reference.cycles, reference.period, reference.phase)
+        motion = Lissajous(
+            middle, reference.amplitude, reference.cycles, reference.period, reference.phase
+        )
         return motion, given is not None
-    circle = Circle(middle, reference.radius, reference.period, _plane(reference, task), reference.phase)
+    circle = Circle(
+        middle, reference.radius, reference.period, _plane(reference, task), reference.phase
+    )
     return circle, given is not None
 
 
@@ -65,7 +86,9 @@ def _plane(reference: CircleSection, task: Task) -> str:
     if task.positions == 2 and reference.plane in (None, task.name):
         return "xy"
     if task.positions == 2:
-        raise ScenarioError(f"must be '{task.name}', as the task, got '{reference.plane}'.", where="reference.plane")
+        raise ScenarioError(
+            f"must be '{task.name}', as the task, got '{reference.plane}'.", where="reference.plane"
+        )
     return reference.plane or "xy"
 
 

@@ -8,16 +8,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..adaptation import Cone
-from ..controller import Controller, make_controller
-from ..parameters.basis import read_matrix
-from ..robot import Payload, Robot, load
+from ..adaptation.matrix_inequality import MatrixInequality
+from ..controller.controller import Controller
+from ..models.basis import read_matrix
+from ..robot.changes import Payload
+from ..robot.robot import Robot, load
 from ..robot.urdf import is_path
-from ..rollout import Rollout
-from ..signals import Trajectory
-from ..simulation import simulate
-from ..simulation.simulate import Progress, prepare
-from .naming import named
+from ..rollout.rollout import Rollout
+from ..simulation.simulate import Progress, prepare, simulate
+from ..trajectories.trajectory import Trajectory
+from ..tuning.make_controller import make_controller
+from .error_prefix import prefix_errors
 from .read import read_tables
 from .reference import trajectory_of
 from .schema import BeliefSection, ScenarioTables, TruthSection
@@ -63,17 +64,20 @@ class Scenario:
         Raises:
             InputError: anything in the tables that cannot be used.
         """
-        with named("robot"):
+        with prefix_errors("robot"):
             described = _described(tables, folder)
-        with named("truth"):
+        with prefix_errors("truth"):
             truth = tables.truth
-            lengths = {"tool_translation": truth.tool_translation, "link_translation": truth.link_translation}
+            lengths = {
+                "tool_translation": truth.tool_translation,
+                "link_translation": truth.link_translation,
+            }
             true = _changed(described, truth, **lengths)
-        with named("belief"):
+        with prefix_errors("belief"):
             believed = _changed(described, tables.belief)
-        with named("controller"):
+        with prefix_errors("controller"):
             controller = _controller(tables, believed, folder)
-        with named("reference"):
+        with prefix_errors("reference"):
             trajectory = trajectory_of(tables.reference, true)
         scenario = cls(tables, true, believed, controller, trajectory)
         scenario.check()
@@ -82,18 +86,18 @@ class Scenario:
     def check(self) -> None:
         """Refuse what only shows when true robot, controller and motion meet.
 
-        Raises:
-            InputError: initial estimates or a motion of the wrong size, or estimates outside the cone.
+        Raises: InputError: initial estimates or a motion of the wrong size, or estimates outside
+            the cone.
         """
         belief = self.tables.belief
-        with named("belief"), warnings.catch_warnings():
+        with prefix_errors("belief"), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # they are shown when the run starts
             prepare(self.true, self.controller, self.trajectory, belief.kinematic, belief.dynamic)
 
     def run(self, progress: Progress | None = None) -> Rollout:
         """Run the closed loop; ``progress`` wraps the range of samples."""
         simulation, belief = self.tables.simulation, self.tables.belief
-        with named("simulation"):
+        with prefix_errors("simulation"):
             return simulate(
                 self.true,
                 self.controller,
@@ -105,7 +109,9 @@ class Scenario:
                 acceleration=self.tables.controller.acceleration,
                 a_k=belief.kinematic,
                 a_d=belief.dynamic,
-                noise=simulation.noise.model_dump() if any(simulation.noise.model_dump().values()) else None,
+                noise=simulation.noise.model_dump()
+                if any(simulation.noise.model_dump().values())
+                else None,
                 delay=simulation.delay,
                 torque_limits=simulation.torque_limits,
                 seed=simulation.seed,
@@ -141,10 +147,10 @@ def _changed(described: Robot, section: TruthSection | BeliefSection, **lengths:
 
 def _controller(tables: ScenarioTables, believed: Robot, folder: Path) -> Controller:
     unknown, controller = tables.unknown, tables.controller
-    with named("unknown.basis"):
+    with prefix_errors("unknown.basis"):
         basis = None if unknown.basis is None else read_matrix(folder / unknown.basis)
-    with named("unknown.lmi"):
-        lmi = None if unknown.lmi is None else Cone.from_file(folder / unknown.lmi)
+    with prefix_errors("unknown.lmi"):
+        lmi = None if unknown.lmi is None else MatrixInequality.from_file(folder / unknown.lmi)
     gains = controller.model_dump(exclude={"law", "adaptation", "acceleration"})
     return make_controller(
         believed,

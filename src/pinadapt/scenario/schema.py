@@ -154,7 +154,9 @@ class HoldSection(ReferenceSection):
     center: list[Number] | None = None
 
 
-Reference = Annotated[CircleSection | LissajousSection | WaypointsSection | HoldSection, Field(discriminator="kind")]
+Reference = Annotated[
+    CircleSection | LissajousSection | WaypointsSection | HoldSection, Field(discriminator="kind")
+]
 
 
 REFERENCES: dict[str, type[Section]] = {

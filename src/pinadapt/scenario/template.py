@@ -14,18 +14,20 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from ..adaptation import Natural
-from ..controller import Controller, make_controller
-from ..controller.light_joint import LightJoint, lightest_joint
-from ..controller.modes import gain_matrix
+from ..adaptation.natural import Natural
+from ..controller.controller import Controller
 from ..exceptions import RobotError
-from ..robot import Payload, Robot, WorkspaceCircle, load, reachable_circle
 from ..robot.catalogue import catalogue_entry
 from ..robot.chain import is_free_flyer
-from ..robot.ends import end_links
+from ..robot.changes import Payload
+from ..robot.end_links import end_links
 from ..robot.home import conditioning
+from ..robot.robot import Robot, load
 from ..robot.urdf import is_path, mimic_joints, read_urdf
-from ..robot.workspace import reach, rounded_down
+from ..robot.workspace import WorkspaceCircle, reach, reachable_circle, rounded_down
+from ..tuning.light_joint import LightJoint, lightest_joint
+from ..tuning.linearised_loop import gain_matrix
+from ..tuning.make_controller import make_controller
 from .schema import ControllerSection, SimulationSection
 
 _TOOL = 0.05  # unknown tool, in parts of the reach
@@ -60,23 +62,38 @@ class Template:
     def of(cls, source: str, *, frame: str | None = None, task: str | None = None) -> Template:
         """Choose what is not given: the likeliest frame, the largest task, a home pose and a circle.
 
-        Raises:
-            RobotError: as ``load`` and ``reachable_circle``, or a robot without a chain of two joints.
+        Raises: RobotError: as ``load`` and ``reachable_circle``, or a robot without a chain of two
+            joints.
         """
         model, mimics = _whole(source)
         ends = end_links(model, mimics)
         known = not is_path(source)
         if frame is None and not known:
             if not ends:
-                raise RobotError("no link is moved by two independent joints or more.", where=source)
+                raise RobotError(
+                    "no link is moved by two independent joints or more.", where=source
+                )
             frame = ends[0]
         welded = not known and any(is_free_flyer(joint) for joint in model.joints[1:])
         robot = (
-            load(source, frame=frame, task=task, weld_root=welded) if task or known else _largest_task(source, frame, welded)
+            load(source, frame=frame, task=task, weld_root=welded)
+            if task or known
+            else _largest_task(source, frame, welded)
         )
         robot = robot.at(np.round(robot.home_angles, 4))
-        others = [str(name) for name in model.names[1:] if str(name) not in robot.joint_names and name != "root_joint"]
-        return cls(source, robot, reachable_circle(robot), welded, [end for end in ends if end != robot.frame], others)
+        others = [
+            str(name)
+            for name in model.names[1:]
+            if str(name) not in robot.joint_names and name != "root_joint"
+        ]
+        return cls(
+            source,
+            robot,
+            reachable_circle(robot),
+            welded,
+            [end for end in ends if end != robot.frame],
+            others,
+        )
 
     @property
     def name(self) -> str:
@@ -85,12 +102,22 @@ class Template:
 
     def text(self, folder: Path) -> str:
         """Return the scenario file; a relative URDF path is written relative to the folder it will lie in."""
-        return "\n".join([*self._robot(folder), *self._truth(), *self._belief(), *self._controller(), *self._motion()])
+        return "\n".join(
+            [
+                *self._robot(folder),
+                *self._truth(),
+                *self._belief(),
+                *self._controller(),
+                *self._motion(),
+            ]
+        )
 
     def _robot(self, folder: Path) -> Iterable[str]:
         source, robot = self.source, self.robot
         if is_path(source) and not Path(source).is_absolute():
-            source = os.path.join(os.path.relpath(Path(source).resolve().parent, folder.resolve()), Path(source).name)
+            source = os.path.join(
+                os.path.relpath(Path(source).resolve().parent, folder.resolve()), Path(source).name
+            )
         yield f"title = {_string(self.name)}"
         yield "\n[robot]"
         yield f"source = {_string(source)}"
@@ -146,7 +173,9 @@ class Template:
         yield f"law = {_string(law)}"
         yield 'adaptation = "natural"'
         yield "# These gains are chosen for this robot, law and sampling period; take the # away to set your own."
-        yield from (f"# {f'{key} = {value}':<20} # {meaning}" for key, value, meaning in _gains(controller))
+        yield from (
+            f"# {f'{key} = {value}':<20} # {meaning}" for key, value, meaning in _gains(controller)
+        )
 
     def _motion(self) -> Iterable[str]:
         circle = self.circle
@@ -185,7 +214,11 @@ class Template:
             return None
         guess = _ball(_three(_BELIEVED * self._mass), light.arm, np.zeros(3))
         heavier = 1.0 + guess.mass * light.arm**2 / light.inertia
-        return None if heavier * self._main.law.gains.K_v[0, 0] * SimulationSection().dt > 2.0 else guess
+        return (
+            None
+            if heavier * self._main.law.gains.K_v[0, 0] * SimulationSection().dt > 2.0
+            else guess
+        )
 
 
 def _ball(mass: float, gyration: float, com: np.ndarray) -> Payload:
@@ -226,7 +259,9 @@ def _largest_task(source: str, frame: str | None, welded: bool) -> Robot:
 
 
 def _conditioning(robot: Robot) -> float:
-    return conditioning(robot.model, robot.model.createData(), robot.frame_id, robot.task.rows, robot.q0)[1]
+    return conditioning(
+        robot.model, robot.model.createData(), robot.frame_id, robot.task.rows, robot.q0
+    )[1]
 
 
 def _further_out(robot: Robot) -> np.ndarray:
@@ -255,7 +290,11 @@ def _gains(controller: Controller) -> Iterable[tuple[str, str, str]]:
     law, natural = controller.law, controller.adaptation_d
     assert isinstance(natural, Natural)  # the default
     rate_k = gain_matrix(controller.adaptation_k, controller.kinematics.initial)
-    kinds = ("N s/m, for rotations N m s/rad", "N/m, for rotations N m/rad") if law.energy_based else ("1/s", "1/s^2")
+    kinds = (
+        ("N s/m, for rotations N m s/rad", "N/m, for rotations N m/rad")
+        if law.energy_based
+        else ("1/s", "1/s^2")
+    )
     yield "Kv", _gain(law.gains.K_v), f"velocity gain [{kinds[0]}]"
     yield "Kp", _gain(law.gains.K_P), f"position gain [{kinds[1]}]"
     yield "alpha", _gain(law.gains.alpha), "e = velocity error + alpha position error [1/s]"
@@ -264,12 +303,18 @@ def _gains(controller: Controller) -> Iterable[tuple[str, str, str]]:
     yield "R_k", _gain(law.gains.R_k), "weight of the tool's prediction error"
     yield "lambda", _gain(controller.velocity_filter.bandwidth), "velocity filter [1/s]"
     if not law.energy_based:
-        yield "lambda_a", _gain(1.0 / controller.acceleration_filter.bandwidth), "acceleration filter [s]"
+        yield (
+            "lambda_a",
+            _gain(1.0 / controller.acceleration_filter.bandwidth),
+            "acceleration filter [s]",
+        )
 
 
 def _gain(gain: float | np.ndarray) -> str:
     """Return a gain as it would be written: a number, or the diagonal of a matrix whose entries differ."""
-    values = [_three(value) for value in (np.diag(gain) if isinstance(gain, np.ndarray) else [gain])]
+    values = [
+        _three(value) for value in (np.diag(gain) if isinstance(gain, np.ndarray) else [gain])
+    ]
     return str(values[0]) if len(set(values)) == 1 else str(values)
 
 
@@ -288,4 +333,6 @@ def _string(text: str) -> str:
 def _names(names: Sequence[str]) -> str:
     if not names:
         return "none"
-    return ", ".join(names[:_SHOWN]) + (f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else "")
+    return ", ".join(names[:_SHOWN]) + (
+        f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    )

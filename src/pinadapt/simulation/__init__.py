@@ -1,4 +1,3 @@
-"""The closed loop: a true plant, its sensors, sampled or continuous."""
+"""The closed loop: a plant, its sensors and a controller, sampled or continuous."""
 
-from .plant import Plant as Plant
 from .simulate import simulate as simulate

@@ -6,15 +6,17 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ..controller import Controller, ControllerState
+from ..controller.controller import Controller
+from ..controller.state import ControllerState
 from ..exceptions import DivergedError
-from ..signals import Desired, Measurement, Trajectory
-from .plant import LARGEST_SPEED, Plant
+from ..plants.pinocchio_plant import LARGEST_SPEED, PinocchioPlant
+from ..records import Desired, Measurement
+from ..trajectories.trajectory import Trajectory
 from .trace import Trace
 
 
 def run_continuous(
-    plant: Plant,
+    plant: PinocchioPlant,
     controller: Controller,
     trajectory: Trajectory,
     state: ControllerState,
@@ -75,7 +77,12 @@ class _Loop:
     """
 
     def __init__(
-        self, plant: Plant, controller: Controller, ideal_acceleration: bool, q: np.ndarray, state: ControllerState
+        self,
+        plant: PinocchioPlant,
+        controller: Controller,
+        ideal_acceleration: bool,
+        q: np.ndarray,
+        state: ControllerState,
     ) -> None:
         self._plant, self._controller, self._ideal = plant, controller, ideal_acceleration
         self._q, self.state = q, state
@@ -85,7 +92,8 @@ class _Loop:
     def rebased(self, y: np.ndarray) -> np.ndarray:
         """Move q by the displacement in y and return y without it; exact because one-joint groups commute.
 
-        The estimate becomes the one that the adaptation keeps there: a projection is a jump, not a slope.
+        The estimate becomes the one that the adaptation keeps there: a projection is a jump, not a
+        slope.
         """
         n = self._plant.nv
         self._q = self._plant.integrate(self._q, y[:n])
@@ -108,4 +116,6 @@ class _Loop:
         tau, gradients = controller.respond(signals, command, a_law)
         self.torque = plant.motors(tau)
         a = a_law if self._ideal else plant.acceleration(q, v, self.torque)
-        return np.concatenate([v, a, controller.rate(self.state, self.measurement, signals, gradients).flat()])
+        return np.concatenate(
+            [v, a, controller.rate(self.state, self.measurement, signals, gradients).flat()]
+        )

@@ -6,19 +6,34 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..controller import Controller, ControllerState
-from ..laws import Truth
-from ..rollout import Rollout
-from ..signals import Measurement
-from .plant import Plant
+from ..controller.controller import Controller
+from ..controller.state import ControllerState
+from ..laws.law import Truth
+from ..plants.pinocchio_plant import PinocchioPlant
+from ..records import Measurement
+from ..rollout.rollout import Rollout
 from .trace import Trace
 
 
-def evaluate(trace: Trace, plant: Plant, controller: Controller, *, title: str, adaptation: str, wall_time: float) -> Rollout:
+def evaluate(
+    trace: Trace,
+    plant: PinocchioPlant,
+    controller: Controller,
+    *,
+    title: str,
+    adaptation: str,
+    wall_time: float,
+) -> Rollout:
     """Turn a trace into a rollout."""
     nq, nv, task = plant.robot.model.nq, plant.nv, plant.robot.task
-    a_k_true, a_d_true = controller.kinematics.value(plant.robot), controller.dynamics.value(plant.robot)
-    x, x_d = (_rows(rows, task.coordinates) for rows in (trace.true_x, [desired.x_d for desired in trace.desired]))
+    a_k_true, a_d_true = (
+        controller.kinematics.value(plant.robot),
+        controller.dynamics.value(plant.robot),
+    )
+    x, x_d = (
+        _rows(rows, task.coordinates)
+        for rows in (trace.true_x, [desired.x_d for desired in trace.desired])
+    )
     eigenvalues, singulars, damping, V = _watch(trace, plant, controller, a_k_true, a_d_true)
     tau = _rows(trace.torques, nv)
     return Rollout(
@@ -65,7 +80,11 @@ def _saturated(tau: np.ndarray, *limits: np.ndarray | None) -> np.ndarray:
 
 
 def _watch(
-    trace: Trace, plant: Plant, controller: Controller, a_k_true: np.ndarray | None, a_d_true: np.ndarray | None
+    trace: Trace,
+    plant: PinocchioPlant,
+    controller: Controller,
+    a_k_true: np.ndarray | None,
+    a_d_true: np.ndarray | None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
     """Return the smallest eigenvalue of M_hat (N), the smallest singular value of J_hat (N), mu^2 (N), and V (N).
 
@@ -74,7 +93,9 @@ def _watch(
     if not trace.t:
         return np.zeros(0), np.zeros(0), np.zeros(0), None
     M_hats, J_hats, damping, V = [], [], [], []
-    for measurement, desired, state in zip(trace.measurements, trace.desired, trace.states, strict=True):
+    for measurement, desired, state in zip(
+        trace.measurements, trace.desired, trace.states, strict=True
+    ):
         signals = controller.observe(state, measurement, desired)
         M_hats.append(controller.dynamics.mass_matrix(measurement.q))
         J_hats.append(controller.kinematics.J)
@@ -85,10 +106,17 @@ def _watch(
         if part is None:
             a_k_true = None  # undefined once is undefined for good
             continue
-        V.append(part + controller.law.storage(signals, truth_at(plant, measurement, a_k_true, a_d_true)))
+        V.append(
+            part + controller.law.storage(signals, truth_at(plant, measurement, a_k_true, a_d_true))
+        )
     eigenvalues = _smallest(np.linalg.eigvalsh, np.array(M_hats))
     singulars = _smallest(lambda J: np.linalg.svd(J, compute_uv=False), np.array(J_hats))
-    return eigenvalues, singulars, np.array(damping), np.array(V) if len(V) == len(trace.t) else None
+    return (
+        eigenvalues,
+        singulars,
+        np.array(damping),
+        np.array(V) if len(V) == len(trace.t) else None,
+    )
 
 
 def _smallest(values: Callable[[np.ndarray], np.ndarray], matrices: np.ndarray) -> np.ndarray:
@@ -99,7 +127,9 @@ def _smallest(values: Callable[[np.ndarray], np.ndarray], matrices: np.ndarray) 
     return smallest
 
 
-def truth_at(plant: Plant, measurement: Measurement, a_k_true: np.ndarray, a_d_true: np.ndarray) -> Truth:
+def truth_at(
+    plant: PinocchioPlant, measurement: Measurement, a_k_true: np.ndarray, a_d_true: np.ndarray
+) -> Truth:
     """Return what a law's V needs to know of the true robot at one instant."""
     return Truth(a_k_true, a_d_true, plant.mass_matrix(measurement.q), plant.robot.friction)
 

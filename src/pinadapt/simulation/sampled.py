@@ -7,16 +7,18 @@ from time import perf_counter
 
 import numpy as np
 
-from ..controller import Controller, ControllerState
+from ..controller.controller import Controller
+from ..controller.state import ControllerState
 from ..exceptions import DivergedError
-from ..signals import Desired, Measurement, Trajectory
-from .plant import LARGEST_SPEED, Plant
-from .sensors import Sensors
+from ..plants.pinocchio_plant import LARGEST_SPEED, PinocchioPlant
+from ..plants.sensors import Sensors
+from ..records import Desired, Measurement
+from ..trajectories.trajectory import Trajectory
 from .trace import Trace
 
 
 def run_sampled(
-    plant: Plant,
+    plant: PinocchioPlant,
     controller: Controller,
     trajectory: Trajectory,
     state: ControllerState,
@@ -50,7 +52,9 @@ def run_sampled(
         desired = trajectory.at(t)
         try:
             if ideal_acceleration:
-                measurement = _with_ideal_acceleration(plant, controller, state, measurement, desired)
+                measurement = _with_ideal_acceleration(
+                    plant, controller, state, measurement, desired
+                )
             started = perf_counter()
             tau, after = controller.step(state, measurement, desired, dt)
             trace.step_time += perf_counter() - started
@@ -71,7 +75,11 @@ def run_sampled(
 
 
 def _with_ideal_acceleration(
-    plant: Plant, controller: Controller, state: ControllerState, measurement: Measurement, desired: Desired
+    plant: PinocchioPlant,
+    controller: Controller,
+    state: ControllerState,
+    measurement: Measurement,
+    desired: Desired,
 ) -> Measurement:
     """Return the measurement with the acceleration that the coming torque will cause."""
     _, command = controller.command(state, measurement, desired)

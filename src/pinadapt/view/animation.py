@@ -10,9 +10,9 @@ from meshcat.geometry import Sphere
 
 from .._checks import positive
 from ..exceptions import InputError
-from ..parameters import KinematicParameters
-from ..robot import Robot
-from ..rollout import Rollout
+from ..models.frame_kinematics import FrameKinematics
+from ..robot.robot import Robot
+from ..rollout.rollout import Rollout
 from .camera import Camera, camera_for
 from .figure import Figure
 from .keyframes import Keyframes
@@ -28,25 +28,23 @@ def write_animation(
     rollout: Rollout,
     true: Robot,
     believed: Robot,
-    kinematics: KinematicParameters,
+    kinematics: FrameKinematics,
     path: Path,
     *,
     frames_per_second: int = 30,
 ) -> Path:
     """Write a self-contained page that shows a rollout in real time, over and over.
 
-    The true robot moves along ``rollout.q`` in its own colours. The believed robot is a translucent ghost at the same
-    measured q, its unknown translations at the estimate of that moment; it is visible where it differs. Each has a rod from
-    its last joint to its tool. The desired path is green, the true tool and its path are red. All in world axes. Neither
-    robot is written to, no server is started and no browser opened.
+    The true robot moves along ``rollout.q`` in its own colours. The believed robot is a translucent
+    ghost at the same measured q, its unknown translations at the estimate of that moment; it is
+    visible where it differs. Each has a rod from its last joint to its tool. The desired path is
+    green, the true tool and its path are red. All in world axes. Neither robot is written to, no
+    server is started and no browser opened.
 
-    Args:
-        rollout: the run; with one sample or none the picture is still.
-        true: the robot that was driven.
-        believed: the robot that the controller was made for.
-        kinematics: the controller's unknown translations, which ``rollout.a_k`` (N, p_k) [m] estimates.
-        path: file to write; its folder is made if it is missing.
-        frames_per_second: of the animation, at most one a sample.
+    Args: rollout: the run; with one sample or none the picture is still. true: the robot that was
+        driven. believed: the robot that the controller was made for. kinematics: the controller's
+        unknown translations, which ``rollout.a_k`` (N, p_k) [m] estimates. path: file to write; its
+        folder is made if it is missing. frames_per_second: of the animation, at most one a sample.
 
     Returns:
         The path of the page.
@@ -95,14 +93,14 @@ class _Scene:
         worn = true.visual is not None and len(true.visual.geometryObjects) > 0
         shared = worn and believed.visual is true.visual
         if worn:
-            solid_figure.wear(true.visual, true.model)
+            solid_figure.add_visuals(true.visual, true.model)
         else:
-            solid_figure.bones(solid(BONES), 0.025)
+            solid_figure.stick_figure(solid(BONES), 0.025)
         if shared:
-            ghost_figure.wear_as(solid_figure, true.visual, self.page)
-            ghost_figure.bones(ghost(), 0.01, _elsewhere(truth, belief))
+            ghost_figure.share_visuals(solid_figure, true.visual, self.page)
+            ghost_figure.stick_figure(ghost(), 0.01, _elsewhere(truth, belief))
         else:
-            ghost_figure.bones(ghost(), 0.025)
+            ghost_figure.stick_figure(ghost(), 0.025)
         solid_figure.tool(solid(TRUE), 0.01)
         ghost_figure.tool(ghost(0.6), 0.01)
         solid_figure.move()
@@ -120,7 +118,7 @@ class _Scene:
         if len(traced) > 1:
             paths["desired"].set_object(tube(desired, 0.004 * self.size), solid(DESIRED))
             paths["true"].set_object(tube(traced, 0.005 * self.size), solid(TRUE))
-            self.page.grow(paths["true"].path.lower())
+            self.page.reveal(paths["true"].path.lower())
         paths["desired point"].set_object(Sphere(0.034 * self.size), ghost(0.5, DESIRED))
         self.keys.move(paths["desired point"], desired[reached])
 
@@ -129,7 +127,9 @@ class _Scene:
         wanted = self.size / 8.0
         decade = 10.0 ** np.floor(np.log10(wanted))
         spacing = decade * max(step for step in (1.0, 2.0, 5.0) if step * decade <= wanted)
-        floor = np.diag([2.0 * spacing, 2.0 * spacing, 1.0, 1.0])  # the viewer's own lines are 0.5 m apart
+        floor = np.diag(
+            [2.0 * spacing, 2.0 * spacing, 1.0, 1.0]
+        )  # the viewer's own lines are 0.5 m apart
         floor[2, 3] = min(0.0, lowest - 0.05 * self.size)
         self.root["/Grid"].set_transform(floor)
         self.root["/Grid/<object>"].set_property("color", [1.0, 1.0, 1.0, 0.35])
@@ -161,7 +161,7 @@ def _samples(t: np.ndarray, rate: float) -> np.ndarray:
     return np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], wanted)))
 
 
-def _check(rollout: Rollout, true: Robot, believed: Robot, kinematics: KinematicParameters) -> None:
+def _check(rollout: Rollout, true: Robot, believed: Robot, kinematics: FrameKinematics) -> None:
     if rollout.q.shape[1] != true.model.nq or believed.model.nq != true.model.nq:
         raise InputError(
             f"the rollout has {rollout.q.shape[1]} numbers a configuration, the true robot {true.model.nq} and the "

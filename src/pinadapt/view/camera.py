@@ -39,7 +39,9 @@ def camera_for(points: np.ndarray, path: np.ndarray) -> Camera:
     low, high = seen.min(axis=0), seen.max(axis=0)
     target = np.stack([right, up, direction], axis=1) @ (0.5 * (low + high))
     half = 0.5 * (high - low)
-    return Camera(target, direction, half + 0.2 * max(float(half.max()), 1e-3))  # bodies are thicker than their joints
+    return Camera(
+        target, direction, half + 0.2 * max(float(half.max()), 1e-3)
+    )  # bodies are thicker than their joints
 
 
 def _axes(path: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -41,7 +41,7 @@ class Figure:
         for index in range(self.motion.joints.shape[1]):
             self.keys.move_rigidly(self.joint(index), self.motion.joints[:, index])
 
-    def wear(self, visual: pin.GeometryModel, model: pin.Model) -> None:
+    def add_visuals(self, visual: pin.GeometryModel, model: pin.Model) -> None:
         """Draw the shapes of a description, in their own colours."""
         visual = visual.copy()
         artist = MeshcatVisualizer(model, None, visual)
@@ -51,16 +51,22 @@ class Figure:
             shape.name = f"shape {index}"
             artist.loadViewerGeometryObject(shape, pin.GeometryType.VISUAL)
             stretch = np.diag([*shape.meshScale, 1.0])
-            self.joint(shape.parentJoint)[shape.name].set_transform(shape.placement.homogeneous @ stretch)
+            self.joint(shape.parentJoint)[shape.name].set_transform(
+                shape.placement.homogeneous @ stretch
+            )
 
-    def wear_as(self, other: Figure, visual: pin.GeometryModel, page: Page) -> None:
-        """Draw the shapes that another figure wears, in the ghost's material; the page holds them once."""
+    def share_visuals(self, other: Figure, visual: pin.GeometryModel, page: Page) -> None:
+        """Draw the shapes of another figure, in the ghost's material; the page holds them once."""
         for index, shape in enumerate(visual.geometryObjects):
             place = f"joint {shape.parentJoint}/shape {index}"
-            self.node[place].set_transform(shape.placement.homogeneous @ np.diag([*shape.meshScale, 1.0]))
-            page.haunt(other.node[place].path.lower(), self.node[place].path.lower())
+            self.node[place].set_transform(
+                shape.placement.homogeneous @ np.diag([*shape.meshScale, 1.0])
+            )
+            page.show_as_ghost(other.node[place].path.lower(), self.node[place].path.lower())
 
-    def bones(self, material: Material, thickness: float, joints: Iterable[int] | None = None) -> None:
+    def stick_figure(
+        self, material: Material, thickness: float, joints: Iterable[int] | None = None
+    ) -> None:
         """Draw a stick figure: a sphere at each of the joints, by default all, and a rod to it from its parent."""
         ball = Sphere(1.6 * thickness * self.size)
         for index in range(len(self.motion.parents)) if joints is None else joints:

@@ -23,7 +23,11 @@ class Keyframes:
         self._animation = Animation()
 
     def move(
-        self, node: Node, position: np.ndarray, quaternion: np.ndarray | None = None, scale: np.ndarray | None = None
+        self,
+        node: Node,
+        position: np.ndarray,
+        quaternion: np.ndarray | None = None,
+        scale: np.ndarray | None = None,
     ) -> None:
         """Place a node in its parent's axes at every moment.
 
@@ -33,7 +37,9 @@ class Keyframes:
             quaternion: (F, 4) xyzw, or None not to turn it.
             scale: (F, 3), or None not to stretch it.
         """
-        quaternion = np.tile([0.0, 0.0, 0.0, 1.0], (len(position), 1)) if quaternion is None else quaternion
+        quaternion = (
+            np.tile([0.0, 0.0, 0.0, 1.0], (len(position), 1)) if quaternion is None else quaternion
+        )
         scale = np.ones((len(position), 3)) if scale is None else scale
         first = np.eye(4)
         first[:3, :3] = Rotation.from_quat(quaternion[0]).as_matrix() * scale[0]
@@ -55,5 +61,7 @@ class Keyframes:
     def _add(self, node: Node, name: str, kind: str, values: np.ndarray) -> None:
         if np.ptp(values, axis=0).max() < _STILL:
             return
-        clip = self._animation.clips.setdefault(node.path, AnimationClip(fps=1))  # one frame a second: times are seconds
+        clip = self._animation.clips.setdefault(
+            node.path, AnimationClip(fps=1)
+        )  # one frame a second: times are seconds
         clip.tracks[name] = AnimationTrack(name, kind, list(self._times), values.tolist())

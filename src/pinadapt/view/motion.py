@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from ..parameters import KinematicParameters
-from ..robot import Robot
+from ..models.frame_kinematics import FrameKinematics
+from ..robot.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,10 @@ class Motion:
 
 
 def motion_of(
-    robot: Robot, q: np.ndarray, kinematics: KinematicParameters | None = None, a_k: np.ndarray | None = None
+    robot: Robot,
+    q: np.ndarray,
+    kinematics: FrameKinematics | None = None,
+    a_k: np.ndarray | None = None,
 ) -> Motion:
     """Place a robot's joints along q; the robot is only read.
 
@@ -64,14 +67,22 @@ def motion_of(
         origins.append([placement.translation.copy() for placement in data.liMi])
         tool.append(frame.placement.translation.copy())
     parents = tuple(int(parent) for parent in model.parents)
-    return Motion(np.array(joints), np.array(origins), np.array(tool), parents, int(frame.parentJoint))
+    return Motion(
+        np.array(joints), np.array(origins), np.array(tool), parents, int(frame.parentJoint)
+    )
 
 
-def _write_translations(model: pin.Model, frame: int, kinematics: KinematicParameters, a_k: np.ndarray) -> None:
+def _write_translations(
+    model: pin.Model, frame: int, kinematics: FrameKinematics, a_k: np.ndarray
+) -> None:
     """Write the unknown translations for parameters a_k (p) [m] into a model of one's own."""
     start = 0
     for part in kinematics.translations:
         theta = a_k[start : start + part.directions.shape[1]]
         start += len(theta)
-        placement = model.frames[frame].placement if part.joint is None else model.jointPlacements[part.joint]
+        placement = (
+            model.frames[frame].placement
+            if part.joint is None
+            else model.jointPlacements[part.joint]
+        )
         placement.translation = part.at(theta)

@@ -1,7 +1,7 @@
 """One self-contained web page: meshcat's viewer, the commands its server would have sent, and a legend.
 
-No server is started. A page stands in for the window of a ``meshcat.Visualizer`` and keeps the commands; in the browser
-they are unpacked and handed to the viewer in their order.
+No server is started. A page stands in for the window of a ``meshcat.Visualizer`` and keeps the
+commands; in the browser they are unpacked and handed to the viewer in their order.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ class Page:
     def __init__(self) -> None:
         """Start empty."""
         self._commands: list[bytes] = []
-        self._haunted: list[tuple[str, str]] = []
-        self._grown: list[str] = []
+        self._ghosts: list[tuple[str, str]] = []
+        self._revealed: list[str] = []
 
     def send(self, command: Any) -> None:
         """Keep a meshcat command."""
         self._commands.append(umsgpack.packb(command.lower(), force_float_precision="single"))
 
-    def haunt(self, source: str, target: str) -> None:
+    def show_as_ghost(self, source: str, target: str) -> None:
         """Show the object of one path at another one as well, in the ghost's material."""
-        self._haunted.append((source, target))
+        self._ghosts.append((source, target))
 
-    def grow(self, path: str) -> None:
+    def reveal(self, path: str) -> None:
         """Show the object of a path, a mesh, as far as the animation has come."""
-        self._grown.append(path)
+        self._revealed.append(path)
 
     def html(self, title: str, legend: Mapping[str, int], camera: Camera, ghost: Material) -> str:
         """Return the page.
@@ -51,7 +51,7 @@ class Page:
             title: shown above the legend.
             legend: text -> colour.
             camera: from where to look.
-            ghost: material of haunted objects.
+            ghost: material of ghosts objects.
 
         Raises:
             PinadaptError: meshcat's viewer is missing or speaks another language.
@@ -62,10 +62,13 @@ class Page:
             "direction": camera.direction.tolist(),
             "box": camera.box.tolist(),
             "ghost": ghost.lower({}),
-            "haunted": self._haunted,
-            "grown": self._grown,
+            "ghosts": self._ghosts,
+            "revealed": self._revealed,
         }
-        rows = (f'<div><i style="background:#{colour:06x}"></i>{escape(text)}</div>' for text, colour in legend.items())
+        rows = (
+            f'<div><i style="background:#{colour:06x}"></i>{escape(text)}</div>'
+            for text, colour in legend.items()
+        )
         return _PAGE.substitute(
             title=escape(title),
             legend="".join(rows),
@@ -81,7 +84,9 @@ def _viewer() -> str:
     try:
         source = path.read_text(encoding="utf-8")
     except OSError as reason:
-        raise PinadaptError(f"meshcat's viewer cannot be read: {reason}. Reinstall meshcat (0.3.2 or later).") from reason
+        raise PinadaptError(
+            f"meshcat's viewer cannot be read: {reason}. Reinstall meshcat (0.3.2 or later)."
+        ) from reason
     if "handle_command_bytearray" not in source:
         raise PinadaptError(f"the viewer in {path} is of an unknown kind. Install meshcat 0.3.2.")
     return source
@@ -93,11 +98,12 @@ _PAGE = Template("""<!DOCTYPE html>
 <meta charset="utf-8">
 <title>$title</title>
 <style>
-  body { margin: 0; overflow: hidden; font: 14px/1.6 system-ui, sans-serif; color: #222; }
-  #scene { width: 100vw; height: 100vh; overflow: hidden; }
-  #legend { position: absolute; left: 14px; top: 10px; padding: 8px 14px; border-radius: 6px; background: #ffffffc0;
+  body { margin: 0; overflow: hidden; font: 14px/1.6 system-ui, sans-serif; color: #222; } #scene {
+  width: 100vw; height: 100vh; overflow: hidden; } #legend { position: absolute; left: 14px; top:
+  10px; padding: 8px 14px; border-radius: 6px; background: #ffffffc0;
             pointer-events: none; }
-  #legend i { display: inline-block; width: 20px; height: 8px; border-radius: 4px; margin-right: 8px; }
+  #legend i { display: inline-block; width: 20px; height: 8px; border-radius: 4px; margin-right:
+  8px; }
 </style>
 </head>
 <body>
@@ -116,20 +122,17 @@ _PAGE = Template("""<!DOCTYPE html>
   }
 
   function look() {  // the viewer's own axes have y upwards
-    const upwards = ([x, y, z]) => new MeshCat.THREE.Vector3(x, z, -y);
-    const half = Math.tan(15 * Math.PI / 180);
-    const [right, up, forward] = settings.box;
-    const distance = forward + Math.max(up, right * innerHeight / innerWidth) / half;
-    viewer.camera.fov = 30;
-    viewer.camera.near = distance / 100;
-    viewer.camera.far = 50 * distance;
+    const upwards = ([x, y, z]) => new MeshCat.THREE.Vector3(x, z, -y); const half = Math.tan(15 *
+    Math.PI / 180); const [right, up, forward] = settings.box; const distance = forward +
+    Math.max(up, right * innerHeight / innerWidth) / half; viewer.camera.fov = 30;
+    viewer.camera.near = distance / 100; viewer.camera.far = 50 * distance;
     viewer.controls.target.copy(upwards(settings.target));
     viewer.camera.position.copy(upwards(settings.direction)).multiplyScalar(distance).add(viewer.controls.target);
   }
 
-  function haunt() {
+  function showGhosts() {
     const material = new MeshCat.THREE.MaterialLoader().parse(settings.ghost);
-    for (const [source, target] of settings.haunted) {
+    for (const [source, target] of settings.ghosts) {
       const twin = object(source).clone();
       twin.material = material;
       viewer.set_object(target.split("/").filter((word) => word), twin);
@@ -139,23 +142,23 @@ _PAGE = Template("""<!DOCTYPE html>
   function tick() {
     const {time, duration} = viewer.animator;
     document.getElementById("time").textContent = "t = " + time.toFixed(1) + " s";
-    for (const path of settings.grown) {
-      const {index, drawRange} = object(path).geometry;
-      drawRange.count = duration > 0 ? 3 * Math.round(index.count / 3 * time / duration) : index.count;
+    for (const path of settings.revealed) {
+      const {index, drawRange} = object(path).geometry; drawRange.count = duration > 0 ? 3 *
+      Math.round(index.count / 3 * time / duration) : index.count;
     }
     requestAnimationFrame(tick);
   }
 
   async function show() {
-    if (typeof DecompressionStream === "undefined") throw new Error("this page needs a browser of 2023 or later");
-    const packed = await fetch("data:application/octet-stream;base64," + text("commands"));
-    const bytes = await new Response(packed.body.pipeThrough(new DecompressionStream("gzip"))).arrayBuffer();
-    const view = new DataView(bytes);
-    for (let at = 0, size; at < bytes.byteLength; at += 4 + size) {
+    if (typeof DecompressionStream === "undefined") throw new Error("this page needs a browser of
+    2023 or later"); const packed = await fetch("data:application/octet-stream;base64," +
+    text("commands")); const bytes = await new Response(packed.body.pipeThrough(new
+    DecompressionStream("gzip"))).arrayBuffer(); const view = new DataView(bytes); for (let at = 0,
+    size; at < bytes.byteLength; at += 4 + size) {
       size = view.getUint32(at);
       viewer.handle_command_bytearray(new Uint8Array(bytes.slice(at + 4, at + 4 + size)));
     }
-    haunt();
+    showGhosts();
     look();
     viewer.set_dirty();
     tick();

@@ -7,16 +7,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..parameters.joint import typical_coefficients
-from ..robot import Payload, Robot, WorkspaceCircle, load, reachable_circle
-from ..robot.workspace import reach
-from ..signals import Circle, Trajectory
+from ..models.joint_effects import typical_coefficients
+from ..robot.changes import Payload
+from ..robot.robot import Robot, load
+from ..robot.workspace import WorkspaceCircle, reach, reachable_circle
+from ..trajectories.circle import Circle
+from ..trajectories.trajectory import Trajectory
 
 INERTIA_ERROR = 0.3  # each body is believed this much too light or too heavy
 TOOL_ERROR = 0.05  # of the reach
 LOAD = 0.1  # of the chain's mass, or the last body's own if that is less
 FRICTION = 0.5  # of what is typical for the robot's size, times 0.5 to 1.5
-_TURNS, _LEAST_DURATION = 4.0, 30.0  # [s]; of the shortest circles, 3 s, the last tenth is a whole turn
+_TURNS, _LEAST_DURATION = (
+    4.0,
+    30.0,
+)  # [s]; of the shortest circles, 3 s, the last tenth is a whole turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +45,8 @@ class ZooCase:
 def zoo_case(name: str, seed: int = 0) -> ZooCase:
     """Return the case of a chain of the catalogue, reproducible by name and seed.
 
-    The real robot has friction, a tool moved by 5 % of the reach in a random direction of the task, and a load there; each body
-    is believed 30 % too light or too heavy.
+    The real robot has friction, a tool moved by 5 % of the reach in a random direction of the task,
+    and a load there; each body is believed 30 % too light or too heavy.
 
     Raises:
         RobotError: the chain cannot be loaded, or no circle is in its reach.
@@ -51,7 +56,9 @@ def zoo_case(name: str, seed: int = 0) -> ZooCase:
     found = reachable_circle(robot, tool_error=TOOL_ERROR)
     tool = _tool(robot, rng)
     bodies = [inertia.mass for inertia in robot.model.inertias[1:]]
-    _, viscous, coulomb = FRICTION * typical_coefficients(robot) * rng.uniform(0.5, 1.5, (3, robot.model.nv))
+    _, viscous, coulomb = (
+        FRICTION * typical_coefficients(robot) * rng.uniform(0.5, 1.5, (3, robot.model.nv))
+    )
     true = robot.changed(
         tool_translation=tool,
         payload=Payload(mass=min(LOAD * sum(bodies), bodies[-1]), com=tool),
@@ -59,14 +66,24 @@ def zoo_case(name: str, seed: int = 0) -> ZooCase:
         coulomb=coulomb,
     )
     factors = 1.0 + INERTIA_ERROR * rng.choice([-1.0, 1.0], robot.model.nv)
-    believed = robot.changed(inertial_scale=dict(zip(robot.joint_names, factors.tolist(), strict=True)))
-    return ZooCase(true, believed, _circle(true, found), found.radius, max(_LEAST_DURATION, _TURNS * found.period))
+    believed = robot.changed(
+        inertial_scale=dict(zip(robot.joint_names, factors.tolist(), strict=True))
+    )
+    return ZooCase(
+        true,
+        believed,
+        _circle(true, found),
+        found.radius,
+        max(_LEAST_DURATION, _TURNS * found.period),
+    )
 
 
 def _circle(robot: Robot, found: WorkspaceCircle) -> Trajectory:
     """Return the circle through the robot's home in the task's own coordinates; where these are two, they are its plane."""
     size = robot.task.size
-    circle = Circle(np.zeros(size), found.radius, found.period, found.plane if size == 3 else "xy", found.phase)
+    circle = Circle(
+        np.zeros(size), found.radius, found.period, found.plane if size == 3 else "xy", found.phase
+    )
     return circle.starting_at(robot.position(robot.q0))
 
 

@@ -1,0 +1,74 @@
+"""Adaptation of coefficients that are never negative, such as friction and rotor inertia."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._checks import positive, vector
+from ..exceptions import GainError, ParameterError
+from .adaptation import Adaptation
+
+_LARGEST_STEP = 0.02
+
+
+class ExponentiatedGradient(Adaptation):
+    """da/dt = -gamma c a g, with V's part sum of (a_true log(a_true / a) + a - a_true) / c, over gamma; c: scales.
+
+    The natural gradient of the relative entropy; N. Boffi and J.-J. Slotine, *Implicit
+    regularization and momentum algorithms in nonlinearly parameterized adaptive control and
+    prediction*, Neural Computation 33 (2021), allow any Bregman divergence. An estimate stays
+    positive for every step length, a+ = a exp(-gamma dt c g). The log-det metric of bodies would
+    give da/dt = -gamma a^2 g, positive too, but learns a hundred times slower from a hundredth of
+    the truth, and its V is undefined where the truth is zero, as friction may be. One sample
+    changes an estimate by at most two per cent, as for bodies.
+
+    Attributes: gamma: the one gain. scale: (p) c, typical sizes of the coefficients: where a = c
+        the rate is that of the log-det metric.
+    """
+
+    name = "natural"
+
+    def __init__(self, gamma: float, scale: ArrayLike, name: str = "gamma_joint") -> None:
+        """Take the gain and the scales (p).
+
+        Raises:
+            GainError: one of them is not positive.
+        """
+        self.gamma = positive(gamma, name)
+        self.scale = vector(scale, np.size(scale), f"{name}: scale", error=GainError)
+        if not (self.scale > 0.0).all():
+            raise GainError(f"scales must be positive, got {self.scale.tolist()}.", where=name)
+
+    def admit(self, a: np.ndarray) -> np.ndarray:
+        """Return ``a`` if all of it is positive.
+
+        Raises:
+            ParameterError: it is not.
+        """
+        if not (a > 0.0).all():
+            raise ParameterError(
+                f"the initial estimates of the joints' coefficients must be positive, got {a.tolist()}.",
+                where="belief.dynamic",
+            )
+        return a
+
+    def rate(self, a: np.ndarray, g: np.ndarray) -> np.ndarray:
+        """Return da/dt (p)."""
+        return -self.gamma * self.scale * a * g
+
+    def advance(self, a: np.ndarray, g: np.ndarray, dt: float) -> np.ndarray:
+        """Return the estimate (p) after dt [s] with g held."""
+        step = (-self.gamma * dt) * self.scale * g
+        if step.dot(step) > _LARGEST_STEP**2:
+            step = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
+        return a * np.exp(step)
+
+    def distance(self, a: np.ndarray, a_true: np.ndarray) -> float | None:
+        """Return the relative entropy from the truth in units of the scales, over gamma; None for negative numbers."""
+        if not ((a > 0.0).all() and (a_true >= 0.0).all()):
+            return None
+        entropy = np.where(
+            a_true > 0.0, a_true * np.log(np.maximum(a_true, np.finfo(float).tiny) / a), 0.0
+        )
+        return float(np.sum((entropy + a - a_true) / self.scale) / self.gamma)

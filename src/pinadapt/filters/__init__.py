@@ -1,0 +1,3 @@
+"""Filters: memory that signals drive."""
+
+from .low_pass import LowPass as LowPass

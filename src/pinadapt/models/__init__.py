@@ -1,0 +1,10 @@
+"""Models: the believed kinematics and dynamics of a robot, evaluated at an estimate of what is unknown about it."""
+
+from .basis import BasisDynamics as BasisDynamics
+from .bodies import BodyDynamics as BodyDynamics
+from .dynamics import Dynamics as Dynamics
+from .frame_kinematics import FrameKinematics as FrameKinematics
+from .joint_effects import JointEffects as JointEffects
+from .lumped import LumpedDynamics as LumpedDynamics
+from .stacked import StackedDynamics as StackedDynamics
+from .translations import Translation as Translation

@@ -1,0 +1,88 @@
+"""A user's own basis of dynamic parameters, pi = B a, as Wang and Xie use for their arm."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..exceptions import ParameterError
+from ..robot.robot import Robot
+from .dynamics import equivalent_parameters, identifiable
+from .inertial import InertialDynamics
+from .regressor import PER_BODY
+
+
+class BasisDynamics(InertialDynamics):
+    """Parameters a with pi = B a, so that the torque is Y B a; pi is the stack of ten parameters a body.
+
+    pi need not be physical, nor even have masses. Lumped parameters that
+    contain unknown lengths are allowed when B is built so that Y B does not depend on them.
+    """
+
+    def __init__(self, robot: Robot, B: ArrayLike, names: tuple[str, ...] | None = None) -> None:
+        """Take a basis B (10 n, p) for a believed robot of n joints; names default to a1, a2, ...
+
+        Raises: ParameterError: wrong shape, non-finite entries, or columns that the dynamics cannot
+            tell apart.
+        """
+        super().__init__(robot)
+        rows = PER_BODY * robot.model.nv
+        self.B = np.array(B, dtype=float)
+        if self.B.ndim != 2 or self.B.shape[0] != rows or not self.B.shape[1]:
+            raise ParameterError(
+                f"expected a matrix with {rows} rows ({PER_BODY} a body), got shape {self.B.shape}.",
+                where="unknown.basis",
+            )
+        if not np.isfinite(self.B).all():
+            raise ParameterError("all entries must be finite.", where="unknown.basis")
+        self.size, self.bodies = self.B.shape[1], range(robot.model.nv)
+        self.names = names or tuple(f"a{i + 1}" for i in range(self.size))
+        if identifiable(self._regressor, self.B, robot) < self.size:
+            raise ParameterError(
+                "the dynamics cannot tell all columns of the basis apart.",
+                where="unknown.basis",
+                hint="Remove combinations of parameters that cause no torque, or lump them.",
+            )
+        initial = equivalent_parameters(self._regressor, self.B, robot)
+        if initial is None:
+            raise ParameterError(
+                "the basis cannot represent the robot's own dynamics: no a gives Y B a = rnea.",
+                where="unknown.basis",
+                hint="Check the order of the rows: m, mcx, mcy, mcz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about each joint.",
+            )
+        self.initial = initial
+        self.load(initial)
+
+    def expand(self, a_d: np.ndarray) -> np.ndarray:
+        """Return pi = B a_d (10 n)."""
+        return self.B.dot(a_d)
+
+    def reduce(self, Y: np.ndarray) -> np.ndarray:
+        """Return Y B (n, p)."""
+        return Y.dot(self.B)
+
+    def value(self, robot: Robot) -> np.ndarray | None:
+        """Return the a that reproduces a robot's dynamics with the believed placements, or None if none does."""
+        return (
+            equivalent_parameters(self._regressor, self.B, robot)
+            if self.shares_the_rest(robot)
+            else None
+        )
+
+
+def read_matrix(path: Path) -> np.ndarray:
+    """Return the matrix in a CSV file; lines that begin with # are comments.
+
+    Raises:
+        ParameterError: no such file, or entries that are not numbers.
+    """
+    if not path.is_file():
+        raise ParameterError("no such file.", where=str(path))
+    try:
+        return np.loadtxt(path, delimiter=",", ndmin=2)
+    except ValueError as error:
+        raise ParameterError(
+            f"not a table of numbers separated by commas: {error}", where=str(path)
+        ) from error

@@ -1,0 +1,70 @@
+"""Unknown parameters that enter through the ten inertial parameters of each body."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+
+import numpy as np
+
+from ..robot.robot import Robot
+from .dynamics import Dynamics
+from .inertial_model import InertialModel
+from .regressor import Regressor, inertial_parameters
+
+
+class InertialDynamics(Dynamics):
+    """Parameters a_d with pi = pi(a_d) affine, pi (10 n) the stack of ten parameters a body about its joint.
+
+    Torque and mass matrix come from Pinocchio's RNEA and CRBA on a private model, the regressor
+    from its joint torque regressor. Subclasses say how pi follows from a_d and what that does to
+    the regressor's columns.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        """Copy what is believed of the robot."""
+        self._believed = InertialModel(robot.model)
+        self._regressor = Regressor(robot.model)
+        self._armature = np.array(robot.model.armature)
+        self._pi = inertial_parameters(robot.model)
+        self._gravity = np.array(robot.model.gravity.linear)
+
+    def shares_the_rest(self, robot: Robot) -> bool:
+        """Tell whether rotors and gravity are as believed and the joints free of friction, which no inertia explains."""
+        rotors = np.allclose(robot.model.armature, self._armature)
+        return (
+            not robot.friction.present
+            and rotors
+            and np.allclose(robot.model.gravity.linear, self._gravity)
+        )
+
+    @abstractmethod
+    def expand(self, a_d: np.ndarray) -> np.ndarray:
+        """Return pi (10 n) at parameters a_d (p)."""
+
+    @abstractmethod
+    def reduce(self, Y: np.ndarray) -> np.ndarray:
+        """Return the regressor (n, p) of a_d from that of pi, Y (n, 10 n)."""
+
+    def load(self, a_d: np.ndarray) -> None:
+        """Write the estimate a_d (p) into the private model."""
+        self._pi = self.expand(a_d)
+        self._believed.load(self._pi)
+
+    def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return M a + C v + g (n) by RNEA."""
+        return self._believed.torque(q, v, a)
+
+    def mass_matrix(self, q: np.ndarray) -> np.ndarray:
+        """Return M (n, n) by CRBA."""
+        return self._believed.mass_matrix(q)
+
+    def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return Y (n, p)."""
+        return self.reduce(self._regressor(q, v, a))
+
+    def slotine_li(
+        self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return Y_r (n, p) and the torque it gives (n), known bodies and rotors included."""
+        Y = self._regressor.slotine_li(q, v, v_r, a_r)
+        return self.reduce(Y), Y.dot(self._pi) + self._armature * a_r

@@ -1,0 +1,142 @@
+"""What the joints themselves add to the dynamics: rotor inertia, viscous and Coulomb friction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from ..exceptions import ParameterError, did_you_mean
+from ..robot.robot import Robot
+
+KINDS = ("armature", "viscous", "coulomb")
+ALL, NONE = "all", "none"
+_SAMPLES, _SPEED = (
+    100,
+    0.5,
+)  # random states; typical joint speed and acceleration [rad/s, rad/s^2 or m]
+_START = 0.1  # share of a typical coefficient from which an unknown one starts
+
+
+def chosen_kinds(unknown: str | Sequence[str]) -> tuple[str, ...]:
+    """Turn "all", "none" or some of "armature", "viscous", "coulomb" into kinds, in that order.
+
+    Raises:
+        ParameterError: another word; the nearest is suggested.
+    """
+    words = (
+        {ALL: KINDS, NONE: ()}.get(unknown, (unknown,))
+        if isinstance(unknown, str)
+        else tuple(unknown)
+    )
+    for word in words:
+        if word not in KINDS:
+            raise ParameterError(
+                f"'{word}' must be one of {list(KINDS)}, 'all' or 'none'.{did_you_mean(word, (*KINDS, ALL, NONE))}",
+                where="unknown.joint",
+            )
+    return tuple(kind for kind in KINDS if kind in words)
+
+
+class JointEffects:
+    """tau = diag(armature) a + diag(viscous) v + diag(coulomb) tanh(v / threshold), linear in its coefficients.
+
+    The coefficients of the unknown kinds are parameters, one a joint; those of the other kinds are
+    as believed and compensated as such. n: joints, p: unknown kinds times n.
+
+    Attributes: names: one name a parameter. size: p. initial: (p) believed values; an unknown
+        coefficient that is believed zero starts from a tenth of a typical one, because an estimate
+        kept positive by its own metric cannot leave zero. typical: (p) coefficients to be expected
+        of a robot of this size. armature: (n) at the loaded estimate [kg m^2 or kg].
+    """
+
+    def __init__(self, robot: Robot, unknown: str | Sequence[str] = ALL) -> None:
+        """Choose the unknown kinds of a believed robot: "all", "none", or some of "armature", "viscous", "coulomb".
+
+        Raises:
+            ParameterError: another word.
+        """
+        kinds = chosen_kinds(unknown)
+        n = robot.model.nv
+        self._threshold = robot.friction.threshold
+        self._unknown = [KINDS.index(kind) for kind in kinds]
+        self._values = coefficients(robot)
+        typical = typical_coefficients(robot)
+        for kind in self._unknown:
+            self._values[kind] = np.where(
+                self._values[kind] > 0.0, self._values[kind], _START * typical[kind]
+            )
+        self.names = tuple(f"{joint}.{kind}" for kind in kinds for joint in robot.joint_names)
+        self.size = len(self.names)
+        self.initial = self._values[self._unknown].ravel()
+        self.typical = typical[self._unknown].ravel()
+        self._diagonal = np.tile(np.arange(n), len(kinds)), np.arange(self.size)
+        self._shape = (n, self.size)
+
+    @property
+    def armature(self) -> np.ndarray:
+        """Rotor inertias (n) at the loaded estimate [kg m^2 or kg]."""
+        return self._values[0]
+
+    def load(self, a: np.ndarray) -> None:
+        """Make a (p) the estimate at which the torque is evaluated."""
+        if self.size:
+            self._values[self._unknown] = a.reshape(-1, self._shape[0])
+
+    def motion(self, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return what each coefficient multiplies (3, n): a, v and the smoothed sign of v."""
+        return np.array((a, v, np.tanh(v / self._threshold)))
+
+    def torque(self, motion: np.ndarray) -> np.ndarray:
+        """Return the torque (n) [N m or N] of a ``motion`` at the loaded estimate."""
+        return (self._values * motion).sum(axis=0)
+
+    def regressor(self, motion: np.ndarray) -> np.ndarray:
+        """Return the regressor (n, p) of the unknown coefficients."""
+        Y = np.zeros(self._shape)
+        Y[self._diagonal] = motion[self._unknown].ravel()
+        return Y
+
+    def value(self, robot: Robot) -> np.ndarray | None:
+        """Return the coefficients (p) of any robot with this chain, or None if those of a known kind differ."""
+        true, known = (
+            coefficients(robot),
+            [kind for kind in range(len(KINDS)) if kind not in self._unknown],
+        )
+        same = (
+            np.allclose(true[known], self._values[known])
+            and robot.friction.threshold == self._threshold
+        )
+        return true[self._unknown].ravel() if same else None
+
+
+def coefficients(robot: Robot) -> np.ndarray:
+    """Return armature, viscous and Coulomb coefficients (3, n) of a robot."""
+    return np.array(
+        [robot.model.armature, robot.friction.viscous, robot.friction.coulomb], dtype=float
+    )
+
+
+def without_joint_effects(robot: Robot) -> Robot:
+    """Return a robot with the same bodies, no rotors and no friction."""
+    return robot.changed(armature=0.0, viscous=0.0, coulomb=0.0)
+
+
+def typical_coefficients(robot: Robot) -> np.ndarray:
+    """Return typical armature, viscous and Coulomb coefficients (3, n) for the size of a robot.
+
+    Rotors add half of what the joint moves at home. Coulomb friction is a tenth of the joint's
+    typical torque, viscous friction as much at a typical speed; the torque is the root mean square
+    over seeded states around home, and at least that of the joints further out, because motors do
+    not grow towards the tip.
+    """
+    model, data, rng = robot.model, robot.model.createData(), np.random.default_rng(0)
+    torques = []
+    for _ in range(_SAMPLES):
+        q = pin.integrate(model, robot.q0, rng.uniform(-0.3, 0.3, model.nv))
+        v, a = _SPEED * rng.standard_normal((2, model.nv))
+        torques.append(pin.rnea(model, data, q, v, a))
+    torque = np.maximum.accumulate(np.sqrt(np.mean(np.square(torques), axis=0))[::-1])[::-1]
+    inertia = np.diag(pin.crba(model, data, robot.q0))
+    return np.array([0.5 * inertia, 0.1 * torque / _SPEED, 0.1 * torque])

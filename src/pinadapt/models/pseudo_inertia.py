@@ -1,0 +1,76 @@
+"""The pseudo-inertia of a body: its ten parameters as a symmetric 4 x 4 matrix, positive definite iff physical.
+
+P = [[Sigma, mc], [mc^T, m]], Sigma = tr(I)/2 1 - I (Wensing, Kim, Slotine 2018). The map is linear
+both ways.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .regressor import PER_BODY
+
+
+def _coefficients() -> np.ndarray:
+    """Return F (10, 4, 4) with P = sum_i pi_i F_i, pi = [m, mcx, mcy, mcz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz]."""
+    F = np.zeros((PER_BODY, 4, 4))
+    F[0, 3, 3] = 1.0
+    for axis in range(3):
+        F[1 + axis, axis, 3] = F[1 + axis, 3, axis] = 1.0
+    for index, (i, j) in {4: (0, 0), 5: (0, 1), 6: (1, 1), 7: (0, 2), 8: (1, 2), 9: (2, 2)}.items():
+        F[index, i, j] -= 1.0
+        if i == j:
+            F[index, :3, :3] += 0.5 * np.eye(3)
+        else:
+            F[index, j, i] -= 1.0
+    return F
+
+
+COEFFICIENTS = _coefficients()
+
+
+def pseudo_inertia(pi: np.ndarray) -> np.ndarray:
+    """Return P (4, 4) of the ten parameters pi (10) of a body."""
+    return np.tensordot(pi, COEFFICIENTS, axes=1)
+
+
+def ten_parameters(P: np.ndarray) -> np.ndarray:
+    """Return the ten parameters (10) of a body with pseudo-inertia P (4, 4)."""
+    xx, yy, zz = P[0, 0], P[1, 1], P[2, 2]
+    return np.array([P[3, 3], *P[:3, 3], yy + zz, -P[0, 1], xx + zz, -P[0, 2], -P[1, 2], xx + yy])
+
+
+def is_physical(pi: np.ndarray) -> bool:
+    """Tell whether the ten parameters pi (10) belong to some distribution of positive mass: P positive definite."""
+    P = pseudo_inertia(pi)
+    scale = np.sqrt(np.maximum(np.diag(P), 0.0))
+    if not (scale > 0.0).all():
+        return False
+    return bool(np.linalg.eigvalsh(P / np.outer(scale, scale))[0] > 1e-9)
+
+
+def nearest_physical(pi: np.ndarray, *, least_mass: float, least_radius: float) -> np.ndarray:
+    """Return ten parameters (10) inside the cone, those of pi where they already are well inside.
+
+    The mass is raised to ``least_mass`` [kg] and the eigenvalues of the second moment about the
+    centre of mass to mass times ``least_radius`` squared [m]; the centre of mass is kept.
+    """
+    m = max(float(pi[0]), least_mass)
+    c = pi[1:4] / pi[0] if pi[0] > 0.0 else np.zeros(3)
+    P = pseudo_inertia(pi)
+    about_com = P[:3, :3] - pi[0] * np.outer(c, c)
+    eigenvalues, vectors = np.linalg.eigh(about_com)
+    eigenvalues = np.maximum(eigenvalues, m * least_radius**2)
+    Sigma = (vectors * eigenvalues) @ vectors.T + m * np.outer(c, c)
+    return ten_parameters(np.block([[Sigma, m * c[:, None]], [m * c, m]]))
+
+
+def unphysical_bodies(a_d: np.ndarray, names: Sequence[str]) -> list[str]:
+    """Return the names of the bodies whose ten parameters, stacked in a_d (10 k), are not physical."""
+    return [
+        name
+        for name, pi in zip(names, a_d.reshape(-1, PER_BODY), strict=True)
+        if not is_physical(pi)
+    ]

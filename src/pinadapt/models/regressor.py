@@ -1,0 +1,51 @@
+"""The regressor of all ten parameters of every body, from Pinocchio, and its Slotine-Li form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+PER_BODY = 10
+LABELS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+
+
+class Regressor:
+    """Y (n, 10 n) of a chain: M a + C v + g = Y pi, pi the stacked ``Inertia.toDynamicParameters`` of its bodies.
+
+    It leaves out rotor inertias (``model.armature``) and friction. It contains the placements of
+    the joints, which must be the true ones.
+    """
+
+    def __init__(self, model: pin.Model) -> None:
+        """Copy a chain's model; its inertias do not matter."""
+        self._model, self._weightless = model.copy(), model.copy()
+        self._weightless.gravity.linear = np.zeros(3)
+        self._data, self._weightless_data = self._model.createData(), self._weightless.createData()
+        self._zero = np.zeros(model.nv)
+        self._shape = (model.nv, PER_BODY * model.nv)  # Pinocchio returns a single row as a vector
+
+    def __call__(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return Y(q, v, a) (n, 10 n)."""
+        return pin.computeJointTorqueRegressor(self._model, self._data, q, v, a).reshape(
+            self._shape
+        )
+
+    def slotine_li(
+        self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray
+    ) -> np.ndarray:
+        """Return Y(q, v, v_r, a_r) (n, 10 n) with M a_r + C(q, v) v_r + g = Y pi, C the Christoffel matrix.
+
+        C(q, u) w is bilinear and symmetric in u and w, so polarisation gives it in two calls:
+        Y(q, (v + v_r)/2, a_r) - Y0(q, (v - v_r)/2, 0), Y0 without gravity.
+        """
+        mean, half_gap = 0.5 * (v + v_r), 0.5 * (v - v_r)
+        Y = pin.computeJointTorqueRegressor(self._model, self._data, q, mean, a_r)
+        Y -= pin.computeJointTorqueRegressor(
+            self._weightless, self._weightless_data, q, half_gap, self._zero
+        )
+        return Y.reshape(self._shape)
+
+
+def inertial_parameters(model: pin.Model) -> np.ndarray:
+    """Return pi (10 n), the stacked ten parameters of all moving bodies."""
+    return np.concatenate([inertia.toDynamicParameters() for inertia in model.inertias[1:]])

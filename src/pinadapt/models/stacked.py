@@ -1,0 +1,69 @@
+"""Bodies and joints together: the blocks of a robot's dynamic parameters, Y = [Y_bodies Y_joints]."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..robot.robot import Robot
+from .dynamics import Dynamics
+from .joint_effects import JointEffects, without_joint_effects
+
+
+class StackedDynamics(Dynamics):
+    """Inertial parameters (of bodies, a basis, ...) followed by those of the joints.
+
+    The inertial block must be made for the robot ``without_joint_effects``; all rotors and friction
+    are in the joint block, whose coefficients are adapted or known. In the Slotine-Li regressor the
+    joints' columns take v_r and a_r, so that viscous and Coulomb friction only add to the
+    dissipation.
+
+    Attributes:
+        inertial, joint: the two blocks.
+    """
+
+    def __init__(self, inertial: Dynamics, joint: JointEffects) -> None:
+        """Stack the two blocks."""
+        self.inertial, self.joint = inertial, joint
+        self.names = (*inertial.names, *joint.names)
+        self.size = inertial.size + joint.size
+        self.initial = np.concatenate([inertial.initial, joint.initial])
+        self.bodies, self.translations = inertial.bodies, inertial.translations
+
+    def load(self, a_d: np.ndarray) -> None:
+        """Give each block its part of the estimate a_d (p)."""
+        self.inertial.load(a_d[: self.inertial.size])
+        self.joint.load(a_d[self.inertial.size :])
+
+    def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return M a + C v + g + friction (n)."""
+        return self.inertial.torque(q, v, a) + self.joint.torque(self.joint.motion(v, a))
+
+    def mass_matrix(self, q: np.ndarray) -> np.ndarray:
+        """Return M (n, n), rotors included."""
+        M = self.inertial.mass_matrix(q)
+        M.flat[:: len(M) + 1] += self.joint.armature
+        return M
+
+    def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return Y (n, p)."""
+        Y = self.inertial.regressor(q, v, a)
+        return (
+            np.concatenate((Y, self.joint.regressor(self.joint.motion(v, a))), axis=1)
+            if self.joint.size
+            else Y
+        )
+
+    def slotine_li(
+        self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return Y_r (n, p) and the torque it gives (n), known parts included."""
+        Y, tau = self.inertial.slotine_li(q, v, v_r, a_r)
+        motion = self.joint.motion(v_r, a_r)
+        if self.joint.size:
+            Y = np.concatenate((Y, self.joint.regressor(motion)), axis=1)
+        return Y, tau + self.joint.torque(motion)
+
+    def value(self, robot: Robot) -> np.ndarray | None:
+        """Return the parameters (p) of any robot with this chain, or None where either block has none."""
+        inertial, joint = self.inertial.value(without_joint_effects(robot)), self.joint.value(robot)
+        return None if inertial is None or joint is None else np.concatenate([inertial, joint])

@@ -1,0 +1,112 @@
+"""Unknown translations of a chain: of the tool, of joint placements, or of lengths along their directions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+
+from ..exceptions import ParameterError
+from ..robot.changes import joint_id
+from ..robot.robot import Robot
+
+TOOL = "tool"
+LENGTHS = "lengths"
+
+
+@dataclass(frozen=True, eq=False)
+class Translation:
+    """One unknown translation p = offset + directions @ theta, of a joint's placement or of the task frame's.
+
+    Attributes: name: "tool", or the joint's name. joint: index of the joint whose placement it is,
+        or None for the task frame's own. directions: (3, k) columns in the parent joint's axes; the
+        identity for a wholly unknown translation. offset: (3) known part [m], parent axes. labels:
+        one name for each of the k parameters.
+    """
+
+    name: str
+    joint: int | None
+    directions: np.ndarray
+    offset: np.ndarray
+    labels: tuple[str, ...]
+
+    @cached_property
+    def whole(self) -> bool:
+        """Whether the parameters are the translation itself."""
+        return bool(
+            self.directions.shape == (3, 3)
+            and (self.directions == np.eye(3)).all()
+            and not self.offset.any()
+        )
+
+    def at(self, theta: np.ndarray) -> np.ndarray:
+        """Return the translation (3) [m] for parameters theta (k)."""
+        return theta if self.whole else self.offset + self.directions.dot(theta)
+
+
+def unknown_translations(
+    robot: Robot, unknown: str | Sequence[str | Translation]
+) -> list[Translation]:
+    """Turn a user's words into translations; ready-made translations pass through.
+
+    Args: robot: the believed robot; its placements give the directions of lengths. unknown: "tool"
+        or joint names (whole translations), "tool:length" or "joint:length" (along its direction),
+        "lengths" (every link's length, one a link, tool included).
+
+    Raises: ParameterError: a word twice, a translation that does not move the frame, or a length
+        without direction. RobotError: unknown joint.
+    """
+    words: list[str | Translation] = []
+    for word in [unknown] if isinstance(unknown, str) else unknown:
+        words += _all_lengths(robot) if word == LENGTHS else [word]
+    parts = [_translation(robot, word) if isinstance(word, str) else word for word in words]
+    names = [part.name for part in parts]
+    if len(set(names)) != len(names):
+        raise ParameterError(f"a translation is named twice in {names}.", where="unknown.kinematic")
+    return parts
+
+
+def placement_of(model: pin.Model, frame: int, joint: int | None) -> pin.SE3:
+    """Return the live placement of a joint, or of the frame where ``joint`` is None; writing to it writes to the model."""
+    return model.frames[frame].placement if joint is None else model.jointPlacements[joint]
+
+
+def _all_lengths(robot: Robot) -> list[str]:
+    """Return "name:length" for every translation after the first joint that has a direction, from the base."""
+    links = [*((name, i) for i, name in enumerate(robot.joint_names, 1) if i > 1), (TOOL, None)]
+    return [
+        f"{name}:length"
+        for name, joint in links
+        if np.linalg.norm(placement_of(robot.model, robot.frame_id, joint).translation) > 1e-9
+    ]
+
+
+def _translation(robot: Robot, word: str) -> Translation:
+    name, _, kind = word.partition(":")
+    if kind not in ("", "length"):
+        raise ParameterError(
+            f"'{word}' must be a name, or a name followed by ':length'.", where="unknown.kinematic"
+        )
+    joint = (
+        None if name == TOOL else joint_id(robot.model, name, "unknown.kinematic", (TOOL, LENGTHS))
+    )
+    if joint == 1:
+        raise ParameterError(
+            f"the placement of the first joint, '{name}', has no effect on the frame's velocity.",
+            where="unknown.kinematic",
+            hint="It cannot be learned from motion; measure x from the robot's base instead.",
+        )
+    nominal = placement_of(robot.model, robot.frame_id, joint).translation.copy()
+    if kind == "":
+        return Translation(
+            name, joint, np.eye(3), np.zeros(3), tuple(f"{name}_{axis}" for axis in "xyz")
+        )
+    length = np.linalg.norm(nominal)
+    if length < 1e-9:
+        raise ParameterError(
+            f"'{name}' has no length whose direction could be kept.", where="unknown.kinematic"
+        )
+    return Translation(name, joint, (nominal / length)[:, None], np.zeros(3), (f"{name}_length",))

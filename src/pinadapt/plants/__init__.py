@@ -1,0 +1,4 @@
+"""What is controlled: the true robot, and the sensors that see it."""
+
+from .pinocchio_plant import PinocchioPlant as PinocchioPlant
+from .sensors import Sensors as Sensors

@@ -1,0 +1,38 @@
+"""The small records that flow between plant, trajectory and controller."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Measurement(NamedTuple):
+    """What the sensors say at one sample; all entries belong to the same instant.
+
+    Attributes: q: (nq) configuration, as ``pin.integrate`` has it. v: (nv) joint velocity [rad/s or
+        m/s]. x: task coordinates in world axes, from a camera or tracker, not from the model: (m)
+        [m], or for a pose position [m] and unit quaternion xyzw (7), of either sign. xd: (m) task
+        velocity [m/s], a pose's first three rows alone being read; needed only by the laws that say
+        so. a: (nv) joint acceleration [rad/s^2 or m/s^2]; filtered from v when absent.
+    """
+
+    q: np.ndarray
+    v: np.ndarray
+    x: np.ndarray
+    xd: np.ndarray | None = None
+    a: np.ndarray | None = None
+
+
+class Desired(NamedTuple):
+    """The desired task motion at one instant, in world axes.
+
+    Attributes:
+        x_d: (m) position [m], or for a pose position [m] and unit quaternion xyzw (7).
+        xd_d: (m) velocity [m/s], linear before angular [rad/s].
+        xdd_d: (m) acceleration [m/s^2], linear before angular [rad/s^2].
+    """
+
+    x_d: np.ndarray
+    xd_d: np.ndarray
+    xdd_d: np.ndarray

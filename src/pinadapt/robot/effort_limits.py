@@ -1,0 +1,39 @@
+"""Torque limits: what a robot's description states, or a user does."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..exceptions import GainError
+from .robot import Robot
+
+
+def effort_limits(robot: Robot) -> np.ndarray:
+    """Return the effort limits (nv) [N m or N], infinite where the URDF's 0, 1.8e308 or inf mean none."""
+    limits = np.array(robot.model.effortLimit, dtype=float)
+    return np.where((limits > 0.0) & (limits < 1e300), limits, np.inf)
+
+
+def torque_limits(robot: Robot, limits: ArrayLike | bool | None) -> np.ndarray | None:
+    """Return torque limits (nv) [N m or N] from the description for True, or as given; None where no joint has one.
+
+    Raises:
+        GainError: of the wrong size, or not positive.
+    """
+    if limits is None or limits is False:
+        return None
+    n = robot.model.nv
+    try:
+        bounds = (
+            effort_limits(robot)
+            if limits is True
+            else np.broadcast_to(np.array(limits, dtype=float), n).copy()
+        )
+    except (TypeError, ValueError) as error:
+        raise GainError(
+            f"expected True or {n} numbers, got {limits!r}.", where="torque_limits"
+        ) from error
+    if not (bounds > 0.0).all():  # also true for NaN
+        raise GainError(f"must be positive, got {bounds.tolist()}.", where="torque_limits")
+    return bounds if np.isfinite(bounds).any() else None

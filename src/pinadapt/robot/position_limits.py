@@ -1,0 +1,33 @@
+"""Joint limits of a description, and bounds where it has none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from .chain import is_slide
+
+
+def position_limits(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
+    """Return lower and upper joint limits (nv) [rad or m], infinite where there are none.
+
+    URDFs say "no limit" with 0, 1.8e308 or infinity: any empty or wider-than-two-turns range counts
+    as absent.
+    """
+    lower, upper = np.full(model.nv, -np.inf), np.full(model.nv, np.inf)
+    for joint in model.joints[1:]:
+        if joint.nq == 1:
+            low, high = (
+                float(model.lowerPositionLimit[joint.idx_q]),
+                float(model.upperPositionLimit[joint.idx_q]),
+            )
+            if low < high and high - low <= 4 * np.pi:
+                lower[joint.idx_v], upper[joint.idx_v] = low, high
+    return lower, upper
+
+
+def position_bounds(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
+    """Return lower and upper joint bounds (nv) [rad or m]; an absent limit becomes half a turn or one metre."""
+    lower, upper = position_limits(model)
+    half = np.array([1.0 if is_slide(joint) else np.pi for joint in model.joints[1:]])
+    return np.where(np.isfinite(lower), lower, -half), np.where(np.isfinite(upper), upper, half)

@@ -1,0 +1,29 @@
+"""Errors of the library, told with the scenario's dotted keys."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from ..exceptions import InputError
+from .schema import ScenarioTables, allowed_keys
+
+
+@contextmanager
+def prefix_errors(key: str) -> Iterator[None]:
+    """Put a section or a dotted key in front of where an error was found, unless it stands there already.
+
+    Raises:
+        InputError: of the kind raised inside.
+    """
+    try:
+        yield
+    except InputError as error:
+        place = error.where or ""
+        if place.partition(".")[0] in ScenarioTables.model_fields:
+            raise
+        inside = allowed_keys((key.partition(".")[0], ""), {})
+        joint = "." if place.partition(".")[0] in inside else ": "
+        raise type(error)(
+            error.what, where=f"{key}{joint}{place}" if place else key, hint=error.hint
+        ) from error

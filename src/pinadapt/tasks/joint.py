@@ -1,0 +1,79 @@
+"""The joints themselves as the task."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from .task import RowGroup, Task
+
+
+@dataclass(frozen=True)
+class JointTask(Task):
+    """x = q, one number a joint [rad or m]; the Jacobian is the identity and no kinematic parameter is unknown.
+
+    The error is that of ``pin.difference``: on the circle for continuous joints, whose
+    configuration has two numbers (cos, sin) and whose coordinate is the angle, any turn of it. The
+    task velocity is the joint velocity: no sensor of its own is needed for x or xd.
+
+    Attributes:
+        continuous: of each joint, whether it turns without end.
+    """
+
+    continuous: tuple[bool, ...]
+
+    @classmethod
+    def of_chain(cls, model: pin.Model) -> JointTask:
+        """Return the task of a chain of one-joint groups."""
+        joints = model.joints[1:]
+        return cls(
+            "joint",
+            tuple(str(name) for name in model.names[1:]),
+            tuple(joint.nq == 2 for joint in joints),
+        )
+
+    @property
+    def positions(self) -> int:
+        """None: no translation moves a joint."""
+        return 0
+
+    @property
+    def groups(self) -> tuple[RowGroup, ...]:
+        """One group."""
+        return (RowGroup("joints", "rad", slice(0, self.size)),)
+
+    def of(self, q: np.ndarray) -> np.ndarray:
+        """Return the coordinates (m) of a configuration q (nq)."""
+        if len(q) == self.size:
+            return np.array(q, dtype=float)
+        x, i = np.empty(self.size), 0
+        for j, endless in enumerate(self.continuous):
+            x[j] = math.atan2(q[i + 1], q[i]) if endless else q[i]
+            i += 2 if endless else 1
+        return x
+
+    def at(self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray) -> np.ndarray:
+        """Return the coordinates x (m) at configuration q (nq)."""
+        return self.of(q)
+
+    def motion(
+        self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the coordinates x (m) and v (m) itself."""
+        return self.of(q), np.array(v, dtype=float)
+
+    def error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
+        """Return dx (m), within half a turn for continuous joints."""
+        dx = x - x_d
+        if any(self.continuous):
+            for j, endless in enumerate(self.continuous):
+                if endless and math.isfinite(dx[j]):
+                    dx[j] = math.remainder(dx[j], 2.0 * math.pi)
+        return np.asarray(dx)
+
+    def known_velocity(self, xd: np.ndarray | None, xd_hat: np.ndarray) -> np.ndarray:
+        """Return xd_hat (m), which is the measured joint velocity."""
+        return xd_hat

@@ -1,0 +1,127 @@
+"""Which coordinates of a robot are controlled, and how far they are from the desired ones."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+
+class RowGroup(NamedTuple):
+    """Rows of the error that share a unit.
+
+    Attributes:
+        name: what they are together: "position", "rotation" or "joints".
+        unit: "m" or "rad"; joint coordinates of slides are in metres all the same.
+        rows: which rows.
+    """
+
+    name: str
+    unit: str
+    rows: slice
+
+
+@dataclass(frozen=True)
+class Task(ABC):
+    """A choice of m coordinates x, with errors, velocities and accelerations of m rows each.
+
+    Attributes:
+        name: as written in scenarios.
+        labels: one name a row of the error.
+    """
+
+    name: str
+    labels: tuple[str, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of rows m of errors, velocities and Jacobians."""
+        return len(self.labels)
+
+    @property
+    def coordinates(self) -> int:
+        """How many numbers x has: m, but 7 for a pose."""
+        return self.size
+
+    @property
+    @abstractmethod
+    def positions(self) -> int:
+        """How many of the m rows are positions m_p of the frame, which unknown translations move. They come first."""
+
+    @property
+    @abstractmethod
+    def groups(self) -> tuple[RowGroup, ...]:
+        """The rows by unit; the first group is what a run is judged by."""
+
+    @abstractmethod
+    def at(self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray) -> np.ndarray:
+        """Return the coordinates x of a chain with this task frame at configuration q (nq)."""
+
+    @abstractmethod
+    def motion(
+        self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the coordinates x and the task velocity (m) at configuration q (nq) and velocity v (nv)."""
+
+    def position(self, x: np.ndarray) -> np.ndarray:
+        """Return the positions (m_p) among coordinates x or among a velocity."""
+        return x[: self.positions]
+
+    def error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
+        """Return dx (m), how far x is from x_d."""
+        return x - x_d
+
+    def drift(self, dx: np.ndarray, xd: np.ndarray, xd_d: np.ndarray) -> np.ndarray | None:
+        """Return delta (m) = d(dx)/dt - (xd - xd_d), or None where it is always zero."""
+        return None
+
+    def known_velocity(self, xd: np.ndarray | None, xd_hat: np.ndarray) -> np.ndarray | None:
+        """Return the measured velocity xd (m) with the rows that the believed xd_hat (m) knows without a sensor."""
+        return xd
+
+    def moved(self, x: np.ndarray, by: np.ndarray) -> np.ndarray:
+        """Return the coordinates whose error from x is ``by`` (m)."""
+        return x + by
+
+    def flaw(self, x: np.ndarray) -> str | None:
+        """Return what is wrong with finite coordinates x, or None."""
+        return None
+
+
+@dataclass(frozen=True)
+class FrameTask(Task):
+    """Coordinates of the task frame, in world axes.
+
+    Attributes:
+        rows: selected rows of the LOCAL_WORLD_ALIGNED Jacobian, linear before angular.
+        place: selected rows of the frame's position.
+    """
+
+    rows: slice
+    place: slice
+
+    @abstractmethod
+    def of(self, placement: pin.SE3) -> np.ndarray:
+        """Return the coordinates x of a frame's placement in the world."""
+
+    @abstractmethod
+    def velocity_of(self, motion: pin.Motion) -> np.ndarray:
+        """Return the task velocity (m) of a frame's LOCAL_WORLD_ALIGNED motion."""
+
+    def at(self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray) -> np.ndarray:
+        """Return the coordinates x at configuration q (nq)."""
+        pin.forwardKinematics(model, data, q)
+        return self.of(pin.updateFramePlacement(model, data, frame))
+
+    def motion(
+        self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the coordinates x and the task velocity (m) at configuration q (nq) and velocity v (nv)."""
+        pin.forwardKinematics(model, data, q, v)
+        x = self.of(pin.updateFramePlacement(model, data, frame))
+        return x, self.velocity_of(
+            pin.getFrameVelocity(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+        )

@@ -1,0 +1,66 @@
+"""A circle at constant speed."""
+
+from __future__ import annotations
+
+import math
+from copy import copy
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._checks import positive, vector
+from ..exceptions import InputError
+from ..records import Desired
+from .trajectory import Trajectory
+
+PLANES = ("xy", "yz", "xz")
+
+
+def plane_axes(plane: str, size: int) -> np.ndarray:
+    """Return the two unit vectors (2, m) of a plane named by its world axes; two coordinates have one plane, called "xy".
+
+    Raises:
+        InputError: an unknown plane, or one that the task does not span.
+    """
+    if size not in (2, 3):
+        raise InputError(
+            f"a circle needs 2 or 3 coordinates, got {size}.", where="reference.center"
+        )
+    if plane not in PLANES or (size == 2 and plane != "xy"):
+        allowed = ["xy"] if size == 2 else list(PLANES)
+        raise InputError(f"must be one of {allowed}, got {plane!r}.", where="reference.plane")
+    return np.eye(size)[["xyz".index(axis) for axis in plane]]
+
+
+class Circle(Trajectory):
+    """x_d = center + radius (cos(w t + phase) u_1 + sin(w t + phase) u_2), w = 2 pi / period."""
+
+    def __init__(
+        self, center: ArrayLike, radius: float, period: float, plane: str = "xy", phase: float = 0.0
+    ) -> None:
+        """Take the centre (m) [m], radius [m], period [s], plane ("xy", "yz", "xz") and phase [rad].
+
+        Raises:
+            InputError: sizes, signs or names that cannot be.
+        """
+        size = np.size(center)
+        self.center = vector(center, size, "reference.center")
+        self.radius = positive(radius, "reference.radius")
+        self.period = positive(period, "reference.period")
+        self.phase = float(vector(phase, 1, "reference.phase")[0])
+        self._axes = plane_axes(plane, size)
+
+    def shifted(self, by: np.ndarray) -> Circle:
+        """Return the circle moved by (m) [m]."""
+        moved = copy(self)
+        moved.center = self.center + by
+        return moved
+
+    def at(self, t: float) -> Desired:
+        """Return position, velocity and acceleration at time t [s]."""
+        w = 2 * math.pi / self.period
+        angle = w * t + self.phase
+        c, s = self.radius * math.cos(angle), self.radius * math.sin(angle)
+        u1, u2 = self._axes
+        outward = c * u1 + s * u2
+        return Desired(self.center + outward, w * (c * u2 - s * u1), -w * w * outward)

@@ -1,0 +1,29 @@
+"""Desired task trajectories: position with its first two derivatives at any time."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+
+from ..records import Desired
+
+
+class Trajectory(ABC):
+    """A twice differentiable path of m task coordinates in time."""
+
+    @abstractmethod
+    def at(self, t: float) -> Desired:
+        """Return position, velocity and acceleration at time t [s]."""
+
+    @abstractmethod
+    def shifted(self, by: np.ndarray) -> Trajectory:
+        """Return the same motion moved by (m) [m]."""
+
+    def starting_at(self, start: np.ndarray) -> Trajectory:
+        """Return the same motion moved so that it is at ``start`` (m) [m] at time 0."""
+        return self.shifted(np.asarray(start) - self.at(0.0).x_d)
+
+    def positions(self, times: np.ndarray) -> np.ndarray:
+        """Return the positions (N, m) [m] at times (N) [s]."""
+        return np.stack([self.at(float(t)).x_d for t in times])
