@@ -115,7 +115,7 @@ def measure(name: str) -> dict[str, Any]:
     robot, control = controller(name)
     plant, rng = pa.PinocchioPlant(robot), np.random.default_rng(0)
     v = 0.3 * rng.standard_normal(plant.nv)
-    measurement = pa.Measurement(robot.q0, v, *plant.task_motion(robot.q0, v))
+    measurement = plant.measurement(robot.q0, v)
     desired = pa.Circle(np.zeros(robot.task.size), 0.1, 3.0).starting_at(measurement.x).at(0.1)
     state = control.step(control.init(measurement), measurement, desired, 1e-3)[1]
     calls = floor_calls(robot, robot.q0, v)

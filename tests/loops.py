@@ -85,7 +85,7 @@ def energy_along(
         start: initial estimates a_k, a_d instead of the believed ones.
     """
     plant, v = pa.PinocchioPlant(true), np.zeros(true.model.nv)
-    state = controller.init(pa.Measurement(true.q0, v, *plant.task_motion(true.q0, v)), **start)
+    state = controller.init(plant.measurement(true.q0, v), **start)
     trace = run_continuous(
         plant, controller, path, state, times=range(steps), dt=dt, ideal_acceleration=True
     )

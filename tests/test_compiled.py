@@ -232,7 +232,7 @@ def test_a_nan_is_named_and_leaves_the_state_alone(field, task):
     robot = pa.load("panda", task=task)
     control = pa.make_controller(robot)
     v = np.full(7, 0.1)
-    measurement = pa.Measurement(robot.q0, v, *pa.PinocchioPlant(robot).task_motion(robot.q0, v))
+    measurement = pa.PinocchioPlant(robot).measurement(robot.q0, v)
     m = robot.task.size
     desired = pa.Desired(measurement.x, np.zeros(m), np.zeros(m))
     state = control.init(measurement)
@@ -250,7 +250,7 @@ def test_numbers_that_are_not_floats():
     robot = pa.load("panda")
     control = pa.make_controller(robot)
     x = robot.position(robot.q0)
-    measurement = pa.Measurement(robot.q0, np.ones(7), x)
+    measurement = pa.Measurement(0.0, robot.q0, np.ones(7), x)
     desired = pa.Desired(x, np.zeros(3), np.ones(3))
     state = control.init(measurement)
     torque, after = control.step(state, measurement, desired, 1e-3)
@@ -269,7 +269,7 @@ def test_wrong_sizes_never_reach_a_kernel():
         pa.make_controller(robot, kinematic=["tool:length"], dynamic="payload"),
     )
     x = robot.position(robot.q0)
-    measurement = pa.Measurement(robot.q0, np.zeros(7), x)
+    measurement = pa.Measurement(0.0, robot.q0, np.zeros(7), x)
     desired = pa.Desired(x, np.zeros(3), np.zeros(3))
     state = control.init(measurement)
     for flawed in (desired._replace(xdd_d=np.zeros(2)), desired._replace(xdd_d=np.zeros(4))):

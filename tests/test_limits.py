@@ -212,7 +212,7 @@ def test_a_saturated_sample_teaches_by_prediction_alone(law):
     robot = load("ur5")
     controller = pa.make_controller(robot, law=law, adaptation="gradient")
     plant, v = pa.PinocchioPlant(robot), np.linspace(0.1, 0.4, 6)
-    measurement = pa.Measurement(robot.q0, v, *plant.task_motion(robot.q0, v))
+    measurement = plant.measurement(robot.q0, v)
     desired = pa.Circle(np.zeros(3), 0.1, 2.0).starting_at(measurement.x + 0.05).at(0.1)
     a_k = controller.kinematics.initial + 0.02
     state = controller.init(measurement, a_k=a_k)
@@ -335,7 +335,7 @@ def test_projection_is_the_nearest_point_in_the_metric_and_v_only_improves(diago
 def test_an_estimate_outside_its_box_is_refused_by_name():
     robot = load("ur5")
     controller = pa.make_controller(robot, kinematic_box=0.05)
-    measurement = pa.Measurement(robot.q0, np.zeros(6), robot.position(robot.q0))
+    measurement = pa.Measurement(0.0, robot.q0, np.zeros(6), robot.position(robot.q0))
     controller.init(measurement, a_k=controller.kinematics.initial + 0.04)
     with pytest.raises(pa.ParameterError, match=r"unknown\.kinematic_box.*tool_x.*outside.*wider"):
         controller.init(measurement, a_k=controller.kinematics.initial + 0.06)
@@ -443,7 +443,7 @@ def test_estimates_that_run_away_end_the_run_with_a_message():
             kinematic=[],
         )
         measurement = pa.Measurement(
-            robot.q0, np.full(6, 0.1), robot.position(robot.q0), np.zeros(3)
+            0.0, robot.q0, np.full(6, 0.1), robot.position(robot.q0), xd=np.zeros(3)
         )
         desired = pa.Circle(np.zeros(3), 0.1, 2.0).starting_at(measurement.x + 0.05).at(0.0)
         state = controller.init(measurement)

@@ -110,7 +110,7 @@ def test_a_guess_of_its_load_helps_a_light_wrist():
 
 def sample(robot, x=None):
     return pa.Measurement(
-        robot.q0, np.zeros(robot.model.nv), robot.position(robot.q0) if x is None else x
+        0.0, robot.q0, np.zeros(robot.model.nv), robot.position(robot.q0) if x is None else x
     )
 
 
@@ -150,10 +150,10 @@ def test_a_tracker_needs_no_angular_velocity():
     )
     v = np.linspace(-0.3, 0.4, 7)
     x, xd = pa.PinocchioPlant(robot).task_motion(robot.q0, v)
-    state = controller.init(pa.Measurement(robot.q0, v, x, xd))
+    state = controller.init(pa.Measurement(0.0, robot.q0, v, x, xd=xd))
     blind = np.concatenate([xd[:3], np.full(3, 9.0)])
     torques = [
-        controller.step(state, pa.Measurement(robot.q0, v, x, rate), desired, 1e-3)[0]
+        controller.step(state, pa.Measurement(0.0, robot.q0, v, x, xd=rate), desired, 1e-3)[0]
         for rate in (xd, blind)
     ]
     assert np.array_equal(*torques)

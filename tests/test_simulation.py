@@ -241,7 +241,7 @@ def controlled(name, law, adaptation="natural"):
     rng = np.random.default_rng(5)
     v = 0.3 * rng.standard_normal(plant.nv)
     q = plant.integrate(robot.q0, 0.05 * rng.standard_normal(plant.nv))
-    measurement = pa.Measurement(q, v, *plant.task_motion(q, v))
+    measurement = plant.measurement(q, v)
     state = controller.init(measurement)
     for _ in range(3):
         state = controller.step(state, measurement, desired, 1e-3)[1]
@@ -302,8 +302,8 @@ def test_states_do_not_change_when_the_caller_reuses_its_buffers():
     robot = load("ur5")
     controller = pa.make_controller(robot)
     q, v, x = robot.q0.copy(), np.full(6, 0.1), robot.position(robot.q0)
-    first = controller.init(pa.Measurement(q, v, x))
-    _, second = controller.step(first, pa.Measurement(q, v, x), circle(robot).at(0.0), 1e-3)
+    first = controller.init(pa.Measurement(0.0, q, v, x))
+    _, second = controller.step(first, pa.Measurement(0.0, q, v, x), circle(robot).at(0.0), 1e-3)
     before = copies(first), copies(second)
     for buffer in (q, v, x):
         buffer += 1.0
@@ -314,14 +314,14 @@ def test_a_bad_first_measurement_is_refused():
     robot = load("ur5")
     controller = pa.make_controller(robot)
     with pytest.raises(pa.MeasurementError, match="'x'"):
-        controller.init(pa.Measurement(robot.q0, np.zeros(6), np.full(3, np.nan)))
+        controller.init(pa.Measurement(0.0, robot.q0, np.zeros(6), np.full(3, np.nan)))
 
 
 def test_laws_with_task_velocity_say_that_they_need_it():
     robot = load("ur5")
     for name, law in pa.LAWS.items():
         controller = pa.make_controller(robot, law=name)
-        measurement = pa.Measurement(robot.q0, np.zeros(6), robot.position(robot.q0))
+        measurement = pa.Measurement(0.0, robot.q0, np.zeros(6), robot.position(robot.q0))
         if law.needs_task_velocity:
             with pytest.raises(pa.InputError, match="task velocity"):
                 controller.init(measurement)

@@ -170,7 +170,7 @@ class Controller:
         self, state: ControllerState, measurement: Measurement, desired: Desired
     ) -> Signals:
         """Evaluate the believed robot at the current estimates and return what the law may see."""
-        q, v, x, xd, _ = measurement
+        q, v, x, xd = measurement.q, measurement.v, measurement.x, measurement.xd
         x_d, xd_d, xdd_d = desired
         v, xdd_d = np.asarray(v, dtype=float), np.asarray(xdd_d, dtype=float)
         kinematics, dynamics, task = self.kinematics, self.dynamics, self.kinematics.task

@@ -191,7 +191,7 @@ class FrameKinematics:
         parts = [
             R.dot(block if B is None else block.dot(B))
             for R, B, block in zip(self._R, self._B, blocks)
-        ]  # noqa: B905
+        ]
         return parts[0] if len(parts) == 1 else np.concatenate([self._no_columns, *parts], axis=1)
 
     def _padded(self, Y: np.ndarray) -> np.ndarray:

@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..exceptions import DivergedError
+from ..records import Measurement
 from ..robot.robot import Robot
 
 LARGEST_SPEED = 1e4  # [rad/s or m/s]; beyond, the loop has diverged
@@ -57,6 +58,11 @@ class PinocchioPlant:
     def task_motion(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the frame's true task coordinates x and velocity xd (m), in world axes; see ``Task``."""
         return self.robot.task.motion(self._model, self._data, self._frame, q, v)
+
+    def measurement(self, q: np.ndarray, v: np.ndarray, t: float = 0.0) -> Measurement:
+        """Return what perfect sensors would say at configuration q (nq), velocity v (nv), time t [s]."""
+        x, xd = self.task_motion(q, v)
+        return Measurement(t, q, v, x, xd=xd)
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return the true M(q) (nv, nv)."""

@@ -66,14 +66,14 @@ class Sensors:
 
     def measure(self, q: np.ndarray, v: np.ndarray) -> tuple[Measurement, Measurement]:
         """Return the next sample as the sensors see it, and as it truly is."""
-        truth = Measurement(q, v, *self._plant.task_motion(q, v))
+        truth = self._plant.measurement(q, v)
         self._tracked.append((truth.x, truth.xd))
         x, xd = self._tracked[0]  # before the delay has passed, the first sample
         if any(self._noise.values()):
             q = self._plant.integrate(q, self._white("q", self._plant.nv))
             v = v + self._white("v", self._plant.nv)
             x = self._task.moved(x, self._tracking_error())
-        return Measurement(q, v, x, xd), truth
+        return Measurement(truth.t, q, v, x, xd=xd), truth
 
     def _tracking_error(self) -> np.ndarray:
         places = self._white("x", self._task.positions)

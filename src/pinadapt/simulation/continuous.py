@@ -107,7 +107,7 @@ class _Loop:
         plant, controller, n = self._plant, self._controller, self._plant.nv
         q, v = plant.integrate(self._q, y[:n]), y[n : 2 * n]
         self.state = self.state.with_flat(y[2 * n :])
-        self.measurement = Measurement(q, v, *plant.task_motion(q, v))
+        self.measurement = plant.measurement(q, v)
         signals, command = controller.command(self.state, self.measurement, desired)
         if self._ideal:
             a_law = plant.acceleration(q, v, command.torque, command.feedthrough)

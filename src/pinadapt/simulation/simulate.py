@@ -17,7 +17,6 @@ from ..controller.state import ControllerState
 from ..exceptions import InputError, did_you_mean
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..plants.sensors import Sensors
-from ..records import Measurement
 from ..robot.effort_limits import torque_limits as limits_of
 from ..robot.home import conditioning
 from ..robot.robot import Robot
@@ -130,7 +129,7 @@ def prepare(
     """
     _check_same_shape(true, controller, trajectory)
     plant, v = PinocchioPlant(true), np.zeros(true.model.nv)
-    first = Measurement(true.q0, v, *plant.task_motion(true.q0, v))
+    first = plant.measurement(true.q0, v)
     if (
         conditioning(true.model, true.model.createData(), true.frame_id, true.task.rows, true.q0)[1]
         < 1e-6
