@@ -16,14 +16,14 @@ FILES = sorted(SOURCE.rglob("*.py"))
 
 # A folder may import those of the layers before its own, and itself.
 LAYERS = [
-    {"exceptions", "_checks", "_compiled", "_toml", "_version"},
-    {"records"},
-    {"tasks"},
-    {"trajectories", "filters"},
+    {"exceptions", "_checks", "_compiled", "_kernels", "_toml", "_version"},
+    {"records", "tasks"},
+    {"trajectories"},
     {"robot"},
     {"models"},
+    {"signals"},
+    {"filters", "adaptation"},
     {"laws"},
-    {"adaptation"},
     {"controller"},
     {"tuning"},
     {"plants"},

@@ -1,7 +1,11 @@
 """How estimates move: gradient, natural (log-det), exponentiated gradient, projected, or not at all."""
 
 from .adaptation import Adaptation as Adaptation
+from .adaptation import Wrapper as Wrapper
 from .box_projection import BoxProjection as BoxProjection
+from .drive import Drive as Drive
+from .drive import Drives as Drives
+from .drive import Estimate as Estimate
 from .exponentiated_gradient import ExponentiatedGradient as ExponentiatedGradient
 from .frozen import Frozen as Frozen
 from .gradient import Gradient as Gradient

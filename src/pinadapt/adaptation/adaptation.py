@@ -1,40 +1,118 @@
-"""How an estimate follows its gradient signal: da/dt = -Gamma g in some metric."""
+"""How an estimate follows its drive: da/dt = -Gamma g in some metric."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from typing import Any
 
 import numpy as np
 
+from .drive import Drive, Estimate
+
 
 class Adaptation(ABC):
-    """The law da/dt = -Gamma(a) g of an estimate a (p), g (p) = (regressor)^T (error) from the control law.
+    """The law da/dt = -Gamma(a) g of an estimate a (p), g (p) the gradient of its drive.
 
-    Every control law here proves dV/dt <= 0 with any adaptation for which ``distance`` D obeys
+    Every control law here proves dV/dt <= 0 with any adaptation for which ``divergence`` D obeys
     dD/dt = (a - a_true)^T (-g): the metric is free. Laws and adaptations therefore combine freely.
+
+    A subclass states ``rate`` and ``divergence``; the others have defaults. An adaptation that
+    remembers something puts it into ``Estimate.memory``, starts it in ``init`` and gives its rate
+    with the value's.
 
     Attributes:
         name: as written in scenarios.
     """
 
-    name: str
+    name: str = "custom"
 
-    def admit(self, a: np.ndarray) -> np.ndarray:
-        """Return the initial estimate to start from: ``a`` itself, or moved (with a warning) to where the law is defined."""
-        return a
+    def init(self, value: np.ndarray) -> Estimate:
+        """Return the estimate to start from, ``validate(value)`` with an empty memory."""
+        return Estimate(self.validate(value))
 
-    def keep(self, a: np.ndarray, q: np.ndarray) -> np.ndarray:
-        """Return the estimate (p) to use at configuration q (nq): ``a`` itself, or a point closer to every possible truth."""
-        return a
+    def validate(self, value: np.ndarray) -> np.ndarray:
+        """Return the initial value (p): as given, or moved (with a warning) into the domain.
+
+        Raises:
+            ParameterError: a value that cannot be used.
+        """
+        return value
+
+    def contains(self, value: np.ndarray) -> bool:
+        """Tell whether a value (p) is in the domain, outside of which no estimate ever is."""
+        return True
+
+    def project(self, value: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """Return the value (p) to use at q (nq): as given, or closer to every possible truth."""
+        return value
 
     @abstractmethod
-    def rate(self, a: np.ndarray, g: np.ndarray) -> np.ndarray:
-        """Return da/dt (p)."""
+    def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
+        """Return the time derivatives of the value (p) and of the memory."""
 
-    def advance(self, a: np.ndarray, g: np.ndarray, dt: float) -> np.ndarray:
-        """Return the estimate (p) after a sampling period dt [s] with g held."""
-        return a + dt * self.rate(a, g)
+    def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
+        """Return the estimate after a sampling period dt [s] with the drive held: by Euler."""
+        rate = self.rate(estimate, drive)
+        return Estimate(*(_moved(part, r, dt) for part, r in zip(estimate, rate, strict=True)))
 
     @abstractmethod
-    def distance(self, a: np.ndarray, a_true: np.ndarray) -> float | None:
-        """Return this adaptation's part of V, or None where it is undefined."""
+    def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
+        """Return this adaptation's part of V (p), (p), or None where it is undefined."""
+
+    def gain(self, value: np.ndarray) -> np.ndarray:
+        """Return Gamma (p, p) at a value (p) with an empty memory."""
+        start = Estimate(value)
+        drives = [Drive(g[None], None, gradient=g) for g in np.eye(value.size)]
+        columns = [-self.rate(start, drive).value for drive in drives]
+        return np.column_stack(columns) if columns else np.zeros((0, 0))
+
+
+class Wrapper(Adaptation):
+    """An adaptation that modifies another one; what it does not override is the inner one's.
+
+    Attributes:
+        inner: the adaptation that it wraps.
+    """
+
+    def __init__(self, inner: Adaptation) -> None:
+        """Take the adaptation to wrap, any."""
+        self.inner, self.name = inner, inner.name
+
+    def init(self, value: np.ndarray) -> Estimate:
+        """Return the inner adaptation's start, with the value that this one validates."""
+        return self.inner.init(value)._replace(value=self.validate(value))
+
+    def validate(self, value: np.ndarray) -> np.ndarray:
+        """Return the initial value (p) as the inner adaptation has it."""
+        return self.inner.validate(value)
+
+    def contains(self, value: np.ndarray) -> bool:
+        """Tell whether a value (p) is in the inner adaptation's domain."""
+        return self.inner.contains(value)
+
+    def project(self, value: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """Return the value (p) that the inner adaptation uses at q (nq)."""
+        return self.inner.project(value, q)
+
+    def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
+        """Return the inner adaptation's rates."""
+        return self.inner.rate(estimate, drive)
+
+    def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
+        """Return the inner adaptation's estimate after dt [s]."""
+        return self.inner.step(estimate, drive, dt)
+
+    def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
+        """Return the inner adaptation's part of V."""
+        return self.inner.divergence(value, truth)
+
+    def gain(self, value: np.ndarray) -> np.ndarray:
+        """Return the inner adaptation's Gamma (p, p)."""
+        return self.inner.gain(value)
+
+
+def _moved(part: Any, rate: Any, dt: float) -> Any:
+    """Return an array, or a tuple of such to any depth, moved at its rate for dt [s]."""
+    if isinstance(part, tuple):
+        return tuple(_moved(p, r, dt) for p, r in zip(part, rate, strict=True))
+    return part + dt * rate

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from .._checks import positive, vector
 from ..exceptions import GainError, ParameterError
 from .adaptation import Adaptation
+from .drive import Drive, Estimate
 
 _LARGEST_STEP = 0.02
 
@@ -23,8 +24,10 @@ class ExponentiatedGradient(Adaptation):
     the truth, and its V is undefined where the truth is zero, as friction may be. One sample
     changes an estimate by at most two per cent, as for bodies.
 
-    Attributes: gamma: the one gain. scale: (p) c, typical sizes of the coefficients: where a = c
-        the rate is that of the log-det metric.
+    Attributes:
+        gamma: the one gain.
+        scale: (p) c, typical sizes of the coefficients: where a = c the rate is that of the log-det
+            metric.
     """
 
     name = "natural"
@@ -40,35 +43,42 @@ class ExponentiatedGradient(Adaptation):
         if not (self.scale > 0.0).all():
             raise GainError(f"scales must be positive, got {self.scale.tolist()}.", where=name)
 
-    def admit(self, a: np.ndarray) -> np.ndarray:
-        """Return ``a`` if all of it is positive.
+    def validate(self, value: np.ndarray) -> np.ndarray:
+        """Return the initial value (p) if all of it is positive.
 
         Raises:
             ParameterError: it is not.
         """
-        if not (a > 0.0).all():
+        if not self.contains(value):
             raise ParameterError(
-                f"the initial estimates of the joints' coefficients must be positive, got {a.tolist()}.",
+                "the initial estimates of the joints' coefficients must be positive, got "
+                f"{value.tolist()}.",
                 where="belief.dynamic",
             )
-        return a
+        return value
 
-    def rate(self, a: np.ndarray, g: np.ndarray) -> np.ndarray:
+    def contains(self, value: np.ndarray) -> bool:
+        """Tell whether all of a value (p) is positive."""
+        return bool((value > 0.0).all())
+
+    def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return da/dt (p)."""
-        return -self.gamma * self.scale * a * g
+        return Estimate(-self.gamma * self.scale * estimate.value * drive.gradient)
 
-    def advance(self, a: np.ndarray, g: np.ndarray, dt: float) -> np.ndarray:
-        """Return the estimate (p) after dt [s] with g held."""
-        step = (-self.gamma * dt) * self.scale * g
+    def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
+        """Return the estimate after dt [s] with the drive held."""
+        step = (-self.gamma * dt) * self.scale * drive.gradient
         if step.dot(step) > _LARGEST_STEP**2:
             step = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
-        return a * np.exp(step)
+        return Estimate(estimate.value * np.exp(step))
 
-    def distance(self, a: np.ndarray, a_true: np.ndarray) -> float | None:
-        """Return the relative entropy from the truth in units of the scales, over gamma; None for negative numbers."""
-        if not ((a > 0.0).all() and (a_true >= 0.0).all()):
+    def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
+        """Return the relative entropy from the truth, in scales, over gamma.
+
+        None where an estimate is not positive or a truth negative.
+        """
+        if not (self.contains(value) and (truth >= 0.0).all()):
             return None
-        entropy = np.where(
-            a_true > 0.0, a_true * np.log(np.maximum(a_true, np.finfo(float).tiny) / a), 0.0
-        )
-        return float(np.sum((entropy + a - a_true) / self.scale) / self.gamma)
+        least = np.finfo(float).tiny
+        entropy = np.where(truth > 0.0, truth * np.log(np.maximum(truth, least) / value), 0.0)
+        return float(np.sum((entropy + value - truth) / self.scale) / self.gamma)

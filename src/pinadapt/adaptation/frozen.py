@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .adaptation import Adaptation
+from .drive import Drive, Estimate
 
 
 class Frozen(Adaptation):
@@ -12,14 +13,14 @@ class Frozen(Adaptation):
 
     name = "none"
 
-    def rate(self, a: np.ndarray, g: np.ndarray) -> np.ndarray:
+    def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return zero (p)."""
-        return np.zeros_like(a)
+        return Estimate(np.zeros(estimate.value.size))
 
-    def advance(self, a: np.ndarray, g: np.ndarray, dt: float) -> np.ndarray:
-        """Return ``a``."""
-        return a
+    def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
+        """Return the estimate."""
+        return estimate
 
-    def distance(self, a: np.ndarray, a_true: np.ndarray) -> float | None:
-        """Return 0 for a right estimate, None for a wrong one: no Lyapunov function is claimed for that."""
-        return 0.0 if np.allclose(a, a_true, rtol=1e-12, atol=1e-12) else None
+    def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
+        """Return 0 for a right estimate, None for a wrong one, for which no V is claimed."""
+        return 0.0 if np.allclose(value, truth, rtol=1e-12, atol=1e-12) else None

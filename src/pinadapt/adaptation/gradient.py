@@ -6,7 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import definite_matrix
+from .._kernels import adaptation as kernels
 from .adaptation import Adaptation
+from .drive import Drive, Estimate
 
 
 class Gradient(Adaptation):
@@ -25,15 +27,24 @@ class Gradient(Adaptation):
             GainError: not positive definite, or of another size.
         """
         self.Gamma = definite_matrix(Gamma, size, name)
+        self._minus_Gamma = -self.Gamma
         self._information = np.linalg.inv(self.Gamma)
-        diagonal = np.diag(self.Gamma)
-        self._minus_diagonal = -diagonal if (self.Gamma == np.diag(diagonal)).all() else None
 
-    def rate(self, a: np.ndarray, g: np.ndarray) -> np.ndarray:
+    def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return -Gamma g (p)."""
-        return -self.Gamma.dot(g) if self._minus_diagonal is None else self._minus_diagonal * g
+        return Estimate(self._minus_Gamma.dot(drive.gradient))
 
-    def distance(self, a: np.ndarray, a_true: np.ndarray) -> float:
+    def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
+        """Return the estimate after dt [s] with the drive held."""
+        after = np.empty(estimate.value.size)
+        kernels.descend(estimate.value, drive.gradient, self.Gamma, dt, after)
+        return Estimate(after)
+
+    def divergence(self, value: np.ndarray, truth: np.ndarray) -> float:
         """Return half the squared Gamma^-1 norm of the parameter error."""
-        error = a - a_true
+        error = value - truth
         return float(0.5 * error @ self._information @ error)
+
+    def gain(self, value: np.ndarray) -> np.ndarray:
+        """Return Gamma (p, p)."""
+        return self.Gamma

@@ -1,35 +1,32 @@
-"""Gradient adaptation that keeps the estimated mass matrix positive definite."""
+"""Estimates kept where the estimated mass matrix is positive definite."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.linalg import eigh
 from scipy.linalg.lapack import dpotrf
-from scipy.optimize import nnls
 
 from ..exceptions import DivergedError
 from ..models.dynamics import Dynamics
 from ..models.inertial_model import InertialModel
 from ..robot.robot import Robot
+from .adaptation import Adaptation, Wrapper
 from .gradient import Gradient
 
-_LEAST, _RESTORED = (
-    0.10,
-    0.12,
-)  # of the believed mass matrix: where the projection acts, and how far it goes
+_LEAST = 0.10  # of the believed mass matrix: where the projection acts ...
+_RESTORED = 0.12  # ... and how far it goes
 _ROUNDS = 50
 _LOST = "the estimated mass matrix could not be kept positive definite."
 
 
-class MassMatrixProjection(Gradient):
-    """da/dt = -Gamma g, projected onto {a : M_hat(q; a) >= 0.1 M_0(q)} at the measured q, M_0 the believed robot's mass matrix.
+class MassMatrixProjection(Wrapper):
+    """Any adaptation, projected onto {a : M_hat(q; a) >= 0.1 M_0(q)} at the measured q.
 
-    M_hat is affine in a, so the set is convex, and it contains the truth for every q as long as the
+    M_0 is the believed robot's mass matrix. M_hat is affine in a, so the set is convex, and it contains the truth for every q as long as the
     true robot has in every direction at least 12 % of the believed inertia. It is cut out of
     half-spaces u^T M_hat(q; a) u >= 0.12 u^T M_0(q) u: each eigenvalue of M_hat below 0.1 relative
     to M_0 gives one by its eigenvector u, and the estimate becomes the point nearest to it, in the
-    metric Gamma^-1, that satisfies all of them, until no such eigenvalue is left. The nearest point
+    inner adaptation's metric Gamma(a)^-1, that satisfies all of them, until no such eigenvalue is left. The nearest point
     of a convex set is nearer to all points of that set, the truth among them, so the projection can
     only lower V; and M_hat stays invertible with a margin that knows no units.
 
@@ -37,57 +34,52 @@ class MassMatrixProjection(Gradient):
     or lumped parameters.
     """
 
-    name = "projected"
-
-    def __init__(
-        self, Gamma: ArrayLike, dynamics: Dynamics, robot: Robot, name: str = "gamma_d"
-    ) -> None:
-        """Take the gain, the parameters that it moves, and the believed robot that they were made for.
-
-        Raises:
-            GainError: a gain that is not positive definite, or of another size.
-        """
-        super().__init__(Gamma, dynamics.size, name)
-        self._root = np.linalg.cholesky(self.Gamma)
+    def __init__(self, inner: Adaptation, dynamics: Dynamics, robot: Robot) -> None:
+        """Take the adaptation, the dynamics whose parameters it moves, and the believed robot."""
+        super().__init__(inner)
+        self.name = "projected" if inner.name == Gradient.name else inner.name
         self._dynamics, self._believed = dynamics, InertialModel(robot.model)
         self._zero = np.zeros(robot.model.nv)
 
-    def keep(self, a: np.ndarray, q: np.ndarray) -> np.ndarray:
-        """Return the estimate (p) itself, or projected where M_hat(q; a) is not positive enough.
+    def project(self, value: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """Return the value (p) itself, or projected where M_hat(q; a) is not positive enough.
 
         Raises:
-            DivergedError: no parameters give a positive mass matrix, or the estimate is not finite.
+            DivergedError: no parameters give a positive mass matrix, or the value is not finite.
         """
-        M_0, kept = self._believed.mass_matrix(q), a
+        M_0, kept, root = self._believed.mass_matrix(q), value, None
         cuts: list[np.ndarray] = []
         bounds: list[float] = []
         for _ in range(_ROUNDS):
             self._dynamics.load(kept)
             M = self._dynamics.mass_matrix(q)
             if dpotrf(M - _LEAST * M_0)[1] == 0:
-                return kept
+                return self.inner.project(kept, q)
             if not np.isfinite(M).all():
                 break
+            root = np.linalg.cholesky(self.inner.gain(value)) if root is None else root
             ratios, vectors = eigh(M, M_0)
             rest = self._dynamics.regressor(q, self._zero, self._zero)
             for ratio, u in zip(ratios, vectors.T, strict=True):
                 if ratio < _LEAST:  # u^T M_0 u = 1, and u^T M_hat u = c a + known
                     c = u.dot(self._dynamics.regressor(q, self._zero, u) - rest)
-                    cuts.append(c.dot(self._root))
-                    bounds.append(_RESTORED - ratio + c.dot(kept - a))
-            kept = a + self._root.dot(_least_move(np.array(cuts), np.array(bounds)))
+                    cuts.append(c.dot(root))
+                    bounds.append(_RESTORED - ratio + c.dot(kept - value))
+            kept = value + root.dot(_least_move(np.array(cuts), np.array(bounds)))
         raise DivergedError(_LOST)
 
 
 def _least_move(G: np.ndarray, h: np.ndarray) -> np.ndarray:
-    """Return the shortest x (p) with G x >= h, G (k, p): least distance programming by nonnegative least squares.
+    """Return the shortest x (p) with G x >= h, G (k, p).
 
-    C. Lawson and R. Hanson, *Solving Least Squares Problems*, 1974, chapter 23. The rows are scaled
+    Least distance programming by nonnegative least squares: C. Lawson and R. Hanson, *Solving Least Squares Problems*, 1974, chapter 23. The rows are scaled
     to one.
 
     Raises:
         DivergedError: there is none.
     """
+    from scipy.optimize import nnls  # slow to import, and seldom needed
+
     scale = np.linalg.norm(G, axis=1)
     if not (scale > 0.0).all():
         raise DivergedError(_LOST)

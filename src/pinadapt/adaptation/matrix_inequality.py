@@ -22,18 +22,21 @@ class MatrixInequality:
     A user's own inequality has one block; the bodies of a robot are k blocks of the same
     pseudo-inertia.
 
-    Attributes: F: (p, n, n) coefficient matrices of one block, symmetric and linearly independent.
-        blocks: k. complete: whether the F_i span all symmetric matrices, p = n (n + 1) / 2. tables:
-        F_0 (n, n), and the e entries on and below the diagonals where F_i or D_i is not zero: their
-        i, row and column (e, 3), then F_i and D_i there, both (e). The D_i are the dual basis in
-        the span of F, tr(D_i F_j) = delta_ij.
+    Attributes:
+        F: (p, n, n) coefficient matrices of one block, symmetric and linearly independent.
+        blocks: k.
+        complete: whether the F_i span all symmetric matrices, p = n (n + 1) / 2.
+        tables: F_0 (n, n), and the e entries on and below the diagonals where F_i or D_i is not
+            zero: their i, row and column (e, 3), then F_i and D_i there, both (e). The D_i are the
+            dual basis in the span of F, tr(D_i F_j) = delta_ij.
     """
 
     def __init__(self, F: ArrayLike, *, offset: ArrayLike | None = None, blocks: int = 1) -> None:
         """Take the coefficient matrices (p, n, n) of a block, the constant F_0 (n, n) or None for zero, and k.
 
-        Raises: ParameterError: wrong shape, asymmetric or linearly dependent coefficients, or
-            incomplete ones in many blocks.
+        Raises:
+            ParameterError: wrong shape, asymmetric or linearly dependent coefficients, or
+                incomplete ones in many blocks.
         """
         self.F = np.array(F, dtype=float)
         if self.F.ndim != 3 or self.F.shape[1] != self.F.shape[2]:
@@ -114,7 +117,7 @@ class MatrixInequality:
         """Tell whether every block is positive definite at a (k p)."""
         return bool((np.linalg.eigvalsh(self.matrices(a)) > 0.0).all())
 
-    def admit(self, a: np.ndarray) -> np.ndarray:
+    def validate(self, a: np.ndarray) -> np.ndarray:
         """Return ``a`` if it lies inside.
 
         Raises:
@@ -137,14 +140,17 @@ class BodyInequality(MatrixInequality):
     ) -> None:
         """Take one name a body, and how far inside unphysical bodies are moved.
 
-        Args: names: of the bodies, for messages. least_mass: kg. least_radius: m; the second moment
-            about the centre of mass becomes at least mass times its square.
+        Args:
+            names: of the bodies, for messages.
+            least_mass: kg.
+            least_radius: m; the second moment about the centre of mass becomes at least mass times
+                its square.
         """
         super().__init__(COEFFICIENTS, blocks=len(names))
         self._names = tuple(names)
         self._repair = partial(nearest_physical, least_mass=least_mass, least_radius=least_radius)
 
-    def admit(self, a: np.ndarray) -> np.ndarray:
+    def validate(self, a: np.ndarray) -> np.ndarray:
         """Return ``a`` with unphysical bodies moved inside the cone; a warning names them."""
         names = unphysical_bodies(a, self._names)
         if not names:

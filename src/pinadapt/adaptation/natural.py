@@ -7,17 +7,13 @@ descent*, PLoS ONE 2020.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from .._checks import positive
-from .._compiled import compiled
+from .._kernels import adaptation as kernels
 from .adaptation import Adaptation
+from .drive import Drive, Estimate
 from .matrix_inequality import MatrixInequality
-
-_LARGEST_STEP = 0.02
-_ONE_TERM = 0.003
 
 
 class Natural(Adaptation):
@@ -45,33 +41,40 @@ class Natural(Adaptation):
         """
         self.gamma, self.cone = positive(gamma, name), cone
 
-    def admit(self, a: np.ndarray) -> np.ndarray:
-        """Return an initial estimate inside the cone; see ``MatrixInequality.admit``."""
-        return self.cone.admit(a)
+    def validate(self, value: np.ndarray) -> np.ndarray:
+        """Return an initial value (p) inside the cone; see ``MatrixInequality.validate``."""
+        return self.cone.validate(value)
 
-    def rate(self, a: np.ndarray, g: np.ndarray) -> np.ndarray:
+    def contains(self, value: np.ndarray) -> bool:
+        """Tell whether a value (p) is inside the cone."""
+        return self.cone.contains(value)
+
+    def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return da/dt (p)."""
-        P = self.cone.matrices(a)
-        if self.cone.complete:
-            return -self.gamma * self.cone.components(P @ self.cone.covectors(g) @ P)
-        return -self.gamma * np.linalg.solve(self._metric(P[0]), g)
+        a, g, cone = estimate.value, drive.gradient, self.cone
+        P = cone.matrices(a)
+        if cone.complete:
+            return Estimate(-self.gamma * cone.components(P @ cone.covectors(g) @ P))
+        return Estimate(-self.gamma * np.linalg.solve(self._metric(P[0]), g))
 
-    def advance(self, a: np.ndarray, g: np.ndarray, dt: float) -> np.ndarray:
-        """Return the estimate (p) after dt [s] with g held; inside the cone for any dt."""
+    def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
+        """Return the estimate after dt [s] with the drive held; inside the cone for any dt."""
+        a, g = estimate.value, drive.gradient
         if self.cone.complete:
             after = np.empty(a.size)
-            _follow_geodesic(a, g, self.gamma * dt, *self.cone.tables, after)
-            return after
+            kernels.follow_geodesic(a, g, self.gamma * dt, *self.cone.tables, after)
+            return Estimate(after)
         metric = self._metric(self.cone.matrices(a)[0])
         step = (-self.gamma * dt) * np.linalg.solve(metric, g)
         length = np.sqrt(step @ metric @ step)
-        return a + step * min(1.0, _LARGEST_STEP / length if length else 1.0)
+        return Estimate(a + step * min(1.0, kernels.LARGEST_STEP / length if length else 1.0))
 
-    def distance(self, a: np.ndarray, a_true: np.ndarray) -> float | None:
-        """Return the log-det divergence from the truth over gamma; None if the truth itself is outside the cone."""
-        if not np.isfinite(a).all() or not self.cone.contains(a_true) or not self.cone.contains(a):
+    def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
+        """Return the log-det divergence from the truth over gamma; None outside the cone."""
+        cone = self.cone
+        if not np.isfinite(value).all() or not cone.contains(truth) or not cone.contains(value):
             return None
-        P, P_true = self.cone.matrices(a), self.cone.matrices(a_true)
+        P, P_true = cone.matrices(value), cone.matrices(truth)
         try:
             trace = np.trace(np.linalg.solve(P, P_true), axis1=1, axis2=2)
         except np.linalg.LinAlgError:  # inside the cone by less than rounding
@@ -80,65 +83,6 @@ class Natural(Adaptation):
         return float(np.sum(logs + trace - P.shape[1]) / self.gamma)
 
     def _metric(self, P: np.ndarray) -> np.ndarray:
-        """Return the Hessian of -log det, H_ij = tr(P^-1 F_i P^-1 F_j) (p, p), of a one-block cone."""
+        """Return the Hessian of -log det (p, p), H_ij = tr(P^-1 F_i P^-1 F_j), of one block."""
         G = np.linalg.solve(P, self.cone.F)
         return np.einsum("iab,jba->ij", G, G)
-
-
-@compiled("void(f8[:], f8[:], f8, f8[:,:], i8[:,::1], f8[::1], f8[::1], f8[:])")
-def _follow_geodesic(
-    a: np.ndarray,
-    g: np.ndarray,
-    h: float,
-    F_0: np.ndarray,
-    entries: np.ndarray,
-    F: np.ndarray,
-    D: np.ndarray,
-    after: np.ndarray,
-) -> None:
-    """Write P+ = exp(-h P L) P of every block of a complete cone as the parameters ``after`` (k p), h = gamma dt.
-
-    It goes so short a way that one or two terms of the series are right to 5e-6 of P and stay
-    positive definite; tr(L P L P), which is |S^T L S|^2, measures its length. F_0, entries, F and D
-    are the cone's ``tables``.
-    """
-    n, p = len(F_0), entries[-1, 0] + 1
-    k = len(a) // p
-    P, L = np.empty((n, n)), np.empty((n, n))
-    A, change = np.zeros((k, n, n)), np.zeros((k, n, n))  # P L and P L P
-    square = 0.0
-    for b in range(k):
-        for r in range(n):
-            for s in range(n):
-                P[r, s], L[r, s] = F_0[r, s], 0.0
-        for e in range(len(entries)):  # P = F_0 + sum a_i F_i, L = sum g_i D_i
-            i, r, s = b * p + entries[e, 0], entries[e, 1], entries[e, 2]
-            P[r, s] += a[i] * F[e]
-            L[r, s] += g[i] * D[e]
-            P[s, r], L[s, r] = P[r, s], L[r, s]
-        for r in range(n):
-            for s in range(n):
-                for t in range(n):
-                    A[b, r, s] += P[r, t] * L[t, s]
-        for r in range(n):
-            for s in range(r + 1):
-                for t in range(n):
-                    change[b, r, s] += A[b, r, t] * P[t, s]
-                change[b, s, r] = change[b, r, s]
-                square += (1.0 if r == s else 2.0) * L[r, s] * change[b, r, s]  # tr(L P L P)
-    length = h * math.sqrt(abs(square))
-    if length > _LARGEST_STEP:
-        h *= _LARGEST_STEP / length
-    second = 0.5 * h if length > _ONE_TERM else 0.0
-    for i in range(len(a)):
-        after[i] = a[i]
-    for b in range(k):
-        for r in range(n):
-            for s in range(r + 1):
-                step = change[b, r, s]  # P - P+ = h (1 - h P L / 2) P L P, symmetric
-                if second > 0.0:
-                    for t in range(n):
-                        step -= second * A[b, r, t] * change[b, t, s]
-                P[r, s] = h * step * (1.0 if r == s else 2.0)
-        for e in range(len(entries)):
-            after[b * p + entries[e, 0]] -= D[e] * P[entries[e, 1], entries[e, 2]]

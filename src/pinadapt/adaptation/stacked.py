@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
 
 from .adaptation import Adaptation
+from .drive import Drive, Estimate
 
 
 class Stacked(Adaptation):
@@ -26,28 +27,49 @@ class Stacked(Adaptation):
         ]
         self.name = parts[0][0].name
 
-    def admit(self, a: np.ndarray) -> np.ndarray:
-        """Return the initial estimate (p), each block as its adaptation admits it."""
-        return np.concatenate([part.admit(a[block]) for part, block in self.parts])
+    def init(self, value: np.ndarray) -> Estimate:
+        """Return the start of all blocks; the memory is one memory a block."""
+        return _joined([part.init(value[block]) for part, block in self.parts])
 
-    def keep(self, a: np.ndarray, q: np.ndarray) -> np.ndarray:
-        """Return the estimate (p) to use at q, each block as its adaptation keeps it."""
-        blocks = [part.keep(a[block], q) for part, block in self.parts]
-        return a if all(kept.base is a for kept in blocks) else np.concatenate(blocks)
+    def validate(self, value: np.ndarray) -> np.ndarray:
+        """Return the initial value (p), each block as its adaptation has it."""
+        return np.concatenate([part.validate(value[block]) for part, block in self.parts])
 
-    def rate(self, a: np.ndarray, g: np.ndarray) -> np.ndarray:
-        """Return da/dt (p)."""
-        return np.concatenate([part.rate(a[block], g[block]) for part, block in self.parts])
+    def contains(self, value: np.ndarray) -> bool:
+        """Tell whether each block of a value (p) is in the domain of its adaptation."""
+        return all(part.contains(value[block]) for part, block in self.parts)
 
-    def advance(self, a: np.ndarray, g: np.ndarray, dt: float) -> np.ndarray:
-        """Return the estimate (p) after dt [s] with g held."""
-        return np.concatenate([part.advance(a[block], g[block], dt) for part, block in self.parts])
+    def project(self, value: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """Return the value (p) to use at q (nq), each block as its adaptation projects it."""
+        blocks = [part.project(value[block], q) for part, block in self.parts]
+        return value if all(kept.base is value for kept in blocks) else np.concatenate(blocks)
 
-    def distance(self, a: np.ndarray, a_true: np.ndarray) -> float | None:
-        """Return the sum of the blocks' parts of V, or None where one is undefined."""
-        distances = [part.distance(a[block], a_true[block]) for part, block in self.parts]
-        return (
-            None
-            if any(d is None for d in distances)
-            else float(sum(d for d in distances if d is not None))
+    def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
+        """Return the rates of all blocks."""
+        return _joined(
+            [part.rate(own, drive.columns(block)) for part, block, own in self._split(estimate)]
         )
+
+    def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
+        """Return the estimate after dt [s] with the drive held."""
+        return _joined(
+            [part.step(own, drive.columns(block), dt) for part, block, own in self._split(estimate)]
+        )
+
+    def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
+        """Return the sum of the blocks' parts of V, or None where one is undefined."""
+        parts = [part.divergence(value[block], truth[block]) for part, block in self.parts]
+        return (
+            None if any(d is None for d in parts) else float(sum(d for d in parts if d is not None))
+        )
+
+    def _split(self, estimate: Estimate) -> Iterator[tuple[Adaptation, slice, Estimate]]:
+        """Return each adaptation with its block and that block's estimate."""
+        memories = estimate.memory or ((),) * len(self.parts)
+        for (part, block), memory in zip(self.parts, memories, strict=True):
+            yield part, block, Estimate(estimate.value[block], memory)
+
+
+def _joined(blocks: Sequence[Estimate]) -> Estimate:
+    value = np.concatenate([block.value for block in blocks])
+    return Estimate(value, tuple(block.memory for block in blocks))

@@ -5,21 +5,22 @@ from __future__ import annotations
 import copy
 import math
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 
-from .._compiled import compile_all, compiled
+from .._compiled import compile_all
+from .._kernels import watch as kernels
 from ..adaptation.adaptation import Adaptation
-from ..exceptions import DivergedError, InputError, MeasurementError, ParameterError
-from ..filters.low_pass import LowPass
-from ..laws.law import Command, Gradients, Law, Signals
+from ..adaptation.drive import Drive, Drives, Estimate
+from ..exceptions import DivergedError, ParameterError
+from ..laws.law import Believed, Command, Law
 from ..models.dynamics import Dynamics
-from ..models.frame_kinematics import FrameKinematics
-from ..models.right_inverse import RightInverse
+from ..models.task_kinematics import TaskKinematics
+from ..models.typical_motion import TypicalMotion
 from ..records import Desired, Measurement
-from .filters import advance_filters
+from ..signals import Signals
+from .inputs import InputCheck, check_period
 from .limits import Limits
 from .state import ControllerState
 
@@ -28,38 +29,48 @@ class Controller:
     """A control law, the believed robot, and how its estimates adapt.
 
     ``init`` and ``step`` are pure: all memory is in the ``ControllerState`` that goes in and comes
-    out. The private Pinocchio models are scratch, so one controller serves one thread at a time.
+    out. The models' Pinocchio data are scratch, so one controller serves one thread at a time; a
+    copy (``copy.deepcopy``, ``pickle``) has scratch of its own and gives the same torques to the bit.
 
-    Attributes: law: the control law. kinematics, dynamics: the believed robot. adaptation_k,
-        adaptation_d: how its estimates move. velocity_filter: lambda of (3)-(4).
-        acceleration_filter: 1 / lambda_a. limits: what it does not exceed. loop: the robot over a
-        typical motion, for the check before a run; None for a controller put together by hand.
+    Attributes:
+        law: the control law.
+        kinematics, dynamics: the believed robot.
+        adaptation_k, adaptation_d: how its estimates move.
+        limits: what it does not exceed.
+        motion: the believed robot over a typical motion, for the check before a run; None for a
+            controller put together by hand.
+        period: sampling period that it was made for [s]; infinite if unknown.
     """
 
     def __init__(
         self,
         law: Law,
-        kinematics: FrameKinematics,
+        kinematics: TaskKinematics,
         dynamics: Dynamics,
         *,
         adaptation_k: Adaptation,
         adaptation_d: Adaptation,
-        velocity_filter: LowPass,
-        acceleration_filter: LowPass,
         limits: Limits | None = None,
-        loop: Any = None,
+        motion: TypicalMotion | None = None,
+        period: float = math.inf,
     ) -> None:
-        """Put the parts together; ``pinadapt.make_controller`` does so with defaults for everything."""
-        self.law = law
-        self.kinematics, self.dynamics = kinematics, dynamics
+        """Put the parts together; ``pinadapt.make_controller`` does so with defaults."""
+        self.law, self.kinematics, self.dynamics = law, kinematics, dynamics
         self.adaptation_k, self.adaptation_d = adaptation_k, adaptation_d
-        self.velocity_filter, self.acceleration_filter = velocity_filter, acceleration_filter
         self.limits = Limits() if limits is None else limits
-        self.loop = loop
+        self.motion, self.period = motion, period
+        measured = law.needs_task_velocity and kinematics.task.positions > 0
+        self._check = InputCheck(kinematics, dynamics.size, law.name, measured)
+        self._filters = law.filters
+        compile_all()
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Have the kernels compiled where a copy arrives in a new process."""
+        self.__dict__.update(state)
         compile_all()
 
     def limited(self, torque: np.ndarray | None) -> Controller:
-        """Return this controller with other torque limits (n) [N m or N]; it shares the scratch models."""
+        """Return this controller with other torque limits (n) [N m or N]; it shares the scratch."""
         other = copy.copy(self)
         other.limits = replace(self.limits, torque=torque)
         return other
@@ -70,41 +81,36 @@ class Controller:
         *,
         a_k: np.ndarray | None = None,
         a_d: np.ndarray | None = None,
+        adapting: bool = True,
     ) -> ControllerState:
-        """Return the state to start from: filters at rest, estimates as given or as the believed robot has them.
+        """Return the state to start from: filters at rest, estimates as given or as believed.
 
-        Args: measurement: the first sample. a_k: (p_k) initial kinematic estimate [m]. a_d: (p_d)
-            initial dynamic estimate; natural adaptation moves unphysical bodies into the cone, with
-            a warning.
+        Args:
+            measurement: the first sample.
+            a_k: (p_k) initial kinematic estimate [m].
+            a_d: (p_d) initial dynamic estimate; natural adaptation moves unphysical bodies into the
+                cone, with a warning.
+            adapting: whether the estimates move from the start; see ``ControllerState.adapt``.
 
-        Raises: MeasurementError: non-finite measurements. InputError: measurements of the wrong
-            size, or none where the law needs one. ParameterError: estimates of the wrong size,
-            non-finite, or outside the cone of natural adaptation.
+        Raises:
+            MeasurementError: measurements of the wrong size, not finite, or none where the law
+                needs one.
+            ParameterError: estimates of the wrong size, non-finite, or outside of their domain.
         """
-        self._check(measurement)
-        task = self.kinematics.task
-        for name, size in (
-            ("q", self.kinematics.nq),
-            ("v", self.kinematics.nv),
-            ("x", task.coordinates),
-        ):
-            if np.shape(getattr(measurement, name)) != (size,):
-                shape = np.shape(getattr(measurement, name))
-                raise InputError(
-                    f"expected {size} numbers, got shape {shape}.", where=f"measurement.{name}"
-                )
-        if flaw := task.flaw(measurement.x):
-            raise InputError(f"{flaw}.", where="measurement.x")
-        a_k = _estimate(a_k, self.kinematics.initial, "belief.kinematic", self.kinematics.names)
-        a_d = _estimate(a_d, self.dynamics.initial, "belief.dynamic", self.dynamics.names)
-        a_d = self.adaptation_d.admit(a_d)
+        measurement = self._check.measurement(measurement)
+        self._check.finite(measurement)
+        kinematics, dynamics = self.kinematics, self.dynamics
+        a_k = _estimate(a_k, kinematics.initial, "belief.kinematic", kinematics.names)
+        dynamic = self.adaptation_d.init(
+            _estimate(a_d, dynamics.initial, "belief.dynamic", dynamics.names)
+        )
         return ControllerState(
-            a_d=a_d,
-            a_k=self.adaptation_k.admit(a_k),
-            a_0=a_d.copy(),
-            W_k=np.zeros((task.positions, self.kinematics.size)),
-            xi=self.velocity_filter.bandwidth * np.array(task.position(measurement.x), dtype=float),
-            z=np.array(measurement.v, dtype=float),
+            t=measurement.t,
+            dynamic=dynamic,
+            kinematic=self.adaptation_k.init(a_k),
+            a_0=dynamic.value.copy(),
+            filters=self._filters.init(measurement, kinematics),
+            adapting=adapting,
         )
 
     def step(
@@ -112,160 +118,152 @@ class Controller:
     ) -> tuple[np.ndarray, ControllerState]:
         """Return the torque (n) [N m or N] to hold for the next dt [s], and the next state.
 
-        Raises: MeasurementError: a signal the law uses is not finite; ``state`` is as good as
-            before. InputError: the desired motion is not finite. DivergedError: torque or estimates
-            went wrong, see ``watch``, or the law met a singularity.
+        Everything that comes in is checked; ``state`` is as good as before, whatever is raised.
+
+        Raises:
+            MeasurementError: a signal that the law uses is missing, of the wrong size or type, or
+                not finite.
+            InputError: the desired motion, dt or the state cannot be used.
+            DivergedError: torque or estimates went wrong, see ``watch``, or the law met a
+                singularity.
         """
+        check_period(dt, self.period)
         try:
-            signals = self.observe(state, measurement, desired)
-            command = self.law.command(signals)
-            a = self.acceleration(state, measurement)
-            torque, (g_d, g_k) = self.respond(signals, command, a)
-            a_d = self.adaptation_d.advance(signals.a_d, g_d, dt)
-            a_k = self.adaptation_k.advance(state.a_k, g_k, dt)
-            filtered = advance_filters(
-                state, signals, self.velocity_filter, self.acceleration_filter, dt
-            )
-            after = ControllerState(a_d, a_k, state.a_0, *filtered)
-            self.watch(torque, after)
+            s, command = self.command(state, measurement, desired)
+            torque, drives = self.respond(state, s, command, self.acceleration(s, measurement))
+            dynamic, kinematic = Estimate(s.a_d, state.dynamic.memory), state.kinematic
+            if state.adapting:
+                dynamic = self.adaptation_d.step(dynamic, drives.dynamic, dt)
+                kinematic = self.adaptation_k.step(kinematic, drives.kinematic, dt)
+            filters = self._filters.step(state.filters, s, dt)
+            self.watch(torque, dynamic.value, kinematic.value)
         except (DivergedError, np.linalg.LinAlgError) as error:
-            self._check(measurement, desired)  # a signal that fails is the likelier cause
+            # a signal that is not finite is the likelier cause
+            checked = self._check.measurement(measurement)
+            self._check.finite(checked, self._check.desired(desired))
             raise DivergedError(str(error)) from error
-        return torque, after
+        return torque, ControllerState(s.t, dynamic, kinematic, state.a_0, filters, state.adapting)
+
+    def command(
+        self, state: ControllerState, measurement: Measurement, desired: Desired
+    ) -> tuple[Signals, Command]:
+        """Return what the law sees and its command, torque still affine in the acceleration.
+
+        Raises:
+            MeasurementError, InputError: as ``step``.
+        """
+        s = self.observe(state, measurement, desired)
+        return s, self.law.command(s, self._believed(state))
 
     def respond(
-        self, signals: Signals, command: Command, a: np.ndarray
-    ) -> tuple[np.ndarray, Gradients]:
-        """Return the torque (n) at joint acceleration a (n), within its limits, and the gradient signals.
+        self, state: ControllerState, s: Signals, command: Command, a: np.ndarray
+    ) -> tuple[np.ndarray, Drives]:
+        """Return the torque (n) at joint acceleration a (n), within its limits, and the drives.
 
         While a motor saturates, the tracking error tells of the lost torque as much as of the
         parameters, and following it winds the estimates up. They then learn only from what holds
-        whatever the torque is, the kinematic prediction error.
+        whatever the torque is, the prediction errors.
         """
         torque, limits = command.at(a), self.limits.torque
-        if limits is not None:
+        drives = self.law.drives(s, self._believed(state), command, a)
+        if limits is not None and math.isfinite(torque.dot(torque)):
             clipped = np.minimum(np.maximum(torque, -limits), limits)
-            if math.isfinite(torque.dot(torque)) and (clipped != torque).any():
-                return clipped, Gradients(
-                    np.zeros(signals.a_d.size), self.law.prediction_gradient(signals)
-                )
-        return torque, self.law.gradients(signals, command, a)
+            if (clipped != torque).any():
+                return clipped, drives.without_tracking()
+        return torque, drives
 
-    def watch(self, torque: np.ndarray, state: ControllerState) -> None:
+    def observe(
+        self, state: ControllerState, measurement: Measurement, desired: Desired
+    ) -> Signals:
+        """Evaluate the believed robot at the current estimates; return what the law may see.
+
+        Raises:
+            MeasurementError, InputError: as ``step``.
+        """
+        check, kinematics, dynamics = self._check, self.kinematics, self.dynamics
+        check.state(state)
+        measurement = check.measurement(measurement)
+        x_d, xd_d, xdd_d = check.desired(desired)
+        q, v, task = measurement.q.copy(), measurement.v.copy(), kinematics.task
+        x = task.measured(measurement.x, q)
+        a_k = state.kinematic.value
+        kinematics.update(a_k, q, v)
+        a_d = self.adaptation_d.project(state.dynamic.value, q)
+        dynamics.load(a_d)
+        xd_hat = kinematics.xd_hat
+        dx = task.error(x, x_d)
+        return Signals(
+            measurement.t,
+            q,
+            v,
+            task.known_velocity(measurement.xd, xd_hat),
+            xd_d.copy(),
+            xdd_d.copy(),
+            dx,
+            xd_hat - xd_d,
+            task.drift(dx, xd_hat, xd_d),
+            a_k,
+            a_d,
+            state.a_0,
+            kinematics.J,
+            kinematics.Jdot_v,
+            kinematics.Y_k,
+            kinematics.right_inverse(self.limits.singular),
+            self._filters.observe(state.filters, measurement, kinematics),
+        )
+
+    def acceleration(self, s: Signals, measurement: Measurement) -> np.ndarray:
+        """Return the joint acceleration (n): the measured one if there is one, else filtered."""
+        if measurement.a is not None:
+            return np.asarray(measurement.a, dtype=float)
+        return self._filters.acceleration(s.filtered)  # type: ignore[return-value]
+
+    def rate(self, state: ControllerState, s: Signals, drives: Drives) -> ControllerState:
+        """Return d(state)/dt from what the law saw and its drives, to integrate as an ODE."""
+        still = Drives(*(Drive(d.Y, None, gradient=np.zeros(d.Y.shape[1])) for d in drives))
+        d_d, d_k = drives if state.adapting else still
+        return ControllerState(
+            t=1.0,
+            dynamic=self.adaptation_d.rate(Estimate(s.a_d, state.dynamic.memory), d_d),
+            kinematic=self.adaptation_k.rate(state.kinematic, d_k),
+            a_0=np.zeros(state.a_0.size),
+            filters=self._filters.rate(state.filters, s),
+            adapting=state.adapting,
+        )
+
+    def watch(self, torque: np.ndarray, a_d: np.ndarray, a_k: np.ndarray) -> None:
         """Refuse a torque (n) or estimates that went wrong.
 
         Raises:
             DivergedError: they are not finite, or the estimates are larger than any robot's.
         """
-        size, effort = _squares(state.a_d, state.a_k, torque)
+        size, effort = kernels.squares(a_d, a_k, torque)
         if not math.isfinite(size + effort):
             raise DivergedError("the torque or the estimates are no longer finite.")
         if size > self.limits.estimate**2:
             raise DivergedError(
-                f"the estimates ran away: their norm is {math.sqrt(size):.3g}. Try smaller gamma_d and gamma_k, natural "
-                "adaptation, or a start nearer to the truth; watch = false goes on regardless."
+                f"the estimates ran away: their norm is {math.sqrt(size):.3g}. Try smaller gamma_d "
+                "and gamma_k, natural adaptation, or a start nearer to the truth; watch = false "
+                "does not end the run."
             )
 
-    def observe(
-        self, state: ControllerState, measurement: Measurement, desired: Desired
-    ) -> Signals:
-        """Evaluate the believed robot at the current estimates and return what the law may see."""
-        q, v, x, xd = measurement.q, measurement.v, measurement.x, measurement.xd
-        x_d, xd_d, xdd_d = desired
-        v, xdd_d = np.asarray(v, dtype=float), np.asarray(xdd_d, dtype=float)
-        kinematics, dynamics, task = self.kinematics, self.dynamics, self.kinematics.task
-        if (
-            state.a_k.size != kinematics.size
-            or state.a_d.size != dynamics.size
-            or state.W_k.shape != kinematics.Y_p.shape
-        ):
-            raise InputError("the state is that of another controller.", where="state")
-        kinematics.update(state.a_k, q, v)
-        a_d = self.adaptation_d.keep(state.a_d, q)
-        dynamics.load(a_d)
-        dx = np.asarray(task.error(x, x_d), dtype=float)
-        xd_hat = kinematics.xd_hat
-        if not dx.size == xdd_d.size == xd_hat.size:
-            raise InputError(
-                f"expected {xd_hat.size} task coordinates, got {desired}.", where="desired"
-            )
-        dxd_hat = xd_hat - xd_d
-        y = self.velocity_filter.bandwidth * task.position(x) - state.xi
-        inverse = RightInverse(kinematics.J, self.limits.singular)
-        xd, delta = task.known_velocity(xd, xd_hat), task.drift(dx, xd_hat, xd_d)
-        W_k, a_k, a_0, watch = state.W_k, state.a_k, state.a_0, self.limits.watch
-        rate_k = partial(self.adaptation_k.rate, a_k)
-        # in the order of the fields: eighteen keywords would cost more than the right inverse
-        return Signals(
-            q,
-            v,
-            xd,
-            xd_d,
-            xdd_d,
-            dx,
-            dxd_hat,
-            W_k,
-            y,
-            a_k,
-            a_d,
-            a_0,
-            kinematics,
-            dynamics,
-            inverse,
-            rate_k,
-            watch,
-            delta,
-        )
+    def parameter_storage(
+        self, state: ControllerState, a_k_true: np.ndarray, a_d_true: np.ndarray
+    ) -> float | None:
+        """Return the parameters' part of V, or None where an adaptation leaves it undefined."""
+        kinematic = self.adaptation_k.divergence(state.kinematic.value, a_k_true)
+        dynamic = self.adaptation_d.divergence(state.dynamic.value, a_d_true)
+        return None if kinematic is None or dynamic is None else kinematic + dynamic
 
-    def acceleration(self, state: ControllerState, measurement: Measurement) -> np.ndarray:
-        """Return the joint acceleration (n): the measured one if there is one, else (v - z) / lambda_a."""
-        if measurement.a is not None:
-            return measurement.a
-        return self.acceleration_filter.rate(state.z, measurement.v)
+    def _believed(self, state: ControllerState) -> Believed:
+        adaptation, estimate = self.adaptation_k, state.kinematic
 
-    def rate(
-        self,
-        state: ControllerState,
-        measurement: Measurement,
-        signals: Signals,
-        gradients: Gradients,
-    ) -> ControllerState:
-        """Return d(state)/dt from what the law saw and its gradients, to integrate as an ODE; a_0 is kept as it is."""
-        return ControllerState(
-            a_d=self.adaptation_d.rate(signals.a_d, gradients.g_d),
-            a_k=self.adaptation_k.rate(state.a_k, gradients.g_k),
-            a_0=state.a_0,
-            W_k=self.velocity_filter.rate(state.W_k, self.kinematics.Y_p),
-            xi=self.velocity_filter.bandwidth
-            * (signals.y + self.kinematics.y_p0),  # the input is lambda x + y_p0
-            z=self.acceleration_filter.rate(state.z, measurement.v),
-        )
+        def kinematic_rate(drive: Drive) -> np.ndarray:
+            if not state.adapting:
+                return np.zeros(estimate.value.size)
+            return adaptation.rate(estimate, drive).value
 
-    def command(
-        self, state: ControllerState, measurement: Measurement, desired: Desired
-    ) -> tuple[Signals, Command]:
-        """Return what the law saw and its command, torque still affine in the joint acceleration."""
-        signals = self.observe(state, measurement, desired)
-        return signals, self.law.command(signals)
-
-    def _check(self, measurement: Measurement, desired: Desired | None = None) -> None:
-        task = self.kinematics.task
-        if desired is not None:
-            if not np.isfinite(np.concatenate(desired)).all():
-                raise InputError(f"the desired motion is not finite: {desired}.", where="desired")
-            if flaw := task.flaw(desired.x_d):
-                raise InputError(f"{flaw}.", where="desired.x_d")
-        for name, value in zip(measurement._fields, measurement, strict=True):
-            if value is not None and not np.isfinite(value).all():
-                raise MeasurementError(name, value)
-        if desired is not None and (flaw := task.flaw(measurement.x)):
-            raise MeasurementError("x", measurement.x, flaw)
-        if measurement.xd is None and self.law.needs_task_velocity:
-            raise ParameterError(
-                f"the law '{self.law.name}' needs the task velocity xd.",
-                where="measurement",
-                hint="Measure it, or take 'adaptive-inverse-dynamics', which does without.",
-            )
+        return Believed(self.kinematics, self.dynamics, kinematic_rate, self.limits.watch)
 
 
 def _estimate(
@@ -281,16 +279,3 @@ def _estimate(
             where=where,
         )
     return estimate
-
-
-@compiled("UniTuple(f8, 2)(f8[:], f8[:], f8[:])", fills=0)
-def _squares(a_d: np.ndarray, a_k: np.ndarray, torque: np.ndarray) -> tuple[float, float]:
-    """Return |a_d|^2 + |a_k|^2 and |torque|^2."""
-    size, effort = 0.0, 0.0
-    for entry in a_d:
-        size += entry * entry
-    for entry in a_k:
-        size += entry * entry
-    for entry in torque:
-        effort += entry * entry
-    return size, effort

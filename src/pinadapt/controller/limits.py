@@ -1,18 +1,16 @@
-"""What a controller does not exceed: motor torques, the inverse Jacobian's size, sane estimates, a box of translations."""
+"""What a controller does not exceed: torques, the inverse Jacobian, estimates, translations."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._checks import positive, vector
 from ..exceptions import GainError, ParameterError
 from ..models.dynamics import Dynamics
-from ..models.frame_kinematics import FrameKinematics
-from ..models.right_inverse import RightInverse
+from ..models.task_kinematics import TaskKinematics
 from ..robot.effort_limits import torque_limits
 from ..robot.robot import Robot
 from ..robot.workspace import reach
@@ -25,10 +23,12 @@ _SHORTEST, _LONGEST = 0.2, 5.0
 class Limits:
     """Limits of a controller; the defaults limit nothing.
 
-    Attributes: torque: (n) bounds of the motors [N m or N], infinite where there is none, or None
-        for none at all. singular: s_0, below which the right inverse of J_hat is damped; zero never
-        damps it. estimate: bound on the norm of all estimates together; infinite when nobody
-        watches. watch: whether estimates that went wrong end the run.
+    Attributes:
+        torque: (n) bounds of the motors [N m or N], infinite where there is none, or None for none
+            at all.
+        singular: s_0, below which the right inverse of J_hat is damped; zero never damps it.
+        estimate: bound on the norm of all estimates together; infinite when nobody watches.
+        watch: whether estimates that went wrong end the run.
     """
 
     torque: np.ndarray | None = None
@@ -39,6 +39,7 @@ class Limits:
 
 def make_limits(
     believed: Robot,
+    kinematics: TaskKinematics,
     dynamics: Dynamics,
     *,
     torque: ArrayLike | bool | None,
@@ -47,11 +48,14 @@ def make_limits(
 ) -> Limits:
     """Return the limits of a controller for a believed robot.
 
-    Args: believed: the believed robot. dynamics: its parameters. torque: (n) bounds, True for the
-        efforts of the robot's description, None or False for none. damping: s_0 as a fraction of s
-        at home, zero for no damping; see ``RightInverse``. watch: whether estimates that went wrong
-        end the run; estimates are absurd beyond ten thousand times the believed parameters, the
-        robot's mass and its reach.
+    Args:
+        believed: the believed robot.
+        kinematics: its kinematics.
+        dynamics: its dynamics.
+        torque: (n) bounds, True for the efforts of the robot's description, None or False for none.
+        damping: s_0 as a fraction of s at home, zero for no damping; see ``RightInverse``.
+        watch: whether estimates that went wrong end the run; estimates are absurd beyond ten
+            thousand times the believed parameters, the robot's mass and its reach.
 
     Raises:
         GainError: torque limits that are not positive, or a damping outside [0, 1).
@@ -61,14 +65,11 @@ def make_limits(
         raise GainError(
             f"must be a fraction of home's, below 1, got {fraction:g}.", where="damping"
         )
-    model = believed.model
-    J = pin.computeFrameJacobian(
-        model, model.createData(), believed.q0, believed.frame_id, pin.LOCAL_WORLD_ALIGNED
-    )
-    s_home = RightInverse(J[believed.task.rows], 1.0).smallest  # damped, so that no home is refused
+    kinematics.update(kinematics.initial, believed.q0, np.zeros(believed.model.nv))
+    s_home = kinematics.right_inverse(1.0).conditioning  # damped, so that no home is refused
     size = (
         float(np.linalg.norm(dynamics.initial))
-        + sum(body.mass for body in model.inertias)
+        + sum(body.mass for body in believed.model.inertias)
         + reach(believed)
     )
     return Limits(
@@ -80,14 +81,16 @@ def make_limits(
 
 
 def make_box(
-    believed: Robot, kinematics: FrameKinematics, given: ArrayLike | bool | None
+    believed: Robot, kinematics: TaskKinematics, given: ArrayLike | bool | None
 ) -> np.ndarray | None:
     """Return the box (2, p) of the kinematic estimates, lower bounds first, or None for none.
 
-    Args: believed: the believed robot. kinematics: its unknown translations. given: a margin [m]
-        around the believed values, or p of them; both bounds (2, p) [m]; False for none. By default
-        a length lies between a fifth and five times the believed one, other coordinates within half
-        the robot's reach.
+    Args:
+        believed: the believed robot.
+        kinematics: its unknown translations.
+        given: a margin [m] around the believed values, or p of them; both bounds (2, p) [m]; False
+            for none. By default a length lies between a fifth and five times the believed one,
+            other coordinates within half the robot's reach.
 
     Raises:
         ParameterError: wrong size or not numbers, or a negative margin.

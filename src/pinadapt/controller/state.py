@@ -2,43 +2,70 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+
+from ..adaptation.drive import Estimate
 
 
 class ControllerState(NamedTuple):
     """An immutable snapshot; keep an old one and you can go back to it.
 
     Attributes:
-        a_d: (p_d) dynamic estimate.
-        a_k: (p_k) kinematic estimate [m].
+        t: time of the last sample [s].
+        dynamic: estimate of the dynamic parameters, with what its adaptation remembers.
+        kinematic: the same of the kinematic parameters [m].
         a_0: (p_d) the dynamic estimate at the start.
-        W_k: (m_p, p_k) filtered kinematic regressor of the m_p positions, (3).
-        xi: (m_p) low-passed lambda x + y_p0, from which y = lambda x - xi comes, (4) [m/s].
-        z: (n) low-passed joint velocity, from which the joint acceleration comes.
+        filters: state of the law's filters; see ``Law.filters``.
+        adapting: whether the estimates move; they rest until told to with ``adapt``.
     """
 
-    a_d: np.ndarray
-    a_k: np.ndarray
+    t: float
+    dynamic: Estimate
+    kinematic: Estimate
     a_0: np.ndarray
-    W_k: np.ndarray
-    xi: np.ndarray
-    z: np.ndarray
+    filters: Any
+    adapting: bool = True
+
+    @property
+    def a_d(self) -> np.ndarray:
+        """The dynamic estimate (p_d)."""
+        return self.dynamic.value
+
+    @property
+    def a_k(self) -> np.ndarray:
+        """The kinematic estimate (p_k) [m]."""
+        return self.kinematic.value
+
+    def adapt(self, adapting: bool = True) -> ControllerState:
+        """Return this state with estimates that move from now on, or rest."""
+        return self._replace(adapting=adapting)
 
     def flat(self) -> np.ndarray:
-        """Return all that moves, everything but a_0, as one vector."""
-        return np.concatenate([self.a_d, self.a_k, self.W_k.ravel(), self.xi, self.z])
+        """Return what moves, estimates and filters with their memories, as one array."""
+        return np.concatenate([part.ravel() for part in _leaves(self[1:5])])
 
-    def with_flat(self, vector: np.ndarray) -> ControllerState:
-        """Return the state whose ``flat`` is ``vector``."""
-        d, k, m = self.a_d.size, self.a_k.size, self.xi.size
-        end = d + k + m * k
-        return ControllerState(
-            a_d=vector[:d],
-            a_k=vector[d : d + k],
-            a_0=self.a_0,
-            W_k=vector[d + k : end].reshape(m, k),
-            xi=vector[end : end + m],
-            z=vector[end + m :],
-        )
+    def with_flat(self, values: np.ndarray) -> ControllerState:
+        """Return the state whose ``flat`` is ``values``."""
+        parts, used = _filled(self[1:5], values, 0)
+        assert used == values.size
+        return ControllerState(self.t, *parts, self.adapting)
+
+
+def _leaves(part: Any) -> list[np.ndarray]:
+    """Return the arrays in nested tuples, in order."""
+    if isinstance(part, tuple):
+        return [leaf for inner in part for leaf in _leaves(inner)]
+    return [part]
+
+
+def _filled(part: Any, values: np.ndarray, start: int) -> tuple[Any, int]:
+    """Return nested tuples with their arrays taken from values, and how many were used by then."""
+    if not isinstance(part, tuple):
+        return values[start : start + part.size].reshape(part.shape), start + part.size
+    inner = []
+    for piece in part:
+        filled, start = _filled(piece, values, start)
+        inner.append(filled)
+    return (type(part)(*inner) if hasattr(part, "_fields") else tuple(inner)), start

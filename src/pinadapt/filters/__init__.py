@@ -1,3 +1,8 @@
-"""Filters: memory that signals drive."""
+"""Filters: memory that measurements drive."""
 
+from .filters import Filters as Filters
+from .filters import NoFilters as NoFilters
 from .low_pass import LowPass as LowPass
+from .motion_filters import FilteredMotion as FilteredMotion
+from .motion_filters import MotionFilters as MotionFilters
+from .motion_filters import MotionState as MotionState

@@ -8,14 +8,18 @@ from .adaptive_inverse_dynamics_velocity import (
     AdaptiveInverseDynamicsVelocity as AdaptiveInverseDynamicsVelocity,
 )
 from .adaptive_jacobian import AdaptiveJacobian as AdaptiveJacobian
-from .gains import Gains as Gains
+from .computed_torque import ComputedTorque as ComputedTorque
+from .craig import Craig as Craig
+from .feedback import Feedback as Feedback
+from .feedback import KinematicLoop as KinematicLoop
+from .law import Believed as Believed
 from .law import Command as Command
-from .law import Gradients as Gradients
 from .law import Law as Law
-from .law import Signals as Signals
 from .law import Truth as Truth
 from .posture import Posture as Posture
 from .resolved_acceleration import ResolvedAcceleration as ResolvedAcceleration
+from .slotine_li import SlotineLi as SlotineLi
+from .spong_ortega import SpongOrtega as SpongOrtega
 
 LAWS: dict[str, type[Law]] = {
     law.name: law
@@ -25,5 +29,9 @@ LAWS: dict[str, type[Law]] = {
         AdaptiveInverseDynamicsVelocity,
         AdaptiveInverseDynamicsImproved,
         AdaptiveJacobian,
+        ComputedTorque,
+        SlotineLi,
+        Craig,
+        SpongOrtega,
     )
 }

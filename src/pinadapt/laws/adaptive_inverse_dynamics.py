@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from .estimated_velocity import EstimatedVelocityLaw
+from ..adaptation.drive import Drive, Drives
+from ..signals import Signals
+from .estimated_velocity import AccelerationCommand, EstimatedVelocityLaw
 from .inertia import solve_inertia
-from .law import Command, Gradients, Signals
+from .law import Believed
 
 
 class AdaptiveInverseDynamics(EstimatedVelocityLaw):
@@ -28,16 +30,17 @@ class AdaptiveInverseDynamics(EstimatedVelocityLaw):
     name = "adaptive-inverse-dynamics"
     inverts_estimate = True
 
-    def command(self, s: Signals) -> Command:
+    def command(self, s: Signals, believed: Believed) -> AccelerationCommand:
         """Return M_hat v + C_hat qd + g_hat, (11)."""
-        g_k = self.kinematic_gradient(s)
-        v = self.commanded_acceleration(s, g_k)
-        return Command(s.dynamics.torque(s.q, s.v, v), memo=(g_k,))  # (11)
+        kinematic = self.kinematic_drive(s)
+        v = self.commanded_acceleration(s, believed.kinematic_rate(kinematic))
+        return AccelerationCommand(believed.dynamics.torque(s.q, s.v, v), None, kinematic)  # (11)
 
-    def gradients(self, s: Signals, command: Command, a: np.ndarray) -> Gradients:
-        """Return g_d = Phi^T e, (18), and g_k, (19)."""
-        force = solve_inertia(
-            s.dynamics.mass_matrix(s.q), self.error_force(s), s.watch
-        )  # M_hat^-1 J_hat^T e
-        g_d = force.dot(s.dynamics.regressor(s.q, s.v, a))  # Phi^T e = Y^T M_hat^-1 J_hat^T e, (18)
-        return Gradients(g_d, command.memo[0])
+    def drives(
+        self, s: Signals, believed: Believed, command: AccelerationCommand, a: np.ndarray
+    ) -> Drives:
+        """Return g_d = Phi^T e = Y^T M_hat^-1 J_hat^T e, (18), and g_k, (19)."""
+        M_hat = believed.dynamics.mass_matrix(s.q)
+        error = solve_inertia(M_hat, self.error_force(s), believed.watch)  # M_hat^-1 J_hat^T e
+        Y = believed.dynamics.regressor(s.q, s.v, a)
+        return Drives(Drive(Y, error), command.kinematic)  # (18), (19)

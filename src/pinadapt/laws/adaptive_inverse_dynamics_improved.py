@@ -2,11 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from .estimated_velocity import EstimatedVelocityLaw
+from ..adaptation.drive import Drive, Drives
+from ..signals import Signals
+from .estimated_velocity import AccelerationCommand, EstimatedVelocityLaw
 from .inertia import solve_inertia
-from .law import Command, Gradients, Signals
+from .law import Believed
+
+
+@dataclass(slots=True, eq=False)
+class ImprovedCommand(AccelerationCommand):
+    """A command with what it took.
+
+    Attributes:
+        M_0: (n, n) mass matrix at the initial estimate.
+    """
+
+    M_0: np.ndarray = None  # type: ignore[assignment]  # always given
 
 
 class AdaptiveInverseDynamicsImproved(EstimatedVelocityLaw):
@@ -26,19 +41,21 @@ class AdaptiveInverseDynamicsImproved(EstimatedVelocityLaw):
 
     name = "adaptive-inverse-dynamics-improved"
 
-    def command(self, s: Signals) -> Command:
+    def command(self, s: Signals, believed: Believed) -> ImprovedCommand:
         """Return M_0 v + C_hat qd + g_hat, (32), with feedthrough M_hat - M_0, (34)."""
-        g_k = self.kinematic_gradient(s)
-        v = self.commanded_acceleration(s, g_k)
-        s.dynamics.load(s.a_0)
-        M_0 = s.dynamics.mass_matrix(s.q)
-        s.dynamics.load(s.a_d)
-        bias = s.dynamics.torque(s.q, s.v, np.zeros(s.v.size))  # C_hat qd + g_hat
-        delta = s.dynamics.mass_matrix(s.q) - M_0  # (34)
-        return Command(M_0.dot(v) + bias, delta, memo=(g_k, M_0))  # (32)
+        kinematic, dynamics = self.kinematic_drive(s), believed.dynamics
+        v = self.commanded_acceleration(s, believed.kinematic_rate(kinematic))
+        dynamics.load(s.a_0)
+        M_0 = dynamics.mass_matrix(s.q)
+        dynamics.load(s.a_d)
+        bias = dynamics.torque(s.q, s.v, np.zeros(s.v.size))  # C_hat qd + g_hat
+        delta = dynamics.mass_matrix(s.q) - M_0  # (34)
+        return ImprovedCommand(M_0.dot(v) + bias, delta, kinematic, M_0)  # (32)
 
-    def gradients(self, s: Signals, command: Command, a: np.ndarray) -> Gradients:
-        """Return g_d = Phi_1^T e, (36), and g_k, (37)."""
-        g_k, M_0 = command.memo
-        force = solve_inertia(M_0, self.error_force(s), s.watch)  # M_0^-1 J_hat^T e
-        return Gradients(force.dot(s.dynamics.regressor(s.q, s.v, a)), g_k)  # (36), (37)
+    def drives(
+        self, s: Signals, believed: Believed, command: ImprovedCommand, a: np.ndarray
+    ) -> Drives:
+        """Return g_d = Phi_1^T e = Y^T M_0^-1 J_hat^T e, (36), and g_k, (37)."""
+        error = solve_inertia(command.M_0, self.error_force(s), believed.watch)  # M_0^-1 J_hat^T e
+        Y = believed.dynamics.regressor(s.q, s.v, a)
+        return Drives(Drive(Y, error), command.kinematic)  # (36), (37)

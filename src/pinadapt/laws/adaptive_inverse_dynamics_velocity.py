@@ -2,16 +2,33 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
 import numpy as np
-from scipy.linalg import solve_continuous_lyapunov
 
-from .gains import Gains
+from ..adaptation.drive import Drive, Drives
+from ..signals import Signals
+from .acceleration_law import AccelerationLaw
+from .gains import check_margin, task_gain
 from .inertia import solve_inertia
-from .law import Command, Gradients, Law, Signals, Truth
-from .posture import Posture
+from .law import Believed, Command, Truth
 
 
-class AdaptiveInverseDynamicsVelocity(Law):
+@dataclass(slots=True, eq=False)
+class VelocityCommand(Command):
+    """A command with what it took.
+
+    Attributes:
+        xi: (2 m) the state (dx, dxd) of the linear closed loop.
+    """
+
+    xi: np.ndarray = None  # type: ignore[assignment]  # always given
+
+
+@dataclass(frozen=True, eq=False)
+class AdaptiveInverseDynamicsVelocity(AccelerationLaw):
     """Adaptive inverse dynamics with task velocity: Wang and Xie (2009), theorem 2.
 
     Law:          tau = M_hat J_hat^+ (xdd_d - K_v dxd - K_P dx - dJ_hat/dt qd) + C_hat qd + g_hat
@@ -27,55 +44,78 @@ class AdaptiveInverseDynamicsVelocity(Law):
                   joins xdd_d and takes it out
                   of dV/dt, as dx^T P_11 delta = 0 and the rotation blocks of P are numbers; see
                   ``PoseTask``.
+    Gains:        those of the other laws; Q (2 m, 2 m) defaults to diag(2 alpha K_P, 2 (K_v - alpha I)), for which
+                  B^T P xi = dxd + alpha dx, the error e of the other laws.
     Assumptions:  constant parameters; J_hat of full row rank; M_hat invertible; task velocity and
                   joint acceleration known.
     """
+
+    Q: Any = field(default=None, kw_only=True)
 
     name = "adaptive-inverse-dynamics-velocity"
     inverts_estimate = True
     needs_task_velocity = True
 
-    def __init__(self, gains: Gains, posture: Posture) -> None:
-        """Solve the Lyapunov equation (31)."""
-        super().__init__(gains, posture)
-        m = gains.K_P.shape[0]
-        A = np.block([[np.zeros((m, m)), np.eye(m)], [-gains.K_P, -gains.K_v]])
-        self.P = solve_continuous_lyapunov(A.T, -gains.Q)  # (31)
-        self._B_T_P = self.P[m:]  # B^T P, B = (0, I)
-        self._turning = np.linalg.solve(self.P[m:, m:], self.P[m:, :m])  # P_22^-1 P_12^T
+    def _check(self) -> None:
+        if self.Q is None:
+            check_margin(self.K_v, self.alpha)
+            m = self.task.size
+            Q = np.zeros((2 * m, 2 * m))
+            Q[:m, :m] = 2.0 * self.alpha * self.K_P
+            Q[m:, m:] = 2.0 * (self.K_v - self.alpha * np.eye(m))
+            object.__setattr__(self, "Q", Q)
+        object.__setattr__(self, "Q", task_gain(self.Q, self.task, "Q", copies=2))
+
+    @classmethod
+    def _defaults(cls, w: float) -> dict[str, Any]:
+        return {**super()._defaults(w), "Q": None}
+
+    @cached_property
+    def P(self) -> np.ndarray:
+        """P (2 m, 2 m), A^T P + P A = -Q (31)."""
+        from scipy.linalg import solve_continuous_lyapunov  # slow to import
+
+        m = self.task.size
+        A = np.block([[np.zeros((m, m)), np.eye(m)], [-self.K_P, -self.K_v]])
+        return np.asarray(solve_continuous_lyapunov(A.T, -self.Q))  # (31)
+
+    @cached_property
+    def _B_T_P(self) -> np.ndarray:
+        return self.P[self.task.size :]  # B^T P, B = (0, I)
+
+    @cached_property
+    def _turning(self) -> np.ndarray:
+        m = self.task.size
+        return np.linalg.solve(self.P[m:, m:], self.P[m:, :m])  # P_22^-1 P_12^T
 
     def _xi(self, s: Signals) -> np.ndarray:
         assert s.xd is not None  # the controller refuses measurements without it
         return np.concatenate([s.dx, s.xd - s.xd_d])
 
-    def command(self, s: Signals) -> Command:
-        """Return (25)."""
-        k, xi = self.gains, self._xi(s)
+    def command(self, s: Signals, believed: Believed) -> VelocityCommand:
+        """Return M_hat v + C_hat qd + g_hat, (25)."""
+        xi = self._xi(s)
         dx, dxd = xi[: s.dx.size], xi[s.dx.size :]
-        u = s.xdd_d - k.K_v.dot(dxd) - k.K_P.dot(dx) - s.kinematics.Jdot_v
+        u = s.xdd_d - self.K_v.dot(dxd) - self.K_P.dot(dx) - s.Jdot_v
         if s.delta is not None:
             u -= self._turning.dot(s.delta)
         psi = None if s.inverse.unique else self.posture.acceleration(s.q, s.v)
-        return Command(s.dynamics.torque(s.q, s.v, s.inverse.solve(u, psi)), memo=(xi,))  # (25)
+        torque = believed.dynamics.torque(s.q, s.v, s.inverse.solve(u, psi))
+        return VelocityCommand(torque, None, xi)  # (25)
 
-    def gradients(self, s: Signals, command: Command, a: np.ndarray) -> Gradients:
+    def drives(
+        self, s: Signals, believed: Believed, command: VelocityCommand, a: np.ndarray
+    ) -> Drives:
         """Return g_d, (29), and g_k, (30)."""
-        model, (xi,) = s.kinematics, command.memo
-        z = self._B_T_P.dot(xi)
-        force = solve_inertia(
-            s.dynamics.mass_matrix(s.q), z.dot(model.J), s.watch
-        )  # M_hat^-1 J_hat^T B^T P xi
-        g_d = force.dot(s.dynamics.regressor(s.q, s.v, a))  # (29)
-        g_k = self.prediction_gradient(s) - z.dot(model.acceleration_regressor(a))  # (30)
-        return Gradients(g_d, g_k)
-
-    def prediction_gradient(self, s: Signals) -> np.ndarray:
-        """Return Y_k^T R_k (Y_k a_k - xd) (p_k): this law has no filter between the velocity and its prediction."""
+        z, dynamics = self._B_T_P.dot(command.xi), believed.dynamics
+        M_hat = dynamics.mass_matrix(s.q)
+        error = solve_inertia(M_hat, z.dot(s.J), believed.watch)  # M_hat^-1 J_hat^T B^T P xi
+        dynamic = Drive(dynamics.regressor(s.q, s.v, a), error)  # (29)
+        m = self.task.positions
         assert s.xd is not None  # the controller refuses measurements without it
-        model = s.kinematics
-        return self.gains.R_k.dot(
-            model.Y_p.dot(s.a_k) + model.y_p0 - model.task.position(s.xd)
-        ).dot(model.Y_p)
+        residual = (s.dxd_hat + s.xd_d - s.xd)[:m]  # Y_k a_k - xd
+        Y_bar = believed.kinematics.acceleration_regressor(a)  # (27)
+        return Drives(dynamic, Drive(Y_bar, -z, s.Y_k[:m], residual, self.R_k))  # (30)
 
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return xi^T P xi / 2."""
@@ -84,5 +124,6 @@ class AdaptiveInverseDynamicsVelocity(Law):
 
     def dissipation(self, s: Signals, truth: Truth) -> float:
         """Return -xi^T Q xi / 2 - da_k^T Y_k^T R_k Y_k da_k."""
-        xi, prediction = self._xi(s), s.kinematics.Y_p @ (s.a_k - truth.a_k)
-        return float(-0.5 * xi @ (self.gains.Q @ xi) - prediction @ (self.gains.R_k @ prediction))
+        xi, Y_p = self._xi(s), s.Y_k[: self.task.positions]
+        prediction = Y_p @ (s.a_k - truth.a_k)
+        return float(-0.5 * xi @ (self.Q @ xi) - prediction @ (self.R_k @ prediction))

@@ -2,13 +2,47 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import KW_ONLY, dataclass, replace
+from functools import cached_property
+from typing import Any, TypeVar
+
 import numpy as np
 
-from .gains import Gains
-from .law import Command, Gradients, Law, Signals, Truth
+from .._checks import definite_matrix, positive
+from ..adaptation.drive import Drive, Drives
+from ..filters.low_pass import LowPass
+from ..filters.motion_filters import MotionFilters
+from ..models.typical_motion import (
+    TypicalMotion,
+    felt_inertia,
+    felt_mass,
+    joint_inertia,
+    unit_mass,
+)
+from ..signals import Signals
+from ..tasks.pose import PoseTask
+from ..tasks.task import Task
+from .feedback import Feedback, KinematicLoop
+from .gains import merged, task_gain
+from .law import Believed, Command, Law, Truth
 from .posture import Posture
 
+Own = TypeVar("Own", bound="AdaptiveJacobian")
 
+
+@dataclass(slots=True, eq=False)
+class PassivityCommand(Command):
+    """A command with what it took.
+
+    Attributes:
+        dynamic, kinematic: drives of both estimates.
+    """
+
+    drives: Drives = None  # type: ignore[assignment]  # always given
+
+
+@dataclass(frozen=True, eq=False)
 class AdaptiveJacobian(Law):
     """Passivity-based adaptive Jacobian tracking: C. Cheah, C. Liu, J.-J. Slotine, IEEE TAC 51 (2006) 1024-1029.
 
@@ -28,64 +62,174 @@ class AdaptiveJacobian(Law):
     Assumptions:  constant parameters; J_hat of full row rank; task velocity known (it enters
                   qdd_r).
                   Neither acceleration nor M_hat^-1 is needed.
+
+    Default gains for the bandwidth w: K_P = w^2 m, K_v = 2 w m, alpha = w / 4, lambda = w / 2, with
+    the mass m felt at the frame at home; on the rotations of a pose the inertia felt there, or as
+    much as lets damping change the angular velocity of the lightest axis by its own size in one
+    period, if that is less; of joints their own inertia at home.
+
+    Attributes:
+        task: the controlled coordinates, m of them, m_p positions.
+        posture: what redundant joints do; its damping is D.
+        K_v: (m, m) velocity gain [N s/m; N m s/rad on rotations and joints].
+        K_P: (m, m) position gain [N/m; N m/rad on rotations and joints].
+        alpha: [1/s].
+        R_k: (m_p, m_p) weight of the kinematic prediction error.
+        lambda_: velocity filter [1/s].
     """
+
+    task: Task
+    posture: Posture
+    _: KW_ONLY
+    K_v: Any
+    K_P: Any
+    alpha: float
+    R_k: Any = 1.0
+    lambda_: float = 10.0
 
     name = "adaptive-jacobian"
     needs_task_velocity = True
-    energy_based = True
+    units = ("N s/m, for rotations N m s/rad", "N/m, for rotations N m/rad")
 
-    def __init__(self, gains: Gains, posture: Posture) -> None:
-        """Combine the gains once."""
-        super().__init__(gains, posture)
-        self._K_PV = gains.K_P + gains.alpha * gains.K_v
+    def __post_init__(self) -> None:
+        """Turn gains into matrices.
+
+        Raises:
+            GainError: gains that break a hypothesis of the proof.
+        """
+        checked = {
+            "K_v": task_gain(self.K_v, self.task, "Kv"),
+            "K_P": task_gain(self.K_P, self.task, "Kp"),
+            "alpha": positive(self.alpha, "alpha"),
+            "R_k": definite_matrix(self.R_k, self.task.positions, "R_k"),
+            "lambda_": positive(self.lambda_, "lambda"),
+        }
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+
+    @cached_property
+    def K_PV(self) -> np.ndarray:
+        """K_P + alpha K_v (m, m)."""
+        return np.asarray(self.K_P + self.alpha * self.K_v)
+
+    @cached_property
+    def filters(self) -> MotionFilters:
+        """The task velocity, filtered."""
+        velocity = LowPass(self.lambda_, "lambda")
+        return MotionFilters(velocity, velocity)
+
+    @classmethod
+    def tuned(
+        cls: type[Own], motion: TypicalMotion, dt: float, share: float = 1.0, **given: Any
+    ) -> Own:
+        """Return the law with the default gains of the class; see ``Law.tuned``."""
+        gains = merged(cls._defaults(motion, dt, share), given)
+        return cls(motion.kinematics.task, Posture(motion.robot), **gains)
+
+    @classmethod
+    def _defaults(cls, motion: TypicalMotion, dt: float, share: float) -> dict[str, Any]:
+        """Return the default gains for a share of the bandwidth, by the names that users write."""
+        w, felt = share * motion.bandwidth, _felt(motion, dt)
+        return {
+            "Kv": 2.0 * w * felt,
+            "Kp": w * w * felt,
+            "alpha": w / 4.0,
+            "R_k": 1.0,
+            "lambda_": w / 2.0,
+        }
+
+    def with_prediction_weight(self: Own, weight: float) -> Own:
+        """Return the law with another R_k, a number times the identity."""
+        return replace(self, R_k=weight)
 
     def _reference_velocity(self, s: Signals) -> tuple[np.ndarray, np.ndarray | None, np.ndarray]:
         """Return xd_d - alpha dx (m), the null-space motion psi (n) and qd_r (n)."""
-        u = s.xd_d - self.gains.alpha * s.dx
+        u = s.xd_d - self.alpha * s.dx
         psi = None if s.inverse.unique else self.posture.velocity(s.q)
         return u, psi, s.inverse.solve(u, psi)
 
-    def command(self, s: Signals) -> Command:
-        """Return the torque, with g_k and the regressor kept for the adaptation."""
-        k, model = self.gains, s.kinematics
-        g_k = self.prediction_gradient(s) - self._K_PV.dot(s.dx).dot(model.Y_k)
+    def command(self, s: Signals, believed: Believed) -> PassivityCommand:
+        """Return the torque, with the drives, which are known by then."""
+        W_k, y, _ = s.filtered
+        error_k, residual = -self.K_PV.dot(s.dx), W_k.dot(s.a_k) - y
+        kinematic = Drive(s.Y_k, error_k, W_k, residual, self.R_k)
+        Jdot = believed.kinematics.jacobian_rate(believed.kinematic_rate(kinematic))
         u, psi, qd_r = self._reference_velocity(s)
-        qdd_r = self._reference_acceleration(s, u, psi, model.jacobian_rate(s.rate_k(g_k)))
-        Y_r, feedforward = s.dynamics.slotine_li(s.q, s.v, qd_r, qdd_r)
+        qdd_r = self._reference_acceleration(s, u, psi, Jdot)
+        Y_r, feedforward = believed.dynamics.slotine_li(s.q, s.v, qd_r, qdd_r)
         error = s.v - qd_r
-        torque = feedforward - (k.K_v.dot(s.dxd_hat) + k.K_P.dot(s.dx)).dot(model.J)
+        torque = feedforward - (self.K_v.dot(s.dxd_hat) + self.K_P.dot(s.dx)).dot(s.J)
         if not s.inverse.unique:
             torque -= s.inverse.null(self.posture.damping * s.inverse.null(error))
-        return Command(torque, memo=(g_k, Y_r, error))
+        return PassivityCommand(torque, None, Drives(Drive(Y_r, error), kinematic))
 
     def _reference_acceleration(
         self, s: Signals, u: np.ndarray, psi: np.ndarray | None, Jdot: np.ndarray
     ) -> np.ndarray:
         """Return the time derivative of qd_r (n)."""
         assert s.xd is not None  # the controller refuses measurements without it
-        ud = s.xdd_d - self.gains.alpha * (s.xd - s.xd_d)
+        ud = s.xdd_d - self.alpha * (s.xd - s.xd_d)
         if s.delta is not None:
-            ud -= self.gains.alpha * s.delta
+            ud -= self.alpha * s.delta
         return s.inverse.solve_rate(u, psi, ud, self.posture.velocity_rate(s.v), Jdot)
 
-    def gradients(self, s: Signals, command: Command, a: np.ndarray) -> Gradients:
+    def drives(
+        self, s: Signals, believed: Believed, command: PassivityCommand, a: np.ndarray
+    ) -> Drives:
         """Return g_d = Y_r^T s and g_k."""
-        g_k, Y_r, error = command.memo
-        return Gradients(error.dot(Y_r), g_k)
+        return command.drives
 
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return s^T M s / 2 + dx^T (K_P + alpha K_v) dx / 2, M the true mass matrix."""
         error = s.v - self._reference_velocity(s)[2]
-        return float(0.5 * error @ (truth.M @ error) + 0.5 * s.dx @ (self._K_PV @ s.dx))
+        return float(0.5 * error @ (truth.M @ error) + 0.5 * s.dx @ (self.K_PV @ s.dx))
 
     def dissipation(self, s: Signals, truth: Truth) -> float:
         """Return dV/dt."""
-        k, prediction = self.gains, s.W_k @ (s.a_k - truth.a_k)
+        prediction = s.filtered.W_k @ (s.a_k - truth.a_k)
+        task = s.dxd_hat @ (self.K_v @ s.dxd_hat) + self.alpha * s.dx @ (self.K_P @ s.dx)
+        joints = self._joint_dissipation(s, truth)
+        return float(-task - prediction @ (self.R_k @ prediction) - joints)
+
+    def _joint_dissipation(self, s: Signals, truth: Truth) -> float:
+        """Return (N s)^T D (N s) + s^T (f(qd) - f(qd_r)) [W]."""
         qd_r = self._reference_velocity(s)[2]
-        null, braking = (
-            s.inverse.null(s.v - qd_r),
-            truth.friction.torque(s.v) - truth.friction.torque(qd_r),
-        )
-        task = s.dxd_hat @ (k.K_v @ s.dxd_hat) + k.alpha * s.dx @ (k.K_P @ s.dx)
-        joints = null @ (self.posture.damping * null) + (s.v - qd_r) @ braking
-        return float(-task - prediction @ (k.R_k @ prediction) - joints)
+        braking = (s.v - qd_r) @ (truth.friction.torque(s.v) - truth.friction.torque(qd_r))
+        if s.inverse.unique:
+            return float(braking)
+        null = s.inverse.null(s.v - qd_r)
+        return float(null @ (self.posture.damping * null) + braking)
+
+    def feedback(self, motion: TypicalMotion) -> Sequence[Feedback]:
+        """Return the feedback at each state, joints in coordinates of unit mass."""
+        return [
+            self._feedback_at(J, M)
+            for J, M in zip(motion.jacobians, motion.mass_matrices, strict=True)
+        ]
+
+    def _feedback_at(self, J: np.ndarray, M: np.ndarray) -> Feedback:
+        W = unit_mass(M)
+        tracked = np.linalg.pinv(J, rcond=1e-2) @ J
+        null = np.eye(len(M)) - tracked
+        damping = self.posture.damping if self.posture else np.zeros(len(M))
+        N = W @ null @ np.diag(damping) @ null @ W.T
+        P, J = W @ M @ tracked @ W.T, J @ W.T  # P projects onto what the task feels
+        D = J.T @ self.K_v @ J
+        return Feedback(J.T @ self.K_P @ J, D + self.alpha * P, N, D + N)
+
+    def kinematic_loop(self) -> KinematicLoop:
+        """Return the coupling by K_P + alpha K_v on the positions."""
+        m = self.task.positions
+        stiffness = float(np.linalg.eigvalsh(self.K_PV[:m, :m])[-1]) if m else 0.0
+        return KinematicLoop(stiffness, self.alpha, self.R_k)
+
+
+def _felt(motion: TypicalMotion, dt: float) -> float | np.ndarray:
+    """Return the mass or inertia felt by the task rows at home, a number or (m)."""
+    robot, task, w = motion.robot, motion.kinematics.task, motion.bandwidth
+    if not task.positions:
+        return joint_inertia(robot)
+    mass = felt_mass(robot)
+    if isinstance(task, PoseTask):
+        return np.repeat([mass, felt_inertia(robot, 1.0 / (2.0 * w * dt))], 3)
+    return mass

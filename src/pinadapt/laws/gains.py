@@ -1,95 +1,84 @@
-"""The gains that the task-space laws share, checked against their hypotheses."""
+"""Gains of laws, checked against the hypotheses of their proofs."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import block_diag
 
-from .._checks import definite_matrix, positive
-from ..exceptions import GainError
+from .._checks import definite_matrix
+from ..exceptions import GainError, did_you_mean
+from ..tasks.task import Task
+
+NAMES = ("Kv", "Kp", "alpha", "R_k", "Q", "lambda_", "lambda_a")  # as users write them
+SYMBOLS = {"Kv": "K_v", "Kp": "K_P"}  # what the laws call those that they call otherwise
 
 
-@dataclass(frozen=True, eq=False)
-class Gains:
-    """Gains of Wang and Xie (2009) for m task coordinates.
+def task_gain(value: ArrayLike, task: Task, name: str, *, copies: int = 1) -> np.ndarray:
+    """Return a number, list or matrix as a gain of the task's m rows (m k, m k), k = ``copies``.
 
-    Attributes: K_v: (m, m) velocity gain [1/s]. K_P: (m, m) position gain [1/s^2]. alpha: weight of
-        the position error in e = dxd_hat + alpha dx [1/s]. R_k: (m_p, m_p) weight of the kinematic
-        prediction error; m_p = m, or the 3 positions of a pose. Q: (2 m, 2 m) right-hand side of
-        the Lyapunov equation of the law with task velocity.
+    Raises:
+        GainError: not positive definite, of another size, or on the rotations of a pose no multiple
+            of the identity.
     """
+    gain, m = definite_matrix(value, copies * task.size, name), task.size
+    turning = [group.rows for group in task.groups if group.name == "rotation"]
+    for rows in turning:
+        for i in range(copies):
+            for j in range(copies):
+                _check_rotations(gain[i * m : (i + 1) * m, j * m : (j + 1) * m], rows.start, name)
+    return gain
 
-    K_v: np.ndarray
-    K_P: np.ndarray
-    alpha: float
-    R_k: np.ndarray
-    Q: np.ndarray
 
-    @classmethod
-    def checked(
-        cls,
-        size: int,
-        K_v: ArrayLike,
-        K_P: ArrayLike,
-        alpha: float,
-        R_k: ArrayLike = 1.0,
-        Q: ArrayLike | None = None,
-        *,
-        margin: bool = True,
-        positions: int | None = None,
-    ) -> Gains:
-        """Take numbers, lists or matrices for m = ``size`` task coordinates.
+def check_margin(K_v: np.ndarray, alpha: float) -> None:
+    """Refuse gains without K_v - alpha I > 0.
 
-        Q defaults to diag(2 alpha K_P, 2 (K_v - alpha I)), for which B^T P xi = dxd + alpha dx, the
-        error e of the other laws.
+    Raises:
+        GainError: K_v - alpha I is not positive definite.
+    """
+    beta = np.linalg.eigvalsh(K_v)[0] - alpha
+    if beta <= 0.0:
+        raise GainError(
+            f"K_v - alpha I must be positive definite; its smallest eigenvalue is {beta:.4g}.",
+            where="alpha",
+            hint=f"Take alpha below {beta + alpha:.4g}, or a larger Kv.",
+        )
 
-        ``margin`` asks for K_v - alpha I > 0, which the laws on the estimated velocity error need.
-        Rows after the first ``positions`` (all of them by default) are rotations; see ``PoseTask``
-        for what their gains have to be.
 
-        Raises: GainError: not positive (definite), wrong size, K_v - alpha I not positive definite,
-            or gains on rotations that are no multiple of the identity.
-        """
-        places = size if positions is None else positions
-        velocity, position = definite_matrix(K_v, size, "Kv"), definite_matrix(K_P, size, "Kp")
-        weight = positive(alpha, "alpha")
-        beta = np.linalg.eigvalsh(velocity)[0] - weight
-        if margin and beta <= 0.0:
+def merged(defaults: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the defaults of a law's gains with the given ones in their place, by its own symbols.
+
+    None gives nothing; gains that only other laws have are left out, so that one set of gains
+    serves for a comparison of laws.
+
+    Raises:
+        GainError: a gain that no law has; the nearest is suggested.
+    """
+    for name in given:
+        if name not in NAMES:
             raise GainError(
-                f"K_v - alpha I must be positive definite; its smallest eigenvalue is {beta:.4g}.",
-                where="alpha",
-                hint=f"Take alpha below {beta + weight:.4g}, or a larger Kv.",
+                f"no gain is called '{name}'; there are {list(NAMES)}.{did_you_mean(name, NAMES)}",
+                where=name,
             )
-        if Q is None:
-            Q = (
-                block_diag(2.0 * weight * position, 2.0 * (velocity - weight * np.eye(size)))
-                if beta > 0.0
-                else 1.0
-            )
-        weights = definite_matrix(Q, 2 * size, "Q")
-        for name, K in (("Kv", velocity), ("Kp", position), ("Q", weights)):
-            for block in (
-                K[i : i + size, j : j + size]
-                for i in range(0, len(K), size)
-                for j in range(0, len(K), size)
-            ):
-                _check_rotations(block, places, name)
-        return cls(velocity, position, weight, definite_matrix(R_k, places, "R_k"), weights)
+    own = {
+        name: default if given.get(name) is None else given[name]
+        for name, default in defaults.items()
+    }
+    return {SYMBOLS.get(name, name): gain for name, gain in own.items()}
 
 
-def _check_rotations(block: np.ndarray, places: int, name: str) -> None:
-    """Refuse a block (m, m) whose rows after the first ``places`` are not one number times the identity."""
+def _check_rotations(block: np.ndarray, first: int, name: str) -> None:
+    """Refuse a block (m, m) whose rows from ``first`` on are not one number times the identity."""
     expected = np.zeros_like(block)
-    expected[:places, :places] = block[:places, :places]
-    turning = np.arange(places, len(block))
-    expected[turning, turning] = block[places, places] if turning.size else 0.0
+    expected[:first, :first] = block[:first, :first]
+    turning = np.arange(first, len(block))
+    expected[turning, turning] = block[first, first]
     if not np.allclose(block, expected, rtol=1e-9, atol=1e-9 * np.abs(block).max()):
         raise GainError(
-            "the rotation rows must be one number times the identity, not coupled to the position: phi^T K delta = 0, on "
-            "which the proof for a pose rests, holds for such gains only.",
+            "the rotation rows must be one number times the identity, not coupled to the position: "
+            "phi^T K delta = 0, on which the proof for a pose rests, holds for such gains only.",
             where=name,
             hint=f"Give one number, or {len(block)} numbers whose last {turning.size} are equal.",
         )

@@ -1,89 +1,60 @@
-"""What a control law sees, what it returns, and what it must state about itself."""
+"""What a control law returns, and what it must state about itself."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from ..adaptation.drive import Drive, Drives
+from ..exceptions import InputError
+from ..filters.filters import Filters, NoFilters
 from ..models.dynamics import Dynamics
-from ..models.frame_kinematics import FrameKinematics
-from ..models.right_inverse import RightInverse
+from ..models.task_kinematics import TaskKinematics
+from ..models.typical_motion import TypicalMotion
 from ..robot.friction import Friction
-from .gains import Gains
-from .posture import Posture
-
-
-@dataclass(slots=True, eq=False)
-class Signals:
-    """Everything a law may see at one instant; m task coordinates, n joints.
-
-    Attributes: q, v: measured configuration (nq) and joint velocity (n). xd: (m) measured task
-        velocity, or None without such a sensor; angular rows are J_omega v, which needs none. xd_d,
-        xdd_d: (m) desired task velocity and acceleration. dx: (m) x - x_d; for a pose the rotation
-        vector of the orientation error in its last three rows. dxd_hat: (m) J_hat v - xd_d, the
-        estimated task-velocity error. W_k, y: (m_p, p_k) and (m_p) the filtered regressor and
-        velocity, (3)-(4), known part taken off y; positions only. a_k, a_d: (p_k), (p_d) the
-        estimates. a_0: (p_d) the initial dynamic estimate. kinematics: the believed kinematics,
-        evaluated at q, v, a_k. dynamics: the believed dynamics, a_d loaded. inverse: right inverse
-        of the believed Jacobian, damped near its singularities. rate_k: from a gradient signal g_k
-        (p_k) to the rate of a_k (p_k), by the chosen adaptation. watch: whether an M_hat that is
-        not positive definite ends the run of a law that inverts it. delta: (m) d(dx)/dt - (xd -
-        xd_d) of a pose, known without xd, or None where it is zero; see ``PoseTask``.
-    """
-
-    q: np.ndarray
-    v: np.ndarray
-    xd: np.ndarray | None
-    xd_d: np.ndarray
-    xdd_d: np.ndarray
-    dx: np.ndarray
-    dxd_hat: np.ndarray
-    W_k: np.ndarray
-    y: np.ndarray
-    a_k: np.ndarray
-    a_d: np.ndarray
-    a_0: np.ndarray
-    kinematics: FrameKinematics
-    dynamics: Dynamics
-    inverse: RightInverse
-    rate_k: Callable[[np.ndarray], np.ndarray]
-    watch: bool
-    delta: np.ndarray | None = None
+from ..signals import Signals
+from .feedback import Feedback, KinematicLoop
 
 
 @dataclass(slots=True, eq=False)
 class Command:
-    """A torque, affine in the joint acceleration where the law measures it: tau = torque + feedthrough @ a.
+    """A torque, affine in the joint acceleration where the law measures it.
+
+    The torque at joint acceleration a is torque + feedthrough @ a. A law may subclass it for what
+    it wants back when it adapts, so that nothing is computed twice.
 
     Attributes:
         torque: (n) N m or N.
         feedthrough: (n, n) or None for zero.
-        memo: what the law wants back when it adapts, so that nothing is computed twice.
     """
 
     torque: np.ndarray
     feedthrough: np.ndarray | None = None
-    memo: tuple[np.ndarray, ...] = ()
 
-    def at(self, a: np.ndarray) -> np.ndarray:
+    def at(self, a: np.ndarray | None) -> np.ndarray:
         """Return the torque (n) at joint acceleration a (n)."""
         return self.torque if self.feedthrough is None else self.torque + self.feedthrough @ a
 
 
-class Gradients(NamedTuple):
-    """The signals that estimates descend: da/dt = -Gamma g.
+class Believed(NamedTuple):
+    """The believed robot at the current estimate, to be asked while a command is worked out.
 
     Attributes:
-        g_d: (p_d) dynamic.
-        g_k: (p_k) kinematic.
+        kinematics: evaluated at the signals' q, v and a_k.
+        dynamics: with a_d loaded; a law that loads another estimate loads a_d again.
+        kinematic_rate: from a drive of the kinematic estimate to the rate of a_k (p_k), by the
+            chosen adaptation; zero while the estimates rest.
+        watch: whether an M_hat that is not positive definite ends the run of a law that inverts it.
     """
 
-    g_d: np.ndarray
-    g_k: np.ndarray
+    kinematics: TaskKinematics
+    dynamics: Dynamics
+    kinematic_rate: Callable[[Drive], np.ndarray]
+    watch: bool = True
 
 
 class Truth(NamedTuple):
@@ -102,45 +73,89 @@ class Truth(NamedTuple):
 
 
 class Law(ABC):
-    """A control law: torque, gradient signals, and the Lyapunov function that proves it.
+    """A control law: torque, drives of the estimates, and the Lyapunov function that proves it.
 
-    A new law is one file with one subclass; listing it in ``laws/__init__.py`` names it for
-    scenarios.
+    A law is an immutable object with its gains, made for one task. A new one is one file with one
+    subclass; the four abstract methods are all that a controller and the proof need. To be made by
+    name, with default gains and rates and with a check before the run, it also states ``tuned``,
+    ``parameter_effects``, ``feedback`` and ``kinematic_loop``.
 
-    Attributes: name: as written in scenarios. adapts: whether it uses estimates that move.
-        needs_task_velocity: whether ``Signals.xd`` must be measured. needs_margin: whether the
-        proof needs K_v - alpha I > 0. inverts_estimate: whether it needs M_hat^-1 at the moving
-        estimate. energy_based: whether V is in joules, so that gains are forces; otherwise gains
-        are accelerations.
+    Attributes:
+        name: as written in scenarios.
+        adapts: whether it uses estimates that move.
+        needs_task_velocity: whether ``Signals.xd`` must be measured.
+        needs_acceleration: whether it uses the joint acceleration.
+        inverts_estimate: whether it needs M_hat^-1 at the moving estimate.
+        joint_space: whether it is a law for joint tasks only.
+        adaptation_mode: fastest mode of the inertias' adaptation by default, in bandwidths.
+        units: of velocity and position gain, for people.
     """
 
     name: ClassVar[str]
     adapts: ClassVar[bool] = True
     needs_task_velocity: ClassVar[bool] = False
-    needs_margin: ClassVar[bool] = False
+    needs_acceleration: ClassVar[bool] = False
     inverts_estimate: ClassVar[bool] = False
-    energy_based: ClassVar[bool] = False
-
-    def __init__(self, gains: Gains, posture: Posture) -> None:
-        """Take checked gains and the null-space posture."""
-        self.gains, self.posture = gains, posture
+    joint_space: ClassVar[bool] = False
+    adaptation_mode: ClassVar[float] = 2.0
+    units: ClassVar[tuple[str, str]] = ("", "")
 
     @abstractmethod
-    def command(self, s: Signals) -> Command:
+    def command(self, s: Signals, believed: Believed) -> Command:
         """Return the torque for the signals of one instant."""
 
     @abstractmethod
-    def gradients(self, s: Signals, command: Command, a: np.ndarray) -> Gradients:
-        """Return the adaptation signals, given the command just computed and the joint acceleration a (n)."""
-
-    def prediction_gradient(self, s: Signals) -> np.ndarray:
-        """Return the part W_k^T R_k (W_k a_k - y) (p_k) of g_k that compares measurements alone, whatever the torque did."""
-        return self.gains.R_k.dot(s.W_k.dot(s.a_k) - s.y).dot(s.W_k)
+    def drives(self, s: Signals, believed: Believed, command: Any, a: np.ndarray) -> Drives:
+        """Return what moves the estimates, given the command and the joint acceleration a (n)."""
 
     @abstractmethod
     def storage(self, s: Signals, truth: Truth) -> float:
-        """Return V without the parts of the parameters, which the adaptations' ``distance`` adds."""
+        """Return V without the parts of the parameters, the adaptations' ``divergence``."""
 
     @abstractmethod
     def dissipation(self, s: Signals, truth: Truth) -> float:
-        """Return dV/dt as the proof has it, an equality in continuous time with the ideal acceleration."""
+        """Return dV/dt as the proof has it.
+
+        An equality in continuous time with the ideal acceleration and constant true parameters.
+        """
+
+    @property
+    def filters(self) -> Filters:
+        """The law's memory besides its estimates."""
+        return NoFilters()
+
+    @classmethod
+    def tuned(cls, motion: TypicalMotion, dt: float, share: float = 1.0, **given: Any) -> Law:
+        """Return the law with default gains for a believed robot at the period dt [s].
+
+        Args:
+            motion: the believed robot, and the bandwidth of the feedback.
+            dt: sampling period [s].
+            share: of the bandwidth, where all of it is too fast for dt.
+            given: gains to take instead of the defaults, by name.
+
+        Raises:
+            GainError: a gain that the law does not have, or that breaks a hypothesis of its proof.
+        """
+        raise InputError(
+            f"the law '{cls.name}' has no default gains.", where="law", hint="Pass it as an object."
+        )
+
+    def with_prediction_weight(self, weight: float) -> Law:
+        """Return the law with this default weight R_k of the kinematic prediction error."""
+        return self
+
+    def parameter_effects(self, motion: TypicalMotion) -> list[np.ndarray]:
+        """Return Phi (., p_d) at each state, by which parameter errors move the driving error e.
+
+        de/dt = ... + Phi da with the drive Y^T e = Phi^T e in suitable coordinates of e.
+        """
+        return motion.momentum_effects
+
+    def feedback(self, motion: TypicalMotion) -> Sequence[Feedback]:
+        """Return the linearised feedback at each state, once where it is constant, [] if unknown."""
+        return []
+
+    def kinematic_loop(self) -> KinematicLoop | None:
+        """Return how kinematic estimate and task error couple, or None if unknown."""
+        return None

@@ -7,14 +7,17 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._checks import positive, vector
+from .._kernels import feedback as kernels
 from ..robot.robot import Robot
 
 
 class Posture:
     """Critically damped return to a rest configuration, seen only in the null space of the task.
 
-    Attributes: frequency: w [rad/s]. damping: (n) null-space damping torque per velocity of the
-        passivity-based law, w diag M(q_rest).
+    Attributes:
+        frequency: w [rad/s].
+        damping: (n) null-space damping torque per velocity of the passivity-based law, w diag
+            M(q_rest).
     """
 
     def __init__(self, robot: Robot, rest: ArrayLike | None = None, frequency: float = 4.0) -> None:
@@ -39,7 +42,9 @@ class Posture:
 
     def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return psi (n) = -2 w v - w^2 (q - q_rest) [rad/s^2 or m/s^2]."""
-        return (-2.0 * self.frequency) * v - self.frequency**2 * self.offset(q)
+        psi = np.empty(v.size)
+        kernels.critically_damped(self.offset(q), v, self.frequency, psi)
+        return psi
 
     def velocity(self, q: np.ndarray) -> np.ndarray:
         """Return psi (n) = -w (q - q_rest) [rad/s or m/s]."""

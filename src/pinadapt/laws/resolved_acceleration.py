@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..adaptation.drive import Drive, Drives
+from ..signals import Signals
 from .estimated_velocity import EstimatedVelocityLaw
-from .law import Command, Gradients, Signals
+from .law import Believed, Command
 
 
 class ResolvedAcceleration(EstimatedVelocityLaw):
@@ -23,12 +25,13 @@ class ResolvedAcceleration(EstimatedVelocityLaw):
 
     name = "resolved-acceleration"
     adapts = False
+    needs_acceleration = False
 
-    def command(self, s: Signals) -> Command:
+    def command(self, s: Signals, believed: Believed) -> Command:
         """Return M v + C qd + g, (8)."""
         v = self.commanded_acceleration(s, np.zeros(s.a_k.size))
-        return Command(s.dynamics.torque(s.q, s.v, v))  # (8)
+        return Command(believed.dynamics.torque(s.q, s.v, v))  # (8)
 
-    def gradients(self, s: Signals, command: Command, a: np.ndarray) -> Gradients:
-        """Return zeros: nothing adapts."""
-        return Gradients(np.zeros(s.a_d.size), np.zeros(s.a_k.size))
+    def drives(self, s: Signals, believed: Believed, command: Command, a: np.ndarray) -> Drives:
+        """Return drives without any part: nothing adapts."""
+        return Drives(Drive(np.zeros((0, s.a_d.size)), None), Drive(s.Y_k, None))

@@ -5,6 +5,9 @@ from .bodies import BodyDynamics as BodyDynamics
 from .dynamics import Dynamics as Dynamics
 from .frame_kinematics import FrameKinematics as FrameKinematics
 from .joint_effects import JointEffects as JointEffects
+from .joint_kinematics import JointKinematics as JointKinematics
 from .lumped import LumpedDynamics as LumpedDynamics
 from .stacked import StackedDynamics as StackedDynamics
+from .task_kinematics import TaskKinematics as TaskKinematics
 from .translations import Translation as Translation
+from .typical_motion import TypicalMotion as TypicalMotion

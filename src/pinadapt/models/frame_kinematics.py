@@ -10,39 +10,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from .._compiled import compiled
+from .._kernels import models as kernels
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
+from .right_inverse import RightInverse
+from .task_kinematics import TaskKinematics
 from .translations import Translation, placement_of, unknown_translations
 
 
-class FrameKinematics:
-    """The believed kinematics of a chain at the current estimate of its unknown translations.
+class FrameKinematics(TaskKinematics):
+    """The believed kinematics of the task frame; the parameters are unknown translations.
 
-    ``update`` evaluates everything at one state; the attributes then hold for that state until the
-    next update. All are in world axes (LOCAL_WORLD_ALIGNED), rows of the task only. m: task size,
-    m_p: its positions (m, but 3 for a pose),
-    p: number of parameters. No translation turns the frame: the rotation rows of a pose have no
-        unknowns.
-
-    Attributes:
-        names: one name a parameter.
-        size: p.
-        initial: (p) values in the believed robot's own description [m].
-        task: the controlled coordinates.
-        joint_names: names of the chain's joints.
-        frame: name of the task frame.
-        nq, nv: sizes of configuration and velocity.
-        x_hat: believed task coordinates: (m) [m], or the 7 numbers of a pose.
-        xd_hat: (m) believed velocity J v [m/s, rad/s].
-        J: (m, nv) Jacobian at the estimate.
-        Jdot_v: (m) dJ/dt v with the estimate held constant [m/s^2, rad/s^2].
-        Y_k: (m, p) kinematic regressor, (2); zero in rotation rows.
-        Y_p: (m_p, p) its position rows.
+    Everything is in world axes (LOCAL_WORLD_ALIGNED), rows of the task only; velocities in m/s and
+    rad/s. No translation turns the frame: the rotation rows of a pose have no unknowns, and those
+    of Y_k are zero.
     """
 
     def __init__(self, robot: Robot, unknown: str | Sequence[str | Translation] = ()) -> None:
@@ -52,6 +38,7 @@ class FrameKinematics:
             ParameterError, RobotError: as ``unknown_translations``.
         """
         self.translations = unknown_translations(robot, unknown)
+        self._robot = robot.undrawn()
         self.task, self.joint_names, self.frame = robot.task, robot.joint_names, robot.frame
         self.nq, self.nv = int(robot.model.nq), int(robot.model.nv)
         self.names = tuple(label for part in self.translations for label in part.labels)
@@ -86,6 +73,10 @@ class FrameKinematics:
                 "the directions and offsets do not contain the believed robot's own placements."
             )
         self.initial = initial
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copy by what it was made from: Pinocchio's data is scratch."""
+        return FrameKinematics, (self._robot, self.translations)
 
     def _split(self) -> list[slice]:
         ends = np.cumsum([0] + [len(part.labels) for part in self.translations])
@@ -131,7 +122,7 @@ class FrameKinematics:
         acceleration = pin.getFrameClassicalAcceleration(model, data, self._frame, aligned)
         self.Y_k = np.zeros(self._shape)
         for window, (R, w, B) in self._columns:
-            _velocity_regressor(R, w, B, self.Y_k[:, window])
+            kernels.velocity_regressor(R, w, B, self.Y_k[:, window])
         self.Y_p = self.Y_k[: self._positions] if self._turns else self.Y_k
         self.xd_hat = self.J.dot(v)
         self.Jdot_v = acceleration.vector[self._rows]
@@ -151,6 +142,10 @@ class FrameKinematics:
     def x_hat(self) -> np.ndarray:
         """Believed task coordinates at the last update: positions (m) [m], or position and quaternion xyzw (7)."""
         return self.task.of(pin.updateFramePlacement(self._model, self._data, self._frame))
+
+    def right_inverse(self, threshold: float) -> RightInverse:
+        """Return that of J at the last update, damped below the threshold s_0."""
+        return RightInverse(self.J, threshold)
 
     def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
         """Return the task-acceleration regressor (m, p) of Wang and Xie (27): xddot = Ybar_k(q, v, a) a_k + known part."""
@@ -212,14 +207,3 @@ class FrameKinematics:
             )
             rows.append(self.Y_p)
         return int(np.linalg.matrix_rank(np.vstack(rows), tol=1e-8 * samples)) if self.size else 0
-
-
-@compiled("void(f8[:,:], f8[:], f8[:,:], f8[:,:])")
-def _velocity_regressor(R: np.ndarray, w: np.ndarray, B: np.ndarray, Y: np.ndarray) -> None:
-    """Write R [w]x B into the position rows of Y (m, k), R (m_p, 3) those of a rotation, w (3) in its own axes, B (3, k)."""
-    for j in range(B.shape[1]):
-        x = w[1] * B[2, j] - w[2] * B[1, j]
-        y = w[2] * B[0, j] - w[0] * B[2, j]
-        z = w[0] * B[1, j] - w[1] * B[0, j]
-        for i in range(len(R)):
-            Y[i, j] = R[i, 0] * x + R[i, 1] * y + R[i, 2] * z

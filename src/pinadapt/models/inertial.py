@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from typing import Any
 
 import numpy as np
 
@@ -27,6 +28,11 @@ class InertialDynamics(Dynamics):
         self._armature = np.array(robot.model.armature)
         self._pi = inertial_parameters(robot.model)
         self._gravity = np.array(robot.model.gravity.linear)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Load the estimate into a copied model, whose own one is scratch."""
+        self.__dict__.update(state)
+        self._believed.load(self._pi)
 
     def shares_the_rest(self, robot: Robot) -> bool:
         """Tell whether rotors and gravity are as believed and the joints free of friction, which no inertia explains."""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pinocchio as pin
 
-from .._compiled import compiled
+from .._kernels import models as kernels
 from ..exceptions import ParameterError
 from .regressor import PER_BODY, inertial_parameters
 
@@ -35,6 +37,10 @@ class InertialModel:
         self._ballast = inertial_parameters(self._ballast_model)
         self._c = 0.0
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copy by what it was made from: Pinocchio's data is scratch."""
+        return type(self), (self._model,)
+
     def load(self, pi: np.ndarray) -> None:
         """Set the parameters (10 n) of all bodies.
 
@@ -46,7 +52,7 @@ class InertialModel:
                 f"expected {self._ballast.size} numbers, got {pi.size}.",
                 where="inertial parameters",
             )
-        self._c = _take(pi, self._ballast, self._tens)
+        self._c = kernels.take(pi, self._ballast, self._tens)
         inertias, inertia = self._inertias, pin.Inertia.FromDynamicParameters
         for joint, ten in self._bodies:
             inertias[joint] = inertia(ten)
@@ -64,16 +70,3 @@ class InertialModel:
         if self._c:
             M = M - self._c * pin.crba(self._ballast_model, self._ballast_data, q)
         return M
-
-
-@compiled("f8(f8[:], f8[:], f8[:,:])")
-def _take(pi: np.ndarray, ballast: np.ndarray, tens: np.ndarray) -> float:
-    """Write pi (10 n) and c times the ballast (10 n) as rows, n of ten parameters; return c, zero where no body needs it."""
-    lightest = pi[0]
-    for b in range(len(tens)):
-        lightest = min(lightest, pi[PER_BODY * b])
-    c = 1.0 - lightest if lightest < _LEAST_MASS else 0.0
-    for b in range(len(tens)):
-        for i in range(PER_BODY):
-            tens[b, i] = pi[PER_BODY * b + i] + c * ballast[PER_BODY * b + i]
-    return c

@@ -14,12 +14,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from scipy.linalg import qr, solve_triangular
 
-from .._compiled import compiled
+from .._kernels import models as kernels
 from .inertial_model import InertialModel
 from .regressor import PER_BODY, Regressor
 from .translations import Translation
@@ -161,6 +162,7 @@ class LumpedRegressor(Regressor):
 
     def __init__(self, found: LumpedBasis) -> None:
         """Prepare one regressor a node."""
+        self._found = found
         self._parts = [
             (Regressor(model), slice(int(first), int(last)), columns.astype(np.int64))
             for model, (first, last), columns in zip(
@@ -172,11 +174,15 @@ class LumpedRegressor(Regressor):
         ]
         self._shape = (found.models[0].nv, found.size)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copy by what it was made from: Pinocchio's data is scratch."""
+        return LumpedRegressor, (self._found,)
+
     def __call__(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y(q, v, a) (n, p)."""
         Y = np.empty(self._shape)
         for regressor, window, columns in self._parts:
-            _take_columns(regressor(q, v, a), columns, Y[:, window])
+            kernels.take_columns(regressor(q, v, a), columns, Y[:, window])
         return Y
 
     def slotine_li(
@@ -185,7 +191,7 @@ class LumpedRegressor(Regressor):
         """Return Y(q, v, v_r, a_r) (n, p)."""
         Y = np.empty(self._shape)
         for regressor, window, columns in self._parts:
-            _take_columns(regressor.slotine_li(q, v, v_r, a_r), columns, Y[:, window])
+            kernels.take_columns(regressor.slotine_li(q, v, v_r, a_r), columns, Y[:, window])
         return Y
 
 
@@ -196,6 +202,7 @@ class LumpedModel(InertialModel):
         self, found: LumpedBasis, regressor: LumpedRegressor, armature: np.ndarray
     ) -> None:
         """Prepare one model a node."""
+        self._found = found
         self._regressor, self._armature, self._rotors = regressor, armature, np.diag(armature)
         self._nodes = [InertialModel(model) for model in found.models]
         self._pi = np.zeros((len(found.models), PER_BODY * found.models[0].nv))
@@ -204,6 +211,10 @@ class LumpedModel(InertialModel):
             1
         ] + np.concatenate(found.columns)
         self._a, self._loaded = np.full(found.size, np.nan), False
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copy by what it was made from: Pinocchio's data is scratch."""
+        return LumpedModel, (self._found, self._regressor, self._armature)
 
     def load(self, pi: np.ndarray) -> None:
         """Set the lumped vector (p)."""
@@ -225,11 +236,3 @@ class LumpedModel(InertialModel):
         for node in self._nodes:
             M += node.mass_matrix(q)
         return M
-
-
-@compiled("void(f8[:,:], i8[:], f8[:,:])")
-def _take_columns(Y: np.ndarray, columns: np.ndarray, chosen: np.ndarray) -> None:
-    """Write the columns (p) of Y (n, 10 n) side by side (n, p)."""
-    for i in range(len(chosen)):
-        for j in range(len(columns)):
-            chosen[i, j] = Y[i, columns[j]]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pinocchio as pin
 
@@ -23,6 +25,10 @@ class Regressor:
         self._data, self._weightless_data = self._model.createData(), self._weightless.createData()
         self._zero = np.zeros(model.nv)
         self._shape = (model.nv, PER_BODY * model.nv)  # Pinocchio returns a single row as a vector
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copy by what it was made from: Pinocchio's data is scratch."""
+        return Regressor, (self._model,)
 
     def __call__(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y(q, v, a) (n, 10 n)."""

@@ -15,8 +15,11 @@ LARGEST_SPEED = 1e4  # [rad/s or m/s]; beyond, the loop has diverged
 class PinocchioPlant:
     """A robot that moves as its true model says; no controller ever sees inside.
 
-    Attributes: robot: the true robot. nv: number of joints. torque_limits: (nv) bounds the motors
-        clip at [N m or N], infinite where there is none, or None.
+    Attributes:
+        robot: the true robot.
+        nv: number of joints.
+        torque_limits: (nv) bounds the motors clip at [N m or N], infinite where there is none, or
+            None.
     """
 
     def __init__(self, robot: Robot) -> None:

@@ -48,7 +48,7 @@ def run_continuous(
             k1 = loop.slope(y, desired)
             if not np.isfinite(k1).all():
                 raise DivergedError("the torque or the estimates are no longer finite.")
-            controller.watch(loop.torque, loop.state)
+            controller.watch(loop.torque, loop.state.a_d, loop.state.a_k)
             if k % record_every == 0:
                 trace.add(t, loop.measurement, desired, loop.measurement, loop.state, loop.torque)
             middle = trajectory.at(t + 0.5 * dt)
@@ -98,8 +98,12 @@ class _Loop:
         n = self._plant.nv
         self._q = self._plant.integrate(self._q, y[:n])
         state = self.state.with_flat(y[2 * n :])
-        kept = self._controller.adaptation_d.keep(state.a_d, self._q)
-        rest = y[2 * n :] if kept is state.a_d else state._replace(a_d=kept).flat()
+        kept = self._controller.adaptation_d.project(state.a_d, self._q)
+        rest = (
+            y[2 * n :]
+            if kept is state.a_d
+            else state._replace(dynamic=state.dynamic._replace(value=kept)).flat()
+        )
         return np.concatenate([np.zeros(n), y[n : 2 * n], rest])
 
     def slope(self, y: np.ndarray, desired: Desired) -> np.ndarray:
@@ -112,10 +116,8 @@ class _Loop:
         if self._ideal:
             a_law = plant.acceleration(q, v, command.torque, command.feedthrough)
         else:
-            a_law = controller.acceleration(self.state, self.measurement)
-        tau, gradients = controller.respond(signals, command, a_law)
+            a_law = controller.acceleration(signals, self.measurement)
+        tau, drives = controller.respond(self.state, signals, command, a_law)
         self.torque = plant.motors(tau)
         a = a_law if self._ideal else plant.acceleration(q, v, self.torque)
-        return np.concatenate(
-            [v, a, controller.rate(self.state, self.measurement, signals, gradients).flat()]
-        )
+        return np.concatenate([v, a, controller.rate(self.state, signals, drives).flat()])

@@ -7,7 +7,6 @@ from collections.abc import Callable
 import numpy as np
 
 from ..controller.controller import Controller
-from ..controller.state import ControllerState
 from ..laws.law import Truth
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..records import Measurement
@@ -102,7 +101,7 @@ def _watch(
         damping.append(signals.inverse.damping)
         if a_k_true is None or a_d_true is None:
             continue
-        part = parameter_storage(controller, state, a_k_true, a_d_true)
+        part = controller.parameter_storage(state, a_k_true, a_d_true)
         if part is None:
             a_k_true = None  # undefined once is undefined for good
             continue
@@ -132,12 +131,3 @@ def truth_at(
 ) -> Truth:
     """Return what a law's V needs to know of the true robot at one instant."""
     return Truth(a_k_true, a_d_true, plant.mass_matrix(measurement.q), plant.robot.friction)
-
-
-def parameter_storage(
-    controller: Controller, state: ControllerState, a_k_true: np.ndarray, a_d_true: np.ndarray
-) -> float | None:
-    """Return the parameters' part of V, or None where an adaptation leaves it undefined."""
-    kinematic = controller.adaptation_k.distance(state.a_k, a_k_true)
-    dynamic = controller.adaptation_d.distance(state.a_d, a_d_true)
-    return None if kinematic is None or dynamic is None else kinematic + dynamic

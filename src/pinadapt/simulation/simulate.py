@@ -54,21 +54,30 @@ def simulate(
 ) -> Rollout:
     """Let a controller drive the true robot from its home, at rest.
 
-    Args: true: the true robot. controller: made for the believed robot. trajectory: the desired
-        motion. duration: s. dt: controller period, or integration step in continuous mode [s].
-        mode: "sampled" (torque held for dt) or "continuous" (one ODE, Runge-Kutta 4). substeps:
-        integration steps a period, sampled mode. record_every: keep one sample of so many; the loop
-        itself runs at every one. acceleration: "filtered", or "ideal": the plant's own, for
-        checking theory. a_k: (p_k) initial kinematic estimate [m], by default the believed robot's.
-        a_d: (p_d) initial dynamic estimate, by default the believed robot's. noise: standard
-        deviations of q, v, x, and the angle of a measured pose, sampled mode. delay: s, of the
-        task-space measurement, sampled mode. torque_limits: the motors clip at the true robot's
-        effort limits; limits of zero or infinity are none. A controller without limits of its own
-        is given these, so that its adaptation rests while they clip. seed: of the noise. title: of
-        the rollout. progress: wraps the range of samples, ``tqdm`` for example.
+    Args:
+        true: the true robot.
+        controller: made for the believed robot.
+        trajectory: the desired motion.
+        duration: s.
+        dt: controller period, or integration step in continuous mode [s].
+        mode: "sampled" (torque held for dt) or "continuous" (one ODE, Runge-Kutta 4).
+        substeps: integration steps a period, sampled mode.
+        record_every: keep one sample of so many; the loop itself runs at every one.
+        acceleration: "filtered", or "ideal": the plant's own, for checking theory.
+        a_k: (p_k) initial kinematic estimate [m], by default the believed robot's.
+        a_d: (p_d) initial dynamic estimate, by default the believed robot's.
+        noise: standard deviations of q, v, x, and the angle of a measured pose, sampled mode.
+        delay: s, of the task-space measurement, sampled mode.
+        torque_limits: the motors clip at the true robot's effort limits; limits of zero or infinity
+            are none. A controller without limits of its own is given these, so that its adaptation
+            rests while they clip.
+        seed: of the noise.
+        title: of the rollout.
+        progress: wraps the range of samples, ``tqdm`` for example.
 
-    Raises: InputError: anything that cannot be run; a loop that diverges is no error, see
-        ``Rollout.diverged``.
+    Raises:
+        InputError: anything that cannot be run; a loop that diverges is no error, see
+            ``Rollout.diverged``.
     """
     ideal = _one_of(acceleration, ACCELERATIONS, "acceleration") == "ideal"
     _check_options(mode, duration, dt, {"substeps": substeps, "record_every": record_every}, seed)

@@ -14,12 +14,18 @@ from ..records import Desired, Measurement
 class Trace:
     """The raw record of a closed loop, one entry a sample.
 
-    Attributes: t: times [s]. measurements: what the sensors said. desired: the desired motion.
+    Attributes:
+        t: times [s].
+        measurements: what the sensors said.
+        desired: the desired motion.
         true_q, true_v, true_x: true configuration (nq), velocity (nv) and task coordinates, without
-        noise or delay. states: the controller's states before each step. torques: the torques (n)
-        [N m or N] that the motors gave. diverged: time [s] at which the loop left every bound, or
-        None. reason: why, or None. steps: controller steps done, recorded or not. step_time:
-        seconds spent in them.
+            noise or delay.
+        states: the controller's states before each step.
+        torques: the torques (n) [N m or N] that the motors gave.
+        diverged: time [s] at which the loop left every bound, or None.
+        reason: why, or None.
+        steps: controller steps done, recorded or not.
+        step_time: seconds spent in them.
     """
 
     t: list[float] = field(default_factory=list)

@@ -65,6 +65,10 @@ class JointTask(Task):
         """Return the coordinates x (m) and v (m) itself."""
         return self.of(q), np.array(v, dtype=float)
 
+    def measured(self, x: np.ndarray | None, q: np.ndarray) -> np.ndarray:
+        """Return the coordinates (m) of the measured q (nq), whatever else was measured."""
+        return self.of(q)
+
     def error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
         """Return dx (m), within half a turn for continuous joints."""
         dx = x - x_d

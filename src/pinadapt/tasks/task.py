@@ -66,6 +66,11 @@ class Task(ABC):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the coordinates x and the task velocity (m) at configuration q (nq) and velocity v (nv)."""
 
+    def measured(self, x: np.ndarray | None, q: np.ndarray) -> np.ndarray:
+        """Return the coordinates x: the measured ones, or those that q (nq) tells by itself."""
+        assert x is not None  # the controller refuses measurements without it
+        return x
+
     def position(self, x: np.ndarray) -> np.ndarray:
         """Return the positions (m_p) among coordinates x or among a velocity."""
         return x[: self.positions]

@@ -83,8 +83,9 @@ class Swing(Orientation):
     ) -> None:
         """Take the axis (3) in the tool's axes, of any length, amplitude and phase [rad], period [s], and R_0 (4) xyzw.
 
-        Raises: InputError: sizes or signs that cannot be, an axis of length zero, or no unit
-            quaternion.
+        Raises:
+            InputError: sizes or signs that cannot be, an axis of length zero, or no unit
+                quaternion.
         """
         direction = vector(axis, 3, "reference.orientation.axis")
         length = float(np.linalg.norm(direction))

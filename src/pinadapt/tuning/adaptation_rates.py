@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
@@ -16,123 +19,145 @@ from ..adaptation.mass_matrix_projection import MassMatrixProjection
 from ..adaptation.matrix_inequality import BodyInequality, MatrixInequality
 from ..adaptation.natural import Natural
 from ..adaptation.stacked import Stacked
-from ..exceptions import InputError, ParameterError
-from ..laws.gains import Gains
+from ..exceptions import InputError, ParameterError, did_you_mean
+from ..laws.law import Law
 from ..models.bodies import BodyDynamics
 from ..models.dynamics import Dynamics
 from ..models.joint_effects import without_joint_effects
 from ..models.stacked import StackedDynamics
+from ..models.typical_motion import TypicalMotion
 from ..robot.robot import Robot
 from ..robot.workspace import reach
-from .defaults import JOINT_MODE, KINEMATIC_MODE, PREDICTION_RATE, gradient_shape, inertial_mode
-from .linearised_loop import LinearisedLoop, frequency, gain_matrix, rate_for
+from .defaults import JOINT_MODE, KINEMATIC_MODE, PREDICTION_RATE, gradient_shape
+from .linearised_loop import frequency, rate_for
+
+ADAPTATIONS = ("natural", "gradient", "projected", "none")
+
+
+def check_adaptation(kind: str) -> None:
+    """Refuse an unknown kind of adaptation.
+
+    Raises:
+        InputError: unknown; the nearest is suggested.
+    """
+    if kind not in ADAPTATIONS:
+        raise InputError(
+            f"no adaptation is called '{kind}'; there are {list(ADAPTATIONS)}."
+            f"{did_you_mean(kind, ADAPTATIONS)}",
+            where="adaptation",
+        )
 
 
 def kinematic_adaptation(
     kind: str,
-    loop: LinearisedLoop,
-    gains: Gains,
+    law: Law,
+    motion: TypicalMotion,
     bandwidth: float,
     gamma_k: ArrayLike | None,
     box: np.ndarray | None,
 ) -> Adaptation:
-    """Return how the kinematic estimate moves, at a given rate or the default one, inside a box (2, p) or none."""
-    size = loop.kinematics.size
-    if kind == "none":
+    """Return how the kinematic estimate moves, at a given or the default rate, in a box or none.
+
+    Args:
+        kind: of adaptation; "none" rests, all others are gradients.
+        law: whose coupling of estimate and error the default rate follows.
+        motion: the believed robot.
+        bandwidth: w [rad/s].
+        gamma_k: the rate, a number, list or matrix, or None.
+        box: (2, p) bounds or None.
+    """
+    kinematics = motion.kinematics
+    size, loop = kinematics.size, law.kinematic_loop()
+    if kind == "none" or not size:
         return Frozen()
     if gamma_k is None:
-        m = loop.kinematics.task.positions
-        stiffness = float(np.linalg.eigvalsh((gains.K_P + gains.alpha * gains.K_v)[:m, :m])[-1])
-        effects = [np.sqrt(stiffness) * Y_p for Y_p in loop.kinematic]
-        gamma_k = rate_for(
-            KINEMATIC_MODE * bandwidth, effects, Gradient(1.0, size), loop.kinematics.initial
-        )
+        stiffness = 1.0 if loop is None else loop.stiffness
+        effects = [np.sqrt(stiffness) * Y_p for Y_p in motion.kinematic_regressors]
+        mode = KINEMATIC_MODE * bandwidth
+        gamma_k = rate_for(mode, effects, Gradient(1.0, size), kinematics.initial)
     gradient = Gradient(gamma_k, size, "gamma_k")
-    return (
-        gradient
-        if box is None
-        else BoxProjection(
-            gradient, *box, names=loop.kinematics.names, where="unknown.kinematic_box"
-        )
-    )
+    if box is None:
+        return gradient
+    return BoxProjection(gradient, *box, names=kinematics.names, where="unknown.kinematic_box")
 
 
-def prediction_weight(loop: LinearisedLoop, adaptation: Adaptation, bandwidth: float) -> float:
-    """Return R_k with which the prediction error decays at its share of the bandwidth over a typical motion."""
-    rate = frequency(loop.kinematic, gain_matrix(adaptation, loop.kinematics.initial)) ** 2
+def prediction_weight(motion: TypicalMotion, adaptation: Adaptation, bandwidth: float) -> float:
+    """Return R_k with which the prediction error decays at its share of the bandwidth."""
+    Gamma = adaptation.gain(motion.kinematics.initial)
+    rate = frequency(motion.kinematic_regressors, Gamma) ** 2
     return PREDICTION_RATE * bandwidth / rate if rate > 0.0 else 1.0
 
 
 def dynamic_adaptation(
     kind: str,
-    believed: Robot,
-    loop: LinearisedLoop,
+    law: Law,
+    motion: TypicalMotion,
     bandwidth: float,
-    gamma_d: ArrayLike | None,
-    gamma_joint: float | None,
+    rates: Mapping[str, Any],
     lmi: ArrayLike | MatrixInequality | None,
     share: float = 1.0,
 ) -> Adaptation:
     """Return how the dynamic estimate moves, at given rates or a share of the default ones.
 
+    Args:
+        kind: of adaptation.
+        law: whose loop the default rates follow.
+        motion: the believed robot.
+        bandwidth: w [rad/s].
+        rates: given ``gamma_d`` and ``gamma_joint``.
+        lmi: matrix inequality for a basis of the user's own.
+        share: of the default rates.
+
     Raises:
         InputError: a rate or an inequality that does not fit the parameters.
     """
-    dynamics = loop.dynamics
+    dynamics, w = motion.dynamics, bandwidth * share**0.5
     if kind == "none" or not dynamics.size:
         return Frozen()
-    bodies, joints = (
-        mode * bandwidth * share**0.5 for mode in (inertial_mode(loop.law), JOINT_MODE)
-    )
+    effects, stacked = law.parameter_effects(motion), isinstance(dynamics, StackedDynamics)
     inertial = dynamics.inertial if isinstance(dynamics, StackedDynamics) else dynamics
-    effects = [Phi[:, : inertial.size] for Phi in loop.dynamic]
-    adaptation: Adaptation = Frozen()
-    if inertial.size and kind == "natural":
-        cone = _cone(believed, inertial, lmi)
-        unit = Natural(1.0, cone)
-        rate = (
-            rate_for(bodies, effects, unit, unit.admit(inertial.initial))
-            if gamma_d is None
-            else gamma_d
-        )
-        adaptation = _natural(rate, cone)
-    elif inertial.size:
-        carrier = without_joint_effects(believed) if dynamics is not inertial else believed
-        Gamma = _gradient_gain(carrier, inertial, effects, bodies) if gamma_d is None else gamma_d
-        projected = kind == "projected"
-        adaptation = (
-            MassMatrixProjection(Gamma, inertial, carrier)
-            if projected
-            else Gradient(Gamma, inertial.size, "gamma_d")
-        )
+    carrier = without_joint_effects(motion.robot) if stacked else motion.robot
+    own = [Phi[:, : inertial.size] for Phi in effects]
+    mode, gamma_d = law.adaptation_mode * w, rates.get("gamma_d")
+    adaptation = _inertial_adaptation(kind, carrier, inertial, own, mode, gamma_d, lmi)
     if not isinstance(dynamics, StackedDynamics) or not dynamics.joint.size:
         return adaptation
-    joint = dynamics.joint
+    typical = dynamics.joint.typical
+    gamma_joint = rates.get("gamma_joint")
     if gamma_joint is None:
-        effects = [Phi[:, inertial.size :] for Phi in loop.dynamic]
-        gamma_joint = rate_for(
-            joints, effects, ExponentiatedGradient(1.0, joint.typical), joint.typical
-        )
-    return Stacked(
-        [
-            (adaptation, inertial.size),
-            (ExponentiatedGradient(gamma_joint, joint.typical), joint.size),
-        ]
-    )
+        own = [Phi[:, inertial.size :] for Phi in effects]
+        unit = ExponentiatedGradient(1.0, typical)
+        gamma_joint = rate_for(JOINT_MODE * w, own, unit, typical)
+    joints = ExponentiatedGradient(gamma_joint, typical)
+    return Stacked([(adaptation, inertial.size), (joints, typical.size)])
 
 
-def _gradient_gain(
-    believed: Robot, dynamics: Dynamics, effects: list[np.ndarray], mode: float
-) -> np.ndarray:
-    """Return Gamma_d (p, p): how far the truth may be from the belief, at the rate with the fastest mode [rad/s]."""
-    shape = gradient_shape(believed, dynamics, effects)
-    return shape * rate_for(mode, effects, Gradient(shape, dynamics.size), dynamics.initial)
-
-
-def _natural(rate: ArrayLike, cone: MatrixInequality) -> Natural:
-    if np.ndim(rate) != 0:
-        raise InputError("natural adaptation has one scalar gain.", where="gamma_d")
-    return Natural(positive(rate, "gamma_d"), cone)
+def _inertial_adaptation(
+    kind: str,
+    believed: Robot,
+    dynamics: Dynamics,
+    effects: list[np.ndarray],
+    mode: float,
+    gamma_d: ArrayLike | None,
+    lmi: ArrayLike | MatrixInequality | None,
+) -> Adaptation:
+    """Return how the inertial parameters move; ``mode`` [rad/s] is the fastest by default."""
+    if not dynamics.size:
+        return Frozen()
+    if kind == "natural":
+        cone = _cone(believed, dynamics, lmi)
+        unit = Natural(1.0, cone)
+        if gamma_d is None:
+            gamma_d = rate_for(mode, effects, unit, unit.validate(dynamics.initial))
+        if np.ndim(gamma_d) != 0:
+            raise InputError("natural adaptation has one scalar gain.", where="gamma_d")
+        return Natural(positive(gamma_d, "gamma_d"), cone)
+    if gamma_d is None:
+        shape = gradient_shape(believed, dynamics, effects)
+        unit = Gradient(shape, dynamics.size)
+        gamma_d = shape * rate_for(mode, effects, unit, dynamics.initial)
+    gradient = Gradient(gamma_d, dynamics.size, "gamma_d")
+    return MassMatrixProjection(gradient, dynamics, believed) if kind == "projected" else gradient
 
 
 def _cone(
@@ -146,7 +171,8 @@ def _cone(
         cone = BodyInequality(names, least_mass=1e-3 * mass, least_radius=1e-2 * reach(believed))
     elif lmi is None:
         raise ParameterError(
-            "natural adaptation of a user's basis needs the inequality that keeps M positive definite.",
+            "natural adaptation of a user's basis needs the inequality that keeps M positive "
+            "definite.",
             where="unknown.lmi",
             hint='Give one (see robots/planar_2r/lmi.csv), or use adaptation = "gradient".',
         )

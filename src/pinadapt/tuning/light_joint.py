@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from ..laws.gains import Gains
-from ..robot.robot import Robot
+from ..laws.acceleration_law import AccelerationLaw
+from ..laws.law import Law
+from ..models.typical_motion import TypicalMotion
 from ..robot.workspace import reach, rounded_down
-from .linearised_loop import LinearisedLoop
 
 _LOAD, _ARM = (
     0.1,
@@ -51,7 +51,7 @@ class LightJoint:
         )
 
 
-def lightest_joint(believed: Robot, loop: LinearisedLoop, gains: Gains) -> LightJoint | None:
+def lightest_joint(motion: TypicalMotion, law: Law) -> LightJoint | None:
     """Return the joint that bears least, or None where all bear enough, the law's gains are forces, or the last body is known.
 
     At each state of the typical motion, the weight of the load at its distance from a joint's axis
@@ -59,27 +59,23 @@ def lightest_joint(believed: Robot, loop: LinearisedLoop, gains: Gains) -> Light
     feedback balances it. On the catalogue, with 30 % wrong inertias and loads of at most the last
     body's mass, law (11) of Wang and Xie lost four joints, all of them told of here.
     """
+    believed, dynamics = motion.robot, motion.dynamics
     model, n = believed.model, believed.model.nv
-    if loop.law.energy_based or not loop.law.adapts or n - 1 not in loop.dynamics.bodies:
+    if not isinstance(law, AccelerationLaw) or not law.adapts or n - 1 not in dynamics.bodies:
         return None
-    data, m, arm = model.createData(), believed.task.positions, _ARM * reach(believed)
-    stiffness = float(np.linalg.eigvalsh(gains.K_P[:m, :m])[0])
-    loop.dynamics.load(loop.dynamics.initial)
+    rows, arm = believed.task.groups[0].rows, _ARM * reach(believed)
+    stiffness, data = float(np.linalg.eigvalsh(law.K_P[rows, rows])[0]), model.createData()
     angles, inertias = [], []  # (N, n) per kilogram of load, and M_jj
-    for q in loop.motion.q:
-        inertia = np.diag(loop.dynamics.mass_matrix(q))
-        axes = pin.computeJointJacobians(model, data, q).reshape(6, n)[
-            3:
-        ]  # zero for prismatic joints
-        weight = np.linalg.norm(np.cross(axes.T, model.gravity.linear), axis=1)
-        angles.append(
-            weight * arm / (np.maximum(inertia, np.finfo(float).eps * inertia.max()) * stiffness)
-        )
+    for q, M in zip(motion.states.q, motion.mass_matrices, strict=True):
+        inertia = np.diag(M)
+        J = pin.computeJointJacobians(model, data, q).reshape(6, n)
+        weight = np.linalg.norm(np.cross(J[3:].T, model.gravity.linear), axis=1)  # zero for slides
+        least = np.maximum(inertia, np.finfo(float).eps * inertia.max())
+        angles.append(weight * arm / (least * stiffness))
         inertias.append(inertia)
     largest = np.max(angles, axis=0)
     j = int(np.argmax(largest))
     if _LOAD * pin.computeTotalMass(model) * largest[j] <= _ANGLE:
         return None
-    return LightJoint(
-        believed.joint_names[j], float(np.min(inertias, axis=0)[j]), _ANGLE / float(largest[j]), arm
-    )
+    inertia, load = float(np.min(inertias, axis=0)[j]), _ANGLE / float(largest[j])
+    return LightJoint(believed.joint_names[j], inertia, load, arm)

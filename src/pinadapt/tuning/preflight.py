@@ -10,17 +10,19 @@ the rates of the dynamic adaptation half as large again, as bodies a third light
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from itertools import cycle
 
 import numpy as np
 
 from ..controller.controller import Controller
+from ..laws.feedback import Feedback
 from ..laws.law import Law
+from ..models.typical_motion import TypicalMotion
 from ..robot.workspace import rounded_down
-from .linearised_loop import LinearisedLoop, frequency, gain_matrix, unit_mass
+from .linearised_loop import frequency
 
 _MARGIN, _ADAPTATION_MARGIN = 2.0, 1.5
 _FEEDBACK, _DYNAMICS = "task feedback", "adaptation of the dynamics"
@@ -32,9 +34,12 @@ _UNSTABLE = 1.0 + 1e-9  # the null space of a redundant arm moves freely
 class Finding:
     """One part of the closed loop that the sampling period makes unstable.
 
-    Attributes: part: what it is. dt: the given period [s]. longest: the longest period that would
-        do [s]. factors: what gains would have to be multiplied with at the given period, by name;
-        empty where none of them helps.
+    Attributes:
+        part: what it is.
+        dt: the given period [s].
+        longest: the longest period that would do [s].
+        factors: what gains would have to be multiplied with at the given period, by name; empty
+            where none of them helps.
     """
 
     part: str
@@ -78,21 +83,21 @@ def preflight(controller: Controller, dt: float) -> list[Finding]:
     return findings
 
 
-def stable_share_adaptation(controller: Controller, dt: float) -> float:
-    """Return the share of the rates of the dynamic adaptation that passes the check at dt [s]; one where they pass."""
-    factors = [
-        factor
-        for finding in preflight(controller, dt)
-        if finding.part == _DYNAMICS
-        for factor in finding.factors.values()
-    ]
+def stable_share_of_adaptation(controller: Controller, dt: float) -> float:
+    """Return the share of the rates of the dynamic adaptation that passes the check at dt [s]."""
+    findings = [finding for finding in preflight(controller, dt) if finding.part == _DYNAMICS]
+    factors = [factor for finding in findings for factor in finding.factors.values()]
     return _SLACK * min(factors) if factors else 1.0
 
 
-def stable_share_feedback(law: Law, loop: LinearisedLoop, dt: float) -> float:
-    """Return the share of the feedback's bandwidth that passes the check at dt [s]; one where it passes, or where none does."""
-    radius = partial(_feedback_radius, list(_feedback(law, loop)), dt)
-    if radius(1.0) <= _UNSTABLE or radius(0.0) > _UNSTABLE:
+def stable_share_of_feedback(law: Law, motion: TypicalMotion, dt: float) -> float:
+    """Return the share of the feedback's bandwidth that passes the check at dt [s].
+
+    One where it passes, and where no share does.
+    """
+    feedback = law.feedback(motion)
+    radius = partial(_feedback_radius, feedback, dt)
+    if not feedback or radius(1.0) <= _UNSTABLE or radius(0.0) > _UNSTABLE:
         return 1.0
     return _SLACK * _largest(radius, 1.0)
 
@@ -107,79 +112,40 @@ def _largest(radius: Callable[..., float], start: float) -> float:
 
 
 def _parts(controller: Controller) -> list[tuple[str, dict[str, float], Radius]]:
-    """Return name, gains with the powers of the factor they take, and spectral radius of each part of the loop."""
-    loop = controller.loop
-    if loop is None:
+    """Return of each part of the loop name, gains with the powers of the factor, and radius."""
+    motion = controller.motion
+    if motion is None:
         return []
-    gains, size = controller.law.gains, controller.dynamics.size
-    feedback = list(_feedback(controller.law, loop))
-    parts: list[tuple[str, dict[str, float], Radius]] = [
-        (_FEEDBACK, {"Kv": 1.0, "alpha": 1.0, "Kp": 2.0}, partial(_feedback_radius, feedback))
-    ]
+    parts: list[tuple[str, dict[str, float], Radius]] = []
+    feedback = controller.law.feedback(motion)
+    if feedback:
+        powers = {"Kv": 1.0, "alpha": 1.0, "Kp": 2.0}
+        parts.append((_FEEDBACK, powers, partial(_feedback_radius, feedback)))
+    Gamma_d = _dynamic_gain(controller, motion)
+    if feedback and Gamma_d.any():
+        damping, effects = cycle(at.E for at in feedback), controller.law.parameter_effects(motion)
+        pairs = [(Phi @ Gamma_d @ Phi.T, E) for Phi, E in zip(effects, damping, strict=False)]
+        powers = {"gamma_d": 1.0, "gamma_joint": 1.0}
+        parts.append((_DYNAMICS, powers, partial(_dynamic_radius, pairs)))
+    Gamma_k = controller.adaptation_k.gain(motion.kinematics.initial)
+    loop = controller.law.kinematic_loop()
+    if loop is not None and Gamma_k.any():
+        speed = frequency(motion.kinematic_regressors, Gamma_k)
+        mode = speed * loop.stiffness**0.5
+        decay = speed**2 * float(np.linalg.eigvalsh(loop.weight)[-1])
+        radius = partial(_kinematic_radius, mode, loop.damping, decay)
+        parts.append(("adaptation of the kinematics", {"gamma_k": 1.0}, radius))
+    return parts
+
+
+def _dynamic_gain(controller: Controller, motion: TypicalMotion) -> np.ndarray:
+    """Return Gamma_d (p, p) at the start."""
     with warnings.catch_warnings():
         warnings.simplefilter(
             "ignore"
         )  # bodies moved into the cone are told of when the run starts
-        start = controller.adaptation_d.admit(loop.dynamics.initial)
-    Gamma_d = gain_matrix(controller.adaptation_d, start)
-    if size and Gamma_d.any():
-        damping = [at.D + at.N - gains.alpha * at.P for at in feedback]
-        pairs = [
-            (Phi @ Gamma_d @ Phi.T, damping[i % len(damping)]) for i, Phi in enumerate(loop.dynamic)
-        ]
-        factors = {"gamma_d": 1.0, "gamma_joint": 1.0}
-        parts.append((_DYNAMICS, factors, partial(_dynamic_radius, pairs)))
-    Gamma_k = gain_matrix(controller.adaptation_k, loop.kinematics.initial)
-    if Gamma_k.any():
-        m = loop.kinematics.task.positions
-        speed = frequency(loop.kinematic, Gamma_k)
-        mode = (
-            speed
-            * float(np.linalg.eigvalsh((gains.K_P + gains.alpha * gains.K_v)[:m, :m])[-1]) ** 0.5
-        )
-        decay = speed**2 * float(np.linalg.eigvalsh(gains.R_k)[-1])
-        parts.append(
-            (
-                "adaptation of the kinematics",
-                {"gamma_k": 1.0},
-                partial(_kinematic_radius, mode, gains.alpha, decay),
-            )
-        )
-    return parts
-
-
-class Feedback(NamedTuple):
-    """The feedback at one state, in the task's rows or, for energy-based laws, in joint coordinates of unit mass, M^1/2 v.
-
-    Attributes:
-        S: stiffness [1/s^2].
-        D: damping [1/s].
-        N: damping that no gain changes, the posture's [1/s].
-        P: projection onto what the task feels.
-    """
-
-    S: np.ndarray
-    D: np.ndarray
-    N: np.ndarray
-    P: np.ndarray
-
-
-def _feedback(law: Law, loop: LinearisedLoop) -> Iterator[Feedback]:
-    """Return the feedback at each state, or once where all are the same."""
-    gains, kinematics, dynamics = law.gains, loop.kinematics, loop.dynamics
-    if not law.energy_based:
-        yield Feedback(gains.K_P, gains.K_v, np.zeros_like(gains.K_v), np.eye(len(gains.K_v)))
-        return
-    dynamics.load(dynamics.initial)
-    for q, v, _ in zip(*loop.motion, strict=True):
-        kinematics.update(kinematics.initial, q, v)
-        J, M = kinematics.J, dynamics.mass_matrix(q)
-        W = unit_mass(M)
-        tracked = np.linalg.pinv(J, rcond=1e-2) @ J
-        null = np.eye(len(M)) - tracked
-        N = W @ null @ np.diag(law.posture.damping) @ null @ W.T
-        P, J = W @ M @ tracked @ W.T, J @ W.T
-        yield Feedback(J.T @ gains.K_P @ J, J.T @ gains.K_v @ J + gains.alpha * P, N, P)
+        start = controller.adaptation_d.validate(motion.dynamics.initial)
+    return controller.adaptation_d.gain(start)
 
 
 def _feedback_radius(feedback: Sequence[Feedback], dt: float, factor: float) -> float:

@@ -31,11 +31,16 @@ _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 class ZooRow:
     """What came out for one chain; None where nothing did.
 
-    Attributes: robot: name in the catalogue. joints: number of joints. law: the law that ran.
-        radius: of the circle [m]. unadapted, adapted: largest error in the last 10 % of the run,
-        estimates frozen and adapted [m]. min_eig_M_hat: smallest eigenvalue of the estimated mass
-        matrix over the adapted run. min_singular_J_hat: smallest singular value of the estimated
-        Jacobian over the adapted run. verdict: "converged", or which hypothesis failed.
+    Attributes:
+        robot: name in the catalogue.
+        joints: number of joints.
+        law: the law that ran.
+        radius: of the circle [m].
+        unadapted, adapted: largest error in the last 10 % of the run, estimates frozen and adapted
+            [m].
+        min_eig_M_hat: smallest eigenvalue of the estimated mass matrix over the adapted run.
+        min_singular_J_hat: smallest singular value of the estimated Jacobian over the adapted run.
+        verdict: "converged", or which hypothesis failed.
     """
 
     robot: str

@@ -1,0 +1,94 @@
+"""Feedback of the task error: the algebra of the laws in task coordinates."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .._compiled import compiled
+
+
+@compiled(
+    "void(f8[:,:], f8[:], f8, f8[:], f8[:,:], f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8[:])",
+    fills=3,
+)
+def kinematic_drive(
+    K_PV: np.ndarray,
+    dx: np.ndarray,
+    alpha: float,
+    dxd_hat: np.ndarray,
+    Y_k: np.ndarray,
+    W_k: np.ndarray,
+    R_k: np.ndarray,
+    a_k: np.ndarray,
+    y: np.ndarray,
+    error: np.ndarray,
+    residual: np.ndarray,
+    gradient: np.ndarray,
+) -> None:
+    """Write the parts of g_k = Y_k^T error + W_k^T R_k residual (p_k), (19), and g_k itself.
+
+    error = -(K_P + alpha K_v) dx - alpha dxd_hat (m), residual = W_k a_k - y (m_p).
+    """
+    for i in range(len(y)):
+        x = -y[i]
+        for j in range(len(a_k)):
+            x += W_k[i, j] * a_k[j]
+        residual[i] = x
+    for j in range(len(a_k)):
+        gradient[j] = 0.0
+    for i in range(len(y)):
+        x = 0.0
+        for t in range(len(y)):
+            x += R_k[i, t] * residual[t]
+        for j in range(len(a_k)):
+            gradient[j] += W_k[i, j] * x
+    for i in range(len(dx)):
+        x = -alpha * dxd_hat[i]
+        for t in range(len(dx)):
+            x -= K_PV[i, t] * dx[t]
+        error[i] = x
+        for j in range(len(a_k)):
+            gradient[j] += Y_k[i, j] * x
+
+
+@compiled("void(f8[:], f8[:,:], f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], f8[:])")
+def task_acceleration(
+    xdd_d: np.ndarray,
+    K_v: np.ndarray,
+    dxd: np.ndarray,
+    K_P: np.ndarray,
+    dx: np.ndarray,
+    Jdot_v: np.ndarray,
+    Y_k: np.ndarray,
+    a_k_rate: np.ndarray,
+    u: np.ndarray,
+) -> None:
+    """Write u = xdd_d - K_v dxd - K_P dx - (dJ/dt(a_k) qd + Y_k da_k/dt) (m)."""
+    m = len(u)
+    for i in range(m):
+        x = xdd_d[i] - Jdot_v[i]
+        for j in range(m):
+            x -= K_v[i, j] * dxd[j] + K_P[i, j] * dx[j]
+        for j in range(len(a_k_rate)):
+            x -= Y_k[i, j] * a_k_rate[j]
+        u[i] = x
+
+
+@compiled("void(f8[:,:], f8[:], f8, f8[:], f8[:])")
+def error_force(
+    J: np.ndarray, dxd: np.ndarray, alpha: float, dx: np.ndarray, force: np.ndarray
+) -> None:
+    """Write J^T (dxd + alpha dx) (n)."""
+    for j in range(len(force)):
+        force[j] = 0.0
+    for i in range(len(dx)):
+        e = dxd[i] + alpha * dx[i]
+        for j in range(len(force)):
+            force[j] += J[i, j] * e
+
+
+@compiled("void(f8[:], f8[:], f8, f8[:])")
+def critically_damped(offset: np.ndarray, v: np.ndarray, w: float, psi: np.ndarray) -> None:
+    """Write psi = -2 w v - w^2 offset (n)."""
+    for j in range(len(psi)):
+        psi[j] = -2.0 * w * v[j] - w * w * offset[j]

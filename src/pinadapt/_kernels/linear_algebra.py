@@ -1,0 +1,105 @@
+"""Small symmetric systems: the Gram matrix of a Jacobian, a mass matrix, a regressor's transpose."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from .._compiled import compiled
+
+_LOST_RANK = 1e14  # (|J|_F / s)^2; the Gram matrix cannot tell more from rounding
+
+
+@compiled("Tuple((f8, f8, b1))(f8[:,:], f8, f8[:,::1])")
+def invert_gram(J: np.ndarray, threshold: float, inverse: np.ndarray) -> tuple[float, float, bool]:
+    """Write (J J^T + mu^2 I)^-1 (m, m); return s, mu^2 and whether the rank is lost.
+
+    J J^T + mu^2 I = L L^T by Cholesky, its inverse is (L^-1)^T L^-1, and undamped s^-2 is the sum
+    of squares in L^-1.
+    """
+    m, n = J.shape
+    L, L_inverse = np.empty((m, m)), np.zeros((m, m))
+    s, mu_2, lost = 0.0, 0.0, False
+    for damped in (False, True):
+        squares, size, lost = 0.0, 0.0, False  # |J|_F^2 and |L^-1|_F^2
+        for i in range(m):
+            for j in range(i + 1):
+                x = mu_2 if i == j else 0.0
+                for t in range(n):
+                    x += J[i, t] * J[j, t]
+                squares += x if i == j else 0.0
+                for t in range(j):
+                    x -= L[i, t] * L[j, t]
+                if i == j:
+                    lost |= not x > 0.0
+                    L[i, i] = math.sqrt(x) if x > 0.0 else math.inf
+                else:
+                    L[i, j] = x / L[j, j]
+            for j in range(i + 1):
+                x = 1.0 if i == j else 0.0
+                for t in range(j, i):
+                    x -= L[i, t] * L_inverse[t, j]
+                L_inverse[i, j] = x / L[i, i]
+                size += L_inverse[i, j] * L_inverse[i, j]
+        if not damped:
+            s = 0.0 if lost else 1.0 / math.sqrt(size)
+            if not s < threshold:
+                lost |= threshold == 0.0 and not size * squares < _LOST_RANK
+                break
+            mu_2 = 0.5 * (threshold * threshold - s * s)
+    for i in range(m):
+        for j in range(i + 1):
+            x = 0.0
+            for t in range(i, m):
+                x += L_inverse[t, i] * L_inverse[t, j]
+            inverse[i, j] = inverse[j, i] = x
+    return s, mu_2, lost
+
+
+@compiled("b1(f8[:,:], f8[:], f8[:])")
+def solve_definite(M: np.ndarray, w: np.ndarray, solution: np.ndarray) -> bool:
+    """Write M^-1 w (n) by the Cholesky factor M = L L^T (from the lower triangle); False if M is not positive definite."""
+    n = len(w)
+    L = np.empty((n, n))
+    for i in range(n):
+        for j in range(i + 1):
+            x = M[i, j]
+            for t in range(j):
+                x -= L[i, t] * L[j, t]
+            if i == j and not x > 0.0:
+                return False
+            L[i, j] = math.sqrt(x) if i == j else x / L[j, j]
+    for i in range(n):  # L y = w
+        y = w[i]
+        for t in range(i):
+            y -= L[i, t] * solution[t]
+        solution[i] = y / L[i, i]
+    for i in range(n - 1, -1, -1):  # L^T x = y
+        x = solution[i]
+        for t in range(i + 1, n):
+            x -= L[t, i] * solution[t]
+        solution[i] = x / L[i, i]
+    return True
+
+
+@compiled("void(f8[:,:], f8[:,:], f8[:], f8[:], f8[:])")
+def right_inverse(
+    J: np.ndarray, gram_inverse: np.ndarray, u: np.ndarray, psi: np.ndarray, solution: np.ndarray
+) -> None:
+    """Write psi + J^T G (u - J psi) (n), G (m, m) the inverse of the Gram matrix."""
+    m, n = J.shape
+    rest = np.empty(m)
+    for i in range(m):
+        x = u[i]
+        for t in range(n):
+            x -= J[i, t] * psi[t]
+        rest[i] = x
+    for t in range(n):
+        solution[t] = psi[t]
+    for i in range(m):
+        x = 0.0
+        for j in range(m):
+            x += gram_inverse[i, j] * rest[j]
+        for t in range(n):
+            solution[t] += J[i, t] * x

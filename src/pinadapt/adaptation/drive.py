@@ -1,0 +1,86 @@
+"""What moves an estimate, and the estimate with what its adaptation remembers."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Estimate(NamedTuple):
+    """A parameter vector with whatever its adaptation remembers of the past; also their rates.
+
+    Attributes:
+        value: (p) the parameters.
+        memory: arrays, or tuples of such, that only its adaptation understands; often none.
+    """
+
+    value: np.ndarray
+    memory: tuple = ()
+
+
+class Drive:
+    """The signal that moves an estimate, by its parts: da/dt = -Gamma (Y^T e + W^T R r).
+
+    The tracking part Y^T e comes from an error of the closed loop, and tells of the parameters only
+    as far as the motors gave the torque that was asked for. The prediction part W^T R r compares
+    measurements alone, whatever the torque was.
+
+    Attributes:
+        Y: (k, p) regressor of the tracking error.
+        e: (k) tracking error, in the coordinates of Y's rows; None where it is to be disregarded.
+        W: (l, p) regressor of the prediction, or None for no prediction.
+        residual: (l) predicted minus measured, r.
+        weight: (l, l) R.
+    """
+
+    __slots__ = ("W", "Y", "_gradient", "e", "residual", "weight")
+
+    def __init__(
+        self,
+        Y: np.ndarray,
+        e: np.ndarray | None,
+        W: np.ndarray | None = None,
+        residual: np.ndarray | None = None,
+        weight: np.ndarray | None = None,
+        gradient: np.ndarray | None = None,
+    ) -> None:
+        """Take the parts, and their gradient where it is known already."""
+        self.Y, self.e = Y, e
+        self.W, self.residual, self.weight = W, residual, weight
+        self._gradient = gradient
+
+    @property
+    def gradient(self) -> np.ndarray:
+        """Return g (p) = Y^T e + W^T R r."""
+        if self._gradient is None:
+            g = np.zeros(self.Y.shape[1]) if self.e is None else self.e.dot(self.Y)
+            if self.W is not None and self.weight is not None and self.residual is not None:
+                g = g + self.weight.dot(self.residual).dot(self.W)
+            self._gradient = g
+        return self._gradient
+
+    def without_tracking(self) -> Drive:
+        """Return the prediction part alone."""
+        return Drive(self.Y, None, self.W, self.residual, self.weight)
+
+    def columns(self, block: slice) -> Drive:
+        """Return the drive of a block of the parameters."""
+        W = None if self.W is None else self.W[:, block]
+        return Drive(self.Y[:, block], self.e, W, self.residual, self.weight, self.gradient[block])
+
+
+class Drives(NamedTuple):
+    """The drives of both estimates.
+
+    Attributes:
+        dynamic: of the dynamic parameters.
+        kinematic: of the kinematic parameters.
+    """
+
+    dynamic: Drive
+    kinematic: Drive
+
+    def without_tracking(self) -> Drives:
+        """Return the prediction parts alone."""
+        return Drives(self.dynamic.without_tracking(), self.kinematic.without_tracking())

@@ -1,0 +1,155 @@
+"""What comes into a step is checked here, every time, before anything is computed from it."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ..exceptions import InputError, MeasurementError, ParameterError
+from ..models.task_kinematics import TaskKinematics
+from ..records import Desired, Measurement
+from .state import ControllerState
+
+_FLOAT = np.dtype(float)
+_LATEST = 10.0  # periods that one step may bridge
+
+
+class InputCheck:
+    """Sizes, types, times and states that fit one controller.
+
+    Arrays of native floats and the right shape pass as they are, at the cost of a few comparisons;
+    others are converted, or refused by name. Whether numbers are finite is left to ``finite``,
+    which is asked when a result is not.
+    """
+
+    def __init__(
+        self, kinematics: TaskKinematics, dynamic_size: int, law: str, needs_xd: bool
+    ) -> None:
+        """Take the sizes to expect, and what the law of this name needs."""
+        task = kinematics.task
+        self._task, self._law, self._needs_xd = task, law, needs_xd
+        self._measures_x = task.positions > 0
+        self._q, self._v = (kinematics.nq,), (kinematics.nv,)
+        self._x, self._m = (task.coordinates,), (task.size,)
+        self._a_k, self._a_d = kinematics.size, dynamic_size
+
+    def measurement(self, given: Measurement) -> Measurement:
+        """Return the measurement as arrays of floats.
+
+        Raises:
+            MeasurementError: a signal that the law needs is missing, of the wrong size, or not
+                made of numbers.
+        """
+        t, q, v, x, x_time, xd, a, tau = given
+        q, v = _array(q, self._q, "q"), _array(v, self._v, "v")
+        if x is not None:
+            x = _array(x, self._x, "x")
+        elif self._measures_x:
+            raise MeasurementError("x", None, "is missing")
+        if xd is not None:
+            xd = _array(xd, self._m, "xd")
+        elif self._needs_xd:
+            raise ParameterError(
+                f"the law '{self._law}' needs the task velocity xd.",
+                where="measurement",
+                hint="Measure it, or take 'adaptive-inverse-dynamics', which does without.",
+            )
+        if a is not None:
+            a = _array(a, self._v, "a")
+        return Measurement(_number(t, "t"), q, v, x, x_time, xd, a, tau)
+
+    def desired(self, given: Desired) -> Desired:
+        """Return the desired motion as arrays of floats.
+
+        Raises:
+            InputError: of the wrong size, or not made of numbers.
+        """
+        x_d, xd_d, xdd_d = given
+        return Desired(
+            _array(x_d, self._x, "x_d", InputError),
+            _array(xd_d, self._m, "xd_d", InputError),
+            _array(xdd_d, self._m, "xdd_d", InputError),
+        )
+
+    def state(self, state: ControllerState) -> None:
+        """Refuse the state of another controller.
+
+        Raises:
+            InputError: it is none of this one.
+        """
+        if (
+            not isinstance(state, ControllerState)
+            or state.kinematic.value.size != self._a_k
+            or state.dynamic.value.size != self._a_d
+        ):
+            raise InputError("the state is that of another controller.", where="state")
+
+    def finite(self, measurement: Measurement, desired: Desired | None = None) -> None:
+        """Refuse numbers that are not finite, and quaternions that are not of unit length.
+
+        Raises:
+            InputError: in the desired motion.
+            MeasurementError: in the measurement.
+        """
+        if desired is not None:
+            if not np.isfinite(np.concatenate(desired)).all():
+                raise InputError(f"the desired motion is not finite: {desired}.", where="desired")
+            if flaw := self._task.flaw(desired.x_d):
+                raise InputError(f"{flaw}.", where="desired.x_d")
+        for name, value in zip(measurement._fields, measurement, strict=True):
+            if value is not None and not np.isfinite(value).all():
+                raise MeasurementError(name, value)
+        if measurement.x is not None and (flaw := self._task.flaw(measurement.x)):
+            raise MeasurementError("x", measurement.x, flaw)
+
+
+def check_period(dt: float, period: float) -> None:
+    """Refuse a dt [s] that is not positive, or over ten times the period it was made for.
+
+    Raises:
+        InputError: it is.
+    """
+    try:
+        fits = 0.0 < dt <= _LATEST * period
+    except (TypeError, ValueError):
+        fits = False
+    if not fits:
+        made = f" and at most {_LATEST * period:g} s, ten periods of the controller"
+        raise InputError(
+            f"must be positive{made if math.isfinite(period) else ''}, got {dt!r}.",
+            where="dt",
+            hint="After a longer pause start anew with `init`, from the last estimates.",
+        )
+
+
+def _array(
+    value: Any, shape: tuple[int, ...], name: str, refuse: type[Exception] = MeasurementError
+) -> np.ndarray:
+    """Return an array of native floats of this shape, the given one if it is such an array."""
+    if value.__class__ is np.ndarray and value.dtype is _FLOAT and value.shape == shape:
+        return value
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        array = np.zeros(0)
+    if array.shape != shape or (array.ndim and np.asarray(value).dtype.kind not in "fiu"):
+        expected = f"expected {shape[0]} numbers"
+        if refuse is InputError:
+            raise InputError(f"{expected}, got {value!r}.", where=f"desired.{name}")
+        raise MeasurementError(name, value, f"must be {shape[0]} numbers, and is not")
+    return array
+
+
+def _number(value: Any, name: str) -> float:
+    """Return a finite number."""
+    if value.__class__ is float and math.isfinite(value):
+        return float(value)
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise MeasurementError(name, value)
+    return number

@@ -1,0 +1,147 @@
+"""The believed robot at seeded states of a typical motion, where defaults and checks look at it."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ..robot.robot import Robot
+from ..robot.workspace import reach
+from .dynamics import Dynamics
+from .task_kinematics import TaskKinematics
+
+_SAMPLES = 30
+_SPREAD = 0.3  # [rad or m] around home
+_SPEED, _ERROR = 1.0 / 6.0, 0.01  # of the reach: task speed [1/s], error the feedback reacts to
+_TURN = 1.0  # [rad] what takes the place of the reach for rotations and joints
+
+
+class States(NamedTuple):
+    """N states.
+
+    Attributes:
+        q: (N, nq).
+        v: (N, n) [rad/s or m/s].
+        a: (N, n) [rad/s^2 or m/s^2].
+    """
+
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+
+
+class TypicalMotion:
+    """Motion around home in which everything is evaluated once, at the initial estimates.
+
+    Each task coordinate moves at a sixth of the reach a second, rotations and joints at a sixth of
+    a radian, and is accelerated by the feedback of one per cent of that length.
+
+    Attributes:
+        robot: the believed robot.
+        kinematics, dynamics: its models.
+        bandwidth: of the feedback [rad/s].
+    """
+
+    def __init__(
+        self, robot: Robot, kinematics: TaskKinematics, dynamics: Dynamics, bandwidth: float
+    ) -> None:
+        """Take the believed robot, its models and the feedback's bandwidth [rad/s]."""
+        self.robot, self.bandwidth = robot.undrawn(), bandwidth
+        self.kinematics, self.dynamics = kinematics, dynamics
+
+    @cached_property
+    def states(self) -> States:
+        """The states (N)."""
+        model, rng, kinematics = self.robot.model, np.random.default_rng(0), self.kinematics
+        p, m = kinematics.task.positions, kinematics.task.size
+        size = np.repeat([reach(self.robot), _TURN], [p, m - p])
+        scale = np.array([[_SPEED], [_ERROR * self.bandwidth**2]]) * size
+        states = []
+        for _ in range(_SAMPLES):
+            q = pin.integrate(model, self.robot.q0, rng.uniform(-_SPREAD, _SPREAD, model.nv))
+            kinematics.update(kinematics.initial, q, np.zeros(model.nv))
+            inverse = np.linalg.pinv(kinematics.J, rcond=1e-2)
+            v, a = scale * rng.standard_normal((2, m))
+            states.append((q, inverse @ v, inverse @ a))
+        return States(*(np.array(column) for column in zip(*states, strict=True)))
+
+    @cached_property
+    def jacobians(self) -> list[np.ndarray]:
+        """J (m, n) at each state."""
+        return [J for J, _ in self._kinematic]
+
+    @cached_property
+    def kinematic_regressors(self) -> list[np.ndarray]:
+        """Y_p (m_p, p_k), the position rows of Y_k, at each state."""
+        return [Y_p for _, Y_p in self._kinematic]
+
+    @cached_property
+    def regressors(self) -> list[np.ndarray]:
+        """Y (n, p_d) at each state."""
+        return [self.dynamics.regressor(*state) for state in zip(*self.states, strict=True)]
+
+    @cached_property
+    def mass_matrices(self) -> list[np.ndarray]:
+        """M_hat (n, n) at each state."""
+        self.dynamics.load(self.dynamics.initial)
+        return [np.array(self.dynamics.mass_matrix(q)) for q in self.states.q]
+
+    @cached_property
+    def acceleration_effects(self) -> list[np.ndarray]:
+        """Phi = J M_hat^-1 Y (m, p_d), how parameter errors accelerate the task."""
+        triples = zip(self.jacobians, self.mass_matrices, self.regressors, strict=True)
+        return [J @ np.linalg.solve(M, Y) for J, M, Y in triples]
+
+    @cached_property
+    def momentum_effects(self) -> list[np.ndarray]:
+        """Phi = M_hat^-1/2 Y (n, p_d), the same for the joints in coordinates of unit mass."""
+        pairs = zip(self.mass_matrices, self.regressors, strict=True)
+        return [unit_mass(M) @ Y for M, Y in pairs]
+
+    @cached_property
+    def _kinematic(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        found = []
+        for q, v, _ in zip(*self.states, strict=True):
+            self.kinematics.update(self.kinematics.initial, q, v)
+            found.append((self.kinematics.J, self.kinematics.Y_p))
+        return found
+
+
+def unit_mass(M: np.ndarray) -> np.ndarray:
+    """Return M^-1/2 (n, n) up to a rotation: W with W M W^T = 1, M a believed mass matrix."""
+    eigenvalues, vectors = np.linalg.eigh(M)
+    return np.asarray((vectors / np.sqrt(np.abs(eigenvalues))).T)
+
+
+def felt_mass(robot: Robot) -> float:
+    """Return the mean mass [kg] felt at the frame at home, 1 / mean eigenvalue of J M^-1 J^T."""
+    m = robot.task.positions
+    return float(1.0 / np.mean(np.linalg.eigvalsh(_mobility(robot)[:m, :m])))
+
+
+def felt_inertia(robot: Robot, fastest: float) -> float:
+    """Return the mean inertia [kg m^2] against turning the frame of a pose task in place at home.
+
+    At most the inertia that damping at the rate ``fastest`` [1/s] stands for on the axis that turns
+    most easily.
+    """
+    mobility = _mobility(robot)
+    in_place = np.linalg.inv(mobility)[3:, 3:]
+    return float(min(np.trace(in_place) / 3.0, fastest / np.linalg.eigvalsh(mobility[3:, 3:])[-1]))
+
+
+def joint_inertia(robot: Robot) -> np.ndarray:
+    """Return what each joint moves at home (n) [kg m^2 or kg], the diagonal of M."""
+    return np.diag(pin.crba(robot.model, robot.model.createData(), robot.q0)).copy()
+
+
+def _mobility(robot: Robot) -> np.ndarray:
+    """Return J M^-1 J^T (m, m) of a frame task at home."""
+    model, data = robot.model, robot.model.createData()
+    M = pin.crba(model, data, robot.q0)
+    J = pin.computeFrameJacobian(model, data, robot.q0, robot.frame_id, pin.LOCAL_WORLD_ALIGNED)
+    J = J[robot.task.rows]
+    return np.asarray(J @ np.linalg.solve(M, J.T))

@@ -1,0 +1,54 @@
+"""What a control law may see at one instant."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .models.right_inverse import RightInverse
+
+
+class Signals(NamedTuple):
+    """Everything a law may see at one instant; m task coordinates, n joints, m_p positions.
+
+    The arrays belong to this instant for good: no later one changes them. They are not to be
+    written to.
+
+    Attributes:
+        t: time [s].
+        q, v: measured configuration (nq) and joint velocity (n).
+        xd: (m) measured task velocity, or None without such a sensor; rows that need none, such as
+            the angular ones, are J v.
+        xd_d, xdd_d: (m) desired task velocity and acceleration.
+        dx: (m) x - x_d; for a pose the rotation vector of the orientation error in its last three
+            rows, for joints the difference on the manifold.
+        dxd_hat: (m) J_hat v - xd_d, the estimated task-velocity error.
+        delta: (m) d(dx)/dt - (xd - xd_d) of a pose, known without xd, or None where it is zero; see
+            ``PoseTask``.
+        a_k, a_d: (p_k), (p_d) the estimates.
+        a_0: (p_d) the initial dynamic estimate.
+        J: (m, n) J_hat, the believed Jacobian.
+        Jdot_v: (m) dJ_hat/dt v with the estimate held constant.
+        Y_k: (m, p_k) kinematic regressor.
+        inverse: right inverse of J_hat, damped near its singularities.
+        filtered: what the law's own filters tell; see ``Law.filters``.
+    """
+
+    t: float
+    q: np.ndarray
+    v: np.ndarray
+    xd: np.ndarray | None
+    xd_d: np.ndarray
+    xdd_d: np.ndarray
+    dx: np.ndarray
+    dxd_hat: np.ndarray
+    delta: np.ndarray | None
+    a_k: np.ndarray
+    a_d: np.ndarray
+    a_0: np.ndarray
+    J: np.ndarray
+    Jdot_v: np.ndarray
+    Y_k: np.ndarray
+    inverse: RightInverse
+    filtered: Any

@@ -1,0 +1,120 @@
+"""From the words that say what is unknown to the models of the believed robot."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+
+from numpy.typing import ArrayLike
+
+from ..exceptions import InputError, ParameterError, did_you_mean
+from ..laws.law import Law
+from ..models.basis import BasisDynamics
+from ..models.bodies import BodyDynamics
+from ..models.dynamics import Dynamics
+from ..models.frame_kinematics import FrameKinematics
+from ..models.joint_effects import JointEffects, chosen_kinds, without_joint_effects
+from ..models.joint_kinematics import JointKinematics
+from ..models.lumped import LumpedDynamics
+from ..models.stacked import StackedDynamics
+from ..models.task_kinematics import TaskKinematics
+from ..models.translations import TOOL, Translation
+from ..robot.robot import Robot
+from ..tasks.joint import JointTask
+
+REGRESSORS = ("exact", "nominal")
+
+Words = str | Sequence[str | Translation]
+
+
+def believed_kinematics(believed: Robot, unknown: Words | None) -> TaskKinematics:
+    """Return the believed kinematics; by default the tool is unknown, of a joint task nothing.
+
+    Raises:
+        InputError: unknown translations that cannot be used.
+    """
+    if isinstance(believed.task, JointTask):
+        return JointKinematics(believed, () if unknown is None else unknown)
+    return FrameKinematics(believed, (TOOL,) if unknown is None else unknown)
+
+
+def believed_dynamics(
+    believed: Robot,
+    dynamic: str | Sequence[str],
+    joint: str | Sequence[str],
+    basis: ArrayLike | None,
+    lengths: Sequence[Translation],
+) -> Dynamics:
+    """Return the inertial parameters, stacked with those of the joints where there are some.
+
+    Args:
+        believed: the believed robot.
+        dynamic: unknown bodies.
+        joint: unknown coefficients of the joints.
+        basis: (10 n, p) matrix of the user's own parameters, or None.
+        lengths: unknown translations to be lumped with the inertias, see ``lumped_lengths``.
+
+    Raises:
+        InputError: words or a basis that cannot be used.
+    """
+    kinds = chosen_kinds(joint)
+    stacked = bool(kinds) or believed.friction.present
+    carrier = without_joint_effects(believed) if stacked else believed
+    inertial: Dynamics = BodyDynamics(carrier, dynamic)  # checks the words in any case
+    if basis is not None:
+        inertial = BasisDynamics(carrier, basis)
+    elif lengths:
+        inertial = LumpedDynamics(carrier, lengths, dynamic)
+    return StackedDynamics(inertial, JointEffects(believed, kinds)) if stacked else inertial
+
+
+def lumped_lengths(
+    kinematics: TaskKinematics, regressor: str, kind: str, law: type[Law], basis: ArrayLike | None
+) -> list[Translation]:
+    """Return the translations to be lumped with the inertias, whose regressor contains them.
+
+    Args:
+        kinematics: the believed kinematics.
+        regressor: "exact", or "nominal" for none.
+        kind: of adaptation, "custom" for an object.
+        law: of the controller.
+        basis: of the user's own, which takes care of lengths itself, or None.
+
+    Raises:
+        InputError: an unknown regressor, or an adaptation that does not apply to lumped parameters.
+    """
+    if regressor not in REGRESSORS:
+        raise InputError(
+            f"must be one of {list(REGRESSORS)}, got '{regressor}'."
+            f"{did_you_mean(regressor, REGRESSORS)}",
+            where="unknown.regressor",
+        )
+    lengths = [part for part in kinematics.translations if part.joint is not None]
+    names = [part.name for part in lengths]
+    if not lengths or kind == "none" or basis is not None:
+        return []
+    if regressor == "nominal":
+        warnings.warn(
+            f"the placements of {names} are unknown, but the nominal regressor contains them at "
+            "their believed values: the proof does not cover this closed loop. "
+            'regressor = "exact" does.',
+            stacklevel=3,
+        )
+        return []
+    if kind == "natural":
+        raise ParameterError(
+            f"natural adaptation does not apply while the placements of {names} are unknown: "
+            "lengths multiply inertias, and the lumped parameters that remain are no longer the "
+            "inertias of bodies, so they have no cone to stay in.",
+            where="adaptation",
+            hint='Use "gradient" with the law "adaptive-jacobian" or '
+            '"adaptive-inverse-dynamics-improved", which never invert M_hat, or "projected", which '
+            "keeps it positive definite, with any law.",
+        )
+    if kind == "gradient" and law.inverts_estimate:
+        warnings.warn(
+            f"the law '{law.name}' inverts M_hat, which plain gradient adaptation does not keep "
+            'positive definite; adaptation = "projected" does.',
+            stacklevel=3,
+        )
+    return lengths
