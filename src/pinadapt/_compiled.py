@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
+kernels: dict[str, Any] = {}  # by module and name, once compiled, with their dispatcher
 _waiting: list[tuple[Callable[..., Any], str, int]] = []
 
 
@@ -40,7 +41,10 @@ def compile_all() -> None:
     """Compile all kernels, or load them from disk, so that no control step has to wait; done when a controller is made."""
     while _waiting:
         function, signature, fills = _waiting[-1]
-        function.__globals__[function.__name__] = _machine_code(function, signature, fills)
+        dispatcher = _machine_code(function, signature, fills)
+        kernels[f"{function.__module__}.{function.__name__}"] = dispatcher
+        (compiled_for,) = dispatcher.overloads.values()
+        function.__globals__[function.__name__] = compiled_for.entry_point
         _waiting.pop()
 
 

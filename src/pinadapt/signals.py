@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .adaptation.drive import Estimate
 from .models.right_inverse import RightInverse
 
 
@@ -23,10 +24,12 @@ class Signals(NamedTuple):
         xd_d, xdd_d: (m) desired task velocity and acceleration.
         dx: (m) x - x_d; for a pose the rotation vector of the orientation error in its last three
             rows, for joints the difference on the manifold.
-        dxd_hat: (m) J_hat v - xd_d, the estimated task-velocity error.
+        xd_hat, dxd_hat: (m) J_hat v, and its difference from xd_d, the estimated task-velocity error.
         delta: (m) d(dx)/dt - (xd - xd_d) of a pose, known without xd, or None where it is zero; see
             ``PoseTask``.
+        kinematic: the kinematic estimate, with what its adaptation remembers.
         a_k, a_d: (p_k), (p_d) the estimates.
+        adapting: whether the estimates move.
         a_0: (p_d) the initial dynamic estimate.
         J: (m, n) J_hat, the believed Jacobian.
         Jdot_v: (m) dJ_hat/dt v with the estimate held constant.
@@ -42,8 +45,10 @@ class Signals(NamedTuple):
     xd_d: np.ndarray
     xdd_d: np.ndarray
     dx: np.ndarray
+    xd_hat: np.ndarray
     dxd_hat: np.ndarray
     delta: np.ndarray | None
+    kinematic: Estimate
     a_k: np.ndarray
     a_d: np.ndarray
     a_0: np.ndarray
@@ -52,3 +57,4 @@ class Signals(NamedTuple):
     Y_k: np.ndarray
     inverse: RightInverse
     filtered: Any
+    adapting: bool = True

@@ -25,10 +25,10 @@ def descend(a: np.ndarray, g: np.ndarray, Gamma: np.ndarray, dt: float, after: n
 @compiled("b1(f8[:], f8[:], f8[:])", fills=0)
 def inside(a: np.ndarray, low: np.ndarray, high: np.ndarray) -> bool:
     """Tell whether low < a < high in every entry."""
+    within = True
     for i in range(len(a)):
-        if not low[i] < a[i] < high[i]:
-            return False
-    return True
+        within &= low[i] < a[i] < high[i]
+    return within
 
 
 @compiled("void(f8[:], f8[:], f8, f8[:,:], i8[:,::1], f8[::1], f8[::1], f8[:])")
@@ -88,3 +88,68 @@ def follow_geodesic(
                 P[r, s] = h * step * (1.0 if r == s else 2.0)
         for e in range(len(entries)):
             after[b * p + entries[e, 0]] -= D[e] * P[entries[e, 1], entries[e, 2]]
+
+
+@compiled("void(f8[:], f8[:], f8, f8[:])")
+def follow_geodesic_of_bodies(a: np.ndarray, g: np.ndarray, h: float, after: np.ndarray) -> None:
+    """Write P+ = exp(-h P L) P for the pseudo-inertia P of every body (10 k), as ``follow_geodesic``.
+
+    P = [[tr(I)/2 1 - I, mc], [mc^T, m]] and L = [[tr(G) 1 - G, g_mc/2], [g_mc^T/2, g_m]], G the
+    matrix of g_I with its entries off the diagonal halved, for which tr(L P(da)) = g . da.
+    """
+    bodies = len(a) // 10
+    P, L = np.empty((bodies, 4, 4)), np.empty((4, 4))
+    A, change = np.empty((bodies, 4, 4)), np.empty((bodies, 4, 4))  # P L and P L P
+    square = 0.0
+    for b in range(bodies):
+        i = 10 * b
+        xx, yy, zz = a[i + 4], a[i + 6], a[i + 9]
+        P[b, 0, 0], P[b, 1, 1], P[b, 2, 2] = (
+            0.5 * (yy + zz - xx), 0.5 * (xx + zz - yy), 0.5 * (xx + yy - zz),
+        )  # fmt: skip
+        P[b, 1, 0], P[b, 2, 0], P[b, 2, 1] = -a[i + 5], -a[i + 7], -a[i + 8]
+        P[b, 3, 0], P[b, 3, 1], P[b, 3, 2] = a[i + 1], a[i + 2], a[i + 3]
+        P[b, 3, 3] = a[i]
+        xx, yy, zz = g[i + 4], g[i + 6], g[i + 9]
+        L[0, 0], L[1, 1], L[2, 2] = yy + zz, xx + zz, xx + yy
+        L[1, 0], L[2, 0], L[2, 1] = -0.5 * g[i + 5], -0.5 * g[i + 7], -0.5 * g[i + 8]
+        L[3, 0], L[3, 1], L[3, 2] = 0.5 * g[i + 1], 0.5 * g[i + 2], 0.5 * g[i + 3]
+        L[3, 3] = g[i]
+        for r in range(4):
+            for s in range(r):
+                P[b, s, r], L[s, r] = P[b, r, s], L[r, s]
+        for r in range(4):
+            for s in range(4):
+                x = 0.0
+                for t in range(4):
+                    x += P[b, r, t] * L[t, s]
+                A[b, r, s] = x
+        for r in range(4):
+            for s in range(r + 1):
+                x = 0.0
+                for t in range(4):
+                    x += A[b, r, t] * P[b, t, s]
+                change[b, r, s] = change[b, s, r] = x
+                square += (1.0 if r == s else 2.0) * L[r, s] * x  # tr(L P L P)
+    length = h * math.sqrt(abs(square))
+    if length > LARGEST_STEP:
+        h *= LARGEST_STEP / length
+    second = 0.5 * h if length > _ONE_TERM else 0.0
+    for b in range(bodies):
+        for r in range(4):
+            for s in range(r + 1):
+                x = change[b, r, s]
+                if second > 0.0:
+                    for t in range(4):
+                        x -= second * A[b, r, t] * change[b, t, s]
+                P[b, r, s] -= h * x  # P - P+ = h (1 - h P L / 2) P L P, symmetric
+        i = 10 * b
+        xx, yy, zz = P[b, 0, 0], P[b, 1, 1], P[b, 2, 2]
+        after[i], after[i + 1], after[i + 2], after[i + 3] = (
+            P[b, 3, 3],
+            P[b, 3, 0],
+            P[b, 3, 1],
+            P[b, 3, 2],
+        )
+        after[i + 4], after[i + 6], after[i + 9] = yy + zz, xx + zz, xx + yy
+        after[i + 5], after[i + 7], after[i + 8] = -P[b, 1, 0], -P[b, 2, 0], -P[b, 2, 1]

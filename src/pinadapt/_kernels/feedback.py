@@ -51,8 +51,11 @@ def kinematic_drive(
             gradient[j] += Y_k[i, j] * x
 
 
-@compiled("void(f8[:], f8[:,:], f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], f8[:])")
-def task_acceleration(
+@compiled(
+    "void(f8[:], f8[:,:], f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], "
+    "f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8, f8[:])"
+)
+def commanded_acceleration(
     xdd_d: np.ndarray,
     K_v: np.ndarray,
     dxd: np.ndarray,
@@ -61,34 +64,34 @@ def task_acceleration(
     Jdot_v: np.ndarray,
     Y_k: np.ndarray,
     a_k_rate: np.ndarray,
-    u: np.ndarray,
+    J: np.ndarray,
+    gram_inverse: np.ndarray,
+    qd: np.ndarray,
+    q: np.ndarray,
+    rest: np.ndarray,
+    w: float,
+    v: np.ndarray,
 ) -> None:
-    """Write u = xdd_d - K_v dxd - K_P dx - (dJ/dt(a_k) qd + Y_k da_k/dt) (m)."""
-    m = len(u)
+    """Write v = psi + J^T G (u - J psi) (n), psi = -2 w qd - w^2 (q - rest), G (m, m) as in J^+.
+
+    u = xdd_d - K_v dxd - K_P dx - (dJ/dt(a_k) qd + Y_k da_k/dt) (m).
+    """
+    m, n = J.shape
+    for t in range(n):
+        v[t] = -2.0 * w * qd[t] - w * w * (q[t] - rest[t])
+    missed = np.empty(m)  # u - J psi
     for i in range(m):
         x = xdd_d[i] - Jdot_v[i]
         for j in range(m):
             x -= K_v[i, j] * dxd[j] + K_P[i, j] * dx[j]
         for j in range(len(a_k_rate)):
             x -= Y_k[i, j] * a_k_rate[j]
-        u[i] = x
-
-
-@compiled("void(f8[:,:], f8[:], f8, f8[:], f8[:])")
-def error_force(
-    J: np.ndarray, dxd: np.ndarray, alpha: float, dx: np.ndarray, force: np.ndarray
-) -> None:
-    """Write J^T (dxd + alpha dx) (n)."""
-    for j in range(len(force)):
-        force[j] = 0.0
-    for i in range(len(dx)):
-        e = dxd[i] + alpha * dx[i]
-        for j in range(len(force)):
-            force[j] += J[i, j] * e
-
-
-@compiled("void(f8[:], f8[:], f8, f8[:])")
-def critically_damped(offset: np.ndarray, v: np.ndarray, w: float, psi: np.ndarray) -> None:
-    """Write psi = -2 w v - w^2 offset (n)."""
-    for j in range(len(psi)):
-        psi[j] = -2.0 * w * v[j] - w * w * offset[j]
+        for t in range(n):
+            x -= J[i, t] * v[t]
+        missed[i] = x
+    for i in range(m):
+        x = 0.0
+        for j in range(m):
+            x += gram_inverse[i, j] * missed[j]
+        for t in range(n):
+            v[t] += J[i, t] * x

@@ -7,52 +7,51 @@ import numpy as np
 from .._compiled import compiled
 
 
-@compiled("void(f8, f8[:], f8[:], f8, f8[:], f8[:], f8[:], f8[:])", fills=2)
+@compiled("void(f8, f8[:], f8, f8[:], f8[:], f8[:], f8[:])", fills=2)
 def filtered_rates(
     bandwidth: float,
     x: np.ndarray,
-    xi: np.ndarray,
     bandwidth_a: float,
     v: np.ndarray,
-    z: np.ndarray,
+    memory: np.ndarray,
     y: np.ndarray,
     a: np.ndarray,
 ) -> None:
-    """Write y = lambda x - xi (m_p), (4), and a = lambda_a (v - z) (n)."""
-    for i in range(len(y)):
-        y[i] = bandwidth * x[i] - xi[i]
+    """Write y = lambda x - xi (m_p), (4), and a = lambda_a (v - z) (n); memory: W_k, xi, z."""
+    at = len(memory) - len(a)
     for i in range(len(a)):
-        a[i] = bandwidth_a * (v[i] - z[i])
+        a[i] = bandwidth_a * (v[i] - memory[at + i])
+    at -= len(y)
+    for i in range(len(y)):
+        y[i] = bandwidth * x[i] - memory[at + i]
 
 
-@compiled(
-    "void(f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8, f8[:], f8[:], f8, f8[:,:], f8[:], f8[:])",
-    fills=3,
-)
+@compiled("void(f8[:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8, f8, f8[:])")
 def advance(
-    W_k: np.ndarray,
-    Y_p: np.ndarray,
+    memory: np.ndarray,
+    Y_k: np.ndarray,
     a_k: np.ndarray,
-    xi: np.ndarray,
     y: np.ndarray,
     xd_hat: np.ndarray,
-    f_k: float,
-    z: np.ndarray,
     v: np.ndarray,
+    f_k: float,
     f_a: float,
-    W_k_after: np.ndarray,
-    xi_after: np.ndarray,
-    z_after: np.ndarray,
+    after: np.ndarray,
 ) -> None:
-    """Move each state the fraction f of its way to its input.
+    """Move W_k (m_p, p), xi (m_p) and z (n), one after another, the shares f to their inputs.
 
-    The way of xi is y + y_p0, y_p0 = J v - Y_p a_k.
+    The inputs are the position rows Y_p of Y_k, lambda x + y_p0 and v; the way of xi is y + y_p0,
+    y_p0 = J v - Y_p a_k.
     """
-    for i in range(len(xi)):
+    m, p = len(y), len(a_k)
+    for i in range(m):
         way = y[i] + xd_hat[i]
-        for j in range(len(a_k)):
-            W_k_after[i, j] = W_k[i, j] + f_k * (Y_p[i, j] - W_k[i, j])
-            way -= Y_p[i, j] * a_k[j]
-        xi_after[i] = xi[i] + f_k * way
-    for i in range(len(z)):
-        z_after[i] = z[i] + f_a * (v[i] - z[i])
+        for j in range(p):
+            k = i * p + j
+            after[k] = memory[k] + f_k * (Y_k[i, j] - memory[k])
+            way -= Y_k[i, j] * a_k[j]
+        k = m * p + i
+        after[k] = memory[k] + f_k * way
+    for i in range(len(v)):
+        k = m * p + m + i
+        after[k] = memory[k] + f_a * (v[i] - memory[k])

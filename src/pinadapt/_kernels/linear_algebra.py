@@ -1,4 +1,4 @@
-"""Small symmetric systems: the Gram matrix of a Jacobian, a mass matrix, a regressor's transpose."""
+"""Small symmetric systems: the Gram matrix of a Jacobian, a mass matrix."""
 
 from __future__ import annotations
 
@@ -57,10 +57,20 @@ def invert_gram(J: np.ndarray, threshold: float, inverse: np.ndarray) -> tuple[f
     return s, mu_2, lost
 
 
-@compiled("b1(f8[:,:], f8[:], f8[:])")
-def solve_definite(M: np.ndarray, w: np.ndarray, solution: np.ndarray) -> bool:
-    """Write M^-1 w (n) by the Cholesky factor M = L L^T (from the lower triangle); False if M is not positive definite."""
-    n = len(w)
+@compiled("b1(f8[:,:], f8[:,:], f8[:], f8, f8[:], f8[:])")
+def solve_definite(
+    M: np.ndarray,
+    J: np.ndarray,
+    e: np.ndarray,
+    alpha: float,
+    w: np.ndarray,
+    solution: np.ndarray,
+) -> bool:
+    """Write M^-1 J^T (e + alpha w) (n) by Cholesky, M = L L^T (lower triangle).
+
+    Return False if M is not positive definite.
+    """
+    m, n = J.shape
     L = np.empty((n, n))
     for i in range(n):
         for j in range(i + 1):
@@ -70,8 +80,10 @@ def solve_definite(M: np.ndarray, w: np.ndarray, solution: np.ndarray) -> bool:
             if i == j and not x > 0.0:
                 return False
             L[i, j] = math.sqrt(x) if i == j else x / L[j, j]
-    for i in range(n):  # L y = w
-        y = w[i]
+    for i in range(n):  # L y = J^T (e + alpha w)
+        y = 0.0
+        for t in range(m):
+            y += J[t, i] * (e[t] + alpha * w[t])
         for t in range(i):
             y -= L[i, t] * solution[t]
         solution[i] = y / L[i, i]

@@ -14,7 +14,10 @@ _LEAST_MASS = (
 
 @compiled("f8(f8[:], f8[:], f8[:,:])")
 def take(pi: np.ndarray, ballast: np.ndarray, tens: np.ndarray) -> float:
-    """Write pi (10 n) and c times the ballast (10 n) as rows, n of ten parameters; return c, zero where no body needs it."""
+    """Write pi (10 n) and c times the ballast (10 n) as rows (n, 10); return c.
+
+    c is zero where no body needs ballast.
+    """
     lightest = pi[0]
     for b in range(len(tens)):
         lightest = min(lightest, pi[PER_BODY * b])
@@ -27,7 +30,10 @@ def take(pi: np.ndarray, ballast: np.ndarray, tens: np.ndarray) -> float:
 
 @compiled("void(f8[:,:], f8[:], f8[:,:], f8[:,:])")
 def velocity_regressor(R: np.ndarray, w: np.ndarray, B: np.ndarray, Y: np.ndarray) -> None:
-    """Write R [w]x B into the position rows of Y (m, k), R (m_p, 3) those of a rotation, w (3) in its own axes, B (3, k)."""
+    """Write R [w]x B into the position rows of Y (m, k), B (3, k).
+
+    R (m_p, 3) are the position rows of a rotation, w (3) a velocity in its own axes.
+    """
     for j in range(B.shape[1]):
         x = w[1] * B[2, j] - w[2] * B[1, j]
         y = w[2] * B[0, j] - w[0] * B[2, j]
@@ -42,3 +48,30 @@ def take_columns(Y: np.ndarray, columns: np.ndarray, chosen: np.ndarray) -> None
     for i in range(len(chosen)):
         for j in range(len(columns)):
             chosen[i, j] = Y[i, columns[j]]
+
+
+@compiled("f8(f8[:], f8[:], f8[:,:])")
+def write_inertias(pi: np.ndarray, ballast: np.ndarray, memory: np.ndarray) -> float:
+    """Write pi (10 n) and c times the ballast (10 n) as pin.Inertia keeps them (n, 10); return c.
+
+    mass m, c = mc / m, and the inertia about it, I_O - m (c^T c 1 - c c^T), as xx xy yy xz yz zz.
+    """
+    bodies = len(memory)
+    lightest = pi[0]
+    for b in range(bodies):
+        lightest = min(lightest, pi[PER_BODY * b])
+    c = 1.0 - lightest if lightest < _LEAST_MASS else 0.0
+    ten = np.empty(PER_BODY)
+    for b in range(bodies):
+        for i in range(PER_BODY):
+            ten[i] = pi[PER_BODY * b + i] + c * ballast[PER_BODY * b + i]
+        m = ten[0]
+        x, y, z = ten[1] / m, ten[2] / m, ten[3] / m
+        memory[b, 0], memory[b, 1], memory[b, 2], memory[b, 3] = m, x, y, z
+        memory[b, 4] = ten[4] - m * (y * y + z * z)
+        memory[b, 5] = ten[5] + m * x * y
+        memory[b, 6] = ten[6] - m * (x * x + z * z)
+        memory[b, 7] = ten[7] + m * x * z
+        memory[b, 8] = ten[8] + m * y * z
+        memory[b, 9] = ten[9] - m * (x * x + y * y)
+    return c

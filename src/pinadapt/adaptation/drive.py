@@ -57,7 +57,7 @@ class Drive:
             g = np.zeros(self.Y.shape[1]) if self.e is None else self.e.dot(self.Y)
             if self.W is not None and self.weight is not None and self.residual is not None:
                 g = g + self.weight.dot(self.residual).dot(self.W)
-            self._gradient = g
+            self._gradient = np.asarray(g, dtype=float)
         return self._gradient
 
     def without_tracking(self) -> Drive:

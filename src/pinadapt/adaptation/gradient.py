@@ -36,8 +36,9 @@ class Gradient(Adaptation):
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
-        after = np.empty(estimate.value.size)
-        kernels.descend(estimate.value, drive.gradient, self.Gamma, dt, after)
+        a = np.asarray(estimate.value, dtype=float)
+        after = np.empty(a.size)
+        kernels.descend(a, drive.gradient, self.Gamma, dt, after)
         return Estimate(after)
 
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float:

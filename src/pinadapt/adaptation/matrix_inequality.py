@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._kernels import adaptation as kernels
 from ..exceptions import ParameterError
 from ..models.basis import read_matrix
 from ..models.pseudo_inertia import COEFFICIENTS, nearest_physical, unphysical_bodies
@@ -117,6 +118,15 @@ class MatrixInequality:
         """Tell whether every block is positive definite at a (k p)."""
         return bool((np.linalg.eigvalsh(self.matrices(a)) > 0.0).all())
 
+    def follow_geodesic(self, a: np.ndarray, g: np.ndarray, h: float) -> np.ndarray:
+        """Return the parameters (k p) of P+ = exp(-h P L) P, tr(L P(da)) = g . da; complete only.
+
+        The step is cut where it is longer than ``LARGEST_STEP`` in the log-det metric.
+        """
+        after = np.empty(a.size)
+        kernels.follow_geodesic(a, g, h, *self.tables, after)
+        return after
+
     def validate(self, a: np.ndarray) -> np.ndarray:
         """Return ``a`` if it lies inside.
 
@@ -149,6 +159,12 @@ class BodyInequality(MatrixInequality):
         super().__init__(COEFFICIENTS, blocks=len(names))
         self._names = tuple(names)
         self._repair = partial(nearest_physical, least_mass=least_mass, least_radius=least_radius)
+
+    def follow_geodesic(self, a: np.ndarray, g: np.ndarray, h: float) -> np.ndarray:
+        """Return the parameters (10 k) of P+ = exp(-h P L) P, by the explicit form of P and L."""
+        after = np.empty(a.size)
+        kernels.follow_geodesic_of_bodies(a, g, h, after)
+        return after
 
     def validate(self, a: np.ndarray) -> np.ndarray:
         """Return ``a`` with unphysical bodies moved inside the cone; a warning names them."""

@@ -59,11 +59,9 @@ class Natural(Adaptation):
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held; inside the cone for any dt."""
-        a, g = estimate.value, drive.gradient
+        a, g = np.asarray(estimate.value, dtype=float), drive.gradient
         if self.cone.complete:
-            after = np.empty(a.size)
-            kernels.follow_geodesic(a, g, self.gamma * dt, *self.cone.tables, after)
-            return Estimate(after)
+            return Estimate(self.cone.follow_geodesic(a, g, self.gamma * dt))
         metric = self._metric(self.cone.matrices(a)[0])
         step = (-self.gamma * dt) * np.linalg.solve(metric, g)
         length = np.sqrt(step @ metric @ step)

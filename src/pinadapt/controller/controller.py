@@ -62,6 +62,7 @@ class Controller:
         measured = law.needs_task_velocity and kinematics.task.positions > 0
         self._check = InputCheck(kinematics, dynamics.size, law.name, measured)
         self._filters = law.filters
+        self._believed = Believed(kinematics, dynamics, adaptation_k, self.limits.watch)
         compile_all()
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -128,10 +129,14 @@ class Controller:
                 singularity.
         """
         check_period(dt, self.period)
+        measurement, desired = self._check(state, measurement, desired)
         try:
-            s, command = self.command(state, measurement, desired)
-            torque, drives = self.respond(state, s, command, self.acceleration(s, measurement))
-            dynamic, kinematic = Estimate(s.a_d, state.dynamic.memory), state.kinematic
+            s = self._signals(state, measurement, desired)
+            command = self.law.command(s, self._believed)
+            torque, drives = self.respond(s, command, self.acceleration(s, measurement))
+            dynamic, kinematic = state.dynamic, state.kinematic
+            if s.a_d is not dynamic.value:  # projected
+                dynamic = dynamic._replace(value=s.a_d)
             if state.adapting:
                 dynamic = self.adaptation_d.step(dynamic, drives.dynamic, dt)
                 kinematic = self.adaptation_k.step(kinematic, drives.kinematic, dt)
@@ -139,8 +144,7 @@ class Controller:
             self.watch(torque, dynamic.value, kinematic.value)
         except (DivergedError, np.linalg.LinAlgError) as error:
             # a signal that is not finite is the likelier cause
-            checked = self._check.measurement(measurement)
-            self._check.finite(checked, self._check.desired(desired))
+            self._check.finite(measurement, desired)
             raise DivergedError(str(error)) from error
         return torque, ControllerState(s.t, dynamic, kinematic, state.a_0, filters, state.adapting)
 
@@ -153,11 +157,9 @@ class Controller:
             MeasurementError, InputError: as ``step``.
         """
         s = self.observe(state, measurement, desired)
-        return s, self.law.command(s, self._believed(state))
+        return s, self.law.command(s, self._believed)
 
-    def respond(
-        self, state: ControllerState, s: Signals, command: Command, a: np.ndarray
-    ) -> tuple[np.ndarray, Drives]:
+    def respond(self, s: Signals, command: Command, a: np.ndarray) -> tuple[np.ndarray, Drives]:
         """Return the torque (n) at joint acceleration a (n), within its limits, and the drives.
 
         While a motor saturates, the tracking error tells of the lost torque as much as of the
@@ -165,7 +167,7 @@ class Controller:
         whatever the torque is, the prediction errors.
         """
         torque, limits = command.at(a), self.limits.torque
-        drives = self.law.drives(s, self._believed(state), command, a)
+        drives = self.law.drives(s, self._believed, command, a)
         if limits is not None and math.isfinite(torque.dot(torque)):
             clipped = np.minimum(np.maximum(torque, -limits), limits)
             if (clipped != torque).any():
@@ -180,28 +182,35 @@ class Controller:
         Raises:
             MeasurementError, InputError: as ``step``.
         """
-        check, kinematics, dynamics = self._check, self.kinematics, self.dynamics
-        check.state(state)
-        measurement = check.measurement(measurement)
-        x_d, xd_d, xdd_d = check.desired(desired)
-        q, v, task = measurement.q.copy(), measurement.v.copy(), kinematics.task
-        x = task.measured(measurement.x, q)
-        a_k = state.kinematic.value
+        measurement, desired = self._check(state, measurement, desired)
+        q, v = measurement.q.copy(), measurement.v.copy()
+        own = Desired(*(part.copy() for part in desired))
+        return self._signals(state, measurement._replace(q=q, v=v), own)
+
+    def _signals(
+        self, state: ControllerState, measurement: Measurement, desired: Desired
+    ) -> Signals:
+        """Return ``observe`` of what was checked and stays what it is."""
+        kinematics, task, kinematic = self.kinematics, self.kinematics.task, state.kinematic
+        x_d, xd_d, xdd_d = desired
+        q, v, a_k = measurement.q, measurement.v, kinematic.value
         kinematics.update(a_k, q, v)
         a_d = self.adaptation_d.project(state.dynamic.value, q)
-        dynamics.load(a_d)
+        self.dynamics.load(a_d)
         xd_hat = kinematics.xd_hat
-        dx = task.error(x, x_d)
+        dx = task.error(task.measured(measurement.x, q), x_d)
         return Signals(
             measurement.t,
             q,
             v,
             task.known_velocity(measurement.xd, xd_hat),
-            xd_d.copy(),
-            xdd_d.copy(),
+            xd_d,
+            xdd_d,
             dx,
+            xd_hat,
             xd_hat - xd_d,
             task.drift(dx, xd_hat, xd_d),
+            kinematic,
             a_k,
             a_d,
             state.a_0,
@@ -210,6 +219,7 @@ class Controller:
             kinematics.Y_k,
             kinematics.right_inverse(self.limits.singular),
             self._filters.observe(state.filters, measurement, kinematics),
+            state.adapting,
         )
 
     def acceleration(self, s: Signals, measurement: Measurement) -> np.ndarray:
@@ -254,16 +264,6 @@ class Controller:
         kinematic = self.adaptation_k.divergence(state.kinematic.value, a_k_true)
         dynamic = self.adaptation_d.divergence(state.dynamic.value, a_d_true)
         return None if kinematic is None or dynamic is None else kinematic + dynamic
-
-    def _believed(self, state: ControllerState) -> Believed:
-        adaptation, estimate = self.adaptation_k, state.kinematic
-
-        def kinematic_rate(drive: Drive) -> np.ndarray:
-            if not state.adapting:
-                return np.zeros(estimate.value.size)
-            return adaptation.rate(estimate, drive).value
-
-        return Believed(self.kinematics, self.dynamics, kinematic_rate, self.limits.watch)
 
 
 def _estimate(

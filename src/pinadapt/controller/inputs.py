@@ -17,10 +17,10 @@ _LATEST = 10.0  # periods that one step may bridge
 
 
 class InputCheck:
-    """Sizes, types, times and states that fit one controller.
+    """Sizes, types and states that fit one controller.
 
-    Arrays of native floats and the right shape pass as they are, at the cost of a few comparisons;
-    others are converted, or refused by name. Whether numbers are finite is left to ``finite``,
+    Arrays of native floats and the right shape pass as they are, at the cost of a few comparisons
+    in one expression; others are converted, or refused by name. Whether numbers are finite is left to ``finite``,
     which is asked when a result is not.
     """
 
@@ -34,6 +34,43 @@ class InputCheck:
         self._q, self._v = (kinematics.nq,), (kinematics.nv,)
         self._x, self._m = (task.coordinates,), (task.size,)
         self._a_k, self._a_d = kinematics.size, dynamic_size
+
+    def __call__(
+        self, state: ControllerState, measurement: Measurement, desired: Desired
+    ) -> tuple[Measurement, Desired]:
+        """Return measurement and desired motion as arrays of floats, the given ones if they are.
+
+        Raises:
+            MeasurementError: a signal that the law needs is missing, of the wrong size, or not
+                made of numbers.
+            InputError: the same of the desired motion, or the state is that of another controller.
+        """
+        if (
+            state.__class__ is not ControllerState
+            or state.kinematic.value.size != self._a_k
+            or state.dynamic.value.size != self._a_d
+        ):
+            raise InputError("the state is that of another controller.", where="state")
+        t, q, v, x, _, xd, a, _ = measurement
+        x_d, xd_d, xdd_d = desired
+        try:
+            fits = (
+                q.dtype is v.dtype is x_d.dtype is xd_d.dtype is xdd_d.dtype is _FLOAT
+                and q.shape == self._q
+                and v.shape == self._v
+                and x_d.shape == self._x
+                and xd_d.shape == xdd_d.shape == self._m
+                and (not self._measures_x or (x.dtype is _FLOAT and x.shape == self._x))
+                and ((xd is None and not self._needs_xd) or xd.dtype is _FLOAT)
+                and (xd is None or xd.shape == self._m)
+                and a is None
+                and t.__class__ is float
+            )
+        except AttributeError:
+            fits = False
+        if fits:
+            return measurement, desired
+        return self.measurement(measurement), self.desired(desired)
 
     def measurement(self, given: Measurement) -> Measurement:
         """Return the measurement as arrays of floats.
@@ -72,19 +109,6 @@ class InputCheck:
             _array(xd_d, self._m, "xd_d", InputError),
             _array(xdd_d, self._m, "xdd_d", InputError),
         )
-
-    def state(self, state: ControllerState) -> None:
-        """Refuse the state of another controller.
-
-        Raises:
-            InputError: it is none of this one.
-        """
-        if (
-            not isinstance(state, ControllerState)
-            or state.kinematic.value.size != self._a_k
-            or state.dynamic.value.size != self._a_d
-        ):
-            raise InputError("the state is that of another controller.", where="state")
 
     def finite(self, measurement: Measurement, desired: Desired | None = None) -> None:
         """Refuse numbers that are not finite, and quaternions that are not of unit length.
@@ -128,8 +152,6 @@ def _array(
     value: Any, shape: tuple[int, ...], name: str, refuse: type[Exception] = MeasurementError
 ) -> np.ndarray:
     """Return an array of native floats of this shape, the given one if it is such an array."""
-    if value.__class__ is np.ndarray and value.dtype is _FLOAT and value.shape == shape:
-        return value
     try:
         array = np.array(value, dtype=float)
     except (TypeError, ValueError):

@@ -26,6 +26,7 @@ class LowPass:
             GainError: not positive.
         """
         self.bandwidth = positive(bandwidth, name)
+        self._held = (0.0, 0.0)  # dt and its fraction, which is the same in almost every step
 
     def rate(self, state: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Return ds/dt for input u, of the state's shape."""
@@ -39,4 +40,6 @@ class LowPass:
 
     def fraction(self, dt: float) -> float:
         """Return how much of the way to a held input the state goes in dt [s]."""
-        return -math.expm1(-self.bandwidth * dt)
+        if self._held[0] != dt:
+            self._held = (dt, -math.expm1(-self.bandwidth * dt))
+        return self._held[1]

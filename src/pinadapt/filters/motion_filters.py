@@ -16,17 +16,15 @@ from .low_pass import LowPass
 
 
 class MotionState(NamedTuple):
-    """What the filters remember.
+    """What the filters remember, in one array.
 
     Attributes:
-        W_k: (m_p, p_k) filtered kinematic regressor of the m_p positions, (3).
-        xi: (m_p) low-passed lambda x + y_p0, from which y = lambda x - xi comes, (4) [m/s].
-        z: (n) low-passed joint velocity, from which the joint acceleration comes.
+        memory: (m_p p_k + m_p + n) the filtered kinematic regressor W_k of the m_p positions, (3),
+            row by row; the low-passed lambda x + y_p0, xi, from which y = lambda x - xi comes, (4)
+            [m/s]; the low-passed joint velocity z, from which the joint acceleration comes.
     """
 
-    W_k: np.ndarray
-    xi: np.ndarray
-    z: np.ndarray
+    memory: np.ndarray
 
 
 class FilteredMotion(NamedTuple):
@@ -57,45 +55,39 @@ class MotionFilters(Filters):
 
     def init(self, measurement: Measurement, kinematics: TaskKinematics) -> MotionState:
         """Return the filters at rest."""
-        task = kinematics.task
-        x = np.zeros(0) if measurement.x is None else task.position(measurement.x)
-        return MotionState(
-            W_k=np.zeros((task.positions, kinematics.size)),
-            xi=self.task_velocity.bandwidth * np.array(x, dtype=float),
-            z=np.array(measurement.v, dtype=float),
-        )
+        m, p = kinematics.task.positions, kinematics.size
+        xi = np.zeros(0)
+        if m and measurement.x is not None:
+            xi = self.task_velocity.bandwidth * kinematics.task.position(measurement.x)
+        return MotionState(np.concatenate([np.zeros(m * p), xi, measurement.v]))
 
     def observe(
         self, state: MotionState, measurement: Measurement, kinematics: TaskKinematics
     ) -> FilteredMotion:
         """Return regressor, velocity and acceleration as the filters have them."""
-        y, a = np.empty(state.xi.size), np.empty(state.z.size)
-        x = state.xi if measurement.x is None else kinematics.task.position(measurement.x)
+        (memory,), m, p, x = state, kinematics.positions, kinematics.size, measurement.x
+        y, a = np.empty(m), np.empty(kinematics.nv)
         lambda_, lambda_a = self.task_velocity.bandwidth, self.joint_velocity.bandwidth
-        kernels.filtered_rates(lambda_, x, state.xi, lambda_a, measurement.v, state.z, y, a)
-        return FilteredMotion(state.W_k, y, a)
+        x = memory if x is None else x  # without positions it is not read
+        kernels.filtered_rates(lambda_, x, lambda_a, measurement.v, memory, y, a)
+        return FilteredMotion(memory[: m * p].reshape(m, p), y, a)
 
     def step(self, state: MotionState, s: Signals, dt: float) -> MotionState:
         """Return the state after dt [s] with Y_p, lambda x + y_p0 and v held: exact for any dt."""
-        W_k, xi, z = np.empty(state.W_k.shape), np.empty(state.xi.shape), np.empty(state.z.shape)
+        (memory,), filtered = state, s.filtered
+        after = np.empty(memory.size)
         f_k, f_a = self.task_velocity.fraction(dt), self.joint_velocity.fraction(dt)
-        xd_hat = s.dxd_hat + s.xd_d
-        kernels.advance(
-            state.W_k, s.Y_k, s.a_k, state.xi, s.filtered.y, xd_hat, f_k,
-            state.z, s.v, f_a, W_k, xi, z,
-        )  # fmt: skip
-        return MotionState(W_k, xi, z)
+        kernels.advance(memory, s.Y_k, s.a_k, filtered.y, s.xd_hat, s.v, f_k, f_a, after)
+        return MotionState(after)
 
     def rate(self, state: MotionState, s: Signals) -> MotionState:
         """Return the time derivative of the state."""
-        m = state.xi.size
-        Y_p = s.Y_k[:m]
-        y_p0 = (s.dxd_hat + s.xd_d)[:m] - Y_p.dot(s.a_k)
-        return MotionState(
-            W_k=self.task_velocity.rate(state.W_k, Y_p),
-            xi=self.task_velocity.bandwidth * (s.filtered.y + y_p0),  # the input is lambda x + y_p0
-            z=self.joint_velocity.rate(state.z, s.v),
-        )
+        W_k, y, a = s.filtered
+        Y_p = s.Y_k[: y.size]
+        y_p0 = s.xd_hat[: y.size] - Y_p.dot(s.a_k)
+        lambda_ = self.task_velocity.bandwidth
+        rates = (lambda_ * (Y_p - W_k)).ravel(), lambda_ * (y + y_p0), a  # xi to lambda x + y_p0
+        return MotionState(np.concatenate(rates))
 
     def acceleration(self, filtered: FilteredMotion) -> np.ndarray:
         """Return the filtered joint acceleration (n)."""

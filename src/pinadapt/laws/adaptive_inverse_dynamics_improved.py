@@ -9,7 +9,6 @@ import numpy as np
 from ..adaptation.drive import Drive, Drives
 from ..signals import Signals
 from .estimated_velocity import AccelerationCommand, EstimatedVelocityLaw
-from .inertia import solve_inertia
 from .law import Believed
 
 
@@ -44,7 +43,7 @@ class AdaptiveInverseDynamicsImproved(EstimatedVelocityLaw):
     def command(self, s: Signals, believed: Believed) -> ImprovedCommand:
         """Return M_0 v + C_hat qd + g_hat, (32), with feedthrough M_hat - M_0, (34)."""
         kinematic, dynamics = self.kinematic_drive(s), believed.dynamics
-        v = self.commanded_acceleration(s, believed.kinematic_rate(kinematic))
+        v = self.commanded_acceleration(s, believed.kinematic_rate(s, kinematic))
         dynamics.load(s.a_0)
         M_0 = dynamics.mass_matrix(s.q)
         dynamics.load(s.a_d)
@@ -56,6 +55,6 @@ class AdaptiveInverseDynamicsImproved(EstimatedVelocityLaw):
         self, s: Signals, believed: Believed, command: ImprovedCommand, a: np.ndarray
     ) -> Drives:
         """Return g_d = Phi_1^T e = Y^T M_0^-1 J_hat^T e, (36), and g_k, (37)."""
-        error = solve_inertia(command.M_0, self.error_force(s), believed.watch)  # M_0^-1 J_hat^T e
+        error = self.solved_error(command.M_0, s, believed)  # M_0^-1 J_hat^T e
         Y = believed.dynamics.regressor(s.q, s.v, a)
         return Drives(Drive(Y, error), command.kinematic)  # (36), (37)

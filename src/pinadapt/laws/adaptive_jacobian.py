@@ -153,7 +153,7 @@ class AdaptiveJacobian(Law):
         W_k, y, _ = s.filtered
         error_k, residual = -self.K_PV.dot(s.dx), W_k.dot(s.a_k) - y
         kinematic = Drive(s.Y_k, error_k, W_k, residual, self.R_k)
-        Jdot = believed.kinematics.jacobian_rate(believed.kinematic_rate(kinematic))
+        Jdot = believed.kinematics.jacobian_rate(believed.kinematic_rate(s, kinematic))
         u, psi, qd_r = self._reference_velocity(s)
         qdd_r = self._reference_acceleration(s, u, psi, Jdot)
         Y_r, feedforward = believed.dynamics.slotine_li(s.q, s.v, qd_r, qdd_r)

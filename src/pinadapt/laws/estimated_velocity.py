@@ -10,7 +10,8 @@ from .._kernels import feedback as kernels
 from ..adaptation.drive import Drive
 from ..signals import Signals
 from .acceleration_law import AccelerationLaw
-from .law import Command, Truth
+from .inertia import solve_inertia
+from .law import Believed, Command, Truth
 
 
 @dataclass(slots=True, eq=False)
@@ -39,11 +40,13 @@ class EstimatedVelocityLaw(AccelerationLaw):
         """Return e (m)."""
         return s.dxd_hat + self.alpha * s.dx
 
-    def error_force(self, s: Signals) -> np.ndarray:
-        """Return J_hat^T e (n)."""
-        force = np.empty(s.v.size)
-        kernels.error_force(s.J, s.dxd_hat, self.alpha, s.dx, force)
-        return force
+    def solved_error(self, M: np.ndarray, s: Signals, believed: Believed) -> np.ndarray:
+        """Return M^-1 J_hat^T e (n) for an estimated mass matrix M (n, n).
+
+        Raises:
+            DivergedError: M is not positive definite, or where nobody watches singular.
+        """
+        return solve_inertia(M, s.J, s.dxd_hat, self.alpha, s.dx, believed.watch)
 
     def kinematic_drive(self, s: Signals) -> Drive:
         """Return the drive of (19).
@@ -64,12 +67,15 @@ class EstimatedVelocityLaw(AccelerationLaw):
         dJ_hat/dt qd = dJ/dt(a_k) qd + Y_k da_k/dt: the estimate moves as well. psi is the posture's.
         """
         Jdot_v = s.Jdot_v if s.delta is None else s.Jdot_v + self.alpha * s.delta
-        u = np.empty(s.dx.size)
-        kernels.task_acceleration(
-            s.xdd_d, self.K_v, s.dxd_hat, self.K_P, s.dx, Jdot_v, s.Y_k, a_k_rate, u
-        )
-        psi = None if s.inverse.unique else self.posture.acceleration(s.q, s.v)
-        return s.inverse.solve(u, psi)
+        inverse, posture, v = s.inverse, self.posture, np.empty(s.v.size)
+        q, rest, w = s.v, s.v, 0.0
+        if not inverse.unique:
+            (q, rest), w = posture.from_rest(s.q), posture.frequency
+        kernels.commanded_acceleration(
+            s.xdd_d, self.K_v, s.dxd_hat, self.K_P, s.dx, Jdot_v, s.Y_k, a_k_rate,
+            inverse.J, inverse.gram_inverse, s.v, q, rest, w, v,
+        )  # fmt: skip
+        return v
 
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return e^T e / 2 + dx^T (K_P + alpha K_v - alpha^2 I) dx / 2."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from ..adaptation.adaptation import Adaptation
 from ..adaptation.drive import Drive, Drives
 from ..exceptions import InputError
 from ..filters.filters import Filters, NoFilters
@@ -41,20 +42,25 @@ class Command:
 
 
 class Believed(NamedTuple):
-    """The believed robot at the current estimate, to be asked while a command is worked out.
+    """The believed robot, to be asked while a command is worked out.
 
     Attributes:
         kinematics: evaluated at the signals' q, v and a_k.
         dynamics: with a_d loaded; a law that loads another estimate loads a_d again.
-        kinematic_rate: from a drive of the kinematic estimate to the rate of a_k (p_k), by the
-            chosen adaptation; zero while the estimates rest.
+        adaptation: how the kinematic estimate moves.
         watch: whether an M_hat that is not positive definite ends the run of a law that inverts it.
     """
 
     kinematics: TaskKinematics
     dynamics: Dynamics
-    kinematic_rate: Callable[[Drive], np.ndarray]
+    adaptation: Adaptation
     watch: bool = True
+
+    def kinematic_rate(self, s: Signals, drive: Drive) -> np.ndarray:
+        """Return the rate of a_k (p_k) under a drive, by the chosen adaptation."""
+        if s.adapting:
+            return self.adaptation.rate(s.kinematic, drive).value
+        return np.zeros(s.a_k.size)
 
 
 class Truth(NamedTuple):

@@ -7,7 +7,6 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._checks import positive, vector
-from .._kernels import feedback as kernels
 from ..robot.robot import Robot
 
 
@@ -40,11 +39,15 @@ class Posture:
             else pin.difference(self._model, self._q_rest, q)
         )
 
+    def from_rest(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return two vectors (n) whose difference is ``offset``."""
+        if q.size == self.damping.size:
+            return q, self._q_rest
+        return self.offset(q), np.zeros(self.damping.size)
+
     def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return psi (n) = -2 w v - w^2 (q - q_rest) [rad/s^2 or m/s^2]."""
-        psi = np.empty(v.size)
-        kernels.critically_damped(self.offset(q), v, self.frequency, psi)
-        return psi
+        return (-2.0 * self.frequency) * v - self.frequency**2 * self.offset(q)
 
     def velocity(self, q: np.ndarray) -> np.ndarray:
         """Return psi (n) = -w (q - q_rest) [rad/s or m/s]."""

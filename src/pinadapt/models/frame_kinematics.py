@@ -22,6 +22,8 @@ from .right_inverse import RightInverse
 from .task_kinematics import TaskKinematics
 from .translations import Translation, placement_of, unknown_translations
 
+_ALIGNED = pin.LOCAL_WORLD_ALIGNED
+
 
 class FrameKinematics(TaskKinematics):
     """The believed kinematics of the task frame; the parameters are unknown translations.
@@ -44,8 +46,8 @@ class FrameKinematics(TaskKinematics):
         self.names = tuple(label for part in self.translations for label in part.labels)
         self.size = len(self.names)
         self._rows, self._place = robot.task.rows, robot.task.place
-        self._positions = robot.task.positions
-        self._turns = robot.task.size > self._positions
+        self.positions = robot.task.positions
+        self._turns = robot.task.size > self.positions
         self._model = robot.model.copy()
         self._data = self._model.createData()
         self._frame = robot.frame_id
@@ -62,11 +64,11 @@ class FrameKinematics(TaskKinematics):
         self._dw = [self._data.a[i].angular for i in self._parents]
         self._shape = (robot.task.size, self.size)
         self._columns = [
-            (window, (R, w, np.array(part.directions, dtype=float)))
+            (np.s_[:, window], R, w, np.array(part.directions, dtype=float))
             for (part, window, _), R, w in zip(self._unknown, self._R, self._w, strict=True)
         ]
-        self._zero, self._no_columns = np.zeros(self._model.nv), np.zeros((self._positions, 0))
-        self._no_turning = np.zeros((robot.task.size - self._positions, self.size))
+        self._zero, self._no_columns = np.zeros(self._model.nv), np.zeros((self.positions, 0))
+        self._no_turning = np.zeros((robot.task.size - self.positions, self.size))
         initial = self.value(robot)
         if initial is None:
             raise ParameterError(
@@ -108,25 +110,26 @@ class FrameKinematics(TaskKinematics):
         return a_k if np.abs(self.task.error(self.x_hat, robot.position(q))).max() < 1e-9 else None
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
-        """Evaluate the kinematics at estimate a_k (p) [m], configuration q (nq) and velocity v (nv)."""
-        model, data = self._model, self._data
+        """Evaluate at estimate a_k (p) [m], configuration q (nq) and velocity v (nv)."""
+        model, data, frame = self._model, self._data, self._frame
         for part, window, placement in self._unknown:
-            placement.translation = a_k[window] if part.whole else part.at(a_k[window])
+            placement.translation = part.at(a_k[window])
         pin.forwardKinematics(model, data, q, v, self._zero)
         pin.computeJointJacobians(model, data)
-        aligned = (
-            pin.LOCAL_WORLD_ALIGNED
-        )  # of a single joint Pinocchio returns the column as a vector
-        J = pin.getFrameJacobian(model, data, self._frame, aligned)
-        self.J = J[self._rows] if self.nv > 1 else J[self._rows, None]
-        acceleration = pin.getFrameClassicalAcceleration(model, data, self._frame, aligned)
-        self.Y_k = np.zeros(self._shape)
-        for window, (R, w, B) in self._columns:
-            kernels.velocity_regressor(R, w, B, self.Y_k[:, window])
-        self.Y_p = self.Y_k[: self._positions] if self._turns else self.Y_k
-        self.xd_hat = self.J.dot(v)
+        J = pin.getFrameJacobian(model, data, frame, _ALIGNED)
+        acceleration = pin.getFrameClassicalAcceleration(model, data, frame, _ALIGNED)
+        J = self.J = J[self._rows] if self.nv > 1 else J[self._rows, None]  # a column is a vector
+        Y_k = self.Y_k = np.zeros(self._shape)
+        for columns, R, w, B in self._columns:
+            kernels.velocity_regressor(R, w, B, Y_k[columns])
+        self.xd_hat = J.dot(v)
         self.Jdot_v = acceleration.vector[self._rows]
         self._a_k, self._q, self._v = a_k, q, v
+
+    @property
+    def Y_p(self) -> np.ndarray:
+        """Position rows (m_p, p) of Y_k."""
+        return self.Y_k[: self.positions]
 
     @property
     def y_k0(self) -> np.ndarray:
@@ -136,7 +139,7 @@ class FrameKinematics(TaskKinematics):
     @property
     def y_p0(self) -> np.ndarray:
         """Position rows (m_p) of ``y_k0`` [m/s]."""
-        return self.y_k0[: self._positions]
+        return self.y_k0[: self.positions]
 
     @property
     def x_hat(self) -> np.ndarray:
@@ -178,7 +181,7 @@ class FrameKinematics(TaskKinematics):
             columns = slice(
                 0, model.joints[parent].idx_v + 1
             )  # the joints before the translation turn it
-            Jdot[: self._positions, columns] -= (pin.skew(velocity) @ axes[:, columns])[self._place]
+            Jdot[: self.positions, columns] -= (pin.skew(velocity) @ axes[:, columns])[self._place]
         return Jdot
 
     def _stack(self, blocks: Sequence[np.ndarray]) -> np.ndarray:

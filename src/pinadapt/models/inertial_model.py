@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from .._kernels import models as kernels
 from ..exceptions import ParameterError
+from .inertia_memory import inertia_memory
 from .regressor import PER_BODY, inertial_parameters
 
 _LEAST_MASS = (
@@ -29,6 +30,7 @@ class InertialModel:
         """Copy a chain's model."""
         self._model, self._ballast_model = model.copy(), model.copy()
         self._data, self._ballast_data = self._model.createData(), self._ballast_model.createData()
+        self._memory = inertia_memory(self._model)
         self._inertias, self._tens = self._model.inertias, np.zeros((model.nv, PER_BODY))
         self._bodies = list(enumerate(self._tens, 1))  # joint and live row of ten parameters
         for joint in range(1, model.njoints):
@@ -52,10 +54,12 @@ class InertialModel:
                 f"expected {self._ballast.size} numbers, got {pi.size}.",
                 where="inertial parameters",
             )
+        if self._memory is not None:
+            self._c = kernels.write_inertias(pi, self._ballast, self._memory)
+            return
         self._c = kernels.take(pi, self._ballast, self._tens)
-        inertias, inertia = self._inertias, pin.Inertia.FromDynamicParameters
         for joint, ten in self._bodies:
-            inertias[joint] = inertia(ten)
+            self._inertias[joint] = pin.Inertia.FromDynamicParameters(ten)
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return M a + C v + g (n) [N m or N], rotors included."""

@@ -40,9 +40,9 @@ class JointKinematics(TaskKinematics):
         self.task = JointTask.of_chain(robot.model)
         self.joint_names, self.frame = robot.joint_names, robot.frame
         self.nq, self.nv = int(robot.model.nq), int(n)
-        self.names, self.size, self.initial = (), 0, np.zeros(0)
+        self.names, self.size, self.positions, self.initial = (), 0, 0, np.zeros(0)
         self.J, self.Jdot_v, self._no_rate = np.eye(n), np.zeros(n), np.zeros((n, n))
-        self.Y_k, self.Y_p = np.zeros((n, 0)), np.zeros((0, 0))
+        self.Y_k = np.zeros((n, 0))
         self._inverse = RightInverse(self.J)
         self._q, self.xd_hat = robot.q0, np.zeros(n)
 

@@ -32,9 +32,8 @@ class Regressor:
 
     def __call__(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y(q, v, a) (n, 10 n)."""
-        return pin.computeJointTorqueRegressor(self._model, self._data, q, v, a).reshape(
-            self._shape
-        )
+        Y = pin.computeJointTorqueRegressor(self._model, self._data, q, v, a)
+        return Y if Y.ndim == 2 else Y.reshape(self._shape)
 
     def slotine_li(
         self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray

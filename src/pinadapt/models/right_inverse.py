@@ -32,6 +32,8 @@ class RightInverse:
             damped.
     """
 
+    __slots__ = ("J", "conditioning", "damping", "gram_inverse", "unique")
+
     def __init__(self, J: np.ndarray, threshold: float = 0.0) -> None:
         """Take the Jacobian (m, n) and s_0, zero for no damping.
 

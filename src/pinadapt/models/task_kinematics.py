@@ -27,13 +27,13 @@ class TaskKinematics(ABC):
         nq, nv: sizes of configuration and velocity.
         names: one name a parameter.
         size: p.
+        positions: m_p.
         initial: (p) values in the believed robot's own description [m].
         translations: what the parameters are, in their order.
         xd_hat: (m) believed velocity J v.
         J: (m, nv) Jacobian at the estimate.
         Jdot_v: (m) dJ/dt v with the estimate held constant.
         Y_k: (m, p) kinematic regressor, J v = Y_k a_k + known part: Wang and Xie (2009), (2).
-        Y_p: (m_p, p) its position rows.
     """
 
     task: Task
@@ -43,17 +43,22 @@ class TaskKinematics(ABC):
     nv: int
     names: tuple[str, ...]
     size: int
+    positions: int
     initial: np.ndarray
     translations: Sequence[Translation] = ()
     xd_hat: np.ndarray
     J: np.ndarray
     Jdot_v: np.ndarray
     Y_k: np.ndarray
-    Y_p: np.ndarray
 
     @abstractmethod
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Evaluate at estimate a_k (p), configuration q (nq) and velocity v (nv)."""
+
+    @property
+    def Y_p(self) -> np.ndarray:
+        """Position rows (m_p, p) of Y_k."""
+        return self.Y_k[: self.task.positions]
 
     @property
     @abstractmethod

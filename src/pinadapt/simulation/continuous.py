@@ -117,7 +117,7 @@ class _Loop:
             a_law = plant.acceleration(q, v, command.torque, command.feedthrough)
         else:
             a_law = controller.acceleration(signals, self.measurement)
-        tau, drives = controller.respond(self.state, signals, command, a_law)
+        tau, drives = controller.respond(signals, command, a_law)
         self.torque = plant.motors(tau)
         a = a_law if self._ideal else plant.acceleration(q, v, self.torque)
         return np.concatenate([v, a, controller.rate(self.state, signals, drives).flat()])

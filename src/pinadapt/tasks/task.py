@@ -84,7 +84,7 @@ class Task(ABC):
         return None
 
     def known_velocity(self, xd: np.ndarray | None, xd_hat: np.ndarray) -> np.ndarray | None:
-        """Return the measured velocity xd (m) with the rows that the believed xd_hat (m) knows without a sensor."""
+        """Return the measured velocity xd (m) with the rows that the believed xd_hat (m) knows."""
         return xd
 
     def moved(self, x: np.ndarray, by: np.ndarray) -> np.ndarray:
