@@ -24,8 +24,9 @@ class BasisDynamics(InertialDynamics):
     def __init__(self, robot: Robot, B: ArrayLike, names: tuple[str, ...] | None = None) -> None:
         """Take a basis B (10 n, p) for a believed robot of n joints; names default to a1, a2, ...
 
-        Raises: ParameterError: wrong shape, non-finite entries, or columns that the dynamics cannot
-            tell apart.
+        Raises:
+            ParameterError: wrong shape, non-finite entries, or columns that the dynamics cannot
+                tell apart.
         """
         super().__init__(robot)
         rows = PER_BODY * robot.model.nv

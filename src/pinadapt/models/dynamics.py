@@ -18,8 +18,8 @@ class Dynamics(ABC):
 
     The torque is affine in the parameters, M a + C v + g = Y(q, v, a) a_d + tau_0(q, v, a), Wang
     and Xie (2009), equation (7); tau_0 holds the bodies that are not adapted and the rotor inertias
-    of ``model.armature``.
-    n: joints, p: number of parameters. ``load`` an estimate, then evaluate at it.
+    of ``model.armature``. n: joints, p: number of parameters. ``load`` an estimate, then evaluate
+    at it.
 
     Attributes:
         names: one name a parameter.

@@ -1,9 +1,8 @@
 """Unknown translations of a chain, in which position, velocity and acceleration of the frame are affine.
 
 Theory: x = sum_j R_parent(j)(q) p_j + R_n(q) p_e over the joint placements p_j and the frame's own
-    p_e, so that with
-p = p_0 + B a_k the task velocity is xdot = Y_k(q, v) a_k + y_k0(q, v): Wang and Xie (2009),
-equation (2), for any chain.
+p_e, so that with p = p_0 + B a_k the task velocity is xdot = Y_k(q, v) a_k + y_k0(q, v): Wang and
+Xie (2009), equation (2), for any chain.
 """
 
 from __future__ import annotations
@@ -25,9 +24,8 @@ class FrameKinematics:
 
     ``update`` evaluates everything at one state; the attributes then hold for that state until the
     next update. All are in world axes (LOCAL_WORLD_ALIGNED), rows of the task only. m: task size,
-    m_p: its positions (m, but 3 for a pose),
-    p: number of parameters. No translation turns the frame: the rotation rows of a pose have no
-        unknowns.
+    m_p: its positions (m, but 3 for a pose), p: number of parameters. No translation turns the
+    frame: the rotation rows of a pose have no unknowns.
 
     Attributes:
         names: one name a parameter.

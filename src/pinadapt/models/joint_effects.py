@@ -45,10 +45,14 @@ class JointEffects:
     The coefficients of the unknown kinds are parameters, one a joint; those of the other kinds are
     as believed and compensated as such. n: joints, p: unknown kinds times n.
 
-    Attributes: names: one name a parameter. size: p. initial: (p) believed values; an unknown
-        coefficient that is believed zero starts from a tenth of a typical one, because an estimate
-        kept positive by its own metric cannot leave zero. typical: (p) coefficients to be expected
-        of a robot of this size. armature: (n) at the loaded estimate [kg m^2 or kg].
+    Attributes:
+        names: one name a parameter.
+        size: p.
+        initial: (p) believed values; an unknown coefficient that is believed zero starts from a
+            tenth of a typical one, because an estimate kept positive by its own metric cannot leave
+            zero.
+        typical: (p) coefficients to be expected of a robot of this size.
+        armature: (n) at the loaded estimate [kg m^2 or kg].
     """
 
     def __init__(self, robot: Robot, unknown: str | Sequence[str] = ALL) -> None:

@@ -27,9 +27,13 @@ class RightInverse:
     Autom. 13 (1997) 398-410), mu^2 = mu_max^2 (1 - (s / s_0)^2), with mu_max^2 = s_0^2 / 2, the
     least for which |J^+| <= 1 / s_0 always.
 
-    Attributes: J: the Jacobian (m, n). gram_inverse: (J J^T + mu^2 I)^-1 (m, m). damping: mu^2.
-        smallest: s. unique: whether J^+ is the inverse itself, so that there is no null space: J
-        square and not damped.
+    Attributes:
+        J: the Jacobian (m, n).
+        gram_inverse: (J J^T + mu^2 I)^-1 (m, m).
+        damping: mu^2.
+        smallest: s.
+        unique: whether J^+ is the inverse itself, so that there is no null space: J square and not
+            damped.
     """
 
     def __init__(self, J: np.ndarray, threshold: float = 0.0) -> None:

@@ -21,10 +21,13 @@ LENGTHS = "lengths"
 class Translation:
     """One unknown translation p = offset + directions @ theta, of a joint's placement or of the task frame's.
 
-    Attributes: name: "tool", or the joint's name. joint: index of the joint whose placement it is,
-        or None for the task frame's own. directions: (3, k) columns in the parent joint's axes; the
-        identity for a wholly unknown translation. offset: (3) known part [m], parent axes. labels:
-        one name for each of the k parameters.
+    Attributes:
+        name: "tool", or the joint's name.
+        joint: index of the joint whose placement it is, or None for the task frame's own.
+        directions: (3, k) columns in the parent joint's axes; the identity for a wholly unknown
+            translation.
+        offset: (3) known part [m], parent axes.
+        labels: one name for each of the k parameters.
     """
 
     name: str
@@ -52,12 +55,15 @@ def unknown_translations(
 ) -> list[Translation]:
     """Turn a user's words into translations; ready-made translations pass through.
 
-    Args: robot: the believed robot; its placements give the directions of lengths. unknown: "tool"
-        or joint names (whole translations), "tool:length" or "joint:length" (along its direction),
-        "lengths" (every link's length, one a link, tool included).
+    Args:
+        robot: the believed robot; its placements give the directions of lengths.
+        unknown: "tool" or joint names (whole translations), "tool:length" or "joint:length" (along
+            its direction), "lengths" (every link's length, one a link, tool included).
 
-    Raises: ParameterError: a word twice, a translation that does not move the frame, or a length
-        without direction. RobotError: unknown joint.
+    Raises:
+        ParameterError: a word twice, a translation that does not move the frame, or a length
+            without direction.
+        RobotError: unknown joint.
     """
     words: list[str | Translation] = []
     for word in [unknown] if isinstance(unknown, str) else unknown:

@@ -22,13 +22,18 @@ from .urdf import mimic_joints, read_urdf
 class CatalogueEntry:
     """One robot of the catalogue: a fixed-base arm, or one limb of a larger robot whose root is welded.
 
-    Attributes: name: name in the catalogue. frame: default task frame. task: default task. origin:
-        "pinadapt", or the name of the loader in example-robot-data. path: URDF file for our own
-        robots, None for example-robot-data's. first: the limb's first joint, or None for the
-        base's; the joints before it are locked. tip: (3) [m] where the frame lies in the axes of
-        ``link``, for links that have no frame at their end, or None. link: the link that carries
-        the frame; the frame itself where there is no tip. q0: home pose, one angle a joint [rad or
-        m], or None for a searched one. about: a line for people.
+    Attributes:
+        name: name in the catalogue.
+        frame: default task frame.
+        task: default task.
+        origin: "pinadapt", or the name of the loader in example-robot-data.
+        path: URDF file for our own robots, None for example-robot-data's.
+        first: the limb's first joint, or None for the base's; the joints before it are locked.
+        tip: (3) [m] where the frame lies in the axes of ``link``, for links that have no frame at
+            their end, or None.
+        link: the link that carries the frame; the frame itself where there is no tip.
+        q0: home pose, one angle a joint [rad or m], or None for a searched one.
+        about: a line for people.
     """
 
     name: str

@@ -76,8 +76,9 @@ def check_joints(model: pin.Model, joints: Sequence[int]) -> None:
 def check_numbers(model: pin.Model) -> None:
     """Refuse models with numbers that no robot has.
 
-    Raises: RobotError: non-finite placements, inertias or gravity, or a negative mass; the joint is
-        named.
+    Raises:
+        RobotError: non-finite placements, inertias or gravity, or a negative mass; the joint is
+            named.
     """
     for name, placement, body in zip(
         model.names, model.jointPlacements, model.inertias, strict=True

@@ -108,12 +108,15 @@ class Robot:
     ) -> Robot:
         """Return another robot that differs from this one as stated; nothing is shared between the two models.
 
-        Args: inertial_scale: factor on mass and inertia of all bodies, or joint name -> factor.
+        Args:
+            inertial_scale: factor on mass and inertia of all bodies, or joint name -> factor.
             payload: load fixed to the last body; placed from this robot's frame, before the tool
-            moves it. tool_translation: (3) [m] added to the frame's origin, in the frame's axes.
+                moves it.
+            tool_translation: (3) [m] added to the frame's origin, in the frame's axes.
             link_translation: joint name -> (3) [m] added to that joint's placement, parent axes.
             armature: rotor inertia as the joint feels it, number or (nv) [kg m^2 or kg]; default:
-            as it is. viscous: friction, number or (nv) [N m s/rad or N s/m]; default: as it is.
+                as it is.
+            viscous: friction, number or (nv) [N m s/rad or N s/m]; default: as it is.
             coulomb: friction, number or (nv) [N m or N]; default: as it is.
 
         Raises:
@@ -173,17 +176,22 @@ def load(
 ) -> Robot:
     """Load any robot and keep the chain from its base to one frame.
 
-    Args: source: catalogue name, URDF path, ``pin.Model`` or ``RobotWrapper``; never written to.
-        frame: task frame, by default the catalogue's, else the model's last frame. task: "xy",
-        "xz", "yz", "xyz" or "pose", by default the catalogue's, else "xyz". locked: joints of the
-        chain to lock as well; joints off the chain always are. q0: home pose, one number a
-        remaining joint (nv) [rad or m]; by default the catalogue's, the description's own where it
-        is well conditioned, else a well-conditioned one inside the limits. gravity: (3) [m/s^2] in
-        world axes, by default the model's. weld_root: fix a floating base where the reference
-        configuration has it; always done for robots of the catalogue.
+    Args:
+        source: catalogue name, URDF path, ``pin.Model`` or ``RobotWrapper``; never written to.
+        frame: task frame, by default the catalogue's, else the model's last frame.
+        task: "xy", "xz", "yz", "xyz" or "pose", by default the catalogue's, else "xyz".
+        locked: joints of the chain to lock as well; joints off the chain always are.
+        q0: home pose, one number a remaining joint (nv) [rad or m]; by default the catalogue's, the
+            description's own where it is well conditioned, else a well-conditioned one inside the
+            limits.
+        gravity: (3) [m/s^2] in world axes, by default the model's.
+        weld_root: fix a floating base where the reference configuration has it; always done for
+            robots of the catalogue.
 
-    Raises: RobotError: missing file, bad XML, unknown frame or joint, floating base, mimic or
-        unsupported joints, a singular mass matrix, too few joints for the task, wrong sizes or NaN.
+    Raises:
+        RobotError: missing file, bad XML, unknown frame or joint, floating base, mimic or
+            unsupported joints, a singular mass matrix, too few joints for the task, wrong sizes or
+            NaN.
     """
     found = _describe(source)
     chosen = task_named(task or found.task or "xyz")

@@ -31,9 +31,13 @@ _TRACKED = 0.05  # of the radius, and of a radian: the errors left to the invers
 class WorkspaceCircle:
     """A circle through the home position, as ``reachable_circle`` finds it.
 
-    Attributes: plane: the two world axes that span it. phase: angle at which home lies on it, from
-        the first of them [rad]. radius: [m]. period: of a turn [s]. least_singular: smallest
-        singular value of the task Jacobian on the way, in parts of the one at home.
+    Attributes:
+        plane: the two world axes that span it.
+        phase: angle at which home lies on it, from the first of them [rad].
+        radius: [m].
+        period: of a turn [s].
+        least_singular: smallest singular value of the task Jacobian on the way, in parts of the one
+            at home.
     """
 
     plane: str

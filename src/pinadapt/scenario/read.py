@@ -28,8 +28,9 @@ def read_tables(path: Path, settings: Sequence[str] = ()) -> ScenarioTables:
 def check_tables(raw: Mapping[str, Any], where: str) -> ScenarioTables:
     """Return checked tables from raw ones.
 
-    Raises: ScenarioError: a key or value that is not allowed; the message names it, says what is,
-        and suggests the nearest.
+    Raises:
+        ScenarioError: a key or value that is not allowed; the message names it, says what is, and
+            suggests the nearest.
     """
     raw = dict(raw)
     if isinstance(raw.get("reference"), dict):

@@ -29,8 +29,9 @@ from .schema import (
 def trajectory_of(reference: Reference, true: Robot) -> Trajectory:
     """Return the desired motion; what the table leaves open, centre or orientation, is that of the true robot at home.
 
-    Raises: InputError: points or centres of the wrong size, a plane or an orientation that the task
-        has not.
+    Raises:
+        InputError: points or centres of the wrong size, a plane or an orientation that the task has
+            not.
     """
     start, task = true.position(true.q0), true.task
     place = task.position(start)

@@ -86,8 +86,9 @@ class Scenario:
     def check(self) -> None:
         """Refuse what only shows when true robot, controller and motion meet.
 
-        Raises: InputError: initial estimates or a motion of the wrong size, or estimates outside
-            the cone.
+        Raises:
+            InputError: initial estimates or a motion of the wrong size, or estimates outside the
+                cone.
         """
         belief = self.tables.belief
         with prefix_errors("belief"), warnings.catch_warnings():

@@ -62,8 +62,9 @@ class Template:
     def of(cls, source: str, *, frame: str | None = None, task: str | None = None) -> Template:
         """Choose what is not given: the likeliest frame, the largest task, a home pose and a circle.
 
-        Raises: RobotError: as ``load`` and ``reachable_circle``, or a robot without a chain of two
-            joints.
+        Raises:
+            RobotError: as ``load`` and ``reachable_circle``, or a robot without a chain of two
+                joints.
         """
         model, mimics = _whole(source)
         ends = end_links(model, mimics)

@@ -41,10 +41,14 @@ def write_animation(
     green, the true tool and its path are red. All in world axes. Neither robot is written to, no
     server is started and no browser opened.
 
-    Args: rollout: the run; with one sample or none the picture is still. true: the robot that was
-        driven. believed: the robot that the controller was made for. kinematics: the controller's
-        unknown translations, which ``rollout.a_k`` (N, p_k) [m] estimates. path: file to write; its
-        folder is made if it is missing. frames_per_second: of the animation, at most one a sample.
+    Args:
+        rollout: the run; with one sample or none the picture is still.
+        true: the robot that was driven.
+        believed: the robot that the controller was made for.
+        kinematics: the controller's unknown translations, which ``rollout.a_k`` (N, p_k) [m]
+            estimates.
+        path: file to write; its folder is made if it is missing.
+        frames_per_second: of the animation, at most one a sample.
 
     Returns:
         The path of the page.
