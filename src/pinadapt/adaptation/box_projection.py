@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import lsq_linear
 
 from .._checks import vector
 from .._compiled import compiled
@@ -107,6 +106,8 @@ class BoxProjection(Adaptation):
         clipped = np.minimum(np.maximum(x, low), high)
         if self._root is None or not np.isfinite(x).all():
             return clipped
+        from scipy.optimize import lsq_linear  # here, because scipy is slow to import
+
         # bounded variable least squares, exact up to rounding; its result is clipped against that
         y = lsq_linear(
             self._root, self._root.dot(x), bounds=(low, high), method="bvls", tol=1e-14

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import eigh
-from scipy.linalg.lapack import dpotrf
-from scipy.optimize import nnls
 
 from ..exceptions import DivergedError
 from ..models.dynamics import Dynamics
@@ -58,6 +55,9 @@ class MassMatrixProjection(Gradient):
         Raises:
             DivergedError: no parameters give a positive mass matrix, or the estimate is not finite.
         """
+        from scipy.linalg import eigh  # here, because scipy is slow to import
+        from scipy.linalg.lapack import dpotrf
+
         M_0, kept = self._believed.mass_matrix(q), a
         cuts: list[np.ndarray] = []
         bounds: list[float] = []
@@ -88,6 +88,8 @@ def _least_move(G: np.ndarray, h: np.ndarray) -> np.ndarray:
     Raises:
         DivergedError: there is none.
     """
+    from scipy.optimize import nnls
+
     scale = np.linalg.norm(G, axis=1)
     if not (scale > 0.0).all():
         raise DivergedError(_LOST)

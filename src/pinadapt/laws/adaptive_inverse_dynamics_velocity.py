@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import solve_continuous_lyapunov
 
 from .gains import Gains
 from .inertia import solve_inertia
@@ -37,6 +36,8 @@ class AdaptiveInverseDynamicsVelocity(Law):
 
     def __init__(self, gains: Gains, posture: Posture) -> None:
         """Solve the Lyapunov equation (31)."""
+        from scipy.linalg import solve_continuous_lyapunov  # here, because scipy is slow to import
+
         super().__init__(gains, posture)
         m = gains.K_P.shape[0]
         A = np.block([[np.zeros((m, m)), np.eye(m)], [-gains.K_P, -gains.K_v]])

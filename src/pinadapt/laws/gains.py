@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import block_diag
 
 from .._checks import definite_matrix, positive
 from ..exceptions import GainError
@@ -64,6 +63,8 @@ class Gains:
                 hint=f"Take alpha below {beta + weight:.4g}, or a larger Kv.",
             )
         if Q is None:
+            from scipy.linalg import block_diag  # here, because scipy is slow to import
+
             Q = (
                 block_diag(2.0 * weight * position, 2.0 * (velocity - weight * np.eye(size)))
                 if beta > 0.0

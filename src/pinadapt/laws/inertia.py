@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.linalg.lapack import dgesv
 
 from .._compiled import compiled
 from ..exceptions import DivergedError
@@ -24,6 +23,8 @@ def solve_inertia(M: np.ndarray, w: np.ndarray, watch: bool) -> np.ndarray:
         solution = np.empty(w.size)
         solved = _solve_definite(M, w, solution)
     else:
+        from scipy.linalg.lapack import dgesv  # here, because scipy is slow to import
+
         _, _, solution, info = dgesv(M.T, w)  # the transpose is in the order LAPACK wants
         solved = info == 0
     if not solved:

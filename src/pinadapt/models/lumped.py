@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg import qr
 
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
@@ -130,6 +129,8 @@ def _affine_hull(
 
     The weights (P) make the entries comparable, so that rounding can be told from change.
     """
+    from scipy.linalg import qr  # here, because scipy is slow to import
+
     changes = (samples[1:] - samples[0]) * weights
     _, R, order = qr(changes, mode="economic", pivoting=True)
     sizes = np.abs(np.diag(R))

@@ -17,7 +17,6 @@ from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg import qr, solve_triangular
 
 from .._compiled import compiled
 from .inertial_model import InertialModel
@@ -62,6 +61,8 @@ class LumpedBasis:
             model: any chain with these joints.
             tolerance: relative residual of the torque up to which a match counts as exact.
         """
+        from scipy.linalg import solve_triangular
+
         rotorless = model.copy()
         rotorless.armature = np.zeros(model.nv)
         data = rotorless.createData()
@@ -134,6 +135,8 @@ def _find(description: str, parts: tuple[_Part, ...]) -> LumpedBasis:
 
 def _independent(Y: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the columns of Y independent of the orthonormal Q and of each other, and the directions that they add to Q."""
+    from scipy.linalg import qr  # here, because scipy is slow to import
+
     norms = np.linalg.norm(Y, axis=0)
     alive = np.flatnonzero(norms > _DEAD * norms.max())
     rest = Y[:, alive] / norms[alive]

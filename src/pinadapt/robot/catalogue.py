@@ -122,7 +122,7 @@ def _example_path(origin: str) -> Path:
 @cache
 def _example_model(origin: str) -> pin.Model:
     """Read a robot of example-robot-data without its meshes; a floating base is left out."""
-    return read_urdf(_example_path(origin), meshes=False)[0]
+    return pin.buildModelFromUrdf(str(_example_path(origin)))
 
 
 @cache
