@@ -8,7 +8,6 @@ Xie (2009), equation (2), for any chain.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -16,7 +15,7 @@ import pinocchio as pin
 from .._compiled import compiled
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
-from .translations import Translation, placement_of, unknown_translations
+from .translations import PlacedTranslations, Translation, unknown_translations
 
 
 class FrameKinematics:
@@ -60,10 +59,7 @@ class FrameKinematics:
         self._model = robot.model.copy()
         self._data = self._model.createData()
         self._frame = robot.frame_id
-        self._unknown = [
-            (part, window, placement_of(self._model, self._frame, part.joint))
-            for part, window in zip(self.translations, self._split(), strict=True)
-        ]
+        self._placed = PlacedTranslations(self._model, self._frame, self.translations)
         self._parents = [self._parent(self._model, part) for part in self.translations]
         self._B = [None if part.whole else part.directions for part in self.translations]
         # Live views into Data: position rows of each parent joint's rotation, its angular velocity
@@ -74,7 +70,9 @@ class FrameKinematics:
         self._shape = (robot.task.size, self.size)
         self._columns = [
             (window, (R, w, np.array(part.directions, dtype=float)))
-            for (part, window, _), R, w in zip(self._unknown, self._R, self._w, strict=True)
+            for part, window, R, w in zip(
+                self.translations, self._placed.windows, self._R, self._w, strict=True
+            )
         ]
         self._zero, self._no_columns = np.zeros(self._model.nv), np.zeros((self._positions, 0))
         self._no_turning = np.zeros((robot.task.size - self._positions, self.size))
@@ -84,10 +82,6 @@ class FrameKinematics:
                 "the directions and offsets do not contain the believed robot's own placements."
             )
         self.initial = initial
-
-    def _split(self) -> list[slice]:
-        ends = np.cumsum([0] + [len(part.labels) for part in self.translations])
-        return [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
     def _parent(self, model: pin.Model, part: Translation) -> int:
         return int(
@@ -102,12 +96,7 @@ class FrameKinematics:
         None when no value of the parameters gives that robot's position: something else differs
         too.
         """
-        values = [
-            part.directions.T
-            @ (placement_of(robot.model, self._frame, part.joint).translation - part.offset)
-            for part in self.translations
-        ]
-        a_k = np.concatenate([np.zeros(0), *values])
+        a_k = PlacedTranslations(robot.model, self._frame, self.translations).read()
         q = pin.integrate(
             self._model, pin.neutral(self._model), np.linspace(0.3, 1.1, self._model.nv)
         )
@@ -117,8 +106,7 @@ class FrameKinematics:
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Evaluate the kinematics at estimate a_k (p) [m], configuration q (nq) and velocity v (nv)."""
         model, data = self._model, self._data
-        for part, window, placement in self._unknown:
-            placement.translation = a_k[window] if part.whole else part.at(a_k[window])
+        self._placed.write(a_k)
         pin.forwardKinematics(model, data, q, v, self._zero)
         pin.computeJointJacobians(model, data)
         aligned = (
@@ -176,7 +164,9 @@ class FrameKinematics:
         axes = data.J.reshape(6, self.nv)[
             3:
         ]  # (3, nv) world directions of the revolute axes, zero for prismatic joints
-        for (part, window, _), parent in zip(self._unknown, self._parents, strict=True):
+        for part, window, parent in zip(
+            self.translations, self._placed.windows, self._parents, strict=True
+        ):
             velocity = data.oMi[parent].rotation @ (part.directions @ a_k_rate[window])
             columns = slice(
                 0, model.joints[parent].idx_v + 1

@@ -13,7 +13,7 @@ from .bodies import ALL, chosen_bodies
 from .inertial import InertialDynamics
 from .lumped_basis import LumpedModel, LumpedRegressor, lumped_basis
 from .regressor import LABELS, PER_BODY
-from .translations import LENGTHS, Translation, unknown_translations
+from .translations import LENGTHS, PlacedTranslations, Translation, unknown_translations
 
 _NEGLIGIBLE = 1e-8  # relative size of what is left of a dependent entry
 
@@ -102,12 +102,10 @@ class LumpedDynamics(InertialDynamics):
     def _possible(self, robot: Robot, whole: np.ndarray) -> np.ndarray:
         """Return lumped vectors (N, p) for random lengths and random inertias of the chosen bodies, the believed one first."""
         rng, model = np.random.default_rng(1), robot.model.copy()
+        placed = PlacedTranslations(model, robot.frame_id, self.translations)
         samples = [whole]
         for _ in range(len(whole) + 20):
-            for part in self.translations:
-                model.jointPlacements[part.joint].translation = part.at(
-                    rng.uniform(-1.0, 1.0, (part.directions.shape[1],))
-                )
+            placed.write(rng.uniform(-1.0, 1.0, placed.size))
             for body in self.bodies:
                 model.inertias[body + 1] = _random_inertia(rng)
             sample = self._found.fit(model)

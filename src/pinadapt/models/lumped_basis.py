@@ -21,7 +21,7 @@ import pinocchio as pin
 from .._compiled import compiled
 from .inertial_model import InertialModel
 from .regressor import PER_BODY, Regressor
-from .translations import Translation
+from .translations import PlacedTranslations, Translation
 
 _DEPENDENT = 1e-8  # relative size of what is left of a dependent column: below 1e-12 in practice, of others above 1e-4
 _DEAD = 1e-12  # relative size of columns that are zero but for rounding
@@ -83,23 +83,15 @@ def lumped_basis(model: pin.Model, translations: Sequence[Translation]) -> Lumpe
     for joint in range(1, model.njoints):
         bare.inertias[joint] = pin.Inertia(1.0, np.zeros(3), np.zeros((3, 3)))
     parts = tuple(
-        (part.joint or 0, tuple(part.offset.tolist()), tuple(map(tuple, part.directions.tolist())))
+        (part.joint or 0, tuple(map(tuple, part.directions.tolist())), tuple(part.offset.tolist()))
         for part in translations
     )
-    _place(bare, parts, np.zeros(sum(part.directions.shape[1] for part in translations)))
+    placed = PlacedTranslations(bare, 0, translations)
+    placed.write(np.zeros(placed.size))
     return _find(bare.saveToString(), parts)
 
 
-_Part = tuple[int, tuple[float, ...], tuple[tuple[float, ...], ...]]  # joint, offset, directions
-
-
-def _place(model: pin.Model, parts: Sequence[_Part], theta: np.ndarray) -> None:
-    """Write the lengths theta into the placements."""
-    ends = np.cumsum([0] + [len(directions[0]) for _, _, directions in parts])
-    for (joint, offset, directions), (first, last) in zip(parts, pairwise(ends), strict=True):
-        model.jointPlacements[joint].translation = (
-            np.array(offset) + np.array(directions) @ theta[first:last]
-        )
+_Part = tuple[int, tuple[tuple[float, ...], ...], tuple[float, ...]]  # joint, directions, offset
 
 
 @lru_cache(maxsize=32)
@@ -111,15 +103,16 @@ def _find(description: str, parts: tuple[_Part, ...]) -> LumpedBasis:
     model, rng = pin.Model(), np.random.default_rng(0)
     model.loadFromString(description)
     states = _random_states(model, rng)
+    translations = [
+        Translation("", joint, np.array(directions), np.array(offset), ())
+        for joint, directions, offset in parts
+    ]
     models, kept, Y_kept, Q = [], [], [], np.zeros((len(states) * model.nv, 0))
     uneventful = 0
     while uneventful < _UNEVENTFUL:
         node = model.copy()
-        _place(
-            node,
-            parts,
-            rng.uniform(-1.0, 1.0, sum(len(directions[0]) for _, _, directions in parts)),
-        )
+        placed = PlacedTranslations(node, 0, translations)
+        placed.write(rng.uniform(-1.0, 1.0, placed.size))
         regressor = Regressor(node)
         Y = np.vstack([regressor(*state) for state in states])
         columns, directions = _independent(Y, Q)
