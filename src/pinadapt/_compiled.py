@@ -68,4 +68,4 @@ def _empty_cache(function: Callable[..., Any]) -> None:
     from numba import njit
 
     with suppress(RuntimeError, OSError):
-        njit(cache=True)(function)._cache.flush()
+        njit(cache=True)(function)._cache.flush()  # type: ignore[attr-defined]
