@@ -178,6 +178,19 @@ def test_an_existing_file_is_kept_unless_forced(tmp_path, capsys):
     assert "[reference]" in file.read_text()
 
 
+@pytest.mark.parametrize("name", ['say "ah"', "two\nlines", "tab\t#=[]'", "back\\slash\x07\u2028"])
+def test_the_file_is_valid_whatever_joints_links_and_files_are_called(tmp_path, name):
+    arm, link = tmp_path / f"{name}.urdf", name.replace("\x07", "")  # XML has no such letter
+    escaped = link.translate({34: "&quot;", 10: "&#10;", 9: "&#9;"})
+    text = ARM4.read_text().replace('"joint2"', f'"{escaped} joint"')
+    arm.write_text(text.replace('"tip"', f'"{escaped}"'))
+    file = written(tmp_path, arm, "--frame", link)
+    tables = read_toml(file)
+    assert tables["title"] == name
+    assert (tables["robot"]["source"], tables["robot"]["frame"]) == (str(arm), link)
+    assert Scenario.read(file).believed.joint_names[1] == f"{link} joint"
+
+
 ONE_JOINT = """<robot name="one"><link name="a"/><link name="b"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0"
 iyy="1" iyz="0" izz="1"/></inertial></link>
 <joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint></robot>"""
