@@ -395,7 +395,6 @@ def test_a_misspelt_word_is_told_the_nearest(setting, suggestion):
     [
         ("robot.task=joint", "robot.task", "xyz"),
         ("simulation.engine=mujoco", "simulation.engine", "pinocchio"),
-        ("reference.kind=sinusoid", "reference.kind", "lissajous"),
         ("controller.law=slotine-li", "controller.law", "adaptive-jacobian"),
         ("controller.law=approximate-jacobian", "controller.law", "adaptive-jacobian"),
     ],

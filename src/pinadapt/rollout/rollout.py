@@ -19,30 +19,21 @@ from .table import number, two_columns
 class Rollout:
     """A closed loop over N samples; ``print`` shows a table. All in SI units, positions in world axes.
 
-    Attributes:
-        title, robot, law, adaptation, task: what ran.
-        kinematic_names, dynamic_names: one name a parameter.
-        kinematic_base: how many combinations of the kinematic parameters motion can identify.
-        t: (N) time [s].
-        q, v, tau: (N, nq), (N, nv), (N, nv) true configuration and velocity, torque given by the
-            motors.
-        x, x_d, error: (N, m) true and desired task position, and their difference [m]; for a pose
-            (N, 7), (N, 7) and (N, 6), position [m] before quaternion xyzw or rotation vector [rad].
-        a_k, a_d: (N, p_k), (N, p_d) estimates.
-        a_k_true, a_d_true: the true parameters, or None where no value of the parameters is the
-            truth.
-        lyapunov: (N) V(t), or None where undefined.
-        min_eig_M_hat: (N) smallest eigenvalue of the estimated mass matrix.
-        min_singular_J_hat: (N) smallest singular value of the estimated Jacobian.
-        damping: (N) mu^2 of its right inverse, zero where that is exact; see
-            ``laws.right_inverse``.
-        damping_share: (N) mu^2 / (s_min^2 + mu^2), the largest share of a commanded task motion
-            that the damping takes away.
-        saturated: (N) whether a torque was at its limit.
-        diverged: time [s] at which the loop left every bound, or None; the arrays end there.
-        reason: why it diverged, or None.
-        wall_time: seconds for the whole run.
-        step_time: mean seconds of one controller step; zero in continuous mode, which has no steps.
+    Attributes: title, robot, law, adaptation, task: what ran. kinematic_names, dynamic_names: one
+        name a parameter. kinematic_base: how many combinations of the kinematic parameters motion
+        can identify. t: (N) time [s]. q, v, tau: (N, nq), (N, nv), (N, nv) true configuration and
+        velocity, torque given by the motors. x, x_d, error: (N, m) true and desired task position,
+        and their difference [m]; for a pose (N, 7), (N, 7) and (N, 6), position [m] before
+        quaternion xyzw or rotation vector [rad]. a_k, a_d: (N, p_k), (N, p_d) estimates. a_k_true,
+        a_d_true: the true parameters, or None where no value of the parameters is the truth.
+        lyapunov: (N) V(t), or None where undefined. min_eig_M_hat: (N) smallest eigenvalue of the
+        estimated mass matrix. min_singular_J_hat: (N) smallest singular value of the estimated
+        Jacobian. damping: (N) mu^2 of its right inverse, zero where that is exact; see
+        ``laws.right_inverse``. damping_share: (N) mu^2 / (s_min^2 + mu^2), the largest share of a
+        commanded task motion that the damping takes away. saturated: (N) whether a torque was at
+        its limit. diverged: time [s] at which the loop left every bound, or None; the arrays end
+        there. reason: why it diverged, or None. wall_time: seconds for the whole run. step_time:
+        mean seconds of one controller step; zero in continuous mode, which has no steps.
     """
 
     title: str
