@@ -191,8 +191,8 @@ def test_the_file_is_valid_whatever_joints_links_and_files_are_called(tmp_path, 
     assert Scenario.read(file).believed.joint_names[1] == f"{link} joint"
 
 
-ONE_JOINT = """<robot name="one"><link name="a"/><link name="b"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0"
-iyy="1" iyz="0" izz="1"/></inertial></link>
+ONE_JOINT = """<robot name="one"><link name="a"/><link name="b"><inertial><mass value="1"/>
+<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
 <joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint></robot>"""
 
 

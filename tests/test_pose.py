@@ -133,7 +133,9 @@ def test_pose_trajectories_are_twice_differentiated_exactly(orientation, t):
     for motion in (path, path.starting_at(start)):
         now = motion.at(t)
         assert np.allclose(
-            now.xd_d, derivative(lambda h: POSE.error(motion.at(t + h).x_d, now.x_d)), atol=1e-9
+            now.xd_d,
+            derivative(lambda h, t=t, now=now: POSE.error(motion.at(t + h).x_d, now.x_d)),
+            atol=1e-9,
         )
         assert np.allclose(now.xdd_d, derivative(lambda h: motion.at(t + h).xd_d), atol=1e-8)  # noqa: B023
         assert np.isclose(np.linalg.norm(now.x_d[3:]), 1.0)

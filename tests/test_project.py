@@ -1,4 +1,4 @@
-"""The project keeps its own promises: arrows run one way, names resolve, everything public is documented, the README runs."""
+"""The project keeps its own rules: imports, sizes, names, documentation, the README."""
 
 import ast
 import importlib

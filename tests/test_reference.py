@@ -1,4 +1,4 @@
-"""The closed loops of Wang and Xie's arm against hand-written closed-form equations, and what sampling does to them."""
+"""The closed loops of Wang and Xie's arm against hand-written closed-form equations."""
 
 import re
 from pathlib import Path
@@ -83,7 +83,7 @@ def test_truth_is_the_papers():
 
 @pytest.mark.parametrize("dt", [1e-4, 5e-4, 1e-3, 2e-3, 5e-3])
 def test_natural_adaptation_is_stable_at_every_sampling_period(dt):
-    """Law (11) with the published filter, whose published adaptation drives M_hat through singularity."""
+    """Law (11) with the published filter; the published adaptation makes M_hat singular."""
     natural = controller("adaptive-inverse-dynamics", "natural", gamma_d=1.0)
     rollout = pa.simulate(
         catalogue_robot("planar_2r"), natural, CIRCLE, duration=4.0, dt=dt, **WRONG

@@ -5,9 +5,10 @@ over a hundred of them. A kernel is a plain function of float arrays that states
 compiles it for one signature, whose arrays may have any memory layout unless it says otherwise.
 Arithmetic stays IEEE: nothing is reordered, a division by zero gives inf, and NaN comes through.
 The machine code is kept on disk beside the source, or in the user's cache where that cannot be
-written, or nowhere; a damaged file is replaced. Kernels fill arrays that their caller has made, because numba is slow at returning arrays,
-and do not call each other, because the copy on disk would not see the other change. They do not
-check the sizes of their arrays: callers pass what numpy or Pinocchio made or checked.
+written, or nowhere; a damaged file is replaced. Kernels fill arrays that their caller has made,
+because numba is slow at returning arrays, and do not call each other, because the copy on disk
+would not see the other change. They do not check the sizes of their arrays: callers pass what numpy
+or Pinocchio made or checked.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""``pinadapt init``: a scenario file for a robot of one's own."""
+"""``pinadapt init``: a scenario file for any robot."""
 
 from __future__ import annotations
 

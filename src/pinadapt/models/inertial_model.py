@@ -68,7 +68,7 @@ class InertialModel:
 
 @compiled("f8(f8[:], f8[:], f8[:,:])")
 def _take(pi: np.ndarray, ballast: np.ndarray, tens: np.ndarray) -> float:
-    """Write pi (10 n) and c times the ballast (10 n) as rows, n of ten parameters; return c, zero where no body needs it."""
+    """Write pi + c ballast (10 n) as n rows of ten; return c, zero where no body needs it."""
     lightest = pi[0]
     for b in range(len(tens)):
         lightest = min(lightest, pi[PER_BODY * b])

@@ -23,7 +23,7 @@ from .inertial_model import InertialModel
 from .regressor import PER_BODY, Regressor
 from .translations import PlacedTranslations, Translation
 
-_DEPENDENT = 1e-8  # relative size of what is left of a dependent column: below 1e-12 in practice, of others above 1e-4
+_DEPENDENT = 1e-8  # relative rest of a dependent column; it is below 1e-12, others' above 1e-4
 _DEAD = 1e-12  # relative size of columns that are zero but for rounding
 _UNEVENTFUL = 2  # random nodes in a row that must bring nothing new
 
@@ -51,11 +51,11 @@ class LumpedBasis:
 
     @property
     def weights(self) -> np.ndarray:
-        """Size (p) of each parameter's column over the random states, which makes parameters comparable."""
+        """Size (p) of each parameter's column over the states: it makes parameters comparable."""
         return np.asarray(np.linalg.norm(self._R, axis=0))
 
     def fit(self, model: pin.Model, *, tolerance: float = 1e-8) -> np.ndarray | None:
-        """Return the lumped vector with which the virtual chains move as ``model`` does without rotors, or None if none does.
+        """Return the lumped vector of a model without rotors, or None if it has none.
 
         Args:
             model: any chain with these joints.
@@ -77,7 +77,7 @@ class LumpedBasis:
 
 
 def lumped_basis(model: pin.Model, translations: Sequence[Translation]) -> LumpedBasis:
-    """Return the base of a chain's dynamics for unknown translations of its joints, found once a process for each chain."""
+    """Return the base of a chain's dynamics for unknown translations; found once a process."""
     bare = model.copy()
     bare.armature, bare.name = np.zeros(model.nv), ""
     for joint in range(1, model.njoints):
@@ -96,9 +96,10 @@ _Part = tuple[int, tuple[tuple[float, ...], ...], tuple[float, ...]]  # joint, d
 
 @lru_cache(maxsize=32)
 def _find(description: str, parts: tuple[_Part, ...]) -> LumpedBasis:
-    """Take random nodes, and of each the columns that the nodes before do not span, until further nodes bring nothing.
+    """Take random nodes, and of each the columns that the nodes before do not span.
 
-    A node drawn at random lies in the span only if, but for a set of measure zero, all do.
+    The search ends when further nodes bring nothing: a node drawn at random lies in the span only
+    if, but for a set of measure zero, all do.
     """
     model, rng = pin.Model(), np.random.default_rng(0)
     model.loadFromString(description)
@@ -127,7 +128,7 @@ def _find(description: str, parts: tuple[_Part, ...]) -> LumpedBasis:
 
 
 def _independent(Y: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the columns of Y independent of the orthonormal Q and of each other, and the directions that they add to Q."""
+    """Return the columns of Y independent of Q and each other, and what they add to Q."""
     from scipy.linalg import qr  # here, because scipy is slow to import
 
     norms = np.linalg.norm(Y, axis=0)
@@ -207,7 +208,7 @@ class LumpedModel(InertialModel):
         self._a = pi.copy()
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Return M a + C v + g (n) [N m or N]: by the regressor, which is quicker than writing all the virtual bodies."""
+        """Return M a + C v + g (n) [N m or N], by the regressor, which is the quickest way."""
         return self._regressor(q, v, a).dot(self._a) + self._armature * a
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:

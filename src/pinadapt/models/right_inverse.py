@@ -1,4 +1,4 @@
-"""A right inverse of the believed Jacobian, damped near its singularities, and the null space it leaves."""
+"""A right inverse of the believed Jacobian, damped near singularities, and its null space."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _LOST_RANK = 1e14  # (|J|_F / s)^2; the Gram matrix cannot tell more from roundi
 
 
 class RightInverse:
-    """J^+ = J^T (J J^T + mu^2 I)^-1 of a Jacobian J (m, n), m <= n; mu = 0 wherever J is well conditioned.
+    """J^+ = J^T (J J^T + mu^2 I)^-1 of J (m, n), m <= n; mu = 0 where J is well conditioned.
 
     Null-space motion psi enters as J^+ u + (I - J^+ J) psi. Undamped, J times it is u: the task
     does not feel psi. Damped, J times it is u - mu^2 (J J^T + mu^2 I)^-1 (u - J psi): the task is
@@ -47,14 +47,15 @@ class RightInverse:
         self.smallest, self.damping, lost = _invert_gram(J, threshold, self.gram_inverse)
         if lost:
             raise DivergedError(
-                "the believed Jacobian lost rank: the arm is at a singularity of the estimated kinematics. "
-                "Keep the path away from the workspace's edge, start nearer to the true kinematics, or damp the inverse "
+                "the believed Jacobian lost rank: the arm is at a singularity of the estimated "
+                "kinematics. Keep the path away from the workspace's edge, start nearer to the "
+                "true kinematics, or damp the inverse "
                 "(damping = 0.2)."
             )
         self.unique = m == n and not self.damping
 
     def solve(self, u: np.ndarray, psi: np.ndarray | None) -> np.ndarray:
-        """Return J^+ u + (I - J^+ J) psi (n), u (m) and psi (n), which is None where the inverse is unique."""
+        """Return J^+ u + (I - J^+ J) psi (n), u (m), psi (n) or None where J^+ is unique."""
         if psi is None:
             return self.gram_inverse.dot(u).dot(self.J)
         return psi + self.gram_inverse.dot(u - self.J.dot(psi)).dot(self.J)
@@ -67,7 +68,7 @@ class RightInverse:
         psid: np.ndarray,
         Jdot: np.ndarray,
     ) -> np.ndarray:
-        """Return the time derivative (n) of ``solve(u, psi)`` while u, psi and J move at ud, psid and Jdot.
+        """Return d/dt (n) of ``solve(u, psi)`` while u, psi and J move at ud, psid and Jdot.
 
         With y = (J J^T + mu^2 I)^-1 (u - J psi), which makes the solution r = psi + J^T y, it is
         J^+ (ud - Jdot r - y d(mu^2)/dt) + (I - J^+ J) (psid + Jdot^T y).
@@ -89,7 +90,7 @@ class RightInverse:
         )
 
     def _damping_rate(self, Jdot: np.ndarray) -> float:
-        """Return d(mu^2)/dt = -d(s^2)/dt / 2 = -sum_i (s / sigma_i)^4 d(sigma_i^2)/dt / 2; the ratios are at most one."""
+        """Return d(mu^2)/dt = -d(s^2)/dt / 2 = -sum_i (s / sigma_i)^4 d(sigma_i^2)/dt / 2."""
         U, sigma, _ = np.linalg.svd(self.J, full_matrices=False)
         sigma = np.maximum(sigma, np.finfo(float).eps * sigma[0])
         halves = np.diag(U.T @ Jdot @ self.J.T @ U)  # d(sigma_i^2)/dt / 2

@@ -115,7 +115,7 @@ def unknown_translations(
 
 
 def placement_of(model: pin.Model, frame: int, joint: int | None) -> pin.SE3:
-    """Return the placement of a joint, or of the frame for None; writing to it writes to the model."""
+    """Return the live placement of a joint, or of the frame where ``joint`` is None."""
     return model.frames[frame].placement if joint is None else model.jointPlacements[joint]
 
 

@@ -20,7 +20,7 @@ from .urdf import mimic_joints, read_urdf
 
 @dataclass(frozen=True)
 class CatalogueEntry:
-    """One robot of the catalogue: a fixed-base arm, or one limb of a larger robot whose root is welded.
+    """A robot of the catalogue: an arm, or one limb of a larger robot whose root is welded.
 
     Attributes:
         name: name in the catalogue.
@@ -33,7 +33,7 @@ class CatalogueEntry:
             their end, or None.
         link: the link that carries the frame; the frame itself where there is no tip.
         q0: home pose, one angle a joint [rad or m], or None for a searched one.
-        about: a line for people.
+        about: a remark.
     """
 
     name: str
@@ -48,7 +48,7 @@ class CatalogueEntry:
     about: str
 
     def load(self) -> tuple[pin.Model, pin.GeometryModel | None, Any, frozenset[str]]:
-        """Return the whole model, its visual geometry, a reference configuration (nq) or None, and its mimic joints.
+        """Return the whole model, its visual geometry, its own pose (nq) or None, and its mimics.
 
         A robot of example-robot-data is read once in a process, whichever of its limbs are asked
         for.
@@ -131,7 +131,7 @@ def _example_mimics(origin: str) -> frozenset[str]:
 
 
 def robots_folder() -> Path:
-    """Return the folder of our own robots: inside an installed package, or beside ``src`` in a checkout."""
+    """Return the folder of our own robots: inside the package, or beside ``src`` in a checkout."""
     package = Path(__file__).resolve().parents[1]
     for folder in (package / "robots", package.parents[1] / "robots"):
         if (folder / "catalogue.toml").is_file():
@@ -171,7 +171,8 @@ def catalogue_entry(name: str) -> CatalogueEntry:
     """
     if name not in catalogue():
         raise RobotError(
-            f"'{name}' is neither a robot of the catalogue nor a URDF file.{did_you_mean(name, catalogue())}",
+            f"'{name}' is neither a robot of the catalogue nor a URDF file."
+            f"{did_you_mean(name, catalogue())}",
             where="source",
             hint="See `pinadapt robots`.",
         )

@@ -81,7 +81,7 @@ class Robot:
         return self.task.at(self.model, self.model.createData(), self.frame_id, q)
 
     def placement(self, q: np.ndarray) -> pin.SE3:
-        """Return the placement of the task frame of this description at configuration q (nq), in world axes."""
+        """Return the placement of the described task frame at q (nq), in world axes."""
         data = self.model.createData()
         pin.framesForwardKinematics(self.model, data, q)
         return data.oMf[self.frame_id].copy()
@@ -106,7 +106,7 @@ class Robot:
         viscous: ArrayLike | None = None,
         coulomb: ArrayLike | None = None,
     ) -> Robot:
-        """Return another robot that differs from this one as stated; nothing is shared between the two models.
+        """Return another robot that differs from this one as stated; the models share nothing.
 
         Args:
             inertial_scale: factor on mass and inertia of all bodies, or joint name -> factor.
@@ -204,7 +204,8 @@ def load(
         model.gravity.linear = vector(gravity, 3, "gravity", error=RobotError)
     if model.nv < chosen.size:
         raise RobotError(
-            f"task '{chosen.name}' has {chosen.size} coordinates, the chain to '{name}' only {model.nv} joints.",
+            f"task '{chosen.name}' has {chosen.size} coordinates, the chain to '{name}' only "
+            f"{model.nv} joints.",
             where="task",
             hint="Take a frame further out, or a smaller task.",
         )
@@ -265,7 +266,7 @@ def _describe(source: Source) -> _Description:
 def _kept_joints(
     found: _Description, frame: str, locked: Sequence[str], weld_root: bool
 ) -> list[int]:
-    """Return the joints from base to frame that are not locked, after refusing the unsupported ones."""
+    """Return the joints from base to frame that are not locked; refuse the unsupported ones."""
     chain = chain_joints(found.model, frame_id(found.model, frame))
     if weld_root:
         chain = [j for j in chain if not is_free_flyer(found.model.joints[j])]
@@ -288,7 +289,7 @@ def _kept_joints(
 
 
 def _reference_poses(found: _Description, model: pin.Model, keep: Sequence[int]) -> list[Any]:
-    """Return the description's own poses of the chain (nq): its reference configuration and the neutral one."""
+    """Return the description's poses of the chain (nq): its reference and the neutral one."""
     parts = [
         found.q_reference[j.idx_q : j.idx_q + j.nq] for j in (found.model.joints[k] for k in keep)
     ]

@@ -1,4 +1,4 @@
-"""Reading a URDF file, with errors a person can act on."""
+"""Reading a URDF file."""
 
 from __future__ import annotations
 
@@ -12,12 +12,14 @@ from ..exceptions import RobotError
 
 
 def is_path(source: str | Path) -> bool:
-    """Tell whether a robot's source is the path of a file; any other text is a name in the catalogue."""
+    """Tell whether a source is the path of a file; other text is a name in the catalogue."""
     return isinstance(source, Path) or "/" in source or source.endswith((".urdf", ".xml"))
 
 
 def read_urdf(path: Path, *, meshes: bool = True) -> tuple[pin.Model, pin.GeometryModel | None]:
-    """Build the model of a URDF file, and its visual geometry when the meshes can be found; a warning tells where they are not.
+    """Build the model of a URDF file, and its visual geometry where the meshes are found.
+
+    A warning tells which mesh is missing.
 
     Args:
         path: the URDF file; meshes named ``package://`` are searched in the folders above it.
@@ -33,7 +35,8 @@ def read_urdf(path: Path, *, meshes: bool = True) -> tuple[pin.Model, pin.Geomet
         raise RobotError(
             "this XML is not a valid URDF; the parser's own words stand above.",
             where=str(path),
-            hint="Every joint needs a parent and child that exist, revolute and prismatic ones also <limit>.",
+            hint="Every joint needs a parent and child that exist, revolute and prismatic ones "
+            "also <limit>.",
         ) from error
     if not meshes:
         return model, None
@@ -42,20 +45,19 @@ def read_urdf(path: Path, *, meshes: bool = True) -> tuple[pin.Model, pin.Geomet
         visual = pin.buildGeomFromUrdf(
             model, str(path), pin.GeometryType.VISUAL, package_dirs=folders
         )
-    except (
-        Exception
-    ) as error:  # a mesh that cannot be found must not keep a robot from being controlled
+    except Exception as error:  # a robot can be controlled without its meshes
         visual = None
         warnings.warn(
-            f"{path}: {str(error).strip().rstrip('.')}. The robot is drawn as a stick figure. Meshes are looked for in the "
-            "folders above the file and in the folders of ROS_PACKAGE_PATH.",
+            f"{path}: {str(error).strip().rstrip('.')}. The robot is drawn as a stick figure. "
+            "Meshes are looked for in the folders above the file and in the folders of "
+            "ROS_PACKAGE_PATH.",
             stacklevel=2,
         )
     return model, visual
 
 
 def mimic_joints(path: Path) -> frozenset[str]:
-    """Return the names of the joints that mimic another; Pinocchio's parser makes them independent by default."""
+    """Return the names of the joints that mimic another; Pinocchio makes them independent."""
     robot = ElementTree.parse(path).getroot()
     return frozenset(
         joint.get("name", "") for joint in robot.iter("joint") if joint.find("mimic") is not None

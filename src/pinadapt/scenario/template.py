@@ -55,7 +55,7 @@ class Template:
 
     @classmethod
     def of(cls, source: str, *, frame: str | None = None, task: str | None = None) -> Template:
-        """Choose what is not given: the likeliest frame, the largest task, a home pose and a circle.
+        """Choose what is not given: likeliest frame, largest task, a home pose and a circle.
 
         Raises:
             RobotError: as ``load`` and ``reachable_circle``, or a robot without a chain of two
