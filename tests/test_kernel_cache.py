@@ -1,4 +1,4 @@
-"""Machine code on disk: kept, repaired where it is damaged, done without where nothing can be written."""
+"""Machine code on disk: kept, repaired where damaged, done without where none can be written."""
 
 import os
 import subprocess
