@@ -9,8 +9,8 @@ import pytest
 import pinadapt as pa
 from pinadapt._toml import read_toml
 from pinadapt.cli.main import main
-from pinadapt.robot.catalogue import _example_path
 from pinadapt.robot.end_links import end_links
+from pinadapt.robot.example_robots import example_path
 from pinadapt.robot.urdf import mimic_joints, read_urdf
 from pinadapt.robot.workspace import reach
 from pinadapt.scenario.scenario import Scenario
@@ -32,8 +32,8 @@ def written(folder, source, *options):
         ("solo8_fl_leg", "FL_FOOT", "xz"),
         ("allegro_left_thumb", "link_15.0_tip", "xyz"),
         ("kinova", "j2s6s200_end_effector", "xyz"),
-        (_example_path("double_pendulum_simple"), "link3", "yz"),
-        (_example_path("ur10"), "ee_link", "xyz"),
+        (example_path("double_pendulum_simple"), "link3", "yz"),
+        (example_path("ur10"), "ee_link", "xyz"),
     ],
     ids=lambda value: Path(value).stem if isinstance(value, Path) else None,
 )
@@ -228,13 +228,13 @@ def test_refusals_are_status_2_and_write_nothing(arguments, words, tmp_path, mon
     ],
 )
 def test_the_likeliest_end_comes_first(origin, first):
-    path = _example_path(origin)
-    ends = end_links(read_urdf(path, meshes=False)[0], mimic_joints(path))
+    path = example_path(origin)
+    ends = end_links(read_urdf(path), mimic_joints(path))
     assert ends[0] == first
 
 
 def test_links_behind_mimic_joints_are_no_ends():
-    path = _example_path("tiago_pro")
-    model = read_urdf(path, meshes=False)[0]
+    path = example_path("tiago_pro")
+    model = read_urdf(path)
     assert "gripper_left_fingertip_left_link" in end_links(model)
     assert "gripper_left_fingertip_left_link" not in end_links(model, mimic_joints(path))

@@ -9,7 +9,7 @@ import pytest
 import pinadapt as pa
 from pinadapt._toml import read_toml
 from pinadapt.cli.main import main
-from pinadapt.robot.catalogue import _example_path
+from pinadapt.robot.example_robots import example_path
 from pinadapt.robot.position_limits import position_limits
 from pinadapt.robot.workspace import reach
 from pinadapt.scenario.scenario import Scenario
@@ -72,7 +72,7 @@ def test_holding_the_orientation_asks_for_more_than_the_position_alone():
     assert pa.reachable_circle(robot).radius < 0.8 * pa.reachable_circle(free).radius
 
 
-@pytest.mark.parametrize("source", ["panda", _example_path("ur10")], ids=["panda", "urdf"])
+@pytest.mark.parametrize("source", ["panda", example_path("ur10")], ids=["panda", "urdf"])
 def test_init_writes_a_pose_scenario_that_runs(source, tmp_path):
     file = tmp_path / "pose.toml"
     assert main(["init", str(source), "--task", "pose", "--out", str(file)]) == 0

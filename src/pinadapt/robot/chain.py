@@ -138,18 +138,30 @@ def angles_from_configuration(model: pin.Model, q: np.ndarray) -> np.ndarray:
     return np.asarray(pin.difference(model, pin.neutral(model), q))
 
 
-def reduce_to_chain(
-    model: pin.Model, visual: pin.GeometryModel | None, keep: Sequence[int], q_reference: np.ndarray
-) -> tuple[pin.Model, pin.GeometryModel | None]:
+def reduce_to_chain(model: pin.Model, keep: Sequence[int], q_reference: np.ndarray) -> pin.Model:
     """Lock every joint but ``keep`` at ``q_reference`` (nq of the whole), on a copy."""
+    return _reduced(model, [], keep, q_reference)[0]
+
+
+def reduce_visual(
+    model: pin.Model, visual: pin.GeometryModel, keep: Sequence[int], q_reference: np.ndarray
+) -> pin.GeometryModel:
+    """Return the visual geometry of a chain from that of the whole model."""
+    return _reduced(model, [visual], keep, q_reference)[1][0]
+
+
+def _reduced(
+    model: pin.Model,
+    visuals: list[pin.GeometryModel],
+    keep: Sequence[int],
+    q_reference: np.ndarray,
+) -> tuple[pin.Model, Sequence[pin.GeometryModel]]:
     lock = [joint for joint in range(1, model.njoints) if joint not in set(keep)]
     model = model.copy()
     _rename_links(model, mark=True)
-    reduced, geometries = pin.buildReducedModel(
-        model, [] if visual is None else [visual], lock, q_reference
-    )
+    reduced, geometries = pin.buildReducedModel(model, visuals, lock, q_reference)
     _rename_links(reduced, mark=False)
-    return reduced, geometries[0] if len(geometries) else None
+    return reduced, geometries
 
 
 _LINK = "(link) "

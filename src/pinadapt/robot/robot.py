@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -31,7 +32,8 @@ from .chain import (
 )
 from .friction import Friction
 from .home import find_home
-from .urdf import is_path, mimic_joints, read_urdf
+from .urdf import is_path, mimic_joints, read_urdf, read_visual
+from .visual import Visual
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +49,7 @@ class Robot:
         task: the controlled coordinates of that frame.
         q0: (nq) home configuration.
         friction: joint friction, of the real robot or as believed; descriptions have none.
-        visual: geometry to draw, or None.
+        drawn: its visual geometry, not read yet, or None.
     """
 
     name: str
@@ -56,7 +58,12 @@ class Robot:
     task: Task
     q0: np.ndarray
     friction: Friction
-    visual: pin.GeometryModel | None = None
+    drawn: Visual | None = None
+
+    @property
+    def visual(self) -> pin.GeometryModel | None:
+        """The geometry to draw, read when it is first asked for, or None."""
+        return None if self.drawn is None else self.drawn.geometry
 
     @property
     def frame_id(self) -> int:
@@ -155,7 +162,7 @@ class _Description:
 
     name: str
     model: pin.Model
-    visual: pin.GeometryModel | None
+    visual: Callable[[], pin.GeometryModel | None] | None
     q_reference: np.ndarray
     mimics: frozenset[str] = frozenset()
     frame: str | None = None
@@ -199,7 +206,7 @@ def load(
     locked = [*found.locked, *([locked] if isinstance(locked, str) else locked)]
     keep = _kept_joints(found, name, locked, weld_root or found.weld_root)
     check_numbers(found.model)
-    model, visual = reduce_to_chain(found.model, found.visual, keep, found.q_reference)
+    model = reduce_to_chain(found.model, keep, found.q_reference)
     if gravity is not None:
         model.gravity.linear = vector(gravity, 3, "gravity", error=RobotError)
     if model.nv < chosen.size:
@@ -210,7 +217,8 @@ def load(
             hint="Take a frame further out, or a smaller task.",
         )
     poses = _reference_poses(found, model, keep)
-    robot = Robot(found.name, model, name, chosen, poses[0], Friction.none(model.nv), visual)
+    drawn = found.visual and Visual(found.visual, found.model, tuple(keep), found.q_reference)
+    robot = Robot(found.name, model, name, chosen, poses[0], Friction.none(model.nv), drawn)
     robot = (
         replace(robot, q0=find_home(model, robot.frame_id, chosen.rows, poses))
         if q0 is None
@@ -228,16 +236,17 @@ def _describe(source: Source) -> _Description:
     if isinstance(source, RobotWrapper):
         q_reference = getattr(source, "q0", None)
         q_reference = pin.neutral(source.model) if q_reference is None else q_reference
-        return _Description(str(source.model.name), source.model, source.visual_model, q_reference)
+        visual = partial(_given, source.visual_model)
+        return _Description(str(source.model.name), source.model, visual, q_reference)
     if isinstance(source, pin.Model):
         return _Description(str(source.name), source, None, pin.neutral(source))
     if is_path(source):
         path = Path(source)
-        model, visual = read_urdf(path)
+        model, visual = read_urdf(path), partial(read_visual, path)
         return _Description(str(model.name), model, visual, pin.neutral(model), mimic_joints(path))
     entry = catalogue_entry(str(source))
-    model, visual, q_reference, mimics = entry.load()
-    q_reference = pin.neutral(model) if q_reference is None else np.array(q_reference)
+    model, q_reference, mimics = entry.load()
+    q_reference = np.array(q_reference)
     limb = entry.limb(model)
     for joint, angle in zip(limb, entry.q0 or (), strict=entry.q0 is not None):
         part = model.joints[joint]
@@ -253,7 +262,7 @@ def _describe(source: Source) -> _Description:
     return _Description(
         entry.name,
         model,
-        visual,
+        entry.visual,
         q_reference,
         mimics,
         entry.frame,
@@ -261,6 +270,11 @@ def _describe(source: Source) -> _Description:
         before,
         weld_root=True,
     )
+
+
+def _given(visual: pin.GeometryModel | None) -> pin.GeometryModel | None:
+    """Return a geometry that has been read before."""
+    return visual
 
 
 def _kept_joints(

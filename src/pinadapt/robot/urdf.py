@@ -16,21 +16,15 @@ def is_path(source: str | Path) -> bool:
     return isinstance(source, Path) or "/" in source or source.endswith((".urdf", ".xml"))
 
 
-def read_urdf(path: Path, *, meshes: bool = True) -> tuple[pin.Model, pin.GeometryModel | None]:
-    """Build the model of a URDF file, and its visual geometry where the meshes are found.
-
-    A warning tells which mesh is missing.
-
-    Args:
-        path: the URDF file; meshes named ``package://`` are searched in the folders above it.
-        meshes: whether to look for the visual geometry at all.
+def read_urdf(path: Path) -> pin.Model:
+    """Build the model of a URDF file.
 
     Raises:
         RobotError: no such file, not XML, or not a URDF.
     """
     _check_xml(path)
     try:
-        model = pin.buildModelFromUrdf(str(path))
+        return pin.buildModelFromUrdf(str(path))
     except Exception as error:
         raise RobotError(
             "this XML is not a valid URDF; the parser's own words stand above.",
@@ -38,22 +32,26 @@ def read_urdf(path: Path, *, meshes: bool = True) -> tuple[pin.Model, pin.Geomet
             hint="Every joint needs a parent and child that exist, revolute and prismatic ones "
             "also <limit>.",
         ) from error
-    if not meshes:
-        return model, None
+
+
+def read_visual(path: Path) -> pin.GeometryModel | None:
+    """Read the visual geometry of a URDF file, or warn and return None where a mesh is missing.
+
+    Meshes named ``package://`` are searched in the folders above the file.
+    """
+    model, folders = read_urdf(path), [str(folder) for folder in path.resolve().parents]
     try:
-        folders = [str(folder) for folder in path.resolve().parents]
-        visual = pin.buildGeomFromUrdf(
+        return pin.buildGeomFromUrdf(
             model, str(path), pin.GeometryType.VISUAL, package_dirs=folders
         )
     except Exception as error:  # a robot can be controlled without its meshes
-        visual = None
         warnings.warn(
             f"{path}: {str(error).strip().rstrip('.')}. The robot is drawn as a stick figure. "
             "Meshes are looked for in the folders above the file and in the folders of "
             "ROS_PACKAGE_PATH.",
             stacklevel=2,
         )
-    return model, visual
+        return None
 
 
 def mimic_joints(path: Path) -> frozenset[str]:

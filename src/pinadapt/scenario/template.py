@@ -164,8 +164,8 @@ def _likeliest(ends: Sequence[str], source: str) -> str:
 def _whole(source: str) -> tuple[pin.Model, frozenset[str]]:
     """Return the whole model behind a source, and its mimic joints."""
     if is_path(source):
-        return read_urdf(Path(source), meshes=False)[0], mimic_joints(Path(source))
-    model, _, _, mimics = catalogue_entry(source).load()
+        return read_urdf(Path(source)), mimic_joints(Path(source))
+    model, _, mimics = catalogue_entry(source).load()
     return model, mimics
 
 
