@@ -126,6 +126,10 @@ def test_readme_snippet_runs(tmp_path, monkeypatch, capsys):
     assert (tmp_path / "out" / "error.png").stat().st_size > 10_000
 
 
+def test_types_are_declared():
+    assert (SOURCE / "py.typed").is_file()
+
+
 def test_readme_stays_short():
     assert len((ROOT / "README.md").read_text().splitlines()) <= 120
 

@@ -47,7 +47,7 @@ def compile_all() -> None:
 
 
 def _machine_code(function: Callable[..., Any], signature: str, fills: int) -> Callable[..., Any]:
-    from numba import njit, types  # here, because looking at robots or plots needs no compiler
+    from numba import njit, types  # here, because most imports need no compiler
     from numba.core.sigutils import normalize_signature
 
     arguments, result = normalize_signature(signature)

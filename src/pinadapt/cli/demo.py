@@ -1,4 +1,4 @@
-"""``pinadapt demo``: two showcases, from nothing."""
+"""``pinadapt demo``: two showcases, with report and animation."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ def zoo(options: argparse.Namespace) -> int:
         else list(catalogue())
     )
     folder: Path = options.out
-    folder.mkdir(parents=True, exist_ok=True)  # before the work, not after it
+    folder.mkdir(parents=True, exist_ok=True)  # refused before the work where it cannot be written
     coming = run_zoo(names, options.law, seed=options.seed, processes=options.processes)
     found = {row.robot: row for row in rows_bar(coming, len(names))}
     rows = [found[name] for name in names]

@@ -1,4 +1,4 @@
-"""The robots that come along: our own folder ``robots/`` and example-robot-data."""
+"""The catalogue of robots: those of our own folder ``robots/`` and of example-robot-data."""
 
 from __future__ import annotations
 

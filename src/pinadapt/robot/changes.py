@@ -1,4 +1,4 @@
-"""How a real robot differs from its description: each function changes a model in place."""
+"""How far a real robot differs from its description: functions that change a model in place."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ def read_urdf(path: Path) -> pin.Model:
         return pin.buildModelFromUrdf(str(path))
     except Exception as error:
         raise RobotError(
-            "this XML is not a valid URDF; the parser's own words stand above.",
+            "this XML is not a valid URDF; the messages of the parser stand above.",
             where=str(path),
             hint="Every joint needs a parent and child that exist, revolute and prismatic ones "
             "also <limit>.",

@@ -209,5 +209,5 @@ def _further_out(robot: Robot) -> np.ndarray:
 def _made(robot: Robot, law: str) -> Controller:
     """Return the controller with a law's default gains."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the file says what there is to say
+        warnings.simplefilter("ignore")  # what matters of it is written into the file
         return make_controller(robot, law=law, dt=SimulationSection().dt)

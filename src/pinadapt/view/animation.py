@@ -94,9 +94,9 @@ class _Scene:
         """Draw the true robot and the ghost of the believed one."""
         solid_figure = Figure(self.root["true"], truth, self.keys, self.size)
         ghost_figure = Figure(self.root["believed"], belief, self.keys, self.size)
-        worn = true.visual is not None and len(true.visual.geometryObjects) > 0
-        shared = worn and believed.visual is true.visual
-        if worn:
+        meshed = true.visual is not None and len(true.visual.geometryObjects) > 0
+        shared = meshed and believed.visual is true.visual
+        if meshed:
             solid_figure.add_visuals(true.visual, true.model)
         else:
             solid_figure.stick_figure(solid(BONES), 0.025)
