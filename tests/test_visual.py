@@ -23,6 +23,7 @@ def test_loading_reads_no_mesh_and_drawing_reads_them_once(monkeypatch):
     robot = pa.load("ur5")
     true = robot.changed(inertial_scale=2.0)
     assert not read
+    assert robot.undrawn().visual is None and not read
     assert robot.visual is true.visual and len(robot.visual.geometryObjects) > 5
     assert len(read) == 1
 

@@ -143,6 +143,10 @@ class Robot:
         )
         return replace(self, model=model, friction=friction)
 
+    def undrawn(self) -> Robot:
+        """Return this robot without its visual geometry."""
+        return replace(self, drawn=None)
+
     def _coefficients(self, given: ArrayLike | None, where: str, default: np.ndarray) -> np.ndarray:
         """Return coefficients (nv), one a joint, or refuse negative ones."""
         if given is None:
