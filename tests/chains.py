@@ -1,4 +1,4 @@
-"""Random open chains: revolute, continuous and prismatic joints about arbitrary axes, arbitrary physical bodies."""
+"""Random open chains: joints about arbitrary axes, arbitrary physical bodies."""
 
 from collections.abc import Callable, Sequence
 from functools import cache
@@ -34,7 +34,7 @@ def random_model(seed: int, joints: int) -> pin.Model:
 
 
 def random_joint(rng: np.random.Generator) -> pin.JointModel:
-    """Return a joint; continuous ones turn about a coordinate axis, which the random placement makes arbitrary."""
+    """Return a joint; continuous ones turn about a coordinate axis, arbitrary once placed."""
     axis = rng.standard_normal(3)
     axis /= np.linalg.norm(axis)
     continuous = (pin.JointModelRUBX, pin.JointModelRUBY, pin.JointModelRUBZ)[rng.integers(3)]
@@ -64,7 +64,7 @@ def random_inertia(rng: np.random.Generator) -> pin.Inertia:
 
 
 def random_robot(seed: int, joints: int) -> pa.Robot:
-    """Return a robot on a random chain, at home in its neutral configuration, even on one too short for its task."""
+    """Return a robot on a random chain, at home where it is neutral, even if too short for xyz."""
     model = random_model(seed, joints)
     return pa.Robot(
         str(model.name),
@@ -85,7 +85,7 @@ chains = chains_of(SIZES)
 
 
 def each_size(sizes: Sequence[int] = SIZES, **others: Any) -> Callable[[Callable], Callable]:
-    """Return a decorator: a test given a ``robot`` of random chains also runs on one chain of each size, whatever is drawn.
+    """Return a decorator: a test given a random ``robot`` also runs on one of each size.
 
     Args:
         sizes: numbers of joints.

@@ -14,5 +14,5 @@ def derivative(f: Callable[[float], np.ndarray], h: float = STEP) -> np.ndarray:
 
 
 def sampled_derivative(f: np.ndarray, h: float) -> np.ndarray:
-    """Return df/dt (N - 4) at all but the outer samples of f (N), taken every h, by the same rule."""
+    """Return df/dt (N - 4) at all but the outer samples of f (N), every h, by the same rule."""
     return (8.0 * (f[3:-1] - f[1:-3]) - (f[4:] - f[:-4])) / (12.0 * h)

@@ -1,4 +1,4 @@
-"""What holds of believed kinematics at any estimate, on any chain and for any task, against finite differences."""
+"""What holds of believed kinematics at any estimate, against finite differences."""
 
 import numpy as np
 import pinocchio as pin
@@ -10,13 +10,13 @@ from pinadapt.models.translations import Translation
 
 
 def unknown_choices(robot: pa.Robot) -> list[list[str]]:
-    """Return four ways to declare translations unknown; of a chain of one joint only the tool's can be."""
+    """Return four ways to declare translations unknown; one joint leaves only the tool's."""
     joints = robot.joint_names[1:]
     return [["tool"], ["lengths"], [*joints, "tool"], [*joints[:1], "tool:length"]]
 
 
 def check_kinematics(robot: pa.Robot, unknown: list[str | Translation]) -> None:
-    """J, Jdot_v, Y_k and their kin against finite differences at an estimate that is not the description's."""
+    """J, Jdot_v, Y_k and others against finite differences at another than the own estimate."""
     rng = np.random.default_rng(7)
     believed = pa.FrameKinematics(robot, unknown)
     q, v, a = random_state(robot, rng)

@@ -1,4 +1,4 @@
-"""The arm of Wang and Xie (2009), section 5: its basis and inequality, the published gains, the motion, the wrong estimates."""
+"""The arm of Wang and Xie (2009), section 5: basis, inequality, gains, motion, estimates."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ WRONG = {"a_k": [1.4, 1.5], "a_d": [4.0, 0.5, 0.5]}
 
 
 def paper_controller(law: str, adaptation: str, **options: Any) -> pa.Controller:
-    """Return a controller of the arm in the paper's parameters with the paper's feedback gains; other gains as given."""
+    """Return a controller in the paper's parameters and feedback gains; others as given."""
     return pa.make_controller(
         catalogue_robot("planar_2r"),
         law=law,

@@ -71,7 +71,7 @@ def test_nearest_physical(seed):
 @given(seed=seeds)
 @seeded
 def test_distance_falls_as_the_gradient_signal_says(case, seed):
-    """dD/dt = -(a - a_true)^T g for da/dt = rate(a, g): what every Lyapunov proof asks of an adaptation."""
+    """dD/dt = -(a - a_true)^T g for da/dt = rate(a, g), as every Lyapunov proof asks."""
     rng = np.random.default_rng(seed)
     cone, a, a_true = CASES[case](rng)
     g = rng.standard_normal(a.size)
@@ -115,7 +115,7 @@ def test_natural_never_leaves_the_cone(case, step):
 
 @pytest.mark.parametrize("norm", [1e-4, 1e-3, 2.9e-3, 1e-2, 1.9e-2])
 def test_series_is_the_geodesic(norm):
-    """The short series used for small steps agrees with S exp(-S^T X S) S^T, computed here by the eigenvalues."""
+    """The short series for small steps agrees with S exp(-S^T X S) S^T, by eigenvalues."""
     rng = np.random.default_rng(8)
     cone = pa.BodyInequality(["a", "b"])
     a, g = bodies(rng, 2), rng.standard_normal(20)
@@ -130,7 +130,7 @@ def test_series_is_the_geodesic(norm):
 
 
 def test_natural_is_coordinate_free():
-    """Moving every body to another frame and unit commutes with adaptation: the Euclidean gradient has no such property."""
+    """Moving bodies to other frames and units commutes with adaptation, unlike a gradient."""
     rng = np.random.default_rng(9)
     cone = pa.BodyInequality(["a"])
     a, g = bodies(rng, 1), rng.standard_normal(10)

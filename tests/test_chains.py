@@ -1,4 +1,4 @@
-"""The random chains of the other tests: every size, every kind of joint in every direction, physical bodies."""
+"""The random chains of other tests: every size, every kind of joint, physical bodies."""
 
 from collections import defaultdict
 
@@ -24,7 +24,7 @@ def first_axis(robot):
 
 
 def test_draws_reach_both_ends_and_every_kind_of_joint_in_all_directions():
-    """One joint to ten, and among the chains of a single joint each kind, with axes that lie in no plane."""
+    """One joint to ten, and of single joints each kind, with axes that lie in no plane."""
     sizes, axes = set(), defaultdict(list)
 
     @given(chains)

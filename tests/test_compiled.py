@@ -1,4 +1,4 @@
-"""Every compiled kernel against an independent numpy formula, on whatever memory layout; NaN comes through."""
+"""Every kernel against an independent numpy formula, on any memory layout, with NaN."""
 
 import subprocess
 import sys
@@ -48,7 +48,8 @@ def close(a, b):
 
 def test_all_kernels_are_machine_code_once_a_controller_is_made():
     code = (
-        "import sys, pinadapt as pa; from pinadapt import _compiled; from pinadapt.adaptation import natural\n"
+        "import sys, pinadapt as pa; from pinadapt import _compiled\n"
+        "from pinadapt.adaptation import natural\n"
         "assert 'numba' not in sys.modules and _compiled._waiting\n"
         "pa.make_controller(pa.load('planar_2r'))\n"
         "assert not _compiled._waiting and natural._follow_geodesic.signatures\n"

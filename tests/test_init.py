@@ -9,8 +9,8 @@ import pytest
 import pinadapt as pa
 from pinadapt._toml import read_toml
 from pinadapt.cli.main import main
-from pinadapt.robot.catalogue import _example_path
 from pinadapt.robot.end_links import end_links
+from pinadapt.robot.example_robots import example_path
 from pinadapt.robot.urdf import mimic_joints, read_urdf
 from pinadapt.robot.workspace import reach
 from pinadapt.scenario.scenario import Scenario
@@ -32,8 +32,8 @@ def written(folder, source, *options):
         ("solo8_fl_leg", "FL_FOOT", "xz"),
         ("allegro_left_thumb", "link_15.0_tip", "xyz"),
         ("kinova", "j2s6s200_end_effector", "xyz"),
-        (_example_path("double_pendulum_simple"), "link3", "yz"),
-        (_example_path("ur10"), "ee_link", "xyz"),
+        (example_path("double_pendulum_simple"), "link3", "yz"),
+        (example_path("ur10"), "ee_link", "xyz"),
     ],
     ids=lambda value: Path(value).stem if isinstance(value, Path) else None,
 )
@@ -178,8 +178,21 @@ def test_an_existing_file_is_kept_unless_forced(tmp_path, capsys):
     assert "[reference]" in file.read_text()
 
 
-ONE_JOINT = """<robot name="one"><link name="a"/><link name="b"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0"
-iyy="1" iyz="0" izz="1"/></inertial></link>
+@pytest.mark.parametrize("name", ['say "ah"', "two\nlines", "tab\t#=[]'", "back\\slash\x07\u2028"])
+def test_the_file_is_valid_whatever_joints_links_and_files_are_called(tmp_path, name):
+    arm, link = tmp_path / f"{name}.urdf", name.replace("\x07", "")  # XML has no such letter
+    escaped = link.translate({34: "&quot;", 10: "&#10;", 9: "&#9;"})
+    text = ARM4.read_text().replace('"joint2"', f'"{escaped} joint"')
+    arm.write_text(text.replace('"tip"', f'"{escaped}"'))
+    file = written(tmp_path, arm, "--frame", link)
+    tables = read_toml(file)
+    assert tables["title"] == name
+    assert (tables["robot"]["source"], tables["robot"]["frame"]) == (str(arm), link)
+    assert Scenario.read(file).believed.joint_names[1] == f"{link} joint"
+
+
+ONE_JOINT = """<robot name="one"><link name="a"/><link name="b"><inertial><mass value="1"/>
+<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
 <joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint></robot>"""
 
 
@@ -215,13 +228,13 @@ def test_refusals_are_status_2_and_write_nothing(arguments, words, tmp_path, mon
     ],
 )
 def test_the_likeliest_end_comes_first(origin, first):
-    path = _example_path(origin)
-    ends = end_links(read_urdf(path, meshes=False)[0], mimic_joints(path))
+    path = example_path(origin)
+    ends = end_links(read_urdf(path), mimic_joints(path))
     assert ends[0] == first
 
 
 def test_links_behind_mimic_joints_are_no_ends():
-    path = _example_path("tiago_pro")
-    model = read_urdf(path, meshes=False)[0]
+    path = example_path("tiago_pro")
+    model = read_urdf(path)
     assert "gripper_left_fingertip_left_link" in end_links(model)
     assert "gripper_left_fingertip_left_link" not in end_links(model, mimic_joints(path))

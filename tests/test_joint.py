@@ -1,4 +1,4 @@
-"""Rotor inertia and friction: their regressor, their adaptation, and robots whose URDF has rotors."""
+"""Rotor inertia and friction: regressor, adaptation, and robots whose URDF has rotors."""
 
 import numpy as np
 import pinocchio as pin
@@ -107,7 +107,7 @@ def test_known_friction_is_compensated_and_unknown_starts_positive():
 )
 @pytest.mark.parametrize("name", ["ur5", "scara", "panda"])
 def test_lyapunov_equality_with_friction(law, name):
-    """dV/dt = dissipation with unknown rotors and friction; the passivity-based law dissipates in the joints as well."""
+    """dV/dt = dissipation with unknown rotors and friction, which dissipates in the joints."""
     robot = catalogue_robot(name)
     true = robot.changed(
         armature=0.05, viscous=0.4, coulomb=0.3, tool_translation=[0.02, 0.0, 0.05]

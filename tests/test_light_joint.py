@@ -1,4 +1,4 @@
-"""Laws whose feedback is an acceleration lose a joint too light for an unknown load; the user is told before, and only then."""
+"""A joint too light for an unknown load under an acceleration law is told before the run."""
 
 import warnings
 
@@ -60,7 +60,7 @@ def test_nothing_is_told_where_nothing_can_spin(name, options):
 
 @pytest.mark.parametrize("name", ["ur10", "kinova", "xarm7", "tiago_arm"])
 def test_the_load_turns_the_joint_a_quarter_radian_against_the_feedback(name):
-    """Held against rnea: the weight of the load that is told, beside the axis, over M_jj and the least position gain."""
+    """Against rnea: the weight of the told load, off the axis, over M_jj and the least K_P."""
     robot, rng = catalogue_robot(name), np.random.default_rng(0)
     found = light(robot)
     j, stiffness = (
@@ -85,7 +85,7 @@ def test_the_load_turns_the_joint_a_quarter_radian_against_the_feedback(name):
 
 @pytest.fixture(scope="module")
 def arm():
-    """Return an xArm7, what its wrist bears, and a run with an unknown tool and so many times that load, 2 s on a circle."""
+    """Return an xArm7, what its wrist bears, and a run of 2 s with that load so many times."""
     robot = catalogue_robot("xarm7")
     found = light(robot)
 

@@ -1,4 +1,4 @@
-"""Singularities, torque limits, the box of kinematic estimates, and the watch that ends a run with a message."""
+"""Singularities, torque limits, the box of kinematic estimates, and the watch on M_hat."""
 
 import json
 from contextlib import nullcontext
@@ -74,7 +74,7 @@ def test_far_from_singularities_nothing_is_damped(shape):
 @pytest.mark.parametrize("smallest", [0.5, 0.15, 0.03, 1e-3, 1e-6])
 @pytest.mark.parametrize("shape", SHAPES, ids=str)
 def test_the_rate_of_the_solution_is_its_derivative(shape, smallest):
-    """The damping moves too; the passivity-based law takes the exact derivative of its reference velocity."""
+    """The damping moves too; the passivity-based law takes the exact derivative of q_r."""
     rng, s_0 = np.random.default_rng(2), 0.2
     J, Jdot = jacobian(rng, shape, smallest), rng.standard_normal(shape)
     u, ud, psi, psid = (rng.standard_normal(k) for k in (shape[0], shape[0], shape[1], shape[1]))
@@ -144,7 +144,7 @@ def test_ordinary_runs_are_exact(name):
 
 
 def saturating(law, monkeypatch=None, **options):
-    """Return a run with weak motors and a start 15 cm from its path; ``monkeypatch`` takes the anti-windup away."""
+    """Return a run with weak motors from 15 cm off its path, with or without anti-windup."""
     name, tool, spare = (
         ("ur5", [0.02, -0.03, 0.08], 1.3)
         if law == "adaptive-jacobian"
@@ -342,7 +342,7 @@ def test_an_estimate_outside_its_box_is_refused_by_name():
 
 
 def test_estimates_stay_in_their_box():
-    """The tool is 8 cm off; a box of 3 cm holds the estimate at its wall, in both modes, and the run goes on."""
+    """The tool is 8 cm off; a box of 3 cm holds the estimate at its wall, in both modes."""
     robot = load("ur5")
     true = robot.changed(tool_translation=[0.0, 0.0, 0.08])
     path = pa.Circle(np.zeros(3), 0.1, 1.0, "yz").starting_at(true.position(true.q0))

@@ -1,4 +1,4 @@
-"""Lumped parameters: exact at any lengths, minimal, known for a known robot, and good enough to track with."""
+"""Lumped parameters: exact at any lengths, minimal, known for a known robot, adaptable."""
 
 import warnings
 from pathlib import Path
@@ -22,7 +22,7 @@ IMPROVED = "adaptive-inverse-dynamics-improved"
 
 
 def translations(robot, rng):
-    """Return unknown translations of more than half of the joints: whole ones, or along random directions with an offset."""
+    """Return unknown translations of over half of the joints: whole, or along directions."""
     found = []
     for joint in range(1, robot.model.njoints):
         if rng.random() < 0.4 and joint > 1:
@@ -55,7 +55,7 @@ def another(robot, parts, rng, bodies=None):
 
 
 def check_exact(believed, true, rng):
-    """Parameters made from a wrong robot give, at the value of the true one, its torque and mass matrix."""
+    """Parameters of a wrong robot give, at the true value, the true torque and mass matrix."""
     a_d = believed.value(true)
     assert a_d is not None
     q, v, a = random_state(true, rng)
@@ -190,7 +190,7 @@ def ur5(law, adaptation, **options):
     ],
 )
 def test_lyapunov_equality(law, adaptation):
-    """The proofs hold with lengths and inertias unknown together, which no regressor of bodies allows."""
+    """The proofs hold with lengths and inertias unknown together."""
     true, controller, path = ur5(law, adaptation)
     if law == IMPROVED:  # slowly enough that M + M_0 - M_hat stays invertible meanwhile
         true, controller, path = ur5(law, adaptation, gamma_d=0.2 * controller.adaptation_d.Gamma)
@@ -257,7 +257,7 @@ def test_projection_keeps_the_mass_matrix_and_never_moves_away_from_the_truth(ca
 
 @pytest.mark.parametrize("rate", [0.01, 0.1])
 def test_projection_saves_a_gradient_that_loses_the_mass_matrix(rate):
-    """The rates at which law (11) with plain gradient adaptation diverges within half a second (see test_showcase)."""
+    """The rates at which law (11) with a plain gradient diverges soon (see test_showcase)."""
     settings = [
         "controller.adaptation=projected",
         f"controller.gamma_d={rate}",

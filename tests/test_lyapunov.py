@@ -1,4 +1,4 @@
-"""Every law's closed loop against its own Lyapunov equality, dV/dt = dissipation, with every adaptation."""
+"""Every law's closed loop against its own Lyapunov equality, with every adaptation."""
 
 import numpy as np
 import pytest
@@ -64,7 +64,7 @@ def test_equality_along_the_trajectory(law, name, adaptation):
 
 
 def test_resolved_acceleration_obeys_its_linear_closed_loop():
-    """With the truth known, |dx| follows (1 + w t) exp(-w t), equation (10) with K_v = 2 w, K_P = w^2."""
+    """With the truth known, |dx| is (1 + w t) exp(-w t), (10) with K_v = 2 w, K_P = w^2."""
     robot = catalogue_robot("ur5")
     controller = pa.make_controller(
         robot, law="resolved-acceleration", Kv=40.0, Kp=400.0, alpha=5.0

@@ -1,4 +1,4 @@
-"""A circle that a pose task can follow without turning, and the scenario that `init` writes for it."""
+"""A circle that a pose task can follow without turning, and its scenario of `init`."""
 
 import math
 
@@ -9,7 +9,7 @@ import pytest
 import pinadapt as pa
 from pinadapt._toml import read_toml
 from pinadapt.cli.main import main
-from pinadapt.robot.catalogue import _example_path
+from pinadapt.robot.example_robots import example_path
 from pinadapt.robot.position_limits import position_limits
 from pinadapt.robot.workspace import reach
 from pinadapt.scenario.scenario import Scenario
@@ -18,7 +18,7 @@ AXES = {"x": 0, "y": 1, "z": 2}
 
 
 def followed(robot, circle, turns=1.2, steps=600):
-    """Return angles (N, nv), speeds (N, nv) and Jacobians on the circle: fine steps of J^+ on the error in SE(3)'s parts."""
+    """Return angles (N, nv), speeds (N, nv) and Jacobians on the circle, by fine steps of J^+."""
     model, data, q = robot.model, robot.model.createData(), robot.q0
     start, dt, w = robot.placement(q), circle.period / steps, 2 * math.pi / circle.period
     first, second = (np.eye(3)[AXES[axis]] for axis in circle.plane)
@@ -64,7 +64,7 @@ def test_the_circle_can_be_followed_without_turning_also_with_a_longer_tool(name
 
 
 def test_holding_the_orientation_asks_for_more_than_the_position_alone():
-    """With limits that leave the wrist little room, an arm still draws circles with its tip, but smaller ones as a pose."""
+    """With little room for the wrist, circles as a pose are smaller than those of the tip."""
     robot = pa.load("ur5", task="pose")
     robot.model.lowerPositionLimit[3:] = robot.home_angles[3:] - 0.1
     robot.model.upperPositionLimit[3:] = robot.home_angles[3:] + 0.1
@@ -72,7 +72,7 @@ def test_holding_the_orientation_asks_for_more_than_the_position_alone():
     assert pa.reachable_circle(robot).radius < 0.8 * pa.reachable_circle(free).radius
 
 
-@pytest.mark.parametrize("source", ["panda", _example_path("ur10")], ids=["panda", "urdf"])
+@pytest.mark.parametrize("source", ["panda", example_path("ur10")], ids=["panda", "urdf"])
 def test_init_writes_a_pose_scenario_that_runs(source, tmp_path):
     file = tmp_path / "pose.toml"
     assert main(["init", str(source), "--task", "pose", "--out", str(file)]) == 0

@@ -1,4 +1,4 @@
-"""Closed loops of pose tasks, their scenarios and outputs, the two-row tasks, and what is refused."""
+"""Closed loops of pose tasks, their scenarios and outputs, and what is refused."""
 
 import json
 from pathlib import Path
@@ -88,7 +88,7 @@ def test_unadapted_the_pose_is_far_off():
 
 
 def test_a_guess_of_its_load_helps_a_light_wrist():
-    """UR10's last body has 5e-4 kg m^2, the load many times that; even a guess 60 % too heavy helps."""
+    """UR10's last body has 5e-4 kg m^2, the load far more; a guess 60 % too heavy helps."""
     robot = pose_robot("ur10")
     load = pa.Payload(0.5, [0.02, -0.01, 0.05], [0.002, 0.0, 0.002, 0.0, 0.0, 0.002])
     true = robot.changed(tool_translation=[0.03, -0.02, 0.05], payload=load)

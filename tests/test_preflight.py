@@ -1,4 +1,4 @@
-"""Default gains pass the check before a run on every robot; gains that a sampling period cannot carry do not."""
+"""Default gains pass the check before a run; gains too fast for the period do not."""
 
 import numpy as np
 import pytest
@@ -55,7 +55,7 @@ def loop(robot, controller, dt, **options):
 
 @pytest.mark.parametrize("law", ["adaptive-inverse-dynamics", "adaptive-jacobian"])
 def test_the_longest_period_separates_loops_that_hold_from_loops_that_do_not(law):
-    """The advice carries a margin of two on the gains: at the advised period the loop holds, at a longer one it is lost."""
+    """The advice has a margin of two: at the advised period the loop holds, not at longer."""
     robot, dt = catalogue_robot("ur5"), 0.04
     default = pa.make_controller(robot, law=law, adaptation="none")
     gains = {
@@ -109,7 +109,7 @@ def test_a_controller_put_together_by_hand_is_not_checked():
 @pytest.mark.parametrize("dt", [0.02, 0.03, 0.1, 0.5])
 @pytest.mark.parametrize("law", LAWS)
 def test_every_factor_that_is_told_helps(law, dt):
-    """Also where damping alone is too fast: the adaptation is then not to blame, and no factor is told that changes nothing."""
+    """Where damping alone is too fast no factor is told that changes nothing."""
     robot = catalogue_robot("panda")
     controller = pa.make_controller(robot, law=law)
     its = controller.law.gains
@@ -161,7 +161,7 @@ def test_numbers_are_rounded_to_the_safe_side():
 
 
 def test_default_rates_are_lowered_to_what_the_period_bears():
-    """A leg of ANYmal C is damped weakly in its heavy direction: the usual modes would fail the check at 1 kHz."""
+    """ANYmal C's leg, damped weakly in its heavy direction, has slower modes than usual."""
     believed = zoo_case("anymal_c_lf_leg").believed
     controller = pa.make_controller(believed, law="adaptive-jacobian", joint=["viscous", "coulomb"])
     assert pa.preflight(controller, 1e-3) == []

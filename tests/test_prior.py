@@ -43,7 +43,7 @@ def test_plausible_robots_are_physical_and_differ_only_where_they_may():
 
 
 def test_covariance_of_bodies_is_the_metric_of_natural_adaptation(monkeypatch):
-    """To first order it is s^2 H^-1, H the Hessian of the log-det divergence at the believed body, for deviations s."""
+    """To first order it is s^2 H^-1, H the Hessian of the log-det divergence at the body."""
     monkeypatch.setattr(prior, "INERTIA", 0.01)
     robot = catalogue_robot("panda")
     dynamics = pa.BodyDynamics(robot, "payload")

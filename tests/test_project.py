@@ -1,4 +1,4 @@
-"""The project keeps its own promises: arrows run one way, names resolve, everything public is documented, the README runs."""
+"""The project keeps its own rules: imports, sizes, names, documentation, the README."""
 
 import ast
 import importlib
@@ -124,6 +124,10 @@ def test_readme_snippet_runs(tmp_path, monkeypatch, capsys):
     assert scope["rollout"].summary()["max_error_last"] < 2e-3
     assert "error, last 10 %" in capsys.readouterr().out
     assert (tmp_path / "out" / "error.png").stat().st_size > 10_000
+
+
+def test_types_are_declared():
+    assert (SOURCE / "py.typed").is_file()
 
 
 def test_readme_stays_short():

@@ -1,5 +1,6 @@
-"""The closed loops of Wang and Xie's arm against hand-written closed-form equations, and what sampling does to them."""
+"""The closed loops of Wang and Xie's arm against hand-written closed-form equations."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,8 @@ import pytest
 import pinadapt as pa
 from chains import catalogue_robot
 from paper import CIRCLE, WRONG, paper_controller
+from pinadapt.robot.catalogue import robots_folder
+from pinadapt.scenario.scenario import Scenario
 
 HERE = Path(__file__).parent
 PUBLISHED = {"gamma_k": 0.05, "R_k": 50.0, "lambda_": 10.0, "lambda_a": 1 / 60}
@@ -56,6 +59,16 @@ def test_loop_falls_on_its_reference(name):
     assert np.abs(rollout.tau - reference("tau1", "tau2")).max() <= 1e-3
 
 
+def test_the_scenarios_comment_gives_the_published_adaptation():
+    file = robots_folder() / "planar_2r" / "wang_xie_2009.toml"
+    settings = re.search(r"#\s+--set (.*gradient.*)", file.read_text()).group(1).split()
+    scenario = Scenario.read(file, settings)
+    adaptation_d, adaptation_k = scenario.controller.adaptation_d, scenario.controller.adaptation_k
+    assert np.array_equal(adaptation_d.Gamma, np.diag([4.5, 1.5, 1.5]))
+    assert np.array_equal(adaptation_k.inner.Gamma, 0.05 * np.eye(2))
+    assert type(scenario.controller.law) is pa.AdaptiveInverseDynamics
+
+
 def test_truth_is_the_papers():
     rollout = pa.simulate(
         catalogue_robot("planar_2r"),
@@ -70,7 +83,7 @@ def test_truth_is_the_papers():
 
 @pytest.mark.parametrize("dt", [1e-4, 5e-4, 1e-3, 2e-3, 5e-3])
 def test_natural_adaptation_is_stable_at_every_sampling_period(dt):
-    """Law (11) with the published filter, whose published adaptation drives M_hat through singularity."""
+    """Law (11) with the published filter; the published adaptation makes M_hat singular."""
     natural = controller("adaptive-inverse-dynamics", "natural", gamma_d=1.0)
     rollout = pa.simulate(
         catalogue_robot("planar_2r"), natural, CIRCLE, duration=4.0, dt=dt, **WRONG

@@ -164,7 +164,8 @@ def test_a_circle_without_centre_starts_at_the_true_initial_position(tmp_path):
 
 
 def test_relative_waypoints_are_offsets_from_the_start(tmp_path):
-    text = '[reference]\nkind = "waypoints"\npoints = [[0.1, 0.0, 0.0], [0.1, 0.1, 0.0]]\nsegment = 0.5\n'
+    points = "points = [[0.1, 0.0, 0.0], [0.1, 0.1, 0.0]]"
+    text = f'[reference]\nkind = "waypoints"\n{points}\nsegment = 0.5\n'
     scenario = scara(tmp_path, text)
     start = scenario.true.position(scenario.true.q0)
     assert np.allclose(
@@ -179,7 +180,8 @@ def test_relative_waypoints_are_offsets_from_the_start(tmp_path):
 
 
 def test_lissajous_starts_at_the_initial_position(tmp_path):
-    text = '[reference]\nkind = "lissajous"\namplitude = [0.1, 0.05, 0.0]\ncycles = [1, 2, 3]\nphase = [0.3, 0.0, 0.0]'
+    sizes = "amplitude = [0.1, 0.05, 0.0]\ncycles = [1, 2, 3]\nphase = [0.3, 0.0, 0.0]"
+    text = f'[reference]\nkind = "lissajous"\n{sizes}'
     scenario = scara(tmp_path, text)
     assert np.allclose(
         scenario.trajectory.at(0.0).x_d, scenario.true.position(scenario.true.q0), atol=1e-12
@@ -395,7 +397,6 @@ def test_a_misspelt_word_is_told_the_nearest(setting, suggestion):
     [
         ("robot.task=joint", "robot.task", "xyz"),
         ("simulation.engine=mujoco", "simulation.engine", "pinocchio"),
-        ("reference.kind=sinusoid", "reference.kind", "lissajous"),
         ("controller.law=slotine-li", "controller.law", "adaptive-jacobian"),
         ("controller.law=approximate-jacobian", "controller.law", "adaptive-jacobian"),
     ],

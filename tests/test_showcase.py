@@ -1,4 +1,4 @@
-"""The main job: Panda learns an unknown tool and load, every inertial parameter adapted, at 1 kHz."""
+"""Panda learns an unknown tool and load, every inertial parameter adapted, at 1 kHz."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""One rule says what is the path of a file and what a name in the catalogue, for the library, scenarios and `init` alike."""
+"""One rule tells paths from names, for the library, scenarios and `init` alike."""
 
 from pathlib import Path
 
@@ -32,7 +32,16 @@ def test_everyone_follows_it(source, words, tmp_path, capsys):
     assert words in capsys.readouterr().err
 
 
-TRIANGLE = "solid t\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid t\n"
+TRIANGLE = """solid t
+facet normal 0 0 1
+outer loop
+vertex 0 0 0
+vertex 1 0 0
+vertex 0 1 0
+endloop
+endfacet
+endsolid t
+"""
 
 
 def test_a_mesh_that_is_missing_is_told_and_found_where_the_warning_says(

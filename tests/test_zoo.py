@@ -1,4 +1,4 @@
-"""The zoo: cases as stated, chains that converge untuned, verdicts that name what failed, and rows for whatever breaks."""
+"""The zoo: cases as stated, chains that converge untuned, verdicts that name what failed."""
 
 import json
 
@@ -46,8 +46,8 @@ def test_a_chain_converges_untuned(name):
 
 
 def test_a_wrist_without_inertia_is_named(monkeypatch):
-    """With the tool learned too fast, damping through its estimate is more than a wrist of 1e-5 kg m^2 takes at 1 kHz."""
-    monkeypatch.setattr("pinadapt.controller.rates.KINEMATIC_MODE", 0.25)
+    """A tool learned too fast damps more than a wrist of 1e-5 kg m^2 takes at 1 kHz."""
+    monkeypatch.setattr("pinadapt.tuning.adaptation_rates.KINEMATIC_MODE", 0.25)
     row = zoo_row("tiago_arm", "adaptive-jacobian")
     assert "1 kHz is too slow for arm_7_joint" in row.verdict
     robot = pa.load("tiago_arm")

@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike
 
 from .exceptions import GainError, InputError
 
+_ASYMMETRY = 1e-9  # relative difference of two entries that counts as rounding
+
 
 def vector(
     value: ArrayLike,
@@ -41,6 +43,8 @@ def vector(
 def definite_matrix(value: ArrayLike, size: int, name: str) -> np.ndarray:
     """Return a scalar, list or matrix as a symmetric positive definite matrix (size, size).
 
+    Asymmetry of the size of rounding errors is averaged out.
+
     Raises:
         GainError: wrong shape, non-finite, asymmetric or not positive definite.
     """
@@ -61,12 +65,14 @@ def definite_matrix(value: ArrayLike, size: int, name: str) -> np.ndarray:
             f"expected a number, {size} numbers or a {size} x {size} matrix, got {array.shape}.",
             where=name,
         )
-    if not np.allclose(array, array.T, rtol=1e-9, atol=0.0):
+    # Relative to sqrt(a_ii a_jj), which bounds |a_ij| of a definite matrix, whatever units i and j
+    # have; as a congruence this keeps definiteness.
+    scale = np.sqrt(np.abs(np.diag(array)))
+    sizes = np.outer(scale, scale)
+    if (np.abs(array - array.T) > _ASYMMETRY * np.maximum(sizes, np.abs(array))).any():
         raise GainError("the matrix must be symmetric.", where=name)
-    scale = np.sqrt(
-        np.abs(np.diag(array))
-    )  # a congruence keeps definiteness, and units apart by 1e6 would drown it
-    if size and not (scale.all() and np.linalg.eigvalsh(array / np.outer(scale, scale))[0] > 0.0):
+    array = 0.5 * (array + array.T)
+    if size and not (scale.all() and np.linalg.eigvalsh(array / sizes)[0] > 0.0):
         lowest = np.linalg.eigvalsh(array)[0]
         raise GainError(
             f"must be positive definite; its smallest eigenvalue is {lowest:.4g}.", where=name

@@ -1,18 +1,20 @@
-"""Compiled kernels: the small-matrix algebra of a control step, in loops instead of many calls on arrays of a few numbers.
+"""Compiled kernels: the small-matrix algebra of a control step, in loops.
 
 A numpy call on a 3 x 7 matrix spends its microsecond on the call, and a control step would need
 over a hundred of them. A kernel is a plain function of float arrays that states one formula; numba
 compiles it for one signature, whose arrays may have any memory layout unless it says otherwise.
 Arithmetic stays IEEE: nothing is reordered, a division by zero gives inf, and NaN comes through.
 The machine code is kept on disk beside the source, or in the user's cache where that cannot be
-written. Kernels fill arrays that their caller has made, because numba is slow at returning arrays,
-and do not call each other, because the copy on disk would not see the other change. They do not
-check the sizes of their arrays: callers pass what numpy or Pinocchio made or checked.
+written, or nowhere; a damaged file is replaced. Kernels fill arrays that their caller has made,
+because numba is slow at returning arrays, and do not call each other, because the copy on disk
+would not see the other change. They do not check the sizes of their arrays: callers pass what numpy
+or Pinocchio made or checked.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, TypeVar
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -22,7 +24,7 @@ _waiting: list[tuple[Callable[..., Any], str, int]] = []
 
 
 def compiled(signature: str, fills: int = 1) -> Callable[[Function], Function]:
-    """Make a function of a module a kernel with a signature in numba's notation, such as "void(f8[:,:], f8[:])".
+    """Make a function of a module a kernel with a signature as in numba: "void(f8[:,:], f8[:])".
 
     The last ``fills`` arguments are the arrays that it fills; the others it only reads, so they may
     be read-only. Its name stands for plain Python until ``compile_all``, and from then on for the
@@ -38,7 +40,7 @@ def compiled(signature: str, fills: int = 1) -> Callable[[Function], Function]:
 
 
 def compile_all() -> None:
-    """Compile all kernels, or load them from disk, so that no control step has to wait; done when a controller is made."""
+    """Compile all kernels or load them from disk; done when a controller is made, not in a step."""
     while _waiting:
         function, signature, fills = _waiting[-1]
         dispatcher = _machine_code(function, signature, fills)
@@ -49,7 +51,7 @@ def compile_all() -> None:
 
 
 def _machine_code(function: Callable[..., Any], signature: str, fills: int) -> Callable[..., Any]:
-    from numba import njit, types  # here, because looking at robots or plots needs no compiler
+    from numba import njit, types  # here, because most imports need no compiler
     from numba.core.sigutils import normalize_signature
 
     arguments, result = normalize_signature(signature)
@@ -61,5 +63,14 @@ def _machine_code(function: Callable[..., Any], signature: str, fills: int) -> C
     typed = result(*arrays, *arguments[read:])
     try:
         return njit(typed, cache=True, error_model="numpy")(function)
-    except RuntimeError:  # no directory for the cache can be written
+    except Exception:  # a cache that cannot be written, or a damaged one: any error of unpickling
+        _empty_cache(function)
         return njit(typed, error_model="numpy")(function)
+
+
+def _empty_cache(function: Callable[..., Any]) -> None:
+    """Forget what is on disk of a kernel, if anything, so that the next process writes it anew."""
+    from numba import njit
+
+    with suppress(RuntimeError, OSError):
+        njit(cache=True)(function)._cache.flush()  # type: ignore[attr-defined]

@@ -1,9 +1,11 @@
-"""Everything pinadapt raises on purpose: what was wrong, where, and what to try."""
+"""The errors of pinadapt: what was wrong, where, and what to try."""
 
 from __future__ import annotations
 
+import copyreg
 import difflib
 from collections.abc import Iterable
+from typing import Any
 
 
 def nearest(name: str, allowed: Iterable[str]) -> str | None:
@@ -22,6 +24,10 @@ def did_you_mean(name: str, allowed: Iterable[str]) -> str:
 
 class PinadaptError(Exception):
     """Root of all errors raised by pinadapt."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copy and pickle message and attributes; ``args`` are not what ``__init__`` takes."""
+        return copyreg.__newobj__, (type(self), *self.args), self.__dict__  # type: ignore[attr-defined]
 
 
 class InputError(PinadaptError, ValueError):
@@ -57,7 +63,7 @@ class ScenarioError(InputError):
 
 
 class MeasurementError(PinadaptError):
-    """A measurement that nothing can be made of, non-finite as a rule; the controller's state was not touched.
+    """A measurement that cannot be used, mostly because it is not finite; the state is untouched.
 
     Attributes:
         field: name of the measured signal.

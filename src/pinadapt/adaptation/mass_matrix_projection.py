@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import eigh
-from scipy.linalg.lapack import dpotrf
 
 from ..exceptions import DivergedError
 from ..models.dynamics import Dynamics
@@ -47,6 +45,9 @@ class MassMatrixProjection(Wrapper):
         Raises:
             DivergedError: no parameters give a positive mass matrix, or the value is not finite.
         """
+        from scipy.linalg import eigh  # here, because scipy is slow to import
+        from scipy.linalg.lapack import dpotrf
+
         M_0, kept, root = self._believed.mass_matrix(q), value, None
         cuts: list[np.ndarray] = []
         bounds: list[float] = []

@@ -16,7 +16,7 @@ from .run import run_and_write
 
 
 def compare(options: argparse.Namespace) -> int:
-    """Run a scenario under several laws, print one table, write each law's outputs and ``compare.json``.
+    """Run a scenario under several laws, print one table, write outputs and ``compare.json``.
 
     A law that diverges is a result, shown in the table, not a failure of the comparison.
     """

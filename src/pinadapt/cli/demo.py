@@ -1,4 +1,4 @@
-"""``pinadapt demo``: two showcases, from nothing."""
+"""``pinadapt demo``: two showcases, with report and animation."""
 
 from __future__ import annotations
 
@@ -52,6 +52,7 @@ def demo(options: argparse.Namespace) -> int:
         rollouts.append(run_and_write(scenario, options.out / name, html=True))
     print(comparison_table(rollouts))
     print(
-        f"\nplots and animations: {options.out}/*/error.png, parameters.png, torque.png, animation.html"
+        f"\nplots and animations: {options.out}/*/"
+        "error.png, parameters.png, torque.png, animation.html"
     )
     return 0 if all(rollout.diverged is None for rollout in rollouts) else 3

@@ -1,4 +1,4 @@
-"""``pinadapt init``: a scenario file for a robot of one's own."""
+"""``pinadapt init``: a scenario file for any robot."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ..exceptions import InputError
 from ..scenario.template import Template
+from ..scenario.template_text import scenario_text
 
 
 def init(options: argparse.Namespace) -> int:
@@ -24,7 +25,7 @@ def init(options: argparse.Namespace) -> int:
             hint="--force overwrites it, --out FILE takes another name.",
         )
     file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(template.text(file.parent), encoding="utf-8")
+    file.write_text(scenario_text(template, file.parent), encoding="utf-8")
     robot, circle = template.robot, template.circle
     print(f"{file}: {robot.model.nv} joints to '{robot.frame}', task {robot.task.name}, ", end="")
     print(f"a circle of radius {circle.radius} m in {circle.period} s.\n\npinadapt run {file}")

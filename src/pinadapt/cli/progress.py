@@ -12,7 +12,7 @@ Row = TypeVar("Row")
 
 
 def samples_bar(name: str) -> Callable[[range], Iterable[int]]:
-    """Return a wrapper that shows a bar over the samples of a run, when standard error is a terminal."""
+    """Return a wrapper that shows a bar over samples when standard error is a terminal."""
     return partial(tqdm, desc=name, unit="step", disable=None, leave=False, mininterval=0.2)
 
 

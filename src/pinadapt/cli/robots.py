@@ -9,7 +9,7 @@ from ..rollout.table import columns
 
 
 def robots(options: argparse.Namespace) -> int:
-    """Print every robot of the catalogue: name, joints, task, frame, its model in example-robot-data or here."""
+    """Print the catalogue: name, joints, task, frame, origin of the model, and a remark."""
     print(
         columns(
             ("name", "joints", "task", "frame", "from", "about"),

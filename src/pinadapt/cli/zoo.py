@@ -15,14 +15,14 @@ from .progress import rows_bar
 
 
 def zoo(options: argparse.Namespace) -> int:
-    """Run the zoo over processes, print one table and write ``zoo.json``; a chain that fails is a row, not a failure."""
+    """Run the zoo, print one table and write ``zoo.json``; a chain that fails is a row."""
     names = (
         [catalogue_entry(name).name for name in options.robots]
         if options.robots
         else list(catalogue())
     )
     folder: Path = options.out
-    folder.mkdir(parents=True, exist_ok=True)  # before the work, not after it
+    folder.mkdir(parents=True, exist_ok=True)  # refused before the work where it cannot be written
     coming = run_zoo(names, options.law, seed=options.seed, processes=options.processes)
     found = {row.robot: row for row in rows_bar(coming, len(names))}
     rows = [found[name] for name in names]
@@ -30,14 +30,13 @@ def zoo(options: argparse.Namespace) -> int:
     (folder / "zoo.json").write_text(
         json.dumps([asdict(row) for row in rows], indent=2) + "\n", encoding="utf-8"
     )
-    print(
-        f"\n{sum(row.verdict == CONVERGED for row in rows)} of {len(rows)} converged; written to {folder / 'zoo.json'}"
-    )
+    converged = sum(row.verdict == CONVERGED for row in rows)
+    print(f"\n{converged} of {len(rows)} converged; written to {folder / 'zoo.json'}")
     return 0
 
 
 def zoo_table(rows: Sequence[ZooRow]) -> str:
-    """Return one line a chain; errors are the largest of the last 10 %, in mm and in per cent of the circle's radius."""
+    """Return one line a chain; errors are the largest of the last 10 %."""
     header = (
         "robot",
         "joints",

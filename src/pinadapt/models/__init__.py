@@ -1,4 +1,4 @@
-"""Models: the believed kinematics and dynamics of a robot, evaluated at an estimate of what is unknown about it."""
+"""Models: the believed kinematics and dynamics of a robot, evaluated at an estimate."""
 
 from .basis import BasisDynamics as BasisDynamics
 from .bodies import BodyDynamics as BodyDynamics

@@ -15,7 +15,7 @@ from .regressor import PER_BODY
 
 
 class BasisDynamics(InertialDynamics):
-    """Parameters a with pi = B a, so that the torque is Y B a; pi is the stack of ten parameters a body.
+    """Parameters a with pi = B a: the torque is Y B a; pi stacks the ten parameters a body.
 
     pi need not be physical, nor even have masses. Lumped parameters that
     contain unknown lengths are allowed when B is built so that Y B does not depend on them.
@@ -33,7 +33,8 @@ class BasisDynamics(InertialDynamics):
         self.B = np.array(B, dtype=float)
         if self.B.ndim != 2 or self.B.shape[0] != rows or not self.B.shape[1]:
             raise ParameterError(
-                f"expected a matrix with {rows} rows ({PER_BODY} a body), got shape {self.B.shape}.",
+                f"expected a matrix with {rows} rows ({PER_BODY} a body), got shape "
+                f"{self.B.shape}.",
                 where="unknown.basis",
             )
         if not np.isfinite(self.B).all():
@@ -51,7 +52,8 @@ class BasisDynamics(InertialDynamics):
             raise ParameterError(
                 "the basis cannot represent the robot's own dynamics: no a gives Y B a = rnea.",
                 where="unknown.basis",
-                hint="Check the order of the rows: m, mcx, mcy, mcz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about each joint.",
+                hint="Check the order of the rows: m, mcx, mcy, mcz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz "
+                "about each joint.",
             )
         self.initial = initial
         self.load(initial)
@@ -65,7 +67,7 @@ class BasisDynamics(InertialDynamics):
         return Y.dot(self.B)
 
     def value(self, robot: Robot) -> np.ndarray | None:
-        """Return the a that reproduces a robot's dynamics with the believed placements, or None if none does."""
+        """Return the a that reproduces a robot's dynamics as placed here, or None if none does."""
         return (
             equivalent_parameters(self._regressor, self.B, robot)
             if self.shares_the_rest(robot)

@@ -15,7 +15,7 @@ ALL, PAYLOAD, NONE = "all", "payload", "none"
 
 
 def chosen_bodies(robot: Robot, unknown: str | Sequence[str]) -> list[int]:
-    """Turn "all", "payload" (the last body), "none" or joint names into indices of moving bodies, from 0.
+    """Turn "all", "payload" (last body), "none" or joint names into indices of bodies, from 0.
 
     Raises:
         RobotError: unknown joint.
@@ -31,14 +31,14 @@ def chosen_bodies(robot: Robot, unknown: str | Sequence[str]) -> list[int]:
 
 
 class BodyDynamics(InertialDynamics):
-    """The ten inertial parameters [m, mc, I about the joint] of chosen bodies; the others are as believed.
+    """The ten inertial parameters [m, mc, I about the joint] of chosen bodies.
 
     Attributes:
         bodies: indices of the adapted bodies, from 0, in order.
     """
 
     def __init__(self, robot: Robot, unknown: str | Sequence[str] = ALL) -> None:
-        """Choose the bodies of a believed robot: "all", "payload", "none" or the names of the joints that move them.
+        """Choose bodies: "all", "payload", "none" or the names of the joints that move them.
 
         Raises:
             RobotError: unknown joint.
@@ -69,7 +69,7 @@ class BodyDynamics(InertialDynamics):
         return Y if self._complete else Y[:, self._columns]
 
     def value(self, robot: Robot) -> np.ndarray | None:
-        """Return the ten parameters of each adapted body; None when anything else differs from the believed."""
+        """Return the ten parameters of each adapted body; None when anything else differs."""
         pi, known = inertial_parameters(robot.model), np.ones(len(self._pi), dtype=bool)
         known[self._columns] = False
         same = np.allclose(pi[known], self._pi[known], rtol=1e-9, atol=1e-12)

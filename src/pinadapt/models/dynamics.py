@@ -12,14 +12,16 @@ from ..robot.robot import Robot
 from .regressor import Regressor
 from .translations import Translation
 
+_NEGLIGIBLE = 1e-8  # share of a torque that counts as rounding; true shares lie far above
+
 
 class Dynamics(ABC):
     """The believed dynamics of a chain at the current estimate of its unknown parameters.
 
     The torque is affine in the parameters, M a + C v + g = Y(q, v, a) a_d + tau_0(q, v, a), Wang
     and Xie (2009), equation (7); tau_0 holds the bodies that are not adapted and the rotor inertias
-    of ``model.armature``.
-    n: joints, p: number of parameters. ``load`` an estimate, then evaluate at it.
+    of ``model.armature``. n: joints, p: number of parameters. ``load`` an estimate, then evaluate
+    at it.
 
     Attributes:
         names: one name a parameter.
@@ -55,46 +57,53 @@ class Dynamics(ABC):
     def slotine_li(
         self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the Slotine-Li regressor Y_r (n, p) and M a_r + C(q, v) v_r + g (n) at the loaded estimate.
+        """Return Y_r (n, p) of Slotine and Li, and M a_r + C(q, v) v_r + g (n) at the estimate.
 
         C is the matrix of Christoffel symbols, so that dM/dt - 2 C is skew-symmetric.
         """
 
     @abstractmethod
     def value(self, robot: Robot) -> np.ndarray | None:
-        """Return the parameters (p) of any robot with this chain, or None when none reproduce its dynamics."""
+        """Return the parameters (p) of any robot with this chain, None when none reproduce it."""
 
 
 def equivalent_parameters(
-    regressor: Regressor, B: np.ndarray, robot: Robot, *, samples: int = 60, tolerance: float = 1e-8
+    regressor: Regressor, B: np.ndarray, robot: Robot, *, samples: int = 60
 ) -> np.ndarray | None:
-    """Return the vector a (p) with Y B a equal to a robot's inverse dynamics at random states, or None if there is none.
+    """Return the a (p) with Y B a equal to a robot's torque at random states, or None.
 
     Args:
         regressor: of the believed chain, with its own placements.
         B: (10 n, p) basis of the parameters.
         robot: whose dynamics (without friction and rotors) are to be matched.
         samples: number of random states.
-        tolerance: relative residual up to which a match counts as exact.
     """
     Y, tau = _random_motion(regressor, robot, samples)
     Y = Y @ B
     a_d = np.linalg.lstsq(Y, tau, rcond=None)[0]
     residual = np.linalg.norm(Y @ a_d - tau)
-    return np.asarray(a_d) if residual <= tolerance * np.linalg.norm(tau) else None
+    return np.asarray(a_d) if residual <= _NEGLIGIBLE * np.linalg.norm(tau) else None
 
 
 def identifiable(regressor: Regressor, B: np.ndarray, robot: Robot, *, samples: int = 60) -> int:
-    """Return how many of the parameters a of pi = B a (10 n, p) the torque can tell apart: the rank of Y B."""
-    Y = _random_motion(regressor, robot, samples)[0] @ B
-    scale = np.linalg.norm(Y, axis=0)
-    return int(np.linalg.matrix_rank(Y / np.where(scale > 0.0, scale, 1.0), tol=1e-8 * samples))
+    """Return how many parameters a of pi = B a (10 n, p) the torque can tell apart: rank of Y B.
+
+    Columns are scaled to unit length, so that the units of a do not matter; those that are zero but
+    for the rounding of Y, whose sizes are at most ``|Y| |B_j|``, are left out before.
+    """
+    Y = _random_motion(regressor, robot, samples)[0]
+    columns = Y @ B
+    sizes = np.linalg.norm(columns, axis=0)
+    largest = np.linalg.norm(Y, axis=0).max() * np.linalg.norm(B, axis=0)
+    alive = sizes > _NEGLIGIBLE * largest
+    singular = np.linalg.svd(columns[:, alive] / sizes[alive], compute_uv=False)
+    return int(np.count_nonzero(singular > _NEGLIGIBLE * singular.max(initial=0.0)))
 
 
 def _random_motion(
     regressor: Regressor, robot: Robot, samples: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the regressor (samples n, 10 n) and the torque (samples n) without rotors over seeded random states."""
+    """Return Y (samples n, 10 n) and torque (samples n) without rotors at seeded states."""
     model, rng = robot.model.copy(), np.random.default_rng(0)
     model.armature = np.zeros(model.nv)
     data = model.createData()

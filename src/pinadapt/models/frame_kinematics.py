@@ -1,15 +1,13 @@
 """Unknown translations of a chain, in which position, velocity and acceleration of the frame are affine.
 
 Theory: x = sum_j R_parent(j)(q) p_j + R_n(q) p_e over the joint placements p_j and the frame's own
-    p_e, so that with
-p = p_0 + B a_k the task velocity is xdot = Y_k(q, v) a_k + y_k0(q, v): Wang and Xie (2009),
-equation (2), for any chain.
+p_e, so that with p = p_0 + B a_k the task velocity is xdot = Y_k(q, v) a_k + y_k0(q, v): Wang and
+Xie (2009), equation (2), for any chain.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -20,7 +18,7 @@ from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from .right_inverse import RightInverse
 from .task_kinematics import TaskKinematics
-from .translations import Translation, placement_of, unknown_translations
+from .translations import PlacedTranslations, Translation, unknown_translations
 
 _ALIGNED = pin.LOCAL_WORLD_ALIGNED
 
@@ -51,10 +49,7 @@ class FrameKinematics(TaskKinematics):
         self._model = robot.model.copy()
         self._data = self._model.createData()
         self._frame = robot.frame_id
-        self._unknown = [
-            (part, window, placement_of(self._model, self._frame, part.joint))
-            for part, window in zip(self.translations, self._split(), strict=True)
-        ]
+        self._placed = PlacedTranslations(self._model, self._frame, self.translations)
         self._parents = [self._parent(self._model, part) for part in self.translations]
         self._B = [None if part.whole else part.directions for part in self.translations]
         # Live views into Data: position rows of each parent joint's rotation, its angular velocity
@@ -65,7 +60,9 @@ class FrameKinematics(TaskKinematics):
         self._shape = (robot.task.size, self.size)
         self._columns = [
             (np.s_[:, window], R, w, np.array(part.directions, dtype=float))
-            for (part, window, _), R, w in zip(self._unknown, self._R, self._w, strict=True)
+            for part, window, R, w in zip(
+                self.translations, self._placed.windows, self._R, self._w, strict=True
+            )
         ]
         self._zero, self._no_columns = np.zeros(self._model.nv), np.zeros((self.positions, 0))
         self._no_turning = np.zeros((robot.task.size - self.positions, self.size))
@@ -80,10 +77,6 @@ class FrameKinematics(TaskKinematics):
         """Copy by what it was made from: Pinocchio's data is scratch."""
         return FrameKinematics, (self._robot, self.translations)
 
-    def _split(self) -> list[slice]:
-        ends = np.cumsum([0] + [len(part.labels) for part in self.translations])
-        return [slice(int(a), int(b)) for a, b in pairwise(ends)]
-
     def _parent(self, model: pin.Model, part: Translation) -> int:
         return int(
             model.frames[self._frame].parentJoint
@@ -97,12 +90,7 @@ class FrameKinematics(TaskKinematics):
         None when no value of the parameters gives that robot's position: something else differs
         too.
         """
-        values = [
-            part.directions.T
-            @ (placement_of(robot.model, self._frame, part.joint).translation - part.offset)
-            for part in self.translations
-        ]
-        a_k = np.concatenate([np.zeros(0), *values])
+        a_k = PlacedTranslations(robot.model, self._frame, self.translations).read()
         q = pin.integrate(
             self._model, pin.neutral(self._model), np.linspace(0.3, 1.1, self._model.nv)
         )
@@ -112,8 +100,7 @@ class FrameKinematics(TaskKinematics):
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Evaluate at estimate a_k (p) [m], configuration q (nq) and velocity v (nv)."""
         model, data, frame = self._model, self._data, self._frame
-        for part, window, placement in self._unknown:
-            placement.translation = part.at(a_k[window])
+        self._placed.write(a_k)
         pin.forwardKinematics(model, data, q, v, self._zero)
         pin.computeJointJacobians(model, data)
         J = pin.getFrameJacobian(model, data, frame, _ALIGNED)
@@ -176,7 +163,9 @@ class FrameKinematics(TaskKinematics):
         axes = data.J.reshape(6, self.nv)[
             3:
         ]  # (3, nv) world directions of the revolute axes, zero for prismatic joints
-        for (part, window, _), parent in zip(self._unknown, self._parents, strict=True):
+        for part, window, parent in zip(
+            self.translations, self._placed.windows, self._parents, strict=True
+        ):
             velocity = data.oMi[parent].rotation @ (part.directions @ a_k_rate[window])
             columns = slice(
                 0, model.joints[parent].idx_v + 1

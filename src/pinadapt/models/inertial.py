@@ -14,7 +14,7 @@ from .regressor import Regressor, inertial_parameters
 
 
 class InertialDynamics(Dynamics):
-    """Parameters a_d with pi = pi(a_d) affine, pi (10 n) the stack of ten parameters a body about its joint.
+    """Parameters a_d with pi (10 n), the stack of ten parameters a body, affine in a_d.
 
     Torque and mass matrix come from Pinocchio's RNEA and CRBA on a private model, the regressor
     from its joint torque regressor. Subclasses say how pi follows from a_d and what that does to
@@ -35,7 +35,7 @@ class InertialDynamics(Dynamics):
         self._believed.load(self._pi)
 
     def shares_the_rest(self, robot: Robot) -> bool:
-        """Tell whether rotors and gravity are as believed and the joints free of friction, which no inertia explains."""
+        """Tell whether rotors and gravity are as believed and the joints free of friction."""
         rotors = np.allclose(robot.model.armature, self._armature)
         return (
             not robot.friction.present

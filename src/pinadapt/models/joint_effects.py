@@ -33,14 +33,15 @@ def chosen_kinds(unknown: str | Sequence[str]) -> tuple[str, ...]:
     for word in words:
         if word not in KINDS:
             raise ParameterError(
-                f"'{word}' must be one of {list(KINDS)}, 'all' or 'none'.{did_you_mean(word, (*KINDS, ALL, NONE))}",
+                f"'{word}' must be one of {list(KINDS)}, 'all' or 'none'."
+                f"{did_you_mean(word, (*KINDS, ALL, NONE))}",
                 where="unknown.joint",
             )
     return tuple(kind for kind in KINDS if kind in words)
 
 
 class JointEffects:
-    """tau = diag(armature) a + diag(viscous) v + diag(coulomb) tanh(v / threshold), linear in its coefficients.
+    """tau = diag(armature) a + diag(viscous) v + diag(coulomb) tanh(v / threshold).
 
     The coefficients of the unknown kinds are parameters, one a joint; those of the other kinds are
     as believed and compensated as such. n: joints, p: unknown kinds times n.
@@ -56,7 +57,7 @@ class JointEffects:
     """
 
     def __init__(self, robot: Robot, unknown: str | Sequence[str] = ALL) -> None:
-        """Choose the unknown kinds of a believed robot: "all", "none", or some of "armature", "viscous", "coulomb".
+        """Choose the unknown kinds: "all", "none", or of "armature", "viscous", "coulomb".
 
         Raises:
             ParameterError: another word.
@@ -103,7 +104,7 @@ class JointEffects:
         return Y
 
     def value(self, robot: Robot) -> np.ndarray | None:
-        """Return the coefficients (p) of any robot with this chain, or None if those of a known kind differ."""
+        """Return the coefficients (p) of any robot; None if those of a known kind differ."""
         true, known = (
             coefficients(robot),
             [kind for kind in range(len(KINDS)) if kind not in self._unknown],

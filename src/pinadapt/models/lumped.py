@@ -1,4 +1,4 @@
-"""Unknown lengths and inertias together: lumped parameters in which the torque is linear, exactly."""
+"""Unknown lengths and inertias together: lumped parameters in which the torque is linear."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg import qr
 
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
@@ -14,13 +13,13 @@ from .bodies import ALL, chosen_bodies
 from .inertial import InertialDynamics
 from .lumped_basis import LumpedModel, LumpedRegressor, lumped_basis
 from .regressor import LABELS, PER_BODY
-from .translations import LENGTHS, Translation, unknown_translations
+from .translations import LENGTHS, PlacedTranslations, Translation, unknown_translations
 
 _NEGLIGIBLE = 1e-8  # relative size of what is left of a dependent entry
 
 
 class LumpedDynamics(InertialDynamics):
-    """The base of products of lengths and inertial parameters that the torque is linear in, for any chain and any lengths.
+    """Products of lengths and inertial parameters in which the torque of any chain is linear.
 
     Lengths multiply inertias, so where lengths are unknown the ten parameters a body are too few:
     their regressor contains the lengths. The torque of a chain is a polynomial of degree two in its
@@ -41,7 +40,7 @@ class LumpedDynamics(InertialDynamics):
         lengths: str | Sequence[str | Translation] = LENGTHS,
         unknown: str | Sequence[str] = ALL,
     ) -> None:
-        """Take a believed robot, its unknown translations as ``FrameKinematics`` does, and its unknown bodies.
+        """Take a believed robot, unknown translations as ``FrameKinematics`` does, and bodies.
 
         Raises:
             ParameterError: no joint's translation among the unknown.
@@ -90,7 +89,7 @@ class LumpedDynamics(InertialDynamics):
         return Y if self._B is None else Y.dot(self._B)
 
     def value(self, robot: Robot) -> np.ndarray | None:
-        """Return the lumped vector (p) of a robot from its lengths and inertias; None when something else differs."""
+        """Return the lumped vector (p) of a robot; None when more than lengths, inertias differ."""
         whole = self._found.fit(robot.model) if self.shares_the_rest(robot) else None
         if whole is None:
             return None
@@ -101,14 +100,12 @@ class LumpedDynamics(InertialDynamics):
         )
 
     def _possible(self, robot: Robot, whole: np.ndarray) -> np.ndarray:
-        """Return lumped vectors (N, p) for random lengths and random inertias of the chosen bodies, the believed one first."""
+        """Return lumped vectors (N, p) at random lengths and inertias, the believed one first."""
         rng, model = np.random.default_rng(1), robot.model.copy()
+        placed = PlacedTranslations(model, robot.frame_id, self.translations)
         samples = [whole]
         for _ in range(len(whole) + 20):
-            for part in self.translations:
-                model.jointPlacements[part.joint].translation = part.at(
-                    rng.uniform(-1.0, 1.0, (part.directions.shape[1],))
-                )
+            placed.write(rng.uniform(-1.0, 1.0, placed.size))
             for body in self.bodies:
                 model.inertias[body + 1] = _random_inertia(rng)
             sample = self._found.fit(model)
@@ -126,10 +123,13 @@ def _random_inertia(rng: np.random.Generator) -> pin.Inertia:
 def _affine_hull(
     samples: np.ndarray, weights: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return B (P, p), b (P) and rows (p) with sample = B sample[rows] + b for all samples (N, P), p the least possible.
+    """Return B (P, p), b (P), rows (p): sample = B sample[rows] + b of all samples (N, P).
 
-    The weights (P) make the entries comparable, so that rounding can be told from change.
+    p is the least possible. The weights (P) make the entries comparable, so that rounding can be
+    told from change.
     """
+    from scipy.linalg import qr  # here, because scipy is slow to import
+
     changes = (samples[1:] - samples[0]) * weights
     _, R, order = qr(changes, mode="economic", pivoting=True)
     sizes = np.abs(np.diag(R))

@@ -18,14 +18,13 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg import qr, solve_triangular
 
 from .._kernels import models as kernels
 from .inertial_model import InertialModel
 from .regressor import PER_BODY, Regressor
-from .translations import Translation
+from .translations import PlacedTranslations, Translation
 
-_DEPENDENT = 1e-8  # relative size of what is left of a dependent column: below 1e-12 in practice, of others above 1e-4
+_DEPENDENT = 1e-8  # relative rest of a dependent column; it is below 1e-12, others' above 1e-4
 _DEAD = 1e-12  # relative size of columns that are zero but for rounding
 _UNEVENTFUL = 2  # random nodes in a row that must bring nothing new
 
@@ -53,16 +52,18 @@ class LumpedBasis:
 
     @property
     def weights(self) -> np.ndarray:
-        """Size (p) of each parameter's column over the random states, which makes parameters comparable."""
+        """Size (p) of each parameter's column over the states: it makes parameters comparable."""
         return np.asarray(np.linalg.norm(self._R, axis=0))
 
     def fit(self, model: pin.Model, *, tolerance: float = 1e-8) -> np.ndarray | None:
-        """Return the lumped vector with which the virtual chains move as ``model`` does without rotors, or None if none does.
+        """Return the lumped vector of a model without rotors, or None if it has none.
 
         Args:
             model: any chain with these joints.
             tolerance: relative residual of the torque up to which a match counts as exact.
         """
+        from scipy.linalg import solve_triangular
+
         rotorless = model.copy()
         rotorless.armature = np.zeros(model.nv)
         data = rotorless.createData()
@@ -77,49 +78,43 @@ class LumpedBasis:
 
 
 def lumped_basis(model: pin.Model, translations: Sequence[Translation]) -> LumpedBasis:
-    """Return the base of a chain's dynamics for unknown translations of its joints, found once a process for each chain."""
+    """Return the base of a chain's dynamics for unknown translations; found once a process."""
     bare = model.copy()
     bare.armature, bare.name = np.zeros(model.nv), ""
     for joint in range(1, model.njoints):
         bare.inertias[joint] = pin.Inertia(1.0, np.zeros(3), np.zeros((3, 3)))
     parts = tuple(
-        (part.joint or 0, tuple(part.offset.tolist()), tuple(map(tuple, part.directions.tolist())))
+        (part.joint or 0, tuple(map(tuple, part.directions.tolist())), tuple(part.offset.tolist()))
         for part in translations
     )
-    _place(bare, parts, np.zeros(sum(part.directions.shape[1] for part in translations)))
+    placed = PlacedTranslations(bare, 0, translations)
+    placed.write(np.zeros(placed.size))
     return _find(bare.saveToString(), parts)
 
 
-_Part = tuple[int, tuple[float, ...], tuple[tuple[float, ...], ...]]  # joint, offset, directions
-
-
-def _place(model: pin.Model, parts: Sequence[_Part], theta: np.ndarray) -> None:
-    """Write the lengths theta into the placements."""
-    ends = np.cumsum([0] + [len(directions[0]) for _, _, directions in parts])
-    for (joint, offset, directions), (first, last) in zip(parts, pairwise(ends), strict=True):
-        model.jointPlacements[joint].translation = (
-            np.array(offset) + np.array(directions) @ theta[first:last]
-        )
+_Part = tuple[int, tuple[tuple[float, ...], ...], tuple[float, ...]]  # joint, directions, offset
 
 
 @lru_cache(maxsize=32)
 def _find(description: str, parts: tuple[_Part, ...]) -> LumpedBasis:
-    """Take random nodes, and of each the columns that the nodes before do not span, until further nodes bring nothing.
+    """Take random nodes, and of each the columns that the nodes before do not span.
 
-    A node drawn at random lies in the span only if, but for a set of measure zero, all do.
+    The search ends when further nodes bring nothing: a node drawn at random lies in the span only
+    if, but for a set of measure zero, all do.
     """
     model, rng = pin.Model(), np.random.default_rng(0)
     model.loadFromString(description)
     states = _random_states(model, rng)
+    translations = [
+        Translation("", joint, np.array(directions), np.array(offset), ())
+        for joint, directions, offset in parts
+    ]
     models, kept, Y_kept, Q = [], [], [], np.zeros((len(states) * model.nv, 0))
     uneventful = 0
     while uneventful < _UNEVENTFUL:
         node = model.copy()
-        _place(
-            node,
-            parts,
-            rng.uniform(-1.0, 1.0, sum(len(directions[0]) for _, _, directions in parts)),
-        )
+        placed = PlacedTranslations(node, 0, translations)
+        placed.write(rng.uniform(-1.0, 1.0, placed.size))
         regressor = Regressor(node)
         Y = np.vstack([regressor(*state) for state in states])
         columns, directions = _independent(Y, Q)
@@ -134,7 +129,9 @@ def _find(description: str, parts: tuple[_Part, ...]) -> LumpedBasis:
 
 
 def _independent(Y: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the columns of Y independent of the orthonormal Q and of each other, and the directions that they add to Q."""
+    """Return the columns of Y independent of Q and each other, and what they add to Q."""
+    from scipy.linalg import qr  # here, because scipy is slow to import
+
     norms = np.linalg.norm(Y, axis=0)
     alive = np.flatnonzero(norms > _DEAD * norms.max())
     rest = Y[:, alive] / norms[alive]
@@ -222,7 +219,7 @@ class LumpedModel(InertialModel):
         self._a = pi.copy()
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Return M a + C v + g (n) [N m or N]: by the regressor, which is quicker than writing all the virtual bodies."""
+        """Return M a + C v + g (n) [N m or N], by the regressor, which is the quickest way."""
         return self._regressor(q, v, a).dot(self._a) + self._armature * a
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The pseudo-inertia of a body: its ten parameters as a symmetric 4 x 4 matrix, positive definite iff physical.
+"""The pseudo-inertia of a body: its ten parameters as a matrix, definite iff physical.
 
 P = [[Sigma, mc], [mc^T, m]], Sigma = tr(I)/2 1 - I (Wensing, Kim, Slotine 2018). The map is linear
 both ways.
@@ -14,7 +14,7 @@ from .regressor import PER_BODY
 
 
 def _coefficients() -> np.ndarray:
-    """Return F (10, 4, 4) with P = sum_i pi_i F_i, pi = [m, mcx, mcy, mcz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz]."""
+    """Return F (10, 4, 4), P = sum_i pi_i F_i, pi = [m, mc, Ixx, Ixy, Iyy, Ixz, Iyz, Izz]."""
     F = np.zeros((PER_BODY, 4, 4))
     F[0, 3, 3] = 1.0
     for axis in range(3):
@@ -43,7 +43,7 @@ def ten_parameters(P: np.ndarray) -> np.ndarray:
 
 
 def is_physical(pi: np.ndarray) -> bool:
-    """Tell whether the ten parameters pi (10) belong to some distribution of positive mass: P positive definite."""
+    """Tell whether the ten parameters pi (10) are physical: P positive definite."""
     P = pseudo_inertia(pi)
     scale = np.sqrt(np.maximum(np.diag(P), 0.0))
     if not (scale > 0.0).all():
@@ -68,7 +68,7 @@ def nearest_physical(pi: np.ndarray, *, least_mass: float, least_radius: float) 
 
 
 def unphysical_bodies(a_d: np.ndarray, names: Sequence[str]) -> list[str]:
-    """Return the names of the bodies whose ten parameters, stacked in a_d (10 k), are not physical."""
+    """Return the names of the bodies whose parameters, stacked in a_d (10 k), are not physical."""
     return [
         name
         for name, pi in zip(names, a_d.reshape(-1, PER_BODY), strict=True)

@@ -12,7 +12,7 @@ LABELS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 
 
 class Regressor:
-    """Y (n, 10 n) of a chain: M a + C v + g = Y pi, pi the stacked ``Inertia.toDynamicParameters`` of its bodies.
+    """Y (n, 10 n): M a + C v + g = Y pi, pi the stacked ``toDynamicParameters`` of the bodies.
 
     It leaves out rotor inertias (``model.armature``) and friction. It contains the placements of
     the joints, which must be the true ones.
@@ -38,7 +38,7 @@ class Regressor:
     def slotine_li(
         self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray
     ) -> np.ndarray:
-        """Return Y(q, v, v_r, a_r) (n, 10 n) with M a_r + C(q, v) v_r + g = Y pi, C the Christoffel matrix.
+        """Return Y (n, 10 n) with M a_r + C(q, v) v_r + g = Y pi, C the Christoffel matrix.
 
         C(q, u) w is bilinear and symmetric in u and w, so polarisation gives it in two calls:
         Y(q, (v + v_r)/2, a_r) - Y0(q, (v - v_r)/2, 0), Y0 without gravity.

@@ -1,4 +1,4 @@
-"""Bodies and joints together: the blocks of a robot's dynamic parameters, Y = [Y_bodies Y_joints]."""
+"""Bodies and joints together: blocks of dynamic parameters, Y = [Y_bodies Y_joints]."""
 
 from __future__ import annotations
 
@@ -64,6 +64,6 @@ class StackedDynamics(Dynamics):
         return Y, tau + self.joint.torque(motion)
 
     def value(self, robot: Robot) -> np.ndarray | None:
-        """Return the parameters (p) of any robot with this chain, or None where either block has none."""
+        """Return the parameters (p) of any robot with this chain, None where a block has none."""
         inertial, joint = self.inertial.value(without_joint_effects(robot)), self.joint.value(robot)
         return None if inertial is None or joint is None else np.concatenate([inertial, joint])

@@ -1,10 +1,11 @@
-"""Unknown translations of a chain: of the tool, of joint placements, or of lengths along their directions."""
+"""Unknown translations of a chain: of the tool, of joint placements, or of lengths."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -19,7 +20,7 @@ LENGTHS = "lengths"
 
 @dataclass(frozen=True, eq=False)
 class Translation:
-    """One unknown translation p = offset + directions @ theta, of a joint's placement or of the task frame's.
+    """One unknown translation p = offset + directions @ theta, of a joint or of the task frame.
 
     Attributes:
         name: "tool", or the joint's name.
@@ -36,6 +37,11 @@ class Translation:
     offset: np.ndarray
     labels: tuple[str, ...]
 
+    @property
+    def size(self) -> int:
+        """Number k of parameters."""
+        return int(self.directions.shape[1])
+
     @cached_property
     def whole(self) -> bool:
         """Whether the parameters are the translation itself."""
@@ -48,6 +54,39 @@ class Translation:
     def at(self, theta: np.ndarray) -> np.ndarray:
         """Return the translation (3) [m] for parameters theta (k)."""
         return theta if self.whole else self.offset + self.directions.dot(theta)
+
+    def parameters(self, translation: np.ndarray) -> np.ndarray:
+        """Return the theta (k) whose translation is nearest to a given one (3) [m]."""
+        return np.asarray(self.directions.T @ (translation - self.offset))
+
+
+class PlacedTranslations:
+    """The unknown translations of one model, to be written there at any parameters theta (p).
+
+    Attributes:
+        windows: where each translation's parameters stand in theta.
+        size: p.
+    """
+
+    def __init__(self, model: pin.Model, frame: int, translations: Sequence[Translation]) -> None:
+        """Take a model, the index of its task frame, and what is unknown there."""
+        ends = np.cumsum([0, *(part.size for part in translations)]).tolist()
+        self.windows = [slice(first, last) for first, last in pairwise(ends)]
+        self.size = ends[-1]
+        self._places = [
+            (part, window, placement_of(model, frame, part.joint))
+            for part, window in zip(translations, self.windows, strict=True)
+        ]
+
+    def read(self) -> np.ndarray:
+        """Return the parameters (p) of the model as it is."""
+        values = [part.parameters(place.translation) for part, _, place in self._places]
+        return np.concatenate([np.zeros(0), *values])
+
+    def write(self, theta: np.ndarray) -> None:
+        """Make theta (p) the parameters of the model."""
+        for part, window, place in self._places:
+            place.translation = part.at(theta[window])
 
 
 def unknown_translations(
@@ -76,12 +115,12 @@ def unknown_translations(
 
 
 def placement_of(model: pin.Model, frame: int, joint: int | None) -> pin.SE3:
-    """Return the live placement of a joint, or of the frame where ``joint`` is None; writing to it writes to the model."""
+    """Return the live placement of a joint, or of the frame where ``joint`` is None."""
     return model.frames[frame].placement if joint is None else model.jointPlacements[joint]
 
 
 def _all_lengths(robot: Robot) -> list[str]:
-    """Return "name:length" for every translation after the first joint that has a direction, from the base."""
+    """Return "name:length" for every translation after the first joint that has a direction."""
     links = [*((name, i) for i, name in enumerate(robot.joint_names, 1) if i > 1), (TOOL, None)]
     return [
         f"{name}:length"

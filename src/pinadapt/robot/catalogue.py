@@ -1,26 +1,25 @@
-"""The robots that come along: our own folder ``robots/`` and example-robot-data."""
+"""The catalogue of robots: those of our own folder ``robots/`` and of example-robot-data."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from pinocchio.robot_wrapper import RobotWrapper
 
 from .._toml import read_toml
 from ..exceptions import RobotError, did_you_mean
 from .chain import chain_joints, frame_id, is_free_flyer
-from .urdf import mimic_joints, read_urdf
+from .example_robots import bare_example, example_mimics, example_robot, example_visual
+from .urdf import mimic_joints, read_urdf, read_visual
 
 
 @dataclass(frozen=True)
 class CatalogueEntry:
-    """One robot of the catalogue: a fixed-base arm, or one limb of a larger robot whose root is welded.
+    """A robot of the catalogue: an arm, or one limb of a larger robot whose root is welded.
 
     Attributes:
         name: name in the catalogue.
@@ -33,7 +32,7 @@ class CatalogueEntry:
             their end, or None.
         link: the link that carries the frame; the frame itself where there is no tip.
         q0: home pose, one angle a joint [rad or m], or None for a searched one.
-        about: a line for people.
+        about: a remark.
     """
 
     name: str
@@ -47,29 +46,21 @@ class CatalogueEntry:
     q0: tuple[float, ...] | None
     about: str
 
-    def load(self) -> tuple[pin.Model, pin.GeometryModel | None, Any, frozenset[str]]:
-        """Return the whole model, its visual geometry, a reference configuration (nq) or None, and its mimic joints.
-
-        A robot of example-robot-data is read once in a process, whichever of its limbs are asked
-        for.
-        """
+    def load(self) -> tuple[pin.Model, np.ndarray, frozenset[str]]:
+        """Return the whole model, a reference configuration (nq) and the mimic joints."""
         if self.path is not None:
-            return (*read_urdf(self.path), None, mimic_joints(self.path))
-        whole = _example_robot(self.origin)
-        return (
-            self._with_tip(whole.model),
-            whole.visual_model,
-            whole.q0,
-            _example_mimics(self.origin),
-        )
+            model = read_urdf(self.path)
+            return model, pin.neutral(model), mimic_joints(self.path)
+        model, q_reference = example_robot(self.origin)
+        return self._with_tip(model), q_reference, example_mimics(self.origin)
+
+    def visual(self) -> pin.GeometryModel | None:
+        """Return the visual geometry of the whole model, None where a mesh is missing."""
+        return example_visual(self.origin) if self.path is None else read_visual(self.path)
 
     def joints(self) -> list[str]:
-        """Return the names of the chain's joints, without reading any mesh."""
-        model = (
-            read_urdf(self.path, meshes=False)[0]
-            if self.path is not None
-            else _example_model(self.origin)
-        )
+        """Return the names of the chain's joints."""
+        model = bare_example(self.origin) if self.path is None else read_urdf(self.path)
         return [str(model.names[joint]) for joint in self.limb(self._with_tip(model))]
 
     def limb(self, model: pin.Model) -> list[int]:
@@ -97,41 +88,8 @@ class CatalogueEntry:
         return model
 
 
-def _loaders() -> Any:
-    from example_robot_data import (
-        robots_loader,
-    )  # slow to import, and not needed for a user's own URDF
-
-    return robots_loader
-
-
-@lru_cache(maxsize=8)  # meshes take up to 200 MB a robot
-def _example_robot(origin: str) -> RobotWrapper:
-    """Read a robot of example-robot-data, with its meshes; never written to."""
-    return _loaders().load(origin)
-
-
-@cache
-def _example_path(origin: str) -> Path:
-    loaders = _loaders()
-    kind = loaders.ROBOTS[origin]
-    file = Path(kind.path, kind.urdf_subpath, kind.urdf_filename)
-    return Path(kind.model_path or loaders.getModelPath(str(file))) / file
-
-
-@cache
-def _example_model(origin: str) -> pin.Model:
-    """Read a robot of example-robot-data without its meshes; a floating base is left out."""
-    return read_urdf(_example_path(origin), meshes=False)[0]
-
-
-@cache
-def _example_mimics(origin: str) -> frozenset[str]:
-    return mimic_joints(_example_path(origin))
-
-
 def robots_folder() -> Path:
-    """Return the folder of our own robots: inside an installed package, or beside ``src`` in a checkout."""
+    """Return the folder of our own robots: inside the package, or beside ``src`` in a checkout."""
     package = Path(__file__).resolve().parents[1]
     for folder in (package / "robots", package.parents[1] / "robots"):
         if (folder / "catalogue.toml").is_file():
@@ -171,7 +129,8 @@ def catalogue_entry(name: str) -> CatalogueEntry:
     """
     if name not in catalogue():
         raise RobotError(
-            f"'{name}' is neither a robot of the catalogue nor a URDF file.{did_you_mean(name, catalogue())}",
+            f"'{name}' is neither a robot of the catalogue nor a URDF file."
+            f"{did_you_mean(name, catalogue())}",
             where="source",
             hint="See `pinadapt robots`.",
         )

@@ -56,11 +56,13 @@ def check_joints(model: pin.Model, joints: Sequence[int]) -> None:
             raise RobotError(
                 f"joint '{name}' makes the base floating; the laws hold for fixed-base chains.",
                 where=model.name,
-                hint="Weld it (weld_root=True, in a scenario robot.weld_root = true) to use one limb as a fixed-base arm.",
+                hint="Weld it (weld_root=True, in a scenario robot.weld_root = true) to use one "
+                "limb as a fixed-base arm.",
             )
         if "Mimic" in kind:
             raise RobotError(
-                f"joint '{name}' mimics another joint, which adaptive laws for independent joints do not cover.",
+                f"joint '{name}' mimics another joint, which laws for independent joints do not "
+                "cover.",
                 where=model.name,
                 hint="Lock it, or choose a frame before it.",
             )
@@ -121,12 +123,13 @@ def check_mass_matrix(model: pin.Model, configurations: Sequence[np.ndarray]) ->
             raise RobotError(
                 f"the mass matrix is singular or indefinite{blame}.",
                 where=model.name,
-                hint="Give every moving body a positive mass and inertia, or lock the joint that moves none.",
+                hint="Give every moving body a positive mass and inertia, or lock the joint that "
+                "moves none.",
             )
 
 
 def configuration_from_angles(model: pin.Model, angles: np.ndarray) -> np.ndarray:
-    """Turn one number a joint [rad or m] (nv) into a configuration (nq); continuous joints become (cos, sin)."""
+    """Turn one number a joint [rad or m] (nv) into a configuration (nq)."""
     return np.asarray(pin.integrate(model, pin.neutral(model), np.asarray(angles, dtype=float)))
 
 
@@ -135,25 +138,37 @@ def angles_from_configuration(model: pin.Model, q: np.ndarray) -> np.ndarray:
     return np.asarray(pin.difference(model, pin.neutral(model), q))
 
 
-def reduce_to_chain(
-    model: pin.Model, visual: pin.GeometryModel | None, keep: Sequence[int], q_reference: np.ndarray
-) -> tuple[pin.Model, pin.GeometryModel | None]:
-    """Lock every joint but ``keep`` at ``q_reference`` (nq of the whole model); the input is not changed."""
+def reduce_to_chain(model: pin.Model, keep: Sequence[int], q_reference: np.ndarray) -> pin.Model:
+    """Lock every joint but ``keep`` at ``q_reference`` (nq of the whole), on a copy."""
+    return _reduced(model, [], keep, q_reference)[0]
+
+
+def reduce_visual(
+    model: pin.Model, visual: pin.GeometryModel, keep: Sequence[int], q_reference: np.ndarray
+) -> pin.GeometryModel:
+    """Return the visual geometry of a chain from that of the whole model."""
+    return _reduced(model, [visual], keep, q_reference)[1][0]
+
+
+def _reduced(
+    model: pin.Model,
+    visuals: list[pin.GeometryModel],
+    keep: Sequence[int],
+    q_reference: np.ndarray,
+) -> tuple[pin.Model, Sequence[pin.GeometryModel]]:
     lock = [joint for joint in range(1, model.njoints) if joint not in set(keep)]
     model = model.copy()
     _rename_links(model, mark=True)
-    reduced, geometries = pin.buildReducedModel(
-        model, [] if visual is None else [visual], lock, q_reference
-    )
+    reduced, geometries = pin.buildReducedModel(model, visuals, lock, q_reference)
     _rename_links(reduced, mark=False)
-    return reduced, geometries[0] if len(geometries) else None
+    return reduced, geometries
 
 
 _LINK = "(link) "
 
 
 def _rename_links(model: pin.Model, *, mark: bool) -> None:
-    """Mark the links that share a name with another frame, over which buildReducedModel stumbles, or remove the marks."""
+    """Mark links that share a frame's name, which buildReducedModel refuses; or unmark them."""
     names = [frame.name for frame in model.frames]
     for frame, name in zip(model.frames, names, strict=True):
         if not mark:

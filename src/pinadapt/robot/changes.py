@@ -1,4 +1,4 @@
-"""How a real robot differs from its description: each function changes a model in place."""
+"""How far a real robot differs from its description: functions that change a model in place."""
 
 from __future__ import annotations
 
@@ -41,7 +41,8 @@ class Payload:
         second_moment = 0.5 * np.trace(matrix) * np.eye(3) - matrix
         if np.linalg.eigvalsh(second_moment)[0] < -1e-12:
             raise RobotError(
-                "no distribution of mass has this inertia: each principal moment is at most the sum of the other two.",
+                "no distribution of mass has this inertia: each principal moment is at most the "
+                "sum of the other two.",
                 where="payload.inertia",
             )
         return pin.Inertia(float(self.mass), com, matrix)
@@ -103,7 +104,7 @@ def shift_tool(model: pin.Model, frame: int, translation: ArrayLike) -> None:
 
 
 def shift_joints(model: pin.Model, translations: Mapping[str, ArrayLike]) -> None:
-    """Add a translation (3) [m], in parent axes, to the placement of each named joint, with what hangs on it.
+    """Add a translation (3) [m], in parent axes, to the placement of each named joint.
 
     Raises:
         RobotError: unknown joint or wrong sizes.

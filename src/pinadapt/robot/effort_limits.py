@@ -10,13 +10,13 @@ from .robot import Robot
 
 
 def effort_limits(robot: Robot) -> np.ndarray:
-    """Return the effort limits (nv) [N m or N], infinite where the URDF's 0, 1.8e308 or inf mean none."""
+    """Return the effort limits (nv) [N m or N]; 0, 1.8e308 and inf in a URDF mean none: inf."""
     limits = np.array(robot.model.effortLimit, dtype=float)
     return np.where((limits > 0.0) & (limits < 1e300), limits, np.inf)
 
 
 def torque_limits(robot: Robot, limits: ArrayLike | bool | None) -> np.ndarray | None:
-    """Return torque limits (nv) [N m or N] from the description for True, or as given; None where no joint has one.
+    """Return torque limits (nv) [N m or N]: the description's for True, as given, or None.
 
     Raises:
         GainError: of the wrong size, or not positive.

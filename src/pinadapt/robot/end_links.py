@@ -24,7 +24,7 @@ _WORDS = (
 
 
 def end_links(model: pin.Model, mimics: Collection[str] = ()) -> list[str]:
-    """Return the links at the robot's ends that two independent joints or more can move, the likeliest task frame first.
+    """Return the end links that two or more joints can move, the likeliest task frame first.
 
     An end is an outermost link, or a palm: one that carries several joints, with fewer behind it
     than before it. Links named like a tool or a foot come first, then palms, then the others; those
@@ -46,7 +46,7 @@ def end_links(model: pin.Model, mimics: Collection[str] = ()) -> list[str]:
 
 
 def _is_palm(model: pin.Model, index: int) -> bool:
-    """Tell whether a link carries several joints, as a hand carries fingers and a torso, with more behind it, does not."""
+    """Tell whether a link carries several joints, with fewer behind it than before it."""
     joint = model.frames[index].parentJoint
     carried = [f for f in model.frames if f.parentFrame == index and f.type == pin.FrameType.JOINT]
     before = len(model.supports[joint]) - 1

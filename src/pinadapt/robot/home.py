@@ -1,4 +1,4 @@
-"""A starting configuration away from singularities, when nobody gives one."""
+"""A starting configuration away from singularities, where none is given."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _SAMPLES, _REFINEMENTS = 500, (0.2, 0.1, 0.05)
 def conditioning(
     model: pin.Model, data: pin.Data, frame: int, rows: slice, q: np.ndarray
 ) -> tuple[float, float]:
-    """Return smallest singular value of the task Jacobian, and its ratio to the largest, at q (nq)."""
+    """Return the task Jacobian's smallest singular value at q, and its ratio to the largest."""
     J = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL_WORLD_ALIGNED)[rows]
     singular = np.linalg.svd(J, compute_uv=False)
     return float(singular[-1]), float(singular[-1] / max(singular[0], np.finfo(float).tiny))
@@ -29,7 +29,7 @@ def conditioning(
 def find_home(
     model: pin.Model, frame: int, rows: slice, candidates: Iterable[np.ndarray]
 ) -> np.ndarray:
-    """Return the first candidate (nq) off the limits and nearly as well conditioned as can be, else the best pose found.
+    """Return the first well-conditioned candidate (nq) off the limits, or the best pose.
 
     The best pose found among seeded samples inside the limits, and samples around the best of them,
     has the largest smallest singular value of the task Jacobian times how far it is from the
@@ -42,7 +42,7 @@ def find_home(
     data, limits = model.createData(), position_limits(model)
 
     def quality(angles: np.ndarray) -> float:
-        """Return the smallest singular value of the task Jacobian at the angles (nv), less near a limit."""
+        """Return the smallest singular value of the Jacobian at angles (nv), less near a limit."""
         q = configuration_from_angles(model, angles)
         return conditioning(model, data, frame, rows, q)[0] * min(
             1.0, _margin(limits, angles) / _FAR_OFF
@@ -52,9 +52,11 @@ def find_home(
     singular, ratio = conditioning(model, data, frame, rows, home)
     if ratio < _DEGENERATE:
         raise RobotError(
-            f"the chain to frame '{model.frames[frame].name}' cannot move all coordinates of the task in any posture.",
+            f"the chain to frame '{model.frames[frame].name}' cannot move all coordinates of the "
+            "task in any posture.",
             where="task",
-            hint="Take another task, or a frame further out; where there is none, give the description a link there.",
+            hint="Take another task, or a frame further out; where there is none, give the "
+            "description a link there.",
         )
     for q in candidates:
         off_limits = _margin(limits, angles_from_configuration(model, q)) >= _OFF_LIMITS
@@ -64,7 +66,7 @@ def find_home(
 
 
 def _best_inside(model: pin.Model, quality: Callable[[np.ndarray], float]) -> np.ndarray:
-    """Return the angles (nv) of highest quality among seeded samples of the inner four fifths of the bounds."""
+    """Return the angles (nv) of highest quality among samples of four fifths of the bounds."""
     lower, upper = position_bounds(model)
     middle, half, rng = (lower + upper) / 2, 0.8 * (upper - lower) / 2, np.random.default_rng(0)
     best = max(middle + half * rng.uniform(-1.0, 1.0, (_SAMPLES, model.nv)), key=quality)
@@ -75,7 +77,7 @@ def _best_inside(model: pin.Model, quality: Callable[[np.ndarray], float]) -> np
 
 
 def _margin(limits: tuple[np.ndarray, np.ndarray], angles: np.ndarray) -> float:
-    """Return the distance to the nearest limit in parts of that joint's range, negative outside, infinite without limits."""
+    """Return the distance to the nearest limit, in parts of that joint's range; inf for none."""
     lower, upper = limits
     limited = np.isfinite(lower)
     low, high, at = lower[limited], upper[limited], angles[limited]

@@ -27,7 +27,7 @@ def position_limits(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
 
 
 def position_bounds(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
-    """Return lower and upper joint bounds (nv) [rad or m]; an absent limit becomes half a turn or one metre."""
+    """Return joint bounds (nv) [rad or m]; an absent limit becomes half a turn or one metre."""
     lower, upper = position_limits(model)
     half = np.array([1.0 if is_slide(joint) else np.pi for joint in model.joints[1:]])
     return np.where(np.isfinite(lower), lower, -half), np.where(np.isfinite(upper), upper, half)

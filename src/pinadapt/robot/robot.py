@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -31,7 +32,8 @@ from .chain import (
 )
 from .friction import Friction
 from .home import find_home
-from .urdf import is_path, mimic_joints, read_urdf
+from .urdf import is_path, mimic_joints, read_urdf, read_visual
+from .visual import Visual
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +49,7 @@ class Robot:
         task: the controlled coordinates of that frame.
         q0: (nq) home configuration.
         friction: joint friction, of the real robot or as believed; descriptions have none.
-        visual: geometry to draw, or None.
+        drawn: its visual geometry, not read yet, or None.
     """
 
     name: str
@@ -56,7 +58,12 @@ class Robot:
     task: Task
     q0: np.ndarray
     friction: Friction
-    visual: pin.GeometryModel | None = None
+    drawn: Visual | None = None
+
+    @property
+    def visual(self) -> pin.GeometryModel | None:
+        """The geometry to draw, read when it is first asked for, or None."""
+        return None if self.drawn is None else self.drawn.geometry
 
     @property
     def frame_id(self) -> int:
@@ -81,7 +88,7 @@ class Robot:
         return self.task.at(self.model, self.model.createData(), self.frame_id, q)
 
     def placement(self, q: np.ndarray) -> pin.SE3:
-        """Return the placement of the task frame of this description at configuration q (nq), in world axes."""
+        """Return the placement of the described task frame at q (nq), in world axes."""
         data = self.model.createData()
         pin.framesForwardKinematics(self.model, data, q)
         return data.oMf[self.frame_id].copy()
@@ -106,7 +113,7 @@ class Robot:
         viscous: ArrayLike | None = None,
         coulomb: ArrayLike | None = None,
     ) -> Robot:
-        """Return another robot that differs from this one as stated; nothing is shared between the two models.
+        """Return another robot that differs from this one as stated; the models share nothing.
 
         Args:
             inertial_scale: factor on mass and inertia of all bodies, or joint name -> factor.
@@ -138,7 +145,7 @@ class Robot:
 
     def undrawn(self) -> Robot:
         """Return this robot without the geometry to draw, which controllers need not carry about."""
-        return self if self.visual is None else replace(self, visual=None)
+        return replace(self, drawn=None)
 
     def _coefficients(self, given: ArrayLike | None, where: str, default: np.ndarray) -> np.ndarray:
         """Return coefficients (nv), one a joint, or refuse negative ones."""
@@ -159,7 +166,7 @@ class _Description:
 
     name: str
     model: pin.Model
-    visual: pin.GeometryModel | None
+    visual: Callable[[], pin.GeometryModel | None] | None
     q_reference: np.ndarray
     mimics: frozenset[str] = frozenset()
     frame: str | None = None
@@ -203,17 +210,19 @@ def load(
     locked = [*found.locked, *([locked] if isinstance(locked, str) else locked)]
     keep = _kept_joints(found, name, locked, weld_root or found.weld_root)
     check_numbers(found.model)
-    model, visual = reduce_to_chain(found.model, found.visual, keep, found.q_reference)
+    model = reduce_to_chain(found.model, keep, found.q_reference)
     if gravity is not None:
         model.gravity.linear = vector(gravity, 3, "gravity", error=RobotError)
     if model.nv < chosen.size:
         raise RobotError(
-            f"task '{chosen.name}' has {chosen.size} coordinates, the chain to '{name}' only {model.nv} joints.",
+            f"task '{chosen.name}' has {chosen.size} coordinates, the chain to '{name}' only "
+            f"{model.nv} joints.",
             where="task",
             hint="Take a frame further out, or a smaller task.",
         )
     poses = _reference_poses(found, model, keep)
-    robot = Robot(found.name, model, name, chosen, poses[0], Friction.none(model.nv), visual)
+    drawn = found.visual and Visual(found.visual, found.model, tuple(keep), found.q_reference)
+    robot = Robot(found.name, model, name, chosen, poses[0], Friction.none(model.nv), drawn)
     robot = (
         replace(robot, q0=find_home(model, robot.frame_id, chosen.rows, poses))
         if q0 is None
@@ -231,16 +240,17 @@ def _describe(source: Source) -> _Description:
     if isinstance(source, RobotWrapper):
         q_reference = getattr(source, "q0", None)
         q_reference = pin.neutral(source.model) if q_reference is None else q_reference
-        return _Description(str(source.model.name), source.model, source.visual_model, q_reference)
+        visual = partial(_given, source.visual_model)
+        return _Description(str(source.model.name), source.model, visual, q_reference)
     if isinstance(source, pin.Model):
         return _Description(str(source.name), source, None, pin.neutral(source))
     if is_path(source):
         path = Path(source)
-        model, visual = read_urdf(path)
+        model, visual = read_urdf(path), partial(read_visual, path)
         return _Description(str(model.name), model, visual, pin.neutral(model), mimic_joints(path))
     entry = catalogue_entry(str(source))
-    model, visual, q_reference, mimics = entry.load()
-    q_reference = pin.neutral(model) if q_reference is None else np.array(q_reference)
+    model, q_reference, mimics = entry.load()
+    q_reference = np.array(q_reference)
     limb = entry.limb(model)
     for joint, angle in zip(limb, entry.q0 or (), strict=entry.q0 is not None):
         part = model.joints[joint]
@@ -256,7 +266,7 @@ def _describe(source: Source) -> _Description:
     return _Description(
         entry.name,
         model,
-        visual,
+        entry.visual,
         q_reference,
         mimics,
         entry.frame,
@@ -266,10 +276,15 @@ def _describe(source: Source) -> _Description:
     )
 
 
+def _given(visual: pin.GeometryModel | None) -> pin.GeometryModel | None:
+    """Return a geometry that has been read before."""
+    return visual
+
+
 def _kept_joints(
     found: _Description, frame: str, locked: Sequence[str], weld_root: bool
 ) -> list[int]:
-    """Return the joints from base to frame that are not locked, after refusing the unsupported ones."""
+    """Return the joints from base to frame that are not locked; refuse the unsupported ones."""
     chain = chain_joints(found.model, frame_id(found.model, frame))
     if weld_root:
         chain = [j for j in chain if not is_free_flyer(found.model.joints[j])]
@@ -292,7 +307,7 @@ def _kept_joints(
 
 
 def _reference_poses(found: _Description, model: pin.Model, keep: Sequence[int]) -> list[Any]:
-    """Return the description's own poses of the chain (nq): its reference configuration and the neutral one."""
+    """Return the description's poses of the chain (nq): its reference and the neutral one."""
     parts = [
         found.q_reference[j.idx_q : j.idx_q + j.nq] for j in (found.model.joints[k] for k in keep)
     ]

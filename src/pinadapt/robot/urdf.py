@@ -1,4 +1,4 @@
-"""Reading a URDF file, with errors a person can act on."""
+"""Reading a URDF file."""
 
 from __future__ import annotations
 
@@ -12,50 +12,50 @@ from ..exceptions import RobotError
 
 
 def is_path(source: str | Path) -> bool:
-    """Tell whether a robot's source is the path of a file; any other text is a name in the catalogue."""
+    """Tell whether a source is the path of a file; other text is a name in the catalogue."""
     return isinstance(source, Path) or "/" in source or source.endswith((".urdf", ".xml"))
 
 
-def read_urdf(path: Path, *, meshes: bool = True) -> tuple[pin.Model, pin.GeometryModel | None]:
-    """Build the model of a URDF file, and its visual geometry when the meshes can be found; a warning tells where they are not.
-
-    Args:
-        path: the URDF file; meshes named ``package://`` are searched in the folders above it.
-        meshes: whether to look for the visual geometry at all.
+def read_urdf(path: Path) -> pin.Model:
+    """Build the model of a URDF file.
 
     Raises:
         RobotError: no such file, not XML, or not a URDF.
     """
     _check_xml(path)
     try:
-        model = pin.buildModelFromUrdf(str(path))
+        return pin.buildModelFromUrdf(str(path))
     except Exception as error:
         raise RobotError(
-            "this XML is not a valid URDF; the parser's own words stand above.",
+            "this XML is not a valid URDF; the messages of the parser stand above.",
             where=str(path),
-            hint="Every joint needs a parent and child that exist, revolute and prismatic ones also <limit>.",
+            hint="Every joint needs a parent and child that exist, revolute and prismatic ones "
+            "also <limit>.",
         ) from error
-    if not meshes:
-        return model, None
+
+
+def read_visual(path: Path) -> pin.GeometryModel | None:
+    """Read the visual geometry of a URDF file, or warn and return None where a mesh is missing.
+
+    Meshes named ``package://`` are searched in the folders above the file.
+    """
+    model, folders = read_urdf(path), [str(folder) for folder in path.resolve().parents]
     try:
-        folders = [str(folder) for folder in path.resolve().parents]
-        visual = pin.buildGeomFromUrdf(
+        return pin.buildGeomFromUrdf(
             model, str(path), pin.GeometryType.VISUAL, package_dirs=folders
         )
-    except (
-        Exception
-    ) as error:  # a mesh that cannot be found must not keep a robot from being controlled
-        visual = None
+    except Exception as error:  # a robot can be controlled without its meshes
         warnings.warn(
-            f"{path}: {str(error).strip().rstrip('.')}. The robot is drawn as a stick figure. Meshes are looked for in the "
-            "folders above the file and in the folders of ROS_PACKAGE_PATH.",
+            f"{path}: {str(error).strip().rstrip('.')}. The robot is drawn as a stick figure. "
+            "Meshes are looked for in the folders above the file and in the folders of "
+            "ROS_PACKAGE_PATH.",
             stacklevel=2,
         )
-    return model, visual
+        return None
 
 
 def mimic_joints(path: Path) -> frozenset[str]:
-    """Return the names of the joints that mimic another; Pinocchio's parser makes them independent by default."""
+    """Return the names of the joints that mimic another; Pinocchio makes them independent."""
     robot = ElementTree.parse(path).getroot()
     return frozenset(
         joint.get("name", "") for joint in robot.iter("joint") if joint.find("mimic") is not None

@@ -1,4 +1,4 @@
-"""A circle that a robot can follow: inside its limits, away from singularities, also with a tool it does not know of."""
+"""A circle that a robot can follow inside its limits, also with an unknown tool."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class WorkspaceCircle:
 
 
 def reach(robot: Robot) -> float:
-    """Return the length [m] of the stretched chain from the first joint to the frame, with the travel of its slides."""
+    """Return the length [m] of the stretched chain from first joint to frame, slides extended."""
     model = robot.model
     lower, upper = position_bounds(model)
     slides = [joint.idx_v for joint in model.joints[1:] if is_slide(joint)]
@@ -104,8 +104,8 @@ def reachable_circle(
             if len(runs) == len(followers):
                 return _circle(robot, path, runs, length)
     raise RobotError(
-        f"no circle through the home pose {np.round(robot.home_angles, 3).tolist()} stays inside the joint limits and away "
-        "from singularities.",
+        f"no circle through the home pose {np.round(robot.home_angles, 3).tolist()} stays inside "
+        "the joint limits and away from singularities.",
         where=robot.name,
         hint="Give a home pose q0 further from both.",
     )
@@ -127,14 +127,19 @@ class _Path:
 
 @dataclass(frozen=True)
 class _Run:
-    """What following a path took: joint speeds (nv) [rad or m per rad of the circle], conditioning as in WorkspaceCircle."""
+    """What following a path took.
+
+    Attributes:
+        speeds: (nv) largest joint speeds [rad or m per rad of the circle].
+        least_singular: as in ``WorkspaceCircle``.
+    """
 
     speeds: np.ndarray
     least_singular: float
 
 
 class _Follower:
-    """Damped least squares from home, for a robot whose tool is moved by a shift (3) [m] in the frame's axes."""
+    """Damped least squares from home, for a tool moved by a shift (3) [m] in the frame's axes."""
 
     def __init__(self, robot: Robot, shift: np.ndarray) -> None:
         self._task, self._q0 = robot.task, robot.q0
@@ -153,7 +158,7 @@ class _Follower:
         self._home = self._singular(self._jacobian(self._described))
 
     def follow(self, path: _Path) -> _Run | None:
-        """Return what it takes to follow a path, or None where a limit, a singularity or the path's end is in the way."""
+        """Return what it takes to follow a path, or None where a limit or a singularity forbids."""
         model, data, task, q = self._model, self._data, self._task, self._q0
         home_share = 1.0 - exp(-_RETURN * _PERIOD / _STEPS)
         damping = (0.01 * self._home) ** 2 * np.eye(task.size)

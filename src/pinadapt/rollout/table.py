@@ -7,25 +7,23 @@ from collections.abc import Sequence
 
 def two_columns(title: str, rows: Sequence[tuple[str, str]]) -> str:
     """Return a title with one line a row, the second column aligned."""
-    width = max(len(name) for name, _ in rows)
-    return "\n".join(
-        [title, "-" * len(title), *(f"{name:<{width}}  {value}" for name, value in rows)]
-    )
+    return "\n".join([title, "-" * len(title), _drawn(rows, "ll", header=False)])
 
 
 def columns(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table with the first and last column flush left, for words, and the others flush right."""
-    table = [list(header), *[list(row) for row in rows]]
-    widths = [max(len(row[i]) for row in table) for i in range(len(header))]
-    ends = (0, len(header) - 1)
-    lines = [
-        "  ".join(
-            cell.ljust(w) if i in ends else cell.rjust(w)
-            for i, (cell, w) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in table
-    ]
-    return "\n".join([lines[0], "-" * max(len(line) for line in lines), *lines[1:]])
+    """Return a table: first and last column flush left, for words, the others flush right."""
+    return _drawn([header, *rows], f"l{'r' * (len(header) - 2)}l", header=True)
+
+
+def _drawn(rows: Sequence[Sequence[str]], sides: str, *, header: bool) -> str:
+    """Return rows without borders; ``sides`` has an l or r a column."""
+    from texttable import Texttable  # here, because the library is imported without it
+
+    table = Texttable(max_width=0)
+    table.set_deco(Texttable.HEADER).set_chars(["-", "|", "+", "-"])
+    table.set_header_align(sides).set_cols_align(sides).set_cols_dtype(["t"] * len(sides))
+    lines = table.add_rows(rows, header=header).draw().splitlines()
+    return "\n".join(line.rstrip() for line in lines)
 
 
 def number(value: float | None, unit: str = "", *, scale: float = 1.0, digits: int = 3) -> str:

@@ -11,7 +11,7 @@ from .schema import ScenarioTables, allowed_keys
 
 @contextmanager
 def prefix_errors(key: str) -> Iterator[None]:
-    """Put a section or a dotted key in front of where an error was found, unless it stands there already.
+    """Put a section or dotted key in front of an error's place, unless it stands there.
 
     Raises:
         InputError: of the kind raised inside.

@@ -86,7 +86,8 @@ _TYPES = {"float", "constrained-float", "int", "str", "dict", "bool", "list"}
 def _sentence(problem: Any, location: tuple[Any, ...], raw: dict[str, Any]) -> str:
     if problem["type"] == "extra_forbidden":
         allowed = allowed_keys(location[:-1], raw)
-        return f"unknown key; allowed here: {', '.join(allowed)}.{did_you_mean(str(location[-1]), allowed)}"
+        guess = did_you_mean(str(location[-1]), allowed)
+        return f"unknown key; allowed here: {', '.join(allowed)}.{guess}"
     if problem["type"] == "missing":
         return "this key is required"
     message = problem["msg"][0].lower() + problem["msg"][1:]

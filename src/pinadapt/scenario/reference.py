@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from .._checks import vector
 from ..exceptions import ScenarioError
 from ..robot.robot import Robot
 from ..tasks.pose import PoseTask
@@ -22,21 +23,21 @@ from .schema import (
     LissajousSection,
     OrientationSection,
     Reference,
+    SinusoidSection,
     WaypointsSection,
 )
 
 
 def trajectory_of(reference: Reference, true: Robot) -> Trajectory:
-    """Return the desired motion; what the table leaves open, centre or orientation, is that of the true robot at home.
+    """Return the desired motion; centre and orientation are by default the true robot's at home.
 
     Raises:
         InputError: points or centres of the wrong size, a plane or an orientation that the task has
             not.
     """
     start, task = true.position(true.q0), true.task
-    place = task.position(start)
-    motion, anchored = _position(reference, task)
-    motion = motion if anchored else motion.starting_at(place)
+    motion, anchored = _motion(reference, task)
+    motion = motion if anchored else motion.starting_at(start[: _size(task)])
     if not isinstance(task, PoseTask):
         if reference.orientation is not None:
             raise ScenarioError(
@@ -51,39 +52,65 @@ def trajectory_of(reference: Reference, true: Robot) -> Trajectory:
         )
 
 
-def _position(reference: Reference, task: Task) -> tuple[Trajectory, bool]:
-    """Return the motion of the task's positions, and whether it is where it belongs; else it is to start at the start."""
+def _size(task: Task) -> int:
+    """Return how many coordinates the motion has: the positions of a frame, or all joints."""
+    return task.positions or task.size
+
+
+def _motion(reference: Reference, task: Task) -> tuple[Trajectory, bool]:
+    """Return the motion of positions or joints, and whether its place is given too."""
+    size = _size(task)
     if isinstance(reference, WaypointsSection):
         points = [np.array(point) for point in reference.points]
-        if any(point.size != task.positions for point in points):
+        if any(point.size != size for point in points):
             raise ScenarioError(
-                f"every point needs {task.positions} coordinates, as the task has.",
+                f"every point needs {size} coordinates, as the task has.",
                 where="reference.points",
             )
-        first = [np.zeros(task.positions)] if reference.relative else []
+        first = [np.zeros(size)] if reference.relative else []
         return Waypoints([*first, *points], reference.segment), not reference.relative
     given = reference.center
-    if given is not None and len(given) != task.positions:
+    if given is not None and len(given) != size:
         raise ScenarioError(
-            f"the task has {task.positions} coordinates, got {len(given)}.",
+            f"the task has {size} coordinates, got {len(given)}.",
             where="reference.center",
         )
-    middle = np.zeros(task.positions) if given is None else np.array(given)
+    middle = np.zeros(size) if given is None else np.array(given)
+    return _around(middle, reference, task), given is not None
+
+
+def _around(
+    middle: np.ndarray,
+    reference: CircleSection | LissajousSection | SinusoidSection | HoldSection,
+    task: Task,
+) -> Trajectory:
+    """Return the motion around a middle."""
     if isinstance(reference, HoldSection):
-        return Hold(middle), given is not None
+        return Hold(middle)
     if isinstance(reference, LissajousSection):
-        motion = Lissajous(
+        return Lissajous(
             middle, reference.amplitude, reference.cycles, reference.period, reference.phase
         )
-        return motion, given is not None
-    circle = Circle(
-        middle, reference.radius, reference.period, _plane(reference, task), reference.phase
-    )
-    return circle, given is not None
+    if isinstance(reference, SinusoidSection):
+        return _sinusoid(middle, reference)
+    plane = _plane(reference, task)
+    return Circle(middle, reference.radius, reference.period, plane, reference.phase)
+
+
+def _sinusoid(middle: np.ndarray, reference: SinusoidSection) -> Trajectory:
+    """Return a sine a coordinate, each with a period of its own."""
+    frequencies = 1.0 / vector(reference.period, middle.size, "reference.period")
+    return Lissajous(middle, reference.amplitude, frequencies, 1.0, reference.phase)
 
 
 def _plane(reference: CircleSection, task: Task) -> str:
-    """Return the plane of a circle among the task's own coordinates; a task of two has one, by whatever name."""
+    """Return the plane of a circle among the task's coordinates; a task of two has only one."""
+    if task.positions < 2:
+        raise ScenarioError(
+            f"the task '{task.name}' has no plane for a circle.",
+            where="reference.kind",
+            hint='Take "sinusoid", "waypoints" or "hold".',
+        )
     if task.positions == 2 and reference.plane in (None, task.name):
         return "xy"
     if task.positions == 2:
@@ -94,7 +121,7 @@ def _plane(reference: CircleSection, task: Task) -> str:
 
 
 def _orientation(section: OrientationSection, start: np.ndarray) -> Orientation:
-    """Return the desired orientation; where no quaternion is given it starts at the initial one (4)."""
+    """Return the desired orientation; without a quaternion it starts at the initial one (4)."""
     middle = UPRIGHT if section.quaternion is None else section.quaternion
     motion: Orientation = FixedOrientation(middle)
     if section.amplitude:

@@ -135,7 +135,7 @@ def _described(tables: ScenarioTables, folder: Path) -> Robot:
 
 
 def _changed(described: Robot, section: TruthSection | BeliefSection, **lengths: Any) -> Robot:
-    """Return the robot with the inertias, load and friction of a section, and the changed lengths."""
+    """Return the robot with inertias, load and friction of a section, and changed lengths."""
     return described.changed(
         inertial_scale=section.inertial_scale,
         payload=None if section.payload is None else Payload(**section.payload.model_dump()),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import pi
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -24,7 +25,7 @@ class RobotSection(Section):
 
     source: str
     frame: str | None = None
-    task: Literal["xy", "xz", "yz", "xyz", "pose"] | None = None
+    task: Literal["xy", "xz", "yz", "xyz", "pose", "joint"] | None = None
     locked: list[str] = []
     q0: list[Number] | None = None
     gravity: Vector3 | None = None
@@ -58,7 +59,7 @@ class TruthSection(Section):
 
 
 class BeliefSection(Section):
-    """[belief]: the initial estimates; a payload is a guess of the load, added after the scaling."""
+    """[belief]: the initial estimates; ``payload`` is a guess of the load, added after scaling."""
 
     inertial_scale: Positive | dict[str, Positive] = 1.0
     friction: FrictionSection = FrictionSection()
@@ -101,7 +102,10 @@ class ControllerSection(Section):
 
 
 class OrientationSection(Section):
-    """[reference] orientation of a pose: a quaternion xyzw about which the tool may swing; without, it starts as it is."""
+    """[reference] orientation of a pose: a quaternion xyzw, about which the tool may swing.
+
+    Without a quaternion it starts as it is.
+    """
 
     quaternion: Annotated[list[Number], Field(min_length=4, max_length=4)] | None = None
     axis: Vector3 = [0.0, 0.0, 1.0]
@@ -138,8 +142,24 @@ class LissajousSection(ReferenceSection):
     phase: Number | list[Number] = 0.0
 
 
+class SinusoidSection(ReferenceSection):
+    """[reference] kind = "sinusoid": center + amplitude sin(2 pi t / period + phase), a joint each.
+
+    Numbers hold for all coordinates. The default phase starts at rest.
+    """
+
+    kind: Literal["sinusoid"]
+    center: list[Number] | None = None
+    amplitude: Number | list[Number]
+    period: Positive | list[Positive] = 3.0
+    phase: Number | list[Number] = -pi / 2
+
+
 class WaypointsSection(ReferenceSection):
-    """[reference] kind = "waypoints": minimum jerk from point to point, offsets from the start unless absolute."""
+    """[reference] kind = "waypoints": minimum jerk from point to point.
+
+    The points are offsets from the start unless ``relative`` is false.
+    """
 
     kind: Literal["waypoints"]
     points: list[list[Number]]
@@ -155,13 +175,15 @@ class HoldSection(ReferenceSection):
 
 
 Reference = Annotated[
-    CircleSection | LissajousSection | WaypointsSection | HoldSection, Field(discriminator="kind")
+    CircleSection | LissajousSection | SinusoidSection | WaypointsSection | HoldSection,
+    Field(discriminator="kind"),
 ]
 
 
 REFERENCES: dict[str, type[Section]] = {
     "circle": CircleSection,
     "lissajous": LissajousSection,
+    "sinusoid": SinusoidSection,
     "waypoints": WaypointsSection,
     "hold": HoldSection,
 }

@@ -55,7 +55,7 @@ class PoseTask(FrameTask):
         return RowGroup("position", "m", slice(0, 3)), RowGroup("rotation", "rad", slice(3, 6))
 
     def of(self, placement: pin.SE3) -> np.ndarray:
-        """Return position [m] and quaternion xyzw (7) of a frame's placement; the quaternion's sign is arbitrary."""
+        """Return position [m] and quaternion xyzw, of either sign, (7) of a frame's placement."""
         return np.concatenate([placement.translation, quaternion(placement.rotation)])
 
     def velocity_of(self, motion: pin.Motion) -> np.ndarray:
@@ -67,7 +67,7 @@ class PoseTask(FrameTask):
         return x[:3]
 
     def error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
-        """Return dx (6) = (p - p_d, phi); NaN in phi where a quaternion is not of unit length within 1 %."""
+        """Return dx (6) = (p - p_d, phi); phi is NaN for quaternions off unit length by 1 %."""
         dx = np.empty(6)
         dx[:3] = x[:3] - x_d[:3]
         q, q_d = x[3:].tolist(), x_d[3:].tolist()
@@ -75,17 +75,17 @@ class PoseTask(FrameTask):
         return dx
 
     def drift(self, dx: np.ndarray, xd: np.ndarray, xd_d: np.ndarray) -> np.ndarray:
-        """Return delta (6): zero for the position, dphi/dt - (omega - omega_d) [rad/s] for the orientation."""
+        """Return delta (6): zeros, then dphi/dt - (omega - omega_d) [rad/s] of the orientation."""
         delta = np.zeros(6)
         delta[3:] = rotation_drift(dx[3:].tolist(), xd[3:].tolist(), xd_d[3:].tolist())
         return delta
 
     def known_velocity(self, xd: np.ndarray | None, xd_hat: np.ndarray) -> np.ndarray | None:
-        """Return the measured linear velocity with the angular one that q and v give, (6), or None without a sensor."""
+        """Return the measured linear and the believed angular velocity (6), or None."""
         return None if xd is None else np.concatenate([xd[:3], xd_hat[3:]])
 
     def moved(self, x: np.ndarray, by: np.ndarray) -> np.ndarray:
-        """Return the pose (7) moved by ``by`` (6): by[:3] [m], and turned by by[3:] [rad] about world axes."""
+        """Return the pose (7) moved by by[:3] [m] and turned by by[3:] [rad] about world axes."""
         return np.concatenate([x[:3] + by[:3], turned(x[3:], by[3:])])
 
     def flaw(self, x: np.ndarray) -> str | None:

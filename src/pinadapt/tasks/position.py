@@ -12,7 +12,7 @@ from .task import FrameTask, RowGroup
 
 @dataclass(frozen=True)
 class PositionTask(FrameTask):
-    """A choice of rows of the frame's position, in world axes; m coordinates, all of them lengths [m]."""
+    """A choice of m rows of the frame's position [m], in world axes."""
 
     @property
     def positions(self) -> int:

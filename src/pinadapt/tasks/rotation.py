@@ -29,12 +29,12 @@ def matrix(q: np.ndarray) -> np.ndarray:
 
 
 def turned(q: np.ndarray, phi: np.ndarray) -> np.ndarray:
-    """Return the quaternion (4) of exp(phi) R, R that of q (4): turned by phi (3) [rad] about world axes."""
+    """Return the quaternion (4) of exp(phi) R: q (4) turned by phi (3) [rad] in world axes."""
     return quaternion(pin.exp3(np.asarray(phi, dtype=float)) @ matrix(q))
 
 
 def rotation_between(q: Sequence[float], q_d: Sequence[float]) -> tuple[float, float, float]:
-    """Return phi (3) [rad], |phi| <= pi, with exp(phi) = R R_d^T for quaternions xyzw of R and R_d, of either sign."""
+    """Return phi (3) [rad], |phi| <= pi, exp(phi) = R R_d^T, for quaternions xyzw of R, R_d."""
     x, y, z, w = q
     a, b, c, s = q_d
     scalar = w * s + x * a + y * b + z * c
@@ -53,7 +53,7 @@ def rotation_between(q: Sequence[float], q_d: Sequence[float]) -> tuple[float, f
 def rotation_drift(
     phi: Sequence[float], omega: Sequence[float], omega_d: Sequence[float]
 ) -> tuple[float, float, float]:
-    """Return dphi/dt - (omega - omega_d) (3) [rad/s] for exp(phi) = R R_d^T while R and R_d turn at omega and omega_d.
+    """Return dphi/dt - (omega - omega_d) (3) [rad/s] for exp(phi) = R R_d^T.
 
     E = R R_d^T turns at omega - E omega_d, and Jl^-1 E is the transpose of Jl^-1, so that dphi/dt =
     Jl^-1 omega - Jl^-T omega_d and the difference is phi x (c phi x (omega - omega_d) - (omega +

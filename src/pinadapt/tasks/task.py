@@ -49,7 +49,7 @@ class Task(ABC):
     @property
     @abstractmethod
     def positions(self) -> int:
-        """How many of the m rows are positions m_p of the frame, which unknown translations move. They come first."""
+        """How many rows, the first m_p, are positions of the frame, which translations move."""
 
     @property
     @abstractmethod
@@ -64,7 +64,7 @@ class Task(ABC):
     def motion(
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the coordinates x and the task velocity (m) at configuration q (nq) and velocity v (nv)."""
+        """Return the coordinates x and the task velocity (m) at q (nq) and v (nv)."""
 
     def measured(self, x: np.ndarray | None, q: np.ndarray) -> np.ndarray:
         """Return the coordinates x: the measured ones, or those that q (nq) tells by itself."""
@@ -84,7 +84,7 @@ class Task(ABC):
         return None
 
     def known_velocity(self, xd: np.ndarray | None, xd_hat: np.ndarray) -> np.ndarray | None:
-        """Return the measured velocity xd (m) with the rows that the believed xd_hat (m) knows."""
+        """Return the measured velocity xd (m), with the rows of xd_hat (m) that need no sensor."""
         return xd
 
     def moved(self, x: np.ndarray, by: np.ndarray) -> np.ndarray:
@@ -124,7 +124,7 @@ class FrameTask(Task):
     def motion(
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the coordinates x and the task velocity (m) at configuration q (nq) and velocity v (nv)."""
+        """Return the coordinates x and the task velocity (m) at q (nq) and v (nv)."""
         pin.forwardKinematics(model, data, q, v)
         x = self.of(pin.updateFramePlacement(model, data, frame))
         return x, self.velocity_of(

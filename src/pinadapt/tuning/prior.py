@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from ..models.dynamics import Dynamics
 from ..models.pseudo_inertia import nearest_physical, pseudo_inertia, ten_parameters
+from ..models.translations import PlacedTranslations
 from ..robot.robot import Robot
 
 INERTIA, LENGTH = 0.3, 0.1  # relative standard deviations
@@ -52,15 +53,21 @@ def plausible(robot: Robot, dynamics: Dynamics, count: int) -> Iterator[Robot]:
         for ten in tens
     ]
     roots = np.linalg.cholesky(np.array(near).reshape(-1, 4, 4))
+    theta, deviations = _lengths(robot, dynamics)
     for _ in range(count):
         model, G = robot.model.copy(), rng.standard_normal((len(bodies), 4, 4))
         w, U = np.linalg.eigh(0.5 * INERTIA * (G + G.transpose(0, 2, 1)))
         A = roots @ U
         for body, P in zip(bodies, (A * np.exp(w)[:, None, :]) @ A.transpose(0, 2, 1), strict=True):
             model.inertias[body + 1] = pin.Inertia.FromDynamicParameters(ten_parameters(P))
-        for part in dynamics.translations:
-            placement = model.jointPlacements[part.joint]
-            theta = part.directions.T @ (placement.translation - part.offset)
-            size = np.linalg.norm(theta) / np.sqrt(max(theta.size, 1))
-            placement.translation = part.at(theta + LENGTH * size * rng.standard_normal(theta.size))
+        lengths = theta + deviations * rng.standard_normal(theta.size)
+        PlacedTranslations(model, robot.frame_id, dynamics.translations).write(lengths)
         yield replace(robot, model=model)
+
+
+def _lengths(robot: Robot, dynamics: Dynamics) -> tuple[np.ndarray, np.ndarray]:
+    """Return the parameters (p) of the unknown translations and their standard deviations [m]."""
+    placed = PlacedTranslations(robot.model, robot.frame_id, dynamics.translations)
+    theta = placed.read()
+    deviations = [np.full(theta[w].shape, np.sqrt(np.mean(theta[w] ** 2))) for w in placed.windows]
+    return theta, LENGTH * np.concatenate([np.zeros(0), *deviations])

@@ -66,7 +66,7 @@ def write_animation(
     truth = motion_of(true, q[frames])
     belief = motion_of(believed, q[frames], kinematics, a_k[frames])
     traced = motion_of(true, q[line]).tip
-    desired = traced.copy()  # coordinates outside of the task are nobody's wish
+    desired = traced.copy()  # coordinates outside of the task have no desired value
     if some:
         desired[:, true.task.place] = rollout.x_d[line, : true.task.positions]
     scene = _Scene(t[frames], camera_for(np.vstack([truth.points, desired]), desired))
@@ -94,9 +94,9 @@ class _Scene:
         """Draw the true robot and the ghost of the believed one."""
         solid_figure = Figure(self.root["true"], truth, self.keys, self.size)
         ghost_figure = Figure(self.root["believed"], belief, self.keys, self.size)
-        worn = true.visual is not None and len(true.visual.geometryObjects) > 0
-        shared = worn and believed.visual is true.visual
-        if worn:
+        meshed = true.visual is not None and len(true.visual.geometryObjects) > 0
+        shared = meshed and believed.visual is true.visual
+        if meshed:
             solid_figure.add_visuals(true.visual, true.model)
         else:
             solid_figure.stick_figure(solid(BONES), 0.025)
@@ -127,7 +127,7 @@ class _Scene:
         self.keys.move(paths["desired point"], desired[reached])
 
     def lay_floor(self, lowest: float) -> None:
-        """Put the grid to z = 0, or below the lowest point of the paths [m], its lines a round distance apart."""
+        """Put the grid to z = 0, or below the lowest point of the paths [m]."""
         wanted = self.size / 8.0
         decade = 10.0 ** np.floor(np.log10(wanted))
         spacing = decade * max(step for step in (1.0, 2.0, 5.0) if step * decade <= wanted)
@@ -168,13 +168,14 @@ def _samples(t: np.ndarray, rate: float) -> np.ndarray:
 def _check(rollout: Rollout, true: Robot, believed: Robot, kinematics: FrameKinematics) -> None:
     if rollout.q.shape[1] != true.model.nq or believed.model.nq != true.model.nq:
         raise InputError(
-            f"the rollout has {rollout.q.shape[1]} numbers a configuration, the true robot {true.model.nq} and the "
-            f"believed one {believed.model.nq}.",
+            f"the rollout has {rollout.q.shape[1]} numbers a configuration, the true robot "
+            f"{true.model.nq} and the believed one {believed.model.nq}.",
             where="rollout",
         )
     if rollout.a_k.shape[1] != kinematics.size:
         raise InputError(
-            f"the rollout has {rollout.a_k.shape[1]} kinematic estimates, the parameters are {kinematics.size}.",
+            f"the rollout has {rollout.a_k.shape[1]} kinematic estimates, the parameters are "
+            f"{kinematics.size}.",
             where="kinematics",
             hint="Take controller.kinematics of the controller that ran.",
         )

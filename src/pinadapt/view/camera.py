@@ -45,7 +45,7 @@ def camera_for(points: np.ndarray, path: np.ndarray) -> Camera:
 
 
 def _axes(path: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return unit vectors to the right, upwards and towards the eye (3), from the plane of the path."""
+    """Return unit vectors (3) to the right, up and to the eye, from the plane of the path."""
     centre = path.mean(axis=0)
     normal = np.linalg.svd(path - centre)[2][-1] if len(path) > 2 else np.array([0.0, 0.0, 1.0])
     front = centre[:2] if np.linalg.norm(centre[:2]) > 1e-6 else np.array([1.0, 0.0])

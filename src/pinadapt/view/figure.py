@@ -67,7 +67,7 @@ class Figure:
     def stick_figure(
         self, material: Material, thickness: float, joints: Iterable[int] | None = None
     ) -> None:
-        """Draw a stick figure: a sphere at each of the joints, by default all, and a rod to it from its parent."""
+        """Draw a sphere at each of the joints, by default all, and a rod to it from its parent."""
         ball = Sphere(1.6 * thickness * self.size)
         for index in range(len(self.motion.parents)) if joints is None else joints:
             self.joint(index)["ball"].set_object(ball, material)

@@ -1,4 +1,4 @@
-"""Where the joints and the tool of a chain are over time, at its own or at estimated translations."""
+"""Where the joints and the tool of a chain are over time, as described or as estimated."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..models.frame_kinematics import FrameKinematics
+from ..models.translations import PlacedTranslations
 from ..robot.robot import Robot
 
 
@@ -58,10 +59,13 @@ def motion_of(
     model = robot.model.copy()
     data = model.createData()
     frame = model.frames[robot.frame_id]
+    placed = PlacedTranslations(
+        model, robot.frame_id, () if kinematics is None else kinematics.translations
+    )
     joints, origins, tool = [], [], []
     for k, configuration in enumerate(q):
-        if kinematics is not None and a_k is not None:
-            _write_translations(model, robot.frame_id, kinematics, a_k[k])
+        if a_k is not None:
+            placed.write(a_k[k])
         pin.forwardKinematics(model, data, configuration)
         joints.append([placement.homogeneous for placement in data.oMi])
         origins.append([placement.translation.copy() for placement in data.liMi])
@@ -70,19 +74,3 @@ def motion_of(
     return Motion(
         np.array(joints), np.array(origins), np.array(tool), parents, int(frame.parentJoint)
     )
-
-
-def _write_translations(
-    model: pin.Model, frame: int, kinematics: FrameKinematics, a_k: np.ndarray
-) -> None:
-    """Write the unknown translations for parameters a_k (p) [m] into a model of one's own."""
-    start = 0
-    for part in kinematics.translations:
-        theta = a_k[start : start + part.directions.shape[1]]
-        start += len(theta)
-        placement = (
-            model.frames[frame].placement
-            if part.joint is None
-            else model.jointPlacements[part.joint]
-        )
-        placement.translation = part.at(theta)

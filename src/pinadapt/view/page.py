@@ -1,4 +1,4 @@
-"""One self-contained web page: meshcat's viewer, the commands its server would have sent, and a legend.
+"""One web page: meshcat's viewer, the commands its server would have sent, and a legend.
 
 No server is started. A page stands in for the window of a ``meshcat.Visualizer`` and keeps the
 commands; in the browser they are unpacked and handed to the viewer in their order.

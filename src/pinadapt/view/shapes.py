@@ -52,7 +52,7 @@ def tube(points: np.ndarray, radius: float) -> TriangularMeshGeometry:
 
 
 def rod(ends: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return position (F, 3), quaternion (F, 4), scale (F, 3) that lay a unit cylinder (axis y) from 0 to ends (F, 3) [m]."""
+    """Return position, quaternion, scale (F, 3 or 4): a unit cylinder from 0 to ends (F, 3) [m]."""
     lengths = np.maximum(np.linalg.norm(ends, axis=1, keepdims=True), 1e-9)
     x, y, z = (ends / lengths).T
     quaternion = np.stack(

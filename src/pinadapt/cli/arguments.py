@@ -1,0 +1,163 @@
+"""What each command of ``pinadapt`` takes."""
+
+from __future__ import annotations
+
+import argparse
+from functools import partial
+from pathlib import Path
+
+from .._version import __version__
+from ..laws import LAWS
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the parser; the command's name is left in ``command``."""
+    whole = argparse.ArgumentParser(
+        prog="pinadapt", description="Adaptive control of robots whose model is wrong."
+    )
+    whole.add_argument("--version", action="version", version=f"pinadapt {__version__}")
+    commands = whole.add_subparsers(required=True, dest="command", metavar="COMMAND")
+    for name, (text, fill) in _COMMANDS.items():
+        fill(commands.add_parser(name, help=text, description=text))
+    return whole
+
+
+def _demo(command: argparse.ArgumentParser) -> None:
+    _add_out(command, default=Path("out/demo"))
+
+
+def _init(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "source", metavar="ROBOT", help="URDF file, or a name that `pinadapt robots` lists"
+    )
+    command.add_argument(
+        "--frame",
+        metavar="LINK",
+        help="task frame (default: the likeliest link at the robot's end)",
+    )
+    command.add_argument(
+        "--task",
+        metavar="TASK",
+        help="xyz, xy, xz, yz or pose (default: xyz, or a plane for a chain that cannot)",
+    )
+    command.add_argument(
+        "--out",
+        type=Path,
+        metavar="FILE",
+        help="file to write (default: the robot's name and .toml)",
+    )
+    command.add_argument("--force", action="store_true", help="overwrite the file")
+
+
+def _run(command: argparse.ArgumentParser) -> None:
+    _add_scenario(command)
+    command.add_argument("--no-html", action="store_true", help="write no animation")
+
+
+def _compare(command: argparse.ArgumentParser) -> None:
+    _add_scenario(command)
+    command.add_argument(
+        "--laws", type=_names, metavar="A,B", help=f"of {', '.join(LAWS)} (default: all)"
+    )
+
+
+def _robots(command: argparse.ArgumentParser) -> None:
+    """Add nothing."""
+
+
+def _zoo(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--robots",
+        type=_names,
+        metavar="A,B",
+        help="names that `pinadapt robots` lists (default: all)",
+    )
+    command.add_argument(
+        "--law",
+        choices=[name for name, law in LAWS.items() if law.adapts],
+        default="adaptive-jacobian",
+        metavar="NAME",
+        help="one that adapts: %(choices)s (default: %(default)s)",
+    )
+    command.add_argument(
+        "--seed",
+        type=partial(_whole_number, least=0),
+        default=0,
+        metavar="N",
+        help="of friction, tools and errors (default: %(default)s)",
+    )
+    command.add_argument(
+        "--processes",
+        type=partial(_whole_number, least=1),
+        metavar="N",
+        help="how many at once (default: one a core)",
+    )
+    _add_out(command, default=Path("out/zoo"))
+
+
+_COMMANDS = {
+    "demo": ("two showcase scenarios, with report and animation", _demo),
+    "init": ("write a scenario for a URDF or a robot of the catalogue", _init),
+    "run": ("run one scenario", _run),
+    "compare": ("run the laws side by side on one scenario", _compare),
+    "robots": ("list the robots of the catalogue", _robots),
+    "zoo": (
+        "run chains of the catalogue with wrong models and default gains, adapted and not, "
+        "and print one table",
+        _zoo,
+    ),
+}
+
+
+def _add_scenario(command: argparse.ArgumentParser) -> None:
+    command.add_argument("scenario", type=Path, nargs="?", metavar="SCENARIO.toml")
+    command.add_argument(
+        "--set",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="KEY=VALUE",
+        help="override a dotted key",
+    )
+    command.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="where to write (default: out/ and the scenario's name)",
+    )
+
+
+def _add_out(command: argparse.ArgumentParser, default: Path) -> None:
+    command.add_argument(
+        "--out",
+        type=Path,
+        default=default,
+        metavar="DIR",
+        help="where to write (default: %(default)s)",
+    )
+
+
+def _names(text: str) -> list[str]:
+    """Return the names in a list with commas, each once.
+
+    Raises:
+        ArgumentTypeError: there are none.
+    """
+    names = list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
+    if not names:
+        raise argparse.ArgumentTypeError("at least one name is expected")
+    return names
+
+
+def _whole_number(text: str, *, least: int) -> int:
+    """Return a whole number.
+
+    Raises:
+        ArgumentTypeError: it is none, or too small.
+    """
+    number = int(text) if text.strip().lstrip("+-").isdecimal() else least - 1
+    if number < least:
+        raise argparse.ArgumentTypeError(
+            f"a whole number of at least {least} is expected, got {text}"
+        )
+    return number

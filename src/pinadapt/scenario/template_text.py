@@ -1,0 +1,205 @@
+"""A template as a TOML file with comments."""
+
+from __future__ import annotations
+
+import os
+import textwrap
+from collections.abc import Iterable, Sequence
+from math import ceil
+from pathlib import Path
+
+import numpy as np
+import tomlkit
+from tomlkit.items import Comment, InlineTable, Table
+
+from ..robot.changes import Payload
+from ..robot.urdf import is_path
+from ..robot.workspace import rounded_down
+from .schema import SimulationSection
+from .template import Template
+from .template_gains import default_gains
+
+_WIDTH = 98  # of a comment
+_SHOWN = 12  # names in a comment
+
+
+def scenario_text(template: Template, folder: Path) -> str:
+    """Return the scenario file for a folder; a relative URDF path is made relative to it."""
+    blocks = [tomlkit.dumps({"title": template.name})]
+    for name, remark, table in _sections(template, folder):
+        head = "".join(comment.as_string() for comment in _comments(remark))
+        blocks.append(head + ("" if table is None else tomlkit.dumps({name: table})))
+    return "\n".join(blocks)
+
+
+def _sections(template: Template, folder: Path) -> Iterable[tuple[str, str, Table | None]]:
+    """Return name, remark before it, and content of each table; a remark may stand alone."""
+    yield "robot", "", _robot(template, folder)
+    yield (
+        "truth",
+        _TRUTH.format(tool=100 * template.tool_share, load=100 * template.load_share),
+        (_truth(template)),
+    )
+    yield "unknown", _UNKNOWN, _filled({"kinematic": ["tool"], "dynamic": "all"})
+    if template.light is not None:
+        yield "belief", _belief_remark(template), _belief(template)
+    yield "controller", "", _controller(template)
+    yield "reference", _REFERENCE, _reference(template)
+    yield "simulation", "", _simulation(template)
+
+
+_TRUTH = (
+    "How the simulated robot differs from its description, which the controller is not told. Here: "
+    "a tool {tool:g} % of the reach longer [m, frame's axes], in its end a ball of {load:g} % of "
+    "the mass [kg; com m from the described frame; Ixx Ixy Iyy Ixz Iyz Izz kg m^2]. Put what you "
+    "expect of your robot."
+)
+_UNKNOWN = (
+    "What the controller adapts: the tool's translation, and all inertial parameters of every body."
+)
+_REFERENCE = (
+    "A circle through the tool's first position, which the arm follows inside its joint limits and "
+    "away from singularities, also with a tool 5 % of its reach off."
+)
+
+
+def _robot(template: Template, folder: Path) -> Table:
+    robot, table = template.robot, tomlkit.table()
+    table["source"] = _source(template.source, folder)
+    _remark(
+        table,
+        f"Other ends of chains: {_names(template.ends)}; any link of the robot can be named.",
+    )
+    table["frame"] = robot.frame
+    _remark(
+        table,
+        "The controlled coordinates of the frame, in world axes: xyz, xy, xz, yz, or pose, which "
+        "adds the orientation.",
+    )
+    table["task"] = robot.task.name
+    if template.welded:
+        _remark(
+            table,
+            "The base floats in the description: it is fixed, and the chain is used as an arm.",
+        )
+        table["weld_root"] = True
+    _remark(
+        table,
+        "Joints of the chain to lock as well. Locked anyway, for they are not on it: "
+        f"{_names(template.others)}.",
+    )
+    table["locked"] = []
+    _remark(
+        table, f"Home pose, where the motion starts [rad or m]: {', '.join(robot.joint_names)}."
+    )
+    table["q0"] = _numbers(robot.home_angles)
+    return table
+
+
+def _truth(template: Template) -> Table:
+    table = _filled({"tool_translation": _numbers(template.tool)})
+    table["payload"] = _payload(template.load)
+    _option(table, "inertial_scale = 1.3", "every mass and inertia 30 % above its description", 45)
+    friction = "friction = { viscous = 0.1, coulomb = 0.05 }"
+    _option(table, friction, "[N m s/rad, N m], or one number a joint", 45)
+    return table
+
+
+def _belief_remark(template: Template) -> str:
+    light = template.light
+    assert light is not None
+    words = (
+        f"{light.joint} moves so little that laws whose feedback is M_hat times an acceleration "
+        f"can lose it under an unknown load above {rounded_down(light.load)} kg, "
+        f"{1e3 * light.arm:.0f} mm off its axis. "
+    )
+    if template.guess is None:
+        return words + "The law below has gains that are forces instead."
+    return words + "A load believed from the start keeps it, whether there is one or not."
+
+
+def _belief(template: Template) -> Table | None:
+    return template.guess and _filled({"payload": _payload(template.guess)})
+
+
+def _controller(template: Template) -> Table:
+    controller = template.controller
+    table = _filled({"law": controller.law.name, "adaptation": "natural"})
+    _remark(
+        table,
+        "These gains are chosen for this robot, law and sampling period; take the # away to set "
+        "your own.",
+    )
+    for key, value, meaning in default_gains(controller):
+        _option(table, f"{key} = {value}", meaning, 20)
+    return table
+
+
+def _reference(template: Template) -> Table:
+    circle = template.circle
+    return _filled(
+        {
+            "kind": "circle",
+            "radius": circle.radius,
+            "period": circle.period,
+            "plane": circle.plane,
+            "phase": float(f"{circle.phase:.6g}"),
+        }
+    )
+
+
+def _simulation(template: Template) -> Table:
+    duration = float(ceil(max(10.0, 2 * template.circle.period)))
+    table = _filled({"duration": duration, "dt": SimulationSection().dt})
+    meaning = "hold the torque inside the description's effort limits"
+    _option(table, "torque_limits = true", meaning, 45)
+    return table
+
+
+def _filled(values: dict[str, object]) -> Table:
+    table = tomlkit.table()
+    for key, value in values.items():
+        table[key] = value
+    return table
+
+
+def _payload(load: Payload) -> InlineTable:
+    table = tomlkit.inline_table()
+    table["mass"] = load.mass
+    table["com"] = _numbers(np.asarray(load.com))
+    table["inertia"] = _numbers(np.asarray(load.inertia))
+    return table
+
+
+def _source(source: str, folder: Path) -> str:
+    """Return a source as it is found from a folder."""
+    if not is_path(source) or Path(source).is_absolute():
+        return source
+    parent = os.path.relpath(Path(source).resolve().parent, folder.resolve())
+    return os.path.join(parent, Path(source).name)
+
+
+def _option(table: Table, setting: str, meaning: str, width: int) -> None:
+    """Add a key that is commented out, with its meaning behind it."""
+    table.add(tomlkit.comment(f"{setting:<{width}} # {meaning}"))
+
+
+def _remark(table: Table, text: str) -> None:
+    for comment in _comments(text):
+        table.add(comment)
+
+
+def _comments(text: str) -> list[Comment]:
+    """Return the lines of a comment; what cannot be printed becomes a space."""
+    printable = "".join(letter if letter.isprintable() else " " for letter in text)
+    lines = textwrap.wrap(printable, _WIDTH, break_long_words=False, break_on_hyphens=False)
+    return [tomlkit.comment(line) for line in lines]
+
+
+def _numbers(values: Iterable[float]) -> list[float]:
+    return [float(f"{value:.6g}") + 0.0 for value in values]
+
+
+def _names(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    return ", ".join(names[:_SHOWN]) + more if names else "none"
