@@ -65,6 +65,15 @@ def find_home(
     return home
 
 
+def home_inside_limits(model: pin.Model, candidates: Iterable[np.ndarray]) -> np.ndarray:
+    """Return the first candidate (nq) inside the joint limits, or the middle between them."""
+    limits = position_limits(model)
+    for q in candidates:
+        if _margin(limits, angles_from_configuration(model, q)) >= 0.0:
+            return np.asarray(q)
+    return configuration_from_angles(model, np.mean(position_bounds(model), axis=0))
+
+
 def _best_inside(model: pin.Model, quality: Callable[[np.ndarray], float]) -> np.ndarray:
     """Return the angles (nv) of highest quality among samples of four fifths of the bounds."""
     lower, upper = position_bounds(model)

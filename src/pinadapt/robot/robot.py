@@ -16,7 +16,7 @@ from pinocchio.robot_wrapper import RobotWrapper
 from .._checks import vector
 from ..exceptions import RobotError
 from ..tasks.registry import task_named
-from ..tasks.task import Task
+from ..tasks.task import FrameTask, Task
 from . import changes
 from .catalogue import catalogue_entry
 from .chain import (
@@ -31,7 +31,7 @@ from .chain import (
     reduce_to_chain,
 )
 from .friction import Friction
-from .home import find_home
+from .home import find_home, home_inside_limits
 from .urdf import is_path, mimic_joints, read_urdf, read_visual
 from .visual import Visual
 
@@ -190,11 +190,12 @@ def load(
     Args:
         source: catalogue name, URDF path, ``pin.Model`` or ``RobotWrapper``; never written to.
         frame: task frame, by default the catalogue's, else the model's last frame.
-        task: "xy", "xz", "yz", "xyz" or "pose", by default the catalogue's, else "xyz".
+        task: "xy", "xz", "yz", "xyz" or "pose" of the frame, or "joint", the joints themselves; by
+            default the catalogue's, else "xyz".
         locked: joints of the chain to lock as well; joints off the chain always are.
         q0: home pose, one number a remaining joint (nv) [rad or m]; by default the catalogue's, the
             description's own where it is well conditioned, else a well-conditioned one inside the
-            limits.
+            limits; of a joint task the description's own inside the limits, else their middle.
         gravity: (3) [m/s^2] in world axes, by default the model's.
         weld_root: fix a floating base where the reference configuration has it; always done for
             robots of the catalogue.
@@ -205,12 +206,12 @@ def load(
             NaN.
     """
     found = _describe(source)
-    chosen = task_named(task or found.task or "xyz")
     name = frame or found.frame or str(found.model.frames[-1].name)
     locked = [*found.locked, *([locked] if isinstance(locked, str) else locked)]
     keep = _kept_joints(found, name, locked, weld_root or found.weld_root)
     check_numbers(found.model)
     model = reduce_to_chain(found.model, keep, found.q_reference)
+    chosen = task_named(task or found.task or "xyz", model)
     if gravity is not None:
         model.gravity.linear = vector(gravity, 3, "gravity", error=RobotError)
     if model.nv < chosen.size:
@@ -223,11 +224,12 @@ def load(
     poses = _reference_poses(found, model, keep)
     drawn = found.visual and Visual(found.visual, found.model, tuple(keep), found.q_reference)
     robot = Robot(found.name, model, name, chosen, poses[0], Friction.none(model.nv), drawn)
-    robot = (
-        replace(robot, q0=find_home(model, robot.frame_id, chosen.rows, poses))
-        if q0 is None
-        else robot.at(q0)
-    )
+    if q0 is not None:
+        robot = robot.at(q0)
+    elif isinstance(chosen, FrameTask):
+        robot = replace(robot, q0=find_home(model, robot.frame_id, chosen.rows, poses))
+    else:
+        robot = replace(robot, q0=home_inside_limits(model, poses))
     samples = np.random.default_rng(0).uniform(-1.0, 1.0, (3, model.nv))
     check_mass_matrix(
         model, [robot.q0, *(configuration_from_angles(model, sample) for sample in samples)]

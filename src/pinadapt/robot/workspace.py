@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..exceptions import RobotError
+from ..tasks.task import FrameTask
 from .chain import is_slide
 from .position_limits import position_bounds, position_limits
 from .robot import Robot
@@ -89,6 +90,12 @@ def reachable_circle(
     Raises:
         RobotError: no circle will do; home lies at a limit or at a singularity.
     """
+    if not isinstance(robot.task, FrameTask):
+        raise RobotError(
+            f"a circle is a path of the frame; the task is '{robot.task.name}'.",
+            where="task",
+            hint='Load the robot with task = "xyz", or take a Sinusoid of the joints.',
+        )
     length = reach(robot)
     planes = [robot.task.name] if robot.task.positions == 2 else ["xy", "yz", "xz"]
     followers = [_Follower(robot, shift) for shift in _shifts(tool_error * length)]

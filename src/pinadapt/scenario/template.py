@@ -116,8 +116,8 @@ class Template:
     @cached_property
     def light(self) -> LightJoint | None:
         """The joint that the main law may lose."""
-        assert self._main.loop is not None  # make_controller gives one
-        return lightest_joint(self.robot, self._main.loop, self._main.law.gains)
+        assert self._main.motion is not None  # make_controller gives one
+        return lightest_joint(self._main.motion, self._main.law)
 
     @cached_property
     def guess(self) -> Payload | None:
@@ -130,7 +130,7 @@ class Template:
             return None
         guess = _ball(three_digits(_BELIEVED * self._mass), light.arm, np.zeros(3))
         heavier = 1.0 + guess.mass * light.arm**2 / light.inertia
-        damping = heavier * self._main.law.gains.K_v[0, 0]
+        damping = heavier * self._main.law.K_v[0, 0]  # type: ignore[attr-defined]
         return None if damping * SimulationSection().dt > 2.0 else guess
 
     @cached_property

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import pinocchio as pin
+
 from ..exceptions import RobotError, did_you_mean
+from .joint import JointTask
 from .pose import PoseTask
 from .position import PositionTask
-from .task import FrameTask
+from .task import FrameTask, Task
 
 
 def _positions(name: str, rows: slice) -> FrameTask:
@@ -21,15 +24,21 @@ TASKS: dict[str, FrameTask] = {
 }
 
 
-def task_named(name: str) -> FrameTask:
-    """Return a task by its name.
+JOINT = "joint"
+
+
+def task_named(name: str, model: pin.Model) -> Task:
+    """Return a task by its name, for a chain.
 
     Raises:
-        RobotError: unknown name.
+        RobotError: unknown name; the nearest is suggested.
     """
+    if name == JOINT:
+        return JointTask.of_chain(model)
     if name not in TASKS:
+        names = [*TASKS, JOINT]
         raise RobotError(
-            f"no task is called '{name}'; there are {sorted(TASKS)}.{did_you_mean(name, TASKS)}",
+            f"no task is called '{name}'; there are {names}.{did_you_mean(name, names)}",
             where="task",
         )
     return TASKS[name]

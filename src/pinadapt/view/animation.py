@@ -11,8 +11,10 @@ from meshcat.geometry import Sphere
 from .._checks import positive
 from ..exceptions import InputError
 from ..models.frame_kinematics import FrameKinematics
+from ..robot.chain import configuration_from_angles
 from ..robot.robot import Robot
 from ..rollout.rollout import Rollout
+from ..tasks.task import FrameTask
 from .camera import Camera, camera_for
 from .figure import Figure
 from .keyframes import Keyframes
@@ -68,7 +70,7 @@ def write_animation(
     traced = motion_of(true, q[line]).tip
     desired = traced.copy()  # coordinates outside of the task have no desired value
     if some:
-        desired[:, true.task.place] = rollout.x_d[line, : true.task.positions]
+        desired = _desired_path(true, desired, rollout.x_d[line])
     scene = _Scene(t[frames], camera_for(np.vstack([truth.points, desired]), desired))
     scene.draw_robots(true, believed, truth, belief)
     scene.lay_floor(float(min(traced[:, 2].min(), desired[:, 2].min())))
@@ -157,6 +159,14 @@ def _elsewhere(truth: Motion, belief: Motion) -> list[int]:
     """Return the joints whose origin, seen from their parent, is not where it truly is."""
     distance = np.abs(truth.origins - belief.origins).max(axis=(0, 2))
     return [int(index) for index in np.flatnonzero(distance > 1e-6)]
+
+
+def _desired_path(true: Robot, traced: np.ndarray, x_d: np.ndarray) -> np.ndarray:
+    """Return where the tool should have gone (L, 3) [m]; coordinates off the task as it went."""
+    if isinstance(true.task, FrameTask):
+        traced[:, true.task.place] = x_d[:, : true.task.positions]
+        return traced
+    return motion_of(true, np.array([configuration_from_angles(true.model, x) for x in x_d])).tip
 
 
 def _samples(t: np.ndarray, rate: float) -> np.ndarray:
