@@ -44,6 +44,8 @@ from .models import JointEffects as JointEffects
 from .models import LumpedDynamics as LumpedDynamics
 from .models import StackedDynamics as StackedDynamics
 from .plants import PinocchioPlant as PinocchioPlant
+from .plants import Plant as Plant
+from .plants import Sensors as Sensors
 from .records import Desired as Desired
 from .records import Measurement as Measurement
 from .robot import Friction as Friction
@@ -54,6 +56,9 @@ from .robot import catalogue as catalogue
 from .robot import load as load
 from .robot import reachable_circle as reachable_circle
 from .rollout import Rollout as Rollout
+from .rollout import Sample as Sample
+from .simulation import run as run
+from .simulation import run_continuous as run_continuous
 from .simulation import simulate as simulate
 from .tasks import JointTask as JointTask
 from .tasks import PoseTask as PoseTask
@@ -65,6 +70,7 @@ from .trajectories import Hold as Hold
 from .trajectories import Lissajous as Lissajous
 from .trajectories import Orientation as Orientation
 from .trajectories import PoseTrajectory as PoseTrajectory
+from .trajectories import Sinusoid as Sinusoid
 from .trajectories import Swing as Swing
 from .trajectories import Trajectory as Trajectory
 from .trajectories import Waypoints as Waypoints

@@ -48,7 +48,12 @@ class Circle(Trajectory):
         self.radius = positive(radius, "reference.radius")
         self.period = positive(period, "reference.period")
         self.phase = float(vector(phase, 1, "reference.phase")[0])
-        self._axes = plane_axes(plane, size)
+        u1, u2 = self.radius * plane_axes(plane, size)
+        w = 2 * math.pi / self.period
+        self._w = w
+        # Position from the centre, velocity and acceleration (3, m): cos(angle) C + sin(angle) S.
+        self._C = np.stack([u1, w * u2, -w * w * u1])
+        self._S = np.stack([u2, -w * u1, -w * w * u2])
 
     def shifted(self, by: np.ndarray) -> Circle:
         """Return the circle moved by (m) [m]."""
@@ -58,9 +63,6 @@ class Circle(Trajectory):
 
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
-        w = 2 * math.pi / self.period
-        angle = w * t + self.phase
-        c, s = self.radius * math.cos(angle), self.radius * math.sin(angle)
-        u1, u2 = self._axes
-        outward = c * u1 + s * u2
-        return Desired(self.center + outward, w * (c * u2 - s * u1), -w * w * outward)
+        angle = self._w * t + self.phase
+        motion = math.cos(angle) * self._C + math.sin(angle) * self._S
+        return Desired(self.center + motion[0], motion[1], motion[2])

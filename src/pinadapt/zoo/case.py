@@ -89,7 +89,8 @@ def _circle(robot: Robot, found: WorkspaceCircle) -> Trajectory:
 
 def _tool(robot: Robot, rng: np.random.Generator) -> np.ndarray:
     """Return a translation (3) [m] in the frame's axes, of 5 % of the reach and inside the task's coordinates at home."""
+    m = robot.task.positions
     direction = np.zeros(3)
-    direction[robot.task.place] = rng.standard_normal(robot.task.positions)
+    direction[["xyz".index(label) for label in robot.task.labels[:m]]] = rng.standard_normal(m)
     direction *= TOOL_ERROR * reach(robot) / np.linalg.norm(direction)
     return np.asarray(robot.placement(robot.q0).rotation.T @ direction)
