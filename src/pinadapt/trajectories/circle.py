@@ -50,19 +50,28 @@ class Circle(Trajectory):
         self.phase = float(vector(phase, 1, "reference.phase")[0])
         u1, u2 = self.radius * plane_axes(plane, size)
         w = 2 * math.pi / self.period
+        rest = np.zeros(size)
         self._w = w
-        # Position from the centre, velocity and acceleration (3, m): cos(angle) C + sin(angle) S.
-        self._C = np.stack([u1, w * u2, -w * w * u1])
-        self._S = np.stack([u2, -w * u1, -w * w * u2])
+        # (3, 3, m): of position, velocity and acceleration the parts that are constant and that
+        # go with the angle's cosine and sine.
+        self._parts = np.array(
+            [
+                [self.center, u1, u2],
+                [rest, w * u2, -w * u1],
+                [rest, -w * w * u1, -w * w * u2],
+            ]
+        )
 
     def shifted(self, by: np.ndarray) -> Circle:
         """Return the circle moved by (m) [m]."""
         moved = copy(self)
         moved.center = self.center + by
+        moved._parts = self._parts.copy()
+        moved._parts[0, 0] = moved.center
         return moved
 
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
         angle = self._w * t + self.phase
-        motion = math.cos(angle) * self._C + math.sin(angle) * self._S
-        return Desired(self.center + motion[0], motion[1], motion[2])
+        motion = np.array((1.0, math.cos(angle), math.sin(angle))).dot(self._parts)
+        return Desired(motion[0], motion[1], motion[2])

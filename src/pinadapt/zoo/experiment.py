@@ -116,7 +116,6 @@ def _run(case: ZooCase, controller: Controller) -> Rollout:
         case.circle,
         duration=case.duration,
         dt=PERIOD,
-        substeps=2,
         record_every=10,
     )
 
