@@ -31,7 +31,7 @@ BLOCK, ROUNDS = 200, 60
 def blocks(
     plant: pa.PinocchioPlant, controller: pa.Controller, path: pa.Trajectory
 ) -> tuple[Callable[[], float], list[float]]:
-    """Return a function that runs the next block of a loop and returns what it took but for the steps, and their times."""
+    """Return what runs a loop's next block and returns its time but for the steps; and theirs."""
     stream, steps = pa.run(plant, controller, path), []
 
     def block() -> float:

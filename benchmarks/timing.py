@@ -1,4 +1,4 @@
-"""What the benchmarks share: calls timed in turn, the machine, and figures beside the saved ones."""
+"""What the benchmarks share: calls timed in turn, the environment, and saved figures."""
 
 from __future__ import annotations
 

@@ -34,13 +34,13 @@ class Energy:
     delta: np.ndarray
 
     def mismatch(self, after: int = 0) -> float:
-        """Return the largest difference of the two dV/dt, relative to the largest dV/dt, leaving out first samples."""
+        """Return the largest difference of the two dV/dt, relative to the largest dV/dt."""
         return float(
             np.abs(self.numerical - self.rate[2:-2])[after:].max() / np.abs(self.rate).max()
         )
 
     def largest_rise(self) -> float:
-        """Return how much V rises from one sample to the next at most, relative to its first value; negative if it falls."""
+        """Return V's largest rise between samples, relative to its first value."""
         return float(np.diff(self.V).max() / self.V[0])
 
 
@@ -68,7 +68,7 @@ def with_tool_and_load(robot: pa.Robot) -> pa.Robot:
 def circle_beside(
     robot: pa.Robot, plane: str, by: Sequence[float] = (0.01, -0.01, 0.02)
 ) -> pa.Trajectory:
-    """Return a circle of 5 cm in two seconds that starts beside the robot's home by an offset (3) [m]."""
+    """Return a circle of 5 cm in two seconds, starting beside home by an offset (3) [m]."""
     return pa.Circle(np.zeros(3), 0.05, 2.0, plane).starting_at(
         robot.position(robot.q0) + np.array(by)
     )
@@ -92,7 +92,7 @@ def energy_along(
     dt: float = 1e-4,
     **start: Any,
 ) -> Energy:
-    """Run the continuous loop with ideal acceleration from the true robot's home at rest, and trace V.
+    """Run the continuous loop with ideal acceleration from home at rest, and trace V.
 
     Args:
         true: the robot that is controlled.

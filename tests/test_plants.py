@@ -1,4 +1,4 @@
-"""Plants: what a loop may ask of one, how a robot's motion is integrated, and the sensors in between."""
+"""Plants: what a loop may ask of one, how a robot's motion is integrated, and the sensors."""
 
 import numpy as np
 import pinocchio as pin

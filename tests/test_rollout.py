@@ -12,7 +12,6 @@ from chains import catalogue_robot as load
 from loops import ARRAYS, run, with_tool_and_load
 from pinadapt.models.right_inverse import RightInverse
 from pinadapt.plots.error_figure import draw_errors
-from pinadapt.rollout.evaluation import Evaluation
 from pinadapt.rollout.report import COMPUTED, RECORDED, WATCHED
 
 
@@ -78,7 +77,7 @@ def test_the_summary_names_the_adaptation_that_ran():
 
 
 def tracked(task=None, singular=0.0):
-    """Return a short rollout that learns a tool and a load, damped below s_0, and its controller."""
+    """Return a short rollout that learns a tool and a load, damped below s_0; its controller."""
     described = pa.load("panda", task=task)
     true = with_tool_and_load(described)
     controller = pa.make_controller(described)

@@ -86,7 +86,7 @@ def test_continuous_mode_converges_with_its_step():
 
 
 def controlled(name, law, adaptation="natural"):
-    """Return a controller a few steps into its work, its state, a measurement and the desired motion."""
+    """Return a controller a few steps into its work, its state, measurement and desired motion."""
     robot = load(name)
     controller = pa.make_controller(
         robot.changed(inertial_scale=0.8), law=law, adaptation=adaptation

@@ -1,4 +1,4 @@
-"""One integration step of a robot with friction: the midpoint rule, friction implicit and exponentially fitted."""
+"""One integration step of a robot: midpoint rule, friction implicit, exponentially fitted."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..robot.robot import Robot
 
 
 class FittedMidpoint:
-    """Second order in the step h, two forward dynamics a step, stable however stiff the friction is.
+    """Second order in the step h, two forward dynamics a step, stable for any friction.
 
     Friction is stiff: near rest tau_f = viscous v + coulomb tanh(v / threshold) has the slope
     coulomb / threshold, and a light wrist comes to rest within microseconds. Written with its
@@ -22,15 +22,15 @@ class FittedMidpoint:
         (M + theta h D) a = tau - C v - g - D v,
 
     which the articulated-body algorithm does when theta h D is added to the rotor inertias: first
-    with h / 2 at the start, which gives the state at the middle, then with h there. The step ends at
-    v + h a, and q moves with v + theta h a.
+    with h / 2 at the start, which gives the state at the middle, then with h there. The step ends
+    at v + h a, and q moves with v + theta h a.
 
     theta_i = 1 / (1 - exp(-z_i)) - 1 / z_i, z_i = h D_i / M_ii, fits the exponential decay of one
     joint under viscous friction exactly (W. Liniger, R. A. Willoughby, *Efficient integration
     methods for stiff systems of ordinary differential equations*, SIAM J. Numer. Anal. 7 (1970)
-    47-66). It is 1/2 + z_i / 12 for small z_i, hence the second order, and tends to 1 for large ones,
-    hence L-stability. As theta_i >= 1/2 always, the friction's part of the step does not grow for
-    any coupling in M, so that M_ii may be that of the home configuration.
+    47-66). It is 1/2 + z_i / 12 for small z_i, hence the second order, and tends to 1 for large
+    ones, hence L-stability. As theta_i >= 1/2 always, friction alone never makes the velocity grow,
+    whatever couples the joints, so that M_ii may be that of the home configuration.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -58,7 +58,7 @@ class FittedMidpoint:
     def _acceleration(
         self, q: np.ndarray, v: np.ndarray, start: np.ndarray, tau: np.ndarray, h: float
     ) -> np.ndarray:
-        """Return a (nv) with M, C, g and D at q, v for a step of h [s] that begins at velocity ``start`` (nv)."""
+        """Return a (nv), terms at q, v, for a step of h [s] that begins at velocity ``start``."""
         if not self._present:
             return pin.aba(self._model, self._data, q, v, tau)
         f = self._friction
@@ -86,7 +86,7 @@ def _fit(
     drive: np.ndarray,
     theta: np.ndarray,
 ) -> None:
-    """Write rotors + theta h D, tau - D start and theta (nv), with D and theta as in ``FittedMidpoint``."""
+    """Write rotors + theta h D, tau - D start and theta (nv) of ``FittedMidpoint``."""
     for i in range(len(v)):
         x = v[i] / threshold
         ratio = 1.0 - x * x / 3.0 if abs(x) < 1e-4 else math.tanh(x) / x

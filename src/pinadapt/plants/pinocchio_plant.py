@@ -44,7 +44,7 @@ class PinocchioPlant(Plant):
         substeps: int | None = None,
         integrator: str = "midpoint",
     ) -> None:
-        """Copy the true robot's model; the integrator is "midpoint" or "runge-kutta", see ``INTEGRATORS``.
+        """Copy the true robot's model; the integrator is "midpoint" or "runge-kutta".
 
         Raises:
             InputError: unknown integrator, or less than one substep.
@@ -87,13 +87,13 @@ class PinocchioPlant(Plant):
         return torque if limits is None else np.minimum(np.maximum(torque, -limits), limits)
 
     def acceleration(self, torque: np.ndarray, feedthrough: np.ndarray | None = None) -> np.ndarray:
-        """Return the joint acceleration a (nv) that torque + feedthrough @ a causes now; see ``acceleration_at``."""
+        """Return the joint acceleration a (nv) that torque + feedthrough @ a causes now."""
         return self.acceleration_at(self._q, self._v, torque, feedthrough)
 
     def acceleration_at(
         self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, feedthrough: np.ndarray | None = None
     ) -> np.ndarray:
-        """Return the joint acceleration a (nv) at q, v under torque tau + feedthrough @ a, friction included.
+        """Return the acceleration a (nv) at q, v under torque tau + feedthrough @ a and friction.
 
         Raises:
             DivergedError: M - feedthrough is singular.
@@ -113,7 +113,7 @@ class PinocchioPlant(Plant):
             ) from error
 
     def task_motion(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the true task coordinates x and velocity xd at q, v, in world axes; see ``Task``."""
+        """Return the true task coordinates x and velocity xd at q, v; see ``Task``."""
         return self._task.motion(self._model, self._data, self._frame, q, v)
 
     def measurement(self, q: np.ndarray, v: np.ndarray, t: float = 0.0) -> Measurement:

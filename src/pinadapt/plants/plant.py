@@ -34,7 +34,7 @@ class Plant(ABC):
         """Hold a torque (nv) [N m or N] for dt [s]."""
 
     def motors(self, torque: np.ndarray) -> np.ndarray:
-        """Return the torque (nv) that the motors give when asked for one (nv) [N m or N]; all of it by default."""
+        """Return the torque (nv) that the motors give when asked for one (nv) [N m or N]."""
         return torque
 
     def acceleration(self, torque: np.ndarray, feedthrough: np.ndarray | None = None) -> np.ndarray:

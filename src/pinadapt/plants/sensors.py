@@ -17,9 +17,9 @@ CHANNELS = ("q", "v", "x", "angle")
 
 
 class Sensors:
-    """Encoders, tachometers and a task-space tracker with white noise, the tracker with a pure delay.
+    """Encoders, tachometers and a task-space tracker, all with white noise, the tracker late.
 
-    The tracker also reports the task velocity, delayed alike and without noise.
+    The tracker also reports the task velocity, equally late and without noise.
     """
 
     def __init__(
@@ -31,14 +31,13 @@ class Sensors:
         delay: float = 0.0,
         seed: int = 0,
     ) -> None:
-        """Take standard deviations q [rad or m], v [rad/s or m/s], x [m], angle [rad], and the tracker's delay.
-
-        The tracker's ``angle`` turns a measured pose about each world axis.
+        """Take the standard deviations and the tracker's delay.
 
         Args:
             robot: whose configurations and task are measured.
             dt: sampling period [s].
-            noise: standard deviation of each channel.
+            noise: standard deviation of each channel: q [rad or m], v [rad/s or m/s], x [m], and
+                angle [rad], by which the tracker turns a measured pose about each world axis.
             delay: s, rounded to whole periods.
             seed: of the noise.
 
@@ -48,7 +47,8 @@ class Sensors:
         for name in noise or {}:
             if name not in CHANNELS:
                 raise InputError(
-                    f"no channel is called '{name}'; there are {CHANNELS}.{did_you_mean(name, CHANNELS)}",
+                    f"no channel is called '{name}'; there are {CHANNELS}."
+                    f"{did_you_mean(name, CHANNELS)}",
                     where="noise",
                 )
         self._model, self._task, self._seed = robot.model, robot.task, seed
@@ -82,7 +82,7 @@ class Sensors:
         if self._noisy:
             q = pin.integrate(self._model, q, self._white("q", len(v)))
             v = v + self._white("v", len(v))
-            x = self._task.moved(x, self._tracking_error())
+            x = None if x is None else self._task.moved(x, self._tracking_error())
         return truth._replace(q=q, v=v, x=x, x_time=tracked.t, xd=tracked.xd)
 
     def _tracking_error(self) -> np.ndarray:

@@ -16,7 +16,7 @@ _NORMS = {"position": "|x - x_d|", "rotation": r"$|\phi|$", "joints": "|q - q_d|
 
 
 def draw_errors(run: Drawable) -> tuple[Figure, Any]:
-    """Return the figure and its axes: each group of rows by component and norm, and V(t) where it is known."""
+    """Return figure and axes: each group of rows by component and norm, and V(t) where known."""
     groups = run.task.groups
     panels = 2 * len(groups) + (run.lyapunov is not None)
     figure = Figure(figsize=(8, 1.0 + 2.0 * panels), layout="constrained")

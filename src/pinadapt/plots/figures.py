@@ -17,7 +17,7 @@ _MOST_LABELLED = 12  # more lines than this share one colour map and carry no le
 
 
 def draw_all(run: Drawable, folder: Path) -> list[Path]:
-    """Draw ``error.png``, ``parameters.png`` and ``torque.png`` into a folder and return their paths."""
+    """Draw ``error.png``, ``parameters.png``, ``torque.png`` into a folder; return their paths."""
     folder.mkdir(parents=True, exist_ok=True)
     drawings = {"error": error_figure, "parameters": parameter_figure, "torque": torque_figure}
     paths = []
@@ -40,7 +40,7 @@ def error_figure(run: Drawable) -> Figure:
 
 
 def parameter_figure(run: Drawable) -> Figure:
-    """Return the estimates over time; the truth is dashed. Many dynamic parameters are shown by kind."""
+    """Return the estimates over time, the truth dashed; many dynamic parameters by kind."""
     few = run.a_d.shape[1] <= _MOST_LABELLED
     panels = [("kinematic [m]", run.a_k, run.a_k_true, run.kinematic_names)]
     panels += [("dynamic", run.a_d, run.a_d_true, run.dynamic_names)] if few else _by_kind(run)

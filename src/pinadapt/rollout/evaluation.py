@@ -1,4 +1,4 @@
-"""What a recorded run tells of the belief: V(t), the estimated mass matrix, the estimated Jacobian."""
+"""What a recorded run tells of the belief: V(t), the estimated mass matrix and Jacobian."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Evaluation:
     @cached_property
     @np.errstate(all="ignore")
     def singular_values(self) -> np.ndarray:
-        """Singular values (N, m) of the estimated Jacobian, in descending order; NaN where that is not finite."""
+        """Singular values (N, m) of the estimated Jacobian, descending; NaN where not finite."""
         kinematics, J = self.controller.kinematics, []
         for sample in self.samples:
             kinematics.update(sample.state.a_k, sample.measurement.q, sample.measurement.v)
@@ -73,7 +73,7 @@ class Evaluation:
 
     @cached_property
     def lyapunov(self) -> np.ndarray | None:
-        """V(t) (N), or None where it is undefined: a truth is unknown, or an adaptation has no part for it."""
+        """V(t) (N), or None where a truth is unknown or an adaptation has no part of V for it."""
         return self.storage(self.samples)
 
     @np.errstate(all="ignore")

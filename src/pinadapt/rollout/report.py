@@ -29,7 +29,7 @@ def window(values: np.ndarray, first: bool) -> np.ndarray:
 
 
 def summary(rollout: Rollout) -> dict[str, Any]:
-    """Return the numbers of ``summary.json``; None stands for those that no sample or no finite number gives."""
+    """Return the numbers of ``summary.json``; None where no finite number is to be had."""
     return {
         "title": rollout.title,
         "law": rollout.law,

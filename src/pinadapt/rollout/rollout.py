@@ -16,7 +16,7 @@ from .evaluation import Evaluation
 
 @dataclass(frozen=True, eq=False)
 class Rollout:
-    """A closed loop over N samples; ``print`` shows a table. All in SI units, positions in world axes.
+    """A closed loop over N samples, in SI units and world axes; ``print`` shows a table.
 
     The fields were recorded. The properties are computed from the record when they are first read.
 
@@ -68,7 +68,7 @@ class Rollout:
 
     @property
     def distance(self) -> np.ndarray:
-        """Norm of the error in the task's first group of rows (N): positions [m] or joints [rad]."""
+        """Norm of the error in the task's first group of rows (N): position [m] or joints [rad]."""
         return np.linalg.norm(self.error[:, self.task.groups[0].rows], axis=1)
 
     @property
@@ -80,12 +80,12 @@ class Rollout:
 
     @cached_property
     def a_k_true(self) -> np.ndarray | None:
-        """The true kinematic parameters (p_k), or None where no value of the parameters is the truth."""
+        """The true kinematic parameters (p_k), or None where no value of them is the truth."""
         return self._evaluated().a_k_true
 
     @cached_property
     def a_d_true(self) -> np.ndarray | None:
-        """The true dynamic parameters (p_d), or None where no value of the parameters is the truth."""
+        """The true dynamic parameters (p_d), or None where no value of them is the truth."""
         return self._evaluated().a_d_true
 
     @cached_property
@@ -116,12 +116,12 @@ class Rollout:
 
     @cached_property
     def damping(self) -> np.ndarray:
-        """The mu^2 (N) of the estimated Jacobian's right inverse, zero where that is exact; see ``RightInverse``."""
+        """The mu^2 (N) of the estimated Jacobian's ``RightInverse``, zero where that is exact."""
         return self._evaluated().damping
 
     @property
     def damping_share(self) -> np.ndarray:
-        """The largest share (N) of a commanded task motion that the damping takes away, mu^2 / (s_min^2 + mu^2)."""
+        """The largest share (N) of a task motion that damping takes, mu^2 / (s_min^2 + mu^2)."""
         whole = self.min_singular_J_hat**2 + self.damping
         return self.damping / np.maximum(whole, np.finfo(float).tiny)
 
@@ -130,7 +130,7 @@ class Rollout:
         return report.window(self.distance, first)
 
     def summary(self) -> dict[str, Any]:
-        """Return the numbers of ``summary.json``; None stands for those that no sample or no finite number gives."""
+        """Return the numbers of ``summary.json``; None where no finite number is to be had."""
         return report.summary(self)
 
     def __str__(self) -> str:
@@ -138,11 +138,11 @@ class Rollout:
         return report.table(self)
 
     def save(self, folder: Path | str) -> None:
-        """Write ``summary.json`` and ``rollout.npz`` into a folder, which is made if it is missing."""
+        """Write ``summary.json`` and ``rollout.npz`` into a folder, made if it is missing."""
         report.save(self, Path(folder))
 
     def plot(self, folder: Path | str) -> list[Path]:
-        """Draw ``error.png``, ``parameters.png`` and ``torque.png`` into a folder and return their paths."""
+        """Draw error, parameters and torque as ``.png`` into a folder and return their paths."""
         from ..plots.figures import draw_all
 
         return draw_all(self, Path(folder))

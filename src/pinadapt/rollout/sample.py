@@ -11,7 +11,7 @@ from ..records import Desired, Measurement
 
 
 class Sample(NamedTuple):
-    """What there was at one sample of a run; live views, logs and rollouts all read the same stream of these.
+    """What there was at one sample of a run; views, logs and rollouts all read these.
 
     Attributes:
         t: time [s].

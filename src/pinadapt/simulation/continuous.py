@@ -27,7 +27,7 @@ def run_continuous(
     state: ControllerState | None = None,
     ideal_acceleration: bool = False,
 ) -> Iterator[Sample]:
-    """Integrate plant, estimates and filters together by Runge-Kutta of fourth order; yield a sample each step.
+    """Integrate plant, estimates and filters together by Runge-Kutta 4; yield a sample each step.
 
     Args:
         plant: the true robot, which starts from its home and from rest.
@@ -98,10 +98,10 @@ class _Loop:
         return Sample(t, self.measurement, self.desired, self.state, self.torque, self.measurement)
 
     def rebased(self, y: np.ndarray) -> np.ndarray:
-        """Move q by the displacement in y and return y without it; exact because one-joint groups commute.
+        """Move q by the displacement in y and return y without it.
 
-        The estimate becomes the one that the adaptation keeps there: a projection is a jump, not a
-        slope.
+        Exact because one-joint groups commute. The estimate becomes the one that the adaptation
+        keeps there: a projection is a jump, not a slope.
 
         Raises:
             DivergedError: the joints move too fast.

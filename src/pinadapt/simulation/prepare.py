@@ -31,7 +31,7 @@ def prepare(
     a_k: ArrayLike | None = None,
     a_d: ArrayLike | None = None,
 ) -> ControllerState:
-    """Return the controller's initial state, after checking that robot, controller and motion match.
+    """Return the controller's initial state; check that robot, controller and motion match.
 
     Raises:
         InputError: they do not, or the initial estimates cannot be used.
@@ -99,8 +99,8 @@ def _warn_of_box(true: Robot, controller: Controller) -> None:
             name for name, out in zip(controller.kinematics.names, outside, strict=True) if out
         ]
         warnings.warn(
-            f"the true values of {names} are outside the box of their estimates, which cannot reach "
-            "them: no proof covers this closed loop. A wider kinematic_box avoids it.",
+            f"the true values of {names} are outside the box of their estimates, which cannot "
+            "reach them: no proof covers this closed loop. A wider kinematic_box avoids it.",
             stacklevel=4,
         )
 

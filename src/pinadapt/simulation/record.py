@@ -35,7 +35,7 @@ class Record:
 
 
 def record(stream: Iterator[Sample], indices: Iterable[int], every: int = 1) -> Record:
-    """Take one sample of a run for each index and keep those whose index is a multiple of ``every``."""
+    """Take a sample for each index and keep those whose index is a multiple of ``every``."""
     kept = Record()
     try:
         for k, sample in zip(indices, stream, strict=False):
@@ -86,7 +86,7 @@ def rollout_of(
 
 
 def _adaptation(controller: Controller) -> str:
-    """Return the name of the dynamic adaptation, or of the kinematic one where no dynamic parameter is unknown."""
+    """Return the dynamic adaptation's name, or the kinematic one's where that alone adapts."""
     used = controller.adaptation_d if controller.dynamics.size else controller.adaptation_k
     return used.name
 

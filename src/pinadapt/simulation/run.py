@@ -29,7 +29,7 @@ def run(
     sensors: Sensors | None = None,
     ideal_acceleration: bool = False,
 ) -> Iterator[Sample]:
-    """Drive a plant from its initial state and yield a sample each period, before the plant moves on.
+    """Drive a plant from its initial state; yield a sample each period, before the plant moves on.
 
     Args:
         plant: what is driven; it is reset first.
@@ -75,7 +75,7 @@ def run(
 
 
 def sample_indices(duration: float, dt: float, *, ends: bool = False) -> range:
-    """Return the indices of the samples of a run of a duration [s] at period dt [s]; ``ends``: with one at its end."""
+    """Return the indices of the samples of a duration [s] at period dt [s], its end with ``ends``."""
     return range(max(1, round(duration / dt)) + ends)
 
 

@@ -17,7 +17,9 @@ PLANES = ("xy", "yz", "xz")
 
 
 def plane_axes(plane: str, size: int) -> np.ndarray:
-    """Return the two unit vectors (2, m) of a plane named by its world axes; two coordinates have one plane, called "xy".
+    """Return the two unit vectors (2, m) of a plane named by its world axes.
+
+    Two coordinates have one plane, called "xy".
 
     Raises:
         InputError: an unknown plane, or one that the task does not span.
@@ -38,7 +40,7 @@ class Circle(Trajectory):
     def __init__(
         self, center: ArrayLike, radius: float, period: float, plane: str = "xy", phase: float = 0.0
     ) -> None:
-        """Take the centre (m) [m], radius [m], period [s], plane ("xy", "yz", "xz") and phase [rad].
+        """Take centre (m) [m], radius [m], period [s], plane ("xy", "yz", "xz") and phase [rad].
 
         Raises:
             InputError: sizes, signs or names that cannot be.

@@ -27,7 +27,7 @@ class Sinusoid(Trajectory):
         *,
         from_rest: bool = True,
     ) -> None:
-        """Take start and amplitudes (m) [rad or m] and angular frequencies (m) [rad/s]; numbers hold for all coordinates.
+        """Take start, amplitudes [rad or m], angular frequencies [rad/s], each (m) or one number.
 
         Args:
             start: x_d at time 0.

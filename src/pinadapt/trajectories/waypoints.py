@@ -21,8 +21,9 @@ class Waypoints(Trajectory):
     def __init__(self, points: ArrayLike | list[np.ndarray], segment: float) -> None:
         """Take the points (k, m) [m], k >= 2, and the time [s] of one segment.
 
-        Raises: InputError: fewer than two points, ragged or non-finite ones, or a time that is not
-            positive.
+        Raises:
+            InputError: fewer than two points, ragged or non-finite ones, or a time that is not
+                positive.
         """
         try:
             self.points = np.array(points, dtype=float)
