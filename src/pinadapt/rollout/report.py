@@ -68,9 +68,9 @@ def _errors(norms: np.ndarray, name: str) -> dict[str, float | None]:
 
 def table(rollout: Rollout) -> str:
     """Return a table of what matters."""
-    numbers, group = summary(rollout), rollout.task.groups[0]
+    numbers, (group, *more) = summary(rollout), rollout.task.groups
     sizes = f"{len(rollout.kinematic_names)} kinematic, {len(rollout.dynamic_names)} dynamic"
-    singular = "m" if (group.name, rollout.angle) == ("position", None) else ""
+    singular = "m" if group.unit == "m" and not more else ""
     rows = [
         ("robot", f"{rollout.robot}, {numbers['nv']} joints"),
         ("law", rollout.law),
