@@ -186,6 +186,21 @@ def test_laws_with_task_velocity_say_that_they_need_it():
 # --- divergence ---
 
 
+def test_a_diverging_run_ends_its_stream_with_time_and_reason():
+    robot = load("panda")
+    believed = robot.changed(inertial_scale=0.8)
+    controller = pa.make_controller(believed, adaptation="gradient", gamma_d=1.0)
+    samples = []
+    with pytest.raises(pa.DivergedError, match=".") as ended:
+        for sample in pa.run(pa.PinocchioPlant(robot), controller, circle(robot), duration=1.0):
+            samples.append(sample)
+    assert 0 < len(samples) < 1000
+    assert np.isclose(ended.value.time, samples[-1].t + 1e-3)
+    rollout = run("panda", control={"adaptation": "gradient", "gamma_d": 1.0}, duration=1.0)
+    assert rollout.reason == ended.value.reason and rollout.diverged == ended.value.time
+    assert np.array_equal(rollout.tau, [sample.torque for sample in samples])
+
+
 def test_a_diverged_run_is_a_partial_rollout():
     rollout = run("panda", control={"adaptation": "gradient", "gamma_d": 1.0}, duration=1.0)
     assert rollout.diverged is not None and 0.0 < rollout.diverged < 1.0
