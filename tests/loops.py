@@ -2,14 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 import numpy as np
 
 import pinadapt as pa
+from chains import catalogue_robot
 from differences import sampled_derivative
-from pinadapt.simulation.continuous import run_continuous
-from pinadapt.simulation.evaluate import parameter_storage, truth_at
+from pinadapt.rollout.evaluation import truth_at
+
+ARRAYS = ("t", "q", "v", "tau", "x", "x_d", "error", "a_k", "a_d")  # of a rollout
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,14 +34,29 @@ class Energy:
     delta: np.ndarray
 
     def mismatch(self, after: int = 0) -> float:
-        """Return the largest difference of the two dV/dt, relative, but for first samples."""
+        """Return the largest difference of the two dV/dt, relative to the largest dV/dt."""
         return float(
             np.abs(self.numerical - self.rate[2:-2])[after:].max() / np.abs(self.rate).max()
         )
 
     def largest_rise(self) -> float:
-        """Return the largest rise of V between samples relative to V(0); negative if it falls."""
+        """Return V's largest rise between samples, relative to its first value."""
         return float(np.diff(self.V).max() / self.V[0])
+
+
+def circle_at_home(robot, radius=0.05, period=2.0):
+    """Return a circle that starts at the robot's home."""
+    return pa.Circle(np.zeros(robot.task.size), radius, period).starting_at(
+        robot.position(robot.q0)
+    )
+
+
+def run(name="planar_2r", *, truth=None, control=None, **options):
+    """Return a short rollout of an adaptive controller that believes the arm 20 % too light."""
+    described = catalogue_robot(name)
+    true = described.changed(**(truth or {}))
+    controller = pa.make_controller(described.changed(inertial_scale=0.8), **(control or {}))
+    return pa.simulate(true, controller, circle_at_home(true), **{"duration": 0.1, **options})
 
 
 def with_tool_and_load(robot: pa.Robot) -> pa.Robot:
@@ -50,7 +68,7 @@ def with_tool_and_load(robot: pa.Robot) -> pa.Robot:
 def circle_beside(
     robot: pa.Robot, plane: str, by: Sequence[float] = (0.01, -0.01, 0.02)
 ) -> pa.Trajectory:
-    """Return a circle of 5 cm in two seconds that starts beside home by an offset (3) [m]."""
+    """Return a circle of 5 cm in two seconds, starting beside home by an offset (3) [m]."""
     return pa.Circle(np.zeros(3), 0.05, 2.0, plane).starting_at(
         robot.position(robot.q0) + np.array(by)
     )
@@ -74,7 +92,7 @@ def energy_along(
     dt: float = 1e-4,
     **start: Any,
 ) -> Energy:
-    """Run the continuous loop with ideal acceleration from the true home at rest; trace V.
+    """Run the continuous loop with ideal acceleration from home at rest, and trace V.
 
     Args:
         true: the robot that is controlled.
@@ -84,25 +102,16 @@ def energy_along(
         dt: integration step and time between samples [s].
         start: initial estimates a_k, a_d instead of the believed ones.
     """
-    plant, v = pa.PinocchioPlant(true), np.zeros(true.model.nv)
-    state = controller.init(plant.measurement(true.q0, v), **start)
-    trace = run_continuous(
-        plant, controller, path, state, times=range(steps), dt=dt, ideal_acceleration=True
-    )
-    assert trace.diverged is None
+    plant = pa.PinocchioPlant(true)
+    state = controller.init(plant.measure(), **start)
+    stream = pa.run_continuous(plant, controller, path, dt=dt, state=state, ideal_acceleration=True)
     a_k, a_d = controller.kinematics.value(true), controller.dynamics.value(true)
     V, rate, dx, delta = [], [], [], []
-    for measurement, desired, state in zip(
-        trace.measurements, trace.desired, trace.states, strict=True
-    ):
-        signals, truth = (
-            controller.observe(state, measurement, desired),
-            truth_at(plant, measurement, a_k, a_d),
-        )
-        V.append(
-            controller.law.storage(signals, truth) + parameter_storage(controller, state, a_k, a_d)
-        )
-        rate.append(controller.law.dissipation(signals, truth))
+    for sample in list(islice(stream, steps)):
+        signals = controller.observe(sample.state, sample.measurement, sample.desired)
+        truth, law = truth_at(plant, sample, a_k, a_d), controller.law
+        V.append(law.storage(signals, truth) + controller.parameter_storage(sample.state, a_k, a_d))
+        rate.append(law.dissipation(signals, truth))
         dx.append(signals.dx.copy())
         delta.append(np.zeros_like(signals.dx) if signals.delta is None else signals.delta.copy())
     V = np.array(V)

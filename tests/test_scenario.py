@@ -140,7 +140,7 @@ def test_defaults(tmp_path):
         10.0,
         1e-3,
         "sampled",
-        4,
+        None,
     )
     assert (simulation.engine, simulation.delay, simulation.torque_limits, simulation.seed) == (
         "pinocchio",

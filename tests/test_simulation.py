@@ -1,35 +1,16 @@
-"""The closed loop: plant, sensors, both modes, divergence, and the controller's manners."""
+"""The closed loop: both modes, noise, limits, divergence, and what a controller must not do."""
 
-import json
 from itertools import product
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import pinadapt as pa
 from chains import catalogue_robot as load
-from chains import random_state
+from loops import ARRAYS, run
+from loops import circle_at_home as circle
 from paper import BASIS
-from pinadapt.plants.sensors import Sensors
 from pinadapt.robot.effort_limits import effort_limits
-
-ARRAYS = ("t", "q", "v", "tau", "x", "x_d", "error", "a_k", "a_d")
-
-
-def circle(robot, radius=0.05, period=2.0):
-    """Return a circle that starts at the robot's home."""
-    return pa.Circle(np.zeros(robot.task.size), radius, period).starting_at(
-        robot.position(robot.q0)
-    )
-
-
-def run(name="planar_2r", *, truth=None, control=None, **options):
-    """Return a short rollout of an adaptive controller that believes the arm 20 % too light."""
-    described = load(name)
-    true = described.changed(**(truth or {}))
-    controller = pa.make_controller(described.changed(inertial_scale=0.8), **(control or {}))
-    return pa.simulate(true, controller, circle(true), **{"duration": 0.1, **options})
 
 
 def same(one, other):
@@ -37,68 +18,7 @@ def same(one, other):
     return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in ARRAYS)
 
 
-# --- what a rollout holds ---
-
-
-@pytest.mark.parametrize("name", ["planar_2r", "scara", "ur5", "panda"])
-def test_rollouts_hold_one_row_a_sample(name):
-    robot, rollout = load(name), run(name, duration=0.05)
-    rows = {
-        "q": robot.model.nq,
-        "v": robot.model.nv,
-        "tau": robot.model.nv,
-        "x": robot.task.size,
-        "a_d": 10 * robot.model.nv,
-    }
-    assert np.allclose(rollout.t, 1e-3 * np.arange(50), atol=1e-12)
-    assert {key: getattr(rollout, key).shape for key in rows} == {
-        key: (50, width) for key, width in rows.items()
-    }
-    assert np.array_equal(rollout.q[0], robot.q0) and not rollout.v[0].any()
-    assert np.allclose(rollout.x, [robot.position(q) for q in rollout.q], atol=1e-12)
-    assert np.array_equal(rollout.error, rollout.x - rollout.x_d)
-    assert rollout.diverged is None and "DIVERGED" not in str(rollout)
-
-
-def test_continuous_mode_also_records_the_end():
-    assert np.allclose(run(duration=0.05, mode="continuous").t, 1e-3 * np.arange(51), atol=1e-12)
-
-
-def test_a_truth_that_no_estimate_reaches_is_none(tmp_path):
-    rollout = run(
-        "ur5", truth={"inertial_scale": 1.1}, control={"dynamic": "payload"}, duration=0.01
-    )
-    assert rollout.a_d_true is None and rollout.lyapunov is None and rollout.a_k_true is not None
-    rollout.save(tmp_path)
-    assert {"a_d_true", "lyapunov"}.isdisjoint(np.load(tmp_path / "rollout.npz").files)
-
-
-def test_save_and_plot_write_files(tmp_path):
-    rollout = run(duration=0.02)
-    rollout.save(tmp_path / "new" / "folder")
-    paths = rollout.plot(tmp_path / "new" / "folder")
-    assert [path.name for path in paths] == ["error.png", "parameters.png", "torque.png"]
-    assert all(path.read_bytes().startswith(b"\x89PNG") for path in paths)
-    saved = np.load(tmp_path / "new" / "folder" / "rollout.npz")
-    assert all(np.array_equal(saved[name], getattr(rollout, name)) for name in ARRAYS)
-    assert (
-        json.loads((tmp_path / "new" / "folder" / "summary.json").read_text()) == rollout.summary()
-    )
-
-
-def test_plots_of_a_run_without_unknowns_are_drawn(tmp_path):
-    assert len(run(control={"kinematic": [], "dynamic": "none"}, duration=0.01).plot(tmp_path)) == 3
-
-
-def test_the_summary_names_the_adaptation_that_ran():
-    for adaptation in ("natural", "gradient", "none"):
-        assert (
-            run(control={"adaptation": adaptation}, duration=0.002).summary()["adaptation"]
-            == adaptation
-        )
-
-
-# --- sensors and motors ---
+# --- modes, noise, delay, limits ---
 
 
 def test_zero_noise_is_no_noise():
@@ -110,32 +30,6 @@ def test_noise_is_reproducible_by_its_seed():
     first = run(noise=noise, seed=1)
     assert same(first, run(noise=noise, seed=1))
     assert not same(first, run(noise=noise, seed=2))
-
-
-@pytest.mark.parametrize("channel", ["q", "v", "x"])
-def test_noise_has_the_stated_deviation_and_touches_its_channel_only(channel):
-    robot = load("scara")
-    sensors = Sensors(pa.PinocchioPlant(robot), 1e-3, noise={channel: 0.02}, seed=3)
-    q, v, _ = random_state(robot, np.random.default_rng(0))
-    errors = {"q": [], "v": [], "x": []}
-    for _ in range(1000):
-        seen, true = sensors.measure(q, v)
-        errors["q"].append(pin.difference(robot.model, true.q, seen.q))
-        errors["v"].append(seen.v - true.v)
-        errors["x"].append(seen.x - true.x)
-    for name, error in errors.items():
-        assert np.isclose(np.std(error), 0.02 if name == channel else 0.0, rtol=0.1)
-
-
-def test_delay_makes_the_measured_position_late_and_nothing_else():
-    robot = load("planar_2r")
-    sensors = Sensors(pa.PinocchioPlant(robot), 1e-3, delay=2e-3)
-    states = [(np.array([0.1 * k, 0.5]), np.array([1.0, k])) for k in range(6)]
-    samples = [sensors.measure(*state)[0] for state in states]
-    late = [states[max(k - 2, 0)][0] for k in range(6)]
-    assert np.allclose([sample.x for sample in samples], [robot.position(q) for q in late])
-    assert np.array_equal([sample.q for sample in samples], [q for q, _ in states])
-    assert np.array_equal([sample.v for sample in samples], [v for _, v in states])
 
 
 def test_a_delay_reaches_the_loop():
@@ -167,46 +61,6 @@ def test_limits_of_zero_do_not_take_the_torque_away():
     assert np.abs(runs[0].tau).max() > 10.0
 
 
-# --- the plant ---
-
-
-def swing(robot, seconds, dt=1e-3):
-    """Let a robot go from a random state, torque zero; return times, velocities and energies."""
-    plant, model, data = pa.PinocchioPlant(robot), robot.model, robot.model.createData()
-    q, v, _ = random_state(robot, np.random.default_rng(0))
-    velocities, energies = [], []
-    for _ in range(round(seconds / dt)):
-        velocities.append(v)
-        energies.append(pin.computeMechanicalEnergy(model, data, q, v))
-        q, v = plant.advance(q, v, np.zeros(model.nv), dt)
-    return np.array(velocities), np.array(energies)
-
-
-@pytest.mark.parametrize("name", ["planar_2r", "scara", "ur5", "panda"])
-def test_a_free_frictionless_robot_keeps_its_energy(name):
-    velocities, energies = swing(load(name), 0.3, dt=2.5e-4)
-    assert np.abs(velocities - velocities[0]).max() > 0.1
-    assert np.allclose(energies, energies[0], atol=1e-6 * max(1.0, abs(energies[0])))
-
-
-@pytest.mark.parametrize(
-    ("name", "friction"),
-    [
-        ("scara", {"viscous": 0.5}),
-        ("panda", {"viscous": 0.5}),
-        ("planar_2r", {"coulomb": 0.5}),
-        ("panda", {"coulomb": 0.5}),
-    ],
-)
-def test_friction_takes_the_energy_that_it_should(name, friction):
-    robot = load(name).changed(**friction)
-    velocities, energies = swing(robot, 0.3, dt=2.5e-4)
-    power = np.array([v @ robot.friction.torque(v) for v in velocities])
-    assert (np.diff(energies) < 0.0).all()
-    lost = 2.5e-4 * (power.sum() - 0.5 * (power[0] + power[-1]))  # trapezoidal rule
-    assert np.isclose(energies[0] - energies[-1], lost, rtol=1e-2)
-
-
 def test_continuous_and_sampled_agree_as_the_period_shrinks():
     control = {"dt": 1e-3}
     reference = run("planar_2r", control=control, duration=0.4, dt=1e-3, mode="continuous").x[-1]
@@ -232,7 +86,7 @@ def test_continuous_mode_converges_with_its_step():
 
 
 def controlled(name, law, adaptation="natural"):
-    """Return a controller after a few steps, its state, a measurement, the desired motion."""
+    """Return a controller a few steps into its work, its state, measurement and desired motion."""
     robot = load(name)
     controller = pa.make_controller(
         robot.changed(inertial_scale=0.8), law=law, adaptation=adaptation
@@ -330,6 +184,21 @@ def test_laws_with_task_velocity_say_that_they_need_it():
 
 
 # --- divergence ---
+
+
+def test_a_diverging_run_ends_its_stream_with_time_and_reason():
+    robot = load("panda")
+    believed = robot.changed(inertial_scale=0.8)
+    controller = pa.make_controller(believed, adaptation="gradient", gamma_d=1.0)
+    samples = []
+    with pytest.raises(pa.DivergedError, match=".") as ended:
+        for sample in pa.run(pa.PinocchioPlant(robot), controller, circle(robot), duration=1.0):
+            samples.append(sample)
+    assert 0 < len(samples) < 1000
+    assert np.isclose(ended.value.time, samples[-1].t + 1e-3)
+    rollout = run("panda", control={"adaptation": "gradient", "gamma_d": 1.0}, duration=1.0)
+    assert rollout.reason == ended.value.reason and rollout.diverged == ended.value.time
+    assert np.array_equal(rollout.tau, [sample.torque for sample in samples])
 
 
 def test_a_diverged_run_is_a_partial_rollout():

@@ -1,4 +1,4 @@
-"""The zoo: cases as stated, chains that converge untuned, verdicts that name what failed."""
+"""The zoo: cases as stated, chains that converge untuned, and verdicts that name what failed."""
 
 import json
 
@@ -10,7 +10,8 @@ import pinadapt as pa
 from pinadapt.cli.main import main
 from pinadapt.robot.workspace import reach
 from pinadapt.zoo.case import zoo_case
-from pinadapt.zoo.experiment import CONVERGED, zoo_row
+from pinadapt.zoo.experiment import zoo_row
+from pinadapt.zoo.verdict import CONVERGED
 
 
 @pytest.mark.parametrize("name", ["ur5", "solo8_fl_leg", "allegro_left_thumb", "scara"])
@@ -46,7 +47,7 @@ def test_a_chain_converges_untuned(name):
 
 
 def test_a_wrist_without_inertia_is_named(monkeypatch):
-    """A tool learned too fast damps more than a wrist of 1e-5 kg m^2 takes at 1 kHz."""
+    """With the tool learned too fast, damping through its estimate is too much for the wrist."""
     monkeypatch.setattr("pinadapt.tuning.adaptation_rates.KINEMATIC_MODE", 0.25)
     row = zoo_row("tiago_arm", "adaptive-jacobian")
     assert "1 kHz is too slow for arm_7_joint" in row.verdict
@@ -65,7 +66,7 @@ def test_a_wrist_that_spins_away_is_named():
 
 
 def test_a_chain_of_which_no_hypothesis_failed_says_how_far_it_came(monkeypatch):
-    monkeypatch.setattr("pinadapt.zoo.experiment.ACCURATE", 1e-9)
+    monkeypatch.setattr("pinadapt.zoo.verdict.ACCURATE", 1e-9)
     monkeypatch.setattr("pinadapt.zoo.case._LEAST_DURATION", 2.0)
     assert "no hypothesis failed within" in zoo_row("finger_edu", "adaptive-jacobian").verdict
 

@@ -59,6 +59,8 @@ from .models import TaskKinematics as TaskKinematics
 from .models import Translation as Translation
 from .models import TypicalMotion as TypicalMotion
 from .plants import PinocchioPlant as PinocchioPlant
+from .plants import Plant as Plant
+from .plants import Sensors as Sensors
 from .records import Desired as Desired
 from .records import Measurement as Measurement
 from .robot import Friction as Friction
@@ -69,7 +71,10 @@ from .robot import catalogue as catalogue
 from .robot import load as load
 from .robot import reachable_circle as reachable_circle
 from .rollout import Rollout as Rollout
+from .rollout import Sample as Sample
 from .signals import Signals as Signals
+from .simulation import run as run
+from .simulation import run_continuous as run_continuous
 from .simulation import simulate as simulate
 from .tasks import JointTask as JointTask
 from .tasks import PoseTask as PoseTask
@@ -81,6 +86,7 @@ from .trajectories import Hold as Hold
 from .trajectories import Lissajous as Lissajous
 from .trajectories import Orientation as Orientation
 from .trajectories import PoseTrajectory as PoseTrajectory
+from .trajectories import Sinusoid as Sinusoid
 from .trajectories import Swing as Swing
 from .trajectories import Trajectory as Trajectory
 from .trajectories import Waypoints as Waypoints

@@ -84,9 +84,10 @@ class DivergedError(PinadaptError):
 
     Attributes:
         reason: which quantity, and what is known about why.
+        time: of the loop [s] when it did, or None where only the loop around knows it.
     """
 
-    def __init__(self, reason: str) -> None:
-        """Keep the reason."""
-        self.reason = reason
+    def __init__(self, reason: str, time: float | None = None) -> None:
+        """Keep the reason and the time [s]."""
+        self.reason, self.time = reason, time
         super().__init__(reason)

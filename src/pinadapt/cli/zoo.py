@@ -10,7 +10,8 @@ from pathlib import Path
 
 from ..robot.catalogue import catalogue, catalogue_entry
 from ..rollout.table import columns, number
-from ..zoo.experiment import CONVERGED, ZooRow, run_zoo
+from ..zoo.experiment import ZooRow, run_zoo
+from ..zoo.verdict import CONVERGED
 from .progress import rows_bar
 
 

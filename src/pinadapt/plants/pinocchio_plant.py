@@ -1,52 +1,106 @@
-"""The true robot."""
+"""A robot simulated by Pinocchio."""
 
 from __future__ import annotations
+
+from math import ceil
 
 import numpy as np
 import pinocchio as pin
 
-from ..exceptions import DivergedError
+from ..exceptions import DivergedError, InputError, did_you_mean
 from ..records import Measurement
 from ..robot.robot import Robot
+from .midpoint import FittedMidpoint
+from .plant import Plant
+from .runge_kutta import RungeKutta
 
-LARGEST_SPEED = 1e4  # [rad/s or m/s]; beyond, the loop has diverged
+LONGEST_STEP = 1e-3  # [s]; integration errors stay below a thousandth of the tracking error
+
+INTEGRATORS: dict[str, type[FittedMidpoint] | type[RungeKutta]] = {
+    "midpoint": FittedMidpoint,
+    "runge-kutta": RungeKutta,
+}
 
 
-class PinocchioPlant:
-    """A robot that moves as its true model says; no controller ever sees inside.
+class PinocchioPlant(Plant):
+    """A robot that moves as its true model says, from its home and from rest.
+
+    ``measure``, ``step`` and ``acceleration`` are of the plant's own state; the methods that take q
+    and v are pure.
 
     Attributes:
         robot: the true robot.
         nv: number of joints.
         torque_limits: (nv) bounds the motors clip at [N m or N], infinite where there is none, or
             None.
+        substeps: integration steps in each ``step``; None for as many as ``LONGEST_STEP`` asks.
     """
 
-    def __init__(self, robot: Robot) -> None:
-        """Copy the true robot's model."""
-        self.robot = robot
+    def __init__(
+        self,
+        robot: Robot,
+        *,
+        torque_limits: np.ndarray | None = None,
+        substeps: int | None = None,
+        integrator: str = "midpoint",
+    ) -> None:
+        """Copy the true robot's model; the integrator is "midpoint" or "runge-kutta".
+
+        Raises:
+            InputError: unknown integrator, or less than one substep.
+        """
+        if integrator not in INTEGRATORS:
+            raise InputError(
+                f"must be one of {list(INTEGRATORS)}, got {integrator!r}."
+                f"{did_you_mean(str(integrator), INTEGRATORS)}",
+                where="integrator",
+            )
+        if substeps is not None and int(substeps) < 1:
+            raise InputError(f"must be at least 1, got {substeps}.", where="substeps")
+        self.robot, self.torque_limits, self.substeps = robot, torque_limits, substeps
+        self.nv = int(robot.model.nv)
         self._model = robot.model.copy()
         self._data = self._model.createData()
-        self._frame = robot.frame_id
-        self._friction, self._braked = robot.friction, robot.friction.present
-        self.nv = int(self._model.nv)
-        self.torque_limits: np.ndarray | None = None
+        self._frame, self._task = robot.frame_id, robot.task
+        self._integrate = INTEGRATORS[integrator](robot)
+        self.reset()
 
-    def motors(self, tau: np.ndarray) -> np.ndarray:
-        """Return the torque (nv) that the motors give when asked for tau (nv)."""
+    def reset(self) -> None:
+        """Go home, at rest, at time 0."""
+        self._t, self._q, self._v = 0.0, self.robot.q0, np.zeros(self.nv)
+
+    def measure(self) -> Measurement:
+        """Return what perfect sensors say now."""
+        return self.measurement(self._q, self._v, self._t)
+
+    def step(self, torque: np.ndarray, dt: float) -> None:
+        """Hold a torque (nv) [N m or N], within the motors' limits, for dt [s]."""
+        tau, q, v = self.motors(torque), self._q, self._v
+        count = self.substeps or ceil(dt / LONGEST_STEP - 1e-9)
+        for _ in range(count):
+            q, v = self._integrate(q, v, tau, dt / count)
+        self._q, self._v, self._t = q, v, self._t + dt
+
+    def motors(self, torque: np.ndarray) -> np.ndarray:
+        """Return the torque (nv) that the motors give when asked for one (nv)."""
         limits = self.torque_limits
-        return tau if limits is None else np.minimum(np.maximum(tau, -limits), limits)
+        return torque if limits is None else np.minimum(np.maximum(torque, -limits), limits)
 
-    def acceleration(
+    def acceleration(self, torque: np.ndarray, feedthrough: np.ndarray | None = None) -> np.ndarray:
+        """Return the joint acceleration a (nv) that torque + feedthrough @ a causes now."""
+        return self.acceleration_at(self._q, self._v, torque, feedthrough)
+
+    def acceleration_at(
         self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, feedthrough: np.ndarray | None = None
     ) -> np.ndarray:
-        """Return the joint acceleration a (nv) under torque tau + feedthrough @ a, friction included.
+        """Return the acceleration a (nv) at q, v under torque tau + feedthrough @ a and friction.
 
         Raises:
             DivergedError: M - feedthrough is singular.
         """
-        if self._braked:
-            tau = tau - self._friction.torque(v)
+        friction = self.robot.friction
+        if friction.present:
+            tau = tau - friction.torque(v)
         if feedthrough is None:
             return np.asarray(pin.aba(self._model, self._data, q, v, tau))
         M = pin.crba(self._model, self._data, q)
@@ -59,13 +113,13 @@ class PinocchioPlant:
             ) from error
 
     def task_motion(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the frame's true task coordinates x and velocity xd (m), in world axes; see ``Task``."""
-        return self.robot.task.motion(self._model, self._data, self._frame, q, v)
+        """Return the true task coordinates x and velocity xd at q, v; see ``Task``."""
+        return self._task.motion(self._model, self._data, self._frame, q, v)
 
     def measurement(self, q: np.ndarray, v: np.ndarray, t: float = 0.0) -> Measurement:
-        """Return what perfect sensors would say at configuration q (nq), velocity v (nv), time t [s]."""
+        """Return what perfect sensors say at configuration q (nq), velocity v (nv), time t [s]."""
         x, xd = self.task_motion(q, v)
-        return Measurement(t, q, v, x, xd=xd)
+        return Measurement(t, q, v, x, None, xd)
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return the true M(q) (nv, nv)."""
@@ -74,22 +128,3 @@ class PinocchioPlant:
     def integrate(self, q: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Return q moved by a tangent step (nv) [rad or m]."""
         return np.asarray(pin.integrate(self._model, q, step))
-
-    def advance(
-        self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, dt: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return q and v after dt [s] under a held torque, by one Runge-Kutta step of fourth order.
-
-        One-joint groups commute, so averaging the tangent steps is exact for revolute, continuous
-        and prismatic joints.
-        """
-        half = 0.5 * dt
-        a1 = self.acceleration(q, v, tau)
-        v2 = v + half * a1
-        a2 = self.acceleration(self.integrate(q, half * v), v2, tau)
-        v3 = v + half * a2
-        a3 = self.acceleration(self.integrate(q, half * v2), v3, tau)
-        v4 = v + dt * a3
-        a4 = self.acceleration(self.integrate(q, dt * v3), v4, tau)
-        dq = (dt / 6.0) * (v + 2.0 * (v2 + v3) + v4)
-        return self.integrate(q, dq), v + (dt / 6.0) * (a1 + 2.0 * (a2 + a3) + a4)

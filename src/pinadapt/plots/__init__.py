@@ -1,3 +1,4 @@
 """Pictures of a run."""
 
+from .drawable import Drawable as Drawable
 from .figures import draw_all as draw_all

@@ -8,38 +8,47 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..rollout.rollout import Rollout
-from ..tasks.registry import task_named
+from ..tasks.task import RowGroup
+from ..tasks.units import DISPLAYS
+from .drawable import Drawable
+
+_NORMS = {"position": "|x - x_d|", "rotation": r"$|\phi|$", "joints": "|q - q_d|"}
 
 
-def draw_errors(rollout: Rollout) -> tuple[Figure, Any]:
-    """Return the figure and its axes: position error in mm, for a pose rotation error in degrees, V(t) where it is known."""
-    task = task_named(rollout.task)
-    p = task.positions
-    panels = 2 + 2 * (rollout.angle is not None) + (rollout.lyapunov is not None)
+def draw_errors(run: Drawable) -> tuple[Figure, Any]:
+    """Return figure and axes: each group of rows by component and norm, and V(t) where known."""
+    groups = run.task.groups
+    panels = 2 * len(groups) + (run.lyapunov is not None)
     figure = Figure(figsize=(8, 1.0 + 2.0 * panels), layout="constrained")
     axes = np.atleast_1d(figure.subplots(panels, 1, sharex=True))
-    _components(axes[0], rollout.t, 1e3 * rollout.error[:, :p], task.labels[:p], "task error [mm]")
-    _norm(axes[1], rollout.t, 1e3 * rollout.distance, "|x - x_d| [mm]")
-    if rollout.angle is not None:
-        words = [rf"$\phi_{label[-1]}$" for label in task.labels[p:]]
-        _components(
-            axes[2], rollout.t, np.degrees(rollout.error[:, p:]), words, "rotation error [deg]"
-        )
-        _norm(axes[3], rollout.t, np.degrees(rollout.angle), r"$|\phi|$ [deg]")
-    if rollout.lyapunov is not None:
-        axes[-1].plot(rollout.t, rollout.lyapunov, color="tab:purple", lw=1.0)
+    for k, group in enumerate(groups):
+        _draw_group(axes[2 * k : 2 * k + 2], run, group)
+    if run.lyapunov is not None:
+        axes[-1].plot(run.t, run.lyapunov, color="tab:purple", lw=1.0)
         axes[-1].set_ylabel("V")
     return figure, axes
+
+
+def _draw_group(axes: Any, run: Drawable, group: RowGroup) -> None:
+    unit, scale = DISPLAYS[group.unit]
+    error = scale * run.error[:, group.rows]
+    _components(axes[0], run.t, error, run.task.labels[group.rows], f"{group.name} error [{unit}]")
+    _norm(axes[1], run.t, np.linalg.norm(error, axis=1), f"{_NORMS[group.name]} [{unit}]")
 
 
 def _components(
     ax: Any, t: np.ndarray, values: np.ndarray, names: Sequence[str], label: str
 ) -> None:
     for i, name in enumerate(names):
-        ax.plot(t, values[:, i], label=name, lw=1.0)
+        ax.plot(t, values[:, i], label=_symbol(name), lw=1.0)
     ax.set_ylabel(label)
     ax.legend(loc="upper right", ncols=3)
+
+
+def _symbol(name: str) -> str:
+    """Return the label of a row, rotation vectors with their Greek letter."""
+    letter, _, axis = name.partition("_")
+    return rf"$\phi_{axis}$" if letter == "phi" else name
 
 
 def _norm(ax: Any, t: np.ndarray, values: np.ndarray, label: str) -> None:

@@ -10,14 +10,14 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ..rollout.rollout import Rollout
+from .drawable import Drawable
 from .error_figure import draw_errors
 
 _MOST_LABELLED = 12  # more lines than this share one colour map and carry no legend
 
 
-def draw_all(rollout: Rollout, folder: Path) -> list[Path]:
-    """Draw ``error.png``, ``parameters.png`` and ``torque.png`` into a folder and return their paths."""
+def draw_all(run: Drawable, folder: Path) -> list[Path]:
+    """Draw ``error.png``, ``parameters.png``, ``torque.png`` into a folder; return their paths."""
     folder.mkdir(parents=True, exist_ok=True)
     drawings = {"error": error_figure, "parameters": parameter_figure, "torque": torque_figure}
     paths = []
@@ -26,58 +26,54 @@ def draw_all(rollout: Rollout, folder: Path) -> list[Path]:
     ):
         for name, draw in drawings.items():
             paths.append(folder / f"{name}.png")
-            figure = draw(rollout)
+            figure = draw(run)
             FigureCanvasAgg(figure)
             figure.savefig(paths[-1], dpi=130)
     return paths
 
 
-def error_figure(rollout: Rollout) -> Figure:
+def error_figure(run: Drawable) -> Figure:
     """Return the task error, each coordinate and its norm, and V(t) where it is known."""
-    figure, axes = draw_errors(rollout)
-    _finish(figure, axes, rollout)
+    figure, axes = draw_errors(run)
+    _finish(figure, axes, run)
     return figure
 
 
-def parameter_figure(rollout: Rollout) -> Figure:
-    """Return the estimates over time; the truth is dashed. Many dynamic parameters are shown by kind."""
-    few = rollout.a_d.shape[1] <= _MOST_LABELLED
-    panels = [("kinematic [m]", rollout.a_k, rollout.a_k_true, rollout.kinematic_names)]
-    panels += (
-        [("dynamic", rollout.a_d, rollout.a_d_true, rollout.dynamic_names)]
-        if few
-        else _by_kind(rollout)
-    )
+def parameter_figure(run: Drawable) -> Figure:
+    """Return the estimates over time, the truth dashed; many dynamic parameters by kind."""
+    few = run.a_d.shape[1] <= _MOST_LABELLED
+    panels = [("kinematic [m]", run.a_k, run.a_k_true, run.kinematic_names)]
+    panels += [("dynamic", run.a_d, run.a_d_true, run.dynamic_names)] if few else _by_kind(run)
     panels = [panel for panel in panels if panel[1].shape[1]]
     figure = Figure(figsize=(8, 2.4 * max(len(panels), 1) + 0.6), layout="constrained")
     axes = np.atleast_1d(figure.subplots(max(len(panels), 1), 1, sharex=True))
     for ax, (label, values, truth, names) in zip(axes, panels, strict=False):
-        _estimates(ax, rollout.t, values, truth, names)
+        _estimates(ax, run.t, values, truth, names)
         ax.set_ylabel(label)
     if not panels:
         axes[0].text(0.5, 0.5, "no parameter is unknown", ha="center", transform=axes[0].transAxes)
-    _finish(figure, axes, rollout)
+    _finish(figure, axes, run)
     return figure
 
 
-def torque_figure(rollout: Rollout) -> Figure:
+def torque_figure(run: Drawable) -> Figure:
     """Return the motor torques and the smallest eigenvalue of the estimated mass matrix.
 
     Shaded red where a torque is at its limit, blue where the inverse Jacobian is damped.
     """
     figure = Figure(figsize=(8, 5), layout="constrained")
     axes = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
-    for i in range(rollout.tau.shape[1]):
-        axes[0].plot(rollout.t, rollout.tau[:, i], lw=0.9, label=f"{i + 1}")
+    for i in range(run.tau.shape[1]):
+        axes[0].plot(run.t, run.tau[:, i], lw=0.9, label=f"{i + 1}")
     axes[0].set_ylabel("torque [N m] or force [N]")
     axes[0].legend(title="joint", loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
     for ax in axes:
-        _shade(ax, rollout.t, rollout.saturated, "tab:red")  # a torque at its limit
-        _shade(ax, rollout.t, rollout.damping > 0.0, "tab:blue")  # damped near a singularity
-    axes[1].plot(rollout.t, rollout.min_eig_M_hat, color="tab:green", lw=0.9)
+        _shade(ax, run.t, run.saturated, "tab:red")  # a torque at its limit
+        _shade(ax, run.t, run.damping > 0.0, "tab:blue")  # damped near a singularity
+    axes[1].plot(run.t, run.min_eig_M_hat, color="tab:green", lw=0.9)
     axes[1].axhline(0.0, color="black", lw=0.6)
     axes[1].set_ylabel("smallest eigenvalue\nof $\\hat M$")
-    _finish(figure, axes, rollout)
+    _finish(figure, axes, run)
     return figure
 
 
@@ -95,24 +91,24 @@ def _shade(ax: Any, t: np.ndarray, where: np.ndarray, colour: str) -> None:
         )
 
 
-def _by_kind(rollout: Rollout) -> list[tuple[str, np.ndarray, np.ndarray | None, tuple[str, ...]]]:
+def _by_kind(run: Drawable) -> list[tuple[str, np.ndarray, np.ndarray | None, tuple[str, ...]]]:
     """Split ten parameters a body into masses, first moments and inertias."""
     kinds = {"mass [kg]": "m", "first moment [kg m]": "mc", "inertia [kg m$^2$]": "I"}
     panels = []
     for label, prefix in kinds.items():
-        parts = [name.rpartition(".")[2] for name in rollout.dynamic_names]
+        parts = [name.rpartition(".")[2] for name in run.dynamic_names]
         columns = [
             i
             for i, part in enumerate(parts)
             if (part == "m" if prefix == "m" else part.startswith(prefix))
         ]
-        truth = None if rollout.a_d_true is None else rollout.a_d_true[columns]
+        truth = None if run.a_d_true is None else run.a_d_true[columns]
         panels.append(
             (
                 label,
-                rollout.a_d[:, columns],
+                run.a_d[:, columns],
                 truth,
-                tuple(rollout.dynamic_names[i] for i in columns),
+                tuple(run.dynamic_names[i] for i in columns),
             )
         )
     return panels
@@ -131,7 +127,7 @@ def _estimates(
         ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7)
 
 
-def _finish(figure: Figure, axes: Any, rollout: Rollout) -> None:
+def _finish(figure: Figure, axes: Any, run: Drawable) -> None:
     axes[-1].set_xlabel("time [s]")
-    end = "" if rollout.diverged is None else f" - diverged at {rollout.diverged:.3f} s"
-    figure.suptitle(f"{rollout.title} ({rollout.law}, {rollout.adaptation}){end}", fontsize=10)
+    end = "" if run.diverged is None else f" - diverged at {run.diverged:.3f} s"
+    figure.suptitle(f"{run.title} ({run.law}, {run.adaptation}){end}", fontsize=10)

@@ -1,3 +1,4 @@
-"""What a run leaves behind: arrays and a table."""
+"""What a run leaves behind: samples, arrays and a table."""
 
 from .rollout import Rollout as Rollout
+from .sample import Sample as Sample

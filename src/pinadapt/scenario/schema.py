@@ -204,7 +204,7 @@ class SimulationSection(Section):
     duration: Positive = 10.0
     dt: Positive = 1e-3
     mode: Literal["sampled", "continuous"] = "sampled"
-    substeps: Annotated[int, Field(ge=1)] = 4
+    substeps: Annotated[int, Field(ge=1)] | None = None
     engine: Literal["pinocchio"] = "pinocchio"
     noise: NoiseSection = NoiseSection()
     delay: NotNegative = 0.0

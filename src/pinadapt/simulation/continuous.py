@@ -2,122 +2,134 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterator
+from itertools import count
 
 import numpy as np
 
 from ..controller.controller import Controller
 from ..controller.state import ControllerState
 from ..exceptions import DivergedError
-from ..plants.pinocchio_plant import LARGEST_SPEED, PinocchioPlant
+from ..plants.pinocchio_plant import PinocchioPlant
 from ..records import Desired, Measurement
+from ..rollout.sample import Sample
 from ..trajectories.trajectory import Trajectory
-from .trace import Trace
+from .run import FASTEST, sample_indices
 
 
 def run_continuous(
     plant: PinocchioPlant,
     controller: Controller,
     trajectory: Trajectory,
-    state: ControllerState,
     *,
-    times: Iterable[int],
     dt: float,
-    record_every: int = 1,
+    duration: float | None = None,
+    state: ControllerState | None = None,
     ideal_acceleration: bool = False,
-) -> Trace:
-    """Integrate plant, estimates and filters together by Runge-Kutta of fourth order.
+) -> Iterator[Sample]:
+    """Integrate plant, estimates and filters together by Runge-Kutta 4; yield a sample each step.
 
     Args:
-        plant: the true robot, started at its home and at rest.
+        plant: the true robot, which starts from its home and from rest.
         controller: the controller.
         trajectory: the desired motion.
-        state: the controller's initial state.
-        times: indices of the samples; index k is time k dt.
         dt: integration step [s].
-        record_every: record the samples whose index is a multiple of this.
+        duration: s, whose end has a sample of its own; None for as long as samples are taken.
+        state: the controller's initial state; None for its own at the first measurement.
         ideal_acceleration: give the law the plant's own acceleration instead of the filtered one.
+
+    Yields:
+        One sample a step.
+
+    Raises:
+        DivergedError: the loop diverged, at its ``time`` and for its ``reason``; all samples before
+            were yielded.
     """
-    loop = _Loop(plant, controller, ideal_acceleration, plant.robot.q0, state)
-    y = np.concatenate([np.zeros(2 * plant.nv), state.flat()])
-    trace = Trace()
-    for k in times:
+    loop = _Loop(plant, controller, trajectory, ideal_acceleration, state)
+    y = loop.start()
+    for k in count() if duration is None else sample_indices(duration, dt, ends=True):
         t = k * dt
-        desired = trajectory.at(t)
         try:
-            k1 = loop.slope(y, desired)
+            k1 = loop.slope(y, t)
             if not np.isfinite(k1).all():
                 raise DivergedError("the torque or the estimates are no longer finite.")
             controller.watch(loop.torque, loop.state.a_d, loop.state.a_k)
-            if k % record_every == 0:
-                trace.add(t, loop.measurement, desired, loop.measurement, loop.state, loop.torque)
-            middle = trajectory.at(t + 0.5 * dt)
-            k2 = loop.slope(y + (0.5 * dt) * k1, middle)
-            k3 = loop.slope(y + (0.5 * dt) * k2, middle)
-            k4 = loop.slope(y + dt * k3, trajectory.at(t + dt))
+            yield loop.sample(t)
+            k2 = loop.slope(y + (0.5 * dt) * k1, t + 0.5 * dt)
+            k3 = loop.slope(y + (0.5 * dt) * k2, t + 0.5 * dt)
+            k4 = loop.slope(y + dt * k3, t + dt)
         except (DivergedError, np.linalg.LinAlgError) as error:
-            trace.end(t, str(error))
-            break
+            raise DivergedError(str(error), t) from error
         try:
             y = loop.rebased(y + (dt / 6.0) * (k1 + 2.0 * (k2 + k3) + k4))
         except DivergedError as error:
-            trace.end(t + dt, str(error))
-            break
-        if not np.abs(y[plant.nv : 2 * plant.nv]).max() < LARGEST_SPEED:  # also true for NaN
-            trace.end(t + dt, "the joint velocities left every bound.")
-            break
-    return trace
+            raise DivergedError(error.reason, t + dt) from error
 
 
 class _Loop:
     """The right-hand side dy/dt for y = (displacement from q, v, controller state).
 
     Attributes:
-        measurement, state, torque: as the last evaluation had them.
+        measurement, desired, state, torque: as the last evaluation had them.
     """
 
     def __init__(
         self,
         plant: PinocchioPlant,
         controller: Controller,
+        trajectory: Trajectory,
         ideal_acceleration: bool,
-        q: np.ndarray,
-        state: ControllerState,
+        state: ControllerState | None,
     ) -> None:
-        self._plant, self._controller, self._ideal = plant, controller, ideal_acceleration
-        self._q, self.state = q, state
-        self.measurement: Measurement
+        self._plant, self._controller, self._trajectory = plant, controller, trajectory
+        self._ideal = ideal_acceleration
+        self._q = plant.robot.q0
+        self.measurement: Measurement = plant.measurement(self._q, np.zeros(plant.nv))
+        self.state = controller.init(self.measurement) if state is None else state
+        self.desired: Desired
         self.torque: np.ndarray
 
-    def rebased(self, y: np.ndarray) -> np.ndarray:
-        """Move q by the displacement in y and return y without it; exact because one-joint groups commute.
+    def start(self) -> np.ndarray:
+        """Return y at the beginning: at home, at rest."""
+        return np.concatenate([np.zeros(2 * self._plant.nv), self.state.flat()])
 
-        The estimate becomes the one that the adaptation keeps there: a projection is a jump, not a
-        slope.
+    def sample(self, t: float) -> Sample:
+        """Return the last evaluation as the sample of time t [s]."""
+        return Sample(t, self.measurement, self.desired, self.state, self.torque, self.measurement)
+
+    def rebased(self, y: np.ndarray) -> np.ndarray:
+        """Move q by the displacement in y and return y without it.
+
+        Exact because one-joint groups commute. The estimate becomes the one that the adaptation
+        keeps there: a projection is a jump, not a slope.
+
+        Raises:
+            DivergedError: the joints move too fast.
         """
         n = self._plant.nv
+        v = y[n : 2 * n]
+        if not v.dot(v) < FASTEST**2:  # also true for NaN
+            raise DivergedError(f"the joint velocities exceed {FASTEST:g} rad/s or m/s.")
         self._q = self._plant.integrate(self._q, y[:n])
         state = self.state.with_flat(y[2 * n :])
         kept = self._controller.adaptation_d.project(state.a_d, self._q)
-        rest = (
-            y[2 * n :]
-            if kept is state.a_d
-            else state._replace(dynamic=state.dynamic._replace(value=kept)).flat()
-        )
-        return np.concatenate([np.zeros(n), y[n : 2 * n], rest])
+        if kept is not state.a_d:
+            state = state._replace(dynamic=state.dynamic._replace(value=kept))
+        return np.concatenate([np.zeros(n), v, state.flat()])
 
-    def slope(self, y: np.ndarray, desired: Desired) -> np.ndarray:
-        """Return dy/dt."""
+    def slope(self, y: np.ndarray, t: float) -> np.ndarray:
+        """Return dy/dt at time t [s]."""
         plant, controller, n = self._plant, self._controller, self._plant.nv
         q, v = plant.integrate(self._q, y[:n]), y[n : 2 * n]
         self.state = self.state.with_flat(y[2 * n :])
-        self.measurement = plant.measurement(q, v)
-        signals, command = controller.command(self.state, self.measurement, desired)
+        self.measurement, self.desired = plant.measurement(q, v, t), self._trajectory.at(t)
+        signals, command = controller.command(self.state, self.measurement, self.desired)
         if self._ideal:
-            a_law = plant.acceleration(q, v, command.torque, command.feedthrough)
+            a_law = plant.acceleration_at(q, v, command.torque, command.feedthrough)
         else:
             a_law = controller.acceleration(signals, self.measurement)
         tau, drives = controller.respond(signals, command, a_law)
         self.torque = plant.motors(tau)
-        a = a_law if self._ideal else plant.acceleration(q, v, self.torque)
-        return np.concatenate([v, a, controller.rate(self.state, signals, drives).flat()])
+        a = a_law if self._ideal else plant.acceleration_at(q, v, self.torque)
+        rate = controller.rate(self.state, signals, drives)
+        return np.concatenate([v, a, rate.flat()])

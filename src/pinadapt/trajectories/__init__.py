@@ -7,5 +7,6 @@ from .orientation import FixedOrientation as FixedOrientation
 from .orientation import Orientation as Orientation
 from .orientation import Swing as Swing
 from .pose_trajectory import PoseTrajectory as PoseTrajectory
+from .sinusoid import Sinusoid as Sinusoid
 from .trajectory import Trajectory as Trajectory
 from .waypoints import Waypoints as Waypoints

@@ -17,7 +17,9 @@ PLANES = ("xy", "yz", "xz")
 
 
 def plane_axes(plane: str, size: int) -> np.ndarray:
-    """Return the two unit vectors (2, m) of a plane named by its world axes; two coordinates have one plane, called "xy".
+    """Return the two unit vectors (2, m) of a plane named by its world axes.
+
+    Two coordinates have one plane, called "xy".
 
     Raises:
         InputError: an unknown plane, or one that the task does not span.
@@ -38,7 +40,7 @@ class Circle(Trajectory):
     def __init__(
         self, center: ArrayLike, radius: float, period: float, plane: str = "xy", phase: float = 0.0
     ) -> None:
-        """Take the centre (m) [m], radius [m], period [s], plane ("xy", "yz", "xz") and phase [rad].
+        """Take centre (m) [m], radius [m], period [s], plane ("xy", "yz", "xz") and phase [rad].
 
         Raises:
             InputError: sizes, signs or names that cannot be.
@@ -48,19 +50,30 @@ class Circle(Trajectory):
         self.radius = positive(radius, "reference.radius")
         self.period = positive(period, "reference.period")
         self.phase = float(vector(phase, 1, "reference.phase")[0])
-        self._axes = plane_axes(plane, size)
+        u1, u2 = self.radius * plane_axes(plane, size)
+        w = 2 * math.pi / self.period
+        rest = np.zeros(size)
+        self._w = w
+        # (3, 3, m): of position, velocity and acceleration the parts that are constant and that
+        # go with the angle's cosine and sine.
+        self._parts = np.array(
+            [
+                [self.center, u1, u2],
+                [rest, w * u2, -w * u1],
+                [rest, -w * w * u1, -w * w * u2],
+            ]
+        )
 
     def shifted(self, by: np.ndarray) -> Circle:
         """Return the circle moved by (m) [m]."""
         moved = copy(self)
         moved.center = self.center + by
+        moved._parts = self._parts.copy()
+        moved._parts[0, 0] = moved.center
         return moved
 
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
-        w = 2 * math.pi / self.period
-        angle = w * t + self.phase
-        c, s = self.radius * math.cos(angle), self.radius * math.sin(angle)
-        u1, u2 = self._axes
-        outward = c * u1 + s * u2
-        return Desired(self.center + outward, w * (c * u2 - s * u1), -w * w * outward)
+        angle = self._w * t + self.phase
+        motion = np.array((1.0, math.cos(angle), math.sin(angle))).dot(self._parts)
+        return Desired(motion[0], motion[1], motion[2])

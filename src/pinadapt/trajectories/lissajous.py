@@ -23,7 +23,7 @@ class Lissajous(Trajectory):
         period: float,
         phase: ArrayLike = 0.0,
     ) -> None:
-        """Take centre (m) [m], amplitudes (m) [m], cycles a period n (m), period [s] and phases (m) [rad].
+        """Take centre, amplitudes [m], cycles a period n, phases [rad], (m) each, and period [s].
 
         Raises:
             InputError: sizes or signs that cannot be.

@@ -36,7 +36,10 @@ class Orientation(ABC):
 
     @abstractmethod
     def at(self, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return quaternion xyzw (4), angular velocity (3) [rad/s] and acceleration (3) [rad/s^2] at time t [s], world axes."""
+        """Return quaternion xyzw (4), angular velocity (3) [rad/s] and acceleration (3) [rad/s^2].
+
+        All at time t [s], in world axes.
+        """
 
     @abstractmethod
     def turned(self, by: np.ndarray) -> Orientation:
@@ -71,7 +74,7 @@ class FixedOrientation(Orientation):
 
 
 class Swing(Orientation):
-    """R_d = R_0 exp(axis amplitude sin(w t + phase)), w = 2 pi / period: to and fro about an axis fixed in the tool."""
+    """R_d = R_0 exp(axis amplitude sin(w t + phase)), w = 2 pi / period, axis fixed in the tool."""
 
     def __init__(
         self,
@@ -81,7 +84,9 @@ class Swing(Orientation):
         phase: float = 0.0,
         quaternion: ArrayLike = UPRIGHT,
     ) -> None:
-        """Take the axis (3) in the tool's axes, of any length, amplitude and phase [rad], period [s], and R_0 (4) xyzw.
+        """Take axis (3), amplitude and phase [rad], period [s], and R_0 (4) xyzw.
+
+        The axis is in the tool's axes, of any length.
 
         Raises:
             InputError: sizes or signs that cannot be, an axis of length zero, or no unit
@@ -106,9 +111,9 @@ class Swing(Orientation):
         return other
 
     def at(self, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return quaternion (4), angular velocity (3) and acceleration (3) at time t [s]; the axis rests in the world."""
+        """Return quaternion (4), angular velocity (3) and acceleration (3) at time t [s]."""
         w = 2 * math.pi / self.period
         angle = w * t + self.phase
         s, c = self.amplitude * math.sin(angle), self.amplitude * math.cos(angle)
-        axis = matrix(self.quaternion) @ self.axis
+        axis = matrix(self.quaternion) @ self.axis  # at rest in the world
         return turned(self.quaternion, s * axis), w * c * axis, -w * w * s * axis

@@ -38,11 +38,11 @@ class PoseTrajectory(Trajectory):
         )
 
     def shifted(self, by: np.ndarray) -> PoseTrajectory:
-        """Return the same motion moved by by[:3] [m] and turned by the rotation vector by[3:] [rad], world axes."""
+        """Return the same motion moved by by[:3] [m] and turned by by[3:] [rad], world axes."""
         return PoseTrajectory(self.position.shifted(by[:3]), self.orientation.turned(by[3:]))
 
     def starting_at(self, start: np.ndarray) -> PoseTrajectory:
-        """Return the same motion moved and turned so that it is at the pose ``start`` (7) at time 0."""
+        """Return the same motion moved and turned to be at the pose ``start`` (7) at time 0."""
         start = np.asarray(start)
         return PoseTrajectory(
             self.position.starting_at(start[:3]), self.orientation.starting_at(start[3:])

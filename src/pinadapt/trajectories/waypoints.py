@@ -44,8 +44,8 @@ class Waypoints(Trajectory):
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
         last = len(self.points) - 2
-        k = int(np.clip(t // self.segment, 0, last))
-        u, T = float(np.clip(t / self.segment - k, 0.0, 1.0)), self.segment
+        k = int(min(max(t // self.segment, 0), last))
+        u, T = min(max(t / self.segment - k, 0.0), 1.0), self.segment
         start, move = self.points[k], self.points[k + 1] - self.points[k]
         s = u**3 * (10 - 15 * u + 6 * u * u)
         sd = 30 * u * u * (1 - u) ** 2 / T

@@ -1,4 +1,4 @@
-"""The zoo: every chain of the catalogue under the same untuned controller, with a wrong model of everything."""
+"""The zoo: every chain of the catalogue, wrongly modelled, under the same untuned controller."""
 
 from .case import ZooCase as ZooCase
 from .case import zoo_case as zoo_case

@@ -1,4 +1,4 @@
-"""A chain of the catalogue with a wrong model of its bodies, joints, tool and load, and a circle to follow."""
+"""A chain of the catalogue with a wrong model of all of it, and a circle to follow."""
 
 from __future__ import annotations
 
@@ -14,14 +14,13 @@ from ..robot.workspace import WorkspaceCircle, reach, reachable_circle
 from ..trajectories.circle import Circle
 from ..trajectories.trajectory import Trajectory
 
+PERIOD = 1e-3  # [s] of the controller
 INERTIA_ERROR = 0.3  # each body is believed this much too light or too heavy
 TOOL_ERROR = 0.05  # of the reach
 LOAD = 0.1  # of the chain's mass, or the last body's own if that is less
 FRICTION = 0.5  # of what is typical for the robot's size, times 0.5 to 1.5
-_TURNS, _LEAST_DURATION = (
-    4.0,
-    30.0,
-)  # [s]; of the shortest circles, 3 s, the last tenth is a whole turn
+_TURNS = 4.0
+_LEAST_DURATION = 30.0  # [s]; of the shortest circles, 3 s, the last tenth is a whole turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +78,7 @@ def zoo_case(name: str, seed: int = 0) -> ZooCase:
 
 
 def _circle(robot: Robot, found: WorkspaceCircle) -> Trajectory:
-    """Return the circle through the robot's home in the task's own coordinates; where these are two, they are its plane."""
+    """Return the circle through the robot's home, in the task's own coordinates."""
     size = robot.task.size
     circle = Circle(
         np.zeros(size), found.radius, found.period, found.plane if size == 3 else "xy", found.phase
@@ -88,8 +87,12 @@ def _circle(robot: Robot, found: WorkspaceCircle) -> Trajectory:
 
 
 def _tool(robot: Robot, rng: np.random.Generator) -> np.ndarray:
-    """Return a translation (3) [m] in the frame's axes, of 5 % of the reach and inside the task's coordinates at home."""
+    """Return a translation (3) [m] in the frame's axes that the task sees at home.
+
+    It is 5 % of the reach long.
+    """
+    m = robot.task.positions
     direction = np.zeros(3)
-    direction[robot.task.place] = rng.standard_normal(robot.task.positions)
+    direction[["xyz".index(label) for label in robot.task.labels[:m]]] = rng.standard_normal(m)
     direction *= TOOL_ERROR * reach(robot) / np.linalg.norm(direction)
     return np.asarray(robot.placement(robot.q0).rotation.T @ direction)

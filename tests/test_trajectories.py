@@ -1,4 +1,4 @@
-"""Desired trajectories against finite differences, and the filter against its own equation."""
+"""Desired trajectories against finite differences, and the low pass against its own equation."""
 
 import math
 
@@ -16,6 +16,9 @@ MOTIONS = {
         [0.5, 0.1, 0.4], [0.1, 0.2, 0.05], [1.0, 2.0, 3.0], 4.0, [0.0, 0.3, 1.0]
     ),
     "waypoints": pa.Waypoints([[0.0, 0.0, 0.0], [0.1, 0.0, 0.2], [0.1, -0.3, 0.1]], 0.8),
+    "waypoints, seven joints": pa.Waypoints(np.outer([0.0, 1.0, -0.5], np.arange(7.0)), 0.8),
+    "sinusoid from rest": pa.Sinusoid([0.3, -0.2], [2.0, 1.0], [3.0, 5.0]),
+    "sinusoid at speed": pa.Sinusoid(0.1, [0.2, 0.5, -0.3], 2.0, from_rest=False),
     "hold": pa.Hold([0.1, 0.2, 0.3]),
 }
 motions = pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS.keys())
@@ -61,6 +64,23 @@ def test_lissajous_is_one_sine_a_coordinate():
     assert np.allclose(figure.at(0.5).x_d, [1.0 + 0.1 * math.sin(math.pi / 4), 2.0 + 0.2])
 
 
+def test_sinusoids_are_those_of_the_literature():
+    """Two-joint references in common use, at a time of no symmetry."""
+    t, degrees = 0.23, np.radians([30.0, 45.0])
+    first = pa.Sinusoid(0.0, degrees, 2 * np.pi).at(t)
+    assert np.allclose(first.x_d, degrees * (1 - np.cos(2 * np.pi * t)))
+    second = pa.Sinusoid([np.pi / 4, np.pi / 6], [2.0, 1.0], [3.0, 5.0]).at(t)
+    assert np.isclose(second.x_d[0], np.pi / 4 + 2 * (1 - np.cos(3 * t)))
+    assert np.isclose(second.x_d[1], np.pi / 6 + (1 - np.cos(5 * t)))
+
+
+def test_sinusoids_start_where_they_are_told_at_rest_or_at_speed():
+    rest, speed = (pa.Sinusoid([0.3, -0.2], 0.5, 4.0, from_rest=kind) for kind in (True, False))
+    assert np.allclose([rest.at(0.0).x_d, speed.at(0.0).x_d], [[0.3, -0.2]] * 2)
+    assert not rest.at(0.0).xd_d.any() and np.allclose(speed.at(0.0).xd_d, 2.0)
+    assert np.isclose(rest.at(np.pi / 4).x_d[0], 0.3 + 2 * 0.5)  # half a period: twice as far
+
+
 def test_waypoints_rest_in_every_point_and_hold_the_last():
     points = np.array([[0.0, 0.0], [0.1, 0.3], [0.4, -0.2]])
     motion = pa.Waypoints(points, 0.8)
@@ -96,6 +116,9 @@ def test_waypoints_rest_in_every_point_and_hold_the_last():
         (lambda: pa.Waypoints([[0.0, 0.0], [1.0]], 1.0), r"reference\.points.*same number"),
         (lambda: pa.Waypoints([[0.0, 0.0], [1.0, np.inf]], 1.0), r"reference\.points.*finite"),
         (lambda: pa.Waypoints([[0.0, 0.0], [1.0, 1.0]], 0.0), r"reference\.segment"),
+        (lambda: pa.Sinusoid([0.0, 0.0], [1.0] * 3, 1.0), r"reference\.start.*3 numbers"),
+        (lambda: pa.Sinusoid([0.0, 0.0], 1.0, [1.0, np.inf]), r"reference\.omega.*finite"),
+        (lambda: pa.Sinusoid(np.nan, [1.0, 1.0], 1.0), r"reference\.start.*finite"),
         (lambda: pa.Hold([0.0, np.nan]), r"reference\.center"),
         (lambda: pa.LowPass(0.0), "lambda"),
         (lambda: pa.LowPass(-1.0), "lambda"),

@@ -1,0 +1,63 @@
+"""What the benchmarks share: calls timed in turn, the environment, and saved figures."""
+
+from __future__ import annotations
+
+import gc
+import json
+import platform
+from collections.abc import Callable
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+HERE = Path(__file__).parent
+
+
+def in_turn(functions: dict[str, Callable[[], float | None]], rounds: int) -> dict[str, np.ndarray]:
+    """Return the times [s] of each function (rounds), all of them called once in every round.
+
+    So all see the caches and the clock of the same instant, and ratios of the same round mean
+    something. A function may return the time that counts instead of its whole. The first tenth of
+    the rounds is for warming up and not returned.
+    """
+    times: dict[str, list[float]] = {name: [] for name in functions}
+    gc.collect()
+    gc.disable()
+    for _ in range(rounds + rounds // 10 + 1):
+        for name, function in functions.items():
+            started = perf_counter()
+            counted = function()
+            times[name].append(perf_counter() - started if counted is None else counted)
+    gc.enable()
+    return {name: np.array(values[-rounds:]) for name, values in times.items()}
+
+
+def repeated(call: Callable[[], object], count: int) -> Callable[[], None]:
+    """Return a function that makes a call so many times."""
+
+    def calls() -> None:
+        for _ in range(count):
+            call()
+
+    return calls
+
+
+def saved(path: Path) -> dict[str, dict[str, Any]]:
+    """Return the rows of a benchmark's file by their name, none where there is no file."""
+    rows = json.loads(path.read_text())["rows"] if path.is_file() else []
+    return {row["name"]: row for row in rows}
+
+
+def save(path: Path, rows: list[dict[str, Any]]) -> None:
+    """Write the rows of a benchmark with the environment they were measured in."""
+    environment = {
+        "python": platform.python_version(),
+        "pin": pin.__version__,
+        "numpy": np.__version__,
+        "machine": platform.machine(),
+    }
+    path.write_text(json.dumps({"environment": environment, "rows": rows}, indent=2) + "\n")
+    print(f"saved to {path}")

@@ -1,0 +1,52 @@
+"""What a controller drives: a robot in a simulator, or one on a bench."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+
+from ..exceptions import InputError
+from ..records import Measurement
+
+
+class Plant(ABC):
+    """A robot in time: it is measured, and a torque is held for a while.
+
+    A closed loop needs no more than this; no controller ever sees inside.
+
+    Attributes:
+        nv: number of joints.
+    """
+
+    nv: int
+
+    @abstractmethod
+    def reset(self) -> None:
+        """Go back to the initial state and time."""
+
+    @abstractmethod
+    def measure(self) -> Measurement:
+        """Return q, v, the task coordinates x and velocity xd as they are now, with their time."""
+
+    @abstractmethod
+    def step(self, torque: np.ndarray, dt: float) -> None:
+        """Hold a torque (nv) [N m or N] for dt [s]."""
+
+    def motors(self, torque: np.ndarray) -> np.ndarray:
+        """Return the torque (nv) that the motors give when asked for one (nv) [N m or N]."""
+        return torque
+
+    def acceleration(self, torque: np.ndarray, feedthrough: np.ndarray | None = None) -> np.ndarray:
+        """Return the joint acceleration a (nv) that torque + feedthrough @ a causes now.
+
+        Only the ideal acceleration of a theory's check asks for it.
+
+        Raises:
+            InputError: this plant cannot tell.
+        """
+        raise InputError(
+            f"{type(self).__name__} does not tell the acceleration that a torque would cause.",
+            where="acceleration",
+            hint='Take acceleration = "filtered".',
+        )

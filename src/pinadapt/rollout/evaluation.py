@@ -1,0 +1,112 @@
+"""What a recorded run tells of the belief: V(t), the estimated mass matrix and Jacobian."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cached_property
+
+import numpy as np
+
+from ..controller.controller import Controller
+from ..laws.law import Truth
+from ..plants.pinocchio_plant import PinocchioPlant
+from ..robot.robot import Robot
+from .sample import Sample
+
+
+class Evaluation:
+    """Quantities of N recorded samples, each computed when it is first asked for and then kept.
+
+    Attributes:
+        controller: the controller that ran; its private models are used as scratch.
+        true: the robot that was driven.
+        samples: what was recorded (N).
+    """
+
+    def __init__(self, controller: Controller, true: Robot, samples: Sequence[Sample]) -> None:
+        """Keep what the quantities are computed from."""
+        self.controller, self.true, self.samples = controller, true, samples
+
+    @cached_property
+    def a_k_true(self) -> np.ndarray | None:
+        """The true kinematic parameters (p_k) [m], or None where no value of them is the truth."""
+        return self.controller.kinematics.value(self.true)
+
+    @cached_property
+    def a_d_true(self) -> np.ndarray | None:
+        """The true dynamic parameters (p_d), or None where no value of them is the truth."""
+        return self.controller.dynamics.value(self.true)
+
+    @cached_property
+    @np.errstate(all="ignore")  # a loop that diverges overflows on its way
+    def smallest_eigenvalues(self) -> np.ndarray:
+        """Smallest eigenvalue (N) of the estimated mass matrix; NaN where that is not finite."""
+        dynamics, project, M = self.controller.dynamics, self.controller.adaptation_d.project, []
+        for sample in self.samples:
+            q = sample.measurement.q
+            dynamics.load(project(sample.state.a_d, q))
+            M.append(dynamics.mass_matrix(q))
+        return _of_finite(np.linalg.eigvalsh, M).min(axis=1, initial=np.inf)
+
+    @cached_property
+    @np.errstate(all="ignore")
+    def singular_values(self) -> np.ndarray:
+        """Singular values (N, m) of the estimated Jacobian, descending; NaN where not finite."""
+        kinematics, J = self.controller.kinematics, []
+        for sample in self.samples:
+            kinematics.update(sample.state.a_k, sample.measurement.q, sample.measurement.v)
+            J.append(kinematics.J)
+        return _of_finite(lambda stack: np.linalg.svd(stack, compute_uv=False), J)
+
+    @cached_property
+    def smallest_singular_values(self) -> np.ndarray:
+        """Smallest singular value (N) of the estimated Jacobian."""
+        return self.singular_values.min(axis=1, initial=np.inf)
+
+    @cached_property
+    @np.errstate(all="ignore")
+    def damping(self) -> np.ndarray:
+        """The mu^2 (N) of the estimated Jacobian's right inverse, as ``RightInverse`` has it."""
+        threshold = self.controller.limits.singular
+        s_squared = 1.0 / np.sum(self.singular_values**-2.0, axis=1)
+        return np.maximum(0.5 * (threshold**2 - s_squared), 0.0)
+
+    @cached_property
+    def lyapunov(self) -> np.ndarray | None:
+        """V(t) (N), or None where a truth is unknown or an adaptation has no part of V for it."""
+        return self.storage(self.samples)
+
+    @np.errstate(all="ignore")
+    def storage(self, samples: Sequence[Sample]) -> np.ndarray | None:
+        """Return V at some of the samples (k), or None where it is undefined for one of them."""
+        a_k, a_d = self.a_k_true, self.a_d_true
+        if a_k is None or a_d is None or not samples:
+            return None
+        plant, law, V = PinocchioPlant(self.true), self.controller.law, []
+        for sample in samples:
+            parts = self.controller.parameter_storage(sample.state, a_k, a_d)
+            if parts is None:
+                return None
+            signals = self.controller.observe(sample.state, sample.measurement, sample.desired)
+            V.append(parts + law.storage(signals, truth_at(plant, sample, a_k, a_d)))
+        return np.array(V)
+
+
+def truth_at(
+    plant: PinocchioPlant, sample: Sample, a_k_true: np.ndarray, a_d_true: np.ndarray
+) -> Truth:
+    """Return what a law's V needs to know of the true robot at one sample."""
+    return Truth(a_k_true, a_d_true, plant.mass_matrix(sample.measurement.q), plant.robot.friction)
+
+
+def _of_finite(
+    values: Callable[[np.ndarray], np.ndarray], matrices: Sequence[np.ndarray]
+) -> np.ndarray:
+    """Return min(m, n) values of each matrix (N, m, n), NaN for matrices that are not finite."""
+    if not len(matrices):
+        return np.zeros((0, 0))
+    stack = np.array(matrices)
+    finite = np.isfinite(stack).all(axis=(1, 2))
+    result = np.full((len(stack), min(stack.shape[1:])), np.nan)
+    result[finite] = values(stack[finite])
+    return result

@@ -1,0 +1,146 @@
+"""A rollout in numbers: the summary, its table, and the files of both."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .._version import __version__
+from ..tasks.units import DISPLAYS
+from .table import number, two_columns
+
+if TYPE_CHECKING:
+    from .rollout import Rollout
+
+# Of ``rollout.npz``.
+RECORDED = ("t", "q", "v", "tau", "x", "x_d", "a_k", "a_d", "saturated")
+COMPUTED = ("error", "a_k_true", "a_d_true", "lyapunov")
+WATCHED = ("min_eig_M_hat", "min_singular_J_hat", "damping", "damping_share")
+
+
+def window(values: np.ndarray, first: bool) -> np.ndarray:
+    """Return the first or last 10 % of the values, at least one where there is one."""
+    count = max(1, len(values) // 10)
+    return values[:count] if first else values[-count:]
+
+
+def summary(rollout: Rollout) -> dict[str, Any]:
+    """Return the numbers of ``summary.json``; None where no finite number is to be had."""
+    return {
+        "title": rollout.title,
+        "law": rollout.law,
+        "adaptation": rollout.adaptation,
+        "task": rollout.task.name,
+        "robot": rollout.robot,
+        "nv": int(rollout.v.shape[1]),
+        "diverged": rollout.diverged,
+        "reason": rollout.reason,
+        **_errors(rollout.distance, "error"),
+        **({} if rollout.angle is None else _errors(rollout.angle, "angle")),
+        "tau_max": extreme(np.max, np.abs(rollout.tau)),
+        "min_eig_M_hat": extreme(np.min, rollout.min_eig_M_hat),
+        "min_singular_J_hat": extreme(np.min, rollout.min_singular_J_hat),
+        "max_damping": extreme(np.max, rollout.damping),
+        "max_damping_share": extreme(np.max, rollout.damping_share),
+        "saturated": extreme(np.mean, rollout.saturated),
+        "steps": len(rollout.t),
+        "wall_time_s": rollout.wall_time,
+        "step_time_us": rollout.step_time * 1e6,
+        "kinematic_names": list(rollout.kinematic_names),
+        "dynamic_names": list(rollout.dynamic_names),
+        "kinematic_base": rollout.kinematic_base,
+        "version": __version__,
+    }
+
+
+def _errors(norms: np.ndarray, name: str) -> dict[str, float | None]:
+    """Return the largest of the first and last 10 %, and the root mean square of the last."""
+    return {
+        f"max_{name}_first": extreme(np.max, window(norms, True)),
+        f"max_{name}_last": extreme(np.max, window(norms, False)),
+        f"rms_{name}_last": extreme(_rms, window(norms, False)),
+    }
+
+
+def table(rollout: Rollout) -> str:
+    """Return a table of what matters."""
+    numbers, (group, *more) = summary(rollout), rollout.task.groups
+    sizes = f"{len(rollout.kinematic_names)} kinematic, {len(rollout.dynamic_names)} dynamic"
+    singular = "m" if group.unit == "m" and not more else ""
+    rows = [
+        ("robot", f"{rollout.robot}, {numbers['nv']} joints"),
+        ("law", rollout.law),
+        ("adaptation", f"{rollout.adaptation}: {sizes}"),
+        *_error_rows(numbers, "error", group.unit, ("max_first", "max_last", "rms_last")),
+        *(
+            []
+            if rollout.angle is None
+            else _error_rows(numbers, "angle", "rad", ("max_first", "max_last"))
+        ),
+        ("largest torque", number(numbers["tau_max"], "N m", digits=1)),
+        ("smallest eigenvalue of M_hat", number(numbers["min_eig_M_hat"], "kg m^2", digits=5)),
+        (
+            "smallest singular value of J_hat",
+            number(numbers["min_singular_J_hat"], singular, digits=4),
+        ),
+        ("V, first and last", _ends(rollout.lyapunov_ends)),
+        ("samples", f"{numbers['steps']} in {rollout.wall_time:.1f} s"),
+        *_remarks(rollout, numbers),
+    ]
+    return two_columns(rollout.title, rows)
+
+
+def _error_rows(
+    numbers: dict[str, Any], name: str, unit: str, kinds: tuple[str, ...]
+) -> list[tuple[str, str]]:
+    rows, shown = [], DISPLAYS[unit]
+    for kind in kinds:
+        statistic, part = kind.split("_")
+        value = number(numbers[f"{statistic}_{name}_{part}"], shown.unit, scale=shown.scale)
+        rows.append((f"{name}, {part} 10 % ({statistic})", value))
+    return rows
+
+
+def _ends(lyapunov: np.ndarray | None) -> str:
+    return "undefined" if lyapunov is None else f"{lyapunov[0]:.4g} -> {lyapunov[1]:.4g}"
+
+
+def _remarks(rollout: Rollout, numbers: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return the rows that only some runs have."""
+    rows = []
+    if numbers["max_damping"]:
+        share, lost = np.mean(rollout.damping > 0.0), numbers["max_damping_share"]
+        words = f"{share:.1%} of the time, up to {lost:.0%} of the task motion lost"
+        rows.append(("damped near a singularity", words))
+    if numbers["saturated"]:
+        rows.append(("torque at its limit", f"{numbers['saturated']:.1%} of the time"))
+    if rollout.step_time:
+        rows.append(("controller step (mean)", number(numbers["step_time_us"], "us", digits=0)))
+    if rollout.diverged is not None:
+        rows.append(("DIVERGED", f"at {rollout.diverged:.3f} s: {rollout.reason}"))
+    return rows
+
+
+def save(rollout: Rollout, folder: Path) -> None:
+    """Write ``summary.json`` and ``rollout.npz`` into a folder, which is made if it is missing."""
+    folder.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(summary(rollout), indent=2) + "\n"
+    (folder / "summary.json").write_text(text, encoding="utf-8")
+    arrays = {name: getattr(rollout, name) for name in RECORDED + COMPUTED + WATCHED}
+    np.savez_compressed(
+        folder / "rollout.npz", **{name: a for name, a in arrays.items() if a is not None}
+    )
+
+
+def extreme(of: Callable[[np.ndarray], float], values: np.ndarray) -> float | None:
+    """Return a number made of the finite values, or None where there is none."""
+    finite = values[np.isfinite(values)]
+    return float(of(finite)) if finite.size else None
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))

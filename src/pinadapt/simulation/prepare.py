@@ -1,0 +1,127 @@
+"""Before a run: do robot, controller, motion and options match?"""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._checks import positive
+from ..adaptation.box_projection import BoxProjection
+from ..controller.controller import Controller
+from ..controller.state import ControllerState
+from ..exceptions import InputError, did_you_mean
+from ..plants.pinocchio_plant import PinocchioPlant
+from ..robot.home import conditioning
+from ..robot.robot import Robot
+from ..tasks.task import FrameTask
+from ..trajectories.trajectory import Trajectory
+
+MODES = ("sampled", "continuous")
+ACCELERATIONS = ("filtered", "ideal")
+
+_SINGULAR = 1e-6
+
+
+def prepare(
+    true: Robot,
+    controller: Controller,
+    trajectory: Trajectory,
+    a_k: ArrayLike | None = None,
+    a_d: ArrayLike | None = None,
+) -> ControllerState:
+    """Return the controller's initial state; check that robot, controller and motion match.
+
+    Raises:
+        InputError: they do not, or the initial estimates cannot be used.
+    """
+    _check_same_shape(true, controller, trajectory)
+    _check_not_singular(true)
+    _warn_of_box(true, controller)
+    first = PinocchioPlant(true).measure()
+    return controller.init(first, a_k=_array(a_k), a_d=_array(a_d))
+
+
+def check_options(
+    mode: str, acceleration: str, duration: float, dt: float, record_every: int, seed: int
+) -> None:
+    """Refuse options that make no run.
+
+    Raises:
+        InputError: an unknown word, or a number that cannot be.
+    """
+    _one_of(mode, MODES, "mode")
+    _one_of(acceleration, ACCELERATIONS, "acceleration")
+    if positive(duration, "duration") < 0.5 * positive(dt, "dt"):
+        raise InputError(
+            f"must be at least one period of {dt} s, got {duration}.", where="duration"
+        )
+    if int(record_every) < 1:
+        raise InputError(f"must be at least 1, got {record_every}.", where="record_every")
+    if int(seed) < 0:
+        raise InputError(f"must not be negative, got {seed}.", where="seed")
+
+
+def _one_of(value: str, allowed: tuple[str, ...], where: str) -> None:
+    if value not in allowed:
+        raise InputError(
+            f"must be one of {list(allowed)}, got {value!r}.{did_you_mean(str(value), allowed)}",
+            where=where,
+        )
+
+
+def _array(value: ArrayLike | None) -> np.ndarray | None:
+    return None if value is None else np.atleast_1d(np.array(value, dtype=float))
+
+
+def _check_not_singular(true: Robot) -> None:
+    task, model = true.task, true.model
+    if not isinstance(task, FrameTask):
+        return
+    if conditioning(model, model.createData(), true.frame_id, task.rows, true.q0)[1] < _SINGULAR:
+        raise InputError(
+            f"the robot starts in a singularity: at {true.home_angles.round(4).tolist()} it cannot "
+            "move all of its task.",
+            where="robot.q0",
+            hint="Bend a joint, or leave q0 out to have a pose searched.",
+        )
+
+
+def _warn_of_box(true: Robot, controller: Controller) -> None:
+    """Say so when the box of the kinematic estimates does not hold the truth."""
+    box, truth = controller.adaptation_k, controller.kinematics.value(true)
+    if truth is None or not isinstance(box, BoxProjection):
+        return
+    outside = (truth < box.low) | (truth > box.high)
+    if outside.any():
+        names = [
+            name for name, out in zip(controller.kinematics.names, outside, strict=True) if out
+        ]
+        warnings.warn(
+            f"the true values of {names} are outside the box of their estimates, which cannot "
+            "reach them: no proof covers this closed loop. A wider kinematic_box avoids it.",
+            stacklevel=4,
+        )
+
+
+def _check_same_shape(true: Robot, controller: Controller, trajectory: Trajectory) -> None:
+    kinematics = controller.kinematics
+    believed = kinematics.task
+    ours = (true.joint_names, true.frame, true.task.name)
+    theirs = (kinematics.joint_names, kinematics.frame, believed.name)
+    if ours != theirs:
+        raise InputError(
+            f"the true robot (joints, frame, task: {ours}) and the controller's ({theirs}) differ.",
+            hint="Make both from the same load(), the true one by .changed().",
+        )
+    size = trajectory.at(0.0).x_d.size
+    if size != believed.coordinates:
+        raise InputError(
+            f"the desired motion has {size} coordinates, "
+            f"the task '{believed.name}' {believed.coordinates}.",
+            where="trajectory",
+            hint="PoseTrajectory adds an orientation to a motion of three coordinates."
+            if (size, believed.name) == (3, "pose")
+            else None,
+        )

@@ -1,0 +1,91 @@
+"""The closed loop as it runs on a robot: a controller at a fixed period, a plant in between."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import count
+from time import perf_counter
+
+from ..controller.controller import Controller
+from ..controller.state import ControllerState
+from ..exceptions import DivergedError
+from ..plants.plant import Plant
+from ..plants.sensors import Sensors
+from ..records import Desired, Measurement
+from ..rollout.sample import Sample
+from ..trajectories.trajectory import Trajectory
+
+FASTEST = 1e4  # [rad/s or m/s]; beyond this norm of the joint velocities the loop has diverged
+
+
+def run(
+    plant: Plant,
+    controller: Controller,
+    trajectory: Trajectory,
+    *,
+    dt: float = 1e-3,
+    duration: float | None = None,
+    state: ControllerState | None = None,
+    sensors: Sensors | None = None,
+    ideal_acceleration: bool = False,
+) -> Iterator[Sample]:
+    """Drive a plant from its initial state; yield a sample each period, before the plant moves on.
+
+    Args:
+        plant: what is driven; it is reset first.
+        controller: the controller.
+        trajectory: the desired motion.
+        dt: controller period, for which each torque is held [s].
+        duration: s; None for as long as samples are taken from the iterator.
+        state: the controller's initial state; None for its own at the first measurement.
+        sensors: what the controller sees of the plant; None for all of it as it is.
+        ideal_acceleration: give the law the acceleration that its torque will cause.
+
+    Yields:
+        One sample a period.
+
+    Raises:
+        DivergedError: the loop diverged, at its ``time`` and for its ``reason``; all samples before
+            were yielded.
+        InputError, MeasurementError: as ``Controller.init`` and ``Controller.step``.
+    """
+    plant.reset()
+    if sensors is not None:
+        sensors.reset()
+    for _ in count() if duration is None else sample_indices(duration, dt):
+        truth = plant.measure()
+        if not truth.v.dot(truth.v) < FASTEST**2:  # also true for NaN
+            raise DivergedError(f"the joint velocities exceed {FASTEST:g} rad/s or m/s.", truth.t)
+        measurement = truth if sensors is None else sensors.measure(truth)
+        desired = trajectory.at(truth.t)
+        if state is None:
+            state = controller.init(measurement)
+        try:
+            if ideal_acceleration:
+                measurement = _accelerated(plant, controller, state, measurement, desired)
+            started = perf_counter()
+            torque, after = controller.step(state, measurement, desired, dt)
+            step_time = perf_counter() - started
+        except DivergedError as error:
+            raise DivergedError(error.reason, truth.t) from error
+        torque = plant.motors(torque)
+        yield Sample(truth.t, measurement, desired, state, torque, truth, step_time)
+        plant.step(torque, dt)
+        state = after
+
+
+def sample_indices(duration: float, dt: float, *, ends: bool = False) -> range:
+    """Return the indices of the samples of a duration [s] at period dt [s], ``ends``: its end too."""
+    return range(max(1, round(duration / dt)) + ends)
+
+
+def _accelerated(
+    plant: Plant,
+    controller: Controller,
+    state: ControllerState,
+    measurement: Measurement,
+    desired: Desired,
+) -> Measurement:
+    """Return the measurement with the acceleration that the coming torque will cause."""
+    _, command = controller.command(state, measurement, desired)
+    return measurement._replace(a=plant.acceleration(command.torque, command.feedthrough))

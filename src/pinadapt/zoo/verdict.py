@@ -1,0 +1,106 @@
+"""Did a chain of the zoo converge, and if not, which hypothesis of the proof failed?"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from ..controller.controller import Controller
+from ..laws.acceleration_law import AccelerationLaw
+from ..rollout.report import extreme
+from ..rollout.rollout import Rollout
+from ..tuning.light_joint import lightest_joint
+from .case import PERIOD, ZooCase
+
+BETTER, ACCURATE = 0.2, 0.02  # of the unadapted error; of the circle's radius
+CONVERGED = "converged"
+_SINGULAR = 0.2  # of the first smallest singular value
+
+
+def last_error(rollout: Rollout) -> float | None:
+    """Return the largest error in the last 10 % of a run [m], or None where none is finite."""
+    return extreme(np.max, rollout.window(False))
+
+
+def verdict(case: ZooCase, controller: Controller, adapted: Rollout, unadapted: Rollout) -> str:
+    """Say whether a chain converged, and if not, which hypothesis likeliest failed."""
+    error, without = last_error(adapted), last_error(unadapted)
+    accurate = error is not None and error <= ACCURATE * case.radius
+    better = error is not None and without is not None and error <= BETTER * without
+    if adapted.diverged is None and accurate and better:
+        return CONVERGED
+    checks = (_diverged, _unphysical, _light, _too_fast, _near_singularity)
+    found = [flaw for check in checks if (flaw := check(case, controller, adapted)) is not None]
+    if not found:
+        found.append(_slow(case, adapted))
+    if accurate and error and without is not None:
+        found.append(f"accurate, but only {without / error:.1f} times better than without")
+    return "; ".join(found)
+
+
+def _diverged(case: ZooCase, controller: Controller, rollout: Rollout) -> str | None:
+    if rollout.diverged is None:
+        return None
+    return f"diverged at {rollout.diverged:.2f} s: {str(rollout.reason).rstrip('.')}"
+
+
+def _unphysical(case: ZooCase, controller: Controller, rollout: Rollout) -> str | None:
+    adaptation, dynamics = controller.adaptation_d, controller.dynamics
+    truth, start = dynamics.value(case.true), adaptation.validate(dynamics.initial)
+    if truth is not None and adaptation.divergence(start, truth) is not None:
+        return None
+    return "the real inertias are not physical: the truth is outside the cone"
+
+
+def _near_singularity(case: ZooCase, controller: Controller, rollout: Rollout) -> str | None:
+    smallest = rollout.min_singular_J_hat
+    near = np.nanmin(smallest) < _SINGULAR * smallest[0]
+    return "close to a singularity" if near else None
+
+
+def _slow(case: ZooCase, rollout: Rollout) -> str:
+    """Say how far a run came of which no hypothesis failed: theory promises no time to converge."""
+    before, last = (part.max() for part in np.array_split(rollout.distance, 3)[1:])
+    return (
+        f"no hypothesis failed within {case.duration:g} s; "
+        f"the error of the last third is {last / before:.0%} of the second's"
+    )
+
+
+def _light(case: ZooCase, controller: Controller, rollout: Rollout) -> str | None:
+    """Say which joint is believed too light for an unknown load, if the law can lose one."""
+    assert controller.motion is not None  # make_controller gives one
+    light = lightest_joint(controller.motion, controller.law)
+    if light is None:
+        return None
+    return (
+        f"{light.joint}, believed to move {light.inertia:.2g} kg m^2, "
+        f"bears unknown loads up to {light.load:.2g} kg only"
+    )
+
+
+def _too_fast(case: ZooCase, controller: Controller, rollout: Rollout) -> str | None:
+    """Say which joint's real inertia is too small for the sampling period, if one was.
+
+    The damping torque is -D qd, D = J_hat^T K_v J_hat, or M_hat J_hat^+ K_v J_hat for laws that
+    command accelerations; held over a period it is stable while no eigenvalue of M^-1 D dt exceeds
+    two.
+    """
+    model, data, law = case.true.model, case.true.model.createData(), controller.law
+    K_v = getattr(law, "K_v", None)
+    if K_v is None:
+        return None
+    for q, v, a_k, a_d in zip(rollout.q, rollout.v, rollout.a_k, rollout.a_d, strict=True):
+        controller.kinematics.update(a_k, q, v)
+        J = controller.kinematics.J
+        D = J.T @ K_v @ J
+        if isinstance(law, AccelerationLaw):
+            controller.dynamics.load(a_d)
+            D = controller.dynamics.mass_matrix(q) @ np.linalg.pinv(J) @ K_v @ J
+        M = pin.crba(model, data, q)
+        eigenvalues, vectors = np.linalg.eig(np.linalg.solve(M, D))
+        if PERIOD * eigenvalues.real.max() > 2.0:
+            joint = int(np.argmax(np.abs(vectors[:, np.argmax(eigenvalues.real)])))
+            name, inertia = case.true.joint_names[joint], M[joint, joint]
+            return f"1 kHz is too slow for {name}, which moves {inertia:.1g} kg m^2"
+    return None
