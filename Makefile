@@ -1,11 +1,14 @@
-# `make demo` and `make test` need Python >= 3.10 and make; they set up everything else in .venv.
+# All targets need Python >= 3.10 and make; they set up everything else in .venv.
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 # Small matrices gain nothing from BLAS threads, and two test processes share the cores.
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test lint bench clean
+# Closed loops of many seconds, which `make check` leaves to `make test`.
+SLOW := init limits lumped lyapunov pose_loop preflight reference showcase simulation zoo
+
+.PHONY: demo check test lint bench clean
 
 $(VENV)/installed: pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit("pinadapt needs Python >= 3.10; try make PYTHON=python3.12") if sys.version_info < (3, 10) else None'
@@ -16,6 +19,9 @@ $(VENV)/installed: pyproject.toml
 
 demo: $(VENV)/installed
 	$(BIN)/pinadapt demo
+
+check: lint
+	$(BIN)/python -m pytest -n 2 $(SLOW:%=--ignore=tests/test_%.py)
 
 test: lint
 	$(BIN)/python -m pytest -n 2

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from textwrap import dedent
 
 import pytest
 
@@ -14,59 +15,77 @@ def double(x, y):
     for i in range(len(x)):
         y[i] = 2.0 * x[i]
 """
-MAIN = """
-import sys
+HITS = """
+import importlib
+from pathlib import Path
 import numpy as np
 from pinadapt import _compiled
 
-_compiled._waiting.clear()
 import kernel
 
-_compiled.compile_all()
-y = np.zeros(2)
-kernel.double(np.array([1.0, 2.0]), y)
-assert y.tolist() == [2.0, 4.0]
-print(sum(kernel.double.stats.cache_hits.values()))
+def hits():
+    _compiled._waiting.clear()
+    importlib.reload(kernel)
+    _compiled.compile_all()
+    y = np.zeros(2)
+    kernel.double(np.array([1.0, 2.0]), y)
+    assert y.tolist() == [2.0, 4.0]
+    return sum(kernel.double.stats.cache_hits.values())
+
+def only(pattern):
+    (file,) = Path("cache").rglob(pattern)
+    return file
 """
+NOWHERE = os.devnull + "/nowhere"
 
 
 @pytest.fixture
-def hits(tmp_path):
-    """Return a function that runs a kernel in a new process and returns how often it was found."""
+def run(tmp_path):
+    """Return a function that runs code in a new process, ``hits()`` as often as it compiles."""
     (tmp_path / "kernel.py").write_text(KERNEL)
-    nowhere = os.devnull + "/nowhere"
-    user = {"HOME": nowhere, "XDG_CACHE_HOME": nowhere, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
 
-    def run(**others):
-        environment = {**os.environ, "PYTHONPATH": path(tmp_path), **user, **others}
-        command = [sys.executable, "-B", "-c", MAIN]
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=100)
+    def run(code, cache):
+        own = {"PYTHONPATH": path, "HOME": NOWHERE, "XDG_CACHE_HOME": NOWHERE}
+        done = subprocess.run(
+            [sys.executable, "-B", "-c", HITS + dedent(code)],
+            env={**os.environ, **own, "NUMBA_CACHE_DIR": cache},
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            timeout=100,
+        )
         assert done.returncode == 0, done.stderr
-        return int(done.stdout)
 
     return run
 
 
-def path(folder):
-    return os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])
+def test_a_damaged_file_is_replaced(run):
+    run(
+        """
+        assert (hits(), hits()) == (0, 1)
+        for suffix in ("nbi", "nbc"):
+            for content in (b"", b"not machine code"):
+                only(f"*.{suffix}").write_bytes(content)
+                assert (hits(), hits(), hits()) == (0, 0, 1)  # emptied, written, found
+        """,
+        cache="cache",
+    )
 
 
-def test_a_damaged_file_is_replaced(tmp_path, hits):
-    hits()
-    for suffix, content in (("nbi", b""), ("nbc", b"not machine code")):
-        (damaged,) = (tmp_path / "cache").rglob(f"*.{suffix}")
-        damaged.write_bytes(content)
-        assert (hits(), hits(), hits()) == (0, 0, 1)  # emptied, written, found
+def test_a_file_that_cannot_be_written_is_done_without(run):
+    run(
+        """
+        hits()
+        index = only("*.nbi")
+        index.unlink()
+        index.mkdir()
+        assert (hits(), hits()) == (0, 0)
+        """,
+        cache="cache",
+    )
 
 
-def test_a_file_that_cannot_be_written_is_done_without(tmp_path, hits):
-    hits()
-    (index,) = (tmp_path / "cache").rglob("*.nbi")
-    index.unlink()
-    index.mkdir()
-    assert hits() == 0
-
-
-def test_no_folder_for_the_cache(tmp_path, hits):
+def test_no_folder_for_the_cache(run, tmp_path):
     (tmp_path / "__pycache__").write_text("")
-    assert hits(NUMBA_CACHE_DIR=os.devnull + "/nowhere") == 0
+    run("assert (hits(), hits()) == (0, 0)", cache=NOWHERE)

@@ -33,9 +33,7 @@ def _file(origin: str) -> Path:
 def _folder(origin: str) -> Path:
     """Return the folder of all robots."""
     loaders = _loaders()
-    return Path(
-        loaders.ROBOTS[origin].model_path or loaders.getModelPath(str(_file(origin)))
-    ).resolve()
+    return Path(loaders.ROBOTS[origin].model_path or loaders.getModelPath(str(_file(origin))))
 
 
 @cache
@@ -75,7 +73,7 @@ def example_visual(origin: str) -> pin.GeometryModel:
     if _is_special(origin):
         return _whole(origin).visual_model
     model, file = example_robot(origin)[0], str(example_path(origin))
-    packages = [str(_folder(origin).parents[1])]
+    packages = [str(_folder(origin) / ".." / "..")]
     return pin.buildGeomFromUrdf(model, file, pin.GeometryType.VISUAL, package_dirs=packages)
 
 

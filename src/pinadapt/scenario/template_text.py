@@ -119,7 +119,8 @@ def _belief_remark(template: Template) -> str:
 
 
 def _belief(template: Template) -> Table | None:
-    return template.guess and _filled({"payload": _payload(template.guess)})
+    guess = template.guess
+    return None if guess is None else _filled({"payload": _payload(guess)})
 
 
 def _controller(template: Template) -> Table:
