@@ -14,6 +14,7 @@ from ..trajectories.hold import Hold
 from ..trajectories.lissajous import Lissajous
 from ..trajectories.orientation import UPRIGHT, FixedOrientation, Orientation, Swing
 from ..trajectories.pose_trajectory import PoseTrajectory
+from ..trajectories.sinusoid import Sinusoid
 from ..trajectories.trajectory import Trajectory
 from ..trajectories.waypoints import Waypoints
 from .error_prefix import prefix_errors
@@ -92,15 +93,9 @@ def _around(
             middle, reference.amplitude, reference.cycles, reference.period, reference.phase
         )
     if isinstance(reference, SinusoidSection):
-        return _sinusoid(middle, reference)
+        return Sinusoid(middle, reference.amplitude, reference.period, reference.phase)
     plane = _plane(reference, task)
     return Circle(middle, reference.radius, reference.period, plane, reference.phase)
-
-
-def _sinusoid(middle: np.ndarray, reference: SinusoidSection) -> Trajectory:
-    """Return a sine a coordinate, each with a period of its own."""
-    frequencies = 1.0 / vector(reference.period, middle.size, "reference.period")
-    return Lissajous(middle, reference.amplitude, frequencies, 1.0, reference.phase)
 
 
 def _plane(reference: CircleSection, task: Task) -> str:

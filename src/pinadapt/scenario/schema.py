@@ -72,7 +72,7 @@ class BeliefSection(Section):
 class UnknownSection(Section):
     """[unknown]: what the controller adapts."""
 
-    kinematic: str | list[str] = ["tool"]
+    kinematic: str | list[str] | None = None
     dynamic: str | list[str] = "all"
     joint: str | list[str] = "none"
     basis: str | None = None

@@ -1,59 +1,63 @@
-"""One sinusoid a coordinate, each at a frequency of its own."""
+"""One sinusoid a coordinate, each of a period of its own."""
 
 from __future__ import annotations
 
+import math
 from copy import copy
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import vector
+from ..exceptions import InputError
 from ..records import Desired
 from .trajectory import Trajectory
 
+FROM_REST = -math.pi / 2.0
+
 
 class Sinusoid(Trajectory):
-    """x_d,i = start_i + amplitude_i (1 - cos(omega_i t)), or start_i + amplitude_i sin(omega_i t).
+    """x_d,i = center_i + amplitude_i sin(2 pi t / period_i + phase_i).
 
-    The first starts at rest, the second at speed; both are at ``start`` at time 0. Meant for
-    joint references, and good for any coordinates.
+    With the default phase it starts at rest at center - amplitude. Meant for joint references, and
+    good for any coordinates.
     """
 
     def __init__(
         self,
-        start: ArrayLike,
+        center: ArrayLike,
         amplitude: ArrayLike,
-        omega: ArrayLike,
-        *,
-        from_rest: bool = True,
+        period: ArrayLike,
+        phase: ArrayLike = FROM_REST,
     ) -> None:
-        """Take start, amplitudes [rad or m], angular frequencies [rad/s], each (m) or one number.
+        """Take centres, amplitudes, periods and phases, each (m) or one number for all.
 
         Args:
-            start: x_d at time 0.
-            amplitude: of either sign. From rest the motion spans twice as much, to one side.
-            omega: of either sign.
-            from_rest: whether the motion is the one with the cosine.
+            center: [rad or m].
+            amplitude: [rad or m], of either sign.
+            period: [s].
+            phase: [rad].
 
         Raises:
-            InputError: different sizes, or numbers that are not finite.
+            InputError: different sizes, numbers that are not finite, or periods not positive.
         """
-        size = max(np.size(start), np.size(amplitude), np.size(omega))
-        self.start = vector(start, size, "reference.start")
+        size = max(np.size(part) for part in (center, amplitude, period, phase))
+        self.center = vector(center, size, "reference.center")
         self.amplitude = vector(amplitude, size, "reference.amplitude")
-        self.omega = vector(omega, size, "reference.omega")
-        self.from_rest = from_rest
+        periods = vector(period, size, "reference.period")
+        if not (periods > 0.0).all():
+            raise InputError(f"must be positive, got {periods.tolist()}.", where="reference.period")
+        self._w = 2.0 * math.pi / periods
+        self._phase = vector(phase, size, "reference.phase")
 
     def shifted(self, by: np.ndarray) -> Sinusoid:
         """Return the same motion moved by (m) [rad or m]."""
         moved = copy(self)
-        moved.start = self.start + by
+        moved.center = self.center + by
         return moved
 
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
-        w, angle = self.omega, self.omega * t
+        w, angle = self._w, self._w * t + self._phase
         s, c = self.amplitude * np.sin(angle), self.amplitude * np.cos(angle)
-        if self.from_rest:
-            return Desired(self.start + self.amplitude - c, w * s, w * w * c)
-        return Desired(self.start + s, w * c, -w * w * s)
+        return Desired(self.center + s, w * c, -w * w * s)
