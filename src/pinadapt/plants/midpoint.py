@@ -35,6 +35,7 @@ class FittedMidpoint:
 
     def __init__(self, robot: Robot) -> None:
         """Copy the model; its rotor inertias are scratch from then on."""
+        self._robot = robot
         self._model = robot.model.copy()
         self._data = self._model.createData()
         self._armature = self._model.armature  # a view, to write into
@@ -54,6 +55,10 @@ class FittedMidpoint:
         a = self._acceleration(integrate(self._model, q, half * v), middle, v, tau, h)
         dv = h * a
         return integrate(self._model, q, h * (v + self._theta * dv)), v + dv
+
+    def __reduce__(self) -> tuple[type[FittedMidpoint], tuple[Robot]]:
+        """Pickle the robot alone: a copied view would no longer be one."""
+        return FittedMidpoint, (self._robot,)
 
     def _acceleration(
         self, q: np.ndarray, v: np.ndarray, start: np.ndarray, tau: np.ndarray, h: float
