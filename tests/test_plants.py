@@ -1,5 +1,7 @@
 """Plants: what a loop may ask of one, how a robot's motion is integrated, and the sensors."""
 
+import pickle
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -83,6 +85,16 @@ def test_a_plant_moves_as_its_measurements_say():
     assert np.allclose(now.x, plant.robot.position(now.q))
     plant.reset()
     assert plant.measure().t == 0.0 and np.array_equal(plant.measure().q, plant.robot.q0)
+
+
+@pytest.mark.parametrize("integrator", ["midpoint", "runge-kutta"])
+def test_a_pickled_plant_moves_alike(integrator):
+    plant = pa.PinocchioPlant(load("ur5").changed(coulomb=0.5), integrator=integrator)
+    plant.step(np.ones(6), 1e-3)
+    copy = pickle.loads(pickle.dumps(plant))
+    for one in (plant, copy):
+        one.step(np.full(6, -2.0), 5e-3)
+    assert np.array_equal(plant.measure().v, copy.measure().v)
 
 
 # --- integration ---

@@ -120,7 +120,7 @@ def test_the_ends_of_v_are_those_of_the_whole():
 
 def test_a_pickled_rollout_is_the_same_and_holds_no_controller():
     rollout, _ = tracked()
-    copy = pickle.loads(pickle.dumps(rollout))
+    copy = pickle.loads(pickle.dumps(pickle.loads(pickle.dumps(rollout))))
     assert copy.evaluation is None and rollout.evaluation is not None
     for name in RECORDED + COMPUTED + WATCHED:
         assert np.array_equal(getattr(copy, name), getattr(rollout, name)), name

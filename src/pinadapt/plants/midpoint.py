@@ -35,6 +35,7 @@ class FittedMidpoint:
 
     def __init__(self, robot: Robot) -> None:
         """Copy the model; its rotor inertias are scratch from then on."""
+        self._robot = robot
         self._model = robot.model.copy()
         self._data = self._model.createData()
         self._armature = self._model.armature  # a view, to write into
@@ -49,18 +50,26 @@ class FittedMidpoint:
         self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, h: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return q (nq) and v (nv) after h [s] under a held torque tau (nv)."""
-        half, integrate = 0.5 * h, pin.integrate
-        middle = v + half * self._acceleration(q, v, v, tau, half)
-        a = self._acceleration(integrate(self._model, q, half * v), middle, v, tau, h)
-        dv = h * a
-        return integrate(self._model, q, h * (v + self._theta * dv)), v + dv
+        model, half, integrate = self._model, 0.5 * h, pin.integrate
+        solve = self._damped if self._present else self._free
+        middle = v + half * solve(q, v, v, tau, half)
+        dv = h * solve(integrate(model, q, half * v), middle, v, tau, h)
+        return integrate(model, q, h * (v + self._theta * dv)), v + dv
 
-    def _acceleration(
+    def __reduce__(self) -> tuple[type[FittedMidpoint], tuple[Robot]]:
+        """Pickle the robot alone: a copied view would no longer be one."""
+        return FittedMidpoint, (self._robot,)
+
+    def _free(
+        self, q: np.ndarray, v: np.ndarray, start: np.ndarray, tau: np.ndarray, h: float
+    ) -> np.ndarray:
+        """Return a (nv) of a robot without friction."""
+        return pin.aba(self._model, self._data, q, v, tau)
+
+    def _damped(
         self, q: np.ndarray, v: np.ndarray, start: np.ndarray, tau: np.ndarray, h: float
     ) -> np.ndarray:
         """Return a (nv), terms at q, v, for a step of h [s] that begins at velocity ``start``."""
-        if not self._present:
-            return pin.aba(self._model, self._data, q, v, tau)
         f = self._friction
         _fit(
             f.viscous, f.coulomb, f.threshold, self._inertia, self._rotors, h, v, start, tau,

@@ -118,7 +118,7 @@ class PinocchioPlant(Plant):
 
     def measurement(self, q: np.ndarray, v: np.ndarray, t: float = 0.0) -> Measurement:
         """Return what perfect sensors say at configuration q (nq), velocity v (nv), time t [s]."""
-        x, xd = self.task_motion(q, v)
+        x, xd = self._task.motion(self._model, self._data, self._frame, q, v)
         return Measurement(t, q, v, x, None, xd)
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:

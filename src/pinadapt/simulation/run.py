@@ -75,7 +75,7 @@ def run(
 
 
 def sample_indices(duration: float, dt: float, *, ends: bool = False) -> range:
-    """Return the indices of the samples of a duration [s] at period dt [s], ``ends``: its end too."""
+    """Return the sample indices of a duration [s] at period dt [s]; ``ends``: with its end."""
     return range(max(1, round(duration / dt)) + ends)
 
 

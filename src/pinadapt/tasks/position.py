@@ -30,7 +30,7 @@ class PositionTask(FrameTask):
 
     def velocity_of(self, motion: pin.Motion) -> np.ndarray:
         """Return the task velocity (m) of a frame's LOCAL_WORLD_ALIGNED motion."""
-        return np.array(motion.linear[self.place])
+        return np.asarray(motion.vector[self.rows])
 
     def position(self, x: np.ndarray) -> np.ndarray:
         """Return x itself."""
