@@ -50,7 +50,7 @@ def compile_all() -> None:
         _waiting.pop()
 
 
-def _machine_code(function: Callable[..., Any], signature: str, fills: int) -> Callable[..., Any]:
+def _machine_code(function: Callable[..., Any], signature: str, fills: int) -> Any:
     from numba import njit, types  # here, because most imports need no compiler
     from numba.core.sigutils import normalize_signature
 

@@ -43,7 +43,7 @@ class FrameKinematics(TaskKinematics):
         self.nq, self.nv = int(robot.model.nq), int(robot.model.nv)
         self.names = tuple(label for part in self.translations for label in part.labels)
         self.size = len(self.names)
-        self._rows, self._place = robot.task.rows, robot.task.place
+        self._rows, self._place = robot.frame_task.rows, robot.frame_task.place
         self.positions = robot.task.positions
         self._turns = robot.task.size > self.positions
         self._model = robot.model.copy()

@@ -143,5 +143,5 @@ def _mobility(robot: Robot) -> np.ndarray:
     model, data = robot.model, robot.model.createData()
     M = pin.crba(model, data, robot.q0)
     J = pin.computeFrameJacobian(model, data, robot.q0, robot.frame_id, pin.LOCAL_WORLD_ALIGNED)
-    J = J[robot.task.rows]
+    J = J[robot.frame_task.rows]
     return np.asarray(J @ np.linalg.solve(M, J.T))

@@ -80,6 +80,21 @@ class Robot:
         """The home configuration as one number a joint (nv) [rad or m]."""
         return angles_from_configuration(self.model, self.q0)
 
+    @property
+    def frame_task(self) -> FrameTask:
+        """The task as one of the frame, which has rows of its Jacobian.
+
+        Raises:
+            RobotError: it is one of the joints.
+        """
+        if not isinstance(self.task, FrameTask):
+            raise RobotError(
+                f"this needs a task of the frame; the task is '{self.task.name}'.",
+                where="task",
+                hint='Load the robot with task = "xyz".',
+            )
+        return self.task
+
     def position(self, q: np.ndarray) -> np.ndarray:
         """Return the task coordinates x of this description at configuration q (nq), in world axes.
 

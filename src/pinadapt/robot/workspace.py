@@ -11,7 +11,6 @@ import numpy as np
 import pinocchio as pin
 
 from ..exceptions import RobotError
-from ..tasks.task import FrameTask
 from .chain import is_slide
 from .position_limits import position_bounds, position_limits
 from .robot import Robot
@@ -90,14 +89,8 @@ def reachable_circle(
     Raises:
         RobotError: no circle will do; home lies at a limit or at a singularity.
     """
-    if not isinstance(robot.task, FrameTask):
-        raise RobotError(
-            f"a circle is a path of the frame; the task is '{robot.task.name}'.",
-            where="task",
-            hint='Load the robot with task = "xyz", or take a Sinusoid of the joints.',
-        )
     length = reach(robot)
-    planes = [robot.task.name] if robot.task.positions == 2 else ["xy", "yz", "xz"]
+    planes = [robot.frame_task.name] if robot.frame_task.positions == 2 else ["xy", "yz", "xz"]
     followers = [_Follower(robot, shift) for shift in _shifts(tool_error * length)]
     for size in largest * length * _RATIO ** np.arange(_SIZES):
         paths = [
@@ -149,9 +142,9 @@ class _Follower:
     """Damped least squares from home, for a tool moved by a shift (3) [m] in the frame's axes."""
 
     def __init__(self, robot: Robot, shift: np.ndarray) -> None:
-        self._task, self._q0 = robot.task, robot.q0
-        m = robot.task.positions
-        self._arms = np.repeat([1.0, reach(robot)], [m, robot.task.size - m])  # [m] a radian
+        self._task, self._q0 = robot.frame_task, robot.q0
+        m = robot.frame_task.positions
+        self._arms = np.repeat([1.0, reach(robot)], [m, robot.frame_task.size - m])  # [m] a radian
         self._model = robot.model.copy()
         self._described = robot.frame_id
         frame = self._model.frames[self._described]
@@ -200,9 +193,8 @@ class _Follower:
         return np.array([offset.get(label, 0.0) for label in self._task.labels])
 
     def _jacobian(self, frame: int) -> np.ndarray:
-        J = pin.getFrameJacobian(self._model, self._data, frame, pin.LOCAL_WORLD_ALIGNED)[
-            self._task.rows
-        ]
+        J = pin.getFrameJacobian(self._model, self._data, frame, pin.LOCAL_WORLD_ALIGNED)
+        J = J[self._task.rows]
         return np.asarray(self._arms[:, None] * J)
 
     @staticmethod

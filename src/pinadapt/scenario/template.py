@@ -188,7 +188,7 @@ def _largest_task(source: str, frame: str | None, welded: bool) -> Robot:
 
 def _conditioning(robot: Robot) -> float:
     return conditioning(
-        robot.model, robot.model.createData(), robot.frame_id, robot.task.rows, robot.q0
+        robot.model, robot.model.createData(), robot.frame_id, robot.frame_task.rows, robot.q0
     )[1]
 
 
@@ -199,7 +199,9 @@ def _further_out(robot: Robot) -> np.ndarray:
     frame, seen = data.oMf[robot.frame_id], np.zeros(3)
     length = _TOOL * reach(robot)
     for placement in reversed(list(data.oMi)):
-        seen[robot.task.place] = (frame.translation - placement.translation)[robot.task.place]
+        seen[robot.frame_task.place] = (frame.translation - placement.translation)[
+            robot.frame_task.place
+        ]
         if np.linalg.norm(seen) > 0.1 * length:
             break
     tool = frame.rotation.T @ seen * (length / np.linalg.norm(seen))

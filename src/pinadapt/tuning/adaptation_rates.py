@@ -154,8 +154,7 @@ def _inertial_adaptation(
         return Natural(positive(gamma_d, "gamma_d"), cone)
     if gamma_d is None:
         shape = gradient_shape(believed, dynamics, effects)
-        unit = Gradient(shape, dynamics.size)
-        gamma_d = shape * rate_for(mode, effects, unit, dynamics.initial)
+        gamma_d = shape * rate_for(mode, effects, Gradient(shape, dynamics.size), dynamics.initial)
     gradient = Gradient(gamma_d, dynamics.size, "gamma_d")
     return MassMatrixProjection(gradient, dynamics, believed) if kind == "projected" else gradient
 

@@ -70,12 +70,12 @@ def lightest_joint(motion: TypicalMotion, law: Law) -> LightJoint | None:
         inertia = np.diag(M)
         J = pin.computeJointJacobians(model, data, q).reshape(6, n)
         weight = np.linalg.norm(np.cross(J[3:].T, model.gravity.linear), axis=1)  # zero for slides
-        least = np.maximum(inertia, np.finfo(float).eps * inertia.max())
-        angles.append(weight * arm / (least * stiffness))
+        floor = np.finfo(float).eps * inertia.max()
+        angles.append(weight * arm / (np.maximum(inertia, floor) * stiffness))
         inertias.append(inertia)
     largest = np.max(angles, axis=0)
     j = int(np.argmax(largest))
     if _LOAD * pin.computeTotalMass(model) * largest[j] <= _ANGLE:
         return None
-    inertia, load = float(np.min(inertias, axis=0)[j]), _ANGLE / float(largest[j])
-    return LightJoint(believed.joint_names[j], inertia, load, arm)
+    least, load = float(np.min(inertias, axis=0)[j]), _ANGLE / float(largest[j])
+    return LightJoint(believed.joint_names[j], least, load, arm)

@@ -10,7 +10,7 @@ from meshcat.geometry import Sphere
 
 from .._checks import positive
 from ..exceptions import InputError
-from ..models.frame_kinematics import FrameKinematics
+from ..models.task_kinematics import TaskKinematics
 from ..robot.chain import configuration_from_angles
 from ..robot.robot import Robot
 from ..rollout.rollout import Rollout
@@ -30,7 +30,7 @@ def write_animation(
     rollout: Rollout,
     true: Robot,
     believed: Robot,
-    kinematics: FrameKinematics,
+    kinematics: TaskKinematics,
     path: Path,
     *,
     frames_per_second: int = 30,
@@ -175,7 +175,7 @@ def _samples(t: np.ndarray, rate: float) -> np.ndarray:
     return np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], wanted)))
 
 
-def _check(rollout: Rollout, true: Robot, believed: Robot, kinematics: FrameKinematics) -> None:
+def _check(rollout: Rollout, true: Robot, believed: Robot, kinematics: TaskKinematics) -> None:
     if rollout.q.shape[1] != true.model.nq or believed.model.nq != true.model.nq:
         raise InputError(
             f"the rollout has {rollout.q.shape[1]} numbers a configuration, the true robot "

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from ..models.frame_kinematics import FrameKinematics
+from ..models.task_kinematics import TaskKinematics
 from ..models.translations import PlacedTranslations
 from ..robot.robot import Robot
 
@@ -45,7 +45,7 @@ class Motion:
 def motion_of(
     robot: Robot,
     q: np.ndarray,
-    kinematics: FrameKinematics | None = None,
+    kinematics: TaskKinematics | None = None,
     a_k: np.ndarray | None = None,
 ) -> Motion:
     """Place a robot's joints along q; the robot is only read.
