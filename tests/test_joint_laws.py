@@ -39,7 +39,7 @@ def mixed_robot():
 
 
 def swinging(robot, by=0.05):
-    """Return a motion of all joints that begins beside home; the continuous one passes half a turn."""
+    """Return a motion of all joints that begins beside home; one passes half a turn."""
     n = robot.model.nv
     return pa.Sinusoid(robot.home_angles + by, 0.3, np.linspace(2.0, 3.0, n))
 
@@ -266,7 +266,7 @@ def test_what_a_joint_task_cannot_use_is_refused():
         pa.make_controller(robot, law="slotine-li", kinematic=["tool"])
     with pytest.raises(pa.GainError, match="no position gain"):
         pa.make_controller(robot, law="slotine-li", Kp=400.0)
-    with pytest.raises(pa.RobotError, match="path of the frame"):
+    with pytest.raises(pa.RobotError, match="needs a task of the frame"):
         pa.reachable_circle(robot)
     with pytest.raises(pa.RobotError, match="Did you mean 'joint'"):
         pa.load("ur5", task="joints")

@@ -159,7 +159,7 @@ class Robot:
         return replace(self, model=model, friction=friction)
 
     def undrawn(self) -> Robot:
-        """Return this robot without the geometry to draw, which controllers need not carry about."""
+        """Return this robot without the geometry to draw, which no controller needs."""
         return replace(self, drawn=None)
 
     def _coefficients(self, given: ArrayLike | None, where: str, default: np.ndarray) -> np.ndarray:

@@ -152,7 +152,7 @@ def _law_type(law: str | Law, believed: Robot) -> type[Law]:
 
 
 def _kind(adaptation: str | Adaptation, law: type[Law]) -> str:
-    """Return the kind of adaptation: "none" for a law that does not adapt, "custom" for an object."""
+    """Return the kind of adaptation: "none" for laws that do not adapt, "custom" for objects."""
     if isinstance(adaptation, str):
         check_adaptation(adaptation)
     elif not isinstance(adaptation, Adaptation):
