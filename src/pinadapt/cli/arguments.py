@@ -57,7 +57,10 @@ def _run(command: argparse.ArgumentParser) -> None:
 def _compare(command: argparse.ArgumentParser) -> None:
     _add_scenario(command)
     command.add_argument(
-        "--laws", type=_names, metavar="A,B", help=f"of {', '.join(LAWS)} (default: all)"
+        "--laws",
+        type=_names,
+        metavar="A,B",
+        help=f"of {', '.join(LAWS)} (default: those for the task)",
     )
 
 
@@ -70,11 +73,11 @@ def _zoo(command: argparse.ArgumentParser) -> None:
         "--robots",
         type=_names,
         metavar="A,B",
-        help="names that `pinadapt robots` lists (default: all)",
+        help="names that `pinadapt robots` lists (default: those for the task)",
     )
     command.add_argument(
         "--law",
-        choices=[name for name, law in LAWS.items() if law.adapts],
+        choices=[name for name, law in LAWS.items() if law.adapts and not law.joint_space],
         default="adaptive-jacobian",
         metavar="NAME",
         help="one that adapts: %(choices)s (default: %(default)s)",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,6 +11,8 @@ from ..laws import LAWS
 from ..rollout.rollout import Rollout
 from ..rollout.table import columns, number
 from ..scenario.scenario import Scenario
+from ..tasks.joint import JointTask
+from ..tasks.units import DISPLAYS
 from .run import run_and_write
 
 
@@ -24,7 +25,7 @@ def compare(options: argparse.Namespace) -> int:
     # All scenarios are built, and so checked, before the first one runs.
     scenarios = [
         Scenario.read(options.scenario, [*options.set, f'controller.law="{law}"'])
-        for law in options.laws or LAWS
+        for law in options.laws or _laws(Scenario.read(options.scenario, options.set))
     ]
     rollouts = [
         run_and_write(scenario, folder / scenario.controller.law.name, html=False)
@@ -38,20 +39,27 @@ def compare(options: argparse.Namespace) -> int:
     return 0
 
 
+def _laws(scenario: Scenario) -> list[str]:
+    """Return the names of the laws made for the scenario's task."""
+    joints = isinstance(scenario.true.task, JointTask)
+    return [name for name, law in LAWS.items() if law.joint_space == joints]
+
+
 def comparison_table(rollouts: Sequence[Rollout]) -> str:
     """Return one row a rollout; poses get a column for their angle."""
+    shown = DISPLAYS[rollouts[0].task.groups[0].unit]
     header: tuple[str, ...] = (
         "run",
         "law",
         "adaptation",
-        "first 10 % [mm]",
-        "last 10 % [mm]",
-        "rms [mm]",
+        f"first 10 % [{shown.unit}]",
+        f"last 10 % [{shown.unit}]",
+        f"rms [{shown.unit}]",
         "min eig M_hat",
         "step [us]",
         "verdict",
     )
-    rows = [_row(rollout) for rollout in rollouts]
+    rows = [_row(rollout, shown.scale) for rollout in rollouts]
     if any(rollout.angle is not None for rollout in rollouts):
         header = (*header[:6], "last 10 % [deg]", *header[6:])
         rows = [
@@ -63,20 +71,19 @@ def comparison_table(rollouts: Sequence[Rollout]) -> str:
 
 def _angle(rollout: Rollout) -> str:
     """Return the largest angle of a pose in the last 10 %, a dash for tasks without orientation."""
-    return number(rollout.summary().get("max_angle_last"), scale=180.0 / math.pi, digits=3)
+    return number(rollout.summary().get("max_angle_last"), scale=DISPLAYS["rad"].scale, digits=3)
 
 
-def _row(rollout: Rollout) -> list[str]:
+def _row(rollout: Rollout, scale: float) -> list[str]:
     numbers = rollout.summary()
-
     verdict = "ok" if rollout.diverged is None else f"diverged at {rollout.diverged:.3f} s"
     return [
         rollout.title,
         rollout.law,
         rollout.adaptation,
-        number(numbers["max_error_first"], scale=1e3, digits=2),
-        number(numbers["max_error_last"], scale=1e3, digits=3),
-        number(numbers["rms_error_last"], scale=1e3, digits=3),
+        number(numbers["max_error_first"], scale=scale, digits=2),
+        number(numbers["max_error_last"], scale=scale, digits=3),
+        number(numbers["rms_error_last"], scale=scale, digits=3),
         number(numbers["min_eig_M_hat"], digits=4),
         number(numbers["step_time_us"], digits=0),
         verdict,
