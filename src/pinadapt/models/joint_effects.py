@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
+from .._kernels import joints as kernels
 from ..exceptions import ParameterError, did_you_mean
 from ..robot.robot import Robot
 
@@ -76,8 +77,8 @@ class JointEffects:
         self.size = len(self.names)
         self.initial = self._values[self._unknown].ravel()
         self.typical = typical[self._unknown].ravel()
-        self._diagonal = np.tile(np.arange(n), len(kinds)), np.arange(self.size)
-        self._shape = (n, self.size)
+        self._kinds = np.array(self._unknown, dtype=np.int64)
+        self._n = n
 
     @property
     def armature(self) -> np.ndarray:
@@ -86,21 +87,21 @@ class JointEffects:
 
     def load(self, a: np.ndarray) -> None:
         """Make a (p) the estimate at which the torque is evaluated."""
-        if self.size:
-            self._values[self._unknown] = a.reshape(-1, self._shape[0])
+        for i, kind in enumerate(self._unknown):
+            self._values[kind] = a[i * self._n : (i + 1) * self._n]
 
-    def motion(self, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Return what each coefficient multiplies (3, n): a, v and the smoothed sign of v."""
-        return np.array((a, v, np.tanh(v / self._threshold)))
+    def torque(self, v: np.ndarray, a: np.ndarray, inertial: np.ndarray) -> np.ndarray:
+        """Return the torque (n) [N m or N] at the loaded estimate, added to an inertial one (n)."""
+        tau = np.empty(self._n)
+        kernels.joint_torque(self._values, v, a, self._threshold, inertial, tau)
+        return tau
 
-    def torque(self, motion: np.ndarray) -> np.ndarray:
-        """Return the torque (n) [N m or N] of a ``motion`` at the loaded estimate."""
-        return (self._values * motion).sum(axis=0)
-
-    def regressor(self, motion: np.ndarray) -> np.ndarray:
-        """Return the regressor (n, p) of the unknown coefficients."""
-        Y = np.zeros(self._shape)
-        Y[self._diagonal] = motion[self._unknown].ravel()
+    def regressor(self, v: np.ndarray, a: np.ndarray, inertial: np.ndarray) -> np.ndarray:
+        """Return an inertial regressor (n, p_b) with that of the unknown coefficients beside it."""
+        if not self.size:
+            return inertial
+        Y = np.empty((self._n, inertial.shape[1] + self.size))
+        kernels.joint_columns(inertial, self._kinds, v, a, self._threshold, Y)
         return Y
 
     def value(self, robot: Robot) -> np.ndarray | None:

@@ -36,7 +36,7 @@ class StackedDynamics(Dynamics):
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return M a + C v + g + friction (n)."""
-        return self.inertial.torque(q, v, a) + self.joint.torque(self.joint.motion(v, a))
+        return self.joint.torque(v, a, self.inertial.torque(q, v, a))
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return M (n, n), rotors included."""
@@ -46,22 +46,14 @@ class StackedDynamics(Dynamics):
 
     def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y (n, p)."""
-        Y = self.inertial.regressor(q, v, a)
-        return (
-            np.concatenate((Y, self.joint.regressor(self.joint.motion(v, a))), axis=1)
-            if self.joint.size
-            else Y
-        )
+        return self.joint.regressor(v, a, self.inertial.regressor(q, v, a))
 
     def slotine_li(
         self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return Y_r (n, p) and the torque it gives (n), known parts included."""
         Y, tau = self.inertial.slotine_li(q, v, v_r, a_r)
-        motion = self.joint.motion(v_r, a_r)
-        if self.joint.size:
-            Y = np.concatenate((Y, self.joint.regressor(motion)), axis=1)
-        return Y, tau + self.joint.torque(motion)
+        return self.joint.regressor(v_r, a_r, Y), self.joint.torque(v_r, a_r, tau)
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the parameters (p) of any robot with this chain, None where a block has none."""
