@@ -6,9 +6,9 @@ BIN    := $(VENV)/bin
 export OPENBLAS_NUM_THREADS := 1
 
 # Closed loops of many seconds, which `make check` leaves to `make test`.
-SLOW := init limits lumped lyapunov pose_loop preflight reference showcase simulation zoo
+SLOW := init limits lumped lyapunov notebooks pose_loop preflight reference showcase simulation zoo
 
-.PHONY: demo check test lint bench clean
+.PHONY: demo notebook strip check test lint bench clean
 
 $(VENV)/installed: pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit("pinadapt needs Python >= 3.10; try make PYTHON=python3.12") if sys.version_info < (3, 10) else None'
@@ -20,6 +20,16 @@ $(VENV)/installed: pyproject.toml
 demo: $(VENV)/installed
 	$(BIN)/pinadapt demo
 
+$(VENV)/notebooks: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet -e '.[notebooks]'
+	touch $@
+
+notebook: $(VENV)/notebooks
+	$(BIN)/jupyter-lab --notebook-dir notebooks
+
+strip: $(VENV)/notebooks
+	$(BIN)/nbstripout --keep-id --extra-keys metadata.language_info notebooks/*.ipynb
+
 check: lint
 	$(BIN)/python -m pytest -n 2 $(SLOW:%=--ignore=tests/test_%.py)
 
@@ -27,8 +37,8 @@ test: lint
 	$(BIN)/python -m pytest -n 2
 
 lint: $(VENV)/installed
-	$(BIN)/ruff format --check src tests benchmarks
-	$(BIN)/ruff check src tests benchmarks
+	$(BIN)/ruff format --check src tests benchmarks notebooks
+	$(BIN)/ruff check src tests benchmarks notebooks
 	$(BIN)/mypy
 
 bench: $(VENV)/installed
