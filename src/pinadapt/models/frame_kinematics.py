@@ -18,6 +18,7 @@ import pinocchio as pin
 from .._kernels import models as kernels
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
+from .live_array import live_array
 from .right_inverse import RightInverse
 from .task_kinematics import TaskKinematics
 from .translations import Translation, placement_of, unknown_translations
@@ -47,14 +48,11 @@ class FrameKinematics(TaskKinematics):
         self.size = len(self.names)
         self._rows, self._place = robot.task.rows, robot.task.place
         self.positions = robot.task.positions
-        self._turns = robot.task.size > self.positions
+        self._size = robot.task.size
+        self._turns = self._size > self.positions
         self._model = robot.model.copy()
         self._data = self._model.createData()
         self._frame = robot.frame_id
-        self._unknown = [
-            (part, window, placement_of(self._model, self._frame, part.joint))
-            for part, window in zip(self.translations, self._split(), strict=True)
-        ]
         self._parents = [self._parent(self._model, part) for part in self.translations]
         self._B = [None if part.whole else part.directions for part in self.translations]
         # Live views into Data: position rows of each parent joint's rotation, its angular velocity
@@ -62,10 +60,21 @@ class FrameKinematics(TaskKinematics):
         self._R = [self._data.oMi[i].rotation[self._place] for i in self._parents]
         self._w = [self._data.v[i].angular for i in self._parents]
         self._dw = [self._data.a[i].angular for i in self._parents]
-        self._shape = (robot.task.size, self.size)
-        self._columns = [
-            (np.s_[:, window], R, w, np.array(part.directions, dtype=float))
-            for (part, window, _), R, w in zip(self._unknown, self._R, self._w, strict=True)
+        # The same of all joints, and each parameter's parent and direction.
+        joints = range(self._model.njoints)
+        self._rotations = live_array([self._data.oMi[i].rotation for i in joints])[:, self._place]
+        self._turning = live_array([self._data.v[i].angular for i in joints])
+        sizes = [len(part.labels) for part in self.translations]
+        self._parent_of = np.repeat(np.array(self._parents, dtype=np.int64), sizes)
+        self._directions = np.concatenate(
+            [np.zeros((3, 0)), *(part.directions for part in self.translations)], axis=1
+        )
+        self._part_of = np.repeat(np.arange(len(sizes)), sizes)
+        self._offsets = np.array([part.offset for part in self.translations]).reshape(-1, 3)
+        self._translations = np.empty((len(sizes), 3))
+        self._placements = [
+            (placement_of(self._model, self._frame, part.joint), translation)
+            for part, translation in zip(self.translations, self._translations, strict=True)
         ]
         self._zero, self._no_columns = np.zeros(self._model.nv), np.zeros((self.positions, 0))
         self._no_turning = np.zeros((robot.task.size - self.positions, self.size))
@@ -112,17 +121,19 @@ class FrameKinematics(TaskKinematics):
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Evaluate at estimate a_k (p) [m], configuration q (nq) and velocity v (nv)."""
         model, data, frame = self._model, self._data, self._frame
-        for part, window, placement in self._unknown:
-            placement.translation = part.at(a_k[window])
+        kernels.place(a_k, self._part_of, self._directions, self._offsets, self._translations)
+        for placement, translation in self._placements:
+            placement.translation = translation
         pin.forwardKinematics(model, data, q, v, self._zero)
         pin.computeJointJacobians(model, data)
         J = pin.getFrameJacobian(model, data, frame, _ALIGNED)
         acceleration = pin.getFrameClassicalAcceleration(model, data, frame, _ALIGNED)
         J = self.J = J[self._rows] if self.nv > 1 else J[self._rows, None]  # a column is a vector
-        Y_k = self.Y_k = np.zeros(self._shape)
-        for columns, R, w, B in self._columns:
-            kernels.velocity_regressor(R, w, B, Y_k[columns])
-        self.xd_hat = J.dot(v)
+        m = self._size
+        Y_k, xd_hat = self.Y_k, self.xd_hat = np.empty((m, self.size)), np.empty(m)
+        kernels.task_velocity(
+            J, v, self._rotations, self._turning, self._parent_of, self._directions, xd_hat, Y_k
+        )
         self.Jdot_v = acceleration.vector[self._rows]
         self._a_k, self._q, self._v = a_k, q, v
 
@@ -176,7 +187,9 @@ class FrameKinematics(TaskKinematics):
         axes = data.J.reshape(6, self.nv)[
             3:
         ]  # (3, nv) world directions of the revolute axes, zero for prismatic joints
-        for (part, window, _), parent in zip(self._unknown, self._parents, strict=True):
+        for part, window, parent in zip(
+            self.translations, self._split(), self._parents, strict=True
+        ):
             velocity = data.oMi[parent].rotation @ (part.directions @ a_k_rate[window])
             columns = slice(
                 0, model.joints[parent].idx_v + 1
