@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +11,8 @@ from .adaptation.drive import Estimate
 from .models.right_inverse import RightInverse
 
 
-class Signals(NamedTuple):
+@dataclass(slots=True, eq=False)
+class Signals:
     """Everything a law may see at one instant; m task coordinates, n joints, m_p positions.
 
     The arrays belong to this instant for good: no later one changes them. They are not to be
@@ -24,7 +26,7 @@ class Signals(NamedTuple):
         xd_d, xdd_d: (m) desired task velocity and acceleration.
         dx: (m) x - x_d; for a pose the rotation vector of the orientation error in its last three
             rows, for joints the difference on the manifold.
-        xd_hat, dxd_hat: (m) J_hat v, and its difference from xd_d, the estimated task-velocity error.
+        xd_hat: (m) J_hat v, the estimated task velocity.
         delta: (m) d(dx)/dt - (xd - xd_d) of a pose, known without xd, or None where it is zero; see
             ``PoseTask``.
         kinematic: the kinematic estimate, with what its adaptation remembers.
@@ -46,7 +48,6 @@ class Signals(NamedTuple):
     xdd_d: np.ndarray
     dx: np.ndarray
     xd_hat: np.ndarray
-    dxd_hat: np.ndarray
     delta: np.ndarray | None
     kinematic: Estimate
     a_k: np.ndarray
@@ -58,3 +59,8 @@ class Signals(NamedTuple):
     inverse: RightInverse
     filtered: Any
     adapting: bool = True
+
+    @property
+    def dxd_hat(self) -> np.ndarray:
+        """The estimated task-velocity error J_hat v - xd_d (m)."""
+        return np.subtract(self.xd_hat, self.xd_d)

@@ -8,34 +8,38 @@ from .._compiled import compiled
 
 
 @compiled(
-    "void(f8[:,:], f8[:], f8, f8[:], f8[:,:], f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8[:])",
-    fills=3,
+    "void(f8[:,:], f8[:], f8, f8[:], f8[:], f8[:,:], f8[:,:], f8[:,:], f8[:], f8[:], "
+    "f8[:], f8[:], f8[:], f8[:])",
+    fills=4,
 )
 def kinematic_drive(
     K_PV: np.ndarray,
     dx: np.ndarray,
     alpha: float,
-    dxd_hat: np.ndarray,
+    xd_hat: np.ndarray,
+    xd_d: np.ndarray,
     Y_k: np.ndarray,
     W_k: np.ndarray,
     R_k: np.ndarray,
     a_k: np.ndarray,
     y: np.ndarray,
+    e: np.ndarray,
     error: np.ndarray,
     residual: np.ndarray,
     gradient: np.ndarray,
 ) -> None:
-    """Write the parts of g_k = Y_k^T error + W_k^T R_k residual (p_k), (19), and g_k itself.
+    """Write e (m), and the parts of g_k = Y_k^T error + W_k^T R_k residual (p_k), (19), and g_k.
 
-    error = -(K_P + alpha K_v) dx - alpha dxd_hat (m), residual = W_k a_k - y (m_p).
+    e = dxd_hat + alpha dx with dxd_hat = xd_hat - xd_d, error = -(K_P + alpha K_v) dx - alpha
+    dxd_hat (m), residual = W_k a_k - y (m_p).
     """
+    for j in range(len(a_k)):
+        gradient[j] = 0.0
     for i in range(len(y)):
         x = -y[i]
         for j in range(len(a_k)):
             x += W_k[i, j] * a_k[j]
         residual[i] = x
-    for j in range(len(a_k)):
-        gradient[j] = 0.0
     for i in range(len(y)):
         x = 0.0
         for t in range(len(y)):
@@ -43,7 +47,9 @@ def kinematic_drive(
         for j in range(len(a_k)):
             gradient[j] += W_k[i, j] * x
     for i in range(len(dx)):
-        x = -alpha * dxd_hat[i]
+        dxd = xd_hat[i] - xd_d[i]
+        e[i] = dxd + alpha * dx[i]
+        x = -alpha * dxd
         for t in range(len(dx)):
             x -= K_PV[i, t] * dx[t]
         error[i] = x
@@ -52,13 +58,14 @@ def kinematic_drive(
 
 
 @compiled(
-    "void(f8[:], f8[:,:], f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], "
+    "void(f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], "
     "f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8, f8[:])"
 )
 def commanded_acceleration(
     xdd_d: np.ndarray,
     K_v: np.ndarray,
-    dxd: np.ndarray,
+    xd: np.ndarray,
+    xd_d: np.ndarray,
     K_P: np.ndarray,
     dx: np.ndarray,
     Jdot_v: np.ndarray,
@@ -74,7 +81,7 @@ def commanded_acceleration(
 ) -> None:
     """Write v = psi + J^T G (u - J psi) (n), psi = -2 w qd - w^2 (q - rest), G (m, m) as in J^+.
 
-    u = xdd_d - K_v dxd - K_P dx - (dJ/dt(a_k) qd + Y_k da_k/dt) (m).
+    u = xdd_d - K_v (xd - xd_d) - K_P dx - (dJ/dt(a_k) qd + Y_k da_k/dt) (m).
     """
     m, n = J.shape
     for t in range(n):
@@ -83,7 +90,7 @@ def commanded_acceleration(
     for i in range(m):
         x = xdd_d[i] - Jdot_v[i]
         for j in range(m):
-            x -= K_v[i, j] * dxd[j] + K_P[i, j] * dx[j]
+            x -= K_v[i, j] * (xd[j] - xd_d[j]) + K_P[i, j] * dx[j]
         for j in range(len(a_k_rate)):
             x -= Y_k[i, j] * a_k_rate[j]
         for t in range(n):

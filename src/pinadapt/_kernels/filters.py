@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from .._compiled import compiled
@@ -17,41 +19,45 @@ def filtered_rates(
     y: np.ndarray,
     a: np.ndarray,
 ) -> None:
-    """Write y = lambda x - xi (m_p), (4), and a = lambda_a (v - z) (n); memory: W_k, xi, z."""
-    at = len(memory) - len(a)
+    """Write y = lambda x - xi (m_p), (4), and a = lambda_a (v - z) (n); memory: xi, z."""
+    m = len(y)
+    for i in range(m):
+        y[i] = bandwidth * x[i] - memory[i]
     for i in range(len(a)):
-        a[i] = bandwidth_a * (v[i] - memory[at + i])
-    at -= len(y)
-    for i in range(len(y)):
-        y[i] = bandwidth * x[i] - memory[at + i]
+        a[i] = bandwidth_a * (v[i] - memory[m + i])
 
 
-@compiled("void(f8[:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8, f8, f8[:])")
+@compiled(
+    "void(f8[:,:], f8[:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8, f8, f8, f8[:,:], f8[:])",
+    fills=2,
+)
 def advance(
+    W_k: np.ndarray,
     memory: np.ndarray,
     Y_k: np.ndarray,
     a_k: np.ndarray,
     y: np.ndarray,
     xd_hat: np.ndarray,
     v: np.ndarray,
-    f_k: float,
-    f_a: float,
-    after: np.ndarray,
+    bandwidth: float,
+    bandwidth_a: float,
+    dt: float,
+    W_k_after: np.ndarray,
+    memory_after: np.ndarray,
 ) -> None:
-    """Move W_k (m_p, p), xi (m_p) and z (n), one after another, the shares f to their inputs.
+    """Move W_k (m_p, p), and of the memory xi (m_p) and z (n), on for dt with their inputs held.
 
-    The inputs are the position rows Y_p of Y_k, lambda x + y_p0 and v; the way of xi is y + y_p0,
-    y_p0 = J v - Y_p a_k.
+    Each goes the share 1 - exp(-bandwidth dt) of the way to its input: the position rows Y_p of
+    Y_k, lambda x + y_p0, and v. The way of xi is y + y_p0, y_p0 = J v - Y_p a_k.
     """
-    m, p = len(y), len(a_k)
+    m = len(y)
+    share, share_a = -math.expm1(-bandwidth * dt), -math.expm1(-bandwidth_a * dt)
     for i in range(m):
         way = y[i] + xd_hat[i]
-        for j in range(p):
-            k = i * p + j
-            after[k] = memory[k] + f_k * (Y_k[i, j] - memory[k])
+        for j in range(len(a_k)):
+            W_k_after[i, j] = W_k[i, j] + share * (Y_k[i, j] - W_k[i, j])
             way -= Y_k[i, j] * a_k[j]
-        k = m * p + i
-        after[k] = memory[k] + f_k * way
+        memory_after[i] = memory[i] + share * way
     for i in range(len(v)):
-        k = m * p + m + i
-        after[k] = memory[k] + f_a * (v[i] - memory[k])
+        k = m + i
+        memory_after[k] = memory[k] + share_a * (v[i] - memory[k])

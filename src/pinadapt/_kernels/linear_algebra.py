@@ -57,16 +57,14 @@ def invert_gram(J: np.ndarray, threshold: float, inverse: np.ndarray) -> tuple[f
     return s, mu_2, lost
 
 
-@compiled("b1(f8[:,:], f8[:,:], f8[:], f8, f8[:], f8[:])")
+@compiled("b1(f8[:,:], f8[:,:], f8[:], f8[:])")
 def solve_definite(
     M: np.ndarray,
     J: np.ndarray,
     e: np.ndarray,
-    alpha: float,
-    w: np.ndarray,
     solution: np.ndarray,
 ) -> bool:
-    """Write M^-1 J^T (e + alpha w) (n) by Cholesky, M = L L^T (lower triangle).
+    """Write M^-1 J^T e (n) by Cholesky, M = L L^T (lower triangle).
 
     Return False if M is not positive definite.
     """
@@ -80,10 +78,10 @@ def solve_definite(
             if i == j and not x > 0.0:
                 return False
             L[i, j] = math.sqrt(x) if i == j else x / L[j, j]
-    for i in range(n):  # L y = J^T (e + alpha w)
+    for i in range(n):  # L y = J^T e
         y = 0.0
         for t in range(m):
-            y += J[t, i] * (e[t] + alpha * w[t])
+            y += J[t, i] * e[t]
         for t in range(i):
             y -= L[i, t] * solution[t]
         solution[i] = y / L[i, i]

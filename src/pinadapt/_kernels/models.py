@@ -28,18 +28,57 @@ def take(pi: np.ndarray, ballast: np.ndarray, tens: np.ndarray) -> float:
     return c
 
 
-@compiled("void(f8[:,:], f8[:], f8[:,:], f8[:,:])")
-def velocity_regressor(R: np.ndarray, w: np.ndarray, B: np.ndarray, Y: np.ndarray) -> None:
-    """Write R [w]x B into the position rows of Y (m, k), B (3, k).
+@compiled("void(f8[:], i8[:], f8[:,:], f8[:,:], f8[:,:])")
+def place(
+    a_k: np.ndarray,
+    part: np.ndarray,
+    directions: np.ndarray,
+    offsets: np.ndarray,
+    translations: np.ndarray,
+) -> None:
+    """Write translations (k, 3): each part's offset, and a_k (p) times its directions (3, p)."""
+    for i in range(3):
+        for k in range(len(offsets)):
+            translations[k, i] = offsets[k, i]
+        for j in range(len(a_k)):
+            translations[part[j], i] += directions[i, j] * a_k[j]
 
-    R (m_p, 3) are the position rows of a rotation, w (3) a velocity in its own axes.
+
+@compiled(
+    "void(f8[:,:], f8[:], f8[:,:,:], f8[:,:], i8[:], f8[:,:], f8[:], f8[:,:])",
+    fills=2,
+)
+def task_velocity(
+    J: np.ndarray,
+    v: np.ndarray,
+    R: np.ndarray,
+    w: np.ndarray,
+    parent: np.ndarray,
+    directions: np.ndarray,
+    xd_hat: np.ndarray,
+    Y_k: np.ndarray,
+) -> None:
+    """Write J v (m), and column by column of Y_k (m, p) R [w]x b in the position rows, else zero.
+
+    R (N, m_p, 3) are the position rows of the joints' rotations, w (N, 3) their velocities in their
+    own axes; of each parameter ``parent`` (p) is the joint and b, a column of ``directions``
+    (3, p), the direction there.
     """
-    for j in range(B.shape[1]):
-        x = w[1] * B[2, j] - w[2] * B[1, j]
-        y = w[2] * B[0, j] - w[0] * B[2, j]
-        z = w[0] * B[1, j] - w[1] * B[0, j]
-        for i in range(len(R)):
-            Y[i, j] = R[i, 0] * x + R[i, 1] * y + R[i, 2] * z
+    m, n = J.shape
+    for i in range(m):
+        x = 0.0
+        for t in range(n):
+            x += J[i, t] * v[t]
+        xd_hat[i] = x
+    for j in range(len(parent)):
+        k = parent[j]
+        x = w[k, 1] * directions[2, j] - w[k, 2] * directions[1, j]
+        y = w[k, 2] * directions[0, j] - w[k, 0] * directions[2, j]
+        z = w[k, 0] * directions[1, j] - w[k, 1] * directions[0, j]
+        for i in range(m):
+            Y_k[i, j] = 0.0
+        for i in range(R.shape[1]):
+            Y_k[i, j] = R[k, i, 0] * x + R[k, i, 1] * y + R[k, i, 2] * z
 
 
 @compiled("void(f8[:,:], i8[:], f8[:,:])")
@@ -75,3 +114,38 @@ def write_inertias(pi: np.ndarray, ballast: np.ndarray, memory: np.ndarray) -> f
         memory[b, 8] = ten[8] + m * y * z
         memory[b, 9] = ten[9] - m * (x * x + y * y)
     return c
+
+
+@compiled("void(f8[:], i8[:], f8[:,:], f8[:,:,:], f8[:,:], i8[:], i8[:], f8[:,:])")
+def add_translation_rates(
+    a_k_rate: np.ndarray,
+    parent: np.ndarray,
+    directions: np.ndarray,
+    R: np.ndarray,
+    J: np.ndarray,
+    last: np.ndarray,
+    place: np.ndarray,
+    Jdot: np.ndarray,
+) -> None:
+    """Add axis x (R b da_k/dt) to the position rows of dJ/dt (m, n), parameter by parameter.
+
+    Of each parameter, b is a column of ``directions`` (3, p), in the axes of its parent joint, whose
+    rotation is in R (N, 3, 3). Joints up to that one turn it: columns up to ``last`` (N), axes in
+    the angular rows of J (6, n), zero for slides. ``place`` (m_p) are the coordinates of the rows.
+    """
+    for j in range(len(a_k_rate)):
+        k = parent[j]
+        x = y = z = 0.0
+        for t in range(3):
+            b = directions[t, j] * a_k_rate[j]
+            x += R[k, 0, t] * b
+            y += R[k, 1, t] * b
+            z += R[k, 2, t] * b
+        for t in range(last[k] + 1):
+            for i in range(len(place)):
+                if place[i] == 0:
+                    Jdot[i, t] += J[4, t] * z - J[5, t] * y
+                elif place[i] == 1:
+                    Jdot[i, t] += J[5, t] * x - J[3, t] * z
+                else:
+                    Jdot[i, t] += J[3, t] * y - J[4, t] * x

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -57,7 +58,7 @@ class Drive:
             g = np.zeros(self.Y.shape[1]) if self.e is None else self.e.dot(self.Y)
             if self.W is not None and self.weight is not None and self.residual is not None:
                 g = g + self.weight.dot(self.residual).dot(self.W)
-            self._gradient = np.asarray(g, dtype=float)
+            self._gradient = g
         return self._gradient
 
     def without_tracking(self) -> Drive:
@@ -70,7 +71,8 @@ class Drive:
         return Drive(self.Y[:, block], self.e, W, self.residual, self.weight, self.gradient[block])
 
 
-class Drives(NamedTuple):
+@dataclass(slots=True, eq=False)
+class Drives:
     """The drives of both estimates.
 
     Attributes:

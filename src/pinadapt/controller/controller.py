@@ -208,7 +208,6 @@ class Controller:
             xdd_d,
             dx,
             xd_hat,
-            xd_hat - xd_d,
             task.drift(dx, xd_hat, xd_d),
             kinematic,
             a_k,
@@ -230,12 +229,12 @@ class Controller:
 
     def rate(self, state: ControllerState, s: Signals, drives: Drives) -> ControllerState:
         """Return d(state)/dt from what the law saw and its drives, to integrate as an ODE."""
-        still = Drives(*(Drive(d.Y, None, gradient=np.zeros(d.Y.shape[1])) for d in drives))
-        d_d, d_k = drives if state.adapting else still
+        if not state.adapting:
+            drives = Drives(_still(drives.dynamic), _still(drives.kinematic))
         return ControllerState(
             t=1.0,
-            dynamic=self.adaptation_d.rate(Estimate(s.a_d, state.dynamic.memory), d_d),
-            kinematic=self.adaptation_k.rate(state.kinematic, d_k),
+            dynamic=self.adaptation_d.rate(Estimate(s.a_d, state.dynamic.memory), drives.dynamic),
+            kinematic=self.adaptation_k.rate(state.kinematic, drives.kinematic),
             a_0=np.zeros(state.a_0.size),
             filters=self._filters.rate(state.filters, s),
             adapting=state.adapting,
@@ -247,8 +246,8 @@ class Controller:
         Raises:
             DivergedError: they are not finite, or the estimates are larger than any robot's.
         """
-        size, effort = kernels.squares(a_d, a_k, torque)
-        if not math.isfinite(size + effort):
+        size = kernels.size_of_estimates(a_d, a_k, torque)
+        if not math.isfinite(size):
             raise DivergedError("the torque or the estimates are no longer finite.")
         if size > self.limits.estimate**2:
             raise DivergedError(
@@ -264,6 +263,11 @@ class Controller:
         kinematic = self.adaptation_k.divergence(state.kinematic.value, a_k_true)
         dynamic = self.adaptation_d.divergence(state.dynamic.value, a_d_true)
         return None if kinematic is None or dynamic is None else kinematic + dynamic
+
+
+def _still(drive: Drive) -> Drive:
+    """Return a drive that moves nothing."""
+    return Drive(drive.Y, None, gradient=np.zeros(drive.Y.shape[1]))
 
 
 def _estimate(

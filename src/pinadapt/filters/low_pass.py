@@ -26,7 +26,6 @@ class LowPass:
             GainError: not positive.
         """
         self.bandwidth = positive(bandwidth, name)
-        self._held = (0.0, 0.0)  # dt and its fraction, which is the same in almost every step
 
     def rate(self, state: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Return ds/dt for input u, of the state's shape."""
@@ -36,10 +35,4 @@ class LowPass:
 
     def advance(self, state: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
         """Return the state after dt [s] with the input held: exact for any dt."""
-        return state + self.fraction(dt) * (u - state)
-
-    def fraction(self, dt: float) -> float:
-        """Return how much of the way to a held input the state goes in dt [s]."""
-        if self._held[0] != dt:
-            self._held = (dt, -math.expm1(-self.bandwidth * dt))
-        return self._held[1]
+        return state - math.expm1(-self.bandwidth * dt) * (u - state)

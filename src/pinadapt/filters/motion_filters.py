@@ -16,18 +16,20 @@ from .low_pass import LowPass
 
 
 class MotionState(NamedTuple):
-    """What the filters remember, in one array.
+    """What the filters remember.
 
     Attributes:
-        memory: (m_p p_k + m_p + n) the filtered kinematic regressor W_k of the m_p positions, (3),
-            row by row; the low-passed lambda x + y_p0, xi, from which y = lambda x - xi comes, (4)
-            [m/s]; the low-passed joint velocity z, from which the joint acceleration comes.
+        W_k: (m_p, p_k) filtered kinematic regressor of the m_p positions, (3).
+        memory: (m_p + n) the low-passed lambda x + y_p0, xi, from which y = lambda x - xi comes,
+            (4) [m/s]; the low-passed joint velocity z, from which the joint acceleration comes.
     """
 
+    W_k: np.ndarray
     memory: np.ndarray
 
 
-class FilteredMotion(NamedTuple):
+@dataclass(slots=True, eq=False)
+class FilteredMotion:
     """What the filters tell.
 
     Attributes:
@@ -59,35 +61,39 @@ class MotionFilters(Filters):
         xi = np.zeros(0)
         if m and measurement.x is not None:
             xi = self.task_velocity.bandwidth * kinematics.task.position(measurement.x)
-        return MotionState(np.concatenate([np.zeros(m * p), xi, measurement.v]))
+        return MotionState(np.zeros((m, p)), np.concatenate([xi, measurement.v]))
 
     def observe(
         self, state: MotionState, measurement: Measurement, kinematics: TaskKinematics
     ) -> FilteredMotion:
         """Return regressor, velocity and acceleration as the filters have them."""
-        (memory,), m, p, x = state, kinematics.positions, kinematics.size, measurement.x
-        y, a = np.empty(m), np.empty(kinematics.nv)
-        lambda_, lambda_a = self.task_velocity.bandwidth, self.joint_velocity.bandwidth
-        x = memory if x is None else x  # without positions it is not read
-        kernels.filtered_rates(lambda_, x, lambda_a, measurement.v, memory, y, a)
-        return FilteredMotion(memory[: m * p].reshape(m, p), y, a)
+        W_k, memory = state
+        x = memory if measurement.x is None else measurement.x  # without positions it is not read
+        y, a = np.empty(kinematics.positions), np.empty(kinematics.nv)
+        kernels.filtered_rates(
+            self.task_velocity.bandwidth, x, self.joint_velocity.bandwidth, measurement.v, memory, y, a
+        )  # fmt: skip
+        return FilteredMotion(W_k, y, a)
 
     def step(self, state: MotionState, s: Signals, dt: float) -> MotionState:
         """Return the state after dt [s] with Y_p, lambda x + y_p0 and v held: exact for any dt."""
-        (memory,), filtered = state, s.filtered
-        after = np.empty(memory.size)
-        f_k, f_a = self.task_velocity.fraction(dt), self.joint_velocity.fraction(dt)
-        kernels.advance(memory, s.Y_k, s.a_k, filtered.y, s.xd_hat, s.v, f_k, f_a, after)
-        return MotionState(after)
+        W_k, memory = state
+        W_k_after, memory_after = np.empty(W_k.shape), np.empty(memory.size)
+        kernels.advance(
+            W_k, memory, s.Y_k, s.a_k, s.filtered.y, s.xd_hat, s.v,
+            self.task_velocity.bandwidth, self.joint_velocity.bandwidth, dt,
+            W_k_after, memory_after,
+        )  # fmt: skip
+        return MotionState(W_k_after, memory_after)
 
     def rate(self, state: MotionState, s: Signals) -> MotionState:
         """Return the time derivative of the state."""
-        W_k, y, a = s.filtered
+        y = s.filtered.y
         Y_p = s.Y_k[: y.size]
         y_p0 = s.xd_hat[: y.size] - Y_p.dot(s.a_k)
         lambda_ = self.task_velocity.bandwidth
-        rates = (lambda_ * (Y_p - W_k)).ravel(), lambda_ * (y + y_p0), a  # xi to lambda x + y_p0
-        return MotionState(np.concatenate(rates))
+        rates = lambda_ * (y + y_p0), s.filtered.a  # xi to lambda x + y_p0, z to v
+        return MotionState(lambda_ * (Y_p - s.filtered.W_k), np.concatenate(rates))
 
     def acceleration(self, filtered: FilteredMotion) -> np.ndarray:
         """Return the filtered joint acceleration (n)."""

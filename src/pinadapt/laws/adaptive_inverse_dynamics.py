@@ -7,6 +7,7 @@ import numpy as np
 from ..adaptation.drive import Drive, Drives
 from ..signals import Signals
 from .estimated_velocity import AccelerationCommand, EstimatedVelocityLaw
+from .inertia import solve_inertia
 from .law import Believed
 
 
@@ -31,15 +32,17 @@ class AdaptiveInverseDynamics(EstimatedVelocityLaw):
 
     def command(self, s: Signals, believed: Believed) -> AccelerationCommand:
         """Return M_hat v + C_hat qd + g_hat, (11)."""
-        kinematic = self.kinematic_drive(s)
+        e, kinematic = self.errors(s)
         v = self.commanded_acceleration(s, believed.kinematic_rate(s, kinematic))
-        return AccelerationCommand(believed.dynamics.torque(s.q, s.v, v), None, kinematic)  # (11)
+        return AccelerationCommand(
+            believed.dynamics.torque(s.q, s.v, v), None, kinematic, e
+        )  # (11)
 
     def drives(
         self, s: Signals, believed: Believed, command: AccelerationCommand, a: np.ndarray
     ) -> Drives:
         """Return g_d = Phi^T e = Y^T M_hat^-1 J_hat^T e, (18), and g_k, (19)."""
         M_hat = believed.dynamics.mass_matrix(s.q)
-        error = self.solved_error(M_hat, s, believed)  # M_hat^-1 J_hat^T e
+        error = solve_inertia(M_hat, s.J, command.e, believed.watch)  # M_hat^-1 J_hat^T e
         Y = believed.dynamics.regressor(s.q, s.v, a)
         return Drives(Drive(Y, error), command.kinematic)  # (18), (19)

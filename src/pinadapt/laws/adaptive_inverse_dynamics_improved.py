@@ -9,6 +9,7 @@ import numpy as np
 from ..adaptation.drive import Drive, Drives
 from ..signals import Signals
 from .estimated_velocity import AccelerationCommand, EstimatedVelocityLaw
+from .inertia import solve_inertia
 from .law import Believed
 
 
@@ -42,19 +43,19 @@ class AdaptiveInverseDynamicsImproved(EstimatedVelocityLaw):
 
     def command(self, s: Signals, believed: Believed) -> ImprovedCommand:
         """Return M_0 v + C_hat qd + g_hat, (32), with feedthrough M_hat - M_0, (34)."""
-        kinematic, dynamics = self.kinematic_drive(s), believed.dynamics
+        (e, kinematic), dynamics = self.errors(s), believed.dynamics
         v = self.commanded_acceleration(s, believed.kinematic_rate(s, kinematic))
         dynamics.load(s.a_0)
         M_0 = dynamics.mass_matrix(s.q)
         dynamics.load(s.a_d)
         bias = dynamics.torque(s.q, s.v, np.zeros(s.v.size))  # C_hat qd + g_hat
         delta = dynamics.mass_matrix(s.q) - M_0  # (34)
-        return ImprovedCommand(M_0.dot(v) + bias, delta, kinematic, M_0)  # (32)
+        return ImprovedCommand(M_0.dot(v) + bias, delta, kinematic, e, M_0)  # (32)
 
     def drives(
         self, s: Signals, believed: Believed, command: ImprovedCommand, a: np.ndarray
     ) -> Drives:
         """Return g_d = Phi_1^T e = Y^T M_0^-1 J_hat^T e, (36), and g_k, (37)."""
-        error = self.solved_error(command.M_0, s, believed)  # M_0^-1 J_hat^T e
+        error = solve_inertia(command.M_0, s.J, command.e, believed.watch)  # M_0^-1 J_hat^T e
         Y = believed.dynamics.regressor(s.q, s.v, a)
         return Drives(Drive(Y, error), command.kinematic)  # (36), (37)

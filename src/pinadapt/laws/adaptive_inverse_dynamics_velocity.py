@@ -109,7 +109,7 @@ class AdaptiveInverseDynamicsVelocity(AccelerationLaw):
         """Return g_d, (29), and g_k, (30)."""
         z, dynamics = self._B_T_P.dot(command.xi), believed.dynamics
         M_hat = dynamics.mass_matrix(s.q)
-        error = solve_inertia(M_hat, s.J, z, 0.0, z, believed.watch)  # M_hat^-1 J_hat^T B^T P xi
+        error = solve_inertia(M_hat, s.J, z, believed.watch)  # M_hat^-1 J_hat^T B^T P xi
         dynamic = Drive(dynamics.regressor(s.q, s.v, a), error)  # (29)
         m = self.task.positions
         assert s.xd is not None  # the controller refuses measurements without it

@@ -150,8 +150,8 @@ class AdaptiveJacobian(Law):
 
     def command(self, s: Signals, believed: Believed) -> PassivityCommand:
         """Return the torque, with the drives, which are known by then."""
-        W_k, y, _ = s.filtered
-        error_k, residual = -self.K_PV.dot(s.dx), W_k.dot(s.a_k) - y
+        W_k = s.filtered.W_k
+        error_k, residual = -self.K_PV.dot(s.dx), W_k.dot(s.a_k) - s.filtered.y
         kinematic = Drive(s.Y_k, error_k, W_k, residual, self.R_k)
         Jdot = believed.kinematics.jacobian_rate(believed.kinematic_rate(s, kinematic))
         u, psi, qd_r = self._reference_velocity(s)

@@ -10,7 +10,6 @@ from .._kernels import feedback as kernels
 from ..adaptation.drive import Drive
 from ..signals import Signals
 from .acceleration_law import AccelerationLaw
-from .inertia import solve_inertia
 from .law import Believed, Command, Truth
 
 
@@ -20,9 +19,11 @@ class AccelerationCommand(Command):
 
     Attributes:
         kinematic: drive of the kinematic estimate, (19).
+        e: (m) dxd_hat + alpha dx.
     """
 
     kinematic: Drive = None  # type: ignore[assignment]  # always given
+    e: np.ndarray = None  # type: ignore[assignment]  # always given
 
 
 class EstimatedVelocityLaw(AccelerationLaw):
@@ -40,26 +41,19 @@ class EstimatedVelocityLaw(AccelerationLaw):
         """Return e (m)."""
         return s.dxd_hat + self.alpha * s.dx
 
-    def solved_error(self, M: np.ndarray, s: Signals, believed: Believed) -> np.ndarray:
-        """Return M^-1 J_hat^T e (n) for an estimated mass matrix M (n, n).
-
-        Raises:
-            DivergedError: M is not positive definite, or where nobody watches singular.
-        """
-        return solve_inertia(M, s.J, s.dxd_hat, self.alpha, s.dx, believed.watch)
-
-    def kinematic_drive(self, s: Signals) -> Drive:
-        """Return the drive of (19).
+    def errors(self, s: Signals) -> tuple[np.ndarray, Drive]:
+        """Return e (m) and the drive of (19).
 
         g_k = -Y_k^T ((K_P + alpha K_v) dx + alpha dxd_hat) + W_k^T R_k (W_k a_k - y).
         """
-        W_k, y, _ = s.filtered
-        error, residual, g_k = np.empty(s.dx.size), np.empty(y.size), np.empty(s.a_k.size)
+        W_k, y, m = s.filtered.W_k, s.filtered.y, s.dx.size
+        e, error = np.empty(m), np.empty(m)
+        residual, g_k = np.empty(y.size), np.empty(s.a_k.size)
         kernels.kinematic_drive(
-            self.K_PV, s.dx, self.alpha, s.dxd_hat, s.Y_k, W_k, self.R_k, s.a_k, y,
-            error, residual, g_k,
+            self.K_PV, s.dx, self.alpha, s.xd_hat, s.xd_d, s.Y_k, W_k, self.R_k, s.a_k, y,
+            e, error, residual, g_k,
         )  # fmt: skip
-        return Drive(s.Y_k, error, W_k, residual, self.R_k, g_k)
+        return e, Drive(s.Y_k, error, W_k, residual, self.R_k, g_k)
 
     def commanded_acceleration(self, s: Signals, a_k_rate: np.ndarray) -> np.ndarray:
         """Return v = J^+ (xdd_d - K_v dxd_hat - K_P dx - dJ_hat/dt qd) + (I - J^+ J) psi (n).
@@ -72,7 +66,7 @@ class EstimatedVelocityLaw(AccelerationLaw):
         if not inverse.unique:
             (q, rest), w = posture.from_rest(s.q), posture.frequency
         kernels.commanded_acceleration(
-            s.xdd_d, self.K_v, s.dxd_hat, self.K_P, s.dx, Jdot_v, s.Y_k, a_k_rate,
+            s.xdd_d, self.K_v, s.xd_hat, s.xd_d, self.K_P, s.dx, Jdot_v, s.Y_k, a_k_rate,
             inverse.J, inverse.gram_inverse, s.v, q, rest, w, v,
         )  # fmt: skip
         return v

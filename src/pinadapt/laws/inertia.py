@@ -8,17 +8,13 @@ from .._kernels import linear_algebra as kernels
 from ..exceptions import DivergedError
 
 
-def solve_inertia(
-    M: np.ndarray, J: np.ndarray, e: np.ndarray, alpha: float, w: np.ndarray, watch: bool
-) -> np.ndarray:
-    """Return M^-1 J^T (e + alpha w) (n) for an estimate M (n, n), symmetric.
+def solve_inertia(M: np.ndarray, J: np.ndarray, e: np.ndarray, watch: bool) -> np.ndarray:
+    """Return M^-1 J^T e (n) for an estimate M (n, n), symmetric.
 
     Args:
         M: the estimated mass matrix.
         J: (m, n).
         e: (m).
-        alpha: weight of w.
-        w: (m).
         watch: refuse an M that is not positive definite, which no mass matrix is; else only a
             singular one.
 
@@ -27,13 +23,11 @@ def solve_inertia(
     """
     if watch:
         solution = np.empty(len(M))
-        solved = kernels.solve_definite(M, J, e, alpha, w, solution)
+        solved = kernels.solve_definite(M, J, e, solution)
     else:
         from scipy.linalg.lapack import dgesv  # slow to import, and seldom needed
 
-        _, _, solution, info = dgesv(
-            M.T, (e + alpha * w).dot(J)
-        )  # the transpose is in the order LAPACK wants
+        _, _, solution, info = dgesv(M.T, e.dot(J))  # the transpose is in the order LAPACK wants
         solved = info == 0
     if not solved:
         became = "is no longer positive definite" if watch else "became singular"

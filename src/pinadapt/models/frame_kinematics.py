@@ -16,6 +16,7 @@ import pinocchio as pin
 from .._kernels import models as kernels
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
+from .live_array import live_array
 from .right_inverse import RightInverse
 from .task_kinematics import TaskKinematics
 from .translations import PlacedTranslations, Translation, unknown_translations
@@ -45,7 +46,8 @@ class FrameKinematics(TaskKinematics):
         self.size = len(self.names)
         self._rows, self._place = robot.frame_task.rows, robot.frame_task.place
         self.positions = robot.task.positions
-        self._turns = robot.task.size > self.positions
+        self._size = robot.task.size
+        self._turns = self._size > self.positions
         self._model = robot.model.copy()
         self._data = self._model.createData()
         self._frame = robot.frame_id
@@ -57,13 +59,15 @@ class FrameKinematics(TaskKinematics):
         self._R = [self._data.oMi[i].rotation[self._place] for i in self._parents]
         self._w = [self._data.v[i].angular for i in self._parents]
         self._dw = [self._data.a[i].angular for i in self._parents]
-        self._shape = (robot.task.size, self.size)
-        self._columns = [
-            (np.s_[:, window], R, w, np.array(part.directions, dtype=float))
-            for part, window, R, w in zip(
-                self.translations, self._placed.windows, self._R, self._w, strict=True
-            )
-        ]
+        # The same of all joints, and of each parameter its parent joint.
+        joints = range(self._model.njoints)
+        self._rotations = live_array([self._data.oMi[i].rotation for i in joints])
+        self._position_rows = self._rotations[:, self._place]
+        self._coordinates = np.arange(3)[self._place]
+        self._turning = live_array([self._data.v[i].angular for i in joints])
+        sizes = [part.size for part in self.translations]
+        self._parent_of = np.repeat(np.array(self._parents, dtype=np.int64), sizes)
+        self._last_column = np.array([joint.idx_v for joint in self._model.joints], dtype=np.int64)
         self._zero, self._no_columns = np.zeros(self._model.nv), np.zeros((self.positions, 0))
         self._no_turning = np.zeros((robot.task.size - self.positions, self.size))
         initial = self.value(robot)
@@ -106,10 +110,18 @@ class FrameKinematics(TaskKinematics):
         J = pin.getFrameJacobian(model, data, frame, _ALIGNED)
         acceleration = pin.getFrameClassicalAcceleration(model, data, frame, _ALIGNED)
         J = self.J = J[self._rows] if self.nv > 1 else J[self._rows, None]  # a column is a vector
-        Y_k = self.Y_k = np.zeros(self._shape)
-        for columns, R, w, B in self._columns:
-            kernels.velocity_regressor(R, w, B, Y_k[columns])
-        self.xd_hat = J.dot(v)
+        m = self._size
+        Y_k, xd_hat = self.Y_k, self.xd_hat = np.empty((m, self.size)), np.empty(m)
+        kernels.task_velocity(
+            J,
+            v,
+            self._position_rows,
+            self._turning,
+            self._parent_of,
+            self._placed.directions,
+            xd_hat,
+            Y_k,
+        )
         self.Jdot_v = acceleration.vector[self._rows]
         self._a_k, self._q, self._v = a_k, q, v
 
@@ -159,18 +171,11 @@ class FrameKinematics(TaskKinematics):
         model, data = self._model, self._data
         pin.computeJointJacobiansTimeVariation(model, data, self._q, self._v)
         Jdot = pin.getFrameJacobianTimeVariation(model, data, self._frame, pin.LOCAL_WORLD_ALIGNED)
-        Jdot = Jdot.reshape(6, self.nv)[self._rows]
-        axes = data.J.reshape(6, self.nv)[
-            3:
-        ]  # (3, nv) world directions of the revolute axes, zero for prismatic joints
-        for part, window, parent in zip(
-            self.translations, self._placed.windows, self._parents, strict=True
-        ):
-            velocity = data.oMi[parent].rotation @ (part.directions @ a_k_rate[window])
-            columns = slice(
-                0, model.joints[parent].idx_v + 1
-            )  # the joints before the translation turn it
-            Jdot[: self.positions, columns] -= (pin.skew(velocity) @ axes[:, columns])[self._place]
+        Jdot = np.ascontiguousarray(Jdot.reshape(6, self.nv)[self._rows])
+        kernels.add_translation_rates(
+            a_k_rate, self._parent_of, self._placed.directions, self._rotations,
+            data.J.reshape(6, self.nv), self._last_column, self._coordinates, Jdot,
+        )  # fmt: skip
         return Jdot
 
     def _stack(self, blocks: Sequence[np.ndarray]) -> np.ndarray:

@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 
+from .._kernels import models as kernels
 from ..exceptions import ParameterError
 from ..robot.changes import joint_id
 from ..robot.robot import Robot
@@ -66,27 +67,36 @@ class PlacedTranslations:
     Attributes:
         windows: where each translation's parameters stand in theta.
         size: p.
+        directions: (3, p) what each parameter moves its translation by, parent axes.
     """
 
     def __init__(self, model: pin.Model, frame: int, translations: Sequence[Translation]) -> None:
         """Take a model, the index of its task frame, and what is unknown there."""
-        ends = np.cumsum([0, *(part.size for part in translations)]).tolist()
+        sizes = [part.size for part in translations]
+        ends = np.cumsum([0, *sizes]).tolist()
         self.windows = [slice(first, last) for first, last in pairwise(ends)]
         self.size = ends[-1]
-        self._places = [
-            (part, window, placement_of(model, frame, part.joint))
-            for part, window in zip(translations, self.windows, strict=True)
-        ]
+        self.directions = np.concatenate(
+            [np.zeros((3, 0)), *(part.directions for part in translations)], axis=1
+        )
+        self._parts = list(translations)
+        self._part_of = np.repeat(np.arange(len(sizes)), sizes)
+        self._offsets = np.array([part.offset for part in translations]).reshape(-1, 3)
+        self._values = np.empty((len(sizes), 3))
+        places = [placement_of(model, frame, part.joint) for part in translations]
+        self._places = list(zip(places, self._values, strict=True))
 
     def read(self) -> np.ndarray:
         """Return the parameters (p) of the model as it is."""
-        values = [part.parameters(place.translation) for part, _, place in self._places]
+        pairs = zip(self._parts, self._places, strict=True)
+        values = [part.parameters(place.translation) for part, (place, _) in pairs]
         return np.concatenate([np.zeros(0), *values])
 
     def write(self, theta: np.ndarray) -> None:
-        """Make theta (p) the parameters of the model."""
-        for part, window, place in self._places:
-            place.translation = part.at(theta[window])
+        """Make theta (p), floats, the parameters of the model."""
+        kernels.place(theta, self._part_of, self.directions, self._offsets, self._values)
+        for place, translation in self._places:
+            place.translation = translation
 
 
 def unknown_translations(
