@@ -102,3 +102,25 @@ def commanded_acceleration(
             x += gram_inverse[i, j] * missed[j]
         for t in range(n):
             v[t] += J[i, t] * x
+
+
+@compiled("void(f8[:,:], f8[:,:], f8[:], f8[:,:], f8[:], f8[:], f8[:])")
+def subtract_task_force(
+    J: np.ndarray,
+    K_v: np.ndarray,
+    dxd: np.ndarray,
+    K_P: np.ndarray,
+    dx: np.ndarray,
+    feedforward: np.ndarray,
+    torque: np.ndarray,
+) -> None:
+    """Write feedforward - J^T (K_v dxd + K_P dx) (n)."""
+    m, n = J.shape
+    for t in range(n):
+        torque[t] = feedforward[t]
+    for i in range(m):
+        force = 0.0
+        for j in range(m):
+            force += K_v[i, j] * dxd[j] + K_P[i, j] * dx[j]
+        for t in range(n):
+            torque[t] -= J[i, t] * force

@@ -113,3 +113,67 @@ def right_inverse(
             x += gram_inverse[i, j] * rest[j]
         for t in range(n):
             solution[t] += J[i, t] * x
+
+
+@compiled("void(f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8[:,:], f8, f8[:])")
+def right_inverse_rate(
+    J: np.ndarray,
+    gram_inverse: np.ndarray,
+    u: np.ndarray,
+    psi: np.ndarray,
+    ud: np.ndarray,
+    psid: np.ndarray,
+    Jdot: np.ndarray,
+    damping_rate: float,
+    rate: np.ndarray,
+) -> None:
+    """Write r = psid + Jdot^T y + J^T G (ud - Jdot x - damping_rate y - J (psid + Jdot^T y)) (n).
+
+    y = G (u - J psi) (m) and x = psi + J^T y (n).
+    """
+    m, n = J.shape
+    missed, y, x = np.empty(m), np.empty(m), np.empty(n)
+    for i in range(m):
+        missed[i] = u[i]
+        for t in range(n):
+            missed[i] -= J[i, t] * psi[t]
+    for t in range(n):
+        x[t], rate[t] = psi[t], psid[t]
+    for i in range(m):
+        y[i] = 0.0
+        for j in range(m):
+            y[i] += gram_inverse[i, j] * missed[j]
+        for t in range(n):
+            x[t] += J[i, t] * y[i]
+            rate[t] += Jdot[i, t] * y[i]
+    for i in range(m):
+        missed[i] = ud[i] - damping_rate * y[i]
+        for t in range(n):
+            missed[i] -= Jdot[i, t] * x[t] + J[i, t] * rate[t]
+    for i in range(m):
+        z = 0.0
+        for j in range(m):
+            z += gram_inverse[i, j] * missed[j]
+        y[i] = z
+    for i in range(m):
+        for t in range(n):
+            rate[t] += J[i, t] * y[i]
+
+
+@compiled("void(f8[:,:], f8[:,:], f8[:], f8[:])")
+def null_space(J: np.ndarray, gram_inverse: np.ndarray, z: np.ndarray, null: np.ndarray) -> None:
+    """Write z - J^T G J z (n)."""
+    m, n = J.shape
+    task = np.empty(m)
+    for i in range(m):
+        task[i] = 0.0
+        for t in range(n):
+            task[i] += J[i, t] * z[t]
+    for t in range(n):
+        null[t] = z[t]
+    for i in range(m):
+        x = 0.0
+        for j in range(m):
+            x += gram_inverse[i, j] * task[j]
+        for t in range(n):
+            null[t] -= J[i, t] * x

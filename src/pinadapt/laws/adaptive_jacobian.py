@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from .._checks import definite_matrix, positive
+from .._kernels import feedback as kernels
 from ..adaptation.drive import Drive, Drives
 from ..filters.low_pass import LowPass
 from ..filters.motion_filters import MotionFilters
@@ -150,18 +151,28 @@ class AdaptiveJacobian(Law):
 
     def command(self, s: Signals, believed: Believed) -> PassivityCommand:
         """Return the torque, with the drives, which are known by then."""
-        W_k = s.filtered.W_k
-        error_k, residual = -self.K_PV.dot(s.dx), W_k.dot(s.a_k) - s.filtered.y
-        kinematic = Drive(s.Y_k, error_k, W_k, residual, self.R_k)
+        kinematic = self._kinematic_drive(s)
         Jdot = believed.kinematics.jacobian_rate(believed.kinematic_rate(s, kinematic))
         u, psi, qd_r = self._reference_velocity(s)
         qdd_r = self._reference_acceleration(s, u, psi, Jdot)
         Y_r, feedforward = believed.dynamics.slotine_li(s.q, s.v, qd_r, qdd_r)
         error = s.v - qd_r
-        torque = feedforward - (self.K_v.dot(s.dxd_hat) + self.K_P.dot(s.dx)).dot(s.J)
+        torque = np.empty(error.size)
+        kernels.subtract_task_force(s.J, self.K_v, s.dxd_hat, self.K_P, s.dx, feedforward, torque)
         if not s.inverse.unique:
             torque -= s.inverse.null(self.posture.damping * s.inverse.null(error))
         return PassivityCommand(torque, None, Drives(Drive(Y_r, error), kinematic))
+
+    def _kinematic_drive(self, s: Signals) -> Drive:
+        """Return the drive of g_k = -Y_k^T (K_P + alpha K_v) dx + W_k^T R_k (W_k a_k - y)."""
+        W_k, y = s.filtered.W_k, s.filtered.y
+        m = s.dx.size
+        e, error, residual, g_k = np.empty(m), np.empty(m), np.empty(y.size), np.empty(s.a_k.size)
+        kernels.kinematic_drive(
+            self.K_PV, s.dx, 0.0, s.xd_hat, s.xd_d, s.Y_k, W_k, self.R_k, s.a_k, y,
+            e, error, residual, g_k,
+        )  # fmt: skip
+        return Drive(s.Y_k, error, W_k, residual, self.R_k, g_k)
 
     def _reference_acceleration(
         self, s: Signals, u: np.ndarray, psi: np.ndarray | None, Jdot: np.ndarray

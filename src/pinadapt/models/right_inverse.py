@@ -72,21 +72,20 @@ class RightInverse:
         With y = (J J^T + mu^2 I)^-1 (u - J psi), which makes the solution r = psi + J^T y, it is
         J^+ (ud - Jdot r - y d(mu^2)/dt) + (I - J^+ J) (psid + Jdot^T y).
         """
-        ud = ud - Jdot.dot(self.solve(u, psi))
         if psi is None:
-            return self.solve(ud, None)
-        y = self.gram_inverse.dot(u - self.J.dot(psi))
-        if self.damping:
-            ud -= self._damping_rate(Jdot) * y
-        return self.solve(ud, psid + y.dot(Jdot))
+            return self.solve(ud - Jdot.dot(self.solve(u, psi)), None)
+        rate, damping_rate = np.empty(psi.size), self._damping_rate(Jdot) if self.damping else 0.0
+        kernels.right_inverse_rate(
+            self.J, self.gram_inverse, u, psi, ud, psid, Jdot, damping_rate, rate
+        )
+        return rate
 
     def null(self, z: np.ndarray) -> np.ndarray:
         """Return (I - J^+ J) z (n); undamped, the orthogonal projection onto the null space."""
-        return (
-            np.zeros_like(z)
-            if self.unique
-            else z - self.gram_inverse.dot(self.J.dot(z)).dot(self.J)
-        )
+        null = np.zeros(z.size)
+        if not self.unique:
+            kernels.null_space(self.J, self.gram_inverse, z, null)
+        return null
 
     def _damping_rate(self, Jdot: np.ndarray) -> float:
         """Return d(mu^2)/dt = -d(s^2)/dt / 2 = -sum_i (s / sigma_i)^4 d(sigma_i^2)/dt / 2."""
