@@ -50,8 +50,8 @@ def follow_geodesic(
     """
     n, p = len(F_0), entries[-1, 0] + 1
     k = len(a) // p
-    P, L = np.empty((n, n)), np.empty((n, n))
-    A, change = np.zeros((k, n, n)), np.zeros((k, n, n))  # P L and P L P
+    work = np.zeros((2 + 2 * k, n, n))
+    P, L, A, change = work[0], work[1], work[2 : 2 + k], work[2 + k :]  # P, L, P L and P L P
     square = 0.0
     for b in range(k):
         for r in range(n):
@@ -97,16 +97,14 @@ def follow_geodesic_of_bodies(a: np.ndarray, g: np.ndarray, h: float, after: np.
     P = [[tr(I)/2 1 - I, mc], [mc^T, m]] and L = [[tr(G) 1 - G, g_mc/2], [g_mc^T/2, g_m]], G the
     matrix of g_I with its entries off the diagonal halved, for which tr(L P(da)) = g . da.
     """
-    bodies = len(a) // 10
-    P, L = np.empty((bodies, 4, 4)), np.empty((4, 4))
-    A, change = np.empty((bodies, 4, 4)), np.empty((bodies, 4, 4))  # P L and P L P
-    square = 0.0
+    bodies, square = len(a) // 10, 0.0
+    L, work = np.empty((4, 4)), np.empty((3, bodies, 4, 4))
+    P, A, change = work[0], work[1], work[2]  # P, P L and P L P
     for b in range(bodies):
         i = 10 * b
         xx, yy, zz = a[i + 4], a[i + 6], a[i + 9]
-        P[b, 0, 0], P[b, 1, 1], P[b, 2, 2] = (
-            0.5 * (yy + zz - xx), 0.5 * (xx + zz - yy), 0.5 * (xx + yy - zz),
-        )  # fmt: skip
+        half = 0.5 * (xx + yy + zz)
+        P[b, 0, 0], P[b, 1, 1], P[b, 2, 2] = half - xx, half - yy, half - zz
         P[b, 1, 0], P[b, 2, 0], P[b, 2, 1] = -a[i + 5], -a[i + 7], -a[i + 8]
         P[b, 3, 0], P[b, 3, 1], P[b, 3, 2] = a[i + 1], a[i + 2], a[i + 3]
         P[b, 3, 3] = a[i]
@@ -145,11 +143,7 @@ def follow_geodesic_of_bodies(a: np.ndarray, g: np.ndarray, h: float, after: np.
                 P[b, r, s] -= h * x  # P - P+ = h (1 - h P L / 2) P L P, symmetric
         i = 10 * b
         xx, yy, zz = P[b, 0, 0], P[b, 1, 1], P[b, 2, 2]
-        after[i], after[i + 1], after[i + 2], after[i + 3] = (
-            P[b, 3, 3],
-            P[b, 3, 0],
-            P[b, 3, 1],
-            P[b, 3, 2],
-        )
+        after[i] = P[b, 3, 3]
+        after[i + 1], after[i + 2], after[i + 3] = P[b, 3, 0], P[b, 3, 1], P[b, 3, 2]
         after[i + 4], after[i + 6], after[i + 9] = yy + zz, xx + zz, xx + yy
         after[i + 5], after[i + 7], after[i + 8] = -P[b, 1, 0], -P[b, 2, 0], -P[b, 2, 1]

@@ -19,7 +19,7 @@ def invert_gram(J: np.ndarray, threshold: float, inverse: np.ndarray) -> tuple[f
     of squares in L^-1.
     """
     m, n = J.shape
-    L, L_inverse = np.empty((m, m)), np.zeros((m, m))
+    L, L_inverse = inverse, np.empty((m, m))  # L stands where the inverse is written in the end
     s, mu_2, lost = 0.0, 0.0, False
     for damped in (False, True):
         squares, size, lost = 0.0, 0.0, False  # |J|_F^2 and |L^-1|_F^2

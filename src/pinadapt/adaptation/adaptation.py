@@ -28,7 +28,7 @@ class Adaptation(ABC):
 
     def init(self, value: np.ndarray) -> Estimate:
         """Return the estimate to start from, ``validate(value)`` with an empty memory."""
-        return Estimate(self.validate(value))
+        return Estimate(np.asarray(self.validate(value), dtype=float))
 
     def validate(self, value: np.ndarray) -> np.ndarray:
         """Return the initial value (p): as given, or moved (with a warning) into the domain.

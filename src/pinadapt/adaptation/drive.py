@@ -12,7 +12,7 @@ class Estimate(NamedTuple):
     """A parameter vector with whatever its adaptation remembers of the past; also their rates.
 
     Attributes:
-        value: (p) the parameters.
+        value: (p) the parameters, floats.
         memory: arrays, or tuples of such, that only its adaptation understands; often none.
     """
 

@@ -36,7 +36,7 @@ class Gradient(Adaptation):
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
-        a = np.asarray(estimate.value, dtype=float)
+        a = estimate.value
         after = np.empty(a.size)
         kernels.descend(a, drive.gradient, self.Gamma, dt, after)
         return Estimate(after)

@@ -129,7 +129,7 @@ class Controller:
                 singularity.
         """
         check_period(dt, self.period)
-        measurement, desired = self._check(state, measurement, desired)
+        measurement, desired = self._check.sample(state, measurement, desired)
         try:
             s = self._signals(state, measurement, desired)
             command = self.law.command(s, self._believed)
@@ -182,7 +182,7 @@ class Controller:
         Raises:
             MeasurementError, InputError: as ``step``.
         """
-        measurement, desired = self._check(state, measurement, desired)
+        measurement, desired = self._check.sample(state, measurement, desired)
         q, v = measurement.q.copy(), measurement.v.copy()
         own = Desired(*(part.copy() for part in desired))
         return self._signals(state, measurement._replace(q=q, v=v), own)

@@ -35,7 +35,7 @@ class InputCheck:
         self._x, self._m = (task.coordinates,), (task.size,)
         self._a_k, self._a_d = kinematics.size, dynamic_size
 
-    def __call__(
+    def sample(
         self, state: ControllerState, measurement: Measurement, desired: Desired
     ) -> tuple[Measurement, Desired]:
         """Return measurement and desired motion as arrays of floats, the given ones if they are.
@@ -60,9 +60,13 @@ class InputCheck:
                 and v.shape == self._v
                 and x_d.shape == self._x
                 and xd_d.shape == xdd_d.shape == self._m
-                and (not self._measures_x or (x.dtype is _FLOAT and x.shape == self._x))
-                and ((xd is None and not self._needs_xd) or xd.dtype is _FLOAT)
-                and (xd is None or xd.shape == self._m)
+                and (
+                    not self._measures_x
+                    or (x is not None and x.dtype is _FLOAT and x.shape == self._x)
+                )
+                and (
+                    not self._needs_xd if xd is None else xd.dtype is _FLOAT and xd.shape == self._m
+                )
                 and a is None
                 and t.__class__ is float
             )

@@ -50,7 +50,8 @@ class ControllerState(NamedTuple):
         """Return the state whose ``flat`` is ``values``."""
         parts, used = _filled(self[1:5], values, 0)
         assert used == values.size
-        return ControllerState(self.t, *parts, self.adapting)
+        dynamic, kinematic, a_0, filters = parts
+        return ControllerState(self.t, dynamic, kinematic, a_0, filters, self.adapting)
 
 
 def _leaves(part: Any) -> list[np.ndarray]:

@@ -71,7 +71,8 @@ class MotionFilters(Filters):
         x = memory if measurement.x is None else measurement.x  # without positions it is not read
         y, a = np.empty(kinematics.positions), np.empty(kinematics.nv)
         kernels.filtered_rates(
-            self.task_velocity.bandwidth, x, self.joint_velocity.bandwidth, measurement.v, memory, y, a
+            self.task_velocity.bandwidth, x, self.joint_velocity.bandwidth, measurement.v, memory,
+            y, a,
         )  # fmt: skip
         return FilteredMotion(W_k, y, a)
 

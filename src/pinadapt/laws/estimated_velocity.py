@@ -10,7 +10,7 @@ from .._kernels import feedback as kernels
 from ..adaptation.drive import Drive
 from ..signals import Signals
 from .acceleration_law import AccelerationLaw
-from .law import Believed, Command, Truth
+from .law import Command, Truth
 
 
 @dataclass(slots=True, eq=False)

@@ -44,7 +44,8 @@ class FrameKinematics(TaskKinematics):
         self.nq, self.nv = int(robot.model.nq), int(robot.model.nv)
         self.names = tuple(label for part in self.translations for label in part.labels)
         self.size = len(self.names)
-        self._rows, self._place = robot.frame_task.rows, robot.frame_task.place
+        self._task = robot.frame_task
+        self._rows, self._place = self._task.rows, self._task.place
         self.positions = robot.task.positions
         self._size = robot.task.size
         self._turns = self._size > self.positions
@@ -143,7 +144,8 @@ class FrameKinematics(TaskKinematics):
     @property
     def x_hat(self) -> np.ndarray:
         """Believed task coordinates at the last update: positions (m) [m], or position and quaternion xyzw (7)."""
-        return self.task.of(pin.updateFramePlacement(self._model, self._data, self._frame))
+        placement = pin.updateFramePlacement(self._model, self._data, self._frame)
+        return self._task.of(placement)
 
     def right_inverse(self, threshold: float) -> RightInverse:
         """Return that of J at the last update, damped below the threshold s_0."""

@@ -46,7 +46,7 @@ def _array_at(model: pin.Model, n: int) -> np.ndarray | None:
     if any(b - a != _NUMBERS * size for a, b in zip(places, places[1:], strict=False)):
         return None
     numbers = (ctypes.c_double * (n * _NUMBERS)).from_address(places[0])
-    return np.frombuffer(numbers, dtype=float).reshape(n, _NUMBERS)
+    return np.ctypeslib.as_array(numbers).reshape(n, _NUMBERS)
 
 
 def _stored(body: pin.Inertia) -> np.ndarray:

@@ -83,7 +83,7 @@ class InertialModel:
 
 
 def _unfelt_ballast(model: pin.Model) -> np.ndarray:
-    """Return parameters (10 n) of one kilogram a body that no joint feels, all joints being revolute.
+    """Return parameters (10 n) of one kilogram a body that no joint of revolute ones feels.
 
     A point mass on a joint's axis may belong to either of the two bodies, so one added to the body
     after the joint and taken off the body before it changes nothing; of the first joint the body
