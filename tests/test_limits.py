@@ -15,10 +15,12 @@ import pinadapt as pa
 from chains import catalogue_robot as load
 from chains import seeded, seeds
 from differences import derivative
+from drives import rate_of, stepped
 from pinadapt.controller.limits import make_box
+from pinadapt.filters.motion_filters import MotionState
 from pinadapt.models.right_inverse import RightInverse
+from pinadapt.models.typical_motion import felt_mass
 from pinadapt.scenario.scenario import Scenario
-from pinadapt.tuning.defaults import felt_mass
 
 ROBOTS = Path(__file__).parents[1] / "robots"
 SHAPES = [(2, 2), (3, 3), (2, 3), (3, 7), (6, 7), (6, 6), (1, 2)]
@@ -42,9 +44,9 @@ def test_the_inverse_is_bounded_and_its_damping_known(shape, seed, log):
     J = jacobian(rng, shape, 10.0**log)
     inverse, least = RightInverse(J, s_0), np.linalg.svd(J, compute_uv=False).min()
     rounding = 1e-13 * np.linalg.norm(J) ** 2
-    assert inverse.smallest**2 <= least**2 * (1 + 1e-9) + rounding
-    assert inverse.smallest**2 >= least**2 / shape[0] * (1 - 1e-9) - rounding
-    assert (inverse.damping > 0.0) == (inverse.smallest < s_0)
+    assert inverse.conditioning**2 <= least**2 * (1 + 1e-9) + rounding
+    assert inverse.conditioning**2 >= least**2 / shape[0] * (1 - 1e-9) - rounding
+    assert (inverse.damping > 0.0) == (inverse.conditioning < s_0)
     J_plus = np.stack([inverse.solve(e, np.zeros(shape[1])) for e in np.eye(shape[0])], axis=1)
     assert np.linalg.norm(J_plus, 2) <= (1 + 1e-6) / s_0
     u, psi = rng.standard_normal(shape[0]), rng.standard_normal(shape[1])
@@ -93,7 +95,7 @@ def test_a_lost_rank_is_a_message_without_damping(shape):
     with pytest.raises(pa.DivergedError, match="lost rank"):
         RightInverse(J)
     assert np.isfinite(RightInverse(J, 0.01).solve(np.ones(shape[0]), np.zeros(shape[1]))).all()
-    assert RightInverse(np.zeros(shape), 0.01).smallest == 0.0
+    assert RightInverse(np.zeros(shape), 0.01).conditioning == 0.0
 
 
 def reaching(name, law, **control):
@@ -161,7 +163,8 @@ def saturating(law, monkeypatch=None, **options):
 
         def winding(self, signals, command, a):
             torque = command.at(a)
-            return np.clip(torque, -limits, limits), self.law.gradients(signals, command, a)
+            drives = self.law.drives(signals, self._believed, command, a)
+            return np.clip(torque, -limits, limits), drives
 
         monkeypatch.setattr(pa.Controller, "respond", winding)
     believed = robot.changed(inertial_scale=0.8)
@@ -216,22 +219,22 @@ def test_a_saturated_sample_teaches_by_prediction_alone(law):
     desired = pa.Circle(np.zeros(3), 0.1, 2.0).starting_at(measurement.x + 0.05).at(0.1)
     a_k = controller.kinematics.initial + 0.02
     state = controller.init(measurement, a_k=a_k)
-    state = state._replace(W_k=0.3 * np.ones((3, 3)) + np.eye(3))
+    (memory,), W_k = state.filters, 0.3 * np.ones((3, 3)) + np.eye(3)
+    state = state._replace(filters=MotionState(np.concatenate([W_k.ravel(), memory[9:]])))
     signals, command = controller.command(state, measurement, desired)
-    a = controller.acceleration(state, measurement)
-    free, (g_d, g_k) = controller.respond(signals, command, a)
+    a = controller.acceleration(signals, measurement)
+    free, drives = controller.respond(signals, command, a)
+    g_d, g_k = (drive.gradient for drive in drives)
     tight = controller.limited(0.5 * np.abs(free))
-    clipped, (h_d, h_k) = tight.respond(signals, command, a)
+    clipped, drives = tight.respond(signals, command, a)
+    h_d, h_k = (drive.gradient for drive in drives)
     assert np.allclose(clipped, 0.5 * free)
     assert not h_d.any() and h_d.shape == g_d.shape
+    R_k = controller.law.R_k
     if law == "adaptive-inverse-dynamics-velocity":
-        expected = (
-            signals.kinematics.Y_k.T
-            @ controller.law.gains.R_k
-            @ (signals.kinematics.J @ v - measurement.xd)
-        )
+        expected = signals.Y_k.T @ R_k @ (signals.J @ v - measurement.xd)
     else:
-        expected = state.W_k.T @ controller.law.gains.R_k @ (state.W_k @ a_k - signals.y)
+        expected = W_k.T @ R_k @ (W_k @ a_k - signals.filtered.y)
     assert np.allclose(h_k, expected) and np.abs(expected).max() > 1e-3
     if controller.law.adapts:
         assert np.abs(g_k - h_k).max() > 1e-3
@@ -310,25 +313,25 @@ def test_projection_is_the_nearest_point_in_the_metric_and_v_only_improves(diago
         ).x
 
     a = np.where(rng.uniform(size=3) < 0.5, low, rng.uniform(low, high))  # often at a wall
-    moved, free = boxed.advance(a, g, 0.5), inner.advance(a, g, 0.5)
+    moved, free = stepped(boxed, a, g, 0.5), stepped(inner, a, g, 0.5)
     assert (moved >= low).all() and (moved <= high).all()
     assert np.allclose(moved, nearest(free, list(zip(low, high, strict=True))), atol=1e-5)
-    rate = boxed.rate(a, g)
+    rate, free_rate = rate_of(boxed, a, g), rate_of(inner, a, g)
     cone = [(0.0 if at else None, None) for at in a <= low]
-    scale = np.abs(inner.rate(a, g)).max()
+    scale = np.abs(free_rate).max()
     assert np.allclose(
         rate / scale,
         nearest(
-            inner.rate(a, g) / scale,
+            free_rate / scale,
             [(lo, 1e9) if lo is not None else (-1e9, 1e9) for lo, _ in cone],
         ),
         atol=1e-5,
     )
     a_true = rng.uniform(low, high)
-    assert (a - a_true) @ metric @ (rate - inner.rate(a, g)) <= 1e-9 * scale
-    assert boxed.distance(moved, a_true) <= inner.distance(free, a_true) + 1e-12
+    assert (a - a_true) @ metric @ (rate - free_rate) <= 1e-9 * scale
+    assert boxed.divergence(moved, a_true) <= inner.divergence(free, a_true) + 1e-12
     assert np.array_equal(
-        boxed.rate(np.zeros(3), g), inner.rate(np.zeros(3), g)
+        rate_of(boxed, np.zeros(3), g), rate_of(inner, np.zeros(3), g)
     )  # inside it is the inner one
 
 

@@ -104,11 +104,12 @@ def test_every_key_of_the_interface_is_accepted(tmp_path):
     )
     assert np.allclose(true.friction.torque(np.ones(7)), 0.3)
     assert np.allclose(true.home_angles, [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
-    assert np.allclose(controller.law.gains.K_v, 40.0 * np.eye(3))
-    assert np.allclose(controller.law.gains.K_P, 400.0 * np.eye(3))
-    assert np.allclose(controller.law.gains.Q, np.eye(6))
-    assert controller.velocity_filter.bandwidth == 10.0
-    assert np.isclose(controller.acceleration_filter.bandwidth, 1.0 / 0.016666)
+    law = controller.law
+    assert np.allclose(law.K_v, 40.0 * np.eye(3))
+    assert np.allclose(law.K_P, 400.0 * np.eye(3))
+    assert np.allclose(law.Q, np.eye(6))
+    assert law.filters.task_velocity.bandwidth == 10.0
+    assert np.isclose(law.filters.joint_velocity.bandwidth, 1.0 / 0.016666)
     assert np.allclose(scenario.trajectory.at(0.0).x_d, [0.5, 0.1, 0.5])
 
 
@@ -232,7 +233,7 @@ def test_settings_take_dotted_keys_and_toml_values():
         "simulation.torque_limits=true",
         "simulation.noise={ x = 1e-3 }",
     )
-    assert np.allclose(np.diag(scenario.controller.law.gains.K_v), [41.0, 42.0])
+    assert np.allclose(np.diag(scenario.controller.law.K_v), [41.0, 42.0])
     assert scenario.tables.simulation.torque_limits is True
     assert scenario.tables.simulation.noise.x == 1e-3
 
