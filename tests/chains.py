@@ -103,6 +103,11 @@ def each_size(sizes: Sequence[int] = SIZES, **others: Any) -> Callable[[Callable
 catalogue_robot = cache(pa.load)  # loading takes most of a second, and robots are not written to
 
 
+def robot_of(law: str, name: str) -> pa.Robot:
+    """Return a robot of the catalogue with a task that a law controls: its own, or its joints."""
+    return catalogue_robot(name, **({"task": "joint"} if pa.LAWS[law].joint_space else {}))
+
+
 def random_state(
     robot: pa.Robot, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

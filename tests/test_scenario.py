@@ -107,10 +107,12 @@ def test_every_key_of_the_interface_is_accepted(tmp_path):
     law = controller.law
     assert np.allclose(law.K_v, 40.0 * np.eye(3))
     assert np.allclose(law.K_P, 400.0 * np.eye(3))
-    assert np.allclose(law.Q, np.eye(6))
     assert law.filters.task_velocity.bandwidth == 10.0
     assert np.isclose(law.filters.joint_velocity.bandwidth, 1.0 / 0.016666)
     assert np.allclose(scenario.trajectory.at(0.0).x_d, [0.5, 0.1, 0.5])
+    velocity = ["controller.law=adaptive-inverse-dynamics-velocity"]  # the law that has a Q
+    law = Scenario.read(write(tmp_path, INTERFACE), velocity).controller.law
+    assert np.allclose(law.Q, np.eye(6))
 
 
 def test_basis_and_dynamic_belief_of_the_interface_are_accepted():
@@ -396,13 +398,14 @@ def test_a_misspelt_word_is_told_the_nearest(setting, suggestion):
 @pytest.mark.parametrize(
     ("setting", "key", "allowed"),
     [
-        ("robot.task=joint", "robot.task", "xyz"),
+        ("robot.task=joint", "unknown.kinematic", "xyz"),
+        ("controller.law=slotine-li", "controller.law", 'task = "joint"'),
         ("simulation.engine=mujoco", "simulation.engine", "pinocchio"),
-        ("controller.law=slotine-li", "controller.law", "adaptive-jacobian"),
+        ("controller.law=composite", "controller.law", "adaptive-jacobian"),
         ("controller.law=approximate-jacobian", "controller.law", "adaptive-jacobian"),
     ],
 )
-def test_what_does_not_exist_yet_is_refused_and_the_alternatives_named(setting, key, allowed):
+def test_what_does_not_exist_or_fit_is_refused_and_the_alternatives_named(setting, key, allowed):
     with pytest.raises(pa.InputError) as error:
         planar(setting)
     assert key in str(error.value)

@@ -96,7 +96,7 @@ def make_controller(
     )
     chosen, rates = _law_type(law, believed), {name: gains.pop(name, None) for name in RATES}
     lengths = lumped_lengths(kinematics, regressor, kind, chosen, basis)
-    dynamics = believed_dynamics(believed, dynamic, joint, basis, lengths)
+    dynamics = believed_dynamics(believed, dynamic, joint, basis, lmi, lengths)
     motion = TypicalMotion(believed, kinematics, dynamics, bandwidth(believed, positive(dt, "dt")))
     tuned, share = _tuned(law, motion, dt, gains)
     w = share * motion.bandwidth
