@@ -37,9 +37,9 @@ def mixed_robot():
 
 
 def swinging(robot, by=0.05):
-    """Return a motion of all joints that begins beside home; the continuous one passes half a turn."""
-    n = robot.model.nv
-    return pa.Sinusoid(robot.home_angles + by, 0.3, np.linspace(2.0, 3.0, n))
+    """Return a motion of all joints that begins beside home; a continuous one passes half a turn."""
+    periods = 2.0 * np.pi / np.linspace(2.0, 3.0, robot.model.nv)
+    return pa.Sinusoid(robot.home_angles + by + 0.3, 0.3, periods)
 
 
 def loaded(robot):
@@ -163,7 +163,7 @@ def test_a_continuous_joint_goes_the_short_way():
 def test_an_unknown_load_is_tracked(law):
     robot = catalogue_robot("panda", task="joint")
     believed = robot.changed(inertial_scale=0.8)
-    path = pa.Sinusoid(robot.home_angles, 0.2, 2.0)
+    path = pa.Sinusoid(robot.home_angles + 0.2, 0.2, np.pi)
     runs = [
         pa.simulate(
             loaded(robot),

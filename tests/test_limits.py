@@ -309,7 +309,7 @@ def test_impossible_torque_limits_are_refused(limits):
 
 
 def nearest(x, metric, low, high):
-    """Return the point of a box nearest to x, the best of those with each set of entries at a wall."""
+    """Return the point of a box nearest to x, the best over all sets of entries at a wall."""
     candidates = []
     for walls in product(("low", "high", "free"), repeat=x.size):
         free = np.array([wall == "free" for wall in walls])

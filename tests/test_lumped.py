@@ -193,7 +193,9 @@ def test_lyapunov_equality(law, adaptation):
     """The proofs hold with lengths and inertias unknown together."""
     true, controller, path = ur5(law, adaptation)
     if law == IMPROVED:  # slowly enough that M + M_0 - M_hat stays invertible meanwhile
-        true, controller, path = ur5(law, adaptation, gamma_d=0.2 * controller.adaptation_d.gain(controller.dynamics.initial))
+        true, controller, path = ur5(
+            law, adaptation, gamma_d=0.2 * controller.adaptation_d.gain(controller.dynamics.initial)
+        )
     assert controller.dynamics.size == 56
     energy = energy_along(true, controller, path, steps=400)
     assert energy.mismatch() <= 1e-4

@@ -191,7 +191,7 @@ COUPLED = 400.0 * np.eye(6) + 10.0 * (np.eye(6, k=3) + np.eye(6, k=-3))
         {"Kp": NOT_SCALAR},
         {"Kv": [40.0] * 4 + [41.0, 40.0]},
         {"Kp": COUPLED},
-        {"Q": np.diag(np.arange(1.0, 13.0))},
+        {"Q": np.diag(np.arange(1.0, 13.0)), "law": "adaptive-inverse-dynamics-velocity"},
     ],
 )
 def test_gains_that_break_the_proof_on_rotations_are_refused(gains):

@@ -8,9 +8,8 @@ import pytest
 import pinadapt as pa
 from chains import catalogue_robot as load
 from chains import robot_of
-from loops import ARRAYS, run
+from loops import ARRAYS, motion_at_home, run
 from loops import circle_at_home as circle
-from loops import motion_at_home
 from paper import BASIS
 from pinadapt.robot.effort_limits import effort_limits
 from snapshots import snapshot, unchanged
@@ -184,7 +183,7 @@ def test_a_diverging_run_ends_its_stream_with_time_and_reason():
     believed = robot.changed(inertial_scale=0.8)
     controller = pa.make_controller(believed, adaptation="gradient", gamma_d=1.0)
     samples = []
-    with pytest.raises(pa.DivergedError, match=".") as ended:
+    with pytest.raises(pa.DivergedError, match="mass matrix|ran away|finite") as ended:
         for sample in pa.run(pa.PinocchioPlant(robot), controller, circle(robot), duration=1.0):
             samples.append(sample)
     assert 0 < len(samples) < 1000

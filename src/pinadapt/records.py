@@ -10,15 +10,16 @@ import numpy as np
 class Measurement(NamedTuple):
     """What the sensors say at one sample.
 
-    q, v, a and tau belong to the instant t; x, and xd with it, to ``x_time``, which is earlier where a camera is late.
+    q, v, a and tau belong to the instant t; x, and xd with it, to ``x_time``, which is earlier where a
+    camera is late.
 
     Attributes:
         t: time [s], on the clock that all measurements share.
         q: (nq) configuration, as ``pin.integrate`` has it.
         v: (nv) joint velocity [rad/s or m/s].
         x: task coordinates in world axes, from a camera or tracker, not from the model: (m) [m], or
-            for a pose position [m] and unit quaternion xyzw (7), of either sign. None where there is
-            none at this sample. A joint task has no use for it: there x is q.
+            for a pose position [m] and unit quaternion xyzw (7), of either sign. None where there
+            is none at this sample. A joint task has no use for it: there x is q.
         x_time: time of x [s]; None: t.
         xd: (m) task velocity [m/s], a pose's first three rows alone being read; needed only by the
             laws that say so.

@@ -24,7 +24,8 @@ class Signals(NamedTuple):
         xd_d, xdd_d: (m) desired task velocity and acceleration.
         dx: (m) x - x_d; for a pose the rotation vector of the orientation error in its last three
             rows, for joints the difference on the manifold.
-        xd_hat, dxd_hat: (m) J_hat v, and its difference from xd_d, the estimated task-velocity error.
+        xd_hat, dxd_hat: (m) J_hat v, and its difference from xd_d, the estimated task-velocity
+            error.
         delta: (m) d(dx)/dt - (xd - xd_d) of a pose, known without xd, or None where it is zero; see
             ``PoseTask``.
         kinematic: the kinematic estimate, with what its adaptation remembers.

@@ -144,7 +144,7 @@ class Robot:
         return replace(self, model=model, friction=friction)
 
     def undrawn(self) -> Robot:
-        """Return this robot without the geometry to draw, which controllers need not carry about."""
+        """Return this robot without the geometry to draw, which controllers need not carry."""
         return replace(self, drawn=None)
 
     def _coefficients(self, given: ArrayLike | None, where: str, default: np.ndarray) -> np.ndarray:

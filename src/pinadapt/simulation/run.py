@@ -75,7 +75,7 @@ def run(
 
 
 def sample_indices(duration: float, dt: float, *, ends: bool = False) -> range:
-    """Return the indices of the samples of a duration [s] at period dt [s], ``ends``: its end too."""
+    """Return the indices of samples in a duration [s] at period dt [s]; ``ends``: its end too."""
     return range(max(1, round(duration / dt)) + ends)
 
 

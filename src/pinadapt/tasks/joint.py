@@ -13,7 +13,7 @@ from .task import RowGroup, Task
 
 @dataclass(frozen=True)
 class JointTask(Task):
-    """x = q, one number a joint [rad or m]; the Jacobian is the identity and no kinematic parameter is unknown.
+    """x = q, one number a joint [rad or m]; J is the identity and no kinematic parameter unknown.
 
     The error is that of ``pin.difference``: on the circle for continuous joints, whose
     configuration has two numbers (cos, sin) and whose coordinate is the angle, any turn of it. The

@@ -27,7 +27,9 @@ _ANGLE = 0.25  # [rad] ... turns no joint further than this against its position
 
 @dataclass(frozen=True)
 class LightJoint:
-    """A revolute joint that a load of a tenth of the robot's mass, a twentieth of its reach off the axis, would turn away.
+    """A revolute joint that an unknown load would turn away.
+
+    The load has a tenth of the robot's mass and is a twentieth of its reach off the joint's axis.
 
     Attributes:
         joint: its name.
@@ -44,15 +46,19 @@ class LightJoint:
     def __str__(self) -> str:
         """Say what is light, what it bears, and what to do."""
         return (
-            f"{self.joint} is believed to move only {self.inertia:.2g} kg m^2, and this law's feedback is that times an "
-            f"acceleration: an unknown load above {rounded_down(self.load):.2g} kg, {1e3 * self.arm:.0f} mm off its axis, can "
-            "spin it before it is learned. With such a load take the law 'adaptive-jacobian', whose gains are forces, or "
-            "believe in it from the start, its inertia included (Robot.changed, belief.payload)."
+            f"{self.joint} is believed to move only {self.inertia:.2g} kg m^2, and this law's "
+            "feedback is that times an acceleration: an unknown load above "
+            f"{rounded_down(self.load):.2g} kg, {1e3 * self.arm:.0f} mm off its axis, can spin it "
+            "before it is learned. With such a load take the law 'adaptive-jacobian', whose gains "
+            "are forces, or believe in it from the start, its inertia included (Robot.changed, "
+            "belief.payload)."
         )
 
 
 def lightest_joint(motion: TypicalMotion, law: Law) -> LightJoint | None:
-    """Return the joint that bears least, or None where all bear enough, the law's gains are forces, or the last body is known.
+    """Return the joint that bears least, or None.
+
+    None where all bear enough, the law's gains are forces, or the last body is known.
 
     At each state of the typical motion, the weight of the load at its distance from a joint's axis
     is divided by the believed inertia M_jj and by the least position gain: the angle at which the

@@ -152,7 +152,7 @@ def _law_type(law: str | Law, believed: Robot) -> type[Law]:
 
 
 def _kind(adaptation: str | Adaptation, law: type[Law]) -> str:
-    """Return the kind of adaptation: "none" for a law that does not adapt, "custom" for an object."""
+    """Return the kind of adaptation: "custom" for an object, "none" for a law that adapts nothing."""
     if isinstance(adaptation, str):
         check_adaptation(adaptation)
     elif not isinstance(adaptation, Adaptation):

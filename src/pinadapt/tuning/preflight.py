@@ -57,7 +57,10 @@ class Finding:
             if gains
             else "; the null space's damping alone is too fast, smaller gains do not help"
         )
-        return f"dt = {self.dt:.3g} s is too long for the {self.part}: take dt <= {rounded_down(self.longest):.2g} s{other}."
+        return (
+            f"dt = {self.dt:.3g} s is too long for the {self.part}: "
+            f"take dt <= {rounded_down(self.longest):.2g} s{other}."
+        )
 
 
 Radius = Callable[..., float]  # of dt [s] and factor, both by name
@@ -149,7 +152,10 @@ def _dynamic_gain(controller: Controller, motion: TypicalMotion) -> np.ndarray:
 
 
 def _feedback_radius(feedback: Sequence[Feedback], dt: float, factor: float) -> float:
-    """Return the median spectral radius of -(S x + (D + N) dx/dt) held over dt; ``factor`` on the bandwidth of S and D."""
+    """Return the median spectral radius of -(S x + (D + N) dx/dt) held over dt.
+
+    The ``factor`` is on the bandwidth of S and D.
+    """
     radii = [
         _radius(_MARGIN * factor**2 * S, _MARGIN * (factor * D + N), dt) for S, D, N, _ in feedback
     ]
@@ -167,7 +173,10 @@ def _radius(S: np.ndarray, D: np.ndarray, dt: float) -> float:
 def _dynamic_radius(
     pairs: Sequence[tuple[np.ndarray, np.ndarray]], dt: float, factor: float
 ) -> float:
-    """Return the median spectral radius of de/dt = -D e + z, dz/dt = -S e, z = Phi da, held over dt; S times ``factor``."""
+    """Return the median spectral radius of de/dt = -D e + z, dz/dt = -S e held over dt.
+
+    z is Phi da; the ``factor`` is on S.
+    """
     radii = []
     for S, D in pairs:
         one = np.eye(len(D))
@@ -179,7 +188,10 @@ def _dynamic_radius(
 
 
 def _kinematic_radius(mode: float, damping: float, decay: float, dt: float, factor: float) -> float:
-    """Return the spectral radius of de/dt = -damping e + w a, da/dt = -w e - decay a, held over dt; rates times ``factor``."""
+    """Return the spectral radius of de/dt = -damping e + w a, da/dt = -w e - decay a held over dt.
+
+    The ``factor`` is on the rates.
+    """
     w, decay = mode * (_MARGIN * factor) ** 0.5, _MARGIN * factor * decay
     transition = np.array([[1.0 - dt * damping, dt * w], [-dt * w, 1.0 - dt * decay]])
     return float(np.abs(np.linalg.eigvals(transition)).max())

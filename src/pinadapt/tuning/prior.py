@@ -15,12 +15,14 @@ from ..robot.robot import Robot
 
 INERTIA, LENGTH = 0.3, 0.1  # relative standard deviations
 _SAMPLES_PER_PARAMETER = 10
-_RIDGE = 1e-6  # share of its own variance added to each parameter, so that no combination is taken for known
+_RIDGE = 1e-6  # of its own variance is added to each parameter: no combination is taken for known
 _LEAST_RADIUS = 1e-3  # [m] of gyration, for bodies that a description leaves without extent
 
 
 def prior_covariance(robot: Robot, dynamics: Dynamics) -> np.ndarray | None:
-    """Return E[da da^T] (p, p) of the errors of a believed robot's parameters, or None where plausible truths have no value.
+    """Return E[da da^T] (p, p) of the errors of a believed robot's parameters.
+
+    None where plausible truths have no value in these parameters.
 
     The truths are those of ``plausible``, ten a parameter. To first order the covariance of a whole
     body is 0.09 times the inverse of the metric of natural adaptation at the believed body: as a
