@@ -31,7 +31,7 @@ Call = Callable[[], object]
 
 
 def controller(name: str) -> tuple[pa.Robot, pa.Controller]:
-    """Return a robot and its controller: tool and bodies unknown, the planar arm in its own basis."""
+    """Return a robot and its controller: tool and bodies unknown, the planar arm in a basis."""
     robot = pa.load(name)
     if name != "planar_2r":
         return robot, pa.make_controller(robot, kinematic=["tool"], dynamic="all")
@@ -45,7 +45,7 @@ def controller(name: str) -> tuple[pa.Robot, pa.Controller]:
 
 
 def floor_calls(robot: pa.Robot, q: np.ndarray, v: np.ndarray) -> dict[str, tuple[Call, bool]]:
-    """Return the raw calls by name, in the order of a step, and whether each is of the bare floor."""
+    """Return the raw calls by name, as a step makes them, and whether the bare floor has them."""
     model, data = robot.model.copy(), robot.model.createData()
     zero, frame, n = np.zeros(model.nv), robot.frame_id, model.nv
     inertias, tens = (

@@ -37,7 +37,7 @@ def mixed_robot():
 
 
 def swinging(robot, by=0.05):
-    """Return a motion of all joints that begins beside home; a continuous one passes half a turn."""
+    """Return a motion of all joints from beside home; a continuous one passes half a turn."""
     periods = 2.0 * np.pi / np.linspace(2.0, 3.0, robot.model.nv)
     return pa.Sinusoid(robot.home_angles + by + 0.3, 0.3, periods)
 

@@ -183,7 +183,7 @@ def test_a_diverging_run_ends_its_stream_with_time_and_reason():
     believed = robot.changed(inertial_scale=0.8)
     controller = pa.make_controller(believed, adaptation="gradient", gamma_d=1.0)
     samples = []
-    with pytest.raises(pa.DivergedError, match="mass matrix|ran away|finite") as ended:
+    with pytest.raises(pa.DivergedError, match=r"mass matrix|ran away|finite") as ended:
         for sample in pa.run(pa.PinocchioPlant(robot), controller, circle(robot), duration=1.0):
             samples.append(sample)
     assert 0 < len(samples) < 1000

@@ -10,8 +10,8 @@ import numpy as np
 class Measurement(NamedTuple):
     """What the sensors say at one sample.
 
-    q, v, a and tau belong to the instant t; x, and xd with it, to ``x_time``, which is earlier where a
-    camera is late.
+    q, v, a and tau belong to the instant t; x, and xd with it, to ``x_time``, which is earlier where
+    a camera is late.
 
     Attributes:
         t: time [s], on the clock that all measurements share.

@@ -152,7 +152,7 @@ def _law_type(law: str | Law, believed: Robot) -> type[Law]:
 
 
 def _kind(adaptation: str | Adaptation, law: type[Law]) -> str:
-    """Return the kind of adaptation: "custom" for an object, "none" for a law that adapts nothing."""
+    """Return the kind of adaptation: "custom" of an object, "none" where the law does not adapt."""
     if isinstance(adaptation, str):
         check_adaptation(adaptation)
     elif not isinstance(adaptation, Adaptation):
