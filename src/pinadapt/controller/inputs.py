@@ -33,7 +33,7 @@ class InputCheck:
         self._measures_x = task.positions > 0
         self._q, self._v = (kinematics.nq,), (kinematics.nv,)
         self._x, self._m = (task.coordinates,), (task.size,)
-        self._a_k, self._a_d = kinematics.size, dynamic_size
+        self._a_k, self._a_d = (kinematics.size,), (dynamic_size,)
 
     def __call__(
         self, state: ControllerState, measurement: Measurement, desired: Desired
@@ -47,8 +47,8 @@ class InputCheck:
         """
         if (
             state.__class__ is not ControllerState
-            or state.kinematic.value.size != self._a_k
-            or state.dynamic.value.size != self._a_d
+            or state.kinematic.value.shape != self._a_k
+            or state.dynamic.value.shape != self._a_d
         ):
             raise InputError("the state is that of another controller.", where="state")
         t, q, v, x, _, xd, a, _ = measurement
@@ -65,6 +65,7 @@ class InputCheck:
                 and (xd is None or xd.shape == self._m)
                 and a is None
                 and t.__class__ is float
+                and t - t == 0.0
             )
         except AttributeError:
             fits = False
@@ -169,7 +170,7 @@ def _number(value: Any, name: str) -> float:
     if value.__class__ is float and math.isfinite(value):
         return float(value)
     try:
-        number = float(value)
+        number = math.nan if isinstance(value, str) else float(value)
     except (TypeError, ValueError):
         number = math.nan
     if not math.isfinite(number):
