@@ -152,17 +152,17 @@ def check_period(dt: float, period: float) -> None:
 def _array(
     value: Any, shape: tuple[int, ...], name: str, refuse: type[Exception] = MeasurementError
 ) -> np.ndarray:
-    """Return an array of native floats of this shape, the given one if it is such an array."""
+    """Return a new array of native floats of this shape."""
     try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        array = np.zeros(0)
-    if array.shape != shape or (array.ndim and np.asarray(value).dtype.kind not in "fiu"):
+        array = np.asarray(value)
+    except ValueError:  # ragged
+        array = np.zeros(())
+    if array.shape != shape or array.dtype.kind not in "fiu":
         expected = f"expected {shape[0]} numbers"
         if refuse is InputError:
             raise InputError(f"{expected}, got {value!r}.", where=f"desired.{name}")
         raise MeasurementError(name, value, f"must be {shape[0]} numbers, and is not")
-    return array
+    return array.astype(float)
 
 
 def _number(value: Any, name: str) -> float:
