@@ -31,7 +31,7 @@ Call = Callable[[], object]
 
 
 def controller(name: str) -> tuple[pa.Robot, pa.Controller]:
-    """Return a robot and its controller: tool and all bodies unknown, the planar arm with its own basis."""
+    """Return a robot and its controller: tool and bodies unknown, the planar arm in a basis."""
     robot = pa.load(name)
     if name != "planar_2r":
         return robot, pa.make_controller(robot, kinematic=["tool"], dynamic="all")
@@ -45,7 +45,7 @@ def controller(name: str) -> tuple[pa.Robot, pa.Controller]:
 
 
 def floor_calls(robot: pa.Robot, q: np.ndarray, v: np.ndarray) -> dict[str, tuple[Call, bool]]:
-    """Return the raw calls by name, in the order of a step, and whether each belongs to the bare floor too."""
+    """Return the raw calls by name, as a step makes them, and whether the bare floor has them."""
     model, data = robot.model.copy(), robot.model.createData()
     zero, frame, n = np.zeros(model.nv), robot.frame_id, model.nv
     inertias, tens = (
@@ -152,13 +152,15 @@ def main() -> None:
     )
     rows = [measure(name) for name in ("planar_2r", "ur5", "panda")]
     print(
-        f"{'robot':10} {'params':>7} {'step us':>8} {'floor us':>9} {'ratio':>6} {'was':>6} {'bare us':>8} {'bare ratio':>11}"
+        f"{'robot':10} {'params':>7} {'step us':>8} {'floor us':>9} {'ratio':>6} {'was':>6} "
+        f"{'bare us':>8} {'bare ratio':>11}"
     )
     for row in rows:
         was = before.get(row["robot"], {}).get("ratio", float("nan"))
         print(
-            f"{row['robot']:10} {row['kinematic'] + row['dynamic']:7d} {row['step_us']:8.1f} {row['floor_us']:9.1f} "
-            f"{row['ratio']:6.2f} {was:6.2f} {row['bare_floor_us']:8.1f} {row['bare_ratio']:11.2f}"
+            f"{row['robot']:10} {row['kinematic'] + row['dynamic']:7d} {row['step_us']:8.1f} "
+            f"{row['floor_us']:9.1f} {row['ratio']:6.2f} {was:6.2f} "
+            f"{row['bare_floor_us']:8.1f} {row['bare_ratio']:11.2f}"
         )
     print("floor: " + ", ".join(rows[-1]["floor_calls"]))
     machine = {

@@ -10,7 +10,7 @@ from hypothesis import example, settings
 from hypothesis import strategies as st
 
 import pinadapt as pa
-from pinadapt.tasks.registry import task_named
+from pinadapt.tasks.registry import TASKS
 
 SIZES = range(1, 11)  # numbers of joints
 seeds = st.integers(0, 2**31)
@@ -70,7 +70,7 @@ def random_robot(seed: int, joints: int) -> pa.Robot:
         str(model.name),
         model,
         "tip",
-        task_named("xyz"),
+        TASKS["xyz"],
         pin.neutral(model),
         pa.Friction.none(joints),
     )
@@ -101,6 +101,11 @@ def each_size(sizes: Sequence[int] = SIZES, **others: Any) -> Callable[[Callable
 
 
 catalogue_robot = cache(pa.load)  # loading takes most of a second, and robots are not written to
+
+
+def robot_of(law: str, name: str) -> pa.Robot:
+    """Return a robot of the catalogue with a task that a law controls: its own, or its joints."""
+    return catalogue_robot(name, **({"task": "joint"} if pa.LAWS[law].joint_space else {}))
 
 
 def random_state(

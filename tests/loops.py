@@ -51,6 +51,13 @@ def circle_at_home(robot, radius=0.05, period=2.0):
     )
 
 
+def motion_at_home(robot):
+    """Return a motion that starts at the robot's home: of its frame a circle, of joints a swing."""
+    if isinstance(robot.task, pa.JointTask):
+        return pa.Sinusoid(robot.home_angles + 0.1, 0.1, 2.0)
+    return circle_at_home(robot)
+
+
 def run(name="planar_2r", *, truth=None, control=None, **options):
     """Return a short rollout of an adaptive controller that believes the arm 20 % too light."""
     described = catalogue_robot(name)

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 import pinadapt as pa
 from chains import catalogue_robot, chains, each_size, random_state, seeded, seeds
+from drives import rate_of, stepped
 from loops import circle_beside, energy_along
 from pinadapt.models.joint_effects import KINDS, coefficients
 
@@ -144,18 +145,16 @@ def test_positive_adaptation_never_leaves_the_positive_numbers():
     adaptation, rng = pa.ExponentiatedGradient(10.0, [1.0, 2.0, 30.0]), np.random.default_rng(0)
     a = np.array([1e-3, 1.0, 100.0])
     for _ in range(200):
-        after = adaptation.advance(a, 1e4 * rng.standard_normal(3), 1e-2)
+        after = stepped(adaptation, a, 1e4 * rng.standard_normal(3), 1e-2)
         assert (after > 0.0).all() and (np.abs(np.log(after / a)) <= 0.02 + 1e-12).all()
         a = after
     g, true = rng.standard_normal(3), np.array([0.5, 2.0, 30.0])
     a, h = np.array([1.0, 1.0, 50.0]), 1e-6
-    rate = adaptation.rate(a, g)
-    slope = (adaptation.distance(a + h * rate, true) - adaptation.distance(a - h * rate, true)) / (
-        2 * h
-    )
-    assert slope == pytest.approx(-(a - true) @ g, rel=1e-6)
+    rate = rate_of(adaptation, a, g)
+    ahead, behind = (adaptation.divergence(a + step * rate, true) for step in (h, -h))
+    assert (ahead - behind) / (2 * h) == pytest.approx(-(a - true) @ g, rel=1e-6)
     with pytest.raises(pa.ParameterError, match="positive"):
-        adaptation.admit(np.array([0.0, 1.0]))
+        adaptation.validate(np.array([0.0, 1.0]))
 
 
 def test_refusals():

@@ -30,7 +30,7 @@ def hits():
     y = np.zeros(2)
     kernel.double(np.array([1.0, 2.0]), y)
     assert y.tolist() == [2.0, 4.0]
-    return sum(kernel.double.stats.cache_hits.values())
+    return sum(_compiled.kernels["kernel.double"].stats.cache_hits.values())
 
 def only(pattern):
     (file,) = Path("cache").rglob(pattern)

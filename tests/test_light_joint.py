@@ -8,10 +8,15 @@ import pytest
 
 import pinadapt as pa
 from chains import catalogue_robot
+from pinadapt.laws.acceleration_law import AccelerationLaw
 from pinadapt.tuning.light_joint import lightest_joint
 
 FORCES = "adaptive-jacobian"
-ACCELERATIONS = [law for law in pa.LAWS if law not in ("resolved-acceleration", FORCES)]
+ACCELERATIONS = [
+    name
+    for name, law in pa.LAWS.items()
+    if law.adapts and issubclass(law, AccelerationLaw) and not law.joint_space
+]
 
 
 def light(robot, **options):
@@ -19,7 +24,7 @@ def light(robot, **options):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         controller = pa.make_controller(robot, **options)
-    return lightest_joint(robot, controller.loop, controller.law.gains)
+    return lightest_joint(controller.motion, controller.law)
 
 
 @pytest.mark.parametrize("law", ACCELERATIONS)
@@ -29,6 +34,13 @@ def test_a_light_wrist_is_named_with_the_load_that_it_bears(law):
         match="wrist_3_joint is believed to move only .* above 0.076 kg, 88 mm off its axis",
     ):
         pa.make_controller(catalogue_robot("ur10"), law=law)
+
+
+@pytest.mark.parametrize("law", ["craig", "spong-ortega"])
+def test_a_light_wrist_is_named_in_joint_space_too(law):
+    robot = catalogue_robot("ur10", task="joint")
+    with pytest.warns(UserWarning, match="wrist_3_joint is believed to move only"):
+        pa.make_controller(robot, law=law)
 
 
 @pytest.mark.parametrize(
@@ -62,15 +74,12 @@ def test_nothing_is_told_where_nothing_can_spin(name, options):
 def test_the_load_turns_the_joint_a_quarter_radian_against_the_feedback(name):
     """Against rnea: the weight of the told load, off the axis, over M_jj and the least K_P."""
     robot, rng = catalogue_robot(name), np.random.default_rng(0)
-    found = light(robot)
-    j, stiffness = (
-        robot.joint_names.index(found.joint),
-        pa.make_controller(robot).law.gains.K_P[0, 0],
-    )
+    found, controller = light(robot), pa.make_controller(robot)
+    j, stiffness = robot.joint_names.index(found.joint), controller.law.K_P[0, 0]
     arms = rng.standard_normal((200, 3))
     arms *= found.arm / np.linalg.norm(arms, axis=1)[:, None]
     data, largest = robot.model.createData(), 0.0
-    for q in pa.make_controller(robot).loop.motion.q:
+    for q in controller.motion.states.q:
         weights = []
         for arm in arms:  # in the joint's own axes
             model = robot.model.copy()

@@ -2,6 +2,7 @@
 
 import json
 from contextlib import nullcontext
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -9,16 +10,17 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.optimize import minimize
 
 import pinadapt as pa
 from chains import catalogue_robot as load
-from chains import seeded, seeds
+from chains import robot_of, seeded, seeds
 from differences import derivative
+from drives import rate_of, stepped
+from loops import motion_at_home
 from pinadapt.controller.limits import make_box
 from pinadapt.models.right_inverse import RightInverse
+from pinadapt.models.typical_motion import felt_mass
 from pinadapt.scenario.scenario import Scenario
-from pinadapt.tuning.defaults import felt_mass
 
 ROBOTS = Path(__file__).parents[1] / "robots"
 SHAPES = [(2, 2), (3, 3), (2, 3), (3, 7), (6, 7), (6, 6), (1, 2)]
@@ -42,9 +44,9 @@ def test_the_inverse_is_bounded_and_its_damping_known(shape, seed, log):
     J = jacobian(rng, shape, 10.0**log)
     inverse, least = RightInverse(J, s_0), np.linalg.svd(J, compute_uv=False).min()
     rounding = 1e-13 * np.linalg.norm(J) ** 2
-    assert inverse.smallest**2 <= least**2 * (1 + 1e-9) + rounding
-    assert inverse.smallest**2 >= least**2 / shape[0] * (1 - 1e-9) - rounding
-    assert (inverse.damping > 0.0) == (inverse.smallest < s_0)
+    assert inverse.conditioning**2 <= least**2 * (1 + 1e-9) + rounding
+    assert inverse.conditioning**2 >= least**2 / shape[0] * (1 - 1e-9) - rounding
+    assert (inverse.damping > 0.0) == (inverse.conditioning < s_0)
     J_plus = np.stack([inverse.solve(e, np.zeros(shape[1])) for e in np.eye(shape[0])], axis=1)
     assert np.linalg.norm(J_plus, 2) <= (1 + 1e-6) / s_0
     u, psi = rng.standard_normal(shape[0]), rng.standard_normal(shape[1])
@@ -93,7 +95,7 @@ def test_a_lost_rank_is_a_message_without_damping(shape):
     with pytest.raises(pa.DivergedError, match="lost rank"):
         RightInverse(J)
     assert np.isfinite(RightInverse(J, 0.01).solve(np.ones(shape[0]), np.zeros(shape[1]))).all()
-    assert RightInverse(np.zeros(shape), 0.01).smallest == 0.0
+    assert RightInverse(np.zeros(shape), 0.01).conditioning == 0.0
 
 
 def reaching(name, law, **control):
@@ -161,7 +163,8 @@ def saturating(law, monkeypatch=None, **options):
 
         def winding(self, signals, command, a):
             torque = command.at(a)
-            return np.clip(torque, -limits, limits), self.law.gradients(signals, command, a)
+            drives = self.law.drives(signals, self._believed, command, a)
+            return np.clip(torque, -limits, limits), drives
 
         monkeypatch.setattr(pa.Controller, "respond", winding)
     believed = robot.changed(inertial_scale=0.8)
@@ -207,37 +210,53 @@ def test_estimates_do_not_wind_up_while_motors_saturate(law, monkeypatch):
     assert winding.distance[-1] > 20.0 * rollout.distance[-1]
 
 
-@pytest.mark.parametrize("law", pa.LAWS)
-def test_a_saturated_sample_teaches_by_prediction_alone(law):
-    robot = load("ur5")
+def moving(law):
+    """Return a UR5's controller with the first sample, in motion, and what is desired."""
+    robot = robot_of(law, "ur5")
     controller = pa.make_controller(robot, law=law, adaptation="gradient")
-    plant, v = pa.PinocchioPlant(robot), np.linspace(0.1, 0.4, 6)
-    measurement = plant.measurement(robot.q0, v)
-    desired = pa.Circle(np.zeros(3), 0.1, 2.0).starting_at(measurement.x + 0.05).at(0.1)
-    a_k = controller.kinematics.initial + 0.02
-    state = controller.init(measurement, a_k=a_k)
-    state = state._replace(W_k=0.3 * np.ones((3, 3)) + np.eye(3))
+    measurement = pa.PinocchioPlant(robot).measurement(robot.q0, np.linspace(0.1, 0.4, 6))
+    return controller, measurement, motion_at_home(robot).at(0.1)
+
+
+@pytest.mark.parametrize("law", pa.LAWS)
+def test_a_saturated_sample_teaches_nothing_of_the_dynamics(law):
+    controller, measurement, desired = moving(law)
+    state = controller.init(measurement)
     signals, command = controller.command(state, measurement, desired)
-    a = controller.acceleration(state, measurement)
-    free, (g_d, g_k) = controller.respond(signals, command, a)
+    free, drives = controller.respond(signals, command, np.full(6, 0.3))
     tight = controller.limited(0.5 * np.abs(free))
-    clipped, (h_d, h_k) = tight.respond(signals, command, a)
+    clipped, rest = tight.respond(signals, command, np.full(6, 0.3))
     assert np.allclose(clipped, 0.5 * free)
-    assert not h_d.any() and h_d.shape == g_d.shape
-    if law == "adaptive-inverse-dynamics-velocity":
-        expected = (
-            signals.kinematics.Y_k.T
-            @ controller.law.gains.R_k
-            @ (signals.kinematics.J @ v - measurement.xd)
-        )
-    else:
-        expected = state.W_k.T @ controller.law.gains.R_k @ (state.W_k @ a_k - signals.y)
-    assert np.allclose(h_k, expected) and np.abs(expected).max() > 1e-3
-    if controller.law.adapts:
-        assert np.abs(g_k - h_k).max() > 1e-3
+    assert drives.dynamic.gradient.any() == controller.law.adapts
+    assert not rest.dynamic.gradient.any()
+    assert rest.dynamic.gradient.shape == state.a_d.shape
     after = tight.step(state, measurement, desired, 1e-3)[1]
     assert np.array_equal(after.a_d, state.a_d)
     assert controller.limits.torque is None  # the copy did not change it
+
+
+@pytest.mark.parametrize(
+    "law", [name for name, law in pa.LAWS.items() if law.adapts and not law.joint_space]
+)
+def test_a_saturated_sample_teaches_by_prediction_alone(law):
+    controller, measurement, desired = moving(law)
+    a_k = controller.kinematics.initial + 0.02
+    state = controller.init(measurement, a_k=a_k, adapting=False)
+    for _ in range(20):  # until the filters have seen something
+        state = controller.step(state, measurement, desired, 1e-2)[1]
+    signals, command = controller.command(state.adapt(), measurement, desired)
+    a = controller.acceleration(signals, measurement)
+    free, drives = controller.respond(signals, command, a)
+    tight = controller.limited(0.5 * np.abs(free))
+    g_k, h_k = drives.kinematic.gradient, tight.respond(signals, command, a)[1].kinematic.gradient
+    R_k = controller.law.R_k
+    if law == "adaptive-inverse-dynamics-velocity":
+        expected = signals.Y_k.T @ R_k @ (signals.J @ measurement.v - measurement.xd)
+    else:
+        W_k, y = signals.filtered.W_k, signals.filtered.y
+        expected = W_k.T @ R_k @ (W_k @ a_k - y)
+    assert np.allclose(h_k, expected) and np.abs(expected).max() > 1e-3
+    assert np.abs(g_k - h_k).max() > 1e-3
 
 
 def test_limits_that_are_not_reached_change_nothing():
@@ -289,6 +308,21 @@ def test_impossible_torque_limits_are_refused(limits):
 # --- the box ---
 
 
+def nearest(x, metric, low, high):
+    """Return the point of a box nearest to x, the best over all sets of entries at a wall."""
+    candidates = []
+    for walls in product(("low", "high", "free"), repeat=x.size):
+        free = np.array([wall == "free" for wall in walls])
+        y = np.where([wall == "low" for wall in walls], low, high)
+        if not np.isfinite(y[~free]).all():
+            continue
+        pull = metric[np.ix_(free, ~free)] @ (y - x)[~free]
+        y[free] = x[free] - np.linalg.solve(metric[np.ix_(free, free)], pull)
+        if (y >= low).all() and (y <= high).all():
+            candidates.append(y)
+    return min(candidates, key=lambda y: (y - x) @ metric @ (y - x))
+
+
 @pytest.mark.parametrize("diagonal", [True, False])
 @given(seed=seeds)
 @settings(seeded, max_examples=60)
@@ -300,35 +334,19 @@ def test_projection_is_the_nearest_point_in_the_metric_and_v_only_improves(diago
     inner = pa.Gradient(Gamma, 3)
     boxed, g = pa.BoxProjection(inner, low, high), 5.0 * rng.standard_normal(3)
     metric = np.linalg.inv(Gamma)
-
-    def nearest(x, bounds):
-        return minimize(
-            lambda y: (y - x) @ metric @ (y - x),
-            np.clip(x, *np.array(bounds).T),
-            bounds=bounds,
-            tol=1e-12,
-        ).x
-
     a = np.where(rng.uniform(size=3) < 0.5, low, rng.uniform(low, high))  # often at a wall
-    moved, free = boxed.advance(a, g, 0.5), inner.advance(a, g, 0.5)
+    moved, free = stepped(boxed, a, g, 0.5), stepped(inner, a, g, 0.5)
     assert (moved >= low).all() and (moved <= high).all()
-    assert np.allclose(moved, nearest(free, list(zip(low, high, strict=True))), atol=1e-5)
-    rate = boxed.rate(a, g)
-    cone = [(0.0 if at else None, None) for at in a <= low]
-    scale = np.abs(inner.rate(a, g)).max()
-    assert np.allclose(
-        rate / scale,
-        nearest(
-            inner.rate(a, g) / scale,
-            [(lo, 1e9) if lo is not None else (-1e9, 1e9) for lo, _ in cone],
-        ),
-        atol=1e-5,
-    )
+    assert np.allclose(moved, nearest(free, metric, low, high), atol=1e-7)
+    rate, free_rate = rate_of(boxed, a, g), rate_of(inner, a, g)
+    scale, inward = np.abs(free_rate).max(), np.where(a <= low, 0.0, -np.inf)
+    expected = nearest(free_rate / scale, metric, inward, np.full(3, np.inf))
+    assert np.allclose(rate / scale, expected, atol=1e-7)
     a_true = rng.uniform(low, high)
-    assert (a - a_true) @ metric @ (rate - inner.rate(a, g)) <= 1e-9 * scale
-    assert boxed.distance(moved, a_true) <= inner.distance(free, a_true) + 1e-12
+    assert (a - a_true) @ metric @ (rate - free_rate) <= 1e-9 * scale
+    assert boxed.divergence(moved, a_true) <= inner.divergence(free, a_true) + 1e-12
     assert np.array_equal(
-        boxed.rate(np.zeros(3), g), inner.rate(np.zeros(3), g)
+        rate_of(boxed, np.zeros(3), g), rate_of(inner, np.zeros(3), g)
     )  # inside it is the inner one
 
 

@@ -13,10 +13,10 @@ from chains import catalogue_robot, chains, each_size, random_state, seeded, see
 from differences import derivative
 from identities import check_kinematics, unknown_choices
 from loops import energy_along, with_tool_and_load
-from pinadapt.tasks.registry import task_named
+from pinadapt.tasks.registry import TASKS
 from pinadapt.tasks.rotation import matrix, quaternion, rotation_between, rotation_drift, turned
 
-POSE = task_named("pose")
+POSE = TASKS["pose"]
 LAWS = [
     "adaptive-inverse-dynamics",
     "adaptive-inverse-dynamics-velocity",
@@ -96,7 +96,7 @@ def test_half_a_turn_is_found_and_nothing_is_lost_below_it():
 @pytest.mark.parametrize("name", ["ur5", "panda", "kinova"])
 @pytest.mark.parametrize("task", ["pose", "xz", "yz"])
 def test_identities_on_robots(name, task):
-    robot = replace(catalogue_robot(name), task=task_named(task))
+    robot = replace(catalogue_robot(name), task=TASKS[task])
     for unknown in unknown_choices(robot):
         check_kinematics(robot, unknown)
 

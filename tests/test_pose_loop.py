@@ -12,12 +12,12 @@ from chains import catalogue_robot, random_inertia
 from pinadapt.cli.compare import comparison_table
 from pinadapt.plants.sensors import Sensors
 from pinadapt.scenario.scenario import Scenario
-from pinadapt.tasks.registry import task_named
+from pinadapt.tasks.registry import TASKS
 from pinadapt.tasks.rotation import matrix
 from pinadapt.view.animation import write_animation
 
 SCENARIO = Path(__file__).parents[1] / "robots" / "panda" / "pose.toml"
-POSE = task_named("pose")
+POSE = TASKS["pose"]
 LOAD = pa.Payload(1.5, [0.02, -0.01, 0.05], [0.01, 0.0, 0.012, 0.0, 0.0, 0.004])
 
 
@@ -161,21 +161,21 @@ def test_a_tracker_needs_no_angular_velocity():
 
 def test_default_gains_of_the_energy_based_law_are_numbers_on_either_block():
     robot = pose_robot()
-    gains = pa.make_controller(robot, law="adaptive-jacobian").law.gains
-    alone = pa.make_controller(catalogue_robot("panda"), law="adaptive-jacobian").law.gains
+    law = pa.make_controller(robot, law="adaptive-jacobian").law
+    alone = pa.make_controller(catalogue_robot("panda"), law="adaptive-jacobian").law
     share = (
-        gains.alpha / alone.alpha
+        law.alpha / alone.alpha
     )  # of the bandwidth, which rotations lower to what the period bears
     assert 0.8 < share < 1.0
-    assert np.allclose(gains.K_P[:3, :3], share**2 * alone.K_P) and np.allclose(
-        gains.K_v[:3, :3], share * alone.K_v
+    assert np.allclose(law.K_P[:3, :3], share**2 * alone.K_P) and np.allclose(
+        law.K_v[:3, :3], share * alone.K_v
     )
-    assert gains.R_k.shape == (3, 3) and np.allclose(gains.R_k, share * alone.R_k)
+    assert law.R_k.shape == (3, 3) and np.allclose(law.R_k, share * alone.R_k)
     M, J = pin.crba(robot.model, robot.model.createData(), robot.q0), np.zeros((6, 7))
     J[:] = pin.computeFrameJacobian(
         robot.model, robot.model.createData(), robot.q0, robot.frame_id, pin.LOCAL_WORLD_ALIGNED
     )
-    damping = np.linalg.eigvalsh(J[3:] @ np.linalg.solve(M, J[3:].T))[-1] * gains.K_v[5, 5]
+    damping = np.linalg.eigvalsh(J[3:] @ np.linalg.solve(M, J[3:].T))[-1] * law.K_v[5, 5]
     assert 0.1 / 1e-3 < damping <= 1.0000001 / 1e-3  # [1/s], half of what a period of 1 ms bears
 
 
@@ -191,7 +191,7 @@ COUPLED = 400.0 * np.eye(6) + 10.0 * (np.eye(6, k=3) + np.eye(6, k=-3))
         {"Kp": NOT_SCALAR},
         {"Kv": [40.0] * 4 + [41.0, 40.0]},
         {"Kp": COUPLED},
-        {"Q": np.diag(np.arange(1.0, 13.0))},
+        {"Q": np.diag(np.arange(1.0, 13.0)), "law": "adaptive-inverse-dynamics-velocity"},
     ],
 )
 def test_gains_that_break_the_proof_on_rotations_are_refused(gains):
@@ -203,10 +203,10 @@ def test_gains_that_differ_between_position_and_rotation_are_welcome():
     place = np.array([[400.0, 50.0, 0.0], [50.0, 300.0, 0.0], [0.0, 0.0, 500.0]])
     whole = np.zeros((6, 6))
     whole[:3, :3], whole[3:, 3:] = place, 900.0 * np.eye(3)
-    gains = pa.make_controller(
+    law = pa.make_controller(
         pose_robot(), Kp=whole, Kv=[40.0, 41.0, 42.0, 60.0, 60.0, 60.0], R_k=[1.0, 2.0, 3.0]
-    ).law.gains
-    assert np.array_equal(gains.K_P, whole) and gains.K_v[5, 5] == 60.0
+    ).law
+    assert np.array_equal(law.K_P, whole) and law.K_v[5, 5] == 60.0
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,8 @@ from paper import BASIS
 from pinadapt.adaptation.matrix_inequality import BodyInequality
 from pinadapt.models.pseudo_inertia import is_physical, pseudo_inertia, ten_parameters
 from pinadapt.tuning import prior
-from pinadapt.tuning.defaults import default_gains, gradient_shape, inertial_mode
-from pinadapt.tuning.linearised_loop import LinearisedLoop, frequency, typical_motion
+from pinadapt.tuning.defaults import bandwidth, gradient_shape
+from pinadapt.tuning.linearised_loop import frequency
 from pinadapt.tuning.prior import plausible, prior_covariance
 
 
@@ -66,11 +66,11 @@ def test_default_gain_puts_the_fastest_mode_where_it_belongs(law, unknown):
         unknown
     ]
     controller = pa.make_controller(robot, law=law, adaptation="projected", **options)
-    w = default_gains(robot, type(controller.law), 1e-3).bandwidth
-    motion = typical_motion(robot, controller.kinematics, w)
-    loop = LinearisedLoop(type(controller.law), controller.kinematics, controller.dynamics, motion)
-    assert frequency(loop.dynamic, controller.adaptation_d.Gamma) == pytest.approx(
-        inertial_mode(type(controller.law)) * w, rel=1e-6
+    w, law = bandwidth(robot, 1e-3), controller.law
+    motion = pa.TypicalMotion(robot, controller.kinematics, controller.dynamics, w)
+    Gamma = controller.adaptation_d.gain(controller.dynamics.initial)
+    assert frequency(law.parameter_effects(motion), Gamma) == pytest.approx(
+        law.adaptation_mode * w, rel=1e-6
     )
 
 

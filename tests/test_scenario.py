@@ -104,12 +104,15 @@ def test_every_key_of_the_interface_is_accepted(tmp_path):
     )
     assert np.allclose(true.friction.torque(np.ones(7)), 0.3)
     assert np.allclose(true.home_angles, [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
-    assert np.allclose(controller.law.gains.K_v, 40.0 * np.eye(3))
-    assert np.allclose(controller.law.gains.K_P, 400.0 * np.eye(3))
-    assert np.allclose(controller.law.gains.Q, np.eye(6))
-    assert controller.velocity_filter.bandwidth == 10.0
-    assert np.isclose(controller.acceleration_filter.bandwidth, 1.0 / 0.016666)
+    law = controller.law
+    assert np.allclose(law.K_v, 40.0 * np.eye(3))
+    assert np.allclose(law.K_P, 400.0 * np.eye(3))
+    assert law.filters.task_velocity.bandwidth == 10.0
+    assert np.isclose(law.filters.joint_velocity.bandwidth, 1.0 / 0.016666)
     assert np.allclose(scenario.trajectory.at(0.0).x_d, [0.5, 0.1, 0.5])
+    velocity = ["controller.law=adaptive-inverse-dynamics-velocity"]  # the law that has a Q
+    law = Scenario.read(write(tmp_path, INTERFACE), velocity).controller.law
+    assert np.allclose(law.Q, np.eye(6))
 
 
 def test_basis_and_dynamic_belief_of_the_interface_are_accepted():
@@ -232,7 +235,7 @@ def test_settings_take_dotted_keys_and_toml_values():
         "simulation.torque_limits=true",
         "simulation.noise={ x = 1e-3 }",
     )
-    assert np.allclose(np.diag(scenario.controller.law.gains.K_v), [41.0, 42.0])
+    assert np.allclose(np.diag(scenario.controller.law.K_v), [41.0, 42.0])
     assert scenario.tables.simulation.torque_limits is True
     assert scenario.tables.simulation.noise.x == 1e-3
 
@@ -395,13 +398,14 @@ def test_a_misspelt_word_is_told_the_nearest(setting, suggestion):
 @pytest.mark.parametrize(
     ("setting", "key", "allowed"),
     [
-        ("robot.task=joint", "robot.task", "xyz"),
+        ("robot.task=joint", "unknown.kinematic", "xyz"),
+        ("controller.law=slotine-li", "controller.law", 'task = "joint"'),
         ("simulation.engine=mujoco", "simulation.engine", "pinocchio"),
-        ("controller.law=slotine-li", "controller.law", "adaptive-jacobian"),
+        ("controller.law=composite", "controller.law", "adaptive-jacobian"),
         ("controller.law=approximate-jacobian", "controller.law", "adaptive-jacobian"),
     ],
 )
-def test_what_does_not_exist_yet_is_refused_and_the_alternatives_named(setting, key, allowed):
+def test_what_does_not_exist_or_fit_is_refused_and_the_alternatives_named(setting, key, allowed):
     with pytest.raises(pa.InputError) as error:
         planar(setting)
     assert key in str(error.value)

@@ -17,8 +17,8 @@ MOTIONS = {
     ),
     "waypoints": pa.Waypoints([[0.0, 0.0, 0.0], [0.1, 0.0, 0.2], [0.1, -0.3, 0.1]], 0.8),
     "waypoints, seven joints": pa.Waypoints(np.outer([0.0, 1.0, -0.5], np.arange(7.0)), 0.8),
-    "sinusoid from rest": pa.Sinusoid([0.3, -0.2], [2.0, 1.0], [3.0, 5.0]),
-    "sinusoid at speed": pa.Sinusoid(0.1, [0.2, 0.5, -0.3], 2.0, from_rest=False),
+    "sinusoid from rest": pa.Sinusoid([0.3, -0.2], [2.0, 1.0], [2.1, 1.3]),
+    "sinusoid at speed": pa.Sinusoid(0.1, [0.2, 0.5, -0.3], 3.0, phase=0.0),
     "hold": pa.Hold([0.1, 0.2, 0.3]),
 }
 motions = pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS.keys())
@@ -67,17 +67,19 @@ def test_lissajous_is_one_sine_a_coordinate():
 def test_sinusoids_are_those_of_the_literature():
     """Two-joint references in common use, at a time of no symmetry."""
     t, degrees = 0.23, np.radians([30.0, 45.0])
-    first = pa.Sinusoid(0.0, degrees, 2 * np.pi).at(t)
+    first = pa.Sinusoid(degrees, degrees, 1.0).at(t)
     assert np.allclose(first.x_d, degrees * (1 - np.cos(2 * np.pi * t)))
-    second = pa.Sinusoid([np.pi / 4, np.pi / 6], [2.0, 1.0], [3.0, 5.0]).at(t)
+    center, periods = [np.pi / 4 + 2, np.pi / 6 + 1], [2 * np.pi / 3, 2 * np.pi / 5]
+    second = pa.Sinusoid(center, [2.0, 1.0], periods).at(t)
     assert np.isclose(second.x_d[0], np.pi / 4 + 2 * (1 - np.cos(3 * t)))
     assert np.isclose(second.x_d[1], np.pi / 6 + (1 - np.cos(5 * t)))
 
 
 def test_sinusoids_start_where_they_are_told_at_rest_or_at_speed():
-    rest, speed = (pa.Sinusoid([0.3, -0.2], 0.5, 4.0, from_rest=kind) for kind in (True, False))
+    rest = pa.Sinusoid([0.8, 0.3], 0.5, np.pi / 2)
+    speed = pa.Sinusoid([0.3, -0.2], 0.5, np.pi / 2, phase=0.0)
     assert np.allclose([rest.at(0.0).x_d, speed.at(0.0).x_d], [[0.3, -0.2]] * 2)
-    assert not rest.at(0.0).xd_d.any() and np.allclose(speed.at(0.0).xd_d, 2.0)
+    assert np.allclose(rest.at(0.0).xd_d, 0.0) and np.allclose(speed.at(0.0).xd_d, 2.0)
     assert np.isclose(rest.at(np.pi / 4).x_d[0], 0.3 + 2 * 0.5)  # half a period: twice as far
 
 
@@ -116,9 +118,11 @@ def test_waypoints_rest_in_every_point_and_hold_the_last():
         (lambda: pa.Waypoints([[0.0, 0.0], [1.0]], 1.0), r"reference\.points.*same number"),
         (lambda: pa.Waypoints([[0.0, 0.0], [1.0, np.inf]], 1.0), r"reference\.points.*finite"),
         (lambda: pa.Waypoints([[0.0, 0.0], [1.0, 1.0]], 0.0), r"reference\.segment"),
-        (lambda: pa.Sinusoid([0.0, 0.0], [1.0] * 3, 1.0), r"reference\.start.*3 numbers"),
-        (lambda: pa.Sinusoid([0.0, 0.0], 1.0, [1.0, np.inf]), r"reference\.omega.*finite"),
-        (lambda: pa.Sinusoid(np.nan, [1.0, 1.0], 1.0), r"reference\.start.*finite"),
+        (lambda: pa.Sinusoid([0.0, 0.0], [1.0] * 3, 1.0), r"reference\.center.*3 numbers"),
+        (lambda: pa.Sinusoid([0.0, 0.0], 1.0, [1.0, np.inf]), r"reference\.period.*finite"),
+        (lambda: pa.Sinusoid(0.0, 1.0, [1.0, 0.0]), r"reference\.period.*positive"),
+        (lambda: pa.Sinusoid(0.0, [1.0, 1.0], 1.0, [0.0] * 3), r"reference\.amplitude.*3 numbers"),
+        (lambda: pa.Sinusoid(np.nan, [1.0, 1.0], 1.0), r"reference\.center.*finite"),
         (lambda: pa.Hold([0.0, np.nan]), r"reference\.center"),
         (lambda: pa.LowPass(0.0), "lambda"),
         (lambda: pa.LowPass(-1.0), "lambda"),

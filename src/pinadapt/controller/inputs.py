@@ -33,7 +33,7 @@ class InputCheck:
         self._measures_x = task.positions > 0
         self._q, self._v = (kinematics.nq,), (kinematics.nv,)
         self._x, self._m = (task.coordinates,), (task.size,)
-        self._a_k, self._a_d = kinematics.size, dynamic_size
+        self._a_k, self._a_d = (kinematics.size,), (dynamic_size,)
 
     def sample(
         self, state: ControllerState, measurement: Measurement, desired: Desired
@@ -47,8 +47,8 @@ class InputCheck:
         """
         if (
             state.__class__ is not ControllerState
-            or state.kinematic.value.size != self._a_k
-            or state.dynamic.value.size != self._a_d
+            or state.kinematic.value.shape != self._a_k
+            or state.dynamic.value.shape != self._a_d
         ):
             raise InputError("the state is that of another controller.", where="state")
         t, q, v, x, _, xd, a, _ = measurement
@@ -69,6 +69,7 @@ class InputCheck:
                 )
                 and a is None
                 and t.__class__ is float
+                and t - t == 0.0
             )
         except AttributeError:
             fits = False
@@ -155,17 +156,17 @@ def check_period(dt: float, period: float) -> None:
 def _array(
     value: Any, shape: tuple[int, ...], name: str, refuse: type[Exception] = MeasurementError
 ) -> np.ndarray:
-    """Return an array of native floats of this shape, the given one if it is such an array."""
+    """Return a new array of native floats of this shape."""
     try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        array = np.zeros(0)
-    if array.shape != shape or (array.ndim and np.asarray(value).dtype.kind not in "fiu"):
+        array = np.asarray(value)
+    except ValueError:  # ragged
+        array = np.zeros(())
+    if array.shape != shape or array.dtype.kind not in "fiu":
         expected = f"expected {shape[0]} numbers"
         if refuse is InputError:
             raise InputError(f"{expected}, got {value!r}.", where=f"desired.{name}")
         raise MeasurementError(name, value, f"must be {shape[0]} numbers, and is not")
-    return array
+    return array.astype(float)
 
 
 def _number(value: Any, name: str) -> float:
@@ -173,7 +174,7 @@ def _number(value: Any, name: str) -> float:
     if value.__class__ is float and math.isfinite(value):
         return float(value)
     try:
-        number = float(value)
+        number = math.nan if isinstance(value, str) else float(value)
     except (TypeError, ValueError):
         number = math.nan
     if not math.isfinite(number):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from .._checks import vector
 from ..exceptions import ScenarioError
 from ..robot.robot import Robot
 from ..tasks.pose import PoseTask

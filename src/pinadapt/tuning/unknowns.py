@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from numpy.typing import ArrayLike
 
+from ..adaptation.matrix_inequality import MatrixInequality
 from ..exceptions import InputError, ParameterError, did_you_mean
 from ..laws.law import Law
 from ..models.basis import BasisDynamics
@@ -43,6 +44,7 @@ def believed_dynamics(
     dynamic: str | Sequence[str],
     joint: str | Sequence[str],
     basis: ArrayLike | None,
+    lmi: ArrayLike | MatrixInequality | None,
     lengths: Sequence[Translation],
 ) -> Dynamics:
     """Return the inertial parameters, stacked with those of the joints where there are some.
@@ -52,11 +54,18 @@ def believed_dynamics(
         dynamic: unknown bodies.
         joint: unknown coefficients of the joints.
         basis: (10 n, p) matrix of the user's own parameters, or None.
+        lmi: inequality of these parameters, or None.
         lengths: unknown translations to be lumped with the inertias, see ``lumped_lengths``.
 
     Raises:
-        InputError: words or a basis that cannot be used.
+        InputError: words or a basis that cannot be used, or an inequality without a basis.
     """
+    if lmi is not None and basis is None:
+        raise ParameterError(
+            "an inequality belongs to a basis of your own.",
+            where="unknown.lmi",
+            hint="Give a basis too.",
+        )
     kinds = chosen_kinds(joint)
     stacked = bool(kinds) or believed.friction.present
     carrier = without_joint_effects(believed) if stacked else believed

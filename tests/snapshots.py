@@ -1,0 +1,24 @@
+"""Snapshots of nested records, to tell whether somebody has written to them."""
+
+from typing import Any
+
+import numpy as np
+
+
+def leaves(record: tuple) -> list[Any]:
+    """Return what nested tuples hold, in order."""
+    nested = [leaves(part) if isinstance(part, tuple) else [part] for part in record]
+    return [leaf for part in nested for leaf in part]
+
+
+def snapshot(record: tuple) -> list[Any]:
+    """Return deep copies of a record's arrays and numbers."""
+    return [leaf if leaf is None else np.copy(leaf) for leaf in leaves(record)]
+
+
+def unchanged(record: tuple, before: list[Any]) -> bool:
+    """Tell whether a record is still what its snapshot says, to the bit."""
+    return all(
+        old is new if old is None else np.asarray(new).tobytes() == old.tobytes()
+        for new, old in zip(leaves(record), before, strict=True)
+    )
