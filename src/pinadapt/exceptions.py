@@ -27,7 +27,8 @@ class PinadaptError(Exception):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy and pickle message and attributes; ``args`` are not what ``__init__`` takes."""
-        return copyreg.__newobj__, (type(self), *self.args), self.__dict__  # type: ignore[attr-defined]
+        make = copyreg.__newobj__  # type: ignore[attr-defined]
+        return make, (type(self), *self.args), self.__dict__
 
 
 class InputError(PinadaptError, ValueError):

@@ -42,7 +42,7 @@ def follow_geodesic(
     D: np.ndarray,
     after: np.ndarray,
 ) -> None:
-    """Write P+ = exp(-h P L) P of every block of a complete cone as the parameters ``after`` (k p), h = gamma dt.
+    """Write P+ = exp(-h P L) P of every block of a complete cone as parameters, h = gamma dt.
 
     It goes so short a way that one or two terms of the series are right to 5e-6 of P and stay
     positive definite; tr(L P L P), which is |S^T L S|^2, measures its length. F_0, entries, F and D
@@ -92,7 +92,7 @@ def follow_geodesic(
 
 @compiled("void(f8[:], f8[:], f8, f8[:])")
 def follow_geodesic_of_bodies(a: np.ndarray, g: np.ndarray, h: float, after: np.ndarray) -> None:
-    """Write P+ = exp(-h P L) P for the pseudo-inertia P of every body (10 k), as ``follow_geodesic``.
+    """Write P+ = exp(-h P L) P of every body's pseudo-inertia (10 k), as ``follow_geodesic``.
 
     P = [[tr(I)/2 1 - I, mc], [mc^T, m]] and L = [[tr(G) 1 - G, g_mc/2], [g_mc^T/2, g_m]], G the
     matrix of g_I with its entries off the diagonal halved, for which tr(L P(da)) = g . da.

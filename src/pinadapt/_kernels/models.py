@@ -129,9 +129,9 @@ def add_translation_rates(
 ) -> None:
     """Add axis x (R b da_k/dt) to the position rows of dJ/dt (m, n), parameter by parameter.
 
-    Of each parameter, b is a column of ``directions`` (3, p), in the axes of its parent joint, whose
-    rotation is in R (N, 3, 3). Joints up to that one turn it: columns up to ``last`` (N), axes in
-    the angular rows of J (6, n), zero for slides. ``place`` (m_p) are the coordinates of the rows.
+    Of each parameter, b is a column of ``directions`` (3, p), in the axes of its parent joint,
+    whose rotation is in R (N, 3, 3). Joints up to that one turn it: columns up to ``last`` (N),
+    axes in the angular rows of J (6, n), zero for slides. ``place`` (m_p) are the rows' coordinates.
     """
     for j in range(len(a_k_rate)):
         k = parent[j]

@@ -1,4 +1,4 @@
-"""How estimates move: gradient, natural (log-det), exponentiated gradient, projected, or not at all."""
+"""How estimates move: gradient, natural (log-det), exponentiated, projected, or not at all."""
 
 from .adaptation import Adaptation as Adaptation
 from .adaptation import Wrapper as Wrapper

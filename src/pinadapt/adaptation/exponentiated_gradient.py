@@ -14,7 +14,9 @@ _LARGEST_STEP = 0.02
 
 
 class ExponentiatedGradient(Adaptation):
-    """da/dt = -gamma c a g, with V's part sum of (a_true log(a_true / a) + a - a_true) / c, over gamma; c: scales.
+    """da/dt = -gamma c a g, with scales c.
+
+    Its part of V is the sum of (a_true log(a_true / a) + a - a_true) / c over gamma.
 
     The natural gradient of the relative entropy; N. Boffi and J.-J. Slotine, *Implicit
     regularization and momentum algorithms in nonlinearly parameterized adaptive control and

@@ -20,13 +20,14 @@ _LOST = "the estimated mass matrix could not be kept positive definite."
 class MassMatrixProjection(Wrapper):
     """Any adaptation, projected onto {a : M_hat(q; a) >= 0.1 M_0(q)} at the measured q.
 
-    M_0 is the believed robot's mass matrix. M_hat is affine in a, so the set is convex, and it contains the truth for every q as long as the
-    true robot has in every direction at least 12 % of the believed inertia. It is cut out of
-    half-spaces u^T M_hat(q; a) u >= 0.12 u^T M_0(q) u: each eigenvalue of M_hat below 0.1 relative
-    to M_0 gives one by its eigenvector u, and the estimate becomes the point nearest to it, in the
-    inner adaptation's metric Gamma(a)^-1, that satisfies all of them, until no such eigenvalue is left. The nearest point
-    of a convex set is nearer to all points of that set, the truth among them, so the projection can
-    only lower V; and M_hat stays invertible with a margin that knows no units.
+    M_0 is the believed robot's mass matrix. M_hat is affine in a, so the set is convex, and it
+    contains the truth for every q as long as the true robot has in every direction at least 12 % of
+    the believed inertia. It is cut out of half-spaces u^T M_hat(q; a) u >= 0.12 u^T M_0(q) u: each
+    eigenvalue of M_hat below 0.1 relative to M_0 gives one by its eigenvector u, and the estimate
+    becomes the point nearest to it, in the inner adaptation's metric Gamma(a)^-1, that satisfies
+    all of them, until no such eigenvalue is left. The nearest point of a convex set is nearer to
+    all points of that set, the truth among them, so the projection can only lower V; and M_hat
+    stays invertible with a margin that knows no units.
 
     No cone of physical bodies is needed, only that the torque is affine in a: for bodies, a basis
     or lumped parameters.
@@ -73,8 +74,8 @@ class MassMatrixProjection(Wrapper):
 def _least_move(G: np.ndarray, h: np.ndarray) -> np.ndarray:
     """Return the shortest x (p) with G x >= h, G (k, p).
 
-    Least distance programming by nonnegative least squares: C. Lawson and R. Hanson, *Solving Least Squares Problems*, 1974, chapter 23. The rows are scaled
-    to one.
+    Least distance programming by nonnegative least squares: C. Lawson and R. Hanson, *Solving Least
+    Squares Problems*, 1974, chapter 23. The rows are scaled to one.
 
     Raises:
         DivergedError: there is none.

@@ -18,7 +18,7 @@ from ..models.regressor import PER_BODY
 
 
 class MatrixInequality:
-    """The set of a with P_b(a) = F_0 + sum_i a_{b,i} F_i positive definite in each of k equal blocks b.
+    """The set of a with P_b(a) = F_0 + sum_i a_{b,i} F_i positive definite in k equal blocks b.
 
     A user's own inequality has one block; the bodies of a robot are k blocks of the same
     pseudo-inertia.
@@ -33,7 +33,7 @@ class MatrixInequality:
     """
 
     def __init__(self, F: ArrayLike, *, offset: ArrayLike | None = None, blocks: int = 1) -> None:
-        """Take the coefficient matrices (p, n, n) of a block, the constant F_0 (n, n) or None for zero, and k.
+        """Take the matrices (p, n, n) of a block, the constant F_0 (n, n) or None, and k.
 
         Raises:
             ParameterError: wrong shape, asymmetric or linearly dependent coefficients, or
@@ -105,7 +105,7 @@ class MatrixInequality:
         return P if self._offset is None else P + self._offset
 
     def components(self, P: np.ndarray) -> np.ndarray:
-        """Return the coordinates (k p) of changes of P (k, n, n), to which the offset does not count."""
+        """Return the coordinates (k p) of changes of P (k, n, n), which no offset changes."""
         return P.reshape(self.blocks, -1).dot(self._dual_T).ravel()
 
     def covectors(self, g: np.ndarray) -> np.ndarray:
@@ -135,7 +135,8 @@ class MatrixInequality:
         """
         if not self.contains(a):
             raise ParameterError(
-                f"the initial estimate {np.round(a, 6).tolist()} is outside the matrix inequality of natural adaptation.",
+                f"the initial estimate {np.round(a, 6).tolist()} is outside the matrix inequality "
+                "of natural adaptation.",
                 where="belief.dynamic",
                 hint="Start from an estimate inside, or use gradient adaptation.",
             )
@@ -172,8 +173,8 @@ class BodyInequality(MatrixInequality):
         if not names:
             return a
         warnings.warn(
-            f"the inertias of the bodies moved by {names} are not physical (pseudo-inertia not positive definite); "
-            "the initial estimate was moved to physical values close by.",
+            f"the inertias of the bodies moved by {names} are not physical (pseudo-inertia not "
+            "positive definite); the initial estimate was moved to physical values close by.",
             stacklevel=2,
         )
         repaired = [

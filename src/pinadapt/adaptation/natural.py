@@ -17,7 +17,9 @@ from .matrix_inequality import MatrixInequality
 
 
 class Natural(Adaptation):
-    """dP/dt = -gamma P L P, with tr(L P(da)) = g . da, and V's part sum of log|P|/|P_true| + tr(P^-1 P_true) - n, over gamma.
+    """dP/dt = -gamma P L P, with tr(L P(da)) = g . da.
+
+    Its part of V is the sum of log|P| / |P_true| + tr(P^-1 P_true) - n over gamma.
 
     The estimate stays inside the cone for every step length: in a complete cone it moves along the
     geodesic P+ = S exp(-h gamma S^T L S) S^T, P = S S^T; in others by a step that never leaves the

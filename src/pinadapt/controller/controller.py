@@ -30,7 +30,8 @@ class Controller:
 
     ``init`` and ``step`` are pure: all memory is in the ``ControllerState`` that goes in and comes
     out. The models' Pinocchio data are scratch, so one controller serves one thread at a time; a
-    copy (``copy.deepcopy``, ``pickle``) has scratch of its own and gives the same torques to the bit.
+    copy (``copy.deepcopy``, ``pickle``) has scratch of its own and gives the same torques to the
+    bit.
 
     Attributes:
         law: the control law.

@@ -20,8 +20,8 @@ class InputCheck:
     """Sizes, types and states that fit one controller.
 
     Arrays of native floats and the right shape pass as they are, at the cost of a few comparisons
-    in one expression; others are converted, or refused by name. Whether numbers are finite is left to ``finite``,
-    which is asked when a result is not.
+    in one expression; others are converted, or refused by name. Whether numbers are finite is left
+    to ``finite``, which is asked when a result is not.
     """
 
     def __init__(

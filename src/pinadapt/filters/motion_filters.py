@@ -1,4 +1,4 @@
-"""The filters of Wang and Xie (2009): task velocity and joint acceleration without their sensors."""
+"""Filters of Wang and Xie (2009): task velocity and joint acceleration without their sensors."""
 
 from __future__ import annotations
 

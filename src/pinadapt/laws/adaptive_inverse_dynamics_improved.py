@@ -25,7 +25,9 @@ class ImprovedCommand(AccelerationCommand):
 
 
 class AdaptiveInverseDynamicsImproved(EstimatedVelocityLaw):
-    """Improved adaptive inverse dynamics: Wang and Xie (2009), section 4, after Spong and Ortega (1990).
+    """Improved adaptive inverse dynamics: Wang and Xie (2009), section 4.
+
+    After Spong and Ortega (1990).
 
     Law:          tau = M_0 v + C_hat qd + g_hat + delta (32), delta = (M_hat - M_0) qdd (34),
                   M_0(q) from the initial estimate.

@@ -44,8 +44,9 @@ class AdaptiveInverseDynamicsVelocity(AccelerationLaw):
                   joins xdd_d and takes it out
                   of dV/dt, as dx^T P_11 delta = 0 and the rotation blocks of P are numbers; see
                   ``PoseTask``.
-    Gains:        those of the other laws; Q (2 m, 2 m) defaults to diag(2 alpha K_P, 2 (K_v - alpha I)), for which
-                  B^T P xi = dxd + alpha dx, the error e of the other laws.
+    Gains:        those of the other laws; Q (2 m, 2 m) defaults to
+                  diag(2 alpha K_P, 2 (K_v - alpha I)), for which B^T P xi = dxd + alpha dx, the
+                  error e of the other laws.
     Assumptions:  constant parameters; J_hat of full row rank; M_hat invertible; task velocity and
                   joint acceleration known.
     """

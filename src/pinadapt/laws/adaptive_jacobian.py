@@ -45,7 +45,9 @@ class PassivityCommand(Command):
 
 @dataclass(frozen=True, eq=False)
 class AdaptiveJacobian(Law):
-    """Passivity-based adaptive Jacobian tracking: C. Cheah, C. Liu, J.-J. Slotine, IEEE TAC 51 (2006) 1024-1029.
+    """Passivity-based adaptive Jacobian tracking.
+
+    C. Cheah, C. Liu, J.-J. Slotine, IEEE TAC 51 (2006) 1024-1029.
 
     Law:          tau = -J_hat^T (K_v dxd_hat + K_P dx) + Y(q, qd, qd_r, qdd_r) a_d - N D N s,
                   qd_r = J_hat^+ (xd_d - alpha dx) + N psi, s = qd - qd_r, N = I - J_hat^+ J_hat

@@ -14,7 +14,8 @@ class ComputedTorque(ResolvedAcceleration):
 
     Resolved acceleration on a joint task, x = q and J = I.
 
-    Law:          tau = M (qdd_d - K_v ed - K_P e) + C qd + g, true parameters, e = q - q_d on the manifold.
+    Law:          tau = M (qdd_d - K_v ed - K_P e) + C qd + g, true parameters, e = q - q_d on the
+                  manifold.
     Adaptation:   none.
     Closed loop:  edd + K_v ed + K_P e = 0.
     V:            |ed + alpha e|^2 / 2 + e^T (K_P + alpha K_v - alpha^2 I) e / 2,

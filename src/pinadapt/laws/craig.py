@@ -10,12 +10,13 @@ from .adaptive_inverse_dynamics_velocity import AdaptiveInverseDynamicsVelocity
 
 @dataclass(frozen=True, eq=False)
 class Craig(AdaptiveInverseDynamicsVelocity):
-    """Adaptive control of mechanical manipulators: J. Craig, P. Hsu, S. Sastry, IJRR 6(2) (1987) 16-28.
+    """Adaptive control of manipulators: J. Craig, P. Hsu, S. Sastry, IJRR 6(2) (1987) 16-28.
 
     Adaptive inverse dynamics with task velocity on a joint task, x = q and J = I; its velocity is
     the measured one of the joints.
 
-    Law:          tau = M_hat (qdd_d - K_v ed - K_P e) + C_hat qd + g_hat, e = q - q_d on the manifold.
+    Law:          tau = M_hat (qdd_d - K_v ed - K_P e) + C_hat qd + g_hat, e = q - q_d on the
+                  manifold.
     Adaptation:   da_d/dt = -Gamma_d (M_hat^-1 Y)^T B^T P xi, xi = (e, ed), A^T P + P A = -Q.
     Closed loop:  dxi/dt = A xi + B M_hat^-1 Y da_d.
     V:            xi^T P xi / 2 + D_d(a_d), dV/dt = -xi^T Q xi / 2.

@@ -58,7 +58,8 @@ class EstimatedVelocityLaw(AccelerationLaw):
     def commanded_acceleration(self, s: Signals, a_k_rate: np.ndarray) -> np.ndarray:
         """Return v = J^+ (xdd_d - K_v dxd_hat - K_P dx - dJ_hat/dt qd) + (I - J^+ J) psi (n).
 
-        dJ_hat/dt qd = dJ/dt(a_k) qd + Y_k da_k/dt: the estimate moves as well. psi is the posture's.
+        dJ_hat/dt qd = dJ/dt(a_k) qd + Y_k da_k/dt: the estimate moves as well. psi is that of the
+        posture.
         """
         Jdot_v = s.Jdot_v if s.delta is None else s.Jdot_v + self.alpha * s.delta
         inverse, posture, v = s.inverse, self.posture, np.empty(s.v.size)

@@ -159,7 +159,7 @@ class Law(ABC):
         return motion.momentum_effects
 
     def feedback(self, motion: TypicalMotion) -> Sequence[Feedback]:
-        """Return the linearised feedback at each state, once where it is constant, [] if unknown."""
+        """Return the linearised feedback at each state, once if constant, [] if unknown."""
         return []
 
     def kinematic_loop(self) -> KinematicLoop | None:

@@ -20,7 +20,7 @@ class Posture:
     """
 
     def __init__(self, robot: Robot, rest: ArrayLike | None = None, frequency: float = 4.0) -> None:
-        """Take the rest pose (n) [rad or m], by default the robot's home, and the frequency [rad/s].
+        """Take the rest pose (n) [rad or m], by default home, and the frequency [rad/s].
 
         Raises:
             RobotError, GainError: wrong size, non-finite or not positive.
@@ -32,7 +32,7 @@ class Posture:
         self.damping = self.frequency * np.diag(M).copy()
 
     def offset(self, q: np.ndarray) -> np.ndarray:
-        """Return q - q_rest (n), on the circle for continuous joints, whose configuration has two numbers."""
+        """Return q - q_rest (n), on the circle for continuous joints."""
         return (
             q - self._q_rest
             if q.size == self.damping.size

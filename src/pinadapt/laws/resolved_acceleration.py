@@ -11,7 +11,9 @@ from .law import Believed, Command
 
 
 class ResolvedAcceleration(EstimatedVelocityLaw):
-    """Resolved acceleration, J. Luh, M. Walker, R. Paul, IEEE TAC 25 (1980) 468-474; Wang and Xie (2009), equation (8).
+    """Resolved acceleration: J. Luh, M. Walker, R. Paul, IEEE TAC 25 (1980) 468-474.
+
+    Wang and Xie (2009), equation (8).
 
     Law:          tau = M v + C qd + g, v = J^+ (xdd_d - K_v dxd - K_P dx - dJ/dt qd), true
                   parameters.

@@ -14,7 +14,7 @@ from .law import Truth
 
 @dataclass(frozen=True, eq=False)
 class SlotineLi(AdaptiveJacobian):
-    """Adaptive manipulator control: J.-J. Slotine, W. Li, Int. J. Robotics Research 6(3) (1987) 49-59.
+    """Adaptive manipulator control: J.-J. Slotine, W. Li, IJRR 6(3) (1987) 49-59.
 
     The adaptive Jacobian law on a joint task, x = q and J = I, with K_v = K_D, alpha = Lambda and
     K_P = alpha K_v.
@@ -25,7 +25,8 @@ class SlotineLi(AdaptiveJacobian):
     Closed loop:  M ds/dt + C s = -K_D s + Y da_d.
     V:            s^T M s / 2 + D_d(a_d), dV/dt = -s^T K_D s - s^T (f(qd) - f(qd_r)), f the true
                   friction of the joints: monotone, so the last term is at most zero.
-    Assumptions:  constant parameters; kinematics known. Neither acceleration nor M_hat^-1 is needed.
+    Assumptions:  constant parameters; kinematics known. Neither acceleration nor M_hat^-1 is
+                  needed.
 
     Default gains for the bandwidth w: Lambda = w / 2 and K_D = 2 w diag(M) at home, so that the
     linear part is critically damped at w.

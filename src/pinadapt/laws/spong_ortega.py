@@ -10,10 +10,10 @@ from .adaptive_inverse_dynamics_improved import AdaptiveInverseDynamicsImproved
 
 @dataclass(frozen=True, eq=False)
 class SpongOrtega(AdaptiveInverseDynamicsImproved):
-    """On adaptive inverse dynamics control of rigid robots: M. Spong, R. Ortega, IEEE TAC 35 (1990) 92-95.
+    """Adaptive inverse dynamics of rigid robots: M. Spong, R. Ortega, IEEE TAC 35 (1990) 92-95.
 
     The improved adaptive inverse dynamics on a joint task, x = q and J = I. B^T P xi is here
-    ed + alpha e, the solution of the Lyapunov equation for Q = diag(2 alpha K_P, 2 (K_v - alpha I)).
+    ed + alpha e, as the Lyapunov equation gives for Q = diag(2 alpha K_P, 2 (K_v - alpha I)).
 
     Law:          tau = M_0 (qdd_d - K_v ed - K_P e) + C_hat qd + g_hat + (M_hat - M_0) qdd, M_0(q)
                   from the initial estimate, e = q - q_d on the manifold.

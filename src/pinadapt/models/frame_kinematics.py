@@ -1,4 +1,4 @@
-"""Unknown translations of a chain, in which position, velocity and acceleration of the frame are affine.
+"""Unknown translations of a chain, in which the motion of the frame is affine.
 
 Theory: x = sum_j R_parent(j)(q) p_j + R_n(q) p_e over the joint placements p_j and the frame's own
 p_e, so that with p = p_0 + B a_k the task velocity is xdot = Y_k(q, v) a_k + y_k0(q, v): Wang and
@@ -33,7 +33,7 @@ class FrameKinematics(TaskKinematics):
     """
 
     def __init__(self, robot: Robot, unknown: str | Sequence[str | Translation] = ()) -> None:
-        """Choose the unknown translations of a believed robot; see ``unknown_translations`` for the words.
+        """Choose the unknown translations of a believed robot, as ``unknown_translations``.
 
         Raises:
             ParameterError, RobotError: as ``unknown_translations``.
@@ -90,7 +90,7 @@ class FrameKinematics(TaskKinematics):
         )
 
     def value(self, robot: Robot) -> np.ndarray | None:
-        """Return the parameters (p) [m] of any robot with this chain, the truth when given the true one.
+        """Return the parameters (p) [m] of any robot with this chain, the truth of the true one.
 
         None when no value of the parameters gives that robot's position: something else differs
         too.
@@ -133,7 +133,7 @@ class FrameKinematics(TaskKinematics):
 
     @property
     def y_k0(self) -> np.ndarray:
-        """Velocity (m) that no parameter changes at the last update, so that J v = Y_k a_k + y_k0 [m/s, rad/s]."""
+        """Velocity (m) that no parameter changes, J v = Y_k a_k + y_k0 [m/s, rad/s]."""
         return self.xd_hat - self.Y_k.dot(self._a_k)
 
     @property
@@ -143,7 +143,7 @@ class FrameKinematics(TaskKinematics):
 
     @property
     def x_hat(self) -> np.ndarray:
-        """Believed task coordinates at the last update: positions (m) [m], or position and quaternion xyzw (7)."""
+        """Believed task coordinates: positions (m) [m], or position and quaternion xyzw (7)."""
         placement = pin.updateFramePlacement(self._model, self._data, self._frame)
         return self._task.of(placement)
 
@@ -152,7 +152,7 @@ class FrameKinematics(TaskKinematics):
         return RightInverse(self.J, threshold)
 
     def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
-        """Return the task-acceleration regressor (m, p) of Wang and Xie (27): xddot = Ybar_k(q, v, a) a_k + known part."""
+        """Return Ybar_k (m, p) of Wang and Xie (27), xddot = Ybar_k(q, v, a) a_k + known part."""
         pin.forwardKinematics(self._model, self._data, self._q, self._v, a)
         blocks = []
         for w, dw in zip(self._w, self._dw, strict=True):
@@ -161,11 +161,11 @@ class FrameKinematics(TaskKinematics):
         return self._padded(self._stack(blocks))
 
     def position_regressor(self) -> np.ndarray:
-        """Return dx/da_k (m, p) at the last update: x = (this) a_k + known part, and the orientation does not move."""
+        """Return dx/da_k (m, p), x = (this) a_k + known part; the orientation does not move."""
         return self._padded(self._stack([np.eye(3)] * len(self._R)))
 
     def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
-        """Return dJ/dt (m, nv) while the estimate moves at a_k_rate (p) [m/s]: the motion's part plus the estimate's.
+        """Return dJ/dt (m, nv) of the motion, and of the estimate at a_k_rate (p) [m/s].
 
         The second part is linear in a_k_rate because J is affine in a_k; without it (17) of Wang
         and Xie does not hold.
@@ -181,10 +181,10 @@ class FrameKinematics(TaskKinematics):
         return Jdot
 
     def _stack(self, blocks: Sequence[np.ndarray]) -> np.ndarray:
-        """Return the position rows (m_p, p) of R B for each block (3, 3) in its parent joint's axes and directions B."""
+        """Return the position rows (m_p, p) of R (block) B for each block (3, 3), parent axes."""
         parts = [
             R.dot(block if B is None else block.dot(B))
-            for R, B, block in zip(self._R, self._B, blocks)
+            for R, B, block in zip(self._R, self._B, blocks, strict=True)
         ]
         return parts[0] if len(parts) == 1 else np.concatenate([self._no_columns, *parts], axis=1)
 
@@ -193,7 +193,7 @@ class FrameKinematics(TaskKinematics):
         return np.concatenate([Y, self._no_turning]) if self._turns else Y
 
     def base(self, samples: int = 50) -> int:
-        """Return how many combinations of the parameters motion can identify: the rank of Y_p over random states."""
+        """Return how many combinations of the parameters motion identifies: the rank of Y_p."""
         rng = np.random.default_rng(0)
         rows = []
         for _ in range(samples):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -43,7 +44,7 @@ def _array_at(model: pin.Model, n: int) -> np.ndarray | None:
     levers = [model.inertias[joint].lever for joint in range(1, n + 1)]
     size = np.dtype(float).itemsize
     places = [lever.__array_interface__["data"][0] - size for lever in levers]
-    if any(b - a != _NUMBERS * size for a, b in zip(places, places[1:], strict=False)):
+    if any(b - a != _NUMBERS * size for a, b in pairwise(places)):
         return None
     numbers = (ctypes.c_double * (n * _NUMBERS)).from_address(places[0])
     return np.ctypeslib.as_array(numbers).reshape(n, _NUMBERS)
@@ -51,6 +52,6 @@ def _array_at(model: pin.Model, n: int) -> np.ndarray | None:
 
 def _stored(body: pin.Inertia) -> np.ndarray:
     """Return the numbers (10) that an inertia is expected to keep, in order."""
-    I = body.inertia
-    lower = [I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]]
+    about = body.inertia
+    lower = [about[i, j] for j in range(3) for i in range(j + 1)]
     return np.array([body.mass, *body.lever, *lower])

@@ -46,13 +46,13 @@ class RightInverse:
         if lost:
             raise DivergedError(
                 "the believed Jacobian lost rank: the arm is at a singularity of the estimated "
-                "kinematics. Keep the path away from the workspace's edge, start nearer to the true "
-                "kinematics, or damp the inverse (damping = 0.2)."
+                "kinematics. Keep the path away from the workspace's edge, start nearer to the "
+                "true kinematics, or damp the inverse (damping = 0.2)."
             )
         self.unique = m == n and not self.damping
 
     def solve(self, u: np.ndarray, psi: np.ndarray | None) -> np.ndarray:
-        """Return J^+ u + (I - J^+ J) psi (n), u (m) and psi (n); psi is None where J^+ is unique."""
+        """Return J^+ u + (I - J^+ J) psi (n), u (m), psi (n) or None where J^+ is unique."""
         if psi is None:
             return self.gram_inverse.dot(u).dot(self.J)
         solution = np.empty(psi.size)

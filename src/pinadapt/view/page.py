@@ -127,7 +127,8 @@ _PAGE = Template("""<!DOCTYPE html>
     Math.max(up, right * innerHeight / innerWidth) / half; viewer.camera.fov = 30;
     viewer.camera.near = distance / 100; viewer.camera.far = 50 * distance;
     viewer.controls.target.copy(upwards(settings.target));
-    viewer.camera.position.copy(upwards(settings.direction)).multiplyScalar(distance).add(viewer.controls.target);
+    const towards = upwards(settings.direction).multiplyScalar(distance);
+    viewer.camera.position.copy(towards).add(viewer.controls.target);
   }
 
   function showGhosts() {
