@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,12 +10,11 @@ from .adaptation.drive import Estimate
 from .models.right_inverse import RightInverse
 
 
-@dataclass(slots=True, eq=False)
-class Signals:
+class Signals(NamedTuple):
     """Everything a law may see at one instant; m task coordinates, n joints, m_p positions.
 
-    The arrays belong to this instant for good: no later one changes them. They are not to be
-    written to.
+    Immutable, and its arrays belong to this instant for good: no later one changes them. They are
+    not to be written to.
 
     Attributes:
         t: time [s].

@@ -131,7 +131,7 @@ def add_translation_rates(
 
     Of each parameter, b is a column of ``directions`` (3, p), in the axes of its parent joint,
     whose rotation is in R (N, 3, 3). Joints up to that one turn it: columns up to ``last`` (N),
-    axes in the angular rows of J (6, n), zero for slides. ``place`` (m_p) are the rows' coordinates.
+    axes in the angular rows of J (6, n), zero for slides. ``place`` (m_p) are their coordinates.
     """
     for j in range(len(a_k_rate)):
         k = parent[j]

@@ -90,13 +90,10 @@ def make_controller(
         InputError: an unknown name, a gain that breaks a hypothesis, or parameters that cannot be
             used.
     """
-    kind, kinematics = (
-        _kind(adaptation, _law_type(law, believed)),
-        believed_kinematics(believed, kinematic),
-    )
-    chosen, rates = _law_type(law, believed), {name: gains.pop(name, None) for name in RATES}
+    chosen, kinematics = _law_type(law, believed), believed_kinematics(believed, kinematic)
+    kind, rates = _kind(adaptation, chosen), {name: gains.pop(name, None) for name in RATES}
     lengths = lumped_lengths(kinematics, regressor, kind, chosen, basis)
-    dynamics = believed_dynamics(believed, dynamic, joint, basis, lengths)
+    dynamics = believed_dynamics(believed, dynamic, joint, basis, lmi, lengths)
     motion = TypicalMotion(believed, kinematics, dynamics, bandwidth(believed, positive(dt, "dt")))
     tuned, share = _tuned(law, motion, dt, gains)
     w = share * motion.bandwidth

@@ -1,0 +1,359 @@
+"""Every kernel against an independent formula, on whatever memory layout; NaN comes through."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from pinadapt import _compiled
+from pinadapt._kernels import (
+    adaptation,
+    feedback,
+    filters,
+    joints,
+    linear_algebra,
+    models,
+    watch,
+)
+from pinadapt.models.live_array import live_array
+
+_compiled.compile_all()
+LAYOUTS = {
+    "C": np.ascontiguousarray,
+    "F": np.asfortranarray,
+    "strided": lambda x: np.repeat(x, 2, axis=-1)[..., ::2],
+}
+NAN = float("nan")
+LMI = np.array([[[1.0, 0], [0, 0]], [[0.0, 1], [1, 0]], [[-1.0, 0], [0, 1]]])
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(1)
+
+
+@pytest.fixture(params=LAYOUTS)
+def laid(request):
+    return LAYOUTS[request.param]
+
+
+def filled(*shape):
+    return np.full(shape, NAN)
+
+
+def close(a, b, tolerance=1e-12):
+    return np.allclose(a, b, rtol=tolerance, atol=tolerance)
+
+
+def test_kernels_are_machine_code_once_a_controller_is_made():
+    code = (
+        "import sys, pinadapt as pa; from pinadapt import _compiled\n"
+        "assert 'numba' not in sys.modules and _compiled._waiting\n"
+        "pa.make_controller(pa.load('planar_2r'))\n"
+        "assert not _compiled._waiting and _compiled.kernels\n"
+    )
+    assert subprocess.run([sys.executable, "-c", code], timeout=300).returncode == 0
+
+
+def test_kernels_have_one_specialisation_each():
+    assert len(_compiled.kernels) >= 16
+    for dispatcher in _compiled.kernels.values():
+        assert len(dispatcher.signatures) == 1 and dispatcher.__doc__
+
+
+def cones():
+    panda = pa.load("panda")
+    bodies = pa.make_controller(panda)
+    return {
+        "bodies": (bodies.adaptation_d.cone, bodies.dynamics.initial),
+        "planar": (pa.MatrixInequality(LMI), np.array([3.34, 1.2, 0.97])),
+        "offset": (pa.MatrixInequality(LMI, offset=0.3 * np.eye(2)), np.array([3.34, 1.2, 0.97])),
+        "blocks": (pa.MatrixInequality(LMI, blocks=2), np.array([3.34, 1.2, 0.97, 2.0, 0.3, 1.1])),
+    }
+
+
+@pytest.mark.parametrize("which", ["bodies", "planar", "offset", "blocks"])
+@pytest.mark.parametrize("size", [1e-6, 3e-3, 1.0, 1e3])
+def test_geodesics(which, size, rng):
+    cone, a = cones()[which]
+    g, h = size * rng.standard_normal(a.size), 7e-3
+    P, L = cone.matrices(a), cone.covectors(g)
+    change, step = P @ L @ P, h
+    length = h * np.sqrt(sum(np.trace(ell @ c) for ell, c in zip(L, change, strict=True)))
+    if length > adaptation.LARGEST_STEP:
+        step *= adaptation.LARGEST_STEP / length
+    if length > 0.003:
+        change = change - 0.5 * step * P @ L @ change
+    after = cone.follow_geodesic(a, g, h)
+    assert close(after, a - step * cone.components(change)) and cone.contains(after)
+    assert np.abs(after - a).max() > 0.0
+    assert close(cone.follow_geodesic(np.repeat(a, 2)[::2], g, h), after)
+    g[0] = NAN
+    assert np.isnan(cone.follow_geodesic(a, g, h)).any()
+
+
+def test_descent(rng, laid):
+    Gamma, a, g, after = laid(rng.standard_normal((3, 3))), *rng.standard_normal((2, 3)), filled(3)
+    adaptation.descend(laid(a), laid(g), Gamma, 0.1, after)
+    assert close(after, a - 0.1 * Gamma @ g)
+    adaptation.descend(a, NAN * g, Gamma, 0.1, after)
+    assert np.isnan(after).all()
+
+
+def test_inside(rng):
+    a = rng.standard_normal(3)
+    assert adaptation.inside(a, a - 1.0, a + 1.0) and adaptation.inside(a[:0], a[:0], a[:0])
+    for i in range(3):
+        edge = a + np.where(np.arange(3) == i, 0.0, 1.0)
+        assert not adaptation.inside(a, a - 1.0, edge)
+        assert not adaptation.inside(a, 2.0 * a - edge, a + 1.0)
+        unknown = np.where(np.arange(3) == i, NAN, a)
+        assert not adaptation.inside(unknown, a - 1.0, a + 1.0)
+
+
+@pytest.mark.parametrize("shape", [(2, 2), (2, 5), (3, 3), (3, 7), (6, 6), (6, 7)])
+def test_right_inverse(shape, rng, laid):
+    m, n = shape
+    J, G = laid(rng.standard_normal(shape)), laid(filled(m, m))
+    G = G if G.flags.c_contiguous else filled(m, m)  # as its signature has it
+    s = np.trace(np.linalg.inv(J @ J.T)) ** -0.5
+    for threshold in (0.0, 0.5 * s, 3.0 * s):
+        found, mu_2, lost = linear_algebra.invert_gram(J, threshold, G)
+        expected = 0.5 * (threshold**2 - s**2) if s < threshold else 0.0
+        assert np.isclose(found, s) and np.isclose(mu_2, expected) and not lost
+        assert close(G, np.linalg.inv(J @ J.T + expected * np.eye(m)), 1e-8)
+        u, psi, solution = laid(rng.standard_normal(m)), laid(rng.standard_normal(n)), filled(n)
+        linear_algebra.right_inverse(J, G, u, psi, solution)
+        assert close(solution, psi + J.T @ G @ (u - J @ psi), 1e-9)
+    flawed = np.where(np.eye(m, n) > 0, NAN, J)
+    for lost_rank, threshold in ((flawed, 0.0), (flawed, 0.1), (np.zeros(shape), 0.0)):
+        assert linear_algebra.invert_gram(lost_rank, threshold, G)[2]
+
+
+@pytest.mark.parametrize("n", [1, 2, 6, 7])
+def test_solve_definite(n, rng, laid):
+    root, J, e = rng.standard_normal((n, n)), laid(rng.standard_normal((3, n))), np.ones(3)
+    M, x = laid(root @ root.T + 0.1 * np.eye(n)), filled(n)
+    assert linear_algebra.solve_definite(M, J, e, x) and close(M @ x, J.T @ e)
+    unknown = M.copy()
+    unknown[-1, 0] = NAN
+    for flawed in (M - 1e3 * np.eye(n), unknown):
+        assert not linear_algebra.solve_definite(flawed, J, e, x)
+
+
+@pytest.mark.parametrize(("m", "m_p", "p"), [(2, 2, 2), (3, 3, 3), (6, 3, 5), (3, 3, 0)])
+def test_law_algebra(m, m_p, p, rng, laid):
+    K_v, K_P, R_k = (laid(rng.standard_normal((k, k))) for k in (m, m, m_p))
+    Y_k, W_k = laid(rng.standard_normal((m, p))), laid(rng.standard_normal((m_p, p)))
+    dx, xd, xd_d, xdd, Jdot_v = (laid(row) for row in rng.standard_normal((5, m)))
+    a_k, rate, y = rng.standard_normal(p), rng.standard_normal(p), rng.standard_normal(m_p)
+    e, error, residual, g_k = filled(m), filled(m), filled(m_p), filled(p)
+    feedback.kinematic_drive(K_P, dx, 5.0, xd, xd_d, Y_k, W_k, R_k, a_k, y, e, error, residual, g_k)
+    dxd = xd - xd_d
+    assert close(e, dxd + 5.0 * dx) and close(error, -K_P @ dx - 5.0 * dxd)
+    assert close(residual, W_k @ a_k - y)
+    assert close(g_k, W_k.T @ R_k @ (W_k @ a_k - y) - Y_k.T @ (K_P @ dx + 5.0 * dxd), 1e-11)
+    J, G, v = laid(rng.standard_normal((m, 7))), laid(rng.standard_normal((m, m))), filled(7)
+    qd, q, rest = rng.standard_normal((3, 7))
+    feedback.commanded_acceleration(
+        xdd, K_v, xd, xd_d, K_P, dx, Jdot_v, Y_k, rate, J, G, qd, q, rest, 4.0, v
+    )
+    u, psi = xdd - K_v @ dxd - K_P @ dx - (Jdot_v + Y_k @ rate), -8.0 * qd - 16.0 * (q - rest)
+    assert close(v, psi + J.T @ G @ (u - J @ psi), 1e-10)
+    feedback.commanded_acceleration(
+        NAN * xdd, K_v, xd, xd_d, K_P, dx, Jdot_v, Y_k, rate, J, G, qd, q, rest, 4.0, v
+    )
+    assert np.isnan(v).all()
+
+
+@pytest.mark.parametrize(("m", "n"), [(2, 2), (3, 6), (6, 7)])
+def test_right_inverse_rate(m, n, rng, laid):
+    """r of x = psi + J^T G (u - J psi) by differences, G damped by mu^2 that itself moves."""
+    J, Jdot = laid(rng.standard_normal((m, n))), laid(rng.standard_normal((m, n)))
+    u, ud = laid(rng.standard_normal((2, m)))
+    psi, psid = laid(rng.standard_normal((2, n)))
+    mu_2, damping_rate, h = 0.3, -0.7, 1e-5
+
+    def solution(t):
+        J_t = J + t * Jdot
+        G = np.linalg.inv(J_t @ J_t.T + (mu_2 + t * damping_rate) * np.eye(m))
+        return psi + t * psid + J_t.T @ G @ (u + t * ud - J_t @ (psi + t * psid))
+
+    G, rate = laid(np.linalg.inv(J @ J.T + mu_2 * np.eye(m))), filled(n)
+    linear_algebra.right_inverse_rate(J, G, u, psi, ud, psid, Jdot, damping_rate, rate)
+    assert close(rate, (solution(h) - solution(-h)) / (2.0 * h), 1e-7)
+    linear_algebra.right_inverse_rate(J, G, u, NAN * psi, ud, psid, Jdot, damping_rate, rate)
+    assert np.isnan(rate).all()
+
+
+@pytest.mark.parametrize(("m", "n"), [(2, 2), (3, 6), (6, 7)])
+def test_null_space(m, n, rng, laid):
+    J, z, null = laid(rng.standard_normal((m, n))), laid(rng.standard_normal(n)), filled(n)
+    linear_algebra.null_space(J, laid(np.linalg.inv(J @ J.T)), z, null)
+    assert close(null, z - np.linalg.pinv(J) @ J @ z, 1e-9) and close(J @ null, 0.0, 1e-9)
+
+
+def test_task_force(rng, laid):
+    K_v, K_P, J = (laid(rng.standard_normal(shape)) for shape in ((3, 3), (3, 3), (3, 7)))
+    dxd, dx, feedforward, torque = *rng.standard_normal((2, 3)), rng.standard_normal(7), filled(7)
+    feedback.subtract_task_force(J, K_v, dxd, K_P, dx, laid(feedforward), torque)
+    assert close(torque, feedforward - J.T @ (K_v @ dxd + K_P @ dx))
+
+
+@pytest.mark.parametrize("threshold", [1e-2, 1.0])
+def test_joint_effects(threshold, rng, laid):
+    """The torque of armature, damping and friction is linear in them: Y c = tau."""
+    inertial, values = laid(rng.standard_normal(5)), laid(rng.standard_normal((3, 5)))
+    v, a = laid(rng.standard_normal((2, 5)))
+    tau, Y = filled(5), filled(5, 4 + 15)
+    joints.joint_torque(values, v, a, threshold, inertial, tau)
+    assert close(tau, inertial + values[0] * a + values[1] * v + values[2] * np.tanh(v / threshold))
+    columns, kinds = laid(rng.standard_normal((5, 4))), np.array([0, 1, 2])
+    joints.joint_columns(columns, kinds, v, a, threshold, Y)
+    assert close(Y[:, :4], columns) and close(Y[:, 4:] @ values.ravel(), tau - inertial)
+    joints.joint_columns(columns, kinds[::2], v, a, threshold, Y[:, :14])
+    assert close(Y[:, 4:14] @ values[::2].ravel(), tau - inertial - values[1] * v)
+
+
+def moving(name, rng, length):
+    """Return a chain's model and data, q, v, and a frame this far from its last joint."""
+    model = pa.load(name).model
+    v = rng.standard_normal(model.nv)
+    q = pin.integrate(model, pin.neutral(model), rng.uniform(-1.0, 1.0, model.nv))
+    lever = pin.SE3(np.eye(3), length)
+    frame = model.addFrame(pin.Frame("off", model.njoints - 1, 0, lever, pin.FrameType.OP_FRAME))
+    return model, model.createData(), q, v, frame
+
+
+@pytest.mark.parametrize("rows", [[0, 1, 2], [0, 2], [0, 1, 2, 3, 4, 5]])
+@pytest.mark.parametrize("name", ["panda", "scara", "kinova", "planar_2r"])
+def test_task_velocity(name, rows, rng, laid):
+    """Y_k's columns are the velocity that a length b in a joint's axes adds to the frame's."""
+    model, _, q, v, frame = moving(name, rng, np.zeros(3))
+    data, aligned = model.createData(), pin.LOCAL_WORLD_ALIGNED
+    pin.computeJointJacobians(model, data, q)
+    J = pin.getFrameJacobian(model, data, frame, aligned)[rows]
+    pin.forwardKinematics(model, data, q, v)
+    place = [i for i in rows if i < 3]
+    R = np.array([oMi.rotation[place] for oMi in data.oMi])
+    w = np.array([motion.angular for motion in data.v])
+    parents, B = np.array([model.njoints - 1, 1]), laid(rng.standard_normal((3, 2)))
+    xd, Y = filled(len(rows)), filled(len(rows), 2)
+    models.task_velocity(laid(J), laid(v), R, laid(w), parents, B, xd, Y)
+    assert close(xd, J @ v) and (Y[len(place) :] == 0.0).all()
+    for column, parent, b in zip(Y.T, parents, B.T, strict=True):
+        lever = pin.SE3(np.eye(3), b)
+        far = pin.Frame("far", int(parent), 0, lever, pin.FrameType.OP_FRAME)
+        near = pin.Frame("near", int(parent), 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME)
+        ends = _velocities(model, q, v, far, near)
+        assert close(column[: len(place)], (ends[0] - ends[1])[place])
+    models.task_velocity(laid(J), NAN * v, R, laid(w), parents, B, xd, Y)
+    assert np.isnan(xd).all()
+
+
+def _velocities(model, q, v, *frames):
+    """Return the linear velocities (3) of frames that a copy of the model carries."""
+    model = model.copy()
+    ids = [model.addFrame(frame) for frame in frames]
+    data = model.createData()
+    pin.forwardKinematics(model, data, q, v)
+    pin.updateFramePlacements(model, data)
+    aligned = pin.LOCAL_WORLD_ALIGNED
+    return [pin.getFrameVelocity(model, data, i, aligned).linear for i in ids]
+
+
+@pytest.mark.parametrize("name", ["panda", "scara", "kinova", "planar_2r"])
+def test_translation_rates(name, rng, laid):
+    """dJ/dt of a tool that grows by b da/dt, against differences of the frame's Jacobian."""
+    b, rate, h, start = rng.standard_normal(3), 0.7, 1e-6, rng.standard_normal(3)
+    model, data, q, _, frame = moving(name, rng, start)
+    n, place = model.nv, np.array([0, 1, 2])
+    pin.computeJointJacobians(model, data, q)
+    R = np.array([oMi.rotation for oMi in data.oMi])
+    axes, last = laid(np.array(data.J)), np.full(model.njoints, n - 1)
+    for rows in (place, place[::2]):
+        Jdot, parent = filled(len(rows), n), np.array([model.njoints - 1])
+        Jdot[:] = 1.0
+        models.add_translation_rates(
+            np.array([rate]), parent, laid(b[:, None]), R, axes, last, rows, Jdot
+        )
+        ends = []
+        for t in (h, -h):
+            model.frames[frame].placement = pin.SE3(np.eye(3), start + t * rate * b)
+            now = model.createData()
+            pin.computeJointJacobians(model, now, q)
+            pin.updateFramePlacements(model, now)
+            ends.append(pin.getFrameJacobian(model, now, frame, pin.LOCAL_WORLD_ALIGNED)[rows])
+        assert close(Jdot - 1.0, (ends[0] - ends[1]) / (2.0 * h), 1e-8)
+
+
+def test_live_arrays_move_with_the_data(rng):
+    model, data, q, _, _ = moving("panda", rng, np.zeros(3))
+    live = live_array([oMi.translation for oMi in data.oMi])
+    pin.computeJointJacobians(model, data, q)
+    assert np.array_equal(live, [oMi.translation for oMi in data.oMi]) and live.any()
+    assert not live.flags.writeable
+    with pytest.raises(ValueError, match="neighbours"):
+        live_array([np.zeros(3), np.zeros((2, 3)).T[0], np.zeros(3)])
+
+
+def test_translations(rng, laid):
+    a_k, B, offsets = (
+        laid(rng.standard_normal(4)),
+        laid(rng.standard_normal((3, 4))),
+        np.ones((2, 3)),
+    )
+    translations = filled(2, 3)
+    models.place(a_k, np.array([0, 0, 1, 1]), B, laid(offsets), translations)
+    assert close(translations, 1.0 + np.stack([B[:, :2] @ a_k[:2], B[:, 2:] @ a_k[2:]]))
+
+
+def test_columns(rng, laid):
+    Y, columns, base = laid(rng.standard_normal((3, 30))), np.array([2, 7, 29]), filled(3, 5)
+    models.take_columns(Y, columns, base[:, 1:4])
+    assert np.array_equal(base[:, 1:4], Y[:, columns]) and np.isnan(base[:, [0, 4]]).all()
+
+
+@pytest.mark.parametrize("lightest", [1.0, 1e-9, -2.0])
+def test_inertias(lightest, rng, laid):
+    pi, ballast = rng.standard_normal(30), rng.standard_normal(30)
+    pi[::10], ballast[::10] = [3.0, lightest, 4.0], 1.0
+    tens, memory = filled(3, 10), filled(3, 10)
+    expected = 1.0 - lightest if lightest < 1e-6 else 0.0
+    assert models.take(laid(pi), laid(ballast), tens) == expected
+    assert close(tens.ravel(), pi + expected * ballast)
+    assert models.write_inertias(laid(pi), laid(ballast), memory) == expected
+    for ten, row in zip(tens, memory, strict=True):
+        body = pin.Inertia.FromDynamicParameters(ten)
+        lower = body.inertia[[0, 1, 1, 2, 2, 2], [0, 0, 1, 0, 1, 2]]
+        assert close(row, np.r_[body.mass, body.lever, lower], 1e-9)
+
+
+def test_filters(rng, laid):
+    W, Y = laid(rng.standard_normal((3, 5))), laid(rng.standard_normal((6, 5)))
+    memory, v, x = (
+        laid(rng.standard_normal(10)),
+        laid(rng.standard_normal(7)),
+        rng.standard_normal(7),
+    )
+    y, a = filled(3), filled(7)
+    filters.filtered_rates(4.0, laid(x), 60.0, v, memory, y, a)
+    assert close(y, 4.0 * x[:3] - memory[:3]) and close(a, 60.0 * (v - memory[3:]))
+    a_k, xd_hat, after = rng.standard_normal(5), rng.standard_normal(6), (filled(3, 5), filled(10))
+    filters.advance(W, memory, Y, a_k, y, xd_hat, v, 4.0, 60.0, 1e-2, *after)
+    f, f_a, Y_p = 1.0 - np.exp(-0.04), 1.0 - np.exp(-0.6), Y[:3]
+    assert close(after[0], W + f * (Y_p - W))
+    assert close(after[1][:3], memory[:3] + f * (y + xd_hat[:3] - Y_p @ a_k))
+    assert close(after[1][3:], memory[3:] + f_a * (v - memory[3:]))
+
+
+def test_size_of_estimates(rng):
+    a_d, a_k, torque = rng.standard_normal(70), rng.standard_normal(3), rng.standard_normal(7)
+    assert close(watch.size_of_estimates(a_d, a_k, torque), a_d @ a_d + a_k @ a_k)
+    for flaw in (NAN, np.inf, 1e200):
+        assert np.isnan(watch.size_of_estimates(a_d, a_k, np.r_[torque, flaw]))
+    assert np.isnan(watch.size_of_estimates(np.r_[a_d, NAN], a_k, torque))
+    assert np.isinf(watch.size_of_estimates(a_d, np.r_[a_k, np.inf], torque))
