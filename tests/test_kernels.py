@@ -322,7 +322,7 @@ def test_inertias(lightest, rng, laid):
     pi, ballast = rng.standard_normal(30), rng.standard_normal(30)
     pi[::10], ballast[::10] = [3.0, lightest, 4.0], 1.0
     tens, memory = filled(3, 10), filled(3, 10)
-    expected = 1.0 - lightest if lightest < 1e-6 else 0.0
+    expected = 1.0 - 2.0 * lightest if lightest < 1e-6 else 0.0
     assert models.take(laid(pi), laid(ballast), tens) == expected
     assert close(tens.ravel(), pi + expected * ballast)
     assert models.write_inertias(laid(pi), laid(ballast), memory) == expected

@@ -16,12 +16,13 @@ _LEAST_MASS = (
 def take(pi: np.ndarray, ballast: np.ndarray, tens: np.ndarray) -> float:
     """Write pi (10 n) and c times the ballast (10 n) as rows (n, 10); return c.
 
-    c is zero where no body needs ballast.
+    c is zero where no body needs ballast, else such that no body is much lighter than its ballast:
+    centres of mass far outside of the robot would cost digits.
     """
     lightest = pi[0]
     for b in range(len(tens)):
         lightest = min(lightest, pi[PER_BODY * b])
-    c = 1.0 - lightest if lightest < _LEAST_MASS else 0.0
+    c = 1.0 - 2.0 * lightest if lightest < _LEAST_MASS else 0.0
     for b in range(len(tens)):
         for i in range(PER_BODY):
             tens[b, i] = pi[PER_BODY * b + i] + c * ballast[PER_BODY * b + i]
@@ -99,7 +100,7 @@ def write_inertias(pi: np.ndarray, ballast: np.ndarray, memory: np.ndarray) -> f
     lightest = pi[0]
     for b in range(bodies):
         lightest = min(lightest, pi[PER_BODY * b])
-    c = 1.0 - lightest if lightest < _LEAST_MASS else 0.0
+    c = 1.0 - 2.0 * lightest if lightest < _LEAST_MASS else 0.0
     ten = np.empty(PER_BODY)
     for b in range(bodies):
         for i in range(PER_BODY):

@@ -26,7 +26,7 @@ from .state import ControllerState
 
 
 class Controller:
-    """A control law, the believed robot, and how its estimates adapt.
+    """A control law, the believed robot, and how its estimates adapt; its parts do not change.
 
     ``init`` and ``step`` are pure: all memory is in the ``ControllerState`` that goes in and comes
     out. The models' Pinocchio data are scratch, so one controller serves one thread at a time; a
@@ -277,10 +277,13 @@ def _estimate(
     """Return an initial estimate as a new array, or refuse it."""
     if given is None:
         return default.copy()
-    estimate = np.array(given, dtype=float)
+    try:
+        estimate = np.array(given, dtype=float)
+    except (TypeError, ValueError):
+        estimate = np.full(1, np.nan)
     if estimate.shape != default.shape or not np.isfinite(estimate).all():
         raise ParameterError(
-            f"expected {default.size} finite numbers {list(names)}, got {estimate.tolist()}.",
+            f"expected {default.size} finite numbers {list(names)}, got {given!r}.",
             where=where,
         )
     return estimate

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..exceptions import InputError, MeasurementError, ParameterError
+from ..exceptions import InputError, MeasurementError
 from ..models.task_kinematics import TaskKinematics
 from ..records import Desired, Measurement
 from .state import ControllerState
@@ -49,11 +49,12 @@ class InputCheck:
             state.__class__ is not ControllerState
             or state.kinematic.value.shape != self._a_k
             or state.dynamic.value.shape != self._a_d
+            or state.a_0.shape != self._a_d
         ):
             raise InputError("the state is that of another controller.", where="state")
-        t, q, v, x, _, xd, a, _ = measurement
-        x_d, xd_d, xdd_d = desired
         try:
+            t, q, v, x, _, xd, a, _ = measurement
+            x_d, xd_d, xdd_d = desired
             fits = (
                 q.dtype is v.dtype is x_d.dtype is xd_d.dtype is xdd_d.dtype is _FLOAT
                 and q.shape == self._q
@@ -71,7 +72,7 @@ class InputCheck:
                 and t.__class__ is float
                 and t - t == 0.0
             )
-        except AttributeError:
+        except (AttributeError, TypeError, ValueError):
             fits = False
         if fits:
             return measurement, desired
@@ -81,9 +82,12 @@ class InputCheck:
         """Return the measurement as arrays of floats.
 
         Raises:
+            InputError: no measurement.
             MeasurementError: a signal that the law needs is missing, of the wrong size, or not
                 made of numbers.
         """
+        if not isinstance(given, Measurement):
+            raise InputError(f"expected a Measurement, got {given!r}.", where="measurement")
         t, q, v, x, x_time, xd, a, tau = given
         q, v = _array(q, self._q, "q"), _array(v, self._v, "v")
         if x is not None:
@@ -93,10 +97,11 @@ class InputCheck:
         if xd is not None:
             xd = _array(xd, self._m, "xd")
         elif self._needs_xd:
-            raise ParameterError(
-                f"the law '{self._law}' needs the task velocity xd.",
-                where="measurement",
-                hint="Measure it, or take 'adaptive-inverse-dynamics', which does without.",
+            raise MeasurementError(
+                "xd",
+                None,
+                f"is missing, and the law '{self._law}' needs the task velocity: measure it, or "
+                "take 'adaptive-inverse-dynamics', which does without",
             )
         if a is not None:
             a = _array(a, self._v, "a")
@@ -106,8 +111,10 @@ class InputCheck:
         """Return the desired motion as arrays of floats.
 
         Raises:
-            InputError: of the wrong size, or not made of numbers.
+            InputError: no desired motion, of the wrong size, or not made of numbers.
         """
+        if not isinstance(given, Desired):
+            raise InputError(f"expected a Desired, got {given!r}.", where="desired")
         x_d, xd_d, xdd_d = given
         return Desired(
             _array(x_d, self._x, "x_d", InputError),

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._kernels import filters as kernels
+from ..exceptions import InputError
 from ..models.task_kinematics import TaskKinematics
 from ..records import Measurement
 from ..signals import Signals
@@ -66,10 +67,21 @@ class MotionFilters(Filters):
     def observe(
         self, state: MotionState, measurement: Measurement, kinematics: TaskKinematics
     ) -> FilteredMotion:
-        """Return regressor, velocity and acceleration as the filters have them."""
+        """Return regressor, velocity and acceleration as the filters have them.
+
+        Raises:
+            InputError: the state of other filters.
+        """
+        n, m, p = kinematics.nv, kinematics.positions, kinematics.size
+        if (
+            state.__class__ is not MotionState
+            or state.memory.shape != (m + n,)
+            or state.W_k.shape != (m, p)
+        ):
+            raise InputError("the filters are those of another controller.", where="state")
         W_k, memory = state
         x = memory if measurement.x is None else measurement.x  # without positions it is not read
-        y, a = np.empty(kinematics.positions), np.empty(kinematics.nv)
+        y, a = np.empty(m), np.empty(n)
         kernels.filtered_rates(
             self.task_velocity.bandwidth, x, self.joint_velocity.bandwidth, measurement.v, memory,
             y, a,

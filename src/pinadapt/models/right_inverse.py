@@ -55,6 +55,7 @@ class RightInverse:
         """Return J^+ u + (I - J^+ J) psi (n), u (m), psi (n) or None where J^+ is unique."""
         if psi is None:
             return self.gram_inverse.dot(u).dot(self.J)
+        u, psi = np.asarray(u, dtype=float), np.asarray(psi, dtype=float)
         solution = np.empty(psi.size)
         kernels.right_inverse(self.J, self.gram_inverse, u, psi, solution)
         return solution
@@ -84,7 +85,7 @@ class RightInverse:
         """Return (I - J^+ J) z (n); undamped, the orthogonal projection onto the null space."""
         null = np.zeros(z.size)
         if not self.unique:
-            kernels.null_space(self.J, self.gram_inverse, z, null)
+            kernels.null_space(self.J, self.gram_inverse, np.asarray(z, dtype=float), null)
         return null
 
     def _damping_rate(self, Jdot: np.ndarray) -> float:
