@@ -196,6 +196,37 @@ def test_null_space(m, n, rng, laid):
     assert close(null, z - np.linalg.pinv(J) @ J @ z, 1e-9) and close(J @ null, 0.0, 1e-9)
 
 
+@pytest.mark.parametrize(("m", "n"), [(1, 2), (3, 6), (6, 7)])
+def test_null_space_damping(m, n, rng, laid):
+    J, D, z = (
+        laid(rng.standard_normal((m, n))),
+        laid(rng.uniform(0.1, 2.0, n)),
+        np.arange(1.0, n + 1),
+    )
+    N, torque = np.eye(n) - np.linalg.pinv(J) @ J, np.ones(n)
+    G = laid(np.linalg.inv(J @ J.T))
+    linear_algebra.subtract_null_space_damping(J, G, D, laid(z), torque)
+    assert close(torque, 1.0 - N @ (D * (N @ z)), 1e-9)
+
+
+def test_reference(rng, laid):
+    xd_d, dx, xdd_d, xd = (laid(row) for row in rng.standard_normal((4, 3)))
+    u, ud = filled(3), filled(3)
+    feedback.reference(xd_d, dx, xdd_d, xd, 5.0, u, ud)
+    assert close(u, xd_d - 5.0 * dx) and close(ud, xdd_d - 5.0 * (xd - xd_d))
+
+
+@pytest.mark.parametrize("h", [1e-4, 1.0])
+def test_exponentiation(h, rng, laid):
+    a, g, scale = laid(rng.uniform(0.1, 2.0, 4)), laid(rng.standard_normal(4)), rng.uniform(1, 2, 4)
+    exponent, after = -h * scale * g, filled(4)
+    adaptation.exponentiate(a, g, scale, h, 0.02, after)
+    cut = np.clip(exponent, -0.02, 0.02) if np.linalg.norm(exponent) > 0.02 else exponent
+    assert close(after, a * np.exp(cut)) and (after > 0.0).all()
+    adaptation.exponentiate(a, np.array([NAN, 1.0, 1.0, 1.0]), scale, h, 0.02, after)
+    assert np.isnan(after[0])
+
+
 def test_task_force(rng, laid):
     K_v, K_P, J = (laid(rng.standard_normal(shape)) for shape in ((3, 3), (3, 3), (3, 7)))
     dxd, dx, feedforward, torque = *rng.standard_normal((2, 3)), rng.standard_normal(7), filled(7)

@@ -238,5 +238,5 @@ def test_no_measurement_no_motion_and_no_estimate_are_refused(loop):
             with pytest.raises(pa.InputError, match="Desired"):
                 loop.controller.step(loop.state, loop.measurement, wrong, DT)
     for wrong in ("x", [[1.0]], {}):
-        with pytest.raises(pa.ParameterError, match="belief.dynamic"):
+        with pytest.raises(pa.ParameterError, match="dynamic"):
             loop.controller.init(loop.measurement, a_d=wrong)

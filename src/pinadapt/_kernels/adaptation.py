@@ -22,6 +22,23 @@ def descend(a: np.ndarray, g: np.ndarray, Gamma: np.ndarray, dt: float, after: n
         after[i] = a[i] + dt * rate
 
 
+@compiled("void(f8[:], f8[:], f8[:], f8, f8, f8[:])")
+def exponentiate(
+    a: np.ndarray, g: np.ndarray, scale: np.ndarray, h: float, largest: float, after: np.ndarray
+) -> None:
+    """Write a exp(-h scale g) (p); exponents are cut to ``largest`` where their norm is larger."""
+    square = 0.0
+    for i in range(len(a)):
+        exponent = -h * scale[i] * g[i]
+        after[i] = exponent
+        square += exponent * exponent
+    for i in range(len(a)):
+        exponent = after[i]
+        if square > largest * largest and exponent == exponent:
+            exponent = min(max(exponent, -largest), largest)
+        after[i] = a[i] * math.exp(exponent)
+
+
 @compiled("b1(f8[:], f8[:], f8[:])", fills=0)
 def inside(a: np.ndarray, low: np.ndarray, high: np.ndarray) -> bool:
     """Tell whether low < a < high in every entry."""

@@ -124,3 +124,19 @@ def subtract_task_force(
             force += K_v[i, j] * dxd[j] + K_P[i, j] * dx[j]
         for t in range(n):
             torque[t] -= J[i, t] * force
+
+
+@compiled("void(f8[:], f8[:], f8[:], f8[:], f8, f8[:], f8[:])", fills=2)
+def reference(
+    xd_d: np.ndarray,
+    dx: np.ndarray,
+    xdd_d: np.ndarray,
+    xd: np.ndarray,
+    alpha: float,
+    u: np.ndarray,
+    ud: np.ndarray,
+) -> None:
+    """Write u = xd_d - alpha dx and ud = xdd_d - alpha (xd - xd_d), both (m)."""
+    for i in range(len(u)):
+        u[i] = xd_d[i] - alpha * dx[i]
+        ud[i] = xdd_d[i] - alpha * (xd[i] - xd_d[i])

@@ -177,3 +177,30 @@ def null_space(J: np.ndarray, gram_inverse: np.ndarray, z: np.ndarray, null: np.
             x += gram_inverse[i, j] * task[j]
         for t in range(n):
             null[t] -= J[i, t] * x
+
+
+@compiled("void(f8[:,:], f8[:,:], f8[:], f8[:], f8[:])")
+def subtract_null_space_damping(
+    J: np.ndarray, gram_inverse: np.ndarray, D: np.ndarray, z: np.ndarray, torque: np.ndarray
+) -> None:
+    """Take N diag(D) N z off the torque (n), N = I - J^T G J, symmetric."""
+    m, n = J.shape
+    null, task = np.empty(n), np.empty(m)
+    for t in range(n):
+        null[t] = z[t]
+    for turn in range(2):
+        for i in range(m):
+            task[i] = 0.0
+            for t in range(n):
+                task[i] += J[i, t] * null[t]
+        for i in range(m):
+            x = 0.0
+            for j in range(m):
+                x += gram_inverse[i, j] * task[j]
+            for t in range(n):
+                null[t] -= J[i, t] * x
+        if turn == 0:
+            for t in range(n):
+                null[t] *= D[t]
+    for t in range(n):
+        torque[t] -= null[t]

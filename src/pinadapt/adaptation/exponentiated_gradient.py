@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import positive, vector
+from .._kernels import adaptation as kernels
 from ..exceptions import GainError, ParameterError
 from .adaptation import Adaptation
 from .drive import Drive, Estimate
@@ -69,10 +70,10 @@ class ExponentiatedGradient(Adaptation):
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
-        step = (-self.gamma * dt) * self.scale * drive.gradient
-        if step.dot(step) > _LARGEST_STEP**2:
-            step = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
-        return Estimate(estimate.value * np.exp(step))
+        a = estimate.value
+        after = np.empty(a.size)
+        kernels.exponentiate(a, drive.gradient, self.scale, self.gamma * dt, _LARGEST_STEP, after)
+        return Estimate(after)
 
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
         """Return the relative entropy from the truth, in scales, over gamma.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -25,11 +25,12 @@ class Stacked(Adaptation):
             (part, slice(int(a), int(b)))
             for (part, _), (a, b) in zip(parts, pairwise(ends), strict=True)
         ]
-        self.name = parts[0][0].name
+        self._size, self.name = int(ends[-1]), parts[0][0].name
+        self._projects = any(type(p).project is not Adaptation.project for p, _ in self.parts)
 
     def init(self, value: np.ndarray) -> Estimate:
         """Return the start of all blocks; the memory is one memory a block."""
-        return _joined([part.init(value[block]) for part, block in self.parts])
+        return self._joined(part.init(value[block]) for part, block in self.parts)
 
     def validate(self, value: np.ndarray) -> np.ndarray:
         """Return the initial value (p), each block as its adaptation has it."""
@@ -41,19 +42,21 @@ class Stacked(Adaptation):
 
     def project(self, value: np.ndarray, q: np.ndarray) -> np.ndarray:
         """Return the value (p) to use at q (nq), each block as its adaptation projects it."""
+        if not self._projects:
+            return value
         blocks = [part.project(value[block], q) for part, block in self.parts]
         return value if all(kept.base is value for kept in blocks) else np.concatenate(blocks)
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the rates of all blocks."""
-        return _joined(
-            [part.rate(own, drive.columns(block)) for part, block, own in self._split(estimate)]
+        return self._joined(
+            part.rate(own, drive.columns(block)) for part, block, own in self._split(estimate)
         )
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
-        return _joined(
-            [part.step(own, drive.columns(block), dt) for part, block, own in self._split(estimate)]
+        return self._joined(
+            part.step(own, drive.columns(block), dt) for part, block, own in self._split(estimate)
         )
 
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
@@ -69,7 +72,10 @@ class Stacked(Adaptation):
         for (part, block), memory in zip(self.parts, memories, strict=True):
             yield part, block, Estimate(estimate.value[block], memory)
 
-
-def _joined(blocks: Sequence[Estimate]) -> Estimate:
-    value = np.concatenate([block.value for block in blocks])
-    return Estimate(value, tuple(block.memory for block in blocks))
+    def _joined(self, estimates: Iterable[Estimate]) -> Estimate:
+        """Return the estimates of all blocks as one."""
+        value, memories = np.empty(self._size), []
+        for (_, block), (part, memory) in zip(self.parts, estimates, strict=True):
+            value[block] = part
+            memories.append(memory)
+        return Estimate(value, tuple(memories))

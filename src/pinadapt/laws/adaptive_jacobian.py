@@ -145,24 +145,34 @@ class AdaptiveJacobian(Law):
         """Return the law with another R_k, a number times the identity."""
         return replace(self, R_k=weight)
 
-    def _reference_velocity(self, s: Signals) -> tuple[np.ndarray, np.ndarray | None, np.ndarray]:
-        """Return xd_d - alpha dx (m), the null-space motion psi (n) and qd_r (n)."""
-        u = s.xd_d - self.alpha * s.dx
-        psi = None if s.inverse.unique else self.posture.velocity(s.q)
-        return u, psi, s.inverse.solve(u, psi)
+    def _reference(self, s: Signals, Jdot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return qd_r = J_hat^+ u + N psi, u = xd_d - alpha dx, and its time derivative (n)."""
+        assert s.xd is not None  # the controller refuses measurements without it
+        u, ud = np.empty(s.dx.size), np.empty(s.dx.size)
+        kernels.reference(s.xd_d, s.dx, s.xdd_d, s.xd, self.alpha, u, ud)
+        if s.delta is not None:
+            ud -= self.alpha * s.delta
+        psi = self._null_motion(s)
+        qdd_r = s.inverse.solve_rate(u, psi, ud, self.posture.velocity_rate(s.v), Jdot)
+        return s.inverse.solve(u, psi), qdd_r
+
+    def _reference_velocity(self, s: Signals) -> np.ndarray:
+        """Return qd_r (n)."""
+        return s.inverse.solve(s.xd_d - self.alpha * s.dx, self._null_motion(s))
+
+    def _null_motion(self, s: Signals) -> np.ndarray | None:
+        """Return psi (n), or None where there is no null space."""
+        return None if s.inverse.unique else self.posture.velocity(s.q)
 
     def command(self, s: Signals, believed: Believed) -> PassivityCommand:
         """Return the torque, with the drives, which are known by then."""
         kinematic = self._kinematic_drive(s)
         Jdot = believed.kinematics.jacobian_rate(believed.kinematic_rate(s, kinematic))
-        u, psi, qd_r = self._reference_velocity(s)
-        qdd_r = self._reference_acceleration(s, u, psi, Jdot)
+        qd_r, qdd_r = self._reference(s, Jdot)
         Y_r, feedforward = believed.dynamics.slotine_li(s.q, s.v, qd_r, qdd_r)
-        error = s.v - qd_r
-        torque = np.empty(error.size)
+        error, torque = s.v - qd_r, np.empty(qd_r.size)
         kernels.subtract_task_force(s.J, self.K_v, s.dxd_hat, self.K_P, s.dx, feedforward, torque)
-        if not s.inverse.unique:
-            torque -= s.inverse.null(self.posture.damping * s.inverse.null(error))
+        s.inverse.subtract_null_damping(self.posture.damping, error, torque)
         return PassivityCommand(torque, None, Drives(Drive(Y_r, error), kinematic))
 
     def _kinematic_drive(self, s: Signals) -> Drive:
@@ -176,16 +186,6 @@ class AdaptiveJacobian(Law):
         )  # fmt: skip
         return Drive(s.Y_k, error, W_k, residual, self.R_k, g_k)
 
-    def _reference_acceleration(
-        self, s: Signals, u: np.ndarray, psi: np.ndarray | None, Jdot: np.ndarray
-    ) -> np.ndarray:
-        """Return the time derivative of qd_r (n)."""
-        assert s.xd is not None  # the controller refuses measurements without it
-        ud = s.xdd_d - self.alpha * (s.xd - s.xd_d)
-        if s.delta is not None:
-            ud -= self.alpha * s.delta
-        return s.inverse.solve_rate(u, psi, ud, self.posture.velocity_rate(s.v), Jdot)
-
     def drives(
         self, s: Signals, believed: Believed, command: PassivityCommand, a: np.ndarray
     ) -> Drives:
@@ -194,7 +194,7 @@ class AdaptiveJacobian(Law):
 
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return s^T M s / 2 + dx^T (K_P + alpha K_v) dx / 2, M the true mass matrix."""
-        error = s.v - self._reference_velocity(s)[2]
+        error = s.v - self._reference_velocity(s)
         return float(0.5 * error @ (truth.M @ error) + 0.5 * s.dx @ (self.K_PV @ s.dx))
 
     def dissipation(self, s: Signals, truth: Truth) -> float:
@@ -206,7 +206,7 @@ class AdaptiveJacobian(Law):
 
     def _joint_dissipation(self, s: Signals, truth: Truth) -> float:
         """Return (N s)^T D (N s) + s^T (f(qd) - f(qd_r)) [W]."""
-        qd_r = self._reference_velocity(s)[2]
+        qd_r = self._reference_velocity(s)
         braking = (s.v - qd_r) @ (truth.friction.torque(s.v) - truth.friction.torque(qd_r))
         if s.inverse.unique:
             return float(braking)

@@ -80,10 +80,10 @@ class SlotineLi(AdaptiveJacobian):
 
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return s^T M s / 2, M the true mass matrix."""
-        error = s.v - self._reference_velocity(s)[2]
+        error = s.v - self._reference_velocity(s)
         return float(0.5 * error @ (truth.M @ error))
 
     def dissipation(self, s: Signals, truth: Truth) -> float:
         """Return dV/dt."""
-        error = s.v - self._reference_velocity(s)[2]
+        error = s.v - self._reference_velocity(s)
         return float(-error @ (self.K_v @ error) - self._joint_dissipation(s, truth))

@@ -26,6 +26,7 @@ class InertialDynamics(Dynamics):
         self._believed = InertialModel(robot.model)
         self._regressor = Regressor(robot.model)
         self._armature = np.array(robot.model.armature)
+        self._rotors = bool(self._armature.any())
         self._pi = inertial_parameters(robot.model)
         self._gravity = np.array(robot.model.gravity.linear)
 
@@ -73,4 +74,5 @@ class InertialDynamics(Dynamics):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return Y_r (n, p) and the torque it gives (n), known bodies and rotors included."""
         Y = self._regressor.slotine_li(q, v, v_r, a_r)
-        return self.reduce(Y), Y.dot(self._pi) + self._armature * a_r
+        tau = Y.dot(self._pi)
+        return self.reduce(Y), tau + self._armature * a_r if self._rotors else tau

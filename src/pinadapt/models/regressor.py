@@ -22,7 +22,7 @@ class Regressor:
         """Copy a chain's model; its inertias do not matter."""
         self._model, self._weightless = model.copy(), model.copy()
         self._weightless.gravity.linear = np.zeros(3)
-        self._data, self._weightless_data = self._model.createData(), self._weightless.createData()
+        self._data = self._model.createData()  # scratch for both
         self._zero = np.zeros(model.nv)
         self._shape = (model.nv, PER_BODY * model.nv)  # Pinocchio returns a single row as a vector
 
@@ -43,10 +43,10 @@ class Regressor:
         C(q, u) w is bilinear and symmetric in u and w, so polarisation gives it in two calls:
         Y(q, (v + v_r)/2, a_r) - Y0(q, (v - v_r)/2, 0), Y0 without gravity.
         """
-        mean, half_gap = 0.5 * (v + v_r), 0.5 * (v - v_r)
+        mean = 0.5 * (v + v_r)
         Y = pin.computeJointTorqueRegressor(self._model, self._data, q, mean, a_r)
         Y -= pin.computeJointTorqueRegressor(
-            self._weightless, self._weightless_data, q, half_gap, self._zero
+            self._weightless, self._data, q, mean - v_r, self._zero
         )
         return Y.reshape(self._shape)
 

@@ -88,6 +88,11 @@ class RightInverse:
             kernels.null_space(self.J, self.gram_inverse, np.asarray(z, dtype=float), null)
         return null
 
+    def subtract_null_damping(self, D: np.ndarray, z: np.ndarray, torque: np.ndarray) -> None:
+        """Take N diag(D) N z (n) off a torque (n) in place, N = I - J^+ J; all are floats."""
+        if not self.unique:
+            kernels.subtract_null_space_damping(self.J, self.gram_inverse, D, z, torque)
+
     def _damping_rate(self, Jdot: np.ndarray) -> float:
         """Return d(mu^2)/dt = -d(s^2)/dt / 2 = -sum_i (s / sigma_i)^4 d(sigma_i^2)/dt / 2."""
         U, sigma, _ = np.linalg.svd(self.J, full_matrices=False)

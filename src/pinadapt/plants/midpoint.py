@@ -43,8 +43,8 @@ class FittedMidpoint:
         self._inertia = np.diag(pin.crba(self._model, self._data, robot.q0)).copy()
         self._friction, self._present = robot.friction, robot.friction.present
         self._theta, self._drive = np.full((2, self._model.nv), 0.5)
-        if self._present:
-            compile_all()
+        self._none = np.zeros(self._model.nv)
+        compile_all()
 
     def __call__(
         self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, h: float
@@ -52,9 +52,11 @@ class FittedMidpoint:
         """Return q (nq) and v (nv) after h [s] under a held torque tau (nv)."""
         model, half, integrate = self._model, 0.5 * h, pin.integrate
         solve = self._damped if self._present else self._free
-        middle = v + half * solve(q, v, v, tau, half)
-        dv = h * solve(integrate(model, q, half * v), middle, v, tau, h)
-        return integrate(model, q, h * (v + self._theta * dv)), v + dv
+        after, (middle, way) = np.empty(v.size), np.empty((2, v.size))
+        _moved(v, solve(q, v, v, tau, half), self._none, half, middle, way)
+        a = solve(integrate(model, q, way), middle, v, tau, h)
+        _moved(v, a, self._theta, h, after, way)
+        return integrate(model, q, way), after
 
     def __reduce__(self) -> tuple[type[FittedMidpoint], tuple[Robot]]:
         """Pickle the robot alone: a copied view would no longer be one."""
@@ -104,3 +106,13 @@ def _fit(
         theta[i] = 0.5 + z / 12.0 if z < 1e-3 else -1.0 / math.expm1(-z) - 1.0 / z
         armature[i] = rotors[i] + theta[i] * h * D
         drive[i] = tau[i] - D * start[i]
+
+
+@compiled("void(f8[:], f8[:], f8[:], f8, f8[:], f8[:])", fills=2)
+def _moved(
+    v: np.ndarray, a: np.ndarray, theta: np.ndarray, h: float, after: np.ndarray, way: np.ndarray
+) -> None:
+    """Write the velocity v + h a after h [s] and the way h (v + theta h a) until then (nv)."""
+    for i in range(len(v)):
+        after[i] = v[i] + h * a[i]
+        way[i] = h * (v[i] + theta[i] * (h * a[i]))

@@ -20,6 +20,7 @@ TOOL_ERROR = 0.05  # of the reach
 LOAD = 0.1  # of the chain's mass, or the last body's own if that is less
 FRICTION = 0.5  # of what is typical for the robot's size, times 0.5 to 1.5
 _TURNS = 4.0
+_SETTLED = 9.0  # [s]
 _LEAST_DURATION = 30.0  # [s]; of the shortest circles, 3 s, the last tenth is a whole turn
 
 
@@ -30,7 +31,7 @@ class ZooCase:
     Attributes:
         true, believed: the real robot and what is believed of it.
         circle: the desired motion, through the true initial position.
-        radius: of the circle [m].
+        radius, period: of the circle [m], [s].
         duration: of the run [s].
     """
 
@@ -38,7 +39,18 @@ class ZooCase:
     believed: Robot
     circle: Trajectory
     radius: float
+    period: float
     duration: float
+
+    @property
+    def repeating(self) -> float:
+        """Duration [s] of a run without adaptation that ends as one of ``duration`` would.
+
+        With constant estimates the loop forgets its start within seconds and repeats itself turn by
+        turn: whole turns are left out.
+        """
+        least = max(_SETTLED, 2.0 * self.period)
+        return self.duration - self.period * max(0, (self.duration - least) // self.period)
 
 
 def zoo_case(name: str, seed: int = 0) -> ZooCase:
@@ -73,6 +85,7 @@ def zoo_case(name: str, seed: int = 0) -> ZooCase:
         believed,
         _circle(true, found),
         found.radius,
+        found.period,
         max(_LEAST_DURATION, _TURNS * found.period),
     )
 

@@ -34,7 +34,7 @@ class ZooRow:
         joints: number of joints.
         law: the law that ran.
         radius: of the circle [m].
-        unadapted, adapted: largest error in the last 10 % of the run, estimates frozen and
+        unadapted, adapted: largest error in the last 10 % of the duration, estimates frozen and
             adapted [m].
         min_eig_M_hat: smallest eigenvalue of the estimated mass matrix over the adapted run.
         min_singular_J_hat: smallest singular value of the estimated Jacobian over the adapted run.
@@ -65,14 +65,15 @@ def zoo_row(name: str, law: str, seed: int = 0) -> ZooRow:
 def _row(name: str, law: str, seed: int) -> ZooRow:
     case = zoo_case(name, seed)
     controller = _controller(case, law, "natural")
-    adapted, unadapted = _run(case, controller), _run(case, _controller(case, law, "none"))
+    adapted = _run(case, controller, case.duration)
+    unadapted = _run(case, _controller(case, law, "none"), case.repeating)
     return ZooRow(
         robot=name,
         joints=case.true.model.nv,
         law=law,
         radius=case.radius,
-        unadapted=last_error(unadapted),
-        adapted=last_error(adapted),
+        unadapted=last_error(case, unadapted),
+        adapted=last_error(case, adapted),
         min_eig_M_hat=extreme(np.min, adapted.min_eig_M_hat),
         min_singular_J_hat=extreme(np.min, adapted.min_singular_J_hat),
         verdict=verdict(case, controller, adapted, unadapted),
@@ -107,12 +108,12 @@ def _controller(case: ZooCase, law: str, adaptation: str) -> Controller:
     return make_controller(case.believed, law=law, joint=_UNKNOWN, adaptation=adaptation, dt=PERIOD)
 
 
-def _run(case: ZooCase, controller: Controller) -> Rollout:
+def _run(case: ZooCase, controller: Controller, duration: float) -> Rollout:
     return simulate(
         case.true,
         controller,
         case.circle,
-        duration=case.duration,
+        duration=duration,
         dt=PERIOD,
         record_every=_RECORD_EVERY,
     )

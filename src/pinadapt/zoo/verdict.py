@@ -17,14 +17,18 @@ CONVERGED = "converged"
 _SINGULAR = 0.2  # of the first smallest singular value
 
 
-def last_error(rollout: Rollout) -> float | None:
-    """Return the largest error in the last 10 % of a run [m], or None where none is finite."""
-    return extreme(np.max, rollout.window(False))
+def last_error(case: ZooCase, rollout: Rollout) -> float | None:
+    """Return the largest error in the last of a run [m], or None where none is finite.
+
+    The last is 10 % of the case's duration, however long the run was.
+    """
+    t = rollout.t
+    return extreme(np.max, rollout.distance[t > t[-1:] - 0.1 * case.duration])
 
 
 def verdict(case: ZooCase, controller: Controller, adapted: Rollout, unadapted: Rollout) -> str:
     """Say whether a chain converged, and if not, which hypothesis likeliest failed."""
-    error, without = last_error(adapted), last_error(unadapted)
+    error, without = last_error(case, adapted), last_error(case, unadapted)
     accurate = error is not None and error <= ACCURATE * case.radius
     better = error is not None and without is not None and error <= BETTER * without
     if adapted.diverged is None and accurate and better:
