@@ -95,8 +95,8 @@ class Controller:
             adapting: whether the estimates move from the start; see ``ControllerState.adapt``.
 
         Raises:
-            MeasurementError: measurements of the wrong size, not finite, or none where the law
-                needs one.
+            MeasurementError: measurements of the wrong size, not finite, or missing.
+            InputError: no measurement, or none of the task velocity for a law that needs it.
             ParameterError: estimates of the wrong size, non-finite, or outside of their domain.
         """
         measurement = self._check.measurement(measurement)
@@ -125,7 +125,8 @@ class Controller:
         Raises:
             MeasurementError: a signal that the law uses is missing, of the wrong size or type, or
                 not finite.
-            InputError: the desired motion, dt or the state cannot be used.
+            InputError: the desired motion, dt or the state cannot be used, or the task velocity is
+                missing for a law that needs it.
             DivergedError: torque or estimates went wrong, see ``watch``, or the law met a
                 singularity.
         """

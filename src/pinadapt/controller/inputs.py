@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..exceptions import InputError, MeasurementError
+from ..exceptions import InputError, MeasurementError, ParameterError
 from ..models.task_kinematics import TaskKinematics
 from ..records import Desired, Measurement
 from .state import ControllerState
@@ -82,9 +82,8 @@ class InputCheck:
         """Return the measurement as arrays of floats.
 
         Raises:
-            InputError: no measurement.
-            MeasurementError: a signal that the law needs is missing, of the wrong size, or not
-                made of numbers.
+            InputError: no measurement, or none of the task velocity for a law that needs it.
+            MeasurementError: another signal is missing, of the wrong size, or not made of numbers.
         """
         if not isinstance(given, Measurement):
             raise InputError(f"expected a Measurement, got {given!r}.", where="measurement")
@@ -97,11 +96,10 @@ class InputCheck:
         if xd is not None:
             xd = _array(xd, self._m, "xd")
         elif self._needs_xd:
-            raise MeasurementError(
-                "xd",
-                None,
-                f"is missing, and the law '{self._law}' needs the task velocity: measure it, or "
-                "take 'adaptive-inverse-dynamics', which does without",
+            raise ParameterError(
+                f"the law '{self._law}' needs the task velocity xd.",
+                where="measurement",
+                hint="Measure it, or take 'adaptive-inverse-dynamics', which does without.",
             )
         if a is not None:
             a = _array(a, self._v, "a")
