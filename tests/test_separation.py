@@ -11,25 +11,24 @@ from paper import BASIS, CIRCLE, LMI
 LENGTHS = ["elbow_joint:length", "wrist_1_joint:length"]
 
 
-SLOW, JOINTS = {"gamma_d": 1.0}, {"gamma_joint": 1.0}  # rates that fixed steps of an ODE solver can follow
+# rates that fixed steps of an ODE solver can follow
+SLOW, JOINTS = {"gamma_d": 1.0}, {"gamma_joint": 1.0}
 
 
 def frame(name, plane="yz", **options):
     robot = catalogue_robot(name)
-    true = with_tool_and_load(robot).changed(viscous=0.2)
-    controller = pa.make_controller(
-        robot.changed(inertial_scale=0.7), law="separation", joint="viscous", **(options or SLOW | JOINTS)
+    true, believed = (
+        with_tool_and_load(robot).changed(viscous=0.2),
+        robot.changed(inertial_scale=0.7),
     )
+    rates = options or SLOW | JOINTS
+    controller = pa.make_controller(believed, law="separation", joint="viscous", **rates)
     return true, controller, circle_beside(true, plane)
 
 
 def planar():
-    robot = catalogue_robot("planar_2r")
-    return (
-        robot,
-        pa.make_controller(robot, law="separation", kinematic="lengths", basis=BASIS, lmi=LMI, **SLOW),
-        CIRCLE,
-    )
+    robot, own = catalogue_robot("planar_2r"), {"kinematic": "lengths", "basis": BASIS, "lmi": LMI}
+    return robot, pa.make_controller(robot, law="separation", **own, **SLOW), CIRCLE
 
 
 def lumped():
@@ -87,9 +86,7 @@ def test_arms_are_held_without_task_velocity(name):
     robot = catalogue_robot(name)
     true = with_tool_and_load(robot)
     controller = pa.make_controller(robot.changed(inertial_scale=0.7), law="separation")
-    rollout = pa.simulate(
-        true, controller, circle_beside(true, "yz"), duration=4.0, record_every=5
-    )
+    rollout = pa.simulate(true, controller, circle_beside(true, "yz"), duration=4.0, record_every=5)
     assert rollout.diverged is None
     assert rollout.distance[-100:].max() < 0.1 * rollout.distance[:100].max()
 

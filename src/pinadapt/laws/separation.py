@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pinocchio as pin
@@ -59,8 +59,8 @@ class Separation(Law):
                   dV/dt = -s^T K_D s - s^T (f(qd) - f(qd_r)) - c beta dx_o^T dx_o
                   - epsilon^T R epsilon, f the true friction of the joints: monotone. The first two
                   terms and the last two each belong to a V of their own.
-    Pose:         the rotation error of the believed orientation, which no estimate enters, takes the
-                  place of x_o - x_d in its rows; its derivative is omega - omega_d + delta.
+    Pose:         the rotation error of the believed orientation, which no estimate enters, takes
+                  the place of x_o - x_d in its rows; its derivative is omega - omega_d + delta.
     Joints:       nothing is observed or predicted: Slotine and Li's law with this K_D.
     Assumptions:  constant parameters; J_hat of full row rank. Needed are q, qd and x: no task
                   velocity, no acceleration, no M_hat^-1.
@@ -89,6 +89,7 @@ class Separation(Law):
     R_k: Any = 1.0
 
     name = "separation"
+    bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0}
     adaptation_mode = 8.0
     units = ("N m s/rad", "")
 
@@ -188,15 +189,17 @@ class Separation(Law):
         return float(-joints - task)
 
     def feedback(self, motion: TypicalMotion) -> Sequence[Feedback]:
-        """Return the feedback at each state, joints in coordinates of unit mass."""
+        """Return the feedback at each state, joints in coordinates of unit mass.
+
+        The null space follows its reference motion, which feels nothing of it.
+        """
         found = []
         for J, M in zip(motion.jacobians, motion.mass_matrices, strict=True):
             W = unit_mass(M)
             D = W @ self.K_v @ W.T
             tracked = W @ M @ np.linalg.pinv(J, rcond=1e-2) @ J @ W.T
-            null = np.eye(len(M)) - tracked
-            stiffness = self.alpha * tracked + self.posture.frequency * null
-            found.append(Feedback(D @ stiffness, D + stiffness, 0.0 * D, D))
+            null = self.posture.frequency * (np.eye(len(M)) - tracked)
+            found.append(Feedback(self.alpha * D @ tracked, D + self.alpha * tracked, null, D))
         return found
 
     def kinematic_loop(self) -> KinematicLoop:
