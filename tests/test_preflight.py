@@ -112,7 +112,8 @@ def test_every_factor_that_is_told_helps(law, dt):
     robot = catalogue_robot("panda")
     controller = pa.make_controller(robot, law=law)
     its = controller.law
-    gains = {"Kv": its.K_v, "Kp": its.K_P, "alpha": its.alpha, "R_k": its.R_k}
+    symbols = {"Kv": "K_v", "Kp": "K_P"}
+    gains = {name: getattr(its, symbols.get(name, name)) for name in (*its.bandwidth_powers, "R_k")}
     gains |= {
         "gamma_d": controller.adaptation_d.gamma,
         "gamma_k": controller.adaptation_k.gain(controller.kinematics.initial),

@@ -18,12 +18,14 @@ from .law import Law as Law
 from .law import Truth as Truth
 from .posture import Posture as Posture
 from .resolved_acceleration import ResolvedAcceleration as ResolvedAcceleration
+from .separation import Separation as Separation
 from .slotine_li import SlotineLi as SlotineLi
 from .spong_ortega import SpongOrtega as SpongOrtega
 
 LAWS: dict[str, type[Law]] = {
     law.name: law
     for law in (
+        Separation,
         ResolvedAcceleration,
         AdaptiveInverseDynamics,
         AdaptiveInverseDynamicsVelocity,

@@ -93,6 +93,8 @@ class Law(ABC):
         needs_acceleration: whether it uses the joint acceleration.
         inverts_estimate: whether it needs M_hat^-1 at the moving estimate.
         joint_space: whether it is a law for joint tasks only.
+        bandwidth_powers: gains of the feedback, by the names that users write, with the powers of
+            the bandwidth that they go with.
         adaptation_mode: fastest mode of the inertias' adaptation by default, in bandwidths.
         units: of velocity and position gain, for people.
     """
@@ -103,6 +105,7 @@ class Law(ABC):
     needs_acceleration: ClassVar[bool] = False
     inverts_estimate: ClassVar[bool] = False
     joint_space: ClassVar[bool] = False
+    bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0, "Kp": 2.0}
     adaptation_mode: ClassVar[float] = 2.0
     units: ClassVar[tuple[str, str]] = ("", "")
 

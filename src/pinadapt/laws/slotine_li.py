@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from ..exceptions import GainError
 from ..models.typical_motion import TypicalMotion, joint_inertia
@@ -42,6 +42,7 @@ class SlotineLi(AdaptiveJacobian):
 
     name = "slotine-li"
     joint_space = True
+    bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0}
     units = ("N m s/rad", "")
 
     def __post_init__(self) -> None:

@@ -122,7 +122,7 @@ def _parts(controller: Controller) -> list[tuple[str, dict[str, float], Radius]]
     parts: list[tuple[str, dict[str, float], Radius]] = []
     feedback = controller.law.feedback(motion)
     if feedback:
-        powers = {"Kv": 1.0, "alpha": 1.0, "Kp": 2.0}
+        powers = controller.law.bandwidth_powers
         parts.append((_FEEDBACK, powers, partial(_feedback_radius, feedback)))
     Gamma_d = _dynamic_gain(controller, motion)
     if feedback and Gamma_d.any():

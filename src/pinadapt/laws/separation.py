@@ -1,0 +1,219 @@
+"""The separation law: kinematics learned from the position, dynamics from the joints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import KW_ONLY, dataclass, replace
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+import pinocchio as pin
+
+from .._checks import definite_matrix, positive
+from ..adaptation.drive import Drive, Drives
+from ..filters.position_observer import PositionObserver
+from ..models.typical_motion import TypicalMotion, unit_mass
+from ..robot.changes import Payload
+from ..robot.robot import Robot
+from ..robot.workspace import reach
+from ..signals import Signals
+from ..tasks.task import Task
+from .feedback import Feedback, KinematicLoop
+from .gains import merged
+from .law import Believed, Command, Law, Truth
+from .posture import Posture
+
+_DAMPING, _STEP = 3.0, 0.25  # K_D in bandwidths times inertia, and in parts of what dt bears
+_LOAD, _ARM = 0.1, 0.05  # load believed for K_D: of the robot's mass, of its reach off the flange
+_POSTURE = 0.5  # frequency of the posture in bandwidths
+_OBSERVER = 1.0  # beta in bandwidths
+
+
+@dataclass(slots=True, eq=False)
+class SeparationCommand(Command):
+    """A command with what it took.
+
+    Attributes:
+        drives: of both estimates.
+    """
+
+    drives: Drives = None  # type: ignore[assignment]  # always given
+
+
+@dataclass(frozen=True, eq=False)
+class Separation(Law):
+    """Separation of kinematic and dynamic adaptation, after H. Wang, IEEE TAC 62 (2017) 948-954.
+
+    The kinematic estimate converges whatever the torque does, the dynamic one whatever the camera
+    does. Added to Wang's law is the prediction error of the position itself, epsilon.
+
+    Law:          tau = Y(q, qd, qd_r, qdd_r) a_d - K_D s, s = qd - qd_r,
+                  qd_r = J_hat^+ (xd_d - alpha (x_o - x_d)) + N psi, qdd_r its exact derivative,
+                  dx_o/dt = J_hat qd - beta dx_o, dx_o = x_o - x.
+    Adaptation:   da_d/dt = -Gamma_d Y^T s; da_k/dt = -Gamma_k (c Y_k^T dx_o + X_k^T R epsilon),
+                  epsilon = x_hat(q; a_k) - x = X_k da_k, as x is affine in the translations.
+    Closed loop:  M ds/dt + C s = -K_D s + Y da_d; d(dx_o)/dt = Y_k da_k - beta dx_o;
+                  d(x_o - x_d)/dt = -alpha (x_o - x_d) + J_hat s - beta dx_o.
+    V:            s^T M s / 2 + D_d(a_d) + c dx_o^T dx_o / 2 + D_k(a_k),
+                  dV/dt = -s^T K_D s - s^T (f(qd) - f(qd_r)) - c beta dx_o^T dx_o
+                  - epsilon^T R epsilon, f the true friction of the joints: monotone. The first two
+                  terms and the last two each belong to a V of their own.
+    Pose:         the rotation error of the believed orientation, which no estimate enters, takes
+                  the place of x_o - x_d in its rows; its derivative is omega - omega_d + delta.
+    Joints:       nothing is observed or predicted: Slotine and Li's law with this K_D.
+    Assumptions:  constant parameters; J_hat of full row rank. Needed are q, qd and x: no task
+                  velocity, no acceleration, no M_hat^-1.
+
+    Default gains for the bandwidth w at the period dt: alpha = w, beta = w, K_D diagonal,
+    K_D,i = min(3 w M_ii, 0.25 / (dt (M^-1)_ii)), M_ii with a load of a tenth of the robot's mass
+    believed a twentieth of its reach off the flange, (M^-1)_ii without.
+
+    Attributes:
+        task: the controlled coordinates, m of them, m_p positions.
+        posture: what redundant joints do.
+        K_v: (n, n) K_D [N m s/rad or N s/m].
+        alpha: [1/s].
+        beta: [1/s].
+        c: weight of the observation error.
+        R_k: (m_p, m_p) R, weight of the prediction error.
+    """
+
+    task: Task
+    posture: Posture
+    _: KW_ONLY
+    K_v: Any
+    alpha: float
+    beta: float
+    c: float = 1.0
+    R_k: Any = 1.0
+
+    name = "separation"
+    bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0}
+    adaptation_mode = 8.0
+    units = ("N m s/rad", "")
+
+    def __post_init__(self) -> None:
+        """Turn gains into matrices.
+
+        Raises:
+            GainError: gains that are not positive (definite) or of the wrong size.
+        """
+        n = self.posture.damping.size
+        checked = {
+            "K_v": definite_matrix(self.K_v, n, "Kv"),
+            "alpha": positive(self.alpha, "alpha"),
+            "beta": positive(self.beta, "beta"),
+            "c": positive(self.c, "c"),
+            "R_k": definite_matrix(self.R_k, self.task.positions, "R_k"),
+        }
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+
+    @cached_property
+    def filters(self) -> PositionObserver:
+        """The observer of the position."""
+        return PositionObserver(self.beta)
+
+    @cached_property
+    def _weight(self) -> np.ndarray:
+        """diag(c, R) (2 m_p, 2 m_p), of the observation and the prediction error."""
+        m = self.task.positions
+        weight = np.zeros((2 * m, 2 * m))
+        weight[:m, :m], weight[m:, m:] = self.c * np.eye(m), self.R_k
+        return weight
+
+    @classmethod
+    def tuned(
+        cls, motion: TypicalMotion, dt: float, share: float = 1.0, **given: Any
+    ) -> Separation:
+        """Return the law with its default gains; see ``Law.tuned``."""
+        w = share * motion.bandwidth
+        defaults = {"Kv": _damping(motion.robot, w, dt), "alpha": w, "beta": _OBSERVER * w}
+        gains = merged({**defaults, "R_k": 1.0}, given)
+        posture = Posture(motion.robot, frequency=_POSTURE * w)
+        return cls(motion.kinematics.task, posture, **gains)
+
+    def with_prediction_weight(self, weight: float) -> Separation:
+        """Return the law with another R, a number times the identity."""
+        return replace(self, R_k=weight)
+
+    def _reference(self, s: Signals) -> tuple[np.ndarray, np.ndarray | None]:
+        """Return u = xd_d - alpha (x_o - x_d) (m) and the null-space motion psi (n)."""
+        e_o = s.dx.copy()  # of a pose with the error of the orientation
+        e_o[: s.filtered.dx_o.size] += s.filtered.dx_o
+        psi = None if s.inverse.unique else self.posture.velocity(s.q)
+        return s.xd_d - self.alpha * e_o, psi
+
+    def _reference_rate(self, s: Signals) -> np.ndarray:
+        """Return du/dt (m): dx_o/dt is known, xd is not needed."""
+        ed_o = s.dxd_hat if s.delta is None else s.dxd_hat + s.delta
+        ed_o[: s.filtered.dx_o.size] -= self.beta * s.filtered.dx_o
+        return np.asarray(s.xdd_d - self.alpha * ed_o)
+
+    def _reference_error(self, s: Signals) -> np.ndarray:
+        """Return s = qd - qd_r (n)."""
+        return np.asarray(s.v - s.inverse.solve(*self._reference(s)))
+
+    def command(self, s: Signals, believed: Believed) -> SeparationCommand:
+        """Return Y a_d - K_D s, with the drives, which are known by then."""
+        dx_o, epsilon, X_k = s.filtered
+        W, residual = np.concatenate([s.Y_k[: dx_o.size], X_k]), np.concatenate([dx_o, epsilon])
+        kinematic = Drive(s.Y_k, None, W, residual, self._weight)
+        Jdot = believed.kinematics.jacobian_rate(believed.kinematic_rate(s, kinematic))
+        u, psi = self._reference(s)
+        qd_r, psi_d = s.inverse.solve(u, psi), self.posture.velocity_rate(s.v)
+        qdd_r = s.inverse.solve_rate(u, psi, self._reference_rate(s), psi_d, Jdot)
+        Y, feedforward = believed.dynamics.slotine_li(s.q, s.v, qd_r, qdd_r)
+        error = s.v - qd_r
+        drives = Drives(Drive(Y, error), kinematic)
+        return SeparationCommand(feedforward - self.K_v.dot(error), None, drives)
+
+    def drives(
+        self, s: Signals, believed: Believed, command: SeparationCommand, a: np.ndarray
+    ) -> Drives:
+        """Return g_d = Y^T s and g_k."""
+        return command.drives
+
+    def storage(self, s: Signals, truth: Truth) -> float:
+        """Return s^T M s / 2 + c dx_o^T dx_o / 2, M the true mass matrix."""
+        error, dx_o = self._reference_error(s), s.filtered.dx_o
+        return float(0.5 * error @ (truth.M @ error) + 0.5 * self.c * dx_o @ dx_o)
+
+    def dissipation(self, s: Signals, truth: Truth) -> float:
+        """Return dV/dt."""
+        error, (dx_o, epsilon, _) = self._reference_error(s), s.filtered
+        f = truth.friction.torque
+        joints = error @ (self.K_v @ error) + error @ (f(s.v) - f(s.v - error))
+        task = self.c * self.beta * dx_o @ dx_o + epsilon @ (self.R_k @ epsilon)
+        return float(-joints - task)
+
+    def feedback(self, motion: TypicalMotion) -> Sequence[Feedback]:
+        """Return the feedback at each state, joints in coordinates of unit mass.
+
+        The null space follows its reference motion, which feels nothing of it.
+        """
+        found = []
+        for J, M in zip(motion.jacobians, motion.mass_matrices, strict=True):
+            W = unit_mass(M)
+            D = W @ self.K_v @ W.T
+            tracked = W @ M @ np.linalg.pinv(J, rcond=1e-2) @ J @ W.T
+            null = self.posture.frequency * (np.eye(len(M)) - tracked)
+            found.append(Feedback(self.alpha * D @ tracked, D + self.alpha * tracked, null, D))
+        return found
+
+    def kinematic_loop(self) -> KinematicLoop:
+        """Return the coupling of observation and prediction."""
+        return KinematicLoop(self.c, self.beta, self.R_k)
+
+
+def _damping(robot: Robot, w: float, dt: float) -> np.ndarray:
+    """Return the default diagonal (n) of K_D [N m s/rad or N s/m]."""
+    mass, arm = _LOAD * pin.computeTotalMass(robot.model), _ARM * reach(robot)
+    turning = mass * arm**2
+    ball = Payload(mass, (0.0, 0.0, 0.0), (turning, 0.0, turning, 0.0, 0.0, turning))
+    inertias = []
+    for model in (robot.changed(payload=ball).model, robot.model):
+        inertias.append(pin.crba(model, model.createData(), robot.q0))
+    loaded, bare = inertias
+    return np.minimum(_DAMPING * w * np.diag(loaded), _STEP / (dt * np.diag(np.linalg.inv(bare))))

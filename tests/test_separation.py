@@ -1,0 +1,110 @@
+"""The separation law against its own Lyapunov equality on every kind of task and parameter."""
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from chains import catalogue_robot
+from loops import circle_beside, energy_along, with_tool_and_load
+from paper import BASIS, CIRCLE, LMI
+
+LENGTHS = ["elbow_joint:length", "wrist_1_joint:length"]
+
+
+# rates that fixed steps of an ODE solver can follow
+SLOW, JOINTS = {"gamma_d": 1.0}, {"gamma_joint": 1.0}
+
+
+def frame(name, plane="yz", **options):
+    robot = catalogue_robot(name)
+    true, believed = (
+        with_tool_and_load(robot).changed(viscous=0.2),
+        robot.changed(inertial_scale=0.7),
+    )
+    rates = options or SLOW | JOINTS
+    controller = pa.make_controller(believed, law="separation", joint="viscous", **rates)
+    return true, controller, circle_beside(true, plane)
+
+
+def planar():
+    robot, own = catalogue_robot("planar_2r"), {"kinematic": "lengths", "basis": BASIS, "lmi": LMI}
+    return robot, pa.make_controller(robot, law="separation", **own, **SLOW), CIRCLE
+
+
+def lumped():
+    robot = catalogue_robot("ur5")
+    true = robot.changed(inertial_scale=1.3)
+    controller = pa.make_controller(
+        robot, law="separation", kinematic=LENGTHS, adaptation="gradient"
+    )
+    return true, controller, circle_beside(true, "yz")
+
+
+def pose():
+    robot = catalogue_robot("panda", task="pose")
+    true = with_tool_and_load(robot)
+    controller = pa.make_controller(robot.changed(inertial_scale=0.7), law="separation", **SLOW)
+    path = pa.PoseTrajectory(
+        pa.Circle(np.zeros(3), 0.05, 2.0, "yz"), pa.Swing([0.0, 0.0, 1.0], 0.3, 2.0)
+    )
+    aside = np.array([0.01, 0.01, 0.0, 0.1, 0.0, 0.1])
+    return true, controller, path.starting_at(robot.task.moved(true.position(true.q0), aside))
+
+
+def joints():
+    robot = catalogue_robot("ur5", task="joint")
+    true = robot.changed(inertial_scale=1.3, viscous=0.2)
+    controller = pa.make_controller(robot, law="separation", joint="viscous", **SLOW, **JOINTS)
+    return true, controller, pa.Sinusoid(robot.home_angles + 0.05, 0.2, 2.0)
+
+
+CASES = {
+    "planar": planar,
+    "lumped": lumped,
+    "pose": pose,
+    "joints": joints,
+    "ur5": lambda: frame("ur5"),
+    "panda": lambda: frame("panda"),
+    "scara": lambda: frame("scara", "xy"),
+    "kinova": lambda: frame("kinova"),
+    "gradient": lambda: frame("ur5", adaptation="gradient", gamma_d=1e-3, gamma_joint=1e-3),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_equality_along_the_trajectory(case):
+    true, controller, path = CASES[case]()
+    energy = energy_along(true, controller, path, steps=600)
+    assert energy.mismatch() <= 1e-4
+    assert np.abs(energy.rate).max() > 1e-4  # something moved
+    assert (energy.rate <= 0.0).all() and energy.largest_rise() <= 1e-12
+
+
+@pytest.mark.parametrize("name", ["panda", "kinova"])
+def test_arms_are_held_without_task_velocity(name):
+    """Nothing is tuned; law (11) loses kinova's wrist."""
+    robot = catalogue_robot(name)
+    true = with_tool_and_load(robot)
+    controller = pa.make_controller(robot.changed(inertial_scale=0.7), law="separation")
+    rollout = pa.simulate(true, controller, circle_beside(true, "yz"), duration=4.0, record_every=5)
+    assert rollout.diverged is None
+    assert rollout.distance[-100:].max() < 0.1 * rollout.distance[:100].max()
+
+
+def test_the_observer_is_that_of_its_differential_equation():
+    """dx_o/dt = J_hat qd - beta (x_o - x): halving dt leaves less than half of the difference."""
+    robot = catalogue_robot("ur5")
+    controller = pa.make_controller(robot, law="separation")
+    plant = pa.PinocchioPlant(robot)
+    at_home, v = plant.measure(), np.full(6, 0.2)
+    state = controller.init(at_home)
+    path = circle_beside(robot, "yz").at(0.0)
+    ends = []
+    for steps in (1, 2, 64):
+        after = state
+        for _ in range(steps):
+            measurement = plant.measurement(robot.q0, v, after.t)._replace(x=at_home.x + 0.01)
+            after = controller.step(after.adapt(False), measurement, path, 0.01 / steps)[1]
+        ends.append(after.filters.x_o)
+    coarse, fine = (np.abs(end - ends[2]).max() for end in ends[:2])
+    assert 0.0 < fine < 0.6 * coarse < 1e-3
