@@ -17,10 +17,10 @@ PUBLISHED = {"gamma_k": 0.05, "R_k": 50.0, "lambda_": 10.0, "lambda_a": 1 / 60}
 
 # file: law, acceleration, integration step [s], further gains
 LOOPS = {
-    "known": ("resolved-acceleration", "filtered", 1e-4, {}),
-    "improved_filtered": ("adaptive-inverse-dynamics-improved", "filtered", 1e-4, {}),
-    "cheah": ("adaptive-jacobian", "ideal", 1e-4, {}),
-    "velocity_ideal": ("adaptive-inverse-dynamics-velocity", "ideal", 1e-4, {"Q": 1.0}),
+    "known": ("resolved-acceleration", "filtered", 5e-4, {}),
+    "improved_filtered": ("adaptive-inverse-dynamics-improved", "filtered", 5e-4, {}),
+    "cheah": ("adaptive-jacobian", "ideal", 5e-4, {}),
+    "velocity_ideal": ("adaptive-inverse-dynamics-velocity", "ideal", 5e-4, {"Q": 1.0}),
     "idc_filtered_first_30ms": ("adaptive-inverse-dynamics", "filtered", 1e-5, {}),
     "idc_ideal_first_30ms": ("adaptive-inverse-dynamics", "ideal", 1e-5, {}),
 }
