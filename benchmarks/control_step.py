@@ -11,12 +11,8 @@ leaves the writing of the estimates out.
 from __future__ import annotations
 
 import argparse
-import gc
-import json
-import platform
 from collections.abc import Callable
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -24,9 +20,10 @@ import pinocchio as pin
 
 import pinadapt as pa
 
-HERE = Path(__file__).parent
+from .timing import HERE, in_turn, save, saved
+
 PLANAR = HERE.parent / "robots" / "planar_2r"
-REPEATS, WARM_UP = 3000, 200
+ROUNDS = 3000
 Call = Callable[[], object]
 
 
@@ -95,21 +92,6 @@ def run(calls: list[Call]) -> Call:
     return sequence
 
 
-def in_turn(functions: dict[str, Call]) -> dict[str, np.ndarray]:
-    """Return the times [us] of each function (REPEATS), all of them called once in every round."""
-    times: dict[str, list[float]] = {name: [] for name in functions}
-    gc.collect()
-    gc.disable()
-    for round_ in range(REPEATS + WARM_UP):
-        for name, function in functions.items():
-            started = perf_counter()
-            function()
-            if round_ >= WARM_UP:
-                times[name].append(1e6 * (perf_counter() - started))
-    gc.enable()
-    return {name: np.array(values) for name, values in times.items()}
-
-
 def measure(name: str) -> dict[str, Any]:
     """Return the figures of one robot."""
     robot, control = controller(name)
@@ -124,16 +106,17 @@ def measure(name: str) -> dict[str, Any]:
             "step": lambda: control.step(state, measurement, desired, 1e-3),
             "floor": run([call for call, _ in calls.values()]),
             "bare": run([call for call, bare in calls.values() if bare]),
-        }
+        },
+        ROUNDS,
     )
     return {
-        "robot": name,
+        "name": name,
         "law": control.law.name,
         "kinematic": control.kinematics.size,
         "dynamic": control.dynamics.size,
-        "step_us": float(np.median(times["step"])),
-        "floor_us": float(np.median(times["floor"])),
-        "bare_floor_us": float(np.median(times["bare"])),
+        "step_us": 1e6 * float(np.median(times["step"])),
+        "floor_us": 1e6 * float(np.median(times["floor"])),
+        "bare_floor_us": 1e6 * float(np.median(times["bare"])),
         "ratio": float(np.median(times["step"] / times["floor"])),
         "bare_ratio": float(np.median(times["step"] / times["bare"])),
         "floor_calls": list(calls),
@@ -145,32 +128,21 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--save", type=Path, default=HERE / "control_step.json")
     path = parser.parse_args().save
-    before = (
-        {row["robot"]: row for row in json.loads(path.read_text())["robots"]}
-        if path.is_file()
-        else {}
-    )
+    before = saved(path)
     rows = [measure(name) for name in ("planar_2r", "ur5", "panda")]
     print(
         f"{'robot':10} {'params':>7} {'step us':>8} {'floor us':>9} {'ratio':>6} {'was':>6} "
         f"{'bare us':>8} {'bare ratio':>11}"
     )
     for row in rows:
-        was = before.get(row["robot"], {}).get("ratio", float("nan"))
+        was = before.get(row["name"], {}).get("ratio", float("nan"))
         print(
-            f"{row['robot']:10} {row['kinematic'] + row['dynamic']:7d} {row['step_us']:8.1f} "
+            f"{row['name']:10} {row['kinematic'] + row['dynamic']:7d} {row['step_us']:8.1f} "
             f"{row['floor_us']:9.1f} {row['ratio']:6.2f} {was:6.2f} "
             f"{row['bare_floor_us']:8.1f} {row['bare_ratio']:11.2f}"
         )
     print("floor: " + ", ".join(rows[-1]["floor_calls"]))
-    machine = {
-        "python": platform.python_version(),
-        "pin": pin.__version__,
-        "numpy": np.__version__,
-        "machine": platform.machine(),
-    }
-    path.write_text(json.dumps({"environment": machine, "robots": rows}, indent=2) + "\n")
-    print(f"saved to {path}")
+    save(path, rows)
 
 
 if __name__ == "__main__":

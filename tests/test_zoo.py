@@ -11,7 +11,7 @@ from pinadapt.cli.main import main
 from pinadapt.robot.workspace import reach
 from pinadapt.zoo.case import zoo_case
 from pinadapt.zoo.experiment import zoo_row
-from pinadapt.zoo.verdict import CONVERGED
+from pinadapt.zoo.verdict import CONVERGED, last_error
 
 
 @pytest.mark.parametrize("name", ["ur5", "solo8_fl_leg", "allegro_left_thumb", "scara"])
@@ -44,6 +44,24 @@ def test_a_chain_converges_untuned(name):
     assert row.verdict == CONVERGED
     assert row.adapted <= 0.02 * row.radius and row.adapted <= 0.2 * row.unadapted
     assert row.min_eig_M_hat > 0.0
+
+
+def test_without_adaptation_the_end_of_a_shorter_run_is_that_of_the_whole():
+    """Whole turns are left out, so that the last of both runs is the same part of a turn."""
+    case = zoo_case("so101")
+    left_out = (case.duration - case.repeating) / case.period
+    assert left_out == round(left_out) > 0 and case.repeating >= 9.0
+    controller = pa.make_controller(
+        case.believed, law="adaptive-jacobian", joint=("viscous", "coulomb"), adaptation="none"
+    )
+    ends = [
+        last_error(
+            case,
+            pa.simulate(case.true, controller, case.circle, duration=duration, record_every=10),
+        )
+        for duration in (case.repeating, case.duration)
+    ]
+    assert ends[0] == pytest.approx(ends[1], rel=1e-6)
 
 
 def test_a_wrist_without_inertia_is_named(monkeypatch):

@@ -9,13 +9,12 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from .._checks import definite_matrix, positive
 from ..filters.low_pass import LowPass
 from ..filters.motion_filters import MotionFilters
 from ..models.typical_motion import TypicalMotion
 from ..tasks.task import Task
 from .feedback import Feedback, KinematicLoop
-from .gains import check_margin, merged, task_gain
+from .gains import check_in_place, check_margin, merged
 from .law import Law
 from .posture import Posture
 
@@ -60,16 +59,7 @@ class AccelerationLaw(Law):
         Raises:
             GainError: gains that break a hypothesis of the proof.
         """
-        checked = {
-            "K_v": task_gain(self.K_v, self.task, "Kv"),
-            "K_P": task_gain(self.K_P, self.task, "Kp"),
-            "alpha": positive(self.alpha, "alpha"),
-            "R_k": definite_matrix(self.R_k, self.task.positions, "R_k"),
-            "lambda_": positive(self.lambda_, "lambda"),
-            "lambda_a": positive(self.lambda_a, "lambda_a"),
-        }
-        for name, value in checked.items():
-            object.__setattr__(self, name, value)
+        check_in_place(self, "K_v", "K_P", "alpha", "R_k", "lambda_", "lambda_a")
         self._check()
 
     def _check(self) -> None:

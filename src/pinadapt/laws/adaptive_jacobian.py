@@ -9,7 +9,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from .._checks import definite_matrix, positive
 from .._kernels import feedback as kernels
 from ..adaptation.drive import Drive, Drives
 from ..filters.low_pass import LowPass
@@ -25,7 +24,7 @@ from ..signals import Signals
 from ..tasks.pose import PoseTask
 from ..tasks.task import Task
 from .feedback import Feedback, KinematicLoop
-from .gains import merged, task_gain
+from .gains import check_in_place, merged
 from .law import Believed, Command, Law, Truth
 from .posture import Posture
 
@@ -100,15 +99,7 @@ class AdaptiveJacobian(Law):
         Raises:
             GainError: gains that break a hypothesis of the proof.
         """
-        checked = {
-            "K_v": task_gain(self.K_v, self.task, "Kv"),
-            "K_P": task_gain(self.K_P, self.task, "Kp"),
-            "alpha": positive(self.alpha, "alpha"),
-            "R_k": definite_matrix(self.R_k, self.task.positions, "R_k"),
-            "lambda_": positive(self.lambda_, "lambda"),
-        }
-        for name, value in checked.items():
-            object.__setattr__(self, name, value)
+        check_in_place(self, "K_v", "K_P", "alpha", "R_k", "lambda_")
 
     @cached_property
     def K_PV(self) -> np.ndarray:

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import definite_matrix
+from .._checks import definite_matrix, positive
 from ..exceptions import GainError, did_you_mean
 from ..tasks.task import Task
 
 NAMES = ("Kv", "Kp", "alpha", "beta", "R_k", "Q", "lambda_", "lambda_a")  # as users write them
 SYMBOLS = {"Kv": "K_v", "Kp": "K_P"}  # what the laws call those that they call otherwise
+_TASK_GAINS = {symbol: name for name, symbol in SYMBOLS.items()}
 
 
 def task_gain(value: ArrayLike, task: Task, name: str, *, copies: int = 1) -> np.ndarray:
@@ -30,6 +31,27 @@ def task_gain(value: ArrayLike, task: Task, name: str, *, copies: int = 1) -> np
             for j in range(copies):
                 _check_rotations(gain[i * m : (i + 1) * m, j * m : (j + 1) * m], rows.start, name)
     return gain
+
+
+def check_in_place(law: Any, *names: str) -> None:
+    """Turn gains of a frozen law that is being made into what they are checked to be.
+
+    K_v and K_P are gains of the task, R_k is a weight of its positions (m_p, m_p), all others are
+    positive numbers.
+
+    Raises:
+        GainError: one of them is not, or of another size.
+    """
+    task: Task = law.task
+    for name in names:
+        value, told = getattr(law, name), name.rstrip("_")
+        if name in _TASK_GAINS:
+            value = task_gain(value, task, _TASK_GAINS[name])
+        elif name == "R_k":
+            value = definite_matrix(value, task.positions, told)
+        else:
+            value = positive(value, told)
+        object.__setattr__(law, name, value)
 
 
 def check_margin(K_v: np.ndarray, alpha: float) -> None:

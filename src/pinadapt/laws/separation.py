@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pinocchio as pin
 
-from .._checks import definite_matrix, positive
+from .._checks import definite_matrix
 from ..adaptation.drive import Drive, Drives
 from ..filters.position_observer import PositionObserver
 from ..models.typical_motion import TypicalMotion, unit_mass
@@ -20,7 +20,7 @@ from ..robot.workspace import reach
 from ..signals import Signals
 from ..tasks.task import Task
 from .feedback import Feedback, KinematicLoop
-from .gains import merged
+from .gains import check_in_place, merged
 from .law import Believed, Command, Law, Truth
 from .posture import Posture
 
@@ -99,16 +99,9 @@ class Separation(Law):
         Raises:
             GainError: gains that are not positive (definite) or of the wrong size.
         """
-        n = self.posture.damping.size
-        checked = {
-            "K_v": definite_matrix(self.K_v, n, "Kv"),
-            "alpha": positive(self.alpha, "alpha"),
-            "beta": positive(self.beta, "beta"),
-            "c": positive(self.c, "c"),
-            "R_k": definite_matrix(self.R_k, self.task.positions, "R_k"),
-        }
-        for name, value in checked.items():
-            object.__setattr__(self, name, value)
+        check_in_place(self, "alpha", "beta", "c", "R_k")
+        K_D = definite_matrix(self.K_v, self.posture.damping.size, "Kv")
+        object.__setattr__(self, "K_v", K_D)
 
     @cached_property
     def filters(self) -> PositionObserver:

@@ -13,11 +13,6 @@ from ..robot.chain import is_slide
 from .inertia_memory import inertia_memory
 from .regressor import PER_BODY
 
-_LEAST_MASS = (
-    1e-6  # [kg] pin.Inertia stores the centre of mass mc/m, which loses its digits below this mass
-)
-
-
 _ONE_KILOGRAM = np.eye(PER_BODY)[0]  # at the joint
 
 

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-PER_BODY = 10
+from .._kernels.models import PER_BODY as PER_BODY
+
 LABELS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 
 
