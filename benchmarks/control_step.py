@@ -82,7 +82,7 @@ def floor_calls(robot: pa.Robot, q: np.ndarray, v: np.ndarray) -> dict[str, tupl
     }
 
 
-def run(calls: list[Call]) -> Call:
+def run(calls: list[Call]) -> Callable[[], None]:
     """Return one function that makes all the calls."""
 
     def sequence() -> None:
@@ -103,7 +103,7 @@ def measure(name: str) -> dict[str, Any]:
     calls = floor_calls(robot, robot.q0, v)
     times = in_turn(
         {
-            "step": lambda: control.step(state, measurement, desired, 1e-3),
+            "step": run([lambda: control.step(state, measurement, desired, 1e-3)]),
             "floor": run([call for call, _ in calls.values()]),
             "bare": run([call for call, bare in calls.values() if bare]),
         },
