@@ -10,6 +10,7 @@ from .adaptation import Estimate as Estimate
 from .adaptation import ExponentiatedGradient as ExponentiatedGradient
 from .adaptation import Frozen as Frozen
 from .adaptation import Gradient as Gradient
+from .adaptation import Leak as Leak
 from .adaptation import MassMatrixProjection as MassMatrixProjection
 from .adaptation import MatrixInequality as MatrixInequality
 from .adaptation import Natural as Natural

@@ -8,6 +8,7 @@ import numpy as np
 
 from .adaptation.drive import Estimate
 from .models.right_inverse import RightInverse
+from .models.sight import Sight
 
 
 class Signals(NamedTuple):
@@ -19,8 +20,8 @@ class Signals(NamedTuple):
     Attributes:
         t: time [s].
         q, v: measured configuration (nq) and joint velocity (n).
-        xd: (m) measured task velocity, or None without such a sensor; rows that need none, such as
-            the angular ones, are J v.
+        xd: (m) measured task velocity; J_hat v without such a sensor, and in the rows that need
+            none, such as the angular ones.
         xd_d, xdd_d: (m) desired task velocity and acceleration.
         dx: (m) x - x_d; for a pose the rotation vector of the orientation error in its last three
             rows, for joints the difference on the manifold.
@@ -30,6 +31,10 @@ class Signals(NamedTuple):
         kinematic: the kinematic estimate, with what its adaptation remembers.
         a_k, a_d: (p_k), (p_d) the estimates.
         adapting: whether the estimates move.
+        epsilon: (m_p) prediction error of the last seen position [m], of which X_k (m_p, p_k) is
+            the regressor: X_k da_k at the configuration where it was seen. None for laws that do
+            not ask; see ``Law.needs_prediction``.
+        sight: what is known of the frame's coordinates.
         a_0: (p_d) the initial dynamic estimate.
         J: (m, n) J_hat, the believed Jacobian.
         Jdot_v: (m) dJ_hat/dt v with the estimate held constant.
@@ -41,7 +46,7 @@ class Signals(NamedTuple):
     t: float
     q: np.ndarray
     v: np.ndarray
-    xd: np.ndarray | None
+    xd: np.ndarray
     xd_d: np.ndarray
     xdd_d: np.ndarray
     dx: np.ndarray
@@ -57,6 +62,9 @@ class Signals(NamedTuple):
     inverse: RightInverse
     filtered: Any
     adapting: bool = True
+    sight: Sight = Sight()
+    epsilon: np.ndarray | None = None
+    X_k: np.ndarray | None = None
 
     @property
     def dxd_hat(self) -> np.ndarray:

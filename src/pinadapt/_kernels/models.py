@@ -150,3 +150,21 @@ def add_translation_rates(
                     Jdot[i, t] += J[5, t] * x - J[3, t] * z
                 else:
                     Jdot[i, t] += J[3, t] * y - J[4, t] * x
+
+
+@compiled("void(f8[:,:,:], i8[:], f8[:,:], f8[:,:])")
+def rotated_directions(
+    R: np.ndarray, parent: np.ndarray, directions: np.ndarray, columns: np.ndarray
+) -> None:
+    """Write R b (m_p, p), parameter by parameter.
+
+    R (N, m_p, 3) are the position rows of the joints' rotations; of each parameter ``parent`` (p)
+    is the joint and b, a column of ``directions`` (3, p), the direction there.
+    """
+    for j in range(len(parent)):
+        k = parent[j]
+        for i in range(len(columns)):
+            x = 0.0
+            for t in range(3):
+                x += R[k, i, t] * directions[t, j]
+            columns[i, j] = x

@@ -9,6 +9,7 @@ from .drive import Estimate as Estimate
 from .exponentiated_gradient import ExponentiatedGradient as ExponentiatedGradient
 from .frozen import Frozen as Frozen
 from .gradient import Gradient as Gradient
+from .leak import Leak as Leak
 from .mass_matrix_projection import MassMatrixProjection as MassMatrixProjection
 from .matrix_inequality import BodyInequality as BodyInequality
 from .matrix_inequality import MatrixInequality as MatrixInequality

@@ -14,8 +14,10 @@ from .._kernels import watch as kernels
 from ..adaptation.adaptation import Adaptation
 from ..adaptation.drive import Drive, Drives, Estimate
 from ..exceptions import DivergedError, ParameterError
+from ..filters.low_pass import LowPass
 from ..laws.law import Believed, Command, Law
 from ..models.dynamics import Dynamics
+from ..models.sight import Carrier, prediction
 from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
 from ..records import Desired, Measurement
@@ -41,6 +43,8 @@ class Controller:
         motion: the believed robot over a typical motion, for the check before a run; None for a
             controller put together by hand.
         period: sampling period that it was made for [s]; infinite if unknown.
+        carrier: how frames of a camera become the coordinates of now.
+        velocity_filter: low pass on the measured joint velocity, or None.
     """
 
     def __init__(
@@ -54,14 +58,17 @@ class Controller:
         limits: Limits | None = None,
         motion: TypicalMotion | None = None,
         period: float = math.inf,
+        carrier: Carrier | None = None,
+        velocity_filter: LowPass | None = None,
     ) -> None:
         """Put the parts together; ``pinadapt.make_controller`` does so with defaults."""
         self.law, self.kinematics, self.dynamics = law, kinematics, dynamics
         self.adaptation_k, self.adaptation_d = adaptation_k, adaptation_d
         self.limits = Limits() if limits is None else limits
         self.motion, self.period = motion, period
-        measured = law.needs_task_velocity and kinematics.task.positions > 0
-        self._check = InputCheck(kinematics, dynamics.size, law.name, measured)
+        self.carrier = Carrier() if carrier is None else carrier
+        self.velocity_filter = velocity_filter
+        self._check = InputCheck(kinematics, dynamics.size)
         self._filters = law.filters
         self._believed = Believed(kinematics, dynamics, adaptation_k, self.limits.watch)
         compile_all()
@@ -96,11 +103,10 @@ class Controller:
 
         Raises:
             MeasurementError: measurements of the wrong size, not finite, or missing.
-            InputError: no measurement, or none of the task velocity for a law that needs it.
+            InputError: no measurement.
             ParameterError: estimates of the wrong size, non-finite, or outside of their domain.
         """
-        measurement = self._check.measurement(measurement)
-        self._check.finite(measurement)
+        measurement = self._check.first(measurement)
         kinematics, dynamics = self.kinematics, self.dynamics
         a_k = _estimate(a_k, kinematics.initial, "belief.kinematic", kinematics.names)
         dynamic = self.adaptation_d.init(
@@ -113,6 +119,8 @@ class Controller:
             a_0=dynamic.value.copy(),
             filters=self._filters.init(measurement, kinematics),
             adapting=adapting,
+            velocity=np.zeros(0) if self.velocity_filter is None else measurement.v.copy(),
+            sight=self.carrier.init(measurement, kinematics),
         )
 
     def step(
@@ -125,8 +133,7 @@ class Controller:
         Raises:
             MeasurementError: a signal that the law uses is missing, of the wrong size or type, or
                 not finite.
-            InputError: the desired motion, dt or the state cannot be used, or the task velocity is
-                missing for a law that needs it.
+            InputError: the desired motion, dt or the state cannot be used.
             DivergedError: torque or estimates went wrong, see ``watch``, or the law met a
                 singularity.
         """
@@ -148,7 +155,16 @@ class Controller:
             # a signal that is not finite is the likelier cause
             self._check.finite(measurement, desired)
             raise DivergedError(str(error)) from error
-        return torque, ControllerState(s.t, dynamic, kinematic, state.a_0, filters, state.adapting)
+        return torque, ControllerState(
+            s.t,
+            dynamic,
+            kinematic,
+            state.a_0,
+            filters,
+            state.adapting,
+            state.velocity if self.velocity_filter is None else s.v,
+            s.sight,
+        )
 
     def command(
         self, state: ControllerState, measurement: Measurement, desired: Desired
@@ -196,11 +212,18 @@ class Controller:
         kinematics, task, kinematic = self.kinematics, self.kinematics.task, state.kinematic
         x_d, xd_d, xdd_d = desired
         q, v, a_k = measurement.q, measurement.v, kinematic.value
+        if self.velocity_filter is not None:
+            v = self.velocity_filter.advance(state.velocity, v, measurement.t - state.t)
+            measurement = measurement._replace(v=v)
         kinematics.update(a_k, q, v)
+        sight = self.carrier.see(state.sight, measurement, kinematics, a_k)
+        epsilon, X_k = None, None
+        if self.law.needs_prediction:
+            epsilon, X_k = prediction(sight, kinematics, a_k)
         a_d = self.adaptation_d.project(state.dynamic.value, q)
         self.dynamics.load(a_d)
         xd_hat = kinematics.xd_hat
-        dx = task.error(task.measured(measurement.x, q), x_d)
+        dx = task.error(task.measured(sight.x, q), x_d)
         return Signals(
             measurement.t,
             q,
@@ -219,8 +242,11 @@ class Controller:
             kinematics.Jdot_v,
             kinematics.Y_k,
             kinematics.right_inverse(self.limits.singular),
-            self._filters.observe(state.filters, measurement, kinematics),
+            self._filters.observe(state.filters, measurement._replace(x=sight.x), kinematics),
             state.adapting,
+            sight,
+            epsilon,
+            X_k,
         )
 
     def acceleration(self, s: Signals, measurement: Measurement) -> np.ndarray:

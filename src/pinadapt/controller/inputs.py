@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..exceptions import InputError, MeasurementError, ParameterError
+from ..exceptions import InputError, MeasurementError
 from ..models.task_kinematics import TaskKinematics
 from ..records import Desired, Measurement
 from .state import ControllerState
@@ -24,12 +24,9 @@ class InputCheck:
     to ``finite``, which is asked when a result is not.
     """
 
-    def __init__(
-        self, kinematics: TaskKinematics, dynamic_size: int, law: str, needs_xd: bool
-    ) -> None:
-        """Take the sizes to expect, and what the law of this name needs."""
-        task = kinematics.task
-        self._task, self._law, self._needs_xd = task, law, needs_xd
+    def __init__(self, kinematics: TaskKinematics, dynamic_size: int) -> None:
+        """Take the sizes to expect."""
+        self._task = task = kinematics.task
         self._measures_x = task.positions > 0
         self._q, self._v = (kinematics.nq,), (kinematics.nv,)
         self._x, self._m = (task.coordinates,), (task.size,)
@@ -53,7 +50,7 @@ class InputCheck:
         ):
             raise InputError("the state is that of another controller.", where="state")
         try:
-            t, q, v, x, _, xd, a, _ = measurement
+            t, q, v, x, x_time, xd, a, _ = measurement
             x_d, xd_d, xdd_d = desired
             fits = (
                 q.dtype is v.dtype is x_d.dtype is xd_d.dtype is xdd_d.dtype is _FLOAT
@@ -61,13 +58,9 @@ class InputCheck:
                 and v.shape == self._v
                 and x_d.shape == self._x
                 and xd_d.shape == xdd_d.shape == self._m
-                and (
-                    not self._measures_x
-                    or (x is not None and x.dtype is _FLOAT and x.shape == self._x)
-                )
-                and (
-                    not self._needs_xd if xd is None else xd.dtype is _FLOAT and xd.shape == self._m
-                )
+                and (x is None or (x.dtype is _FLOAT and x.shape == self._x))
+                and (x_time is None or x_time.__class__ is float)
+                and (xd is None or (xd.dtype is _FLOAT and xd.shape == self._m))
                 and a is None
                 and t.__class__ is float
                 and t - t == 0.0
@@ -82,28 +75,31 @@ class InputCheck:
         """Return the measurement as arrays of floats.
 
         Raises:
-            InputError: no measurement, or none of the task velocity for a law that needs it.
-            MeasurementError: another signal is missing, of the wrong size, or not made of numbers.
+            InputError: no measurement.
+            MeasurementError: a signal is missing, of the wrong size, or not made of numbers.
         """
         if not isinstance(given, Measurement):
             raise InputError(f"expected a Measurement, got {given!r}.", where="measurement")
         t, q, v, x, x_time, xd, a, tau = given
         q, v = _array(q, self._q, "q"), _array(v, self._v, "v")
-        if x is not None:
-            x = _array(x, self._x, "x")
-        elif self._measures_x:
-            raise MeasurementError("x", None, "is missing")
-        if xd is not None:
-            xd = _array(xd, self._m, "xd")
-        elif self._needs_xd:
-            raise ParameterError(
-                f"the law '{self._law}' needs the task velocity xd.",
-                where="measurement",
-                hint="Measure it, or take 'adaptive-inverse-dynamics', which does without.",
-            )
-        if a is not None:
-            a = _array(a, self._v, "a")
+        x = None if x is None else _array(x, self._x, "x")
+        x_time = None if x_time is None else _number(x_time, "x_time")
+        xd = None if xd is None else _array(xd, self._m, "xd")
+        a = None if a is None else _array(a, self._v, "a")
         return Measurement(_number(t, "t"), q, v, x, x_time, xd, a, tau)
+
+    def first(self, given: Measurement) -> Measurement:
+        """Return the first measurement as arrays of finite floats; it must show where the frame is.
+
+        Raises:
+            InputError: no measurement.
+            MeasurementError: a signal is missing, of the wrong size, or not made of finite numbers.
+        """
+        measurement = self.measurement(given)
+        if measurement.x is None and self._measures_x:
+            raise MeasurementError("x", None, "is missing, and the first sample must have it")
+        self.finite(measurement)
+        return measurement
 
     def desired(self, given: Desired) -> Desired:
         """Return the desired motion as arrays of floats.

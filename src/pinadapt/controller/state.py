@@ -7,6 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..adaptation.drive import Estimate
+from ..models.sight import Sight
+
+_NONE = np.zeros(0)
 
 
 class ControllerState(NamedTuple):
@@ -19,6 +22,8 @@ class ControllerState(NamedTuple):
         a_0: (p_d) the dynamic estimate at the start.
         filters: state of the law's filters; see ``Law.filters``.
         adapting: whether the estimates move; they rest until told to with ``adapt``.
+        velocity: (n) the filtered joint velocity; empty without a filter.
+        sight: where the task frame was last seen, and the joints since.
     """
 
     t: float
@@ -27,6 +32,8 @@ class ControllerState(NamedTuple):
     a_0: np.ndarray
     filters: Any
     adapting: bool = True
+    velocity: np.ndarray = _NONE
+    sight: Sight = Sight()
 
     @property
     def a_d(self) -> np.ndarray:
@@ -51,7 +58,7 @@ class ControllerState(NamedTuple):
         parts, used = _filled(self[1:5], values, 0)
         assert used == values.size
         dynamic, kinematic, a_0, filters = parts
-        return ControllerState(self.t, dynamic, kinematic, a_0, filters, self.adapting)
+        return self._replace(dynamic=dynamic, kinematic=kinematic, a_0=a_0, filters=filters)
 
 
 def _leaves(part: Any) -> list[np.ndarray]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -20,23 +21,23 @@ class ObserverState(NamedTuple):
 
     Attributes:
         x_o: (m_p) observed position [m].
+        s_f: (n) low-passed error of the joint velocity [rad/s or m/s]; empty where nobody asks.
     """
 
     x_o: np.ndarray
+    s_f: np.ndarray
 
 
 class Observed(NamedTuple):
-    """What the observer tells at one instant; m_p positions, p kinematic parameters.
+    """What the observer tells at one instant.
 
     Attributes:
         dx_o: (m_p) x_o - x, observed minus measured [m].
-        epsilon: (m_p) x_hat(q; a_k) - x = X_k da_k, predicted minus measured [m].
-        X_k: (m_p, p) position regressor dx/da_k.
+        s_f: (n) low-passed error of the joint velocity [rad/s or m/s]; empty where nobody asks.
     """
 
     dx_o: np.ndarray
-    epsilon: np.ndarray
-    X_k: np.ndarray
+    s_f: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,20 +48,25 @@ class PositionObserver(Filters):
 
     Attributes:
         beta: [1/s].
+        error: returns s (n) of the law, to be low-passed; None for no such filter.
+        bandwidth: of this low pass [1/s].
     """
 
     beta: float
+    error: Callable[[Signals], np.ndarray] | None = None
+    bandwidth: float = math.inf
 
     def init(self, measurement: Measurement, kinematics: TaskKinematics) -> ObserverState:
         """Return the observer at the first measured position."""
+        s_f = np.zeros(0 if self.error is None else kinematics.nv)
         if not kinematics.positions or measurement.x is None:
-            return ObserverState(np.zeros(0))
-        return ObserverState(np.array(kinematics.task.position(measurement.x), dtype=float))
+            return ObserverState(np.zeros(0), s_f)
+        return ObserverState(np.array(kinematics.task.position(measurement.x), dtype=float), s_f)
 
     def observe(
         self, state: ObserverState, measurement: Measurement, kinematics: TaskKinematics
     ) -> Observed:
-        """Return the errors of observation and prediction.
+        """Return the error of the observation.
 
         Raises:
             InputError: the state of other filters.
@@ -69,19 +75,21 @@ class PositionObserver(Filters):
         if state.__class__ is not ObserverState or state.x_o.shape != (m,):
             raise InputError("the filters are those of another controller.", where="state")
         if not m or measurement.x is None:
-            nothing = np.zeros(0)
-            return Observed(nothing, nothing, np.zeros((0, kinematics.size)))
-        x = kinematics.task.position(measurement.x)
-        epsilon = kinematics.task.position(kinematics.x_hat) - x
-        return Observed(state.x_o - x, epsilon, kinematics.position_regressor()[:m])
+            return Observed(np.zeros(0), state.s_f)
+        return Observed(state.x_o - kinematics.task.position(measurement.x), state.s_f)
 
     def step(self, state: ObserverState, s: Signals, dt: float) -> ObserverState:
         """Return the state after dt [s]."""
         dx_o = s.filtered.dx_o
         share = -math.expm1(-self.beta * dt)
-        return ObserverState(state.x_o + dt * s.xd_hat[: dx_o.size] - share * dx_o)
+        x_o, s_f = state.x_o + dt * s.xd_hat[: dx_o.size] - share * dx_o, state.s_f
+        if self.error is not None:
+            s_f = s_f - math.expm1(-self.bandwidth * dt) * (self.error(s) - s_f)
+        return ObserverState(x_o, s_f)
 
     def rate(self, state: ObserverState, s: Signals) -> ObserverState:
-        """Return dx_o/dt (m_p)."""
-        dx_o = s.filtered.dx_o
-        return ObserverState(s.xd_hat[: dx_o.size] - self.beta * dx_o)
+        """Return dx_o/dt (m_p) and ds_f/dt (n)."""
+        dx_o, s_f = s.filtered.dx_o, state.s_f
+        if self.error is not None:
+            s_f = self.bandwidth * (self.error(s) - s_f)
+        return ObserverState(s.xd_hat[: dx_o.size] - self.beta * dx_o, s_f)

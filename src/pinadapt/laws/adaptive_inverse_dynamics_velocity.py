@@ -90,7 +90,6 @@ class AdaptiveInverseDynamicsVelocity(AccelerationLaw):
         return np.linalg.solve(self.P[m:, m:], self.P[m:, :m])  # P_22^-1 P_12^T
 
     def _xi(self, s: Signals) -> np.ndarray:
-        assert s.xd is not None  # the controller refuses measurements without it
         return np.concatenate([s.dx, s.xd - s.xd_d])
 
     def command(self, s: Signals, believed: Believed) -> VelocityCommand:
@@ -113,7 +112,6 @@ class AdaptiveInverseDynamicsVelocity(AccelerationLaw):
         error = solve_inertia(M_hat, s.J, z, believed.watch)  # M_hat^-1 J_hat^T B^T P xi
         dynamic = Drive(dynamics.regressor(s.q, s.v, a), error)  # (29)
         m = self.task.positions
-        assert s.xd is not None  # the controller refuses measurements without it
         residual = (s.xd_hat - s.xd)[:m]  # Y_k a_k - xd
         Y_bar = believed.kinematics.acceleration_regressor(a)  # (27)
         return Drives(dynamic, Drive(Y_bar, -z, s.Y_k[:m], residual, self.R_k))  # (30)

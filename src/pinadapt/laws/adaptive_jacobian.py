@@ -138,7 +138,6 @@ class AdaptiveJacobian(Law):
 
     def _reference(self, s: Signals, Jdot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return qd_r = J_hat^+ u + N psi, u = xd_d - alpha dx, and its time derivative (n)."""
-        assert s.xd is not None  # the controller refuses measurements without it
         u, ud = np.empty(s.dx.size), np.empty(s.dx.size)
         kernels.reference(s.xd_d, s.dx, s.xdd_d, s.xd, self.alpha, u, ud)
         if s.delta is not None:

@@ -89,7 +89,9 @@ class Law(ABC):
     Attributes:
         name: as written in scenarios.
         adapts: whether it uses estimates that move.
-        needs_task_velocity: whether ``Signals.xd`` must be measured.
+        needs_task_velocity: whether it uses ``Signals.xd``, which is J_hat v where no sensor gives
+            it.
+        needs_prediction: whether it uses ``Signals.epsilon``.
         needs_acceleration: whether it uses the joint acceleration.
         inverts_estimate: whether it needs M_hat^-1 at the moving estimate.
         joint_space: whether it is a law for joint tasks only.
@@ -102,6 +104,7 @@ class Law(ABC):
     name: ClassVar[str]
     adapts: ClassVar[bool] = True
     needs_task_velocity: ClassVar[bool] = False
+    needs_prediction: ClassVar[bool] = False
     needs_acceleration: ClassVar[bool] = False
     inverts_estimate: ClassVar[bool] = False
     joint_space: ClassVar[bool] = False
@@ -152,6 +155,13 @@ class Law(ABC):
 
     def with_prediction_weight(self, weight: float) -> Law:
         """Return the law with this default weight R_k of the kinematic prediction error."""
+        return self
+
+    def decorrelated(self, bandwidth: float) -> Law:
+        """Return the law with its regressor free of the noise of v above a bandwidth [1/s].
+
+        A law that cannot is returned as it is.
+        """
         return self
 
     def parameter_effects(self, motion: TypicalMotion) -> list[np.ndarray]:

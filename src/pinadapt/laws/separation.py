@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
@@ -10,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pinocchio as pin
 
-from .._checks import definite_matrix
+from .._checks import definite_matrix, positive
 from ..adaptation.drive import Drive, Drives
 from ..filters.position_observer import PositionObserver
 from ..models.typical_motion import TypicalMotion, unit_mass
@@ -61,6 +62,11 @@ class Separation(Law):
                   terms and the last two each belong to a V of their own.
     Pose:         the rotation error of the believed orientation, which no estimate enters, takes
                   the place of x_o - x_d in its rows; its derivative is omega - omega_d + delta.
+    Noise:        qdd_r holds -alpha J^+ J qd, and s holds qd, so noise of qd has a mean in Y^T s.
+                  With a finite lambda_s the regressor is Y(q, qd_r + s_f, qd_r, qdd_r + alpha J^+ J
+                  (s - s_f)), s_f = s through the low pass lambda_s / (lambda_s + p), in torque and
+                  adaptation alike: exact below lambda_s, free of noise above it, where M dqd/dt
+                  dominates what is left out. dV/dt is then no equality.
     Joints:       nothing is observed or predicted: Slotine and Li's law with this K_D.
     Assumptions:  constant parameters; J_hat of full row rank. Needed are q, qd and x: no task
                   velocity, no acceleration, no M_hat^-1.
@@ -77,6 +83,7 @@ class Separation(Law):
         beta: [1/s].
         c: weight of the observation error.
         R_k: (m_p, m_p) R, weight of the prediction error.
+        lambda_s: decorrelation [1/s], infinite for none.
     """
 
     task: Task
@@ -87,8 +94,10 @@ class Separation(Law):
     beta: float
     c: float = 1.0
     R_k: Any = 1.0
+    lambda_s: float = math.inf
 
     name = "separation"
+    needs_prediction = True
     bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0}
     adaptation_mode = 8.0
     units = ("N m s/rad", "")
@@ -100,13 +109,17 @@ class Separation(Law):
             GainError: gains that are not positive (definite) or of the wrong size.
         """
         check_in_place(self, "alpha", "beta", "c", "R_k")
+        if not self.lambda_s == math.inf:
+            positive(self.lambda_s, "lambda_s")
         K_D = definite_matrix(self.K_v, self.posture.damping.size, "Kv")
         object.__setattr__(self, "K_v", K_D)
 
     @cached_property
     def filters(self) -> PositionObserver:
         """The observer of the position."""
-        return PositionObserver(self.beta)
+        if math.isinf(self.lambda_s):
+            return PositionObserver(self.beta)
+        return PositionObserver(self.beta, self._reference_error, self.lambda_s)
 
     @cached_property
     def _weight(self) -> np.ndarray:
@@ -126,6 +139,10 @@ class Separation(Law):
         gains = merged({**defaults, "R_k": 1.0}, given)
         posture = Posture(motion.robot, frequency=_POSTURE * w)
         return cls(motion.kinematics.task, posture, **gains)
+
+    def decorrelated(self, bandwidth: float) -> Separation:
+        """Return the law with another lambda_s [1/s]."""
+        return replace(self, lambda_s=bandwidth)
 
     def with_prediction_weight(self, weight: float) -> Separation:
         """Return the law with another R, a number times the identity."""
@@ -150,15 +167,18 @@ class Separation(Law):
 
     def command(self, s: Signals, believed: Believed) -> SeparationCommand:
         """Return Y a_d - K_D s, with the drives, which are known by then."""
-        dx_o, epsilon, X_k = s.filtered
+        dx_o, epsilon, X_k = s.filtered.dx_o, s.epsilon, s.X_k
         W, residual = np.concatenate([s.Y_k[: dx_o.size], X_k]), np.concatenate([dx_o, epsilon])
         kinematic = Drive(s.Y_k, None, W, residual, self._weight)
         Jdot = believed.kinematics.jacobian_rate(believed.kinematic_rate(s, kinematic))
         u, psi = self._reference(s)
         qd_r, psi_d = s.inverse.solve(u, psi), self.posture.velocity_rate(s.v)
         qdd_r = s.inverse.solve_rate(u, psi, self._reference_rate(s), psi_d, Jdot)
-        Y, feedforward = believed.dynamics.slotine_li(s.q, s.v, qd_r, qdd_r)
-        error = s.v - qd_r
+        v, error = s.v, s.v - qd_r
+        if s.filtered.s_f.size:  # decorrelated
+            noise = error - s.filtered.s_f
+            v, qdd_r = v - noise, qdd_r + self.alpha * (noise - s.inverse.null(noise))
+        Y, feedforward = believed.dynamics.slotine_li(s.q, v, qd_r, qdd_r)
         drives = Drives(Drive(Y, error), kinematic)
         return SeparationCommand(feedforward - self.K_v.dot(error), None, drives)
 
@@ -175,7 +195,7 @@ class Separation(Law):
 
     def dissipation(self, s: Signals, truth: Truth) -> float:
         """Return dV/dt."""
-        error, (dx_o, epsilon, _) = self._reference_error(s), s.filtered
+        error, dx_o, epsilon = self._reference_error(s), s.filtered.dx_o, s.epsilon
         f = truth.friction.torque
         joints = error @ (self.K_v @ error) + error @ (f(s.v) - f(s.v - error))
         task = self.c * self.beta * dx_o @ dx_o + epsilon @ (self.R_k @ epsilon)

@@ -50,7 +50,7 @@ class FrameKinematics(TaskKinematics):
         self._size = robot.task.size
         self._turns = self._size > self.positions
         self._model = robot.model.copy()
-        self._data = self._model.createData()
+        self._data, self._past = self._model.createData(), self._model.createData()
         self._frame = robot.frame_id
         self._placed = PlacedTranslations(self._model, self._frame, self.translations)
         self._parents = [self._parent(self._model, part) for part in self.translations]
@@ -64,6 +64,8 @@ class FrameKinematics(TaskKinematics):
         joints = range(self._model.njoints)
         self._rotations = live_array([self._data.oMi[i].rotation for i in joints])
         self._position_rows = self._rotations[:, self._place]
+        past = live_array([self._past.oMi[i].rotation for i in joints])
+        self._past_rows = past[:, self._place]
         self._coordinates = np.arange(3)[self._place]
         self._turning = live_array([self._data.v[i].angular for i in joints])
         sizes = [part.size for part in self.translations]
@@ -161,8 +163,26 @@ class FrameKinematics(TaskKinematics):
         return self._padded(self._stack(blocks))
 
     def position_regressor(self) -> np.ndarray:
-        """Return dx/da_k (m, p), x = (this) a_k + known part; the orientation does not move."""
-        return self._padded(self._stack([np.eye(3)] * len(self._R)))
+        """Return dx/da_k (m_p, p), x = (this) a_k + known part."""
+        return self._columns(self._position_rows)
+
+    def predicted(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the believed task coordinates at another q (nq), and dx/da_k (m_p, p) there."""
+        pin.forwardKinematics(self._model, self._past, q)
+        placement = pin.updateFramePlacement(self._model, self._past, self._frame)
+        return self._task.of(placement), self._columns(self._past_rows)
+
+    def between(self, q_0: np.ndarray, q_1: np.ndarray, share: float) -> np.ndarray:
+        """Return the configuration (nq) at a share of the way from q_0 to q_1."""
+        if self.nq == self.nv:
+            return q_0 + share * (q_1 - q_0)
+        return np.asarray(pin.interpolate(self._model, q_0, q_1, share))
+
+    def _columns(self, rotations: np.ndarray) -> np.ndarray:
+        """Return R b (m_p, p) for the position rows R (N, m_p, 3) of the joints' rotations."""
+        columns = np.empty((self.positions, self.size))
+        kernels.rotated_directions(rotations, self._parent_of, self._placed.directions, columns)
+        return columns
 
     def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
         """Return dJ/dt (m, nv) of the motion, and of the estimate at a_k_rate (p) [m/s].

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
@@ -59,6 +60,14 @@ class JointKinematics(TaskKinematics):
         """Joint coordinates (nv) at the last update [rad or m]."""
         return self.task.of(self._q)
 
+    def predicted(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return joint coordinates (nv) [rad or m], and (0, 0)."""
+        return self.task.of(q), self.position_regressor()
+
+    def between(self, q_0: np.ndarray, q_1: np.ndarray, share: float) -> np.ndarray:
+        """Return the configuration (nq) at a share of the way from q_0 to q_1."""
+        return np.asarray(pin.interpolate(self._robot.model, q_0, q_1, share))
+
     def right_inverse(self, threshold: float) -> RightInverse:
         """Return the identity, undamped."""
         return self._inverse
@@ -68,8 +77,8 @@ class JointKinematics(TaskKinematics):
         return self._no_rate
 
     def position_regressor(self) -> np.ndarray:
-        """Return (nv, 0)."""
-        return self.Y_k
+        """Return (0, 0)."""
+        return self.Y_k[:0]
 
     def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
         """Return (nv, 0)."""

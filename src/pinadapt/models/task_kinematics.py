@@ -66,6 +66,17 @@ class TaskKinematics(ABC):
         """Believed task coordinates at the last update."""
 
     @abstractmethod
+    def predicted(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return what the last estimate predicts at another configuration q (nq).
+
+        The task coordinates, and dx/da_k (m_p, p) of their positions there.
+        """
+
+    @abstractmethod
+    def between(self, q_0: np.ndarray, q_1: np.ndarray, share: float) -> np.ndarray:
+        """Return the configuration (nq) at a share of the way from q_0 to q_1."""
+
+    @abstractmethod
     def right_inverse(self, threshold: float) -> RightInverse:
         """Return that of J at the last update, damped below the threshold s_0."""
 
@@ -75,7 +86,7 @@ class TaskKinematics(ABC):
 
     @abstractmethod
     def position_regressor(self) -> np.ndarray:
-        """Return dx/da_k (m, p) at the last update."""
+        """Return dx/da_k (m_p, p) of the positions at the last update."""
 
     @abstractmethod
     def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:

@@ -80,9 +80,26 @@ class PoseTask(FrameTask):
         delta[3:] = rotation_drift(dx[3:].tolist(), xd[3:].tolist(), xd_d[3:].tolist())
         return delta
 
-    def known_velocity(self, xd: np.ndarray | None, xd_hat: np.ndarray) -> np.ndarray | None:
-        """Return the measured linear and the believed angular velocity (6), or None."""
-        return None if xd is None else np.concatenate([xd[:3], xd_hat[3:]])
+    def known_velocity(self, xd: np.ndarray | None, xd_hat: np.ndarray) -> np.ndarray:
+        """Return the measured linear velocity, if there is one, and the believed angular one (6)."""
+        return xd_hat if xd is None else np.concatenate([xd[:3], xd_hat[3:]])
+
+    def turn(self, x_hat: np.ndarray, x: np.ndarray) -> pin.Quaternion:
+        """Return R_hat^T R of a believed and a seen pose."""
+        return _turning(x_hat).conjugate() * _turning(x)
+
+    def turn_between(
+        self, turn: pin.Quaternion, before: pin.Quaternion, share: float
+    ) -> pin.Quaternion:
+        """Return the turn on the way to an earlier one, this share of it."""
+        return turn.slerp(share, before)
+
+    def carried(
+        self, x_hat: np.ndarray, epsilon: np.ndarray, turn: pin.Quaternion
+    ) -> np.ndarray:
+        """Return the pose (7) that is epsilon (3) [m] and a turn of its own axes from another."""
+        orientation = (_turning(x_hat) * turn).normalized()
+        return np.concatenate([x_hat[:3] - epsilon, orientation.coeffs()])
 
     def moved(self, x: np.ndarray, by: np.ndarray) -> np.ndarray:
         """Return the pose (7) moved by by[:3] [m] and turned by by[3:] [rad] about world axes."""
@@ -93,6 +110,10 @@ class PoseTask(FrameTask):
         if _unit(x[3:].tolist()):
             return None
         return f"has a quaternion xyzw of length {np.linalg.norm(x[3:]):.4g} instead of 1"
+
+
+def _turning(x: np.ndarray) -> pin.Quaternion:
+    return pin.Quaternion(*x[[6, 3, 4, 5]].tolist())
 
 
 def _unit(q: list[float]) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -83,9 +83,21 @@ class Task(ABC):
         """Return delta (m) = d(dx)/dt - (xd - xd_d), or None where it is always zero."""
         return None
 
-    def known_velocity(self, xd: np.ndarray | None, xd_hat: np.ndarray) -> np.ndarray | None:
-        """Return the measured velocity xd (m), with the rows of xd_hat (m) that need no sensor."""
-        return xd
+    def known_velocity(self, xd: np.ndarray | None, xd_hat: np.ndarray) -> np.ndarray:
+        """Return the velocity xd (m): measured, or xd_hat (m) where no sensor gives it."""
+        return xd_hat if xd is None else xd
+
+    def turn(self, x_hat: np.ndarray, x: np.ndarray) -> Any:
+        """Return what turns the believed orientation into the seen one; None without any."""
+        return None
+
+    def turn_between(self, turn: Any, before: Any, share: float) -> Any:
+        """Return a turn and an earlier one in one, with this share of the earlier."""
+        return None
+
+    def carried(self, x_hat: np.ndarray, epsilon: np.ndarray, turn: Any) -> np.ndarray:
+        """Return the coordinates that are epsilon (m_p) and ``turn`` away from believed ones."""
+        return x_hat - epsilon
 
     def moved(self, x: np.ndarray, by: np.ndarray) -> np.ndarray:
         """Return the coordinates whose error from x is ``by`` (m)."""

@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+import math
 import warnings
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from numpy.typing import ArrayLike
 
 from .._checks import positive
 from ..adaptation.adaptation import Adaptation
+from ..adaptation.leak import Leak
 from ..adaptation.matrix_inequality import MatrixInequality
 from ..controller.controller import Controller
 from ..controller.limits import make_box, make_limits
 from ..exceptions import InputError, did_you_mean
+from ..filters.low_pass import LowPass
 from ..laws import LAWS
 from ..laws.law import Law
 from ..models.joint_effects import NONE
+from ..models.sight import Carrier
 from ..models.typical_motion import TypicalMotion
 from ..robot.robot import Robot
+from ..robot.workspace import reach
 from ..tasks.joint import JointTask
 from .adaptation_rates import (
     check_adaptation,
@@ -30,6 +34,7 @@ from .adaptation_rates import (
 from .defaults import bandwidth
 from .light_joint import lightest_joint
 from .preflight import stable_share_of_adaptation, stable_share_of_feedback
+from .sensing import remedies
 from .unknowns import Words, believed_dynamics, believed_kinematics, lumped_lengths
 
 RATES = ("gamma_d", "gamma_joint", "gamma_k")
@@ -51,6 +56,10 @@ def make_controller(
     torque_limits: ArrayLike | bool | None = None,
     damping: float = 0.2,
     watch: bool = True,
+    noise: Mapping[str, float] | None = None,
+    encoder: float = 0.0,
+    camera: Mapping[str, float] | None = None,
+    carry: bool = True,
     **gains: Any,
 ) -> Controller:
     """Make an adaptive controller for a believed robot; everything has a default.
@@ -97,13 +106,28 @@ def make_controller(
     motion = TypicalMotion(believed, kinematics, dynamics, bandwidth(believed, positive(dt, "dt")))
     tuned, share = _tuned(law, motion, dt, gains)
     w = share * motion.bandwidth
+    needed = remedies(
+        bandwidth=w,
+        reach=reach(believed),
+        dt=dt,
+        noise=noise,
+        encoder=encoder,
+        rate=(camera or {}).get("rate", 1.0 / dt),
+    )
+    if isinstance(law, str):
+        tuned = tuned.decorrelated(needed.decorrelation)
     if kind != "none" and (light := lightest_joint(motion, tuned)):
         warnings.warn(str(light), stacklevel=2)
     box = make_box(believed, kinematics, kinematic_box)
     adaptation_k = kinematic_adaptation(kind, tuned, motion, w, rates["gamma_k"], box)
     if isinstance(law, str) and gains.get("R_k") is None:
         tuned = tuned.with_prediction_weight(prediction_weight(motion, adaptation_k, w))
-    adaptation_d = partial(dynamic_adaptation, kind, tuned, motion, w, rates, lmi)
+    def adaptation_d(share: float = 1.0) -> Adaptation:
+        found = dynamic_adaptation(
+            kind, tuned, motion, w, rates, lmi, share * needed.mode**2
+        )
+        return Leak(found, needed.leak) if needed.leak and kind != "none" else found
+
     controller = Controller(
         tuned,
         kinematics,
@@ -115,6 +139,10 @@ def make_controller(
         ),
         motion=motion,
         period=dt,
+        carrier=Carrier(needed.smoothing, carry),
+        velocity_filter=(
+            None if math.isinf(needed.velocity) else LowPass(needed.velocity, "velocity filter")
+        ),
     )
     if isinstance(adaptation, str) and rates["gamma_d"] is None and rates["gamma_joint"] is None:
         share = stable_share_of_adaptation(controller, dt)

@@ -1,0 +1,62 @@
+"""A leak of the estimate back to where it started."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from .._checks import positive
+from .adaptation import Adaptation, Wrapper
+from .drive import Drive, Estimate
+
+
+class Leak(Wrapper):
+    """da/dt = (inner rate) - lambda (a - a_0), a_0 the initial value.
+
+    Noise of the joint velocities has a mean in Y^T s, and what motion does not excite follows it
+    without bound; a leak bounds it, and is nothing against the rate at which excited directions
+    learn. A step mixes the inner one's result with a_0, so it stays in every convex domain that
+    holds both.
+
+    The inner adaptation's part of V stays, and dV/dt gains -lambda dD/da (a - a_0), which is not
+    negative everywhere: errors end in a neighbourhood of zero that shrinks with lambda (P. Ioannou,
+    P. Kokotovic, *Instability analysis and improvement of robustness of adaptive control*,
+    Automatica 20 (1984) 583-594, whose sigma modification leaks to zero).
+
+    Attributes:
+        inner: the adaptation that it wraps.
+        bandwidth: lambda [1/s].
+    """
+
+    def __init__(self, inner: Adaptation, bandwidth: float) -> None:
+        """Take the adaptation to wrap, any, and lambda [1/s].
+
+        Raises:
+            GainError: not positive.
+        """
+        super().__init__(inner)
+        self.bandwidth = positive(bandwidth, "leak")
+
+    def init(self, value: np.ndarray) -> Estimate:
+        """Return the inner adaptation's start, which is remembered."""
+        estimate = self.inner.init(value)
+        return Estimate(estimate.value, (estimate.value.copy(), *estimate.memory))
+
+    def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
+        """Return the inner rates, and of the value what leaks."""
+        a, (start, *memory) = estimate.value, estimate.memory
+        rate = self.inner.rate(Estimate(a, tuple(memory)), drive)
+        leaking = rate.value - self.bandwidth * (a - start)
+        return Estimate(leaking, (np.zeros(start.size), *rate.memory))
+
+    def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
+        """Return the inner adaptation's estimate after dt [s], mixed with the start."""
+        start, *memory = estimate.memory
+        after = self.inner.step(Estimate(estimate.value, tuple(memory)), drive, dt)
+        share = -math.expm1(-self.bandwidth * dt)
+        return Estimate(after.value + share * (start - after.value), (start, *after.memory))
+
+    def gain(self, value: np.ndarray) -> np.ndarray:
+        """Return the inner adaptation's Gamma (p, p)."""
+        return self.inner.gain(value)

@@ -1,0 +1,169 @@
+"""Where the frame is now, from frames of a camera that come late, seldom, or not at all.
+
+x is affine in the unknown translations, so what a frame taken at q_c tells, X(q_c) a_k + b with
+b = x_0(q_c) - x_c, is the prediction error of today's estimate at any age of the frame. The
+position now is the frame carried on by the believed kinematics,
+
+    x(t) = x_hat(q(t); a_k) - epsilon,    epsilon = X(q_c) a_k + b,
+
+wrong by (X(q(t)) - X(q_c)) da_k, which dies with da_k. Noise of the frames goes through a low pass
+of epsilon, which moves with the estimate and not with the arm.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..exceptions import MeasurementError
+from ..records import Measurement
+from .task_kinematics import TaskKinematics
+
+_SAME = 1e-9  # [s] between times that are taken for one
+
+
+class Frame(NamedTuple):
+    """What the last frame of the camera told; m_p positions, p kinematic parameters.
+
+    Attributes:
+        t: when it was taken [s].
+        X_k: (m_p, p) dx/da_k at the configuration of then.
+        b: (m_p) the frame's prediction error is X_k a_k + b [m].
+        b_smooth: (m_p) the same with the noise of the frames low-passed [m].
+        turn: what turns the believed orientation into the seen one, None without orientation.
+    """
+
+    t: float
+    X_k: np.ndarray
+    b: np.ndarray
+    b_smooth: np.ndarray
+    turn: Any = None
+
+
+class Sight(NamedTuple):
+    """What is known of the task frame's coordinates at one sample, and kept for the next.
+
+    Attributes:
+        x: the coordinates now, measured or carried on; None for a task that q tells by itself.
+        history: (t, q) of the samples since the last frame was taken, oldest first.
+        frame: the last frame, None where it is x itself, of the last sample in the history.
+    """
+
+    x: np.ndarray | None = None
+    history: tuple[tuple[float, np.ndarray], ...] = ()
+    frame: Frame | None = None
+
+
+@dataclass(frozen=True)
+class Carrier:
+    """Carries the frames of a camera on to now.
+
+    Attributes:
+        smoothing: bandwidth of the low pass on the frames' prediction error [1/s]; infinite: none.
+        carry: whether frames are carried on by the believed kinematics; else the last one is taken
+            for now.
+        blind: how long the loop may run without a new frame [s].
+    """
+
+    smoothing: float = math.inf
+    carry: bool = True
+    blind: float = 1.0
+
+    def init(self, measurement: Measurement, kinematics: TaskKinematics) -> Sight:
+        """Return what the first sample shows, as of an arm that has stood there before."""
+        if not kinematics.positions:
+            return Sight()
+        assert measurement.x is not None  # the controller refuses a first sample without it
+        return Sight(measurement.x.copy(), ((measurement.t, measurement.q.copy()),))
+
+    def see(
+        self, before: Sight, measurement: Measurement, kinematics: TaskKinematics, a_k: np.ndarray
+    ) -> Sight:
+        """Return what is known at a sample, to which the kinematics are updated.
+
+        Raises:
+            MeasurementError: the frame was taken later than the sample, or the last one is too old.
+        """
+        t, q, x, x_time = measurement.t, measurement.q, measurement.x, measurement.x_time
+        if before.x is None:
+            return before
+        if not self.carry:
+            return Sight(before.x if x is None else x.copy(), ((t, q.copy()),))
+        if x is not None and (x_time is None or x_time == t) and math.isinf(self.smoothing):
+            return Sight(x.copy(), ((t, q.copy()),))
+        history, frame = (*before.history, (t, q.copy())), before.frame
+        if frame is None:  # the last sample saw the frame itself
+            frame = self._frame(*before.history[-1], before.x, kinematics, a_k, None)
+        taken = t if x_time is None else x_time
+        if x is not None and taken > frame.t + _SAME:
+            if taken > t + _SAME:
+                raise MeasurementError("x_time", x_time, f"is later than the sample's own, {t:g} s")
+            history = _since(history, taken)
+            q_c = _at(history, taken, kinematics)
+            frame = self._frame(taken, q_c, x, kinematics, a_k, frame)
+        elif t - frame.t > self.blind:
+            raise MeasurementError("x", None, f"has not been seen for {t - frame.t:.3g} s")
+        epsilon = frame.X_k.dot(a_k) + frame.b_smooth
+        return Sight(kinematics.task.carried(kinematics.x_hat, epsilon, frame.turn), history, frame)
+
+    def _frame(
+        self,
+        t: float,
+        q: np.ndarray,
+        x: np.ndarray,
+        kinematics: TaskKinematics,
+        a_k: np.ndarray,
+        before: Frame | None,
+    ) -> Frame:
+        """Return what a frame x, taken at time t [s] and configuration q (nq), tells."""
+        task, (x_hat, X_k) = kinematics.task, kinematics.predicted(q)
+        moving = X_k.dot(a_k)
+        b = task.position(x_hat) - task.position(x) - moving
+        b_smooth, turn = b, task.turn(x_hat, x)
+        if before is not None and math.isfinite(self.smoothing):
+            rest = math.exp(-self.smoothing * (t - before.t))
+            was = before.X_k.dot(a_k) + before.b_smooth
+            b_smooth = rest * (was - moving) + (1.0 - rest) * b
+            turn = task.turn_between(turn, before.turn, rest)
+        return Frame(t, X_k, b, b_smooth, turn)
+
+
+def prediction(
+    sight: Sight, kinematics: TaskKinematics, a_k: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return epsilon (m_p), the last frame's prediction error, and its X_k (m_p, p).
+
+    The noise of the frame is in it, with a mean of zero.
+    """
+    frame, m = sight.frame, kinematics.positions
+    if frame is not None:
+        return frame.X_k.dot(a_k) + frame.b, frame.X_k
+    if sight.x is None:
+        return np.zeros(0), kinematics.position_regressor()[:0]
+    task = kinematics.task
+    epsilon = task.position(kinematics.x_hat) - task.position(sight.x)
+    return epsilon, kinematics.position_regressor()[:m]
+
+
+def _since(
+    history: tuple[tuple[float, np.ndarray], ...], t: float
+) -> tuple[tuple[float, np.ndarray], ...]:
+    """Return the history from the last sample before or at time t [s]."""
+    first = 0
+    while first + 1 < len(history) and history[first + 1][0] <= t:
+        first += 1
+    return history[first:]
+
+
+def _at(
+    history: tuple[tuple[float, np.ndarray], ...], t: float, kinematics: TaskKinematics
+) -> np.ndarray:
+    """Return the configuration (nq) at time t [s], between the first two samples or the first."""
+    t_0, q_0 = history[0]
+    if t <= t_0 + _SAME or len(history) == 1:
+        return q_0
+    t_1, q_1 = history[1]
+    return kinematics.between(q_0, q_1, (t - t_0) / (t_1 - t_0))
