@@ -72,6 +72,7 @@ from .robot import load as load
 from .robot import reachable_circle as reachable_circle
 from .rollout import Rollout as Rollout
 from .rollout import Sample as Sample
+from .sensing import Camera as Camera
 from .signals import Signals as Signals
 from .simulation import run as run
 from .simulation import run_continuous as run_continuous

@@ -114,6 +114,8 @@ class Scenario:
                 if any(simulation.noise.model_dump().values())
                 else None,
                 delay=simulation.delay,
+                camera=None if simulation.camera is None else simulation.camera.model_dump(),
+                encoder=simulation.encoder,
                 torque_limits=simulation.torque_limits,
                 seed=simulation.seed,
                 title=self.title,
