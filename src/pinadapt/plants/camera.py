@@ -60,7 +60,8 @@ class SimulatedCamera:
         if frame is None or frame.x is None or not self._task.positions:
             return truth._replace(x=None, x_time=None, xd=None)
         xd = frame.xd if self._camera.rate is None else None
-        return truth._replace(x=self._disturbed(frame.x), x_time=frame.t, xd=xd)
+        seen_at = frame.t if frame.x_time is None else frame.x_time
+        return truth._replace(x=self._disturbed(frame.x), x_time=seen_at, xd=xd)
 
     def _takes(self, sample: int) -> bool:
         """Tell whether a frame is taken at a sample, before the first of which they are negative.
