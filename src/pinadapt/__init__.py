@@ -64,6 +64,7 @@ from .plants import Sensors as Sensors
 from .records import Desired as Desired
 from .records import Measurement as Measurement
 from .robot import Friction as Friction
+from .robot import Gravity as Gravity
 from .robot import Payload as Payload
 from .robot import Robot as Robot
 from .robot import WorkspaceCircle as WorkspaceCircle

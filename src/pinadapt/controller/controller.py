@@ -19,6 +19,7 @@ from ..models.dynamics import Dynamics
 from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
 from ..records import Desired, Measurement
+from ..robot.gravity import Compensation
 from ..signals import Signals
 from .inputs import InputCheck, check_period
 from .limits import Limits
@@ -40,6 +41,7 @@ class Controller:
         limits: what it does not exceed.
         motion: the believed robot over a typical motion, for the check before a run; None for a
             controller put together by hand.
+        compensation: what the arm adds to the torque that it is sent, of q (nq), or None.
         period: sampling period that it was made for [s]; infinite if unknown.
     """
 
@@ -53,13 +55,14 @@ class Controller:
         adaptation_d: Adaptation,
         limits: Limits | None = None,
         motion: TypicalMotion | None = None,
+        compensation: Compensation | None = None,
         period: float = math.inf,
     ) -> None:
         """Put the parts together; ``pinadapt.make_controller`` does so with defaults."""
         self.law, self.kinematics, self.dynamics = law, kinematics, dynamics
         self.adaptation_k, self.adaptation_d = adaptation_k, adaptation_d
         self.limits = Limits() if limits is None else limits
-        self.motion, self.period = motion, period
+        self.motion, self.compensation, self.period = motion, compensation, period
         measured = law.needs_task_velocity and kinematics.task.positions > 0
         self._check = InputCheck(kinematics, dynamics.size, law.name, measured)
         self._filters = law.filters
@@ -162,19 +165,21 @@ class Controller:
         return s, self.law.command(s, self._believed)
 
     def respond(self, s: Signals, command: Command, a: np.ndarray) -> tuple[np.ndarray, Drives]:
-        """Return the torque (n) at joint acceleration a (n), within its limits, and the drives.
+        """Return the torque (n) to send at joint acceleration a (n), and the drives.
+
+        Limits are those of the motors, which give what is sent and what the arm adds.
 
         While a motor saturates, the tracking error tells of the lost torque as much as of the
         parameters, and following it winds the estimates up. They then learn only from what holds
         whatever the torque is, the prediction errors.
         """
-        torque, limits = command.at(a), self.limits.torque
+        torque, limits, added = command.at(a), self.limits.torque, self.compensation
         drives = self.law.drives(s, self._believed, command, a)
         if limits is not None and math.isfinite(torque.dot(torque)):
             clipped = np.minimum(np.maximum(torque, -limits), limits)
             if (clipped != torque).any():
-                return clipped, drives.without_tracking()
-        return torque, drives
+                torque, drives = clipped, drives.without_tracking()
+        return (torque if added is None else torque - added(s.q)), drives
 
     def observe(
         self, state: ControllerState, measurement: Measurement, desired: Desired

@@ -219,6 +219,7 @@ class SimulationSection(Section):
     camera: CameraSection | None = None
     encoder: NotNegative | list[NotNegative] = 0.0
     torque_limits: bool = False
+    compensated: Literal["nominal"] | None = None
     seed: Annotated[int, Field(ge=0)] = 0
 
 

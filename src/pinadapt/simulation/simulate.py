@@ -53,7 +53,8 @@ def simulate(
 
     Args:
         true: the true robot.
-        controller: made for the believed robot.
+        controller: made for the believed robot; if for one that compensates gravity, so does the
+            true one.
         trajectory: the desired motion.
         duration: s.
         dt: controller period, or integration step in continuous mode [s].
@@ -96,7 +97,9 @@ def simulate(
         )
     started = perf_counter()
     state = prepare(true, controller, trajectory, a_k, a_d)
-    plant = PinocchioPlant(true, torque_limits=motors, substeps=substeps)
+    plant = PinocchioPlant(
+        true, torque_limits=motors, compensation=controller.compensation, substeps=substeps
+    )
     loop = plant, controller, trajectory
     if mode == "continuous":
         stream = run_continuous(*loop, dt=dt, state=state, ideal_acceleration=ideal)

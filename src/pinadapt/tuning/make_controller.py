@@ -19,6 +19,7 @@ from ..laws import LAWS
 from ..laws.law import Law
 from ..models.joint_effects import NONE
 from ..models.typical_motion import TypicalMotion
+from ..robot.gravity import Compensation, compensation_of
 from ..robot.robot import Robot
 from ..tasks.joint import JointTask
 from .adaptation_rates import (
@@ -49,6 +50,7 @@ def make_controller(
     dt: float = 1e-3,
     kinematic_box: ArrayLike | bool | None = None,
     torque_limits: ArrayLike | bool | None = None,
+    compensated: Compensation | str | None = None,
     damping: float = 0.2,
     watch: bool = True,
     **gains: Any,
@@ -77,6 +79,9 @@ def make_controller(
             a fifth and five times, other coordinates within half the robot's reach.
         torque_limits: n bounds [N m or N] at which the torque is clipped and the adaptation of the
             tracking error rests; True for the efforts of the robot's description.
+        compensated: what the arm adds by itself to the torque that it is sent, which the controller
+            takes off: "nominal" for the gravity torque of this robot, ``Gravity(described)`` for
+            one without the believed load, or any callable of q (nq) that returns it (n).
         damping: the right inverse of J_hat is damped where its smallest singular value, estimated
             from below, falls under this fraction of home's; zero never damps.
         watch: end the run with a message when an M_hat to be inverted is not positive definite or
@@ -114,6 +119,7 @@ def make_controller(
             believed, kinematics, dynamics, torque=torque_limits, damping=damping, watch=watch
         ),
         motion=motion,
+        compensation=compensation_of(believed, compensated),
         period=dt,
     )
     if isinstance(adaptation, str) and rates["gamma_d"] is None and rates["gamma_joint"] is None:
