@@ -1,4 +1,4 @@
-"""Plants: what a loop may ask of one, how a robot's motion is integrated, and the sensors."""
+"""Plants: what a loop may ask of one, and how a robot's motion is integrated."""
 
 import pickle
 
@@ -212,39 +212,3 @@ def test_integration_errors_are_below_a_hundredth_of_the_tracking_error(name):
     coarse, fine = paths
     tracking = np.linalg.norm(fine[-100:, 0] - fine[-100:, 1], axis=1).max()
     assert np.linalg.norm(coarse[:, 0] - fine[:, 0], axis=1).max() < 0.01 * tracking
-
-
-# --- sensors ---
-
-
-@pytest.mark.parametrize("channel", ["q", "v", "x"])
-def test_noise_has_the_stated_deviation_and_touches_its_channel_only(channel):
-    robot = load("scara")
-    sensors = pa.Sensors(robot, 1e-3, noise={channel: 0.02}, seed=3)
-    q, v, _ = random_state(robot, np.random.default_rng(0))
-    true = pa.PinocchioPlant(robot).measurement(q, v)
-    errors = {"q": [], "v": [], "x": []}
-    for _ in range(1000):
-        seen = sensors.measure(true)
-        errors["q"].append(pin.difference(robot.model, true.q, seen.q))
-        errors["v"].append(seen.v - true.v)
-        errors["x"].append(seen.x - true.x)
-    for name, error in errors.items():
-        assert np.isclose(np.std(error), 0.02 if name == channel else 0.0, rtol=0.1)
-
-
-def test_delay_makes_the_measured_position_late_and_nothing_else():
-    robot = load("planar_2r")
-    plant, sensors = pa.PinocchioPlant(robot), pa.Sensors(robot, 1e-3, delay=2e-3)
-    states = [(np.array([0.1 * k, 0.5]), np.array([1.0, k])) for k in range(6)]
-    times = [1e-3 * k for k in range(6)]
-    samples = [
-        sensors.measure(plant.measurement(*state, t))
-        for state, t in zip(states, times, strict=True)
-    ]
-    late = [states[max(k - 2, 0)][0] for k in range(6)]
-    assert np.allclose([sample.x for sample in samples], [robot.position(q) for q in late])
-    assert [s.t for s in samples] == times
-    assert [s.x_time for s in samples] == [times[max(k - 2, 0)] for k in range(6)]
-    assert np.array_equal([sample.q for sample in samples], [q for q, _ in states])
-    assert np.array_equal([sample.v for sample in samples], [v for _, v in states])

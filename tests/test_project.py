@@ -25,7 +25,7 @@ def module_of(path):
 LAYERS = [
     {"exceptions", "_compiled", "_version"},
     {"_checks", "_kernels", "_toml"},
-    {"records", "tasks"},
+    {"records", "sensing", "tasks"},
     {"trajectories"},
     {"robot"},
     {"models"},

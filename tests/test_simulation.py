@@ -8,17 +8,11 @@ import pytest
 import pinadapt as pa
 from chains import catalogue_robot as load
 from chains import robot_of
-from loops import ARRAYS, motion_at_home, run
 from loops import circle_at_home as circle
+from loops import motion_at_home, run, same
 from paper import BASIS
 from pinadapt.robot.effort_limits import effort_limits
 from snapshots import snapshot, unchanged
-
-
-def same(one, other):
-    """Tell whether two rollouts are equal to the last bit."""
-    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in ARRAYS)
-
 
 # --- modes, noise, delay, limits ---
 

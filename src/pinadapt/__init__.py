@@ -65,6 +65,7 @@ from .plants import Sensors as Sensors
 from .records import Desired as Desired
 from .records import Measurement as Measurement
 from .robot import Friction as Friction
+from .robot import Gravity as Gravity
 from .robot import Payload as Payload
 from .robot import Robot as Robot
 from .robot import WorkspaceCircle as WorkspaceCircle
@@ -73,6 +74,7 @@ from .robot import load as load
 from .robot import reachable_circle as reachable_circle
 from .rollout import Rollout as Rollout
 from .rollout import Sample as Sample
+from .sensing import Camera as Camera
 from .signals import Signals as Signals
 from .simulation import run as run
 from .simulation import run_continuous as run_continuous

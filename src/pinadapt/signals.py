@@ -8,7 +8,7 @@ import numpy as np
 
 from .adaptation.drive import Estimate
 from .models.right_inverse import RightInverse
-from .models.sight import Sight
+from .models.sight import Sensed
 
 
 class Signals(NamedTuple):
@@ -34,7 +34,7 @@ class Signals(NamedTuple):
         epsilon: (m_p) prediction error of the last seen position [m], of which X_k (m_p, p_k) is
             the regressor: X_k da_k at the configuration where it was seen. None for laws that do
             not ask; see ``Law.needs_prediction``.
-        sight: what is known of the frame's coordinates.
+        sensed: what the controller keeps of the sensors for the next sample.
         a_0: (p_d) the initial dynamic estimate.
         J: (m, n) J_hat, the believed Jacobian.
         Jdot_v: (m) dJ_hat/dt v with the estimate held constant.
@@ -62,7 +62,7 @@ class Signals(NamedTuple):
     inverse: RightInverse
     filtered: Any
     adapting: bool = True
-    sight: Sight = Sight()
+    sensed: Sensed = Sensed()
     epsilon: np.ndarray | None = None
     X_k: np.ndarray | None = None
 

@@ -59,7 +59,7 @@ def kinematic_drive(
 
 @compiled(
     "void(f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], "
-    "f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8, f8[:])"
+    "f8[:,:], f8[:,:], f8[:], f8[:], f8, f8[:])"
 )
 def commanded_acceleration(
     xdd_d: np.ndarray,
@@ -74,18 +74,17 @@ def commanded_acceleration(
     J: np.ndarray,
     gram_inverse: np.ndarray,
     qd: np.ndarray,
-    q: np.ndarray,
-    rest: np.ndarray,
+    offset: np.ndarray,
     w: float,
     v: np.ndarray,
 ) -> None:
-    """Write v = psi + J^T G (u - J psi) (n), psi = -2 w qd - w^2 (q - rest), G (m, m) as in J^+.
+    """Write v = psi + J^T G (u - J psi) (n), psi = -2 w qd - w^2 offset, G (m, m) as in J^+.
 
     u = xdd_d - K_v (xd - xd_d) - K_P dx - (dJ/dt(a_k) qd + Y_k da_k/dt) (m).
     """
     m, n = J.shape
     for t in range(n):
-        v[t] = -2.0 * w * qd[t] - w * w * (q[t] - rest[t])
+        v[t] = -2.0 * w * qd[t] - w * w * offset[t]
     missed = np.empty(m)  # u - J psi
     for i in range(m):
         x = xdd_d[i] - Jdot_v[i]

@@ -14,16 +14,17 @@ from .._kernels import watch as kernels
 from ..adaptation.adaptation import Adaptation
 from ..adaptation.drive import Drive, Drives, Estimate
 from ..exceptions import DivergedError, ParameterError
-from ..filters.low_pass import LowPass
 from ..laws.law import Believed, Command, Law
 from ..models.dynamics import Dynamics
-from ..models.sight import Carrier, prediction
+from ..models.sight import prediction
 from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
 from ..records import Desired, Measurement
+from ..robot.gravity import Compensation
 from ..signals import Signals
 from .inputs import InputCheck, check_period
 from .limits import Limits
+from .senses import Senses
 from .state import ControllerState
 
 
@@ -40,11 +41,11 @@ class Controller:
         kinematics, dynamics: the believed robot.
         adaptation_k, adaptation_d: how its estimates move.
         limits: what it does not exceed.
+        senses: how it takes what the sensors say.
         motion: the believed robot over a typical motion, for the check before a run; None for a
             controller put together by hand.
+        compensation: what the arm adds to the torque that it is sent, of q (nq), or None.
         period: sampling period that it was made for [s]; infinite if unknown.
-        carrier: how frames of a camera become the coordinates of now.
-        velocity_filter: low pass on the measured joint velocity, or None.
     """
 
     def __init__(
@@ -56,18 +57,17 @@ class Controller:
         adaptation_k: Adaptation,
         adaptation_d: Adaptation,
         limits: Limits | None = None,
+        senses: Senses | None = None,
         motion: TypicalMotion | None = None,
+        compensation: Compensation | None = None,
         period: float = math.inf,
-        carrier: Carrier | None = None,
-        velocity_filter: LowPass | None = None,
     ) -> None:
         """Put the parts together; ``pinadapt.make_controller`` does so with defaults."""
         self.law, self.kinematics, self.dynamics = law, kinematics, dynamics
         self.adaptation_k, self.adaptation_d = adaptation_k, adaptation_d
         self.limits = Limits() if limits is None else limits
-        self.motion, self.period = motion, period
-        self.carrier = Carrier() if carrier is None else carrier
-        self.velocity_filter = velocity_filter
+        self.senses = Senses() if senses is None else senses
+        self.motion, self.compensation, self.period = motion, compensation, period
         self._check = InputCheck(kinematics, dynamics.size)
         self._filters = law.filters
         self._believed = Believed(kinematics, dynamics, adaptation_k, self.limits.watch)
@@ -119,8 +119,7 @@ class Controller:
             a_0=dynamic.value.copy(),
             filters=self._filters.init(measurement, kinematics),
             adapting=adapting,
-            velocity=np.zeros(0) if self.velocity_filter is None else measurement.v.copy(),
-            sight=self.carrier.init(measurement, kinematics),
+            senses=self.senses.init(measurement, kinematics),
         )
 
     def step(
@@ -139,6 +138,9 @@ class Controller:
         """
         check_period(dt, self.period)
         measurement, desired = self._check.sample(state, measurement, desired)
+        elapsed = self.senses.guards.elapsed(state.t, measurement.t, dt)
+        if elapsed != dt:
+            check_period(elapsed, self.period)
         try:
             s = self._signals(state, measurement, desired)
             command = self.law.command(s, self._believed)
@@ -146,24 +148,17 @@ class Controller:
             dynamic, kinematic = state.dynamic, state.kinematic
             if s.a_d is not dynamic.value:  # projected
                 dynamic = dynamic._replace(value=s.a_d)
-            if state.adapting:
-                dynamic = self.adaptation_d.step(dynamic, drives.dynamic, dt)
-                kinematic = self.adaptation_k.step(kinematic, drives.kinematic, dt)
-            filters = self._filters.step(state.filters, s, dt)
+            if s.adapting:
+                dynamic = self.adaptation_d.step(dynamic, drives.dynamic, elapsed)
+                kinematic = self.adaptation_k.step(kinematic, drives.kinematic, elapsed)
+            filters = self._filters.step(state.filters, s, elapsed)
             self.watch(torque, dynamic.value, kinematic.value)
         except (DivergedError, np.linalg.LinAlgError) as error:
             # a signal that is not finite is the likelier cause
             self._check.finite(measurement, desired)
             raise DivergedError(str(error)) from error
         return torque, ControllerState(
-            s.t,
-            dynamic,
-            kinematic,
-            state.a_0,
-            filters,
-            state.adapting,
-            state.velocity if self.velocity_filter is None else s.v,
-            s.sight,
+            s.t, dynamic, kinematic, state.a_0, filters, state.adapting, s.sensed
         )
 
     def command(
@@ -178,19 +173,21 @@ class Controller:
         return s, self.law.command(s, self._believed)
 
     def respond(self, s: Signals, command: Command, a: np.ndarray) -> tuple[np.ndarray, Drives]:
-        """Return the torque (n) at joint acceleration a (n), within its limits, and the drives.
+        """Return the torque (n) to send at joint acceleration a (n), and the drives.
+
+        Limits are those of the motors, which give what is sent and what the arm adds.
 
         While a motor saturates, the tracking error tells of the lost torque as much as of the
         parameters, and following it winds the estimates up. They then learn only from what holds
         whatever the torque is, the prediction errors.
         """
-        torque, limits = command.at(a), self.limits.torque
+        torque, limits, added = command.at(a), self.limits.torque, self.compensation
         drives = self.law.drives(s, self._believed, command, a)
         if limits is not None and math.isfinite(torque.dot(torque)):
             clipped = np.minimum(np.maximum(torque, -limits), limits)
             if (clipped != torque).any():
-                return clipped, drives.without_tracking()
-        return torque, drives
+                torque, drives = clipped, drives.without_tracking()
+        return (torque if added is None else torque - added(s.q)), drives
 
     def observe(
         self, state: ControllerState, measurement: Measurement, desired: Desired
@@ -211,19 +208,18 @@ class Controller:
         """Return ``observe`` of what was checked and stays what it is."""
         kinematics, task, kinematic = self.kinematics, self.kinematics.task, state.kinematic
         x_d, xd_d, xdd_d = desired
-        q, v, a_k = measurement.q, measurement.v, kinematic.value
-        if self.velocity_filter is not None:
-            v = self.velocity_filter.advance(state.velocity, v, measurement.t - state.t)
-            measurement = measurement._replace(v=v)
+        q, a_k, senses = measurement.q, kinematic.value, self.senses
+        v = senses.velocity(state.senses, measurement, state.t)
         kinematics.update(a_k, q, v)
-        sight = self.carrier.see(state.sight, measurement, kinematics, a_k)
+        a_d = self.adaptation_d.project(state.dynamic.value, q)
+        self.dynamics.load(a_d)
+        sensed = senses.see(state.senses, measurement, v, kinematics, a_k)
+        xd_hat, sight = kinematics.xd_hat, sensed.sight
+        dx = task.error(task.measured(sight.x, q), x_d)
         epsilon, X_k = None, None
         if self.law.needs_prediction:
             epsilon, X_k = prediction(sight, kinematics, a_k)
-        a_d = self.adaptation_d.project(state.dynamic.value, q)
-        self.dynamics.load(a_d)
-        xd_hat = kinematics.xd_hat
-        dx = task.error(task.measured(sight.x, q), x_d)
+        now = measurement._replace(v=v, x=sight.x)
         return Signals(
             measurement.t,
             q,
@@ -242,9 +238,9 @@ class Controller:
             kinematics.Jdot_v,
             kinematics.Y_k,
             kinematics.right_inverse(self.limits.singular),
-            self._filters.observe(state.filters, measurement._replace(x=sight.x), kinematics),
-            state.adapting,
-            sight,
+            self._filters.observe(state.filters, now, kinematics),
+            state.adapting and not senses.guards.rests(xd_d, xdd_d, v, dx),
+            sensed,
             epsilon,
             X_k,
         )
@@ -257,7 +253,7 @@ class Controller:
 
     def rate(self, state: ControllerState, s: Signals, drives: Drives) -> ControllerState:
         """Return d(state)/dt from what the law saw and its drives, to integrate as an ODE."""
-        if not state.adapting:
+        if not s.adapting:
             drives = Drives(_still(drives.dynamic), _still(drives.kinematic))
         return ControllerState(
             t=1.0,

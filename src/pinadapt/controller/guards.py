@@ -89,9 +89,7 @@ class Guards:
             raise MeasurementError("t", now, f"is before the last sample's, {before:g} s")
         return elapsed if elapsed > _MISSED * dt else dt
 
-    def rests(
-        self, xd_d: np.ndarray, xdd_d: np.ndarray, v: np.ndarray, dx: np.ndarray
-    ) -> bool:
+    def rests(self, xd_d: np.ndarray, xdd_d: np.ndarray, v: np.ndarray, dx: np.ndarray) -> bool:
         """Tell whether the arm stands where it should, so that an estimate could only drift."""
         return self.slow > 0.0 and kernels.rests(xd_d, xdd_d, v, dx, self.slow, self.near)
 
@@ -110,7 +108,8 @@ def make_guards(
         believed: the believed robot.
         kinematics: its kinematics.
         guards: False for none, or some of "position", "velocity", "time" and "rest" with False.
-        noise_v, noise_x: standard deviations of joint velocity [rad/s or m/s] and position [m].
+        noise_v: standard deviation of the joint velocity [rad/s or m/s].
+        noise_x: of the position [m].
 
     Raises:
         InputError: an unknown guard.
@@ -132,7 +131,7 @@ def make_guards(
         far=(_FAR_BASE if based else _FAR) * size
         if on["position"] and kinematics.positions
         else math.inf,
-        fast=_FAST * velocity_limits(believed) if on["velocity"] else None,
+        fast=_FAST * velocity_limits(believed.model) if on["velocity"] else None,
         clock=on["time"],
         slow=_SLOW * (min(1.0, size) if slides else 1.0) + _NOISE * noise_v if on["rest"] else 0.0,
         near=_NEAR * scale + _NOISE * noise_x,

@@ -7,9 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..adaptation.drive import Estimate
-from ..models.sight import Sight
-
-_NONE = np.zeros(0)
+from ..models.sight import Sensed
 
 
 class ControllerState(NamedTuple):
@@ -22,8 +20,7 @@ class ControllerState(NamedTuple):
         a_0: (p_d) the dynamic estimate at the start.
         filters: state of the law's filters; see ``Law.filters``.
         adapting: whether the estimates move; they rest until told to with ``adapt``.
-        velocity: (n) the filtered joint velocity; empty without a filter.
-        sight: where the task frame was last seen, and the joints since.
+        senses: what was last seen of the task frame, and the filtered joint velocity.
     """
 
     t: float
@@ -32,8 +29,7 @@ class ControllerState(NamedTuple):
     a_0: np.ndarray
     filters: Any
     adapting: bool = True
-    velocity: np.ndarray = _NONE
-    sight: Sight = Sight()
+    senses: Sensed = Sensed()
 
     @property
     def a_d(self) -> np.ndarray:

@@ -84,7 +84,8 @@ class AccelerationLaw(Law):
         """Return the law with the default gains of the class; see ``Law.tuned``."""
         w = share * motion.bandwidth
         gains = merged(cls._defaults(w), given)
-        return cls(motion.kinematics.task, Posture(motion.robot), **gains)
+        posture = Posture.of(motion.robot, given.get("posture"), share * motion.bandwidth)
+        return cls(motion.kinematics.task, posture, **gains)
 
     @classmethod
     def _defaults(cls, w: float) -> dict[str, Any]:

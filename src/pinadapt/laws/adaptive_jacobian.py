@@ -118,7 +118,8 @@ class AdaptiveJacobian(Law):
     ) -> Own:
         """Return the law with the default gains of the class; see ``Law.tuned``."""
         gains = merged(cls._defaults(motion, dt, share), given)
-        return cls(motion.kinematics.task, Posture(motion.robot), **gains)
+        posture = Posture.of(motion.robot, given.get("posture"), share * motion.bandwidth)
+        return cls(motion.kinematics.task, posture, **gains)
 
     @classmethod
     def _defaults(cls, motion: TypicalMotion, dt: float, share: float) -> dict[str, Any]:
@@ -143,7 +144,7 @@ class AdaptiveJacobian(Law):
         if s.delta is not None:
             ud -= self.alpha * s.delta
         psi = self._null_motion(s)
-        qdd_r = s.inverse.solve_rate(u, psi, ud, self.posture.velocity_rate(s.v), Jdot)
+        qdd_r = s.inverse.solve_rate(u, psi, ud, self.posture.velocity_rate(s.q, s.v), Jdot)
         return s.inverse.solve(u, psi), qdd_r
 
     def _reference_velocity(self, s: Signals) -> np.ndarray:

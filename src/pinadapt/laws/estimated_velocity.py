@@ -63,12 +63,12 @@ class EstimatedVelocityLaw(AccelerationLaw):
         """
         Jdot_v = s.Jdot_v if s.delta is None else s.Jdot_v + self.alpha * s.delta
         inverse, posture, v = s.inverse, self.posture, np.empty(s.v.size)
-        q, rest, w = s.v, s.v, 0.0
+        offset, w = s.v, 0.0
         if not inverse.unique:
-            (q, rest), w = posture.from_rest(s.q), posture.frequency
+            offset, w = posture.offset(s.q), posture.frequency
         kernels.commanded_acceleration(
             s.xdd_d, self.K_v, s.xd_hat, s.xd_d, self.K_P, s.dx, Jdot_v, s.Y_k, a_k_rate,
-            inverse.J, inverse.gram_inverse, s.v, q, rest, w, v,
+            inverse.J, inverse.gram_inverse, s.v, offset, w, v,
         )  # fmt: skip
         return v
 

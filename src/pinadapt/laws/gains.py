@@ -12,7 +12,17 @@ from .._checks import definite_matrix, positive
 from ..exceptions import GainError, did_you_mean
 from ..tasks.task import Task
 
-NAMES = ("Kv", "Kp", "alpha", "beta", "R_k", "Q", "lambda_", "lambda_a")  # as users write them
+NAMES = (
+    "Kv",
+    "Kp",
+    "alpha",
+    "beta",
+    "R_k",
+    "Q",
+    "lambda_",
+    "lambda_a",
+    "posture",
+)  # as users write them
 SYMBOLS = {"Kv": "K_v", "Kp": "K_P"}  # what the laws call those that they call otherwise
 _TASK_GAINS = {symbol: name for name, symbol in SYMBOLS.items()}
 

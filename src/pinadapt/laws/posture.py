@@ -1,17 +1,32 @@
-"""What a redundant arm does with its null space: damp it and return to a rest posture."""
+"""What a redundant arm does with its null space: return to a rest posture, away from its stops."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._checks import positive, vector
+from .._kernels import posture as kernels
+from ..exceptions import GainError, did_you_mean
+from ..robot.position_limits import position_limits
 from ..robot.robot import Robot
+
+SHARE = 0.5  # default frequency in bandwidths
+_KEYS = ("rest", "frequency")
+_MARGIN, _WAY = 0.1, 0.5  # of the range, of the way from rest to the nearer limit
+_LEAST_MARGIN = 1e-3  # [rad or m]
 
 
 class Posture:
     """Critically damped return to a rest configuration, seen only in the null space of the task.
+
+    The offset from rest grows by 2 d^2 / b where a joint is d inside the margin b before one of its
+    limits: a tenth of its range, but at most half of the way from rest. The task comes first: what
+    it asks of the joints it gets, beyond their limits too.
 
     Attributes:
         frequency: w [rad/s].
@@ -30,29 +45,63 @@ class Posture:
         self._model, self._q_rest = robot.model.copy(), resting.q0
         M = pin.crba(self._model, self._model.createData(), self._q_rest)
         self.damping = self.frequency * np.diag(M).copy()
+        self._plain = self._q_rest.size == self.damping.size
+        self._zero = np.zeros(self.damping.size)
+        angles, (low, high) = resting.home_angles, position_limits(self._model)
+        below, above = low - angles, high - angles
+        margin = np.minimum(_MARGIN * (high - low), _WAY * np.minimum(-below, above))
+        without = ~(margin > _LEAST_MARGIN) | ~np.isfinite(margin)
+        margin[without] = 1.0
+        self._low = np.where(without, -np.inf, below + margin)
+        self._high, self._margin = np.where(without, np.inf, above - margin), margin
+
+    @classmethod
+    def of(cls, robot: Robot, given: Any, bandwidth: float) -> Posture:
+        """Return a posture as a user gives it, by default home at half of the bandwidth [rad/s].
+
+        Args:
+            robot: the believed robot.
+            given: None, a frequency [rad/s], the rest pose (n) [rad or m], or a mapping of "rest"
+                and "frequency".
+            bandwidth: of the feedback [rad/s].
+
+        Raises:
+            GainError, RobotError: unknown keys, or as the class.
+        """
+        words = given if isinstance(given, Mapping) else {}
+        for key in words:
+            if key not in _KEYS:
+                raise GainError(
+                    f"a posture has {list(_KEYS)}, no '{key}'.{did_you_mean(str(key), _KEYS)}",
+                    where="posture",
+                )
+        rest, frequency = words.get("rest"), words.get("frequency")
+        if given is not None and not words:
+            rest, frequency = (None, given) if np.ndim(given) == 0 else (given, None)
+        return cls(robot, rest, SHARE * bandwidth if frequency is None else frequency)
 
     def offset(self, q: np.ndarray) -> np.ndarray:
-        """Return q - q_rest (n), on the circle for continuous joints."""
-        return (
-            q - self._q_rest
-            if q.size == self.damping.size
-            else pin.difference(self._model, self._q_rest, q)
-        )
-
-    def from_rest(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return two vectors (n) whose difference is ``offset``."""
-        if q.size == self.damping.size:
-            return q, self._q_rest
-        return self.offset(q), np.zeros(self.damping.size)
+        """Return how far q (nq) is from rest (n) [rad or m], more where a limit is near."""
+        rest = self._q_rest
+        if not self._plain:
+            q, rest = pin.difference(self._model, rest, q), self._zero
+        offset = np.empty(self._zero.size)
+        kernels.posture_offset(q, rest, self._low, self._high, self._margin, offset)
+        return offset
 
     def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Return psi (n) = -2 w v - w^2 (q - q_rest) [rad/s^2 or m/s^2]."""
+        """Return psi (n) = -2 w v - w^2 offset(q) [rad/s^2 or m/s^2]."""
         return (-2.0 * self.frequency) * v - self.frequency**2 * self.offset(q)
 
     def velocity(self, q: np.ndarray) -> np.ndarray:
-        """Return psi (n) = -w (q - q_rest) [rad/s or m/s]."""
+        """Return psi (n) = -w offset(q) [rad/s or m/s]."""
         return -self.frequency * self.offset(q)
 
-    def velocity_rate(self, v: np.ndarray) -> np.ndarray:
+    def velocity_rate(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the time derivative of ``velocity`` (n)."""
-        return -self.frequency * v
+        rest = self._q_rest
+        if not self._plain:
+            q, rest = pin.difference(self._model, rest, q), self._zero
+        rate = np.empty(v.size)
+        kernels.posture_rate(q, rest, v, self.frequency, self._low, self._high, self._margin, rate)
+        return rate

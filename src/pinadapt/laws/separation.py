@@ -27,7 +27,6 @@ from .posture import Posture
 
 _DAMPING, _STEP = 3.0, 0.25  # K_D in bandwidths times inertia, and in parts of what dt bears
 _LOAD, _ARM = 0.1, 0.05  # load believed for K_D: of the robot's mass, of its reach off the flange
-_POSTURE = 0.5  # frequency of the posture in bandwidths
 _OBSERVER = 1.0  # beta in bandwidths
 
 
@@ -109,7 +108,7 @@ class Separation(Law):
             GainError: gains that are not positive (definite) or of the wrong size.
         """
         check_in_place(self, "alpha", "beta", "c", "R_k")
-        if not self.lambda_s == math.inf:
+        if self.lambda_s != math.inf:
             positive(self.lambda_s, "lambda_s")
         K_D = definite_matrix(self.K_v, self.posture.damping.size, "Kv")
         object.__setattr__(self, "K_v", K_D)
@@ -137,7 +136,7 @@ class Separation(Law):
         w = share * motion.bandwidth
         defaults = {"Kv": _damping(motion.robot, w, dt), "alpha": w, "beta": _OBSERVER * w}
         gains = merged({**defaults, "R_k": 1.0}, given)
-        posture = Posture(motion.robot, frequency=_POSTURE * w)
+        posture = Posture.of(motion.robot, given.get("posture"), w)
         return cls(motion.kinematics.task, posture, **gains)
 
     def decorrelated(self, bandwidth: float) -> Separation:
@@ -172,7 +171,7 @@ class Separation(Law):
         kinematic = Drive(s.Y_k, None, W, residual, self._weight)
         Jdot = believed.kinematics.jacobian_rate(believed.kinematic_rate(s, kinematic))
         u, psi = self._reference(s)
-        qd_r, psi_d = s.inverse.solve(u, psi), self.posture.velocity_rate(s.v)
+        qd_r, psi_d = s.inverse.solve(u, psi), self.posture.velocity_rate(s.q, s.v)
         qdd_r = s.inverse.solve_rate(u, psi, self._reference_rate(s), psi_d, Jdot)
         v, error = s.v, s.v - qd_r
         if s.filtered.s_f.size:  # decorrelated

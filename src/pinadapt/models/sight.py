@@ -57,6 +57,18 @@ class Sight(NamedTuple):
     frame: Frame | None = None
 
 
+class Sensed(NamedTuple):
+    """What is kept of the sensors from one sample to the next.
+
+    Attributes:
+        sight: of the task frame.
+        v: (n) the filtered joint velocity [rad/s or m/s]; None without a filter.
+    """
+
+    sight: Sight = Sight()
+    v: np.ndarray | None = None
+
+
 @dataclass(frozen=True)
 class Carrier:
     """Carries the frames of a camera on to now.

@@ -79,6 +79,11 @@ class TypicalMotion:
         return [Y_p for _, Y_p in self._kinematic]
 
     @cached_property
+    def position_regressors(self) -> list[np.ndarray]:
+        """X_k = dx/da_k (m_p, p_k) at each state."""
+        return [self.kinematics.predicted(q)[1] for q in self.states.q]
+
+    @cached_property
     def regressors(self) -> list[np.ndarray]:
         """Y (n, p_d) at each state."""
         return [self.dynamics.regressor(*state) for state in zip(*self.states, strict=True)]

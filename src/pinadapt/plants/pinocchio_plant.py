@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from ..exceptions import DivergedError, InputError, did_you_mean
 from ..records import Measurement
+from ..robot.gravity import Compensation
 from ..robot.robot import Robot
 from .midpoint import FittedMidpoint
 from .plant import Plant
@@ -33,6 +34,8 @@ class PinocchioPlant(Plant):
         nv: number of joints.
         torque_limits: (nv) bounds the motors clip at [N m or N], infinite where there is none, or
             None.
+        compensation: what the arm's own electronics add to the torque asked for, of q (nq), or None
+            for nothing; the motors clip the sum.
         substeps: integration steps in each ``step``; None for as many as ``LONGEST_STEP`` asks.
     """
 
@@ -41,6 +44,7 @@ class PinocchioPlant(Plant):
         robot: Robot,
         *,
         torque_limits: np.ndarray | None = None,
+        compensation: Compensation | None = None,
         substeps: int | None = None,
         integrator: str = "midpoint",
     ) -> None:
@@ -58,6 +62,7 @@ class PinocchioPlant(Plant):
         if substeps is not None and int(substeps) < 1:
             raise InputError(f"must be at least 1, got {substeps}.", where="substeps")
         self.robot, self.torque_limits, self.substeps = robot, torque_limits, substeps
+        self.compensation = compensation
         self.nv = int(robot.model.nv)
         self._model = robot.model.copy()
         self._data = self._model.createData()
@@ -74,7 +79,7 @@ class PinocchioPlant(Plant):
         return self.measurement(self._q, self._v, self._t)
 
     def step(self, torque: np.ndarray, dt: float) -> None:
-        """Hold a torque (nv) [N m or N], within the motors' limits, for dt [s]."""
+        """Hold what the motors give now, asked for a torque (nv) [N m or N], for dt [s]."""
         tau, q, v = self.motors(torque), self._q, self._v
         count = self.substeps or ceil(dt / LONGEST_STEP - 1e-9)
         for _ in range(count):
@@ -82,8 +87,14 @@ class PinocchioPlant(Plant):
         self._q, self._v, self._t = q, v, self._t + dt
 
     def motors(self, torque: np.ndarray) -> np.ndarray:
-        """Return the torque (nv) that the motors give when asked for one (nv)."""
+        """Return the torque (nv) that the motors give now when asked for one (nv)."""
+        return self.motors_at(self._q, torque)
+
+    def motors_at(self, q: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        """Return the torque (nv) that the motors give at q (nq) when asked for one (nv)."""
         limits = self.torque_limits
+        if self.compensation is not None:
+            torque = torque + self.compensation(q)
         return torque if limits is None else np.minimum(np.maximum(torque, -limits), limits)
 
     def acceleration(self, torque: np.ndarray, feedthrough: np.ndarray | None = None) -> np.ndarray:

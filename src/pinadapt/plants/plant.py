@@ -11,7 +11,7 @@ from ..records import Measurement
 
 
 class Plant(ABC):
-    """A robot in time: it is measured, and a torque is held for a while.
+    """A robot in time: it is measured, and its motors are asked for a torque for a while.
 
     A closed loop needs no more than this; no controller ever sees inside.
 
@@ -31,10 +31,10 @@ class Plant(ABC):
 
     @abstractmethod
     def step(self, torque: np.ndarray, dt: float) -> None:
-        """Hold a torque (nv) [N m or N] for dt [s]."""
+        """Ask the motors for a torque (nv) [N m or N] for dt [s]; see ``motors``."""
 
     def motors(self, torque: np.ndarray) -> np.ndarray:
-        """Return the torque (nv) that the motors give when asked for one (nv) [N m or N]."""
+        """Return the torque (nv) that the motors give now when asked for one (nv) [N m or N]."""
         return torque
 
     def acceleration(self, torque: np.ndarray, feedthrough: np.ndarray | None = None) -> np.ndarray:

@@ -1,25 +1,32 @@
-"""What the controller gets to see of a plant: noise, and a late tracker."""
+"""What the controller gets to see of a plant."""
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Mapping
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from .._checks import positive
 from ..exceptions import InputError, did_you_mean
 from ..records import Measurement
 from ..robot.robot import Robot
+from ..sensing import Camera
+from ..tasks.task import FrameTask
+from .camera import SimulatedCamera
+from .encoder import Encoder
 
 CHANNELS = ("q", "v", "x", "angle")
 
 
 class Sensors:
-    """Encoders, tachometers and a task-space tracker, all with white noise, the tracker late.
+    """Encoders and tachometers at the joints, and a camera that sees the task frame.
 
-    The tracker also reports the task velocity, equally late and without noise.
+    A joint task has no frame to see: its measurements have neither x nor xd.
+
+    Attributes:
+        perfect: whether they show all there is as it is.
     """
 
     def __init__(
@@ -29,67 +36,87 @@ class Sensors:
         *,
         noise: Mapping[str, float] | None = None,
         delay: float = 0.0,
+        camera: Camera | Mapping[str, float | None] | None = None,
+        encoder: ArrayLike = 0.0,
         seed: int = 0,
     ) -> None:
-        """Take the standard deviations and the tracker's delay.
+        """Take what is wrong with the sensors; without any of it they are perfect.
 
         Args:
             robot: whose configurations and task are measured.
             dt: sampling period [s].
-            noise: standard deviation of each channel: q [rad or m], v [rad/s or m/s], x [m], and
-                angle [rad], by which the tracker turns a measured pose about each world axis.
-            delay: s, rounded to whole periods.
-            seed: of the noise.
+            noise: standard deviation of each channel, white: q [rad or m], before it is counted; v
+                [rad/s or m/s] of joints without encoder; of every frame x [m], and angle [rad], by
+                which a measured pose is turned about each world axis.
+            delay: s, of a camera with a frame at every sample; short for ``camera={"delay": ...}``.
+            camera: see ``Camera``.
+            encoder: a count, one or one a joint (nv) [rad or m], zero for none; see ``Encoder``.
+            seed: of the noise and of lost frames.
 
         Raises:
-            InputError: unknown channels, negative numbers, or angles of a task that has none.
+            InputError: unknown names, negative numbers, angles of a task that has none, two delays,
+                or a camera or encoder that cannot be.
         """
-        for name in noise or {}:
-            if name not in CHANNELS:
-                raise InputError(
-                    f"no channel is called '{name}'; there are {CHANNELS}."
-                    f"{did_you_mean(name, CHANNELS)}",
-                    where="noise",
-                )
-        self._model, self._task, self._seed = robot.model, robot.task, seed
-        self._noise = {
-            name: positive((noise or {}).get(name, 0.0), f"noise.{name}", zero=True)
-            for name in CHANNELS
-        }
-        self._noisy = any(self._noise.values())
-        self._angles = self._task.size - self._task.positions
-        if self._noise["angle"] and not self._angles:
+        self._noise = _deviations(noise or {})
+        if self._noise["angle"] and not _turns(robot):
             raise InputError(
-                f"the task '{self._task.name}' has no orientation to disturb.", where="noise.angle"
+                f"the task '{robot.task.name}' has no orientation to disturb.", where="noise.angle"
             )
-        late = round(positive(delay, "delay", zero=True) / dt)
-        self._tracked: deque[Measurement] = deque(maxlen=late + 1)
+        self._model, self._seed = robot.model, seed
+        self._noisy = bool(self._noise["q"] or self._noise["v"])
+        place, angle, camera = self._noise["x"], self._noise["angle"], _camera(camera, delay)
+        self._camera = SimulatedCamera(robot.task, camera, dt, place=place, angle=angle, seed=seed)
+        self._encoder = Encoder(robot, encoder, dt)
+        noisy = any(self._noise.values()) or self._encoder.present
+        self.perfect = camera == Camera() and not noisy
         self.reset()
 
     def reset(self) -> None:
         """Forget what was measured, and begin the noise anew."""
         self._rng = np.random.default_rng(self._seed)
-        self._tracked.clear()
+        self._camera.reset()
+        self._encoder.reset()
 
     def measure(self, truth: Measurement) -> Measurement:
-        """Return what the sensors make of the next sample, given what perfect ones would say.
-
-        Before the delay has passed, the tracker repeats its first sample.
-        """
-        self._tracked.append(truth)
-        tracked = self._tracked[0]
-        q, v, x = truth.q, truth.v, tracked.x
+        """Return what the sensors make of the next sample, given what perfect ones would say."""
+        q, v = truth.q, truth.v
         if self._noisy:
-            q = pin.integrate(self._model, q, self._white("q", len(v)))
-            v = v + self._white("v", len(v))
-            x = None if x is None else self._task.moved(x, self._tracking_error())
-        return truth._replace(q=q, v=v, x=x, x_time=tracked.t, xd=tracked.xd)
+            q = pin.integrate(self._model, q, self._white("q"))
+            v = v + self._white("v")
+        if self._encoder.present:
+            q, v = self._encoder.read(q, v)
+        return self._camera.see(truth)._replace(q=q, v=v)
 
-    def _tracking_error(self) -> np.ndarray:
-        places = self._white("x", self._task.positions)
-        return (
-            np.concatenate([places, self._white("angle", self._angles)]) if self._angles else places
+    def _white(self, name: str) -> np.ndarray:
+        return self._noise[name] * self._rng.standard_normal(self._model.nv)
+
+
+def _deviations(noise: Mapping[str, float]) -> dict[str, float]:
+    """Return the standard deviation of every channel."""
+    for name in noise:
+        if name not in CHANNELS:
+            raise InputError(
+                f"no channel is called '{name}'; there are {CHANNELS}."
+                f"{did_you_mean(name, CHANNELS)}",
+                where="noise",
+            )
+    return {name: positive(noise.get(name, 0.0), f"noise.{name}", zero=True) for name in CHANNELS}
+
+
+def _turns(robot: Robot) -> bool:
+    """Tell whether the task has an orientation."""
+    return isinstance(robot.task, FrameTask) and robot.task.size > robot.task.positions
+
+
+def _camera(camera: Camera | Mapping[str, float | None] | None, delay: float) -> Camera:
+    """Return the camera, given as such or by its delay [s] alone."""
+    late = Camera(delay=positive(delay, "delay", zero=True))
+    if camera is None:
+        return late
+    if late.delay:
+        raise InputError(
+            "a camera has its delay in itself.",
+            where="delay",
+            hint="Take camera = { delay = ... } alone.",
         )
-
-    def _white(self, name: str, size: int) -> np.ndarray:
-        return self._noise[name] * self._rng.standard_normal(size)
+    return Camera.of(camera)

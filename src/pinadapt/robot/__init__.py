@@ -7,6 +7,7 @@ from .changes import Payload as Payload
 from .effort_limits import effort_limits as effort_limits
 from .effort_limits import torque_limits as torque_limits
 from .friction import Friction as Friction
+from .gravity import Gravity as Gravity
 from .robot import Robot as Robot
 from .robot import load as load
 from .workspace import WorkspaceCircle as WorkspaceCircle

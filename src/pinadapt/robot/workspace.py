@@ -14,6 +14,7 @@ from ..exceptions import RobotError
 from .chain import is_slide
 from .position_limits import position_bounds, position_limits
 from .robot import Robot
+from .velocity_limits import velocity_limits
 
 _RATIO, _SIZES = 0.8, 18  # the radii tried: geometric, down to two per cent of the largest
 _PHASES = (0.0, pi / 2, pi, -pi / 2)
@@ -234,8 +235,7 @@ def _circle(robot: Robot, path: _Path, runs: list[_Run], length: float) -> Works
     allowed = np.array(
         [_SLIDE_SPEED if is_slide(joint) else _JOINT_SPEED for joint in robot.model.joints[1:]]
     )
-    own = _SPEED_SHARE * robot.model.velocityLimit
-    allowed = np.where((own > 0.0) & (own < allowed), own, allowed)
+    allowed = np.minimum(allowed, _SPEED_SHARE * velocity_limits(robot.model))
     period = max(_PERIOD * sqrt(max(length, 1.0)), float(np.max(2 * pi * speeds / allowed)))
     least = min(run.least_singular for run in runs)
     return WorkspaceCircle(path.plane, path.phase, path.radius, ceil(10 * period) / 10, least)

@@ -11,6 +11,8 @@ from ..controller.controller import Controller
 from ..laws.law import Truth
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..robot.robot import Robot
+from .joint_motion import motion_of_plant, motion_of_reference
+from .limit_excess import LimitExcess
 from .sample import Sample
 
 
@@ -70,6 +72,14 @@ class Evaluation:
         threshold = self.controller.limits.singular
         s_squared = 1.0 / np.sum(self.singular_values**-2.0, axis=1)
         return np.maximum(0.5 * (threshold**2 - s_squared), 0.0)
+
+    @cached_property
+    def limits(self) -> LimitExcess:
+        """How far the true robot, and the reference of its joints, went beyond their limits."""
+        true, samples = self.true, self.samples
+        return LimitExcess.of(
+            true, motion_of_plant(true, samples), motion_of_reference(true, samples)
+        )
 
     @cached_property
     def lyapunov(self) -> np.ndarray | None:

@@ -47,6 +47,7 @@ def summary(rollout: Rollout) -> dict[str, Any]:
         "max_damping": extreme(np.max, rollout.damping),
         "max_damping_share": extreme(np.max, rollout.damping_share),
         "saturated": extreme(np.mean, rollout.saturated),
+        "limits": rollout.limits.summary(),
         "steps": len(rollout.t),
         "wall_time_s": rollout.wall_time,
         "step_time_us": rollout.step_time * 1e6,
@@ -67,7 +68,7 @@ def _errors(norms: np.ndarray, name: str) -> dict[str, float | None]:
 
 
 def table(rollout: Rollout) -> str:
-    """Return a table of what matters."""
+    """Return a table of what matters, and one of the joints beyond their limits if there are."""
     numbers, (group, *more) = summary(rollout), rollout.task.groups
     sizes = f"{len(rollout.kinematic_names)} kinematic, {len(rollout.dynamic_names)} dynamic"
     singular = "m" if group.unit == "m" and not more else ""
@@ -88,10 +89,12 @@ def table(rollout: Rollout) -> str:
             number(numbers["min_singular_J_hat"], singular, digits=4),
         ),
         ("V, first and last", _ends(rollout.lyapunov_ends)),
+        ("joint limits", rollout.limits.verdict()),
         ("samples", f"{numbers['steps']} in {rollout.wall_time:.1f} s"),
         *_remarks(rollout, numbers),
     ]
-    return two_columns(rollout.title, rows)
+    joints = f"\n\n{rollout.limits}" if rollout.limits.exceeded else ""
+    return two_columns(rollout.title, rows) + joints
 
 
 def _error_rows(

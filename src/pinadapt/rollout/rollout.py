@@ -12,6 +12,7 @@ import numpy as np
 from ..tasks.task import Task
 from . import report
 from .evaluation import Evaluation
+from .limit_excess import LimitExcess
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +119,11 @@ class Rollout:
     def damping(self) -> np.ndarray:
         """The mu^2 (N) of the estimated Jacobian's ``RightInverse``, zero where that is exact."""
         return self._evaluated().damping
+
+    @cached_property
+    def limits(self) -> LimitExcess:
+        """How far each joint went beyond the limits of its description, and was asked to."""
+        return self._evaluated().limits
 
     @property
     def damping_share(self) -> np.ndarray:

@@ -12,6 +12,7 @@ from ..adaptation.matrix_inequality import MatrixInequality
 from ..controller.controller import Controller
 from ..models.basis import read_matrix
 from ..robot.changes import Payload
+from ..robot.gravity import compensation_of
 from ..robot.robot import Robot, load
 from ..robot.urdf import is_path
 from ..rollout.rollout import Rollout
@@ -76,7 +77,7 @@ class Scenario:
         with prefix_errors("belief"):
             believed = _changed(described, tables.belief)
         with prefix_errors("controller"):
-            controller = _controller(tables, believed, folder)
+            controller = _controller(tables, described, believed, folder)
         with prefix_errors("reference"):
             trajectory = trajectory_of(tables.reference, true)
         scenario = cls(tables, true, believed, controller, trajectory)
@@ -114,6 +115,8 @@ class Scenario:
                 if any(simulation.noise.model_dump().values())
                 else None,
                 delay=simulation.delay,
+                camera=None if simulation.camera is None else simulation.camera.model_dump(),
+                encoder=simulation.encoder,
                 torque_limits=simulation.torque_limits,
                 seed=simulation.seed,
                 title=self.title,
@@ -146,7 +149,9 @@ def _changed(described: Robot, section: TruthSection | BeliefSection, **lengths:
     )
 
 
-def _controller(tables: ScenarioTables, believed: Robot, folder: Path) -> Controller:
+def _controller(
+    tables: ScenarioTables, described: Robot, believed: Robot, folder: Path
+) -> Controller:
     unknown, controller = tables.unknown, tables.controller
     with prefix_errors("unknown.basis"):
         basis = None if unknown.basis is None else read_matrix(folder / unknown.basis)
@@ -164,6 +169,7 @@ def _controller(tables: ScenarioTables, believed: Robot, folder: Path) -> Contro
         lmi=lmi,
         kinematic_box=unknown.kinematic_box,
         torque_limits=tables.simulation.torque_limits,
+        compensated=compensation_of(described, tables.simulation.compensated),
         regressor=unknown.regressor,
         dt=1e-3 if tables.simulation.mode == "continuous" else tables.simulation.dt,
         **gains,

@@ -198,6 +198,14 @@ class NoiseSection(Section):
     angle: NotNegative = 0.0
 
 
+class CameraSection(Section):
+    """[simulation] camera: frames a second, their delay [s], and the share that is lost."""
+
+    rate: Positive | None = None
+    delay: NotNegative = 0.0
+    dropout: Annotated[float, Field(ge=0, lt=1)] = 0.0
+
+
 class SimulationSection(Section):
     """[simulation]: how long, how fine, how real."""
 
@@ -208,7 +216,10 @@ class SimulationSection(Section):
     engine: Literal["pinocchio"] = "pinocchio"
     noise: NoiseSection = NoiseSection()
     delay: NotNegative = 0.0
+    camera: CameraSection | None = None
+    encoder: NotNegative | list[NotNegative] = 0.0
     torque_limits: bool = False
+    compensated: Literal["nominal"] | None = None
     seed: Annotated[int, Field(ge=0)] = 0
 
 

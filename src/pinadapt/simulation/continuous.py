@@ -129,7 +129,7 @@ class _Loop:
         else:
             a_law = controller.acceleration(signals, self.measurement)
         tau, drives = controller.respond(signals, command, a_law)
-        self.torque = plant.motors(tau)
+        self.torque = plant.motors_at(q, tau)
         a = a_law if self._ideal else plant.acceleration_at(q, v, self.torque)
         rate = controller.rate(self.state, signals, drives)
         return np.concatenate([v, a, rate.flat()])

@@ -68,8 +68,8 @@ def run(
             step_time = perf_counter() - started
         except DivergedError as error:
             raise DivergedError(error.reason, truth.t) from error
-        torque = plant.motors(torque)
-        yield Sample(truth.t, measurement, desired, state, torque, truth, step_time)
+        given = plant.motors(torque)
+        yield Sample(truth.t, measurement, desired, state, given, truth, step_time)
         plant.step(torque, dt)
         state = after
 

@@ -16,6 +16,7 @@ from ..plants.sensors import Sensors
 from ..robot.effort_limits import torque_limits as limits_of
 from ..robot.robot import Robot
 from ..rollout.rollout import Rollout
+from ..sensing import Camera
 from ..trajectories.trajectory import Trajectory
 from ..tuning.preflight import preflight
 from .continuous import run_continuous
@@ -41,6 +42,8 @@ def simulate(
     a_d: ArrayLike | None = None,
     noise: Mapping[str, float] | None = None,
     delay: float = 0.0,
+    camera: Camera | Mapping[str, float | None] | None = None,
+    encoder: ArrayLike = 0.0,
     torque_limits: bool = False,
     seed: int = 0,
     title: str = "",
@@ -50,7 +53,8 @@ def simulate(
 
     Args:
         true: the true robot.
-        controller: made for the believed robot.
+        controller: made for the believed robot; if for one that compensates gravity, so does the
+            true one.
         trajectory: the desired motion.
         duration: s.
         dt: controller period, or integration step in continuous mode [s].
@@ -63,10 +67,13 @@ def simulate(
         a_d: (p_d) initial dynamic estimate, by default the believed robot's.
         noise: standard deviations of q, v, x, and the angle of a measured pose, sampled mode.
         delay: s, of the task-space measurement, sampled mode.
+        camera: that sees the task frame, sampled mode; its attributes by name, or one.
+        encoder: a count of the joints' sensors, one or one a joint [rad or m], sampled mode; see
+            ``Encoder``.
         torque_limits: the motors clip at the true robot's effort limits; limits of zero or infinity
             are none. A controller without limits of its own is given these, so that its adaptation
             rests while they clip.
-        seed: of the noise.
+        seed: of the noise and of lost frames.
         title: of the rollout.
         progress: wraps the range of samples, ``tqdm`` for example.
 
@@ -75,8 +82,11 @@ def simulate(
             ``Rollout.diverged``.
     """
     check_options(mode, acceleration, duration, dt, record_every, seed)
-    if mode == "continuous" and (delay or any((noise or {}).values())):
-        raise InputError("noise and delay exist in sampled mode only.", where="mode")
+    sensors = Sensors(true, dt, noise=noise, delay=delay, camera=camera, encoder=encoder, seed=seed)
+    if mode == "continuous" and not sensors.perfect:
+        raise InputError(
+            "noise, delay, camera and encoder exist in sampled mode only.", where="mode"
+        )
     ideal, motors = acceleration == "ideal", limits_of(true, torque_limits)
     if controller.limits.torque is None:
         controller = controller.limited(motors)
@@ -87,15 +97,17 @@ def simulate(
         )
     started = perf_counter()
     state = prepare(true, controller, trajectory, a_k, a_d)
-    plant = PinocchioPlant(true, torque_limits=motors, substeps=substeps)
+    plant = PinocchioPlant(
+        true, torque_limits=motors, compensation=controller.compensation, substeps=substeps
+    )
     loop = plant, controller, trajectory
     if mode == "continuous":
         stream = run_continuous(*loop, dt=dt, state=state, ideal_acceleration=ideal)
     else:
         for finding in preflight(controller, dt):
             warnings.warn(str(finding), stacklevel=2)
-        sensors = Sensors(true, dt, noise=noise, delay=delay, seed=seed) if noise or delay else None
-        stream = run(*loop, dt=dt, state=state, sensors=sensors, ideal_acceleration=ideal)
+        seen = None if sensors.perfect else sensors
+        stream = run(*loop, dt=dt, state=state, sensors=seen, ideal_acceleration=ideal)
     indices = sample_indices(duration, dt, ends=mode == "continuous")
     with np.errstate(all="ignore"):  # a loop that diverges overflows on its way
         kept = record(stream, indices if progress is None else progress(indices), record_every)

@@ -81,7 +81,7 @@ class PoseTask(FrameTask):
         return delta
 
     def known_velocity(self, xd: np.ndarray | None, xd_hat: np.ndarray) -> np.ndarray:
-        """Return the measured linear velocity, if there is one, and the believed angular one (6)."""
+        """Return the linear velocity, measured or believed, and the believed angular one (6)."""
         return xd_hat if xd is None else np.concatenate([xd[:3], xd_hat[3:]])
 
     def turn(self, x_hat: np.ndarray, x: np.ndarray) -> pin.Quaternion:
@@ -94,9 +94,7 @@ class PoseTask(FrameTask):
         """Return the turn on the way to an earlier one, this share of it."""
         return turn.slerp(share, before)
 
-    def carried(
-        self, x_hat: np.ndarray, epsilon: np.ndarray, turn: pin.Quaternion
-    ) -> np.ndarray:
+    def carried(self, x_hat: np.ndarray, epsilon: np.ndarray, turn: pin.Quaternion) -> np.ndarray:
         """Return the pose (7) that is epsilon (3) [m] and a turn of its own axes from another."""
         orientation = (_turning(x_hat) * turn).normalized()
         return np.concatenate([x_hat[:3] - epsilon, orientation.coeffs()])

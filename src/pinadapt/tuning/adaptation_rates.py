@@ -81,11 +81,21 @@ def kinematic_adaptation(
     return BoxProjection(gradient, *box, names=kinematics.names, where="unknown.kinematic_box")
 
 
-def prediction_weight(motion: TypicalMotion, adaptation: Adaptation, bandwidth: float) -> float:
-    """Return R_k with which the prediction error decays at its share of the bandwidth."""
-    Gamma = adaptation.gain(motion.kinematics.initial)
-    rate = frequency(motion.kinematic_regressors, Gamma) ** 2
-    return PREDICTION_RATE * bandwidth / rate if rate > 0.0 else 1.0
+def prediction_weight(
+    law: Law, motion: TypicalMotion, adaptation: Adaptation, bandwidth: float, noise: float
+) -> float:
+    """Return R_k with which the prediction error decays at its share of the bandwidth.
+
+    Args:
+        law: that predicts velocities, or positions.
+        motion: the believed robot.
+        adaptation: of the kinematic estimate.
+        bandwidth: w [rad/s].
+        noise: largest rate that the camera's noise allows [1/s].
+    """
+    seen = motion.position_regressors if law.needs_prediction else motion.kinematic_regressors
+    rate = frequency(seen, adaptation.gain(motion.kinematics.initial)) ** 2
+    return min(PREDICTION_RATE * bandwidth, noise) / rate if rate > 0.0 else 1.0
 
 
 def dynamic_adaptation(

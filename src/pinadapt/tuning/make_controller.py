@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Mapping, Sequence
+from math import isinf
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -14,7 +14,9 @@ from ..adaptation.adaptation import Adaptation
 from ..adaptation.leak import Leak
 from ..adaptation.matrix_inequality import MatrixInequality
 from ..controller.controller import Controller
+from ..controller.guards import make_guards
 from ..controller.limits import make_box, make_limits
+from ..controller.senses import Senses
 from ..exceptions import InputError, did_you_mean
 from ..filters.low_pass import LowPass
 from ..laws import LAWS
@@ -22,8 +24,9 @@ from ..laws.law import Law
 from ..models.joint_effects import NONE
 from ..models.sight import Carrier
 from ..models.typical_motion import TypicalMotion
+from ..robot.gravity import Compensation, compensation_of
 from ..robot.robot import Robot
-from ..robot.workspace import reach
+from ..sensing import Camera
 from ..tasks.joint import JointTask
 from .adaptation_rates import (
     check_adaptation,
@@ -34,7 +37,7 @@ from .adaptation_rates import (
 from .defaults import bandwidth
 from .light_joint import lightest_joint
 from .preflight import stable_share_of_adaptation, stable_share_of_feedback
-from .sensing import remedies
+from .remedies import Sensors, remedies
 from .unknowns import Words, believed_dynamics, believed_kinematics, lumped_lengths
 
 RATES = ("gamma_d", "gamma_joint", "gamma_k")
@@ -53,12 +56,14 @@ def make_controller(
     regressor: str = "exact",
     dt: float = 1e-3,
     kinematic_box: ArrayLike | bool | None = None,
-    torque_limits: ArrayLike | bool | None = None,
+    torque_limits: ArrayLike | bool | None = True,
+    compensated: Compensation | str | None = None,
     damping: float = 0.2,
     watch: bool = True,
+    guards: Mapping[str, bool] | bool = True,
     noise: Mapping[str, float] | None = None,
     encoder: float = 0.0,
-    camera: Mapping[str, float] | None = None,
+    camera: Camera | Mapping[str, float | None] | None = None,
     carry: bool = True,
     **gains: Any,
 ) -> Controller:
@@ -85,13 +90,25 @@ def make_controller(
             or p of them; lower and upper bounds; False for no box. By default a length stays within
             a fifth and five times, other coordinates within half the robot's reach.
         torque_limits: n bounds [N m or N] at which the torque is clipped and the adaptation of the
-            tracking error rests; True for the efforts of the robot's description.
+            tracking error rests; by default the efforts of the robot's description, False for none.
+        compensated: what the arm adds by itself to the torque that it is sent, which the controller
+            takes off: "nominal" for the gravity torque of this robot, ``Gravity(described)`` for
+            one without the believed load, or any callable of q (nq) that returns it (n).
         damping: the right inverse of J_hat is damped where its smallest singular value, estimated
             from below, falls under this fraction of home's; zero never damps.
         watch: end the run with a message when an M_hat to be inverted is not positive definite or
             the estimates run away.
+        guards: what is not believed of the sensors, and when estimates rest; False for no guard, or
+            some of "position", "velocity", "time" and "rest" with False. See ``Guards``.
+        noise: standard deviations of the sensors, q and v [rad, rad/s, m, m/s] and x [m], or the
+            first samples of an arm at rest, which show them; filters and rates follow.
+        encoder: rad or m a count, where v is differenced from counts over a period.
+        camera: rate, delay and dropout of the camera that gives x, where it is not of every sample.
+        carry: whether late frames are carried on to now by the believed kinematics; else they are
+            taken for now.
         gains: of a law by name, as its class states them: Kv, Kp (units: ``Law.units``), alpha
-            [1/s], R_k, Q, lambda_ [1/s], lambda_a [s]; and rates of an adaptation by name: gamma_d
+            [1/s], R_k, Q, lambda_ [1/s], lambda_a [s], and ``posture``, the rest pose (n) or
+            its frequency [rad/s] or both by name; and rates of an adaptation by name: gamma_d
             (a number for natural; number, list or matrix for gradient), gamma_joint of the joints'
             coefficients, which always stay positive, gamma_k (number, list or matrix).
 
@@ -106,14 +123,8 @@ def make_controller(
     motion = TypicalMotion(believed, kinematics, dynamics, bandwidth(believed, positive(dt, "dt")))
     tuned, share = _tuned(law, motion, dt, gains)
     w = share * motion.bandwidth
-    needed = remedies(
-        bandwidth=w,
-        reach=reach(believed),
-        dt=dt,
-        noise=noise,
-        encoder=encoder,
-        rate=(camera or {}).get("rate", 1.0 / dt),
-    )
+    sensors = Sensors.of(believed, dt, camera, noise, encoder)
+    needed = remedies(sensors, w)
     if isinstance(law, str):
         tuned = tuned.decorrelated(needed.decorrelation)
     if kind != "none" and (light := lightest_joint(motion, tuned)):
@@ -121,12 +132,14 @@ def make_controller(
     box = make_box(believed, kinematics, kinematic_box)
     adaptation_k = kinematic_adaptation(kind, tuned, motion, w, rates["gamma_k"], box)
     if isinstance(law, str) and gains.get("R_k") is None:
-        tuned = tuned.with_prediction_weight(prediction_weight(motion, adaptation_k, w))
-    def adaptation_d(share: float = 1.0) -> Adaptation:
-        found = dynamic_adaptation(
-            kind, tuned, motion, w, rates, lmi, share * needed.mode**2
+        tuned = tuned.with_prediction_weight(
+            prediction_weight(tuned, motion, adaptation_k, w, needed.smoothing)
         )
-        return Leak(found, needed.leak) if needed.leak and kind != "none" else found
+
+    def adaptation_d(share: float = 1.0) -> Adaptation:
+        part = share * needed.mode**2
+        moved = dynamic_adaptation(kind, tuned, motion, w, rates, lmi, part)
+        return Leak(moved, needed.leak) if needed.leak and kind != "none" else moved
 
     controller = Controller(
         tuned,
@@ -137,12 +150,14 @@ def make_controller(
         limits=make_limits(
             believed, kinematics, dynamics, torque=torque_limits, damping=damping, watch=watch
         ),
-        motion=motion,
-        period=dt,
-        carrier=Carrier(needed.smoothing, carry),
-        velocity_filter=(
-            None if math.isinf(needed.velocity) else LowPass(needed.velocity, "velocity filter")
+        senses=Senses(
+            Carrier(needed.smoothing, carry),
+            None if isinf(needed.velocity) else LowPass(needed.velocity, "velocity filter"),
+            make_guards(believed, kinematics, guards, noise_v=sensors.v, noise_x=sensors.x),
         ),
+        motion=motion,
+        compensation=compensation_of(believed, compensated),
+        period=dt,
     )
     if isinstance(adaptation, str) and rates["gamma_d"] is None and rates["gamma_joint"] is None:
         share = stable_share_of_adaptation(controller, dt)

@@ -1,0 +1,154 @@
+"""How far a run, and what was asked of it, went beyond the limits of the robot's description."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..robot.chain import is_slide
+from ..robot.effort_limits import effort_limits
+from ..robot.position_limits import position_limits
+from ..robot.robot import Robot
+from ..robot.velocity_limits import velocity_limits
+from ..tasks.units import DISPLAYS
+from .joint_motion import JointMotion
+from .table import columns
+
+_HEADER = ("beyond limits", "position", "velocity", "effort", "of")
+
+
+class Excess(NamedTuple):
+    """The largest excess of each joint; zero where it stays within its limit, or has none.
+
+    Attributes:
+        position: (nv) [rad or m].
+        velocity: (nv) [rad/s or m/s].
+        effort: (nv) [N m or N].
+    """
+
+    position: np.ndarray
+    velocity: np.ndarray
+    effort: np.ndarray
+
+    def of(self, joint: int) -> dict[str, float]:
+        """Return the numbers of one joint by name."""
+        return {name: float(row[joint]) for name, row in zip(self._fields, self, strict=True)}
+
+
+@dataclass(frozen=True, eq=False)
+class LimitExcess:
+    """How far joints went beyond the limits of the description; ``print`` shows those that did.
+
+    Attributes:
+        joints: names of the joints.
+        slides: of each joint, whether it is prismatic.
+        stated: whether the description states any limit.
+        plant: of the true robot at the recorded samples, with the torques that its motors gave.
+        reference: of the desired motion, with the torques that the true robot needs to follow it;
+            None for tasks of the frame, whose reference is no joint motion.
+    """
+
+    joints: tuple[str, ...]
+    slides: tuple[bool, ...]
+    stated: bool
+    plant: Excess
+    reference: Excess | None
+
+    @classmethod
+    def of(cls, robot: Robot, moved: JointMotion, desired: JointMotion | None) -> LimitExcess:
+        """Compare motions with the limits of a robot's description."""
+        limits = _Limits.of(robot)
+        return cls(
+            tuple(robot.joint_names),
+            tuple(is_slide(joint) for joint in robot.model.joints[1:]),
+            limits.stated,
+            limits.excess(moved),
+            None if desired is None else limits.excess(desired),
+        )
+
+    @property
+    def exceeded(self) -> bool:
+        """Whether any joint went beyond a limit, or was asked to."""
+        return any(np.any(excess) for excess in self._motions().values())
+
+    def summary(self) -> dict[str, dict[str, dict[str, float]] | None]:
+        """Return the largest excess of plant and reference, by joint and kind of limit."""
+        named = {
+            motion: {joint: excess.of(i) for i, joint in enumerate(self.joints)}
+            for motion, excess in self._motions().items()
+        }
+        return {"reference": None, **named}
+
+    def verdict(self) -> str:
+        """Return in a few words how many joints exceed a limit."""
+        if not self.stated:
+            return "none in the description"
+        if not self.exceeded:
+            return "kept"
+        counts = [
+            f"{np.any(excess, axis=0).sum()} ({motion})"
+            for motion, excess in self._motions().items()
+        ]
+        return f"exceeded at {', '.join(counts)} of {len(self.joints)} joints"
+
+    def rows(self) -> Iterator[tuple[str, ...]]:
+        """Yield joint, excess of position, velocity and effort, and of what, of joints with any."""
+        for motion, excess in self._motions().items():
+            for i in np.flatnonzero(np.any(excess, axis=0)).tolist():
+                shown = [self._shown(i, kind, value) for kind, value in excess.of(i).items()]
+                yield self.joints[i], *shown, motion
+
+    def __str__(self) -> str:
+        """Return a table of the joints beyond a limit, or the verdict where none is."""
+        if not self.exceeded:
+            return f"joint limits: {self.verdict()}"
+        return columns(_HEADER, list(self.rows()))
+
+    def _motions(self) -> dict[str, Excess]:
+        """Return what there is of plant and reference."""
+        both = {"plant": self.plant, "reference": self.reference}
+        return {motion: excess for motion, excess in both.items() if excess is not None}
+
+    def _shown(self, joint: int, kind: str, value: float) -> str:
+        """Return one number with its unit, or a dash for none."""
+        if not value:
+            return "-"
+        slide = self.slides[joint]
+        if kind == "effort":
+            return f"{value:.4g} {'N' if slide else 'N m'}"
+        shown = DISPLAYS["m" if slide else "rad"]
+        return f"{value * shown.scale:.4g} {shown.unit}{'/s' if kind == 'velocity' else ''}"
+
+
+class _Limits(NamedTuple):
+    """The limits of a description, one a joint, infinite where it states none."""
+
+    lower: np.ndarray
+    upper: np.ndarray
+    velocity: np.ndarray
+    effort: np.ndarray
+
+    @classmethod
+    def of(cls, robot: Robot) -> _Limits:
+        lower, upper = position_limits(robot.model)
+        return cls(lower, upper, velocity_limits(robot.model), effort_limits(robot))
+
+    @property
+    def stated(self) -> bool:
+        return bool(np.isfinite(np.concatenate(self)).any())
+
+    @np.errstate(invalid="ignore")  # infinite less infinite is no excess
+    def excess(self, motion: JointMotion) -> Excess:
+        return Excess(
+            _largest(np.maximum(motion.q - self.upper, self.lower - motion.q)),
+            _largest(np.abs(motion.v) - self.velocity),
+            _largest(np.abs(motion.tau) - self.effort),
+        )
+
+
+def _largest(beyond: np.ndarray) -> np.ndarray:
+    """Return the largest positive finite number of each column (N, nv), or zero."""
+    return np.where(np.isfinite(beyond), beyond, 0.0).max(axis=0, initial=0.0)
