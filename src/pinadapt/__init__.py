@@ -15,6 +15,7 @@ from .adaptation import MatrixInequality as MatrixInequality
 from .adaptation import Natural as Natural
 from .adaptation import Stacked as Stacked
 from .adaptation import Wrapper as Wrapper
+from .controller import Belief as Belief
 from .controller import Controller as Controller
 from .controller import ControllerState as ControllerState
 from .controller import Limits as Limits
@@ -66,6 +67,7 @@ from .records import Measurement as Measurement
 from .robot import Friction as Friction
 from .robot import Payload as Payload
 from .robot import Robot as Robot
+from .robot import Succession as Succession
 from .robot import WorkspaceCircle as WorkspaceCircle
 from .robot import catalogue as catalogue
 from .robot import load as load
@@ -73,6 +75,7 @@ from .robot import reachable_circle as reachable_circle
 from .rollout import Rollout as Rollout
 from .rollout import Sample as Sample
 from .signals import Signals as Signals
+from .simulation import Events as Events
 from .simulation import run as run
 from .simulation import run_continuous as run_continuous
 from .simulation import simulate as simulate

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..adaptation.drive import Estimate
+from ..robot.changes import Payload
 
 
 class ControllerState(NamedTuple):
@@ -16,9 +17,10 @@ class ControllerState(NamedTuple):
         t: time of the last sample [s].
         dynamic: estimate of the dynamic parameters, with what its adaptation remembers.
         kinematic: the same of the kinematic parameters [m].
-        a_0: (p_d) the dynamic estimate at the start.
+        a_0: (p_d) the dynamic estimate at the start, moved by what was announced since.
         filters: state of the law's filters; see ``Law.filters``.
         adapting: whether the estimates move; they rest until told to with ``adapt``.
+        load: what the robot is believed to carry on top of its description, as last announced.
     """
 
     t: float
@@ -27,6 +29,7 @@ class ControllerState(NamedTuple):
     a_0: np.ndarray
     filters: Any
     adapting: bool = True
+    load: Payload | None = None
 
     @property
     def a_d(self) -> np.ndarray:
@@ -51,7 +54,7 @@ class ControllerState(NamedTuple):
         parts, used = _filled(self[1:5], values, 0)
         assert used == values.size
         dynamic, kinematic, a_0, filters = parts
-        return ControllerState(self.t, dynamic, kinematic, a_0, filters, self.adapting)
+        return self._replace(dynamic=dynamic, kinematic=kinematic, a_0=a_0, filters=filters)
 
 
 def _leaves(part: Any) -> list[np.ndarray]:

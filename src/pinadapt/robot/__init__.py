@@ -9,5 +9,6 @@ from .effort_limits import torque_limits as torque_limits
 from .friction import Friction as Friction
 from .robot import Robot as Robot
 from .robot import load as load
+from .succession import Succession as Succession
 from .workspace import WorkspaceCircle as WorkspaceCircle
 from .workspace import reachable_circle as reachable_circle

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from .._checks import positive
 from ..adaptation.adaptation import Adaptation
 from ..adaptation.matrix_inequality import MatrixInequality
+from ..controller.belief import Belief
 from ..controller.controller import Controller
 from ..controller.limits import make_box, make_limits
 from ..exceptions import InputError, did_you_mean
@@ -19,6 +20,7 @@ from ..laws import LAWS
 from ..laws.law import Law
 from ..models.joint_effects import NONE
 from ..models.typical_motion import TypicalMotion
+from ..robot.changes import Payload
 from ..robot.robot import Robot
 from ..tasks.joint import JointTask
 from .adaptation_rates import (
@@ -51,6 +53,7 @@ def make_controller(
     torque_limits: ArrayLike | bool | None = None,
     damping: float = 0.2,
     watch: bool = True,
+    payload: Payload | None = None,
     **gains: Any,
 ) -> Controller:
     """Make an adaptive controller for a believed robot; everything has a default.
@@ -81,6 +84,8 @@ def make_controller(
             from below, falls under this fraction of home's; zero never damps.
         watch: end the run with a message when an M_hat to be inverted is not positive definite or
             the estimates run away.
+        payload: a guess of the load on the last body, added to the believed robot; an announced one
+            takes its place, see ``Controller.believe``.
         gains: of a law by name, as its class states them: Kv, Kp (units: ``Law.units``), alpha
             [1/s], R_k, Q, lambda_ [1/s], lambda_a [s]; and rates of an adaptation by name: gamma_d
             (a number for natural; number, list or matrix for gradient), gamma_joint of the joints'
@@ -90,6 +95,8 @@ def make_controller(
         InputError: an unknown name, a gain that breaks a hypothesis, or parameters that cannot be
             used.
     """
+    belief = Belief(believed.undrawn(), payload)
+    believed = belief.robot(payload)
     chosen, kinematics = _law_type(law, believed), believed_kinematics(believed, kinematic)
     kind, rates = _kind(adaptation, chosen), {name: gains.pop(name, None) for name in RATES}
     lengths = lumped_lengths(kinematics, regressor, kind, chosen, basis)
@@ -115,6 +122,7 @@ def make_controller(
         ),
         motion=motion,
         period=dt,
+        belief=belief,
     )
     if isinstance(adaptation, str) and rates["gamma_d"] is None and rates["gamma_joint"] is None:
         share = stable_share_of_adaptation(controller, dt)
