@@ -69,26 +69,31 @@ def informed(
 def _loaded(
     controller: Controller, belief: Belief, state: ControllerState, load: Payload | None
 ) -> ControllerState:
-    """Return the state with a load in place of the one that it was believed to carry."""
-    dynamics, before, after = controller.dynamics, belief.robot(state.load), belief.robot(load)
-    if dynamics.translations:  # what a load adds depends on lengths, of which there are estimates
-        before, after = (_at_lengths(robot, controller, state.a_k) for robot in (before, after))
-    a_d, a_0 = (dynamics.moved(a, before, after) for a in (state.a_d, state.a_0))
-    if a_d is None or a_0 is None:
-        raise ParameterError(
-            f"the {dynamics.size} dynamic parameters cannot express a load on the last body.",
-            where="payload",
-            hint='Adapt the last body too: dynamic = "all" or "payload".',
-        )
+    """Return the state with a load in place of the one that it was believed to carry.
+
+    What a load adds may depend on unknown lengths: they are taken as estimated where the parameters
+    cover them, else as described.
+    """
+    described = belief.robot(state.load), belief.robot(load)
+    estimated = [_at_lengths(robot, controller.kinematics, state.a_k) for robot in described]
     validate = controller.adaptation_d.validate
-    dynamic = state.dynamic._replace(value=validate(a_d))
-    return state._replace(dynamic=dynamic, a_0=validate(a_0), load=load)
+    for before, after in (estimated, described):
+        a_d, a_0 = (controller.dynamics.moved(a, before, after) for a in (state.a_d, state.a_0))
+        if a_d is not None and a_0 is not None:
+            dynamic = state.dynamic._replace(value=validate(a_d))
+            return state._replace(dynamic=dynamic, a_0=validate(a_0), load=load)
+    raise ParameterError(
+        f"the {controller.dynamics.size} dynamic parameters cannot express a load on the last "
+        "body, or this one.",
+        where="payload",
+        hint='Adapt the last body: dynamic = "all" or "payload".',
+    )
 
 
-def _at_lengths(robot: Robot, controller: Controller, a_k: np.ndarray) -> Robot:
-    """Return a robot with the unknown translations of a controller at an estimate (p) [m]."""
+def _at_lengths(robot: Robot, kinematics: TaskKinematics, a_k: np.ndarray) -> Robot:
+    """Return a robot with its unknown translations at an estimate (p) [m]."""
     model = robot.model.copy()
-    PlacedTranslations(model, robot.frame_id, controller.kinematics.translations).write(a_k)
+    PlacedTranslations(model, robot.frame_id, kinematics.translations).write(a_k)
     return replace(robot, model=model)
 
 
