@@ -93,7 +93,7 @@ class Bench(Plant):
 
 
 def test_a_plant_that_cannot_change_says_so():
-    with pytest.raises(pa.InputError, match="changes: Bench cannot become another robot"):
+    with pytest.raises(pa.InputError, match="changes: Bench cannot become"):
         Bench().become(arm())
 
 
@@ -117,7 +117,7 @@ def test_another_chain_frame_or_task_cannot_take_its_place(other):
 @pytest.mark.parametrize("changes", [{0.0: arm}, {-1.0: arm}, {np.inf: arm}, {"1": arm}, [1.0]])
 def test_times_are_positive_and_finite(changes):
     for make in (lambda: pa.Succession.of(arm(), changes), lambda: pa.Events(None, changes)):
-        with pytest.raises(pa.InputError, match="changes|beliefs"):
+        with pytest.raises(pa.InputError, match=r"times must be|expected a mapping"):
             make()
 
 

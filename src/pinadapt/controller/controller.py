@@ -130,7 +130,9 @@ class Controller:
         payload: Payload | EllipsisType | None = ...,
         tool_translation: ArrayLike | None = None,
     ) -> ControllerState:
-        """Return the state of a controller that is told what the robot carries from now on; pure.
+        """Return the state of a controller that is told what the robot carries from now on.
+
+        Pure, as ``step``, but it takes a millisecond or more.
 
         Args:
             state: until now.

@@ -70,7 +70,7 @@ def in_time(changes: Mapping[float, Any] | None, where: str) -> dict[float, Any]
             where=where,
         )
     for time in changes or {}:
-        if not (isinstance(time, int | float | np.number) and 0.0 < time < np.inf):
+        if not (isinstance(time, int | float | np.number) and EARLY < time < np.inf):
             raise InputError(f"times must be positive and finite, got {time!r}.", where=where)
     return {float(time): (changes or {})[time] for time in sorted(changes or {})}
 

@@ -42,6 +42,6 @@ def transients(rollout: Rollout) -> list[Transient]:
         back: float | None = 0.0
         if far.size:
             after = first + far[-1] + 1
-            back = float(rollout.t[after] - at) if after < last else None
+            back = round(float(rollout.t[after] - at), 6) if after < last else None
         found.append(Transient(at, what, float(distance[first:last].max()), back))
     return found

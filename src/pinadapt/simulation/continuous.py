@@ -68,7 +68,7 @@ def run_continuous(
         except DivergedError as error:
             raise DivergedError(error.reason, t + dt) from error
         if events is not None:
-            y = loop.interrupted(y, events, t, t + dt)
+            y = loop.interrupted(y, events, t, (k + 1) * dt)
 
 
 class _Loop:
