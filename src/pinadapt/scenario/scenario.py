@@ -75,10 +75,8 @@ class Scenario:
         with prefix_errors("truth"):
             true = true_robot(described, tables.truth)
         with prefix_errors("belief"):
-            unloaded, load = (
-                believed_robot(described, tables.belief),
-                payload_of(tables.belief.payload),
-            )
+            unloaded = believed_robot(described, tables.belief)
+            load = payload_of(tables.belief.payload)
             believed = unloaded.changed(payload=load)
         with prefix_errors("controller"):
             controller = _controller(tables, unloaded, load, folder)
