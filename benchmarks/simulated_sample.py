@@ -40,7 +40,8 @@ def blocks(
             kept = record(stream, range(BLOCK))
         if kept.reason:
             raise RuntimeError(f"this loop cannot be timed: {kept.reason}")
-        rollout_of(kept, plant, controller, title="", wall_time=0.0)
+        robots = pa.Succession.of(plant.robot)
+        rollout_of(kept, plant, controller, robots, title="", wall_time=0.0)
         steps.append(kept.step_time)
         return perf_counter() - started - kept.step_time
 

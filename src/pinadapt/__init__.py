@@ -16,6 +16,7 @@ from .adaptation import MatrixInequality as MatrixInequality
 from .adaptation import Natural as Natural
 from .adaptation import Stacked as Stacked
 from .adaptation import Wrapper as Wrapper
+from .controller import Belief as Belief
 from .controller import Controller as Controller
 from .controller import ControllerState as ControllerState
 from .controller import Limits as Limits
@@ -68,6 +69,7 @@ from .robot import Friction as Friction
 from .robot import Gravity as Gravity
 from .robot import Payload as Payload
 from .robot import Robot as Robot
+from .robot import Succession as Succession
 from .robot import WorkspaceCircle as WorkspaceCircle
 from .robot import catalogue as catalogue
 from .robot import load as load
@@ -76,6 +78,7 @@ from .rollout import Rollout as Rollout
 from .rollout import Sample as Sample
 from .sensing import Camera as Camera
 from .signals import Signals as Signals
+from .simulation import Events as Events
 from .simulation import run as run
 from .simulation import run_continuous as run_continuous
 from .simulation import simulate as simulate

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from ..robot.succession import Succession
 from ..rollout.rollout import Rollout
 from ..scenario.scenario import Scenario
 from .progress import samples_bar
@@ -30,7 +31,7 @@ def run_and_write(scenario: Scenario, folder: Path, *, html: bool) -> Rollout:
 
         write_animation(
             rollout,
-            scenario.true,
+            Succession.of(scenario.true, scenario.changes),
             scenario.believed,
             scenario.controller.kinematics,
             folder / "animation.html",

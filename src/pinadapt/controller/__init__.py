@@ -1,5 +1,6 @@
 """The controller: law, belief and adaptation in one object with explicit state."""
 
+from .belief import Belief as Belief
 from .controller import Controller as Controller
 from .limits import Limits as Limits
 from .state import ControllerState as ControllerState

@@ -5,9 +5,11 @@ from __future__ import annotations
 import copy
 import math
 from dataclasses import replace
+from types import EllipsisType
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .._compiled import compile_all
 from .._kernels import watch as kernels
@@ -20,8 +22,10 @@ from ..models.sight import prediction
 from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
 from ..records import Desired, Measurement
+from ..robot.changes import Payload
 from ..robot.gravity import Compensation
 from ..signals import Signals
+from .belief import Belief, informed
 from .inputs import InputCheck, check_period
 from .limits import Limits
 from .senses import Senses
@@ -46,6 +50,8 @@ class Controller:
             controller put together by hand.
         compensation: what the arm adds to the torque that it is sent, of q (nq), or None.
         period: sampling period that it was made for [s]; infinite if unknown.
+        belief: what an announced load or tool is added to; None for a controller put together by
+            hand.
     """
 
     def __init__(
@@ -61,13 +67,15 @@ class Controller:
         motion: TypicalMotion | None = None,
         compensation: Compensation | None = None,
         period: float = math.inf,
+        belief: Belief | None = None,
     ) -> None:
         """Put the parts together; ``pinadapt.make_controller`` does so with defaults."""
         self.law, self.kinematics, self.dynamics = law, kinematics, dynamics
         self.adaptation_k, self.adaptation_d = adaptation_k, adaptation_d
         self.limits = Limits() if limits is None else limits
         self.senses = Senses() if senses is None else senses
-        self.motion, self.compensation, self.period = motion, compensation, period
+        self.motion, self.period, self.belief = motion, period, belief
+        self.compensation = compensation
         self._check = InputCheck(kinematics, dynamics.size)
         self._filters = law.filters
         self._believed = Believed(kinematics, dynamics, adaptation_k, self.limits.watch)
@@ -119,8 +127,36 @@ class Controller:
             a_0=dynamic.value.copy(),
             filters=self._filters.init(measurement, kinematics),
             adapting=adapting,
+            load=None if self.belief is None else self.belief.load,
             senses=self.senses.init(measurement, kinematics),
         )
+
+    def believe(
+        self,
+        state: ControllerState,
+        *,
+        payload: Payload | EllipsisType | None = ...,
+        tool_translation: ArrayLike | None = None,
+    ) -> ControllerState:
+        """Return the state of a controller that is told what the robot carries from now on.
+
+        Pure, as ``step``, but it takes a millisecond or more.
+
+        Args:
+            state: until now.
+            payload: the whole load from now on, None for none; left out, the load is as before.
+                Where bodies have parameters of their own, those of the last body become the
+                description's with this load, whatever was learned there before; the others keep
+                what was learned. Other parameters (a basis, lumped ones) cannot tell the last body
+                from the arm: they move by what this load differs from the one last announced,
+                which leaves a load that was learned without being announced where it is.
+            tool_translation: (3) [m] of the tool from now on, from the description's frame, in its
+                axes; None: as before.
+
+        Raises:
+            InputError: the parameters cannot express it, or a load or a tool that cannot be.
+        """
+        return informed(self, state, payload, tool_translation)
 
     def step(
         self, state: ControllerState, measurement: Measurement, desired: Desired, dt: float
@@ -158,7 +194,7 @@ class Controller:
             self._check.finite(measurement, desired)
             raise DivergedError(str(error)) from error
         return torque, ControllerState(
-            s.t, dynamic, kinematic, state.a_0, filters, state.adapting, s.sensed
+            s.t, dynamic, kinematic, state.a_0, filters, state.adapting, state.load, s.sensed
         )
 
     def command(

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..adaptation.drive import Estimate
 from ..models.sight import Sensed
+from ..robot.changes import Payload
 
 
 class ControllerState(NamedTuple):
@@ -17,9 +18,10 @@ class ControllerState(NamedTuple):
         t: time of the last sample [s].
         dynamic: estimate of the dynamic parameters, with what its adaptation remembers.
         kinematic: the same of the kinematic parameters [m].
-        a_0: (p_d) the dynamic estimate at the start.
+        a_0: (p_d) the dynamic estimate at the start, moved by what was announced since.
         filters: state of the law's filters; see ``Law.filters``.
         adapting: whether the estimates move; they rest until told to with ``adapt``.
+        load: what the robot is believed to carry on top of its description, as last announced.
         senses: what was last seen of the task frame, and the filtered joint velocity.
     """
 
@@ -29,6 +31,7 @@ class ControllerState(NamedTuple):
     a_0: np.ndarray
     filters: Any
     adapting: bool = True
+    load: Payload | None = None
     senses: Sensed = Sensed()
 
     @property

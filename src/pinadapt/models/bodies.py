@@ -52,6 +52,7 @@ class BodyDynamics(InertialDynamics):
         self._columns = np.concatenate(
             [[PER_BODY * b + i for i in range(PER_BODY)] for b in self.bodies] or [[]]
         ).astype(int)
+        self._last = robot.model.nv - 1
         self._complete = self.size == PER_BODY * robot.model.nv
         self._placements = [placement.copy() for placement in robot.model.jointPlacements]
         self.initial = self._pi[self._columns].copy()
@@ -79,3 +80,13 @@ class BodyDynamics(InertialDynamics):
             for ours, theirs in zip(self._placements, robot.model.jointPlacements, strict=True)
         )
         return pi[self._columns] if same else None
+
+    def moved(self, a_d: np.ndarray, before: Robot, after: Robot) -> np.ndarray | None:
+        """Return the estimate (p) with the described last body and its load in its last body.
+
+        What was learned there may hold the load until now, announced or not, and goes with it.
+        """
+        described = self.value(after)
+        if described is None or self._last not in self.bodies:
+            return None if described is None else a_d.copy()
+        return np.concatenate([a_d[:-PER_BODY], described[-PER_BODY:]])

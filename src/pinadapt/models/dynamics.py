@@ -66,6 +66,21 @@ class Dynamics(ABC):
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the parameters (p) of any robot with this chain, None when none reproduce it."""
 
+    def moved(self, a_d: np.ndarray, before: Robot, after: Robot) -> np.ndarray | None:
+        """Return an estimate (p) once the last body is announced to carry another load.
+
+        Args:
+            a_d: (p) the estimate until now.
+            before: the robot as described, with the load it was announced to carry until now.
+            after: the same with the load it carries from now on.
+
+        Returns:
+            The estimate moved by the difference of the two, exact as the parameters are affine in
+            the inertias; None where they cannot express the load.
+        """
+        old, new = self.value(before), self.value(after)
+        return None if old is None or new is None else a_d + (new - old)
+
 
 def equivalent_parameters(
     regressor: Regressor, B: np.ndarray, robot: Robot, *, samples: int = 60

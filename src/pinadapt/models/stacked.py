@@ -59,3 +59,9 @@ class StackedDynamics(Dynamics):
         """Return the parameters (p) of any robot with this chain, None where a block has none."""
         inertial, joint = self.inertial.value(without_joint_effects(robot)), self.joint.value(robot)
         return None if inertial is None or joint is None else np.concatenate([inertial, joint])
+
+    def moved(self, a_d: np.ndarray, before: Robot, after: Robot) -> np.ndarray | None:
+        """Return the estimate (p) once another load is announced; the joints keep theirs."""
+        size, bare = self.inertial.size, (without_joint_effects(robot) for robot in (before, after))
+        inertial = self.inertial.moved(a_d[:size], *bare)
+        return None if inertial is None else np.concatenate([inertial, a_d[size:]])

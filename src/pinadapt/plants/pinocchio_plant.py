@@ -11,6 +11,7 @@ from ..exceptions import DivergedError, InputError, did_you_mean
 from ..records import Measurement
 from ..robot.gravity import Compensation
 from ..robot.robot import Robot
+from ..robot.succession import check_successor
 from .midpoint import FittedMidpoint
 from .plant import Plant
 from .runge_kutta import RungeKutta
@@ -30,7 +31,7 @@ class PinocchioPlant(Plant):
     and v are pure.
 
     Attributes:
-        robot: the true robot.
+        robot: the true robot as it is now; ``reset`` brings back the first one.
         nv: number of joints.
         torque_limits: (nv) bounds the motors clip at [N m or N], infinite where there is none, or
             None.
@@ -61,18 +62,34 @@ class PinocchioPlant(Plant):
             )
         if substeps is not None and int(substeps) < 1:
             raise InputError(f"must be at least 1, got {substeps}.", where="substeps")
-        self.robot, self.torque_limits, self.substeps = robot, torque_limits, substeps
+        self.torque_limits, self.substeps = torque_limits, substeps
         self.compensation = compensation
         self.nv = int(robot.model.nv)
-        self._model = robot.model.copy()
-        self._data = self._model.createData()
-        self._frame, self._task = robot.frame_id, robot.task
-        self._integrate = INTEGRATORS[integrator](robot)
+        self._first, self._integrator = robot, INTEGRATORS[integrator]
+        self._take(robot)
         self.reset()
 
     def reset(self) -> None:
-        """Go home, at rest, at time 0."""
+        """Go home, at rest, at time 0, as the first robot."""
+        if self.robot is not self._first:
+            self._take(self._first)
         self._t, self._q, self._v = 0.0, self.robot.q0, np.zeros(self.nv)
+
+    def become(self, robot: Robot) -> None:
+        """Be another robot from now on, at the same q, v and time; the motors keep their limits.
+
+        Raises:
+            RobotError: it has another chain, frame or task.
+        """
+        check_successor(self.robot, robot, "robot")
+        self._take(robot)
+
+    def _take(self, robot: Robot) -> None:
+        """Copy what moves."""
+        self.robot, self._model = robot, robot.model.copy()
+        self._data = self._model.createData()
+        self._frame, self._task = robot.frame_id, robot.task
+        self._integrate = self._integrator(robot)
 
     def measure(self) -> Measurement:
         """Return what perfect sensors say now."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..exceptions import InputError
 from ..records import Measurement
+from ..robot.robot import Robot
 
 
 class Plant(ABC):
@@ -32,6 +33,19 @@ class Plant(ABC):
     @abstractmethod
     def step(self, torque: np.ndarray, dt: float) -> None:
         """Ask the motors for a torque (nv) [N m or N] for dt [s]; see ``motors``."""
+
+    def become(self, robot: Robot) -> None:
+        """Be another robot from now on, at the same q, v and time, until the next ``reset``.
+
+        Loads, tools and friction may differ from those before, the joints may not.
+
+        Raises:
+            InputError: this plant cannot be changed while it moves.
+            RobotError: the robot has another chain, frame or task.
+        """
+        raise InputError(
+            f"{type(self).__name__} cannot become another robot while it moves.", where="changes"
+        )
 
     def motors(self, torque: np.ndarray) -> np.ndarray:
         """Return the torque (nv) that the motors give now when asked for one (nv) [N m or N]."""

@@ -58,11 +58,11 @@ class Drawable(Protocol):
 
     @property
     def a_k_true(self) -> np.ndarray | None:
-        """Their truth (p_k)."""
+        """Their truth (p_k), or that of each time (N, p_k)."""
 
     @property
     def a_d_true(self) -> np.ndarray | None:
-        """Their truth (p_d)."""
+        """Their truth (p_d), or that of each time (N, p_d)."""
 
     @property
     def lyapunov(self) -> np.ndarray | None:
@@ -79,6 +79,10 @@ class Drawable(Protocol):
     @property
     def saturated(self) -> np.ndarray:
         """Whether a torque was at its limit (N)."""
+
+    @property
+    def marks(self) -> tuple[tuple[float, str], ...]:
+        """Time [s] and words of what happened during the run."""
 
     @property
     def diverged(self) -> float | None:

@@ -102,7 +102,7 @@ def _by_kind(run: Drawable) -> list[tuple[str, np.ndarray, np.ndarray | None, tu
             for i, part in enumerate(parts)
             if (part == "m" if prefix == "m" else part.startswith(prefix))
         ]
-        truth = None if run.a_d_true is None else run.a_d_true[columns]
+        truth = None if run.a_d_true is None else run.a_d_true[..., columns]
         panels.append(
             (
                 label,
@@ -122,12 +122,24 @@ def _estimates(
         colour = colours(i if len(names) <= 10 else i / max(len(names) - 1, 1))
         ax.plot(t, values[:, i], color=colour, lw=1.0, label=name.removesuffix(".m"))
         if truth is not None:
-            ax.axhline(truth[i], color=colour, ls="--", lw=0.7, alpha=0.7)
+            true = np.broadcast_to(truth[..., i], t.shape)
+            ax.plot(t, true, color=colour, ls="--", lw=0.7, alpha=0.7, drawstyle="steps-post")
     if len(names) <= _MOST_LABELLED:
         ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7)
 
 
+def _mark(axes: Any, at: float, what: str) -> None:
+    """Draw a vertical line through all panels, its words above the first."""
+    for ax in axes:
+        ax.axvline(at, color="black", ls=":", lw=0.9)
+    above = axes[0].get_xaxis_transform()
+    axes[0].text(at, 1.02, what, transform=above, fontsize=7, ha="center", va="bottom")
+
+
 def _finish(figure: Figure, axes: Any, run: Drawable) -> None:
     axes[-1].set_xlabel("time [s]")
+    for at, what in run.marks:
+        if len(run.t) and at <= run.t[-1]:
+            _mark(axes, at, what)
     end = "" if run.diverged is None else f" - diverged at {run.diverged:.3f} s"
     figure.suptitle(f"{run.title} ({run.law}, {run.adaptation}){end}", fontsize=10)

@@ -10,5 +10,6 @@ from .friction import Friction as Friction
 from .gravity import Gravity as Gravity
 from .robot import Robot as Robot
 from .robot import load as load
+from .succession import Succession as Succession
 from .workspace import WorkspaceCircle as WorkspaceCircle
 from .workspace import reachable_circle as reachable_circle

@@ -2,3 +2,4 @@
 
 from .rollout import Rollout as Rollout
 from .sample import Sample as Sample
+from .transients import Transient as Transient

@@ -11,6 +11,7 @@ from ..controller.controller import Controller
 from ..laws.law import Truth
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..robot.robot import Robot
+from ..robot.succession import Succession
 from .joint_motion import motion_of_plant, motion_of_reference
 from .limit_excess import LimitExcess
 from .sample import Sample
@@ -21,23 +22,48 @@ class Evaluation:
 
     Attributes:
         controller: the controller that ran; its private models are used as scratch.
-        true: the robot that was driven.
+        true: the robot that was driven, and what it became.
         samples: what was recorded (N).
     """
 
-    def __init__(self, controller: Controller, true: Robot, samples: Sequence[Sample]) -> None:
+    def __init__(self, controller: Controller, true: Succession, samples: Sequence[Sample]) -> None:
         """Keep what the quantities are computed from."""
         self.controller, self.true, self.samples = controller, true, samples
 
     @cached_property
     def a_k_true(self) -> np.ndarray | None:
-        """The true kinematic parameters (p_k) [m], or None where no value of them is the truth."""
-        return self.controller.kinematics.value(self.true)
+        """The true kinematic parameters [m], as ``Rollout`` has them."""
+        return self._in_time(self._true_k)
 
     @cached_property
     def a_d_true(self) -> np.ndarray | None:
-        """The true dynamic parameters (p_d), or None where no value of them is the truth."""
-        return self.controller.dynamics.value(self.true)
+        """The true dynamic parameters, as ``Rollout`` has them."""
+        return self._in_time(self._true_d)
+
+    @cached_property
+    def _true_k(self) -> list[np.ndarray] | None:
+        """The true kinematic parameters (p_k) of each robot, or None where one has none."""
+        return self._of_all(self.controller.kinematics.value)
+
+    @cached_property
+    def _true_d(self) -> list[np.ndarray] | None:
+        """The true dynamic parameters (p_d) of each robot, or None where one has none."""
+        return self._of_all(self.controller.dynamics.value)
+
+    def _of_all(self, value: Callable[[Robot], np.ndarray | None]) -> list[np.ndarray] | None:
+        values = [value(robot) for robot in self.true.robots]
+        known = [part for part in values if part is not None]
+        return known if len(known) == len(values) else None
+
+    def _in_time(self, values: list[np.ndarray] | None) -> np.ndarray | None:
+        """Return a value (p) that holds throughout, or those of all samples (N, p)."""
+        if values is None or len(values) == 1:
+            return None if values is None else values[0]
+        return np.array(values)[self._phases(self.samples)]
+
+    def _phases(self, samples: Sequence[Sample]) -> np.ndarray:
+        """Return which of the true robots each of the samples (k) saw."""
+        return self.true.index(np.array([sample.t for sample in samples]))
 
     @cached_property
     @np.errstate(all="ignore")  # a loop that diverges overflows on its way
@@ -76,7 +102,7 @@ class Evaluation:
     @cached_property
     def limits(self) -> LimitExcess:
         """How far the true robot, and the reference of its joints, went beyond their limits."""
-        true, samples = self.true, self.samples
+        true, samples = self.true.robots[0], self.samples
         return LimitExcess.of(
             true, motion_of_plant(true, samples), motion_of_reference(true, samples)
         )
@@ -89,11 +115,15 @@ class Evaluation:
     @np.errstate(all="ignore")
     def storage(self, samples: Sequence[Sample]) -> np.ndarray | None:
         """Return V at some of the samples (k), or None where it is undefined for one of them."""
-        a_k, a_d = self.a_k_true, self.a_d_true
-        if a_k is None or a_d is None or not samples:
+        if self._true_k is None or self._true_d is None or not samples:
             return None
-        plant, law, V = PinocchioPlant(self.true), self.controller.law, []
-        for sample in samples:
+        plants, law, V = (
+            [PinocchioPlant(robot) for robot in self.true.robots],
+            self.controller.law,
+            [],
+        )
+        for sample, k in zip(samples, self._phases(samples), strict=True):
+            plant, a_k, a_d = plants[k], self._true_k[k], self._true_d[k]
             parts = self.controller.parameter_storage(sample.state, a_k, a_d)
             if parts is None:
                 return None

@@ -12,9 +12,11 @@ import numpy as np
 from .._version import __version__
 from ..tasks.units import DISPLAYS
 from .table import number, two_columns
+from .transients import CLOSE
 
 if TYPE_CHECKING:
     from .rollout import Rollout
+    from .transients import Transient
 
 # Of ``rollout.npz``.
 RECORDED = ("t", "q", "v", "tau", "x", "x_d", "a_k", "a_d", "saturated")
@@ -54,6 +56,7 @@ def summary(rollout: Rollout) -> dict[str, Any]:
         "kinematic_names": list(rollout.kinematic_names),
         "dynamic_names": list(rollout.dynamic_names),
         "kinematic_base": rollout.kinematic_base,
+        "changes": [_transient(transient) for transient in rollout.transients],
         "version": __version__,
     }
 
@@ -64,6 +67,16 @@ def _errors(norms: np.ndarray, name: str) -> dict[str, float | None]:
         f"max_{name}_first": extreme(np.max, window(norms, True)),
         f"max_{name}_last": extreme(np.max, window(norms, False)),
         f"rms_{name}_last": extreme(_rms, window(norms, False)),
+    }
+
+
+def _transient(transient: Transient) -> dict[str, Any]:
+    worst = transient.worst if np.isfinite(transient.worst) else None
+    return {
+        "at": transient.at,
+        "what": transient.what,
+        "max_error": worst,
+        "time_back": transient.back,
     }
 
 
@@ -114,7 +127,7 @@ def _ends(lyapunov: np.ndarray | None) -> str:
 
 def _remarks(rollout: Rollout, numbers: dict[str, Any]) -> list[tuple[str, str]]:
     """Return the rows that only some runs have."""
-    rows = []
+    rows = _change_rows(numbers["changes"], rollout.task.groups[0].unit)
     if numbers["max_damping"]:
         share, lost = np.mean(rollout.damping > 0.0), numbers["max_damping_share"]
         words = f"{share:.1%} of the time, up to {lost:.0%} of the task motion lost"
@@ -125,6 +138,22 @@ def _remarks(rollout: Rollout, numbers: dict[str, Any]) -> list[tuple[str, str]]
         rows.append(("controller step (mean)", number(numbers["step_time_us"], "us", digits=0)))
     if rollout.diverged is not None:
         rows.append(("DIVERGED", f"at {rollout.diverged:.3f} s: {rollout.reason}"))
+    return rows
+
+
+def _change_rows(changes: list[dict[str, Any]], unit: str) -> list[tuple[str, str]]:
+    """Return one row a change of the robot or the belief."""
+    rows, shown = [], DISPLAYS[unit]
+    close = number(CLOSE, shown.unit, scale=shown.scale, digits=0 if unit == "m" else 3)
+    for change in changes:
+        worst, back = (
+            number(change["max_error"], shown.unit, scale=shown.scale),
+            change["time_back"],
+        )
+        words = {None: f"not back under {close}", 0.0: f"always under {close}"}.get(
+            back, f"under {close} after {number(back, 's')}"
+        )
+        rows.append((f"{change['what']} at {change['at']:g} s", f"worst {worst}, {words}"))
     return rows
 
 

@@ -13,6 +13,7 @@ from ..tasks.task import Task
 from . import report
 from .evaluation import Evaluation
 from .limit_excess import LimitExcess
+from .transients import Transient, transients
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +38,8 @@ class Rollout:
         step_time: mean seconds of one controller step; zero in continuous mode, which has no steps.
         evaluation: what the properties are computed by; None once the rollout has left its process,
             with all of them computed.
+        marks: time [s] and a few words for each change of the true robot, and each time the
+            controller was told something.
     """
 
     title: str
@@ -60,6 +63,7 @@ class Rollout:
     wall_time: float
     step_time: float
     evaluation: Evaluation | None
+    marks: tuple[tuple[float, str], ...] = ()
 
     @cached_property
     def error(self) -> np.ndarray:
@@ -81,12 +85,18 @@ class Rollout:
 
     @cached_property
     def a_k_true(self) -> np.ndarray | None:
-        """The true kinematic parameters (p_k), or None where no value of them is the truth."""
+        """The true kinematic parameters (p_k) [m], or None where no value of them is the truth.
+
+        Of each sample (N, p_k) where the true robot changes during the run.
+        """
         return self._evaluated().a_k_true
 
     @cached_property
     def a_d_true(self) -> np.ndarray | None:
-        """The true dynamic parameters (p_d), or None where no value of them is the truth."""
+        """The true dynamic parameters (p_d), or None where no value of them is the truth.
+
+        Of each sample (N, p_d) where the true robot changes during the run.
+        """
         return self._evaluated().a_d_true
 
     @cached_property
@@ -96,7 +106,7 @@ class Rollout:
 
     @cached_property
     def lyapunov(self) -> np.ndarray | None:
-        """V(t) (N), or None where undefined."""
+        """V(t) (N), or None where undefined; it jumps where the true robot changes."""
         return self._evaluated().lyapunov
 
     @cached_property
@@ -130,6 +140,11 @@ class Rollout:
         """The largest share (N) of a task motion that damping takes, mu^2 / (s_min^2 + mu^2)."""
         whole = self.min_singular_J_hat**2 + self.damping
         return self.damping / np.maximum(whole, np.finfo(float).tiny)
+
+    @property
+    def transients(self) -> list[Transient]:
+        """How the run bears each of its marks."""
+        return transients(self)
 
     def window(self, first: bool) -> np.ndarray:
         """Return the error norms ``distance`` (>= 1) in the first or last 10 % of the samples."""

@@ -22,7 +22,7 @@ def prefix_errors(key: str) -> Iterator[None]:
         place = error.where or ""
         if place.partition(".")[0] in ScenarioTables.model_fields:
             raise
-        inside = allowed_keys((key.partition(".")[0], ""), {})
+        inside = allowed_keys((*key.split("."), ""), {})
         joint = "." if place.partition(".")[0] in inside else ": "
         raise type(error)(
             error.what, where=f"{key}{joint}{place}" if place else key, hint=error.hint

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,13 +16,15 @@ from ..robot.gravity import compensation_of
 from ..robot.robot import Robot, load
 from ..robot.urdf import is_path
 from ..rollout.rollout import Rollout
+from ..simulation.events import Events
 from ..simulation.simulate import Progress, prepare, simulate
 from ..trajectories.trajectory import Trajectory
 from ..tuning.make_controller import make_controller
 from .error_prefix import prefix_errors
 from .read import read_tables
 from .reference import trajectory_of
-from .schema import BeliefSection, ScenarioTables, TruthSection
+from .schema import ScenarioTables
+from .truth import believed_robot, payload_of, told, true_changes, true_robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +37,8 @@ class Scenario:
         believed: what the controller starts from.
         controller: made for the believed robot.
         trajectory: the desired motion.
+        changes: time [s] -> the true robot from then on.
+        beliefs: time [s] -> what the controller is told then.
     """
 
     tables: ScenarioTables
@@ -42,6 +46,8 @@ class Scenario:
     believed: Robot
     controller: Controller
     trajectory: Trajectory
+    changes: Mapping[float, Robot]
+    beliefs: Mapping[float, Mapping[str, Any]]
 
     @property
     def title(self) -> str:
@@ -68,19 +74,17 @@ class Scenario:
         with prefix_errors("robot"):
             described = _described(tables, folder)
         with prefix_errors("truth"):
-            truth = tables.truth
-            lengths = {
-                "tool_translation": truth.tool_translation,
-                "link_translation": truth.link_translation,
-            }
-            true = _changed(described, truth, **lengths)
+            true = true_robot(described, tables.truth)
         with prefix_errors("belief"):
-            believed = _changed(described, tables.belief)
+            unloaded = believed_robot(described, tables.belief)
+            load = payload_of(tables.belief.payload)
+            believed = unloaded.changed(payload=load)
         with prefix_errors("controller"):
-            controller = _controller(tables, described, believed, folder)
+            controller = _controller(tables, described, unloaded, load, folder)
         with prefix_errors("reference"):
             trajectory = trajectory_of(tables.reference, true)
-        scenario = cls(tables, true, believed, controller, trajectory)
+        changes, beliefs = true_changes(described, tables.truth), told(tables.belief)
+        scenario = cls(tables, true, believed, controller, trajectory, changes, beliefs)
         scenario.check()
         return scenario
 
@@ -94,7 +98,11 @@ class Scenario:
         belief = self.tables.belief
         with prefix_errors("belief"), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # they are shown when the run starts
-            prepare(self.true, self.controller, self.trajectory, belief.kinematic, belief.dynamic)
+            state = prepare(
+                self.true, self.controller, self.trajectory, belief.kinematic, belief.dynamic
+            )
+        with prefix_errors("belief.change"):
+            Events(self.changes, self.beliefs).check(self.controller, state)
 
     def run(self, progress: Progress | None = None) -> Rollout:
         """Run the closed loop; ``progress`` wraps the range of samples."""
@@ -118,6 +126,8 @@ class Scenario:
                 camera=None if simulation.camera is None else simulation.camera.model_dump(),
                 encoder=simulation.encoder,
                 torque_limits=simulation.torque_limits,
+                changes=self.changes,
+                beliefs=self.beliefs,
                 seed=simulation.seed,
                 title=self.title,
                 progress=progress,
@@ -137,20 +147,12 @@ def _described(tables: ScenarioTables, folder: Path) -> Robot:
     )
 
 
-def _changed(described: Robot, section: TruthSection | BeliefSection, **lengths: Any) -> Robot:
-    """Return the robot with inertias, load and friction of a section, and changed lengths."""
-    return described.changed(
-        inertial_scale=section.inertial_scale,
-        payload=None if section.payload is None else Payload(**section.payload.model_dump()),
-        armature=section.armature,
-        viscous=section.friction.viscous,
-        coulomb=section.friction.coulomb,
-        **lengths,
-    )
-
-
 def _controller(
-    tables: ScenarioTables, described: Robot, believed: Robot, folder: Path
+    tables: ScenarioTables,
+    described: Robot,
+    unloaded: Robot,
+    load: Payload | None,
+    folder: Path,
 ) -> Controller:
     unknown, controller = tables.unknown, tables.controller
     with prefix_errors("unknown.basis"):
@@ -159,7 +161,8 @@ def _controller(
         lmi = None if unknown.lmi is None else MatrixInequality.from_file(folder / unknown.lmi)
     gains = controller.model_dump(exclude={"law", "adaptation", "acceleration"})
     return make_controller(
-        believed,
+        unloaded,
+        payload=load,
         law=controller.law,
         adaptation=controller.adaptation,
         kinematic=unknown.kinematic,

@@ -33,9 +33,9 @@ class RobotSection(Section):
 
 
 class PayloadSection(Section):
-    """[truth] payload: a load on the last body."""
+    """[truth] payload: a load on the last body; a mass of zero is none."""
 
-    mass: Positive
+    mass: NotNegative
     com: Vector3 = [0.0, 0.0, 0.0]
     inertia: Annotated[list[Number], Field(min_length=6, max_length=6)] = [0.0] * 6
 
@@ -47,8 +47,8 @@ class FrictionSection(Section):
     coulomb: NotNegative | list[NotNegative] = 0.0
 
 
-class TruthSection(Section):
-    """[truth]: how the real robot differs from the URDF."""
+class TruthKeys(Section):
+    """What [truth] and its changes may say."""
 
     tool_translation: Vector3 | None = None
     payload: PayloadSection | None = None
@@ -56,6 +56,26 @@ class TruthSection(Section):
     link_translation: dict[str, Vector3] = {}
     friction: FrictionSection = FrictionSection()
     armature: NotNegative | list[NotNegative] | None = None
+
+
+class TruthChange(TruthKeys):
+    """[[truth.change]]: keys of [truth] that are replaced from a time on; the others stay."""
+
+    at: Positive
+
+
+class TruthSection(TruthKeys):
+    """[truth]: how the real robot differs from the URDF."""
+
+    change: list[TruthChange] = []
+
+
+class BeliefChange(Section):
+    """[[belief.change]]: what the controller is told at some time."""
+
+    at: Positive
+    payload: PayloadSection | None = None
+    tool_translation: Vector3 | None = None
 
 
 class BeliefSection(Section):
@@ -67,6 +87,7 @@ class BeliefSection(Section):
     payload: PayloadSection | None = None
     kinematic: list[Number] | None = None
     dynamic: list[Number] | None = None
+    change: list[BeliefChange] = []
 
 
 class UnknownSection(Section):
@@ -240,6 +261,8 @@ def allowed_keys(location: tuple[Any, ...], raw: dict[str, Any]) -> list[str]:
     """Return the keys allowed in the table that holds ``location``, a path of keys."""
     table: type[Section] = ScenarioTables
     for key in location:
+        if isinstance(key, int):  # of a list of tables
+            continue
         if key == "reference":
             table = REFERENCES.get(raw.get("reference", {}).get("kind", "circle"), CircleSection)
             continue

@@ -14,6 +14,7 @@ from ..plants.pinocchio_plant import PinocchioPlant
 from ..records import Desired, Measurement
 from ..rollout.sample import Sample
 from ..trajectories.trajectory import Trajectory
+from .events import Events
 from .run import FASTEST, sample_indices
 
 
@@ -26,6 +27,7 @@ def run_continuous(
     duration: float | None = None,
     state: ControllerState | None = None,
     ideal_acceleration: bool = False,
+    events: Events | None = None,
 ) -> Iterator[Sample]:
     """Integrate plant, estimates and filters together by Runge-Kutta 4; yield a sample each step.
 
@@ -37,6 +39,7 @@ def run_continuous(
         duration: s, whose end has a sample of its own; None for as long as samples are taken.
         state: the controller's initial state; None for its own at the first measurement.
         ideal_acceleration: give the law the plant's own acceleration instead of the filtered one.
+        events: how the plant changes and what the controller is told meanwhile; None for nothing.
 
     Yields:
         One sample a step.
@@ -64,6 +67,8 @@ def run_continuous(
             y = loop.rebased(y + (dt / 6.0) * (k1 + 2.0 * (k2 + k3) + k4))
         except DivergedError as error:
             raise DivergedError(error.reason, t + dt) from error
+        if events is not None:
+            y = loop.interrupted(y, events, t, (k + 1) * dt)
 
 
 class _Loop:
@@ -116,6 +121,13 @@ class _Loop:
         if kept is not state.a_d:
             state = state._replace(dynamic=state.dynamic._replace(value=kept))
         return np.concatenate([np.zeros(n), v, state.flat()])
+
+    def interrupted(self, y: np.ndarray, events: Events, before: float, now: float) -> np.ndarray:
+        """Return y after what happens from ``before`` to ``now`` [s], to the plant as well."""
+        events.change(self._plant, before, now)
+        state = self.state.with_flat(y[2 * self._plant.nv :])
+        self.state = events.tell(self._controller, state, before, now)
+        return np.concatenate([y[: 2 * self._plant.nv], self.state.flat()])
 
     def slope(self, y: np.ndarray, t: float) -> np.ndarray:
         """Return dy/dt at time t [s]."""

@@ -10,6 +10,7 @@ import numpy as np
 from ..controller.controller import Controller
 from ..exceptions import DivergedError
 from ..plants.pinocchio_plant import PinocchioPlant
+from ..robot.succession import Succession
 from ..rollout.evaluation import Evaluation
 from ..rollout.rollout import Rollout
 from ..rollout.sample import Sample
@@ -52,12 +53,24 @@ def rollout_of(
     kept: Record,
     plant: PinocchioPlant,
     controller: Controller,
+    robots: Succession,
     *,
+    told: Iterable[float] = (),
     title: str,
     wall_time: float,
 ) -> Rollout:
-    """Return the rollout of a record, its samples stacked."""
-    robot, samples = plant.robot, kept.samples
+    """Return the rollout of a record, its samples stacked.
+
+    Args:
+        kept: the record.
+        plant: what was driven.
+        controller: what drove it.
+        robots: the true robot, and what it became.
+        told: when the controller was told something [s].
+        title: of the rollout.
+        wall_time: of the run [s].
+    """
+    robot, samples = robots.robots[0], kept.samples
     tau = _rows([sample.torque for sample in samples], plant.nv)
     coordinates = robot.task.coordinates
     return Rollout(
@@ -81,7 +94,8 @@ def rollout_of(
         reason=kept.reason,
         wall_time=wall_time,
         step_time=kept.step_time / max(kept.steps, 1),
-        evaluation=Evaluation(controller, robot, samples),
+        evaluation=Evaluation(controller, robots, samples),
+        marks=_marks(robots, told),
     )
 
 
@@ -89,6 +103,14 @@ def _adaptation(controller: Controller) -> str:
     """Return the dynamic adaptation's name, or the kinematic one's where that alone adapts."""
     used = controller.adaptation_d if controller.dynamics.size else controller.adaptation_k
     return used.name
+
+
+def _marks(robots: Succession, told: Iterable[float]) -> tuple[tuple[float, str], ...]:
+    """Return when something happened [s] and what, in order."""
+    words = {time: [what] for time, what in robots.words}
+    for time in told:
+        words.setdefault(time, []).append("told")
+    return tuple((time, ", ".join(words[time])) for time in sorted(words))
 
 
 def _rows(arrays: Sequence[np.ndarray | None], width: int) -> np.ndarray:

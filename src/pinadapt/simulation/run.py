@@ -14,6 +14,7 @@ from ..plants.sensors import Sensors
 from ..records import Desired, Measurement
 from ..rollout.sample import Sample
 from ..trajectories.trajectory import Trajectory
+from .events import Events
 
 FASTEST = 1e4  # [rad/s or m/s]; beyond this norm of the joint velocities the loop has diverged
 
@@ -28,6 +29,7 @@ def run(
     state: ControllerState | None = None,
     sensors: Sensors | None = None,
     ideal_acceleration: bool = False,
+    events: Events | None = None,
 ) -> Iterator[Sample]:
     """Drive a plant from its initial state; yield a sample each period, before the plant moves on.
 
@@ -40,6 +42,7 @@ def run(
         state: the controller's initial state; None for its own at the first measurement.
         sensors: what the controller sees of the plant; None for all of it as it is.
         ideal_acceleration: give the law the acceleration that its torque will cause.
+        events: how the plant changes and what the controller is told meanwhile; None for nothing.
 
     Yields:
         One sample a period.
@@ -47,7 +50,8 @@ def run(
     Raises:
         DivergedError: the loop diverged, at its ``time`` and for its ``reason``; all samples before
             were yielded.
-        InputError, MeasurementError: as ``Controller.init`` and ``Controller.step``.
+        InputError, MeasurementError: as ``Controller.init`` and ``Controller.step``, and as
+            ``Plant.become`` and ``Controller.believe`` where there are events.
     """
     plant.reset()
     if sensors is not None:
@@ -72,6 +76,10 @@ def run(
         yield Sample(truth.t, measurement, desired, state, given, truth, step_time)
         plant.step(torque, dt)
         state = after
+        if events is not None:
+            now = truth.t + dt
+            events.change(plant, truth.t, now)
+            state = events.tell(controller, state, truth.t, now)
 
 
 def sample_indices(duration: float, dt: float, *, ends: bool = False) -> range:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterable, Mapping
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,11 +16,13 @@ from ..plants.pinocchio_plant import PinocchioPlant
 from ..plants.sensors import Sensors
 from ..robot.effort_limits import torque_limits as limits_of
 from ..robot.robot import Robot
+from ..robot.succession import Succession
 from ..rollout.rollout import Rollout
 from ..sensing import Camera
 from ..trajectories.trajectory import Trajectory
 from ..tuning.preflight import preflight
 from .continuous import run_continuous
+from .events import Events
 from .prepare import check_options, prepare
 from .record import record, rollout_of
 from .run import run, sample_indices
@@ -45,6 +48,8 @@ def simulate(
     camera: Camera | Mapping[str, float | None] | None = None,
     encoder: ArrayLike = 0.0,
     torque_limits: bool = False,
+    changes: Mapping[float, Robot] | None = None,
+    beliefs: Mapping[float, Mapping[str, Any]] | None = None,
     seed: int = 0,
     title: str = "",
     progress: Progress | None = None,
@@ -73,6 +78,9 @@ def simulate(
         torque_limits: the motors clip at the true robot's effort limits; limits of zero or infinity
             are none. A controller without limits of its own is given these, so that its adaptation
             rests while they clip.
+        changes: time [s] -> the true robot from then on, made from the same ``load`` as ``true``.
+        beliefs: time [s] -> what the controller is told then: arguments of ``Controller.believe``
+            by name.
         seed: of the noise and of lost frames.
         title: of the rollout.
         progress: wraps the range of samples, ``tqdm`` for example.
@@ -97,19 +105,32 @@ def simulate(
         )
     started = perf_counter()
     state = prepare(true, controller, trajectory, a_k, a_d)
+    robots, events = Succession.of(true, changes), Events(changes, beliefs)
+    events.check(controller, state)
+    if late := events.after(duration):
+        warnings.warn(f"the run ends before what happens at {late} s.", stacklevel=2)
     plant = PinocchioPlant(
         true, torque_limits=motors, compensation=controller.compensation, substeps=substeps
     )
     loop = plant, controller, trajectory
+    start: dict[str, Any] = {"dt": dt, "state": state, "events": events}
     if mode == "continuous":
-        stream = run_continuous(*loop, dt=dt, state=state, ideal_acceleration=ideal)
+        stream = run_continuous(*loop, ideal_acceleration=ideal, **start)
     else:
         for finding in preflight(controller, dt):
             warnings.warn(str(finding), stacklevel=2)
         seen = None if sensors.perfect else sensors
-        stream = run(*loop, dt=dt, state=state, sensors=seen, ideal_acceleration=ideal)
+        stream = run(*loop, sensors=seen, ideal_acceleration=ideal, **start)
     indices = sample_indices(duration, dt, ends=mode == "continuous")
     with np.errstate(all="ignore"):  # a loop that diverges overflows on its way
         kept = record(stream, indices if progress is None else progress(indices), record_every)
     wall_time = perf_counter() - started
-    return rollout_of(kept, plant, controller, title=title or true.name, wall_time=wall_time)
+    return rollout_of(
+        kept,
+        plant,
+        controller,
+        robots,
+        told=events.beliefs,
+        title=title or true.name,
+        wall_time=wall_time,
+    )

@@ -13,6 +13,7 @@ from .._checks import positive
 from ..adaptation.adaptation import Adaptation
 from ..adaptation.leak import Leak
 from ..adaptation.matrix_inequality import MatrixInequality
+from ..controller.belief import Belief
 from ..controller.controller import Controller
 from ..controller.guards import make_guards
 from ..controller.limits import make_box, make_limits
@@ -24,6 +25,7 @@ from ..laws.law import Law
 from ..models.joint_effects import NONE
 from ..models.sight import Carrier
 from ..models.typical_motion import TypicalMotion
+from ..robot.changes import Payload
 from ..robot.gravity import Compensation, compensation_of
 from ..robot.robot import Robot
 from ..sensing import Camera
@@ -60,6 +62,7 @@ def make_controller(
     compensated: Compensation | str | None = None,
     damping: float = 0.2,
     watch: bool = True,
+    payload: Payload | None = None,
     guards: Mapping[str, bool] | bool = True,
     noise: Mapping[str, float] | None = None,
     encoder: float = 0.0,
@@ -98,6 +101,8 @@ def make_controller(
             from below, falls under this fraction of home's; zero never damps.
         watch: end the run with a message when an M_hat to be inverted is not positive definite or
             the estimates run away.
+        payload: a guess of the load on the last body, added to the believed robot; an announced one
+            takes its place, see ``Controller.believe``.
         guards: what is not believed of the sensors, and when estimates rest; False for no guard, or
             some of "position", "velocity", "time" and "rest" with False. See ``Guards``.
         noise: standard deviations of the sensors, q and v [rad, rad/s, m, m/s] and x [m], or the
@@ -116,6 +121,8 @@ def make_controller(
         InputError: an unknown name, a gain that breaks a hypothesis, or parameters that cannot be
             used.
     """
+    belief = Belief(believed.undrawn(), payload)
+    believed = belief.robot(payload)
     chosen, kinematics = _law_type(law, believed), believed_kinematics(believed, kinematic)
     kind, rates = _kind(adaptation, chosen), {name: gains.pop(name, None) for name in RATES}
     lengths = lumped_lengths(kinematics, regressor, kind, chosen, basis)
@@ -158,6 +165,7 @@ def make_controller(
         motion=motion,
         compensation=compensation_of(believed, compensated),
         period=dt,
+        belief=belief,
     )
     if isinstance(adaptation, str) and rates["gamma_d"] is None and rates["gamma_joint"] is None:
         share = stable_share_of_adaptation(controller, dt)

@@ -13,12 +13,13 @@ from ..exceptions import InputError
 from ..models.task_kinematics import TaskKinematics
 from ..robot.chain import configuration_from_angles
 from ..robot.robot import Robot
+from ..robot.succession import Succession
 from ..rollout.rollout import Rollout
 from ..tasks.task import FrameTask
 from .camera import Camera, camera_for
 from .figure import Figure
 from .keyframes import Keyframes
-from .motion import Motion, motion_of
+from .motion import Motion, motion_in_time, motion_of
 from .page import Page
 from .shapes import BELIEVED, BONES, DESIRED, TRUE, ghost, solid, tube
 
@@ -28,7 +29,7 @@ _LINE_RATE = 60.0  # [1/s] samples of the paths
 
 def write_animation(
     rollout: Rollout,
-    true: Robot,
+    true: Robot | Succession,
     believed: Robot,
     kinematics: TaskKinematics,
     path: Path,
@@ -45,7 +46,7 @@ def write_animation(
 
     Args:
         rollout: the run; with one sample or none the picture is still.
-        true: the robot that was driven.
+        true: the robot that was driven, with what it became where it changed.
         believed: the robot that the controller was made for.
         kinematics: the controller's unknown translations, which ``rollout.a_k`` (N, p_k) [m]
             estimates.
@@ -59,15 +60,17 @@ def write_animation(
         InputError: the rollout belongs to other robots, or frames_per_second is not positive.
         PinadaptError: meshcat's viewer cannot be used.
     """
+    robots = true if isinstance(true, Succession) else Succession.of(true)
+    true = robots.robots[0]
     _check(rollout, true, believed, kinematics)
     rate = positive(frames_per_second, "frames_per_second")
     some = len(rollout.t) > 0
     t, q = (rollout.t, rollout.q) if some else (np.zeros(1), true.q0[None])
     a_k = rollout.a_k if some else np.asarray(kinematics.initial)[None]
     frames, line = _samples(t, rate), _samples(t, max(rate, _LINE_RATE))
-    truth = motion_of(true, q[frames])
+    truth = motion_in_time(robots, t[frames], q[frames])
     belief = motion_of(believed, q[frames], kinematics, a_k[frames])
-    traced = motion_of(true, q[line]).tip
+    traced = motion_in_time(robots, t[line], q[line]).tip
     desired = traced.copy()  # coordinates outside of the task have no desired value
     if some:
         desired = _desired_path(true, desired, rollout.x_d[line])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -10,6 +10,7 @@ import pinocchio as pin
 from ..models.task_kinematics import TaskKinematics
 from ..models.translations import PlacedTranslations
 from ..robot.robot import Robot
+from ..robot.succession import Succession
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,3 +75,12 @@ def motion_of(
     return Motion(
         np.array(joints), np.array(origins), np.array(tool), parents, int(frame.parentJoint)
     )
+
+
+def motion_in_time(robots: Succession, t: np.ndarray, q: np.ndarray) -> Motion:
+    """Place the joints of a robot that changes along q (F, nq) at the times t (F) [s]."""
+    which = robots.index(t)
+    motions = [motion_of(robots.robots[k], q[which == k]) for k in np.unique(which)]
+    parts = zip(*((motion.joints, motion.origins, motion.tool) for motion in motions), strict=True)
+    joints, origins, tool = (np.concatenate(part) for part in parts)
+    return replace(motions[0], joints=joints, origins=origins, tool=tool)

@@ -1,0 +1,122 @@
+"""What a controller is told while it runs: the load that the robot carries, and its tool."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from types import EllipsisType
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..exceptions import ParameterError
+from ..models.task_kinematics import TaskKinematics
+from ..models.translations import PlacedTranslations, placement_of
+from ..robot.changes import Payload
+from ..robot.robot import Robot
+from .state import ControllerState
+
+if TYPE_CHECKING:
+    from .controller import Controller
+
+
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """The robot that a controller was made for.
+
+    Attributes:
+        unloaded: as described, without the load.
+        load: what it was believed to carry at first, or None.
+    """
+
+    unloaded: Robot
+    load: Payload | None = None
+
+    def robot(self, load: Payload | None) -> Robot:
+        """Return the robot as described with a load, or none."""
+        return self.unloaded if load is None else self.unloaded.changed(payload=load)
+
+
+def informed(
+    controller: Controller,
+    state: ControllerState,
+    payload: Payload | EllipsisType | None,
+    tool_translation: ArrayLike | None,
+) -> ControllerState:
+    """Return the state once its controller knows a new load and a new tool; see ``believe``.
+
+    Raises:
+        InputError: the parameters cannot express it, or a load or a tool that cannot be.
+    """
+    belief = controller.belief
+    if belief is None:
+        raise ParameterError(
+            "this controller was put together without a description to add a load or a tool to.",
+            where="believe",
+            hint="Give it Controller(..., belief=Belief(robot)), or use make_controller.",
+        )
+    if not isinstance(payload, EllipsisType):
+        if not isinstance(payload, Payload | None):
+            raise ParameterError(f"expected a Payload or None, got {payload!r}.", where="payload")
+        state = _loaded(controller, belief, state, payload)
+    if tool_translation is None:
+        return state
+    a_k = _with_tool(controller.kinematics, belief.unloaded, state.a_k, tool_translation)
+    a_k = controller.adaptation_k.validate(a_k)
+    return state._replace(kinematic=state.kinematic._replace(value=a_k))
+
+
+def _loaded(
+    controller: Controller, belief: Belief, state: ControllerState, load: Payload | None
+) -> ControllerState:
+    """Return the state with a load in place of the one that it was believed to carry.
+
+    What a load adds may depend on unknown lengths: they are taken as estimated where the parameters
+    cover them, else as described.
+    """
+    described = belief.robot(state.load), belief.robot(load)
+    estimated = [_at_lengths(robot, controller.kinematics, state.a_k) for robot in described]
+    validate = controller.adaptation_d.validate
+    for before, after in (estimated, described):
+        a_d, a_0 = (controller.dynamics.moved(a, before, after) for a in (state.a_d, state.a_0))
+        if a_d is not None and a_0 is not None:
+            dynamic = state.dynamic._replace(value=validate(a_d))
+            return state._replace(dynamic=dynamic, a_0=validate(a_0), load=load)
+    raise ParameterError(
+        f"the {controller.dynamics.size} dynamic parameters cannot express a load on the last "
+        "body, or this one.",
+        where="payload",
+        hint='Adapt the last body: dynamic = "all" or "payload".',
+    )
+
+
+def _at_lengths(robot: Robot, kinematics: TaskKinematics, a_k: np.ndarray) -> Robot:
+    """Return a robot with its unknown translations at an estimate (p) [m]."""
+    model = robot.model.copy()
+    PlacedTranslations(model, robot.frame_id, kinematics.translations).write(a_k)
+    return replace(robot, model=model)
+
+
+def _with_tool(
+    kinematics: TaskKinematics, described: Robot, a_k: np.ndarray, translation: ArrayLike
+) -> np.ndarray:
+    """Return the estimate (p) with the parameters of a tool (3) [m] among the other ones.
+
+    Raises:
+        InputError: the tool is not among the parameters, or not a value of them.
+    """
+    model, frame = described.changed(tool_translation=translation).model, described.frame_id
+    placed = PlacedTranslations(model, frame, kinematics.translations)
+    place, true = placement_of(model, frame, None), placement_of(model, frame, None).copy()
+    told = a_k.copy()
+    for part, window in zip(kinematics.translations, placed.windows, strict=True):
+        if part.joint is None:
+            told[window] = placed.read()[window]
+            placed.write(told)
+            if np.allclose(place.translation, true.translation, atol=1e-9):
+                return told
+    raise ParameterError(
+        f"the kinematic parameters {list(kinematics.names)} cannot express this tool.",
+        where="tool_translation",
+        hint='Adapt the whole translation of the tool: kinematic = ["tool"].',
+    )

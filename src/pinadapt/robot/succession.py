@@ -1,0 +1,119 @@
+"""A robot that changes with time: a load picked up or put down, a tool exchanged."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..exceptions import InputError, RobotError
+from .robot import Robot
+
+EARLY = 1e-6  # [s] by which the clock of many added periods may be off
+
+
+@dataclass(frozen=True, eq=False)
+class Succession:
+    """Robots with one chain that follow each other: the same one, changed at some times.
+
+    Attributes:
+        robots: the first one from the start on, each other one from its time on.
+        times: of the changes [s], ascending, one less than there are robots.
+    """
+
+    robots: tuple[Robot, ...]
+    times: tuple[float, ...] = ()
+
+    @classmethod
+    def of(cls, first: Robot, changes: Mapping[float, Robot] | None = None) -> Succession:
+        """Return a robot that becomes those of ``changes``, each at its time [s], in any order.
+
+        Raises:
+            InputError: a time that is not positive and finite.
+            RobotError: a robot with another chain, frame or task than the first one.
+        """
+        changes = in_time(changes, "changes")
+        for time, robot in changes.items():
+            check_successor(first, robot, f"changes[{time:g}]")
+        return cls((first, *changes.values()), tuple(changes))
+
+    @property
+    def name(self) -> str:
+        """The first robot's name."""
+        return self.robots[0].name
+
+    def index(self, t: ArrayLike) -> np.ndarray:
+        """Return which of the robots there is at each time t (N) [s]."""
+        return np.searchsorted(np.array(self.times), np.asarray(t) + EARLY, side="right")
+
+    @property
+    def words(self) -> tuple[tuple[float, str], ...]:
+        """Each change's time [s] and, in a few words, what it changes."""
+        pairs = zip(self.robots, self.robots[1:], strict=False)
+        return tuple(
+            (time, difference(*pair)) for time, pair in zip(self.times, pairs, strict=True)
+        )
+
+
+def in_time(changes: Mapping[float, Any] | None, where: str) -> dict[float, Any]:
+    """Return what happens at given times [s], sorted.
+
+    Raises:
+        InputError: no mapping, or a time that is not positive and finite.
+    """
+    if not isinstance(changes or {}, Mapping):
+        raise InputError(
+            f"expected a mapping from times [s] to what happens then, got {changes!r}.",
+            where=where,
+        )
+    for time in changes or {}:
+        if not (isinstance(time, int | float | np.number) and EARLY < time < np.inf):
+            raise InputError(f"times must be positive and finite, got {time!r}.", where=where)
+    return {float(time): (changes or {})[time] for time in sorted(changes or {})}
+
+
+def check_successor(before: Robot, after: Robot, where: str) -> None:
+    """Refuse a robot that cannot take another one's place while it moves.
+
+    Raises:
+        RobotError: no robot, or one with another chain, frame or task.
+    """
+    if not isinstance(after, Robot):
+        raise RobotError(f"expected a Robot, got {after!r}.", where=where)
+    ours, theirs = _chain(before), _chain(after)
+    if ours != theirs:
+        raise RobotError(
+            f"the robot before (joints, their kinds, frame, task: {ours}) and after ({theirs}) "
+            "differ in what cannot change while it moves.",
+            where=where,
+            hint="Make both from the same load(), by .changed().",
+        )
+
+
+def _chain(robot: Robot) -> tuple[Any, ...]:
+    kinds = [joint.shortname() for joint in robot.model.joints[1:]]
+    return robot.joint_names, kinds, robot.frame, robot.task.name
+
+
+def difference(before: Robot, after: Robot) -> str:
+    """Return in a few words how two robots with one chain differ, masses in kg."""
+    ours, theirs = _parts(before), _parts(after)
+    words = [part for part in ours if not np.allclose(ours[part], theirs[part], 1e-9, 1e-12)]
+    mass = float((theirs["inertias"] - ours["inertias"])[:, 0].sum())
+    if abs(mass) > 1e-9:
+        words[0] = f"{mass:+.3g} kg"
+    return ", ".join(words) or "nothing"
+
+
+def _parts(robot: Robot) -> dict[str, np.ndarray]:
+    model, friction = robot.model, robot.friction
+    return {
+        "inertias": np.array([body.toDynamicParameters() for body in model.inertias]),
+        "tool": model.frames[robot.frame_id].placement.homogeneous,
+        "links": np.array([placement.homogeneous for placement in model.jointPlacements]),
+        "friction": np.array([friction.viscous, friction.coulomb]),
+        "rotors": np.array(model.armature),
+    }
