@@ -158,9 +158,7 @@ def _feedback_radius(feedback: Sequence[Feedback], dt: float, factor: float) -> 
     """
     S, D, N, _ = (np.array(part) for part in zip(*feedback, strict=True))
     S, D, one = _MARGIN * factor**2 * S, _MARGIN * (factor * D + N), np.eye(S.shape[-1])
-    return _median_radius(
-        one - 0.5 * dt**2 * S, dt * one - 0.5 * dt**2 * D, -dt * S, one - dt * D
-    )
+    return _median_radius(one - 0.5 * dt**2 * S, dt * one - 0.5 * dt**2 * D, -dt * S, one - dt * D)
 
 
 def _dynamic_radius(
