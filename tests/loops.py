@@ -95,8 +95,8 @@ def energy_along(
     controller: pa.Controller,
     path: pa.Trajectory,
     *,
-    steps: int,
-    dt: float = 1e-4,
+    seconds: float,
+    dt: float = 2e-4,
     **start: Any,
 ) -> Energy:
     """Run the continuous loop with ideal acceleration from home at rest, and trace V.
@@ -105,7 +105,7 @@ def energy_along(
         true: the robot that is controlled.
         controller: the controller, made for another.
         path: the desired motion.
-        steps: N, number of samples.
+        seconds: how long, N samples.
         dt: integration step and time between samples [s].
         start: initial estimates a_k, a_d instead of the believed ones.
     """
@@ -114,7 +114,7 @@ def energy_along(
     stream = pa.run_continuous(plant, controller, path, dt=dt, state=state, ideal_acceleration=True)
     a_k, a_d = controller.kinematics.value(true), controller.dynamics.value(true)
     V, rate, dx, delta = [], [], [], []
-    for sample in list(islice(stream, steps)):
+    for sample in list(islice(stream, round(seconds / dt))):
         signals = controller.observe(sample.state, sample.measurement, sample.desired)
         truth, law = truth_at(plant, sample, a_k, a_d), controller.law
         V.append(law.storage(signals, truth) + controller.parameter_storage(sample.state, a_k, a_d))

@@ -14,7 +14,7 @@ from pinadapt.robot.catalogue import robots_folder
 from pinadapt.tasks.registry import TASKS
 
 ROWS = read_toml(robots_folder() / "catalogue.toml")
-KEYS = {"urdf", "loader", "first", "frame", "tip", "task", "q0", "about"}
+KEYS = {"urdf", "loader", "first", "frame", "joints", "tip", "task", "q0", "about"}
 
 
 def test_rows_have_known_keys_a_frame_and_a_line_for_people():
@@ -31,6 +31,12 @@ def test_no_chain_stands_twice():
     ]
     assert len(set(chains)) == len(chains) == len(pa.catalogue())
     assert len({row["about"] for row in ROWS.values()}) == len(ROWS)
+
+
+def test_chains_have_as_many_joints_as_the_table_says():
+    entries = pa.catalogue().values()
+    counted = {entry.name: len(entry.limb(entry.load()[0])) for entry in entries}
+    assert counted == {entry.name: entry.joints for entry in entries}
 
 
 def test_loaders_exist():
@@ -63,7 +69,6 @@ def test_a_limb_is_cut_out_of_its_robot_and_tracks(name, joints, first, last):
         first,
         last,
     )
-    assert pa.catalogue()[name].joints() == robot.joint_names
     check_holds_home(robot)
 
 

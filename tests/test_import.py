@@ -5,7 +5,16 @@ import sys
 
 import pytest
 
-HEAVY = ("scipy", "matplotlib", "meshcat", "numba", "pydantic", "tqdm", "umsgpack")
+HEAVY = (
+    "scipy",
+    "matplotlib",
+    "meshcat",
+    "numba",
+    "pydantic",
+    "tqdm",
+    "umsgpack",
+    "example_robot_data",
+)
 
 
 def loaded(code):
@@ -23,9 +32,9 @@ def loaded(code):
 @pytest.mark.parametrize(
     ("code", "absent"),
     [
-        ("import pinadapt", (*HEAVY, "example_robot_data")),
+        ("import pinadapt", HEAVY),
         ("from pinadapt.cli import main; main(['robots'])", HEAVY),
-        ("import pinadapt; pinadapt.load('planar_2r')", (*HEAVY, "example_robot_data")),
+        ("import pinadapt; pinadapt.load('planar_2r')", HEAVY),
     ],
 )
 def test_slow_modules_wait_until_they_are_needed(code, absent):

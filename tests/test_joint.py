@@ -117,9 +117,9 @@ def test_lyapunov_equality_with_friction(law, name):
         robot.changed(inertial_scale=0.8), law=law, joint="all", gamma_d=2.0, gamma_joint=2.0
     )
     path = circle_beside(true, "xy", by=(0.01, -0.01, 0.01))
-    energy = energy_along(true, controller, path, steps=400)
+    energy = energy_along(true, controller, path, seconds=0.04)
     assert (
-        energy.mismatch(after=50) <= 1e-4
+        energy.mismatch(after=25) <= 1e-4
     )  # tanh of the first millimetres a second is stiff for finite differences
     assert (energy.rate <= 0.0).all() and np.abs(energy.rate).max() > 1e-4
 

@@ -60,7 +60,7 @@ def test_equality_along_the_trajectory(law, name, adaptation):
     rate = RATES[law == "slotine-li"][adaptation]
     believed = robot.changed(inertial_scale=0.8)
     controller = pa.make_controller(believed, law=law, adaptation=adaptation, gamma_d=rate)
-    energy = energy_along(loaded(robot), controller, swinging(robot), steps=400)
+    energy = energy_along(loaded(robot), controller, swinging(robot), seconds=0.04)
     assert energy.mismatch() <= 1e-4
     assert np.abs(energy.rate).max() > 1e-4
     assert (energy.rate <= 0.0).all()
@@ -71,7 +71,7 @@ def test_equality_along_the_trajectory(law, name, adaptation):
 def test_equality_with_the_truth_known(name):
     robot = joint_robot(name)
     controller = pa.make_controller(robot, law="computed-torque")
-    energy = energy_along(robot, controller, swinging(robot), steps=400)
+    energy = energy_along(robot, controller, swinging(robot), seconds=0.04)
     assert energy.mismatch() <= 1e-4 and (energy.rate <= 0.0).all()
 
 
@@ -83,7 +83,7 @@ def test_friction_only_adds_to_the_dissipation(name):
     controller = pa.make_controller(
         believed, law="slotine-li", joint=("viscous",), gamma_d=1.0, gamma_joint=1.0
     )
-    energy = energy_along(true, controller, swinging(robot), steps=400)
+    energy = energy_along(true, controller, swinging(robot), seconds=0.04)
     assert energy.mismatch() <= 1e-4 and (energy.rate <= 0.0).all()
 
 

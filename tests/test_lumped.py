@@ -197,7 +197,7 @@ def test_lyapunov_equality(law, adaptation):
             law, adaptation, gamma_d=0.2 * controller.adaptation_d.gain(controller.dynamics.initial)
         )
     assert controller.dynamics.size == 56
-    energy = energy_along(true, controller, path, steps=400)
+    energy = energy_along(true, controller, path, seconds=0.04)
     assert energy.mismatch() <= 1e-4
     assert energy.largest_rise() <= 1e-12
 
@@ -212,7 +212,7 @@ def test_v_falls_while_the_projection_acts():
         return kept
 
     controller.adaptation_d.project = counted
-    energy = energy_along(true, controller, path, steps=500, dt=2e-4)
+    energy = energy_along(true, controller, path, seconds=0.1)
     assert any(moves)
     assert energy.largest_rise() <= 1e-9
 

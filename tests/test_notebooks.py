@@ -3,12 +3,12 @@
 import re
 from pathlib import Path
 
-import nbformat
 import pytest
-from nbclient import NotebookClient
 
 NOTEBOOKS = sorted((Path(__file__).parents[1] / "notebooks").glob("*.ipynb"))
 KERNEL = {"kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"}}
+
+# nbformat is imported where it is used: it takes seconds, and every process collects this file.
 
 # What the text around the cells relies on.
 PRINTED = {
@@ -20,6 +20,9 @@ pytestmark = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.st
 
 
 def test_notebook_runs(path):
+    import nbformat
+    from nbclient import NotebookClient
+
     notebook = nbformat.read(path, as_version=4)
     folder = {"metadata": {"path": str(path.parent)}}
     NotebookClient(notebook, timeout=300, resources=folder).execute()
@@ -43,6 +46,8 @@ def draws(cell):
 
 def test_notebook_is_stripped(path):
     """Should this fail, ``make strip`` helps."""
+    import nbformat
+
     text = path.read_text(encoding="utf-8")
     notebook = nbformat.reads(text, as_version=4)
     assert text == nbformat.writes(notebook) + "\n"
@@ -55,5 +60,7 @@ def test_notebook_is_stripped(path):
 
 
 def test_notebook_says_what_to_change(path):
+    import nbformat
+
     notebook = nbformat.read(path, as_version=4)
     assert sum("## Change this and see" in cell.source for cell in notebook.cells) == 1

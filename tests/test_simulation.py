@@ -1,5 +1,6 @@
 """The closed loop: both modes, noise, limits, divergence, and what a controller must not do."""
 
+from functools import cache
 from itertools import product
 
 import numpy as np
@@ -81,6 +82,7 @@ def test_continuous_mode_converges_with_its_step():
 # --- the controller ---
 
 
+@cache  # none of it is written to
 def controlled(name, law, adaptation="natural"):
     """Return a controller a few steps into its work, its state, measurement and desired motion."""
     robot = robot_of(law, name)

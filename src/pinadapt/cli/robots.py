@@ -21,4 +21,4 @@ def robots(options: argparse.Namespace) -> int:
 
 def _row(entry: CatalogueEntry) -> list[str]:
     source = "pinadapt" if entry.path else entry.origin
-    return [entry.name, str(len(entry.joints())), entry.task, entry.frame, source, entry.about]
+    return [entry.name, str(entry.joints), entry.task, entry.frame, source, entry.about]

@@ -13,7 +13,7 @@ import pinocchio as pin
 from .._toml import read_toml
 from ..exceptions import RobotError, did_you_mean
 from .chain import chain_joints, frame_id, is_free_flyer
-from .example_robots import bare_example, example_mimics, example_robot, example_visual
+from .example_robots import example_mimics, example_robot, example_visual
 from .urdf import mimic_joints, read_urdf, read_visual
 
 
@@ -24,6 +24,7 @@ class CatalogueEntry:
     Attributes:
         name: name in the catalogue.
         frame: default task frame.
+        joints: number of joints of the chain.
         task: default task.
         origin: "pinadapt", or the name of the loader in example-robot-data.
         path: URDF file for our own robots, None for example-robot-data's.
@@ -37,6 +38,7 @@ class CatalogueEntry:
 
     name: str
     frame: str
+    joints: int
     task: str
     origin: str
     path: Path | None
@@ -57,11 +59,6 @@ class CatalogueEntry:
     def visual(self) -> pin.GeometryModel | None:
         """Return the visual geometry of the whole model, None where a mesh is missing."""
         return example_visual(self.origin) if self.path is None else read_visual(self.path)
-
-    def joints(self) -> list[str]:
-        """Return the names of the chain's joints."""
-        model = bare_example(self.origin) if self.path is None else read_urdf(self.path)
-        return [str(model.names[joint]) for joint in self.limb(self._with_tip(model))]
 
     def limb(self, model: pin.Model) -> list[int]:
         """Return the indices of the chain's joints in the whole model."""
@@ -109,6 +106,7 @@ def catalogue() -> Mapping[str, CatalogueEntry]:
         entries[name] = CatalogueEntry(
             name=name,
             frame=f"{row['frame']}_tip" if "tip" in row else row["frame"],
+            joints=row["joints"],
             task=row.get("task", "xyz"),
             origin="pinadapt" if "urdf" in row else row.get("loader", name),
             path=folder / row["urdf"] if "urdf" in row else None,

@@ -43,21 +43,14 @@ def example_mimics(origin: str) -> frozenset[str]:
 
 
 @cache
-def bare_example(origin: str) -> pin.Model:
-    """Read the URDF of a robot, with the floating base of its loader; not to be written."""
-    floating = _loaders().ROBOTS[origin].free_flyer
-    base = [pin.JointModelFreeFlyer()] if floating else []
-    return pin.buildModelFromUrdf(str(example_path(origin)), *base)
-
-
-@cache
 def example_robot(origin: str) -> tuple[pin.Model, np.ndarray]:
     """Return a robot's model as its loader makes it and its pose (nq); neither is to be written."""
     loaders, kind = _loaders(), _loaders().ROBOTS[origin]
     if _is_special(origin):
         whole = _whole(origin)
         return whole.model, whole.q0
-    model = bare_example(origin).copy()
+    base = [pin.JointModelFreeFlyer()] if kind.free_flyer else []
+    model = pin.buildModelFromUrdf(str(example_path(origin)), *base)
     if not kind.srdf_filename:
         return model, pin.neutral(model)
     srdf = _folder(origin) / kind.path / kind.srdf_subpath / kind.srdf_filename

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -21,7 +22,7 @@ class Friction:
     coulomb: np.ndarray
     threshold: float = 0.01
 
-    @property
+    @cached_property
     def present(self) -> bool:
         """Whether any joint has friction."""
         return bool(self.viscous.any() or self.coulomb.any())

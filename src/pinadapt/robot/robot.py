@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -65,7 +65,7 @@ class Robot:
         """The geometry to draw, read when it is first asked for, or None."""
         return None if self.drawn is None else self.drawn.geometry
 
-    @property
+    @cached_property
     def frame_id(self) -> int:
         """Index of the task frame in ``model.frames``."""
         return frame_id(self.model, self.frame)

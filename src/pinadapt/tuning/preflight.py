@@ -156,18 +156,9 @@ def _feedback_radius(feedback: Sequence[Feedback], dt: float, factor: float) -> 
 
     ``factor`` multiplies the bandwidth of S and D.
     """
-    radii = [
-        _radius(_MARGIN * factor**2 * S, _MARGIN * (factor * D + N), dt) for S, D, N, _ in feedback
-    ]
-    return float(np.median(radii))
-
-
-def _radius(S: np.ndarray, D: np.ndarray, dt: float) -> float:
-    one = np.eye(len(S))
-    transition = np.block(
-        [[one - 0.5 * dt**2 * S, dt * one - 0.5 * dt**2 * D], [-dt * S, one - dt * D]]
-    )
-    return float(np.abs(np.linalg.eigvals(transition)).max())
+    S, D, N, _ = (np.array(part) for part in zip(*feedback, strict=True))
+    S, D, one = _MARGIN * factor**2 * S, _MARGIN * (factor * D + N), np.eye(S.shape[-1])
+    return _median_radius(one - 0.5 * dt**2 * S, dt * one - 0.5 * dt**2 * D, -dt * S, one - dt * D)
 
 
 def _dynamic_radius(
@@ -177,14 +168,16 @@ def _dynamic_radius(
 
     ``factor`` multiplies S.
     """
-    radii = []
-    for S, D in pairs:
-        one = np.eye(len(D))
-        transition = np.block(
-            [[one - dt * D, dt * one], [-dt * _ADAPTATION_MARGIN * factor * S, one]]
-        )
-        radii.append(np.abs(np.linalg.eigvals(transition)).max())
-    return float(np.median(radii))
+    S, D = (np.array(part) for part in zip(*pairs, strict=True))
+    one = np.eye(S.shape[-1])
+    return _median_radius(one - dt * D, dt * one, -dt * _ADAPTATION_MARGIN * factor * S, one)
+
+
+def _median_radius(ee: np.ndarray, ez: np.ndarray, ze: np.ndarray, zz: np.ndarray) -> float:
+    """Return the median spectral radius of N transitions [[ee, ez], [ze, zz]], blocks (n, n)."""
+    blocks = list(np.broadcast_arrays(ee, ez, ze, zz))
+    eigenvalues = np.linalg.eigvals(np.block([blocks[:2], blocks[2:]]))
+    return float(np.median(np.abs(eigenvalues).max(axis=1)))
 
 
 def _kinematic_radius(mode: float, damping: float, decay: float, dt: float, factor: float) -> float:

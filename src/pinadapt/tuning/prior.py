@@ -62,8 +62,9 @@ def plausible(robot: Robot, dynamics: Dynamics, count: int) -> Iterator[Robot]:
         A = roots @ U
         for body, P in zip(bodies, (A * np.exp(w)[:, None, :]) @ A.transpose(0, 2, 1), strict=True):
             model.inertias[body + 1] = pin.Inertia.FromDynamicParameters(ten_parameters(P))
-        lengths = theta + deviations * rng.standard_normal(theta.size)
-        PlacedTranslations(model, robot.frame_id, dynamics.translations).write(lengths)
+        if theta.size:
+            lengths = theta + deviations * rng.standard_normal(theta.size)
+            PlacedTranslations(model, robot.frame_id, dynamics.translations).write(lengths)
         yield replace(robot, model=model)
 
 

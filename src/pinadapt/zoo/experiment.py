@@ -13,6 +13,7 @@ import numpy as np
 
 from ..controller.controller import Controller
 from ..exceptions import PinadaptError
+from ..robot.catalogue import catalogue_entry
 from ..rollout.report import extreme
 from ..rollout.rollout import Rollout
 from ..simulation.simulate import simulate
@@ -85,16 +86,22 @@ def run_zoo(
 ) -> Iterator[ZooRow]:
     """Run many chains over processes and yield their rows as they come.
 
+    Those with most joints start first, so that no process is left alone with a long one.
+
     Args:
         names: of chains in the catalogue.
         law: a name of ``pinadapt.LAWS``.
         seed: of the cases.
         processes: how many at once, by default one a core.
+
+    Raises:
+        RobotError: a name that is not in the catalogue.
     """
+    longest_first = sorted(names, key=lambda name: -catalogue_entry(name).joints)
     for variable in _THREADS:  # small matrices gain nothing from threads
         os.environ.setdefault(variable, "1")
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-        futures = {pool.submit(zoo_row, name, law, seed): name for name in names}
+        futures = {pool.submit(zoo_row, name, law, seed): name for name in longest_first}
         for future in as_completed(futures):
             error = future.exception()
             yield (
