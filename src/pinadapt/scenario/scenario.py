@@ -171,7 +171,7 @@ def _controller(
         basis=basis,
         lmi=lmi,
         kinematic_box=unknown.kinematic_box,
-        torque_limits=tables.simulation.torque_limits,
+        torque_limits=tables.simulation.torque_limits is not False,
         compensated=compensation_of(described, tables.simulation.compensated),
         regressor=unknown.regressor,
         dt=1e-3 if tables.simulation.mode == "continuous" else tables.simulation.dt,

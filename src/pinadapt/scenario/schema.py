@@ -239,7 +239,7 @@ class SimulationSection(Section):
     delay: NotNegative = 0.0
     camera: CameraSection | None = None
     encoder: NotNegative | list[NotNegative] = 0.0
-    torque_limits: bool = False
+    torque_limits: bool | None = None
     compensated: Literal["nominal"] | None = None
     seed: Annotated[int, Field(ge=0)] = 0
 

@@ -47,7 +47,7 @@ def simulate(
     delay: float = 0.0,
     camera: Camera | Mapping[str, float | None] | None = None,
     encoder: ArrayLike = 0.0,
-    torque_limits: bool = False,
+    torque_limits: bool | None = None,
     changes: Mapping[float, Robot] | None = None,
     beliefs: Mapping[float, Mapping[str, Any]] | None = None,
     seed: int = 0,
@@ -75,9 +75,10 @@ def simulate(
         camera: that sees the task frame, sampled mode; its attributes by name, or one.
         encoder: a count of the joints' sensors, one or one a joint [rad or m], sampled mode; see
             ``Encoder``.
-        torque_limits: the motors clip at the true robot's effort limits; limits of zero or infinity
-            are none. A controller without limits of its own is given these, so that its adaptation
-            rests while they clip.
+        torque_limits: whether the motors clip at the true robot's effort limits; limits of zero or
+            infinity are none. By default they do, but not with the ideal acceleration, which is
+            that of the unclipped torque: there the controller's own limits are left out too. A
+            controller without limits is given these, so that its adaptation rests while they clip.
         changes: time [s] -> the true robot from then on, made from the same ``load`` as ``true``.
         beliefs: time [s] -> what the controller is told then: arguments of ``Controller.believe``
             by name.
@@ -95,14 +96,15 @@ def simulate(
         raise InputError(
             "noise, delay, camera and encoder exist in sampled mode only.", where="mode"
         )
-    ideal, motors = acceleration == "ideal", limits_of(true, torque_limits)
-    if controller.limits.torque is None:
-        controller = controller.limited(motors)
-    if ideal and controller.limits.torque is not None:
+    ideal = acceleration == "ideal"
+    if ideal and torque_limits:
         raise InputError(
             "the ideal acceleration is that of the unclipped torque; choose one.",
             where="torque_limits",
         )
+    motors = None if ideal else limits_of(true, torque_limits is not False)
+    if ideal or controller.limits.torque is None:
+        controller = controller.limited(motors)
     started = perf_counter()
     state = prepare(true, controller, trajectory, a_k, a_d)
     robots, events = Succession.of(true, changes), Events(changes, beliefs)
