@@ -1,5 +1,6 @@
 """Every kernel against an independent formula, on whatever memory layout; NaN comes through."""
 
+import pickle
 import subprocess
 import sys
 
@@ -62,6 +63,22 @@ def test_kernels_have_one_specialisation_each():
     assert len(_compiled.kernels) >= 16
     for dispatcher in _compiled.kernels.values():
         assert len(dispatcher.signatures) == 1 and dispatcher.__doc__
+
+
+def test_kernels_hold_no_array_and_take_nothing_else(rng):
+    a, low, high = rng.standard_normal(3), -np.full(3, 9.0), np.full(3, 9.0)
+    before = [sys.getrefcount(x) for x in (a, low, high)]
+    assert all(adaptation.inside(a, low, high) for _ in range(3))
+    assert [sys.getrefcount(x) for x in (a, low, high)] == before
+    others = [1.0, 2.0, 3.0], a[:, None], a.astype(np.float32), a.astype(np.int64)
+    for wrong in (None, 1.0, *others):
+        with pytest.raises(TypeError):
+            adaptation.inside(wrong, low, high)
+        with pytest.raises(TypeError):
+            adaptation.inside(a, low, wrong)
+    alike = a.view(type("Own", (np.ndarray,), {})), pickle.loads(pickle.dumps(a))
+    for right in (*alike, a):
+        assert adaptation.inside(right, low, high) and not adaptation.inside(high, low, right)
 
 
 def cones():
