@@ -41,7 +41,8 @@ class Command:
         return self.torque if self.feedthrough is None else self.torque + self.feedthrough @ a
 
 
-class Believed(NamedTuple):
+@dataclass(slots=True, eq=False)
+class Believed:
     """The believed robot, to be asked while a command is worked out.
 
     Attributes:
