@@ -14,6 +14,7 @@ from pinadapt._kernels import (
     adaptation,
     feedback,
     filters,
+    inputs,
     joints,
     linear_algebra,
     models,
@@ -70,7 +71,7 @@ def test_kernels_hold_no_array_and_take_nothing_else(rng):
     before = [sys.getrefcount(x) for x in (a, low, high)]
     assert all(adaptation.inside(a, low, high) for _ in range(3))
     assert [sys.getrefcount(x) for x in (a, low, high)] == before
-    others = [1.0, 2.0, 3.0], a[:, None], a.astype(np.float32), a.astype(np.int64)
+    others = [1.0, 2.0, 3.0], a[:, None], a.astype(np.float32), a.astype(np.int64), a.astype(">f8")
     for wrong in (None, 1.0, *others):
         with pytest.raises(TypeError):
             adaptation.inside(wrong, low, high)
@@ -118,6 +119,15 @@ def test_descent(rng, laid):
     assert close(after, a - 0.1 * Gamma @ g)
     adaptation.descend(a, NAN * g, Gamma, 0.1, after)
     assert np.isnan(after).all()
+
+
+def test_fit(rng):
+    sizes = 8, 7, 5, 3
+    right = [np.zeros(k) for k in (8, 7, 5, 5, 3, 3)]
+    assert inputs.fit(*right, *sizes)
+    for i in range(6):
+        for other in (np.zeros(right[i].size + 1), right[i][1:]):
+            assert not inputs.fit(*right[:i], other, *right[i + 1 :], *sizes)
 
 
 def test_inside(rng):

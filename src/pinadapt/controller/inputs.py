@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from .._kernels import inputs as kernels
 from ..exceptions import InputError, MeasurementError, ParameterError
 from ..models.task_kinematics import TaskKinematics
 from ..records import Desired, Measurement
@@ -19,8 +20,8 @@ _LATEST = 10.0  # periods that one step may bridge
 class InputCheck:
     """Sizes, types and states that fit one controller.
 
-    Arrays of native floats and the right shape pass as they are, at the cost of a few comparisons
-    in one expression; others are converted, or refused by name. Whether numbers are finite is left
+    Arrays of native floats and the right shape pass as they are, at the cost of one expression;
+    others are converted, or refused by name. Whether numbers are finite is left
     to ``finite``, which is asked when a result is not.
     """
 
@@ -33,6 +34,7 @@ class InputCheck:
         self._measures_x = task.positions > 0
         self._q, self._v = (kinematics.nq,), (kinematics.nv,)
         self._x, self._m = (task.coordinates,), (task.size,)
+        self._sizes = kinematics.nq, kinematics.nv, task.coordinates, task.size
         self._a_k, self._a_d = (kinematics.size,), (dynamic_size,)
 
     def sample(
@@ -55,16 +57,9 @@ class InputCheck:
         try:
             t, q, v, x, _, xd, a, _ = measurement
             x_d, xd_d, xdd_d = desired
+            x = x if self._measures_x else x_d  # None is refused like all that is no array
             fits = (
-                q.dtype is v.dtype is x_d.dtype is xd_d.dtype is xdd_d.dtype is _FLOAT
-                and q.shape == self._q
-                and v.shape == self._v
-                and x_d.shape == self._x
-                and xd_d.shape == xdd_d.shape == self._m
-                and (
-                    not self._measures_x
-                    or (x is not None and x.dtype is _FLOAT and x.shape == self._x)
-                )
+                kernels.fit(q, v, x, x_d, xd_d, xdd_d, *self._sizes)  # type: ignore[arg-type]
                 and (
                     not self._needs_xd if xd is None else xd.dtype is _FLOAT and xd.shape == self._m
                 )
