@@ -34,7 +34,8 @@ class InputCheck:
         self._measures_x = task.positions > 0
         self._q, self._v = (kinematics.nq,), (kinematics.nv,)
         self._x, self._m = (task.coordinates,), (task.size,)
-        self._sizes = kinematics.nq, kinematics.nv, task.coordinates, task.size
+        self._nq, self._n = kinematics.nq, kinematics.nv
+        self._coordinates, self._size = task.coordinates, task.size
         self._a_k, self._a_d = (kinematics.size,), (dynamic_size,)
 
     def sample(
@@ -57,9 +58,20 @@ class InputCheck:
         try:
             t, q, v, x, _, xd, a, _ = measurement
             x_d, xd_d, xdd_d = desired
-            x = x if self._measures_x else x_d  # None is refused like all that is no array
+            position: Any = x if self._measures_x else x_d  # None is refused as no array
             fits = (
-                kernels.fit(q, v, x, x_d, xd_d, xdd_d, *self._sizes)  # type: ignore[arg-type]
+                kernels.fit(
+                    q,
+                    v,
+                    position,
+                    x_d,
+                    xd_d,
+                    xdd_d,
+                    self._nq,
+                    self._n,
+                    self._coordinates,
+                    self._size,
+                )
                 and (
                     not self._needs_xd if xd is None else xd.dtype is _FLOAT and xd.shape == self._m
                 )

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy import empty
 
 from .._kernels import models as kernels
 from ..exceptions import ParameterError
@@ -112,7 +113,7 @@ class FrameKinematics(TaskKinematics):
         acceleration = pin.getFrameClassicalAcceleration(model, data, frame, _ALIGNED)
         J = self.J = J[self._rows] if self.nv > 1 else J[self._rows, None]  # a column is a vector
         m = self._size
-        Y_k, xd_hat = self.Y_k, self.xd_hat = np.empty((m, self.size)), np.empty(m)
+        Y_k, xd_hat = self.Y_k, self.xd_hat = empty((m, self.size)), empty(m)
         kernels.task_velocity(
             J,
             v,

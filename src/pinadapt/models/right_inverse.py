@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy import empty
 
 from .._kernels import linear_algebra as kernels
 from ..exceptions import DivergedError
@@ -41,7 +42,7 @@ class RightInverse:
             DivergedError: J lost rank and is not damped, or is not finite.
         """
         m, n = J.shape
-        self.J, self.gram_inverse = J, np.empty((m, m))
+        self.J, self.gram_inverse = J, empty((m, m))
         self.conditioning, self.damping, lost = kernels.invert_gram(J, threshold, self.gram_inverse)
         if lost:
             raise DivergedError(
@@ -56,7 +57,7 @@ class RightInverse:
         if psi is None:
             return self.gram_inverse.dot(u).dot(self.J)
         u, psi = np.asarray(u, dtype=float), np.asarray(psi, dtype=float)
-        solution = np.empty(psi.size)
+        solution = empty(psi.size)
         kernels.right_inverse(self.J, self.gram_inverse, u, psi, solution)
         return solution
 
@@ -75,7 +76,7 @@ class RightInverse:
         """
         if psi is None:
             return self.solve(ud - Jdot.dot(self.solve(u, psi)), None)
-        rate, damping_rate = np.empty(psi.size), self._damping_rate(Jdot) if self.damping else 0.0
+        rate, damping_rate = empty(psi.size), self._damping_rate(Jdot) if self.damping else 0.0
         kernels.right_inverse_rate(
             self.J, self.gram_inverse, u, psi, ud, psid, Jdot, damping_rate, rate
         )
