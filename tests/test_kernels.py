@@ -121,13 +121,13 @@ def test_descent(rng, laid):
     assert np.isnan(after).all()
 
 
-def test_fit(rng):
-    sizes = 8, 7, 5, 3
-    right = [np.zeros(k) for k in (8, 7, 5, 5, 3, 3)]
-    assert inputs.fit(*right, *sizes)
-    for i in range(6):
-        for other in (np.zeros(right[i].size + 1), right[i][1:]):
-            assert not inputs.fit(*right[:i], other, *right[i + 1 :], *sizes)
+def test_fit():
+    sizes = np.array([20, 2, 8, 7, 5, 3])
+    right = [np.zeros(k) for k in (20, 20, 2, 8, 7, 5, 5, 3, 3)]
+    assert inputs.fit(*right, sizes)
+    for i, array in enumerate(right):
+        for other in (np.zeros(array.size + 1), array[1:]):
+            assert not inputs.fit(*right[:i], other, *right[i + 1 :], sizes)
 
 
 def test_inside(rng):

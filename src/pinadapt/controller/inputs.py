@@ -34,9 +34,9 @@ class InputCheck:
         self._measures_x = task.positions > 0
         self._q, self._v = (kinematics.nq,), (kinematics.nv,)
         self._x, self._m = (task.coordinates,), (task.size,)
-        self._nq, self._n = kinematics.nq, kinematics.nv
-        self._coordinates, self._size = task.coordinates, task.size
         self._a_k, self._a_d = (kinematics.size,), (dynamic_size,)
+        sizes = self._a_d, self._a_k, self._q, self._v, self._x, self._m
+        self._sizes = np.array(sizes, dtype=np.int64).ravel()
 
     def sample(
         self, state: ControllerState, measurement: Measurement, desired: Desired
@@ -48,30 +48,14 @@ class InputCheck:
                 made of numbers.
             InputError: the same of the desired motion, or the state is that of another controller.
         """
-        if (
-            state.__class__ is not ControllerState
-            or state.kinematic.value.shape != self._a_k
-            or state.dynamic.value.shape != self._a_d
-            or state.a_0.shape != self._a_d
-        ):
-            raise InputError("the state is that of another controller.", where="state")
         try:
             t, q, v, x, _, xd, a, _ = measurement
             x_d, xd_d, xdd_d = desired
-            position: Any = x if self._measures_x else x_d  # None is refused as no array
+            a_d, a_k = state.dynamic.value, state.kinematic.value
+            where: Any = x if self._measures_x else x_d  # None is refused as no array
             fits = (
-                kernels.fit(
-                    q,
-                    v,
-                    position,
-                    x_d,
-                    xd_d,
-                    xdd_d,
-                    self._nq,
-                    self._n,
-                    self._coordinates,
-                    self._size,
-                )
+                state.__class__ is ControllerState
+                and kernels.fit(a_d, state.a_0, a_k, q, v, where, x_d, xd_d, xdd_d, self._sizes)
                 and (
                     not self._needs_xd if xd is None else xd.dtype is _FLOAT and xd.shape == self._m
                 )
@@ -83,7 +67,22 @@ class InputCheck:
             fits = False
         if fits:
             return measurement, desired
+        self.state(state)
         return self.measurement(measurement), self.desired(desired)
+
+    def state(self, given: ControllerState) -> None:
+        """Refuse a state that does not fit.
+
+        Raises:
+            InputError: it is that of another controller.
+        """
+        if (
+            given.__class__ is not ControllerState
+            or given.kinematic.value.shape != self._a_k
+            or given.dynamic.value.shape != self._a_d
+            or given.a_0.shape != self._a_d
+        ):
+            raise InputError("the state is that of another controller.", where="state")
 
     def measurement(self, given: Measurement) -> Measurement:
         """Return the measurement as arrays of floats.
