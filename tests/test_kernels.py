@@ -197,7 +197,7 @@ def test_law_algebra(m, m_p, p, rng, laid):
 
 
 @pytest.mark.parametrize(("m", "n"), [(2, 2), (3, 6), (6, 7)])
-def test_right_inverse_rate(m, n, rng, laid):
+def test_right_inverse_and_rate(m, n, rng, laid):
     """r of x = psi + J^T G (u - J psi) by differences, G damped by mu^2 that itself moves."""
     J, Jdot = laid(rng.standard_normal((m, n))), laid(rng.standard_normal((m, n)))
     u, ud = laid(rng.standard_normal((2, m)))
@@ -209,11 +209,13 @@ def test_right_inverse_rate(m, n, rng, laid):
         G = np.linalg.inv(J_t @ J_t.T + (mu_2 + t * damping_rate) * np.eye(m))
         return psi + t * psid + J_t.T @ G @ (u + t * ud - J_t @ (psi + t * psid))
 
-    G, rate = laid(np.linalg.inv(J @ J.T + mu_2 * np.eye(m))), filled(n)
-    linear_algebra.right_inverse_rate(J, G, u, psi, ud, psid, Jdot, damping_rate, rate)
+    G, x, rate = laid(np.linalg.inv(J @ J.T + mu_2 * np.eye(m))), filled(n), filled(n)
+    moving = ud, psid, Jdot, damping_rate
+    linear_algebra.right_inverse_and_rate(J, G, u, psi, *moving, x, rate)
+    assert close(x, solution(0.0))
     assert close(rate, (solution(h) - solution(-h)) / (2.0 * h), 1e-7)
-    linear_algebra.right_inverse_rate(J, G, u, NAN * psi, ud, psid, Jdot, damping_rate, rate)
-    assert np.isnan(rate).all()
+    linear_algebra.right_inverse_and_rate(J, G, u, NAN * psi, *moving, x, rate)
+    assert np.isnan(rate).all() and np.isnan(x).all()
 
 
 @pytest.mark.parametrize(("m", "n"), [(2, 2), (3, 6), (6, 7)])
@@ -236,11 +238,14 @@ def test_null_space_damping(m, n, rng, laid):
     assert close(torque, 1.0 - N @ (D * (N @ z)), 1e-9)
 
 
-def test_reference(rng, laid):
-    xd_d, dx, xdd_d, xd = (laid(row) for row in rng.standard_normal((4, 3)))
+@pytest.mark.parametrize("observed", [0, 2, 3])
+def test_reference(observed, rng, laid):
+    xd_d, dx, xdd_d, xd, dx_o = (laid(row) for row in rng.standard_normal((5, 3)))
+    dx_o[observed:] = 0.0
     u, ud = filled(3), filled(3)
-    feedback.reference(xd_d, dx, xdd_d, xd, 5.0, u, ud)
-    assert close(u, xd_d - 5.0 * dx) and close(ud, xdd_d - 5.0 * (xd - xd_d))
+    feedback.reference(xd_d, dx, xdd_d, xd, dx_o[:observed], 5.0, 7.0, u, ud)
+    assert close(u, xd_d - 5.0 * (dx + dx_o))
+    assert close(ud, xdd_d - 5.0 * (xd - xd_d - 7.0 * dx_o))
 
 
 @pytest.mark.parametrize("h", [1e-4, 1.0])

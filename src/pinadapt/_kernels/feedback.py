@@ -126,17 +126,26 @@ def subtract_task_force(
             torque[t] -= J[i, t] * force
 
 
-@compiled("void(f8[:], f8[:], f8[:], f8[:], f8, f8[:], f8[:])", fills=2)
+@compiled("void(f8[:], f8[:], f8[:], f8[:], f8[:], f8, f8, f8[:], f8[:])", fills=2)
 def reference(
     xd_d: np.ndarray,
     dx: np.ndarray,
     xdd_d: np.ndarray,
     xd: np.ndarray,
+    dx_o: np.ndarray,
     alpha: float,
+    beta: float,
     u: np.ndarray,
     ud: np.ndarray,
 ) -> None:
-    """Write u = xd_d - alpha dx and ud = xdd_d - alpha (xd - xd_d), both (m)."""
+    """Write u = xd_d - alpha (dx + dx_o) and ud = xdd_d - alpha (xd - xd_d - beta dx_o), both (m).
+
+    dx_o (m_p) may be shorter: zeros follow.
+    """
     for i in range(len(u)):
-        u[i] = xd_d[i] - alpha * dx[i]
-        ud[i] = xdd_d[i] - alpha * (xd[i] - xd_d[i])
+        error, rate = dx[i], xd[i] - xd_d[i]
+        if i < len(dx_o):
+            error += dx_o[i]
+            rate -= beta * dx_o[i]
+        u[i] = xd_d[i] - alpha * error
+        ud[i] = xdd_d[i] - alpha * rate

@@ -54,10 +54,11 @@ class Drive:
 
     def _product(self) -> np.ndarray:
         """Return Y^T e + W^T R r (p)."""
-        g = np.zeros(self.Y.shape[1]) if self.e is None else self.e.dot(self.Y)
+        tracking = None if self.e is None else self.e.dot(self.Y)
         if self.W is None or self.weight is None or self.residual is None:
-            return g
-        return np.asarray(g + self.weight.dot(self.residual).dot(self.W))
+            return np.zeros(self.Y.shape[1]) if tracking is None else tracking
+        prediction = self.weight.dot(self.residual).dot(self.W)
+        return prediction if tracking is None else tracking + prediction
 
     def without_tracking(self) -> Drive:
         """Return the prediction part alone."""

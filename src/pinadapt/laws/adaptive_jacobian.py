@@ -30,6 +30,7 @@ from .law import Believed, Command, Law, Truth
 from .posture import Posture
 
 Own = TypeVar("Own", bound="AdaptiveJacobian")
+_NOTHING = np.zeros(0)
 
 
 @dataclass(slots=True, eq=False)
@@ -141,12 +142,11 @@ class AdaptiveJacobian(Law):
         """Return qd_r = J_hat^+ u + N psi, u = xd_d - alpha dx, and its time derivative (n)."""
         assert s.xd is not None  # the controller refuses measurements without it
         u, ud = empty(s.dx.size), empty(s.dx.size)
-        kernels.reference(s.xd_d, s.dx, s.xdd_d, s.xd, self.alpha, u, ud)
+        kernels.reference(s.xd_d, s.dx, s.xdd_d, s.xd, _NOTHING, self.alpha, 0.0, u, ud)
         if s.delta is not None:
             ud -= self.alpha * s.delta
         psi = self._null_motion(s)
-        qdd_r = s.inverse.solve_rate(u, psi, ud, self.posture.velocity_rate(s.v), Jdot)
-        return s.inverse.solve(u, psi), qdd_r
+        return s.inverse.solve_with_rate(u, psi, ud, self.posture.velocity_rate(s.v), Jdot)
 
     def _reference_velocity(self, s: Signals) -> np.ndarray:
         """Return qd_r (n)."""

@@ -9,8 +9,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pinocchio as pin
+from numpy import empty
 
 from .._checks import definite_matrix
+from .._kernels import feedback as kernels
 from ..adaptation.drive import Drive, Drives
 from ..filters.position_observer import PositionObserver
 from ..models.typical_motion import TypicalMotion, unit_mass
@@ -131,22 +133,26 @@ class Separation(Law):
         """Return the law with another R, a number times the identity."""
         return replace(self, R_k=weight)
 
-    def _reference(self, s: Signals) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return u = xd_d - alpha (x_o - x_d) (m) and the null-space motion psi (n)."""
-        e_o = s.dx.copy()  # of a pose with the error of the orientation
-        e_o[: s.filtered.dx_o.size] += s.filtered.dx_o
-        psi = None if s.inverse.unique else self.posture.velocity(s.q)
-        return s.xd_d - self.alpha * e_o, psi
+    def _reference(self, s: Signals) -> tuple[np.ndarray, np.ndarray]:
+        """Return u = xd_d - alpha (x_o - x_d) (m) and du/dt: dx_o/dt is known, xd is not needed.
 
-    def _reference_rate(self, s: Signals) -> np.ndarray:
-        """Return du/dt (m): dx_o/dt is known, xd is not needed."""
-        ed_o = s.dxd_hat if s.delta is None else s.dxd_hat + s.delta
-        ed_o[: s.filtered.dx_o.size] -= self.beta * s.filtered.dx_o
-        return np.asarray(s.xdd_d - self.alpha * ed_o)
+        In the rows of an orientation its error stands for x_o - x_d.
+        """
+        u, ud = empty(s.dx.size), empty(s.dx.size)
+        kernels.reference(
+            s.xd_d, s.dx, s.xdd_d, s.xd_hat, s.filtered.dx_o, self.alpha, self.beta, u, ud
+        )
+        if s.delta is not None:
+            ud -= self.alpha * s.delta
+        return u, ud
+
+    def _null_motion(self, s: Signals) -> np.ndarray | None:
+        """Return psi (n), or None where there is no null space."""
+        return None if s.inverse.unique else self.posture.velocity(s.q)
 
     def _reference_error(self, s: Signals) -> np.ndarray:
         """Return s = qd - qd_r (n)."""
-        return np.asarray(s.v - s.inverse.solve(*self._reference(s)))
+        return np.asarray(s.v - s.inverse.solve(self._reference(s)[0], self._null_motion(s)))
 
     def command(self, s: Signals, believed: Believed) -> SeparationCommand:
         """Return Y a_d - K_D s, with the drives, which are known by then."""
@@ -154,9 +160,12 @@ class Separation(Law):
         W, residual = np.concatenate([s.Y_k[: dx_o.size], X_k]), np.concatenate([dx_o, epsilon])
         kinematic = Drive(s.Y_k, None, W, residual, self._weight)
         Jdot = believed.kinematics.jacobian_rate(believed.kinematic_rate(s, kinematic))
-        u, psi = self._reference(s)
-        qd_r, psi_d = s.inverse.solve(u, psi), self.posture.velocity_rate(s.v)
-        qdd_r = s.inverse.solve_rate(u, psi, self._reference_rate(s), psi_d, Jdot)
+        (u, ud), psi, psid = (
+            self._reference(s),
+            self._null_motion(s),
+            self.posture.velocity_rate(s.v),
+        )
+        qd_r, qdd_r = s.inverse.solve_with_rate(u, psi, ud, psid, Jdot)
         Y, feedforward = believed.dynamics.slotine_li(s.q, s.v, qd_r, qdd_r)
         error = s.v - qd_r
         drives = Drives(Drive(Y, error), kinematic)

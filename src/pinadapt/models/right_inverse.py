@@ -61,26 +61,28 @@ class RightInverse:
         kernels.right_inverse(self.J, self.gram_inverse, u, psi, solution)
         return solution
 
-    def solve_rate(
+    def solve_with_rate(
         self,
         u: np.ndarray,
         psi: np.ndarray | None,
         ud: np.ndarray,
         psid: np.ndarray,
         Jdot: np.ndarray,
-    ) -> np.ndarray:
-        """Return d/dt (n) of ``solve(u, psi)`` while u, psi and J move at ud, psid and Jdot.
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return r = ``solve(u, psi)`` and dr/dt (n) while u, psi, J move at ud, psid, Jdot.
 
-        With y = (J J^T + mu^2 I)^-1 (u - J psi), which makes the solution r = psi + J^T y, it is
+        With y = (J J^T + mu^2 I)^-1 (u - J psi), which makes r = psi + J^T y, the rate is
         J^+ (ud - Jdot r - y d(mu^2)/dt) + (I - J^+ J) (psid + Jdot^T y).
         """
         if psi is None:
-            return self.solve(ud - Jdot.dot(self.solve(u, psi)), None)
-        rate, damping_rate = empty(psi.size), self._damping_rate(Jdot) if self.damping else 0.0
-        kernels.right_inverse_rate(
-            self.J, self.gram_inverse, u, psi, ud, psid, Jdot, damping_rate, rate
+            r = self.solve(u, None)
+            return r, self.solve(ud - Jdot.dot(r), None)
+        r, rate = empty(psi.size), empty(psi.size)
+        damping_rate = self._damping_rate(Jdot) if self.damping else 0.0
+        kernels.right_inverse_and_rate(
+            self.J, self.gram_inverse, u, psi, ud, psid, Jdot, damping_rate, r, rate
         )
-        return rate
+        return r, rate
 
     def null(self, z: np.ndarray) -> np.ndarray:
         """Return (I - J^+ J) z (n); undamped, the orthogonal projection onto the null space."""
