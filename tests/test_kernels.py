@@ -238,6 +238,28 @@ def test_null_space_damping(m, n, rng, laid):
     assert close(torque, 1.0 - N @ (D * (N @ z)), 1e-9)
 
 
+@pytest.mark.parametrize("m", [2, 3])
+def test_observation_drive(m, rng, laid):
+    Y_k, X_k, R = (laid(rng.standard_normal(shape)) for shape in ((6, 4), (m, 4), (m, m)))
+    dx_o, epsilon = (laid(row) for row in rng.standard_normal((2, m)))
+    W, residual, gradient = filled(2 * m, 4), filled(2 * m), filled(4)
+    feedback.observation_drive(Y_k, dx_o, 0.7, X_k, epsilon, R, W, residual, gradient)
+    assert (np.vstack([Y_k[:m], X_k]) == W).all() and (np.append(dx_o, epsilon) == residual).all()
+    assert close(gradient, 0.7 * Y_k[:m].T @ dx_o + X_k.T @ (R @ epsilon))
+
+
+def test_posture_velocity(rng, laid):
+    (q, rest, v), psi, rate = map(laid, rng.standard_normal((3, 5))), filled(5), filled(5)
+    feedback.posture_velocity(q, rest, v, 4.0, psi, rate)
+    assert close(psi, -4.0 * (q - rest)) and close(rate, -4.0 * v)
+
+
+def test_carry(rng, laid):
+    (x_o, xd_hat, dx_o), after = map(laid, rng.standard_normal((3, 3))), filled(2)
+    filters.carry(x_o[:2], xd_hat, dx_o[:2], 7.0, 0.1, after)
+    assert close(after, (x_o + 0.1 * xd_hat - (1.0 - np.exp(-0.7)) * dx_o)[:2])
+
+
 @pytest.mark.parametrize("observed", [0, 2, 3])
 def test_reference(observed, rng, laid):
     xd_d, dx, xdd_d, xd, dx_o = (laid(row) for row in rng.standard_normal((5, 3)))

@@ -62,7 +62,7 @@ class Drive:
 
     def without_tracking(self) -> Drive:
         """Return the prediction part alone."""
-        return Drive(self.Y, None, self.W, self.residual, self.weight)
+        return self if self.e is None else Drive(self.Y, None, self.W, self.residual, self.weight)
 
     def columns(self, block: slice) -> Drive:
         """Return the drive of a block of the parameters."""

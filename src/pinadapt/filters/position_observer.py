@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy import empty
 
+from .._kernels import filters as kernels
 from ..exceptions import InputError
 from ..models.task_kinematics import TaskKinematics
 from ..records import Measurement
@@ -77,9 +78,9 @@ class PositionObserver(Filters):
 
     def step(self, state: ObserverState, s: Signals, dt: float) -> ObserverState:
         """Return the state after dt [s]."""
-        dx_o = s.filtered.dx_o
-        share = -math.expm1(-self.beta * dt)
-        return ObserverState(state.x_o + dt * s.xd_hat[: dx_o.size] - share * dx_o)
+        x_o = empty(state.x_o.size)
+        kernels.carry(state.x_o, s.xd_hat, s.filtered.dx_o, self.beta, dt, x_o)
+        return ObserverState(x_o)
 
     def rate(self, state: ObserverState, s: Signals) -> ObserverState:
         """Return dx_o/dt (m_p)."""

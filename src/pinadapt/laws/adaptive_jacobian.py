@@ -145,16 +145,12 @@ class AdaptiveJacobian(Law):
         kernels.reference(s.xd_d, s.dx, s.xdd_d, s.xd, _NOTHING, self.alpha, 0.0, u, ud)
         if s.delta is not None:
             ud -= self.alpha * s.delta
-        psi = self._null_motion(s)
-        return s.inverse.solve_with_rate(u, psi, ud, self.posture.velocity_rate(s.v), Jdot)
+        psi, psid = self.posture.null_motion(s)
+        return s.inverse.solve_with_rate(u, psi, ud, psid, Jdot)
 
     def _reference_velocity(self, s: Signals) -> np.ndarray:
         """Return qd_r (n)."""
-        return s.inverse.solve(s.xd_d - self.alpha * s.dx, self._null_motion(s))
-
-    def _null_motion(self, s: Signals) -> np.ndarray | None:
-        """Return psi (n), or None where there is no null space."""
-        return None if s.inverse.unique else self.posture.velocity(s.q)
+        return s.inverse.solve(s.xd_d - self.alpha * s.dx, self.posture.null_motion(s)[0])
 
     def command(self, s: Signals, believed: Believed) -> PassivityCommand:
         """Return the torque, with the drives, which are known by then."""

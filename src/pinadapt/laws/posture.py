@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
+from numpy import empty
 from numpy.typing import ArrayLike
 
 from .._checks import positive, vector
+from .._kernels import feedback as kernels
 from ..robot.robot import Robot
+from ..signals import Signals
 
 
 class Posture:
@@ -49,10 +52,10 @@ class Posture:
         """Return psi (n) = -2 w v - w^2 (q - q_rest) [rad/s^2 or m/s^2]."""
         return (-2.0 * self.frequency) * v - self.frequency**2 * self.offset(q)
 
-    def velocity(self, q: np.ndarray) -> np.ndarray:
-        """Return psi (n) = -w (q - q_rest) [rad/s or m/s]."""
-        return -self.frequency * self.offset(q)
-
-    def velocity_rate(self, v: np.ndarray) -> np.ndarray:
-        """Return the time derivative of ``velocity`` (n)."""
-        return -self.frequency * v
+    def null_motion(self, s: Signals) -> tuple[np.ndarray, np.ndarray] | tuple[None, None]:
+        """Return psi (n) = -w (q - q_rest) [rad/s or m/s] and its rate, None without null space."""
+        if s.inverse.unique:
+            return None, None
+        (q, rest), psi, psid = self.from_rest(s.q), empty(s.v.size), empty(s.v.size)
+        kernels.posture_velocity(q, rest, s.v, self.frequency, psi, psid)
+        return psi, psid

@@ -146,30 +146,30 @@ class Separation(Law):
             ud -= self.alpha * s.delta
         return u, ud
 
-    def _null_motion(self, s: Signals) -> np.ndarray | None:
-        """Return psi (n), or None where there is no null space."""
-        return None if s.inverse.unique else self.posture.velocity(s.q)
-
     def _reference_error(self, s: Signals) -> np.ndarray:
         """Return s = qd - qd_r (n)."""
-        return np.asarray(s.v - s.inverse.solve(self._reference(s)[0], self._null_motion(s)))
+        return np.asarray(
+            s.v - s.inverse.solve(self._reference(s)[0], self.posture.null_motion(s)[0])
+        )
 
     def command(self, s: Signals, believed: Believed) -> SeparationCommand:
         """Return Y a_d - K_D s, with the drives, which are known by then."""
-        dx_o, epsilon, X_k = s.filtered
-        W, residual = np.concatenate([s.Y_k[: dx_o.size], X_k]), np.concatenate([dx_o, epsilon])
-        kinematic = Drive(s.Y_k, None, W, residual, self._weight)
+        kinematic = self._kinematic_drive(s)
         Jdot = believed.kinematics.jacobian_rate(believed.kinematic_rate(s, kinematic))
-        (u, ud), psi, psid = (
-            self._reference(s),
-            self._null_motion(s),
-            self.posture.velocity_rate(s.v),
-        )
+        (u, ud), (psi, psid) = self._reference(s), self.posture.null_motion(s)
         qd_r, qdd_r = s.inverse.solve_with_rate(u, psi, ud, psid, Jdot)
         Y, feedforward = believed.dynamics.slotine_li(s.q, s.v, qd_r, qdd_r)
         error = s.v - qd_r
         drives = Drives(Drive(Y, error), kinematic)
         return SeparationCommand(feedforward - self.K_v.dot(error), None, drives)
+
+    def _kinematic_drive(self, s: Signals) -> Drive:
+        """Return the drive of g_k = c Y_k^T dx_o + X_k^T R epsilon."""
+        dx_o, epsilon, X_k = s.filtered
+        m, p = X_k.shape
+        W, residual, g_k = empty((2 * m, p)), empty(2 * m), empty(p)
+        kernels.observation_drive(s.Y_k, dx_o, self.c, X_k, epsilon, self.R_k, W, residual, g_k)
+        return Drive(s.Y_k, None, W, residual, self._weight, g_k)
 
     def drives(
         self, s: Signals, believed: Believed, command: SeparationCommand, a: np.ndarray

@@ -66,7 +66,7 @@ class RightInverse:
         u: np.ndarray,
         psi: np.ndarray | None,
         ud: np.ndarray,
-        psid: np.ndarray,
+        psid: np.ndarray | None,
         Jdot: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return r = ``solve(u, psi)`` and dr/dt (n) while u, psi, J move at ud, psid, Jdot.
@@ -74,7 +74,7 @@ class RightInverse:
         With y = (J J^T + mu^2 I)^-1 (u - J psi), which makes r = psi + J^T y, the rate is
         J^+ (ud - Jdot r - y d(mu^2)/dt) + (I - J^+ J) (psid + Jdot^T y).
         """
-        if psi is None:
+        if psi is None or psid is None:
             r = self.solve(u, None)
             return r, self.solve(ud - Jdot.dot(r), None)
         r, rate = empty(psi.size), empty(psi.size)
