@@ -386,14 +386,11 @@ def test_live_arrays_move_with_the_data(rng):
 
 
 def test_translations(rng, laid):
-    a_k, B, offsets = (
-        laid(rng.standard_normal(4)),
-        laid(rng.standard_normal((3, 4))),
-        np.ones((2, 3)),
-    )
-    translations = filled(2, 3)
-    models.place(a_k, np.array([0, 0, 1, 1]), B, laid(offsets), translations)
-    assert close(translations, 1.0 + np.stack([B[:, :2] @ a_k[:2], B[:, 2:] @ a_k[2:]]))
+    theta, B, offset = (laid(rng.standard_normal(shape)) for shape in (4, (3, 2), 3))
+    for first in range(3):
+        translation = filled(3)
+        models.place(theta, first, B, offset, translation)
+        assert close(translation, offset + B @ theta[first : first + 2])
 
 
 def test_columns(rng, laid):

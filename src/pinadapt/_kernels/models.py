@@ -29,20 +29,20 @@ def take(pi: np.ndarray, ballast: np.ndarray, tens: np.ndarray) -> float:
     return c
 
 
-@compiled("void(f8[:], i8[:], f8[:,:], f8[:,:], f8[:,:])")
+@compiled("void(f8[:], i8, f8[:,:], f8[:], f8[:])")
 def place(
-    a_k: np.ndarray,
-    part: np.ndarray,
+    theta: np.ndarray,
+    first: int,
     directions: np.ndarray,
-    offsets: np.ndarray,
-    translations: np.ndarray,
+    offset: np.ndarray,
+    translation: np.ndarray,
 ) -> None:
-    """Write translations (k, 3): each part's offset, and a_k (p) times its directions (3, p)."""
+    """Write offset + directions theta[first : first + k] (3), directions (3, k)."""
     for i in range(3):
-        for k in range(len(offsets)):
-            translations[k, i] = offsets[k, i]
-        for j in range(len(a_k)):
-            translations[part[j], i] += directions[i, j] * a_k[j]
+        x = offset[i]
+        for j in range(directions.shape[1]):
+            x += directions[i, j] * theta[first + j]
+        translation[i] = x
 
 
 @compiled(
