@@ -254,6 +254,19 @@ def test_posture_velocity(rng, laid):
     assert close(psi, -4.0 * (q - rest)) and close(rate, -4.0 * v)
 
 
+def test_damping(rng, laid):
+    feedforward, error = map(laid, rng.standard_normal((2, 5)))
+    K_D, torque = laid(rng.standard_normal((5, 5))), filled(5)
+    feedback.subtract_damping(feedforward, K_D, error, torque)
+    assert close(torque, feedforward - K_D @ error)
+
+
+def test_polarisation(rng, laid):
+    (v, v_r), mean, half = map(laid, rng.standard_normal((2, 5))), filled(5), filled(5)
+    models.polarise(v, v_r, mean, half)
+    assert close(mean + half, v) and close(mean - half, v_r)
+
+
 def test_carry(rng, laid):
     (x_o, xd_hat, dx_o), after = map(laid, rng.standard_normal((3, 3))), filled(2)
     filters.carry(x_o[:2], xd_hat, dx_o[:2], 7.0, 0.1, after)

@@ -168,6 +168,17 @@ def posture_velocity(
         rate[t] = -w * qd[t]
 
 
+@compiled("void(f8[:], f8[:,:], f8[:], f8[:])")
+def subtract_damping(
+    feedforward: np.ndarray, K_D: np.ndarray, error: np.ndarray, torque: np.ndarray
+) -> None:
+    """Write feedforward - K_D error (n)."""
+    for i in range(len(torque)):
+        torque[i] = feedforward[i]
+        for t in range(len(error)):
+            torque[i] -= K_D[i, t] * error[t]
+
+
 @compiled("void(f8[:], f8[:], f8[:], f8[:], f8[:], f8, f8, f8[:], f8[:])", fills=2)
 def reference(
     xd_d: np.ndarray,

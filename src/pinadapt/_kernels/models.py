@@ -82,6 +82,14 @@ def task_velocity(
             Y_k[i, j] = R[k, i, 0] * x + R[k, i, 1] * y + R[k, i, 2] * z
 
 
+@compiled("void(f8[:], f8[:], f8[:], f8[:])", fills=2)
+def polarise(v: np.ndarray, v_r: np.ndarray, mean: np.ndarray, half: np.ndarray) -> None:
+    """Write (v + v_r) / 2 and (v - v_r) / 2 (n)."""
+    for t in range(len(mean)):
+        mean[t] = 0.5 * (v[t] + v_r[t])
+        half[t] = 0.5 * (v[t] - v_r[t])
+
+
 @compiled("void(f8[:,:], i8[:], f8[:,:])")
 def take_columns(Y: np.ndarray, columns: np.ndarray, chosen: np.ndarray) -> None:
     """Write the columns (p) of Y (n, 10 n) side by side (n, p)."""

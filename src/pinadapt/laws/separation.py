@@ -159,9 +159,9 @@ class Separation(Law):
         (u, ud), (psi, psid) = self._reference(s), self.posture.null_motion(s)
         qd_r, qdd_r = s.inverse.solve_with_rate(u, psi, ud, psid, Jdot)
         Y, feedforward = believed.dynamics.slotine_li(s.q, s.v, qd_r, qdd_r)
-        error = s.v - qd_r
-        drives = Drives(Drive(Y, error), kinematic)
-        return SeparationCommand(feedforward - self.K_v.dot(error), None, drives)
+        error, torque = s.v - qd_r, empty(qd_r.size)
+        kernels.subtract_damping(feedforward, self.K_v, error, torque)
+        return SeparationCommand(torque, None, Drives(Drive(Y, error), kinematic))
 
     def _kinematic_drive(self, s: Signals) -> Drive:
         """Return the drive of g_k = c Y_k^T dx_o + X_k^T R epsilon."""
