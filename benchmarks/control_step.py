@@ -23,6 +23,7 @@ import pinadapt as pa
 from .timing import HERE, in_turn, save, saved
 
 PLANAR = HERE.parent / "robots" / "planar_2r"
+LAW = "adaptive-inverse-dynamics"
 ROUNDS = 3000
 Call = Callable[[], object]
 
@@ -31,10 +32,11 @@ def controller(name: str) -> tuple[pa.Robot, pa.Controller]:
     """Return a robot and its controller: tool and bodies unknown, the planar arm in a basis."""
     robot = pa.load(name)
     if name != "planar_2r":
-        return robot, pa.make_controller(robot, kinematic=["tool"], dynamic="all")
+        return robot, pa.make_controller(robot, law=LAW, kinematic=["tool"], dynamic="all")
     basis = np.loadtxt(PLANAR / "basis.csv", delimiter=",")
     return robot, pa.make_controller(
         robot,
+        law=LAW,
         kinematic=["lengths"],
         basis=basis,
         lmi=pa.MatrixInequality.from_file(PLANAR / "lmi.csv"),

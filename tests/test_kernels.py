@@ -1,5 +1,6 @@
 """Every kernel against an independent formula, on whatever memory layout; NaN comes through."""
 
+import pickle
 import subprocess
 import sys
 
@@ -13,6 +14,7 @@ from pinadapt._kernels import (
     adaptation,
     feedback,
     filters,
+    inputs,
     joints,
     linear_algebra,
     models,
@@ -64,6 +66,22 @@ def test_kernels_have_one_specialisation_each():
         assert len(dispatcher.signatures) == 1 and dispatcher.__doc__
 
 
+def test_kernels_hold_no_array_and_take_nothing_else(rng):
+    a, low, high = rng.standard_normal(3), -np.full(3, 9.0), np.full(3, 9.0)
+    before = [sys.getrefcount(x) for x in (a, low, high)]
+    assert all(adaptation.inside(a, low, high) for _ in range(3))
+    assert [sys.getrefcount(x) for x in (a, low, high)] == before
+    others = [1.0, 2.0, 3.0], a[:, None], a.astype(np.float32), a.astype(np.int64), a.astype(">f8")
+    for wrong in (None, 1.0, *others):
+        with pytest.raises(TypeError):
+            adaptation.inside(wrong, low, high)
+        with pytest.raises(TypeError):
+            adaptation.inside(a, low, wrong)
+    alike = a.view(type("Own", (np.ndarray,), {})), pickle.loads(pickle.dumps(a))
+    for right in (*alike, a):
+        assert adaptation.inside(right, low, high) and not adaptation.inside(high, low, right)
+
+
 def cones():
     panda = pa.load("panda")
     bodies = pa.make_controller(panda)
@@ -101,6 +119,15 @@ def test_descent(rng, laid):
     assert close(after, a - 0.1 * Gamma @ g)
     adaptation.descend(a, NAN * g, Gamma, 0.1, after)
     assert np.isnan(after).all()
+
+
+def test_fit():
+    sizes = np.array([20, 2, 8, 7, 5, 3])
+    right = [np.zeros(k) for k in (20, 20, 2, 8, 7, 5, 5, 3, 3)]
+    assert inputs.fit(*right, sizes)
+    for i, array in enumerate(right):
+        for other in (np.zeros(array.size + 1), array[1:]):
+            assert not inputs.fit(*right[:i], other, *right[i + 1 :], sizes)
 
 
 def test_inside(rng):
@@ -170,7 +197,7 @@ def test_law_algebra(m, m_p, p, rng, laid):
 
 
 @pytest.mark.parametrize(("m", "n"), [(2, 2), (3, 6), (6, 7)])
-def test_right_inverse_rate(m, n, rng, laid):
+def test_right_inverse_and_rate(m, n, rng, laid):
     """r of x = psi + J^T G (u - J psi) by differences, G damped by mu^2 that itself moves."""
     J, Jdot = laid(rng.standard_normal((m, n))), laid(rng.standard_normal((m, n)))
     u, ud = laid(rng.standard_normal((2, m)))
@@ -182,11 +209,13 @@ def test_right_inverse_rate(m, n, rng, laid):
         G = np.linalg.inv(J_t @ J_t.T + (mu_2 + t * damping_rate) * np.eye(m))
         return psi + t * psid + J_t.T @ G @ (u + t * ud - J_t @ (psi + t * psid))
 
-    G, rate = laid(np.linalg.inv(J @ J.T + mu_2 * np.eye(m))), filled(n)
-    linear_algebra.right_inverse_rate(J, G, u, psi, ud, psid, Jdot, damping_rate, rate)
+    G, x, rate = laid(np.linalg.inv(J @ J.T + mu_2 * np.eye(m))), filled(n), filled(n)
+    moving = ud, psid, Jdot, damping_rate
+    linear_algebra.right_inverse_and_rate(J, G, u, psi, *moving, x, rate)
+    assert close(x, solution(0.0))
     assert close(rate, (solution(h) - solution(-h)) / (2.0 * h), 1e-7)
-    linear_algebra.right_inverse_rate(J, G, u, NAN * psi, ud, psid, Jdot, damping_rate, rate)
-    assert np.isnan(rate).all()
+    linear_algebra.right_inverse_and_rate(J, G, u, NAN * psi, *moving, x, rate)
+    assert np.isnan(rate).all() and np.isnan(x).all()
 
 
 @pytest.mark.parametrize(("m", "n"), [(2, 2), (3, 6), (6, 7)])
@@ -209,11 +238,49 @@ def test_null_space_damping(m, n, rng, laid):
     assert close(torque, 1.0 - N @ (D * (N @ z)), 1e-9)
 
 
-def test_reference(rng, laid):
-    xd_d, dx, xdd_d, xd = (laid(row) for row in rng.standard_normal((4, 3)))
+@pytest.mark.parametrize("m", [2, 3])
+def test_observation_drive(m, rng, laid):
+    Y_k, X_k, R = (laid(rng.standard_normal(shape)) for shape in ((6, 4), (m, 4), (m, m)))
+    dx_o, epsilon = (laid(row) for row in rng.standard_normal((2, m)))
+    W, residual, gradient = filled(2 * m, 4), filled(2 * m), filled(4)
+    feedback.observation_drive(Y_k, dx_o, 0.7, X_k, epsilon, R, W, residual, gradient)
+    assert (np.vstack([Y_k[:m], X_k]) == W).all() and (np.append(dx_o, epsilon) == residual).all()
+    assert close(gradient, 0.7 * Y_k[:m].T @ dx_o + X_k.T @ (R @ epsilon))
+
+
+def test_posture_velocity(rng, laid):
+    (q, rest, v), psi, rate = map(laid, rng.standard_normal((3, 5))), filled(5), filled(5)
+    feedback.posture_velocity(q, rest, v, 4.0, psi, rate)
+    assert close(psi, -4.0 * (q - rest)) and close(rate, -4.0 * v)
+
+
+def test_damping(rng, laid):
+    feedforward, error = map(laid, rng.standard_normal((2, 5)))
+    K_D, torque = laid(rng.standard_normal((5, 5))), filled(5)
+    feedback.subtract_damping(feedforward, K_D, error, torque)
+    assert close(torque, feedforward - K_D @ error)
+
+
+def test_polarisation(rng, laid):
+    (v, v_r), mean, half = map(laid, rng.standard_normal((2, 5))), filled(5), filled(5)
+    models.polarise(v, v_r, mean, half)
+    assert close(mean + half, v) and close(mean - half, v_r)
+
+
+def test_carry(rng, laid):
+    (x_o, xd_hat, dx_o), after = map(laid, rng.standard_normal((3, 3))), filled(2)
+    filters.carry(x_o[:2], xd_hat, dx_o[:2], 7.0, 0.1, after)
+    assert close(after, (x_o + 0.1 * xd_hat - (1.0 - np.exp(-0.7)) * dx_o)[:2])
+
+
+@pytest.mark.parametrize("observed", [0, 2, 3])
+def test_reference(observed, rng, laid):
+    xd_d, dx, xdd_d, xd, dx_o = (laid(row) for row in rng.standard_normal((5, 3)))
+    dx_o[observed:] = 0.0
     u, ud = filled(3), filled(3)
-    feedback.reference(xd_d, dx, xdd_d, xd, 5.0, u, ud)
-    assert close(u, xd_d - 5.0 * dx) and close(ud, xdd_d - 5.0 * (xd - xd_d))
+    feedback.reference(xd_d, dx, xdd_d, xd, dx_o[:observed], 5.0, 7.0, u, ud)
+    assert close(u, xd_d - 5.0 * (dx + dx_o))
+    assert close(ud, xdd_d - 5.0 * (xd - xd_d - 7.0 * dx_o))
 
 
 @pytest.mark.parametrize("h", [1e-4, 1.0])
@@ -332,14 +399,11 @@ def test_live_arrays_move_with_the_data(rng):
 
 
 def test_translations(rng, laid):
-    a_k, B, offsets = (
-        laid(rng.standard_normal(4)),
-        laid(rng.standard_normal((3, 4))),
-        np.ones((2, 3)),
-    )
-    translations = filled(2, 3)
-    models.place(a_k, np.array([0, 0, 1, 1]), B, laid(offsets), translations)
-    assert close(translations, 1.0 + np.stack([B[:, :2] @ a_k[:2], B[:, 2:] @ a_k[2:]]))
+    theta, B, offset = (laid(rng.standard_normal(shape)) for shape in (4, (3, 2), 3))
+    for first in range(3):
+        translation = filled(3)
+        models.place(theta, first, B, offset, translation)
+        assert close(translation, offset + B @ theta[first : first + 2])
 
 
 def test_columns(rng, laid):

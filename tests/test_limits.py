@@ -85,7 +85,8 @@ def test_the_rate_of_the_solution_is_its_derivative(shape, smallest):
     def at(t):
         return RightInverse(J + t * Jdot, s_0).solve(u + t * ud, None if unique else psi + t * psid)
 
-    rate = RightInverse(J, s_0).solve_rate(u, None if unique else psi, ud, psid, Jdot)
+    r, rate = RightInverse(J, s_0).solve_with_rate(u, None if unique else psi, ud, psid, Jdot)
+    assert np.allclose(r, at(0.0), rtol=1e-12)
     assert np.allclose(derivative(at, h=1e-5), rate, rtol=1e-4, atol=1e-4 * np.abs(rate).max())
 
 

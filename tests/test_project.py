@@ -23,7 +23,8 @@ def module_of(path):
 
 # A folder, or a file beside the folders, may import those of the layers before its own, and itself.
 LAYERS = [
-    {"exceptions", "_compiled", "_version"},
+    {"exceptions", "_borrowed", "_version"},
+    {"_compiled"},
     {"_checks", "_kernels", "_toml"},
     {"records", "sensing", "tasks"},
     {"trajectories"},

@@ -54,13 +54,17 @@ def _machine_code(function: Callable[..., Any], signature: str, fills: int) -> A
     from numba import njit, types  # here, because most imports need no compiler
     from numba.core.sigutils import normalize_signature
 
+    from ._borrowed import Borrowed
+
     arguments, result = normalize_signature(signature)
     read = len(arguments) - fills
-    arrays = [
-        kind.copy(readonly=True) if isinstance(kind, types.Array) else kind
-        for kind in arguments[:read]
+    kinds = [
+        Borrowed(kind.dtype, kind.ndim, kind.layout, readonly=i < read)
+        if isinstance(kind, types.Array)
+        else kind
+        for i, kind in enumerate(arguments)
     ]
-    typed = result(*arrays, *arguments[read:])
+    typed = result(*kinds)
     try:
         return njit(typed, cache=True, error_model="numpy")(function)
     except Exception:  # a cache that cannot be written, or a damaged one: any error of unpickling

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -10,12 +11,15 @@ from .adaptation.drive import Estimate
 from .models.right_inverse import RightInverse
 from .models.sight import Sensed
 
+_NOTHING = Sensed()
 
-class Signals(NamedTuple):
+
+@dataclass(slots=True, eq=False)
+class Signals:
     """Everything a law may see at one instant; m task coordinates, n joints, m_p positions.
 
-    Immutable, and its arrays belong to this instant for good: no later one changes them. They are
-    not to be written to.
+    Its arrays belong to this instant for good: no later one changes them. Nothing here is to be
+    written to.
 
     Attributes:
         t: time [s].
@@ -62,7 +66,7 @@ class Signals(NamedTuple):
     inverse: RightInverse
     filtered: Any
     adapting: bool = True
-    sensed: Sensed = Sensed()
+    sensed: Sensed = _NOTHING
     epsilon: np.ndarray | None = None
     X_k: np.ndarray | None = None
 

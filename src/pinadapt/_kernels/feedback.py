@@ -125,17 +125,69 @@ def subtract_task_force(
             torque[t] -= J[i, t] * force
 
 
-@compiled("void(f8[:], f8[:], f8[:], f8[:], f8, f8[:], f8[:])", fills=2)
+@compiled(
+    "void(f8[:,:], f8[:], f8, f8[:,:], f8[:], f8[:,:], f8[:,:], f8[:], f8[:])",
+    fills=3,
+)
+def observation_drive(
+    Y_k: np.ndarray,
+    dx_o: np.ndarray,
+    c: float,
+    X_k: np.ndarray,
+    epsilon: np.ndarray,
+    R: np.ndarray,
+    W: np.ndarray,
+    residual: np.ndarray,
+    gradient: np.ndarray,
+) -> None:
+    """Write W = [Y_p; X_k] (2 m_p, p), residual = (dx_o, epsilon) and the gradient (p).
+
+    Y_p are the first m_p rows of Y_k, and the gradient is c Y_p^T dx_o + X_k^T R epsilon.
+    """
+    m = len(dx_o)
+    for j in range(len(gradient)):
+        gradient[j] = 0.0
+    for i in range(m):
+        residual[i], residual[m + i] = dx_o[i], epsilon[i]
+        x = 0.0
+        for t in range(m):
+            x += R[i, t] * epsilon[t]
+        for j in range(len(gradient)):
+            W[i, j], W[m + i, j] = Y_k[i, j], X_k[i, j]
+            gradient[j] += c * Y_k[i, j] * dx_o[i] + X_k[i, j] * x
+
+
+@compiled("void(f8[:], f8[:,:], f8[:], f8[:])")
+def subtract_damping(
+    feedforward: np.ndarray, K_D: np.ndarray, error: np.ndarray, torque: np.ndarray
+) -> None:
+    """Write feedforward - K_D error (n)."""
+    for i in range(len(torque)):
+        torque[i] = feedforward[i]
+        for t in range(len(error)):
+            torque[i] -= K_D[i, t] * error[t]
+
+
+@compiled("void(f8[:], f8[:], f8[:], f8[:], f8[:], f8, f8, f8[:], f8[:])", fills=2)
 def reference(
     xd_d: np.ndarray,
     dx: np.ndarray,
     xdd_d: np.ndarray,
     xd: np.ndarray,
+    dx_o: np.ndarray,
     alpha: float,
+    beta: float,
     u: np.ndarray,
     ud: np.ndarray,
 ) -> None:
-    """Write u = xd_d - alpha dx and ud = xdd_d - alpha (xd - xd_d), both (m)."""
+    """Write u = xd_d - alpha (dx + dx_o) and ud = xdd_d - alpha (xd - xd_d - beta dx_o), both (m).
+
+    dx_o (m_p) may be shorter: zeros follow.
+    """
     for i in range(len(u)):
-        u[i] = xd_d[i] - alpha * dx[i]
-        ud[i] = xdd_d[i] - alpha * (xd[i] - xd_d[i])
+        error, rate = dx[i], xd[i] - xd_d[i]
+        if i < len(dx_o):
+            error += dx_o[i]
+            rate -= beta * dx_o[i]
+        u[i] = xd_d[i] - alpha * error
+        ud[i] = xdd_d[i] - alpha * rate

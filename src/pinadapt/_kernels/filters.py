@@ -27,6 +27,21 @@ def filtered_rates(
         a[i] = bandwidth_a * (v[i] - memory[m + i])
 
 
+@compiled("void(f8[:], f8[:], f8[:], f8, f8, f8[:])")
+def carry(
+    x_o: np.ndarray,
+    xd_hat: np.ndarray,
+    dx_o: np.ndarray,
+    bandwidth: float,
+    dt: float,
+    after: np.ndarray,
+) -> None:
+    """Write x_o + dt xd_hat - (1 - exp(-bandwidth dt)) dx_o (m_p)."""
+    share = -math.expm1(-bandwidth * dt)
+    for i in range(len(x_o)):
+        after[i] = x_o[i] + dt * xd_hat[i] - share * dx_o[i]
+
+
 @compiled(
     "void(f8[:,:], f8[:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8, f8, f8, f8[:,:], f8[:])",
     fills=2,

@@ -115,8 +115,8 @@ def right_inverse(
             solution[t] += J[i, t] * x
 
 
-@compiled("void(f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8[:,:], f8, f8[:])")
-def right_inverse_rate(
+@compiled("void(f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8[:,:], f8, f8[:], f8[:])", fills=2)
+def right_inverse_and_rate(
     J: np.ndarray,
     gram_inverse: np.ndarray,
     u: np.ndarray,
@@ -125,14 +125,15 @@ def right_inverse_rate(
     psid: np.ndarray,
     Jdot: np.ndarray,
     damping_rate: float,
+    x: np.ndarray,
     rate: np.ndarray,
 ) -> None:
-    """Write r = psid + Jdot^T y + J^T G (ud - Jdot x - damping_rate y - J (psid + Jdot^T y)) (n).
+    """Write x = psi + J^T y (n), y = G (u - J psi) (m), and its derivative (n).
 
-    y = G (u - J psi) (m) and x = psi + J^T y (n).
+    It is psid + Jdot^T y + J^T G (ud - Jdot x - damping_rate y - J (psid + Jdot^T y)).
     """
     m, n = J.shape
-    missed, y, x = np.empty(m), np.empty(m), np.empty(n)
+    missed, y = np.empty(m), np.empty(m)
     for i in range(m):
         missed[i] = u[i]
         for t in range(n):

@@ -29,20 +29,20 @@ def take(pi: np.ndarray, ballast: np.ndarray, tens: np.ndarray) -> float:
     return c
 
 
-@compiled("void(f8[:], i8[:], f8[:,:], f8[:,:], f8[:,:])")
+@compiled("void(f8[:], i8, f8[:,:], f8[:], f8[:])")
 def place(
-    a_k: np.ndarray,
-    part: np.ndarray,
+    theta: np.ndarray,
+    first: int,
     directions: np.ndarray,
-    offsets: np.ndarray,
-    translations: np.ndarray,
+    offset: np.ndarray,
+    translation: np.ndarray,
 ) -> None:
-    """Write translations (k, 3): each part's offset, and a_k (p) times its directions (3, p)."""
+    """Write offset + directions theta[first : first + k] (3), directions (3, k)."""
     for i in range(3):
-        for k in range(len(offsets)):
-            translations[k, i] = offsets[k, i]
-        for j in range(len(a_k)):
-            translations[part[j], i] += directions[i, j] * a_k[j]
+        x = offset[i]
+        for j in range(directions.shape[1]):
+            x += directions[i, j] * theta[first + j]
+        translation[i] = x
 
 
 @compiled(
@@ -80,6 +80,14 @@ def task_velocity(
             Y_k[i, j] = 0.0
         for i in range(R.shape[1]):
             Y_k[i, j] = R[k, i, 0] * x + R[k, i, 1] * y + R[k, i, 2] * z
+
+
+@compiled("void(f8[:], f8[:], f8[:], f8[:])", fills=2)
+def polarise(v: np.ndarray, v_r: np.ndarray, mean: np.ndarray, half: np.ndarray) -> None:
+    """Write (v + v_r) / 2 and (v - v_r) / 2 (n)."""
+    for t in range(len(mean)):
+        mean[t] = 0.5 * (v[t] + v_r[t])
+        half[t] = 0.5 * (v[t] - v_r[t])
 
 
 @compiled("void(f8[:,:], i8[:], f8[:,:])")

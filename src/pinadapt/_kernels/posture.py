@@ -23,19 +23,21 @@ def posture_offset(
         offset[i] = d + 2.0 * e * abs(e) / margin[i]
 
 
-@compiled("void(f8[:], f8[:], f8[:], f8, f8[:], f8[:], f8[:], f8[:])")
-def posture_rate(
+@compiled("void(f8[:], f8[:], f8[:], f8, f8[:], f8[:], f8[:], f8[:], f8[:])", fills=2)
+def posture_velocity(
     q: np.ndarray,
     rest: np.ndarray,
     v: np.ndarray,
-    frequency: float,
+    w: float,
     low: np.ndarray,
     high: np.ndarray,
     margin: np.ndarray,
+    psi: np.ndarray,
     rate: np.ndarray,
 ) -> None:
-    """Write -w (1 + 4 |e| / margin) v (n), the rate of -w times ``posture_offset``."""
-    for i in range(len(rate)):
+    """Write psi = -w ``posture_offset`` and its rate -w (1 + 4 |e| / margin) v, both (n)."""
+    for i in range(len(v)):
         d = q[i] - rest[i]
         e = max(d - high[i], 0.0) + min(d - low[i], 0.0)
-        rate[i] = -frequency * (1.0 + 4.0 * abs(e) / margin[i]) * v[i]
+        psi[i] = -w * (d + 2.0 * e * abs(e) / margin[i])
+        rate[i] = -w * (1.0 + 4.0 * abs(e) / margin[i]) * v[i]

@@ -33,9 +33,10 @@ class Drive:
         W: (l, p) regressor of the prediction, or None for no prediction.
         residual: (l) predicted minus measured, r.
         weight: (l, l) R.
+        gradient: (p) g = Y^T e + W^T R r.
     """
 
-    __slots__ = ("W", "Y", "_gradient", "e", "residual", "weight")
+    __slots__ = ("W", "Y", "e", "gradient", "residual", "weight")
 
     def __init__(
         self,
@@ -49,21 +50,19 @@ class Drive:
         """Take the parts, and their gradient where it is known already."""
         self.Y, self.e = Y, e
         self.W, self.residual, self.weight = W, residual, weight
-        self._gradient = gradient
+        self.gradient = self._product() if gradient is None else gradient
 
-    @property
-    def gradient(self) -> np.ndarray:
-        """Return g (p) = Y^T e + W^T R r."""
-        if self._gradient is None:
-            g = np.zeros(self.Y.shape[1]) if self.e is None else self.e.dot(self.Y)
-            if self.W is not None and self.weight is not None and self.residual is not None:
-                g = g + self.weight.dot(self.residual).dot(self.W)
-            self._gradient = g
-        return self._gradient
+    def _product(self) -> np.ndarray:
+        """Return Y^T e + W^T R r (p)."""
+        tracking = None if self.e is None else self.e.dot(self.Y)
+        if self.W is None or self.weight is None or self.residual is None:
+            return np.zeros(self.Y.shape[1]) if tracking is None else tracking
+        prediction = self.weight.dot(self.residual).dot(self.W)
+        return prediction if tracking is None else tracking + prediction
 
     def without_tracking(self) -> Drive:
         """Return the prediction part alone."""
-        return Drive(self.Y, None, self.W, self.residual, self.weight)
+        return self if self.e is None else Drive(self.Y, None, self.W, self.residual, self.weight)
 
     def columns(self, block: slice) -> Drive:
         """Return the drive of a block of the parameters."""

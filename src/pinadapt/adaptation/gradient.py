@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy import empty
 from numpy.typing import ArrayLike
 
 from .._checks import definite_matrix
@@ -37,7 +38,7 @@ class Gradient(Adaptation):
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
         a = estimate.value
-        after = np.empty(a.size)
+        after = empty(a.size)
         kernels.descend(a, drive.gradient, self.Gamma, dt, after)
         return Estimate(after)
 

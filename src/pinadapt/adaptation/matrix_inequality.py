@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from numpy import empty
 from numpy.typing import ArrayLike
 
 from .._kernels import adaptation as kernels
@@ -123,7 +124,7 @@ class MatrixInequality:
 
         The step is cut where it is longer than ``LARGEST_STEP`` in the log-det metric.
         """
-        after = np.empty(a.size)
+        after = empty(a.size)
         kernels.follow_geodesic(a, g, h, *self.tables, after)
         return after
 
@@ -163,7 +164,7 @@ class BodyInequality(MatrixInequality):
 
     def follow_geodesic(self, a: np.ndarray, g: np.ndarray, h: float) -> np.ndarray:
         """Return the parameters (10 k) of P+ = exp(-h P L) P, by the explicit form of P and L."""
-        after = np.empty(a.size)
+        after = empty(a.size)
         kernels.follow_geodesic_of_bodies(a, g, h, after)
         return after
 

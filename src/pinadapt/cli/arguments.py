@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from .._version import __version__
-from ..laws import LAWS
+from ..laws import DEFAULT, LAWS
 
 
 def parser() -> argparse.ArgumentParser:
@@ -78,7 +78,7 @@ def _zoo(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--law",
         choices=[name for name, law in LAWS.items() if law.adapts and not law.joint_space],
-        default="adaptive-jacobian",
+        default=DEFAULT,
         metavar="NAME",
         help="one that adapts: %(choices)s (default: %(default)s)",
     )

@@ -307,7 +307,7 @@ class Controller:
             DivergedError: they are not finite, or the estimates are larger than any robot's.
         """
         size = kernels.size_of_estimates(a_d, a_k, torque)
-        if not math.isfinite(size):
+        if not size < math.inf:
             raise DivergedError("the torque or the estimates are no longer finite.")
         if size > self.limits.estimate**2:
             raise DivergedError(

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from .._kernels import inputs as kernels
 from ..exceptions import InputError, MeasurementError
 from ..models.task_kinematics import TaskKinematics
 from ..records import Desired, Measurement
@@ -19,8 +20,8 @@ _LATEST = 10.0  # periods that one step may bridge
 class InputCheck:
     """Sizes, types and states that fit one controller.
 
-    Arrays of native floats and the right shape pass as they are, at the cost of a few comparisons
-    in one expression; others are converted, or refused by name. Whether numbers are finite is left
+    Arrays of native floats and the right shape pass as they are, at the cost of one expression;
+    others are converted, or refused by name. Whether numbers are finite is left
     to ``finite``, which is asked when a result is not.
     """
 
@@ -31,6 +32,8 @@ class InputCheck:
         self._q, self._v = (kinematics.nq,), (kinematics.nv,)
         self._x, self._m = (task.coordinates,), (task.size,)
         self._a_k, self._a_d = (kinematics.size,), (dynamic_size,)
+        sizes = self._a_d, self._a_k, self._q, self._v, self._x, self._m
+        self._sizes = np.array(sizes, dtype=np.int64).ravel()
 
     def sample(
         self, state: ControllerState, measurement: Measurement, desired: Desired
@@ -42,23 +45,14 @@ class InputCheck:
                 made of numbers.
             InputError: the same of the desired motion, or the state is that of another controller.
         """
-        if (
-            state.__class__ is not ControllerState
-            or state.kinematic.value.shape != self._a_k
-            or state.dynamic.value.shape != self._a_d
-            or state.a_0.shape != self._a_d
-        ):
-            raise InputError("the state is that of another controller.", where="state")
         try:
             t, q, v, x, x_time, xd, a, _ = measurement
             x_d, xd_d, xdd_d = desired
+            a_d, a_k = state.dynamic.value, state.kinematic.value
+            where = x_d if x is None else x
             fits = (
-                q.dtype is v.dtype is x_d.dtype is xd_d.dtype is xdd_d.dtype is _FLOAT
-                and q.shape == self._q
-                and v.shape == self._v
-                and x_d.shape == self._x
-                and xd_d.shape == xdd_d.shape == self._m
-                and (x is None or (x.dtype is _FLOAT and x.shape == self._x))
+                state.__class__ is ControllerState
+                and kernels.fit(a_d, state.a_0, a_k, q, v, where, x_d, xd_d, xdd_d, self._sizes)
                 and (x_time is None or x_time.__class__ is float)
                 and (xd is None or (xd.dtype is _FLOAT and xd.shape == self._m))
                 and a is None
@@ -69,7 +63,22 @@ class InputCheck:
             fits = False
         if fits:
             return measurement, desired
+        self.state(state)
         return self.measurement(measurement), self.desired(desired)
+
+    def state(self, given: ControllerState) -> None:
+        """Refuse a state that does not fit.
+
+        Raises:
+            InputError: it is that of another controller.
+        """
+        if (
+            given.__class__ is not ControllerState
+            or given.kinematic.value.shape != self._a_k
+            or given.dynamic.value.shape != self._a_d
+            or given.a_0.shape != self._a_d
+        ):
+            raise InputError("the state is that of another controller.", where="state")
 
     def measurement(self, given: Measurement) -> Measurement:
         """Return the measurement as arrays of floats.

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy import empty
 
 from .._kernels import filters as kernels
 from ..exceptions import InputError
@@ -81,7 +82,7 @@ class MotionFilters(Filters):
             raise InputError("the filters are those of another controller.", where="state")
         W_k, memory = state
         x = memory if measurement.x is None else measurement.x  # without positions it is not read
-        y, a = np.empty(m), np.empty(n)
+        y, a = empty(m), empty(n)
         kernels.filtered_rates(
             self.task_velocity.bandwidth, x, self.joint_velocity.bandwidth, measurement.v, memory,
             y, a,
@@ -91,7 +92,7 @@ class MotionFilters(Filters):
     def step(self, state: MotionState, s: Signals, dt: float) -> MotionState:
         """Return the state after dt [s] with Y_p, lambda x + y_p0 and v held: exact for any dt."""
         W_k, memory = state
-        W_k_after, memory_after = np.empty(W_k.shape), np.empty(memory.size)
+        W_k_after, memory_after = empty(W_k.shape), empty(memory.size)
         kernels.advance(
             W_k, memory, s.Y_k, s.a_k, s.filtered.y, s.xd_hat, s.v,
             self.task_velocity.bandwidth, self.joint_velocity.bandwidth, dt,

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy import empty
 
+from .._kernels import filters as kernels
 from ..exceptions import InputError
 from ..models.task_kinematics import TaskKinematics
 from ..records import Measurement
@@ -80,9 +82,8 @@ class PositionObserver(Filters):
 
     def step(self, state: ObserverState, s: Signals, dt: float) -> ObserverState:
         """Return the state after dt [s]."""
-        dx_o = s.filtered.dx_o
-        share = -math.expm1(-self.beta * dt)
-        x_o, s_f = state.x_o + dt * s.xd_hat[: dx_o.size] - share * dx_o, state.s_f
+        x_o, s_f = empty(state.x_o.size), state.s_f
+        kernels.carry(state.x_o, s.xd_hat, s.filtered.dx_o, self.beta, dt, x_o)
         if self.error is not None:
             s_f = s_f - math.expm1(-self.bandwidth * dt) * (self.error(s) - s_f)
         return ObserverState(x_o, s_f)

@@ -37,3 +37,5 @@ LAWS: dict[str, type[Law]] = {
         SpongOrtega,
     )
 }
+
+DEFAULT = Separation.name

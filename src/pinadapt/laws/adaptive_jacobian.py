@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy import empty
 
 from .._kernels import feedback as kernels
 from ..adaptation.drive import Drive, Drives
@@ -29,6 +30,7 @@ from .law import Believed, Command, Law, Truth
 from .posture import Posture
 
 Own = TypeVar("Own", bound="AdaptiveJacobian")
+_NOTHING = np.zeros(0)
 
 
 @dataclass(slots=True, eq=False)
@@ -139,21 +141,16 @@ class AdaptiveJacobian(Law):
 
     def _reference(self, s: Signals, Jdot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return qd_r = J_hat^+ u + N psi, u = xd_d - alpha dx, and its time derivative (n)."""
-        u, ud = np.empty(s.dx.size), np.empty(s.dx.size)
-        kernels.reference(s.xd_d, s.dx, s.xdd_d, s.xd, self.alpha, u, ud)
+        u, ud = empty(s.dx.size), empty(s.dx.size)
+        kernels.reference(s.xd_d, s.dx, s.xdd_d, s.xd, _NOTHING, self.alpha, 0.0, u, ud)
         if s.delta is not None:
             ud -= self.alpha * s.delta
-        psi = self._null_motion(s)
-        qdd_r = s.inverse.solve_rate(u, psi, ud, self.posture.velocity_rate(s.q, s.v), Jdot)
-        return s.inverse.solve(u, psi), qdd_r
+        psi, psid = self.posture.null_motion(s)
+        return s.inverse.solve_with_rate(u, psi, ud, psid, Jdot)
 
     def _reference_velocity(self, s: Signals) -> np.ndarray:
         """Return qd_r (n)."""
-        return s.inverse.solve(s.xd_d - self.alpha * s.dx, self._null_motion(s))
-
-    def _null_motion(self, s: Signals) -> np.ndarray | None:
-        """Return psi (n), or None where there is no null space."""
-        return None if s.inverse.unique else self.posture.velocity(s.q)
+        return s.inverse.solve(s.xd_d - self.alpha * s.dx, self.posture.null_motion(s)[0])
 
     def command(self, s: Signals, believed: Believed) -> PassivityCommand:
         """Return the torque, with the drives, which are known by then."""
@@ -161,7 +158,7 @@ class AdaptiveJacobian(Law):
         Jdot = believed.kinematics.jacobian_rate(believed.kinematic_rate(s, kinematic))
         qd_r, qdd_r = self._reference(s, Jdot)
         Y_r, feedforward = believed.dynamics.slotine_li(s.q, s.v, qd_r, qdd_r)
-        error, torque = s.v - qd_r, np.empty(qd_r.size)
+        error, torque = s.v - qd_r, empty(qd_r.size)
         kernels.subtract_task_force(s.J, self.K_v, s.dxd_hat, self.K_P, s.dx, feedforward, torque)
         s.inverse.subtract_null_damping(self.posture.damping, error, torque)
         return PassivityCommand(torque, None, Drives(Drive(Y_r, error), kinematic))
@@ -170,7 +167,7 @@ class AdaptiveJacobian(Law):
         """Return the drive of g_k = -Y_k^T (K_P + alpha K_v) dx + W_k^T R_k (W_k a_k - y)."""
         W_k, y = s.filtered.W_k, s.filtered.y
         m = s.dx.size
-        e, error, residual, g_k = np.empty(m), np.empty(m), np.empty(y.size), np.empty(s.a_k.size)
+        e, error, residual, g_k = empty(m), empty(m), empty(y.size), empty(s.a_k.size)
         kernels.kinematic_drive(
             self.K_PV, s.dx, 0.0, s.xd_hat, s.xd_d, s.Y_k, W_k, self.R_k, s.a_k, y,
             e, error, residual, g_k,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import empty
 
 from .._kernels import feedback as kernels
 from ..adaptation.drive import Drive
@@ -47,8 +48,8 @@ class EstimatedVelocityLaw(AccelerationLaw):
         g_k = -Y_k^T ((K_P + alpha K_v) dx + alpha dxd_hat) + W_k^T R_k (W_k a_k - y).
         """
         W_k, y, m = s.filtered.W_k, s.filtered.y, s.dx.size
-        e, error = np.empty(m), np.empty(m)
-        residual, g_k = np.empty(y.size), np.empty(s.a_k.size)
+        e, error = empty(m), empty(m)
+        residual, g_k = empty(y.size), empty(s.a_k.size)
         kernels.kinematic_drive(
             self.K_PV, s.dx, self.alpha, s.xd_hat, s.xd_d, s.Y_k, W_k, self.R_k, s.a_k, y,
             e, error, residual, g_k,
@@ -62,7 +63,7 @@ class EstimatedVelocityLaw(AccelerationLaw):
         posture.
         """
         Jdot_v = s.Jdot_v if s.delta is None else s.Jdot_v + self.alpha * s.delta
-        inverse, posture, v = s.inverse, self.posture, np.empty(s.v.size)
+        inverse, posture, v = s.inverse, self.posture, empty(s.v.size)
         offset, w = s.v, 0.0
         if not inverse.unique:
             offset, w = posture.offset(s.q), posture.frequency

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy import empty
 
 from .._kernels import linear_algebra as kernels
 from ..exceptions import DivergedError
@@ -22,7 +23,7 @@ def solve_inertia(M: np.ndarray, J: np.ndarray, e: np.ndarray, watch: bool) -> n
         DivergedError: M is refused.
     """
     if watch:
-        solution = np.empty(len(M))
+        solution = empty(len(M))
         solved = kernels.solve_definite(M, J, e, solution)
     else:
         from scipy.linalg.lapack import dgesv  # slow to import, and seldom needed

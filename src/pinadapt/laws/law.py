@@ -41,7 +41,8 @@ class Command:
         return self.torque if self.feedthrough is None else self.torque + self.feedthrough @ a
 
 
-class Believed(NamedTuple):
+@dataclass(slots=True, eq=False)
+class Believed:
     """The believed robot, to be asked while a command is worked out.
 
     Attributes:
@@ -95,6 +96,7 @@ class Law(ABC):
         needs_acceleration: whether it uses the joint acceleration.
         inverts_estimate: whether it needs M_hat^-1 at the moving estimate.
         joint_space: whether it is a law for joint tasks only.
+        joint_effects: joint coefficients that are unknown by default: "all" or "none".
         bandwidth_powers: gains of the feedback, by the names that users write, with the powers of
             the bandwidth that they go with.
         adaptation_mode: fastest mode of the inertias' adaptation by default, in bandwidths.
@@ -108,6 +110,7 @@ class Law(ABC):
     needs_acceleration: ClassVar[bool] = False
     inverts_estimate: ClassVar[bool] = False
     joint_space: ClassVar[bool] = False
+    joint_effects: ClassVar[str] = "none"
     bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0, "Kp": 2.0}
     adaptation_mode: ClassVar[float] = 2.0
     units: ClassVar[tuple[str, str]] = ("", "")

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy import empty
 from numpy.typing import ArrayLike
 
 from .._checks import positive, vector
@@ -14,6 +15,7 @@ from .._kernels import posture as kernels
 from ..exceptions import GainError, did_you_mean
 from ..robot.position_limits import position_limits
 from ..robot.robot import Robot
+from ..signals import Signals
 
 SHARE = 0.5  # default frequency in bandwidths
 _KEYS = ("rest", "frequency")
@@ -82,10 +84,7 @@ class Posture:
 
     def offset(self, q: np.ndarray) -> np.ndarray:
         """Return how far q (nq) is from rest (n) [rad or m], more where a limit is near."""
-        rest = self._q_rest
-        if not self._plain:
-            q, rest = pin.difference(self._model, rest, q), self._zero
-        offset = np.empty(self._zero.size)
+        (q, rest), offset = self._from_rest(q), empty(self._zero.size)
         kernels.posture_offset(q, rest, self._low, self._high, self._margin, offset)
         return offset
 
@@ -93,15 +92,18 @@ class Posture:
         """Return psi (n) = -2 w v - w^2 offset(q) [rad/s^2 or m/s^2]."""
         return (-2.0 * self.frequency) * v - self.frequency**2 * self.offset(q)
 
-    def velocity(self, q: np.ndarray) -> np.ndarray:
-        """Return psi (n) = -w offset(q) [rad/s or m/s]."""
-        return -self.frequency * self.offset(q)
+    def null_motion(self, s: Signals) -> tuple[np.ndarray, np.ndarray] | tuple[None, None]:
+        """Return psi (n) = -w offset(q) [rad/s or m/s] and its rate, None without null space."""
+        if s.inverse.unique:
+            return None, None
+        (q, rest), psi, psid = self._from_rest(s.q), empty(s.v.size), empty(s.v.size)
+        kernels.posture_velocity(
+            q, rest, s.v, self.frequency, self._low, self._high, self._margin, psi, psid
+        )
+        return psi, psid
 
-    def velocity_rate(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Return the time derivative of ``velocity`` (n)."""
-        rest = self._q_rest
-        if not self._plain:
-            q, rest = pin.difference(self._model, rest, q), self._zero
-        rate = np.empty(v.size)
-        kernels.posture_rate(q, rest, v, self.frequency, self._low, self._high, self._margin, rate)
-        return rate
+    def _from_rest(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return two vectors (n) whose difference is that of q and rest on the manifold."""
+        if self._plain:
+            return q, self._q_rest
+        return pin.difference(self._model, self._q_rest, q), self._zero

@@ -10,8 +10,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pinocchio as pin
+from numpy import empty
 
 from .._checks import definite_matrix, positive
+from .._kernels import feedback as kernels
 from ..adaptation.drive import Drive, Drives
 from ..filters.position_observer import PositionObserver
 from ..models.typical_motion import TypicalMotion, unit_mass
@@ -97,6 +99,7 @@ class Separation(Law):
 
     name = "separation"
     needs_prediction = True
+    joint_effects = "all"
     bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0}
     adaptation_mode = 8.0
     units = ("N m s/rad", "")
@@ -147,39 +150,46 @@ class Separation(Law):
         """Return the law with another R, a number times the identity."""
         return replace(self, R_k=weight)
 
-    def _reference(self, s: Signals) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return u = xd_d - alpha (x_o - x_d) (m) and the null-space motion psi (n)."""
-        e_o = s.dx.copy()  # of a pose with the error of the orientation
-        e_o[: s.filtered.dx_o.size] += s.filtered.dx_o
-        psi = None if s.inverse.unique else self.posture.velocity(s.q)
-        return s.xd_d - self.alpha * e_o, psi
+    def _reference(self, s: Signals) -> tuple[np.ndarray, np.ndarray]:
+        """Return u = xd_d - alpha (x_o - x_d) (m) and du/dt: dx_o/dt is known, xd is not needed.
 
-    def _reference_rate(self, s: Signals) -> np.ndarray:
-        """Return du/dt (m): dx_o/dt is known, xd is not needed."""
-        ed_o = s.dxd_hat if s.delta is None else s.dxd_hat + s.delta
-        ed_o[: s.filtered.dx_o.size] -= self.beta * s.filtered.dx_o
-        return np.asarray(s.xdd_d - self.alpha * ed_o)
+        In the rows of an orientation its error stands for x_o - x_d.
+        """
+        u, ud = empty(s.dx.size), empty(s.dx.size)
+        kernels.reference(
+            s.xd_d, s.dx, s.xdd_d, s.xd_hat, s.filtered.dx_o, self.alpha, self.beta, u, ud
+        )
+        if s.delta is not None:
+            ud -= self.alpha * s.delta
+        return u, ud
 
     def _reference_error(self, s: Signals) -> np.ndarray:
         """Return s = qd - qd_r (n)."""
-        return np.asarray(s.v - s.inverse.solve(*self._reference(s)))
+        return np.asarray(
+            s.v - s.inverse.solve(self._reference(s)[0], self.posture.null_motion(s)[0])
+        )
 
     def command(self, s: Signals, believed: Believed) -> SeparationCommand:
         """Return Y a_d - K_D s, with the drives, which are known by then."""
-        dx_o, epsilon, X_k = s.filtered.dx_o, s.epsilon, s.X_k
-        W, residual = np.concatenate([s.Y_k[: dx_o.size], X_k]), np.concatenate([dx_o, epsilon])
-        kinematic = Drive(s.Y_k, None, W, residual, self._weight)
+        kinematic = self._kinematic_drive(s)
         Jdot = believed.kinematics.jacobian_rate(believed.kinematic_rate(s, kinematic))
-        u, psi = self._reference(s)
-        qd_r, psi_d = s.inverse.solve(u, psi), self.posture.velocity_rate(s.q, s.v)
-        qdd_r = s.inverse.solve_rate(u, psi, self._reference_rate(s), psi_d, Jdot)
-        v, error = s.v, s.v - qd_r
+        (u, ud), (psi, psid) = self._reference(s), self.posture.null_motion(s)
+        qd_r, qdd_r = s.inverse.solve_with_rate(u, psi, ud, psid, Jdot)
+        v, error, torque = s.v, s.v - qd_r, empty(qd_r.size)
         if s.filtered.s_f.size:  # decorrelated
             noise = error - s.filtered.s_f
             v, qdd_r = v - noise, qdd_r + self.alpha * (noise - s.inverse.null(noise))
         Y, feedforward = believed.dynamics.slotine_li(s.q, v, qd_r, qdd_r)
-        drives = Drives(Drive(Y, error), kinematic)
-        return SeparationCommand(feedforward - self.K_v.dot(error), None, drives)
+        kernels.subtract_damping(feedforward, self.K_v, error, torque)
+        return SeparationCommand(torque, None, Drives(Drive(Y, error), kinematic))
+
+    def _kinematic_drive(self, s: Signals) -> Drive:
+        """Return the drive of g_k = c Y_k^T dx_o + X_k^T R epsilon."""
+        dx_o, epsilon, X_k = s.filtered.dx_o, s.epsilon, s.X_k
+        m, p = X_k.shape
+        W, residual, g_k = empty((2 * m, p)), empty(2 * m), empty(p)
+        kernels.observation_drive(s.Y_k, dx_o, self.c, X_k, epsilon, self.R_k, W, residual, g_k)
+        return Drive(s.Y_k, None, W, residual, self._weight, g_k)
 
     def drives(
         self, s: Signals, believed: Believed, command: SeparationCommand, a: np.ndarray

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy import empty
 
 from .._kernels import models as kernels
 from ..exceptions import ParameterError
@@ -60,6 +61,7 @@ class FrameKinematics(TaskKinematics):
         self._R = [self._data.oMi[i].rotation[self._place] for i in self._parents]
         self._w = [self._data.v[i].angular for i in self._parents]
         self._dw = [self._data.a[i].angular for i in self._parents]
+        self._joint_jacobian = self._data.J.reshape(6, self.nv)
         # The same of all joints, and of each parameter its parent joint.
         joints = range(self._model.njoints)
         self._rotations = live_array([self._data.oMi[i].rotation for i in joints])
@@ -114,7 +116,7 @@ class FrameKinematics(TaskKinematics):
         acceleration = pin.getFrameClassicalAcceleration(model, data, frame, _ALIGNED)
         J = self.J = J[self._rows] if self.nv > 1 else J[self._rows, None]  # a column is a vector
         m = self._size
-        Y_k, xd_hat = self.Y_k, self.xd_hat = np.empty((m, self.size)), np.empty(m)
+        Y_k, xd_hat = self.Y_k, self.xd_hat = empty((m, self.size)), empty(m)
         kernels.task_velocity(
             J,
             v,
@@ -193,10 +195,10 @@ class FrameKinematics(TaskKinematics):
         model, data = self._model, self._data
         pin.computeJointJacobiansTimeVariation(model, data, self._q, self._v)
         Jdot = pin.getFrameJacobianTimeVariation(model, data, self._frame, pin.LOCAL_WORLD_ALIGNED)
-        Jdot = np.ascontiguousarray(Jdot.reshape(6, self.nv)[self._rows])
+        Jdot = Jdot[self._rows] if self.nv > 1 else Jdot[self._rows, None]
         kernels.add_translation_rates(
             a_k_rate, self._parent_of, self._placed.directions, self._rotations,
-            data.J.reshape(6, self.nv), self._last_column, self._coordinates, Jdot,
+            self._joint_jacobian, self._last_column, self._coordinates, Jdot,
         )  # fmt: skip
         return Jdot
 

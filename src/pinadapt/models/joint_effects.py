@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
+from numpy import empty
 
 from .._kernels import joints as kernels
 from ..exceptions import ParameterError, did_you_mean
@@ -92,7 +93,7 @@ class JointEffects:
 
     def torque(self, v: np.ndarray, a: np.ndarray, inertial: np.ndarray) -> np.ndarray:
         """Return the torque (n) [N m or N] at the loaded estimate, added to an inertial one (n)."""
-        tau = np.empty(self._n)
+        tau = empty(self._n)
         kernels.joint_torque(self._values, v, a, self._threshold, inertial, tau)
         return tau
 
@@ -100,7 +101,7 @@ class JointEffects:
         """Return an inertial regressor (n, p_b) with that of the unknown coefficients beside it."""
         if not self.size:
             return inertial
-        Y = np.empty((self._n, inertial.shape[1] + self.size))
+        Y = empty((self._n, inertial.shape[1] + self.size))
         kernels.joint_columns(inertial, self._kinds, v, a, self._threshold, Y)
         return Y
 

@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy import empty
 
+from .._kernels import models as kernels
 from .._kernels.models import PER_BODY as PER_BODY
 
 LABELS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
@@ -44,11 +46,10 @@ class Regressor:
         C(q, u) w is bilinear and symmetric in u and w, so polarisation gives it in two calls:
         Y(q, (v + v_r)/2, a_r) - Y0(q, (v - v_r)/2, 0), Y0 without gravity.
         """
-        mean = 0.5 * (v + v_r)
+        mean, half = empty(v.size), empty(v.size)
+        kernels.polarise(v, v_r, mean, half)
         Y = pin.computeJointTorqueRegressor(self._model, self._data, q, mean, a_r)
-        Y -= pin.computeJointTorqueRegressor(
-            self._weightless, self._data, q, mean - v_r, self._zero
-        )
+        Y -= pin.computeJointTorqueRegressor(self._weightless, self._data, q, half, self._zero)
         return Y.reshape(self._shape)
 
 

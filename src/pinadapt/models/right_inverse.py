@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy import empty
 
 from .._kernels import linear_algebra as kernels
 from ..exceptions import DivergedError
@@ -41,7 +42,7 @@ class RightInverse:
             DivergedError: J lost rank and is not damped, or is not finite.
         """
         m, n = J.shape
-        self.J, self.gram_inverse = J, np.empty((m, m))
+        self.J, self.gram_inverse = J, empty((m, m))
         self.conditioning, self.damping, lost = kernels.invert_gram(J, threshold, self.gram_inverse)
         if lost:
             raise DivergedError(
@@ -56,30 +57,32 @@ class RightInverse:
         if psi is None:
             return self.gram_inverse.dot(u).dot(self.J)
         u, psi = np.asarray(u, dtype=float), np.asarray(psi, dtype=float)
-        solution = np.empty(psi.size)
+        solution = empty(psi.size)
         kernels.right_inverse(self.J, self.gram_inverse, u, psi, solution)
         return solution
 
-    def solve_rate(
+    def solve_with_rate(
         self,
         u: np.ndarray,
         psi: np.ndarray | None,
         ud: np.ndarray,
-        psid: np.ndarray,
+        psid: np.ndarray | None,
         Jdot: np.ndarray,
-    ) -> np.ndarray:
-        """Return d/dt (n) of ``solve(u, psi)`` while u, psi and J move at ud, psid and Jdot.
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return r = ``solve(u, psi)`` and dr/dt (n) while u, psi, J move at ud, psid, Jdot.
 
-        With y = (J J^T + mu^2 I)^-1 (u - J psi), which makes the solution r = psi + J^T y, it is
+        With y = (J J^T + mu^2 I)^-1 (u - J psi), which makes r = psi + J^T y, the rate is
         J^+ (ud - Jdot r - y d(mu^2)/dt) + (I - J^+ J) (psid + Jdot^T y).
         """
-        if psi is None:
-            return self.solve(ud - Jdot.dot(self.solve(u, psi)), None)
-        rate, damping_rate = np.empty(psi.size), self._damping_rate(Jdot) if self.damping else 0.0
-        kernels.right_inverse_rate(
-            self.J, self.gram_inverse, u, psi, ud, psid, Jdot, damping_rate, rate
+        if psi is None or psid is None:
+            r = self.solve(u, None)
+            return r, self.solve(ud - Jdot.dot(r), None)
+        r, rate = empty(psi.size), empty(psi.size)
+        damping_rate = self._damping_rate(Jdot) if self.damping else 0.0
+        kernels.right_inverse_and_rate(
+            self.J, self.gram_inverse, u, psi, ud, psid, Jdot, damping_rate, r, rate
         )
-        return rate
+        return r, rate
 
     def null(self, z: np.ndarray) -> np.ndarray:
         """Return (I - J^+ J) z (n); undamped, the orthogonal projection onto the null space."""

@@ -79,24 +79,23 @@ class PlacedTranslations:
         self.directions = np.concatenate(
             [np.zeros((3, 0)), *(part.directions for part in translations)], axis=1
         )
+        self._model = model  # which the live views need
         self._parts = list(translations)
-        self._part_of = np.repeat(np.arange(len(sizes)), sizes)
-        self._offsets = np.array([part.offset for part in translations]).reshape(-1, 3)
-        self._values = np.empty((len(sizes), 3))
-        places = [placement_of(model, frame, part.joint) for part in translations]
-        self._places = list(zip(places, self._values, strict=True))
+        self._live = [placement_of(model, frame, part.joint).translation for part in translations]
+        offsets = [np.array(part.offset, dtype=float) for part in translations]
+        directions = [self.directions[:, window] for window in self.windows]
+        self._places = list(zip(ends[:-1], directions, offsets, self._live, strict=True))
 
     def read(self) -> np.ndarray:
         """Return the parameters (p) of the model as it is."""
-        pairs = zip(self._parts, self._places, strict=True)
-        values = [part.parameters(place.translation) for part, (place, _) in pairs]
+        pairs = zip(self._parts, self._live, strict=True)
+        values = [part.parameters(translation) for part, translation in pairs]
         return np.concatenate([np.zeros(0), *values])
 
     def write(self, theta: np.ndarray) -> None:
         """Make theta (p), floats, the parameters of the model."""
-        kernels.place(theta, self._part_of, self.directions, self._offsets, self._values)
-        for place, translation in self._places:
-            place.translation = translation
+        for first, directions, offset, translation in self._places:
+            kernels.place(theta, first, directions, offset, translation)
 
 
 def unknown_translations(

@@ -7,6 +7,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from ..laws import DEFAULT
+
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -95,7 +97,7 @@ class UnknownSection(Section):
 
     kinematic: str | list[str] | None = None
     dynamic: str | list[str] = "all"
-    joint: str | list[str] = "none"
+    joint: str | list[str] | None = None
     basis: str | None = None
     lmi: str | None = None
     kinematic_box: bool | Number | list[Number] | list[list[Number]] | None = None
@@ -105,7 +107,7 @@ class UnknownSection(Section):
 class ControllerSection(Section):
     """[controller]: law, adaptation, gains."""
 
-    law: str = "adaptive-inverse-dynamics"
+    law: str = DEFAULT
     adaptation: Literal["natural", "gradient", "projected", "none"] = "natural"
     Kv: Gain | None = None
     Kp: Gain | None = None

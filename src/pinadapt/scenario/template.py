@@ -21,16 +21,13 @@ from ..robot.home import conditioning
 from ..robot.robot import Robot, load
 from ..robot.urdf import is_path, mimic_joints, read_urdf
 from ..robot.workspace import WorkspaceCircle, reach, reachable_circle
-from ..tuning.light_joint import LightJoint, lightest_joint
 from ..tuning.make_controller import make_controller
-from .schema import ControllerSection, SimulationSection
+from .schema import SimulationSection
 from .template_gains import three_digits
 
 _TOOL = 0.05  # unknown tool, in parts of the reach
 _LOAD = 0.05  # unknown load, in parts of the moving mass
-_BELIEVED = 0.1  # load believed in where a joint is light, in parts of the moving mass
 _PLANAR = ("xy", "xz", "yz")
-_FORCES = "adaptive-jacobian"  # the law whose gains are forces
 
 
 @dataclass(frozen=True)
@@ -114,35 +111,11 @@ class Template:
         return _ball(three_digits(_LOAD * self._mass), gyration, self.tool)
 
     @cached_property
-    def light(self) -> LightJoint | None:
-        """The joint that the main law may lose."""
-        assert self._main.motion is not None  # make_controller gives one
-        return lightest_joint(self._main.motion, self._main.law)
-
-    @cached_property
-    def guess(self) -> Payload | None:
-        """A load to believe in where a joint is light, at the distance that the light joint bears.
-
-        None where there is no light joint, or where with that inertia, but without the load, its
-        damping would be too fast for the sampling period.
-        """
-        if (light := self.light) is None:
-            return None
-        guess = _ball(three_digits(_BELIEVED * self._mass), light.arm, np.zeros(3))
-        heavier = 1.0 + guess.mass * light.arm**2 / light.inertia
-        damping = heavier * self._main.law.K_v[0, 0]  # type: ignore[attr-defined]
-        return None if damping * SimulationSection().dt > 2.0 else guess
-
-    @cached_property
     def controller(self) -> Controller:
-        """The controller with the law to be written, at the robot as it is believed."""
-        if self.guess is not None:
-            return _made(self.robot.changed(payload=self.guess), ControllerSection().law)
-        return self._main if self.light is None else _made(self.robot, _FORCES)
-
-    @cached_property
-    def _main(self) -> Controller:
-        return _made(self.robot, ControllerSection().law)
+        """The controller with the default law, at the robot as it is believed."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what matters of it is written into the file
+            return make_controller(self.robot, dt=SimulationSection().dt)
 
     @property
     def _mass(self) -> float:
@@ -206,10 +179,3 @@ def _further_out(robot: Robot) -> np.ndarray:
             break
     tool = frame.rotation.T @ seen * (length / np.linalg.norm(seen))
     return np.round(tool, 3 - int(np.floor(np.log10(length))))
-
-
-def _made(robot: Robot, law: str) -> Controller:
-    """Return the controller with a law's default gains."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what matters of it is written into the file
-        return make_controller(robot, law=law, dt=SimulationSection().dt)

@@ -7,26 +7,49 @@ from typing import Any
 
 import numpy as np
 
+from ..adaptation.adaptation import Adaptation
+from ..adaptation.exponentiated_gradient import ExponentiatedGradient
 from ..adaptation.natural import Natural
+from ..adaptation.stacked import Stacked
 from ..controller.controller import Controller
+
+_MEANINGS = {
+    "alpha": "of the position error in the velocity to follow [1/s]",
+    "beta": "observer of the position [1/s]",
+    "R_k": "weight of the tool's prediction error",
+    "lambda_": "velocity filter [1/s]",
+    "lambda_a": "acceleration filter [s]",
+}
 
 
 def default_gains(controller: Controller) -> Iterable[tuple[str, str, str]]:
     """Return key, value as written and meaning with unit of each gain that was chosen."""
     law: Any = controller.law
-    natural = controller.adaptation_d
-    assert isinstance(natural, Natural)  # the default
     velocity, position = law.units
     yield "Kv", _gain(law.K_v), f"velocity gain [{velocity}]"
-    yield "Kp", _gain(law.K_P), f"position gain [{position}]"
-    yield "alpha", _gain(law.alpha), "e = velocity error + alpha position error [1/s]"
-    yield "gamma_d", _gain(natural.gamma), "rate of the inertial parameters"
+    if hasattr(law, "K_P"):
+        yield "Kp", _gain(law.K_P), f"position gain [{position}]"
+    for name, meaning in _MEANINGS.items():
+        if hasattr(law, name):
+            yield name.rstrip("_"), _gain(getattr(law, name)), meaning
+    bodies, joints = _parts(controller.adaptation_d)
+    yield "gamma_d", _gain(bodies.gamma), "rate of the inertial parameters"
+    if joints is not None:
+        yield "gamma_joint", _gain(joints.gamma), "rate of armature and friction"
     rate_k = controller.adaptation_k.gain(controller.kinematics.initial)
     yield "gamma_k", _gain(rate_k), "rate of the tool"
-    yield "R_k", _gain(law.R_k), "weight of the tool's prediction error"
-    yield "lambda", _gain(law.lambda_), "velocity filter [1/s]"
-    if law.needs_acceleration:
-        yield "lambda_a", _gain(law.lambda_a), "acceleration filter [s]"
+
+
+def _parts(adaptation: Adaptation) -> tuple[Natural, ExponentiatedGradient | None]:
+    """Return what moves bodies and joints in the default adaptation of a law."""
+    parts = (
+        [part for part, _ in adaptation.parts] if isinstance(adaptation, Stacked) else [adaptation]
+    )
+    bodies, *joints = parts
+    assert isinstance(bodies, Natural)  # the default
+    joint = joints[0] if joints else None
+    assert joint is None or isinstance(joint, ExponentiatedGradient)
+    return bodies, joint
 
 
 def _gain(gain: float | np.ndarray) -> str:

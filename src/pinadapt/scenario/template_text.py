@@ -14,7 +14,6 @@ from tomlkit.items import Comment, InlineTable, Table
 
 from ..robot.changes import Payload
 from ..robot.urdf import is_path
-from ..robot.workspace import rounded_down
 from .schema import SimulationSection
 from .template import Template
 from .template_gains import default_gains
@@ -40,9 +39,7 @@ def _sections(template: Template, folder: Path) -> Iterable[tuple[str, str, Tabl
         _TRUTH.format(tool=100 * template.tool_share, load=100 * template.load_share),
         (_truth(template)),
     )
-    yield "unknown", _UNKNOWN, _filled({"kinematic": ["tool"], "dynamic": "all"})
-    if template.light is not None:
-        yield "belief", _belief_remark(template), _belief(template)
+    yield "unknown", _UNKNOWN, _filled({"kinematic": ["tool"], "dynamic": "all", "joint": "all"})
     yield "controller", "", _controller(template)
     yield "reference", _REFERENCE, _reference(template)
     yield "simulation", "", _simulation(template)
@@ -55,7 +52,8 @@ _TRUTH = (
     "expect of your robot."
 )
 _UNKNOWN = (
-    "What the controller adapts: the tool's translation, and all inertial parameters of every body."
+    "What the controller adapts: the tool's translation, all inertial parameters of every body, and "
+    "rotor inertia and friction of every joint."
 )
 _REFERENCE = (
     "A circle through the tool's first position, which the arm follows inside its joint limits and "
@@ -103,24 +101,6 @@ def _truth(template: Template) -> Table:
     friction = "friction = { viscous = 0.1, coulomb = 0.05 }"
     _option(table, friction, "[N m s/rad, N m], or one number a joint", 45)
     return table
-
-
-def _belief_remark(template: Template) -> str:
-    light = template.light
-    assert light is not None
-    words = (
-        f"{light.joint} moves so little that laws whose feedback is M_hat times an acceleration "
-        f"can lose it under an unknown load above {rounded_down(light.load)} kg, "
-        f"{1e3 * light.arm:.0f} mm off its axis. "
-    )
-    if template.guess is None:
-        return words + "The law below has gains that are forces instead."
-    return words + "A load believed from the start keeps it, whether there is one or not."
-
-
-def _belief(template: Template) -> Table | None:
-    guess = template.guess
-    return None if guess is None else _filled({"payload": _payload(guess)})
 
 
 def _controller(template: Template) -> Table:

@@ -20,9 +20,8 @@ from ..controller.limits import make_box, make_limits
 from ..controller.senses import Senses
 from ..exceptions import InputError, did_you_mean
 from ..filters.low_pass import LowPass
-from ..laws import LAWS
+from ..laws import DEFAULT, LAWS
 from ..laws.law import Law
-from ..models.joint_effects import NONE
 from ..models.sight import Carrier
 from ..models.typical_motion import TypicalMotion
 from ..robot.changes import Payload
@@ -48,11 +47,11 @@ RATES = ("gamma_d", "gamma_joint", "gamma_k")
 def make_controller(
     believed: Robot,
     *,
-    law: str | Law = "adaptive-inverse-dynamics",
+    law: str | Law = DEFAULT,
     adaptation: str | Adaptation = "natural",
     kinematic: Words | None = None,
     dynamic: str | Sequence[str] = "all",
-    joint: str | Sequence[str] = NONE,
+    joint: str | Sequence[str] | None = None,
     basis: ArrayLike | None = None,
     lmi: ArrayLike | MatrixInequality | None = None,
     regressor: str = "exact",
@@ -82,7 +81,7 @@ def make_controller(
             "lengths"; a joint task has none.
         dynamic: unknown bodies: "all", "payload" (the last one), "none", or joint names.
         joint: unknown coefficients of the joints: "all", "none", or some of "armature", "viscous",
-            "coulomb".
+            "coulomb"; by default all for the law "separation", none for the published ones.
         basis: (10 n, p) matrix B of the user's own dynamic parameters, pi = B a, instead of bodies.
         lmi: (p, k, k) coefficient matrices of the inequality that natural adaptation keeps, for a
             basis.
@@ -126,6 +125,7 @@ def make_controller(
     chosen, kinematics = _law_type(law, believed), believed_kinematics(believed, kinematic)
     kind, rates = _kind(adaptation, chosen), {name: gains.pop(name, None) for name in RATES}
     lengths = lumped_lengths(kinematics, regressor, kind, chosen, basis)
+    joint = chosen.joint_effects if joint is None else joint
     dynamics = believed_dynamics(believed, dynamic, joint, basis, lmi, lengths)
     motion = TypicalMotion(believed, kinematics, dynamics, bandwidth(believed, positive(dt, "dt")))
     tuned, share = _tuned(law, motion, dt, gains)
