@@ -11,8 +11,6 @@ from .adaptation.drive import Estimate
 from .models.right_inverse import RightInverse
 from .models.sight import Sensed
 
-_NOTHING = Sensed()
-
 
 @dataclass(slots=True, eq=False)
 class Signals:
@@ -36,8 +34,8 @@ class Signals:
         a_k, a_d: (p_k), (p_d) the estimates.
         adapting: whether the estimates move.
         epsilon: (m_p) prediction error of the last seen position [m], of which X_k (m_p, p_k) is
-            the regressor: X_k da_k at the configuration where it was seen. None for laws that do
-            not ask; see ``Law.needs_prediction``.
+            the regressor: X_k da_k at the configuration where it was seen. Empty for laws that
+            do not ask; see ``Law.needs_prediction``.
         sensed: what the controller keeps of the sensors for the next sample.
         a_0: (p_d) the initial dynamic estimate.
         J: (m, n) J_hat, the believed Jacobian.
@@ -65,10 +63,10 @@ class Signals:
     Y_k: np.ndarray
     inverse: RightInverse
     filtered: Any
-    adapting: bool = True
-    sensed: Sensed = _NOTHING
-    epsilon: np.ndarray | None = None
-    X_k: np.ndarray | None = None
+    adapting: bool
+    sensed: Sensed
+    epsilon: np.ndarray
+    X_k: np.ndarray
 
     @property
     def dxd_hat(self) -> np.ndarray:

@@ -31,6 +31,8 @@ from .limits import Limits
 from .senses import Senses
 from .state import ControllerState
 
+_EMPTY = np.zeros(0)
+
 
 class Controller:
     """A control law, the believed robot, and how its estimates adapt; its parts do not change.
@@ -252,7 +254,7 @@ class Controller:
         sensed = senses.see(state.senses, measurement, v, kinematics, a_k)
         xd_hat, sight = kinematics.xd_hat, sensed.sight
         dx = task.error(task.measured(sight.x, q), x_d)
-        epsilon, X_k = None, None
+        epsilon, X_k = _EMPTY, _EMPTY
         if self.law.needs_prediction:
             epsilon, X_k = prediction(sight, kinematics, a_k)
         now = measurement._replace(v=v, x=sight.x)

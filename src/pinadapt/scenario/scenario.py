@@ -23,7 +23,7 @@ from ..tuning.make_controller import make_controller
 from .error_prefix import prefix_errors
 from .read import read_tables
 from .reference import trajectory_of
-from .schema import ScenarioTables
+from .schema import ScenarioTables, SimulationSection
 from .truth import believed_robot, payload_of, told, true_changes, true_robot
 
 
@@ -147,6 +147,13 @@ def _described(tables: ScenarioTables, folder: Path) -> Robot:
     )
 
 
+def _camera(simulation: SimulationSection) -> dict[str, float | None] | None:
+    """Return the camera by the names of its attributes; a delay alone is one at full rate."""
+    if simulation.camera is not None:
+        return simulation.camera.model_dump()
+    return {"delay": simulation.delay} if simulation.delay else None
+
+
 def _controller(
     tables: ScenarioTables,
     described: Robot,
@@ -173,6 +180,10 @@ def _controller(
         kinematic_box=unknown.kinematic_box,
         torque_limits=tables.simulation.torque_limits is not False,
         compensated=compensation_of(described, tables.simulation.compensated),
+        camera=_camera(tables.simulation),
+        carry=tables.simulation.carry,
+        noise=tables.simulation.noise.model_dump(),
+        encoder=tables.simulation.encoder,
         regressor=unknown.regressor,
         dt=1e-3 if tables.simulation.mode == "continuous" else tables.simulation.dt,
         **gains,

@@ -104,6 +104,22 @@ class UnknownSection(Section):
     regressor: Literal["exact", "nominal"] = "exact"
 
 
+class PostureSection(Section):
+    """What redundant joints do: the pose they return to, and how fast."""
+
+    rest: list[Number] | None = None
+    frequency: Positive | None = None
+
+
+class GuardsSection(Section):
+    """What is not believed of the sensors, and whether estimates rest with the arm."""
+
+    position: bool = True
+    velocity: bool = True
+    time: bool = True
+    rest: bool = True
+
+
 class ControllerSection(Section):
     """[controller]: law, adaptation, gains."""
 
@@ -122,6 +138,8 @@ class ControllerSection(Section):
     acceleration: Literal["filtered", "ideal"] = "filtered"
     damping: NotNegative = 0.2
     watch: bool = True
+    posture: Positive | list[Number] | PostureSection | None = None
+    guards: bool | GuardsSection = True
 
 
 class OrientationSection(Section):
@@ -240,6 +258,7 @@ class SimulationSection(Section):
     noise: NoiseSection = NoiseSection()
     delay: NotNegative = 0.0
     camera: CameraSection | None = None
+    carry: bool = True
     encoder: NotNegative | list[NotNegative] = 0.0
     torque_limits: bool | None = None
     compensated: Literal["nominal"] | None = None

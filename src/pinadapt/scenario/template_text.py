@@ -52,7 +52,7 @@ _TRUTH = (
     "expect of your robot."
 )
 _UNKNOWN = (
-    "What the controller adapts: the tool's translation, all inertial parameters of every body, and "
+    "What the controller adapts: the tool's translation, all inertial parameters of every body, "
     "rotor inertia and friction of every joint."
 )
 _REFERENCE = (

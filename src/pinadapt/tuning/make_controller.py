@@ -64,7 +64,7 @@ def make_controller(
     payload: Payload | None = None,
     guards: Mapping[str, bool] | bool = True,
     noise: Mapping[str, float] | None = None,
-    encoder: float = 0.0,
+    encoder: ArrayLike = 0.0,
     camera: Camera | Mapping[str, float | None] | None = None,
     carry: bool = True,
     **gains: Any,
@@ -92,7 +92,7 @@ def make_controller(
             or p of them; lower and upper bounds; False for no box. By default a length stays within
             a fifth and five times, other coordinates within half the robot's reach.
         torque_limits: n bounds [N m or N] at which the torque is clipped and the adaptation of the
-            tracking error rests; by default the efforts of the robot's description, False for none.
+            tracking error rests; by default the efforts of the description, False for none.
         compensated: what the arm adds by itself to the torque that it is sent, which the controller
             takes off: "nominal" for the gravity torque of this robot, ``Gravity(described)`` for
             one without the believed load, or any callable of q (nq) that returns it (n).
@@ -106,7 +106,7 @@ def make_controller(
             some of "position", "velocity", "time" and "rest" with False. See ``Guards``.
         noise: standard deviations of the sensors, q and v [rad, rad/s, m, m/s] and x [m], or the
             first samples of an arm at rest, which show them; filters and rates follow.
-        encoder: rad or m a count, where v is differenced from counts over a period.
+        encoder: rad or m a count, one or one a joint, where v is differenced from counts over a period.
         camera: rate, delay and dropout of the camera that gives x, where it is not of every sample.
         carry: whether late frames are carried on to now by the believed kinematics; else they are
             taken for now.
