@@ -42,12 +42,12 @@ def motion_of_reference(true: Robot, samples: Sequence[Sample]) -> JointMotion |
     """
     if not isinstance(true.task, JointTask):
         return None
-    model, data, friction = true.model, true.model.createData(), true.friction
-    rows = []
+    model, data, rows = true.model, true.model.createData(), []
     for x_d, xd_d, xdd_d in (sample.desired for sample in samples):
         q = configuration_from_angles(model, x_d)
-        rows.append((x_d, xd_d, pin.rnea(model, data, q, xd_d, xdd_d) + friction.torque(xd_d)))
-    return _stacked(true, rows)
+        rows.append((x_d, xd_d, pin.rnea(model, data, q, xd_d, xdd_d)))
+    motion = _stacked(true, rows)
+    return motion._replace(tau=motion.tau + true.friction.torque(motion.v))
 
 
 def _stacked(robot: Robot, rows: Sequence[tuple[np.ndarray, ...]]) -> JointMotion:
