@@ -11,6 +11,7 @@ import numpy as np
 from .._kernels import guards as kernels
 from ..exceptions import InputError, MeasurementError, did_you_mean
 from ..models.task_kinematics import TaskKinematics
+from ..models.translations import FIRST
 from ..robot.chain import is_slide
 from ..robot.robot import Robot
 from ..robot.velocity_limits import velocity_limits
@@ -124,7 +125,7 @@ def make_guards(
             )
         on[name] = wanted
     size = reach(believed)
-    based = any(part.joint == 1 for part in kinematics.translations)
+    based = any(part.joint == FIRST for part in kinematics.translations)
     scale = size if kinematics.positions else 1.0
     slides = any(is_slide(joint) for joint in believed.model.joints[1:])
     return Guards(

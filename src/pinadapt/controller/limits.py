@@ -11,12 +11,14 @@ from .._checks import positive, vector
 from ..exceptions import GainError, ParameterError
 from ..models.dynamics import Dynamics
 from ..models.task_kinematics import TaskKinematics
+from ..models.translations import FIRST
 from ..robot.effort_limits import torque_limits
 from ..robot.robot import Robot
 from ..robot.workspace import reach
 
 _ABSURD = 1e4
 _SHORTEST, _LONGEST = 0.2, 5.0
+_WIDE, _WIDE_BASE = 0.5, 10.0  # of the reach
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +92,7 @@ def make_box(
         kinematics: its unknown translations.
         given: a margin [m] around the believed values, or p of them; both bounds (2, p) [m]; False
             for none. By default a length lies between a fifth and five times the believed one,
-            other coordinates within half the robot's reach.
+            other coordinates within half the robot's reach, those of the base within ten times.
 
     Raises:
         ParameterError: wrong size or not numbers, or a negative margin.
@@ -104,7 +106,9 @@ def make_box(
             for part in kinematics.translations
         ]
         sizes = [len(part.labels) for part in kinematics.translations]
-        length, margin = np.repeat(plain, sizes) & (centre > 0.0), 0.5 * reach(believed)
+        length = np.repeat(plain, sizes) & (centre > 0.0)
+        wide = [_WIDE_BASE if part.joint == FIRST else _WIDE for part in kinematics.translations]
+        margin = np.repeat(wide, sizes) * reach(believed)
         low = np.where(length, _SHORTEST * centre, centre - margin)
         return np.stack([low, np.where(length, _LONGEST * centre, centre + margin)])
     rows = [given] if np.ndim(given) < 2 else list(np.asarray(given, dtype=object))

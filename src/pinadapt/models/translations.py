@@ -17,6 +17,8 @@ from ..robot.robot import Robot
 
 TOOL = "tool"
 LENGTHS = "lengths"
+BASE = "base"
+FIRST = 1  # the joint whose placement tells where the base stands
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +108,8 @@ def unknown_translations(
     Args:
         robot: the believed robot; its placements give the directions of lengths.
         unknown: "tool" or joint names (whole translations), "tool:length" or "joint:length" (along
-            its direction), "lengths" (every link's length, one a link, tool included).
+            its direction), "lengths" (every link's length, one a link, tool included), "base" (of
+            the first joint, so where the base stands in the camera's frame).
 
     Raises:
         ParameterError: a word twice, a translation that does not move the frame, or a length
@@ -139,19 +142,24 @@ def _all_lengths(robot: Robot) -> list[str]:
 
 
 def _translation(robot: Robot, word: str) -> Translation:
+    if word == BASE:
+        axes = tuple(f"{BASE}_{axis}" for axis in "xyz")
+        return Translation(BASE, FIRST, np.eye(3), np.zeros(3), axes)
     name, _, kind = word.partition(":")
     if kind not in ("", "length"):
         raise ParameterError(
             f"'{word}' must be a name, or a name followed by ':length'.", where="unknown.kinematic"
         )
     joint = (
-        None if name == TOOL else joint_id(robot.model, name, "unknown.kinematic", (TOOL, LENGTHS))
+        None
+        if name == TOOL
+        else joint_id(robot.model, name, "unknown.kinematic", (TOOL, LENGTHS, BASE))
     )
-    if joint == 1:
+    if joint == FIRST:
         raise ParameterError(
             f"the placement of the first joint, '{name}', has no effect on the frame's velocity.",
             where="unknown.kinematic",
-            hint="It cannot be learned from motion; measure x from the robot's base instead.",
+            hint=f"Say '{BASE}' to have it learned from x itself, by the law 'separation'.",
         )
     nominal = placement_of(robot.model, robot.frame_id, joint).translation.copy()
     if kind == "":

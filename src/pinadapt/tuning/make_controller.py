@@ -78,7 +78,7 @@ def make_controller(
         adaptation: "natural", "gradient", "projected" (gradient that keeps M_hat positive definite)
             or "none"; or an adaptation of the dynamic estimate with its gains.
         kinematic: unknown translations: "tool" (the default), joint names, "joint:length",
-            "lengths"; a joint task has none.
+            "lengths", "base" (in the frame in which x is measured); a joint task has none.
         dynamic: unknown bodies: "all", "payload" (the last one), "none", or joint names.
         joint: unknown coefficients of the joints: "all", "none", or some of "armature", "viscous",
             "coulomb"; by default all for the law "separation", none for the published ones.
@@ -106,7 +106,7 @@ def make_controller(
             some of "position", "velocity", "time" and "rest" with False. See ``Guards``.
         noise: standard deviations of the sensors, q and v [rad, rad/s, m, m/s] and x [m], or the
             first samples of an arm at rest, which show them; filters and rates follow.
-        encoder: rad or m a count, one or one a joint, where v is differenced from counts over a period.
+        encoder: rad or m a count, one or one a joint, with v differenced from it over a period.
         camera: rate, delay and dropout of the camera that gives x, where it is not of every sample.
         carry: whether late frames are carried on to now by the believed kinematics; else they are
             taken for now.
@@ -122,7 +122,8 @@ def make_controller(
     """
     belief = Belief(believed.undrawn(), payload)
     believed = belief.robot(payload)
-    chosen, kinematics = _law_type(law, believed), believed_kinematics(believed, kinematic)
+    chosen = _law_type(law, believed)
+    kinematics = believed_kinematics(believed, kinematic, chosen)
     kind, rates = _kind(adaptation, chosen), {name: gains.pop(name, None) for name in RATES}
     lengths = lumped_lengths(kinematics, regressor, kind, chosen, basis)
     joint = chosen.joint_effects if joint is None else joint

@@ -19,7 +19,7 @@ from ..models.joint_kinematics import JointKinematics
 from ..models.lumped import LumpedDynamics
 from ..models.stacked import StackedDynamics
 from ..models.task_kinematics import TaskKinematics
-from ..models.translations import TOOL, Translation
+from ..models.translations import BASE, FIRST, TOOL, Translation
 from ..robot.robot import Robot
 from ..tasks.joint import JointTask
 
@@ -28,15 +28,22 @@ REGRESSORS = ("exact", "nominal")
 Words = str | Sequence[str | Translation]
 
 
-def believed_kinematics(believed: Robot, unknown: Words | None) -> TaskKinematics:
+def believed_kinematics(believed: Robot, unknown: Words | None, law: type[Law]) -> TaskKinematics:
     """Return the believed kinematics; by default the tool is unknown, of a joint task nothing.
 
     Raises:
-        InputError: unknown translations that cannot be used.
+        InputError: unknown translations that cannot be used, or not by this law.
     """
     if isinstance(believed.task, JointTask):
         return JointKinematics(believed, () if unknown is None else unknown)
-    return FrameKinematics(believed, (TOOL,) if unknown is None else unknown)
+    kinematics = FrameKinematics(believed, (TOOL,) if unknown is None else unknown)
+    if not law.needs_prediction and any(p.joint == FIRST for p in kinematics.translations):
+        raise ParameterError(
+            f"the law '{law.name}' learns from velocities, in which '{BASE}' does not show.",
+            where="unknown.kinematic",
+            hint='Take the law "separation", which learns from positions too.',
+        )
+    return kinematics
 
 
 def believed_dynamics(
@@ -98,7 +105,7 @@ def lumped_lengths(
             f"{did_you_mean(regressor, REGRESSORS)}",
             where="unknown.regressor",
         )
-    lengths = [part for part in kinematics.translations if part.joint is not None]
+    lengths = [part for part in kinematics.translations if part.joint not in (None, FIRST)]
     names = [part.name for part in lengths]
     if not lengths or kind == "none" or basis is not None:
         return []
