@@ -114,9 +114,12 @@ def test_geodesics(which, size, rng):
 
 
 def test_descent(rng, laid):
-    Gamma, a, g, after = laid(rng.standard_normal((3, 3))), *rng.standard_normal((2, 3)), filled(3)
+    (a, g), after = rng.standard_normal((2, 9)), filled(9)
+    Gamma = a[:, None] * a + np.diag(g)
     adaptation.descend(laid(a), laid(g), Gamma, 0.1, after)
     assert close(after, a - 0.1 * Gamma @ g)
+    adaptation.descent(laid(g), Gamma, after)
+    assert close(after, -Gamma @ g)
     adaptation.descend(a, NAN * g, Gamma, 0.1, after)
     assert np.isnan(after).all()
 
@@ -435,7 +438,10 @@ def test_filters(rng, laid):
         rng.standard_normal(7),
     )
     y, a = filled(3), filled(7)
-    filters.filtered_rates(4.0, laid(x), 60.0, v, memory, y, a)
+    for wrong in ((W, memory, 4), (W[1:], memory, 5), (W, memory[1:], 5)):
+        assert not filters.filtered_rates(*wrong, 4.0, laid(x), 60.0, v, y, a)
+    assert np.isnan(y).all() and np.isnan(a).all()
+    assert filters.filtered_rates(W, memory, 5, 4.0, laid(x), 60.0, v, y, a)
     assert close(y, 4.0 * x[:3] - memory[:3]) and close(a, 60.0 * (v - memory[3:]))
     a_k, xd_hat, after = rng.standard_normal(5), rng.standard_normal(6), (filled(3, 5), filled(10))
     filters.advance(W, memory, Y, a_k, y, xd_hat, v, 4.0, 60.0, 1e-2, *after)

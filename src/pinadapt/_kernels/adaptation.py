@@ -12,14 +12,26 @@ LARGEST_STEP = 0.02
 _ONE_TERM = 0.003
 
 
-@compiled("void(f8[:], f8[:], f8[:,:], f8, f8[:])")
+@compiled("void(f8[:], f8[:,::1], f8[::1])")
+def descent(g: np.ndarray, Gamma: np.ndarray, rate: np.ndarray) -> None:
+    """Write -Gamma g (p), Gamma symmetric."""
+    for i in range(len(rate)):
+        rate[i] = 0.0
+    for j in range(len(g)):
+        for i in range(len(rate)):
+            rate[i] -= Gamma[j, i] * g[j]
+
+
+@compiled("void(f8[:], f8[:], f8[:,::1], f8, f8[::1])")
 def descend(a: np.ndarray, g: np.ndarray, Gamma: np.ndarray, dt: float, after: np.ndarray) -> None:
-    """Write a - dt Gamma g (p)."""
+    """Write a - dt Gamma g (p), Gamma symmetric."""
     for i in range(len(a)):
-        rate = 0.0
-        for j in range(len(g)):
-            rate -= Gamma[i, j] * g[j]
-        after[i] = a[i] + dt * rate
+        after[i] = 0.0
+    for j in range(len(g)):
+        for i in range(len(a)):
+            after[i] -= Gamma[j, i] * g[j]
+    for i in range(len(a)):
+        after[i] = a[i] + dt * after[i]
 
 
 @compiled("void(f8[:], f8[:], f8[:], f8, f8, f8[:])")

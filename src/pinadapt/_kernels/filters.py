@@ -9,22 +9,30 @@ import numpy as np
 from .._compiled import compiled
 
 
-@compiled("void(f8, f8[:], f8, f8[:], f8[:], f8[:], f8[:])", fills=2)
+@compiled("b1(f8[:,:], f8[:], i8, f8, f8[:], f8, f8[:], f8[:], f8[:])", fills=2)
 def filtered_rates(
+    W_k: np.ndarray,
+    memory: np.ndarray,
+    p: int,
     bandwidth: float,
     x: np.ndarray,
     bandwidth_a: float,
     v: np.ndarray,
-    memory: np.ndarray,
     y: np.ndarray,
     a: np.ndarray,
-) -> None:
-    """Write y = lambda x - xi (m_p), (4), and a = lambda_a (v - z) (n); memory: xi, z."""
+) -> bool:
+    """Write y = lambda x - xi (m_p), (4), and a = lambda_a (v - z) (n); memory: xi, z.
+
+    Return False, and write nothing, if W_k is not (m_p, p) or the memory not (m_p + n).
+    """
     m = len(y)
+    if W_k.shape[0] != m or W_k.shape[1] != p or len(memory) != m + len(a):
+        return False
     for i in range(m):
         y[i] = bandwidth * x[i] - memory[i]
     for i in range(len(a)):
         a[i] = bandwidth_a * (v[i] - memory[m + i])
+    return True
 
 
 @compiled("void(f8[:], f8[:], f8[:], f8, f8, f8[:])")

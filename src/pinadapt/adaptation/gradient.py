@@ -27,13 +27,14 @@ class Gradient(Adaptation):
         Raises:
             GainError: not positive definite, or of another size.
         """
-        self.Gamma = definite_matrix(Gamma, size, name)
-        self._minus_Gamma = -self.Gamma
+        self.Gamma = np.ascontiguousarray(definite_matrix(Gamma, size, name))
         self._information = np.linalg.inv(self.Gamma)
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return -Gamma g (p)."""
-        return Estimate(self._minus_Gamma.dot(drive.gradient))
+        rate = empty(estimate.value.size)
+        kernels.descent(drive.gradient, self.Gamma, rate)
+        return Estimate(rate)
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""

@@ -73,21 +73,16 @@ class MotionFilters(Filters):
         Raises:
             InputError: the state of other filters.
         """
-        n, m, p = kinematics.nv, kinematics.positions, kinematics.size
-        if (
-            state.__class__ is not MotionState
-            or state.memory.shape != (m + n,)
-            or state.W_k.shape != (m, p)
-        ):
-            raise InputError("the filters are those of another controller.", where="state")
-        W_k, memory = state
-        x = memory if measurement.x is None else measurement.x  # without positions it is not read
-        y, a = empty(m), empty(n)
-        kernels.filtered_rates(
-            self.task_velocity.bandwidth, x, self.joint_velocity.bandwidth, measurement.v, memory,
-            y, a,
-        )  # fmt: skip
-        return FilteredMotion(W_k, y, a)
+        if state.__class__ is MotionState:
+            W_k, memory = state
+            x = memory if measurement.x is None else measurement.x  # not read without positions
+            y, a = empty(kinematics.positions), empty(kinematics.nv)
+            if kernels.filtered_rates(
+                W_k, memory, kinematics.size, self.task_velocity.bandwidth, x,
+                self.joint_velocity.bandwidth, measurement.v, y, a,
+            ):  # fmt: skip
+                return FilteredMotion(W_k, y, a)
+        raise InputError("the filters are those of another controller.", where="state")
 
     def step(self, state: MotionState, s: Signals, dt: float) -> MotionState:
         """Return the state after dt [s] with Y_p, lambda x + y_p0 and v held: exact for any dt."""
