@@ -161,9 +161,9 @@ def make_controller(
             believed, kinematics, dynamics, torque=torque_limits, damping=damping, watch=watch
         ),
         senses=Senses(
+            make_guards(believed, kinematics, guards, noise_v=sensors.v, noise_x=sensors.x),
             Carrier(needed.smoothing, carry),
             None if isinf(needed.velocity) else LowPass(needed.velocity, "velocity filter"),
-            make_guards(believed, kinematics, guards, noise_v=sensors.v, noise_x=sensors.x),
         ),
         motion=motion,
         compensation=compensation_of(believed, compensated),
