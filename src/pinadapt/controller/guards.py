@@ -17,6 +17,7 @@ from ..robot.chain import is_slide
 from ..robot.robot import Robot
 from ..robot.velocity_limits import velocity_limits
 from ..robot.workspace import reach
+from ..sensing import SensorQuality
 
 GUARDS = ("position", "velocity", "time", "rest")
 _FAR, _FAR_BASE = 2.0, 20.0  # of the reach: x from x_hat, with the base in its place and unknown
@@ -103,9 +104,7 @@ def make_guards(
     believed: Robot,
     kinematics: TaskKinematics,
     guards: Mapping[str, bool] | bool,
-    *,
-    noise_v: float = 0.0,
-    noise_x: float = 0.0,
+    quality: SensorQuality,
 ) -> Guards:
     """Return the guards of a controller for a believed robot.
 
@@ -113,8 +112,7 @@ def make_guards(
         believed: the believed robot.
         kinematics: its kinematics.
         guards: False for none, or some of "position", "velocity", "time" and "rest" with False.
-        noise_v: standard deviation of the joint velocity [rad/s or m/s].
-        noise_x: of the position [m].
+        quality: of the sensors, whose noise an arm that rests still shows.
 
     Raises:
         InputError: an unknown guard.
@@ -140,6 +138,8 @@ def make_guards(
         if on["velocity"]
         else np.full(believed.model.nv, np.inf),
         clock=on["time"],
-        slow=_SLOW * (min(1.0, size) if slides else 1.0) + _NOISE * noise_v if on["rest"] else 0.0,
-        near=_NEAR * scale + _NOISE * noise_x,
+        slow=_SLOW * (min(1.0, size) if slides else 1.0) + _NOISE * quality.v
+        if on["rest"]
+        else 0.0,
+        near=_NEAR * scale + _NOISE * quality.x,
     )

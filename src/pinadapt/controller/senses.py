@@ -10,7 +10,10 @@ from ..filters.low_pass import LowPass
 from ..models.sight import Carrier, Sensed
 from ..models.task_kinematics import TaskKinematics
 from ..records import Measurement
+from ..sensing import SensorQuality
 from .guards import Guards
+
+_PERFECT = SensorQuality()
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,11 +24,13 @@ class Senses:
         guards: what is not believed, and when there is nothing to learn.
         carrier: how frames of a camera become the coordinates of now.
         low_pass: on the measured joint velocity, or None.
+        quality: of the sensors that all this is made for.
     """
 
     guards: Guards
     carrier: Carrier = field(default_factory=Carrier)
     low_pass: LowPass | None = None
+    quality: SensorQuality = _PERFECT
 
     def init(self, measurement: Measurement, kinematics: TaskKinematics) -> Sensed:
         """Return what is kept of the first sample."""
