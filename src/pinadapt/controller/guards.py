@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._kernels import guards as kernels
-from ..exceptions import InputError, MeasurementError, did_you_mean
+from ..exceptions import ImplausibleError, InputError, did_you_mean
 from ..models.task_kinematics import TaskKinematics
 from ..models.translations import FIRST
 from ..robot.chain import is_slide
@@ -48,10 +48,10 @@ class Guards:
         """Refuse a joint velocity (n) [rad/s or m/s] far beyond what the joints can.
 
         Raises:
-            MeasurementError: it is.
+            ImplausibleError: it is.
         """
         if self.fast is not None and (i := kernels.first_beyond(v, self.fast)) >= 0:
-            raise MeasurementError(
+            raise ImplausibleError(
                 "v",
                 v,
                 f"is implausible: joint {i + 1} moves at {v[i]:.3g} rad/s or m/s, over "
@@ -62,13 +62,13 @@ class Guards:
         """Refuse a position x that is far from where the frame is believed to be.
 
         Raises:
-            MeasurementError: it is.
+            ImplausibleError: it is.
         """
         if self.far == math.inf:
             return
         distance = kernels.distance(x, kinematics.x_hat, kinematics.positions)
         if distance > self.far:
-            raise MeasurementError(
+            raise ImplausibleError(
                 "x",
                 x,
                 f"is implausible: {distance:.3g} m from where the frame is believed to be, "
@@ -81,13 +81,13 @@ class Guards:
         dt, or the time since the sample before where others were dropped in between.
 
         Raises:
-            MeasurementError: the time goes back.
+            ImplausibleError: the time goes back.
         """
         if not self.clock:
             return dt
         elapsed = now - before
         if elapsed < 0.0:
-            raise MeasurementError("t", now, f"is before the last sample's, {before:g} s")
+            raise ImplausibleError("t", now, f"is before the last sample's, {before:g} s")
         return elapsed if elapsed > _MISSED * dt else dt
 
     def rests(self, xd_d: np.ndarray, xdd_d: np.ndarray, v: np.ndarray, dx: np.ndarray) -> bool:

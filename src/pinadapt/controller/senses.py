@@ -63,7 +63,7 @@ class Senses:
             a_k: (p) their estimate [m].
 
         Raises:
-            MeasurementError: the position is implausible, of another time, or too old.
+            MeasurementError: the position is implausible, of a later time, or too old.
         """
         if measurement.x is not None:
             self.guards.check_position(measurement.x, kinematics)
