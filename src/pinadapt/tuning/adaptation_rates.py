@@ -28,7 +28,7 @@ from ..models.stacked import StackedDynamics
 from ..models.typical_motion import TypicalMotion
 from ..robot.robot import Robot
 from ..robot.workspace import reach
-from .defaults import JOINT_MODE, KINEMATIC_MODE, PREDICTION_RATE, gradient_shape
+from .defaults import JOINT_MODE, PREDICTION_RATE, gradient_shape
 from .linearised_loop import frequency, rate_for
 
 ADAPTATIONS = ("natural", "gradient", "projected", "none")
@@ -55,6 +55,7 @@ def kinematic_adaptation(
     bandwidth: float,
     gamma_k: ArrayLike | None,
     box: np.ndarray | None,
+    fastest: float,
 ) -> Adaptation:
     """Return how the kinematic estimate moves, at a given or the default rate, in a box or none.
 
@@ -65,6 +66,7 @@ def kinematic_adaptation(
         bandwidth: w [rad/s].
         gamma_k: the rate, a number, list or matrix, or None.
         box: (2, p) bounds or None.
+        fastest: mode that the age of the camera's frames allows [rad/s].
     """
     kinematics = motion.kinematics
     size, loop = kinematics.size, law.kinematic_loop()
@@ -73,7 +75,7 @@ def kinematic_adaptation(
     if gamma_k is None:
         stiffness = 1.0 if loop is None else loop.stiffness
         effects = [np.sqrt(stiffness) * Y_p for Y_p in motion.kinematic_regressors]
-        mode = KINEMATIC_MODE * bandwidth
+        mode = min(law.kinematic_mode * bandwidth, fastest)
         gamma_k = rate_for(mode, effects, Gradient(1.0, size), kinematics.initial)
     gradient = Gradient(gamma_k, size, "gamma_k")
     if box is None:

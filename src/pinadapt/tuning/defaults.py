@@ -8,7 +8,7 @@ dt, w is lowered until it passes.
 
 The rates of adaptation follow from how fast they make the closed loop (see ``linearised_loop``):
 over a typical motion the fastest mode of the bodies' adaptation is ``Law.adaptation_mode`` w, that
-of the joints' coefficients 3 w, that of the kinematics 0.15 w, and R_k lets the filtered prediction
+of the joints' coefficients 3 w, that of the kinematics ``Law.kinematic_mode`` w, and R_k lets the filtered prediction
 error decay at w / 8. On the Panda gamma_k is about the 0.05 that Wang and Xie published for their
 arm.
 """
@@ -31,7 +31,6 @@ _LEAST_EXCITATION = 1e-6  # relative
 
 # of the bandwidth
 JOINT_MODE = 3.0
-KINEMATIC_MODE = 0.15
 PREDICTION_RATE = 0.125
 
 

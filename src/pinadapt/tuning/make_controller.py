@@ -138,7 +138,9 @@ def make_controller(
     if kind != "none" and (light := lightest_joint(motion, tuned)):
         warnings.warn(str(light), stacklevel=2)
     box = make_box(believed, kinematics, kinematic_box)
-    adaptation_k = kinematic_adaptation(kind, tuned, motion, w, rates["gamma_k"], box)
+    adaptation_k = kinematic_adaptation(
+        kind, tuned, motion, w, rates["gamma_k"], box, needed.kinematic
+    )
     if isinstance(law, str) and gains.get("R_k") is None:
         tuned = tuned.with_prediction_weight(
             prediction_weight(tuned, motion, adaptation_k, w, needed.smoothing)

@@ -39,6 +39,7 @@ class Remedies(NamedTuple):
         mode: share of the adaptation's fastest mode.
         leak: of the dynamic estimate [1/s], zero for none.
         smoothing: bandwidth of the low pass on a camera's frames [1/s], infinite for none.
+        kinematic: fastest mode of the kinematic adaptation [rad/s]: its loop closes through frames.
     """
 
     velocity: float = math.inf
@@ -46,6 +47,7 @@ class Remedies(NamedTuple):
     mode: float = 1.0
     leak: float = 0.0
     smoothing: float = math.inf
+    kinematic: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,7 @@ class Sensors:
         v: standard deviation of the joint velocity [rad/s or m/s].
         x: of a frame's position [m].
         rate: frames of the camera [1/s].
+        age: of the oldest frame that is still the last one [s], zero if every sample has its own.
     """
 
     dt: float
@@ -65,6 +68,7 @@ class Sensors:
     v: float = 0.0
     x: float = 0.0
     rate: float = 0.0
+    age: float = 0.0
 
     @classmethod
     def of(
@@ -98,7 +102,8 @@ class Sensors:
         seen = None if camera is None else Camera.of(camera)
         rate = 1.0 / dt if seen is None or seen.rate is None else min(seen.rate, 1.0 / dt)
         v = math.hypot(sizes.get("v", 0.0), differenced)
-        return cls(dt, reach(robot), v, sizes.get("x", 0.0), rate)
+        age = 0.0 if seen is None else seen.delay + 1.0 / rate
+        return cls(dt, reach(robot), v, sizes.get("x", 0.0), rate, age)
 
 
 def remedies(sensors: Sensors, bandwidth: float) -> Remedies:
@@ -116,4 +121,4 @@ def remedies(sensors: Sensors, bandwidth: float) -> Remedies:
     if sensors.x > 0.0:
         smoothing = 2.0 * sensors.rate * (_FINEST * sensors.reach / sensors.x) ** 2
         found = found._replace(smoothing=smoothing)
-    return found
+    return found._replace(kinematic=1.0 / sensors.age) if sensors.age else found
