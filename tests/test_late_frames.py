@@ -62,7 +62,7 @@ class Stream:
         return self.controller.init(self.sample(0, 0.0), **options)
 
     def signals(self, frames, *, count=None, **options):
-        """Yield what the law sees at each sample; ``frames``: sample -> when its frame was taken."""
+        """Yield what the law sees at each sample; frames: sample -> when its frame was taken."""
         state = self.start(**options)
         for k in range(max(frames, default=0) + 1 if count is None else count):
             sample = self.sample(k, frames.get(k))

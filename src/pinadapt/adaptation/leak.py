@@ -44,7 +44,7 @@ class Leak(Wrapper):
         return Estimate(estimate.value, (estimate.value.copy(), *estimate.memory))
 
     def told(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
-        """Return what the inner adaptation makes of an announced value (p), leaking to ``start``."""
+        """Return what the inner adaptation makes of an announced value (p); leak to ``start``."""
         _, *memory = estimate.memory
         told = self.inner.told(Estimate(estimate.value, tuple(memory)), value, start)
         return Estimate(told.value, (start.copy(), *told.memory))
