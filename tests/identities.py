@@ -52,11 +52,14 @@ def check_kinematics(robot: pa.Robot, unknown: list[str | Translation]) -> None:
         now.position_regressor(),
         now.acceleration_regressor(a),
     )
-    for regressor in (now.Y_k, position_regressor, acceleration_regressor):
+    assert position_regressor.shape == (task.positions, now.size)
+    for regressor in (now.Y_k, acceleration_regressor):
         assert regressor.shape == (task.size, now.size) and not regressor[task.positions :].any()
     step = 0.1 * a_k_rate
     now.update(a_k + step, q, v)
+    moved = task.error(now.x_hat, x)
     assert np.allclose(
-        task.error(now.x_hat, x), position_regressor @ step, atol=1e-12
+        moved[: task.positions], position_regressor @ step, atol=1e-12
     )  # affine: no truncation in a large step
+    assert np.abs(moved[task.positions :]).max(initial=0.0) <= 1e-12
     assert np.allclose(now.J @ a + now.Jdot_v - xdd_now, acceleration_regressor @ step, atol=1e-11)

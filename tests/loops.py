@@ -101,6 +101,8 @@ def energy_along(
 ) -> Energy:
     """Run the continuous loop with ideal acceleration from home at rest, and trace V.
 
+    The ideal acceleration is that of the unclipped torque: there are no torque limits.
+
     Args:
         true: the robot that is controlled.
         controller: the controller, made for another.
@@ -109,7 +111,7 @@ def energy_along(
         dt: integration step and time between samples [s].
         start: initial estimates a_k, a_d instead of the believed ones.
     """
-    plant = pa.PinocchioPlant(true)
+    plant, controller = pa.PinocchioPlant(true), controller.limited(None)
     state = controller.init(plant.measure(), **start)
     stream = pa.run_continuous(plant, controller, path, dt=dt, state=state, ideal_acceleration=True)
     a_k, a_d = controller.kinematics.value(true), controller.dynamics.value(true)

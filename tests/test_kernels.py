@@ -18,6 +18,7 @@ from pinadapt._kernels import (
     joints,
     linear_algebra,
     models,
+    posture,
     watch,
 )
 from pinadapt.models.live_array import live_array
@@ -84,7 +85,7 @@ def test_kernels_hold_no_array_and_take_nothing_else(rng):
 
 def cones():
     panda = pa.load("panda")
-    bodies = pa.make_controller(panda)
+    bodies = pa.make_controller(panda, joint="none")
     return {
         "bodies": (bodies.adaptation_d.cone, bodies.dynamics.initial),
         "planar": (pa.MatrixInequality(LMI), np.array([3.34, 1.2, 0.97])),
@@ -187,14 +188,14 @@ def test_law_algebra(m, m_p, p, rng, laid):
     assert close(residual, W_k @ a_k - y)
     assert close(g_k, W_k.T @ R_k @ (W_k @ a_k - y) - Y_k.T @ (K_P @ dx + 5.0 * dxd), 1e-11)
     J, G, v = laid(rng.standard_normal((m, 7))), laid(rng.standard_normal((m, m))), filled(7)
-    qd, q, rest = rng.standard_normal((3, 7))
+    qd, offset = rng.standard_normal((2, 7))
     feedback.commanded_acceleration(
-        xdd, K_v, xd, xd_d, K_P, dx, Jdot_v, Y_k, rate, J, G, qd, q, rest, 4.0, v
+        xdd, K_v, xd, xd_d, K_P, dx, Jdot_v, Y_k, rate, J, G, qd, offset, 4.0, v
     )
-    u, psi = xdd - K_v @ dxd - K_P @ dx - (Jdot_v + Y_k @ rate), -8.0 * qd - 16.0 * (q - rest)
+    u, psi = xdd - K_v @ dxd - K_P @ dx - (Jdot_v + Y_k @ rate), -8.0 * qd - 16.0 * offset
     assert close(v, psi + J.T @ G @ (u - J @ psi), 1e-10)
     feedback.commanded_acceleration(
-        NAN * xdd, K_v, xd, xd_d, K_P, dx, Jdot_v, Y_k, rate, J, G, qd, q, rest, 4.0, v
+        NAN * xdd, K_v, xd, xd_d, K_P, dx, Jdot_v, Y_k, rate, J, G, qd, offset, 4.0, v
     )
     assert np.isnan(v).all()
 
@@ -251,10 +252,21 @@ def test_observation_drive(m, rng, laid):
     assert close(gradient, 0.7 * Y_k[:m].T @ dx_o + X_k.T @ (R @ epsilon))
 
 
-def test_posture_velocity(rng, laid):
-    (q, rest, v), psi, rate = map(laid, rng.standard_normal((3, 5))), filled(5), filled(5)
-    feedback.posture_velocity(q, rest, v, 4.0, psi, rate)
-    assert close(psi, -4.0 * (q - rest)) and close(rate, -4.0 * v)
+def test_posture(rng, laid):
+    """A parabola beyond either edge, and the rate by differences."""
+    q, rest, v = map(laid, rng.standard_normal((3, 200)))
+    low, high, margin = laid(np.full(200, -0.5)), laid(np.full(200, 0.8)), laid(np.full(200, 0.3))
+    low[::7], high[::7] = -np.inf, np.inf
+    offset, psi, rate, after = (filled(200) for _ in range(4))
+    posture.posture_offset(q, rest, low, high, margin, offset)
+    d = q - rest
+    beyond = np.where(d > high, (d - high) ** 2, 0.0) - np.where(d < low, (d - low) ** 2, 0.0)
+    assert close(offset, d + 2.0 * beyond / 0.3) and beyond.min() < 0.0 < beyond.max()
+    posture.posture_velocity(q, rest, v, 4.0, low, high, margin, psi, rate)
+    assert close(psi, -4.0 * offset)
+    posture.posture_offset(q + 1e-7 * v, rest, low, high, margin, after)
+    posture.posture_offset(q - 1e-7 * v, rest, low, high, margin, offset)
+    assert close(rate, -4.0 * (after - offset) / 2e-7, 1e-5)
 
 
 def test_damping(rng, laid):

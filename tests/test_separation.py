@@ -28,7 +28,8 @@ def frame(name, plane="yz", **options):
 
 def planar():
     robot, own = catalogue_robot("planar_2r"), {"kinematic": "lengths", "basis": BASIS, "lmi": LMI}
-    return robot, pa.make_controller(robot, law="separation", **own, **SLOW), CIRCLE
+    controller = pa.make_controller(robot, law="separation", **own, **SLOW, **JOINTS)
+    return robot, controller, CIRCLE
 
 
 def lumped():

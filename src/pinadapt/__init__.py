@@ -22,6 +22,7 @@ from .controller import ControllerState as ControllerState
 from .controller import Limits as Limits
 from .exceptions import DivergedError as DivergedError
 from .exceptions import GainError as GainError
+from .exceptions import ImplausibleError as ImplausibleError
 from .exceptions import InputError as InputError
 from .exceptions import MeasurementError as MeasurementError
 from .exceptions import ParameterError as ParameterError

@@ -69,15 +69,20 @@ class MeasurementError(PinadaptError):
     Attributes:
         field: name of the measured signal.
         value: what was measured.
+        flaw: what is wrong with it.
     """
 
     def __init__(self, field: str, value: object, flaw: str = "is not finite") -> None:
         """Name the signal, its value and what is wrong with it."""
-        self.field, self.value = field, value
+        self.field, self.value, self.flaw = field, value, flaw
         super().__init__(
             f"measurement '{field}' {flaw}: {value}. The estimates were left as they were; "
             "repeat the step with a valid measurement or hold the last torque."
         )
+
+
+class ImplausibleError(MeasurementError):
+    """A measurement that could be one, but not of this robot here and now; see ``Guards``."""
 
 
 class DivergedError(PinadaptError):

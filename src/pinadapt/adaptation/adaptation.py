@@ -46,6 +46,10 @@ class Adaptation(ABC):
         """Return the value (p) to use at q (nq): as given, or closer to every possible truth."""
         return value
 
+    def told(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
+        """Return the estimate at a value (p) that was announced, as if begun at ``start`` (p)."""
+        return estimate._replace(value=value)
+
     @abstractmethod
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the time derivatives of the value (p) and of the memory."""
@@ -93,6 +97,10 @@ class Wrapper(Adaptation):
     def project(self, value: np.ndarray, q: np.ndarray) -> np.ndarray:
         """Return the value (p) that the inner adaptation uses at q (nq)."""
         return self.inner.project(value, q)
+
+    def told(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
+        """Return what the inner adaptation makes of an announced value (p)."""
+        return self.inner.told(estimate, value, start)
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates."""

@@ -43,6 +43,12 @@ class Leak(Wrapper):
         estimate = self.inner.init(value)
         return Estimate(estimate.value, (estimate.value.copy(), *estimate.memory))
 
+    def told(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
+        """Return what the inner adaptation makes of an announced value (p); leak to ``start``."""
+        _, *memory = estimate.memory
+        told = self.inner.told(Estimate(estimate.value, tuple(memory)), value, start)
+        return Estimate(told.value, (start.copy(), *told.memory))
+
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner rates, and of the value what leaks."""
         a, (start, *memory) = estimate.value, estimate.memory

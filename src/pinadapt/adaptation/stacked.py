@@ -47,6 +47,12 @@ class Stacked(Adaptation):
         blocks = [part.project(value[block], q) for part, block in self.parts]
         return value if all(kept.base is value for kept in blocks) else np.concatenate(blocks)
 
+    def told(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
+        """Return what each block's adaptation makes of an announced value (p)."""
+        return self._joined(
+            part.told(own, value[block], start[block]) for part, block, own in self._split(estimate)
+        )
+
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the rates of all blocks."""
         return self._joined(

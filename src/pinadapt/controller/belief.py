@@ -80,8 +80,9 @@ def _loaded(
     for before, after in (estimated, described):
         a_d, a_0 = (controller.dynamics.moved(a, before, after) for a in (state.a_d, state.a_0))
         if a_d is not None and a_0 is not None:
-            dynamic = state.dynamic._replace(value=validate(a_d))
-            return state._replace(dynamic=dynamic, a_0=validate(a_0), load=load)
+            value, start = validate(a_d), validate(a_0)
+            dynamic = controller.adaptation_d.told(state.dynamic, value, start)
+            return state._replace(dynamic=dynamic, a_0=start, load=load)
     raise ParameterError(
         f"the {controller.dynamics.size} dynamic parameters cannot express a load on the last "
         "body, or this one.",

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._kernels import guards as kernels
-from ..exceptions import InputError, MeasurementError, did_you_mean
+from ..exceptions import ImplausibleError, InputError, did_you_mean
 from ..models.task_kinematics import TaskKinematics
 from ..models.translations import FIRST
 from ..records import Desired
@@ -59,7 +59,7 @@ class Guards:
             kinematics: updated to the sample.
 
         Raises:
-            MeasurementError: a joint much faster than it can be, or a position far from where the
+            ImplausibleError: a joint much faster than it can be, or a position far from where the
                 frame is believed to be.
         """
         seen = _NOTHING if x is None else x
@@ -70,14 +70,14 @@ class Guards:
             return found == kernels.STILL
         if found == kernels.FAR:
             distance = np.linalg.norm(seen[: kinematics.positions] - kinematics.last_joint)
-            raise MeasurementError(
+            raise ImplausibleError(
                 "x",
                 seen,
                 f"is implausible: {distance:.3g} m from where the last joint is believed to be, "
                 f"more than {self.far:.3g} m (in millimetres? in another frame?)",
             )
         joint = found - kernels.FAST
-        raise MeasurementError(
+        raise ImplausibleError(
             "v",
             v,
             f"is implausible: {kinematics.joint_names[joint]} at {v[joint]:.3g} rad/s or m/s, over "
@@ -90,13 +90,13 @@ class Guards:
         dt, or the time since the sample before where others were dropped in between.
 
         Raises:
-            MeasurementError: the time goes back.
+            ImplausibleError: the time goes back.
         """
         if not self.clock:
             return dt
         elapsed = now - before
         if elapsed < 0.0:
-            raise MeasurementError("t", now, f"is before the last sample's, {before:g} s")
+            raise ImplausibleError("t", now, f"is before the last sample's, {before:g} s")
         return elapsed if elapsed > _MISSED * dt else dt
 
 

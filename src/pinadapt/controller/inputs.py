@@ -53,7 +53,7 @@ class InputCheck:
             fits = (
                 state.__class__ is ControllerState
                 and kernels.fit(a_d, state.a_0, a_k, q, v, where, x_d, xd_d, xdd_d, self._sizes)
-                and (x_time is None or x_time.__class__ is float)
+                and (x_time is None or (x_time.__class__ is float and x_time - x_time == 0.0))
                 and (xd is None or (xd.dtype is _FLOAT and xd.shape == self._m))
                 and a is None
                 and t.__class__ is float

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..exceptions import MeasurementError
+from ..exceptions import ImplausibleError, MeasurementError
 from ..records import Measurement
 from .task_kinematics import TaskKinematics
 
@@ -100,7 +100,8 @@ class Carrier:
             a_k: (p) their estimate [m].
 
         Raises:
-            MeasurementError: the frame was taken later than the sample, or the last one is too old.
+            MeasurementError: the frame was taken later than the sample.
+            ImplausibleError: the last one is too old.
         """
         t, q, x, x_time = measurement.t, measurement.q, measurement.x, measurement.x_time
         if before.x is None:
@@ -123,7 +124,7 @@ class Carrier:
             q_c = _at(history, taken, kinematics)
             frame = self._frame(taken, q_c, x, kinematics, a_k, frame)
         elif t - frame.t > self.blind:
-            raise MeasurementError("x", None, f"has not been seen for {t - frame.t:.3g} s")
+            raise ImplausibleError("x", None, f"has not been seen for {t - frame.t:.3g} s")
         epsilon = frame.X_k.dot(a_k) + frame.b_smooth
         x = kinematics.task.carried(kinematics.x_hat, epsilon, frame.turn)
         return Sensed(x, q, frame, history)

@@ -9,13 +9,13 @@ import numpy as np
 
 from ..controller.controller import Controller
 from ..controller.state import ControllerState
-from ..exceptions import DivergedError
+from ..exceptions import DivergedError, ImplausibleError
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..records import Desired, Measurement
 from ..rollout.sample import Sample
 from ..trajectories.trajectory import Trajectory
 from .events import Events
-from .run import FASTEST, sample_indices
+from .run import FASTEST, lost, sample_indices
 
 
 def run_continuous(
@@ -61,6 +61,8 @@ def run_continuous(
             k2 = loop.slope(y + (0.5 * dt) * k1, t + 0.5 * dt)
             k3 = loop.slope(y + (0.5 * dt) * k2, t + 0.5 * dt)
             k4 = loop.slope(y + dt * k3, t + dt)
+        except ImplausibleError as error:
+            raise DivergedError(lost(error), t) from error
         except (DivergedError, np.linalg.LinAlgError) as error:
             raise DivergedError(str(error), t) from error
         try:

@@ -8,7 +8,7 @@ from time import perf_counter
 
 from ..controller.controller import Controller
 from ..controller.state import ControllerState
-from ..exceptions import DivergedError
+from ..exceptions import DivergedError, ImplausibleError
 from ..plants.plant import Plant
 from ..plants.sensors import Sensors
 from ..records import Desired, Measurement
@@ -48,8 +48,8 @@ def run(
         One sample a period.
 
     Raises:
-        DivergedError: the loop diverged, at its ``time`` and for its ``reason``; all samples before
-            were yielded.
+        DivergedError: the loop diverged, at its ``time`` and for its ``reason``, a guard's
+            ``ImplausibleError`` among them; all samples before were yielded.
         InputError, MeasurementError: as ``Controller.init`` and ``Controller.step``, and as
             ``Plant.become`` and ``Controller.believe`` where there are events.
     """
@@ -72,6 +72,8 @@ def run(
             step_time = perf_counter() - started
         except DivergedError as error:
             raise DivergedError(error.reason, truth.t) from error
+        except ImplausibleError as error:
+            raise DivergedError(lost(error), truth.t) from error
         given = plant.motors(torque)
         yield Sample(truth.t, measurement, desired, state, given, truth, step_time)
         plant.step(torque, dt)
@@ -80,6 +82,11 @@ def run(
             now = truth.t + dt
             events.change(plant, truth.t, now)
             state = events.tell(controller, state, truth.t, now)
+
+
+def lost(error: ImplausibleError) -> str:
+    """Return why a loop ends where its controller no longer believes its sensors."""
+    return f"measurement '{error.field}' {error.flaw}."
 
 
 def sample_indices(duration: float, dt: float, *, ends: bool = False) -> range:

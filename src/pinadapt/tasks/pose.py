@@ -84,19 +84,17 @@ class PoseTask(FrameTask):
         """Return the linear velocity, measured or believed, and the believed angular one (6)."""
         return xd_hat if xd is None else np.concatenate([xd[:3], xd_hat[3:]])
 
-    def turn(self, x_hat: np.ndarray, x: np.ndarray) -> pin.Quaternion:
-        """Return R_hat^T R of a believed and a seen pose."""
-        return _turning(x_hat).conjugate() * _turning(x)
+    def turn(self, x_hat: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Return R_hat^T R of a believed and a seen pose, as a quaternion xyzw."""
+        return (_turning(x_hat[3:]).conjugate() * _turning(x[3:])).coeffs()
 
-    def turn_between(
-        self, turn: pin.Quaternion, before: pin.Quaternion, share: float
-    ) -> pin.Quaternion:
+    def turn_between(self, turn: np.ndarray, before: np.ndarray, share: float) -> np.ndarray:
         """Return the turn on the way to an earlier one, this share of it."""
-        return turn.slerp(share, before)
+        return _turning(turn).slerp(share, _turning(before)).coeffs()
 
-    def carried(self, x_hat: np.ndarray, epsilon: np.ndarray, turn: pin.Quaternion) -> np.ndarray:
+    def carried(self, x_hat: np.ndarray, epsilon: np.ndarray, turn: np.ndarray) -> np.ndarray:
         """Return the pose (7) that is epsilon (3) [m] and a turn of its own axes from another."""
-        orientation = (_turning(x_hat) * turn).normalized()
+        orientation = (_turning(x_hat[3:]) * _turning(turn)).normalized()
         return np.concatenate([x_hat[:3] - epsilon, orientation.coeffs()])
 
     def moved(self, x: np.ndarray, by: np.ndarray) -> np.ndarray:
@@ -110,8 +108,9 @@ class PoseTask(FrameTask):
         return f"has a quaternion xyzw of length {np.linalg.norm(x[3:]):.4g} instead of 1"
 
 
-def _turning(x: np.ndarray) -> pin.Quaternion:
-    return pin.Quaternion(*x[[6, 3, 4, 5]].tolist())
+def _turning(q: np.ndarray) -> pin.Quaternion:
+    x, y, z, w = q.tolist()
+    return pin.Quaternion(w, x, y, z)
 
 
 def _unit(q: list[float]) -> bool:
