@@ -214,7 +214,7 @@ def test_estimates_do_not_wind_up_while_motors_saturate(law, monkeypatch):
 def moving(law):
     """Return a UR5's controller with the first sample, in motion, and what is desired."""
     robot = robot_of(law, "ur5")
-    controller = pa.make_controller(robot, law=law, adaptation="gradient")
+    controller = pa.make_controller(robot, law=law, adaptation="gradient", torque_limits=False)
     measurement = pa.PinocchioPlant(robot).measurement(robot.q0, np.linspace(0.1, 0.4, 6))
     return controller, measurement, motion_at_home(robot).at(0.1)
 
@@ -254,7 +254,7 @@ def test_a_saturated_sample_teaches_by_prediction_alone(law):
     if law == "adaptive-inverse-dynamics-velocity":
         expected = signals.Y_k.T @ R_k @ (signals.J @ measurement.v - measurement.xd)
     elif law == "separation":  # all of it is prediction
-        dx_o, epsilon, X_k = signals.filtered
+        dx_o, epsilon, X_k = signals.filtered.dx_o, signals.epsilon, signals.X_k
         expected = controller.law.c * signals.Y_k.T @ dx_o + X_k.T @ R_k @ epsilon
     else:
         W_k, y = signals.filtered.W_k, signals.filtered.y
@@ -272,7 +272,7 @@ def test_limits_that_are_not_reached_change_nothing():
     believed = robot.changed(inertial_scale=0.8)
     runs = [
         pa.simulate(robot, pa.make_controller(believed, torque_limits=limits), path, duration=0.1)
-        for limits in (None, 1e4)
+        for limits in (False, 1e4)
     ]
     assert np.array_equal(runs[0].tau, runs[1].tau) and np.array_equal(runs[0].a_d, runs[1].a_d)
     assert runs[1].summary()["saturated"] == 0.0
@@ -281,15 +281,12 @@ def test_limits_that_are_not_reached_change_nothing():
 def test_a_controller_without_limits_is_given_the_motors():
     """Kp so high that the motors of the description saturate; the estimates rest where they do."""
     robot = load("ur5")
-    controller = pa.make_controller(robot.changed(inertial_scale=0.8), Kp=4e4, Kv=400.0)
+    stiff = {"law": "adaptive-inverse-dynamics", "Kp": 4e4, "Kv": 400.0}
+    believed = robot.changed(inertial_scale=0.8)
+    controller = pa.make_controller(believed, torque_limits=False, **stiff)
     path = pa.Hold(robot.position(robot.q0) + 0.1)
     rollout = pa.simulate(robot, controller, path, duration=0.05, torque_limits=True)
-    own = pa.simulate(
-        robot,
-        pa.make_controller(robot.changed(inertial_scale=0.8), Kp=4e4, Kv=400.0, torque_limits=True),
-        path,
-        duration=0.05,
-    )
+    own = pa.simulate(robot, pa.make_controller(believed, **stiff), path, duration=0.05)
     assert rollout.saturated[:-1].any() and controller.limits.torque is None
     assert np.array_equal(rollout.a_d, own.a_d) and np.array_equal(rollout.tau, own.tau)
     held = rollout.saturated[:-1]

@@ -128,6 +128,7 @@ class ControllerSection(Section):
     Kv: Gain | None = None
     Kp: Gain | None = None
     alpha: Number | None = None
+    beta: Number | None = None
     gamma_d: Gain | None = None
     gamma_joint: Number | None = None
     gamma_k: Gain | None = None

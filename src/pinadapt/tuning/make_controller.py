@@ -229,5 +229,7 @@ def _tuned(
     tuned = chosen.tuned(motion, dt, **gains)
     if any(gains.get(name) is not None for name in ("Kv", "Kp", "alpha")):
         return tuned, 1.0
-    share = stable_share_of_feedback(tuned, motion, dt)
+    share = stable_share_of_feedback(
+        lambda share: chosen.tuned(motion, dt, share, **gains).feedback(motion), dt
+    )
     return (tuned, 1.0) if share == 1.0 else (chosen.tuned(motion, dt, share, **gains), share)
