@@ -96,7 +96,7 @@ def test_the_gains_in_the_comments_are_the_ones_in_use(tmp_path):
 
 @pytest.mark.parametrize(
     "arguments",
-    [["ur10"], ["xarm7"], ["kinova", "--task", "pose"], ["tiago_arm", "--task", "xyz"]],
+    [["ur10"], ["xarm7"], ["kinova", "--task", "pose"]],
     ids=lambda words: words[0],
 )
 def test_an_arm_with_a_light_wrist_holds_a_load_that_it_does_not_believe_in(arguments, tmp_path):

@@ -120,7 +120,7 @@ def test_the_load_that_is_told_is_held_and_a_far_heavier_one_is_not(arm):
     _, _, run = arm
     held = run(1.0)
     assert held.diverged is None and held.distance[-500:].max() < 2e-4
-    assert run(20.0).diverged < 0.1
+    assert run(20.0).diverged < 0.2
 
 
 def test_gains_that_are_forces_hold_the_heavier_load(arm):

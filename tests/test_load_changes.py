@@ -480,7 +480,7 @@ def test_changes_of_a_scenario_are_refused_by_name(setting, message):
 
 
 def test_a_belief_that_the_parameters_cannot_express_is_refused_before_the_run():
-    with pytest.raises(pa.ParameterError, match=r"belief.change.payload: the 10 dynamic"):
+    with pytest.raises(pa.ParameterError, match=r"belief.change.payload: the 31 dynamic"):
         panda(TOLD, 'unknown.dynamic=["panda_joint2"]')
     tool = "belief.change=[{ at = 1.0, tool_translation = [0.0, 0.0, 0.1] }]"
     with pytest.raises(pa.ParameterError, match=r"belief.change.tool_translation: the kinematic"):
@@ -512,7 +512,7 @@ def test_the_table_and_the_summary_tell_of_each_change(tmp_path):
     assert late.max() < 1e-3 < second["max_error"]
     rollout.save(tmp_path)
     arrays = np.load(tmp_path / "rollout.npz")
-    assert arrays["a_d_true"].shape == (7000, 70) and arrays["a_k_true"].shape == (7000, 3)
+    assert arrays["a_d_true"].shape == (7000, 91) and arrays["a_k_true"].shape == (7000, 3)
     assert loop().summary()["changes"] == []
 
 
