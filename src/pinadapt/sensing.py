@@ -60,3 +60,20 @@ class Camera:
                     where="camera",
                 )
         return cls(**given)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class SensorQuality:
+    """How good sensors are, in the sizes that filters and rates depend on; perfect by default.
+
+    Attributes:
+        v: standard deviation of the joint velocity [rad/s or m/s].
+        x: of a seen position [m].
+        rate: frames of the camera [1/s].
+        age: of the oldest frame that is still the last one [s]; zero if every sample has its own.
+    """
+
+    v: float = 0.0
+    x: float = 0.0
+    rate: float = 0.0
+    age: float = 0.0

@@ -6,38 +6,36 @@ import numpy as np
 
 from .._compiled import compiled
 
-
-@compiled("i8(f8[:], f8[:])", fills=0)
-def first_beyond(values: np.ndarray, bounds: np.ndarray) -> int:
-    """Return the first index at which |values| > bounds, or -1; NaN is not beyond."""
-    for i in range(len(values)):
-        if abs(values[i]) > bounds[i]:
-            return i
-    return -1
+MOVES, STILL, FAR, FAST = 0, 1, 2, 3
 
 
-@compiled("f8(f8[:], f8[:], i8)", fills=0)
-def distance(x: np.ndarray, y: np.ndarray, size: int) -> float:
-    """Return the distance of the first ``size`` numbers of x and y."""
-    square = 0.0
-    for i in range(size):
-        square += (x[i] - y[i]) ** 2
-    return np.sqrt(square)
-
-
-@compiled("b1(f8[:], f8[:], f8[:], f8[:], f8, f8)", fills=0)
-def rests(
+@compiled("i8(f8[:], f8[:], f8, f8[:], f8[:], f8, f8[:], f8[:])", fills=0)
+def look(
+    v: np.ndarray,
+    fast: np.ndarray,
+    slow: float,
+    x: np.ndarray,
+    place: np.ndarray,
+    far: float,
     xd_d: np.ndarray,
     xdd_d: np.ndarray,
-    v: np.ndarray,
-    dx: np.ndarray,
-    slowest: float,
-    nearest: float,
-) -> bool:
-    """Tell whether nothing is asked to move, |v| < slowest in every joint and |dx| < nearest."""
+) -> int:
+    """Return 3 + i for the first |v_i| > fast_i, 2 for |x - place| > far, 1 for an arm that rests.
+
+    It rests where |v| < slow in all joints and nothing is asked to move; else 0. NaN is neither
+    fast nor far. place (m_p) may be shorter than x, and x be empty.
+    """
     resting = True
-    for i in range(len(xd_d)):
-        resting &= xd_d[i] == 0.0 and xdd_d[i] == 0.0 and abs(dx[i]) < nearest
     for i in range(len(v)):
-        resting &= abs(v[i]) < slowest
-    return resting
+        speed = abs(v[i])
+        if speed > fast[i]:
+            return 3 + i
+        resting &= speed < slow
+    square = 0.0
+    for i in range(min(len(x), len(place))):
+        square += (x[i] - place[i]) ** 2
+    if square > far * far:
+        return 2
+    for i in range(len(xd_d)):
+        resting &= xd_d[i] == 0.0 and xdd_d[i] == 0.0
+    return 1 if resting else 0

@@ -9,6 +9,7 @@ from types import EllipsisType
 from typing import Any
 
 import numpy as np
+from numpy import empty
 from numpy.typing import ArrayLike
 
 from .._compiled import compile_all
@@ -26,6 +27,7 @@ from ..robot.changes import Payload
 from ..robot.gravity import Compensation
 from ..signals import Signals
 from .belief import Belief, informed
+from .guards import Guards
 from .inputs import InputCheck, check_period
 from .limits import Limits
 from .senses import Senses
@@ -75,11 +77,12 @@ class Controller:
         self.law, self.kinematics, self.dynamics = law, kinematics, dynamics
         self.adaptation_k, self.adaptation_d = adaptation_k, adaptation_d
         self.limits = Limits() if limits is None else limits
-        self.senses = Senses() if senses is None else senses
+        everything = Guards(np.full(kinematics.nv, np.inf))
+        self.senses = Senses(everything) if senses is None else senses
         self.motion, self.period, self.belief = motion, period, belief
         self.compensation = compensation
         self._check = InputCheck(kinematics, dynamics.size)
-        self._filters = law.filters
+        self._filters, self._predicts = law.filters, law.needs_prediction
         self._believed = Believed(kinematics, dynamics, adaptation_k, self.limits.watch)
         compile_all()
 
@@ -177,7 +180,7 @@ class Controller:
         check_period(dt, self.period)
         measurement, desired = self._check.sample(state, measurement, desired)
         elapsed = self.senses.guards.elapsed(state.t, measurement.t, dt)
-        if elapsed != dt:
+        if elapsed is not dt:
             check_period(elapsed, self.period)
         try:
             s = self._signals(state, measurement, desired)
@@ -221,10 +224,10 @@ class Controller:
         """
         torque, limits, added = command.at(a), self.limits.torque, self.compensation
         drives = self.law.drives(s, self._believed, command, a)
-        if limits is not None and math.isfinite(torque.dot(torque)):
-            clipped = np.minimum(np.maximum(torque, -limits), limits)
-            if (clipped != torque).any():
-                torque, drives = clipped, drives.without_tracking()
+        if limits is not None:
+            held = empty(torque.size)
+            if kernels.hold(torque, limits, held):
+                torque, drives = held, drives.without_tracking()
         return (torque if added is None else torque - added(s.q)), drives
 
     def observe(
@@ -245,19 +248,26 @@ class Controller:
     ) -> Signals:
         """Return ``observe`` of what was checked and stays what it is."""
         kinematics, task, kinematic = self.kinematics, self.kinematics.task, state.kinematic
+        q, a_k, senses, before = measurement.q, kinematic.value, self.senses, state.senses
         x_d, xd_d, xdd_d = desired
-        q, a_k, senses = measurement.q, kinematic.value, self.senses
-        v = senses.velocity(state.senses, measurement, state.t)
+        if senses.low_pass is not None:
+            v = senses.velocity(before, measurement.v, measurement.t - state.t)
+            measurement = measurement._replace(v=v)
+        v = measurement.v
         kinematics.update(a_k, q, v)
+        still = senses.guards.look(v, measurement.x, desired, kinematics)
         a_d = self.adaptation_d.project(state.dynamic.value, q)
         self.dynamics.load(a_d)
-        sensed = senses.see(state.senses, measurement, v, kinematics, a_k)
-        xd_hat, sight = kinematics.xd_hat, sensed.sight
-        dx = task.error(task.measured(sight.x, q), x_d)
+        sensed, xd_hat = (
+            senses.see(before, state.t, measurement, kinematics, a_k),
+            kinematics.xd_hat,
+        )
+        if sensed.frame is not None or measurement.x is None:
+            measurement = measurement._replace(x=sensed.x)
+        dx = task.error(task.measured(sensed.x, q), x_d)
         epsilon, X_k = _EMPTY, _EMPTY
-        if self.law.needs_prediction:
-            epsilon, X_k = prediction(sight, kinematics, a_k)
-        now = measurement._replace(v=v, x=sight.x)
+        if self._predicts:
+            epsilon, X_k = prediction(sensed, kinematics, a_k)
         return Signals(
             measurement.t,
             q,
@@ -276,8 +286,8 @@ class Controller:
             kinematics.Jdot_v,
             kinematics.Y_k,
             kinematics.right_inverse(self.limits.singular),
-            self._filters.observe(state.filters, now, kinematics),
-            state.adapting and not senses.guards.rests(xd_d, xdd_d, v, dx),
+            self._filters.observe(state.filters, measurement, kinematics),
+            state.adapting and not (still and np.abs(dx).max() < senses.guards.near),
             sensed,
             epsilon,
             X_k,

@@ -10,62 +10,48 @@ from ..filters.low_pass import LowPass
 from ..models.sight import Carrier, Sensed
 from ..models.task_kinematics import TaskKinematics
 from ..records import Measurement
+from ..sensing import SensorQuality
 from .guards import Guards
+
+_PERFECT = SensorQuality()
 
 
 @dataclass(frozen=True, eq=False)
 class Senses:
-    """From measurements to the position and the joint velocity of now; the defaults take all as is.
+    """From measurements to the position and the joint velocity of now.
 
     Attributes:
+        guards: what is not believed, and when there is nothing to learn.
         carrier: how frames of a camera become the coordinates of now.
         low_pass: on the measured joint velocity, or None.
-        guards: what is not believed, and when there is nothing to learn.
+        quality: of the sensors that all this is made for.
     """
 
+    guards: Guards
     carrier: Carrier = field(default_factory=Carrier)
     low_pass: LowPass | None = None
-    guards: Guards = field(default_factory=Guards)
+    quality: SensorQuality = _PERFECT
 
     def init(self, measurement: Measurement, kinematics: TaskKinematics) -> Sensed:
         """Return what is kept of the first sample."""
-        v = None if self.low_pass is None else measurement.v.copy()
-        return Sensed(self.carrier.init(measurement, kinematics), v)
+        sensed = self.carrier.init(measurement, kinematics)
+        return sensed if self.low_pass is None else sensed._replace(v=measurement.v.copy())
 
-    def velocity(self, before: Sensed, measurement: Measurement, t: float) -> np.ndarray:
-        """Return the joint velocity (n), filtered since the sample before at time t [s].
-
-        Raises:
-            MeasurementError: it is implausible.
-        """
-        v = measurement.v
-        self.guards.check_velocity(v)
+    def velocity(self, before: Sensed, v: np.ndarray, elapsed: float) -> np.ndarray:
+        """Return the joint velocity (n), filtered over the time since the last sample [s]."""
         if self.low_pass is None:
             return v
         assert before.v is not None  # the controller that filters has begun with one
-        return self.low_pass.advance(before.v, v, measurement.t - t)
+        return self.low_pass.advance(before.v, v, elapsed)
 
     def see(
         self,
         before: Sensed,
+        t_before: float,
         measurement: Measurement,
-        v: np.ndarray,
         kinematics: TaskKinematics,
         a_k: np.ndarray,
     ) -> Sensed:
-        """Return what is kept for the next sample, kinematics updated to this one.
-
-        Args:
-            before: of the sample before.
-            measurement: the sample.
-            v: (n) its filtered velocity [rad/s or m/s].
-            kinematics: the believed kinematics.
-            a_k: (p) their estimate [m].
-
-        Raises:
-            MeasurementError: the position is implausible, of a later time, or too old.
-        """
-        if measurement.x is not None:
-            self.guards.check_position(measurement.x, kinematics)
-        sight = self.carrier.see(before.sight, measurement, kinematics, a_k)
-        return Sensed(sight, None if self.low_pass is None else v)
+        """Return ``Carrier.see``, and the velocity if it is filtered."""
+        sensed = self.carrier.see(before, t_before, measurement, kinematics, a_k)
+        return sensed if self.low_pass is None else sensed._replace(v=measurement.v)

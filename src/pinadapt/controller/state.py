@@ -10,6 +10,8 @@ from ..adaptation.drive import Estimate
 from ..models.sight import Sensed
 from ..robot.changes import Payload
 
+_NOTHING = Sensed(None, np.zeros(0))
+
 
 class ControllerState(NamedTuple):
     """An immutable snapshot; keep an old one and you can go back to it.
@@ -32,7 +34,7 @@ class ControllerState(NamedTuple):
     filters: Any
     adapting: bool = True
     load: Payload | None = None
-    senses: Sensed = Sensed()
+    senses: Sensed = _NOTHING
 
     @property
     def a_d(self) -> np.ndarray:

@@ -100,7 +100,8 @@ class Law(ABC):
         bandwidth_powers: gains of the feedback, by the names that users write, with the powers of
             the bandwidth that they go with.
         adaptation_mode: fastest mode of the inertias' adaptation by default, in bandwidths.
-        kinematic_mode: the same of the translations'.
+        joint_mode: the same of the joints' coefficients.
+        kinematic_mode: the same of the translations.
         units: of velocity and position gain, for people.
     """
 
@@ -114,6 +115,7 @@ class Law(ABC):
     joint_effects: ClassVar[str] = "none"
     bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0, "Kp": 2.0}
     adaptation_mode: ClassVar[float] = 2.0
+    joint_mode: ClassVar[float] = 3.0
     kinematic_mode: ClassVar[float] = 0.15
     units: ClassVar[tuple[str, str]] = ("", "")
 

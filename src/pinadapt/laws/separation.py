@@ -102,7 +102,8 @@ class Separation(Law):
     joint_effects = "all"
     bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0}
     adaptation_mode = 8.0
-    kinematic_mode = 0.4
+    joint_mode = 8.0
+    kinematic_mode = 0.3
     units = ("N m s/rad", "")
 
     def __post_init__(self) -> None:

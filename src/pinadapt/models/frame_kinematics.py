@@ -62,6 +62,8 @@ class FrameKinematics(TaskKinematics):
         self._w = [self._data.v[i].angular for i in self._parents]
         self._dw = [self._data.a[i].angular for i in self._parents]
         self._joint_jacobian = self._data.J.reshape(6, self.nv)
+        carrier = self._model.frames[self._frame].parentJoint
+        self.last_joint = self._data.oMi[carrier].translation[self._place]
         # The same of all joints, and of each parameter its parent joint.
         joints = range(self._model.njoints)
         self._rotations = live_array([self._data.oMi[i].rotation for i in joints])

@@ -10,6 +10,7 @@ from numpy import empty
 
 from .._kernels import joints as kernels
 from ..exceptions import ParameterError, did_you_mean
+from ..robot.effort_limits import effort_limits
 from ..robot.robot import Robot
 
 KINDS = ("armature", "viscous", "coulomb")
@@ -18,6 +19,7 @@ _SAMPLES, _SPEED = (
     100,
     0.5,
 )  # random states; typical joint speed and acceleration [rad/s, rad/s^2 or m]
+_OF_EFFORT, _BRAKING = 0.02, 50.0  # friction of a motor; [rad/s^2 or m/s^2] by friction
 _START = 0.1  # share of a typical coefficient from which an unknown one starts
 
 
@@ -54,7 +56,7 @@ class JointEffects:
         initial: (p) believed values; an unknown coefficient that is believed zero starts from a
             tenth of a typical one, because an estimate kept positive by its own metric cannot leave
             zero.
-        typical: (p) coefficients to be expected of a robot of this size.
+        typical: (p) coefficients to be expected, which say how fast each may be learned.
         armature: (n) at the loaded estimate [kg m^2 or kg].
     """
 
@@ -77,7 +79,7 @@ class JointEffects:
         self.names = tuple(f"{joint}.{kind}" for kind in kinds for joint in robot.joint_names)
         self.size = len(self.names)
         self.initial = self._values[self._unknown].ravel()
-        self.typical = typical[self._unknown].ravel()
+        self.typical = expected_coefficients(robot, typical)[self._unknown].ravel()
         self._kinds = np.array(self._unknown, dtype=np.int64)
         self._n = n
 
@@ -147,3 +149,16 @@ def typical_coefficients(robot: Robot) -> np.ndarray:
     torque = np.maximum.accumulate(np.sqrt(np.mean(np.square(torques), axis=0))[::-1])[::-1]
     inertia = np.diag(pin.crba(model, data, robot.q0))
     return np.array([0.5 * inertia, 0.1 * torque / _SPEED, 0.1 * torque])
+
+
+def expected_coefficients(robot: Robot, typical: np.ndarray) -> np.ndarray:
+    """Return typical coefficients (3, n), with the friction of the motors that turn light joints.
+
+    A motor's Coulomb friction is about a fiftieth of its effort limit, whatever little it moves;
+    here at most what brakes the joint's inertia at home at 50 rad/s^2 (or m/s^2).
+    """
+    inertia = np.diag(pin.crba(robot.model, robot.model.createData(), robot.q0))
+    efforts = effort_limits(robot)
+    motor = np.where(np.isfinite(efforts), _OF_EFFORT * efforts, 0.0)
+    coulomb = np.maximum(typical[2], np.minimum(motor, _BRAKING * inertia))
+    return np.array([typical[0], coulomb / _SPEED, coulomb])

@@ -43,7 +43,7 @@ class JointKinematics(TaskKinematics):
         self.nq, self.nv = int(robot.model.nq), int(n)
         self.names, self.size, self.positions, self.initial = (), 0, 0, np.zeros(0)
         self.J, self.Jdot_v, self._no_rate = np.eye(n), np.zeros(n), np.zeros((n, n))
-        self.Y_k = np.zeros((n, 0))
+        self.Y_k, self.last_joint = np.zeros((n, 0)), np.zeros(0)
         self._inverse = RightInverse(self.J)
         self._q, self.xd_hat = robot.q0, np.zeros(n)
 

@@ -43,29 +43,22 @@ class Frame(NamedTuple):
     turn: Any = None
 
 
-class Sight(NamedTuple):
-    """What is known of the task frame's coordinates at one sample, and kept for the next.
-
-    Attributes:
-        x: the coordinates now, measured or carried on; None for a task that q tells by itself.
-        history: (t, q) of the samples since the last frame was taken, oldest first.
-        frame: the last frame, None where it is x itself, of the last sample in the history.
-    """
-
-    x: np.ndarray | None = None
-    history: tuple[tuple[float, np.ndarray], ...] = ()
-    frame: Frame | None = None
-
-
 class Sensed(NamedTuple):
-    """What is kept of the sensors from one sample to the next.
+    """What the sensors told until now, kept for the next sample.
 
     Attributes:
-        sight: of the task frame.
+        x: the task frame's coordinates, measured or carried on; None for a task that q tells by
+            itself.
+        q: (nq) the configuration.
+        frame: the last frame of the camera; None where it is x itself, of this sample.
+        history: (t, q) of the samples since the last frame was taken, oldest first.
         v: (n) the filtered joint velocity [rad/s or m/s]; None without a filter.
     """
 
-    sight: Sight = Sight()
+    x: np.ndarray | None
+    q: np.ndarray
+    frame: Frame | None = None
+    history: tuple[tuple[float, np.ndarray], ...] = ()
     v: np.ndarray | None = None
 
 
@@ -84,17 +77,27 @@ class Carrier:
     carry: bool = True
     blind: float = 1.0
 
-    def init(self, measurement: Measurement, kinematics: TaskKinematics) -> Sight:
+    def init(self, measurement: Measurement, kinematics: TaskKinematics) -> Sensed:
         """Return what the first sample shows, as of an arm that has stood there before."""
-        if not kinematics.positions:
-            return Sight()
-        assert measurement.x is not None  # the controller refuses a first sample without it
-        return Sight(measurement.x.copy(), ((measurement.t, measurement.q.copy()),))
+        x = measurement.x if kinematics.positions else None
+        return Sensed(None if x is None else x.copy(), measurement.q.copy())
 
     def see(
-        self, before: Sight, measurement: Measurement, kinematics: TaskKinematics, a_k: np.ndarray
-    ) -> Sight:
+        self,
+        before: Sensed,
+        t_before: float,
+        measurement: Measurement,
+        kinematics: TaskKinematics,
+        a_k: np.ndarray,
+    ) -> Sensed:
         """Return what is known at a sample, to which the kinematics are updated.
+
+        Args:
+            before: what was known at the sample before, at ``t_before`` [s].
+            t_before: see there.
+            measurement: the sample.
+            kinematics: the believed kinematics.
+            a_k: (p) their estimate [m].
 
         Raises:
             MeasurementError: the frame was taken later than the sample.
@@ -104,12 +107,15 @@ class Carrier:
         if before.x is None:
             return before
         if not self.carry:
-            return Sight(before.x if x is None else x.copy(), ((t, q.copy()),))
-        if x is not None and (x_time is None or x_time == t) and math.isinf(self.smoothing):
-            return Sight(x.copy(), ((t, q.copy()),))
-        history, frame = (*before.history, (t, q.copy())), before.frame
+            return Sensed(before.x if x is None else x.copy(), q.copy())
+        if x is not None and (x_time is None or x_time == t) and self.smoothing == math.inf:
+            return Sensed(x.copy(), q.copy())
+        frame, history = before.frame, before.history
         if frame is None:  # the last sample saw the frame itself
-            frame = self._frame(*before.history[-1], before.x, kinematics, a_k, None)
+            history = ((t_before, before.q),)
+            frame = self._frame(t_before, before.q, before.x, kinematics, a_k, None)
+        q = q.copy()
+        history = (*history, (t, q))
         taken = t if x_time is None else x_time
         if x is not None and taken > frame.t + _SAME:
             if taken > t + _SAME:
@@ -120,7 +126,8 @@ class Carrier:
         elif t - frame.t > self.blind:
             raise ImplausibleError("x", None, f"has not been seen for {t - frame.t:.3g} s")
         epsilon = frame.X_k.dot(a_k) + frame.b_smooth
-        return Sight(kinematics.task.carried(kinematics.x_hat, epsilon, frame.turn), history, frame)
+        x = kinematics.task.carried(kinematics.x_hat, epsilon, frame.turn)
+        return Sensed(x, q, frame, history)
 
     def _frame(
         self,
@@ -145,20 +152,20 @@ class Carrier:
 
 
 def prediction(
-    sight: Sight, kinematics: TaskKinematics, a_k: np.ndarray
+    sensed: Sensed, kinematics: TaskKinematics, a_k: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return epsilon (m_p), the last frame's prediction error, and its X_k (m_p, p).
 
     The noise of the frame is in it, with a mean of zero.
     """
-    frame, m = sight.frame, kinematics.positions
+    frame = sensed.frame
     if frame is not None:
         return frame.X_k.dot(a_k) + frame.b, frame.X_k
-    if sight.x is None:
-        return np.zeros(0), kinematics.position_regressor()[:0]
+    X_k = kinematics.position_regressor()
+    if sensed.x is None:
+        return np.zeros(0), X_k
     task = kinematics.task
-    epsilon = task.position(kinematics.x_hat) - task.position(sight.x)
-    return epsilon, kinematics.position_regressor()[:m]
+    return task.position(kinematics.x_hat) - task.position(sensed.x), X_k
 
 
 def _since(

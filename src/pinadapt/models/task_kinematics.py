@@ -30,6 +30,7 @@ class TaskKinematics(ABC):
         positions: m_p.
         initial: (p) values in the believed robot's own description [m].
         translations: what the parameters are, in their order.
+        last_joint: (m_p) live position of the joint that carries the frame, at the last update [m].
         xd_hat: (m) believed velocity J v.
         J: (m, nv) Jacobian at the estimate.
         Jdot_v: (m) dJ/dt v with the estimate held constant.
@@ -46,6 +47,7 @@ class TaskKinematics(ABC):
     positions: int
     initial: np.ndarray
     translations: Sequence[Translation] = ()
+    last_joint: np.ndarray
     xd_hat: np.ndarray
     J: np.ndarray
     Jdot_v: np.ndarray

@@ -21,6 +21,8 @@ from ..rollout.rollout import Rollout
 from ..sensing import Camera
 from ..trajectories.trajectory import Trajectory
 from ..tuning.preflight import preflight
+from ..tuning.preflight_sensors import sensor_findings
+from ..tuning.remedies import sensor_quality
 from .continuous import run_continuous
 from .events import Events
 from .prepare import check_options, prepare
@@ -119,7 +121,8 @@ def simulate(
     if mode == "continuous":
         stream = run_continuous(*loop, ideal_acceleration=ideal, **start)
     else:
-        for finding in preflight(controller, dt):
+        quality = sensor_quality(true, dt, camera or _late(delay), noise, encoder)
+        for finding in (*preflight(controller, dt), *sensor_findings(controller, quality)):
             warnings.warn(str(finding), stacklevel=2)
         seen = None if sensors.perfect else sensors
         stream = run(*loop, sensors=seen, ideal_acceleration=ideal, **start)
@@ -136,3 +139,8 @@ def simulate(
         title=title or true.name,
         wall_time=wall_time,
     )
+
+
+def _late(delay: float) -> Camera | None:
+    """Return a camera at full rate that is late [s], or None."""
+    return Camera(delay=delay) if delay else None

@@ -24,9 +24,11 @@ from ..laws import DEFAULT, LAWS
 from ..laws.law import Law
 from ..models.sight import Carrier
 from ..models.typical_motion import TypicalMotion
+from ..records import Measurement
 from ..robot.changes import Payload
 from ..robot.gravity import Compensation, compensation_of
 from ..robot.robot import Robot
+from ..robot.workspace import reach
 from ..sensing import Camera
 from ..tasks.joint import JointTask
 from .adaptation_rates import (
@@ -38,7 +40,7 @@ from .adaptation_rates import (
 from .defaults import bandwidth
 from .light_joint import lightest_joint
 from .preflight import stable_share_of_adaptation, stable_share_of_feedback
-from .remedies import Sensors, remedies
+from .remedies import remedies, sensor_quality
 from .unknowns import Words, believed_dynamics, believed_kinematics, lumped_lengths
 
 RATES = ("gamma_d", "gamma_joint", "gamma_k")
@@ -63,7 +65,7 @@ def make_controller(
     watch: bool = True,
     payload: Payload | None = None,
     guards: Mapping[str, bool] | bool = True,
-    noise: Mapping[str, float] | None = None,
+    noise: Mapping[str, float] | Sequence[Measurement] | None = None,
     encoder: ArrayLike = 0.0,
     camera: Camera | Mapping[str, float | None] | None = None,
     carry: bool = True,
@@ -131,8 +133,8 @@ def make_controller(
     motion = TypicalMotion(believed, kinematics, dynamics, bandwidth(believed, positive(dt, "dt")))
     tuned, share = _tuned(law, motion, dt, gains)
     w = share * motion.bandwidth
-    sensors = Sensors.of(believed, dt, camera, noise, encoder)
-    needed = remedies(sensors, w)
+    quality = sensor_quality(believed, dt, camera, noise, encoder)
+    needed = remedies(quality, w, reach(believed))
     if isinstance(law, str):
         tuned = tuned.decorrelated(needed.decorrelation)
     if kind != "none" and (light := lightest_joint(motion, tuned)):
@@ -161,9 +163,10 @@ def make_controller(
             believed, kinematics, dynamics, torque=torque_limits, damping=damping, watch=watch
         ),
         senses=Senses(
+            make_guards(believed, kinematics, guards, quality),
             Carrier(needed.smoothing, carry),
             None if isinf(needed.velocity) else LowPass(needed.velocity, "velocity filter"),
-            make_guards(believed, kinematics, guards, noise_v=sensors.v, noise_x=sensors.x),
+            quality,
         ),
         motion=motion,
         compensation=compensation_of(believed, compensated),

@@ -137,6 +137,8 @@ def _parts(controller: Controller) -> list[tuple[str, dict[str, float], Radius]]
     if loop is not None and Gamma_k.any():
         speed = frequency(motion.kinematic_regressors, Gamma_k)
         mode = speed * loop.stiffness**0.5
+        if controller.law.needs_prediction:
+            speed = frequency(motion.position_regressors, Gamma_k)
         decay = speed**2 * float(np.linalg.eigvalsh(loop.weight)[-1])
         radius = partial(_kinematic_radius, mode, loop.damping, decay)
         parts.append(("adaptation of the kinematics", {"gamma_k": 1.0}, radius))

@@ -10,18 +10,20 @@ the estimates with the square.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import positive, vector
 from ..exceptions import InputError, did_you_mean
+from ..records import Measurement
 from ..robot.robot import Robot
-from ..robot.workspace import reach
-from ..sensing import Camera
+from ..sensing import Camera, SensorQuality
 
+_FEWEST = 10  # samples that show the noise
+_RESTING = 1.0  # mean against deviation of the velocity of an arm that rests
 CHANNELS = ("q", "v", "x", "angle")
 
 _COARSE = 5e-3  # [rad]
@@ -50,75 +52,100 @@ class Remedies(NamedTuple):
     kinematic: float = math.inf
 
 
-@dataclass(frozen=True)
-class Sensors:
-    """What the user declares of the sensors, as the sizes that count.
+def sensor_quality(
+    robot: Robot,
+    dt: float,
+    camera: Camera | Mapping[str, float | None] | None,
+    noise: Mapping[str, float] | Sequence[Measurement] | None,
+    encoder: ArrayLike,
+) -> SensorQuality:
+    """Return how good declared sensors are.
 
-    Attributes:
+    A count c of a differenced encoder is noise of c / (dt sqrt(6)): two roundings.
+
+    Args:
+        robot: whose joints are measured.
         dt: sampling period [s].
-        reach: of the robot [m].
-        v: standard deviation of the joint velocity [rad/s or m/s].
-        x: of a frame's position [m].
-        rate: frames of the camera [1/s].
-        age: of the oldest frame that is still the last one [s], zero if every sample has its own.
+        camera: that gives x, or None.
+        noise: standard deviations by channel, q, v, x [rad, rad/s, m, m/s], or samples at rest.
+        encoder: rad or m a count, one or one a joint.
+
+    Raises:
+        InputError: unknown words, or numbers that cannot be.
     """
-
-    dt: float
-    reach: float
-    v: float = 0.0
-    x: float = 0.0
-    rate: float = 0.0
-    age: float = 0.0
-
-    @classmethod
-    def of(
-        cls,
-        robot: Robot,
-        dt: float,
-        camera: Camera | Mapping[str, float | None] | None,
-        noise: Mapping[str, float] | None,
-        encoder: ArrayLike,
-    ) -> Sensors:
-        """Return the sizes, from the words of ``make_controller``.
-
-        A count c of a differenced encoder is noise of c / (dt sqrt(6)): two roundings.
-
-        Raises:
-            InputError: unknown words, or numbers that cannot be.
-        """
-        given = noise or {}
-        for name in given:
-            if name not in CHANNELS:
-                raise InputError(
-                    f"no channel is called '{name}'; there are {list(CHANNELS)}."
-                    f"{did_you_mean(str(name), CHANNELS)}",
-                    where="noise",
-                )
-        sizes = {name: positive(given.get(name, 0.0), f"noise.{name}", zero=True) for name in given}
-        counts = vector(encoder, robot.model.nv, "encoder")
-        if (counts < 0.0).any():
-            raise InputError(f"must not be negative, got {encoder!r}.", where="encoder")
-        differenced = float(counts.max(initial=0.0)) / (dt * math.sqrt(6.0))
-        seen = None if camera is None else Camera.of(camera)
-        rate = 1.0 / dt if seen is None or seen.rate is None else min(seen.rate, 1.0 / dt)
-        v = math.hypot(sizes.get("v", 0.0), differenced)
-        age = 0.0 if seen is None else seen.delay + 1.0 / rate
-        return cls(dt, reach(robot), v, sizes.get("x", 0.0), rate, age)
+    given = (noise or {}) if noise is None or isinstance(noise, Mapping) else seen_noise(noise)
+    for name in given:
+        if name not in CHANNELS:
+            raise InputError(
+                f"no channel is called '{name}'; there are {list(CHANNELS)}."
+                f"{did_you_mean(str(name), CHANNELS)}",
+                where="noise",
+            )
+    sizes = {name: positive(given.get(name, 0.0), f"noise.{name}", zero=True) for name in given}
+    counts = vector(encoder, robot.model.nv, "encoder")
+    if (counts < 0.0).any():
+        raise InputError(f"must not be negative, got {encoder!r}.", where="encoder")
+    differenced = float(counts.max(initial=0.0)) / (dt * math.sqrt(6.0))
+    seen = None if camera is None else Camera.of(camera)
+    rate = 1.0 / dt if seen is None or seen.rate is None else min(seen.rate, 1.0 / dt)
+    age = 0.0 if seen is None else seen.delay + 1.0 / rate
+    v = math.hypot(sizes.get("v", 0.0), differenced)
+    return SensorQuality(v, sizes.get("x", 0.0), rate, age)
 
 
-def remedies(sensors: Sensors, bandwidth: float) -> Remedies:
-    """Return what noise asks for at a bandwidth w [rad/s] of the feedback."""
-    found = Remedies()
-    if sensors.v > 0.0:
-        size = sensors.v / bandwidth / _COARSE
+def seen_noise(samples: Sequence[Measurement]) -> dict[str, float]:
+    """Return the standard deviations of v [rad/s or m/s] and x [m] that samples at rest show.
+
+    The largest of the joints, and of the first three coordinates; frames that a camera repeats
+    count once.
+
+    Raises:
+        InputError: fewer than ten samples, or an arm that moves.
+    """
+    if len(samples) < _FEWEST or not all(isinstance(part, Measurement) for part in samples):
+        raise InputError(
+            f"expected at least {_FEWEST} measurements of an arm at rest.", where="noise"
+        )
+    v = np.array([sample.v for sample in samples], dtype=float)
+    deviation = v.std(axis=0)
+    if (np.abs(v.mean(axis=0)) > _RESTING * deviation + 1e-9).any():
+        raise InputError(
+            f"the arm moves, at {np.abs(v.mean(axis=0)).max():.2g} rad/s or m/s.",
+            where="noise",
+            hint="Take the samples while it rests.",
+        )
+    frames = {sample.t if sample.x_time is None else sample.x_time: sample.x for sample in samples}
+    x = np.array([frame[:3] for frame in frames.values() if frame is not None], dtype=float)
+    return {
+        "v": float(deviation.max(initial=0.0)),
+        "x": float(x.std(axis=0).max()) if len(x) > 1 else 0.0,
+    }
+
+
+def remedies(quality: SensorQuality, bandwidth: float, reach: float) -> Remedies:
+    """Return what noise and age ask for at a bandwidth w [rad/s] of the feedback.
+
+    Args:
+        quality: of the sensors.
+        bandwidth: w [rad/s].
+        reach: of the robot [m].
+    """
+    found = Remedies(kinematic=1.0 / quality.age if quality.age else math.inf)
+    if quality.v > 0.0:
+        size = coarseness(quality, bandwidth)
         root = size ** (1.0 / 3.0)
-        found = Remedies(
+        found = found._replace(
             velocity=_FILTER * bandwidth / root,
             decorrelation=_DECORRELATION * bandwidth / root,
             mode=min(1.0, _MODE / root),
             leak=_LEAK * size,
         )
-    if sensors.x > 0.0:
-        smoothing = 2.0 * sensors.rate * (_FINEST * sensors.reach / sensors.x) ** 2
+    if quality.x > 0.0:
+        smoothing = 2.0 * quality.rate * (_FINEST * reach / quality.x) ** 2
         found = found._replace(smoothing=smoothing)
-    return found._replace(kinematic=1.0 / sensors.age) if sensors.age else found
+    return found
+
+
+def coarseness(quality: SensorQuality, bandwidth: float) -> float:
+    """Return the noise of the joint velocity against that of 14 bits a turn at w [rad/s]."""
+    return quality.v / bandwidth / _COARSE
