@@ -1,6 +1,5 @@
 """``pinadapt init``: the scenario it writes runs as it is, and says what was chosen."""
 
-import warnings
 from pathlib import Path
 
 import numpy as np

@@ -186,7 +186,10 @@ def saturating(law, monkeypatch=None, **options):
     start = true.position(true.q0) + np.array([0.1, 0.05, 0.1])
     path = pa.Circle(np.zeros(3), 0.05, 2.0, "yz").starting_at(start)
     return limits, pa.simulate(
-        true, controller, path, **{"duration": 3.0, "substeps": 1, "torque_limits": False, **options}
+        true,
+        controller,
+        path,
+        **{"duration": 3.0, "substeps": 1, "torque_limits": False, **options},
     )
 
 
