@@ -248,18 +248,37 @@ def test_white_noise_at_rest_drives_estimates_only_through_the_plain_regressor()
     assert np.linalg.norm(doubled) == pytest.approx(4.0 * np.linalg.norm(plain), rel=0.05)
 
 
-def test_with_a_wide_band_the_torque_is_the_plain_one():
-    """Below lambda_s nothing changes, once the low pass, which starts at rest, has followed."""
+def test_where_the_low_pass_has_followed_the_torque_is_the_plain_one():
+    robot = catalogue_robot("panda")
+    plain = pa.make_controller(robot, torque_limits=False)
+    law = plain.law.decorrelated(40.0)
+    free = pa.make_controller(robot, law=law, torque_limits=False)
+    v = np.linspace(-0.3, 0.4, 7)
+    sample, desired = (
+        pa.PinocchioPlant(robot).measurement(robot.q0, v),
+        circle_at_home(robot).at(0.3),
+    )
+    torque = plain.command(plain.init(sample), sample, desired)[1].torque
+    start = free.init(sample)
+    s = law._reference_error(free.observe(start, sample, desired))
+    followed = start._replace(filters=start.filters._replace(s_f=s))
+    assert np.allclose(free.command(followed, sample, desired)[1].torque, torque, atol=1e-10)
+    behind = free.command(start, sample, desired)[1].torque
+    assert np.abs(behind - torque).max() > 1.0
+
+
+def test_a_wider_band_leaves_less_of_the_difference():
+    """In continuous time in proportion to 1 / lambda_s, once the low pass has left its start."""
     robot, ends = catalogue_robot("ur5"), []
     true, path = with_tool_and_load(robot), circle_at_home(with_tool_and_load(robot))
     plain = made(torque_limits=False)
-    for lambda_s in (math.inf, 1e5, 1e3):
+    for lambda_s in (math.inf, 800.0, 200.0):
         law = plain.law.decorrelated(lambda_s)
         controller = pa.make_controller(robot, law=law, torque_limits=False, adaptation="none")
-        stream = pa.run(pa.PinocchioPlant(true), controller, path, duration=0.1)
-        ends.append(np.array([sample.torque for sample in stream]))
-    wide, narrow = (np.abs(end - ends[0])[50:].max() for end in ends[1:])
-    assert 0.0 < wide < 0.05 * narrow
+        stream = pa.run_continuous(pa.PinocchioPlant(true), controller, path, dt=1e-3, duration=0.3)
+        ends.append(np.array([sample.torque for sample in stream])[150:])
+    wide, narrow = (np.abs(end - ends[0]).max() for end in ends[1:])
+    assert 0.0 < wide < 0.35 * narrow
 
 
 def test_a_decorrelation_that_is_none_is_refused():

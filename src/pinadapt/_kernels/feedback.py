@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from .._compiled import compiled
@@ -191,3 +193,44 @@ def reference(
             rate -= beta * dx_o[i]
         u[i] = xd_d[i] - alpha * error
         ud[i] = xdd_d[i] - alpha * rate
+
+
+@compiled("void(f8[:], f8[:,:], f8[:,:], f8, f8[:], f8[:])")
+def subtract_borne_damping(
+    feedforward: np.ndarray,
+    D: np.ndarray,
+    M: np.ndarray,
+    lag: float,
+    error: np.ndarray,
+    torque: np.ndarray,
+) -> None:
+    """Write feedforward - (D^-1 + lag M^-1)^-1 error (n), as D e - D (D + M / lag)^-1 D e.
+
+    D and M are symmetric and positive definite.
+    """
+    n = len(error)
+    L, y, z = np.empty((n, n)), np.empty(n), np.empty(n)
+    for i in range(n):
+        x = 0.0
+        for t in range(n):
+            x += D[i, t] * error[t]
+        y[i] = x
+        torque[i] = feedforward[i] - x
+        for j in range(i + 1):
+            x = D[i, j] + M[i, j] / lag
+            for t in range(j):
+                x -= L[i, t] * L[j, t]
+            L[i, j] = math.sqrt(x) if i == j else x / L[j, j]
+    for i in range(n):
+        x = y[i]
+        for t in range(i):
+            x -= L[i, t] * z[t]
+        z[i] = x / L[i, i]
+    for i in range(n - 1, -1, -1):
+        x = z[i]
+        for t in range(i + 1, n):
+            x -= L[t, i] * z[t]
+        z[i] = x / L[i, i]
+    for i in range(n):
+        for t in range(n):
+            torque[i] += D[i, t] * z[t]

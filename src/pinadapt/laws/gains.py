@@ -21,6 +21,8 @@ NAMES = (
     "Q",
     "lambda_",
     "lambda_a",
+    "lambda_s",
+    "lag",
     "posture",
 )  # as users write them
 SYMBOLS = {"Kv": "K_v", "Kp": "K_P"}  # what the laws call those that they call otherwise

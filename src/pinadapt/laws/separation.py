@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
@@ -15,9 +15,11 @@ from numpy import empty
 from .._checks import definite_matrix, positive
 from .._kernels import feedback as kernels
 from ..adaptation.drive import Drive, Drives
+from ..exceptions import GainError
 from ..filters.position_observer import PositionObserver
-from ..models.typical_motion import TypicalMotion, unit_mass
+from ..models.typical_motion import TypicalMotion, joint_inertia, unit_mass
 from ..robot.changes import Payload
+from ..robot.inertia import Inertia
 from ..robot.robot import Robot
 from ..robot.workspace import reach
 from ..signals import Signals
@@ -27,7 +29,7 @@ from .gains import check_in_place, merged
 from .law import Believed, Command, Law, Truth
 from .posture import Posture
 
-_DAMPING, _STEP = 3.0, 0.25  # K_D in bandwidths times inertia, and in parts of what dt bears
+_DAMPING, _STEP = 3.0, 0.5  # K_v in bandwidths times inertia; at most this times inertia / dt
 _LOAD, _ARM = 0.1, 0.05  # load believed for K_D: of the robot's mass, of its reach off the flange
 _OBSERVER = 1.0  # beta in bandwidths
 
@@ -72,19 +74,23 @@ class Separation(Law):
     Assumptions:  constant parameters; J_hat of full row rank. Needed are q, qd and x: no task
                   velocity, no acceleration, no M_hat^-1.
 
-    Default gains for the bandwidth w at the period dt: alpha = w, beta = w, K_D diagonal,
-    K_D,i = min(3 w M_ii, 0.25 / (dt (M^-1)_ii)), M_ii with a load of a tenth of the robot's mass
-    believed a twentieth of its reach off the flange, (M^-1)_ii without.
+    Default gains for the bandwidth w at the period dt: alpha = w, beta = w, K_v = 3 w diag(M) at
+    home, with a load of a tenth of the robot's mass believed a twentieth of its reach off the
+    flange, and lag = 2 dt, but zero for a K_v of the user's own. What joints move together may be
+    much lighter than what each moves by itself, as the elbow of an arm whose shoulder axes align.
 
     Attributes:
         task: the controlled coordinates, m of them, m_p positions.
         posture: what redundant joints do.
-        K_v: (n, n) K_D [N m s/rad or N s/m].
+        K_v: (n, n) K_D [N m s/rad or N s/m], or what it is at most; see ``lag``.
         alpha: [1/s].
         beta: [1/s].
         c: weight of the observation error.
         R_k: (m_p, m_p) R, weight of the prediction error.
         lambda_s: decorrelation [1/s], infinite for none.
+        lag: [s], with which K_D(q)^-1 = K_v^-1 + lag M_0(q)^-1: no eigenvalue of M_0^-1 K_D then
+            exceeds 1 / lag, at no configuration. Zero: K_D = K_v.
+        M_0: returns the believed mass matrix (n, n) at q (nq), where there is a lag.
     """
 
     task: Task
@@ -96,6 +102,8 @@ class Separation(Law):
     c: float = 1.0
     R_k: Any = 1.0
     lambda_s: float = math.inf
+    lag: float = 0.0
+    M_0: Callable[[np.ndarray], np.ndarray] | None = None
 
     name = "separation"
     needs_prediction = True
@@ -117,6 +125,8 @@ class Separation(Law):
             positive(self.lambda_s, "lambda_s")
         K_D = definite_matrix(self.K_v, self.posture.damping.size, "Kv")
         object.__setattr__(self, "K_v", K_D)
+        if positive(self.lag, "lag", zero=True) and self.M_0 is None:
+            raise GainError("a lag needs the mass matrix that it belongs to.", where="M_0")
 
     @cached_property
     def filters(self) -> PositionObserver:
@@ -139,10 +149,23 @@ class Separation(Law):
     ) -> Separation:
         """Return the law with its default gains; see ``Law.tuned``."""
         w = share * motion.bandwidth
-        defaults = {"Kv": _damping(motion.robot, w, dt), "alpha": w, "beta": _OBSERVER * w}
-        gains = merged({**defaults, "R_k": 1.0}, given)
+        defaults = {
+            "Kv": _damping(motion.robot, w),
+            "alpha": w,
+            "beta": _OBSERVER * w,
+            "R_k": 1.0,
+            "lambda_s": math.inf,
+            "lag": dt / _STEP if given.get("Kv") is None else 0.0,
+        }
         posture = Posture.of(motion.robot, given.get("posture"), w)
-        return cls(motion.kinematics.task, posture, **gains)
+        gains = merged(defaults, given)
+        return cls(motion.kinematics.task, posture, M_0=Inertia(motion.robot), **gains)
+
+    def K_D(self, q: np.ndarray) -> np.ndarray:
+        """Return K_D (n, n) at q (nq)."""
+        if self.M_0 is None or not self.lag:
+            return np.asarray(self.K_v)
+        return np.linalg.inv(np.linalg.inv(self.K_v) + self.lag * np.linalg.inv(self.M_0(q)))
 
     def decorrelated(self, bandwidth: float) -> Separation:
         """Return the law with another lambda_s [1/s]."""
@@ -182,7 +205,12 @@ class Separation(Law):
             noise = error - s.filtered.s_f
             v, qdd_r = v - noise, qdd_r + self.alpha * (noise - s.inverse.null(noise))
         Y, feedforward = believed.dynamics.slotine_li(s.q, v, qd_r, qdd_r)
-        kernels.subtract_damping(feedforward, self.K_v, error, torque)
+        if self.M_0 is None or not self.lag:
+            kernels.subtract_damping(feedforward, self.K_v, error, torque)
+        else:
+            kernels.subtract_borne_damping(
+                feedforward, self.K_v, self.M_0(s.q), self.lag, error, torque
+            )
         return SeparationCommand(torque, None, Drives(Drive(Y, error), kinematic))
 
     def _kinematic_drive(self, s: Signals) -> Drive:
@@ -208,7 +236,7 @@ class Separation(Law):
         """Return dV/dt."""
         error, dx_o, epsilon = self._reference_error(s), s.filtered.dx_o, s.epsilon
         f = truth.friction.torque
-        joints = error @ (self.K_v @ error) + error @ (f(s.v) - f(s.v - error))
+        joints = error @ (self.K_D(s.q) @ error) + error @ (f(s.v) - f(s.v - error))
         task = self.c * self.beta * dx_o @ dx_o + epsilon @ (self.R_k @ epsilon)
         return float(-joints - task)
 
@@ -218,9 +246,9 @@ class Separation(Law):
         The null space follows its reference motion, which feels nothing of it.
         """
         found = []
-        for J, M in zip(motion.jacobians, motion.mass_matrices, strict=True):
+        for J, M, q in zip(motion.jacobians, motion.mass_matrices, motion.states.q, strict=True):
             W = unit_mass(M)
-            D = W @ self.K_v @ W.T
+            D = W @ self.K_D(q) @ W.T
             tracked = W @ M @ np.linalg.pinv(J, rcond=1e-2) @ J @ W.T
             null = self.posture.frequency * (np.eye(len(M)) - tracked)
             found.append(Feedback(self.alpha * D @ tracked, D + self.alpha * tracked, null, D))
@@ -231,13 +259,9 @@ class Separation(Law):
         return KinematicLoop(self.c, self.beta, self.R_k)
 
 
-def _damping(robot: Robot, w: float, dt: float) -> np.ndarray:
-    """Return the default diagonal (n) of K_D [N m s/rad or N s/m]."""
+def _damping(robot: Robot, w: float) -> np.ndarray:
+    """Return the default diagonal (n) of K_v [N m s/rad or N s/m]."""
     mass, arm = _LOAD * pin.computeTotalMass(robot.model), _ARM * reach(robot)
     turning = mass * arm**2
     ball = Payload(mass, (0.0, 0.0, 0.0), (turning, 0.0, turning, 0.0, 0.0, turning))
-    inertias = []
-    for model in (robot.changed(payload=ball).model, robot.model):
-        inertias.append(pin.crba(model, model.createData(), robot.q0))
-    loaded, bare = inertias
-    return np.minimum(_DAMPING * w * np.diag(loaded), _STEP / (dt * np.diag(np.linalg.inv(bare))))
+    return _DAMPING * w * joint_inertia(robot.changed(payload=ball))

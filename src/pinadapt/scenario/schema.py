@@ -129,6 +129,8 @@ class ControllerSection(Section):
     Kp: Gain | None = None
     alpha: Number | None = None
     beta: Number | None = None
+    lag: NotNegative | None = None
+    lambda_s: Positive | None = None
     gamma_d: Gain | None = None
     gamma_joint: Number | None = None
     gamma_k: Gain | None = None

@@ -16,6 +16,7 @@ from ..controller.controller import Controller
 _MEANINGS = {
     "alpha": "of the position error in the velocity to follow [1/s]",
     "beta": "observer of the position [1/s]",
+    "lag": "by which Kv gives way to the inertia of what moves together [s]",
     "R_k": "weight of the tool's prediction error",
     "lambda_": "velocity filter [1/s]",
     "lambda_a": "acceleration filter [s]",
