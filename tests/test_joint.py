@@ -75,7 +75,8 @@ def test_regressor_torque_and_mass_matrix_of_random_chains(robot, seed, unknown)
 def test_talos_arm_keeps_its_rotors():
     robot = catalogue_robot("talos_arm")
     assert (robot.model.armature > 0.0).all()
-    known, adapted = pa.make_controller(robot).dynamics, stacked(robot, ["armature"])
+    known = pa.make_controller(robot, joint="none").dynamics
+    adapted = stacked(robot, ["armature"])
     np.testing.assert_allclose(adapted.initial[-robot.model.nv :], robot.model.armature)
     q, v, a = random_state(robot, np.random.default_rng(0))
     for dynamics in (known, adapted):
@@ -92,7 +93,7 @@ def test_talos_arm_keeps_its_rotors():
 def test_known_friction_is_compensated_and_unknown_starts_positive():
     robot = catalogue_robot("ur5")
     known = robot.changed(viscous=1.0, coulomb=0.5)
-    dynamics = pa.make_controller(known).dynamics
+    dynamics = pa.make_controller(known, joint="none").dynamics
     dynamics.load(dynamics.initial)
     q, v, a = random_state(robot, np.random.default_rng(0))
     np.testing.assert_allclose(

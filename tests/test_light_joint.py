@@ -11,7 +11,7 @@ from chains import catalogue_robot
 from pinadapt.laws.acceleration_law import AccelerationLaw
 from pinadapt.tuning.light_joint import lightest_joint
 
-FORCES = "adaptive-jacobian"
+INVERSE, FORCES = "adaptive-inverse-dynamics", "adaptive-jacobian"
 ACCELERATIONS = [
     name
     for name, law in pa.LAWS.items()
@@ -23,7 +23,7 @@ def light(robot, **options):
     """Return what would be told of a controller made for a robot."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        controller = pa.make_controller(robot, **options)
+        controller = pa.make_controller(robot, **{"law": INVERSE, **options})
     return lightest_joint(controller.motion, controller.law)
 
 
@@ -48,7 +48,7 @@ def test_a_light_wrist_is_named_in_joint_space_too(law):
 )
 def test_it_is_told_whatever_else_is_unknown(options):
     with pytest.warns(UserWarning, match="wrist_3_joint"):
-        pa.make_controller(catalogue_robot("ur10"), **options)
+        pa.make_controller(catalogue_robot("ur10"), law=INVERSE, **options)
 
 
 @pytest.mark.parametrize(
@@ -58,6 +58,7 @@ def test_it_is_told_whatever_else_is_unknown(options):
         ("scara", {}),  # its light last joint is vertical: no weight turns it
         ("planar_2r", {}),
         ("ur10", {"law": FORCES}),
+        ("ur10", {"law": "separation"}),
         ("ur10", {"adaptation": "none"}),
         ("ur10", {"dynamic": "none"}),
         ("ur10", {"dynamic": ["wrist_2_joint"]}),
@@ -67,14 +68,14 @@ def test_it_is_told_whatever_else_is_unknown(options):
 def test_nothing_is_told_where_nothing_can_spin(name, options):
     with warnings.catch_warnings():
         warnings.filterwarnings("error", message=".*believed to move only")
-        pa.make_controller(catalogue_robot(name), **options)
+        pa.make_controller(catalogue_robot(name), **{"law": INVERSE, **options})
 
 
 @pytest.mark.parametrize("name", ["ur10", "kinova", "xarm7", "tiago_arm"])
 def test_the_load_turns_the_joint_a_quarter_radian_against_the_feedback(name):
     """Against rnea: the weight of the told load, off the axis, over M_jj and the least K_P."""
     robot, rng = catalogue_robot(name), np.random.default_rng(0)
-    found, controller = light(robot), pa.make_controller(robot)
+    found, controller = light(robot), pa.make_controller(robot, law=INVERSE)
     j, stiffness = robot.joint_names.index(found.joint), controller.law.K_P[0, 0]
     arms = rng.standard_normal((200, 3))
     arms *= found.arm / np.linalg.norm(arms, axis=1)[:, None]
@@ -109,7 +110,8 @@ def arm():
         circle = pa.Circle(np.zeros(3), 0.08, 3.0, "yz").starting_at(true.position(true.q0))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return pa.simulate(true, pa.make_controller(believed, **options), circle, duration=2.0)
+            controller = pa.make_controller(believed, **{"law": INVERSE, **options})
+            return pa.simulate(true, controller, circle, duration=2.0)
 
     return robot, found, run
 
@@ -118,7 +120,7 @@ def test_the_load_that_is_told_is_held_and_a_far_heavier_one_is_not(arm):
     _, _, run = arm
     held = run(1.0)
     assert held.diverged is None and held.distance[-500:].max() < 2e-4
-    assert run(20.0).diverged < 0.1
+    assert run(20.0).diverged < 0.2
 
 
 def test_gains_that_are_forces_hold_the_heavier_load(arm):

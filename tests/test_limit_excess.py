@@ -132,14 +132,15 @@ def test_the_reference_of_joints_is_compared_with_its_exact_torques():
 
 def test_a_rollout_tells_of_the_true_robot(tmp_path):
     robot, true, swing = far_hinge()
-    rollout = pa.simulate(true, pa.make_controller(robot), swing, duration=0.4)
+    free = pa.make_controller(robot, torque_limits=False)
+    rollout = pa.simulate(true, free, swing, duration=0.4, torque_limits=False)
     plant = rollout.limits.plant
     assert np.isclose(plant.position[0], max(rollout.q[:, 0].max() - 1.0, 0.0)) > 0.0
     speeds = np.abs(rollout.v).max(axis=0) - true.model.velocityLimit
     assert np.allclose(plant.velocity, np.maximum(speeds, 0.0)) and plant.velocity.any()
     torques = np.abs(rollout.tau).max(axis=0) - true.model.effortLimit
     assert np.allclose(plant.effort, np.maximum(torques, 0.0)) and plant.effort.any()
-    clipped = pa.simulate(true, pa.make_controller(robot), swing, duration=0.4, torque_limits=True)
+    clipped = pa.simulate(true, pa.make_controller(robot), swing, duration=0.4)
     assert not clipped.limits.plant.effort.any() and clipped.limits.reference.effort.any()
     rollout.save(tmp_path)
     saved = json.loads((tmp_path / "summary.json").read_text())["limits"]

@@ -99,7 +99,7 @@ def test_a_lost_rank_is_a_message_without_damping(shape):
     assert RightInverse(np.zeros(shape), 0.01).conditioning == 0.0
 
 
-def reaching(name, law, **control):
+def reaching(name, law, torque_limits=None, **control):
     """Return a run to a point out of reach and back."""
     robot = load(name)
     controller = pa.make_controller(
@@ -109,7 +109,8 @@ def reaching(name, law, **control):
     path = pa.Waypoints([np.zeros(len(far)), far, np.zeros(len(far))], 1.5).starting_at(
         robot.position(robot.q0)
     )
-    return pa.simulate(robot, controller, path, duration=4.0, substeps=1)
+    options = {"duration": 4.0, "substeps": 1, "torque_limits": torque_limits}
+    return pa.simulate(robot, controller.limited(None), path, **options)
 
 
 @pytest.mark.parametrize("law", ["adaptive-inverse-dynamics", "adaptive-jacobian"])
@@ -130,7 +131,7 @@ def test_damping_brings_the_arm_back_from_beyond_its_reach(name, law):
 
 
 def test_without_damping_the_same_path_ends_the_run():
-    rollout = reaching("ur5", "adaptive-inverse-dynamics", damping=0.0)
+    rollout = reaching("ur5", "adaptive-inverse-dynamics", torque_limits=False, damping=0.0)
     assert rollout.diverged is not None and not rollout.damping.any()
 
 
@@ -169,7 +170,7 @@ def saturating(law, monkeypatch=None, **options):
 
         monkeypatch.setattr(pa.Controller, "respond", winding)
     believed = robot.changed(inertial_scale=0.8)
-    slow = {"alpha": 5.0, "lambda_": 10.0, "lambda_a": 1 / 60}
+    slow = {"alpha": 5.0, "lambda_": 10.0, "lambda_a": 1 / 60, "posture": 4.0}
     if law == "adaptive-jacobian":
         felt = felt_mass(believed)
         slow |= {
@@ -181,11 +182,14 @@ def saturating(law, monkeypatch=None, **options):
         }
     else:
         slow |= {"Kp": 400.0, "Kv": 40.0, "gamma_d": 3.8, "gamma_k": 0.05, "R_k": 50.0}
-    controller = pa.make_controller(believed, law=law, torque_limits=limits, **slow)
+    controller = pa.make_controller(believed, law=law, torque_limits=limits, guards=False, **slow)
     start = true.position(true.q0) + np.array([0.1, 0.05, 0.1])
     path = pa.Circle(np.zeros(3), 0.05, 2.0, "yz").starting_at(start)
     return limits, pa.simulate(
-        true, controller, path, **{"duration": 3.0, "substeps": 1, **options}
+        true,
+        controller,
+        path,
+        **{"duration": 3.0, "substeps": 1, "torque_limits": False, **options},
     )
 
 
@@ -214,7 +218,7 @@ def test_estimates_do_not_wind_up_while_motors_saturate(law, monkeypatch):
 def moving(law):
     """Return a UR5's controller with the first sample, in motion, and what is desired."""
     robot = robot_of(law, "ur5")
-    controller = pa.make_controller(robot, law=law, adaptation="gradient")
+    controller = pa.make_controller(robot, law=law, adaptation="gradient", torque_limits=False)
     measurement = pa.PinocchioPlant(robot).measurement(robot.q0, np.linspace(0.1, 0.4, 6))
     return controller, measurement, motion_at_home(robot).at(0.1)
 
@@ -254,7 +258,7 @@ def test_a_saturated_sample_teaches_by_prediction_alone(law):
     if law == "adaptive-inverse-dynamics-velocity":
         expected = signals.Y_k.T @ R_k @ (signals.J @ measurement.v - measurement.xd)
     elif law == "separation":  # all of it is prediction
-        dx_o, epsilon, X_k = signals.filtered
+        dx_o, epsilon, X_k = signals.filtered.dx_o, signals.epsilon, signals.X_k
         expected = controller.law.c * signals.Y_k.T @ dx_o + X_k.T @ R_k @ epsilon
     else:
         W_k, y = signals.filtered.W_k, signals.filtered.y
@@ -272,7 +276,7 @@ def test_limits_that_are_not_reached_change_nothing():
     believed = robot.changed(inertial_scale=0.8)
     runs = [
         pa.simulate(robot, pa.make_controller(believed, torque_limits=limits), path, duration=0.1)
-        for limits in (None, 1e4)
+        for limits in (False, 1e4)
     ]
     assert np.array_equal(runs[0].tau, runs[1].tau) and np.array_equal(runs[0].a_d, runs[1].a_d)
     assert runs[1].summary()["saturated"] == 0.0
@@ -281,15 +285,12 @@ def test_limits_that_are_not_reached_change_nothing():
 def test_a_controller_without_limits_is_given_the_motors():
     """Kp so high that the motors of the description saturate; the estimates rest where they do."""
     robot = load("ur5")
-    controller = pa.make_controller(robot.changed(inertial_scale=0.8), Kp=4e4, Kv=400.0)
+    stiff = {"law": "adaptive-inverse-dynamics", "Kp": 4e4, "Kv": 400.0}
+    believed = robot.changed(inertial_scale=0.8)
+    controller = pa.make_controller(believed, torque_limits=False, **stiff)
     path = pa.Hold(robot.position(robot.q0) + 0.1)
     rollout = pa.simulate(robot, controller, path, duration=0.05, torque_limits=True)
-    own = pa.simulate(
-        robot,
-        pa.make_controller(robot.changed(inertial_scale=0.8), Kp=4e4, Kv=400.0, torque_limits=True),
-        path,
-        duration=0.05,
-    )
+    own = pa.simulate(robot, pa.make_controller(believed, **stiff), path, duration=0.05)
     assert rollout.saturated[:-1].any() and controller.limits.torque is None
     assert np.array_equal(rollout.a_d, own.a_d) and np.array_equal(rollout.tau, own.tau)
     held = rollout.saturated[:-1]
@@ -466,6 +467,7 @@ def test_estimates_that_run_away_end_the_run_with_a_message():
             gamma_d=1e9,
             watch=watch,
             kinematic=[],
+            torque_limits=False,
         )
         measurement = pa.Measurement(
             0.0, robot.q0, np.full(6, 0.1), robot.position(robot.q0), xd=np.zeros(3)

@@ -141,7 +141,7 @@ def test_a_change_is_told_in_words(change, words):
 def loop(changes=None, beliefs=None, **options):
     """Return a short rollout of a z1 that carries a light load at first."""
     true = arm(payload=LIGHT)
-    controller = pa.make_controller(arm(inertial_scale=0.9), law="separation")
+    controller = pa.make_controller(arm(inertial_scale=0.9), joint="none")
     options = {"duration": 0.06, "changes": changes, "beliefs": beliefs, **options}
     return pa.simulate(true, controller, circle_at_home(true), **options)
 
@@ -200,7 +200,7 @@ def test_what_never_happens_is_told():
 
 def test_a_plant_of_ones_own_is_changed_by_events():
     true, heavy = arm(payload=LIGHT), arm(payload=HEAVY)
-    controller = pa.make_controller(arm(inertial_scale=0.9), law="separation")
+    controller = pa.make_controller(arm(inertial_scale=0.9), joint="none")
     plant, path = pa.PinocchioPlant(true), circle_at_home(true)
     events = pa.Events({0.03: heavy}, {0.03: {"payload": HEAVY}})
     for _ in range(2):  # a run begins with the first robot again
@@ -215,7 +215,7 @@ def test_a_plant_of_ones_own_is_changed_by_events():
 
 @pytest.mark.parametrize("dynamic", ["all", "payload", ["joint2", "joint6"]])
 def test_an_announced_load_is_exact_and_the_other_bodies_keep_what_they_learned(dynamic):
-    controller = pa.make_controller(arm(), law="separation", dynamic=dynamic)
+    controller = pa.make_controller(arm(), joint="none", dynamic=dynamic)
     state = started(controller, arm())
     learned = state.a_d * np.linspace(1.0, 1.2, state.a_d.size // 10).repeat(10)
     state = state._replace(dynamic=state.dynamic._replace(value=learned))
@@ -238,7 +238,7 @@ def test_joints_keep_what_they_learned():
 
 
 def test_a_believed_load_is_replaced_and_not_added_to():
-    controller = pa.make_controller(arm(), law="separation", payload=LIGHT)
+    controller = pa.make_controller(arm(), joint="none", payload=LIGHT)
     state = started(controller, arm())
     truth = pa.BodyDynamics(arm()).value
     assert state.load is LIGHT and np.allclose(state.a_d, truth(arm(payload=LIGHT)))
@@ -284,7 +284,9 @@ def test_lumped_parameters_move_by_the_loads_own_torque_at_the_estimated_lengths
 def planar(**options):
     """Return a controller of Wang and Xie's arm with their three parameters."""
     robot = catalogue_robot("planar_2r")
-    return robot, pa.make_controller(robot, basis=BASIS, adaptation="gradient", **options)
+    return robot, pa.make_controller(
+        robot, basis=BASIS, adaptation="gradient", joint="none", **options
+    )
 
 
 def test_a_basis_moves_by_the_difference_to_the_load_announced_last():
@@ -321,7 +323,7 @@ def hand_made():
     ("make", "news", "message"),
     [
         (lambda: pa.make_controller(arm(), dynamic=["joint2"]), {"payload": HEAVY}, "payload: the"),
-        (lambda: pa.make_controller(arm(), dynamic="none"), {"payload": HEAVY}, "payload: the 0"),
+        (lambda: pa.make_controller(arm(), dynamic="none"), {"payload": HEAVY}, "payload: the 18"),
         (lambda: lumped(dynamic=["joint2"]), {"payload": HEAVY}, "cannot express a load"),
         (pa.make_controller, {"payload": 3.0}, "expected a Payload or None, got 3.0"),
         (pa.make_controller, {"payload": pa.Payload(-1.0)}, "payload.mass: must be positive"),
@@ -478,7 +480,7 @@ def test_changes_of_a_scenario_are_refused_by_name(setting, message):
 
 
 def test_a_belief_that_the_parameters_cannot_express_is_refused_before_the_run():
-    with pytest.raises(pa.ParameterError, match=r"belief.change.payload: the 10 dynamic"):
+    with pytest.raises(pa.ParameterError, match=r"belief.change.payload: the 31 dynamic"):
         panda(TOLD, 'unknown.dynamic=["panda_joint2"]')
     tool = "belief.change=[{ at = 1.0, tool_translation = [0.0, 0.0, 0.1] }]"
     with pytest.raises(pa.ParameterError, match=r"belief.change.tool_translation: the kinematic"):
@@ -510,7 +512,7 @@ def test_the_table_and_the_summary_tell_of_each_change(tmp_path):
     assert late.max() < 1e-3 < second["max_error"]
     rollout.save(tmp_path)
     arrays = np.load(tmp_path / "rollout.npz")
-    assert arrays["a_d_true"].shape == (7000, 70) and arrays["a_k_true"].shape == (7000, 3)
+    assert arrays["a_d_true"].shape == (7000, 91) and arrays["a_k_true"].shape == (7000, 3)
     assert loop().summary()["changes"] == []
 
 

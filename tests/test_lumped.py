@@ -297,17 +297,15 @@ def test_lengths_decide_about_the_dynamics():
         warnings.simplefilter("error")
         lumped = make(robot, kinematic=lengths, law="adaptive-jacobian", adaptation="gradient")
         assert isinstance(lumped.dynamics, pa.LumpedDynamics)
-        assert isinstance(
-            make(robot, kinematic=lengths, adaptation="projected").dynamics, pa.LumpedDynamics
-        )
-        assert isinstance(
-            make(robot, kinematic=["tool"], adaptation="projected").dynamics, pa.BodyDynamics
-        )
+        for law in ("adaptive-inverse-dynamics", "separation"):
+            projected = {"law": law, "adaptation": "projected", "joint": "none"}
+            for kinematic, kind in ((lengths, pa.LumpedDynamics), (["tool"], pa.BodyDynamics)):
+                assert isinstance(make(robot, kinematic=kinematic, **projected).dynamics, kind)
         make(robot, kinematic=lengths, law="resolved-acceleration")  # nothing adapts
     with pytest.warns(UserWarning, match=r"inverts M_hat.*projected"):
-        make(robot, kinematic=lengths, adaptation="gradient")
+        make(robot, kinematic=lengths, adaptation="gradient", law="adaptive-inverse-dynamics")
     with pytest.warns(UserWarning, match=r"nominal regressor contains them.*does not cover"):
-        nominal = make(robot, kinematic=lengths, regressor="nominal")
+        nominal = make(robot, kinematic=lengths, joint="none", regressor="nominal")
     assert isinstance(nominal.dynamics, pa.BodyDynamics)
     with pytest.raises(pa.InputError, match="Did you mean 'nominal'"):
         make(robot, kinematic=lengths, regressor="nominel")

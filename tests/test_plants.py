@@ -199,7 +199,7 @@ def test_integration_errors_are_below_a_hundredth_of_the_tracking_error(name):
     """One step a period against 16 of Runge-Kutta, which 64 move by less than a nanometre."""
     case = zoo_case(name)
     controller = pa.make_controller(
-        case.believed, law="adaptive-jacobian", joint=("viscous", "coulomb"), dt=1e-3
+        case.believed, law="adaptive-jacobian", joint=("viscous", "coulomb"), posture=4.0
     )
     plants = [
         pa.PinocchioPlant(case.true, substeps=1),

@@ -76,6 +76,7 @@ def test_the_longest_period_separates_loops_that_hold_from_loops_that_do_not(law
         robot,
         law=law,
         adaptation="none",
+        dt=dt,
         **{k: 0.99 * f * gains[k] for k, f in finding.factors.items()},
     )
     assert pa.preflight(slower, dt) == []
@@ -83,11 +84,14 @@ def test_the_longest_period_separates_loops_that_hold_from_loops_that_do_not(law
 
 def test_rates_that_are_too_fast_are_named():
     robot = catalogue_robot("ur5")
-    fast = pa.make_controller(robot, gamma_d=1e5, gamma_k=200.0, joint="all", gamma_joint=1e6)
+    law = "adaptive-inverse-dynamics"
+    rates = {"gamma_d": 1e5, "gamma_k": 200.0, "gamma_joint": 1e6}
+    fast = pa.make_controller(robot, law=law, joint="all", **rates)
     parts = {finding.part: finding for finding in pa.preflight(fast, 1e-3)}
     assert set(parts) == {"adaptation of the dynamics", "adaptation of the kinematics"}
     finding = parts["adaptation of the kinematics"]
-    slower = pa.make_controller(robot, gamma_k=0.99 * finding.factors["gamma_k"] * 200.0)
+    gamma_k = 0.99 * finding.factors["gamma_k"] * rates["gamma_k"]
+    slower = pa.make_controller(robot, law=law, gamma_k=gamma_k)
     assert pa.preflight(slower, 1e-3) == []
     assert "gamma_k by at most" in str(finding)
 
@@ -114,8 +118,9 @@ def test_every_factor_that_is_told_helps(law, dt):
     its = controller.law
     symbols = {"Kv": "K_v", "Kp": "K_P"}
     gains = {name: getattr(its, symbols.get(name, name)) for name in (*its.bandwidth_powers, "R_k")}
+    parts = getattr(controller.adaptation_d, "parts", [(controller.adaptation_d, None)])
+    gains |= dict(zip(("gamma_d", "gamma_joint"), (part.gamma for part, _ in parts), strict=False))
     gains |= {
-        "gamma_d": controller.adaptation_d.gamma,
         "gamma_k": controller.adaptation_k.gain(controller.kinematics.initial),
     }
     findings = pa.preflight(controller, dt)

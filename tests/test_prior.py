@@ -77,7 +77,7 @@ def test_default_gain_puts_the_fastest_mode_where_it_belongs(law, unknown):
 def test_a_basis_without_plausible_values_is_shaped_by_its_excitation():
     robot = catalogue_robot("planar_2r")
     effects = [np.array([[1.0, 2.0, 0.0]]), np.array([[1.0, 2.0, 0.0]])]
-    basis = pa.make_controller(robot, adaptation="gradient").dynamics
+    basis = pa.make_controller(robot, adaptation="gradient", joint="none").dynamics
     assert prior_covariance(robot, basis) is not None
 
     class Opaque(pa.BodyDynamics):

@@ -17,7 +17,7 @@ from pinadapt.rollout.report import COMPUTED, RECORDED, WATCHED
 
 @pytest.mark.parametrize("name", ["planar_2r", "scara", "ur5", "panda"])
 def test_rollouts_hold_one_row_a_sample(name):
-    robot, rollout = load(name), run(name, duration=0.05)
+    robot, rollout = load(name), run(name, duration=0.05, control={"joint": "none"})
     rows = {
         "q": robot.model.nq,
         "v": robot.model.nv,

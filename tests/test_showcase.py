@@ -40,7 +40,7 @@ def test_panda_learns_its_tool_and_loses_v(adapted):
 def test_panda_with_plain_gradient_loses_its_mass_matrix():
     gradient = [
         "controller.adaptation=gradient",
-        "controller.gamma_d=0.01",
+        "controller.gamma_d=0.1",
         "simulation.duration=1.0",
     ]
     watched = Scenario.read(ROBOTS / "panda" / "tool_and_load.toml", gradient).run()
@@ -55,9 +55,13 @@ def test_panda_with_plain_gradient_loses_its_mass_matrix():
 
 
 def test_panda_survives_a_start_far_from_its_path():
-    """The path begins 23 cm from the tool; the estimates must not blow up between two samples."""
+    """The path begins 23 cm from the tool; the estimates must not blow up between two samples.
+
+    The scenario's law (11) asks for more than the motors have and is lost with their limits.
+    """
     far = ["reference.center=[0.5, 0.0, 0.5]", "simulation.duration=4.0"]
-    rollout = Scenario.read(ROBOTS / "panda" / "tool_and_load.toml", far).run()
-    assert rollout.diverged is None
-    assert rollout.distance[0] > 0.2
-    assert rollout.summary()["max_error_last"] < 0.01
+    for setting in ("simulation.torque_limits=false", "controller.law=separation"):
+        rollout = Scenario.read(ROBOTS / "panda" / "tool_and_load.toml", [*far, setting]).run()
+        assert rollout.diverged is None
+        assert rollout.distance[0] > 0.2
+        assert rollout.summary()["max_error_last"] < 1e-3

@@ -20,10 +20,13 @@ def prefix_errors(key: str) -> Iterator[None]:
         yield
     except InputError as error:
         place = error.where or ""
-        if place.partition(".")[0] in ScenarioTables.model_fields:
+        head = place.partition(".")[0]
+        if head in ScenarioTables.model_fields:
             raise
         inside = allowed_keys((*key.split("."), ""), {})
-        joint = "." if place.partition(".")[0] in inside else ": "
+        if head not in inside and head in allowed_keys(("simulation", ""), {}):
+            key, inside = "simulation", [head]  # a controller is told of its sensors and limits
+        joint = "." if head in inside else ": "
         raise type(error)(
             error.what, where=f"{key}{joint}{place}" if place else key, hint=error.hint
         ) from error

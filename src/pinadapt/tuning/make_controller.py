@@ -15,7 +15,7 @@ from ..adaptation.leak import Leak
 from ..adaptation.matrix_inequality import MatrixInequality
 from ..controller.belief import Belief
 from ..controller.controller import Controller
-from ..controller.guards import make_guards
+from ..controller.guards import Guards, make_guards
 from ..controller.limits import make_box, make_limits
 from ..controller.senses import Senses
 from ..exceptions import InputError, did_you_mean
@@ -29,7 +29,7 @@ from ..robot.changes import Payload
 from ..robot.gravity import Compensation, compensation_of
 from ..robot.robot import Robot
 from ..robot.workspace import reach
-from ..sensing import Camera
+from ..sensing import Camera, SensorQuality
 from ..tasks.joint import JointTask
 from .adaptation_rates import (
     check_adaptation,
@@ -40,7 +40,7 @@ from .adaptation_rates import (
 from .defaults import bandwidth
 from .light_joint import lightest_joint
 from .preflight import stable_share_of_adaptation, stable_share_of_feedback
-from .remedies import remedies, sensor_quality
+from .remedies import Remedies, remedies, sensor_quality
 from .unknowns import Words, believed_dynamics, believed_kinematics, lumped_lengths
 
 RATES = ("gamma_d", "gamma_joint", "gamma_k")
@@ -162,12 +162,7 @@ def make_controller(
         limits=make_limits(
             believed, kinematics, dynamics, torque=torque_limits, damping=damping, watch=watch
         ),
-        senses=Senses(
-            make_guards(believed, kinematics, guards, quality),
-            Carrier(needed.smoothing, carry),
-            None if isinf(needed.velocity) else LowPass(needed.velocity, "velocity filter"),
-            quality,
-        ),
+        senses=_senses(make_guards(believed, kinematics, guards, quality), needed, carry, quality),
         motion=motion,
         compensation=compensation_of(believed, compensated),
         period=dt,
@@ -177,6 +172,12 @@ def make_controller(
         share = stable_share_of_adaptation(controller, dt)
         controller.adaptation_d = adaptation_d(share) if share < 1.0 else controller.adaptation_d
     return controller
+
+
+def _senses(guards: Guards, needed: Remedies, carry: bool, quality: SensorQuality) -> Senses:
+    """Return how sensors of a quality are taken."""
+    low_pass = None if isinf(needed.velocity) else LowPass(needed.velocity, "velocity filter")
+    return Senses(guards, Carrier(needed.smoothing, carry), low_pass, quality)
 
 
 def _law_type(law: str | Law, believed: Robot) -> type[Law]:
@@ -232,5 +233,7 @@ def _tuned(
     tuned = chosen.tuned(motion, dt, **gains)
     if any(gains.get(name) is not None for name in ("Kv", "Kp", "alpha")):
         return tuned, 1.0
-    share = stable_share_of_feedback(tuned, motion, dt)
+    share = stable_share_of_feedback(
+        lambda share: chosen.tuned(motion, dt, share, **gains).feedback(motion), dt
+    )
     return (tuned, 1.0) if share == 1.0 else (chosen.tuned(motion, dt, share, **gains), share)

@@ -19,7 +19,6 @@ import numpy as np
 
 from ..controller.controller import Controller
 from ..laws.feedback import Feedback
-from ..laws.law import Law
 from ..models.typical_motion import TypicalMotion
 from ..robot.workspace import rounded_down
 from .linearised_loop import frequency
@@ -27,6 +26,7 @@ from .linearised_loop import frequency
 _MARGIN, _ADAPTATION_MARGIN = 2.0, 1.5
 _FEEDBACK, _DYNAMICS = "task feedback", "adaptation of the dynamics"
 _SLACK = 0.95
+_LEAST, _HALVINGS = 1e-6, 24  # smallest share, and how far its logarithm is bisected
 _UNSTABLE = 1.0 + 1e-9  # the null space of a redundant arm moves freely
 
 
@@ -93,22 +93,24 @@ def stable_share_of_adaptation(controller: Controller, dt: float) -> float:
     return _SLACK * min(factors) if factors else 1.0
 
 
-def stable_share_of_feedback(law: Law, motion: TypicalMotion, dt: float) -> float:
+def stable_share_of_feedback(of: Callable[[float], Sequence[Feedback]], dt: float) -> float:
     """Return the share of the feedback's bandwidth that passes the check at dt [s].
 
-    One where it passes, and where no share does.
+    One where it passes, and where no share does. ``of`` returns the feedback of a share.
     """
-    feedback = law.feedback(motion)
-    radius = partial(_feedback_radius, feedback, dt)
-    if not feedback or radius(1.0) <= _UNSTABLE or radius(0.0) > _UNSTABLE:
+
+    def radius(share: float) -> float:
+        return _feedback_radius(of(share), dt, 1.0)
+
+    if not of(1.0) or radius(1.0) <= _UNSTABLE or radius(_LEAST) > _UNSTABLE:
         return 1.0
     return _SLACK * _largest(radius, 1.0)
 
 
 def _largest(radius: Callable[..., float], start: float) -> float:
     """Return about the largest number below ``start`` at which the spectral radius is stable."""
-    low, high = start * 1e-6, start
-    for _ in range(40):
+    low, high = start * _LEAST, start
+    for _ in range(_HALVINGS):
         middle = (low * high) ** 0.5
         low, high = (low, middle) if radius(middle) > _UNSTABLE else (middle, high)
     return low
