@@ -161,11 +161,8 @@ def prediction(
     frame = sensed.frame
     if frame is not None:
         return frame.X_k.dot(a_k) + frame.b, frame.X_k
-    X_k = kinematics.position_regressor()
-    if sensed.x is None:
-        return np.zeros(0), X_k
-    task = kinematics.task
-    return task.position(kinematics.x_hat) - task.position(sensed.x), X_k
+    x_hat, X_k = kinematics.prediction()
+    return (x_hat if sensed.x is None else x_hat - kinematics.task.position(sensed.x)), X_k
 
 
 def _since(
