@@ -332,7 +332,9 @@ def test_joint_effects(threshold, rng, laid):
     """The torque of armature, damping and friction is linear in them: Y c = tau."""
     inertial, values = laid(rng.standard_normal(5)), laid(rng.standard_normal((3, 5)))
     v, a = laid(rng.standard_normal((2, 5)))
-    tau, Y = filled(5), filled(5, 4 + 15)
+    tau, Y, told = filled(5), filled(5, 4 + 15), filled(3, 5)
+    joints.take_coefficients(laid(values[::2].ravel()), np.array([0, 2]), told)
+    assert np.array_equal(told[::2], values[::2]) and np.isnan(told[1]).all()
     joints.joint_torque(values, v, a, threshold, inertial, tau)
     assert close(tau, inertial + values[0] * a + values[1] * v + values[2] * np.tanh(v / threshold))
     columns, kinds = laid(rng.standard_normal((5, 4))), np.array([0, 1, 2])
