@@ -22,7 +22,7 @@ from ..models.dynamics import Dynamics
 from ..models.sight import prediction
 from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
-from ..records import Desired, Measurement
+from ..records import Desired, Measurement, named
 from ..robot.changes import Payload
 from ..robot.gravity import Compensation
 from ..signals import OpenSignals, Signals
@@ -195,9 +195,8 @@ class Controller:
             # a signal that is not finite is the likelier cause
             self._check.finite(measurement, desired)
             raise DivergedError(str(error)) from error
-        return torque, ControllerState(
-            s.t, dynamic, kinematic, state.a_0, filters, state.adapting, state.load, s.sensed
-        )
+        parts = s.t, dynamic, kinematic, s.a_0, filters, state.adapting, state.load, s.sensed
+        return torque, named(ControllerState, parts)
 
     def command(
         self, state: ControllerState, measurement: Measurement, desired: Desired

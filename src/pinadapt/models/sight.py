@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..exceptions import ImplausibleError, MeasurementError
-from ..records import Measurement
+from ..records import Measurement, named
 from .task_kinematics import TaskKinematics
 
 _SAME = 1e-9  # [s] between times that are taken for one
@@ -109,7 +109,7 @@ class Carrier:
         if not self.carry:
             return Sensed(before.x if x is None else x.copy(), q.copy())
         if x is not None and (x_time is None or x_time == t) and self.smoothing == math.inf:
-            return Sensed(x.copy(), q.copy())
+            return named(Sensed, (x.copy(), q.copy(), None, (), None))
         frame, history = before.frame, before.history
         if frame is None:  # the last sample saw the frame itself
             history = ((t_before, before.q),)
