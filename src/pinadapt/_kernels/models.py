@@ -161,67 +161,39 @@ def write_inertias(pi: np.ndarray, ballast: np.ndarray, memory: np.ndarray) -> f
     return c
 
 
-@compiled(
-    "void(f8[:,:,:], f8[:,:], f8[:,:], i8[:], f8[:], f8[:], i8[:], i8[:], f8[:,:], f8[:], f8[:,:])"
-)
-def jacobian_rate(
-    R: np.ndarray,
-    o: np.ndarray,
-    S: np.ndarray,
-    last: np.ndarray,
-    lever: np.ndarray,
-    v: np.ndarray,
-    rows: np.ndarray,
+@compiled("void(f8[:], i8[:], f8[:,:], f8[:,:,:], f8[:,:], i8[:], i8[:], f8[:,:])")
+def add_translation_rates(
+    a_k_rate: np.ndarray,
     parent: np.ndarray,
     directions: np.ndarray,
-    a_k_rate: np.ndarray,
+    R: np.ndarray,
+    J: np.ndarray,
+    last: np.ndarray,
+    place: np.ndarray,
     Jdot: np.ndarray,
 ) -> None:
-    """Write dJ/dt (m, n) of the Jacobian of ``frame_motion`` while the parameters move as well.
+    """Add axis x (R b da_k/dt) to the position rows of dJ/dt (m, n), parameter by parameter.
 
-    The axis of a joint, as a motion (s, w) at the origin, moves with the joint's velocity (u, g)
-    by (g x s + u x w, g x w), and its column s + w x l with the frame's lever l. A parameter moves
-    the frame by R b da_k/dt off the axes of the joints up to its own, of columns up to ``last``
-    (N).
+    Of each parameter, b is a column of ``directions`` (3, p), in the axes of its parent joint,
+    whose rotation is in R (N, 3, 3). Joints up to that one turn it: columns up to ``last`` (N),
+    axes in the angular rows of J (6, n), zero for slides. ``place`` (m_p) are their coordinates.
     """
-    c, n = len(R) - 1, len(v)
-    at, go, drive = o[c].copy(), np.zeros(3), np.zeros(6)  # the frame, its velocity, a joint's
-    for r in range(3):
-        for t in range(3):
-            at[r] += R[c, r, t] * lever[t]
-    for t in range(n):
-        for r in range(6):
-            drive[r] += S[r, t] * v[t]
-    for r in range(3):
-        k, e = (r + 1) % 3, (r + 2) % 3
-        go[r] = drive[r] + drive[3 + k] * at[e] - drive[3 + e] * at[k]
-    drive[:] = 0.0
-    for t in range(n):
-        for r in range(6):
-            drive[r] += S[r, t] * v[t]
-        for i in range(len(rows)):
-            r = rows[i] % 3
-            k, e = (r + 1) % 3, (r + 2) % 3
-            wk = drive[3 + e] * S[3 + r, t] - drive[3 + r] * S[3 + e, t]  # dw/dt
-            we = drive[3 + r] * S[3 + k, t] - drive[3 + k] * S[3 + r, t]
-            if rows[i] > 2:
-                Jdot[i, t] = drive[3 + k] * S[3 + e, t] - drive[3 + e] * S[3 + k, t]
-            else:
-                moved = drive[3 + k] * S[e, t] - drive[3 + e] * S[k, t]
-                moved += drive[k] * S[3 + e, t] - drive[e] * S[3 + k, t]
-                moved += wk * at[e] - we * at[k]
-                Jdot[i, t] = moved + S[3 + k, t] * go[e] - S[3 + e, t] * go[k]
     for j in range(len(a_k_rate)):
-        p, b = parent[j], np.zeros(3)
-        for r in range(3):
-            for t in range(3):
-                b[r] += R[p, r, t] * directions[t, j] * a_k_rate[j]
-        for i in range(len(rows)):
-            r = rows[i]
-            k, e = (r + 1) % 3, (r + 2) % 3
-            if r < 3:
-                for t in range(last[p] + 1):
-                    Jdot[i, t] += S[3 + k, t] * b[e] - S[3 + e, t] * b[k]
+        k = parent[j]
+        x = y = z = 0.0
+        for t in range(3):
+            b = directions[t, j] * a_k_rate[j]
+            x += R[k, 0, t] * b
+            y += R[k, 1, t] * b
+            z += R[k, 2, t] * b
+        for t in range(last[k] + 1):
+            for i in range(len(place)):
+                if place[i] == 0:
+                    Jdot[i, t] += J[4, t] * z - J[5, t] * y
+                elif place[i] == 1:
+                    Jdot[i, t] += J[5, t] * x - J[3, t] * z
+                else:
+                    Jdot[i, t] += J[3, t] * y - J[4, t] * x
 
 
 @compiled(

@@ -191,10 +191,13 @@ class FrameKinematics(TaskKinematics):
         The second part is linear in a_k_rate because J is affine in a_k; without it (17) of Wang
         and Xie does not hold.
         """
-        Jdot = empty((self._size, self.nv))
-        kernels.jacobian_rate(
-            self._rotations, self._origins, self._axes, self._last_column, self._lever, self._v,
-            self._row_numbers, self._parent_of, self._placed.directions, a_k_rate, Jdot,
+        model, data = self._model, self._data
+        pin.computeJointJacobiansTimeVariation(model, data, self._q, self._v)
+        Jdot = pin.getFrameJacobianTimeVariation(model, data, self._frame, pin.LOCAL_WORLD_ALIGNED)
+        Jdot = Jdot[self._rows] if self.nv > 1 else Jdot[self._rows, None]
+        kernels.add_translation_rates(
+            a_k_rate, self._parent_of, self._placed.directions, self._rotations,
+            self._axes, self._last_column, self._place_numbers, Jdot,
         )  # fmt: skip
         return Jdot
 
