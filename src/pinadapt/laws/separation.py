@@ -16,7 +16,7 @@ from .._checks import definite_matrix, positive
 from .._kernels import feedback as kernels
 from ..adaptation.drive import Drive, Drives
 from ..filters.position_observer import PositionObserver
-from ..models.typical_motion import TypicalMotion, unit_mass
+from ..models.typical_motion import TypicalMotion, joint_inertia, unit_mass
 from ..robot.changes import Payload
 from ..robot.robot import Robot
 from ..robot.workspace import reach
@@ -27,7 +27,7 @@ from .gains import check_in_place, merged
 from .law import Believed, Command, Law, Truth
 from .posture import Posture
 
-_DAMPING, _STEP = 3.0, 0.25  # K_D in bandwidths times inertia, and in parts of what dt bears
+_DAMPING, _STEP = 3.0, 0.5  # K_D in bandwidths times inertia; at most this times inertia / dt
 _LOAD, _ARM = 0.1, 0.05  # load believed for K_D: of the robot's mass, of its reach off the flange
 _OBSERVER = 1.0  # beta in bandwidths
 
@@ -72,9 +72,11 @@ class Separation(Law):
     Assumptions:  constant parameters; J_hat of full row rank. Needed are q, qd and x: no task
                   velocity, no acceleration, no M_hat^-1.
 
-    Default gains for the bandwidth w at the period dt: alpha = w, beta = w, K_D diagonal,
-    K_D,i = min(3 w M_ii, 0.25 / (dt (M^-1)_ii)), M_ii with a load of a tenth of the robot's mass
-    believed a twentieth of its reach off the flange, (M^-1)_ii without.
+    Default gains for the bandwidth w at the period dt: alpha = w, beta = w, K_D^-1 = (3 w diag
+    M_l)^-1 + 2 dt <M^-1>, M_l with a load of a tenth of the robot's mass believed a twentieth of
+    its reach off the flange, <M^-1> without, the mean over a typical motion. The eigenvalues of
+    M^-1 K_D are then those of 3 w M^-1 diag M_l, of which no large one exceeds 0.5 / dt: a cap of
+    each joint by itself would leave hardly damped what the light joints move together.
 
     Attributes:
         task: the controlled coordinates, m of them, m_p positions.
@@ -137,7 +139,7 @@ class Separation(Law):
     ) -> Separation:
         """Return the law with its default gains; see ``Law.tuned``."""
         w = share * motion.bandwidth
-        defaults = {"Kv": _damping(motion.robot, w, dt), "alpha": w, "beta": _OBSERVER * w}
+        defaults = {"Kv": _damping(motion, w, dt), "alpha": w, "beta": _OBSERVER * w}
         gains = merged({**defaults, "R_k": 1.0}, given)
         posture = Posture.of(motion.robot, given.get("posture"), w)
         return cls(motion.kinematics.task, posture, **gains)
@@ -229,13 +231,13 @@ class Separation(Law):
         return KinematicLoop(self.c, self.beta, self.R_k)
 
 
-def _damping(robot: Robot, w: float, dt: float) -> np.ndarray:
-    """Return the default diagonal (n) of K_D [N m s/rad or N s/m]."""
+def _damping(motion: TypicalMotion, w: float, dt: float) -> np.ndarray:
+    """Return the default K_D (n, n) [N m s/rad or N s/m]."""
+    robot = motion.robot
     mass, arm = _LOAD * pin.computeTotalMass(robot.model), _ARM * reach(robot)
     turning = mass * arm**2
     ball = Payload(mass, (0.0, 0.0, 0.0), (turning, 0.0, turning, 0.0, 0.0, turning))
-    inertias = []
-    for model in (robot.changed(payload=ball).model, robot.model):
-        inertias.append(pin.crba(model, model.createData(), robot.q0))
-    loaded, bare = inertias
-    return np.minimum(_DAMPING * w * np.diag(loaded), _STEP / (dt * np.diag(np.linalg.inv(bare))))
+    wanted = _DAMPING * w * joint_inertia(robot.changed(payload=ball))
+    roots = [unit_mass(M) for M in motion.mass_matrices]
+    mobility = np.mean([W.T @ W for W in roots], axis=0)  # of M^-1
+    return np.linalg.inv(np.diag(1.0 / wanted) + dt / _STEP * mobility)
