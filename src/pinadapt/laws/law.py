@@ -99,7 +99,8 @@ class Law(ABC):
         joint_effects: joint coefficients that are unknown by default: "all" or "none".
         bandwidth_powers: gains of the feedback, by the names that users write, with the powers of
             the bandwidth that they go with.
-        adaptation_mode: fastest mode of the inertias' adaptation by default, in bandwidths.
+        adaptation_mode, joint_mode: fastest modes of the adaptation of the inertias and of the
+            joints' coefficients by default, in bandwidths.
         units: of velocity and position gain, for people.
     """
 
@@ -113,6 +114,7 @@ class Law(ABC):
     joint_effects: ClassVar[str] = "none"
     bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0, "Kp": 2.0}
     adaptation_mode: ClassVar[float] = 2.0
+    joint_mode: ClassVar[float] = 3.0
     units: ClassVar[tuple[str, str]] = ("", "")
 
     @abstractmethod

@@ -18,7 +18,6 @@ from ..adaptation.drive import Drive, Drives
 from ..filters.position_observer import PositionObserver
 from ..models.typical_motion import TypicalMotion, joint_inertia, unit_mass
 from ..robot.changes import Payload
-from ..robot.robot import Robot
 from ..robot.workspace import reach
 from ..signals import Signals
 from ..tasks.task import Task
@@ -103,7 +102,7 @@ class Separation(Law):
     needs_prediction = True
     joint_effects = "all"
     bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0}
-    adaptation_mode = 8.0
+    adaptation_mode = joint_mode = 8.0
     units = ("N m s/rad", "")
 
     def __post_init__(self) -> None:

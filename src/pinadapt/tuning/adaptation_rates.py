@@ -28,7 +28,7 @@ from ..models.stacked import StackedDynamics
 from ..models.typical_motion import TypicalMotion
 from ..robot.robot import Robot
 from ..robot.workspace import reach
-from .defaults import JOINT_MODE, KINEMATIC_MODE, PREDICTION_RATE, gradient_shape
+from .defaults import KINEMATIC_MODE, PREDICTION_RATE, gradient_shape
 from .linearised_loop import frequency, rate_for
 
 ADAPTATIONS = ("natural", "gradient", "projected", "none")
@@ -137,7 +137,7 @@ def dynamic_adaptation(
     if gamma_joint is None:
         own = [Phi[:, inertial.size :] for Phi in effects]
         unit = ExponentiatedGradient(1.0, typical)
-        gamma_joint = rate_for(JOINT_MODE * w, own, unit, typical)
+        gamma_joint = rate_for(law.joint_mode * w, own, unit, typical)
     joints = ExponentiatedGradient(gamma_joint, typical)
     return Stacked([(adaptation, inertial.size), (joints, typical.size)])
 

@@ -8,9 +8,9 @@ dt, w is lowered until it passes.
 
 The rates of adaptation follow from how fast they make the closed loop (see ``linearised_loop``):
 over a typical motion the fastest mode of the bodies' adaptation is ``Law.adaptation_mode`` w, that
-of the joints' coefficients 3 w, that of the kinematics 0.15 w, and R_k lets the filtered prediction
-error decay at w / 8. On the Panda gamma_k is about the 0.05 that Wang and Xie published for their
-arm.
+of the joints' coefficients ``Law.joint_mode`` w, that of the kinematics 0.15 w, and R_k lets the
+prediction error decay at w / 8. On the Panda gamma_k is about the 0.05 that Wang and Xie published
+for their arm.
 """
 
 from __future__ import annotations
@@ -30,7 +30,6 @@ _LARGEST_STEP = 0.05  # bandwidth times sampling period
 _LEAST_EXCITATION = 1e-6  # relative
 
 # of the bandwidth
-JOINT_MODE = 3.0
 KINEMATIC_MODE = 0.15
 PREDICTION_RATE = 0.125
 

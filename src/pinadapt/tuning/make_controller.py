@@ -106,7 +106,8 @@ def make_controller(
             some of "position", "velocity", "time" and "rest" with False. See ``Guards``.
         noise: standard deviations of the sensors, q and v [rad, rad/s, m, m/s] and x [m], or the
             first samples of an arm at rest, which show them; filters and rates follow.
-        encoder: rad or m a count, one or one a joint, where v is differenced from counts over a period.
+        encoder: rad or m a count, one or one a joint, where v is differenced from counts over a
+            period.
         camera: rate, delay and dropout of the camera that gives x, where it is not of every sample.
         carry: whether late frames are carried on to now by the believed kinematics; else they are
             taken for now.
