@@ -62,10 +62,11 @@ def measure(robot: str, column: str, duration: float) -> dict[str, Any]:
         rollout = pa.simulate(
             zoo.true,
             controller,
-            zoo.circle,
+            zoo.motion,
             duration=duration,
             dt=case.dt,
             record_every=10,
+            torque_limits=zoo.bears_itself,
             **case.sensors,
         )
     last = rollout.distance[rollout.t > 0.9 * duration]
