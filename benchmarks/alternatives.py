@@ -27,7 +27,7 @@ from .alternatives_report import draw, report
 from .contenders import CONTENDERS, DEFAULT, SENSORS, Gains, setting
 from .timing import HERE, save
 
-ROBOTS, PERIODS = ("panda", "ur5", "xarm7"), (1.0, 2.0, 5.0)
+ROBOTS, PERIODS = ("panda", "ur5"), (1.0, 2.0, 5.0)
 TUNING_PERIOD = 2.0  # [s], of the circle on which gains are looked for
 INFORMED = (DEFAULT, "computed torque", "computed torque, observer, task integral")
 FIGURES = ("rms", "max", "first", "peak", "peak_last", "chatter")  # None where the loop is lost

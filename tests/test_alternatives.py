@@ -1,9 +1,13 @@
 """The contenders of the comparison are what they claim, and its document tells what came out."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import pinadapt as pa
+from benchmarks.alternatives_report import report
 from benchmarks.contenders import (
     CONTENDERS,
     SENSORS,
@@ -13,6 +17,7 @@ from benchmarks.contenders import (
 )
 from chains import catalogue_robot
 
+ROOT = Path(__file__).parents[1]
 OFFSET = np.array([0.0, 0.02, 0.03])  # [m] of the tool, in the frame's axes
 W = 20.0  # [rad/s], about the bandwidth of these arms
 
@@ -127,3 +132,10 @@ def _signals(at, law, z):
     memory = state.filters._replace(q_r=q - 0.1, torque=z)
     desired = pa.Desired(measurement.x, np.zeros(3), np.zeros(3))
     return controller.observe(state._replace(filters=memory), measurement, desired)
+
+
+def test_the_document_tells_what_came_out():
+    rows = json.loads((ROOT / "benchmarks" / "alternatives.json").read_text())["rows"]
+    told = (ROOT / "docs" / "alternatives.md").read_text()
+    for table in report(rows).split("\n\n"):
+        assert table in told, table

@@ -15,7 +15,7 @@ from .setting import Setting
 
 Gains = dict[str, float]
 
-_OUTER = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)  # in bandwidths
+_OUTER = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)  # in bandwidths
 _JOINT_INTEGRAL = 0.5  # in bandwidths; with poles at w and 3 w a quicker one gains nothing
 
 
