@@ -1,11 +1,13 @@
-"""One control step against the raw Pinocchio calls that its law cannot do without.
+"""One control step against the raw Pinocchio calls that give what its law is made of.
 
 ``python -m benchmarks.control_step [--save FILE]`` times law (11), kinematics and every inertial
-parameter adapted, on three robots. The floor is the sequence of raw calls, listed by name, with the
+parameter adapted, on three robots, and the default law, separation, on the Panda with the joints'
+coefficients known and adapted. The floor is the sequence of raw calls, listed by name, with the
 arguments ready: forward kinematics and Jacobian at the estimate, the estimated inertias written
-into a model, RNEA, CRBA and the regressor. Step and floor run in turn in one process, so that both
-see the caches and the clock of the same instant; the ratio is the median over pairs. ``bare floor``
-leaves the writing of the estimates out.
+into a model, RNEA, CRBA and the regressor; for separation the Jacobian's variation and the two
+regressors of which that of Slotine and Li is made. Step and floor run in turn in one process, so
+that both see the caches and the clock of the same instant; the ratio is the median over pairs.
+``bare floor`` leaves the writing of the estimates out.
 """
 
 from __future__ import annotations
@@ -23,28 +25,39 @@ import pinadapt as pa
 from .timing import HERE, in_turn, save, saved
 
 PLANAR = HERE.parent / "robots" / "planar_2r"
-LAW = "adaptive-inverse-dynamics"
+LAW, DEFAULT = "adaptive-inverse-dynamics", "separation"
+CASES: dict[str, tuple[str, str, str]] = {  # robot, law, unknown coefficients of the joints
+    "planar_2r": ("planar_2r", LAW, "none"),
+    "ur5": ("ur5", LAW, "none"),
+    "panda": ("panda", LAW, "none"),
+    "panda_separation": ("panda", DEFAULT, "none"),
+    "panda_separation_joints": ("panda", DEFAULT, "all"),
+}
 ROUNDS = 3000
 Call = Callable[[], object]
 
 
-def controller(name: str) -> tuple[pa.Robot, pa.Controller]:
+def controller(name: str, law: str = LAW, joint: str = "none") -> tuple[pa.Robot, pa.Controller]:
     """Return a robot and its controller: tool and bodies unknown, the planar arm in a basis."""
     robot = pa.load(name)
     if name != "planar_2r":
-        return robot, pa.make_controller(robot, law=LAW, kinematic=["tool"], dynamic="all")
+        return robot, pa.make_controller(
+            robot, law=law, kinematic=["tool"], dynamic="all", joint=joint
+        )
     basis = np.loadtxt(PLANAR / "basis.csv", delimiter=",")
     return robot, pa.make_controller(
         robot,
-        law=LAW,
+        law=law,
         kinematic=["lengths"],
         basis=basis,
         lmi=pa.MatrixInequality.from_file(PLANAR / "lmi.csv"),
     )
 
 
-def floor_calls(robot: pa.Robot, q: np.ndarray, v: np.ndarray) -> dict[str, tuple[Call, bool]]:
-    """Return the raw calls by name, as a step makes them, and whether the bare floor has them."""
+def floor_calls(
+    robot: pa.Robot, q: np.ndarray, v: np.ndarray, law: str = LAW
+) -> dict[str, tuple[Call, bool]]:
+    """Return the raw calls by name, in order, and whether the bare floor has them."""
     model, data = robot.model.copy(), robot.model.createData()
     zero, frame, n = np.zeros(model.nv), robot.frame_id, model.nv
     inertias, tens = (
@@ -62,7 +75,10 @@ def floor_calls(robot: pa.Robot, q: np.ndarray, v: np.ndarray) -> dict[str, tupl
         for joint, body in enumerate(bodies, 1):
             inertias[joint] = body
 
-    return {
+    def regressor() -> np.ndarray:
+        return pin.computeJointTorqueRegressor(model, data, q, v, v)
+
+    motion: dict[str, tuple[Call, bool]] = {
         "forwardKinematics(q, v, 0)": (
             lambda: pin.forwardKinematics(model, data, q, v, zero),
             True,
@@ -73,14 +89,32 @@ def floor_calls(robot: pa.Robot, q: np.ndarray, v: np.ndarray) -> dict[str, tupl
             lambda: pin.getFrameClassicalAcceleration(model, data, frame, aligned),
             True,
         ),
+    }
+    inertia: dict[str, tuple[Call, bool]] = {
         f"Inertia.FromDynamicParameters x {n}": (make_inertias, False),
         f"model.inertias[i] = x {n}": (write_inertias, False),
+    }
+    if law == DEFAULT:
+        return {
+            **motion,
+            "computeJointJacobiansTimeVariation": (
+                lambda: pin.computeJointJacobiansTimeVariation(model, data, q, v),
+                True,
+            ),
+            "getFrameJacobianTimeVariation": (
+                lambda: pin.getFrameJacobianTimeVariation(model, data, frame, aligned),
+                True,
+            ),
+            **inertia,
+            "computeJointTorqueRegressor": (regressor, True),
+            "computeJointTorqueRegressor again": (regressor, True),
+        }
+    return {
+        **motion,
+        **inertia,
         "rnea": (lambda: pin.rnea(model, data, q, v, v), True),
         "crba": (lambda: pin.crba(model, data, q), True),
-        "computeJointTorqueRegressor": (
-            lambda: pin.computeJointTorqueRegressor(model, data, q, v, v),
-            True,
-        ),
+        "computeJointTorqueRegressor": (regressor, True),
     }
 
 
@@ -95,14 +129,14 @@ def run(calls: list[Call]) -> Callable[[], None]:
 
 
 def measure(name: str) -> dict[str, Any]:
-    """Return the figures of one robot."""
-    robot, control = controller(name)
+    """Return the figures of one case."""
+    robot, control = controller(*CASES[name])
     plant, rng = pa.PinocchioPlant(robot), np.random.default_rng(0)
     v = 0.3 * rng.standard_normal(plant.nv)
     measurement = plant.measurement(robot.q0, v)
     desired = pa.Circle(np.zeros(robot.task.size), 0.1, 3.0).starting_at(measurement.x).at(0.1)
     state = control.step(control.init(measurement), measurement, desired, 1e-3)[1]
-    calls = floor_calls(robot, robot.q0, v)
+    calls = floor_calls(robot, robot.q0, v, control.law.name)
     times = in_turn(
         {
             "step": run([lambda: control.step(state, measurement, desired, 1e-3)]),
@@ -131,19 +165,20 @@ def main() -> None:
     parser.add_argument("--save", type=Path, default=HERE / "control_step.json")
     path = parser.parse_args().save
     before = saved(path)
-    rows = [measure(name) for name in ("planar_2r", "ur5", "panda")]
+    rows = [measure(name) for name in CASES]
     print(
-        f"{'robot':10} {'params':>7} {'step us':>8} {'floor us':>9} {'ratio':>6} {'was':>6} "
+        f"{'case':23} {'params':>7} {'step us':>8} {'floor us':>9} {'ratio':>6} {'was':>6} "
         f"{'bare us':>8} {'bare ratio':>11}"
     )
     for row in rows:
         was = before.get(row["name"], {}).get("ratio", float("nan"))
         print(
-            f"{row['name']:10} {row['kinematic'] + row['dynamic']:7d} {row['step_us']:8.1f} "
+            f"{row['name']:23} {row['kinematic'] + row['dynamic']:7d} {row['step_us']:8.1f} "
             f"{row['floor_us']:9.1f} {row['ratio']:6.2f} {was:6.2f} "
             f"{row['bare_floor_us']:8.1f} {row['bare_ratio']:11.2f}"
         )
-    print("floor: " + ", ".join(rows[-1]["floor_calls"]))
+    for law, calls in {row["law"]: row["floor_calls"] for row in rows}.items():
+        print(f"floor of {law}: " + ", ".join(calls))
     save(path, rows)
 
 

@@ -188,16 +188,27 @@ def test_law_algebra(m, m_p, p, rng, laid):
     assert close(residual, W_k @ a_k - y)
     assert close(g_k, W_k.T @ R_k @ (W_k @ a_k - y) - Y_k.T @ (K_P @ dx + 5.0 * dxd), 1e-11)
     J, G, v = laid(rng.standard_normal((m, 7))), laid(rng.standard_normal((m, m))), filled(7)
-    qd, offset = rng.standard_normal((2, 7))
+    (qd, q), own, offset = rng.standard_normal((2, 7)), laid(resting(rng, 7)), filled(7)
+    posture.posture_offset(q, own, offset)
     feedback.commanded_acceleration(
-        xdd, K_v, xd, xd_d, K_P, dx, Jdot_v, Y_k, rate, J, G, qd, offset, 4.0, v
+        xdd, K_v, xd, xd_d, K_P, dx, Jdot_v, Y_k, rate, J, G, qd, q, own, 4.0, v
     )
     u, psi = xdd - K_v @ dxd - K_P @ dx - (Jdot_v + Y_k @ rate), -8.0 * qd - 16.0 * offset
     assert close(v, psi + J.T @ G @ (u - J @ psi), 1e-10)
+    none = np.zeros((4, 0))  # a posture that is not asked for is not read
     feedback.commanded_acceleration(
-        NAN * xdd, K_v, xd, xd_d, K_P, dx, Jdot_v, Y_k, rate, J, G, qd, offset, 4.0, v
+        xdd, K_v, xd, xd_d, K_P, dx, Jdot_v, Y_k, rate, J, G, qd, q, none, 0.0, v
+    )
+    assert close(v, J.T @ G @ u, 1e-10)
+    feedback.commanded_acceleration(
+        NAN * xdd, K_v, xd, xd_d, K_P, dx, Jdot_v, Y_k, rate, J, G, qd, q, own, 4.0, v
     )
     assert np.isnan(v).all()
+
+
+def resting(rng, n):
+    """Return rest, low, high and margin (4, n) of a posture."""
+    return np.stack([rng.standard_normal(n), np.full(n, -0.5), np.full(n, 0.8), np.full(n, 0.3)])
 
 
 @pytest.mark.parametrize(("m", "n"), [(2, 2), (3, 6), (6, 7)])
@@ -254,18 +265,18 @@ def test_observation_drive(m, rng, laid):
 
 def test_posture(rng, laid):
     """A parabola beyond either edge, and the rate by differences."""
-    q, rest, v = map(laid, rng.standard_normal((3, 200)))
-    low, high, margin = laid(np.full(200, -0.5)), laid(np.full(200, 0.8)), laid(np.full(200, 0.3))
-    low[::7], high[::7] = -np.inf, np.inf
-    offset, psi, rate, after = (filled(200) for _ in range(4))
-    posture.posture_offset(q, rest, low, high, margin, offset)
+    (q, v), own = map(laid, rng.standard_normal((2, 200))), resting(rng, 200)
+    own[1, ::7], own[2, ::7] = -np.inf, np.inf
+    own, (offset, psi, rate, after) = laid(own), (filled(200) for _ in range(4))
+    posture.posture_offset(q, own, offset)
+    rest, low, high, _ = own
     d = q - rest
     beyond = np.where(d > high, (d - high) ** 2, 0.0) - np.where(d < low, (d - low) ** 2, 0.0)
     assert close(offset, d + 2.0 * beyond / 0.3) and beyond.min() < 0.0 < beyond.max()
-    posture.posture_velocity(q, rest, v, 4.0, low, high, margin, psi, rate)
+    posture.posture_velocity(q, own, v, 4.0, psi, rate)
     assert close(psi, -4.0 * offset)
-    posture.posture_offset(q + 1e-7 * v, rest, low, high, margin, after)
-    posture.posture_offset(q - 1e-7 * v, rest, low, high, margin, offset)
+    posture.posture_offset(q + 1e-7 * v, own, after)
+    posture.posture_offset(q - 1e-7 * v, own, offset)
     assert close(rate, -4.0 * (after - offset) / 2e-7, 1e-5)
 
 
@@ -321,7 +332,9 @@ def test_joint_effects(threshold, rng, laid):
     """The torque of armature, damping and friction is linear in them: Y c = tau."""
     inertial, values = laid(rng.standard_normal(5)), laid(rng.standard_normal((3, 5)))
     v, a = laid(rng.standard_normal((2, 5)))
-    tau, Y = filled(5), filled(5, 4 + 15)
+    tau, Y, told = filled(5), filled(5, 4 + 15), filled(3, 5)
+    joints.take_coefficients(laid(values[::2].ravel()), np.array([0, 2]), told)
+    assert np.array_equal(told[::2], values[::2]) and np.isnan(told[1]).all()
     joints.joint_torque(values, v, a, threshold, inertial, tau)
     assert close(tau, inertial + values[0] * a + values[1] * v + values[2] * np.tanh(v / threshold))
     columns, kinds = laid(rng.standard_normal((5, 4))), np.array([0, 1, 2])
@@ -341,29 +354,44 @@ def moving(name, rng, length):
     return model, model.createData(), q, v, frame
 
 
-@pytest.mark.parametrize("rows", [[0, 1, 2], [0, 2], [0, 1, 2, 3, 4, 5]])
-@pytest.mark.parametrize("name", ["panda", "scara", "kinova", "planar_2r"])
-def test_task_velocity(name, rows, rng, laid):
-    """Y_k's columns are the velocity that a length b in a joint's axes adds to the frame's."""
-    model, _, q, v, frame = moving(name, rng, np.zeros(3))
-    data, aligned = model.createData(), pin.LOCAL_WORLD_ALIGNED
-    pin.computeJointJacobians(model, data, q)
-    J = pin.getFrameJacobian(model, data, frame, aligned)[rows]
-    pin.forwardKinematics(model, data, q, v)
-    place = [i for i in rows if i < 3]
-    R = np.array([oMi.rotation[place] for oMi in data.oMi])
-    w = np.array([motion.angular for motion in data.v])
+CHAINS = ["panda", "scara", "kinova", "planar_2r"]
+ROWS = [[0, 1, 2], [0, 2], [0, 1, 2, 3, 4, 5]]
+
+
+def arrays_of(data):
+    """Return rotations, origins, velocities, accelerations and axes of all joints."""
+    R, o = (
+        np.array([getattr(oMi, part) for oMi in data.oMi]) for part in ("rotation", "translation")
+    )
+    V, A = (np.array([np.array(m.vector) for m in motions]) for motions in (data.v, data.a))
+    return R, o, V, A, data.J.reshape(6, -1)
+
+
+@pytest.mark.parametrize("rows", ROWS)
+@pytest.mark.parametrize("name", CHAINS)
+def test_frame_motion(name, rows, rng, laid):
+    """As Pinocchio has it; Y_k's columns are the velocity that a length b adds to the frame's."""
+    lever = rng.standard_normal(3)
+    model, data, q, v, frame = moving(name, rng, lever)
+    place, rows, aligned = [i for i in rows if i < 3], np.array(rows), pin.LOCAL_WORLD_ALIGNED
+    pin.forwardKinematics(model, data, q, v, np.zeros(model.nv))
+    pin.computeJointJacobians(model, data)
     parents, B = np.array([model.njoints - 1, 1]), laid(rng.standard_normal((3, 2)))
-    xd, Y = filled(len(rows)), filled(len(rows), 2)
-    models.task_velocity(laid(J), laid(v), R, laid(w), parents, B, xd, Y)
-    assert close(xd, J @ v) and (Y[len(place) :] == 0.0).all()
+    m, given = len(rows), [laid(part) for part in arrays_of(data)]
+    J, Jdot_v, xd, Y = filled(m, model.nv), filled(m), filled(m), filled(m, 2)
+    models.frame_motion(*given, laid(lever), laid(v), rows, parents, B, J, Jdot_v, xd, Y)
+    expected = pin.getFrameJacobian(model, data, frame, aligned).reshape(6, -1)[rows]
+    assert close(J, expected) and close(xd, expected @ v)
+    fast = pin.getFrameClassicalAcceleration(model, data, frame, aligned).vector
+    assert close(Jdot_v, fast[rows], 1e-11)
+    assert (Y[len(place) :] == 0.0).all()
     for column, parent, b in zip(Y.T, parents, B.T, strict=True):
-        lever = pin.SE3(np.eye(3), b)
-        far = pin.Frame("far", int(parent), 0, lever, pin.FrameType.OP_FRAME)
+        lever_b = pin.SE3(np.eye(3), b)
+        far = pin.Frame("far", int(parent), 0, lever_b, pin.FrameType.OP_FRAME)
         near = pin.Frame("near", int(parent), 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME)
         ends = _velocities(model, q, v, far, near)
         assert close(column[: len(place)], (ends[0] - ends[1])[place])
-    models.task_velocity(laid(J), NAN * v, R, laid(w), parents, B, xd, Y)
+    models.frame_motion(*given, lever, NAN * v, rows, parents, B, J, Jdot_v, xd, Y)
     assert np.isnan(xd).all()
 
 
@@ -401,6 +429,19 @@ def test_translation_rates(name, rng, laid):
             pin.updateFramePlacements(model, now)
             ends.append(pin.getFrameJacobian(model, now, frame, pin.LOCAL_WORLD_ALIGNED)[rows])
         assert close(Jdot - 1.0, (ends[0] - ends[1]) / (2.0 * h), 1e-8)
+
+
+@pytest.mark.parametrize("place", [[0, 1, 2], [0, 2]])
+def test_predictions(place, rng, laid):
+    lever, B = rng.standard_normal(3), laid(rng.standard_normal((3, 2)))
+    model, data, q, _, frame = moving("panda", rng, lever)
+    pin.framesForwardKinematics(model, data, q)
+    parents, x, X = np.array([7, 2]), filled(len(place)), filled(len(place), 2)
+    R, o = (laid(part) for part in arrays_of(data)[:2])
+    models.predict(R, o, laid(lever), np.array(place), parents, B, x, X)
+    assert close(x, data.oMf[frame].translation[place])
+    for column, parent, b in zip(X.T, parents, B.T, strict=True):
+        assert close(column, (R[parent] @ b)[place])
 
 
 def test_live_arrays_move_with_the_data(rng):

@@ -57,7 +57,7 @@ def test_without_adaptation_the_end_of_a_shorter_run_is_that_of_the_whole():
     ends = [
         last_error(
             case,
-            pa.simulate(case.true, controller, case.circle, duration=duration, record_every=10),
+            pa.simulate(case.true, controller, case.motion, duration=duration, record_every=10),
         )
         for duration in (case.repeating, case.duration)
     ]

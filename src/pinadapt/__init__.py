@@ -19,7 +19,9 @@ from .adaptation import Wrapper as Wrapper
 from .controller import Belief as Belief
 from .controller import Controller as Controller
 from .controller import ControllerState as ControllerState
+from .controller import Guards as Guards
 from .controller import Limits as Limits
+from .controller import Senses as Senses
 from .exceptions import DivergedError as DivergedError
 from .exceptions import GainError as GainError
 from .exceptions import ImplausibleError as ImplausibleError
@@ -33,6 +35,7 @@ from .filters import Filters as Filters
 from .filters import LowPass as LowPass
 from .filters import MotionFilters as MotionFilters
 from .filters import NoFilters as NoFilters
+from .filters import PositionObserver as PositionObserver
 from .laws import LAWS as LAWS
 from .laws import AdaptiveInverseDynamics as AdaptiveInverseDynamics
 from .laws import AdaptiveInverseDynamicsImproved as AdaptiveInverseDynamicsImproved
@@ -47,16 +50,19 @@ from .laws import KinematicLoop as KinematicLoop
 from .laws import Law as Law
 from .laws import Posture as Posture
 from .laws import ResolvedAcceleration as ResolvedAcceleration
+from .laws import Separation as Separation
 from .laws import SlotineLi as SlotineLi
 from .laws import SpongOrtega as SpongOrtega
 from .laws import Truth as Truth
 from .models import BasisDynamics as BasisDynamics
 from .models import BodyDynamics as BodyDynamics
+from .models import Carrier as Carrier
 from .models import Dynamics as Dynamics
 from .models import FrameKinematics as FrameKinematics
 from .models import JointEffects as JointEffects
 from .models import JointKinematics as JointKinematics
 from .models import LumpedDynamics as LumpedDynamics
+from .models import Sensed as Sensed
 from .models import StackedDynamics as StackedDynamics
 from .models import TaskKinematics as TaskKinematics
 from .models import Translation as Translation
@@ -78,6 +84,7 @@ from .robot import reachable_circle as reachable_circle
 from .rollout import Rollout as Rollout
 from .rollout import Sample as Sample
 from .sensing import Camera as Camera
+from .sensing import SensorQuality as SensorQuality
 from .signals import Signals as Signals
 from .simulation import Events as Events
 from .simulation import run as run

@@ -5,7 +5,8 @@ over a hundred of them. A kernel is a plain function of float arrays that states
 compiles it for one signature, whose arrays may have any memory layout unless it says otherwise.
 Arithmetic stays IEEE: nothing is reordered, a division by zero gives inf, and NaN comes through.
 The machine code is kept on disk beside the source, or in the user's cache where that cannot be
-written, or nowhere; a damaged file is replaced. Kernels fill arrays that their caller has made,
+written, or nowhere; a damaged file is replaced. Arrays are borrowed, see ``_borrowed``, or where
+they cannot be held as numba does by default. Kernels fill arrays that their caller has made,
 because numba is slow at returning arrays, and do not call each other, because the copy on disk
 would not see the other change. They do not check the sizes of their arrays: callers pass what numpy
 or Pinocchio made or checked.
@@ -15,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cache
 from typing import Any, TypeVar
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -51,15 +53,34 @@ def compile_all() -> None:
 
 
 def _machine_code(function: Callable[..., Any], signature: str, fills: int) -> Any:
-    from numba import njit, types  # here, because most imports need no compiler
-    from numba.core.sigutils import normalize_signature
+    """Return numba's dispatcher of a kernel, of arrays that it borrows where that can be."""
+    from numba import types  # here, because most imports need no compiler
 
-    from ._borrowed import Borrowed
+    borrowed = _borrowed_array()
+    if borrowed is not None:
+        with suppress(Exception):  # of a numba whose inside is another one
+            return _compile(function, signature, fills, borrowed)
+    return _compile(function, signature, fills, types.Array)
+
+
+@cache
+def _borrowed_array() -> Any:
+    """Return the type of borrowed arrays; None where numpy or numba is not as it assumes."""
+    try:
+        from . import _borrowed
+    except (ImportError, AttributeError):
+        return None
+    return _borrowed.Borrowed if _borrowed.layout_holds() else None
+
+
+def _compile(function: Callable[..., Any], signature: str, fills: int, array: Any) -> Any:
+    from numba import njit, types
+    from numba.core.sigutils import normalize_signature
 
     arguments, result = normalize_signature(signature)
     read = len(arguments) - fills
     kinds = [
-        Borrowed(kind.dtype, kind.ndim, kind.layout, readonly=i < read)
+        array(kind.dtype, kind.ndim, kind.layout, readonly=i < read)
         if isinstance(kind, types.Array)
         else kind
         for i, kind in enumerate(arguments)

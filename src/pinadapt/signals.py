@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import FrozenInstanceError, dataclass, fields
+from typing import Any, NoReturn, cast
 
 import numpy as np
 
@@ -13,11 +13,42 @@ from .models.sight import Sensed
 
 
 @dataclass(slots=True, eq=False)
-class Signals:
+class OpenSignals:
+    """Signals that are being put together; see ``Signals``.
+
+    A frozen dataclass pays for every attribute in its ``__init__``. These are written plainly and
+    then closed as a whole, by ``signals.__class__ = Signals``.
+    """
+
+    t: float
+    q: np.ndarray
+    v: np.ndarray
+    xd: np.ndarray
+    xd_d: np.ndarray
+    xdd_d: np.ndarray
+    dx: np.ndarray
+    xd_hat: np.ndarray
+    delta: np.ndarray | None
+    kinematic: Estimate
+    a_k: np.ndarray
+    a_d: np.ndarray
+    a_0: np.ndarray
+    J: np.ndarray
+    Jdot_v: np.ndarray
+    Y_k: np.ndarray
+    inverse: RightInverse
+    filtered: Any
+    adapting: bool
+    sensed: Sensed
+    epsilon: np.ndarray
+    X_k: np.ndarray
+
+
+class Signals(OpenSignals):
     """Everything a law may see at one instant; m task coordinates, n joints, m_p positions.
 
-    Its arrays belong to this instant for good: no later one changes them. Nothing here is to be
-    written to.
+    Its arrays belong to this instant for good: no later one changes them. It is frozen, and nothing
+    here is to be written to.
 
     Attributes:
         t: time [s].
@@ -45,28 +76,28 @@ class Signals:
         filtered: what the law's own filters tell; see ``Law.filters``.
     """
 
-    t: float
-    q: np.ndarray
-    v: np.ndarray
-    xd: np.ndarray
-    xd_d: np.ndarray
-    xdd_d: np.ndarray
-    dx: np.ndarray
-    xd_hat: np.ndarray
-    delta: np.ndarray | None
-    kinematic: Estimate
-    a_k: np.ndarray
-    a_d: np.ndarray
-    a_0: np.ndarray
-    J: np.ndarray
-    Jdot_v: np.ndarray
-    Y_k: np.ndarray
-    inverse: RightInverse
-    filtered: Any
-    adapting: bool
-    sensed: Sensed
-    epsilon: np.ndarray
-    X_k: np.ndarray
+    __slots__ = ()
+
+    def __new__(cls, *args: Any, **kwargs: Any) -> Signals:
+        """Take all attributes, in their order or by name."""
+        signals = OpenSignals(*args, **kwargs)
+        signals.__class__ = cls
+        return cast(Signals, signals)
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        """Leave what ``__new__`` has taken."""
+
+    def __setattr__(self, name: str, value: object) -> NoReturn:
+        """Refuse."""
+        raise FrozenInstanceError(f"cannot assign to field {name!r}")
+
+    def __delattr__(self, name: str) -> NoReturn:
+        """Refuse."""
+        raise FrozenInstanceError(f"cannot delete field {name!r}")
+
+    def __reduce__(self) -> tuple[type[Signals], tuple[Any, ...]]:
+        """Copy by the attributes."""
+        return Signals, tuple(getattr(self, part.name) for part in fields(self))
 
     @property
     def dxd_hat(self) -> np.ndarray:

@@ -61,7 +61,7 @@ def kinematic_drive(
 
 @compiled(
     "void(f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], "
-    "f8[:,:], f8[:,:], f8[:], f8[:], f8, f8[:])"
+    "f8[:,:], f8[:,:], f8[:], f8[:], f8[:,:], f8, f8[:])"
 )
 def commanded_acceleration(
     xdd_d: np.ndarray,
@@ -76,17 +76,24 @@ def commanded_acceleration(
     J: np.ndarray,
     gram_inverse: np.ndarray,
     qd: np.ndarray,
-    offset: np.ndarray,
+    q: np.ndarray,
+    posture: np.ndarray,
     w: float,
     v: np.ndarray,
 ) -> None:
     """Write v = psi + J^T G (u - J psi) (n), psi = -2 w qd - w^2 offset, G (m, m) as in J^+.
 
-    u = xdd_d - K_v (xd - xd_d) - K_P dx - (dJ/dt(a_k) qd + Y_k da_k/dt) (m).
+    u = xdd_d - K_v (xd - xd_d) - K_P dx - (dJ/dt(a_k) qd + Y_k da_k/dt) (m); offset is the
+    ``posture_offset`` of q, not read for w = 0.
     """
     m, n = J.shape
     for t in range(n):
-        v[t] = -2.0 * w * qd[t] - w * w * offset[t]
+        v[t] = 0.0
+        if w == 0.0:
+            continue
+        d = q[t] - posture[0, t]
+        e = max(d - posture[2, t], 0.0) + min(d - posture[1, t], 0.0)
+        v[t] = -2.0 * w * qd[t] - w * w * (d + 2.0 * e * abs(e) / posture[3, t])
     missed = np.empty(m)  # u - J psi
     for i in range(m):
         x = xdd_d[i] - Jdot_v[i]

@@ -9,6 +9,15 @@ import numpy as np
 from .._compiled import compiled
 
 
+@compiled("void(f8[:], i8[:], f8[:,:])")
+def take_coefficients(a: np.ndarray, kinds: np.ndarray, values: np.ndarray) -> None:
+    """Write a, one row a kind after the other, into the rows ``kinds`` of the values (3, n)."""
+    n = values.shape[1]
+    for k in range(len(kinds)):
+        for i in range(n):
+            values[kinds[k], i] = a[k * n + i]
+
+
 @compiled("void(f8[:,:], f8[:], f8[:], f8, f8[:], f8[:])")
 def joint_torque(
     values: np.ndarray,

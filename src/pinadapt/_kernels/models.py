@@ -46,40 +46,76 @@ def place(
 
 
 @compiled(
-    "void(f8[:,:], f8[:], f8[:,:,:], f8[:,:], i8[:], f8[:,:], f8[:], f8[:,:])",
-    fills=2,
+    "void(f8[:,:,:], f8[:,:], f8[:,:], f8[:,:], f8[:,:], f8[:], f8[:], i8[:], "
+    "i8[:], f8[:,:], f8[:,:], f8[:], f8[:], f8[:,:])",
+    fills=4,
 )
-def task_velocity(
-    J: np.ndarray,
-    v: np.ndarray,
+def frame_motion(
     R: np.ndarray,
-    w: np.ndarray,
+    o: np.ndarray,
+    V: np.ndarray,
+    A: np.ndarray,
+    S: np.ndarray,
+    lever: np.ndarray,
+    v: np.ndarray,
+    rows: np.ndarray,
     parent: np.ndarray,
     directions: np.ndarray,
+    J: np.ndarray,
+    Jdot_v: np.ndarray,
     xd_hat: np.ndarray,
     Y_k: np.ndarray,
 ) -> None:
-    """Write J v (m), and column by column of Y_k (m, p) R [w]x b in the position rows, else zero.
+    """Write the Jacobian J (m, n) of a frame, dJ/dt v (m), J v (m) and Y_k (m, p).
 
-    R (N, m_p, 3) are the position rows of the joints' rotations, w (N, 3) their velocities in their
-    own axes; of each parameter ``parent`` (p) is the joint and b, a column of ``directions``
-    (3, p), the direction there.
+    Of the joints, R (N, 3, 3) and o (N, 3) are rotations and origins, V and A (N, 6) velocities and
+    accelerations for a joint acceleration of zero, linear before angular, in their own axes; the
+    last one carries the frame at ``lever`` (3). S (6, n) are the joints' axes as motions at the
+    origin. ``rows`` (m) of the frame's motion are wanted, linear before angular. Column by column
+    Y_k is R (w x b) in the linear rows, else zero: of each parameter ``parent`` (p) is the joint
+    and b, a column of ``directions`` (3, p), the direction there.
     """
-    m, n = J.shape
-    for i in range(m):
-        x = 0.0
-        for t in range(n):
-            x += J[i, t] * v[t]
-        xd_hat[i] = x
+    c = len(R) - 1
+    x, y, z = o[c, 0], o[c, 1], o[c, 2]
+    for t in range(3):
+        x += R[c, 0, t] * lever[t]
+        y += R[c, 1, t] * lever[t]
+        z += R[c, 2, t] * lever[t]
+    wx, wy, wz = V[c, 3], V[c, 4], V[c, 5]
+    lx, ly, lz = lever[0], lever[1], lever[2]
+    ux = V[c, 0] + wy * lz - wz * ly  # V + w x lever
+    uy = V[c, 1] + wz * lx - wx * lz
+    uz = V[c, 2] + wx * ly - wy * lx
+    ax = A[c, 0] + A[c, 4] * lz - A[c, 5] * ly + wy * uz - wz * uy  # A + dw x lever + w x u
+    ay = A[c, 1] + A[c, 5] * lx - A[c, 3] * lz + wz * ux - wx * uz
+    az = A[c, 2] + A[c, 3] * ly - A[c, 4] * lx + wx * uy - wy * ux
+    for i in range(len(rows)):
+        r = rows[i]
+        if r < 3:
+            Jdot_v[i] = R[c, r, 0] * ax + R[c, r, 1] * ay + R[c, r, 2] * az
+        else:
+            k = r - 3
+            Jdot_v[i] = R[c, k, 0] * A[c, 3] + R[c, k, 1] * A[c, 4] + R[c, k, 2] * A[c, 5]
+        xd = 0.0
+        for t in range(len(v)):
+            column = S[r, t]
+            if r == 0:
+                column += S[4, t] * z - S[5, t] * y
+            elif r == 1:
+                column += S[5, t] * x - S[3, t] * z
+            elif r == 2:
+                column += S[3, t] * y - S[4, t] * x
+            J[i, t] = column
+            xd += column * v[t]
+        xd_hat[i] = xd
     for j in range(len(parent)):
         k = parent[j]
-        x = w[k, 1] * directions[2, j] - w[k, 2] * directions[1, j]
-        y = w[k, 2] * directions[0, j] - w[k, 0] * directions[2, j]
-        z = w[k, 0] * directions[1, j] - w[k, 1] * directions[0, j]
-        for i in range(m):
-            Y_k[i, j] = 0.0
-        for i in range(R.shape[1]):
-            Y_k[i, j] = R[k, i, 0] * x + R[k, i, 1] * y + R[k, i, 2] * z
+        x = V[k, 4] * directions[2, j] - V[k, 5] * directions[1, j]
+        y = V[k, 5] * directions[0, j] - V[k, 3] * directions[2, j]
+        z = V[k, 3] * directions[1, j] - V[k, 4] * directions[0, j]
+        for i in range(len(rows)):
+            r = rows[i]
+            Y_k[i, j] = R[k, r, 0] * x + R[k, r, 1] * y + R[k, r, 2] * z if r < 3 else 0.0
 
 
 @compiled("void(f8[:], f8[:], f8[:], f8[:])", fills=2)
@@ -160,19 +196,31 @@ def add_translation_rates(
                     Jdot[i, t] += J[3, t] * y - J[4, t] * x
 
 
-@compiled("void(f8[:,:,:], i8[:], f8[:,:], f8[:,:])")
-def rotated_directions(
-    R: np.ndarray, parent: np.ndarray, directions: np.ndarray, columns: np.ndarray
+@compiled(
+    "void(f8[:,:,:], f8[:,:], f8[:], i8[:], i8[:], f8[:,:], f8[:], f8[:,:])",
+    fills=2,
+)
+def predict(
+    R: np.ndarray,
+    o: np.ndarray,
+    lever: np.ndarray,
+    place: np.ndarray,
+    parent: np.ndarray,
+    directions: np.ndarray,
+    x: np.ndarray,
+    X_k: np.ndarray,
 ) -> None:
-    """Write R b (m_p, p), parameter by parameter.
+    """Write o + R lever (m_p) of the last joint, and R b (m_p, p) parameter by parameter.
 
-    R (N, m_p, 3) are the position rows of the joints' rotations; of each parameter ``parent`` (p)
-    is the joint and b, a column of ``directions`` (3, p), the direction there.
+    R (N, 3, 3) and o (N, 3) are rotations and origins of the joints, ``place`` (m_p) the wanted
+    coordinates; of each parameter ``parent`` (p) is the joint and b, a column of ``directions``
+    (3, p), the direction there.
     """
-    for j in range(len(parent)):
-        k = parent[j]
-        for i in range(len(columns)):
-            x = 0.0
-            for t in range(3):
-                x += R[k, i, t] * directions[t, j]
-            columns[i, j] = x
+    c = len(R) - 1
+    for i in range(len(place)):
+        r = place[i]
+        x[i] = o[c, r] + R[c, r, 0] * lever[0] + R[c, r, 1] * lever[1] + R[c, r, 2] * lever[2]
+        for j in range(len(parent)):
+            p = parent[j]
+            X_k[i, j] = R[p, r, 0] * directions[0, j] + R[p, r, 1] * directions[1, j]
+            X_k[i, j] += R[p, r, 2] * directions[2, j]

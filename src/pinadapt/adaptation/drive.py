@@ -66,8 +66,28 @@ class Drive:
 
     def columns(self, block: slice) -> Drive:
         """Return the drive of a block of the parameters."""
-        W = None if self.W is None else self.W[:, block]
-        return Drive(self.Y[:, block], self.e, W, self.residual, self.weight, self.gradient[block])
+        return _Columns(self, block)
+
+
+class _Columns(Drive):
+    """The drive of a block of the parameters; most adaptations read no more than its gradient."""
+
+    __slots__ = ("_block", "_whole")
+
+    def __init__(self, whole: Drive, block: slice) -> None:
+        """Take the whole drive and the block."""
+        self._whole, self._block, self.gradient = whole, block, whole.gradient[block]
+        self.e, self.residual, self.weight = whole.e, whole.residual, whole.weight
+
+    @property
+    def Y(self) -> np.ndarray:  # type: ignore[override]
+        """Columns (k, p) of the regressor of the tracking error."""
+        return self._whole.Y[:, self._block]
+
+    @property
+    def W(self) -> np.ndarray | None:  # type: ignore[override]
+        """Columns (l, p) of the regressor of the prediction, or None."""
+        return None if self._whole.W is None else self._whole.W[:, self._block]
 
 
 @dataclass(slots=True, eq=False)

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from .._checks import positive, vector
 from .._kernels import adaptation as kernels
 from ..exceptions import GainError, ParameterError
+from ..records import named
 from .adaptation import Adaptation
 from .drive import Drive, Estimate
 
@@ -73,7 +74,7 @@ class ExponentiatedGradient(Adaptation):
         a = estimate.value
         after = np.empty(a.size)
         kernels.exponentiate(a, drive.gradient, self.scale, self.gamma * dt, _LARGEST_STEP, after)
-        return Estimate(after)
+        return named(Estimate, (after, ()))
 
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
         """Return the relative entropy from the truth, in scales, over gamma.

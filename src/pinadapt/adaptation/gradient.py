@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from .._checks import definite_matrix
 from .._kernels import adaptation as kernels
+from ..records import named
 from .adaptation import Adaptation
 from .drive import Drive, Estimate
 
@@ -34,14 +35,14 @@ class Gradient(Adaptation):
         """Return -Gamma g (p)."""
         rate = empty(estimate.value.size)
         kernels.descent(drive.gradient, self.Gamma, rate)
-        return Estimate(rate)
+        return named(Estimate, (rate, ()))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
         a = estimate.value
         after = empty(a.size)
         kernels.descend(a, drive.gradient, self.Gamma, dt, after)
-        return Estimate(after)
+        return named(Estimate, (after, ()))
 
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float:
         """Return half the squared Gamma^-1 norm of the parameter error."""

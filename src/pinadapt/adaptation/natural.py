@@ -11,6 +11,7 @@ import numpy as np
 
 from .._checks import positive
 from .._kernels import adaptation as kernels
+from ..records import named
 from .adaptation import Adaptation
 from .drive import Drive, Estimate
 from .matrix_inequality import MatrixInequality
@@ -63,7 +64,7 @@ class Natural(Adaptation):
         """Return the estimate after dt [s] with the drive held; inside the cone for any dt."""
         a, g = estimate.value, drive.gradient
         if self.cone.complete:
-            return Estimate(self.cone.follow_geodesic(a, g, self.gamma * dt))
+            return named(Estimate, (self.cone.follow_geodesic(a, g, self.gamma * dt), ()))
         metric = self._metric(self.cone.matrices(a)[0])
         step = (-self.gamma * dt) * np.linalg.solve(metric, g)
         length = np.sqrt(step @ metric @ step)

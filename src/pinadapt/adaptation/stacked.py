@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
+from numpy import empty
 
 from .adaptation import Adaptation
 from .drive import Drive, Estimate
@@ -26,6 +27,7 @@ class Stacked(Adaptation):
             for (part, _), (a, b) in zip(parts, pairwise(ends), strict=True)
         ]
         self._size, self.name = int(ends[-1]), parts[0][0].name
+        self._forgetful = ((),) * len(parts)
         self._projects = any(type(p).project is not Adaptation.project for p, _ in self.parts)
 
     def init(self, value: np.ndarray) -> Estimate:
@@ -61,9 +63,12 @@ class Stacked(Adaptation):
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
-        return self._joined(
-            part.step(own, drive.columns(block), dt) for part, block, own in self._split(estimate)
-        )
+        (value, memory), after, kept = estimate, empty(self._size), []
+        for (part, block), own in zip(self.parts, memory or self._forgetful, strict=True):
+            stepped = part.step(Estimate(value[block], own), drive.columns(block), dt)
+            after[block] = stepped.value
+            kept.append(stepped.memory)
+        return Estimate(after, tuple(kept))
 
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
         """Return the sum of the blocks' parts of V, or None where one is undefined."""
@@ -74,7 +79,7 @@ class Stacked(Adaptation):
 
     def _split(self, estimate: Estimate) -> Iterator[tuple[Adaptation, slice, Estimate]]:
         """Return each adaptation with its block and that block's estimate."""
-        memories = estimate.memory or ((),) * len(self.parts)
+        memories = estimate.memory or self._forgetful
         for (part, block), memory in zip(self.parts, memories, strict=True):
             yield part, block, Estimate(estimate.value[block], memory)
 

@@ -83,6 +83,13 @@ def _zoo(command: argparse.ArgumentParser) -> None:
         help="one that adapts: %(choices)s (default: %(default)s)",
     )
     command.add_argument(
+        "--task",
+        choices=("position", "pose"),
+        default="position",
+        help="the position on a circle, or the pose of chains of six and more joints, the tool "
+        "swinging meanwhile (default: %(default)s)",
+    )
+    command.add_argument(
         "--seed",
         type=partial(_whole_number, least=0),
         default=0,

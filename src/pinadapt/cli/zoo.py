@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from ..robot.catalogue import catalogue, catalogue_entry
+from ..robot.catalogue import catalogue_entry
 from ..rollout.table import columns, number
-from ..zoo.experiment import ZooRow, run_zoo
+from ..zoo.experiment import POSE, ZooRow, run_zoo, zoo_names
 from ..zoo.verdict import CONVERGED
 from .progress import rows_bar
+
+_DEGREES = 180.0 / math.pi
 
 
 def zoo(options: argparse.Namespace) -> int:
@@ -20,11 +23,13 @@ def zoo(options: argparse.Namespace) -> int:
     names = (
         [catalogue_entry(name).name for name in options.robots]
         if options.robots
-        else list(catalogue())
+        else zoo_names(options.task)
     )
     folder: Path = options.out
     folder.mkdir(parents=True, exist_ok=True)  # refused before the work where it cannot be written
-    coming = run_zoo(names, options.law, seed=options.seed, processes=options.processes)
+    coming = run_zoo(
+        names, options.law, seed=options.seed, processes=options.processes, task=options.task
+    )
     found = {row.robot: row for row in rows_bar(coming, len(names))}
     rows = [found[name] for name in names]
     print(zoo_table(rows))
@@ -37,7 +42,8 @@ def zoo(options: argparse.Namespace) -> int:
 
 
 def zoo_table(rows: Sequence[ZooRow]) -> str:
-    """Return one line a chain; errors are the largest of the last 10 %."""
+    """Return one line a chain; errors are the largest of the last 10 %, of poses in two units."""
+    pose = any(row.task == POSE for row in rows)
     header = (
         "robot",
         "joints",
@@ -45,13 +51,15 @@ def zoo_table(rows: Sequence[ZooRow]) -> str:
         "not adapted [mm]",
         "adapted [mm]",
         "[% of radius]",
+        *(["not adapted [deg]", "adapted [deg]"] if pose else []),
         "min eig M_hat",
         "verdict",
     )
-    return columns(header, [_cells(row) for row in rows])
+    return columns(header, [_cells(row, pose) for row in rows])
 
 
-def _cells(row: ZooRow) -> list[str]:
+def _cells(row: ZooRow, pose: bool) -> list[str]:
+    angles = [number(a, scale=_DEGREES, digits=3) for a in (row.unadapted_angle, row.adapted_angle)]
     share = None if row.adapted is None or row.radius is None else 100.0 * row.adapted / row.radius
     return [
         row.robot,
@@ -60,6 +68,7 @@ def _cells(row: ZooRow) -> list[str]:
         number(row.unadapted, scale=1e3, digits=2),
         number(row.adapted, scale=1e3, digits=3),
         number(share, digits=2),
+        *(angles if pose else []),
         "-" if row.min_eig_M_hat is None else f"{row.min_eig_M_hat:.2g}",
         row.verdict,
     ]

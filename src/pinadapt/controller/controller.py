@@ -6,7 +6,7 @@ import copy
 import math
 from dataclasses import replace
 from types import EllipsisType
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy import empty
@@ -22,13 +22,13 @@ from ..models.dynamics import Dynamics
 from ..models.sight import prediction
 from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
-from ..records import Desired, Measurement
+from ..records import Desired, Measurement, named
 from ..robot.changes import Payload
 from ..robot.gravity import Compensation
-from ..signals import Signals
+from ..signals import OpenSignals, Signals
 from .belief import Belief, informed
 from .guards import Guards
-from .inputs import InputCheck, check_period
+from .inputs import InputCheck
 from .limits import Limits
 from .senses import Senses
 from .state import ControllerState
@@ -177,11 +177,8 @@ class Controller:
             DivergedError: torque or estimates went wrong, see ``watch``, or the law met a
                 singularity.
         """
-        check_period(dt, self.period)
         measurement, desired = self._check.sample(state, measurement, desired)
-        elapsed = self.senses.guards.elapsed(state.t, measurement.t, dt)
-        if elapsed is not dt:
-            check_period(elapsed, self.period)
+        elapsed = self.senses.guards.elapsed(state.t, measurement.t, dt, self.period)
         try:
             s = self._signals(state, measurement, desired)
             command = self.law.command(s, self._believed)
@@ -198,9 +195,8 @@ class Controller:
             # a signal that is not finite is the likelier cause
             self._check.finite(measurement, desired)
             raise DivergedError(str(error)) from error
-        return torque, ControllerState(
-            s.t, dynamic, kinematic, state.a_0, filters, state.adapting, state.load, s.sensed
-        )
+        parts = s.t, dynamic, kinematic, s.a_0, filters, state.adapting, state.load, s.sensed
+        return torque, named(ControllerState, parts)
 
     def command(
         self, state: ControllerState, measurement: Measurement, desired: Desired
@@ -247,32 +243,32 @@ class Controller:
         self, state: ControllerState, measurement: Measurement, desired: Desired
     ) -> Signals:
         """Return ``observe`` of what was checked and stays what it is."""
-        kinematics, task, kinematic = self.kinematics, self.kinematics.task, state.kinematic
-        q, a_k, senses, before = measurement.q, kinematic.value, self.senses, state.senses
+        t_before, dynamic, kinematic, a_0, filters, adapting, _, before = state
+        t, q, v, x, _, xd, _, _ = measurement
         x_d, xd_d, xdd_d = desired
+        senses, kinematics, a_k = self.senses, self.kinematics, kinematic.value
+        task = kinematics.task
         if senses.low_pass is not None:
-            v = senses.velocity(before, measurement.v, measurement.t - state.t)
+            v = senses.velocity(before, v, t - t_before)
             measurement = measurement._replace(v=v)
-        v = measurement.v
         kinematics.update(a_k, q, v)
-        still = senses.guards.look(v, measurement.x, desired, kinematics)
-        a_d = self.adaptation_d.project(state.dynamic.value, q)
+        still = senses.guards.look(v, x, desired, kinematics)
+        a_d = self.adaptation_d.project(dynamic.value, q)
         self.dynamics.load(a_d)
-        sensed, xd_hat = (
-            senses.see(before, state.t, measurement, kinematics, a_k),
-            kinematics.xd_hat,
-        )
-        if sensed.frame is not None or measurement.x is None:
+        sensed = senses.carrier.see(before, t_before, measurement, kinematics, a_k)
+        if senses.low_pass is not None:
+            sensed = sensed._replace(v=v)
+        if sensed.frame is not None or x is None:
             measurement = measurement._replace(x=sensed.x)
-        dx = task.error(task.measured(sensed.x, q), x_d)
+        dx, xd_hat = task.error(task.measured(sensed.x, q), x_d), kinematics.xd_hat
         epsilon, X_k = _EMPTY, _EMPTY
         if self._predicts:
             epsilon, X_k = prediction(sensed, kinematics, a_k)
-        return Signals(
-            measurement.t,
+        s = OpenSignals(
+            t,
             q,
             v,
-            task.known_velocity(measurement.xd, xd_hat),
+            task.known_velocity(xd, xd_hat),
             xd_d,
             xdd_d,
             dx,
@@ -281,17 +277,19 @@ class Controller:
             kinematic,
             a_k,
             a_d,
-            state.a_0,
+            a_0,
             kinematics.J,
             kinematics.Jdot_v,
             kinematics.Y_k,
             kinematics.right_inverse(self.limits.singular),
-            self._filters.observe(state.filters, measurement, kinematics),
-            state.adapting and not (still and np.abs(dx).max() < senses.guards.near),
+            self._filters.observe(filters, measurement, kinematics),
+            adapting and not (still and np.abs(dx).max() < senses.guards.near),
             sensed,
             epsilon,
             X_k,
         )
+        s.__class__ = Signals  # closed from now on
+        return cast(Signals, s)
 
     def acceleration(self, s: Signals, measurement: Measurement) -> np.ndarray:
         """Return the joint acceleration (n): the measured one if there is one, else filtered."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -26,6 +27,7 @@ _SLOW, _NEAR = 1e-3, 1e-4  # [1/s] and share, of a radian or the reach, of an ar
 _NOISE = 4.0  # standard deviations
 _NOTHING = np.zeros(0)
 _MISSED = 1.5  # periods after which a sample was dropped
+_LATEST = 10.0  # periods that one step may bridge
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,20 +86,42 @@ class Guards:
             f"{_FAST:g} times the limit of its description (in degrees?)",
         )
 
-    def elapsed(self, before: float, now: float, dt: float) -> float:
-        """Return the period [s] that a sample at time ``now`` stands for.
+    def elapsed(self, before: float, now: float, dt: float, period: float) -> float:
+        """Return the time [s] that a sample at time ``now`` stands for.
 
         dt, or the time since the sample before where others were dropped in between.
 
         Raises:
             ImplausibleError: the time goes back.
+            InputError: the period is not positive, or over ten times the one that the controller
+                was made for.
         """
+        try:
+            fits = 0.0 < dt <= _LATEST * period
+        except (TypeError, ValueError):
+            fits = False
+        if not fits:
+            raise _unfit(dt, period)
         if not self.clock:
             return dt
         elapsed = now - before
         if elapsed < 0.0:
             raise ImplausibleError("t", now, f"is before the last sample's, {before:g} s")
-        return elapsed if elapsed > _MISSED * dt else dt
+        if elapsed <= _MISSED * dt:
+            return dt
+        if elapsed > _LATEST * period:
+            raise _unfit(elapsed, period)
+        return elapsed
+
+
+def _unfit(dt: Any, period: float) -> InputError:
+    """Return the error of a dt [s] that does not fit the period that the controller is made for."""
+    made = f" and at most {_LATEST * period:g} s, ten periods of the controller"
+    return InputError(
+        f"must be positive{made if math.isfinite(period) else ''}, got {dt!r}.",
+        where="dt",
+        hint="After a longer pause start anew with `init`, from the last estimates.",
+    )
 
 
 def make_guards(

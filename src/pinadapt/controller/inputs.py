@@ -14,7 +14,6 @@ from ..records import Desired, Measurement
 from .state import ControllerState
 
 _FLOAT = np.dtype(float)
-_LATEST = 10.0  # periods that one step may bridge
 
 
 class InputCheck:
@@ -142,25 +141,6 @@ class InputCheck:
                 raise MeasurementError(name, value)
         if measurement.x is not None and (flaw := self._task.flaw(measurement.x)):
             raise MeasurementError("x", measurement.x, flaw)
-
-
-def check_period(dt: float, period: float) -> None:
-    """Refuse a dt [s] that is not positive, or over ten times the period it was made for.
-
-    Raises:
-        InputError: it is.
-    """
-    try:
-        fits = 0.0 < dt <= _LATEST * period
-    except (TypeError, ValueError):
-        fits = False
-    if not fits:
-        made = f" and at most {_LATEST * period:g} s, ten periods of the controller"
-        raise InputError(
-            f"must be positive{made if math.isfinite(period) else ''}, got {dt!r}.",
-            where="dt",
-            hint="After a longer pause start anew with `init`, from the last estimates.",
-        )
 
 
 def _array(

@@ -39,19 +39,5 @@ class Senses:
 
     def velocity(self, before: Sensed, v: np.ndarray, elapsed: float) -> np.ndarray:
         """Return the joint velocity (n), filtered over the time since the last sample [s]."""
-        if self.low_pass is None:
-            return v
-        assert before.v is not None  # the controller that filters has begun with one
+        assert self.low_pass is not None and before.v is not None  # one that filters begins with v
         return self.low_pass.advance(before.v, v, elapsed)
-
-    def see(
-        self,
-        before: Sensed,
-        t_before: float,
-        measurement: Measurement,
-        kinematics: TaskKinematics,
-        a_k: np.ndarray,
-    ) -> Sensed:
-        """Return ``Carrier.see``, and the velocity if it is filtered."""
-        sensed = self.carrier.see(before, t_before, measurement, kinematics, a_k)
-        return sensed if self.low_pass is None else sensed._replace(v=measurement.v)

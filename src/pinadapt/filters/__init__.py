@@ -6,3 +6,4 @@ from .low_pass import LowPass as LowPass
 from .motion_filters import FilteredMotion as FilteredMotion
 from .motion_filters import MotionFilters as MotionFilters
 from .motion_filters import MotionState as MotionState
+from .position_observer import PositionObserver as PositionObserver

@@ -11,7 +11,7 @@ from numpy import empty
 from .._kernels import filters as kernels
 from ..exceptions import InputError
 from ..models.task_kinematics import TaskKinematics
-from ..records import Measurement
+from ..records import Measurement, named
 from ..signals import Signals
 from .filters import Filters
 from .low_pass import LowPass
@@ -93,7 +93,7 @@ class MotionFilters(Filters):
             self.task_velocity.bandwidth, self.joint_velocity.bandwidth, dt,
             W_k_after, memory_after,
         )  # fmt: skip
-        return MotionState(W_k_after, memory_after)
+        return named(MotionState, (W_k_after, memory_after))
 
     def rate(self, state: MotionState, s: Signals) -> MotionState:
         """Return the time derivative of the state."""

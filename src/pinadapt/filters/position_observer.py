@@ -13,7 +13,7 @@ from numpy import empty
 from .._kernels import filters as kernels
 from ..exceptions import InputError
 from ..models.task_kinematics import TaskKinematics
-from ..records import Measurement
+from ..records import Measurement, named
 from ..signals import Signals
 from .filters import Filters
 
@@ -86,7 +86,7 @@ class PositionObserver(Filters):
         kernels.carry(state.x_o, s.xd_hat, s.filtered.dx_o, self.beta, dt, x_o)
         if self.error is not None:
             s_f = s_f - math.expm1(-self.bandwidth * dt) * (self.error(s) - s_f)
-        return ObserverState(x_o, s_f)
+        return named(ObserverState, (x_o, s_f))
 
     def rate(self, state: ObserverState, s: Signals) -> ObserverState:
         """Return dx_o/dt (m_p) and ds_f/dt (n)."""

@@ -13,6 +13,8 @@ from ..signals import Signals
 from .acceleration_law import AccelerationLaw
 from .law import Command, Truth
 
+_NO_POSTURE = np.zeros((4, 0))
+
 
 @dataclass(slots=True, eq=False)
 class AccelerationCommand(Command):
@@ -64,12 +66,12 @@ class EstimatedVelocityLaw(AccelerationLaw):
         """
         Jdot_v = s.Jdot_v if s.delta is None else s.Jdot_v + self.alpha * s.delta
         inverse, posture, v = s.inverse, self.posture, empty(s.v.size)
-        offset, w = s.v, 0.0
+        q, rows, w = s.v, _NO_POSTURE, 0.0
         if not inverse.unique:
-            offset, w = posture.offset(s.q), posture.frequency
+            q, rows, w = posture.coordinates(s.q), posture.rows, posture.frequency
         kernels.commanded_acceleration(
             s.xdd_d, self.K_v, s.xd_hat, s.xd_d, self.K_P, s.dx, Jdot_v, s.Y_k, a_k_rate,
-            inverse.J, inverse.gram_inverse, s.v, offset, w, v,
+            inverse.J, inverse.gram_inverse, s.v, q, rows, w, v,
         )  # fmt: skip
         return v
 

@@ -34,6 +34,8 @@ class Posture:
         frequency: w [rad/s].
         damping: (n) null-space damping torque per velocity of the passivity-based law, w diag
             M(q_rest).
+        rows: (4, n) rest, and from there the edges inside the limits, lower and upper, and the
+            margin; see ``coordinates``.
     """
 
     def __init__(self, robot: Robot, rest: ArrayLike | None = None, frequency: float = 4.0) -> None:
@@ -48,14 +50,15 @@ class Posture:
         M = pin.crba(self._model, self._model.createData(), self._q_rest)
         self.damping = self.frequency * np.diag(M).copy()
         self._plain = self._q_rest.size == self.damping.size
-        self._zero = np.zeros(self.damping.size)
         angles, (low, high) = resting.home_angles, position_limits(self._model)
         below, above = low - angles, high - angles
         margin = np.minimum(_MARGIN * (high - low), _WAY * np.minimum(-below, above))
         without = ~(margin > _LEAST_MARGIN) | ~np.isfinite(margin)
         margin[without] = 1.0
-        self._low = np.where(without, -np.inf, below + margin)
-        self._high, self._margin = np.where(without, np.inf, above - margin), margin
+        low, high = below + margin, above - margin
+        low[without], high[without] = -np.inf, np.inf
+        rest = self._q_rest if self._plain else np.zeros(self.damping.size)
+        self.rows = np.stack([rest, low, high, margin])
 
     @classmethod
     def of(cls, robot: Robot, given: Any, bandwidth: float) -> Posture:
@@ -84,8 +87,8 @@ class Posture:
 
     def offset(self, q: np.ndarray) -> np.ndarray:
         """Return how far q (nq) is from rest (n) [rad or m], more where a limit is near."""
-        (q, rest), offset = self._from_rest(q), empty(self._zero.size)
-        kernels.posture_offset(q, rest, self._low, self._high, self._margin, offset)
+        offset = empty(self.damping.size)
+        kernels.posture_offset(self.coordinates(q), self.rows, offset)
         return offset
 
     def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -96,14 +99,11 @@ class Posture:
         """Return psi (n) = -w offset(q) [rad/s or m/s] and its rate, None without null space."""
         if s.inverse.unique:
             return None, None
-        (q, rest), psi, psid = self._from_rest(s.q), empty(s.v.size), empty(s.v.size)
-        kernels.posture_velocity(
-            q, rest, s.v, self.frequency, self._low, self._high, self._margin, psi, psid
-        )
+        v, w = s.v, self.frequency
+        psi, psid = empty(v.size), empty(v.size)
+        kernels.posture_velocity(self.coordinates(s.q), self.rows, v, w, psi, psid)
         return psi, psid
 
-    def _from_rest(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return two vectors (n) whose difference is that of q and rest on the manifold."""
-        if self._plain:
-            return q, self._q_rest
-        return pin.difference(self._model, self._q_rest, q), self._zero
+    def coordinates(self, q: np.ndarray) -> np.ndarray:
+        """Return the coordinates (n) of q (nq) that ``rows`` are about [rad or m]."""
+        return q if self._plain else pin.difference(self._model, self._q_rest, q)

@@ -7,6 +7,8 @@ from .frame_kinematics import FrameKinematics as FrameKinematics
 from .joint_effects import JointEffects as JointEffects
 from .joint_kinematics import JointKinematics as JointKinematics
 from .lumped import LumpedDynamics as LumpedDynamics
+from .sight import Carrier as Carrier
+from .sight import Sensed as Sensed
 from .stacked import StackedDynamics as StackedDynamics
 from .task_kinematics import TaskKinematics as TaskKinematics
 from .translations import Translation as Translation

@@ -7,7 +7,7 @@ Xie (2009), equation (2), for any chain.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,9 +20,7 @@ from ..robot.robot import Robot
 from .live_array import live_array
 from .right_inverse import RightInverse
 from .task_kinematics import TaskKinematics
-from .translations import PlacedTranslations, Translation, unknown_translations
-
-_ALIGNED = pin.LOCAL_WORLD_ALIGNED
+from .translations import PlacedTranslations, Translation, placement_of, unknown_translations
 
 
 class FrameKinematics(TaskKinematics):
@@ -61,17 +59,14 @@ class FrameKinematics(TaskKinematics):
         self._R = [self._data.oMi[i].rotation[self._place] for i in self._parents]
         self._w = [self._data.v[i].angular for i in self._parents]
         self._dw = [self._data.a[i].angular for i in self._parents]
-        self._joint_jacobian = self._data.J.reshape(6, self.nv)
-        carrier = self._model.frames[self._frame].parentJoint
-        self.last_joint = self._data.oMi[carrier].translation[self._place]
-        # The same of all joints, and of each parameter its parent joint.
-        joints = range(self._model.njoints)
-        self._rotations = live_array([self._data.oMi[i].rotation for i in joints])
-        self._position_rows = self._rotations[:, self._place]
-        past = live_array([self._past.oMi[i].rotation for i in joints])
-        self._past_rows = past[:, self._place]
-        self._coordinates = np.arange(3)[self._place]
-        self._turning = live_array([self._data.v[i].angular for i in joints])
+        # The same of all joints, the last of which carries the frame, and their axes.
+        self._rotations, self._origins = _placements(self._data)
+        self._pasts = _placements(self._past)
+        self._velocities, self._accelerations = _motions(self._data.v), _motions(self._data.a)
+        self._axes = self._data.J.reshape(6, self.nv)
+        self._lever = placement_of(self._model, self._frame, None).translation
+        self.last_joint = self._data.oMi[self._model.njoints - 1].translation[self._place]
+        self._row_numbers, self._place_numbers = np.arange(6)[self._rows], np.arange(3)[self._place]
         sizes = [part.size for part in self.translations]
         self._parent_of = np.repeat(np.array(self._parents, dtype=np.int64), sizes)
         self._last_column = np.array([joint.idx_v for joint in self._model.joints], dtype=np.int64)
@@ -110,26 +105,19 @@ class FrameKinematics(TaskKinematics):
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Evaluate at estimate a_k (p) [m], configuration q (nq) and velocity v (nv)."""
-        model, data, frame = self._model, self._data, self._frame
+        model, data = self._model, self._data
         self._placed.write(a_k)
         pin.forwardKinematics(model, data, q, v, self._zero)
         pin.computeJointJacobians(model, data)
-        J = pin.getFrameJacobian(model, data, frame, _ALIGNED)
-        acceleration = pin.getFrameClassicalAcceleration(model, data, frame, _ALIGNED)
-        J = self.J = J[self._rows] if self.nv > 1 else J[self._rows, None]  # a column is a vector
         m = self._size
-        Y_k, xd_hat = self.Y_k, self.xd_hat = empty((m, self.size)), empty(m)
-        kernels.task_velocity(
-            J,
-            v,
-            self._position_rows,
-            self._turning,
-            self._parent_of,
-            self._placed.directions,
-            xd_hat,
-            Y_k,
-        )
-        self.Jdot_v = acceleration.vector[self._rows]
+        J = self.J = empty((m, self.nv))
+        Jdot_v, xd_hat = self.Jdot_v, self.xd_hat = empty(m), empty(m)
+        Y_k = self.Y_k = empty((m, self.size))
+        kernels.frame_motion(
+            self._rotations, self._origins, self._velocities, self._accelerations, self._axes,
+            self._lever, v, self._row_numbers, self._parent_of, self._placed.directions,
+            J, Jdot_v, xd_hat, Y_k,
+        )  # fmt: skip
         self._a_k, self._q, self._v = a_k, q, v
 
     @property
@@ -168,13 +156,17 @@ class FrameKinematics(TaskKinematics):
 
     def position_regressor(self) -> np.ndarray:
         """Return dx/da_k (m_p, p), x = (this) a_k + known part."""
-        return self._columns(self._position_rows)
+        return self.prediction()[1]
+
+    def prediction(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the believed positions (m_p) at the last update, and dx/da_k (m_p, p)."""
+        return self._predicted(self._rotations, self._origins)
 
     def predicted(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the believed task coordinates at another q (nq), and dx/da_k (m_p, p) there."""
         pin.forwardKinematics(self._model, self._past, q)
         placement = pin.updateFramePlacement(self._model, self._past, self._frame)
-        return self._task.of(placement), self._columns(self._past_rows)
+        return self._task.of(placement), self._predicted(*self._pasts)[1]
 
     def between(self, q_0: np.ndarray, q_1: np.ndarray, share: float) -> np.ndarray:
         """Return the configuration (nq) at a share of the way from q_0 to q_1."""
@@ -182,11 +174,16 @@ class FrameKinematics(TaskKinematics):
             return q_0 + share * (q_1 - q_0)
         return np.asarray(pin.interpolate(self._model, q_0, q_1, share))
 
-    def _columns(self, rotations: np.ndarray) -> np.ndarray:
-        """Return R b (m_p, p) for the position rows R (N, m_p, 3) of the joints' rotations."""
-        columns = np.empty((self.positions, self.size))
-        kernels.rotated_directions(rotations, self._parent_of, self._placed.directions, columns)
-        return columns
+    def _predicted(
+        self, rotations: np.ndarray, origins: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return positions (m_p) and dx/da_k (m_p, p) for placements of the joints."""
+        x, X_k = empty(self.positions), empty((self.positions, self.size))
+        kernels.predict(
+            rotations, origins, self._lever, self._place_numbers, self._parent_of,
+            self._placed.directions, x, X_k,
+        )  # fmt: skip
+        return x, X_k
 
     def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
         """Return dJ/dt (m, nv) of the motion, and of the estimate at a_k_rate (p) [m/s].
@@ -200,7 +197,7 @@ class FrameKinematics(TaskKinematics):
         Jdot = Jdot[self._rows] if self.nv > 1 else Jdot[self._rows, None]
         kernels.add_translation_rates(
             a_k_rate, self._parent_of, self._placed.directions, self._rotations,
-            self._joint_jacobian, self._last_column, self._coordinates, Jdot,
+            self._axes, self._last_column, self._place_numbers, Jdot,
         )  # fmt: skip
         return Jdot
 
@@ -230,3 +227,17 @@ class FrameKinematics(TaskKinematics):
             )
             rows.append(self.Y_p)
         return int(np.linalg.matrix_rank(np.vstack(rows), tol=1e-8 * samples)) if self.size else 0
+
+
+def _placements(data: pin.Data) -> tuple[np.ndarray, np.ndarray]:
+    """Return the live rotations (N, 3, 3) and origins (N, 3) of all joints."""
+    rotations = live_array([placement.rotation for placement in data.oMi])
+    return rotations, live_array([placement.translation for placement in data.oMi])
+
+
+def _motions(motions: Iterable[pin.Motion]) -> np.ndarray:
+    """Return live motions (N, 6) of all joints in their own axes, linear before angular."""
+    linear = live_array([motion.linear for motion in motions])
+    return np.lib.stride_tricks.as_strided(
+        linear, (len(linear), 6), linear.strides, writeable=False
+    )

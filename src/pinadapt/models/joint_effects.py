@@ -90,8 +90,7 @@ class JointEffects:
 
     def load(self, a: np.ndarray) -> None:
         """Make a (p) the estimate at which the torque is evaluated."""
-        for i, kind in enumerate(self._unknown):
-            self._values[kind] = a[i * self._n : (i + 1) * self._n]
+        kernels.take_coefficients(a, self._kinds, self._values)
 
     def torque(self, v: np.ndarray, a: np.ndarray, inertial: np.ndarray) -> np.ndarray:
         """Return the torque (n) [N m or N] at the loaded estimate, added to an inertial one (n)."""

@@ -80,6 +80,10 @@ class JointKinematics(TaskKinematics):
         """Return (0, 0)."""
         return self.Y_k[:0]
 
+    def prediction(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return (0) and (0, 0)."""
+        return self.initial, self.Y_k[:0]
+
     def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
         """Return (nv, 0)."""
         return self.Y_k

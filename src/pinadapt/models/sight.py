@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..exceptions import ImplausibleError, MeasurementError
-from ..records import Measurement
+from ..records import Measurement, named
 from .task_kinematics import TaskKinematics
 
 _SAME = 1e-9  # [s] between times that are taken for one
@@ -109,7 +109,7 @@ class Carrier:
         if not self.carry:
             return Sensed(before.x if x is None else x.copy(), q.copy())
         if x is not None and (x_time is None or x_time == t) and self.smoothing == math.inf:
-            return Sensed(x.copy(), q.copy())
+            return named(Sensed, (x.copy(), q.copy(), None, (), None))
         frame, history = before.frame, before.history
         if frame is None:  # the last sample saw the frame itself
             history = ((t_before, before.q),)
@@ -161,11 +161,8 @@ def prediction(
     frame = sensed.frame
     if frame is not None:
         return frame.X_k.dot(a_k) + frame.b, frame.X_k
-    X_k = kinematics.position_regressor()
-    if sensed.x is None:
-        return np.zeros(0), X_k
-    task = kinematics.task
-    return task.position(kinematics.x_hat) - task.position(sensed.x), X_k
+    x_hat, X_k = kinematics.prediction()
+    return (x_hat if sensed.x is None else x_hat - kinematics.task.position(sensed.x)), X_k
 
 
 def _since(

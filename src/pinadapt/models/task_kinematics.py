@@ -91,6 +91,10 @@ class TaskKinematics(ABC):
         """Return dx/da_k (m_p, p) of the positions at the last update."""
 
     @abstractmethod
+    def prediction(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the believed positions (m_p) at the last update, and dx/da_k (m_p, p)."""
+
+    @abstractmethod
     def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
         """Return Ybar_k (m, p) of Wang and Xie (27), at joint acceleration a (nv)."""
 

@@ -29,7 +29,7 @@ CHANNELS = ("q", "v", "x", "angle")
 _COARSE = 5e-3  # [rad]
 _FILTER, _DECORRELATION, _MODE = 7.0, 2.0, 0.1875  # bandwidths; share of the adaptation's mode
 _LEAK = 0.1  # [1/s]
-_FINEST = 1e-4  # of the reach: what noise of the camera may leave in the position
+_FINEST = 1.5e-4  # of the reach: what noise of the camera may leave in the position
 
 
 class Remedies(NamedTuple):

@@ -4,4 +4,5 @@ from .case import ZooCase as ZooCase
 from .case import zoo_case as zoo_case
 from .experiment import ZooRow as ZooRow
 from .experiment import run_zoo as run_zoo
+from .experiment import zoo_names as zoo_names
 from .experiment import zoo_row as zoo_row

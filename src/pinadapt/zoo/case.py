@@ -1,4 +1,4 @@
-"""A chain of the catalogue with a wrong model of all of it, and a circle to follow."""
+"""A chain of the catalogue with a wrong model of all of it, and a motion to follow."""
 
 from __future__ import annotations
 
@@ -6,12 +6,16 @@ import zlib
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 
 from ..models.joint_effects import typical_coefficients
 from ..robot.changes import Payload
+from ..robot.effort_limits import effort_limits
 from ..robot.robot import Robot, load
 from ..robot.workspace import WorkspaceCircle, reach, reachable_circle
 from ..trajectories.circle import Circle
+from ..trajectories.orientation import Swing
+from ..trajectories.pose_trajectory import PoseTrajectory
 from ..trajectories.trajectory import Trajectory
 
 PERIOD = 1e-3  # [s] of the controller
@@ -19,6 +23,7 @@ INERTIA_ERROR = 0.3  # each body is believed this much too light or too heavy
 TOOL_ERROR = 0.05  # of the reach
 LOAD = 0.1  # of the chain's mass, or the last body's own if that is less
 FRICTION = 0.5  # of what is typical for the robot's size, times 0.5 to 1.5
+SWING = 0.2  # [rad] to either side, of the tool of a pose task
 _TURNS = 4.0
 _SETTLED = 9.0  # [s]
 _LEAST_DURATION = 30.0  # [s]; of the shortest circles, 3 s, the last tenth is a whole turn
@@ -30,17 +35,28 @@ class ZooCase:
 
     Attributes:
         true, believed: the real robot and what is believed of it.
-        circle: the desired motion, through the true initial position.
+        motion: the desired one, a circle from the true initial position, in a pose task with the
+            tool swinging.
         radius, period: of the circle [m], [s].
         duration: of the run [s].
     """
 
     true: Robot
     believed: Robot
-    circle: Trajectory
+    motion: Trajectory
     radius: float
     period: float
     duration: float
+
+    @property
+    def bears_itself(self) -> bool:
+        """Whether the efforts of the description hold the real robot at home.
+
+        Those of PR2's arms, which springs hold up, and of Bravo 7 under water do not.
+        """
+        model = self.true.model
+        weight = pin.computeGeneralizedGravity(model, model.createData(), self.true.q0)
+        return bool((np.abs(weight) < effort_limits(self.true)).all())
 
     @property
     def repeating(self) -> float:
@@ -53,16 +69,21 @@ class ZooCase:
         return self.duration - self.period * max(0, (self.duration - least) // self.period)
 
 
-def zoo_case(name: str, seed: int = 0) -> ZooCase:
-    """Return the case of a chain of the catalogue, reproducible by name and seed.
+def zoo_case(name: str, seed: int = 0, task: str | None = None) -> ZooCase:
+    """Return the case of a chain of the catalogue, reproducible by name, seed and task.
 
     The real robot has friction, a tool moved by 5 % of the reach in a random direction of the task,
     and a load there; each body is believed 30 % too light or too heavy.
 
+    Args:
+        name: in the catalogue.
+        seed: of tool, friction and errors.
+        task: as in ``load``, by default the catalogue's.
+
     Raises:
-        RobotError: the chain cannot be loaded, or no circle is in its reach.
+        RobotError: the chain cannot be loaded with that task, or no circle is in its reach.
     """
-    robot = load(name)
+    robot = load(name, task=task)
     rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
     found = reachable_circle(robot, tool_error=TOOL_ERROR)
     tool = _tool(robot, rng)
@@ -83,20 +104,24 @@ def zoo_case(name: str, seed: int = 0) -> ZooCase:
     return ZooCase(
         true,
         believed,
-        _circle(true, found),
+        _motion(true, found, rng),
         found.radius,
         found.period,
         max(_LEAST_DURATION, _TURNS * found.period),
     )
 
 
-def _circle(robot: Robot, found: WorkspaceCircle) -> Trajectory:
-    """Return the circle through the robot's home, in the task's own coordinates."""
-    size = robot.task.size
-    circle = Circle(
-        np.zeros(size), found.radius, found.period, found.plane if size == 3 else "xy", found.phase
-    )
-    return circle.starting_at(robot.position(robot.q0))
+def _motion(robot: Robot, found: WorkspaceCircle, rng: np.random.Generator) -> Trajectory:
+    """Return the circle through the robot's home, in the task's own coordinates.
+
+    In a pose task the tool swings once a turn about a random axis.
+    """
+    size = robot.task.positions
+    plane = found.plane if size == 3 else "xy"
+    motion: Trajectory = Circle(np.zeros(size), found.radius, found.period, plane, found.phase)
+    if robot.task.size > size:
+        motion = PoseTrajectory(motion, Swing(rng.standard_normal(3), SWING, found.period))
+    return motion.starting_at(robot.position(robot.q0))
 
 
 def _tool(robot: Robot, rng: np.random.Generator) -> np.ndarray:

@@ -13,16 +13,18 @@ import numpy as np
 
 from ..controller.controller import Controller
 from ..exceptions import PinadaptError
-from ..robot.catalogue import catalogue_entry
+from ..robot.catalogue import catalogue, catalogue_entry
 from ..rollout.report import extreme
 from ..rollout.rollout import Rollout
 from ..simulation.simulate import simulate
 from ..tuning.make_controller import make_controller
 from .case import PERIOD, ZooCase, zoo_case
-from .verdict import last_error, verdict
+from .verdict import last_angle, last_error, verdict
 
+POSITION, POSE = "position", "pose"
+_LEAST_JOINTS = 6  # of a chain that controls a pose
 _RECORD_EVERY = 10
-_UNKNOWN = ("viscous", "coulomb")
+_UNKNOWN = "all"  # the real joints have friction, of which nothing is believed
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -34,9 +36,11 @@ class ZooRow:
         robot: name in the catalogue.
         joints: number of joints.
         law: the law that ran.
+        task: "position" or "pose".
         radius: of the circle [m].
         unadapted, adapted: largest error in the last 10 % of the duration, estimates frozen and
             adapted [m].
+        unadapted_angle, adapted_angle: the same of a pose's orientation [rad].
         min_eig_M_hat: smallest eigenvalue of the estimated mass matrix over the adapted run.
         min_singular_J_hat: smallest singular value of the estimated Jacobian over the adapted run.
         verdict: "converged", or which hypothesis failed.
@@ -51,20 +55,29 @@ class ZooRow:
     min_eig_M_hat: float | None = None
     min_singular_J_hat: float | None = None
     verdict: str = ""
+    task: str = POSITION
+    unadapted_angle: float | None = None
+    adapted_angle: float | None = None
 
 
-def zoo_row(name: str, law: str, seed: int = 0) -> ZooRow:
+def zoo_names(task: str = POSITION) -> list[str]:
+    """Return the chains of the catalogue that can have a task, "position" or "pose"."""
+    least = _LEAST_JOINTS if task == POSE else 0
+    return [name for name, entry in catalogue().items() if entry.joints >= least]
+
+
+def zoo_row(name: str, law: str, seed: int = 0, task: str = POSITION) -> ZooRow:
     """Run one chain of the catalogue; whatever fails is told in the verdict."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the verdict tells of bodies that are not physical
         try:
-            return _row(name, law, seed)
+            return _row(name, law, seed, task)
         except (PinadaptError, ArithmeticError, ValueError) as error:
-            return ZooRow(name, law=law, verdict=f"refused: {error}")
+            return ZooRow(name, law=law, verdict=f"refused: {error}", task=task)
 
 
-def _row(name: str, law: str, seed: int) -> ZooRow:
-    case = zoo_case(name, seed)
+def _row(name: str, law: str, seed: int, task: str) -> ZooRow:
+    case = zoo_case(name, seed, POSE if task == POSE else None)
     controller = _controller(case, law, "natural")
     adapted = _run(case, controller, case.duration)
     unadapted = _run(case, _controller(case, law, "none"), case.repeating)
@@ -78,11 +91,19 @@ def _row(name: str, law: str, seed: int) -> ZooRow:
         min_eig_M_hat=extreme(np.min, adapted.min_eig_M_hat),
         min_singular_J_hat=extreme(np.min, adapted.min_singular_J_hat),
         verdict=verdict(case, controller, adapted, unadapted),
+        task=task,
+        unadapted_angle=last_angle(case, unadapted),
+        adapted_angle=last_angle(case, adapted),
     )
 
 
 def run_zoo(
-    names: Sequence[str], law: str, *, seed: int = 0, processes: int | None = None
+    names: Sequence[str],
+    law: str,
+    *,
+    seed: int = 0,
+    processes: int | None = None,
+    task: str = POSITION,
 ) -> Iterator[ZooRow]:
     """Run many chains over processes and yield their rows as they come.
 
@@ -93,6 +114,7 @@ def run_zoo(
         law: a name of ``pinadapt.LAWS``.
         seed: of the cases.
         processes: how many at once, by default one a core.
+        task: "position", or "pose" for chains of six and more joints.
 
     Raises:
         RobotError: a name that is not in the catalogue.
@@ -101,25 +123,32 @@ def run_zoo(
     for variable in _THREADS:  # small matrices gain nothing from threads
         os.environ.setdefault(variable, "1")
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-        futures = {pool.submit(zoo_row, name, law, seed): name for name in longest_first}
+        futures = {pool.submit(zoo_row, name, law, seed, task): name for name in longest_first}
         for future in as_completed(futures):
             error = future.exception()
             yield (
                 future.result()
                 if error is None
-                else ZooRow(futures[future], law=law, verdict=f"failed: {error!r}")
+                else ZooRow(futures[future], law=law, verdict=f"failed: {error!r}", task=task)
             )
 
 
 def _controller(case: ZooCase, law: str, adaptation: str) -> Controller:
-    return make_controller(case.believed, law=law, joint=_UNKNOWN, adaptation=adaptation, dt=PERIOD)
+    return make_controller(
+        case.believed,
+        law=law,
+        joint=_UNKNOWN,
+        adaptation=adaptation,
+        dt=PERIOD,
+        torque_limits=case.bears_itself,
+    )
 
 
 def _run(case: ZooCase, controller: Controller, duration: float) -> Rollout:
     return simulate(
         case.true,
         controller,
-        case.circle,
+        case.motion,
         duration=duration,
         dt=PERIOD,
         record_every=_RECORD_EVERY,

@@ -7,12 +7,14 @@ import pinocchio as pin
 
 from ..controller.controller import Controller
 from ..laws.acceleration_law import AccelerationLaw
+from ..laws.law import Law
+from ..laws.separation import Separation
 from ..rollout.report import extreme
 from ..rollout.rollout import Rollout
 from ..tuning.light_joint import lightest_joint
-from .case import PERIOD, ZooCase
+from .case import PERIOD, SWING, ZooCase
 
-BETTER, ACCURATE = 0.2, 0.02  # of the unadapted error; of the circle's radius
+BETTER, ACCURATE = 0.2, 0.02  # of the unadapted error; of the circle's radius, or of the swing
 CONVERGED = "converged"
 _SINGULAR = 0.2  # of the first smallest singular value
 
@@ -22,14 +24,25 @@ def last_error(case: ZooCase, rollout: Rollout) -> float | None:
 
     The last is 10 % of the case's duration, however long the run was.
     """
+    return _last(case, rollout, rollout.distance)
+
+
+def last_angle(case: ZooCase, rollout: Rollout) -> float | None:
+    """Return the same of the orientation [rad], None too for tasks without one."""
+    return None if rollout.angle is None else _last(case, rollout, rollout.angle)
+
+
+def _last(case: ZooCase, rollout: Rollout, errors: np.ndarray) -> float | None:
     t = rollout.t
-    return extreme(np.max, rollout.distance[t > t[-1:] - 0.1 * case.duration])
+    return extreme(np.max, errors[t > t[-1:] - 0.1 * case.duration])
 
 
 def verdict(case: ZooCase, controller: Controller, adapted: Rollout, unadapted: Rollout) -> str:
     """Say whether a chain converged, and if not, which hypothesis likeliest failed."""
     error, without = last_error(case, adapted), last_error(case, unadapted)
     accurate = error is not None and error <= ACCURATE * case.radius
+    if (angle := last_angle(case, adapted)) is not None:
+        accurate = accurate and angle <= ACCURATE * SWING
     better = error is not None and without is not None and error <= BETTER * without
     if adapted.diverged is None and accurate and better:
         return CONVERGED
@@ -87,20 +100,17 @@ def _too_fast(case: ZooCase, controller: Controller, rollout: Rollout) -> str | 
     """Say which joint's real inertia is too small for the sampling period, if one was.
 
     The damping torque is -D qd, D = J_hat^T K_v J_hat, or M_hat J_hat^+ K_v J_hat for laws that
-    command accelerations; held over a period it is stable while no eigenvalue of M^-1 D dt exceeds
-    two.
+    command accelerations, or K_D + alpha M_hat J_hat^+ J_hat for the separation law; held over a
+    period it is stable while no eigenvalue of M^-1 D dt exceeds two.
     """
     model, data, law = case.true.model, case.true.model.createData(), controller.law
-    K_v = getattr(law, "K_v", None)
-    if K_v is None:
+    if not hasattr(law, "K_v"):
         return None
     for q, v, a_k, a_d in zip(rollout.q, rollout.v, rollout.a_k, rollout.a_d, strict=True):
         controller.kinematics.update(a_k, q, v)
         J = controller.kinematics.J
-        D = J.T @ K_v @ J
-        if isinstance(law, AccelerationLaw):
-            controller.dynamics.load(a_d)
-            D = controller.dynamics.mass_matrix(q) @ np.linalg.pinv(J) @ K_v @ J
+        controller.dynamics.load(a_d)
+        D = _damping(law, J, controller.dynamics.mass_matrix(q))
         M = pin.crba(model, data, q)
         eigenvalues, vectors = np.linalg.eig(np.linalg.solve(M, D))
         if PERIOD * eigenvalues.real.max() > 2.0:
@@ -108,3 +118,13 @@ def _too_fast(case: ZooCase, controller: Controller, rollout: Rollout) -> str | 
             name, inertia = case.true.joint_names[joint], M[joint, joint]
             return f"1 kHz is too slow for {name}, which moves {inertia:.1g} kg m^2"
     return None
+
+
+def _damping(law: Law, J: np.ndarray, M: np.ndarray) -> np.ndarray:
+    """Return D (n, n) of the torque -D qd that a law with the gain K_v takes off, at J and M."""
+    K_v = np.asarray(law.K_v)  # type: ignore[attr-defined]  # the laws that come here have it
+    if isinstance(law, Separation):
+        return np.asarray(K_v + law.alpha * M @ np.linalg.pinv(J) @ J)
+    return np.asarray(
+        (M @ np.linalg.pinv(J) if isinstance(law, AccelerationLaw) else J.T) @ K_v @ J
+    )

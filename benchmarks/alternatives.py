@@ -1,0 +1,177 @@
+"""What a user would take instead: PD and PID with gravity, computed torque, disturbance observer.
+
+Robots of the zoo with friction, an unknown tool and load, inertias 30 % off, follow one circle in
+1, 2 and 5 s, with perfect sensors, and with a camera of 60 Hz that is 20 ms late and encoders of
+17 bits. The integral gains, and what else a delay asks to lower, are those of a small grid that are
+best on the circle of 2 s; all else has the bandwidth of the default.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
+from dataclasses import dataclass
+from itertools import product
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import pinadapt as pa
+
+from .alternatives_report import draw, report
+from .contenders import CONTENDERS, DEFAULT, SENSORS, Gains, setting
+from .timing import HERE, save
+
+ROBOTS, PERIODS = ("panda", "ur5"), (1.0, 2.0, 5.0)
+TUNING_PERIOD = 2.0  # [s], of the circle on which gains are looked for
+INFORMED = (DEFAULT, "computed torque", "computed torque, observer, task integral")
+FIGURES = ("rms", "max", "first", "peak", "peak_last", "chatter")  # None where the loop is lost
+_DURATION, _REPEATING, _TUNING = 20.0, 8.0, 5.0  # [s]; without adaptation a loop repeats itself
+_TENTH, _DT = 2.0, 1e-3  # [s]
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run.
+
+    Attributes:
+        robot, sensors, contender: by name.
+        period: of the circle [s].
+        gains: that were looked for, in parts of the bandwidth.
+        informed: whether the truth is believed.
+        tuning: whether it looks for gains: a shorter run.
+    """
+
+    robot: str
+    sensors: str
+    contender: str
+    period: float
+    gains: Gains
+    informed: bool = False
+    tuning: bool = False
+
+    @property
+    def duration(self) -> float:
+        """Length of the run [s]."""
+        if self.tuning:
+            return _TUNING
+        return _DURATION if self.contender == DEFAULT else _REPEATING
+
+
+def figures(run: Run) -> dict[str, Any]:
+    """Return what came out of a run, errors in mm, as ``summary`` has it."""
+    at = setting(run.robot, run.sensors)
+    at = at.informed() if run.informed else at
+    controller = CONTENDERS[run.contender].make(at, **run.gains)
+    known = {"radius": at.radius, "bandwidth": at.w}
+    path, sampling = at.circle(run.period), {"duration": run.duration, "dt": _DT}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a light joint, and of unphysical starts
+        try:
+            rollout = pa.simulate(at.true, controller, path, **sampling, **at.sensors)
+        except pa.MeasurementError:  # joints spin far beyond what they can
+            return known | dict.fromkeys(FIGURES)
+    return known | summary(rollout, run.period, at.model.limits)
+
+
+def summary(
+    rollout: pa.Rollout, period: float, limits: np.ndarray
+) -> dict[str, float] | dict[str, None]:
+    """Return the figures of a rollout: errors [mm], peak torque and chatter [N m].
+
+    The last errors are of the last tenth of 20 s, or of the last turn where that is longer. The
+    peak is the largest share of an effort limit (n) over the run, and in the end. Chatter is the
+    deviation of the white noise on the torque that has second differences as large as the end's:
+    a smooth torque has none.
+    """
+    if rollout.diverged is not None:
+        return dict.fromkeys(FIGURES)
+    last = slice(-round(max(_TENTH, period) / _DT), None)
+    error = 1e3 * np.linalg.norm(rollout.error, axis=1)
+    share = np.max(np.abs(rollout.tau) / limits, axis=1)
+    second = np.diff(rollout.tau[last], 2, axis=0)
+    return {
+        "rms": _rms(error[last]),
+        "max": float(error[last].max()),
+        "first": _rms(error[: round(1.0 / _DT)]),
+        "peak": float(share.max()),
+        "peak_last": float(share[last].max()),
+        "chatter": float(np.sqrt(np.mean(np.sum(second**2, axis=1)) / 6.0)),
+    }
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def tuned(pool: Executor, robots: Sequence[str]) -> dict[tuple[str, str, str], Gains]:
+    """Return the gains of each robot, sensors and contender with least error, {} without choice."""
+    best: dict[tuple[str, str, str], tuple[float, Gains]] = {}
+    runs = [
+        Run(robot, sensors, name, TUNING_PERIOD, gains, tuning=True)
+        for (robot, sensors), (name, contender) in product(
+            product(robots, SENSORS), CONTENDERS.items()
+        )
+        if sensors in contender.sensors and contender.grid
+        for gains in contender.choices()
+    ]
+    for run, found in zip(runs, pool.map(figures, runs), strict=True):
+        key, error = (run.robot, run.sensors, run.contender), found["rms"]
+        if error is not None and (key not in best or error < best[key][0]):
+            best[key] = error, run.gains
+    return {key: gains for key, (_, gains) in best.items()}
+
+
+def planned(gains: Mapping[tuple[str, str, str], Gains], robots: Sequence[str]) -> Iterable[Run]:
+    """Yield all runs, those that take longest first."""
+    for name, contender in reversed(CONTENDERS.items()):
+        for robot, sensors in product(robots, contender.sensors):
+            own = gains.get((robot, sensors, name), contender.choices()[0])  # lost, if not found
+            yield from (Run(robot, sensors, name, period, own) for period in PERIODS)
+            if name in INFORMED:
+                yield Run(robot, sensors, name, TUNING_PERIOD, own, informed=True)
+
+
+def measure(robots: Sequence[str]) -> list[dict[str, Any]]:
+    """Return a row a run."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
+        runs = list(planned(tuned(pool, robots), robots))
+        return [row(run, found) for run, found in zip(runs, pool.map(figures, runs), strict=True)]
+
+
+def row(run: Run, found: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a run and what came out of it as one flat row with a name."""
+    told = ", informed" if run.informed else ""
+    name = f"{run.robot}, {run.sensors}, {run.period:g} s, {run.contender}{told}"
+    words = {"contender": run.contender, "robot": run.robot, "sensors": run.sensors}
+    return {
+        "name": name,
+        **words,
+        "period": run.period,
+        "informed": run.informed,
+        "gains": run.gains,
+        **found,
+    }
+
+
+def main() -> None:
+    """Run all, print the tables, save and draw them."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--robots", default=",".join(ROBOTS), help="names, with commas between")
+    parser.add_argument("--save", type=Path, default=HERE / "alternatives.json")
+    parser.add_argument("--plot", type=Path, default=HERE.parent / "docs" / "alternatives.png")
+    options = parser.parse_args()
+    rows = measure(options.robots.split(","))
+    print(report(rows))
+    save(options.save, rows)
+    draw(rows, options.plot)
+
+
+if __name__ == "__main__":
+    main()

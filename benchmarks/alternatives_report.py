@@ -1,0 +1,169 @@
+"""The tables and the picture of the comparison with what a user would take instead."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from .contenders import CONTENDERS, DEFAULT
+
+Row = Mapping[str, Any]
+TITLES = {
+    "perfect": "perfect sensors",
+    "camera": "camera of 60 Hz, 20 ms late; encoders of 17 bits",
+}
+_LOST, _NONE = "lost", "-"
+_COSTS = {"first": "{:.3g}", "peak": "{:.0%}", "peak_last": "{:.0%}", "chatter": "{:.2g}"}
+_MARKERS = "v^<>sDpXo"
+
+
+def report(rows: Sequence[Row]) -> str:
+    """Return all tables in Markdown."""
+    wrong = [row for row in rows if not row["informed"]]
+    parts = []
+    for sensors, title in TITLES.items():
+        own = [row for row in wrong if row["sensors"] == sensors]
+        parts.append(f"**Error, rms / largest [mm], {title}**\n\n{errors(own)}")
+        parts.append(f"**Start and torque, medians, {title}**\n\n{costs(own)}")
+    parts.append(f"**Gains found, in bandwidths**\n\n{gains(wrong)}")
+    informed = [row for row in rows if row["informed"]]
+    parts.append(f"**Error, rms / largest [mm], with the truth believed**\n\n{known(informed)}")
+    return "\n\n".join(parts)
+
+
+def errors(rows: Sequence[Row]) -> str:
+    """Return a line a contender, a column a robot and period; the least rms is bold."""
+    columns = _unique((row["robot"], row["period"]) for row in rows)
+    found = {(row["contender"], row["robot"], row["period"]): row for row in rows}
+    least = {
+        column: min(row["rms"] for key, row in found.items() if key[1:] == column and row["rms"])
+        for column in columns
+    }
+    head = [f"{robot} {period:g} s" for robot, period in columns]
+    body = []
+    for name in _names(rows):
+        cells = [found.get((name, *column)) for column in columns]
+        body.append([name, *map(_error, cells, least.values())])
+    return _table(["", *head], body)
+
+
+def costs(rows: Sequence[Row]) -> str:
+    """Return a line a contender: error of the first second, torques, medians over what was held."""
+    head = ["first second [mm]", "peak torque", "peak in the end", "chatter [N m]", "lost"]
+    body = []
+    for name in _names(rows):
+        own = [row for row in rows if row["contender"] == name]
+        held = [row for row in own if row["rms"] is not None]
+        median = {key: float(np.median([row[key] for row in held])) for key in _COSTS if held}
+        cells = [form.format(median[key]) if held else _NONE for key, form in _COSTS.items()]
+        body.append([name, *cells, str(len(own) - len(held))])
+    return _table(["", *head], body)
+
+
+def gains(rows: Sequence[Row]) -> str:
+    """Return a line a contender that has some, a column a robot and sensors."""
+    columns = _unique((row["robot"], row["sensors"]) for row in rows)
+    found = {(row["contender"], row["robot"], row["sensors"]): row["gains"] for row in rows}
+    names = [name for name in _names(rows) if CONTENDERS[name].grid]
+    body = [[name, *(_words(found.get((name, *column))) for column in columns)] for name in names]
+    return _table(["", *(f"{robot}, {sensors}" for robot, sensors in columns)], body)
+
+
+def known(rows: Sequence[Row]) -> str:
+    """Return a line a contender, a column a robot and sensors."""
+    columns = _unique((row["robot"], row["sensors"]) for row in rows)
+    found = {(row["contender"], row["robot"], row["sensors"]): row for row in rows}
+    body = [
+        [name, *(_error(found.get((name, *column)), 0.0) for column in columns)]
+        for name in _names(rows)
+    ]
+    return _table(["", *(f"{robot}, {sensors}" for robot, sensors in columns)], body)
+
+
+def draw(rows: Sequence[Row], path: Path) -> None:
+    """Draw the rms errors, a panel a set of sensors, a group a robot."""
+    wrong = [row for row in rows if not row["informed"]]
+    figure = Figure(figsize=(10, 5), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(1, len(TITLES), sharey=True)
+    for ax, (sensors, title) in zip(axes, TITLES.items(), strict=True):
+        _draw_sensors(ax, [row for row in wrong if row["sensors"] == sensors])
+        ax.set_title(title, fontsize=10)
+    axes[0].set_ylabel("rms error in the end [mm]")
+    handles, labels = axes[-1].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=9)
+    figure.savefig(path, dpi=110)
+    print(f"drawn to {path}")
+
+
+def _draw_sensors(ax: Axes, rows: Sequence[Row]) -> None:
+    """Draw a line a contender and robot over the periods."""
+    robots = _unique(row["robot"] for row in rows)
+    periods = _unique(row["period"] for row in rows)
+    for i, name in enumerate(CONTENDERS):
+        style = {"color": "k", "lw": 2.0} if name == DEFAULT else {"color": f"C{i}", "lw": 1.0}
+        for k, robot in enumerate(robots):
+            own = [row for row in rows if (row["contender"], row["robot"]) == (name, robot)]
+            line = {row["period"]: row["rms"] or np.nan for row in own}
+            x = [k * (len(periods) + 0.8) + periods.index(period) for period in sorted(line)]
+            label = name if not k else None
+            y = [line[period] for period in sorted(line)]
+            ax.semilogy(x, y, marker=_MARKERS[i], ms=5, label=label, **style)
+    ticks = {}
+    for k, robot in enumerate(robots):
+        places = [k * (len(periods) + 0.8) + i for i in range(len(periods))]
+        ticks |= dict(zip(places, (f"{period:g} s" for period in periods), strict=True))
+        ax.text(places[1], -0.11, robot, ha="center", transform=ax.get_xaxis_transform())
+    ax.set_xticks(list(ticks), list(ticks.values()))
+    ax.grid(alpha=0.3)
+
+
+def _error(row: Row | None, least: float) -> str:
+    """Return rms and largest error, bold where it is the least."""
+    if row is None:  # the contender differs with the other sensors only
+        return _NONE
+    if row["rms"] is None:
+        return _LOST
+    text = f"{_figures(row['rms'])} / {_figures(row['max'])}"
+    return f"**{text}**" if row["rms"] == least else text
+
+
+def _figures(number: float) -> str:
+    """Return a positive number with two digits."""
+    return f"{number:.0f}" if number >= 10.0 else f"{number:#.2g}"
+
+
+def _words(found: Mapping[str, float] | None) -> str:
+    """Return gains as words, unit fractions as such."""
+    if found is None:
+        return _NONE
+    parts = []
+    for name, value in found.items():
+        fraction = (
+            f"1/{1 / value:g}" if value < 1.0 and (1.0 / value).is_integer() else f"{value:g}"
+        )
+        parts.append(f"{name} {fraction}")
+    return ", ".join(parts)
+
+
+def _names(rows: Sequence[Row]) -> list[str]:
+    """Return the contenders among the rows, in their order."""
+    there = {row["contender"] for row in rows}
+    return [name for name in CONTENDERS if name in there]
+
+
+def _unique(items: Iterable[Any]) -> list[Any]:
+    """Return what is there, once each, sorted."""
+    return sorted(set(items))
+
+
+def _table(head: Sequence[str], body: Sequence[Sequence[str]]) -> str:
+    """Return a table in Markdown."""
+    lines = [head, ["---"] * len(head), *body]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

@@ -1,0 +1,102 @@
+"""Joint PD and PID with gravity, behind inverse kinematics; with a camera in an outer loop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+import pinadapt as pa
+
+from .believed_robot import BelievedRobot
+from .inverse_kinematics import InverseKinematics
+from .memory import Memory
+
+
+class Integrals(NamedTuple):
+    """What the law remembers.
+
+    Attributes:
+        q_r: (n) joint reference [rad or m].
+        shift: (m) of the believed frame's path [m].
+        torque: (n) integral torque [N m or N].
+    """
+
+    q_r: np.ndarray
+    shift: np.ndarray
+    torque: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class JointTracking(pa.Law):
+    """tau = g_hat(q) - K_P (q - q_r) - K_D (qd - qd_r) - z, dz/dt = k_j K_P (q - q_r).
+
+    q_r follows x_d - shift by the believed kinematics, d(shift)/dt = k_x (x - x_d): without k_x the
+    error of the tool stays. With k_x the shift starts at what the first frame shows. The integral
+    torque z stops at the efforts: anti-windup by clamping.
+
+    Attributes:
+        believed: the believed robot.
+        w: rate of the inverse kinematics [1/s].
+        K_P, K_D: (n) gains [N m/rad], [N m s/rad].
+        k_j: rate of the joints' integral [1/s], zero for PD.
+        k_x: rate of the outer integral [1/s], zero for none.
+    """
+
+    believed: BelievedRobot
+    w: float
+    K_P: np.ndarray
+    K_D: np.ndarray
+    k_j: float = 0.0
+    k_x: float = 0.0
+
+    name = "joint-tracking"
+    adapts = False
+
+    @cached_property
+    def filters(self) -> Memory:
+        """Reference and integrals."""
+        return Memory(self._start, self._rates)
+
+    @cached_property
+    def _inverse_kinematics(self) -> InverseKinematics:
+        return InverseKinematics(self.believed, self.w)
+
+    def _start(self, measurement: pa.Measurement) -> Integrals:
+        q, x = measurement.q, measurement.x
+        shift = x - self.believed.position(q) if self.k_x else np.zeros(x.size)
+        return Integrals(q.copy(), shift, np.zeros(q.size))
+
+    def _reference_velocity(self, s: pa.Signals) -> np.ndarray:
+        """Return qd_r (n)."""
+        q_r, shift, _ = s.filtered
+        x_d = s.sensed.sight.x - s.dx
+        return self._inverse_kinematics.rate(q_r, x_d - shift, s.xd_d - self.k_x * s.dx)
+
+    def _rates(self, s: pa.Signals) -> Integrals:
+        q_r, _, z = s.filtered
+        z_rate = self.k_j * self.K_P * (s.q - q_r)
+        full = (np.abs(z) >= self.believed.limits) & (z * z_rate > 0.0)
+        return Integrals(self._reference_velocity(s), self.k_x * s.dx, np.where(full, 0.0, z_rate))
+
+    def command(self, s: pa.Signals, believed: pa.Believed) -> pa.Command:
+        """Return the torque."""
+        q_r, _, z = s.filtered
+        feedback = self.K_P * (s.q - q_r) + self.K_D * (s.v - self._reference_velocity(s))
+        return pa.Command(self.believed.gravity(s.q) - feedback - z)
+
+    def drives(
+        self, s: pa.Signals, believed: pa.Believed, command: pa.Command, a: np.ndarray
+    ) -> pa.Drives:
+        """Return drives without any part."""
+        return pa.Drives(pa.Drive(np.zeros((0, s.a_d.size)), None), pa.Drive(s.Y_k, None))
+
+    def storage(self, s: pa.Signals, truth: pa.Truth) -> float:
+        """Refuse: with a wrong model no V is known."""
+        raise NotImplementedError
+
+    def dissipation(self, s: pa.Signals, truth: pa.Truth) -> float:
+        """Refuse: with a wrong model no V is known."""
+        raise NotImplementedError

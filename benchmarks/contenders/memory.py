@@ -1,0 +1,41 @@
+"""The memory of a contender: integrals, which its law says how to start and how to move."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import pinadapt as pa
+
+
+@dataclass(frozen=True, eq=False)
+class Memory(pa.Filters):
+    """Named tuples of arrays that move by Euler's rule.
+
+    Attributes:
+        start: from the first measurement to the memory.
+        rates: from the signals to its rates, of the same type.
+    """
+
+    start: Callable[[pa.Measurement], Any]
+    rates: Callable[[pa.Signals], Any]
+
+    def init(self, measurement: pa.Measurement, kinematics: pa.TaskKinematics) -> Any:
+        """Return the memory at the first sample."""
+        return self.start(measurement)
+
+    def observe(
+        self, state: Any, measurement: pa.Measurement, kinematics: pa.TaskKinematics
+    ) -> Any:
+        """Return the memory itself."""
+        return state
+
+    def step(self, state: Any, s: pa.Signals, dt: float) -> Any:
+        """Return the memory after dt [s]."""
+        rates = self.rates(s)
+        return type(state)(*(part + dt * rate for part, rate in zip(state, rates, strict=True)))
+
+    def rate(self, state: Any, s: pa.Signals) -> Any:
+        """Return the rates."""
+        return self.rates(s)
