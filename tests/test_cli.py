@@ -68,7 +68,9 @@ def finished(tmp_path_factory):
 def diverged(tmp_path_factory):
     """Return the folder of a run that blew up."""
     folder = tmp_path_factory.mktemp("diverged")
-    assert run(PANDA, folder, "simulation.duration=1.0", 'controller.adaptation="gradient"') == 3
+    settings = ["law=adaptive-inverse-dynamics", "adaptation=gradient", "gamma_d=1.0"]
+    lost = [f"controller.{setting}" for setting in settings]
+    assert run(PANDA, folder, "simulation.duration=1.0", *lost) == 3
     return folder
 
 

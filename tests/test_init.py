@@ -82,7 +82,7 @@ def test_the_gains_in_the_comments_are_the_ones_in_use(tmp_path):
     file = written(tmp_path, "solo8_fl_leg")
     text = file.read_text()
     uncommented = text
-    for key in ("Kv", "alpha", "beta", "gamma_d", "gamma_joint", "gamma_k", "R_k"):
+    for key in ("Kv", "alpha", "beta", "lag", "gamma_d", "gamma_joint", "gamma_k", "R_k"):
         assert f"\n# {key} = " in text
         uncommented = uncommented.replace(f"\n# {key} = ", f"\n{key} = ")
     other = tmp_path / "uncommented.toml"

@@ -108,7 +108,7 @@ class Separation(Law):
     name = "separation"
     needs_prediction = True
     joint_effects = "all"
-    bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0}
+    bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0, "lag": -1.0}
     adaptation_mode = 8.0
     joint_mode = 8.0
     kinematic_mode = 0.3

@@ -49,9 +49,7 @@ class Finding:
 
     def __str__(self) -> str:
         """Say what is too fast and what to take."""
-        gains = ", ".join(
-            f"{name} by at most {rounded_down(factor):.2g}" for name, factor in self.factors.items()
-        )
+        gains = ", ".join(f"{name} by {_bound(factor)}" for name, factor in self.factors.items())
         other = (
             f", or multiply {gains}"
             if gains
@@ -61,6 +59,13 @@ class Finding:
             f"dt = {self.dt:.3g} s is too long for the {self.part}: take dt <= "
             f"{rounded_down(self.longest):.2g} s{other}."
         )
+
+
+def _bound(factor: float) -> str:
+    """Return a factor in words, rounded to the safe side."""
+    if factor <= 1.0:
+        return f"at most {rounded_down(factor):.2g}"
+    return f"at least {1.0 / rounded_down(0.99 / factor):.3g}"
 
 
 Radius = Callable[..., float]  # of dt [s] and factor, both by name
