@@ -25,8 +25,8 @@ from ..sensing import Camera
 CHANNELS = ("q", "v", "x", "angle")
 
 _COARSE = 5e-3  # [rad]
-_FILTER, _DECORRELATION, _MODE = 7.0, 2.0, 0.1875  # bandwidths; share of the adaptation's mode
-_LEAK = 0.1  # [1/s]
+_FILTER, _DECORRELATION, _MODE = 7.0, 2.0, 0.3  # bandwidths; share of the adaptation's mode
+_LEAK = 0.03  # [1/s]
 _FINEST = 1e-4  # of the reach: what noise of the camera may leave in the position
 
 
