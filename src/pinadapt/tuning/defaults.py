@@ -1,6 +1,6 @@
 """Constants of the default gains, and the bandwidth from which they follow.
 
-The bandwidth is w = 20 rad/s sqrt(2.2 m / reach), or 0.05 / dt for slow loops: gravity and the
+The bandwidth is w = 20 rad/s sqrt(2.2 m / reach), or 0.075 / dt for slow loops: gravity and the
 centrifugal forces of similar motions accelerate a robot of reach L at the rate sqrt(g / L), and
 what is wrong with the model then moves it by the same part of its size. Each law states its own
 gains for a bandwidth (``Law.tuned``); where the check before a run finds the feedback too fast for
@@ -26,7 +26,7 @@ from .prior import prior_covariance
 
 _PUBLISHED, _REACH = 20.0, 2.2  # [rad/s], [m], of Wang and Xie's arm
 _LEAST_REACH = 1e-6  # [m]
-_LARGEST_STEP = 0.05  # bandwidth times sampling period
+_LARGEST_STEP = 0.075  # bandwidth times sampling period
 _LEAST_EXCITATION = 1e-6  # relative
 
 # of the bandwidth

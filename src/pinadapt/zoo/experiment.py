@@ -152,4 +152,5 @@ def _run(case: ZooCase, controller: Controller, duration: float) -> Rollout:
         duration=duration,
         dt=PERIOD,
         record_every=_RECORD_EVERY,
+        torque_limits=case.bears_itself,
     )
