@@ -72,7 +72,7 @@ class JointTracking(pa.Law):
     def _reference_velocity(self, s: pa.Signals) -> np.ndarray:
         """Return qd_r (n)."""
         q_r, shift, _ = s.filtered
-        x_d = s.sensed.sight.x - s.dx
+        x_d = s.sensed.x - s.dx
         return self._inverse_kinematics.rate(q_r, x_d - shift, s.xd_d - self.k_x * s.dx)
 
     def _rates(self, s: pa.Signals) -> Integrals:

@@ -74,7 +74,7 @@ class ObservedTorque(pa.ResolvedAcceleration):
         """Return the torque (n) within the efforts, which the observer counts on."""
         error = s.dx
         if not self.seen:
-            error = s.dx + self.believed.position(s.q) - s.sensed.sight.x
+            error = s.dx + self.believed.position(s.q) - s.sensed.x
         shifted = replace(s, dx=error + s.filtered.shift)
         a = self.commanded_acceleration(shifted, np.zeros(s.a_k.size))
         return self.believed.limited(self.believed.torque(s.q, s.v, a) - self.disturbance(s))
