@@ -56,8 +56,10 @@ class Setting:
 
     @cached_property
     def damping(self) -> np.ndarray:
-        """The default's own K_D (n) [N m s/rad]."""
-        return np.diag(self.controller(adaptation="none").law.K_v).copy()
+        """The diagonal (n) of the default's own K_D at home [N m s/rad]."""
+        law = self.controller(adaptation="none").law
+        assert isinstance(law, pa.Separation)
+        return np.diag(law.K_D(self.believed.q0)).copy()
 
     def controller(self, **words: Any) -> pa.Controller:
         """Return a controller for the believed robot that is told of the sensors."""
