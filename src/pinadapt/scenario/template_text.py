@@ -132,8 +132,8 @@ def _reference(template: Template) -> Table:
 def _simulation(template: Template) -> Table:
     duration = float(ceil(max(10.0, 2 * template.circle.period)))
     table = _filled({"duration": duration, "dt": SimulationSection().dt})
-    meaning = "hold the torque inside the description's effort limits"
-    _option(table, "torque_limits = true", meaning, 45)
+    meaning = "let the torque exceed the description's effort limits"
+    _option(table, "torque_limits = false", meaning, 45)
     return table
 
 
