@@ -23,6 +23,23 @@ def test_default_gains_pass(name, law, dt):
     assert [str(finding) for finding in pa.preflight(controller, dt)] == []
 
 
+@pytest.mark.parametrize("dt", [4e-3, 1e-2])
+@pytest.mark.parametrize("name", ["panda", "ur5", "ur10", "xarm7", "kinova", "tiago_arm"])
+def test_default_gains_of_slow_loops_pass(name, dt):
+    controller = pa.make_controller(catalogue_robot(name), dt=dt)
+    assert controller.law.alpha * dt <= 0.075 + 1e-12
+    assert [str(finding) for finding in pa.preflight(controller, dt)] == []
+
+
+@pytest.mark.parametrize("name, dt, share", [("ur5", 4e-3, 0.004), ("panda", 1e-2, 0.05)])
+def test_slow_loops_hold(name, dt, share):
+    case = zoo_case(name)
+    controller = pa.make_controller(case.believed, dt=dt)
+    rollout = pa.simulate(case.true, controller, case.motion, duration=12.0, dt=dt)
+    assert rollout.diverged is None
+    assert rollout.distance[rollout.t > 9.0].max() < share * case.radius
+
+
 @pytest.mark.parametrize("name", ["panda", "xarm7", "ur10", "romeo_right_arm"])
 def test_default_gains_of_a_pose_pass_too_slowed_where_they_must_be(name):
     robot = pa.load(name, task="pose")

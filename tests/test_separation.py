@@ -109,3 +109,17 @@ def test_the_observer_is_that_of_its_differential_equation():
         ends.append(after.filters.x_o)
     coarse, fine = (np.abs(end - ends[2]).max() for end in ends[:2])
     assert 0.0 < fine < 0.6 * coarse < 1e-3
+
+
+@pytest.mark.parametrize("name", ["so101", "centauro_fr_leg", "tiago_arm", "panda"])
+def test_default_damping_leaves_no_direction_undamped_and_none_too_fast(name):
+    """Links that are light together have directions that caps of single joints do not damp."""
+    robot, dt = catalogue_robot(name), 1e-3
+    controller = pa.make_controller(robot, dt=dt)
+    w, K_D = controller.law.alpha, controller.law.K_v
+    rates = [
+        np.sort(np.linalg.eigvals(np.linalg.solve(M, K_D)).real)
+        for M in controller.motion.mass_matrices
+    ]
+    assert np.median(rates, axis=0)[0] > w
+    assert 0.0 < np.max(rates) * dt < 1.0

@@ -8,9 +8,10 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.cli.main import main
+from pinadapt.cli.zoo import zoo_table
 from pinadapt.robot.workspace import reach
-from pinadapt.zoo.case import zoo_case
-from pinadapt.zoo.experiment import zoo_row
+from pinadapt.zoo.case import SWING, zoo_case
+from pinadapt.zoo.experiment import ZooRow, zoo_names, zoo_row
 from pinadapt.zoo.verdict import CONVERGED, last_error
 
 
@@ -44,6 +45,38 @@ def test_a_chain_converges_untuned(name):
     assert row.verdict == CONVERGED
     assert row.adapted <= 0.02 * row.radius and row.adapted <= 0.2 * row.unadapted
     assert row.min_eig_M_hat > 0.0
+
+
+@pytest.mark.parametrize("name", ["finger_edu", "double_pendulum"])
+def test_a_chain_converges_under_the_default_law(name):
+    row = zoo_row(name, "separation")
+    assert row.verdict == CONVERGED
+    assert row.adapted <= 0.004 * row.radius and row.adapted <= 0.1 * row.unadapted
+    assert row.task == "position" and row.adapted_angle is None
+
+
+def test_a_pose_goes_round_with_the_tool_swinging_and_its_angles_are_told():
+    case = zoo_case("ur5", task="pose")
+    start, later = (case.motion.at(t).x_d for t in (0.0, 0.25 * case.period))
+    np.testing.assert_allclose(start, case.true.position(case.true.q0), atol=1e-12)
+    turned = pin.Quaternion(start[3:]).angularDistance(pin.Quaternion(later[3:]))
+    assert turned == pytest.approx(SWING)
+    row = ZooRow("ur5", 6, "separation", 0.1, task="pose", unadapted_angle=0.1, adapted_angle=1e-3)
+    assert "adapted [deg]" in zoo_table([row]) and "0.057" in zoo_table([row])
+    assert "[deg]" not in zoo_table([ZooRow("ur5")])
+
+
+def test_only_chains_that_can_have_a_pose_are_asked_for_one():
+    names = zoo_names("pose")
+    assert "panda" in names and "scara" not in names and set(names) < set(zoo_names())
+    row = zoo_row("scara", "separation", task="pose")
+    assert row.verdict.startswith("refused: ") and row.task == "pose"
+
+
+def test_efforts_that_do_not_hold_the_arm_are_not_those_of_its_motors():
+    """Springs hold up PR2's arms."""
+    assert not zoo_case("pr2_right_arm").bears_itself
+    assert zoo_case("panda").bears_itself
 
 
 def test_without_adaptation_the_end_of_a_shorter_run_is_that_of_the_whole():

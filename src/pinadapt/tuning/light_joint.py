@@ -18,10 +18,7 @@ from ..laws.law import Law
 from ..models.typical_motion import TypicalMotion
 from ..robot.workspace import reach, rounded_down
 
-_LOAD, _ARM = (
-    0.1,
-    0.05,
-)  # a load of this part of the robot's mass, this part of its reach off the axis ...
+_LOAD, _ARM = 0.1, 0.05  # of the robot's mass, of its reach off the axis: such a load ...
 _ANGLE = 0.25  # [rad] ... turns no joint further than this against its position feedback
 
 
@@ -49,8 +46,8 @@ class LightJoint:
             f"{self.joint} is believed to move only {self.inertia:.2g} kg m^2, and this law's "
             "feedback is that times an acceleration: an unknown load above "
             f"{rounded_down(self.load):.2g} kg, {1e3 * self.arm:.0f} mm off its axis, can spin it "
-            "before it is learned. With such a load take the law 'adaptive-jacobian', whose gains "
-            "are forces, or believe in it from the start, its inertia included (Robot.changed, "
+            "before it is learned. With such a load take the law 'separation', whose gains are "
+            "forces, or believe in it from the start, its inertia included (Robot.changed, "
             "belief.payload)."
         )
 
