@@ -32,6 +32,7 @@ from .posture import Posture
 _DAMPING, _STEP = 3.0, 0.5  # K_v in bandwidths times inertia; at most this times inertia / dt
 _LOAD, _ARM = 0.1, 0.05  # load believed for K_D: of the robot's mass, of its reach off the flange
 _OBSERVER = 1.0  # beta in bandwidths
+_TINY = 1e-300
 
 
 @dataclass(slots=True, eq=False)
@@ -91,6 +92,9 @@ class Separation(Law):
         lag: [s], with which K_D(q)^-1 = K_v^-1 + lag M_0(q)^-1: no eigenvalue of M_0^-1 K_D then
             exceeds 1 / lag, at no configuration. Zero: K_D = K_v.
         M_0: returns the believed mass matrix (n, n) at q (nq), where there is a lag.
+        Y_fast: norm of Y_k beyond which dx_o is scaled down with its square, where x is carried on
+            from a late frame: the mode of the kinematic adaptation grows with the speed, and its
+            loop has a delay then.
     """
 
     task: Task
@@ -104,6 +108,7 @@ class Separation(Law):
     lambda_s: float = math.inf
     lag: float = 0.0
     M_0: Callable[[np.ndarray], np.ndarray] | None = None
+    Y_fast: float = math.inf
 
     name = "separation"
     needs_prediction = True
@@ -159,7 +164,14 @@ class Separation(Law):
         }
         posture = Posture.of(motion.robot, given.get("posture"), w)
         gains = merged(defaults, given)
-        return cls(motion.kinematics.task, posture, M_0=Inertia(motion.robot), **gains)
+        Y_fast = max((np.linalg.norm(Y_p) for Y_p in motion.kinematic_regressors), default=0.0)
+        return cls(
+            motion.kinematics.task,
+            posture,
+            M_0=Inertia(motion.robot),
+            Y_fast=float(Y_fast) or math.inf,
+            **gains,
+        )
 
     def K_D(self, q: np.ndarray) -> np.ndarray:
         """Return K_D (n, n) at q (nq)."""
@@ -217,6 +229,8 @@ class Separation(Law):
         """Return the drive of g_k = c Y_k^T dx_o + X_k^T R epsilon."""
         dx_o, epsilon, X_k = s.filtered.dx_o, s.epsilon, s.X_k
         m, p = X_k.shape
+        if s.sensed.frame is not None:  # of an earlier configuration: its loop has a delay
+            dx_o = dx_o * min(1.0, self.Y_fast**2 / max(float(np.vdot(s.Y_k, s.Y_k)), _TINY))
         W, residual, g_k = empty((2 * m, p)), empty(2 * m), empty(p)
         kernels.observation_drive(s.Y_k, dx_o, self.c, X_k, epsilon, self.R_k, W, residual, g_k)
         return Drive(s.Y_k, None, W, residual, self._weight, g_k)

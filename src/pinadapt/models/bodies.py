@@ -75,10 +75,10 @@ class BodyDynamics(InertialDynamics):
         known[self._columns] = False
         same = np.allclose(pi[known], self._pi[known], rtol=1e-9, atol=1e-12)
         same = same and self.shares_the_rest(robot)
-        same = same and all(
-            ours.isApprox(theirs, 1e-9)
-            for ours, theirs in zip(self._placements, robot.model.jointPlacements, strict=True)
-        )
+        pairs = list(zip(self._placements, robot.model.jointPlacements, strict=True))
+        base, true_base = pairs[1]  # where it stands no torque tells, only how it is turned
+        same = same and np.allclose(base.rotation, true_base.rotation, atol=1e-9)
+        same = same and all(ours.isApprox(theirs, 1e-9) for ours, theirs in pairs[2:])
         return pi[self._columns] if same else None
 
     def moved(self, a_d: np.ndarray, before: Robot, after: Robot) -> np.ndarray | None:
