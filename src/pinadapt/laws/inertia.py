@@ -35,6 +35,6 @@ def solve_inertia(M: np.ndarray, J: np.ndarray, e: np.ndarray, watch: bool) -> n
         raise DivergedError(
             f"the estimated mass matrix {became}, and this law inverts it. Natural and projected "
             "adaptation keep it positive definite; with plain gradient adaptation try a smaller "
-            "gamma_d, or the passivity-based law 'adaptive-jacobian', which inverts no mass matrix."
+            "gamma_d, or the law 'separation' or 'adaptive-jacobian', which invert no mass matrix."
         )
     return solution

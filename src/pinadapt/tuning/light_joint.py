@@ -46,8 +46,8 @@ class LightJoint:
             f"{self.joint} is believed to move only {self.inertia:.2g} kg m^2, and this law's "
             "feedback is that times an acceleration: an unknown load above "
             f"{rounded_down(self.load):.2g} kg, {1e3 * self.arm:.0f} mm off its axis, can spin it "
-            "before it is learned. With such a load take the law 'separation', whose gains are "
-            "forces, or believe in it from the start, its inertia included (Robot.changed, "
+            "before it is learned. With such a load take the law 'separation', whose gains "
+            "are torques, or believe in it from the start, its inertia included (Robot.changed, "
             "belief.payload)."
         )
 
