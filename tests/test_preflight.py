@@ -168,7 +168,10 @@ def test_damping_that_no_gain_changes_is_told_without_factors():
             "alpha": share * default.alpha,
         }
         finding = pa.preflight(
-            pa.make_controller(robot, law="adaptive-jacobian", adaptation="none", **gains), dt
+            pa.make_controller(
+                robot, law="adaptive-jacobian", adaptation="none", posture=14.0, **gains
+            ),
+            dt,
         )[0]
         assert finding.factors == {} and finding.longest < dt
         assert str(finding).endswith(

@@ -30,6 +30,7 @@ from .law import Believed, Command, Law, Truth
 from .posture import Posture
 
 Own = TypeVar("Own", bound="AdaptiveJacobian")
+_ERROR_RATE = 0.25  # alpha in bandwidths
 _NOTHING = np.zeros(0)
 
 
@@ -67,8 +68,9 @@ class AdaptiveJacobian(Law):
                   qdd_r).
                   Neither acceleration nor M_hat^-1 is needed.
 
-    Default gains for the bandwidth w: K_P = w^2 m, K_v = 2 w m, alpha = w / 4, lambda = w / 2, with
-    the mass m felt at the frame at home; on the rotations of a pose the inertia felt there, or as
+    Default gains for the bandwidth w: K_P = w^2 m, K_v = 2 w m, alpha = w / 4, lambda = w / 2, the
+    posture at w / 8, half of the rate at which the task error goes, with the mass m felt at the
+    frame at home; on the rotations of a pose the inertia felt there, or as
     much as lets damping change the angular velocity of the lightest axis by its own size in one
     period, if that is less; of joints their own inertia at home.
 
@@ -120,7 +122,9 @@ class AdaptiveJacobian(Law):
     ) -> Own:
         """Return the law with the default gains of the class; see ``Law.tuned``."""
         gains = merged(cls._defaults(motion, dt, share), given)
-        posture = Posture.of(motion.robot, given.get("posture"), share * motion.bandwidth)
+        posture = Posture.of(
+            motion.robot, given.get("posture"), _ERROR_RATE * share * motion.bandwidth
+        )
         return cls(motion.kinematics.task, posture, **gains)
 
     @classmethod
@@ -130,7 +134,7 @@ class AdaptiveJacobian(Law):
         return {
             "Kv": 2.0 * w * felt,
             "Kp": w * w * felt,
-            "alpha": w / 4.0,
+            "alpha": _ERROR_RATE * w,
             "R_k": 1.0,
             "lambda_": w / 2.0,
         }
