@@ -1,4 +1,4 @@
-"""How the task coordinates are measured: by a camera of so many frames a second."""
+"""How good the sensors are: how rarely and late a camera shows the task coordinates, and noise."""
 
 from __future__ import annotations
 
