@@ -27,8 +27,8 @@ _RESTING = 1.0  # mean against deviation of the velocity of an arm that rests
 CHANNELS = ("q", "v", "x", "angle")
 
 _COARSE = 5e-3  # [rad]
-_FILTER, _DECORRELATION, _MODE = 7.0, 2.0, 0.22  # bandwidths; share of the adaptation's mode
-_LEAK = 0.06  # [1/s]
+_FILTER, _DECORRELATION, _MODE = 7.0, 2.0, 0.2  # bandwidths; share of the adaptation's mode
+_LEAK = 0.03  # [1/s]
 _FINEST = 1.5e-4  # of the reach: what noise of the camera may leave in the position
 
 
