@@ -138,7 +138,7 @@ def remedies(quality: SensorQuality, bandwidth: float, reach: float) -> Remedies
             velocity=_FILTER * bandwidth / root,
             decorrelation=_DECORRELATION * bandwidth / root,
             mode=min(1.0, _MODE / root),
-            leak=_LEAK * size,
+            leak=_LEAK * root,
         )
     if quality.x > 0.0:
         smoothing = 2.0 * quality.rate * (_FINEST * reach / quality.x) ** 2
