@@ -12,7 +12,7 @@ from chains import catalogue_robot
 from drives import along
 from loops import circle_at_home, with_tool_and_load
 from pinadapt.sensing import SensorQuality
-from pinadapt.tuning.remedies import Remedies, remedies
+from pinadapt.tuning.remedies import Remedies, remedies, seen_noise
 
 W, REACH = 20.0, 1.0
 COUNT = 2.0 * np.pi / 2**17  # [rad], of an encoder of 17 bits
@@ -324,3 +324,25 @@ def test_an_arm_with_differenced_encoders_of_17_bits_is_held():
     assert rollout.distance[rollout.t > 15.0].max() < 5e-4
     late = norms[rollout.t > 10.0]
     assert late.max() < 1.05 * norms[rollout.t < 10.0].max() and np.ptp(late) < 0.1 * late.mean()
+
+
+# --- noise that the first samples show ---
+
+
+def test_samples_at_rest_show_their_noise():
+    rng, plant = np.random.default_rng(0), pa.PinocchioPlant(catalogue_robot("ur5"))
+    still = plant.measure()
+    samples = [
+        still._replace(
+            t=1e-3 * k,
+            v=2e-3 * rng.standard_normal(6),
+            x=still.x + 1e-3 * rng.standard_normal(3),
+        )
+        for k in range(2000)
+    ]
+    found = seen_noise(samples)
+    assert found["v"] == pytest.approx(2e-3, rel=0.1)
+    assert found["x"] == pytest.approx(1e-3, rel=0.1)
+    for refused in (samples[:3], [sample._replace(v=sample.v + 0.1) for sample in samples]):
+        with pytest.raises(pa.InputError, match="noise"):
+            seen_noise(refused)
