@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -102,30 +103,53 @@ def check_numbers(model: pin.Model) -> None:
         raise RobotError(f"gravity is not finite: {model.gravity.linear}.", where=model.name)
 
 
+def massless_joints(model: pin.Model) -> list[int]:
+    """Return the indices of the joints whose bodies have no mass."""
+    return [i for i in range(1, model.njoints) if model.inertias[i].mass <= 0.0]
+
+
+def links_of(model: pin.Model, joint: int) -> list[str]:
+    """Return the names of the links that move with a joint, or its own where it has none."""
+    links = [
+        str(frame.name)
+        for frame in model.frames
+        if frame.type == pin.FrameType.BODY and frame.parentJoint == joint
+    ]
+    return links or [str(model.names[joint])]
+
+
 def check_mass_matrix(model: pin.Model, configurations: Sequence[np.ndarray]) -> None:
     """Refuse models whose mass matrix is singular or not positive definite.
 
     Raises:
         RobotError: M(q) has a relative eigenvalue below 1e-10 at one of the configurations; the
-            massless moving bodies are named.
+            joints that move without effort are named, and the moving links without mass.
     """
     data = model.createData()
     for q in configurations:
         M = pin.crba(model, data, q)
         scale = np.sqrt(np.maximum(np.diag(M), np.finfo(float).tiny))
-        if np.linalg.eigvalsh(M / np.outer(scale, scale))[0] < 1e-10:
-            massless = [
-                str(model.names[i])
-                for i in range(1, model.njoints)
-                if model.inertias[i].mass <= 0.0
-            ]
-            blame = f"; bodies without mass after joints {massless}" if massless else ""
-            raise RobotError(
-                f"the mass matrix is singular or indefinite{blame}.",
-                where=model.name,
-                hint="Give every moving body a positive mass and inertia, or lock the joint that "
-                "moves none.",
-            )
+        eigenvalues, vectors = np.linalg.eigh(M / np.outer(scale, scale))
+        if eigenvalues[0] >= 1e-10:
+            continue
+        massless = massless_joints(model)
+        links = ", ".join(f"'{links_of(model, i)[0]}' after '{model.names[i]}'" for i in massless)
+        free = int(np.argmax(np.abs(vectors[:, 0] / scale)))
+        blame = (
+            f"these links have no mass: {links}"
+            if massless
+            else f"nothing resists joint '{model.names[free + 1]}', which moves "
+            f"'{links_of(model, free + 1)[0]}'"
+        )
+        raise RobotError(
+            f"the mass matrix is singular or indefinite; {blame}.",
+            where=model.name,
+            hint="Say what the whole robot weighs, and they get a share by their shapes: "
+            "`init --mass KG`, robot.mass in a scenario, load(..., mass=KG). Or give each an "
+            "<inertial>, or lock the joint."
+            if massless
+            else "Give every moving link a positive mass and inertia, or lock the joint.",
+        )
 
 
 def configuration_from_angles(model: pin.Model, angles: np.ndarray) -> np.ndarray:
@@ -170,8 +194,9 @@ _LINK = "(link) "
 def _rename_links(model: pin.Model, *, mark: bool) -> None:
     """Mark links that share a frame's name, which buildReducedModel refuses; or unmark them."""
     names = [frame.name for frame in model.frames]
+    times = Counter(names)
     for frame, name in zip(model.frames, names, strict=True):
         if not mark:
             frame.name = name.removeprefix(_LINK)
-        elif frame.type == pin.FrameType.BODY and names.count(name) > 1:
+        elif frame.type == pin.FrameType.BODY and times[name] > 1:
             frame.name = _LINK + name
