@@ -247,7 +247,8 @@ def test_refusals_name_the_thing_and_suggest_the_nearest(action, words):
     [
         ("<robot name='arm'><link name='base'/>", "not well-formed XML"),
         ("", "not well-formed XML"),
-        ("<mujoco/>", "<mujoco>"),
+        ("<sdf/>", "<sdf>"),
+        ("<mujoco/>", "Pinocchio cannot read this MJCF"),
         ("<robot name='arm'/>", "not a valid URDF"),
         (
             ARM4.read_text().replace('<child link="link3"/>', '<child link="link33"/>'),

@@ -32,6 +32,8 @@ class RobotSection(Section):
     q0: list[Number] | None = None
     gravity: Vector3 | None = None
     weld_root: bool = False
+    xacro: dict[str, bool | Number | str] = {}
+    mass: Positive | None = None
 
 
 class PayloadSection(Section):
