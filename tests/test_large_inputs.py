@@ -62,6 +62,14 @@ def test_a_row_that_is_too_long_for_the_stack_is_refused(tmp_path):
         pa.load(with_links(tmp_path / "deep.urdf", 6000))
 
 
+@pytest.mark.parametrize("name", ["deep.urdf", "deep.xacro"])
+def test_elements_that_are_nested_too_deeply_are_refused(tmp_path, name):
+    path = tmp_path / name
+    path.write_text(f"<robot name='r'>{'<a>' * 20_000}{'</a>' * 20_000}</robot>")
+    with pytest.raises(pa.RobotError, match="nested too deeply"):
+        pa.load(path)
+
+
 @pytest.mark.parametrize(("name", "xmlns"), [("a.urdf", ""), ("a.xacro", XMLNS)])
 def test_a_long_comment_costs_its_length(tmp_path, name, xmlns):
     short, long = (with_comment(tmp_path / f"{n}{name}", n, xmlns) for n in (10**6, 5 * 10**7))

@@ -17,7 +17,8 @@ ARM = """<mujoco model="mjarm">
   <worldbody><body name="base" pos="0 0 0.1">
     <geom type="box" size="0.1 0.1 0.1" mass="2"/>
     <body name="link1" pos="0 0 0.2">
-      <joint name="j1" axis="0 0 1" range="-3 3" armature="0.1"/>
+      <joint name="j1" axis="0 0 1" range="-3 3" armature="0.1"
+             actuatorfrcrange="-7 7"/>
       <geom type="capsule" fromto="0 0 0 0 0 0.3" size="0.05"/>
       <body name="link2" pos="0 0 0.3">
         <joint name="j2" axis="0 1 0" range="-2 2"/>
@@ -57,7 +58,7 @@ def test_a_chain_is_read_with_its_masses_limits_home_and_gravity(tmp_path):
     assert np.allclose(robot.q0, [0.1, 0.5, 0.9])
     assert np.allclose(robot.model.gravity.linear, [0.0, 0.0, -1.62])
     assert np.allclose(robot.model.upperPositionLimit, [3.0, 2.0, 2.0])
-    assert robot.model.armature[0] == 0.1
+    assert robot.model.armature[0] == 0.1 and robot.model.effortLimit[0] == 7.0
     check_holds_home(robot)
 
 

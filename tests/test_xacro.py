@@ -126,6 +126,24 @@ def test_only_xacro_files_take_arguments(source):
         pa.load(source, xacro={"reach": 1})
 
 
+def test_what_xacro_complains_of_is_a_warning(arm):
+    arm.write_text(ARM.replace("<xacro:if ", '<xacro:property name="pi" value="3"/><xacro:if '))
+    with pytest.warns(UserWarning, match=rf"{arm}: xacro says: .*redefining global symbol: pi"):
+        pa.load(arm, frame="tip")
+
+
+def test_arguments_are_a_mapping(arm):
+    with pytest.raises(pa.RobotError, match="expected a mapping from names to values"):
+        pa.load(arm, xacro=["reach=0.4"])
+
+
+@pytest.mark.parametrize("text", ["reach", "=0.4"])
+def test_the_command_line_wants_name_and_value(arm, text, capsys):
+    with pytest.raises(SystemExit):
+        main(["init", str(arm), "--xacro", text])
+    assert "name=value is expected" in capsys.readouterr().err
+
+
 # --- packages ---
 
 

@@ -72,6 +72,8 @@ def describe(
         RobotError: it cannot be found or read, has numbers that no robot has, or is no xacro file
             where arguments are given.
     """
+    if not isinstance(xacro or {}, Mapping):
+        raise RobotError(f"expected a mapping from names to values, got {xacro!r}.", where="xacro")
     found = _find(source, xacro or {})
     check_numbers(found.model)
     if mass is None:
