@@ -10,7 +10,6 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
-from unittest.mock import patch
 from xml.dom import minidom
 from xml.parsers.expat import ExpatError
 
@@ -59,6 +58,8 @@ def _word(value: str | float | bool) -> str:
 @contextlib.contextmanager
 def _without_ros(packages: Packages) -> Iterator[None]:
     """Let xacro search packages where meshes are searched, and read each file at once."""
+    from unittest.mock import patch  # here, as it is slow to import
+
     import xacro
     from xacro import substitution_args
 
