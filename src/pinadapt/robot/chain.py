@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
+from .._checks import LARGEST
 from ..exceptions import RobotError, did_you_mean
 
 _SUPPORTED = ("JointModelR", "JointModelP")
@@ -85,20 +86,19 @@ def check_numbers(model: pin.Model) -> None:
     for name, placement, body in zip(
         model.names, model.jointPlacements, model.inertias, strict=True
     ):
-        if (
-            not np.isfinite(placement.homogeneous).all()
-            or not np.isfinite(body.toDynamicParameters()).all()
-        ):
-            raise RobotError(
-                f"the placement of joint '{name}' or the inertia it moves is not finite.",
-                where=model.name,
-            )
+        for part in (placement.homogeneous, body.toDynamicParameters()):
+            if not (np.abs(part) <= LARGEST).all():  # also true for NaN
+                raise RobotError(
+                    f"the placement of joint '{name}' or the inertia it moves is not finite, or "
+                    f"has numbers over {LARGEST:g}.",
+                    where=model.name,
+                )
         if body.mass < 0.0:
             raise RobotError(
                 f"the body moved by joint '{name}' has a negative mass, {body.mass} kg.",
                 where=model.name,
             )
-    if not np.isfinite(model.gravity.linear).all():
+    if not (np.abs(model.gravity.linear) <= LARGEST).all():
         raise RobotError(f"gravity is not finite: {model.gravity.linear}.", where=model.name)
 
 

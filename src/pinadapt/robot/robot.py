@@ -13,7 +13,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 from pinocchio.robot_wrapper import RobotWrapper
 
-from .._checks import vector
+from .._checks import arithmetic, flag, instance, name_list, shown, vector
 from ..exceptions import RobotError
 from ..tasks.registry import task_named
 from ..tasks.task import FrameTask, Task
@@ -99,12 +99,20 @@ class Robot:
         """Return the task coordinates x of this description at configuration q (nq), in world axes.
 
         Positions (m) [m]; for a pose position and quaternion xyzw (7).
+
+        Raises:
+            RobotError: not nq finite numbers.
         """
+        q = vector(q, self.model.nq, "q", error=RobotError)
         return self.task.at(self.model, self.model.createData(), self.frame_id, q)
 
     def placement(self, q: np.ndarray) -> pin.SE3:
-        """Return the placement of the described task frame at q (nq), in world axes."""
-        data = self.model.createData()
+        """Return the placement of the described task frame at q (nq), in world axes.
+
+        Raises:
+            RobotError: not nq finite numbers.
+        """
+        q, data = vector(q, self.model.nq, "q", error=RobotError), self.model.createData()
         pin.framesForwardKinematics(self.model, data, q)
         return data.oMf[self.frame_id].copy()
 
@@ -148,7 +156,7 @@ class Robot:
         changes.scale_inertias(model, inertial_scale)
         if payload is not None:
             changes.attach_payload(model, self.frame_id, payload)
-        changes.shift_joints(model, link_translation or {})
+        changes.shift_joints(model, link_translation)
         if tool_translation is not None:
             changes.shift_tool(model, self.frame_id, tool_translation)
         model.armature = self._coefficients(armature, "armature", model.armature)
@@ -190,6 +198,7 @@ class _Description:
     weld_root: bool = False
 
 
+@arithmetic("robot", RobotError)
 def load(
     source: Source,
     *,
@@ -220,9 +229,12 @@ def load(
             unsupported joints, a singular mass matrix, too few joints for the task, wrong sizes or
             NaN.
     """
+    for given, where in ((frame, "frame"), (task, "task")):
+        instance(given, str | None, where, RobotError)
+    locked, weld_root = name_list(locked, "locked", RobotError), flag(weld_root, "weld_root")
     found = _describe(source)
     name = frame or found.frame or str(found.model.frames[-1].name)
-    locked = [*found.locked, *([locked] if isinstance(locked, str) else locked)]
+    locked = [*found.locked, *locked]
     keep = _kept_joints(found, name, locked, weld_root or found.weld_root)
     check_numbers(found.model)
     model = reduce_to_chain(found.model, keep, found.q_reference)
@@ -261,8 +273,14 @@ def _describe(source: Source) -> _Description:
         return _Description(str(source.model.name), source.model, visual, q_reference)
     if isinstance(source, pin.Model):
         return _Description(str(source.name), source, None, pin.neutral(source))
+    if not isinstance(source, str | Path):
+        raise RobotError(
+            "expected a name of the catalogue, the path of a file, a pin.Model or a RobotWrapper, "
+            f"got {shown(source)}.",
+            where="source",
+        )
     if is_path(source):
-        path = Path(source)
+        path = Path(source).expanduser()
         model, visual = read_urdf(path), partial(read_visual, path)
         return _Description(str(model.name), model, visual, pin.neutral(model), mimic_joints(path))
     entry = catalogue_entry(str(source))

@@ -10,7 +10,8 @@ from math import ceil, cos, exp, floor, log10, pi, sin, sqrt
 import numpy as np
 import pinocchio as pin
 
-from ..exceptions import RobotError
+from .._checks import arithmetic, instance, positive
+from ..exceptions import InputError, RobotError
 from .chain import is_slide
 from .position_limits import position_bounds, position_limits
 from .robot import Robot
@@ -64,6 +65,7 @@ def rounded_down(number: float) -> float:
     return float(f"{floor(number / unit + 1e-9) * unit:.2g}")
 
 
+@arithmetic("robot", RobotError)
 def reachable_circle(
     robot: Robot, *, largest: float = 0.1, tool_error: float = 0.05
 ) -> WorkspaceCircle:
@@ -90,6 +92,9 @@ def reachable_circle(
     Raises:
         RobotError: no circle will do; home lies at a limit or at a singularity.
     """
+    instance(robot, Robot, "robot")
+    for given, where in ((largest, "largest"), (tool_error, "tool_error")):
+        positive(given, where, zero=where == "tool_error", error=InputError)
     length = reach(robot)
     planes = [robot.frame_task.name] if robot.frame_task.positions == 2 else ["xy", "yz", "xz"]
     followers = [_Follower(robot, shift) for shift in _shifts(tool_error * length)]
