@@ -10,6 +10,7 @@ import pinocchio as pin
 from .._checks import LARGEST
 from ..exceptions import RobotError, did_you_mean
 
+_WORLD = "universe"
 _SUPPORTED = ("JointModelR", "JointModelP")
 
 
@@ -100,6 +101,20 @@ def check_numbers(model: pin.Model) -> None:
             )
     if not (np.abs(model.gravity.linear) <= LARGEST).all():
         raise RobotError(f"gravity is not finite: {model.gravity.linear}.", where=model.name)
+
+
+def check_names(model: pin.Model) -> None:
+    """Refuse a joint that is called as Pinocchio calls the world.
+
+    Raises:
+        RobotError: there is one.
+    """
+    if _WORLD in list(model.names)[1:]:
+        raise RobotError(
+            f"a joint is called '{_WORLD}', which is the name of the fixed world.",
+            where=model.name,
+            hint="Give it another name in the description.",
+        )
 
 
 def check_mass_matrix(model: pin.Model, configurations: Sequence[np.ndarray]) -> None:

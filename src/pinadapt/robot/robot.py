@@ -24,6 +24,7 @@ from .chain import (
     chain_joints,
     check_joints,
     check_mass_matrix,
+    check_names,
     check_numbers,
     configuration_from_angles,
     frame_id,
@@ -32,6 +33,7 @@ from .chain import (
 )
 from .friction import Friction
 from .home import find_home, home_inside_limits
+from .position_limits import check_position_limits
 from .urdf import is_path, mimic_joints, read_urdf, read_visual
 from .visual import Visual
 
@@ -226,18 +228,20 @@ def load(
 
     Raises:
         RobotError: missing file, bad XML, unknown frame or joint, floating base, mimic or
-            unsupported joints, a singular mass matrix, too few joints for the task, wrong sizes or
-            NaN.
+            unsupported joints, crossed limits, a singular mass matrix, too few joints for the task,
+            wrong sizes or NaN.
     """
     for given, where in ((frame, "frame"), (task, "task")):
         instance(given, str | None, where, RobotError)
     locked, weld_root = name_list(locked, "locked", RobotError), flag(weld_root, "weld_root")
     found = _describe(source)
+    check_names(found.model)
     name = frame or found.frame or str(found.model.frames[-1].name)
     locked = [*found.locked, *locked]
     keep = _kept_joints(found, name, locked, weld_root or found.weld_root)
     check_numbers(found.model)
     model = reduce_to_chain(found.model, keep, found.q_reference)
+    check_position_limits(model)
     chosen = task_named(task or found.task or "xyz", model)
     if gravity is not None:
         model.gravity.linear = vector(gravity, 3, "gravity", error=RobotError)

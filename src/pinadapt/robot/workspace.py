@@ -23,6 +23,7 @@ _STEPS, _TURNS = 40, 1.5
 _LEAST_SINGULAR = 0.5  # of the smallest singular value at home
 _LIMIT_MARGIN = 0.05  # of a joint's range
 _PERIOD = 3.0  # [s]
+_LONGEST = 3600.0  # [s] of a turn
 _JOINT_SPEED, _SLIDE_SPEED = 1.5, 0.75  # [rad/s], [m/s]
 _SPEED_SHARE = 0.8  # of the description's own speed limit
 _RETURN = 4.0  # [rad/s] at which the null space goes home, as under the laws
@@ -242,5 +243,12 @@ def _circle(robot: Robot, path: _Path, runs: list[_Run], length: float) -> Works
     )
     allowed = np.minimum(allowed, _SPEED_SHARE * velocity_limits(robot.model))
     period = max(_PERIOD * sqrt(max(length, 1.0)), float(np.max(2 * pi * speeds / allowed)))
+    if period > _LONGEST:
+        raise RobotError(
+            f"at the speed limits of its joints, {velocity_limits(robot.model).tolist()} rad/s or "
+            f"m/s, a circle takes {period:.3g} s.",
+            where=robot.name,
+            hint="Correct them in the description; 0 means no limit.",
+        )
     least = min(run.least_singular for run in runs)
     return WorkspaceCircle(path.plane, path.phase, path.radius, ceil(10 * period) / 10, least)
