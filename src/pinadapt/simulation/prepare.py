@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import instance, positive, vector, whole, word
+from .._checks import arithmetic, instance, positive, vector, whole, word
 from ..adaptation.box_projection import BoxProjection
 from ..controller.controller import Controller
 from ..controller.state import ControllerState
@@ -24,6 +24,7 @@ ACCELERATIONS = ("filtered", "ideal")
 _SINGULAR = 1e-6
 
 
+@arithmetic("simulation")
 def prepare(
     true: Robot,
     controller: Controller,

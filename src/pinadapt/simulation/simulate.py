@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import arithmetic, instance
+from .._checks import instance
 from ..controller.controller import Controller
 from ..exceptions import InputError
 from ..plants.pinocchio_plant import PinocchioPlant
@@ -34,7 +34,6 @@ from .run import run, sample_indices
 Progress = Callable[[range], Iterable[int]]
 
 
-@arithmetic("simulation")
 def simulate(
     true: Robot,
     controller: Controller,
@@ -118,7 +117,7 @@ def simulate(
     robots, events = Succession.of(true, changes), Events(changes, beliefs)
     events.check(controller, state)
     if late := events.after(duration):
-        warnings.warn(f"the run ends before what happens at {late} s.", stacklevel=3)
+        warnings.warn(f"the run ends before what happens at {late} s.", stacklevel=2)
     plant = PinocchioPlant(
         true, torque_limits=motors, compensation=controller.compensation, substeps=substeps
     )
@@ -129,7 +128,7 @@ def simulate(
     else:
         quality = sensor_quality(true, dt, camera or _late(delay), noise, encoder)
         for finding in (*preflight(controller, dt), *sensor_findings(controller, quality)):
-            warnings.warn(str(finding), stacklevel=3)
+            warnings.warn(str(finding), stacklevel=2)
         seen = None if sensors.perfect else sensors
         stream = run(*loop, sensors=seen, ideal_acceleration=ideal, **start)
     with np.errstate(all="ignore"):  # a loop that diverges overflows on its way

@@ -17,7 +17,7 @@ from itertools import cycle
 
 import numpy as np
 
-from .._checks import instance, positive
+from .._checks import arithmetic, instance, positive
 from ..controller.controller import Controller
 from ..laws.feedback import Feedback
 from ..models.typical_motion import TypicalMotion
@@ -72,6 +72,7 @@ def _bound(factor: float) -> str:
 Radius = Callable[..., float]  # of dt [s] and factor, both by name
 
 
+@arithmetic("dt")
 def preflight(controller: Controller, dt: float) -> list[Finding]:
     """Return what is too fast for the sampling period dt [s]; an empty list is a go.
 
