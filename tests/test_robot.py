@@ -434,7 +434,7 @@ def test_changed_models_are_not_shared():
         ({"inertial_scale": 0.0}, "inertial_scale"),
         ({"inertial_scale": np.nan}, "inertial_scale"),
         ({"inertial_scale": {"elbow_jont": 1.0}}, "Did you mean 'elbow_joint'"),
-        ({"inertial_scale": {"elbow_joint": -1.0}}, "'elbow_joint'"),
+        ({"inertial_scale": {"elbow_joint": -1.0}}, r"inertial_scale\.elbow_joint"),
         ({"payload": pa.Payload(-1.0)}, "payload.mass"),
         ({"payload": pa.Payload(np.nan)}, "payload.mass"),
         ({"payload": pa.Payload(1.0, [0.0, 1.0])}, "payload.com"),

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from ..tasks.task import RowGroup
 from ..tasks.units import DISPLAYS
+from .backend import Figure
 from .drawable import Drawable
 
 _NORMS = {"position": "|x - x_d|", "rotation": r"$|\phi|$", "joints": "|q - q_d|"}

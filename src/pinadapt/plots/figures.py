@@ -5,11 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
+from .backend import Figure, FigureCanvasAgg, matplotlib
 from .drawable import Drawable
 from .error_figure import draw_errors
 

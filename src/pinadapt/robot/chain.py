@@ -8,8 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
+from .._checks import LARGEST
 from ..exceptions import RobotError, did_you_mean
 
+_WORLD = "universe"
 _SUPPORTED = ("JointModelR", "JointModelP")
 
 
@@ -86,20 +88,19 @@ def check_numbers(model: pin.Model) -> None:
     for name, placement, body in zip(
         model.names, model.jointPlacements, model.inertias, strict=True
     ):
-        if (
-            not np.isfinite(placement.homogeneous).all()
-            or not np.isfinite(body.toDynamicParameters()).all()
-        ):
-            raise RobotError(
-                f"the placement of joint '{name}' or the inertia it moves is not finite.",
-                where=model.name,
-            )
+        for part in (placement.homogeneous, body.toDynamicParameters()):
+            if not (np.abs(part) <= LARGEST).all():  # also true for NaN
+                raise RobotError(
+                    f"the placement of joint '{name}' or the inertia it moves is not finite, or "
+                    f"has numbers over {LARGEST:g}.",
+                    where=model.name,
+                )
         if body.mass < 0.0:
             raise RobotError(
                 f"the body moved by joint '{name}' has a negative mass, {body.mass} kg.",
                 where=model.name,
             )
-    if not np.isfinite(model.gravity.linear).all():
+    if not (np.abs(model.gravity.linear) <= LARGEST).all():
         raise RobotError(f"gravity is not finite: {model.gravity.linear}.", where=model.name)
 
 
@@ -116,6 +117,20 @@ def links_of(model: pin.Model, joint: int) -> list[str]:
         if frame.type == pin.FrameType.BODY and frame.parentJoint == joint
     ]
     return links or [str(model.names[joint])]
+
+
+def check_names(model: pin.Model) -> None:
+    """Refuse a joint that is called as Pinocchio calls the world.
+
+    Raises:
+        RobotError: there is one.
+    """
+    if _WORLD in list(model.names)[1:]:
+        raise RobotError(
+            f"a joint is called '{_WORLD}', which is the name of the fixed world.",
+            where=model.name,
+            hint="Give it another name in the description.",
+        )
 
 
 def check_mass_matrix(model: pin.Model, configurations: Sequence[np.ndarray]) -> None:

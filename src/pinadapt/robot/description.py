@@ -12,9 +12,10 @@ import numpy as np
 import pinocchio as pin
 from pinocchio.robot_wrapper import RobotWrapper
 
+from .._checks import shown
 from ..exceptions import RobotError
 from .catalogue import catalogue, catalogue_entry
-from .chain import chain_joints, check_numbers, frame_id, is_free_flyer
+from .chain import chain_joints, check_names, check_numbers, frame_id, is_free_flyer
 from .missing_inertia import with_inertias
 from .mjcf import Mjcf, keyframe
 from .named_descriptions import is_description_name, named_description
@@ -75,6 +76,7 @@ def describe(
     if not isinstance(xacro or {}, Mapping):
         raise RobotError(f"expected a mapping from names to values, got {xacro!r}.", where="xacro")
     found = _find(source, xacro or {})
+    check_names(found.model)
     check_numbers(found.model)
     if mass is None:
         return found
@@ -84,8 +86,14 @@ def describe(
 def _find(source: Source, xacro: XacroArguments) -> Description:
     if isinstance(source, RobotWrapper | pin.Model):
         return _from_object(source)
+    if not isinstance(source, str | Path):
+        raise RobotError(
+            "expected a name of the catalogue, the path of a file, a pin.Model or a RobotWrapper, "
+            f"got {shown(source)}.",
+            where="source",
+        )
     if is_path(source):
-        return _from_file(Path(source), xacro)
+        return _from_file(Path(source).expanduser(), xacro)
     name = str(source)
     if name not in catalogue() and is_description_name(name):
         named = named_description(name)

@@ -18,6 +18,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from .._checks import positive
 from ..exceptions import RobotError
 from .chain import links_of, massless_joints
 
@@ -57,9 +58,7 @@ def with_inertias(
 
 
 def _check(mass: float, described: float, lacking: Sequence[int], name: str) -> None:
-    number = isinstance(mass, int | float | np.number) and not isinstance(mass, bool)
-    if not (number and np.isfinite(mass) and mass > 0.0):
-        raise RobotError(f"must be positive and finite [kg], got {mass!r}.", where="mass")
+    positive(mass, "mass", error=RobotError)
     if not lacking:
         raise RobotError(
             f"every body of '{name}' is described with its mass, {described:.4g} kg in all.",

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import vector
+from .._checks import arithmetic, flag, instance, name_list, vector
 from ..exceptions import RobotError
 from ..tasks.registry import task_named
 from ..tasks.task import FrameTask, Task
@@ -29,6 +29,7 @@ from .chain import (
 from .description import Description, Source, describe
 from .friction import Friction
 from .home import find_home, home_inside_limits
+from .position_limits import check_position_limits
 from .visual import Visual
 from .xacro import XacroArguments
 
@@ -96,12 +97,20 @@ class Robot:
         """Return the task coordinates x of this description at configuration q (nq), in world axes.
 
         Positions (m) [m]; for a pose position and quaternion xyzw (7).
+
+        Raises:
+            RobotError: not nq finite numbers.
         """
+        q = vector(q, self.model.nq, "q", error=RobotError)
         return self.task.at(self.model, self.model.createData(), self.frame_id, q)
 
     def placement(self, q: np.ndarray) -> pin.SE3:
-        """Return the placement of the described task frame at q (nq), in world axes."""
-        data = self.model.createData()
+        """Return the placement of the described task frame at q (nq), in world axes.
+
+        Raises:
+            RobotError: not nq finite numbers.
+        """
+        q, data = vector(q, self.model.nq, "q", error=RobotError), self.model.createData()
         pin.framesForwardKinematics(self.model, data, q)
         return data.oMf[self.frame_id].copy()
 
@@ -145,7 +154,7 @@ class Robot:
         changes.scale_inertias(model, inertial_scale)
         if payload is not None:
             changes.attach_payload(model, self.frame_id, payload)
-        changes.shift_joints(model, link_translation or {})
+        changes.shift_joints(model, link_translation)
         if tool_translation is not None:
             changes.shift_tool(model, self.frame_id, tool_translation)
         model.armature = self._coefficients(armature, "armature", model.armature)
@@ -169,6 +178,7 @@ class Robot:
         return numbers
 
 
+@arithmetic("robot", RobotError)
 def load(
     source: Source,
     *,
@@ -202,14 +212,18 @@ def load(
 
     Raises:
         RobotError: missing file, bad XML, unknown frame or joint, floating base, mimic or
-            unsupported joints, a singular mass matrix, too few joints for the task, wrong sizes or
-            NaN.
+            unsupported joints, crossed limits, a singular mass matrix, too few joints for the task,
+            wrong sizes or NaN.
     """
+    for given, where in ((frame, "frame"), (task, "task")):
+        instance(given, str | None, where, RobotError)
+    locked, weld_root = name_list(locked, "locked", RobotError), flag(weld_root, "weld_root")
     found = describe(source, xacro=xacro, mass=mass)
     name = frame or found.frame or str(found.model.frames[-1].name)
-    locked = [*found.locked, *([locked] if isinstance(locked, str) else locked)]
+    locked = [*found.locked, *locked]
     keep = _kept_joints(found, name, locked, weld_root or found.weld_root)
     model = reduce_to_chain(found.model, keep, found.q_reference)
+    check_position_limits(model)
     chosen = task_named(task or found.task or "xyz", model)
     if gravity is not None:
         model.gravity.linear = vector(gravity, 3, "gravity", error=RobotError)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 from meshcat.geometry import Cylinder, Material, Sphere
-from pinocchio.visualize import MeshcatVisualizer
 
+from .artist import Artist
 from .keyframes import Keyframes, Node
 from .motion import Motion
 from .page import Page
@@ -44,7 +44,7 @@ class Figure:
     def add_visuals(self, visual: pin.GeometryModel, model: pin.Model) -> None:
         """Draw the shapes of a description, in their own colours."""
         visual = visual.copy()
-        artist = MeshcatVisualizer(model, None, visual)
+        artist = Artist(model, None, visual)
         artist.initViewer(viewer=self.node)
         for index, shape in enumerate(visual.geometryObjects):
             artist.viewerVisualGroupName = f"joint {shape.parentJoint}"
