@@ -1,6 +1,6 @@
 """Tables in plain text."""
 
-from pinadapt.rollout.table import columns, number, two_columns
+from pinadapt._table import columns, number, two_columns
 
 
 def test_numbers_are_flush_right_and_words_left():

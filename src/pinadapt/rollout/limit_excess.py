@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .._table import columns
 from ..robot.chain import is_slide
 from ..robot.effort_limits import effort_limits
 from ..robot.position_limits import position_limits
@@ -15,7 +16,6 @@ from ..robot.robot import Robot
 from ..robot.velocity_limits import velocity_limits
 from ..tasks.units import DISPLAYS
 from .joint_motion import JointMotion
-from .table import columns
 
 _HEADER = ("beyond limits", "position", "velocity", "effort", "of")
 

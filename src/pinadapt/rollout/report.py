@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._table import number, two_columns
 from .._version import __version__
 from ..tasks.units import DISPLAYS
-from .table import number, two_columns
 from .transients import CLOSE
 
 if TYPE_CHECKING:
