@@ -151,17 +151,6 @@ def test_law_docstrings_state_the_proof(law):
     assert re.search(r"(19|20)\d\d", doc)  # a source with a year
 
 
-def test_readme_snippet_runs(tmp_path, monkeypatch, capsys):
-    snippet = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.S).group(1)
-    monkeypatch.chdir(tmp_path)
-    scope = {}
-    exec(snippet, scope)
-    assert scope["rollout"].diverged is None
-    assert scope["rollout"].summary()["max_error_last"] < 2e-3
-    assert "error, last 10 %" in capsys.readouterr().out
-    assert (tmp_path / "out" / "error.png").stat().st_size > 10_000
-
-
 def test_types_are_declared():
     assert (SOURCE / "py.typed").is_file()
 

@@ -54,11 +54,6 @@ class Sheet(NamedTuple):
         return f"<div><strong>{escape(self.title)}</strong>{tables}</div>"
 
 
-def two_columns(title: str, rows: Sequence[tuple[str, str]]) -> str:
-    """Return a title with one line a row, the second column aligned."""
-    return str(Sheet(title, [Table(rows)]))
-
-
 def columns(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return a table: first and last column flush left, for words, the others flush right."""
     return _drawn([header, *rows], _sides(header), header=True)
