@@ -56,11 +56,6 @@ class WorkspaceCircle:
         return Circle(np.zeros(size), self.radius, self.period, plane, self.phase)
 
 
-def reach(robot: Robot) -> float:
-    """Return ``robot.reach``."""
-    return robot.reach
-
-
 def rounded_down(number: float) -> float:
     """Return a positive number rounded down to two digits."""
     unit = 10.0 ** (floor(log10(number)) - 1)
@@ -116,7 +111,7 @@ def find_circle(robot: Robot, *, largest: float = 0.1, tool_error: float = 0.05)
     Raises:
         RobotError: no circle will do; home lies at a limit or at a singularity.
     """
-    length = reach(robot)
+    length = robot.reach
     planes = [robot.frame_task.name] if robot.frame_task.positions == 2 else ["xy", "yz", "xz"]
     followers = [_Follower(robot, shift) for shift in _shifts(tool_error * length)]
     for size in largest * length * _RATIO ** np.arange(_SIZES):
@@ -171,7 +166,7 @@ class _Follower:
     def __init__(self, robot: Robot, shift: np.ndarray) -> None:
         self._task, self._q0 = robot.frame_task, robot.q0
         m = robot.frame_task.positions
-        self._arms = np.repeat([1.0, reach(robot)], [m, robot.frame_task.size - m])  # [m] a radian
+        self._arms = np.repeat([1.0, robot.reach], [m, robot.frame_task.size - m])  # [m] a radian
         self._model = robot.model.copy()
         self._described = robot.frame_id
         frame = self._model.frames[self._described]

@@ -73,8 +73,8 @@ class Rollout:
 
     @property
     def duration(self) -> float:
-        """Time [s] from the first to the last sample."""
-        return float(self.t[-1] - self.t[0]) if len(self.t) else 0.0
+        """Time [s] from the first sample to one period after the last."""
+        return float(self.t[-1] - self.t[0] + np.diff(self.t[-2:]).sum()) if len(self.t) else 0.0
 
     @property
     def distance(self) -> np.ndarray:

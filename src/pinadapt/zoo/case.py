@@ -12,7 +12,7 @@ from ..models.joint_effects import typical_coefficients
 from ..robot.changes import Payload
 from ..robot.effort_limits import effort_limits
 from ..robot.robot import Robot, load
-from ..robot.workspace import WorkspaceCircle, find_circle, reach
+from ..robot.workspace import WorkspaceCircle, find_circle
 from ..trajectories.orientation import Swing
 from ..trajectories.pose_trajectory import PoseTrajectory
 from ..trajectories.trajectory import Trajectory
@@ -134,5 +134,5 @@ def _tool(robot: Robot, rng: np.random.Generator) -> np.ndarray:
     m = robot.task.positions
     direction = np.zeros(3)
     direction[["xyz".index(label) for label in robot.task.labels[:m]]] = rng.standard_normal(m)
-    direction *= TOOL_ERROR * reach(robot) / np.linalg.norm(direction)
+    direction *= TOOL_ERROR * robot.reach / np.linalg.norm(direction)
     return np.asarray(robot.placement(robot.q0).rotation.T @ direction)
