@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from functools import partial
+from collections.abc import Iterable
 from typing import TypeVar
 
 from tqdm import tqdm
 
 Row = TypeVar("Row")
-
-
-def samples_bar(name: str) -> Callable[[range], Iterable[int]]:
-    """Return a wrapper that shows a bar over samples when standard error is a terminal."""
-    return partial(tqdm, desc=name, unit="step", disable=None, leave=False, mininterval=0.2)
 
 
 def rows_bar(rows: Iterable[Row], total: int) -> Iterable[Row]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._files import whole_file, write_text
 from .._version import __version__
 from ..tasks.units import DISPLAYS
 from .table import number, two_columns
@@ -33,14 +34,18 @@ def window(values: np.ndarray, first: bool) -> np.ndarray:
 def summary(rollout: Rollout) -> dict[str, Any]:
     """Return the numbers of ``summary.json``; None where no finite number is to be had."""
     return {
+        "verdict": rollout.verdict,
+        "error_share": rollout.error_share,
         "title": rollout.title,
         "law": rollout.law,
         "adaptation": rollout.adaptation,
         "task": rollout.task.name,
         "robot": rollout.robot,
         "nv": int(rollout.v.shape[1]),
+        "joint_names": list(rollout.joint_names),
         "diverged": rollout.diverged,
         "reason": rollout.reason,
+        "interrupted": rollout.interrupted,
         **_errors(rollout.distance, "error"),
         **({} if rollout.angle is None else _errors(rollout.angle, "angle")),
         "tau_max": extreme(np.max, np.abs(rollout.tau)),
@@ -95,7 +100,7 @@ def table(rollout: Rollout) -> str:
             if rollout.angle is None
             else _error_rows(numbers, "angle", "rad", ("max_first", "max_last"))
         ),
-        ("largest torque", number(numbers["tau_max"], "N m", digits=1)),
+        ("largest torque", _largest_torque(rollout)),
         ("smallest eigenvalue of M_hat", number(numbers["min_eig_M_hat"], "kg m^2", digits=5)),
         (
             "smallest singular value of J_hat",
@@ -121,6 +126,17 @@ def _error_rows(
     return rows
 
 
+def _largest_torque(rollout: Rollout) -> str:
+    """Return the largest torque or force and the joint that gave it."""
+    tau = np.where(np.isfinite(rollout.tau), np.abs(rollout.tau), -1.0)
+    if not tau.size or tau.max() < 0.0:
+        return number(None)
+    joint = int(np.argmax(tau.max(axis=0)))
+    limits = rollout.limits
+    unit = "N" if limits.slides[joint] else "N m"
+    return f"{number(tau.max(), unit, digits=1)} ({limits.joints[joint]})"
+
+
 def _ends(lyapunov: np.ndarray | None) -> str:
     return "undefined" if lyapunov is None else f"{lyapunov[0]:.4g} -> {lyapunov[1]:.4g}"
 
@@ -136,6 +152,8 @@ def _remarks(rollout: Rollout, numbers: dict[str, Any]) -> list[tuple[str, str]]
         rows.append(("torque at its limit", f"{numbers['saturated']:.1%} of the time"))
     if rollout.step_time:
         rows.append(("controller step (mean)", number(numbers["step_time_us"], "us", digits=0)))
+    if rollout.interrupted is not None:
+        rows.append(("INTERRUPTED", f"at {rollout.interrupted:.3f} s"))
     if rollout.diverged is not None:
         rows.append(("DIVERGED", f"at {rollout.diverged:.3f} s: {rollout.reason}"))
     return rows
@@ -158,14 +176,14 @@ def _change_rows(changes: list[dict[str, Any]], unit: str) -> list[tuple[str, st
 
 
 def save(rollout: Rollout, folder: Path) -> None:
-    """Write ``summary.json`` and ``rollout.npz`` into a folder, which is made if it is missing."""
-    folder.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(summary(rollout), indent=2) + "\n"
-    (folder / "summary.json").write_text(text, encoding="utf-8")
+    """Write ``rollout.npz`` and ``summary.json`` into a folder, which is made if it is missing.
+
+    Each is whole or not there.
+    """
     arrays = {name: getattr(rollout, name) for name in RECORDED + COMPUTED + WATCHED}
-    np.savez_compressed(
-        folder / "rollout.npz", **{name: a for name, a in arrays.items() if a is not None}
-    )
+    with whole_file(folder / "rollout.npz") as file:
+        np.savez_compressed(file, **{name: a for name, a in arrays.items() if a is not None})
+    write_text(folder / "summary.json", json.dumps(summary(rollout), indent=2) + "\n")
 
 
 def extreme(of: Callable[[np.ndarray], float], values: np.ndarray) -> float | None:

@@ -17,7 +17,9 @@ from ..robot.robot import Robot, load
 from ..robot.urdf import is_path
 from ..rollout.rollout import Rollout
 from ..simulation.events import Events
-from ..simulation.simulate import Progress, prepare, simulate
+from ..simulation.prepare import prepare
+from ..simulation.progress import Progress
+from ..simulation.simulate import simulate
 from ..trajectories.trajectory import Trajectory
 from ..tuning.make_controller import make_controller
 from .error_prefix import prefix_errors
@@ -104,8 +106,12 @@ class Scenario:
         with prefix_errors("belief.change"):
             Events(self.changes, self.beliefs).check(self.controller, state)
 
-    def run(self, progress: Progress | None = None) -> Rollout:
-        """Run the closed loop; ``progress`` wraps the range of samples."""
+    def run(self, progress: Progress | bool | None = None) -> Rollout:
+        """Run the closed loop, with ``progress`` as in ``simulate``.
+
+        Raises:
+            Interrupted: a ``KeyboardInterrupt`` that carries the rollout so far.
+        """
         simulation, belief = self.tables.simulation, self.tables.belief
         with prefix_errors("simulation"):
             return simulate(

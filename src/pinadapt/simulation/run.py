@@ -8,7 +8,7 @@ from time import perf_counter
 
 from ..controller.controller import Controller
 from ..controller.state import ControllerState
-from ..exceptions import DivergedError, ImplausibleError
+from ..exceptions import DivergedError, ImplausibleError, InputError
 from ..plants.plant import Plant
 from ..plants.sensors import Sensors
 from ..records import Desired, Measurement
@@ -74,6 +74,8 @@ def run(
             raise DivergedError(error.reason, truth.t) from error
         except ImplausibleError as error:
             raise DivergedError(lost(error), truth.t) from error
+        except InputError as error:
+            raise unusable(error, truth.t) from error
         given = plant.motors(torque)
         yield Sample(truth.t, measurement, desired, state, given, truth, step_time)
         plant.step(torque, dt)
@@ -87,6 +89,14 @@ def run(
 def lost(error: ImplausibleError) -> str:
     """Return why a loop ends where its controller no longer believes its sensors."""
     return f"measurement '{error.field}' {error.flaw}."
+
+
+def unusable(error: InputError, t: float) -> Exception:
+    """Return what ends a loop whose desired motion cannot be used at t [s].
+
+    At the start that is an input to be refused; later the loop has run until then.
+    """
+    return DivergedError(str(error), t) if t > 0.0 else error
 
 
 def sample_indices(duration: float, dt: float, *, ends: bool = False) -> range:

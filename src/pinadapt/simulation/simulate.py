@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from time import perf_counter
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..controller.controller import Controller
-from ..exceptions import InputError
+from ..exceptions import InputError, Interrupted
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..plants.sensors import Sensors
 from ..robot.effort_limits import torque_limits as limits_of
@@ -26,10 +26,9 @@ from ..tuning.remedies import sensor_quality
 from .continuous import run_continuous
 from .events import Events
 from .prepare import check_options, prepare
+from .progress import Progress, watched
 from .record import record, rollout_of
 from .run import run, sample_indices
-
-Progress = Callable[[range], Iterable[int]]
 
 
 def simulate(
@@ -54,7 +53,7 @@ def simulate(
     beliefs: Mapping[float, Mapping[str, Any]] | None = None,
     seed: int = 0,
     title: str = "",
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
 ) -> Rollout:
     """Let a controller drive the true robot from its home, at rest.
 
@@ -86,11 +85,13 @@ def simulate(
             by name.
         seed: of the noise and of lost frames.
         title: of the rollout.
-        progress: wraps the range of samples, ``tqdm`` for example.
+        progress: None: a bar on a terminal, none elsewhere; True: a bar everywhere, a widget in a
+            notebook; False: none; or what wraps the range of samples, as ``tqdm`` does.
 
     Raises:
         InputError: anything that cannot be run; a loop that diverges is no error, see
             ``Rollout.diverged``.
+        Interrupted: a ``KeyboardInterrupt`` that carries the rollout so far.
     """
     check_options(mode, acceleration, duration, dt, record_every, seed)
     sensors = Sensors(true, dt, noise=noise, delay=delay, camera=camera, encoder=encoder, seed=seed)
@@ -128,17 +129,20 @@ def simulate(
         stream = run(*loop, sensors=seen, ideal_acceleration=ideal, **start)
     indices = sample_indices(duration, dt, ends=mode == "continuous")
     with np.errstate(all="ignore"):  # a loop that diverges overflows on its way
-        kept = record(stream, indices if progress is None else progress(indices), record_every)
-    wall_time = perf_counter() - started
-    return rollout_of(
+        kept = record(stream, watched(indices, progress, title or true.name), record_every)
+    rollout = rollout_of(
         kept,
         plant,
         controller,
         robots,
         told=events.beliefs,
         title=title or true.name,
-        wall_time=wall_time,
+        wall_time=perf_counter() - started,
+        extent=trajectory.extent,
     )
+    if rollout.interrupted is not None:
+        raise Interrupted(rollout)
+    return rollout
 
 
 def _late(delay: float) -> Camera | None:
