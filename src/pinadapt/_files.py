@@ -65,16 +65,19 @@ def one_run(folder: Path, names: Sequence[str]) -> Iterator[Path]:
 
 
 def check_writable(folder: Path, names: Sequence[str] = ()) -> None:
-    """Make a folder if it is missing, and see whether files can be written there.
+    """See whether files can be written into a folder, which may be missing.
 
     Raises:
         InputError: they cannot, or one of ``names`` is taken by a folder.
     """
+    missing = not folder.is_dir()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder) as probe:
             probe.write(_PROBE)
         taken = [name for name in names if (folder / name).is_dir()]
+        if missing:
+            folder.rmdir()
     except OSError as error:
         reason = error.strerror or str(error)
         raise InputError(

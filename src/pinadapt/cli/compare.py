@@ -39,9 +39,9 @@ def compare(options: argparse.Namespace) -> int:
             rollouts.append(run_beside(scenario, without))
             if len(rollouts) == 1:
                 _clear(folder)
-            write_run(rollouts[-1], scenario, place, html=False)
             summaries = [rollout.summary() for rollout in rollouts]
             write_text(folder / TABLE, json.dumps(summaries, indent=2) + "\n")
+            write_run(rollouts[-1], scenario, place, html=False)
             if interrupted(rollouts):
                 break
     finally:

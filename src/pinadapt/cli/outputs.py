@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 import tempfile
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from .._files import check_writable, one_run
@@ -10,6 +13,7 @@ from ..exceptions import Interrupted
 from ..robot.succession import Succession
 from ..rollout.rollout import Rollout
 from ..scenario.scenario import Scenario
+from .progress import steps_bar
 
 RUN_FILES = (
     "rollout.npz",
@@ -36,6 +40,7 @@ def run_scenario(scenario: Scenario) -> Rollout:
     try:
         return scenario.run()
     except Interrupted as stop:
+        print(f"pinadapt: {stop}; what ran is written.", file=sys.stderr)
         return stop.rollout
 
 
@@ -45,14 +50,19 @@ def write_run(rollout: Rollout, scenario: Scenario, folder: Path, *, html: bool)
     Raises:
         OSError: some could not be written; its message says which folder has the others.
     """
+    steps: list[Callable[[Path], object]] = [
+        rollout.save,
+        rollout.plot,
+        *([partial(_animate, rollout, scenario)] if html else []),
+    ]
     saved = False
     try:
         with one_run(folder, RUN_FILES) as beside:
-            rollout.save(beside)
-            saved = True
-            rollout.plot(beside)
-            if html:
-                _animate(rollout, scenario, beside / "animation.html")
+            try:
+                for step in steps_bar(steps, f"{rollout.title}: outputs"):
+                    step(beside)
+            finally:
+                saved = (beside / RUN_FILES[0]).is_file()
     except OSError as error:
         place = folder if saved else _rescued(rollout)
         raise OSError(
@@ -61,11 +71,12 @@ def write_run(rollout: Rollout, scenario: Scenario, folder: Path, *, html: bool)
         ) from error
 
 
-def _animate(rollout: Rollout, scenario: Scenario, path: Path) -> None:
+def _animate(rollout: Rollout, scenario: Scenario, folder: Path) -> None:
     from ..view.animation import write_animation  # here, because runs without it are faster
 
     true = Succession.of(scenario.true, scenario.changes)
-    write_animation(rollout, true, scenario.believed, scenario.controller.kinematics, path)
+    kinematics = scenario.controller.kinematics
+    write_animation(rollout, true, scenario.believed, kinematics, folder / "animation.html")
 
 
 def _rescued(rollout: Rollout) -> Path | None:

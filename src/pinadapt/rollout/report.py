@@ -178,11 +178,13 @@ def _change_rows(changes: list[dict[str, Any]], unit: str) -> list[tuple[str, st
 def save(rollout: Rollout, folder: Path) -> None:
     """Write ``rollout.npz`` and ``summary.json`` into a folder, which is made if it is missing.
 
-    Each is whole or not there.
+    Each is whole or not there. What was recorded is written at once, and again with what is
+    computed from it, which takes a while: so much is safe should that not come to its end.
     """
-    arrays = {name: getattr(rollout, name) for name in RECORDED + COMPUTED + WATCHED}
-    with whole_file(folder / "rollout.npz") as file:
-        np.savez_compressed(file, **{name: a for name, a in arrays.items() if a is not None})
+    for names in (RECORDED, RECORDED + COMPUTED + WATCHED):
+        arrays = {name: getattr(rollout, name) for name in names}
+        with whole_file(folder / "rollout.npz") as file:
+            np.savez_compressed(file, **{name: a for name, a in arrays.items() if a is not None})
     write_text(folder / "summary.json", json.dumps(summary(rollout), indent=2) + "\n")
 
 

@@ -96,7 +96,7 @@ def unusable(error: InputError, t: float) -> Exception:
 
     At the start that is an input to be refused; later the loop has run until then.
     """
-    return DivergedError(str(error), t) if t > 0.0 else error
+    return DivergedError(" ".join(str(error).split()), t) if t > 0.0 else error
 
 
 def sample_indices(duration: float, dt: float, *, ends: bool = False) -> range:

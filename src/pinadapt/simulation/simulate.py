@@ -20,12 +20,9 @@ from ..robot.succession import Succession
 from ..rollout.rollout import Rollout
 from ..sensing import Camera
 from ..trajectories.trajectory import Trajectory
-from ..tuning.preflight import preflight
-from ..tuning.preflight_sensors import sensor_findings
-from ..tuning.remedies import sensor_quality
 from .continuous import run_continuous
 from .events import Events
-from .prepare import check_options, prepare
+from .prepare import check_options, findings, prepare
 from .progress import Progress, watched
 from .record import record, rollout_of
 from .run import run, sample_indices
@@ -122,8 +119,8 @@ def simulate(
     if mode == "continuous":
         stream = run_continuous(*loop, ideal_acceleration=ideal, **start)
     else:
-        quality = sensor_quality(true, dt, camera or _late(delay), noise, encoder)
-        for finding in (*preflight(controller, dt), *sensor_findings(controller, quality)):
+        seeing = camera or _late(delay)
+        for finding in findings(true, controller, dt, camera=seeing, noise=noise, encoder=encoder):
             warnings.warn(str(finding), stacklevel=2)
         seen = None if sensors.perfect else sensors
         stream = run(*loop, sensors=seen, ideal_acceleration=ideal, **start)
