@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterable
 
 Progress = Callable[[range], Iterable[int]]
@@ -19,12 +20,14 @@ def watched(indices: range, progress: Progress | bool | None, title: str) -> Ite
     """
     if callable(progress):
         return progress(indices)
-    if progress is False:
+    if not progress and (progress is False or not _on_terminal()):
         return indices
     from tqdm.auto import tqdm  # here, because the library is imported without it
 
-    silent = None if progress is None else False  # None: unless it is a terminal
-    bar: Iterable[int] = tqdm(
-        indices, desc=title, unit="step", disable=silent, leave=False, mininterval=0.2
-    )
+    bar: Iterable[int] = tqdm(indices, desc=title, unit="step", leave=False, mininterval=0.2)
     return bar
+
+
+def _on_terminal() -> bool:
+    """Tell whether standard error is a terminal; a windowed program has none at all."""
+    return sys.stderr is not None and sys.stderr.isatty()
