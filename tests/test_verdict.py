@@ -84,6 +84,15 @@ def test_the_unadapted_error_stands_beside_where_it_is_known(rollout):
     assert "not adapted [mm]" in comparison_table([known, rollout])
 
 
+@pytest.mark.parametrize("kept", [1, 2, 3])
+def test_few_samples_are_judged_as_well(rollout, kept):
+    names = ("t", "q", "v", "tau", "x", "x_d", "a_k", "a_d", "saturated")
+    few = {name: getattr(with_error(rollout, 0.04, 0.04), name)[-kept:] for name in names}
+    judged = replace(rollout, **few, evaluation=None)
+    judged.__dict__.update(limits=rollout.limits, damping=np.zeros(kept))
+    assert judged.grade == LOST and "try " in judged.verdict
+
+
 def test_limits_that_were_exceeded_are_told(rollout):
     limits = LimitExcess(
         ("a", "b"),
