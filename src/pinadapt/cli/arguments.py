@@ -69,6 +69,7 @@ def _init(command: argparse.ArgumentParser) -> None:
 def _run(command: argparse.ArgumentParser) -> None:
     _add_scenario(command)
     command.add_argument("--no-html", action="store_true", help="write no animation")
+    _add_unadapted(command)
 
 
 def _compare(command: argparse.ArgumentParser) -> None:
@@ -79,6 +80,7 @@ def _compare(command: argparse.ArgumentParser) -> None:
         metavar="A,B",
         help=f"of {', '.join(LAWS)} (default: those for the task)",
     )
+    _add_unadapted(command)
 
 
 def _robots(command: argparse.ArgumentParser) -> None:
@@ -151,6 +153,14 @@ def _add_scenario(command: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="DIR",
         help="where to write (default: out/ and the scenario's name)",
+    )
+
+
+def _add_unadapted(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--unadapted",
+        action="store_true",
+        help="run the same loop without adaptation as well, to tell its error beside",
     )
 
 

@@ -85,5 +85,13 @@ class Drawable(Protocol):
         """Time [s] and words of what happened during the run."""
 
     @property
+    def joint_names(self) -> tuple[str, ...]:
+        """One name a joint."""
+
+    @property
+    def interrupted(self) -> float | None:
+        """Time at which somebody stopped the run [s]."""
+
+    @property
     def diverged(self) -> float | None:
         """Time of divergence [s]."""

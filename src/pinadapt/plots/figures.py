@@ -2,31 +2,47 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from .._files import whole_file
 from .backend import Figure, FigureCanvasAgg, matplotlib
 from .drawable import Drawable
 from .error_figure import draw_errors
+from .words import literal
 
 _MOST_LABELLED = 12  # more lines than this share one colour map and carry no legend
 
 
 def draw_all(run: Drawable, folder: Path) -> list[Path]:
-    """Draw ``error.png``, ``parameters.png``, ``torque.png`` into a folder; return their paths."""
-    folder.mkdir(parents=True, exist_ok=True)
+    """Draw ``error.png``, ``parameters.png``, ``torque.png`` into a folder; return their paths.
+
+    Each is whole or not there.
+    """
     drawings = {"error": error_figure, "parameters": parameter_figure, "torque": torque_figure}
     paths = []
-    with matplotlib.rc_context(
-        {"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "axes.axisbelow": True}
+    with (
+        matplotlib.rc_context(
+            {
+                "font.size": 9,
+                "axes.grid": True,
+                "grid.alpha": 0.3,
+                "axes.axisbelow": True,
+                "text.usetex": False,
+            }
+        ),
+        warnings.catch_warnings(),
     ):
+        warnings.filterwarnings("ignore", message="Glyph")  # a sign the font has not is a box
         for name, draw in drawings.items():
             paths.append(folder / f"{name}.png")
             figure = draw(run)
             FigureCanvasAgg(figure)
-            figure.savefig(paths[-1], dpi=130)
+            with whole_file(paths[-1]) as file:
+                figure.savefig(file, dpi=130, format="png")
     return paths
 
 
@@ -61,8 +77,8 @@ def torque_figure(run: Drawable) -> Figure:
     """
     figure = Figure(figsize=(8, 5), layout="constrained")
     axes = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
-    for i in range(run.tau.shape[1]):
-        axes[0].plot(run.t, run.tau[:, i], lw=0.9, label=f"{i + 1}")
+    for joint, torque in zip(run.joint_names, run.tau.T, strict=True):
+        axes[0].plot(run.t, torque, lw=0.9, label=literal(joint))
     axes[0].set_ylabel("torque [N m] or force [N]")
     axes[0].legend(title="joint", loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
     for ax in axes:
@@ -118,7 +134,7 @@ def _estimates(
     colours = matplotlib.colormaps["tab10" if len(names) <= 10 else "viridis"]
     for i, name in enumerate(names):
         colour = colours(i if len(names) <= 10 else i / max(len(names) - 1, 1))
-        ax.plot(t, values[:, i], color=colour, lw=1.0, label=name.removesuffix(".m"))
+        ax.plot(t, values[:, i], color=colour, lw=1.0, label=literal(name.removesuffix(".m")))
         if truth is not None:
             true = np.broadcast_to(truth[..., i], t.shape)
             ax.plot(t, true, color=colour, ls="--", lw=0.7, alpha=0.7, drawstyle="steps-post")
@@ -131,7 +147,7 @@ def _mark(axes: Any, at: float, what: str) -> None:
     for ax in axes:
         ax.axvline(at, color="black", ls=":", lw=0.9)
     above = axes[0].get_xaxis_transform()
-    axes[0].text(at, 1.02, what, transform=above, fontsize=7, ha="center", va="bottom")
+    axes[0].text(at, 1.02, literal(what), transform=above, fontsize=7, ha="center", va="bottom")
 
 
 def _finish(figure: Figure, axes: Any, run: Drawable) -> None:
@@ -140,4 +156,6 @@ def _finish(figure: Figure, axes: Any, run: Drawable) -> None:
         if len(run.t) and at <= run.t[-1]:
             _mark(axes, at, what)
     end = "" if run.diverged is None else f" - diverged at {run.diverged:.3f} s"
-    figure.suptitle(f"{run.title} ({run.law}, {run.adaptation}){end}", fontsize=10)
+    end = end if run.interrupted is None else f" - interrupted at {run.interrupted:.3f} s"
+    title = f"{run.title} ({run.law}, {run.adaptation}){end}"
+    figure.suptitle(literal(title), fontsize=10)

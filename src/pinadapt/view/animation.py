@@ -9,6 +9,7 @@ import numpy as np
 from meshcat.geometry import Sphere
 
 from .._checks import positive
+from .._files import write_text
 from ..exceptions import InputError
 from ..models.task_kinematics import TaskKinematics
 from ..robot.chain import configuration_from_angles
@@ -50,7 +51,7 @@ def write_animation(
         believed: the robot that the controller was made for.
         kinematics: the controller's unknown translations, which ``rollout.a_k`` (N, p_k) [m]
             estimates.
-        path: file to write; its folder is made if it is missing.
+        path: file to write, whole or not at all; its folder is made if it is missing.
         frames_per_second: of the animation, at most one a sample.
 
     Returns:
@@ -80,8 +81,7 @@ def write_animation(
     if some:
         scene.draw_paths(traced, desired, np.searchsorted(line, frames))
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(scene.html(rollout.title or true.name), encoding="utf-8")
+    write_text(path, scene.html(rollout.title or true.name))
     return path
 
 
