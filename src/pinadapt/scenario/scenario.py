@@ -11,6 +11,8 @@ from typing import Any
 from ..adaptation.matrix_inequality import MatrixInequality
 from ..controller.controller import Controller
 from ..models.basis import read_matrix
+from ..plants.engines import engine_of
+from ..plants.mjcf import Mjcf
 from ..robot.changes import Payload
 from ..robot.gravity import compensation_of
 from ..robot.robot import Robot, load
@@ -39,6 +41,7 @@ class Scenario:
         trajectory: the desired motion.
         changes: time [s] -> the true robot from then on.
         beliefs: time [s] -> what the controller is told then.
+        engine: what simulates the true robot.
     """
 
     tables: ScenarioTables
@@ -48,6 +51,7 @@ class Scenario:
     trajectory: Trajectory
     changes: Mapping[float, Robot]
     beliefs: Mapping[float, Mapping[str, Any]]
+    engine: str | Mjcf = "pinocchio"
 
     @property
     def title(self) -> str:
@@ -84,7 +88,8 @@ class Scenario:
         with prefix_errors("reference"):
             trajectory = trajectory_of(tables.reference, true)
         changes, beliefs = true_changes(described, tables.truth), told(tables.belief)
-        scenario = cls(tables, true, believed, controller, trajectory, changes, beliefs)
+        engine = _engine(tables.simulation, folder)
+        scenario = cls(tables, true, believed, controller, trajectory, changes, beliefs, engine)
         scenario.check()
         return scenario
 
@@ -92,14 +97,16 @@ class Scenario:
         """Refuse what only shows when true robot, controller and motion meet.
 
         Raises:
-            InputError: initial estimates or a motion of the wrong size, or estimates outside the
-                cone.
+            InputError: initial estimates or a motion of the wrong size, estimates outside the cone,
+                or an engine that is not installed or whose model does not match the robot.
         """
         belief = self.tables.belief
+        with prefix_errors("simulation.engine"):
+            plant = engine_of(self.engine)(self.true)
         with prefix_errors("belief"), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # they are shown when the run starts
             state = prepare(
-                self.true, self.controller, self.trajectory, belief.kinematic, belief.dynamic
+                plant, self.controller, self.trajectory, belief.kinematic, belief.dynamic
             )
         with prefix_errors("belief.change"):
             Events(self.changes, self.beliefs).check(self.controller, state)
@@ -115,6 +122,7 @@ class Scenario:
                 duration=simulation.duration,
                 dt=simulation.dt,
                 mode=simulation.mode,
+                engine=self.engine,
                 substeps=simulation.substeps,
                 acceleration=self.tables.controller.acceleration,
                 a_k=belief.kinematic,
@@ -145,6 +153,14 @@ def _described(tables: ScenarioTables, folder: Path) -> Robot:
         gravity=robot.gravity,
         weld_root=robot.weld_root,
     )
+
+
+def _engine(simulation: SimulationSection, folder: Path) -> str | Mjcf:
+    """Return the engine's name, or the model file in its place."""
+    if isinstance(simulation.engine, str):
+        return simulation.engine
+    named = simulation.engine.model_dump(exclude={"mjcf"})
+    return Mjcf(folder / simulation.engine.mjcf, **named)
 
 
 def _camera(simulation: SimulationSection) -> dict[str, float | None] | None:
