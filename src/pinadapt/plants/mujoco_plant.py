@@ -101,6 +101,7 @@ class MujocoPlant(SimulatedPlant):
             )
         check_successor(self.robot, robot, "robot")
         self._take(robot)
+        self._read()
 
     def measure(self) -> Measurement:
         """Return what perfect sensors say now."""
