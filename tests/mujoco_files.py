@@ -11,10 +11,10 @@ HEAD = """<mujoco model="own">
   <compiler angle="radian"/>
   <option timestep="0.002" integrator="RK4" gravity="{gravity}"/>
   <worldbody>
+    {scene}
     <body name="stand" {stand}>
 """
 TAIL = """    </body>
-    {scene}
   </worldbody>
   <actuator>{actuators}</actuator>
 </mujoco>
@@ -31,12 +31,13 @@ def place(placement):
 
 
 def own_file(robot, path, *, stand=None, rename=str, inside="", scene="", turned=()):
-    """Write a robot's chain into a file, on a stand, with a weighty gripper's worth ``inside``.
+    """Write a robot's chain into a file, on a stand, with more on the last body and in the scene.
 
     ``rename`` gives the file's name of a joint; axes of the joints ``turned`` point the other way.
     """
     model, stand = robot.model, stand or pin.SE3.Identity()
-    parts = [HEAD.format(gravity=text(stand.rotation @ model.gravity.linear), stand=place(stand))]
+    gravity = text(stand.rotation @ model.gravity.linear)
+    parts = [HEAD.format(gravity=gravity, scene=scene, stand=place(stand))]
     names = [rename(name) for name in robot.joint_names]
     for i, (axis, slides) in enumerate(joint_axes(robot), start=1):
         body, kind = model.inertias[i], "slide" if slides else "hinge"
@@ -50,6 +51,6 @@ def own_file(robot, path, *, stand=None, rename=str, inside="", scene="", turned
     frame = model.frames[robot.frame_id].placement
     parts += [f'<site name="flange" {place(frame)}/>\n', inside, "</body>\n" * model.nv]
     actuators = "".join(f'<position joint="{name}" kp="500"/>' for name in names)
-    parts.append(TAIL.format(scene=scene, actuators=actuators))
+    parts.append(TAIL.format(actuators=actuators))
     path.write_text("".join(parts))
     return path

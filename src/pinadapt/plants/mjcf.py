@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -64,6 +65,7 @@ class Mjcf:
         found = MujocoChain(model, joints, int(model.site(site).id), self._base(model))
         _check_joints(found, robot, names)
         _check_frame(found, robot)
+        _warn_of_gravity(found, robot)
         return found
 
     def _read(self) -> Any:
@@ -197,6 +199,17 @@ def _check_frame(found: MujocoChain, robot: Robot) -> None:
             "description's.",
             where="frame",
             hint="Give the file a site in the axes of the description's frame.",
+        )
+
+
+def _warn_of_gravity(found: MujocoChain, robot: Robot) -> None:
+    """Say so where gravity is not what the controller believes."""
+    stand = found.at(robot.home_angles).xmat[found.base].reshape(3, 3)
+    theirs, ours = stand.T @ found.model.opt.gravity, robot.model.gravity.linear
+    if np.linalg.norm(theirs - ours) > 0.05 * np.linalg.norm(ours):
+        warnings.warn(
+            f"gravity in the file is {theirs.round(3)}, in the description {ours.round(3)} m/s^2.",
+            stacklevel=2,
         )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..exceptions import InputError, did_you_mean
+from ..exceptions import DivergedError, InputError, did_you_mean
 from ..records import Measurement
 from ..robot.chain import configuration_from_angles
 from ..robot.gravity import Compensation
@@ -114,9 +114,15 @@ class MujocoPlant(SimulatedPlant):
         return Measurement(self._t, self._q, self._v, x, None, xd)
 
     def step(self, torque: np.ndarray, dt: float) -> None:
-        """Hold what the motors give now, asked for a torque (nv) [N m or N], for dt [s]."""
-        count = self.steps_in(dt)
-        self.data.qfrc_applied[self._dofs] = self.motors(torque)
+        """Hold what the motors give now, asked for a torque (nv) [N m or N], for dt [s].
+
+        Raises:
+            DivergedError: the torque is not finite.
+        """
+        count, tau = self.steps_in(dt), self.motors(torque)
+        if not np.isfinite(tau).all():  # MuJoCo would write a file about it
+            raise DivergedError("the torque is not finite.", self._t)
+        self.data.qfrc_applied[self._dofs] = tau
         self.model.opt.timestep = dt / count
         mujoco_module().mj_step(self.model, self.data, count)
         self._t += dt
