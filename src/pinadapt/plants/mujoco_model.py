@@ -21,7 +21,11 @@ if TYPE_CHECKING:
 STIFF = [0.004, 1.0]
 HARD = [0.99, 0.999, 0.001, 0.5, 2.0]
 
-_ANYWHERE = [0.1, 0.2, 0.3]  # [m]; MuJoCo takes short cuts with what is compiled in the origin
+# MuJoCo takes short cuts with what is compiled at the origin or in the axes of its body, and with
+# sites at its centre of mass; [m] and quaternions wxyz that are none of these.
+_MASS = {"ipos": [0.1, 0.2, 0.3], "iquat": [0.5, 0.5, 0.5, 0.5]}
+_SITE = {"pos": [0.3, 0.1, 0.2], "quat": [0.5, -0.5, 0.5, 0.5]}
+
 _FASTEST = 0.002  # [s]; MuJoCo takes no time constant below two of its steps
 _SOFTEST = 0.1  # share of the ideal force
 
@@ -100,7 +104,7 @@ def chain_of(robot: Robot) -> MujocoChain:
     for i, (axis, slides) in enumerate(joint_axes(robot), start=1):
         name = str(chain.names[i])
         body = bodies[chain.parents[i]].add_body(
-            name=name, mass=1.0, ipos=_ANYWHERE, inertia=[1.0] * 3, explicitinertial=True
+            name=name, mass=1.0, inertia=[1.0] * 3, explicitinertial=True, **_MASS
         )
         body.add_joint(
             name=name,
@@ -110,7 +114,7 @@ def chain_of(robot: Robot) -> MujocoChain:
         )
         bodies.append(body)
     carrier = bodies[chain.frames[robot.frame_id].parentJoint]
-    carrier.add_site(name=robot.frame, pos=_ANYWHERE)
+    carrier.add_site(name=robot.frame, **_SITE)
     return MujocoChain(spec.compile(), tuple(range(chain.nv)), 0, 0)
 
 
