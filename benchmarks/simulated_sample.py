@@ -1,8 +1,8 @@
 """One simulated sample of the Panda against the forward dynamics that it cannot do without.
 
 ``python -m benchmarks.simulated_sample [--save FILE]`` runs robots/panda/tool_and_load.toml, all of
-it recorded, without and with joint friction, and in MuJoCo. A sample is the controller's step and the rest:
-desired motion, measuring, integrating, recording. Both are told in bare calls
+it recorded, without and with joint friction, and in MuJoCo. A sample is the controller's step and
+the rest: desired motion, measuring, integrating, recording. Both are told in bare calls
 ``pin.aba(model, data, q, v, tau)``, of which a sample's integration makes two; blocks of samples
 and of calls run in turn in one process, and the ratios are medians over the rounds.
 """

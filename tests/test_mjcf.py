@@ -65,6 +65,30 @@ def test_equal_names_need_no_table_and_a_body_may_be_the_frame(tmp_path):
     assert np.allclose(swing(plant).q, swing(pa.MujocoPlant(robot)).q, atol=1e-9)
 
 
+def test_actuators_and_gravity_compensation_of_the_file_are_switched_off(tmp_path):
+    robot, path = load("panda"), tmp_path / "own.xml"
+    own_file(robot, path, rename=short)
+    path.write_text(path.read_text().replace('<body name="link', '<body gravcomp="1" name="link'))
+    fallen = []
+    for plant in (
+        pa.MujocoPlant(robot, mjcf=pa.Mjcf(path, joints=TABLE, frame="flange")),
+        pa.MujocoPlant(robot),
+    ):
+        plant.step(np.zeros(7), 0.02)
+        fallen.append(plant.measure().v)
+    assert np.abs(fallen[1]).max() > 0.1 and np.allclose(*fallen, atol=1e-9)
+
+
+def test_a_task_of_the_joints_needs_no_frame(path):
+    robot = load("panda", task="joint")
+    mjcf = pa.Mjcf(path, joints=TABLE, base="stand")
+    controller, motion = pa.make_controller(robot), pa.Sinusoid(robot.home_angles + 0.05, 0.05, 2.0)
+    ours, theirs = (
+        pa.simulate(robot, controller, motion, duration=0.1, engine=e) for e in ("mujoco", mjcf)
+    )
+    assert np.allclose(ours.x, theirs.x, rtol=0.0, atol=1e-6) and np.ptp(ours.x[:, 6]) > 1e-4
+
+
 def test_the_adapting_controller_tracks_a_robot_that_nobody_described(tmp_path):
     """A heavier hand, a longer tool: the file has them, and no truth is told of them."""
     robot = load("panda")
@@ -93,6 +117,7 @@ def test_a_scenario_names_the_file_beside_it(path):
     for setting, words in (
         ("simulation.engine.frame=flang", r"simulation\.engine\.frame: .*Did you mean 'flange'"),
         ("simulation.engine.mjcf=no.xml", r"no\.xml: no such file"),
+        ("truth.armature=0.1", "truth: the model file"),
         ("simulation.engine.base=3", r"simulation\.engine\.base: input should be a valid string"),
     ):
         with pytest.raises(pa.InputError, match=words):

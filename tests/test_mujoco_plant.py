@@ -199,42 +199,6 @@ def test_motors_add_what_the_arms_electronics_do_and_clip():
 
 # --- closed loops ---
 
-SOONER = "truth.change=[{at=0.4, payload={mass=0.0}}, {at=0.7, payload={mass=3.0}}]"
-
-
-def errors(name, seconds, *settings):
-    """Return the largest error [m] of each tenth of a scenario's first seconds in both engines."""
-    found = []
-    for engine in ("pinocchio", "mujoco"):
-        more = [f'simulation.engine="{engine}"', f"simulation.duration={seconds}", *settings]
-        rollout = Scenario.read(SCENARIOS / name, more).run()
-        assert rollout.diverged is None
-        found.append(np.linalg.norm(rollout.error[:, :3], axis=1).reshape(10, -1).max(axis=1))
-    return found
-
-
-@pytest.mark.parametrize(
-    ("name", "seconds", "near"),
-    [
-        ("panda/tool_and_load.toml", 3.0, 0.1),  # a camera, friction
-        ("panda/load_changes.toml", 1.0, 1e-3),
-        ("panda/pose.toml", 1.0, 1e-3),
-        ("ur5/unknown_lengths.toml", 1.0, 1e-3),
-    ],
-)
-@pytest.mark.filterwarnings("ignore::UserWarning")
-def test_scenarios_run_alike_in_both_engines(name, seconds, near):
-    ours, theirs = errors(name, seconds, *([SOONER] if "changes" in name else []))
-    assert np.allclose(ours[1:], theirs[1:], rtol=near, atol=2e-4 * near)
-
-
-@pytest.mark.parametrize("name", ["panda/tool_and_load.toml", "ur5/unknown_lengths.toml"])
-@pytest.mark.filterwarnings("ignore::UserWarning")
-def test_rotors_and_damping_that_the_controller_does_not_know_are_withstood(name):
-    friction = "{viscous=1.0, coulomb=0.5}" if "panda" in name else "{viscous=1.0}"
-    _, found = errors(name, 4.0, "truth.armature=0.1", f"truth.friction={friction}")
-    assert found[-1] < 1e-3 < found[0]
-
 
 @pytest.mark.parametrize("sensors", [{"encoder": 1e-4}, {"camera": {"rate": 50, "delay": 0.02}}])
 def test_camera_and_encoders_see_another_engine_alike(sensors):

@@ -14,6 +14,7 @@ import pinocchio as pin
 from ..exceptions import InputError, did_you_mean
 from ..robot.robot import Robot
 from ..tasks.pose import PoseTask
+from ..tasks.task import FrameTask
 from .mujoco_model import HARD, STIFF, MujocoChain, joint_axes, mujoco_module
 
 if TYPE_CHECKING:
@@ -31,13 +32,14 @@ class Mjcf:
 
     Lengths, inertias, friction, stops, contacts and everything else are the file's. The joints of
     its arm that are not those of the chain, fingers for example, are held where the file has them.
-    Actuators are switched off.
+    Actuators and gravity compensation are switched off.
 
     Attributes:
         path: the file, MJCF or URDF.
         joints: description's name -> the file's; joints that are not named have the same name in
             both.
-        frame: site or body that is the task frame; None: it has the same name in both.
+        frame: site or body that is the task frame; None: it has the same name in both. A task of
+            the joints needs none.
         base: body that stands where the description's world does; None: the world.
     """
 
@@ -55,16 +57,18 @@ class Mjcf:
         """
         spec = self._read()
         names = self._names(robot, [str(joint.name) for joint in spec.joints])
-        site = self._site(spec, robot)
+        site = self._site(spec, robot, names[-1])
         model = self._compiled(spec)
         if free := _beside(model, [model.joint(name).id for name in names]):
             self._hold(spec, model, free)
             model = self._compiled(spec)
         model.opt.disableflags |= int(mujoco_module().mjtDisableBit.mjDSBL_ACTUATION)
+        model.body_gravcomp[:] = 0.0
         joints = tuple(int(model.joint(name).id) for name in names)
         found = MujocoChain(model, joints, int(model.site(site).id), self._base(model))
         _check_joints(found, robot, names)
-        _check_frame(found, robot)
+        if isinstance(robot.task, FrameTask):
+            _check_frame(found, robot)
         _warn_of_gravity(found, robot)
         return found
 
@@ -88,8 +92,14 @@ class Mjcf:
             raise InputError(f"two joints of the chain are matched with {twice}.", where="joints")
         return names
 
-    def _site(self, spec: Any, robot: Robot) -> str:
-        """Return the name of the site that is the task frame; a body gets one."""
+    def _site(self, spec: Any, robot: Robot, last: str) -> str:
+        """Return the name of the site that is the task frame; a body gets one.
+
+        A task of the joints has no need of a frame: the body of the ``last`` one will do.
+        """
+        if self.frame is None and not isinstance(robot.task, FrameTask):
+            spec.joint(last).parent.add_site(name=_FRAME)
+            return _FRAME
         name = self.frame or robot.frame
         sites, bodies = [str(site.name) for site in spec.sites], [str(b.name) for b in spec.bodies]
         _known(name, [*sites, *bodies], "frame", str(self.path), "Name a site or body of it.")

@@ -10,6 +10,7 @@ from typing import Any
 
 from ..adaptation.matrix_inequality import MatrixInequality
 from ..controller.controller import Controller
+from ..exceptions import ScenarioError
 from ..models.basis import read_matrix
 from ..plants.engines import engine_of
 from ..plants.mjcf import Mjcf
@@ -25,7 +26,7 @@ from ..tuning.make_controller import make_controller
 from .error_prefix import prefix_errors
 from .read import read_tables
 from .reference import trajectory_of
-from .schema import ScenarioTables, SimulationSection
+from .schema import ScenarioTables, SimulationSection, TruthSection
 from .truth import believed_robot, payload_of, told, true_changes, true_robot
 
 
@@ -101,6 +102,12 @@ class Scenario:
                 or an engine that is not installed or whose model does not match the robot.
         """
         belief = self.tables.belief
+        if isinstance(self.engine, Mjcf) and self.tables.truth != TruthSection():
+            raise ScenarioError(
+                "the model file of simulation.engine says what the real robot is.",
+                where="truth",
+                hint="Change the file, or take this table out.",
+            )
         with prefix_errors("simulation.engine"):
             plant = engine_of(self.engine)(self.true)
         with prefix_errors("belief"), warnings.catch_warnings():
