@@ -143,6 +143,40 @@ def test_a_pickled_plant_moves_alike():
     check_alike(*(drive(p, lambda t: -np.ones(7), 0.01) for p in (plant, copy)), atol=0.0)
 
 
+def mesh_of(model, geom):
+    """Return the vertices (N, 3) of a geom's mesh, or None where it has none."""
+    mesh = model.geom_dataid[geom]
+    if mesh < 0:
+        return None
+    first = model.mesh_vertadr[mesh]
+    return np.array(model.mesh_vert[first : first + model.mesh_vertnum[mesh]], dtype=float)
+
+
+@pytest.mark.parametrize("name", ["ur5", "scara"])
+def test_a_drawn_robot_looks_like_itself_and_moves_as_if_it_were_not(name):
+    robot = load(name)
+    plant, model, data = pa.MujocoPlant(robot, drawn=True), robot.model, robot.model.createData()
+    assert plant.model.ngeom == robot.visual.ngeoms > 4
+    assert (plant.model.nmesh > 0) == (name == "ur5")
+    shown = robot.visual.createData()
+    pin.updateGeometryPlacements(model, data, robot.visual, shown, robot.q0)
+    for shape, placement in zip(robot.visual.geometryObjects, shown.oMg, strict=True):
+        geom, ours = plant.data.geom(str(shape.name)), np.zeros((1, 3))
+        theirs = mesh_of(plant.model, geom.id)
+        if theirs is None:
+            theirs = ours
+        else:
+            ours = np.array(shape.geometry.vertices())
+        ours = ours @ placement.rotation.T + placement.translation
+        theirs = theirs @ geom.xmat.reshape(3, 3).T + geom.xpos
+        for end in (np.min, np.max):
+            assert np.allclose(end(theirs, axis=0), end(ours, axis=0), atol=1e-6), shape.name
+    ends = [
+        drive(p, lambda t: np.ones(robot.model.nv), 0.02) for p in (plant, pa.MujocoPlant(robot))
+    ]
+    check_alike(*ends, atol=1e-12)
+
+
 # --- friction, stops and motors ---
 
 

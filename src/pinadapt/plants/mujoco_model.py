@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -91,11 +92,11 @@ def mujoco_module() -> ModuleType:
     return mujoco
 
 
-def chain_of(robot: Robot) -> MujocoChain:
+def chain_of(robot: Robot, draw: Callable[[Any, Any, Robot], None] | None = None) -> MujocoChain:
     """Return a model with a body and a joint for each joint of a robot, and its frame as a site.
 
     Names are those of the description. Nothing collides, and there are no actuators. The numbers
-    come later, by ``write_robot``.
+    come later, by ``write_robot``. What the robot looks like is up to ``draw``.
     """
     mj, chain = mujoco_module(), robot.model
     spec = mj.MjSpec()
@@ -114,6 +115,8 @@ def chain_of(robot: Robot) -> MujocoChain:
         )
         bodies.append(body)
     carrier = bodies[chain.frames[robot.frame_id].parentJoint]
+    if draw is not None:
+        draw(spec, bodies, robot)
     carrier.add_site(name=robot.frame, **_SITE)
     return MujocoChain(spec.compile(), tuple(range(chain.nv)), 0, 0)
 
@@ -135,15 +138,15 @@ def write_robot(model: mujoco.MjModel, robot: Robot) -> None:
     """
     mj, chain = mujoco_module(), robot.model
     for i in range(1, chain.njoints):
-        _place(mj, chain.jointPlacements[i], model.body_pos[i], model.body_quat[i])
+        write_place(chain.jointPlacements[i], model.body_pos[i], model.body_quat[i])
         body = chain.inertias[i]
         moments, axes = np.linalg.eigh(body.inertia)
         if np.linalg.det(axes) < 0.0:
             axes[:, 0] *= -1.0
-        _place(mj, pin.SE3(axes, body.lever), model.body_ipos[i], model.body_iquat[i])
+        write_place(pin.SE3(axes, body.lever), model.body_ipos[i], model.body_iquat[i])
         model.body_mass[i], model.body_inertia[i] = body.mass, moments
     frame = chain.frames[robot.frame_id]
-    _place(mj, frame.placement, model.site_pos[0], model.site_quat[0])
+    write_place(frame.placement, model.site_pos[0], model.site_quat[0])
     model.dof_armature[:] = chain.armature
     model.dof_damping[:] = robot.friction.viscous
     model.dof_frictionloss[:] = robot.friction.coulomb
@@ -191,7 +194,7 @@ def fastest_decay(robot: Robot) -> float:
     return float(np.abs(rates).max())
 
 
-def _place(mj: ModuleType, placement: pin.SE3, pos: np.ndarray, quat: np.ndarray) -> None:
+def write_place(placement: pin.SE3, pos: np.ndarray, quat: np.ndarray) -> None:
     """Write a placement into a position (3) and a quaternion wxyz (4)."""
     pos[:] = placement.translation
-    mj.mju_mat2Quat(quat, placement.rotation.flatten())
+    mujoco_module().mju_mat2Quat(quat, placement.rotation.flatten())

@@ -13,6 +13,7 @@ from ..robot.succession import check_successor
 from ..tasks.task import FrameTask
 from .mjcf import Mjcf
 from .mujoco_model import chain_of, fastest_decay, mujoco_module, write_robot
+from .mujoco_visual import draw
 from .simulated_plant import LONGEST_STEP, SimulatedPlant
 
 INTEGRATORS = {
@@ -48,8 +49,19 @@ class MujocoPlant(SimulatedPlant):
         compensation: Compensation | None = None,
         substeps: int | None = None,
         integrator: str | None = None,
+        drawn: bool = False,
     ) -> None:
-        """Make the model; the integrator is that of the file, or "runge-kutta" where there is none.
+        """Make the model.
+
+        Args:
+            robot: the true robot, or the description that a file is matched with.
+            mjcf: the file that says what moves; None: the robot does.
+            torque_limits: (nv) bounds the motors clip at [N m or N], or None.
+            compensation: what the arm's own electronics add to the torque asked for, of q (nq).
+            substeps: integration steps in each ``step``.
+            integrator: one of ``INTEGRATORS``; None: the file's, or "runge-kutta" without any.
+            drawn: give the model the robot's visual geometry, for MuJoCo's viewer. Reading its
+                meshes takes seconds. A file has its own.
 
         Raises:
             InputError: MuJoCo is not installed, unknown integrator, less than one substep, or a
@@ -66,7 +78,9 @@ class MujocoPlant(SimulatedPlant):
                 where="integrator",
             )
         self._first, self.described = robot, mjcf is None
-        self._chain = chain_of(robot) if mjcf is None else mjcf.match(robot)
+        self._chain = (
+            chain_of(robot, draw if drawn else None) if mjcf is None else mjcf.match(robot)
+        )
         self.model = self._chain.model
         self.data = mj.MjData(self.model)
         joints = list(self._chain.joints)
