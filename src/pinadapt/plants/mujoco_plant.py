@@ -28,10 +28,10 @@ class MujocoPlant(SimulatedPlant):
     """A robot that moves as MuJoCo says, from its home and from rest.
 
     Made from a robot alone it is that robot: its chain, inertias, rotor inertias, viscous friction,
-    and the stops of its joint limits. Coulomb friction is MuJoCo's frictionloss, which holds a
-    joint where the smoothed sign of ``Friction`` lets it creep. Made with an ``Mjcf``, it is
-    whatever that file says; the robot tells which joints, frame and task are meant, and where they
-    start.
+    and the stops of its joint limits. Coulomb friction is MuJoCo's frictionloss, as soft as the
+    smoothed sign of ``Friction``: it grows with the speed at the same slope, then is full. Made
+    with an ``Mjcf``, it is whatever that file says; the robot tells which joints, frame and task
+    are meant, and where they start.
 
     q, v, x and xd are read from MuJoCo; torques go to ``qfrc_applied``, past any actuator.
 
