@@ -69,6 +69,8 @@ from .models import StackedDynamics as StackedDynamics
 from .models import TaskKinematics as TaskKinematics
 from .models import Translation as Translation
 from .models import TypicalMotion as TypicalMotion
+from .plants import Mjcf as Mjcf
+from .plants import MujocoPlant as MujocoPlant
 from .plants import PinocchioPlant as PinocchioPlant
 from .plants import Plant as Plant
 from .plants import Sensors as Sensors

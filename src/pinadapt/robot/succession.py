@@ -23,10 +23,12 @@ class Succession:
     Attributes:
         robots: the first one from the start on, each other one from its time on.
         times: of the changes [s], ascending, one less than there are robots.
+        known: whether their parameters are the true ones; else only joints, frame and limits are.
     """
 
     robots: tuple[Robot, ...]
     times: tuple[float, ...] = ()
+    known: bool = True
 
     @classmethod
     def of(cls, first: Robot, changes: Mapping[float, Robot] | None = None) -> Succession:

@@ -51,6 +51,8 @@ class Evaluation:
         return self._of_all(self.controller.dynamics.value)
 
     def _of_all(self, value: Callable[[Robot], np.ndarray | None]) -> list[np.ndarray] | None:
+        if not self.true.known:
+            return None
         values = [value(robot) for robot in self.true.robots]
         known = [part for part in values if part is not None]
         return known if len(known) == len(values) else None

@@ -77,6 +77,7 @@ def _dotted(location: tuple[Any, ...]) -> str:
         str(part)
         for part in location
         if not (isinstance(part, str) and ("[" in part or part in _TYPES))
+        and not str(part).endswith("Section")
     ]
     return ".".join(names) or "scenario"
 
@@ -103,6 +104,8 @@ def _sentence(problem: Any, location: tuple[Any, ...], raw: dict[str, Any]) -> s
         return f"unknown key; allowed here: {', '.join(allowed)}.{guess}"
     if problem["type"] == "missing":
         return "this key is required"
+    if problem["type"] == "model_type":
+        return f"expected a table, got {shown(problem['input'])}"
     message = _message(problem)
     expected = problem.get("ctx", {}).get("expected") or problem.get("ctx", {}).get("expected_tags")
     options = (

@@ -10,7 +10,10 @@ from typing import Any
 
 from ..adaptation.matrix_inequality import MatrixInequality
 from ..controller.controller import Controller
+from ..exceptions import ScenarioError
 from ..models.basis import read_matrix
+from ..plants.engines import engine_of
+from ..plants.mjcf import Mjcf
 from ..robot.changes import Payload
 from ..robot.gravity import compensation_of
 from ..robot.robot import Robot, load
@@ -25,7 +28,7 @@ from ..tuning.make_controller import make_controller
 from .error_prefix import prefix_errors
 from .read import read_tables
 from .reference import trajectory_of
-from .schema import ScenarioTables, SimulationSection
+from .schema import ScenarioTables, SimulationSection, TruthSection
 from .truth import believed_robot, payload_of, told, true_changes, true_robot
 
 
@@ -41,6 +44,7 @@ class Scenario:
         trajectory: the desired motion.
         changes: time [s] -> the true robot from then on.
         beliefs: time [s] -> what the controller is told then.
+        engine: what simulates the true robot.
     """
 
     tables: ScenarioTables
@@ -50,6 +54,7 @@ class Scenario:
     trajectory: Trajectory
     changes: Mapping[float, Robot]
     beliefs: Mapping[float, Mapping[str, Any]]
+    engine: str | Mjcf = "pinocchio"
 
     @property
     def title(self) -> str:
@@ -86,7 +91,8 @@ class Scenario:
         with prefix_errors("reference"):
             trajectory = trajectory_of(tables.reference, true)
         changes, beliefs = true_changes(described, tables.truth), told(tables.belief)
-        scenario = cls(tables, true, believed, controller, trajectory, changes, beliefs)
+        engine = _engine(tables.simulation, folder)
+        scenario = cls(tables, true, believed, controller, trajectory, changes, beliefs, engine)
         scenario.check()
         return scenario
 
@@ -94,14 +100,22 @@ class Scenario:
         """Refuse what only shows when true robot, controller and motion meet.
 
         Raises:
-            InputError: initial estimates or a motion of the wrong size, or estimates outside the
-                cone.
+            InputError: initial estimates or a motion of the wrong size, estimates outside the cone,
+                or an engine that is not installed or whose model does not match the robot.
         """
         belief = self.tables.belief
+        if isinstance(self.engine, Mjcf) and self.tables.truth != TruthSection():
+            raise ScenarioError(
+                "the model file of simulation.engine says what the real robot is.",
+                where="truth",
+                hint="Change the file, or take this table out.",
+            )
+        with prefix_errors("simulation.engine"):
+            plant = engine_of(self.engine)(self.true)
         with prefix_errors("belief"), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # they are shown when the run starts
             state = prepare(
-                self.true, self.controller, self.trajectory, belief.kinematic, belief.dynamic
+                plant, self.controller, self.trajectory, belief.kinematic, belief.dynamic
             )
         with prefix_errors("belief.change"):
             Events(self.changes, self.beliefs).check(self.controller, state)
@@ -136,6 +150,7 @@ class Scenario:
                 duration=simulation.duration,
                 dt=simulation.dt,
                 mode=simulation.mode,
+                engine=self.engine,
                 substeps=simulation.substeps,
                 acceleration=self.tables.controller.acceleration,
                 a_k=belief.kinematic,
@@ -172,6 +187,14 @@ def _noise(simulation: SimulationSection) -> dict[str, float] | None:
     """Return the standard deviations by name, or None where all are zero."""
     noise: dict[str, float] = simulation.noise.model_dump()
     return noise if any(noise.values()) else None
+
+
+def _engine(simulation: SimulationSection, folder: Path) -> str | Mjcf:
+    """Return the engine's name, or the model file in its place."""
+    if isinstance(simulation.engine, str):
+        return simulation.engine
+    named = simulation.engine.model_dump(exclude={"mjcf"})
+    return Mjcf(folder / simulation.engine.mjcf, **named)
 
 
 def _camera(simulation: SimulationSection) -> dict[str, float | None] | None:

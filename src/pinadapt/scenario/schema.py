@@ -254,6 +254,15 @@ class CameraSection(Section):
     dropout: Annotated[float, Field(ge=0, lt=1)] = 0.0
 
 
+class MjcfSection(Section):
+    """[simulation] engine: a MuJoCo model of the real robot, and how it matches the description."""
+
+    mjcf: str
+    joints: dict[str, str] = {}
+    frame: str | None = None
+    base: str | None = None
+
+
 class SimulationSection(Section):
     """[simulation]: how long, how fine, how real."""
 
@@ -261,7 +270,7 @@ class SimulationSection(Section):
     dt: Positive = 1e-3
     mode: Literal["sampled", "continuous"] = "sampled"
     substeps: Annotated[Count, Field(ge=1)] | None = None
-    engine: Literal["pinocchio"] = "pinocchio"
+    engine: Literal["pinocchio", "mujoco"] | MjcfSection = "pinocchio"
     noise: NoiseSection = NoiseSection()
     delay: NotNegative = 0.0
     camera: CameraSection | None = None

@@ -13,7 +13,7 @@ from ..adaptation.box_projection import BoxProjection
 from ..controller.controller import Controller
 from ..controller.state import ControllerState
 from ..exceptions import InputError, ParameterError
-from ..plants.pinocchio_plant import PinocchioPlant
+from ..plants.simulated_plant import SimulatedPlant
 from ..robot.home import conditioning
 from ..robot.robot import Robot
 from ..sensing import Camera
@@ -31,24 +31,24 @@ _SINGULAR = 1e-6
 
 @arithmetic("simulation")
 def prepare(
-    true: Robot,
+    plant: SimulatedPlant,
     controller: Controller,
     trajectory: Trajectory,
     a_k: ArrayLike | None = None,
     a_d: ArrayLike | None = None,
 ) -> ControllerState:
-    """Return the controller's initial state; check that robot, controller and motion match.
+    """Return the controller's initial state; check that plant, controller and motion match.
 
     Raises:
         InputError: they do not, or the initial estimates cannot be used.
     """
     instance(trajectory, Trajectory, "trajectory")
-    _check_same_shape(true, controller, trajectory)
-    _check_not_singular(true)
-    _warn_of_box(true, controller)
-    first = PinocchioPlant(true).measure()
+    _check_same_shape(plant.robot, controller, trajectory)
+    _check_not_singular(plant.robot)
+    if plant.described:
+        _warn_of_box(plant.robot, controller)
     return controller.init(
-        first, a_k=_array(a_k, "belief.kinematic"), a_d=_array(a_d, "belief.dynamic")
+        plant.measure(), a_k=_array(a_k, "belief.kinematic"), a_d=_array(a_d, "belief.dynamic")
     )
 
 

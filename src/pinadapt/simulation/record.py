@@ -9,7 +9,7 @@ import numpy as np
 
 from ..controller.controller import Controller
 from ..exceptions import DivergedError
-from ..plants.pinocchio_plant import PinocchioPlant
+from ..plants.simulated_plant import SimulatedPlant
 from ..robot.succession import Succession
 from ..rollout.evaluation import Evaluation
 from ..rollout.rollout import Rollout
@@ -58,7 +58,7 @@ def record(stream: Iterator[Sample], indices: Iterable[int], every: int = 1) -> 
 
 def rollout_of(
     kept: Record,
-    plant: PinocchioPlant,
+    plant: SimulatedPlant,
     controller: Controller,
     robots: Succession,
     *,

@@ -57,7 +57,8 @@ def run(
     """
     positive(dt, "dt")
     instance(plant, Plant, "plant")
-    instance(controller, Controller, "controller")
+    if not hasattr(controller, "step") or not hasattr(controller, "init"):
+        instance(controller, Controller, "controller")  # any other with these two will do
     instance(trajectory, Trajectory, "trajectory")
     instance(sensors, Sensors | None, "sensors")
     instance(events, Events | None, "events")

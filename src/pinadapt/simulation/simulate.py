@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
+from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
@@ -13,8 +14,11 @@ from numpy.typing import ArrayLike
 from .._checks import instance
 from ..controller.controller import Controller
 from ..exceptions import InputError, Interrupted
+from ..plants.engines import engine_of
+from ..plants.mjcf import Mjcf
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..plants.sensors import Sensors
+from ..plants.simulated_plant import Engine, SimulatedPlant
 from ..robot.effort_limits import torque_limits as limits_of
 from ..robot.robot import Robot
 from ..robot.succession import Succession
@@ -38,6 +42,7 @@ def simulate(
     duration: float = 10.0,
     dt: float = 1e-3,
     mode: str = "sampled",
+    engine: str | Mjcf | Engine = "pinocchio",
     substeps: int | None = None,
     record_every: int = 1,
     acceleration: str = "filtered",
@@ -64,8 +69,9 @@ def simulate(
         duration: s.
         dt: controller period, or integration step in continuous mode [s].
         mode: "sampled" (torque held for dt) or "continuous" (one ODE, Runge-Kutta 4).
-        substeps: integration steps a period, sampled mode; None: as many as ``PinocchioPlant``
-            needs.
+        engine: what simulates: "pinocchio", "mujoco", a ``Mjcf``, which MuJoCo simulates in place
+            of the true robot, or what makes a ``SimulatedPlant``, such as a class of them.
+        substeps: integration steps a period, sampled mode; None: as many as the plant needs.
         record_every: keep one sample of so many; the loop itself runs at every one.
         acceleration: "filtered", or "ideal": the plant's own, for checking theory.
         a_k: (p_k) initial kinematic estimate [m], by default the believed robot's.
@@ -101,20 +107,22 @@ def simulate(
     if ideal or controller.limits.torque is None:
         controller = controller.limited(motors)
     started = perf_counter()
+    plant = engine_of(engine)(
+        true, torque_limits=motors, compensation=controller.compensation, substeps=substeps
+    )
+    _check_plant(plant, mode, changes)
     indices = sample_indices(duration, dt, ends=mode == "continuous")
-    state = prepare(true, controller, trajectory, a_k, a_d)
+    state = prepare(plant, controller, trajectory, a_k, a_d)
     check_memory(controller, len(indices), record_every)
-    robots, events = Succession.of(true, changes), Events(changes, beliefs)
+    robots = replace(Succession.of(true, changes), known=plant.described)
+    events = Events(changes, beliefs)
     events.check(controller, state)
     if late := events.after(duration):
         warnings.warn(f"the run ends before what happens at {late} s.", stacklevel=2)
-    plant = PinocchioPlant(
-        true, torque_limits=motors, compensation=controller.compensation, substeps=substeps
-    )
     loop = plant, controller, trajectory
     start: dict[str, Any] = {"dt": dt, "state": state, "events": events}
-    if mode == "continuous":
-        stream = run_continuous(*loop, ideal_acceleration=ideal, **start)
+    if isinstance(plant, PinocchioPlant) and mode == "continuous":
+        stream = run_continuous(plant, controller, trajectory, ideal_acceleration=ideal, **start)
     else:
         seeing = camera or _late(delay)
         for finding in findings(true, controller, dt, camera=seeing, noise=noise, encoder=encoder):
@@ -152,6 +160,25 @@ def _check_together(mode: str, sensors: Sensors, clipped: bool) -> None:
         raise InputError(
             "the ideal acceleration is that of the unclipped torque; choose one.",
             where="torque_limits",
+        )
+
+
+def _check_plant(plant: SimulatedPlant, mode: str, changes: Mapping[float, Robot] | None) -> None:
+    """Refuse what only some plants can do.
+
+    Raises:
+        InputError: one differential equation of another engine, or changes of a file's robot.
+    """
+    if mode == "continuous" and not isinstance(plant, PinocchioPlant):
+        raise InputError(
+            f"{type(plant).__name__} moves in samples; only Pinocchio's equations can be "
+            "integrated as one with the controller's.",
+            where="mode",
+            hint='Take mode = "sampled", or engine = "pinocchio".',
+        )
+    if changes and not plant.described:
+        raise InputError(
+            "the robot of a model file does not change while it moves.", where="changes"
         )
 
 
