@@ -31,6 +31,7 @@ from .posture import Posture
 _DAMPING, _STEP = 3.0, 0.5  # K_v in bandwidths times inertia; at most this times inertia / dt
 _LOAD, _ARM = 0.1, 0.05  # load believed for K_D: of the robot's mass, of its reach off the flange
 _OBSERVER = 1.0  # beta in bandwidths
+_FAST = 0.5  # Y_fast in parts of the largest norm of a typical motion
 _TINY = 1e-300
 
 
@@ -94,7 +95,7 @@ class Separation(Law):
         Y_fast: norm of Y_k beyond which dx_o is scaled down with its square in the drive of the
             tool: the mode of the kinematic adaptation grows with the speed, and a wrist that an
             unknown load spins would swing the estimate faster than the arm can follow it.
-            dV/dt is then no equality; the prediction error, which needs no dx_o, goes on.
+            Beyond it dV/dt is no equality; the prediction error, which needs no dx_o, goes on.
     """
 
     task: Task
@@ -169,7 +170,7 @@ class Separation(Law):
             motion.kinematics.task,
             posture,
             M_0=Inertia(motion.robot),
-            Y_fast=float(Y_fast) or math.inf,
+            Y_fast=_FAST * float(Y_fast) or math.inf,
             **gains,
         )
 
