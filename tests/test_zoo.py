@@ -137,5 +137,5 @@ def test_what_cannot_run_is_a_row(monkeypatch):
     def refuse(*arguments, **words):
         raise pa.RobotError("no circle will do.")
 
-    monkeypatch.setattr("pinadapt.zoo.case.reachable_circle", refuse)
+    monkeypatch.setattr("pinadapt.zoo.case.find_circle", refuse)
     assert zoo_row("ur5", "adaptive-jacobian").verdict == "refused: no circle will do."
