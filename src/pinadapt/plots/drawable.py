@@ -29,6 +29,14 @@ class Drawable(Protocol):
         """The controlled coordinates."""
 
     @property
+    def joint_names(self) -> tuple[str, ...]:
+        """One name a joint."""
+
+    @property
+    def effort_limits(self) -> np.ndarray:
+        """The description's effort limits (nv), infinite where it has none."""
+
+    @property
     def kinematic_names(self) -> tuple[str, ...]:
         """One name a kinematic parameter."""
 

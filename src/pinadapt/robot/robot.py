@@ -50,6 +50,7 @@ class Robot:
         q0: (nq) home configuration.
         friction: joint friction, of the real robot or as believed; descriptions have none.
         drawn: its visual geometry, not read yet, or None.
+        loads: what it carries since it was loaded, in the axes of the last joint; the model has it.
     """
 
     name: str
@@ -59,6 +60,7 @@ class Robot:
     q0: np.ndarray
     friction: Friction
     drawn: Visual | None = None
+    loads: tuple[pin.Inertia, ...] = ()
 
     @property
     def visual(self) -> pin.GeometryModel | None:
@@ -146,8 +148,9 @@ class Robot:
         """
         model = self.model.copy()
         changes.scale_inertias(model, inertial_scale)
+        loads = self.loads
         if payload is not None:
-            changes.attach_payload(model, self.frame_id, payload)
+            loads = *loads, changes.attach_payload(model, self.frame_id, payload)
         changes.shift_joints(model, link_translation or {})
         if tool_translation is not None:
             changes.shift_tool(model, self.frame_id, tool_translation)
@@ -156,7 +159,7 @@ class Robot:
             self._coefficients(viscous, "friction.viscous", self.friction.viscous),
             self._coefficients(coulomb, "friction.coulomb", self.friction.coulomb),
         )
-        return replace(self, model=model, friction=friction)
+        return replace(self, model=model, friction=friction, loads=loads)
 
     def undrawn(self) -> Robot:
         """Return this robot without the geometry to draw, which no controller needs."""

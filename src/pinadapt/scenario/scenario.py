@@ -104,8 +104,8 @@ class Scenario:
         with prefix_errors("belief.change"):
             Events(self.changes, self.beliefs).check(self.controller, state)
 
-    def run(self, progress: Progress | None = None) -> Rollout:
-        """Run the closed loop; ``progress`` wraps the range of samples."""
+    def run(self, progress: Progress | None = None, *, view: bool = False) -> Rollout:
+        """Run the closed loop; ``progress`` wraps the range of samples, ``view`` shows it live."""
         simulation, belief = self.tables.simulation, self.tables.belief
         with prefix_errors("simulation"):
             return simulate(
@@ -131,6 +131,7 @@ class Scenario:
                 seed=simulation.seed,
                 title=self.title,
                 progress=progress,
+                view=view,
             )
 
 

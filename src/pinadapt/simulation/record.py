@@ -79,6 +79,7 @@ def rollout_of(
         law=controller.law.name,
         adaptation=_adaptation(controller),
         task=robot.task,
+        joint_names=tuple(robot.joint_names),
         kinematic_names=controller.kinematics.names,
         dynamic_names=controller.dynamics.names,
         t=np.array([sample.t for sample in samples]),

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from time import perf_counter
 from typing import Any
 
@@ -18,6 +19,7 @@ from ..robot.effort_limits import torque_limits as limits_of
 from ..robot.robot import Robot
 from ..robot.succession import Succession
 from ..rollout.rollout import Rollout
+from ..rollout.sample import Sample
 from ..sensing import Camera
 from ..trajectories.trajectory import Trajectory
 from ..tuning.preflight import preflight
@@ -55,6 +57,7 @@ def simulate(
     seed: int = 0,
     title: str = "",
     progress: Progress | None = None,
+    view: bool = False,
 ) -> Rollout:
     """Let a controller drive the true robot from its home, at rest.
 
@@ -87,6 +90,7 @@ def simulate(
         seed: of the noise and of lost frames.
         title: of the rollout.
         progress: wraps the range of samples, ``tqdm`` for example.
+        view: show the run in a browser while it goes on, at most in real time, as ``LiveView``.
 
     Raises:
         InputError: anything that cannot be run; a loop that diverges is no error, see
@@ -127,8 +131,9 @@ def simulate(
         seen = None if sensors.perfect else sensors
         stream = run(*loop, sensors=seen, ideal_acceleration=ideal, **start)
     indices = sample_indices(duration, dt, ends=mode == "continuous")
-    with np.errstate(all="ignore"):  # a loop that diverges overflows on its way
-        kept = record(stream, indices if progress is None else progress(indices), record_every)
+    shown = {"duration": duration, "changes": changes, "title": title} if view else None
+    with np.errstate(all="ignore"), _watched(stream, loop, shown) as samples:  # may overflow
+        kept = record(samples, indices if progress is None else progress(indices), record_every)
     wall_time = perf_counter() - started
     return rollout_of(
         kept,
@@ -139,6 +144,21 @@ def simulate(
         title=title or true.name,
         wall_time=wall_time,
     )
+
+
+@contextmanager
+def _watched(
+    stream: Iterator[Sample], loop: tuple[Any, Any, Any], shown: Mapping[str, Any] | None
+) -> Iterator[Iterator[Sample]]:
+    """Give a stream, shown in a live view with these options unless they are None."""
+    if shown is None:
+        yield stream
+        return
+    from ..view.live import LiveView
+
+    plant, controller, trajectory = loop
+    with LiveView(plant.robot, controller, trajectory, **shown) as view:
+        yield view.watch(stream)
 
 
 def _late(delay: float) -> Camera | None:
