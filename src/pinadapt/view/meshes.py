@@ -41,13 +41,14 @@ def draw_shapes(root: Node, visual: pin.GeometryModel, model: pin.Model) -> None
     artist = MeshcatVisualizer(model, None, visual)
     artist.initViewer(viewer=meshcat.Visualizer.view_into(tray, root.path))
     first: dict[Any, Node] = {}
+    copies: list[tuple[Node, Node]] = []
     shapes = list(visual.geometryObjects)
     for number, shape in enumerate(shapes):
         place = root[f"joint {shape.parentJoint}"][f"shape {number}"]
         place.set_transform(scaled_placement(shape))
         mesh = shape.meshPath, tuple(shape.meshColor), shape.overrideMaterial
         if shape.meshPath and mesh in first:
-            root.window.copy(first[mesh], place)
+            copies.append((first[mesh], place))
             continue
         first[mesh] = place
         tray.shape, shape.name = number, f"shape {number}"
@@ -56,6 +57,8 @@ def draw_shapes(root: Node, visual: pin.GeometryModel, model: pin.Model) -> None
     _fit(root, tray, shapes)
     for key, message in tray.messages.values():
         root.window.keep(key, message)
+    for source, target in copies:
+        root.window.copy(source, target)
 
 
 def scaled_placement(shape: pin.GeometryObject) -> np.ndarray:
