@@ -31,6 +31,7 @@ from .exceptions import ParameterError as ParameterError
 from .exceptions import PinadaptError as PinadaptError
 from .exceptions import RobotError as RobotError
 from .exceptions import ScenarioError as ScenarioError
+from .exceptions import UnusedGainWarning as UnusedGainWarning
 from .filters import Filters as Filters
 from .filters import LowPass as LowPass
 from .filters import MotionFilters as MotionFilters

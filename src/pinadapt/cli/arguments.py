@@ -28,7 +28,10 @@ def _demo(command: argparse.ArgumentParser) -> None:
 
 def _init(command: argparse.ArgumentParser) -> None:
     command.add_argument(
-        "source", metavar="ROBOT", help="URDF file, or a name that `pinadapt robots` lists"
+        "source",
+        metavar="ROBOT",
+        help="URDF, xacro or MJCF file, a name that `pinadapt robots` lists, or one of the package "
+        "robot_descriptions",
     )
     command.add_argument(
         "--frame",
@@ -47,6 +50,20 @@ def _init(command: argparse.ArgumentParser) -> None:
         help="file to write (default: the robot's name and .toml)",
     )
     command.add_argument("--force", action="store_true", help="overwrite the file")
+    command.add_argument(
+        "--xacro",
+        type=_assignment,
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="an argument of a xacro file; as often as there are any",
+    )
+    command.add_argument(
+        "--mass",
+        type=float,
+        metavar="KG",
+        help="what the whole robot weighs, where links are described without inertia",
+    )
 
 
 def _run(command: argparse.ArgumentParser) -> None:
@@ -121,7 +138,7 @@ def _zoo(command: argparse.ArgumentParser) -> None:
 
 _COMMANDS = {
     "demo": ("two showcase scenarios, with report and animation", _demo),
-    "init": ("write a scenario for a URDF or a robot of the catalogue", _init),
+    "init": ("write a scenario for a URDF, xacro, MJCF or a named robot", _init),
     "run": ("run one scenario", _run),
     "view": ("show a finished run, or run a scenario and show it meanwhile", _view),
     "compare": ("run the laws side by side on one scenario", _compare),
@@ -176,6 +193,18 @@ def _names(text: str) -> list[str]:
     if not names:
         raise argparse.ArgumentTypeError("at least one name is expected")
     return names
+
+
+def _assignment(text: str) -> tuple[str, str]:
+    """Return name and value.
+
+    Raises:
+        ArgumentTypeError: there is no name, or no equals sign.
+    """
+    name, equals, value = text.partition("=")
+    if not (equals and name.strip()):
+        raise argparse.ArgumentTypeError(f"name=value is expected, got {text}")
+    return name.strip(), value
 
 
 def _whole_number(text: str, *, least: int) -> int:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
+from ..exceptions import UnusedGainWarning
 from ..laws import LAWS
 from ..rollout.rollout import Rollout
 from ..rollout.table import columns, number
@@ -23,10 +25,13 @@ def compare(options: argparse.Namespace) -> int:
     """
     folder = options.out or Path("out") / f"{options.scenario.stem}-compare"
     # All scenarios are built, and so checked, before the first one runs.
-    scenarios = [
-        Scenario.read(options.scenario, [*options.set, f'controller.law="{law}"'])
-        for law in options.laws or _laws(Scenario.read(options.scenario, options.set))
-    ]
+    laws = options.laws or _laws(Scenario.read(options.scenario, options.set))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UnusedGainWarning)  # one set of gains serves all laws
+        scenarios = [
+            Scenario.read(options.scenario, [*options.set, f'controller.law="{law}"'])
+            for law in laws
+        ]
     rollouts = [
         run_and_write(scenario, folder / scenario.controller.law.name, html=False)
         for scenario in scenarios

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import warnings
 from collections.abc import Sequence
 
+from ..exceptions import UnusedGainWarning
 from ..robot.catalogue import robots_folder
 from ..scenario.scenario import Scenario
 from .compare import comparison_table
@@ -48,7 +50,9 @@ def demo(options: argparse.Namespace) -> int:
     """Run the showcases, print one table, write everything; return 3 if one diverged, else 0."""
     rollouts = []
     for name, file, settings in SHOWCASE:
-        scenario = Scenario.read(robots_folder() / file, settings)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UnusedGainWarning)  # laws share a file
+            scenario = Scenario.read(robots_folder() / file, settings)
         rollouts.append(run_and_write(scenario, options.out / name, html=True))
     print(comparison_table(rollouts))
     print(

@@ -11,12 +11,18 @@ from ..scenario.template_text import scenario_text
 
 
 def init(options: argparse.Namespace) -> int:
-    """Write a scenario that runs as it is for a URDF or a robot of the catalogue.
+    """Write a scenario that runs as it is for any description or name of a robot.
 
     Raises:
         InputError: the file exists and is not to be overwritten, or the robot cannot be used.
     """
-    template = Template.of(options.source, frame=options.frame, task=options.task)
+    template = Template.of(
+        options.source,
+        frame=options.frame,
+        task=options.task,
+        xacro=dict(options.xacro),
+        mass=options.mass,
+    )
     file = options.out or Path(f"{template.name}.toml")
     if file.exists() and not options.force:
         raise InputError(

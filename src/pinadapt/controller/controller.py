@@ -12,6 +12,7 @@ import numpy as np
 from numpy import empty
 from numpy.typing import ArrayLike
 
+from .._checks import numbers
 from .._compiled import compile_all
 from .._kernels import watch as kernels
 from ..adaptation.adaptation import Adaptation
@@ -346,13 +347,10 @@ def _estimate(
     """Return an initial estimate as a new array, or refuse it."""
     if given is None:
         return default.copy()
-    try:
-        estimate = np.array(given, dtype=float)
-    except (TypeError, ValueError):
-        estimate = np.full(1, np.nan)
-    if estimate.shape != default.shape or not np.isfinite(estimate).all():
+    estimate = numbers(given, where, error=ParameterError)
+    if estimate.shape != default.shape:
         raise ParameterError(
-            f"expected {default.size} finite numbers {list(names)}, got {given!r}.",
+            f"expected {default.size} finite numbers {list(names)}, got shape {estimate.shape}.",
             where=where,
         )
     return estimate

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from .._checks import shown
 from .._kernels import guards as kernels
 from ..exceptions import ImplausibleError, InputError, did_you_mean
 from ..models.task_kinematics import TaskKinematics
@@ -141,6 +142,8 @@ def make_guards(
     Raises:
         InputError: an unknown guard.
     """
+    if not isinstance(guards, bool | Mapping):
+        raise InputError(f"expected True, False or a mapping, got {shown(guards)}.", where="guards")
     on = dict.fromkeys(GUARDS, guards is not False)
     for name, wanted in (guards if isinstance(guards, Mapping) else {}).items():
         if name not in GUARDS or not isinstance(wanted, bool):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import positive, vector
+from .._checks import numbers, positive, vector
 from ..exceptions import GainError, ParameterError
 from ..models.dynamics import Dynamics
 from ..models.task_kinematics import TaskKinematics
@@ -111,7 +111,8 @@ def make_box(
         margin = np.repeat(wide, sizes) * reach(believed)
         low = np.where(length, _SHORTEST * centre, centre - margin)
         return np.stack([low, np.where(length, _LONGEST * centre, centre + margin)])
-    rows = [given] if np.ndim(given) < 2 else list(np.asarray(given, dtype=object))
+    given = numbers(given, "unknown.kinematic_box", error=ParameterError)
+    rows = [given] if given.ndim < 2 else list(given)
     if len(rows) > 2:
         raise ParameterError(
             f"expected lower and upper bounds, got {len(rows)} rows.", where="unknown.kinematic_box"

@@ -126,7 +126,7 @@ class Separation(Law):
             GainError: gains that are not positive (definite) or of the wrong size.
         """
         check_in_place(self, "alpha", "beta", "c", "R_k")
-        if self.lambda_s != math.inf:
+        if not (isinstance(self.lambda_s, float) and self.lambda_s == math.inf):
             positive(self.lambda_s, "lambda_s")
         K_D = definite_matrix(self.K_v, self.posture.damping.size, "Kv")
         object.__setattr__(self, "K_v", K_D)

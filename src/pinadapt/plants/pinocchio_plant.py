@@ -7,9 +7,11 @@ from math import ceil
 import numpy as np
 import pinocchio as pin
 
-from ..exceptions import DivergedError, InputError, did_you_mean
+from .._checks import instance, whole, word
+from ..exceptions import DivergedError, InputError
 from ..records import Measurement
-from ..robot.gravity import Compensation
+from ..robot.effort_limits import torque_limits as limits_of
+from ..robot.gravity import Compensation, compensation_of
 from ..robot.robot import Robot
 from ..robot.succession import check_successor
 from .midpoint import FittedMidpoint
@@ -17,6 +19,8 @@ from .plant import Plant
 from .runge_kutta import RungeKutta
 
 LONGEST_STEP = 1e-3  # [s]; integration errors stay below a thousandth of the tracking error
+
+_MOST_SUBSTEPS = 100_000
 
 INTEGRATORS: dict[str, type[FittedMidpoint] | type[RungeKutta]] = {
     "midpoint": FittedMidpoint,
@@ -54,16 +58,12 @@ class PinocchioPlant(Plant):
         Raises:
             InputError: unknown integrator, or less than one substep.
         """
-        if integrator not in INTEGRATORS:
-            raise InputError(
-                f"must be one of {list(INTEGRATORS)}, got {integrator!r}."
-                f"{did_you_mean(str(integrator), INTEGRATORS)}",
-                where="integrator",
-            )
-        if substeps is not None and int(substeps) < 1:
-            raise InputError(f"must be at least 1, got {substeps}.", where="substeps")
-        self.torque_limits, self.substeps = torque_limits, substeps
-        self.compensation = compensation
+        instance(robot, Robot, "robot")
+        word(integrator, INTEGRATORS, "integrator")
+        if substeps is not None and whole(substeps, "substeps", 1) > _MOST_SUBSTEPS:
+            raise InputError(f"must be at most {_MOST_SUBSTEPS}, got {substeps}.", where="substeps")
+        self.torque_limits, self.substeps = limits_of(robot, torque_limits), substeps
+        self.compensation = compensation_of(robot, compensation)
         self.nv = int(robot.model.nv)
         self._first, self._integrator = robot, INTEGRATORS[integrator]
         self._take(robot)

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
-from matplotlib import rc_context
-
+from .backend import matplotlib
 from .drawable import Drawable
 from .error_figure import error_figure
 from .parameter_figure import parameter_figure
@@ -31,7 +30,7 @@ class Figures(NamedTuple):
     @classmethod
     def of(cls, run: Drawable) -> Figures:
         """Draw a run."""
-        with rc_context(RC):
+        with matplotlib.rc_context(RC):
             return cls(error_figure(run), parameter_figure(run), torque_figure(run))
 
     def save(self, folder: Path) -> list[Path]:

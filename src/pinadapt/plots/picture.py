@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from io import BytesIO
 
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from .backend import Figure, FigureCanvasAgg
 
 
 class Picture(Figure):

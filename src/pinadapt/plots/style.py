@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.lines import Line2D
 
+from .backend import Line2D
 from .drawable import Drawable
 
 # Okabe and Ito's palette, dark enough on white, and two of Tol's muted ones.

@@ -1,4 +1,4 @@
-"""Robots: any URDF, catalogue name or Pinocchio model becomes one chain with a task frame."""
+"""Robots: any description, name or Pinocchio model becomes one chain with a task frame."""
 
 from .catalogue import CatalogueEntry as CatalogueEntry
 from .catalogue import catalogue as catalogue

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Collection
 
 import pinocchio as pin
@@ -32,9 +33,10 @@ def end_links(model: pin.Model, mimics: Collection[str] = ()) -> list[str]:
     freedom are left out; a floating base counts as welded.
     """
     parents = {frame.parentFrame for frame in model.frames}
+    carried = Counter(f.parentFrame for f in model.frames if f.type == pin.FrameType.JOINT)
     found = []
     for index, frame in enumerate(model.frames):
-        palm = _is_palm(model, index)
+        palm = carried[index] >= 2 and _has_fewer_behind(model, frame.parentJoint)
         if frame.type == pin.FrameType.BODY and (palm or index not in parents):
             joints = _independent_joints(model, index, mimics)
             words = re.split(r"[^a-z0-9]+", frame.name.lower())
@@ -45,13 +47,11 @@ def end_links(model: pin.Model, mimics: Collection[str] = ()) -> list[str]:
     return [str(model.frames[index].name) for *_, index in sorted(found)]
 
 
-def _is_palm(model: pin.Model, index: int) -> bool:
-    """Tell whether a link carries several joints, with fewer behind it than before it."""
-    joint = model.frames[index].parentJoint
-    carried = [f for f in model.frames if f.parentFrame == index and f.type == pin.FrameType.JOINT]
+def _has_fewer_behind(model: pin.Model, joint: int) -> bool:
+    """Tell whether each chain behind a joint has fewer joints than the one to it."""
     before = len(model.supports[joint]) - 1
     behind = max((len(model.supports[j]) - 1 - before for j in model.subtrees[joint]), default=0)
-    return len(carried) >= 2 and behind < before
+    return behind < before
 
 
 def _independent_joints(model: pin.Model, frame: int, mimics: Collection[str]) -> int:

@@ -2,38 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from pathlib import Path
-from typing import Any, TypeAlias
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
-from pinocchio.robot_wrapper import RobotWrapper
 
-from .._checks import vector
+from .._checks import arithmetic, flag, instance, name_list, vector
 from ..exceptions import RobotError
 from ..tasks.registry import task_named
 from ..tasks.task import FrameTask, Task
 from . import changes
-from .catalogue import catalogue_entry
 from .chain import (
     angles_from_configuration,
     chain_joints,
     check_joints,
     check_mass_matrix,
-    check_numbers,
     configuration_from_angles,
     frame_id,
     is_free_flyer,
     reduce_to_chain,
 )
+from .description import Description, Source, describe
 from .friction import Friction
 from .home import find_home, home_inside_limits
-from .urdf import is_path, mimic_joints, read_urdf, read_visual
+from .position_limits import check_position_limits
 from .visual import Visual
+from .xacro import XacroArguments
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,12 +99,20 @@ class Robot:
         """Return the task coordinates x of this description at configuration q (nq), in world axes.
 
         Positions (m) [m]; for a pose position and quaternion xyzw (7).
+
+        Raises:
+            RobotError: not nq finite numbers.
         """
+        q = vector(q, self.model.nq, "q", error=RobotError)
         return self.task.at(self.model, self.model.createData(), self.frame_id, q)
 
     def placement(self, q: np.ndarray) -> pin.SE3:
-        """Return the placement of the described task frame at q (nq), in world axes."""
-        data = self.model.createData()
+        """Return the placement of the described task frame at q (nq), in world axes.
+
+        Raises:
+            RobotError: not nq finite numbers.
+        """
+        q, data = vector(q, self.model.nq, "q", error=RobotError), self.model.createData()
         pin.framesForwardKinematics(self.model, data, q)
         return data.oMf[self.frame_id].copy()
 
@@ -151,7 +157,7 @@ class Robot:
         loads = self.loads
         if payload is not None:
             loads = *loads, changes.attach_payload(model, self.frame_id, payload)
-        changes.shift_joints(model, link_translation or {})
+        changes.shift_joints(model, link_translation)
         if tool_translation is not None:
             changes.shift_tool(model, self.frame_id, tool_translation)
         model.armature = self._coefficients(armature, "armature", model.armature)
@@ -175,24 +181,7 @@ class Robot:
         return numbers
 
 
-Source: TypeAlias = "str | Path | pin.Model | RobotWrapper"
-
-
-@dataclass(frozen=True)
-class _Description:
-    """A whole robot as found, before the chain is cut out of it."""
-
-    name: str
-    model: pin.Model
-    visual: Callable[[], pin.GeometryModel | None] | None
-    q_reference: np.ndarray
-    mimics: frozenset[str] = frozenset()
-    frame: str | None = None
-    task: str | None = None
-    locked: tuple[str, ...] = ()
-    weld_root: bool = False
-
-
+@arithmetic("robot", RobotError)
 def load(
     source: Source,
     *,
@@ -202,11 +191,14 @@ def load(
     q0: ArrayLike | None = None,
     gravity: ArrayLike | None = None,
     weld_root: bool = False,
+    xacro: XacroArguments | None = None,
+    mass: float | None = None,
 ) -> Robot:
     """Load any robot and keep the chain from its base to one frame.
 
     Args:
-        source: catalogue name, URDF path, ``pin.Model`` or ``RobotWrapper``; never written to.
+        source: path of a URDF, xacro or MJCF file, catalogue name, name of the package
+            robot_descriptions, ``pin.Model`` or ``RobotWrapper``; never written to.
         frame: task frame, by default the catalogue's, else the model's last frame.
         task: "xy", "xz", "yz", "xyz" or "pose" of the frame, or "joint", the joints themselves; by
             default the catalogue's, else "xyz".
@@ -217,18 +209,24 @@ def load(
         gravity: (3) [m/s^2] in world axes, by default the model's.
         weld_root: fix a floating base where the reference configuration has it; always done for
             robots of the catalogue.
+        xacro: arguments of a xacro file, name -> text, number or bool.
+        mass: what the whole robot weighs [kg], its base included, where bodies are described
+            without mass: these get what the others leave of it; see ``missing_inertia``.
 
     Raises:
         RobotError: missing file, bad XML, unknown frame or joint, floating base, mimic or
-            unsupported joints, a singular mass matrix, too few joints for the task, wrong sizes or
-            NaN.
+            unsupported joints, crossed limits, a singular mass matrix, too few joints for the task,
+            wrong sizes or NaN.
     """
-    found = _describe(source)
+    for given, where in ((frame, "frame"), (task, "task")):
+        instance(given, str | None, where, RobotError)
+    locked, weld_root = name_list(locked, "locked", RobotError), flag(weld_root, "weld_root")
+    found = describe(source, xacro=xacro, mass=mass)
     name = frame or found.frame or str(found.model.frames[-1].name)
-    locked = [*found.locked, *([locked] if isinstance(locked, str) else locked)]
+    locked = [*found.locked, *locked]
     keep = _kept_joints(found, name, locked, weld_root or found.weld_root)
-    check_numbers(found.model)
     model = reduce_to_chain(found.model, keep, found.q_reference)
+    check_position_limits(model)
     chosen = task_named(task or found.task or "xyz", model)
     if gravity is not None:
         model.gravity.linear = vector(gravity, 3, "gravity", error=RobotError)
@@ -240,7 +238,7 @@ def load(
             hint="Take a frame further out, or a smaller task.",
         )
     poses = _reference_poses(found, model, keep)
-    drawn = found.visual and Visual(found.visual, found.model, tuple(keep), found.q_reference)
+    drawn = Visual(found.visual, found.model, tuple(keep), found.q_reference)
     robot = Robot(found.name, model, name, chosen, poses[0], Friction.none(model.nv), drawn)
     if q0 is not None:
         robot = robot.at(q0)
@@ -255,54 +253,8 @@ def load(
     return robot
 
 
-def _describe(source: Source) -> _Description:
-    """Find the whole model behind a name, a path or an object."""
-    if isinstance(source, RobotWrapper):
-        q_reference = getattr(source, "q0", None)
-        q_reference = pin.neutral(source.model) if q_reference is None else q_reference
-        visual = partial(_given, source.visual_model)
-        return _Description(str(source.model.name), source.model, visual, q_reference)
-    if isinstance(source, pin.Model):
-        return _Description(str(source.name), source, None, pin.neutral(source))
-    if is_path(source):
-        path = Path(source)
-        model, visual = read_urdf(path), partial(read_visual, path)
-        return _Description(str(model.name), model, visual, pin.neutral(model), mimic_joints(path))
-    entry = catalogue_entry(str(source))
-    model, q_reference, mimics = entry.load()
-    q_reference = np.array(q_reference)
-    limb = entry.limb(model)
-    for joint, angle in zip(limb, entry.q0 or (), strict=entry.q0 is not None):
-        part = model.joints[joint]
-        q_reference[part.idx_q : part.idx_q + part.nq] = (
-            angle if part.nq == 1 else [np.cos(angle), np.sin(angle)]
-        )
-    chain = [
-        j
-        for j in chain_joints(model, frame_id(model, entry.frame))
-        if not is_free_flyer(model.joints[j])
-    ]
-    before = tuple(str(model.names[j]) for j in chain if j not in limb)
-    return _Description(
-        entry.name,
-        model,
-        entry.visual,
-        q_reference,
-        mimics,
-        entry.frame,
-        entry.task,
-        before,
-        weld_root=True,
-    )
-
-
-def _given(visual: pin.GeometryModel | None) -> pin.GeometryModel | None:
-    """Return a geometry that has been read before."""
-    return visual
-
-
 def _kept_joints(
-    found: _Description, frame: str, locked: Sequence[str], weld_root: bool
+    found: Description, frame: str, locked: Sequence[str], weld_root: bool
 ) -> list[int]:
     """Return the joints from base to frame that are not locked; refuse the unsupported ones."""
     chain = chain_joints(found.model, frame_id(found.model, frame))
@@ -326,7 +278,7 @@ def _kept_joints(
     return keep
 
 
-def _reference_poses(found: _Description, model: pin.Model, keep: Sequence[int]) -> list[Any]:
+def _reference_poses(found: Description, model: pin.Model, keep: Sequence[int]) -> list[Any]:
     """Return the description's poses of the chain (nq): its reference and the neutral one."""
     parts = [
         found.q_reference[j.idx_q : j.idx_q + j.nq] for j in (found.model.joints[k] for k in keep)

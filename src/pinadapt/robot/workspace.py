@@ -10,7 +10,8 @@ from math import ceil, cos, exp, floor, log10, pi, sin, sqrt
 import numpy as np
 import pinocchio as pin
 
-from ..exceptions import RobotError
+from .._checks import arithmetic, instance, positive
+from ..exceptions import InputError, RobotError
 from .chain import is_slide
 from .position_limits import position_bounds, position_limits
 from .robot import Robot
@@ -22,6 +23,7 @@ _STEPS, _TURNS = 40, 1.5
 _LEAST_SINGULAR = 0.5  # of the smallest singular value at home
 _LIMIT_MARGIN = 0.05  # of a joint's range
 _PERIOD = 3.0  # [s]
+_LONGEST = 3600.0  # [s] of a turn
 _JOINT_SPEED, _SLIDE_SPEED = 1.5, 0.75  # [rad/s], [m/s]
 _SPEED_SHARE = 0.8  # of the description's own speed limit
 _RETURN = 4.0  # [rad/s] at which the null space goes home, as under the laws
@@ -64,6 +66,7 @@ def rounded_down(number: float) -> float:
     return float(f"{floor(number / unit + 1e-9) * unit:.2g}")
 
 
+@arithmetic("robot", RobotError)
 def reachable_circle(
     robot: Robot, *, largest: float = 0.1, tool_error: float = 0.05
 ) -> WorkspaceCircle:
@@ -90,6 +93,9 @@ def reachable_circle(
     Raises:
         RobotError: no circle will do; home lies at a limit or at a singularity.
     """
+    instance(robot, Robot, "robot")
+    for given, where in ((largest, "largest"), (tool_error, "tool_error")):
+        positive(given, where, zero=where == "tool_error", error=InputError)
     length = reach(robot)
     planes = [robot.frame_task.name] if robot.frame_task.positions == 2 else ["xy", "yz", "xz"]
     followers = [_Follower(robot, shift) for shift in _shifts(tool_error * length)]
@@ -237,5 +243,12 @@ def _circle(robot: Robot, path: _Path, runs: list[_Run], length: float) -> Works
     )
     allowed = np.minimum(allowed, _SPEED_SHARE * velocity_limits(robot.model))
     period = max(_PERIOD * sqrt(max(length, 1.0)), float(np.max(2 * pi * speeds / allowed)))
+    if period > _LONGEST:
+        raise RobotError(
+            f"at the speed limits of its joints, {velocity_limits(robot.model).tolist()} rad/s or "
+            f"m/s, a circle takes {period:.3g} s.",
+            where=robot.name,
+            hint="Correct them in the description; 0 means no limit.",
+        )
     least = min(run.least_singular for run in runs)
     return WorkspaceCircle(path.plane, path.phase, path.radius, ceil(10 * period) / 10, least)

@@ -145,6 +145,8 @@ def _described(tables: ScenarioTables, folder: Path) -> Robot:
         q0=robot.q0,
         gravity=robot.gravity,
         weld_root=robot.weld_root,
+        xacro=robot.xacro,
+        mass=robot.mass,
     )
 
 

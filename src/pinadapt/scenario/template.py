@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -13,14 +13,15 @@ import pinocchio as pin
 
 from ..controller.controller import Controller
 from ..exceptions import RobotError
-from ..robot.catalogue import catalogue_entry
-from ..robot.chain import is_free_flyer
+from ..robot.chain import is_free_flyer, links_of, massless_joints
 from ..robot.changes import Payload
+from ..robot.description import describe
 from ..robot.end_links import end_links
 from ..robot.home import conditioning
 from ..robot.robot import Robot, load
-from ..robot.urdf import is_path, mimic_joints, read_urdf
+from ..robot.urdf import is_path
 from ..robot.workspace import WorkspaceCircle, reach, reachable_circle
+from ..robot.xacro import XacroArguments
 from ..tuning.make_controller import make_controller
 from .schema import SimulationSection
 from .template_gains import three_digits
@@ -35,12 +36,15 @@ class Template:
     """A scenario to be written.
 
     Attributes:
-        source: catalogue name or URDF path.
+        source: a path or a name.
         robot: as described, at the home pose that is written.
         circle: one it can follow.
         welded: its base floats in the description.
         ends: other links at which its chain might end.
         others: joints off the chain.
+        xacro: arguments of a xacro file.
+        mass: what the whole robot weighs [kg], where links are described without inertia.
+        massless: these links, one for each such body.
     """
 
     source: str
@@ -49,26 +53,34 @@ class Template:
     welded: bool
     ends: Sequence[str]
     others: Sequence[str]
+    xacro: XacroArguments
+    mass: float | None
+    massless: Sequence[str]
 
     @classmethod
-    def of(cls, source: str, *, frame: str | None = None, task: str | None = None) -> Template:
+    def of(
+        cls,
+        source: str,
+        *,
+        frame: str | None = None,
+        task: str | None = None,
+        xacro: XacroArguments | None = None,
+        mass: float | None = None,
+    ) -> Template:
         """Choose what is not given: likeliest frame, largest task, a home pose and a circle.
 
         Raises:
             RobotError: as ``load`` and ``reachable_circle``, or a robot without a chain of two
                 joints.
         """
-        model, mimics = _whole(source)
-        ends = end_links(model, mimics)
-        known = not is_path(source)
+        whole = describe(source, xacro=xacro)
+        model, known = whole.model, whole.frame is not None
+        ends = end_links(model, whole.mimics)
         if frame is None and not known:
             frame = _likeliest(ends, source)
         welded = not known and any(is_free_flyer(joint) for joint in model.joints[1:])
-        robot = (
-            load(source, frame=frame, task=task, weld_root=welded)
-            if task or known
-            else _largest_task(source, frame, welded)
-        )
+        read = partial(load, source, frame=frame, weld_root=welded, xacro=xacro, mass=mass)
+        robot = read(task=task) if task or known else _largest_task(read)
         robot = robot.at(np.round(robot.home_angles, 4))
         others = [
             str(name)
@@ -82,12 +94,17 @@ class Template:
             welded,
             [end for end in ends if end != robot.frame],
             others,
+            xacro or {},
+            mass,
+            [links_of(model, joint)[0] for joint in massless_joints(model)],
         )
 
     @property
     def name(self) -> str:
         """Name for the file and the title."""
-        return Path(self.source).stem if is_path(self.source) else self.source
+        if not is_path(self.source):
+            return self.source
+        return Path(self.source.removesuffix(".xacro")).stem
 
     @property
     def tool_share(self) -> float:
@@ -134,25 +151,17 @@ def _likeliest(ends: Sequence[str], source: str) -> str:
     return ends[0]
 
 
-def _whole(source: str) -> tuple[pin.Model, frozenset[str]]:
-    """Return the whole model behind a source, and its mimic joints."""
-    if is_path(source):
-        return read_urdf(Path(source)), mimic_joints(Path(source))
-    model, _, mimics = catalogue_entry(source).load()
-    return model, mimics
-
-
-def _largest_task(source: str, frame: str | None, welded: bool) -> Robot:
+def _largest_task(read: Callable[..., Robot]) -> Robot:
     """Return the robot with the task "xyz", or else with the best conditioned plane."""
     try:
-        return load(source, frame=frame, task="xyz", weld_root=welded)
+        return read(task="xyz")
     except RobotError as error:
         if error.where != "task":
             raise
     robots = []
     for task in _PLANAR:
         try:
-            robots.append(load(source, frame=frame, task=task, weld_root=welded))
+            robots.append(read(task=task))
         except RobotError as error:
             if error.where != "task" or (task == _PLANAR[-1] and not robots):
                 raise

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from math import ceil
 from pathlib import Path
 
@@ -51,6 +51,11 @@ _TRUTH = (
     "the mass [kg; com m from the described frame; Ixx Ixy Iyy Ixz Iyz Izz kg m^2]. Put what you "
     "expect of your robot."
 )
+_MASS = (
+    "What the whole robot weighs [kg]. These links are described without inertia: {links}. What "
+    "the others leave of this mass is spread over them with one density: solids of their shapes, "
+    "rods to the next joint where they have none."
+)
 _UNKNOWN = (
     "What the controller adapts: the tool's translation, all inertial parameters of every body, "
     "rotor inertia and friction of every joint."
@@ -64,6 +69,12 @@ _REFERENCE = (
 def _robot(template: Template, folder: Path) -> Table:
     robot, table = template.robot, tomlkit.table()
     table["source"] = _source(template.source, folder)
+    if template.xacro:
+        _remark(table, "Arguments of the xacro file.")
+        table["xacro"] = _inline(template.xacro)
+    if template.mass is not None:
+        _remark(table, _MASS.format(links=_names(template.massless)))
+        table["mass"] = template.mass
     _remark(
         table,
         f"Other ends of chains: {_names(template.ends)}; any link of the robot can be named.",
@@ -145,10 +156,13 @@ def _filled(values: dict[str, object]) -> Table:
 
 
 def _payload(load: Payload) -> InlineTable:
+    com, inertia = (_numbers(np.asarray(part)) for part in (load.com, load.inertia))
+    return _inline({"mass": load.mass, "com": com, "inertia": inertia})
+
+
+def _inline(values: Mapping[str, object]) -> InlineTable:
     table = tomlkit.inline_table()
-    table["mass"] = load.mass
-    table["com"] = _numbers(np.asarray(load.com))
-    table["inertia"] = _numbers(np.asarray(load.inertia))
+    table.update(values)
     return table
 
 

@@ -7,11 +7,11 @@ import warnings
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import positive
+from .._checks import arithmetic, instance, positive, vector, whole, word
 from ..adaptation.box_projection import BoxProjection
 from ..controller.controller import Controller
 from ..controller.state import ControllerState
-from ..exceptions import InputError, did_you_mean
+from ..exceptions import InputError, ParameterError
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..robot.home import conditioning
 from ..robot.robot import Robot
@@ -24,6 +24,7 @@ ACCELERATIONS = ("filtered", "ideal")
 _SINGULAR = 1e-6
 
 
+@arithmetic("simulation")
 def prepare(
     true: Robot,
     controller: Controller,
@@ -36,43 +37,43 @@ def prepare(
     Raises:
         InputError: they do not, or the initial estimates cannot be used.
     """
+    instance(trajectory, Trajectory, "trajectory")
     _check_same_shape(true, controller, trajectory)
     _check_not_singular(true)
     _warn_of_box(true, controller)
     first = PinocchioPlant(true).measure()
-    return controller.init(first, a_k=_array(a_k), a_d=_array(a_d))
+    return controller.init(
+        first, a_k=_array(a_k, "belief.kinematic"), a_d=_array(a_d, "belief.dynamic")
+    )
 
 
 def check_options(
-    mode: str, acceleration: str, duration: float, dt: float, record_every: int, seed: int
+    mode: str,
+    acceleration: str,
+    duration: float,
+    dt: float,
+    record_every: int,
+    seed: int,
+    title: str,
 ) -> None:
     """Refuse options that make no run.
 
     Raises:
         InputError: an unknown word, or a number that cannot be.
     """
-    _one_of(mode, MODES, "mode")
-    _one_of(acceleration, ACCELERATIONS, "acceleration")
+    word(mode, MODES, "mode")
+    word(acceleration, ACCELERATIONS, "acceleration")
     if positive(duration, "duration") < 0.5 * positive(dt, "dt"):
         raise InputError(
             f"must be at least one period of {dt} s, got {duration}.", where="duration"
         )
-    if int(record_every) < 1:
-        raise InputError(f"must be at least 1, got {record_every}.", where="record_every")
-    if int(seed) < 0:
-        raise InputError(f"must not be negative, got {seed}.", where="seed")
+    whole(record_every, "record_every", 1)
+    instance(title, str, "title")
+    whole(seed, "seed", 0)
 
 
-def _one_of(value: str, allowed: tuple[str, ...], where: str) -> None:
-    if value not in allowed:
-        raise InputError(
-            f"must be one of {list(allowed)}, got {value!r}.{did_you_mean(str(value), allowed)}",
-            where=where,
-        )
-
-
-def _array(value: ArrayLike | None) -> np.ndarray | None:
-    return None if value is None else np.atleast_1d(np.array(value, dtype=float))
+def _array(value: ArrayLike | None, name: str) -> np.ndarray | None:
+    return None if value is None else vector(value, None, name, error=ParameterError)
 
 
 def _check_not_singular(true: Robot) -> None:
@@ -101,7 +102,7 @@ def _warn_of_box(true: Robot, controller: Controller) -> None:
         warnings.warn(
             f"the true values of {names} are outside the box of their estimates, which cannot "
             "reach them: no proof covers this closed loop. A wider kinematic_box avoids it.",
-            stacklevel=4,
+            stacklevel=5,
         )
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._checks import instance
 from ..controller.controller import Controller
 from ..exceptions import InputError
 from ..plants.pinocchio_plant import PinocchioPlant
@@ -27,6 +28,7 @@ from ..tuning.preflight_sensors import sensor_findings
 from ..tuning.remedies import sensor_quality
 from .continuous import run_continuous
 from .events import Events
+from .memory import check_memory
 from .prepare import check_options, prepare
 from .record import record, rollout_of
 from .run import run, sample_indices
@@ -96,7 +98,8 @@ def simulate(
         InputError: anything that cannot be run; a loop that diverges is no error, see
             ``Rollout.diverged``.
     """
-    check_options(mode, acceleration, duration, dt, record_every, seed)
+    check_options(mode, acceleration, duration, dt, record_every, seed, title)
+    instance(controller, Controller, "controller")
     sensors = Sensors(true, dt, noise=noise, delay=delay, camera=camera, encoder=encoder, seed=seed)
     if mode == "continuous" and not sensors.perfect:
         raise InputError(
@@ -112,7 +115,9 @@ def simulate(
     if ideal or controller.limits.torque is None:
         controller = controller.limited(motors)
     started = perf_counter()
+    indices = sample_indices(duration, dt, ends=mode == "continuous")
     state = prepare(true, controller, trajectory, a_k, a_d)
+    check_memory(controller, len(indices), record_every)
     robots, events = Succession.of(true, changes), Events(changes, beliefs)
     events.check(controller, state)
     if late := events.after(duration):
@@ -130,7 +135,6 @@ def simulate(
             warnings.warn(str(finding), stacklevel=2)
         seen = None if sensors.perfect else sensors
         stream = run(*loop, sensors=seen, ideal_acceleration=ideal, **start)
-    indices = sample_indices(duration, dt, ends=mode == "continuous")
     shown = {"duration": duration, "changes": changes, "title": title} if view else None
     with np.errstate(all="ignore"), _watched(stream, loop, shown) as samples:  # may overflow
         kept = record(samples, indices if progress is None else progress(indices), record_every)

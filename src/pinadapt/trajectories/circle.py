@@ -28,7 +28,7 @@ def plane_axes(plane: str, size: int) -> np.ndarray:
         raise InputError(
             f"a circle needs 2 or 3 coordinates, got {size}.", where="reference.center"
         )
-    if plane not in PLANES or (size == 2 and plane != "xy"):
+    if not isinstance(plane, str) or plane not in PLANES or (size == 2 and plane != "xy"):
         allowed = ["xy"] if size == 2 else list(PLANES)
         raise InputError(f"must be one of {allowed}, got {plane!r}.", where="reference.plane")
     return np.eye(size)[["xyz".index(axis) for axis in plane]]
@@ -45,8 +45,8 @@ class Circle(Trajectory):
         Raises:
             InputError: sizes, signs or names that cannot be.
         """
-        size = np.size(center)
-        self.center = vector(center, size, "reference.center")
+        self.center = vector(center, None, "reference.center")
+        size = self.center.size
         self.radius = positive(radius, "reference.radius")
         self.period = positive(period, "reference.period")
         self.phase = float(vector(phase, 1, "reference.phase")[0])

@@ -19,7 +19,7 @@ class Hold(Trajectory):
         Raises:
             InputError: non-finite coordinates.
         """
-        self.point = vector(point, np.size(point), "reference.center")
+        self.point = vector(point, None, "reference.center")
         self._rest = np.zeros(self.point.size)
 
     def shifted(self, by: np.ndarray) -> Hold:

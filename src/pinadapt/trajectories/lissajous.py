@@ -28,8 +28,8 @@ class Lissajous(Trajectory):
         Raises:
             InputError: sizes or signs that cannot be.
         """
-        size = np.size(center)
-        self.center = vector(center, size, "reference.center")
+        self.center = vector(center, None, "reference.center")
+        size = self.center.size
         self.amplitude = vector(amplitude, size, "reference.amplitude")
         self._w = (
             2

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._checks import instance, vector
 from ..exceptions import InputError
 from ..records import Desired
 from .orientation import UPRIGHT, FixedOrientation, Orientation
@@ -27,7 +28,7 @@ class PoseTrajectory(Trajectory):
         Raises:
             InputError: a motion that has not three coordinates, or no unit quaternion.
         """
-        size = position.at(0.0).x_d.size
+        size = instance(position, Trajectory, "reference").at(0.0).x_d.size
         if size != 3:
             raise InputError(
                 f"a pose needs a motion of 3 coordinates, got {size}.", where="reference"
@@ -43,7 +44,7 @@ class PoseTrajectory(Trajectory):
 
     def starting_at(self, start: np.ndarray) -> PoseTrajectory:
         """Return the same motion moved and turned to be at the pose ``start`` (7) at time 0."""
-        start = np.asarray(start)
+        start = vector(start, 7, "start")
         return PoseTrajectory(
             self.position.starting_at(start[:3]), self.orientation.starting_at(start[3:])
         )

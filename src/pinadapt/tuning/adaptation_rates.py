@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -161,7 +161,7 @@ def _inertial_adaptation(
         unit = Natural(1.0, cone)
         if gamma_d is None:
             gamma_d = rate_for(mode, effects, unit, unit.validate(dynamics.initial))
-        if np.ndim(gamma_d) != 0:
+        if isinstance(gamma_d, Iterable) and not isinstance(gamma_d, str):
             raise InputError("natural adaptation has one scalar gain.", where="gamma_d")
         return Natural(positive(gamma_d, "gamma_d"), cone)
     if gamma_d is None:

@@ -15,8 +15,8 @@ import meshcat
 import numpy as np
 import pinocchio as pin
 from meshcat.geometry import MeshPhongMaterial, TriangularMeshGeometry
-from pinocchio.visualize import MeshcatVisualizer
 
+from .artist import Artist
 from .keyframes import Node
 from .window import Window
 
@@ -38,7 +38,7 @@ class _Tray(Window):
 def draw_shapes(root: Node, visual: pin.GeometryModel, model: pin.Model) -> None:
     """Draw each shape k at ``joint i/shape k`` below a node, its joint i."""
     visual, tray = visual.copy(), _Tray()
-    artist = MeshcatVisualizer(model, None, visual)
+    artist = Artist(model, None, visual)
     artist.initViewer(viewer=meshcat.Visualizer.view_into(tray, root.path))
     first: dict[Any, Node] = {}
     copies: list[tuple[Node, Node]] = []
