@@ -33,7 +33,7 @@ ARM = """<mujoco model="mjarm">
       </body>
     </body>
   </body></worldbody>
-  <keyframe><key name="stretched" qpos="0 0 0"/><key name="home" qpos="0.1 0.5 0.9"/></keyframe>
+  <keyframe><key name="stretched" qpos="0 0 0"/><key name="home" qpos="0.1 -0.5 0.9"/></keyframe>
 </mujoco>"""
 FREE = ARM.replace('pos="0 0 0.1">', 'pos="0 0 0.1"><freejoint/>').replace(
     'qpos="0', 'qpos="0 0 0 1 0 0 0 0'
@@ -55,7 +55,7 @@ def test_a_chain_is_read_with_its_masses_limits_home_and_gravity(tmp_path):
     capsule = 1000 * (np.pi * 0.05**2 * 0.3 + 4 / 3 * np.pi * 0.05**3)
     masses = [body.mass for body in robot.model.inertias[1:3]]
     assert np.allclose(masses, [capsule, 2.0])
-    assert np.allclose(robot.q0, [0.1, 0.5, 0.9])
+    assert np.allclose(robot.q0, [0.1, -0.5, 0.9])
     assert np.allclose(robot.model.gravity.linear, [0.0, 0.0, -1.62])
     assert np.allclose(robot.model.upperPositionLimit, [3.0, 2.0, 2.0])
     assert robot.model.armature[0] == 0.1 and robot.model.effortLimit[0] == 7.0
@@ -69,11 +69,11 @@ def test_a_missing_mesh_costs_that_mesh_only(tmp_path):
     assert len(shapes) == 6  # base, two capsules of links 1 and 3, that of link 2, the rib, the tip
 
 
-def test_a_free_joint_is_welded_on_demand(tmp_path):
+def test_a_free_joint_is_welded_unless_refused(tmp_path):
     path = mjcf(tmp_path, FREE)
     with pytest.raises(pa.RobotError, match=r"floating.*weld_root=True"):
-        pa.load(path, frame="tip")
-    assert pa.load(path, frame="tip", weld_root=True).joint_names == ["j1", "j2", "j3"]
+        pa.load(path, frame="tip", weld_root=False)
+    assert pa.load(path, frame="tip").joint_names == ["j1", "j2", "j3"]
 
 
 @pytest.mark.parametrize("text", [ARM, FREE], ids=["fixed", "free"])

@@ -9,7 +9,6 @@ import pytest
 import pinadapt as pa
 from pinadapt.cli.main import main
 from pinadapt.cli.zoo import zoo_table
-from pinadapt.robot.workspace import reach
 from pinadapt.zoo.case import SWING, zoo_case
 from pinadapt.zoo.experiment import ZooRow, zoo_names, zoo_row
 from pinadapt.zoo.verdict import CONVERGED, last_error
@@ -21,7 +20,7 @@ def test_a_case_is_wrong_as_stated(name):
     placements = [r.model.frames[r.frame_id].placement for r in (case.true, robot)]
     np.testing.assert_allclose(
         np.linalg.norm(placements[0].translation - placements[1].translation),
-        0.05 * reach(robot),
+        0.05 * robot.reach,
         rtol=1e-9,
     )
     described = [body.mass for body in robot.model.inertias[1:]]
@@ -32,7 +31,7 @@ def test_a_case_is_wrong_as_stated(name):
     assert (case.true.friction.coulomb > 0.0).all() and not case.believed.friction.present
     moved = case.true.position(case.true.q0) - robot.position(robot.q0)
     assert np.linalg.norm(moved) == pytest.approx(
-        0.05 * reach(robot)
+        0.05 * robot.reach
     )  # the task sees all of the tool
     again, other = zoo_case(name), zoo_case(name, seed=1)
     assert again.true.model.inertias[1].isApprox(case.true.model.inertias[1])
@@ -138,5 +137,5 @@ def test_what_cannot_run_is_a_row(monkeypatch):
     def refuse(*arguments, **words):
         raise pa.RobotError("no circle will do.")
 
-    monkeypatch.setattr("pinadapt.zoo.case.reachable_circle", refuse)
+    monkeypatch.setattr("pinadapt.zoo.case.find_circle", refuse)
     assert zoo_row("ur5", "adaptive-jacobian").verdict == "refused: no circle will do."

@@ -78,7 +78,6 @@ from .robot import Gravity as Gravity
 from .robot import Payload as Payload
 from .robot import Robot as Robot
 from .robot import Succession as Succession
-from .robot import WorkspaceCircle as WorkspaceCircle
 from .robot import catalogue as catalogue
 from .robot import load as load
 from .robot import reachable_circle as reachable_circle
@@ -100,6 +99,7 @@ from .trajectories import FixedOrientation as FixedOrientation
 from .trajectories import Hold as Hold
 from .trajectories import Lissajous as Lissajous
 from .trajectories import Orientation as Orientation
+from .trajectories import PoseCircle as PoseCircle
 from .trajectories import PoseTrajectory as PoseTrajectory
 from .trajectories import Sinusoid as Sinusoid
 from .trajectories import Swing as Swing

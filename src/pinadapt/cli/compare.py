@@ -8,10 +8,10 @@ import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
+from .._table import columns, number
 from ..exceptions import UnusedGainWarning
 from ..laws import LAWS
 from ..rollout.rollout import Rollout
-from ..rollout.table import columns, number
 from ..scenario.scenario import Scenario
 from ..tasks.joint import JointTask
 from ..tasks.units import DISPLAYS

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
+from .._table import columns, number
 from ..robot.catalogue import catalogue_entry
-from ..rollout.table import columns, number
 from ..zoo.experiment import POSE, ZooRow, run_zoo, zoo_names
 from ..zoo.verdict import CONVERGED
 from .progress import rows_bar

@@ -28,6 +28,7 @@ from ..robot.changes import Payload
 from ..robot.gravity import Compensation
 from ..signals import OpenSignals, Signals
 from .belief import Belief, informed
+from .controller_sheet import controller_sheet
 from .guards import Guards
 from .inputs import InputCheck
 from .limits import Limits
@@ -91,6 +92,13 @@ class Controller:
         """Have the kernels compiled where a copy arrives in a new process."""
         self.__dict__.update(state)
         compile_all()
+
+    def __repr__(self) -> str:
+        """Return a table: robot, task, gains, what is adapted, limits."""
+        return str(controller_sheet(self))
+
+    def _repr_html_(self) -> str:
+        return controller_sheet(self).html()
 
     def limited(self, torque: np.ndarray | None) -> Controller:
         """Return this controller with other torque limits (n) [N m or N]; it shares the scratch."""

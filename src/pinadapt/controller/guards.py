@@ -18,7 +18,6 @@ from ..records import Desired
 from ..robot.chain import is_slide
 from ..robot.robot import Robot
 from ..robot.velocity_limits import velocity_limits
-from ..robot.workspace import reach
 from ..sensing import SensorQuality
 
 GUARDS = ("position", "velocity", "time", "rest")
@@ -153,7 +152,7 @@ def make_guards(
                 where="guards",
             )
         on[name] = wanted
-    size = reach(believed)
+    size = believed.reach
     based = any(part.joint == FIRST for part in kinematics.translations)
     scale = size if kinematics.positions else 1.0
     slides = any(is_slide(joint) for joint in believed.model.joints[1:])

@@ -14,7 +14,6 @@ from ..models.task_kinematics import TaskKinematics
 from ..models.translations import FIRST
 from ..robot.effort_limits import torque_limits
 from ..robot.robot import Robot
-from ..robot.workspace import reach
 
 _ABSURD = 1e4
 _SHORTEST, _LONGEST = 0.2, 5.0
@@ -72,7 +71,7 @@ def make_limits(
     size = (
         float(np.linalg.norm(dynamics.initial))
         + sum(body.mass for body in believed.model.inertias)
-        + reach(believed)
+        + believed.reach
     )
     return Limits(
         torque_limits(believed, torque),
@@ -108,7 +107,7 @@ def make_box(
         sizes = [len(part.labels) for part in kinematics.translations]
         length = np.repeat(plain, sizes) & (centre > 0.0)
         wide = [_WIDE_BASE if part.joint == FIRST else _WIDE for part in kinematics.translations]
-        margin = np.repeat(wide, sizes) * reach(believed)
+        margin = np.repeat(wide, sizes) * believed.reach
         low = np.where(length, _SHORTEST * centre, centre - margin)
         return np.stack([low, np.where(length, _LONGEST * centre, centre + margin)])
     given = numbers(given, "unknown.kinematic_box", error=ParameterError)

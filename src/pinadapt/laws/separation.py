@@ -21,7 +21,6 @@ from ..models.typical_motion import TypicalMotion, joint_inertia, unit_mass
 from ..robot.changes import Payload
 from ..robot.inertia import Inertia
 from ..robot.robot import Robot
-from ..robot.workspace import reach
 from ..signals import Signals
 from ..tasks.task import Task
 from .feedback import Feedback, KinematicLoop
@@ -275,7 +274,7 @@ class Separation(Law):
 
 def _damping(robot: Robot, w: float) -> np.ndarray:
     """Return the default diagonal (n) of K_v [N m s/rad or N s/m]."""
-    mass, arm = _LOAD * pin.computeTotalMass(robot.model), _ARM * reach(robot)
+    mass, arm = _LOAD * pin.computeTotalMass(robot.model), _ARM * robot.reach
     turning = mass * arm**2
     ball = Payload(mass, (0.0, 0.0, 0.0), (turning, 0.0, turning, 0.0, 0.0, turning))
     return _DAMPING * w * joint_inertia(robot.changed(payload=ball))

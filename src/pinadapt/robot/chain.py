@@ -42,6 +42,11 @@ def is_slide(joint: pin.JointModel) -> bool:
     return bool(joint.shortname().startswith("JointModelP"))
 
 
+def joint_unit(joint: pin.JointModel) -> str:
+    """Return the unit of a joint's coordinate."""
+    return "m" if is_slide(joint) else "rad"
+
+
 def is_free_flyer(joint: pin.JointModel) -> bool:
     """Tell whether a joint is the six-dof one of a floating base."""
     return bool(joint.shortname() == "JointModelFreeFlyer")

@@ -40,7 +40,8 @@ class Description:
         frame: task frame that is known for it, or None.
         task: task that is known for it, or None.
         locked: joints to lock.
-        weld_root: whether to fix a floating base.
+        weld_root: whether to fix a floating base in any case.
+        from_file: whether it comes from a file, where nobody floats a base on purpose.
     """
 
     name: str
@@ -52,6 +53,7 @@ class Description:
     task: str | None = None
     locked: tuple[str, ...] = ()
     weld_root: bool = False
+    from_file: bool = False
 
     @property
     def visual(self) -> Callable[[], pin.GeometryModel | None]:
@@ -127,7 +129,9 @@ def _from_file(
         file = Urdf.read(path, xacro, packages)
         model = file.model()
         q_reference = pin.neutral(model)
-    return Description(str(model.name), model, file.geometry, q_reference, file.mimics())
+    return Description(
+        str(model.name), model, file.geometry, q_reference, file.mimics(), from_file=True
+    )
 
 
 def _from_catalogue(name: str) -> Description:

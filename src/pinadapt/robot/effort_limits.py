@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import numbers
 from ..exceptions import GainError
-from .robot import Robot
+
+if TYPE_CHECKING:
+    from .robot import Robot
 
 
 def effort_limits(robot: Robot) -> np.ndarray:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .._table import Table
 from ..robot.chain import is_slide
 from ..robot.effort_limits import effort_limits
 from ..robot.position_limits import position_limits
@@ -15,7 +16,6 @@ from ..robot.robot import Robot
 from ..robot.velocity_limits import velocity_limits
 from ..tasks.units import DISPLAYS
 from .joint_motion import JointMotion
-from .table import columns
 
 _HEADER = ("beyond limits", "position", "velocity", "effort", "of")
 
@@ -101,11 +101,14 @@ class LimitExcess:
                 shown = [self._shown(i, kind, value) for kind, value in excess.of(i).items()]
                 yield self.joints[i], *shown, motion
 
+    @property
+    def table(self) -> Table:
+        """The joints beyond a limit, one a row."""
+        return Table(list(self.rows()), _HEADER)
+
     def __str__(self) -> str:
-        """Return a table of the joints beyond a limit, or the verdict where none is."""
-        if not self.exceeded:
-            return f"joint limits: {self.verdict()}"
-        return columns(_HEADER, list(self.rows()))
+        """Return the table, or the verdict where no joint is beyond a limit."""
+        return str(self.table) if self.exceeded else f"joint limits: {self.verdict()}"
 
     def _motions(self) -> dict[str, Excess]:
         """Return what there is of plant and reference."""

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._table import Sheet, Table, number
 from .._version import __version__
 from ..tasks.units import DISPLAYS
-from .table import number, two_columns
 from .transients import CLOSE
 
 if TYPE_CHECKING:
@@ -80,7 +80,23 @@ def _transient(transient: Transient) -> dict[str, Any]:
     }
 
 
-def table(rollout: Rollout) -> str:
+def brief(rollout: Rollout) -> Sheet:
+    """Return robot, law, duration and the largest errors."""
+    numbers, unit = _errors(rollout.distance, "error"), DISPLAYS[rollout.task.groups[0].unit]
+    first, last = (
+        number(numbers[f"max_error_{part}"], unit.unit, scale=unit.scale)
+        for part in ("first", "last")
+    )
+    rows = [
+        ("robot", f"{rollout.robot}, {rollout.v.shape[1]} joints, task {rollout.task.name}"),
+        ("law", f"{rollout.law}, adaptation {rollout.adaptation}"),
+        ("duration", f"{rollout.duration:.4g} s, {len(rollout.t)} samples"),
+        ("largest error", f"{first} in the first 10 %, {last} in the last 10 %"),
+    ]
+    return Sheet(rollout.title, [Table([*rows, *_diverged(rollout)])])
+
+
+def sheet(rollout: Rollout) -> Sheet:
     """Return a table of what matters, and one of the joints beyond their limits if there are."""
     numbers, (group, *more) = summary(rollout), rollout.task.groups
     sizes = f"{len(rollout.kinematic_names)} kinematic, {len(rollout.dynamic_names)} dynamic"
@@ -106,8 +122,8 @@ def table(rollout: Rollout) -> str:
         ("samples", f"{numbers['steps']} in {rollout.wall_time:.1f} s"),
         *_remarks(rollout, numbers),
     ]
-    joints = f"\n\n{rollout.limits}" if rollout.limits.exceeded else ""
-    return two_columns(rollout.title, rows) + joints
+    joints = [rollout.limits.table] if rollout.limits.exceeded else []
+    return Sheet(rollout.title, [Table(rows), *joints])
 
 
 def _error_rows(
@@ -136,9 +152,14 @@ def _remarks(rollout: Rollout, numbers: dict[str, Any]) -> list[tuple[str, str]]
         rows.append(("torque at its limit", f"{numbers['saturated']:.1%} of the time"))
     if rollout.step_time:
         rows.append(("controller step (mean)", number(numbers["step_time_us"], "us", digits=0)))
-    if rollout.diverged is not None:
-        rows.append(("DIVERGED", f"at {rollout.diverged:.3f} s: {rollout.reason}"))
-    return rows
+    return rows + _diverged(rollout)
+
+
+def _diverged(rollout: Rollout) -> list[tuple[str, str]]:
+    """Return a row where the loop diverged."""
+    if rollout.diverged is None:
+        return []
+    return [("DIVERGED", f"at {rollout.diverged:.3f} s: {rollout.reason}")]
 
 
 def _change_rows(changes: list[dict[str, Any]], unit: str) -> list[tuple[str, str]]:

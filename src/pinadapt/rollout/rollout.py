@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ..view.animation import Animation
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Rollout:
     """A closed loop over N samples, in SI units and world axes; ``print`` shows a table.
 
@@ -76,6 +76,11 @@ class Rollout:
         """Task error (N, m), how far x is from x_d: [m], for orientations and joints [rad]."""
         rows = [self.task.error(*both) for both in zip(self.x, self.x_d, strict=True)]
         return np.array(rows).reshape(len(rows), self.task.size)
+
+    @property
+    def duration(self) -> float:
+        """Time [s] from the first sample to one period after the last."""
+        return float(self.t[-1] - self.t[0] + np.diff(self.t[-2:]).sum()) if len(self.t) else 0.0
 
     @property
     def distance(self) -> np.ndarray:
@@ -167,7 +172,14 @@ class Rollout:
 
     def __str__(self) -> str:
         """Return a table of what matters."""
-        return report.table(self)
+        return str(report.sheet(self))
+
+    def __repr__(self) -> str:
+        """Return a few lines: robot, law, duration, errors."""
+        return str(report.brief(self))
+
+    def _repr_html_(self) -> str:
+        return report.sheet(self).html()
 
     def save(self, folder: Path | str) -> None:
         """Write ``summary.json`` and ``rollout.npz`` into a folder, made if it is missing."""

@@ -77,7 +77,7 @@ def _robot(template: Template, folder: Path) -> Table:
         table["mass"] = template.mass
     _remark(
         table,
-        f"Other ends of chains: {_names(template.ends)}; any link of the robot can be named.",
+        f"Other ends of chains: {_names(robot.ends)}; any link of the robot can be named.",
     )
     table["frame"] = robot.frame
     _remark(
@@ -86,7 +86,7 @@ def _robot(template: Template, folder: Path) -> Table:
         "adds the orientation.",
     )
     table["task"] = robot.task.name
-    if template.welded:
+    if robot.welded:
         _remark(
             table,
             "The base floats in the description: it is fixed, and the chain is used as an arm.",
@@ -95,13 +95,13 @@ def _robot(template: Template, folder: Path) -> Table:
     _remark(
         table,
         "Joints of the chain to lock as well. Locked anyway, for they are not on it: "
-        f"{_names(template.others)}.",
+        f"{_names(robot.locked)}.",
     )
     table["locked"] = []
     _remark(
         table, f"Home pose, where the motion starts [rad or m]: {', '.join(robot.joint_names)}."
     )
-    table["q0"] = _numbers(robot.home_angles)
+    table["q0"] = _numbers(robot.home_angles, digits=12)
     return table
 
 
@@ -135,7 +135,7 @@ def _reference(template: Template) -> Table:
             "radius": circle.radius,
             "period": circle.period,
             "plane": circle.plane,
-            "phase": float(f"{circle.phase:.6g}"),
+            "phase": float(f"{circle.phase:.12g}"),
         }
     )
 
@@ -191,8 +191,8 @@ def _comments(text: str) -> list[Comment]:
     return [tomlkit.comment(line) for line in lines]
 
 
-def _numbers(values: Iterable[float]) -> list[float]:
-    return [float(f"{value:.6g}") + 0.0 for value in values]
+def _numbers(values: Iterable[float], digits: int = 6) -> list[float]:
+    return [float(f"{value:.{digits}g}") + 0.0 for value in values]
 
 
 def _names(names: Sequence[str]) -> str:

@@ -35,7 +35,15 @@ def plane_axes(plane: str, size: int) -> np.ndarray:
 
 
 class Circle(Trajectory):
-    """x_d = center + radius (cos(w t + phase) u_1 + sin(w t + phase) u_2), w = 2 pi / period."""
+    """x_d = center + radius (cos(w t + phase) u_1 + sin(w t + phase) u_2), w = 2 pi / period.
+
+    Attributes:
+        center: (m) [m].
+        radius: [m].
+        period: of a turn [s].
+        plane: the two axes u_1, u_2.
+        phase: angle at time 0 [rad].
+    """
 
     def __init__(
         self, center: ArrayLike, radius: float, period: float, plane: str = "xy", phase: float = 0.0
@@ -50,6 +58,7 @@ class Circle(Trajectory):
         self.radius = positive(radius, "reference.radius")
         self.period = positive(period, "reference.period")
         self.phase = float(vector(phase, 1, "reference.phase")[0])
+        self.plane = plane
         u1, u2 = self.radius * plane_axes(plane, size)
         w = 2 * math.pi / self.period
         rest = np.zeros(size)

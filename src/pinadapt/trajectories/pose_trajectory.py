@@ -40,12 +40,12 @@ class PoseTrajectory(Trajectory):
 
     def shifted(self, by: np.ndarray) -> PoseTrajectory:
         """Return the same motion moved by by[:3] [m] and turned by by[3:] [rad], world axes."""
-        return PoseTrajectory(self.position.shifted(by[:3]), self.orientation.turned(by[3:]))
+        return type(self)(self.position.shifted(by[:3]), self.orientation.turned(by[3:]))
 
     def starting_at(self, start: np.ndarray) -> PoseTrajectory:
         """Return the same motion moved and turned to be at the pose ``start`` (7) at time 0."""
         start = vector(start, 7, "start")
-        return PoseTrajectory(
+        return type(self)(
             self.position.starting_at(start[:3]), self.orientation.starting_at(start[3:])
         )
 

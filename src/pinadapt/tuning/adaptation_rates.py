@@ -27,7 +27,6 @@ from ..models.joint_effects import without_joint_effects
 from ..models.stacked import StackedDynamics
 from ..models.typical_motion import TypicalMotion
 from ..robot.robot import Robot
-from ..robot.workspace import reach
 from .defaults import PREDICTION_RATE, gradient_shape
 from .linearised_loop import frequency, rate_for
 
@@ -179,7 +178,7 @@ def _cone(
     if isinstance(dynamics, BodyDynamics):
         names = [believed.joint_names[body] for body in dynamics.bodies]
         mass = pin.computeTotalMass(believed.model) / believed.model.nv
-        cone = BodyInequality(names, least_mass=1e-3 * mass, least_radius=1e-2 * reach(believed))
+        cone = BodyInequality(names, least_mass=1e-3 * mass, least_radius=1e-2 * believed.reach)
     elif lmi is None:
         raise ParameterError(
             "natural adaptation of a user's basis needs the inequality that keeps M positive "

@@ -28,7 +28,6 @@ from ..records import Measurement
 from ..robot.changes import Payload
 from ..robot.gravity import Compensation, compensation_of
 from ..robot.robot import Robot
-from ..robot.workspace import reach
 from ..sensing import Camera, SensorQuality
 from ..tasks.joint import JointTask
 from .adaptation_rates import (
@@ -137,7 +136,7 @@ def make_controller(
     tuned, share = _tuned(law, motion, dt, gains)
     w = share * motion.bandwidth
     quality = sensor_quality(believed, dt, camera, noise, encoder)
-    needed = remedies(quality, w, reach(believed))
+    needed = remedies(quality, w, believed.reach)
     if isinstance(law, str):
         tuned = tuned.decorrelated(needed.decorrelation)
     _warn(tuned, kind, motion, {**gains, **rates})
