@@ -20,9 +20,9 @@ from .shapes import DESIRED, TRUE
 if TYPE_CHECKING:
     from ..rollout.rollout import Rollout
 
-_MOST_FRAMES = 1200  # longer rollouts get fewer frames a second
+_MOST_FRAMES = 900  # longer rollouts get fewer frames a second
 _LINE_RATE = 60.0  # [1/s] samples of the paths
-_MOST_POINTS = 4000  # of a path
+_MOST_POINTS = 2000  # of a path
 _MOST_READINGS = 500  # of the curves
 
 
