@@ -6,7 +6,7 @@ BIN    := $(VENV)/bin
 export OPENBLAS_NUM_THREADS := 1
 
 # Closed loops of many seconds, which `make check` leaves to `make test`.
-SLOW := init joint_laws kernel_cache limits lumped lyapunov notebooks pose_loop preflight readme reference separation showcase simulation zoo
+SLOW := init interrupted joint_laws kernel_cache limits lumped lyapunov notebooks outputs pose_loop preflight readme reference separation showcase simulation zoo
 
 .PHONY: demo notebook strip check test lint bench clean
 

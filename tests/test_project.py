@@ -25,7 +25,7 @@ def module_of(path):
 LAYERS = [
     {"exceptions", "_borrowed", "_version"},
     {"_compiled"},
-    {"_checks", "_kernels", "_table", "_toml"},
+    {"_checks", "_files", "_kernels", "_table", "_toml"},
     {"records", "sensing", "tasks"},
     {"trajectories"},
     {"robot"},

@@ -26,6 +26,7 @@ from .exceptions import DivergedError as DivergedError
 from .exceptions import GainError as GainError
 from .exceptions import ImplausibleError as ImplausibleError
 from .exceptions import InputError as InputError
+from .exceptions import Interrupted as Interrupted
 from .exceptions import MeasurementError as MeasurementError
 from .exceptions import ParameterError as ParameterError
 from .exceptions import PinadaptError as PinadaptError

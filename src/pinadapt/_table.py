@@ -38,20 +38,24 @@ class Sheet(NamedTuple):
     Attributes:
         title: one line.
         tables: from the top.
+        note: a line below them, or none.
     """
 
     title: str
     tables: Sequence[Table]
+    note: str = ""
 
     def __str__(self) -> str:
         """Return the sheet as text."""
         first, *others = map(str, self.tables)
-        return "\n\n".join([f"{self.title}\n{'-' * len(self.title)}\n{first}", *others])
+        head = f"{self.title}\n{'-' * len(self.title)}\n{first}"
+        return "\n\n".join([head, *others, *filter(None, [self.note])])
 
     def html(self) -> str:
         """Return the sheet as HTML without scripts, styles or anything to be fetched."""
         tables = "".join(table.html() for table in self.tables)
-        return f"<div><strong>{escape(self.title)}</strong>{tables}</div>"
+        note = f"<div>{escape(self.note)}</div>" if self.note else ""
+        return f"<div><strong>{escape(self.title)}</strong>{tables}{note}</div>"
 
 
 def columns(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

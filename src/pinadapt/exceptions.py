@@ -5,7 +5,10 @@ from __future__ import annotations
 import copyreg
 import difflib
 from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .rollout.rollout import Rollout
 
 
 def nearest(name: object, allowed: Iterable[str]) -> str | None:
@@ -89,6 +92,19 @@ class MeasurementError(PinadaptError):
 
 class ImplausibleError(MeasurementError):
     """A measurement that could be one, but not of this robot here and now; see ``Guards``."""
+
+
+class Interrupted(KeyboardInterrupt):
+    """Somebody stopped a simulation; like any ``KeyboardInterrupt`` it stops a script as well.
+
+    Attributes:
+        rollout: what ran until then, ``Rollout.interrupted`` says when.
+    """
+
+    def __init__(self, rollout: Rollout) -> None:
+        """Keep the rollout."""
+        self.rollout = rollout
+        super().__init__(f"interrupted at {rollout.interrupted:.3f} s")
 
 
 class DivergedError(PinadaptError):

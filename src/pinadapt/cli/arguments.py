@@ -72,6 +72,7 @@ def _run(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--live", action="store_true", help="show it in a browser meanwhile, at most in real time"
     )
+    _add_unadapted(command)
 
 
 def _view(command: argparse.ArgumentParser) -> None:
@@ -93,6 +94,7 @@ def _compare(command: argparse.ArgumentParser) -> None:
         metavar="A,B",
         help=f"of {', '.join(LAWS)} (default: those for the task)",
     )
+    _add_unadapted(command)
 
 
 def _robots(command: argparse.ArgumentParser) -> None:
@@ -170,6 +172,14 @@ def _add_settings(command: argparse.ArgumentParser) -> None:
         default=[],
         metavar="KEY=VALUE",
         help="override a dotted key",
+    )
+
+
+def _add_unadapted(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--unadapted",
+        action="store_true",
+        help="run the same loop without adaptation as well, to tell its error beside",
     )
 
 

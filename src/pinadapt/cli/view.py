@@ -8,7 +8,8 @@ from pathlib import Path
 from ..exceptions import InputError
 from ..scenario.scenario import Scenario
 from ..view.browser import open_in_browser
-from .progress import samples_bar
+from .outputs import run_scenario
+from .status import status_of
 
 
 def view(options: argparse.Namespace) -> int:
@@ -23,9 +24,9 @@ def view(options: argparse.Namespace) -> int:
     if options.scenario.is_dir():
         return _show(options.scenario)
     scenario = Scenario.read(options.scenario, options.set)
-    rollout = scenario.run(samples_bar(scenario.title), view=True)
+    rollout = run_scenario(scenario, live=True)
     print(rollout)
-    return 0 if rollout.diverged is None else 3
+    return status_of(rollout)
 
 
 def _show(folder: Path) -> int:

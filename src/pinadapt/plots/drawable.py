@@ -93,5 +93,9 @@ class Drawable(Protocol):
         """Time [s] and words of what happened during the run."""
 
     @property
+    def interrupted(self) -> float | None:
+        """Time at which somebody stopped the run [s]."""
+
+    @property
     def diverged(self) -> float | None:
         """Time of divergence [s]."""

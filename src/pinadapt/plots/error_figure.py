@@ -12,6 +12,7 @@ from ..tasks.units import DISPLAYS
 from .drawable import Drawable
 from .picture import Picture
 from .style import PURPLE, curve, finish, legend
+from .words import literal
 
 _NORMS = {"position": "|x - x_d|", "rotation": r"$|\phi|$", "joints": "|q - q_d|"}
 
@@ -57,7 +58,7 @@ def _components(
 def _symbol(name: str) -> str:
     """Return the label of a row, rotation vectors with their Greek letter."""
     letter, _, axis = name.partition("_")
-    return rf"$\phi_{axis}$" if letter == "phi" else name
+    return rf"$\phi_{axis}$" if letter == "phi" else literal(name)
 
 
 def _norm(ax: Any, t: np.ndarray, values: np.ndarray, label: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
+from .._files import whole_file
 from .backend import matplotlib
 from .drawable import Drawable
 from .error_figure import error_figure
@@ -34,12 +35,15 @@ class Figures(NamedTuple):
             return cls(error_figure(run), parameter_figure(run), torque_figure(run))
 
     def save(self, folder: Path) -> list[Path]:
-        """Write ``error.png``, ``parameters.png``, ``torque.png`` into a folder; return paths."""
-        folder.mkdir(parents=True, exist_ok=True)
+        """Write ``error.png``, ``parameters.png``, ``torque.png`` into a folder; return paths.
+
+        Each is whole or not there.
+        """
         paths = []
         for name, figure in self._asdict().items():
             paths.append(folder / f"{name}.png")
-            figure.savefig(paths[-1], dpi=130)
+            with whole_file(paths[-1]) as file:
+                file.write(figure.png(dpi=130))
         return paths
 
     def _ipython_display_(self) -> None:
@@ -47,7 +51,7 @@ class Figures(NamedTuple):
         from IPython.display import display  # which runs the notebook that calls this
 
         for figure in self:
-            display({"image/png": figure._repr_png_()}, raw=True)
+            display({"image/png": figure.png()}, raw=True)
 
 
 def draw_all(run: Drawable, folder: Path) -> list[Path]:

@@ -9,6 +9,7 @@ import numpy as np
 from .drawable import Drawable
 from .picture import Picture
 from .style import colour, curve, finish, legend, marker_key
+from .words import literal
 
 _MOST_NAMED = 9  # more curves than this share colours: one a body, and a marker a component
 
@@ -79,7 +80,7 @@ def _draw(ax: Any, t: np.ndarray, panel: _Panel) -> None:
         marker = components.index(parts[i]) if many else i
         label = owners[i] if owners.index(owners[i]) == i else None
         label = label if many else name.removesuffix(".m")
-        curve(ax, t, panel.values[:, i], hue, marker, label)
+        curve(ax, t, panel.values[:, i], hue, marker, label and literal(label))
         if panel.truth is not None:
             true = np.broadcast_to(panel.truth[..., i], t.shape)
             ax.plot(t, true, color=colour(hue), ls="--", lw=0.7, alpha=0.7, drawstyle="steps-post")

@@ -9,6 +9,7 @@ import numpy as np
 
 from .backend import Line2D
 from .drawable import Drawable
+from .words import literal
 
 # Okabe and Ito's palette, dark enough on white, and two of Tol's muted ones.
 COLOURS = (
@@ -24,7 +25,13 @@ COLOURS = (
 )
 MARKERS = "os^vD>X<P"
 RED, BLUE, GREEN, PURPLE = COLOURS[1], COLOURS[5], COLOURS[2], COLOURS[7]
-RC: Any = {"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "axes.axisbelow": True}
+RC: Any = {
+    "font.size": 9,
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "axes.axisbelow": True,
+    "text.usetex": False,
+}
 _MARKS = 9  # markers on a curve
 
 
@@ -95,7 +102,9 @@ def finish(figure: Any, axes: Any, run: Drawable) -> None:
         if len(run.t) and at <= run.t[-1]:
             _mark(axes, at, what)
     end = "" if run.diverged is None else f" - diverged at {run.diverged:.3f} s"
-    figure.suptitle(f"{run.title} ({run.law}, {run.adaptation}){end}", fontsize=10)
+    end = end if run.interrupted is None else f" - interrupted at {run.interrupted:.3f} s"
+    title = f"{run.title} ({run.law}, {run.adaptation}){end}"
+    figure.suptitle(literal(title), fontsize=10)
 
 
 def _mark(axes: Any, at: float, what: str) -> None:
@@ -103,4 +112,4 @@ def _mark(axes: Any, at: float, what: str) -> None:
     for ax in axes:
         ax.axvline(at, color="black", ls=":", lw=0.9)
     above = axes[0].get_xaxis_transform()
-    axes[0].text(at, 1.02, what, transform=above, fontsize=7, ha="center", va="bottom")
+    axes[0].text(at, 1.02, literal(what), transform=above, fontsize=7, ha="center", va="bottom")

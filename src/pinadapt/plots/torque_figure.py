@@ -9,6 +9,7 @@ import numpy as np
 from .drawable import Drawable
 from .picture import Picture
 from .style import BLUE, GREEN, RED, curve, finish, legend, shade
+from .words import literal
 
 
 def torque_figure(run: Drawable) -> Picture:
@@ -23,14 +24,14 @@ def torque_figure(run: Drawable) -> Picture:
     figure = Picture(figsize=(9, 1.0 + 2.3 * count), layout="constrained")
     axes = figure.subplots(count, 1, sharex=True)
     for i, name in enumerate(run.joint_names):
-        curve(axes[0], run.t, run.tau[:, i], i, i, name)
+        curve(axes[0], run.t, run.tau[:, i], i, i, literal(name))
     axes[0].set_ylabel("torque [N m] or force [N]")
     shade(axes[0], run.t, run.saturated, RED, "at its limit")
     legend(axes[0], title="joint")
     if limited.size:
         for i in limited.tolist():
             share = 100.0 * run.tau[:, i] / bounds[i]
-            curve(axes[1], run.t, share, i, i, f"{run.joint_names[i]}: {bounds[i]:g}")
+            curve(axes[1], run.t, share, i, i, literal(f"{run.joint_names[i]}: {bounds[i]:g}"))
         for limit in (-100.0, 100.0):
             axes[1].axhline(limit, color="black", ls="-.", lw=0.9)
         axes[1].set_ylabel("share of limit [%]")

@@ -17,6 +17,8 @@ from ..robot.velocity_limits import velocity_limits
 from ..tasks.units import DISPLAYS
 from .joint_motion import JointMotion
 
+_NOTHING = "-"
+_SHOWN = 3  # excesses in one line
 _HEADER = ("beyond limits", "position", "velocity", "effort", "of")
 
 
@@ -94,6 +96,17 @@ class LimitExcess:
         ]
         return f"exceeded at {', '.join(counts)} of {len(self.joints)} joints"
 
+    def words(self) -> str:
+        """Return in one line which joints went how far beyond which limit, or were asked to."""
+        found = [
+            f"{joint} {kind} by {value}{'' if motion == 'plant' else ' (asked for)'}"
+            for joint, *values, motion in self.rows()
+            for kind, value in zip(Excess._fields, values, strict=True)
+            if value != _NOTHING
+        ]
+        more = f" and {len(found) - _SHOWN} more" if len(found) > _SHOWN else ""
+        return f"beyond limits: {', '.join(found[:_SHOWN])}{more}"
+
     def rows(self) -> Iterator[tuple[str, ...]]:
         """Yield joint, excess of position, velocity and effort, and of what, of joints with any."""
         for motion, excess in self._motions().items():
@@ -118,7 +131,7 @@ class LimitExcess:
     def _shown(self, joint: int, kind: str, value: float) -> str:
         """Return one number with its unit, or a dash for none."""
         if not value:
-            return "-"
+            return _NOTHING
         slide = self.slides[joint]
         if kind == "effort":
             return f"{value:.4g} {'N' if slide else 'N m'}"

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._table import Sheet
 from ..exceptions import InputError
 from ..tasks.task import Task
-from . import report
+from . import report, verdict
 from .evaluation import Evaluation
 from .limit_excess import LimitExcess
 from .transients import Transient, transients
@@ -45,6 +46,11 @@ class Rollout:
             with all of them computed.
         marks: time [s] and a few words for each change of the true robot, and each time the
             controller was told something.
+        interrupted: time [s] at which somebody stopped the run, or None; the arrays end there.
+        path_extent: radius of the desired circle, half the diagonal of another path [m or rad],
+            zero for a point; None where the motion does not say.
+        unadapted: largest error in the last 10 % of the same loop without adaptation [m or rad],
+            or None where it is not known.
     """
 
     title: str
@@ -70,6 +76,9 @@ class Rollout:
     step_time: float
     evaluation: Evaluation | None
     marks: tuple[tuple[float, str], ...] = ()
+    interrupted: float | None = None
+    path_extent: float | None = None
+    unadapted: float | None = None
 
     @cached_property
     def error(self) -> np.ndarray:
@@ -158,6 +167,28 @@ class Rollout:
         return self.damping / np.maximum(whole, np.finfo(float).tiny)
 
     @property
+    def extent(self) -> float:
+        """The path's extent [m or rad]: as its motion says, or half the diagonal of what ran."""
+        if self.path_extent is not None or not len(self.t):
+            return self.path_extent or 0.0
+        return 0.5 * float(np.linalg.norm(np.ptp(self.x_d[:, self.task.groups[0].rows], axis=0)))
+
+    @property
+    def error_share(self) -> float | None:
+        """Largest error of the last 10 % in parts of the path's extent; None for a point."""
+        return verdict.error_share(self)
+
+    @property
+    def grade(self) -> str:
+        """The verdict in a few words: follows, or not, or when it diverged."""
+        return verdict.grade(self)
+
+    @property
+    def verdict(self) -> str:
+        """What the run came to, in one line: error, limits exceeded, what to try."""
+        return verdict.verdict(self)
+
+    @property
     def transients(self) -> list[Transient]:
         """How the run bears each of its marks."""
         return transients(self)
@@ -171,15 +202,18 @@ class Rollout:
         return report.summary(self)
 
     def __str__(self) -> str:
-        """Return a table of what matters."""
-        return str(report.sheet(self))
+        """Return a table of what matters, and the verdict."""
+        return str(self._sheet())
 
     def __repr__(self) -> str:
         """Return a few lines: robot, law, duration, errors."""
         return str(report.brief(self))
 
     def _repr_html_(self) -> str:
-        return report.sheet(self).html()
+        return self._sheet().html()
+
+    def _sheet(self) -> Sheet:
+        return report.sheet(self)._replace(note=self.verdict)
 
     def save(self, folder: Path | str) -> None:
         """Write ``summary.json`` and ``rollout.npz`` into a folder, made if it is missing."""

@@ -17,7 +17,9 @@ from ..robot.robot import Robot, load
 from ..robot.urdf import is_path
 from ..rollout.rollout import Rollout
 from ..simulation.events import Events
-from ..simulation.simulate import Progress, prepare, simulate
+from ..simulation.prepare import findings, prepare
+from ..simulation.progress import Progress
+from ..simulation.simulate import simulate
 from ..trajectories.trajectory import Trajectory
 from ..tuning.make_controller import make_controller
 from .error_prefix import prefix_errors
@@ -104,8 +106,27 @@ class Scenario:
         with prefix_errors("belief.change"):
             Events(self.changes, self.beliefs).check(self.controller, state)
 
-    def run(self, progress: Progress | None = None, *, view: bool = False) -> Rollout:
-        """Run the closed loop; ``progress`` wraps the range of samples, ``view`` shows it live."""
+    def findings(self) -> list[str]:
+        """Return what of period, camera and encoders would spoil a run; ``run`` warns of it."""
+        simulation = self.tables.simulation
+        if simulation.mode != "sampled":
+            return []
+        found = findings(
+            self.true,
+            self.controller,
+            simulation.dt,
+            camera=_camera(simulation),
+            noise=_noise(simulation),
+            encoder=simulation.encoder,
+        )
+        return [str(finding) for finding in found]
+
+    def run(self, progress: Progress | bool | None = None, *, view: bool = False) -> Rollout:
+        """Run the closed loop, with ``progress`` and ``view`` as in ``simulate``.
+
+        Raises:
+            Interrupted: a ``KeyboardInterrupt`` that carries the rollout so far.
+        """
         simulation, belief = self.tables.simulation, self.tables.belief
         with prefix_errors("simulation"):
             return simulate(
@@ -119,9 +140,7 @@ class Scenario:
                 acceleration=self.tables.controller.acceleration,
                 a_k=belief.kinematic,
                 a_d=belief.dynamic,
-                noise=simulation.noise.model_dump()
-                if any(simulation.noise.model_dump().values())
-                else None,
+                noise=_noise(simulation),
                 delay=simulation.delay,
                 camera=None if simulation.camera is None else simulation.camera.model_dump(),
                 encoder=simulation.encoder,
@@ -148,6 +167,12 @@ def _described(tables: ScenarioTables, folder: Path) -> Robot:
         xacro=robot.xacro,
         mass=robot.mass,
     )
+
+
+def _noise(simulation: SimulationSection) -> dict[str, float] | None:
+    """Return the standard deviations by name, or None where all are zero."""
+    noise: dict[str, float] = simulation.noise.model_dump()
+    return noise if any(noise.values()) else None
 
 
 def _camera(simulation: SimulationSection) -> dict[str, float | None] | None:

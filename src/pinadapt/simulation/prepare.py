@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,8 +16,12 @@ from ..exceptions import InputError, ParameterError
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..robot.home import conditioning
 from ..robot.robot import Robot
+from ..sensing import Camera
 from ..tasks.task import FrameTask
 from ..trajectories.trajectory import Trajectory
+from ..tuning.preflight import Finding, preflight
+from ..tuning.preflight_sensors import SensorFinding, sensor_findings
+from ..tuning.remedies import sensor_quality
 
 MODES = ("sampled", "continuous")
 ACCELERATIONS = ("filtered", "ideal")
@@ -45,6 +50,20 @@ def prepare(
     return controller.init(
         first, a_k=_array(a_k, "belief.kinematic"), a_d=_array(a_d, "belief.dynamic")
     )
+
+
+def findings(
+    true: Robot,
+    controller: Controller,
+    dt: float,
+    *,
+    camera: Camera | Mapping[str, float | None] | None = None,
+    noise: Mapping[str, float] | None = None,
+    encoder: ArrayLike = 0.0,
+) -> list[Finding | SensorFinding]:
+    """Return what of period, camera and encoders, as in ``simulate``, would spoil a run."""
+    quality = sensor_quality(true, dt, camera, noise, encoder)
+    return [*preflight(controller, dt), *sensor_findings(controller, quality)]
 
 
 def check_options(

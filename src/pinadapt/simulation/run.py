@@ -82,6 +82,8 @@ def run(
             raise DivergedError(error.reason, truth.t) from error
         except ImplausibleError as error:
             raise DivergedError(lost(error), truth.t) from error
+        except InputError as error:
+            raise unusable(error, truth.t) from error
         given = plant.motors(torque)
         yield Sample(truth.t, measurement, desired, state, given, truth, step_time)
         plant.step(torque, dt)
@@ -95,6 +97,14 @@ def run(
 def lost(error: ImplausibleError) -> str:
     """Return why a loop ends where its controller no longer believes its sensors."""
     return f"measurement '{error.field}' {error.flaw}."
+
+
+def unusable(error: InputError, t: float) -> Exception:
+    """Return what ends a loop whose desired motion cannot be used at t [s].
+
+    At the start that is an input to be refused; later the loop has run until then.
+    """
+    return DivergedError(" ".join(str(error).split()), t) if t > 0.0 else error
 
 
 def sample_indices(duration: float, dt: float, *, ends: bool = False) -> range:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from time import perf_counter
 from typing import Any
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from .._checks import instance
 from ..controller.controller import Controller
-from ..exceptions import InputError
+from ..exceptions import InputError, Interrupted
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..plants.sensors import Sensors
 from ..robot.effort_limits import torque_limits as limits_of
@@ -23,17 +23,13 @@ from ..rollout.rollout import Rollout
 from ..rollout.sample import Sample
 from ..sensing import Camera
 from ..trajectories.trajectory import Trajectory
-from ..tuning.preflight import preflight
-from ..tuning.preflight_sensors import sensor_findings
-from ..tuning.remedies import sensor_quality
 from .continuous import run_continuous
 from .events import Events
 from .memory import check_memory
-from .prepare import check_options, prepare
+from .prepare import check_options, findings, prepare
+from .progress import Progress, watched
 from .record import record, rollout_of
 from .run import run, sample_indices
-
-Progress = Callable[[range], Iterable[int]]
 
 
 def simulate(
@@ -58,7 +54,7 @@ def simulate(
     beliefs: Mapping[float, Mapping[str, Any]] | None = None,
     seed: int = 0,
     title: str = "",
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
     view: bool = False,
 ) -> Rollout:
     """Let a controller drive the true robot from its home, at rest.
@@ -91,26 +87,20 @@ def simulate(
             by name.
         seed: of the noise and of lost frames.
         title: of the rollout.
-        progress: wraps the range of samples, ``tqdm`` for example.
+        progress: None: a bar on a terminal, none elsewhere; True: a bar everywhere, a widget in a
+            notebook; False: none; or what wraps the range of samples, as ``tqdm`` does.
         view: show the run in a browser while it goes on, at most in real time, as ``LiveView``.
 
     Raises:
         InputError: anything that cannot be run; a loop that diverges is no error, see
             ``Rollout.diverged``.
+        Interrupted: a ``KeyboardInterrupt`` that carries the rollout so far.
     """
     check_options(mode, acceleration, duration, dt, record_every, seed, title)
     instance(controller, Controller, "controller")
     sensors = Sensors(true, dt, noise=noise, delay=delay, camera=camera, encoder=encoder, seed=seed)
-    if mode == "continuous" and not sensors.perfect:
-        raise InputError(
-            "noise, delay, camera and encoder exist in sampled mode only.", where="mode"
-        )
     ideal = acceleration == "ideal"
-    if ideal and torque_limits:
-        raise InputError(
-            "the ideal acceleration is that of the unclipped torque; choose one.",
-            where="torque_limits",
-        )
+    _check_together(mode, sensors, ideal and torque_limits is True)
     motors = None if ideal else limits_of(true, torque_limits is not False)
     if ideal or controller.limits.torque is None:
         controller = controller.limited(motors)
@@ -130,28 +120,48 @@ def simulate(
     if mode == "continuous":
         stream = run_continuous(*loop, ideal_acceleration=ideal, **start)
     else:
-        quality = sensor_quality(true, dt, camera or _late(delay), noise, encoder)
-        for finding in (*preflight(controller, dt), *sensor_findings(controller, quality)):
+        seeing = camera or _late(delay)
+        for finding in findings(true, controller, dt, camera=seeing, noise=noise, encoder=encoder):
             warnings.warn(str(finding), stacklevel=2)
         seen = None if sensors.perfect else sensors
         stream = run(*loop, sensors=seen, ideal_acceleration=ideal, **start)
     shown = {"duration": duration, "changes": changes, "title": title} if view else None
-    with np.errstate(all="ignore"), _watched(stream, loop, shown) as samples:  # may overflow
-        kept = record(samples, indices if progress is None else progress(indices), record_every)
-    wall_time = perf_counter() - started
-    return rollout_of(
+    with np.errstate(all="ignore"), _shown_live(stream, loop, shown) as samples:  # may overflow
+        kept = record(samples, watched(indices, progress, title or true.name), record_every)
+    rollout = rollout_of(
         kept,
         plant,
         controller,
         robots,
         told=events.beliefs,
         title=title or true.name,
-        wall_time=wall_time,
+        wall_time=perf_counter() - started,
+        extent=trajectory.extent,
     )
+    if rollout.interrupted is not None:
+        raise Interrupted(rollout)
+    return rollout
+
+
+def _check_together(mode: str, sensors: Sensors, clipped: bool) -> None:
+    """Refuse what cannot be simulated at once.
+
+    Raises:
+        InputError: sensors in continuous mode, or an ideal acceleration of a clipped torque.
+    """
+    if mode == "continuous" and not sensors.perfect:
+        raise InputError(
+            "noise, delay, camera and encoder exist in sampled mode only.", where="mode"
+        )
+    if clipped:
+        raise InputError(
+            "the ideal acceleration is that of the unclipped torque; choose one.",
+            where="torque_limits",
+        )
 
 
 @contextmanager
-def _watched(
+def _shown_live(
     stream: Iterator[Sample], loop: tuple[Any, Any, Any], shown: Mapping[str, Any] | None
 ) -> Iterator[Iterator[Sample]]:
     """Give a stream, shown in a live view with these options unless they are None."""

@@ -73,6 +73,11 @@ class Circle(Trajectory):
             ]
         )
 
+    @property
+    def extent(self) -> float:
+        """The radius [m]."""
+        return self.radius
+
     def shifted(self, by: np.ndarray) -> Circle:
         """Return the circle moved by (m) [m]."""
         moved = copy(self)

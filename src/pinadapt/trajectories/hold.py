@@ -22,6 +22,11 @@ class Hold(Trajectory):
         self.point = vector(point, None, "reference.center")
         self._rest = np.zeros(self.point.size)
 
+    @property
+    def extent(self) -> float:
+        """Zero: it is a point."""
+        return 0.0
+
     def shifted(self, by: np.ndarray) -> Hold:
         """Return the point moved by (m) [m]."""
         return Hold(self.point + by)

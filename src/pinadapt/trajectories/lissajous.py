@@ -39,6 +39,11 @@ class Lissajous(Trajectory):
         )
         self._phase = vector(phase, size, "reference.phase")
 
+    @property
+    def extent(self) -> float:
+        """Half the diagonal of the box that the amplitudes span [m or rad]."""
+        return float(np.linalg.norm(self.amplitude))
+
     def shifted(self, by: np.ndarray) -> Lissajous:
         """Return the figure moved by (m) [m]."""
         moved = copy(self)

@@ -38,6 +38,11 @@ class PoseTrajectory(Trajectory):
             orientation if isinstance(orientation, Orientation) else FixedOrientation(orientation)
         )
 
+    @property
+    def extent(self) -> float | None:
+        """That of the position [m]."""
+        return self.position.extent
+
     def shifted(self, by: np.ndarray) -> PoseTrajectory:
         """Return the same motion moved by by[:3] [m] and turned by by[3:] [rad], world axes."""
         return type(self)(self.position.shifted(by[:3]), self.orientation.turned(by[3:]))

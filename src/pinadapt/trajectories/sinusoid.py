@@ -53,6 +53,11 @@ class Sinusoid(Trajectory):
         self._w = 2.0 * math.pi / parts["period"]
         self._phase = parts["phase"]
 
+    @property
+    def extent(self) -> float:
+        """Half the diagonal of the box that the amplitudes span [m or rad]."""
+        return float(np.linalg.norm(self.amplitude))
+
     def shifted(self, by: np.ndarray) -> Sinusoid:
         """Return the same motion moved by (m) [rad or m]."""
         moved = copy(self)

@@ -21,6 +21,14 @@ class Trajectory(ABC):
     def shifted(self, by: np.ndarray) -> Trajectory:
         """Return the same motion moved by (m) [m]."""
 
+    @property
+    def extent(self) -> float | None:
+        """Radius of a circle, half the diagonal of another path [m or rad], zero for a point.
+
+        None where a motion does not say.
+        """
+        return None
+
     def starting_at(self, start: np.ndarray) -> Trajectory:
         """Return the same motion moved so that it is at ``start`` (m) [m] at time 0."""
         first = self.at(0.0).x_d

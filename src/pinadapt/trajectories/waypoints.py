@@ -33,6 +33,11 @@ class Waypoints(Trajectory):
             )
         self.segment = positive(segment, "reference.segment")
 
+    @property
+    def extent(self) -> float:
+        """Half the diagonal of the box around the points [m or rad]."""
+        return float(0.5 * np.linalg.norm(np.ptp(self.points, axis=0)))
+
     def shifted(self, by: np.ndarray) -> Waypoints:
         """Return the same motion moved by (m) [m]."""
         return Waypoints(self.points + by, self.segment)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._checks import positive
+from .._files import write_text
 from .camera import camera_for
 from .curves import Curve, Moment, curves_of, reading_of
 from .keyframes import Keyframes
@@ -43,8 +44,7 @@ class Animation:
     def save(self, path: Path | str) -> Path:
         """Write the page to a file, whose folder is made if it is missing; return its path."""
         path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(self.html, encoding="utf-8")
+        write_text(path, self.html)
         return path
 
     def _repr_html_(self) -> str:
