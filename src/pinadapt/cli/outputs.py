@@ -43,7 +43,7 @@ def run_scenario(scenario: Scenario, *, live: bool = False) -> Rollout:
         return stop.rollout
 
 
-def write_run(rollout: Rollout, scenario: Scenario, folder: Path, *, html: bool) -> None:
+def write_run(rollout: Rollout, folder: Path, *, html: bool) -> None:
     """Let the files of a run take the place of those of an earlier one, the animation if asked for.
 
     Raises:

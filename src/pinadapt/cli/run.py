@@ -23,7 +23,7 @@ def run(options: argparse.Namespace) -> int:
     folder = check_place(options.out or Path("out") / options.scenario.stem)
     rollout = run_beside(scenario, without, live=options.live)
     try:
-        write_run(rollout, scenario, folder, html=not options.no_html)
+        write_run(rollout, folder, html=not options.no_html)
     finally:
         print(sheet(rollout))  # what the disk does not keep, the terminal shows
     print(f"\nwritten to {folder}\n\n{rollout.verdict}")
