@@ -37,9 +37,9 @@ LAYERS = [
     {"controller"},
     {"tuning"},
     {"plants"},
-    {"plots"},
+    {"plots", "view"},
     {"rollout"},
-    {"simulation", "view"},
+    {"simulation"},
     {"scenario", "zoo"},
     {"cli"},
 ]

@@ -69,7 +69,21 @@ def _init(command: argparse.ArgumentParser) -> None:
 def _run(command: argparse.ArgumentParser) -> None:
     _add_scenario(command)
     command.add_argument("--no-html", action="store_true", help="write no animation")
+    command.add_argument(
+        "--live", action="store_true", help="show it in a browser meanwhile, at most in real time"
+    )
     _add_unadapted(command)
+
+
+def _view(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "scenario",
+        type=Path,
+        nargs="?",
+        metavar="DIR|SCENARIO.toml",
+        help="where `pinadapt run` wrote, or what to run and watch; nothing is written then",
+    )
+    _add_settings(command)
 
 
 def _compare(command: argparse.ArgumentParser) -> None:
@@ -128,6 +142,7 @@ _COMMANDS = {
     "demo": ("two showcase scenarios, with report and animation", _demo),
     "init": ("write a scenario for a URDF, xacro, MJCF or a named robot", _init),
     "run": ("run one scenario", _run),
+    "view": ("show a finished run, or run a scenario and show it meanwhile", _view),
     "compare": ("run the laws side by side on one scenario", _compare),
     "robots": ("list the robots of the catalogue", _robots),
     "zoo": (
@@ -140,6 +155,16 @@ _COMMANDS = {
 
 def _add_scenario(command: argparse.ArgumentParser) -> None:
     command.add_argument("scenario", type=Path, nargs="?", metavar="SCENARIO.toml")
+    _add_settings(command)
+    command.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="where to write (default: out/ and the scenario's name)",
+    )
+
+
+def _add_settings(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--set",
         nargs="+",
@@ -147,12 +172,6 @@ def _add_scenario(command: argparse.ArgumentParser) -> None:
         default=[],
         metavar="KEY=VALUE",
         help="override a dotted key",
-    )
-    command.add_argument(
-        "--out",
-        type=Path,
-        metavar="DIR",
-        help="where to write (default: out/ and the scenario's name)",
     )
 
 

@@ -45,7 +45,7 @@ def compare(options: argparse.Namespace) -> int:
                 _clear(folder)
             summaries = [rollout.summary() for rollout in rollouts]
             write_text(folder / TABLE, json.dumps(summaries, indent=2) + "\n")
-            write_run(rollouts[-1], scenario, place, html=False)
+            write_run(rollouts[-1], place, html=False)
             if interrupted(rollouts):
                 break
     finally:

@@ -67,7 +67,7 @@ def demo(options: argparse.Namespace) -> int:
             else:
                 rollout = replace(rollout, unadapted=unadapted.get(loop))
             rollouts.append(rollout)
-            write_run(rollout, scenario, folder, html=True)
+            write_run(rollout, folder, html=True)
             if interrupted(rollouts):
                 break
     finally:

@@ -10,7 +10,6 @@ from pathlib import Path
 
 from .._files import check_writable, one_run
 from ..exceptions import Interrupted
-from ..robot.succession import Succession
 from ..rollout.rollout import Rollout
 from ..scenario.scenario import Scenario
 from .progress import steps_bar
@@ -35,16 +34,16 @@ def check_place(folder: Path) -> Path:
     return folder
 
 
-def run_scenario(scenario: Scenario) -> Rollout:
+def run_scenario(scenario: Scenario, *, live: bool = False) -> Rollout:
     """Return the rollout of a scenario, as far as it ran where it was interrupted."""
     try:
-        return scenario.run()
+        return scenario.run(view=live)
     except Interrupted as stop:
         print(f"pinadapt: {stop}; what ran is written.", file=sys.stderr)
         return stop.rollout
 
 
-def write_run(rollout: Rollout, scenario: Scenario, folder: Path, *, html: bool) -> None:
+def write_run(rollout: Rollout, folder: Path, *, html: bool) -> None:
     """Let the files of a run take the place of those of an earlier one, the animation if asked for.
 
     Raises:
@@ -53,7 +52,7 @@ def write_run(rollout: Rollout, scenario: Scenario, folder: Path, *, html: bool)
     steps: list[Callable[[Path], object]] = [
         rollout.save,
         rollout.plot,
-        *([partial(_animate, rollout, scenario)] if html else []),
+        *([partial(_animate, rollout)] if html else []),
     ]
     saved = False
     try:
@@ -71,12 +70,8 @@ def write_run(rollout: Rollout, scenario: Scenario, folder: Path, *, html: bool)
         ) from error
 
 
-def _animate(rollout: Rollout, scenario: Scenario, folder: Path) -> None:
-    from ..view.animation import write_animation  # here, because runs without it are faster
-
-    true = Succession.of(scenario.true, scenario.changes)
-    kinematics = scenario.controller.kinematics
-    write_animation(rollout, true, scenario.believed, kinematics, folder / "animation.html")
+def _animate(rollout: Rollout, folder: Path) -> None:
+    rollout.animate().save(folder / "animation.html")
 
 
 def _rescued(rollout: Rollout) -> Path | None:

@@ -21,9 +21,9 @@ def run(options: argparse.Namespace) -> int:
     scenario = Scenario.read(options.scenario, options.set)
     without = unadapted(options) if options.unadapted else None
     folder = check_place(options.out or Path("out") / options.scenario.stem)
-    rollout = run_beside(scenario, without)
+    rollout = run_beside(scenario, without, live=options.live)
     try:
-        write_run(rollout, scenario, folder, html=not options.no_html)
+        write_run(rollout, folder, html=not options.no_html)
     finally:
         print(sheet(rollout))  # what the disk does not keep, the terminal shows
     print(f"\nwritten to {folder}\n\n{rollout.verdict}")
@@ -37,14 +37,14 @@ def unadapted(options: argparse.Namespace, *settings: str) -> Scenario:
     )
 
 
-def run_beside(scenario: Scenario, without: Scenario | None) -> Rollout:
+def run_beside(scenario: Scenario, without: Scenario | None, *, live: bool = False) -> Rollout:
     """Return the rollout of a scenario, which knows the error of the same loop unadapted, if given.
 
     The latter runs first; if it is interrupted, it is the one that is returned.
     """
     if without is None:
-        return run_scenario(scenario)
+        return run_scenario(scenario, live=live)
     first = run_scenario(without)
     if first.interrupted is not None:
         return first
-    return replace(run_scenario(scenario), unadapted=first.summary()["max_error_last"])
+    return replace(run_scenario(scenario, live=live), unadapted=first.summary()["max_error_last"])

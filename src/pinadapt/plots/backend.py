@@ -17,5 +17,6 @@ except ValueError:  # MPLBACKEND names none that there is
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
-__all__ = ["Figure", "FigureCanvasAgg", "matplotlib"]
+__all__ = ["Figure", "FigureCanvasAgg", "Line2D", "matplotlib"]

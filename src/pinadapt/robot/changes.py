@@ -86,11 +86,13 @@ def scale_inertias(model: pin.Model, scale: float | Mapping[str, float]) -> None
             model.inertias[joint] = pin.Inertia(0.0, body.lever, factor * body.inertia)
 
 
-def attach_payload(model: pin.Model, frame: int, payload: Payload) -> None:
-    """Fix a load to the body that carries the frame."""
+def attach_payload(model: pin.Model, frame: int, payload: Payload) -> pin.Inertia:
+    """Fix a load to the body that carries the frame; return it in the axes of that body's joint."""
     instance(payload, Payload, "payload", RobotError)
     carrier = model.frames[frame]
-    model.inertias[carrier.parentJoint] += carrier.placement.act(payload.spatial_inertia())
+    load = carrier.placement.act(payload.spatial_inertia())
+    model.inertias[carrier.parentJoint] += load
+    return load
 
 
 def shift_tool(model: pin.Model, frame: int, translation: ArrayLike) -> None:

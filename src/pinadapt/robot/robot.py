@@ -57,6 +57,7 @@ class Robot:
         welded: whether the base floats in the description.
         mounting: the plane that the chain is mounted on; None for a floating base and for robots of
             the catalogue, whose homes are stated or searched without one.
+        loads: what it carries since it was loaded, in the axes of the last joint; the model has it.
     """
 
     name: str
@@ -70,6 +71,7 @@ class Robot:
     locked: tuple[str, ...] = ()
     welded: bool = False
     mounting: MountingPlane | None = None
+    loads: tuple[pin.Inertia, ...] = ()
 
     @property
     def visual(self) -> pin.GeometryModel | None:
@@ -178,8 +180,9 @@ class Robot:
         """
         model = self.model.copy()
         changes.scale_inertias(model, inertial_scale)
+        loads = self.loads
         if payload is not None:
-            changes.attach_payload(model, self.frame_id, payload)
+            loads = *loads, changes.attach_payload(model, self.frame_id, payload)
         changes.shift_joints(model, link_translation)
         if tool_translation is not None:
             changes.shift_tool(model, self.frame_id, tool_translation)
@@ -188,7 +191,7 @@ class Robot:
             self._coefficients(viscous, "friction.viscous", self.friction.viscous),
             self._coefficients(coulomb, "friction.coulomb", self.friction.coulomb),
         )
-        return replace(self, model=model, friction=friction)
+        return replace(self, model=model, friction=friction, loads=loads)
 
     def undrawn(self) -> Robot:
         """Return this robot without the geometry to draw, which no controller needs."""

@@ -10,6 +10,7 @@ import numpy as np
 from ..controller.controller import Controller
 from ..laws.law import Truth
 from ..plants.pinocchio_plant import PinocchioPlant
+from ..robot.effort_limits import effort_limits
 from ..robot.robot import Robot
 from ..robot.succession import Succession
 from .joint_motion import motion_of_plant, motion_of_reference
@@ -100,6 +101,11 @@ class Evaluation:
         threshold = self.controller.limits.singular
         s_squared = 1.0 / np.sum(self.singular_values**-2.0, axis=1)
         return np.maximum(0.5 * (threshold**2 - s_squared), 0.0)
+
+    @property
+    def effort_limits(self) -> np.ndarray:
+        """The description's effort limits (nv) [N m or N], infinite where it has none."""
+        return effort_limits(self.true.robots[0])
 
     @cached_property
     def limits(self) -> LimitExcess:

@@ -5,16 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._table import Sheet
+from ..exceptions import InputError
 from ..tasks.task import Task
 from . import report, verdict
 from .evaluation import Evaluation
 from .limit_excess import LimitExcess
 from .transients import Transient, transients
+
+if TYPE_CHECKING:
+    from ..view.animation import Animation
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -105,7 +109,7 @@ class Rollout:
 
         Of each sample (N, p_k) where the true robot changes during the run.
         """
-        return self._evaluated().a_k_true
+        return self.evaluated().a_k_true
 
     @cached_property
     def a_d_true(self) -> np.ndarray | None:
@@ -113,43 +117,48 @@ class Rollout:
 
         Of each sample (N, p_d) where the true robot changes during the run.
         """
-        return self._evaluated().a_d_true
+        return self.evaluated().a_d_true
 
     @cached_property
     def kinematic_base(self) -> int:
         """How many combinations of the kinematic parameters motion can identify."""
-        return self._evaluated().controller.kinematics.base()
+        return self.evaluated().controller.kinematics.base()
 
     @cached_property
     def lyapunov(self) -> np.ndarray | None:
         """V(t) (N), or None where undefined; it jumps where the true robot changes."""
-        return self._evaluated().lyapunov
+        return self.evaluated().lyapunov
 
     @cached_property
     def lyapunov_ends(self) -> np.ndarray | None:
         """V of the first and the last sample (2), or None where undefined."""
-        evaluation = self._evaluated()
+        evaluation = self.evaluated()
         return evaluation.storage([evaluation.samples[k] for k in (0, -1)]) if len(self.t) else None
 
     @cached_property
     def min_eig_M_hat(self) -> np.ndarray:
         """Smallest eigenvalue (N) of the estimated mass matrix."""
-        return self._evaluated().smallest_eigenvalues
+        return self.evaluated().smallest_eigenvalues
 
     @cached_property
     def min_singular_J_hat(self) -> np.ndarray:
         """Smallest singular value (N) of the estimated Jacobian."""
-        return self._evaluated().smallest_singular_values
+        return self.evaluated().smallest_singular_values
 
     @cached_property
     def damping(self) -> np.ndarray:
         """The mu^2 (N) of the estimated Jacobian's ``RightInverse``, zero where that is exact."""
-        return self._evaluated().damping
+        return self.evaluated().damping
 
     @cached_property
     def limits(self) -> LimitExcess:
         """How far each joint went beyond the limits of its description, and was asked to."""
-        return self._evaluated().limits
+        return self.evaluated().limits
+
+    @cached_property
+    def effort_limits(self) -> np.ndarray:
+        """Effort limits (nv) of the description [N m or N], infinite where it has none."""
+        return self.evaluated().effort_limits
 
     @property
     def damping_share(self) -> np.ndarray:
@@ -210,14 +219,46 @@ class Rollout:
         """Write ``summary.json`` and ``rollout.npz`` into a folder, made if it is missing."""
         report.save(self, Path(folder))
 
-    def plot(self, folder: Path | str) -> list[Path]:
-        """Draw error, parameters and torque as ``.png`` into a folder and return their paths."""
-        from ..plots.figures import draw_all
+    def plot(self, folder: Path | str | None = None) -> Any:
+        """Draw error, parameters and torque.
 
-        return draw_all(self, Path(folder))
+        Args:
+            folder: into which to write them as ``.png``; made if it is missing.
 
-    def _evaluated(self) -> Evaluation:
-        assert self.evaluation is not None  # without one every property is in the instance already
+        Returns:
+            The paths of the files; without a folder the figures by name, which show themselves in
+            Jupyter.
+        """
+        from ..plots.figures import Figures, draw_all
+
+        return Figures.of(self) if folder is None else draw_all(self, Path(folder))
+
+    def animate(self, *, frames_per_second: float = 30.0) -> Animation:
+        """Return the run as a page that moves, which shows itself in Jupyter.
+
+        Args:
+            frames_per_second: of the animation, at most one a sample.
+
+        Raises:
+            InputError: frames_per_second is not positive, or the rollout has left its process.
+            PinadaptError: meshcat's viewer cannot be used.
+        """
+        from ..view.animation import animation_of
+
+        return animation_of(self, frames_per_second=frames_per_second)
+
+    def evaluated(self) -> Evaluation:
+        """Return what the properties are computed by: robots, controller and samples.
+
+        Raises:
+            InputError: the rollout has left its process and has only the numbers left.
+        """
+        if self.evaluation is None:
+            raise InputError(
+                "a rollout that was copied to another process has its numbers, but no robots.",
+                where="rollout",
+                hint="Animate it where it ran.",
+            )
         return self.evaluation
 
     def __getstate__(self) -> dict[str, Any]:

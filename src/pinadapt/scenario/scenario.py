@@ -135,8 +135,8 @@ class Scenario:
         )
         return [str(finding) for finding in found]
 
-    def run(self, progress: Progress | bool | None = None) -> Rollout:
-        """Run the closed loop, with ``progress`` as in ``simulate``.
+    def run(self, progress: Progress | bool | None = None, *, view: bool = False) -> Rollout:
+        """Run the closed loop, with ``progress`` and ``view`` as in ``simulate``.
 
         Raises:
             Interrupted: a ``KeyboardInterrupt`` that carries the rollout so far.
@@ -165,6 +165,7 @@ class Scenario:
                 seed=simulation.seed,
                 title=self.title,
                 progress=progress,
+                view=view,
             )
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from time import perf_counter
 from typing import Any
@@ -23,6 +24,7 @@ from ..robot.effort_limits import torque_limits as limits_of
 from ..robot.robot import Robot
 from ..robot.succession import Succession
 from ..rollout.rollout import Rollout
+from ..rollout.sample import Sample
 from ..sensing import Camera
 from ..trajectories.trajectory import Trajectory
 from .continuous import run_continuous
@@ -58,6 +60,7 @@ def simulate(
     seed: int = 0,
     title: str = "",
     progress: Progress | bool | None = None,
+    view: bool = False,
 ) -> Rollout:
     """Let a controller drive the true robot from its home, at rest.
 
@@ -92,6 +95,7 @@ def simulate(
         title: of the rollout.
         progress: None: a bar on a terminal, none elsewhere; True: a bar everywhere, a widget in a
             notebook; False: none; or what wraps the range of samples, as ``tqdm`` does.
+        view: show the run in a browser while it goes on, at most in real time, as ``LiveView``.
 
     Raises:
         InputError: anything that cannot be run; a loop that diverges is no error, see
@@ -129,8 +133,9 @@ def simulate(
             warnings.warn(str(finding), stacklevel=2)
         seen = None if sensors.perfect else sensors
         stream = run(*loop, sensors=seen, ideal_acceleration=ideal, **start)
-    with np.errstate(all="ignore"):  # a loop that diverges overflows on its way
-        kept = record(stream, watched(indices, progress, title or true.name), record_every)
+    shown = {"duration": duration, "changes": changes, "title": title} if view else None
+    with np.errstate(all="ignore"), _shown_live(stream, loop, shown) as samples:  # may overflow
+        kept = record(samples, watched(indices, progress, title or true.name), record_every)
     rollout = rollout_of(
         kept,
         plant,
@@ -180,6 +185,21 @@ def _check_plant(plant: SimulatedPlant, mode: str, changes: Mapping[float, Robot
         raise InputError(
             "the robot of a model file does not change while it moves.", where="changes"
         )
+
+
+@contextmanager
+def _shown_live(
+    stream: Iterator[Sample], loop: tuple[Any, Any, Any], shown: Mapping[str, Any] | None
+) -> Iterator[Iterator[Sample]]:
+    """Give a stream, shown in a live view with these options unless they are None."""
+    if shown is None:
+        yield stream
+        return
+    from ..view.live import LiveView
+
+    plant, controller, trajectory = loop
+    with LiveView(plant.robot, controller, trajectory, **shown) as view:
+        yield view.watch(stream)
 
 
 def _late(delay: float) -> Camera | None:
