@@ -259,7 +259,8 @@ def test_a_saturated_sample_teaches_by_prediction_alone(law):
         expected = signals.Y_k.T @ R_k @ (signals.J @ measurement.v - measurement.xd)
     elif law == "separation":  # all of it is prediction
         dx_o, epsilon, X_k = signals.filtered.dx_o, signals.epsilon, signals.X_k
-        expected = controller.law.c * signals.Y_k.T @ dx_o + X_k.T @ R_k @ epsilon
+        c = controller.law.c * controller.law.sigma(signals)
+        expected = c * signals.Y_k.T @ dx_o + X_k.T @ R_k @ epsilon
     else:
         W_k, y = signals.filtered.W_k, signals.filtered.y
         expected = W_k.T @ R_k @ (W_k @ a_k - y)

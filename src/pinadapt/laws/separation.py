@@ -92,10 +92,12 @@ class Separation(Law):
         lag: [s], with which K_D(q)^-1 = K_v^-1 + lag M_0(q)^-1: no eigenvalue of M_0^-1 K_D then
             exceeds 1 / lag, at no configuration. Zero: K_D = K_v.
         M_0: returns the believed mass matrix (n, n) at q (nq), where there is a lag.
-        Y_fast: norm of Y_k beyond which dx_o is scaled down with its square in the drive of the
-            tool: the mode of the kinematic adaptation grows with the speed, and a wrist that an
-            unknown load spins would swing the estimate faster than the arm can follow it.
-            Beyond it dV/dt is no equality; the prediction error, which needs no dx_o, goes on.
+        Y_fast: norm of Y_k beyond which c is scaled down with its square, sigma = min(1, Y_fast^2 /
+            |Y_k|^2): the mode of the kinematic adaptation grows with the speed, and a wrist that an
+            unknown load spins would swing the estimate faster than the arm can follow it. With
+            sigma c for c in V, dV/dt gains c dsigma/dt dx_o^T dx_o / 2, which the observer's own
+            damping outweighs while sigma grows slower than exp(2 beta t). The prediction error,
+            which needs no dx_o, goes on.
     """
 
     task: Task
@@ -231,10 +233,14 @@ class Separation(Law):
         dx_o, epsilon, X_k = s.filtered.dx_o, s.epsilon, s.X_k
         m, p = X_k.shape
         if self.Y_fast != math.inf:
-            dx_o = dx_o * min(1.0, self.Y_fast**2 / max(float(np.vdot(s.Y_k, s.Y_k)), _TINY))
+            dx_o = dx_o * self.sigma(s)
         W, residual, g_k = empty((2 * m, p)), empty(2 * m), empty(p)
         kernels.observation_drive(s.Y_k, dx_o, self.c, X_k, epsilon, self.R_k, W, residual, g_k)
         return Drive(s.Y_k, None, W, residual, self._weight, g_k)
+
+    def sigma(self, s: Signals) -> float:
+        """Return the share of c that counts at this speed."""
+        return min(1.0, self.Y_fast**2 / max(float(np.vdot(s.Y_k, s.Y_k)), _TINY))
 
     def drives(
         self, s: Signals, believed: Believed, command: SeparationCommand, a: np.ndarray
@@ -243,16 +249,17 @@ class Separation(Law):
         return command.drives
 
     def storage(self, s: Signals, truth: Truth) -> float:
-        """Return s^T M s / 2 + c dx_o^T dx_o / 2, M the true mass matrix."""
+        """Return s^T M s / 2 + sigma c dx_o^T dx_o / 2, M the true mass matrix."""
         error, dx_o = self._reference_error(s), s.filtered.dx_o
-        return float(0.5 * error @ (truth.M @ error) + 0.5 * self.c * dx_o @ dx_o)
+        observed = self.sigma(s) * self.c * dx_o @ dx_o
+        return float(0.5 * error @ (truth.M @ error) + 0.5 * observed)
 
     def dissipation(self, s: Signals, truth: Truth) -> float:
-        """Return dV/dt."""
+        """Return dV/dt, but for what a change of sigma adds."""
         error, dx_o, epsilon = self._reference_error(s), s.filtered.dx_o, s.epsilon
         f = truth.friction.torque
         joints = error @ (self.K_D(s.q) @ error) + error @ (f(s.v) - f(s.v - error))
-        task = self.c * self.beta * dx_o @ dx_o + epsilon @ (self.R_k @ epsilon)
+        task = self.sigma(s) * self.c * self.beta * dx_o @ dx_o + epsilon @ (self.R_k @ epsilon)
         return float(-joints - task)
 
     def feedback(self, motion: TypicalMotion) -> Sequence[Feedback]:

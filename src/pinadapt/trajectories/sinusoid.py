@@ -42,11 +42,8 @@ class Sinusoid(Trajectory):
             InputError: different sizes, numbers that are not finite, or periods not positive.
         """
         given = {"center": center, "amplitude": amplitude, "period": period, "phase": phase}
-        parts = {name: vector(part, None, f"reference.{name}") for name, part in given.items()}
-        size = max(part.size for part in parts.values())
-        for name, part in parts.items():
-            whole = float(part[0]) if part.size == 1 else part
-            parts[name] = vector(whole, size, f"reference.{name}")
+        size = max(vector(part, None, f"reference.{name}").size for name, part in given.items())
+        parts = {name: vector(part, size, f"reference.{name}") for name, part in given.items()}
         for each in parts["period"]:
             positive(each, "reference.period", error=InputError)
         self.center, self.amplitude = parts["center"], parts["amplitude"]
