@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy import empty
 
+from ..reference import Reference
 from .adaptation import Adaptation
 from .drive import Drive, Estimate
 
@@ -76,6 +77,10 @@ class Stacked(Adaptation):
         return (
             None if any(d is None for d in parts) else float(sum(d for d in parts if d is not None))
         )
+
+    def references(self) -> tuple[Reference, ...]:
+        """Return the sources of all parts, in their order."""
+        return tuple(source for part, _ in self.parts for source in part.references())
 
     def _split(self, estimate: Estimate) -> Iterator[tuple[Adaptation, slice, Estimate]]:
         """Return each adaptation with its block and that block's estimate."""

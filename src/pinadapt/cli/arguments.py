@@ -64,6 +64,10 @@ def _compare(command: argparse.ArgumentParser) -> None:
     )
 
 
+def _cite(command: argparse.ArgumentParser) -> None:
+    _add_settings(command)
+
+
 def _robots(command: argparse.ArgumentParser) -> None:
     """Add nothing."""
 
@@ -110,6 +114,7 @@ _COMMANDS = {
     "init": ("write a scenario for a URDF or a robot of the catalogue", _init),
     "run": ("run one scenario", _run),
     "compare": ("run the laws side by side on one scenario", _compare),
+    "cite": ("print the BibTeX entries of what a scenario uses", _cite),
     "robots": ("list the robots of the catalogue", _robots),
     "zoo": (
         "run chains of the catalogue with wrong models and default gains, adapted and not, "
@@ -119,7 +124,7 @@ _COMMANDS = {
 }
 
 
-def _add_scenario(command: argparse.ArgumentParser) -> None:
+def _add_settings(command: argparse.ArgumentParser) -> None:
     command.add_argument("scenario", type=Path, nargs="?", metavar="SCENARIO.toml")
     command.add_argument(
         "--set",
@@ -129,6 +134,10 @@ def _add_scenario(command: argparse.ArgumentParser) -> None:
         metavar="KEY=VALUE",
         help="override a dotted key",
     )
+
+
+def _add_scenario(command: argparse.ArgumentParser) -> None:
+    _add_settings(command)
     command.add_argument(
         "--out",
         type=Path,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..adaptation.drive import Drive, Drives
+from ..bibliography import WANG_XIE
 from ..signals import Signals
 from .estimated_velocity import AccelerationCommand, EstimatedVelocityLaw
 from .inertia import solve_inertia
@@ -28,6 +29,7 @@ class AdaptiveInverseDynamics(EstimatedVelocityLaw):
     """
 
     name = "adaptive-inverse-dynamics"
+    sources = (WANG_XIE,)
     inverts_estimate = True
 
     def command(self, s: Signals, believed: Believed) -> AccelerationCommand:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from ..adaptation.drive import Drive, Drives
+from ..bibliography import SPONG_ORTEGA, WANG_XIE
+from ..reference import Reference
 from ..signals import Signals
 from .estimated_velocity import AccelerationCommand, EstimatedVelocityLaw
 from .inertia import solve_inertia
@@ -42,6 +45,7 @@ class AdaptiveInverseDynamicsImproved(EstimatedVelocityLaw):
     """
 
     name = "adaptive-inverse-dynamics-improved"
+    sources: ClassVar[tuple[Reference, ...]] = (WANG_XIE, SPONG_ORTEGA)
 
     def command(self, s: Signals, believed: Believed) -> ImprovedCommand:
         """Return M_0 v + C_hat qd + g_hat, (32), with feedthrough M_hat - M_0, (34)."""
