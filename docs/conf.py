@@ -32,6 +32,7 @@ html_theme = "furo"
 html_title = f"pinadapt {version}"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_favicon = "_static/icon.svg"
 html_copy_source = False
 html_show_sourcelink = False
 
@@ -46,6 +47,7 @@ nb_execution_raise_on_error = True
 nb_ipywidgets_js = {}  # a page asks no other host for anything
 
 autodoc_member_order = "bysource"
+toc_object_entries_show_parents = "hide"
 autodoc_typehints_format = "short"
 python_maximum_signature_line_length = 88
 napoleon_numpy_docstring = False
@@ -67,10 +69,12 @@ def law_figures() -> dict[str, dict[str, str]]:
 
 
 def told(error: float | None, unit: str) -> str:
-    """Return an error in mm or degrees."""
+    """Return an error in mm or degrees, not to be broken over lines."""
     if error is None:
         return "lost"
-    return f"{1e3 * error:.2g} mm" if unit == "m" else f"{math.degrees(error):.2g}°"
+    return (
+        f"{1e3 * error:.2g}\N{NO-BREAK SPACE}mm" if unit == "m" else f"{math.degrees(error):.2g}°"
+    )
 
 
 myst_substitutions = {"laws": law_figures()}

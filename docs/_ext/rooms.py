@@ -41,10 +41,17 @@ def public_names():
     """Return the public names by room, rooms in the order of the package's own list."""
     rooms = defaultdict(list)
     for name, thing in vars(pinadapt).items():
-        module = getattr(thing, "__module__", None) or ""
-        if not name.startswith("_") and not inspect.ismodule(thing) and "pinadapt" in module:
-            rooms[module.split(".")[1]].append(name)
+        if not name.startswith("_") and not inspect.ismodule(thing):
+            rooms[room_of(name, thing)].append(name)
     return rooms
+
+
+def room_of(name, thing):
+    """Return the room of a public thing: where it was made, or for plain data, who has it."""
+    if module := getattr(thing, "__module__", None):
+        return module.split(".")[1]
+    rooms = (room for room, module in vars(pinadapt).items() if inspect.ismodule(module))
+    return next(room for room in rooms if hasattr(getattr(pinadapt, room), name))
 
 
 def page(room, names):
@@ -56,9 +63,18 @@ def page(room, names):
         if inspect.isclass(thing):
             options = "   :members:\n   :show-inheritance:"
             parts.append(f".. autoclass:: pinadapt.{name}\n{options}")
-        else:
+        elif callable(thing):
             parts.append(f".. autofunction:: pinadapt.{name}")
+        else:
+            parts.append(f".. py:data:: pinadapt.{name}\n\n{by_name(thing)}")
     return "\n\n".join(parts) + "\n"
+
+
+def by_name(classes):
+    """Return the description of a dictionary of classes."""
+    return "\n".join(
+        f"   * ``{name}``: :class:`~pinadapt.{thing.__name__}`" for name, thing in classes.items()
+    )
 
 
 def write(path, text):
