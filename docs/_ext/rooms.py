@@ -61,7 +61,8 @@ def page(room, names):
     for name in names:
         thing = getattr(pinadapt, name)
         if inspect.isclass(thing):
-            options = "   :members:\n   :show-inheritance:"
+            ours = [base for base in thing.__bases__ if "pinadapt" in base.__module__]
+            options = "   :members:" + ("\n   :show-inheritance:" if ours else "")
             parts.append(f".. autoclass:: pinadapt.{name}\n{options}")
         elif callable(thing):
             parts.append(f".. autofunction:: pinadapt.{name}")
