@@ -23,8 +23,9 @@ def write_pages(app):
         old.unlink()
     for room, names in rooms.items():
         write(folder / f"{room}.rst", page(room, names))
-    toctree = "".join(f"   {room}\n" for room in rooms)
-    write(folder / "index.rst", f"{INTRODUCTION}\n.. toctree::\n   :maxdepth: 1\n\n{toctree}")
+    listed = "\n".join(f"   {room}" for room in rooms)
+    parts = [INTRODUCTION, *map(entry, rooms.items()), f".. toctree::\n   :hidden:\n\n{listed}"]
+    write(folder / "index.rst", "\n\n".join(parts) + "\n")
 
 
 INTRODUCTION = """API
@@ -54,10 +55,28 @@ def room_of(name, thing):
     return next(room for room in rooms if hasattr(getattr(pinadapt, room), name))
 
 
+def about(room):
+    """Return what a room says of itself."""
+    return inspect.getdoc(modules[f"pinadapt.{room}"])
+
+
+def entry(room):
+    """Return what the front page tells of a room and its names."""
+    name, names = room
+    first = " ".join(about(name).split("\n\n")[0].split())
+    return f":doc:`{name}`\n   {first}\n\n   {', '.join(map(link, names))}"
+
+
+def link(name):
+    """Return a link to a public name."""
+    thing = getattr(pinadapt, name)
+    kind = "class" if inspect.isclass(thing) else "func" if callable(thing) else "data"
+    return f":py:{kind}:`~pinadapt.{name}`"
+
+
 def page(room, names):
     """Return the page of a room."""
-    about = inspect.getdoc(modules[f"pinadapt.{room}"])
-    parts = [f"{room}\n{'=' * len(room)}", about]
+    parts = [f"{room}\n{'=' * len(room)}", about(room)]
     for name in names:
         thing = getattr(pinadapt, name)
         if inspect.isclass(thing):
