@@ -7,7 +7,7 @@ STRIP  := $(BIN)/nbstripout --keep-id --extra-keys metadata.language_info
 export OPENBLAS_NUM_THREADS := 1
 
 # Closed loops of many seconds, which `make check` leaves to `make test`.
-SLOW := init joint_laws kernel_cache limits lumped lyapunov notebooks pages pose_loop preflight reference separation showcase simulation zoo
+SLOW := init interrupted joint_laws kernel_cache limits lumped lyapunov mujoco_loops notebooks outputs pose_loop preflight readme reference separation showcase simulation site_code zoo
 
 .PHONY: demo notebook strip check test lint bench docs clean
 

@@ -1,8 +1,8 @@
 """One simulated sample of the Panda against the forward dynamics that it cannot do without.
 
 ``python -m benchmarks.simulated_sample [--save FILE]`` runs robots/panda/tool_and_load.toml, all of
-it recorded, without and with joint friction. A sample is the controller's step and the rest:
-desired motion, measuring, integrating, recording. Both are told in bare calls
+it recorded, without and with joint friction, and in MuJoCo. A sample is the controller's step and
+the rest: desired motion, measuring, integrating, recording. Both are told in bare calls
 ``pin.aba(model, data, q, v, tau)``, of which a sample's integration makes two; blocks of samples
 and of calls run in turn in one process, and the ratios are medians over the rounds.
 """
@@ -29,7 +29,7 @@ BLOCK, ROUNDS = 200, 60
 
 
 def blocks(
-    plant: pa.PinocchioPlant, controller: pa.Controller, path: pa.Trajectory
+    plant: pa.PinocchioPlant | pa.MujocoPlant, controller: pa.Controller, path: pa.Trajectory
 ) -> tuple[Callable[[], float], list[float]]:
     """Return what runs a loop's next block and returns its time but for the steps; and theirs."""
     stream, steps = pa.run(plant, controller, path), []
@@ -48,11 +48,13 @@ def blocks(
     return block, steps
 
 
-def measure(name: str, scenario: Scenario, true: pa.Robot) -> dict[str, Any]:
-    """Return the figures of one true robot under the scenario's controller and motion."""
-    model, data = true.model, true.model.createData()
-    q, v, tau = true.q0, np.full(model.nv, 0.1), np.ones(model.nv)
-    block, steps = blocks(pa.PinocchioPlant(true), scenario.controller, scenario.trajectory)
+def measure(
+    name: str, scenario: Scenario, plant: pa.PinocchioPlant | pa.MujocoPlant
+) -> dict[str, Any]:
+    """Return the figures of one plant under the scenario's controller and motion."""
+    model, data = plant.robot.model, plant.robot.model.createData()
+    q, v, tau = plant.robot.q0, np.full(model.nv, 0.1), np.ones(model.nv)
+    block, steps = blocks(plant, scenario.controller, scenario.trajectory)
     aba = repeated(lambda: pin.aba(model, data, q, v, tau), BLOCK)
     times = in_turn({"rest": block, "aba": aba}, ROUNDS)
     step = np.array(steps[-ROUNDS:])
@@ -73,16 +75,21 @@ def main() -> None:
     parser.add_argument("--save", type=Path, default=HERE / "simulated_sample.json")
     path = parser.parse_args().save
     before, scenario = saved(path), Scenario.read(SCENARIO)
-    robots = {
-        "panda": scenario.true,
-        "panda with friction": scenario.true.changed(viscous=0.5, coulomb=0.5),
+    free = scenario.true.changed(viscous=0.0, coulomb=0.0)
+    rubbing = scenario.true.changed(viscous=0.5, coulomb=0.5)
+    plants = {
+        "panda": pa.PinocchioPlant(free),
+        "panda with friction": pa.PinocchioPlant(rubbing),
+        "panda in MuJoCo": pa.MujocoPlant(free),
+        "panda in MuJoCo with friction": pa.MujocoPlant(rubbing),
+        "panda in MuJoCo, implicitfast": pa.MujocoPlant(rubbing, integrator="implicitfast"),
     }
-    rows = [measure(name, scenario, true) for name, true in robots.items()]
-    print("in bare aba calls:     step   rest  sample  (was)   aba us")
+    rows = [measure(name, scenario, plant) for name, plant in plants.items()]
+    print("in bare aba calls:               step   rest  sample  (was)   aba us")
     for row in rows:
         was = before.get(row["name"], {}).get("sample_ratio", float("nan"))
         print(
-            f"{row['name']:20} {row['step_ratio']:6.1f} {row['rest_ratio']:6.1f} "
+            f"{row['name']:30} {row['step_ratio']:6.1f} {row['rest_ratio']:6.1f} "
             f"{row['sample_ratio']:7.1f} {was:6.1f} {row['aba_us']:8.2f}"
         )
     save(path, rows)

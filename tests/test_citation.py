@@ -86,7 +86,7 @@ def test_own_sources_are_cited():
 
 @pytest.mark.parametrize("thing", ["separation", None, np.zeros(3)])
 def test_what_is_no_controller_is_refused(thing):
-    with pytest.raises(pa.InputError, match="expected a controller"):
+    with pytest.raises(pa.InputError, match="expected a Controller"):
         pa.citation(thing)
 
 

@@ -14,6 +14,7 @@ HEAVY = (
     "tqdm",
     "umsgpack",
     "example_robot_data",
+    "mujoco",
 )
 
 

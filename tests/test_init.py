@@ -11,7 +11,6 @@ from pinadapt.cli.main import main
 from pinadapt.robot.end_links import end_links
 from pinadapt.robot.example_robots import example_path
 from pinadapt.robot.urdf import mimic_joints, read_urdf
-from pinadapt.robot.workspace import reach
 from pinadapt.scenario.scenario import Scenario
 
 ARM4 = Path(__file__).parent / "data" / "arm4.urdf"
@@ -42,7 +41,7 @@ def test_the_written_file_runs_and_the_controller_learns(tmp_path, source, frame
     assert (tables["robot"]["frame"], tables["robot"]["task"]) == (frame, task)
     scenario = Scenario.read(file, ["simulation.duration=4.0"])
     tool = np.linalg.norm(tables["truth"]["tool_translation"])
-    assert np.isclose(tool, 0.05 * reach(scenario.believed), rtol=0.01)
+    assert np.isclose(tool, 0.05 * scenario.believed.reach, rtol=0.01)
     rollout, fixed = (
         scenario.run(),
         Scenario.read(file, ["simulation.duration=4.0", "controller.adaptation='none'"]).run(),
@@ -59,7 +58,7 @@ def test_the_unknown_tool_moves_the_task_by_all_its_length(tmp_path, source):
     robot, true = scenario.believed, scenario.true
     assert np.isclose(
         np.linalg.norm(true.position(robot.q0) - robot.position(robot.q0)),
-        0.05 * reach(robot),
+        0.05 * robot.reach,
         rtol=0.02,
     )
 

@@ -12,7 +12,6 @@ from chains import catalogue_robot as load
 from loops import circle_at_home, run
 from pinadapt.rollout.joint_motion import JointMotion, motion_of_reference
 from pinadapt.rollout.limit_excess import LimitExcess
-from pinadapt.rollout.report import table
 
 JOINTS = ("hinge", "slide", "wheel")
 NONE = {"position": 0.0, "velocity": 0.0, "effort": 0.0}
@@ -145,15 +144,15 @@ def test_a_rollout_tells_of_the_true_robot(tmp_path):
     rollout.save(tmp_path)
     saved = json.loads((tmp_path / "summary.json").read_text())["limits"]
     assert saved == rollout.limits.summary() and set(saved["plant"]) == set(JOINTS)
-    assert str(rollout.limits) in table(rollout) and "exceeded at" in table(rollout)
+    assert str(rollout.limits) in str(rollout) and "exceeded at" in str(rollout)
 
 
 def test_a_reference_of_the_frame_has_no_joint_motion():
     robot = load("ur5")
     rollout = pa.simulate(robot, pa.make_controller(robot), circle_at_home(robot), duration=0.02)
     assert rollout.limits.reference is None and rollout.summary()["limits"]["reference"] is None
-    assert rollout.limits.verdict() == "kept" and str(rollout.limits) not in table(rollout)
-    assert any(line.split() == ["joint", "limits", "kept"] for line in table(rollout).splitlines())
+    assert rollout.limits.verdict() == "kept" and str(rollout.limits) not in str(rollout)
+    assert any(line.split() == ["joint", "limits", "kept"] for line in str(rollout).splitlines())
 
 
 def test_limits_leave_their_process():

@@ -15,7 +15,8 @@ from chains import catalogue_robot, random_state
 from loops import ARRAYS, circle_at_home
 from paper import BASIS
 from pinadapt.plants.plant import Plant
-from pinadapt.plots.figures import error_figure, parameter_figure
+from pinadapt.plots.error_figure import error_figure
+from pinadapt.plots.parameter_figure import parameter_figure
 from pinadapt.robot.catalogue import robots_folder
 from pinadapt.robot.succession import difference
 from pinadapt.scenario.scenario import Scenario

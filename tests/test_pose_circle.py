@@ -11,7 +11,6 @@ from pinadapt._toml import read_toml
 from pinadapt.cli.main import main
 from pinadapt.robot.example_robots import example_path
 from pinadapt.robot.position_limits import position_limits
-from pinadapt.robot.workspace import reach
 from pinadapt.scenario.scenario import Scenario
 
 AXES = {"x": 0, "y": 1, "z": 2}
@@ -47,7 +46,7 @@ def followed(robot, circle, turns=1.2, steps=600):
 def test_the_circle_can_be_followed_without_turning_also_with_a_longer_tool(name):
     robot = pa.load(name, task="pose")
     circle = pa.reachable_circle(robot)
-    length = reach(robot)
+    length = robot.reach
     assert 0.05 * length < circle.radius <= 0.1 * length
     lower, upper = position_limits(robot.model)
     limited = np.isfinite(lower)

@@ -14,7 +14,6 @@ from pinadapt.plants.sensors import Sensors
 from pinadapt.scenario.scenario import Scenario
 from pinadapt.tasks.registry import TASKS
 from pinadapt.tasks.rotation import matrix
-from pinadapt.view.animation import write_animation
 
 SCENARIO = Path(__file__).parents[1] / "robots" / "panda" / "pose.toml"
 POSE = TASKS["pose"]
@@ -299,13 +298,7 @@ def test_rollout_summary_table_plots_and_page_of_a_pose(tmp_path):
     assert summary["rms_angle_last"] <= summary["max_angle_last"]
     assert "angle, last 10 % (max)" in str(rollout) and "[deg]" in comparison_table([rollout])
     assert all(path.stat().st_size > 10_000 for path in rollout.plot(tmp_path))
-    page = write_animation(
-        rollout,
-        scenario.true,
-        scenario.believed,
-        scenario.controller.kinematics,
-        tmp_path / "a.html",
-    )
+    page = rollout.animate().save(tmp_path / "a.html")
     assert page.stat().st_size > 100_000
 
 
@@ -364,7 +357,7 @@ def test_a_planar_leg_learns_its_foot(task, axis, tmp_path):
     assert (np.diff(rollout.lyapunov) < 0.0).all()
     rollout = pa.simulate(true, controller, path, duration=5.0, substeps=1)
     assert rollout.summary()["max_error_last"] < 0.1 * rollout.summary()["max_error_first"]
-    page = write_animation(rollout, true, described, controller.kinematics, tmp_path / "a.html")
+    page = rollout.animate().save(tmp_path / "a.html")
     assert page.stat().st_size > 100_000
 
 

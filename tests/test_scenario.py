@@ -402,7 +402,7 @@ def test_a_misspelt_word_is_told_the_nearest(setting, suggestion):
     [
         ("robot.task=joint", "unknown.kinematic", "xyz"),
         ("controller.law=slotine-li", "controller.law", 'task = "joint"'),
-        ("simulation.engine=mujoco", "simulation.engine", "pinocchio"),
+        ("simulation.engine=bullet", "simulation.engine", "mujoco"),
         ("controller.law=composite", "controller.law", "adaptive-jacobian"),
         ("controller.law=approximate-jacobian", "controller.law", "adaptive-jacobian"),
     ],

@@ -10,7 +10,7 @@ from pinadapt.robot.urdf import is_path
 from pinadapt.scenario.scenario import Scenario
 
 ARM4 = Path(__file__).parent / "data" / "arm4.urdf"
-PATHS = ["arm.urdf", "arm.xml", "./arm", "arms/arm", Path("arm")]
+PATHS = ["arm.urdf", "arm.xml", "arm.urdf.xacro", "./arm", "arms/arm", Path("arm")]
 NAMES = ["ur5", "arm", "urdf", "arm.toml"]
 
 
@@ -59,7 +59,7 @@ def test_a_mesh_that_is_missing_is_told_and_found_where_the_warning_says(
         UserWarning,
         match=r"arm4.urdf: .*package://mine/meshes/link1.stl.* folders of ROS_PACKAGE_PATH",
     ):
-        assert pa.load(arm, frame="tip").visual is None
+        assert not pa.load(arm, frame="tip").visual.geometryObjects
     mesh = tmp_path / "there" / "mine" / "meshes" / "link1.stl"
     mesh.parent.mkdir(parents=True)
     mesh.write_text(TRIANGLE)

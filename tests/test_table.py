@@ -1,6 +1,6 @@
 """Tables in plain text."""
 
-from pinadapt.rollout.table import columns, number, two_columns
+from pinadapt._table import Sheet, Table, columns, number
 
 
 def test_numbers_are_flush_right_and_words_left():
@@ -15,8 +15,8 @@ def test_numbers_are_flush_right_and_words_left():
 
 
 def test_two_columns_under_a_title():
-    table = two_columns("a long title", [("law", "1.0"), ("error, last", "0.50")])
-    assert table.splitlines() == [
+    sheet = Sheet("a long title", [Table([("law", "1.0"), ("error, last", "0.50")])])
+    assert str(sheet).splitlines() == [
         "a long title",
         "------------",
         "law           1.0",

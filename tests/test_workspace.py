@@ -12,7 +12,7 @@ import pinadapt as pa
 from chains import catalogue_robot
 from pinadapt.robot.home import conditioning
 from pinadapt.robot.position_limits import position_limits
-from pinadapt.robot.workspace import reach
+from pinadapt.robot.workspace import find_circle
 
 ARM4 = Path(__file__).parent / "data" / "arm4.urdf"
 ROBOTS = [
@@ -74,13 +74,13 @@ def point(robot):
 @pytest.mark.parametrize("name", ROBOTS)
 def test_the_circle_can_be_followed_also_with_a_longer_tool(name):
     robot = catalogue_robot(name)
-    circle = pa.reachable_circle(robot)
-    assert 0.05 * reach(robot) < circle.radius <= 0.1 * reach(robot)
+    circle = find_circle(robot)
+    assert 0.05 * robot.reach < circle.radius <= 0.1 * robot.reach
     lower, upper = position_limits(robot.model)
     model, data = robot.model, robot.model.createData()
     at_home = conditioning(model, data, robot.frame_id, robot.task.rows, robot.q0)[0]
     for axis in np.eye(3):
-        true = robot.changed(tool_translation=0.05 * reach(robot) * axis)
+        true = robot.changed(tool_translation=0.05 * robot.reach * axis)
         configurations, speeds = followed(true, circle, point(true))
         angles = np.array([pin.difference(model, pin.neutral(model), q) for q in configurations])
         limited = np.isfinite(lower)
@@ -96,12 +96,12 @@ def test_the_circle_can_be_followed_also_with_a_longer_tool(name):
 
 @pytest.mark.parametrize("name", ["scara", "ur5"])
 def test_the_same_circle_every_time(name):
-    assert pa.reachable_circle(catalogue_robot(name)) == pa.reachable_circle(catalogue_robot(name))
+    assert find_circle(catalogue_robot(name)) == find_circle(catalogue_robot(name))
 
 
 def test_a_task_of_two_coordinates_has_one_plane():
-    assert pa.reachable_circle(catalogue_robot("solo8_fl_leg")).plane == "xz"
-    assert pa.reachable_circle(catalogue_robot("quadruped_br_leg")).plane == "yz"
+    assert find_circle(catalogue_robot("solo8_fl_leg")).plane == "xz"
+    assert find_circle(catalogue_robot("quadruped_br_leg")).plane == "yz"
 
 
 def test_narrower_limits_make_a_smaller_circle():

@@ -1,6 +1,12 @@
 """The zoo: cases as stated, chains that converge untuned, and verdicts that name what failed."""
 
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -9,7 +15,6 @@ import pytest
 import pinadapt as pa
 from pinadapt.cli.main import main
 from pinadapt.cli.zoo import zoo_table
-from pinadapt.robot.workspace import reach
 from pinadapt.zoo.case import SWING, zoo_case
 from pinadapt.zoo.experiment import ZooRow, zoo_names, zoo_row
 from pinadapt.zoo.verdict import CONVERGED, last_error
@@ -21,7 +26,7 @@ def test_a_case_is_wrong_as_stated(name):
     placements = [r.model.frames[r.frame_id].placement for r in (case.true, robot)]
     np.testing.assert_allclose(
         np.linalg.norm(placements[0].translation - placements[1].translation),
-        0.05 * reach(robot),
+        0.05 * robot.reach,
         rtol=1e-9,
     )
     described = [body.mass for body in robot.model.inertias[1:]]
@@ -32,7 +37,7 @@ def test_a_case_is_wrong_as_stated(name):
     assert (case.true.friction.coulomb > 0.0).all() and not case.believed.friction.present
     moved = case.true.position(case.true.q0) - robot.position(robot.q0)
     assert np.linalg.norm(moved) == pytest.approx(
-        0.05 * reach(robot)
+        0.05 * robot.reach
     )  # the task sees all of the tool
     again, other = zoo_case(name), zoo_case(name, seed=1)
     assert again.true.model.inertias[1].isApprox(case.true.model.inertias[1])
@@ -138,5 +143,48 @@ def test_what_cannot_run_is_a_row(monkeypatch):
     def refuse(*arguments, **words):
         raise pa.RobotError("no circle will do.")
 
-    monkeypatch.setattr("pinadapt.zoo.case.reachable_circle", refuse)
+    monkeypatch.setattr("pinadapt.zoo.case.find_circle", refuse)
     assert zoo_row("ur5", "adaptive-jacobian").verdict == "refused: no circle will do."
+
+
+def running(session):
+    """Yield the processes of a session that have not ended."""
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            fields = (folder / "stat").read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        if int(fields[3]) == session and fields[0] != "Z":
+            yield folder.name
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="counts processes in /proc")
+@pytest.mark.parametrize("how", ["terminal", "killed"])
+def test_a_zoo_that_is_stopped_leaves_its_finished_rows_and_no_process(how, tmp_path):
+    arguments = ["--robots", "scara,panda,kinova", "--processes", "3", "--task", "pose"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "pinadapt", "zoo", *arguments, "--out", str(tmp_path)],
+        env={**os.environ, "PYTHONPATH": str(Path(pa.__file__).parents[1])},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    while not (tmp_path / "zoo.json").exists() and process.poll() is None:
+        time.sleep(0.05)
+    assert len(list(running(process.pid))) >= 3
+    if how == "terminal":
+        os.killpg(process.pid, signal.SIGINT)  # as Ctrl-C does: all of its processes
+    else:
+        process.kill()
+    out, err = process.communicate(timeout=60)
+    rows = json.loads((tmp_path / "zoo.json").read_text())
+    assert [row["robot"] for row in rows] == ["scara"] and rows[0]["verdict"]  # refused at once
+    if how == "terminal":
+        assert process.returncode == 130 and "Traceback" not in err
+        assert all(row["robot"] in out for row in rows) and "have not run" in out
+    deadline = time.monotonic() + 30.0
+    while list(running(process.pid)) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not list(running(process.pid))

@@ -27,11 +27,13 @@ from .exceptions import DivergedError as DivergedError
 from .exceptions import GainError as GainError
 from .exceptions import ImplausibleError as ImplausibleError
 from .exceptions import InputError as InputError
+from .exceptions import Interrupted as Interrupted
 from .exceptions import MeasurementError as MeasurementError
 from .exceptions import ParameterError as ParameterError
 from .exceptions import PinadaptError as PinadaptError
 from .exceptions import RobotError as RobotError
 from .exceptions import ScenarioError as ScenarioError
+from .exceptions import UnusedGainWarning as UnusedGainWarning
 from .filters import Filters as Filters
 from .filters import LowPass as LowPass
 from .filters import MotionFilters as MotionFilters
@@ -68,6 +70,8 @@ from .models import StackedDynamics as StackedDynamics
 from .models import TaskKinematics as TaskKinematics
 from .models import Translation as Translation
 from .models import TypicalMotion as TypicalMotion
+from .plants import Mjcf as Mjcf
+from .plants import MujocoPlant as MujocoPlant
 from .plants import PinocchioPlant as PinocchioPlant
 from .plants import Plant as Plant
 from .plants import Sensors as Sensors
@@ -79,7 +83,6 @@ from .robot import Gravity as Gravity
 from .robot import Payload as Payload
 from .robot import Robot as Robot
 from .robot import Succession as Succession
-from .robot import WorkspaceCircle as WorkspaceCircle
 from .robot import catalogue as catalogue
 from .robot import load as load
 from .robot import reachable_circle as reachable_circle
@@ -101,6 +104,7 @@ from .trajectories import FixedOrientation as FixedOrientation
 from .trajectories import Hold as Hold
 from .trajectories import Lissajous as Lissajous
 from .trajectories import Orientation as Orientation
+from .trajectories import PoseCircle as PoseCircle
 from .trajectories import PoseTrajectory as PoseTrajectory
 from .trajectories import Sinusoid as Sinusoid
 from .trajectories import Swing as Swing

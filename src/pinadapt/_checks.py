@@ -1,42 +1,226 @@
-"""Checks of a user's numbers, shared by every part that takes some."""
+"""Checks of what a user gives, shared by every part that takes some.
+
+A number is a real one: no truth value, no text, not NaN. Sizes beyond ``LARGEST`` are refused where
+they come in, as products of a few of them would overflow somewhere inside.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from numbers import Integral, Real
+from reprlib import Repr
+from types import UnionType
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .exceptions import GainError, InputError
+from .exceptions import GainError, InputError, did_you_mean
+
+LARGEST, SMALLEST = 1e30, 1e-30  # of a user's number, and of one that is to be positive
 
 _ASYMMETRY = 1e-9  # relative difference of two entries that counts as rounding
+_SHORT = Repr()
+_SHORT.maxlong, _SHORT.maxstring, _SHORT.maxother = 24, 60, 60
+
+
+def shown(value: object) -> str:
+    """Return a value as a message shows it, cut where it is long or deep."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    try:
+        return _SHORT.repr(value)
+    except (ValueError, RecursionError):  # an integer of more digits than Python writes
+        return f"a value of type {type(value).__name__}"
+
+
+def instance(
+    value: Any, kind: type | UnionType, name: str, error: type[InputError] = InputError
+) -> Any:
+    """Return an object if it is of a kind.
+
+    Raises:
+        error: it is not.
+    """
+    if not isinstance(value, kind):
+        kinds = kind.__args__ if isinstance(kind, UnionType) else (kind,)
+        wanted = " or ".join(each.__name__ for each in kinds)
+        article = "an" if wanted[0] in "AEIOU" else "a"
+        wanted = wanted.replace("NoneType", "None")
+        raise error(f"expected {article} {wanted}, got {shown(value)}.", where=name)
+    return value
+
+
+def flag(value: Any, name: str) -> bool:
+    """Return a truth value.
+
+    Raises:
+        InputError: anything but True and False.
+    """
+    if not isinstance(value, bool | np.bool_):
+        raise InputError(f"expected True or False, got {shown(value)}.", where=name)
+    return bool(value)
+
+
+def word(value: Any, allowed: Iterable[str], name: str) -> str:
+    """Return a word if it is one of those allowed.
+
+    Raises:
+        InputError: it is not; the nearest is suggested.
+    """
+    allowed = list(allowed)
+    if not isinstance(value, str) or value not in allowed:
+        raise InputError(
+            f"must be one of {allowed}, got {shown(value)}.{did_you_mean(value, allowed)}",
+            where=name,
+        )
+    return value
+
+
+def name_list(value: Any, name: str, error: type[InputError] = InputError) -> list[str]:
+    """Return one name, or a list of names, as a list.
+
+    Raises:
+        error: anything else.
+    """
+    if isinstance(value, str):
+        return [value]
+    if isinstance(value, Mapping | bytes) or not isinstance(value, Iterable):
+        raise error(f"expected a name or a list of names, got {shown(value)}.", where=name)
+    found = list(value)
+    if not all(isinstance(each, str) for each in found):
+        raise error(f"expected a name or a list of names, got {shown(found)}.", where=name)
+    return found
+
+
+def mapping(value: Any, name: str, error: type[InputError] = InputError) -> Mapping[Any, Any]:
+    """Return a mapping, an empty one for None.
+
+    Raises:
+        error: anything else.
+    """
+    if value is not None and not isinstance(value, Mapping):
+        raise error(f"expected a mapping, got {shown(value)}.", where=name)
+    return value or {}
+
+
+def numbers(
+    value: Any, name: str, *, error: type[InputError] = InputError, infinite: bool = False
+) -> np.ndarray:
+    """Return a number, list, or list of lists as a new array of floats, of any shape.
+
+    Sizes beyond ``LARGEST`` are for limits, of which they say that there is none: ``infinite``.
+
+    Raises:
+        error: not numbers, ragged, NaN, or larger than ``LARGEST`` where these are no limits.
+    """
+    try:
+        given = np.asarray(value)
+        if given.dtype == object:  # integers too long for numpy; a mixture stays one
+            given = np.array([float(_real(each)) for each in given.flat]).reshape(given.shape)
+        elif given.dtype.kind not in "iuf" or (
+            given is not value and any(isinstance(each, bool | np.bool_) for each in _leaves(value))
+        ):
+            raise TypeError
+        array = np.array(given, dtype=float)
+    except OverflowError as reason:
+        raise error(_too_large(value), where=name) from reason
+    except (TypeError, ValueError) as reason:
+        rows = isinstance(value, list | tuple) and any(isinstance(x, list | tuple) for x in value)
+        alike = ", each row with the same number of entries" if rows else ""
+        raise error(f"expected numbers{alike}, got {shown(value)}.", where=name) from reason
+    if infinite and not np.isnan(array).any():
+        return array
+    if not np.isfinite(array).all():
+        raise error(f"all entries must be finite, got {shown(array)}.", where=name)
+    if (np.abs(array) > LARGEST).any():
+        raise error(_too_large(value), where=name)
+    return array
+
+
+def _leaves(value: Any) -> Iterator[Any]:
+    """Return the entries of nested lists."""
+    if isinstance(value, list | tuple):
+        for each in value:
+            yield from _leaves(each)
+    else:
+        yield value
+
+
+def _real(value: Any) -> Any:
+    if not isinstance(value, Real) or isinstance(value, bool | np.bool_):
+        raise TypeError
+    return value
+
+
+def _too_large(value: Any) -> str:
+    return f"is too large to compute with, over {LARGEST:g}: {shown(value)}."
+
+
+def whole(value: Any, name: str, least: int, error: type[InputError] = InputError) -> int:
+    """Return a whole number that is at least as large as stated.
+
+    Raises:
+        error: another kind of value, too small, or too large for a counter of 64 bits.
+    """
+    if not isinstance(value, Integral) or isinstance(value, bool):
+        raise error(f"expected a whole number, got {shown(value)}.", where=name)
+    number = int(value)
+    if not least <= number < 2**63:
+        edge = f"at least {least}" if number < least else "smaller"
+        raise error(f"must be {edge}, got {shown(value)}.", where=name)
+    return number
+
+
+@contextmanager
+def arithmetic(where: str, error: type[InputError] = InputError) -> Iterator[None]:
+    """Turn what breaks down in computing with a user's numbers into an error about them.
+
+    Each of them may be in range, and a product of them or a decomposition fail nevertheless.
+
+    Raises:
+        error: an overflow, a division by zero, NaN, or a singular matrix inside.
+    """
+    try:
+        with np.errstate(over="raise", divide="raise", invalid="raise"), warnings.catch_warnings():
+            warnings.simplefilter("error", RuntimeWarning)
+            yield
+    except (ArithmeticError, np.linalg.LinAlgError, RuntimeWarning) as reason:
+        raise error(
+            f"these numbers cannot be computed with ({reason}).",
+            where=where,
+            hint="Some are far too large or too small together: check their units.",
+        ) from reason
 
 
 def vector(
     value: ArrayLike,
-    size: int,
+    size: int | None,
     name: str,
     *,
     names: Sequence[str] | None = None,
     error: type[InputError] = InputError,
 ) -> np.ndarray:
-    """Return ``value`` as a new finite vector (size); a scalar fills it.
+    """Return ``value`` as a new finite vector (size); a scalar fills it. None: of any size.
 
     Raises:
-        error: wrong size, not numbers, or non-finite entries.
+        error: wrong size, not numbers, non-finite entries, or too large ones.
     """
-    expected = f" {list(names)}" if names is not None else ""
     try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError) as reason:
-        raise error(f"expected {size} numbers{expected}, got {value!r}.", where=name) from reason
+        array = numbers(value, name, error=error)
+    except InputError as reason:
+        if not reason.what.startswith("expected numbers"):
+            raise
+        array = np.empty((0, 0))
     if array.ndim == 0:
-        array = np.full(size, float(array))
-    if array.shape != (size,):
-        raise error(f"expected {size} numbers{expected}, got shape {array.shape}.", where=name)
-    if not np.isfinite(array).all():
-        raise error(f"all entries must be finite, got {array.tolist()}.", where=name)
+        array = np.full(1 if size is None else size, float(array))
+    if array.ndim != 1 or size not in (None, array.size):
+        expected = f" {list(names)}" if names is not None else ""
+        got = f"shape {array.shape}" if array.shape != (0, 0) else shown(value)
+        count = "a list of" if size is None else size
+        raise error(f"expected {count} numbers{expected}, got {got}.", where=name)
     return array
 
 
@@ -46,16 +230,9 @@ def definite_matrix(value: ArrayLike, size: int, name: str) -> np.ndarray:
     Asymmetry of the size of rounding errors is averaged out.
 
     Raises:
-        GainError: wrong shape, non-finite, asymmetric or not positive definite.
+        GainError: wrong shape, no numbers, too large, asymmetric or not positive definite.
     """
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError) as reason:
-        raise GainError(
-            f"expected a number, a list or a matrix, got {value!r}.", where=name
-        ) from reason
-    if not np.isfinite(array).all():
-        raise GainError("all entries must be finite.", where=name)
+    array = numbers(value, name, error=GainError)
     if array.ndim == 0:
         array = np.eye(size) * array
     elif array.shape == (size,):
@@ -72,6 +249,8 @@ def definite_matrix(value: ArrayLike, size: int, name: str) -> np.ndarray:
     if (np.abs(array - array.T) > _ASYMMETRY * np.maximum(sizes, np.abs(array))).any():
         raise GainError("the matrix must be symmetric.", where=name)
     array = 0.5 * (array + array.T)
+    if (scale**2 < SMALLEST).any() and scale.all():
+        raise GainError(f"is too small to compute with, under {SMALLEST:g}.", where=name)
     if size and not (scale.all() and np.linalg.eigvalsh(array / sizes)[0] > 0.0):
         lowest = np.linalg.eigvalsh(array)[0]
         raise GainError(
@@ -80,18 +259,24 @@ def definite_matrix(value: ArrayLike, size: int, name: str) -> np.ndarray:
     return array
 
 
-def positive(value: Any, name: str, *, zero: bool = False) -> float:
+def positive(
+    value: Any, name: str, *, zero: bool = False, error: type[InputError] = GainError
+) -> float:
     """Return ``value`` as a finite positive float (or zero, where allowed).
 
     Raises:
-        GainError: anything else.
+        error: anything else, or a number beyond ``LARGEST`` or between zero and ``SMALLEST``.
     """
+    if not isinstance(value, Real) or isinstance(value, bool | np.bool_):
+        raise error(f"expected a number, got {shown(value)}.", where=name)
     try:
         number = float(value)
-    except (TypeError, ValueError) as reason:
-        raise GainError(f"expected a number, got {value!r}.", where=name) from reason
+    except OverflowError as reason:
+        raise error(_too_large(value), where=name) from reason
     if not np.isfinite(number) or number < 0.0 or (number == 0.0 and not zero):
-        raise GainError(
-            f"must be {'zero or ' if zero else ''}positive, got {number:g}.", where=name
-        )
+        raise error(f"must be {'zero or ' if zero else ''}positive, got {number:g}.", where=name)
+    if number > LARGEST:
+        raise error(_too_large(number), where=name)
+    if 0.0 < number < SMALLEST:
+        raise error(f"is too small to compute with, under {SMALLEST:g}: {number:g}.", where=name)
     return number

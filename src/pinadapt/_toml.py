@@ -23,9 +23,15 @@ def read_toml(path: Path) -> dict[str, Any]:
     if not path.is_file():
         raise ScenarioError("no such file.", where=str(path))
     try:
-        return toml.loads(path.read_text(encoding="utf-8"))
-    except (toml.TOMLDecodeError, UnicodeDecodeError) as error:
+        return toml.loads(path.read_text(encoding="utf-8-sig"))  # editors may put a mark before it
+    except UnicodeDecodeError as error:
+        raise ScenarioError(
+            f"not valid TOML: {error}", where=str(path), hint="Save the file as UTF-8."
+        ) from error
+    except ValueError as error:  # TOML's own, and of an integer with too many digits
         raise ScenarioError(f"not valid TOML: {error}", where=str(path)) from error
+    except RecursionError as error:
+        raise ScenarioError("not valid TOML: nested too deeply.", where=str(path)) from error
 
 
 def parse_toml_value(text: str) -> Any:
@@ -34,3 +40,5 @@ def parse_toml_value(text: str) -> Any:
         return toml.loads(f"value = {text}")["value"]
     except toml.TOMLDecodeError:
         return text
+    except (ValueError, RecursionError) as error:
+        raise ScenarioError("a value too long or nested too deeply.", where="--set") from error

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from ._checks import instance
 from .bibliography import PINADAPT, PINOCCHIO
 from .controller.controller import Controller
-from .exceptions import InputError
 
 
 def citation(controller: Controller) -> str:
@@ -17,12 +17,7 @@ def citation(controller: Controller) -> str:
     Raises:
         InputError: what is given is no controller.
     """
-    if not isinstance(controller, Controller):
-        raise InputError(
-            f"expected a controller, got {type(controller).__name__}.",
-            where="citation",
-            hint="Pass what make_controller returns.",
-        )
+    instance(controller, Controller, "citation")
     adaptations = controller.adaptation_d.references() + controller.adaptation_k.references()
     used = (*controller.law.sources, *adaptations, PINOCCHIO, PINADAPT)
     return "\n".join(entry.bibtex() for entry in {entry.key: entry for entry in used}.values())

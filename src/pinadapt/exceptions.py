@@ -5,18 +5,23 @@ from __future__ import annotations
 import copyreg
 import difflib
 from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .rollout.rollout import Rollout
 
 
-def nearest(name: str, allowed: Iterable[str]) -> str | None:
+def nearest(name: object, allowed: Iterable[str]) -> str | None:
     """Return the allowed name closest to ``name``, or None when nothing resembles it."""
+    if not isinstance(name, str):
+        return None
     allowed = list(allowed)
     exact = [other for other in allowed if other.lower() == name.lower()]
     close = exact or difflib.get_close_matches(name, allowed, n=1, cutoff=0.5)
     return close[0] if close else None
 
 
-def did_you_mean(name: str, allowed: Iterable[str]) -> str:
+def did_you_mean(name: object, allowed: Iterable[str]) -> str:
     """Return ``" Did you mean 'x'?"`` for the nearest allowed name, else an empty string."""
     suggestion = nearest(name, allowed)
     return f" Did you mean '{suggestion}'?" if suggestion else ""
@@ -63,6 +68,10 @@ class ScenarioError(InputError):
     """A key or value of a scenario that is not allowed."""
 
 
+class UnusedGainWarning(UserWarning):
+    """A gain was given that the chosen law or adaptation does not use."""
+
+
 class MeasurementError(PinadaptError):
     """A measurement that cannot be used, mostly because it is not finite; the state is untouched.
 
@@ -83,6 +92,19 @@ class MeasurementError(PinadaptError):
 
 class ImplausibleError(MeasurementError):
     """A measurement that could be one, but not of this robot here and now; see ``Guards``."""
+
+
+class Interrupted(KeyboardInterrupt):
+    """Somebody stopped a simulation; like any ``KeyboardInterrupt`` it stops a script as well.
+
+    Attributes:
+        rollout: what ran until then, ``Rollout.interrupted`` says when.
+    """
+
+    def __init__(self, rollout: Rollout) -> None:
+        """Keep the rollout."""
+        self.rollout = rollout
+        super().__init__(f"interrupted at {rollout.interrupted:.3f} s")
 
 
 class DivergedError(PinadaptError):

@@ -77,3 +77,13 @@ class SensorQuality:
     x: float = 0.0
     rate: float = 0.0
     age: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that no sensor has.
+
+        Raises:
+            InputError: a negative number, or none.
+        """
+        for field in fields(self):
+            number = positive(getattr(self, field.name), f"sensors.{field.name}", zero=True)
+            object.__setattr__(self, field.name, number)

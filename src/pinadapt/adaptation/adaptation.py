@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from .._checks import instance
 from ..reference import Reference
 from .drive import Drive, Estimate
 
@@ -87,7 +88,8 @@ class Wrapper(Adaptation):
 
     def __init__(self, inner: Adaptation) -> None:
         """Take the adaptation to wrap, any."""
-        self.inner, self.name = inner, inner.name
+        self.inner = instance(inner, Adaptation, "inner")
+        self.name = inner.name
 
     def init(self, value: np.ndarray) -> Estimate:
         """Return the inner adaptation's start, with the value that this one validates."""

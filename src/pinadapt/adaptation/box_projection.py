@@ -50,7 +50,7 @@ class BoxProjection(Wrapper):
             ParameterError: bounds of the wrong size, not finite, or crossed.
         """
         super().__init__(inner)
-        size = np.size(low)
+        size = vector(low, None, where, error=ParameterError).size
         self._names = tuple(names) or tuple(f"parameter {i + 1}" for i in range(size))
         self._where, size = where, len(self._names)
         self.low = vector(low, size, where, names=self._names, error=ParameterError)

@@ -45,7 +45,7 @@ class ExponentiatedGradient(Adaptation):
             GainError: one of them is not positive.
         """
         self.gamma = positive(gamma, name)
-        self.scale = vector(scale, np.size(scale), f"{name}: scale", error=GainError)
+        self.scale = vector(scale, None, f"{name}: scale", error=GainError)
         if not (self.scale > 0.0).all():
             raise GainError(f"scales must be positive, got {self.scale.tolist()}.", where=name)
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy import empty
 from numpy.typing import ArrayLike
 
-from .._checks import definite_matrix
+from .._checks import definite_matrix, whole
 from .._kernels import adaptation as kernels
 from ..records import named
 from .adaptation import Adaptation
@@ -28,7 +28,7 @@ class Gradient(Adaptation):
         Raises:
             GainError: not positive definite, or of another size.
         """
-        self.Gamma = np.ascontiguousarray(definite_matrix(Gamma, size, name))
+        self.Gamma = np.ascontiguousarray(definite_matrix(Gamma, whole(size, "size", 0), name))
         self._information = np.linalg.inv(self.Gamma)
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:

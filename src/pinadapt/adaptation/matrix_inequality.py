@@ -11,6 +11,7 @@ import numpy as np
 from numpy import empty
 from numpy.typing import ArrayLike
 
+from .._checks import numbers, whole
 from .._kernels import adaptation as kernels
 from ..exceptions import ParameterError
 from ..models.basis import read_matrix
@@ -40,14 +41,14 @@ class MatrixInequality:
             ParameterError: wrong shape, asymmetric or linearly dependent coefficients, or
                 incomplete ones in many blocks.
         """
-        self.F = np.array(F, dtype=float)
-        if self.F.ndim != 3 or self.F.shape[1] != self.F.shape[2]:
+        self.F = numbers(F, "LMI", error=ParameterError)
+        if self.F.ndim != 3 or self.F.shape[1] != self.F.shape[2] or not self.F.size:
             raise ParameterError(
                 f"expected p square matrices, shape (p, n, n), got {self.F.shape}.", where="LMI"
             )
         if not np.allclose(self.F, self.F.transpose(0, 2, 1)):
             raise ParameterError("the coefficient matrices must be symmetric.", where="LMI")
-        self.blocks, (self._p, self._n, _) = blocks, self.F.shape
+        self.blocks, (self._p, self._n, _) = whole(blocks, "blocks", 0), self.F.shape
         flat = self.F.reshape(self._p, -1)
         if np.linalg.matrix_rank(flat) < self._p:
             raise ParameterError(
@@ -58,7 +59,7 @@ class MatrixInequality:
             raise ParameterError(
                 "several blocks need coefficients that span all symmetric matrices.", where="LMI"
             )
-        self._offset = None if offset is None else np.array(offset, dtype=float)
+        self._offset = None if offset is None else numbers(offset, "LMI", error=ParameterError)
         if self._offset is not None and (
             self._offset.shape != self.F.shape[1:] or not np.allclose(self._offset, self._offset.T)
         ):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .._checks import positive
+from .._checks import instance, positive
 from .._kernels import adaptation as kernels
 from ..bibliography import LEE_KWON_PARK, WENSING_SLOTINE
 from ..records import named
@@ -43,8 +43,10 @@ class Natural(Adaptation):
 
         Raises:
             GainError: gamma not positive.
+            InputError: no cone.
         """
-        self.gamma, self.cone = positive(gamma, name), cone
+        self.gamma = positive(gamma, name)
+        self.cone = instance(cone, MatrixInequality, "cone")
 
     def validate(self, value: np.ndarray) -> np.ndarray:
         """Return an initial value (p) inside the cone; see ``MatrixInequality.validate``."""

@@ -8,6 +8,8 @@ from itertools import pairwise
 import numpy as np
 from numpy import empty
 
+from .._checks import instance, whole
+from ..exceptions import InputError
 from ..reference import Reference
 from .adaptation import Adaptation
 from .drive import Drive, Estimate
@@ -21,7 +23,17 @@ class Stacked(Adaptation):
     """
 
     def __init__(self, parts: Sequence[tuple[Adaptation, int]]) -> None:
-        """Take adaptations with the sizes of their blocks; the first one gives the name."""
+        """Take adaptations with the sizes of their blocks; the first one gives the name.
+
+        Raises:
+            InputError: none, or what is no adaptation with a size.
+        """
+        for given in instance(parts, Sequence, "parts"):
+            part, size = given if isinstance(given, tuple) and len(given) == 2 else (given, 0)
+            instance(part, Adaptation, "parts")
+            whole(size, "parts", 0)
+        if not parts:
+            raise InputError("expected at least one adaptation.", where="parts")
         ends = np.cumsum([0] + [size for _, size in parts])
         self.parts = [
             (part, slice(int(a), int(b)))

@@ -28,7 +28,10 @@ def _demo(command: argparse.ArgumentParser) -> None:
 
 def _init(command: argparse.ArgumentParser) -> None:
     command.add_argument(
-        "source", metavar="ROBOT", help="URDF file, or a name that `pinadapt robots` lists"
+        "source",
+        metavar="ROBOT",
+        help="URDF, xacro or MJCF file, a name that `pinadapt robots` lists, or one of the package "
+        "robot_descriptions",
     )
     command.add_argument(
         "--frame",
@@ -47,11 +50,40 @@ def _init(command: argparse.ArgumentParser) -> None:
         help="file to write (default: the robot's name and .toml)",
     )
     command.add_argument("--force", action="store_true", help="overwrite the file")
+    command.add_argument(
+        "--xacro",
+        type=_assignment,
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="an argument of a xacro file; as often as there are any",
+    )
+    command.add_argument(
+        "--mass",
+        type=float,
+        metavar="KG",
+        help="what the whole robot weighs, where links are described without inertia",
+    )
 
 
 def _run(command: argparse.ArgumentParser) -> None:
     _add_scenario(command)
     command.add_argument("--no-html", action="store_true", help="write no animation")
+    command.add_argument(
+        "--live", action="store_true", help="show it in a browser meanwhile, at most in real time"
+    )
+    _add_unadapted(command)
+
+
+def _view(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "scenario",
+        type=Path,
+        nargs="?",
+        metavar="DIR|SCENARIO.toml",
+        help="where `pinadapt run` wrote, or what to run and watch; nothing is written then",
+    )
+    _add_settings(command)
 
 
 def _compare(command: argparse.ArgumentParser) -> None:
@@ -62,10 +94,11 @@ def _compare(command: argparse.ArgumentParser) -> None:
         metavar="A,B",
         help=f"of {', '.join(LAWS)} (default: those for the task)",
     )
+    _add_unadapted(command)
 
 
 def _cite(command: argparse.ArgumentParser) -> None:
-    _add_settings(command)
+    _add_file(command)
 
 
 def _robots(command: argparse.ArgumentParser) -> None:
@@ -111,8 +144,9 @@ def _zoo(command: argparse.ArgumentParser) -> None:
 
 _COMMANDS = {
     "demo": ("two showcase scenarios, with report and animation", _demo),
-    "init": ("write a scenario for a URDF or a robot of the catalogue", _init),
+    "init": ("write a scenario for a URDF, xacro, MJCF or a named robot", _init),
     "run": ("run one scenario", _run),
+    "view": ("show a finished run, or run a scenario and show it meanwhile", _view),
     "compare": ("run the laws side by side on one scenario", _compare),
     "cite": ("print the BibTeX entries of what a scenario uses", _cite),
     "robots": ("list the robots of the catalogue", _robots),
@@ -124,8 +158,22 @@ _COMMANDS = {
 }
 
 
-def _add_settings(command: argparse.ArgumentParser) -> None:
+def _add_scenario(command: argparse.ArgumentParser) -> None:
+    _add_file(command)
+    command.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="where to write (default: out/ and the scenario's name)",
+    )
+
+
+def _add_file(command: argparse.ArgumentParser) -> None:
     command.add_argument("scenario", type=Path, nargs="?", metavar="SCENARIO.toml")
+    _add_settings(command)
+
+
+def _add_settings(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--set",
         nargs="+",
@@ -136,13 +184,11 @@ def _add_settings(command: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_scenario(command: argparse.ArgumentParser) -> None:
-    _add_settings(command)
+def _add_unadapted(command: argparse.ArgumentParser) -> None:
     command.add_argument(
-        "--out",
-        type=Path,
-        metavar="DIR",
-        help="where to write (default: out/ and the scenario's name)",
+        "--unadapted",
+        action="store_true",
+        help="run the same loop without adaptation as well, to tell its error beside",
     )
 
 
@@ -166,6 +212,18 @@ def _names(text: str) -> list[str]:
     if not names:
         raise argparse.ArgumentTypeError("at least one name is expected")
     return names
+
+
+def _assignment(text: str) -> tuple[str, str]:
+    """Return name and value.
+
+    Raises:
+        ArgumentTypeError: there is no name, or no equals sign.
+    """
+    name, equals, value = text.partition("=")
+    if not (equals and name.strip()):
+        raise argparse.ArgumentTypeError(f"name=value is expected, got {text}")
+    return name.strip(), value
 
 
 def _whole_number(text: str, *, least: int) -> int:

@@ -4,16 +4,24 @@ from __future__ import annotations
 
 import argparse
 import json
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
+from .._files import check_writable, write_text
+from .._table import columns, number
+from ..exceptions import UnusedGainWarning
 from ..laws import LAWS
 from ..rollout.rollout import Rollout
-from ..rollout.table import columns, number
 from ..scenario.scenario import Scenario
 from ..tasks.joint import JointTask
 from ..tasks.units import DISPLAYS
-from .run import run_and_write
+from .outputs import RUN_FILES, check_place, write_run
+from .run import run_beside, unadapted
+from .status import DONE, INTERRUPTED, interrupted
+
+TABLE = "compare.json"
+_ERRORS = 7  # columns up to those of the error
 
 
 def compare(options: argparse.Namespace) -> int:
@@ -23,20 +31,42 @@ def compare(options: argparse.Namespace) -> int:
     """
     folder = options.out or Path("out") / f"{options.scenario.stem}-compare"
     # All scenarios are built, and so checked, before the first one runs.
-    scenarios = [
-        Scenario.read(options.scenario, [*options.set, f'controller.law="{law}"'])
-        for law in options.laws or _laws(Scenario.read(options.scenario, options.set))
-    ]
-    rollouts = [
-        run_and_write(scenario, folder / scenario.controller.law.name, html=False)
-        for scenario in scenarios
-    ]
-    print(comparison_table(rollouts))
-    (folder / "compare.json").write_text(
-        json.dumps([rollout.summary() for rollout in rollouts], indent=2) + "\n"
-    )
+    laws = options.laws or _laws(Scenario.read(options.scenario, options.set))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UnusedGainWarning)  # one set of gains serves all laws
+        pairs = [_scenarios(options, law) for law in laws]
+    check_writable(folder, [TABLE])
+    folders = [check_place(folder / law) for law in laws]
+    rollouts: list[Rollout] = []
+    try:
+        for (scenario, without), place in zip(pairs, folders, strict=True):
+            rollouts.append(run_beside(scenario, without))
+            if len(rollouts) == 1:
+                _clear(folder)
+            summaries = [rollout.summary() for rollout in rollouts]
+            write_text(folder / TABLE, json.dumps(summaries, indent=2) + "\n")
+            write_run(rollouts[-1], place, html=False)
+            if interrupted(rollouts):
+                break
+    finally:
+        print(comparison_table(rollouts))
     print(f"\nwritten to {folder}")
-    return 0
+    return INTERRUPTED if interrupted(rollouts) else DONE
+
+
+def _scenarios(options: argparse.Namespace, law: str) -> tuple[Scenario, Scenario | None]:
+    """Return the scenario under a law, and where asked for the same without adaptation."""
+    setting = f'controller.law="{law}"'
+    adapted = Scenario.read(options.scenario, [*options.set, setting])
+    beside = options.unadapted and adapted.controller.law.adapts
+    return adapted, unadapted(options, setting) if beside else None
+
+
+def _clear(folder: Path) -> None:
+    """Remove what an earlier comparison has left: its table, and the runs of all its laws."""
+    (folder / TABLE).unlink(missing_ok=True)
+    for file in (folder / law / name for law in LAWS for name in reversed(RUN_FILES)):
+        file.unlink(missing_ok=True)
 
 
 def _laws(scenario: Scenario) -> list[str]:
@@ -47,6 +77,8 @@ def _laws(scenario: Scenario) -> list[str]:
 
 def comparison_table(rollouts: Sequence[Rollout]) -> str:
     """Return one row a rollout; poses get a column for their angle."""
+    if not rollouts:
+        return "nothing has run"
     shown = DISPLAYS[rollouts[0].task.groups[0].unit]
     header: tuple[str, ...] = (
         "run",
@@ -54,19 +86,29 @@ def comparison_table(rollouts: Sequence[Rollout]) -> str:
         "adaptation",
         f"first 10 % [{shown.unit}]",
         f"last 10 % [{shown.unit}]",
+        "[% of path]",
         f"rms [{shown.unit}]",
-        "min eig M_hat",
+        "min eig M_hat [kg m^2]",
         "step [us]",
         "verdict",
     )
     rows = [_row(rollout, shown.scale) for rollout in rollouts]
     if any(rollout.angle is not None for rollout in rollouts):
-        header = (*header[:6], "last 10 % [deg]", *header[6:])
-        rows = [
-            [*row[:6], _angle(rollout), *row[6:]]
-            for row, rollout in zip(rows, rollouts, strict=True)
-        ]
+        cells = [_angle(rollout) for rollout in rollouts]
+        header, rows = _with_column(header, rows, "last 10 % [deg]", cells)
+    if any(rollout.unadapted is not None for rollout in rollouts):
+        cells = [number(rollout.unadapted, scale=shown.scale, digits=3) for rollout in rollouts]
+        header, rows = _with_column(header, rows, f"not adapted [{shown.unit}]", cells)
     return columns(header, rows)
+
+
+def _with_column(
+    header: tuple[str, ...], rows: list[list[str]], name: str, cells: Sequence[str]
+) -> tuple[tuple[str, ...], list[list[str]]]:
+    """Return a table with a further column after those of the error."""
+    head, tail = header[:_ERRORS], header[_ERRORS:]
+    wider = [[*row[:_ERRORS], cell, *row[_ERRORS:]] for row, cell in zip(rows, cells, strict=True)]
+    return (*head, name, *tail), wider
 
 
 def _angle(rollout: Rollout) -> str:
@@ -76,15 +118,15 @@ def _angle(rollout: Rollout) -> str:
 
 def _row(rollout: Rollout, scale: float) -> list[str]:
     numbers = rollout.summary()
-    verdict = "ok" if rollout.diverged is None else f"diverged at {rollout.diverged:.3f} s"
     return [
         rollout.title,
         rollout.law,
         rollout.adaptation,
         number(numbers["max_error_first"], scale=scale, digits=2),
         number(numbers["max_error_last"], scale=scale, digits=3),
+        number(numbers["error_share"], scale=100.0, digits=2),
         number(numbers["rms_error_last"], scale=scale, digits=3),
         number(numbers["min_eig_M_hat"], digits=4),
         number(numbers["step_time_us"], digits=0),
-        verdict,
+        rollout.grade,
     ]

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 
+from ..adaptation.frozen import Frozen
+from ..exceptions import UnusedGainWarning
 from ..robot.catalogue import robots_folder
+from ..rollout.rollout import Rollout
 from ..scenario.scenario import Scenario
 from .compare import comparison_table
-from .run import run_and_write
+from .outputs import check_place, run_scenario, write_run
+from .status import interrupted, status_of
 
 _GRADIENT = ('controller.adaptation="gradient"', "controller.gamma_d=[4.5, 1.5, 1.5]")
 _PLANAR, _PANDA = "planar_2r/wang_xie_2009.toml", "panda/tool_and_load.toml"
@@ -46,13 +52,28 @@ SHOWCASE: tuple[tuple[str, str, Sequence[str]], ...] = (
 
 def demo(options: argparse.Namespace) -> int:
     """Run the showcases, print one table, write everything; return 3 if one diverged, else 0."""
-    rollouts = []
-    for name, file, settings in SHOWCASE:
-        scenario = Scenario.read(robots_folder() / file, settings)
-        rollouts.append(run_and_write(scenario, options.out / name, html=True))
-    print(comparison_table(rollouts))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UnusedGainWarning)  # laws share a file
+        scenarios = [Scenario.read(robots_folder() / file, given) for _, file, given in SHOWCASE]
+    folders = [check_place(options.out / name) for name, _, _ in SHOWCASE]
+    rollouts: list[Rollout] = []
+    unadapted: dict[tuple[str, str], float | None] = {}  # of a file under a law
+    try:
+        for scenario, folder, (_, file, _) in zip(scenarios, folders, SHOWCASE, strict=True):
+            rollout = run_scenario(scenario)
+            loop = file, rollout.law
+            if rollout.adaptation == Frozen.name:
+                unadapted[loop] = rollout.summary()["max_error_last"]
+            else:
+                rollout = replace(rollout, unadapted=unadapted.get(loop))
+            rollouts.append(rollout)
+            write_run(rollout, folder, html=True)
+            if interrupted(rollouts):
+                break
+    finally:
+        print(comparison_table(rollouts))
     print(
         f"\nplots and animations: {options.out}/*/"
         "error.png, parameters.png, torque.png, animation.html"
     )
-    return 0 if all(rollout.diverged is None for rollout in rollouts) else 3
+    return status_of(*rollouts)

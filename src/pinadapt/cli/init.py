@@ -3,20 +3,29 @@
 from __future__ import annotations
 
 import argparse
+import warnings
 from pathlib import Path
 
+from .._files import check_writable, write_text
 from ..exceptions import InputError
+from ..scenario.scenario import Scenario
 from ..scenario.template import Template
 from ..scenario.template_text import scenario_text
 
 
 def init(options: argparse.Namespace) -> int:
-    """Write a scenario that runs as it is for a URDF or a robot of the catalogue.
+    """Write a scenario that runs as it is for any description or name of a robot, and check it.
 
     Raises:
         InputError: the file exists and is not to be overwritten, or the robot cannot be used.
     """
-    template = Template.of(options.source, frame=options.frame, task=options.task)
+    template = Template.of(
+        options.source,
+        frame=options.frame,
+        task=options.task,
+        xacro=dict(options.xacro),
+        mass=options.mass,
+    )
     file = options.out or Path(f"{template.name}.toml")
     if file.exists() and not options.force:
         raise InputError(
@@ -24,9 +33,21 @@ def init(options: argparse.Namespace) -> int:
             where=str(file),
             hint="--force overwrites it, --out FILE takes another name.",
         )
-    file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(scenario_text(template, file.parent), encoding="utf-8")
+    check_writable(file.parent, [file.name])
+    write_text(file, scenario_text(template, file.parent))
     robot, circle = template.robot, template.circle
     print(f"{file}: {robot.model.nv} joints to '{robot.frame}', task {robot.task.name}, ", end="")
-    print(f"a circle of radius {circle.radius} m in {circle.period} s.\n\npinadapt run {file}")
+    print(f"a circle of radius {circle.radius} m in {circle.period} s.")
+    _check(Scenario.read(file))
+    print(f"\npinadapt run {file}")
     return 0
+
+
+def _check(scenario: Scenario) -> None:
+    """Tell what the check before a run says of a scenario."""
+    found = scenario.findings()
+    for finding in found:
+        warnings.warn(finding, stacklevel=2)
+    if not found:
+        dt = scenario.tables.simulation.dt
+        print(f"check before a run: {scenario.controller.law.name} suits a period of {dt:g} s.")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import io
 import sys
 import warnings
 from collections.abc import Callable, Sequence
@@ -12,33 +13,46 @@ from typing import Any
 
 from ..exceptions import InputError, PinadaptError
 from .arguments import parser
-
-DONE, REFUSED, DIVERGED = 0, 2, 3
+from .signals import stopped_by_signals
+from .status import DIVERGED, DONE, INTERRUPTED, REFUSED
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status.
 
-    0: done, 2: the input was refused, 3: the closed loop diverged.
+    0: done, 2: the input was refused, or the outputs could not all be written, 3: the closed loop
+    diverged, 130: interrupted.
     """
+    _degrade_what_cannot_be_shown()
     options = _options(arguments)
     shown, warnings.showwarning = warnings.showwarning, _show_warning
     try:
-        return _command(options.command)(options)
+        with stopped_by_signals():
+            return _command(options.command)(options)
     except InputError as error:
         print(f"pinadapt: {error}", file=sys.stderr)
         return REFUSED
     except PinadaptError as error:
         print(f"pinadapt: {error}", file=sys.stderr)
         return DIVERGED
+    except KeyboardInterrupt:
+        print("pinadapt: interrupted.", file=sys.stderr)
+        return INTERRUPTED
     except BrokenPipeError:  # the reader of the output has ended
         sys.stderr.close()
         return DONE
-    except OSError as error:  # an output folder that cannot be made or written
+    except OSError as error:  # outputs that cannot be written
         print(f"pinadapt: {error}", file=sys.stderr)
         return REFUSED
     finally:
         warnings.showwarning = shown
+
+
+def _degrade_what_cannot_be_shown() -> None:
+    """Let a terminal without UTF-8 show a question mark for what it does not know."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
 
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:

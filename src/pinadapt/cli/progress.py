@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from functools import partial
+from collections.abc import Iterable, Sequence
 from typing import TypeVar
 
 from tqdm import tqdm
 
-Row = TypeVar("Row")
+Item = TypeVar("Item")
 
 
-def samples_bar(name: str) -> Callable[[range], Iterable[int]]:
-    """Return a wrapper that shows a bar over samples when standard error is a terminal."""
-    return partial(tqdm, desc=name, unit="step", disable=None, leave=False, mininterval=0.2)
+def rows_bar(rows: Iterable[Item], total: int) -> Iterable[Item]:
+    """Return the rows of the zoo with a bar over them, when standard error is a terminal."""
+    return _bar(rows, total, "zoo", "robot")
 
 
-def rows_bar(rows: Iterable[Row], total: int) -> Iterable[Row]:
-    """Return the rows with a bar over them, when standard error is a terminal."""
-    bar: Iterable[Row] = tqdm(
-        rows, total=total, desc="zoo", unit="robot", disable=None, leave=False
-    )
+def steps_bar(steps: Sequence[Item], name: str) -> Iterable[Item]:
+    """Return the steps of some work with a bar over them, when standard error is a terminal."""
+    return _bar(steps, len(steps), name, "step")
+
+
+def _bar(items: Iterable[Item], total: int, name: str, unit: str) -> Iterable[Item]:
+    bar: Iterable[Item] = tqdm(items, total=total, desc=name, unit=unit, disable=None, leave=False)
     return bar

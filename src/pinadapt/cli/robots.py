@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
+from .._table import columns
 from ..robot.catalogue import CatalogueEntry, catalogue
-from ..rollout.table import columns
 
 
 def robots(options: argparse.Namespace) -> int:

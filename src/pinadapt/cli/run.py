@@ -3,37 +3,48 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
-from ..robot.succession import Succession
+from ..rollout.report import sheet
 from ..rollout.rollout import Rollout
 from ..scenario.scenario import Scenario
-from .progress import samples_bar
+from .outputs import check_place, run_scenario, write_run
+from .status import status_of
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run a scenario, print its table, write its outputs; return 3 if the loop diverged, else 0."""
+    """Run a scenario, write its outputs, print its table and in the last line its verdict.
+
+    Return 3 if the loop diverged, 130 if it was interrupted, else 0.
+    """
     scenario = Scenario.read(options.scenario, options.set)
-    folder = options.out or Path("out") / options.scenario.stem
-    rollout = run_and_write(scenario, folder, html=not options.no_html)
-    print(rollout)
-    print(f"\nwritten to {folder}")
-    return 0 if rollout.diverged is None else 3
+    without = unadapted(options) if options.unadapted else None
+    folder = check_place(options.out or Path("out") / options.scenario.stem)
+    rollout = run_beside(scenario, without, live=options.live)
+    try:
+        write_run(rollout, folder, html=not options.no_html)
+    finally:
+        print(sheet(rollout))  # what the disk does not keep, the terminal shows
+    print(f"\nwritten to {folder}\n\n{rollout.verdict}")
+    return status_of(rollout)
 
 
-def run_and_write(scenario: Scenario, folder: Path, *, html: bool) -> Rollout:
-    """Run a scenario and write all that the interface promises into a folder."""
-    rollout = scenario.run(samples_bar(scenario.title))
-    rollout.save(folder)
-    rollout.plot(folder)
-    if html:
-        from ..view.animation import write_animation
+def unadapted(options: argparse.Namespace, *settings: str) -> Scenario:
+    """Return the scenario of the options with further settings, and without adaptation."""
+    return Scenario.read(
+        options.scenario, [*options.set, *settings, 'controller.adaptation="none"']
+    )
 
-        write_animation(
-            rollout,
-            Succession.of(scenario.true, scenario.changes),
-            scenario.believed,
-            scenario.controller.kinematics,
-            folder / "animation.html",
-        )
-    return rollout
+
+def run_beside(scenario: Scenario, without: Scenario | None, *, live: bool = False) -> Rollout:
+    """Return the rollout of a scenario, which knows the error of the same loop unadapted, if given.
+
+    The latter runs first; if it is interrupted, it is the one that is returned.
+    """
+    if without is None:
+        return run_scenario(scenario, live=live)
+    first = run_scenario(without)
+    if first.interrupted is not None:
+        return first
+    return replace(run_scenario(scenario, live=live), unadapted=first.summary()["max_error_last"])

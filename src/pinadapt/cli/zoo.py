@@ -9,12 +9,15 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
+from .._files import check_writable, write_text
+from .._table import columns, number
 from ..robot.catalogue import catalogue_entry
-from ..rollout.table import columns, number
 from ..zoo.experiment import POSE, ZooRow, run_zoo, zoo_names
 from ..zoo.verdict import CONVERGED
 from .progress import rows_bar
+from .status import DONE, INTERRUPTED
 
+TABLE = "zoo.json"
 _DEGREES = 180.0 / math.pi
 
 
@@ -26,19 +29,29 @@ def zoo(options: argparse.Namespace) -> int:
         else zoo_names(options.task)
     )
     folder: Path = options.out
-    folder.mkdir(parents=True, exist_ok=True)  # refused before the work where it cannot be written
+    check_writable(folder, [TABLE])
     coming = run_zoo(
         names, options.law, seed=options.seed, processes=options.processes, task=options.task
     )
-    found = {row.robot: row for row in rows_bar(coming, len(names))}
-    rows = [found[name] for name in names]
-    print(zoo_table(rows))
-    (folder / "zoo.json").write_text(
-        json.dumps([asdict(row) for row in rows], indent=2) + "\n", encoding="utf-8"
-    )
+    found: dict[str, ZooRow] = {}
+    rows: list[ZooRow] = []
+    status = DONE
+    try:
+        for row in rows_bar(coming, len(names)):
+            found[row.robot] = row
+            rows = [found[name] for name in names if name in found]
+            text = json.dumps([asdict(row) for row in rows], indent=2) + "\n"
+            write_text(folder / TABLE, text)
+    except KeyboardInterrupt:
+        status = INTERRUPTED
+    finally:
+        print(zoo_table(rows))
     converged = sum(row.verdict == CONVERGED for row in rows)
-    print(f"\n{converged} of {len(rows)} converged; written to {folder / 'zoo.json'}")
-    return 0
+    written = f"; written to {folder / TABLE}" if rows else ""
+    if len(rows) < len(names):
+        written += f"; interrupted, {len(names) - len(rows)} have not run"
+    print(f"\n{converged} of {len(rows)} converged{written}")
+    return status
 
 
 def zoo_table(rows: Sequence[ZooRow]) -> str:
@@ -52,7 +65,7 @@ def zoo_table(rows: Sequence[ZooRow]) -> str:
         "adapted [mm]",
         "[% of radius]",
         *(["not adapted [deg]", "adapted [deg]"] if pose else []),
-        "min eig M_hat",
+        "min eig M_hat [kg m^2]",
         "verdict",
     )
     return columns(header, [_cells(row, pose) for row in rows])

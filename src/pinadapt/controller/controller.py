@@ -12,6 +12,7 @@ import numpy as np
 from numpy import empty
 from numpy.typing import ArrayLike
 
+from .._checks import numbers
 from .._compiled import compile_all
 from .._kernels import watch as kernels
 from ..adaptation.adaptation import Adaptation
@@ -27,6 +28,7 @@ from ..robot.changes import Payload
 from ..robot.gravity import Compensation
 from ..signals import OpenSignals, Signals
 from .belief import Belief, informed
+from .controller_sheet import controller_sheet
 from .guards import Guards
 from .inputs import InputCheck
 from .limits import Limits
@@ -90,6 +92,13 @@ class Controller:
         """Have the kernels compiled where a copy arrives in a new process."""
         self.__dict__.update(state)
         compile_all()
+
+    def __repr__(self) -> str:
+        """Return a table: robot, task, gains, what is adapted, limits."""
+        return str(controller_sheet(self))
+
+    def _repr_html_(self) -> str:
+        return controller_sheet(self).html()
 
     def limited(self, torque: np.ndarray | None) -> Controller:
         """Return this controller with other torque limits (n) [N m or N]; it shares the scratch."""
@@ -346,13 +355,10 @@ def _estimate(
     """Return an initial estimate as a new array, or refuse it."""
     if given is None:
         return default.copy()
-    try:
-        estimate = np.array(given, dtype=float)
-    except (TypeError, ValueError):
-        estimate = np.full(1, np.nan)
-    if estimate.shape != default.shape or not np.isfinite(estimate).all():
+    estimate = numbers(given, where, error=ParameterError)
+    if estimate.shape != default.shape:
         raise ParameterError(
-            f"expected {default.size} finite numbers {list(names)}, got {given!r}.",
+            f"expected {default.size} finite numbers {list(names)}, got shape {estimate.shape}.",
             where=where,
         )
     return estimate

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from .._checks import shown
 from .._kernels import guards as kernels
 from ..exceptions import ImplausibleError, InputError, did_you_mean
 from ..models.task_kinematics import TaskKinematics
@@ -17,7 +18,6 @@ from ..records import Desired
 from ..robot.chain import is_slide
 from ..robot.robot import Robot
 from ..robot.velocity_limits import velocity_limits
-from ..robot.workspace import reach
 from ..sensing import SensorQuality
 
 GUARDS = ("position", "velocity", "time", "rest")
@@ -141,6 +141,8 @@ def make_guards(
     Raises:
         InputError: an unknown guard.
     """
+    if not isinstance(guards, bool | Mapping):
+        raise InputError(f"expected True, False or a mapping, got {shown(guards)}.", where="guards")
     on = dict.fromkeys(GUARDS, guards is not False)
     for name, wanted in (guards if isinstance(guards, Mapping) else {}).items():
         if name not in GUARDS or not isinstance(wanted, bool):
@@ -150,7 +152,7 @@ def make_guards(
                 where="guards",
             )
         on[name] = wanted
-    size = reach(believed)
+    size = believed.reach
     based = any(part.joint == FIRST for part in kinematics.translations)
     scale = size if kinematics.positions else 1.0
     slides = any(is_slide(joint) for joint in believed.model.joints[1:])

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import positive, vector
+from .._checks import numbers, positive, vector
 from ..exceptions import GainError, ParameterError
 from ..models.dynamics import Dynamics
 from ..models.task_kinematics import TaskKinematics
 from ..models.translations import FIRST
 from ..robot.effort_limits import torque_limits
 from ..robot.robot import Robot
-from ..robot.workspace import reach
 
 _ABSURD = 1e4
 _SHORTEST, _LONGEST = 0.2, 5.0
@@ -72,7 +71,7 @@ def make_limits(
     size = (
         float(np.linalg.norm(dynamics.initial))
         + sum(body.mass for body in believed.model.inertias)
-        + reach(believed)
+        + believed.reach
     )
     return Limits(
         torque_limits(believed, torque),
@@ -108,10 +107,11 @@ def make_box(
         sizes = [len(part.labels) for part in kinematics.translations]
         length = np.repeat(plain, sizes) & (centre > 0.0)
         wide = [_WIDE_BASE if part.joint == FIRST else _WIDE for part in kinematics.translations]
-        margin = np.repeat(wide, sizes) * reach(believed)
+        margin = np.repeat(wide, sizes) * believed.reach
         low = np.where(length, _SHORTEST * centre, centre - margin)
         return np.stack([low, np.where(length, _LONGEST * centre, centre + margin)])
-    rows = [given] if np.ndim(given) < 2 else list(np.asarray(given, dtype=object))
+    given = numbers(given, "unknown.kinematic_box", error=ParameterError)
+    rows = [given] if given.ndim < 2 else list(given)
     if len(rows) > 2:
         raise ParameterError(
             f"expected lower and upper bounds, got {len(rows)} rows.", where="unknown.kinematic_box"

@@ -85,7 +85,7 @@ def merged(defaults: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, A
     """Return the defaults of a law's gains with the given ones in their place, by its own symbols.
 
     None gives nothing; gains that only other laws have are left out, so that one set of gains
-    serves for a comparison of laws.
+    serves for a comparison of laws; ``make_controller`` tells of them.
 
     Raises:
         GainError: a gain that no law has; the nearest is suggested.

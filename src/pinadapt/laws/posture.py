@@ -10,7 +10,7 @@ import pinocchio as pin
 from numpy import empty
 from numpy.typing import ArrayLike
 
-from .._checks import positive, vector
+from .._checks import instance, numbers, positive, vector
 from .._kernels import posture as kernels
 from ..exceptions import GainError, did_you_mean
 from ..robot.position_limits import position_limits
@@ -44,6 +44,7 @@ class Posture:
         Raises:
             RobotError, GainError: wrong size, non-finite or not positive.
         """
+        instance(robot, Robot, "robot")
         self.frequency = positive(frequency, "posture frequency")
         resting = robot if rest is None else robot.at(vector(rest, robot.model.nv, "rest"))
         self._model, self._q_rest = robot.model.copy(), resting.q0
@@ -82,7 +83,8 @@ class Posture:
                 )
         rest, frequency = words.get("rest"), words.get("frequency")
         if given is not None and not words:
-            rest, frequency = (None, given) if np.ndim(given) == 0 else (given, None)
+            given = numbers(given, "posture")
+            rest, frequency = (None, float(given)) if given.ndim == 0 else (given, None)
         return cls(robot, rest, SHARE * bandwidth if frequency is None else frequency)
 
     def offset(self, q: np.ndarray) -> np.ndarray:

@@ -22,7 +22,6 @@ from ..models.typical_motion import TypicalMotion, joint_inertia, unit_mass
 from ..robot.changes import Payload
 from ..robot.inertia import Inertia
 from ..robot.robot import Robot
-from ..robot.workspace import reach
 from ..signals import Signals
 from ..tasks.task import Task
 from .feedback import Feedback, KinematicLoop
@@ -33,6 +32,7 @@ from .posture import Posture
 _DAMPING, _STEP = 3.0, 0.5  # K_v in bandwidths times inertia; at most this times inertia / dt
 _LOAD, _ARM = 0.1, 0.05  # load believed for K_D: of the robot's mass, of its reach off the flange
 _OBSERVER = 1.0  # beta in bandwidths
+_FAST = 0.5  # Y_fast in parts of the largest norm of a typical motion
 _TINY = 1e-300
 
 
@@ -93,9 +93,10 @@ class Separation(Law):
         lag: [s], with which K_D(q)^-1 = K_v^-1 + lag M_0(q)^-1: no eigenvalue of M_0^-1 K_D then
             exceeds 1 / lag, at no configuration. Zero: K_D = K_v.
         M_0: returns the believed mass matrix (n, n) at q (nq), where there is a lag.
-        Y_fast: norm of Y_k beyond which dx_o is scaled down with its square, where x is carried on
-            from a late frame: the mode of the kinematic adaptation grows with the speed, and its
-            loop has a delay then.
+        Y_fast: norm of Y_k beyond which dx_o is scaled down with its square in the drive of the
+            tool: the mode of the kinematic adaptation grows with the speed, and a wrist that an
+            unknown load spins would swing the estimate faster than the arm can follow it.
+            Beyond it dV/dt is no equality; the prediction error, which needs no dx_o, goes on.
     """
 
     task: Task
@@ -128,7 +129,7 @@ class Separation(Law):
             GainError: gains that are not positive (definite) or of the wrong size.
         """
         check_in_place(self, "alpha", "beta", "c", "R_k")
-        if self.lambda_s != math.inf:
+        if not (isinstance(self.lambda_s, float) and self.lambda_s == math.inf):
             positive(self.lambda_s, "lambda_s")
         K_D = definite_matrix(self.K_v, self.posture.damping.size, "Kv")
         object.__setattr__(self, "K_v", K_D)
@@ -171,7 +172,7 @@ class Separation(Law):
             motion.kinematics.task,
             posture,
             M_0=Inertia(motion.robot),
-            Y_fast=float(Y_fast) or math.inf,
+            Y_fast=_FAST * float(Y_fast) or math.inf,
             **gains,
         )
 
@@ -231,7 +232,7 @@ class Separation(Law):
         """Return the drive of g_k = c Y_k^T dx_o + X_k^T R epsilon."""
         dx_o, epsilon, X_k = s.filtered.dx_o, s.epsilon, s.X_k
         m, p = X_k.shape
-        if s.sensed.frame is not None:  # of an earlier configuration: its loop has a delay
+        if self.Y_fast != math.inf:
             dx_o = dx_o * min(1.0, self.Y_fast**2 / max(float(np.vdot(s.Y_k, s.Y_k)), _TINY))
         W, residual, g_k = empty((2 * m, p)), empty(2 * m), empty(p)
         kernels.observation_drive(s.Y_k, dx_o, self.c, X_k, epsilon, self.R_k, W, residual, g_k)
@@ -277,7 +278,7 @@ class Separation(Law):
 
 def _damping(robot: Robot, w: float) -> np.ndarray:
     """Return the default diagonal (n) of K_v [N m s/rad or N s/m]."""
-    mass, arm = _LOAD * pin.computeTotalMass(robot.model), _ARM * reach(robot)
+    mass, arm = _LOAD * pin.computeTotalMass(robot.model), _ARM * robot.reach
     turning = mass * arm**2
     ball = Payload(mass, (0.0, 0.0, 0.0), (turning, 0.0, turning, 0.0, 0.0, turning))
     return _DAMPING * w * joint_inertia(robot.changed(payload=ball))

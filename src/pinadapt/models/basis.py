@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._checks import numbers
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from .dynamics import equivalent_parameters, identifiable
@@ -30,15 +32,13 @@ class BasisDynamics(InertialDynamics):
         """
         super().__init__(robot)
         rows = PER_BODY * robot.model.nv
-        self.B = np.array(B, dtype=float)
+        self.B = numbers(B, "unknown.basis", error=ParameterError)
         if self.B.ndim != 2 or self.B.shape[0] != rows or not self.B.shape[1]:
             raise ParameterError(
                 f"expected a matrix with {rows} rows ({PER_BODY} a body), got shape "
                 f"{self.B.shape}.",
                 where="unknown.basis",
             )
-        if not np.isfinite(self.B).all():
-            raise ParameterError("all entries must be finite.", where="unknown.basis")
         self.size, self.bodies = self.B.shape[1], range(robot.model.nv)
         self.names = names or tuple(f"a{i + 1}" for i in range(self.size))
         if identifiable(self._regressor, self.B, robot) < self.size:
@@ -84,8 +84,13 @@ def read_matrix(path: Path) -> np.ndarray:
     if not path.is_file():
         raise ParameterError("no such file.", where=str(path))
     try:
-        return np.loadtxt(path, delimiter=",", ndmin=2)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of an empty file, which is refused below
+            matrix = np.loadtxt(path, delimiter=",", ndmin=2, encoding="utf-8-sig")
     except ValueError as error:
         raise ParameterError(
             f"not a table of numbers separated by commas: {error}", where=str(path)
         ) from error
+    if not matrix.size:
+        raise ParameterError("there is no number in this file.", where=str(path))
+    return numbers(matrix, str(path), error=ParameterError)

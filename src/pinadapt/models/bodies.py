@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from .._checks import name_list
 from ..robot.changes import joint_id
 from ..robot.robot import Robot
 from .inertial import InertialDynamics
@@ -21,10 +22,10 @@ def chosen_bodies(robot: Robot, unknown: str | Sequence[str]) -> list[int]:
         RobotError: unknown joint.
     """
     n = robot.model.nv
-    words = {ALL: list(range(n)), PAYLOAD: [n - 1], NONE: []}
-    if isinstance(unknown, str) and unknown in words:
-        return words[unknown]
-    names = [unknown] if isinstance(unknown, str) else unknown
+    known = {ALL: list(range(n)), PAYLOAD: [n - 1], NONE: []}
+    if isinstance(unknown, str) and unknown in known:
+        return known[unknown]
+    names = name_list(unknown, "unknown.dynamic")
     return sorted(
         {joint_id(robot.model, name, "unknown.dynamic", (ALL, PAYLOAD, NONE)) - 1 for name in names}
     )

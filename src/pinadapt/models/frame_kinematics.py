@@ -38,7 +38,7 @@ class FrameKinematics(TaskKinematics):
             ParameterError, RobotError: as ``unknown_translations``.
         """
         self.translations = unknown_translations(robot, unknown)
-        self._robot = robot.undrawn()
+        self.robot = robot.undrawn()
         self.task, self.joint_names, self.frame = robot.task, robot.joint_names, robot.frame
         self.nq, self.nv = int(robot.model.nq), int(robot.model.nv)
         self.names = tuple(label for part in self.translations for label in part.labels)
@@ -81,7 +81,7 @@ class FrameKinematics(TaskKinematics):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy by what it was made from: Pinocchio's data is scratch."""
-        return FrameKinematics, (self._robot, self.translations)
+        return FrameKinematics, (self.robot, self.translations)
 
     def _parent(self, model: pin.Model, part: Translation) -> int:
         return int(

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 from numpy import empty
 
+from .._checks import name_list
 from .._kernels import joints as kernels
 from ..exceptions import ParameterError, did_you_mean
 from ..robot.effort_limits import effort_limits
@@ -29,19 +30,17 @@ def chosen_kinds(unknown: str | Sequence[str]) -> tuple[str, ...]:
     Raises:
         ParameterError: another word; the nearest is suggested.
     """
-    words = (
-        {ALL: KINDS, NONE: ()}.get(unknown, (unknown,))
-        if isinstance(unknown, str)
-        else tuple(unknown)
-    )
-    for word in words:
+    chosen = name_list(unknown, "unknown.joint", ParameterError)
+    if len(chosen) == 1:
+        chosen = list({ALL: KINDS, NONE: ()}.get(chosen[0], chosen))
+    for word in chosen:
         if word not in KINDS:
             raise ParameterError(
                 f"'{word}' must be one of {list(KINDS)}, 'all' or 'none'."
                 f"{did_you_mean(word, (*KINDS, ALL, NONE))}",
                 where="unknown.joint",
             )
-    return tuple(kind for kind in KINDS if kind in words)
+    return tuple(kind for kind in KINDS if kind in chosen)
 
 
 class JointEffects:

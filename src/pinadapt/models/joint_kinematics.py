@@ -37,7 +37,7 @@ class JointKinematics(TaskKinematics):
                 hint='Leave it out, or take a task of the frame, such as "xyz".',
             )
         n = robot.model.nv
-        self._robot = robot.undrawn()
+        self.robot = robot.undrawn()
         self.task = JointTask.of_chain(robot.model)
         self.joint_names, self.frame = robot.joint_names, robot.frame
         self.nq, self.nv = int(robot.model.nq), int(n)
@@ -49,7 +49,7 @@ class JointKinematics(TaskKinematics):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy by what it was made from."""
-        return JointKinematics, (self._robot,)
+        return JointKinematics, (self.robot,)
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Take configuration q (nq) and velocity v (nv)."""
@@ -66,7 +66,7 @@ class JointKinematics(TaskKinematics):
 
     def between(self, q_0: np.ndarray, q_1: np.ndarray, share: float) -> np.ndarray:
         """Return the configuration (nq) at a share of the way from q_0 to q_1."""
-        return np.asarray(pin.interpolate(self._robot.model, q_0, q_1, share))
+        return np.asarray(pin.interpolate(self.robot.model, q_0, q_1, share))
 
     def right_inverse(self, threshold: float) -> RightInverse:
         """Return the identity, undamped."""

@@ -21,6 +21,7 @@ class TaskKinematics(ABC):
     rows, p: number of parameters.
 
     Attributes:
+        robot: the believed robot as described, without its geometry.
         task: the controlled coordinates.
         joint_names: names of the chain's joints.
         frame: name of the task frame.
@@ -37,6 +38,7 @@ class TaskKinematics(ABC):
         Y_k: (m, p) kinematic regressor, J v = Y_k a_k + known part: Wang and Xie (2009), (2).
     """
 
+    robot: Robot
     task: Task
     joint_names: list[str]
     frame: str

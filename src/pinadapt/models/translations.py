@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 
+from .._checks import instance, name_list
 from .._kernels import models as kernels
 from ..exceptions import ParameterError
 from ..robot.changes import joint_id
@@ -117,9 +118,16 @@ def unknown_translations(
         RobotError: unknown joint.
     """
     words: list[str | Translation] = []
-    for word in [unknown] if isinstance(unknown, str) else unknown:
+    if isinstance(unknown, str | bytes | Mapping) or not isinstance(unknown, Iterable):
+        unknown = name_list(unknown, "unknown.kinematic", ParameterError)
+    for word in unknown:
         words += _all_lengths(robot) if word == LENGTHS else [word]
-    parts = [_translation(robot, word) if isinstance(word, str) else word for word in words]
+    parts = [
+        _translation(robot, word)
+        if isinstance(word, str)
+        else instance(word, Translation, "unknown.kinematic", ParameterError)
+        for word in words
+    ]
     names = [part.name for part in parts]
     if len(set(names)) != len(names):
         raise ParameterError(f"a translation is named twice in {names}.", where="unknown.kinematic")

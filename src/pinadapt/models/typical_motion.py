@@ -9,7 +9,6 @@ import numpy as np
 import pinocchio as pin
 
 from ..robot.robot import Robot
-from ..robot.workspace import reach
 from .dynamics import Dynamics
 from .task_kinematics import TaskKinematics
 
@@ -57,7 +56,7 @@ class TypicalMotion:
         """The states (N)."""
         model, rng, kinematics = self.robot.model, np.random.default_rng(0), self.kinematics
         p, m = kinematics.task.positions, kinematics.task.size
-        size = np.repeat([reach(self.robot), _TURN], [p, m - p])
+        size = np.repeat([self.robot.reach, _TURN], [p, m - p])
         scale = np.array([[_SPEED], [_ERROR * self.bandwidth**2]]) * size
         states = []
         for _ in range(_SAMPLES):

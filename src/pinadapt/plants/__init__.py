@@ -1,5 +1,8 @@
 """What is controlled: the true robot, and the sensors that see it."""
 
+from .mjcf import Mjcf as Mjcf
+from .mujoco_plant import MujocoPlant as MujocoPlant
 from .pinocchio_plant import PinocchioPlant as PinocchioPlant
 from .plant import Plant as Plant
 from .sensors import Sensors as Sensors
+from .simulated_plant import SimulatedPlant as SimulatedPlant

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from math import ceil
-
 import numpy as np
 import pinocchio as pin
 
-from ..exceptions import DivergedError, InputError, did_you_mean
+from .._checks import word
+from ..exceptions import DivergedError
 from ..records import Measurement
 from ..robot.gravity import Compensation
 from ..robot.robot import Robot
 from ..robot.succession import check_successor
 from .midpoint import FittedMidpoint
-from .plant import Plant
 from .runge_kutta import RungeKutta
-
-LONGEST_STEP = 1e-3  # [s]; integration errors stay below a thousandth of the tracking error
+from .simulated_plant import SimulatedPlant
 
 INTEGRATORS: dict[str, type[FittedMidpoint] | type[RungeKutta]] = {
     "midpoint": FittedMidpoint,
@@ -24,20 +21,11 @@ INTEGRATORS: dict[str, type[FittedMidpoint] | type[RungeKutta]] = {
 }
 
 
-class PinocchioPlant(Plant):
+class PinocchioPlant(SimulatedPlant):
     """A robot that moves as its true model says, from its home and from rest.
 
     ``measure``, ``step`` and ``acceleration`` are of the plant's own state; the methods that take q
     and v are pure.
-
-    Attributes:
-        robot: the true robot as it is now; ``reset`` brings back the first one.
-        nv: number of joints.
-        torque_limits: (nv) bounds the motors clip at [N m or N], infinite where there is none, or
-            None.
-        compensation: what the arm's own electronics add to the torque asked for, of q (nq), or None
-            for nothing; the motors clip the sum.
-        substeps: integration steps in each ``step``; None for as many as ``LONGEST_STEP`` asks.
     """
 
     def __init__(
@@ -54,17 +42,10 @@ class PinocchioPlant(Plant):
         Raises:
             InputError: unknown integrator, or less than one substep.
         """
-        if integrator not in INTEGRATORS:
-            raise InputError(
-                f"must be one of {list(INTEGRATORS)}, got {integrator!r}."
-                f"{did_you_mean(str(integrator), INTEGRATORS)}",
-                where="integrator",
-            )
-        if substeps is not None and int(substeps) < 1:
-            raise InputError(f"must be at least 1, got {substeps}.", where="substeps")
-        self.torque_limits, self.substeps = torque_limits, substeps
-        self.compensation = compensation
-        self.nv = int(robot.model.nv)
+        word(integrator, INTEGRATORS, "integrator")
+        super().__init__(
+            robot, torque_limits=torque_limits, compensation=compensation, substeps=substeps
+        )
         self._first, self._integrator = robot, INTEGRATORS[integrator]
         self._take(robot)
         self.reset()
@@ -98,21 +79,10 @@ class PinocchioPlant(Plant):
     def step(self, torque: np.ndarray, dt: float) -> None:
         """Hold what the motors give now, asked for a torque (nv) [N m or N], for dt [s]."""
         tau, q, v = self.motors(torque), self._q, self._v
-        count = self.substeps or ceil(dt / LONGEST_STEP - 1e-9)
+        count = self.steps_in(dt)
         for _ in range(count):
             q, v = self._integrate(q, v, tau, dt / count)
         self._q, self._v, self._t = q, v, self._t + dt
-
-    def motors(self, torque: np.ndarray) -> np.ndarray:
-        """Return the torque (nv) that the motors give now when asked for one (nv)."""
-        return self.motors_at(self._q, torque)
-
-    def motors_at(self, q: np.ndarray, torque: np.ndarray) -> np.ndarray:
-        """Return the torque (nv) that the motors give at q (nq) when asked for one (nv)."""
-        limits = self.torque_limits
-        if self.compensation is not None:
-            torque = torque + self.compensation(q)
-        return torque if limits is None else np.minimum(np.maximum(torque, -limits), limits)
 
     def acceleration(self, torque: np.ndarray, feedthrough: np.ndarray | None = None) -> np.ndarray:
         """Return the joint acceleration a (nv) that torque + feedthrough @ a causes now."""

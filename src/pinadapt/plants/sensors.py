@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import positive
+from .._checks import instance, mapping, positive, whole
 from ..exceptions import InputError, did_you_mean
 from ..records import Measurement
 from ..robot.robot import Robot
@@ -57,12 +57,14 @@ class Sensors:
             InputError: unknown names, negative numbers, angles of a task that has none, two delays,
                 or a camera or encoder that cannot be.
         """
-        self._noise = _deviations(noise or {})
+        instance(robot, Robot, "robot")
+        dt = positive(dt, "dt")
+        self._noise = _deviations(noise)
         if self._noise["angle"] and not _turns(robot):
             raise InputError(
                 f"the task '{robot.task.name}' has no orientation to disturb.", where="noise.angle"
             )
-        self._model, self._seed = robot.model, seed
+        self._model, self._seed = robot.model, whole(seed, "seed", 0)
         self._noisy = bool(self._noise["q"] or self._noise["v"])
         place, angle, camera = self._noise["x"], self._noise["angle"], _camera(camera, delay)
         self._camera = SimulatedCamera(robot.task, camera, dt, place=place, angle=angle, seed=seed)
@@ -91,16 +93,19 @@ class Sensors:
         return self._noise[name] * self._rng.standard_normal(self._model.nv)
 
 
-def _deviations(noise: Mapping[str, float]) -> dict[str, float]:
+def _deviations(noise: Mapping[str, float] | None) -> dict[str, float]:
     """Return the standard deviation of every channel."""
-    for name in noise:
+    for name in mapping(noise, "noise"):
         if name not in CHANNELS:
             raise InputError(
                 f"no channel is called '{name}'; there are {CHANNELS}."
                 f"{did_you_mean(name, CHANNELS)}",
                 where="noise",
             )
-    return {name: positive(noise.get(name, 0.0), f"noise.{name}", zero=True) for name in CHANNELS}
+    return {
+        name: positive((noise or {}).get(name, 0.0), f"noise.{name}", zero=True)
+        for name in CHANNELS
+    }
 
 
 def _turns(robot: Robot) -> bool:

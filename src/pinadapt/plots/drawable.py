@@ -29,6 +29,14 @@ class Drawable(Protocol):
         """The controlled coordinates."""
 
     @property
+    def joint_names(self) -> tuple[str, ...]:
+        """One name a joint."""
+
+    @property
+    def effort_limits(self) -> np.ndarray:
+        """The description's effort limits (nv), infinite where it has none."""
+
+    @property
     def kinematic_names(self) -> tuple[str, ...]:
         """One name a kinematic parameter."""
 
@@ -83,6 +91,10 @@ class Drawable(Protocol):
     @property
     def marks(self) -> tuple[tuple[float, str], ...]:
         """Time [s] and words of what happened during the run."""
+
+    @property
+    def interrupted(self) -> float | None:
+        """Time at which somebody stopped the run [s]."""
 
     @property
     def diverged(self) -> float | None:

@@ -1,4 +1,4 @@
-"""Robots: any URDF, catalogue name or Pinocchio model becomes one chain with a task frame."""
+"""Robots: any description, name or Pinocchio model becomes one chain with a task frame."""
 
 from .catalogue import CatalogueEntry as CatalogueEntry
 from .catalogue import catalogue as catalogue
@@ -11,5 +11,4 @@ from .gravity import Gravity as Gravity
 from .robot import Robot as Robot
 from .robot import load as load
 from .succession import Succession as Succession
-from .workspace import WorkspaceCircle as WorkspaceCircle
 from .workspace import reachable_circle as reachable_circle

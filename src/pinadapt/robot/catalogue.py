@@ -14,7 +14,7 @@ from .._toml import read_toml
 from ..exceptions import RobotError, did_you_mean
 from .chain import chain_joints, frame_id, is_free_flyer
 from .example_robots import example_mimics, example_robot, example_visual
-from .urdf import mimic_joints, read_urdf, read_visual
+from .urdf import Urdf
 
 
 @dataclass(frozen=True)
@@ -51,14 +51,17 @@ class CatalogueEntry:
     def load(self) -> tuple[pin.Model, np.ndarray, frozenset[str]]:
         """Return the whole model, a reference configuration (nq) and the mimic joints."""
         if self.path is not None:
-            model = read_urdf(self.path)
-            return model, pin.neutral(model), mimic_joints(self.path)
+            urdf = Urdf.read(self.path)
+            model = urdf.model()
+            return model, pin.neutral(model), urdf.mimics()
         model, q_reference = example_robot(self.origin)
         return self._with_tip(model), q_reference, example_mimics(self.origin)
 
-    def visual(self) -> pin.GeometryModel | None:
-        """Return the visual geometry of the whole model, None where a mesh is missing."""
-        return example_visual(self.origin) if self.path is None else read_visual(self.path)
+    def geometry(self, kind: pin.GeometryType) -> pin.GeometryModel | None:
+        """Return the visual or collision geometry of the whole robot, None where it has none."""
+        if self.path is not None:
+            return Urdf.read(self.path).geometry(kind)
+        return example_visual(self.origin) if kind == pin.GeometryType.VISUAL else None
 
     def limb(self, model: pin.Model) -> list[int]:
         """Return the indices of the chain's joints in the whole model."""
@@ -127,9 +130,10 @@ def catalogue_entry(name: str) -> CatalogueEntry:
     """
     if name not in catalogue():
         raise RobotError(
-            f"'{name}' is neither a robot of the catalogue nor a URDF file."
+            f"'{name}' is neither a robot of the catalogue nor a file of one."
             f"{did_you_mean(name, catalogue())}",
             where="source",
-            hint="See `pinadapt robots`.",
+            hint="See `pinadapt robots`; files end in .urdf, .xacro or .xml, names of the package "
+            "robot_descriptions in _description.",
         )
     return catalogue()[name]

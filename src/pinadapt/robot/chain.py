@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
 
+from .._checks import LARGEST
 from ..exceptions import RobotError, did_you_mean
 
+_WORLD = "universe"
 _SUPPORTED = ("JointModelR", "JointModelP")
 
 
@@ -37,6 +40,11 @@ def chain_joints(model: pin.Model, frame: int) -> list[int]:
 def is_slide(joint: pin.JointModel) -> bool:
     """Tell whether a joint is prismatic."""
     return bool(joint.shortname().startswith("JointModelP"))
+
+
+def joint_unit(joint: pin.JointModel) -> str:
+    """Return the unit of a joint's coordinate."""
+    return "m" if is_slide(joint) else "rad"
 
 
 def is_free_flyer(joint: pin.JointModel) -> bool:
@@ -85,21 +93,49 @@ def check_numbers(model: pin.Model) -> None:
     for name, placement, body in zip(
         model.names, model.jointPlacements, model.inertias, strict=True
     ):
-        if (
-            not np.isfinite(placement.homogeneous).all()
-            or not np.isfinite(body.toDynamicParameters()).all()
-        ):
-            raise RobotError(
-                f"the placement of joint '{name}' or the inertia it moves is not finite.",
-                where=model.name,
-            )
+        for part in (placement.homogeneous, body.toDynamicParameters()):
+            if not (np.abs(part) <= LARGEST).all():  # also true for NaN
+                raise RobotError(
+                    f"the placement of joint '{name}' or the inertia it moves is not finite, or "
+                    f"has numbers over {LARGEST:g}.",
+                    where=model.name,
+                )
         if body.mass < 0.0:
             raise RobotError(
                 f"the body moved by joint '{name}' has a negative mass, {body.mass} kg.",
                 where=model.name,
             )
-    if not np.isfinite(model.gravity.linear).all():
+    if not (np.abs(model.gravity.linear) <= LARGEST).all():
         raise RobotError(f"gravity is not finite: {model.gravity.linear}.", where=model.name)
+
+
+def massless_joints(model: pin.Model) -> list[int]:
+    """Return the indices of the joints whose bodies have no mass."""
+    return [i for i in range(1, model.njoints) if model.inertias[i].mass <= 0.0]
+
+
+def links_of(model: pin.Model, joint: int) -> list[str]:
+    """Return the names of the links that move with a joint, or its own where it has none."""
+    links = [
+        str(frame.name)
+        for frame in model.frames
+        if frame.type == pin.FrameType.BODY and frame.parentJoint == joint
+    ]
+    return links or [str(model.names[joint])]
+
+
+def check_names(model: pin.Model) -> None:
+    """Refuse a joint that is called as Pinocchio calls the world.
+
+    Raises:
+        RobotError: there is one.
+    """
+    if _WORLD in list(model.names)[1:]:
+        raise RobotError(
+            f"a joint is called '{_WORLD}', which is the name of the fixed world.",
+            where=model.name,
+            hint="Give it another name in the description.",
+        )
 
 
 def check_mass_matrix(model: pin.Model, configurations: Sequence[np.ndarray]) -> None:
@@ -107,25 +143,33 @@ def check_mass_matrix(model: pin.Model, configurations: Sequence[np.ndarray]) ->
 
     Raises:
         RobotError: M(q) has a relative eigenvalue below 1e-10 at one of the configurations; the
-            massless moving bodies are named.
+            joints that move without effort are named, and the moving links without mass.
     """
     data = model.createData()
     for q in configurations:
         M = pin.crba(model, data, q)
         scale = np.sqrt(np.maximum(np.diag(M), np.finfo(float).tiny))
-        if np.linalg.eigvalsh(M / np.outer(scale, scale))[0] < 1e-10:
-            massless = [
-                str(model.names[i])
-                for i in range(1, model.njoints)
-                if model.inertias[i].mass <= 0.0
-            ]
-            blame = f"; bodies without mass after joints {massless}" if massless else ""
-            raise RobotError(
-                f"the mass matrix is singular or indefinite{blame}.",
-                where=model.name,
-                hint="Give every moving body a positive mass and inertia, or lock the joint that "
-                "moves none.",
-            )
+        eigenvalues, vectors = np.linalg.eigh(M / np.outer(scale, scale))
+        if eigenvalues[0] >= 1e-10:
+            continue
+        massless = massless_joints(model)
+        links = ", ".join(f"'{links_of(model, i)[0]}' after '{model.names[i]}'" for i in massless)
+        free = int(np.argmax(np.abs(vectors[:, 0] / scale)))
+        blame = (
+            f"these links have no mass: {links}"
+            if massless
+            else f"nothing resists joint '{model.names[free + 1]}', which moves "
+            f"'{links_of(model, free + 1)[0]}'"
+        )
+        raise RobotError(
+            f"the mass matrix is singular or indefinite; {blame}.",
+            where=model.name,
+            hint="Say what the whole robot weighs, and they get a share by their shapes: "
+            "`init --mass KG`, robot.mass in a scenario, load(..., mass=KG). Or give each an "
+            "<inertial>, or lock the joint."
+            if massless
+            else "Give every moving link a positive mass and inertia, or lock the joint.",
+        )
 
 
 def configuration_from_angles(model: pin.Model, angles: np.ndarray) -> np.ndarray:
@@ -170,8 +214,9 @@ _LINK = "(link) "
 def _rename_links(model: pin.Model, *, mark: bool) -> None:
     """Mark links that share a frame's name, which buildReducedModel refuses; or unmark them."""
     names = [frame.name for frame in model.frames]
+    times = Counter(names)
     for frame, name in zip(model.frames, names, strict=True):
         if not mark:
             frame.name = name.removeprefix(_LINK)
-        elif frame.type == pin.FrameType.BODY and names.count(name) > 1:
+        elif frame.type == pin.FrameType.BODY and times[name] > 1:
             frame.name = _LINK + name

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import vector
+from .._checks import instance, mapping, positive, vector
 from ..exceptions import RobotError, did_you_mean
 
 
@@ -33,8 +33,7 @@ class Payload:
         Raises:
             RobotError: a mass that is not positive, an inertia that is negative, or wrong sizes.
         """
-        if not (np.isfinite(self.mass) and self.mass > 0.0):
-            raise RobotError(f"must be positive, got {self.mass}.", where="payload.mass")
+        mass = positive(self.mass, "payload.mass", error=RobotError)
         com = vector(self.com, 3, "payload.com", error=RobotError)
         xx, xy, yy, xz, yz, zz = vector(self.inertia, 6, "payload.inertia", error=RobotError)
         matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
@@ -45,7 +44,7 @@ class Payload:
                 "sum of the other two.",
                 where="payload.inertia",
             )
-        return pin.Inertia(float(self.mass), com, matrix)
+        return pin.Inertia(mass, com, matrix)
 
 
 def joint_id(model: pin.Model, name: str, where: str, words: Sequence[str] = ()) -> int:
@@ -70,30 +69,30 @@ def scale_inertias(model: pin.Model, scale: float | Mapping[str, float]) -> None
     Raises:
         RobotError: unknown joint or a factor that is not positive.
     """
-    factors = (
-        scale if isinstance(scale, Mapping) else {str(name): scale for name in model.names[1:]}
-    )
-    for name, factor in factors.items():
+    if not isinstance(scale, Mapping):
+        factor = positive(scale, "inertial_scale", error=RobotError)
+        scale = {str(name): factor for name in model.names[1:]}
+    for name, given in scale.items():
         joint = joint_id(model, name, "inertial_scale")
-        if not (np.isfinite(factor) and factor > 0.0):
-            raise RobotError(
-                f"must be positive, got {factor} for '{name}'.", where="inertial_scale"
-            )
+        factor = positive(given, f"inertial_scale.{name}", error=RobotError)
         body = model.inertias[joint]
         if factor == 1.0:
             continue
         if body.mass:  # the ten parameters take any body, physical or not, but one without mass
             model.inertias[joint] = pin.Inertia.FromDynamicParameters(
-                float(factor) * body.toDynamicParameters()
+                factor * body.toDynamicParameters()
             )
         else:
-            model.inertias[joint] = pin.Inertia(0.0, body.lever, float(factor) * body.inertia)
+            model.inertias[joint] = pin.Inertia(0.0, body.lever, factor * body.inertia)
 
 
-def attach_payload(model: pin.Model, frame: int, payload: Payload) -> None:
-    """Fix a load to the body that carries the frame."""
+def attach_payload(model: pin.Model, frame: int, payload: Payload) -> pin.Inertia:
+    """Fix a load to the body that carries the frame; return it in the axes of that body's joint."""
+    instance(payload, Payload, "payload", RobotError)
     carrier = model.frames[frame]
-    model.inertias[carrier.parentJoint] += carrier.placement.act(payload.spatial_inertia())
+    load = carrier.placement.act(payload.spatial_inertia())
+    model.inertias[carrier.parentJoint] += load
+    return load
 
 
 def shift_tool(model: pin.Model, frame: int, translation: ArrayLike) -> None:
@@ -103,13 +102,13 @@ def shift_tool(model: pin.Model, frame: int, translation: ArrayLike) -> None:
     placement.translation = placement.translation + placement.rotation @ shift
 
 
-def shift_joints(model: pin.Model, translations: Mapping[str, ArrayLike]) -> None:
+def shift_joints(model: pin.Model, translations: Mapping[str, ArrayLike] | None) -> None:
     """Add a translation (3) [m], in parent axes, to the placement of each named joint.
 
     Raises:
         RobotError: unknown joint or wrong sizes.
     """
-    for name, translation in translations.items():
+    for name, translation in mapping(translations, "link_translation", RobotError).items():
         placement = model.jointPlacements[joint_id(model, name, "link_translation")]
         placement.translation = placement.translation + vector(
             translation, 3, f"link_translation.{name}", error=RobotError

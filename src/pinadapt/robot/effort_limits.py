@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._checks import numbers
 from ..exceptions import GainError
-from .robot import Robot
+
+if TYPE_CHECKING:
+    from .robot import Robot
 
 
 def effort_limits(robot: Robot) -> np.ndarray:
@@ -24,16 +29,16 @@ def torque_limits(robot: Robot, limits: ArrayLike | bool | None) -> np.ndarray |
     if limits is None or limits is False:
         return None
     n = robot.model.nv
-    try:
-        bounds = (
-            effort_limits(robot)
-            if limits is True
-            else np.broadcast_to(np.array(limits, dtype=float), n).copy()
-        )
-    except (TypeError, ValueError) as error:
+    bounds = (
+        effort_limits(robot)
+        if limits is True
+        else numbers(limits, "torque_limits", error=GainError, infinite=True)
+    )
+    if bounds.shape not in ((), (n,)):
         raise GainError(
-            f"expected True or {n} numbers, got {limits!r}.", where="torque_limits"
-        ) from error
+            f"expected True or {n} numbers, got shape {bounds.shape}.", where="torque_limits"
+        )
+    bounds = np.broadcast_to(bounds, n).copy()
     if not (bounds > 0.0).all():  # also true for NaN
         raise GainError(f"must be positive, got {bounds.tolist()}.", where="torque_limits")
     return bounds if np.isfinite(bounds).any() else None

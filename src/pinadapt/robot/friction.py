@@ -7,6 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
+from .._checks import numbers, positive, whole
+from ..exceptions import RobotError
+
 
 @dataclass(frozen=True, eq=False)
 class Friction:
@@ -22,6 +25,26 @@ class Friction:
     coulomb: np.ndarray
     threshold: float = 0.01
 
+    def __post_init__(self) -> None:
+        """Refuse what is no friction.
+
+        Raises:
+            RobotError: negative coefficients, not one of each a joint, or a threshold that is not
+                positive.
+        """
+        for name in ("viscous", "coulomb"):
+            given = numbers(getattr(self, name), f"friction.{name}", error=RobotError)
+            if given.ndim != 1 or (given < 0.0).any():
+                raise RobotError(
+                    f"expected one number a joint, none of them negative, got {given.tolist()}.",
+                    where=f"friction.{name}",
+                )
+            object.__setattr__(self, name, given)
+        if self.viscous.size != self.coulomb.size:
+            raise RobotError("viscous and coulomb differ in size.", where="friction")
+        threshold = positive(self.threshold, "friction.threshold", error=RobotError)
+        object.__setattr__(self, "threshold", threshold)
+
     @cached_property
     def present(self) -> bool:
         """Whether any joint has friction."""
@@ -30,7 +53,8 @@ class Friction:
     @classmethod
     def none(cls, nv: int) -> Friction:
         """Return no friction at nv joints."""
-        return cls(np.zeros(nv), np.zeros(nv))
+        joints = whole(nv, "friction", 0, RobotError)
+        return cls(np.zeros(joints), np.zeros(joints))
 
     def torque(self, v: np.ndarray) -> np.ndarray:
         """Return the torque (nv) that friction takes at joint velocity v (nv)."""

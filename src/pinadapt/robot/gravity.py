@@ -8,6 +8,7 @@ from typing import TypeAlias
 import numpy as np
 import pinocchio as pin
 
+from .._checks import instance
 from ..exceptions import InputError, did_you_mean
 from .robot import Robot
 
@@ -21,6 +22,7 @@ class Gravity:
 
     def __init__(self, robot: Robot) -> None:
         """Take the robot, without whatever load or tool it is not known to carry."""
+        instance(robot, Robot, "robot")
         self._robot, self._data = robot, robot.model.createData()
 
     def __call__(self, q: np.ndarray) -> np.ndarray:

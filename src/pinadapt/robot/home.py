@@ -9,12 +9,14 @@ import pinocchio as pin
 
 from ..exceptions import RobotError
 from .chain import angles_from_configuration, configuration_from_angles
+from .mounting import MountingPlane
 from .position_limits import position_bounds, position_limits
 
 _NEARLY = 0.6  # of the best smallest singular value
 _DEGENERATE = 1e-6  # smallest over largest singular value of the task Jacobian
 _OFF_LIMITS, _FAR_OFF = 0.05, 0.2  # parts of a joint's range
 _SAMPLES, _REFINEMENTS = 500, (0.2, 0.1, 0.05)
+_DIGITS = 4  # of a searched home [rad or m], so that it can be read and written
 
 
 def conditioning(
@@ -27,28 +29,49 @@ def conditioning(
 
 
 def find_home(
-    model: pin.Model, frame: int, rows: slice, candidates: Iterable[np.ndarray]
+    model: pin.Model,
+    frame: int,
+    rows: slice,
+    candidates: Iterable[np.ndarray],
+    plane: MountingPlane | None = None,
 ) -> np.ndarray:
     """Return the first well-conditioned candidate (nq) off the limits, or the best pose.
 
     The best pose found among seeded samples inside the limits, and samples around the best of them,
     has the largest smallest singular value of the task Jacobian times how far it is from the
     limits, up to a fifth of each joint's range. A candidate needs three fifths of its singular
-    value and a twentieth of each range.
+    value and a twentieth of each range. All keep off the plane where the chain can.
+
+    Args:
+        model: of the chain.
+        frame: the task frame.
+        rows: of its Jacobian that the task takes.
+        candidates: (nq) taken if they will do, in this order.
+        plane: that the chain is mounted on, or None.
 
     Raises:
         RobotError: the task Jacobian is degenerate in all of them.
     """
     data, limits = model.createData(), position_limits(model)
+    rng = np.random.default_rng(0)
+    samples = _samples(model, rng)
+    configurations = [configuration_from_angles(model, sample) for sample in samples]
+    room = -np.inf if plane is None else plane.room(model, frame, configurations)
+
+    def off_plane(q: np.ndarray) -> bool:
+        return plane is None or plane.distance(model, data, frame, q) >= room
 
     def quality(angles: np.ndarray) -> float:
         """Return the smallest singular value of the Jacobian at angles (nv), less near a limit."""
         q = configuration_from_angles(model, angles)
+        if not off_plane(q):
+            return 0.0
         return conditioning(model, data, frame, rows, q)[0] * min(
             1.0, _margin(limits, angles) / _FAR_OFF
         )
 
-    home = configuration_from_angles(model, _best_inside(model, quality))
+    best = _refined(model, rng, max(samples, key=quality), quality)
+    home = configuration_from_angles(model, np.round(best, _DIGITS))
     singular, ratio = conditioning(model, data, frame, rows, home)
     if ratio < _DEGENERATE:
         raise RobotError(
@@ -60,7 +83,11 @@ def find_home(
         )
     for q in candidates:
         off_limits = _margin(limits, angles_from_configuration(model, q)) >= _OFF_LIMITS
-        if off_limits and conditioning(model, data, frame, rows, q)[0] >= _NEARLY * singular:
+        if (
+            off_limits
+            and off_plane(q)
+            and conditioning(model, data, frame, rows, q)[0] >= _NEARLY * singular
+        ):
             return np.asarray(q)
     return home
 
@@ -74,11 +101,26 @@ def home_inside_limits(model: pin.Model, candidates: Iterable[np.ndarray]) -> np
     return configuration_from_angles(model, np.mean(position_bounds(model), axis=0))
 
 
-def _best_inside(model: pin.Model, quality: Callable[[np.ndarray], float]) -> np.ndarray:
-    """Return the angles (nv) of highest quality among samples of four fifths of the bounds."""
+def _inner(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
+    """Return middle and half width (nv) of four fifths of the bounds."""
     lower, upper = position_bounds(model)
-    middle, half, rng = (lower + upper) / 2, 0.8 * (upper - lower) / 2, np.random.default_rng(0)
-    best = max(middle + half * rng.uniform(-1.0, 1.0, (_SAMPLES, model.nv)), key=quality)
+    return (lower + upper) / 2, 0.8 * (upper - lower) / 2
+
+
+def _samples(model: pin.Model, rng: np.random.Generator) -> np.ndarray:
+    """Return seeded samples of the angles (., nv) inside four fifths of the bounds."""
+    middle, half = _inner(model)
+    return np.asarray(middle + half * rng.uniform(-1.0, 1.0, (_SAMPLES, model.nv)))
+
+
+def _refined(
+    model: pin.Model,
+    rng: np.random.Generator,
+    best: np.ndarray,
+    quality: Callable[[np.ndarray], float],
+) -> np.ndarray:
+    """Return the angles (nv) of highest quality among the best until now and samples around it."""
+    middle, half = _inner(model)
     for size in _REFINEMENTS:
         around = best + size * half * rng.standard_normal((_SAMPLES // 10, model.nv))
         best = max([best, *np.clip(around, middle - half, middle + half)], key=quality)

@@ -2,45 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from pathlib import Path
-from typing import Any, TypeAlias
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
-from pinocchio.robot_wrapper import RobotWrapper
 
-from .._checks import vector
+from .._checks import arithmetic, flag, instance, name_list, vector
 from ..exceptions import RobotError
-from ..tasks.registry import task_named
 from ..tasks.task import FrameTask, Task
 from . import changes
-from .catalogue import catalogue_entry
 from .chain import (
     angles_from_configuration,
     chain_joints,
     check_joints,
     check_mass_matrix,
-    check_numbers,
     configuration_from_angles,
     frame_id,
     is_free_flyer,
     reduce_to_chain,
 )
+from .choice import choose_frame, choose_task
+from .description import Description, Source, describe
+from .end_links import end_links
 from .friction import Friction
-from .home import find_home, home_inside_limits
-from .urdf import is_path, mimic_joints, read_urdf, read_visual
+from .mounting import MountingPlane
+from .position_limits import check_position_limits, warn_beyond_limits
+from .reach import reach
+from .robot_sheet import robot_sheet
 from .visual import Visual
+from .xacro import XacroArguments
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Robot:
     """An open chain of revolute, continuous and prismatic joints that carries a task frame.
 
-    Immutable by convention: whoever needs to change the model takes ``model.copy()``.
+    Immutable by convention: whoever needs to change the model takes ``model.copy()``. ``print``
+    shows it.
 
     Attributes:
         name: catalogue name or the model's own.
@@ -50,6 +52,12 @@ class Robot:
         q0: (nq) home configuration.
         friction: joint friction, of the real robot or as believed; descriptions have none.
         drawn: its visual geometry, not read yet, or None.
+        ends: other frames of the description at which its chain might end, the likeliest first.
+        locked: joints of the description that are not of the chain.
+        welded: whether the base floats in the description.
+        mounting: the plane that the chain is mounted on; None for a floating base and for robots of
+            the catalogue, whose homes are stated or searched without one.
+        loads: what it carries since it was loaded, in the axes of the last joint; the model has it.
     """
 
     name: str
@@ -59,6 +67,11 @@ class Robot:
     q0: np.ndarray
     friction: Friction
     drawn: Visual | None = None
+    ends: tuple[str, ...] = ()
+    locked: tuple[str, ...] = ()
+    welded: bool = False
+    mounting: MountingPlane | None = None
+    loads: tuple[pin.Inertia, ...] = ()
 
     @property
     def visual(self) -> pin.GeometryModel | None:
@@ -80,6 +93,16 @@ class Robot:
         """The home configuration as one number a joint (nv) [rad or m]."""
         return angles_from_configuration(self.model, self.q0)
 
+    @cached_property
+    def reach(self) -> float:
+        """Length [m] of the stretched chain from its first joint to the frame, slides extended."""
+        return reach(self.model, self.frame_id)
+
+    @property
+    def mass(self) -> float:
+        """Mass [kg] of all that the joints move."""
+        return float(pin.computeTotalMass(self.model))
+
     @property
     def frame_task(self) -> FrameTask:
         """The task as one of the frame, which has rows of its Jacobian.
@@ -99,22 +122,33 @@ class Robot:
         """Return the task coordinates x of this description at configuration q (nq), in world axes.
 
         Positions (m) [m]; for a pose position and quaternion xyzw (7).
+
+        Raises:
+            RobotError: not nq finite numbers.
         """
+        q = vector(q, self.model.nq, "q", error=RobotError)
         return self.task.at(self.model, self.model.createData(), self.frame_id, q)
 
     def placement(self, q: np.ndarray) -> pin.SE3:
-        """Return the placement of the described task frame at q (nq), in world axes."""
-        data = self.model.createData()
+        """Return the placement of the described task frame at q (nq), in world axes.
+
+        Raises:
+            RobotError: not nq finite numbers.
+        """
+        q, data = vector(q, self.model.nq, "q", error=RobotError), self.model.createData()
         pin.framesForwardKinematics(self.model, data, q)
         return data.oMf[self.frame_id].copy()
 
     def at(self, q0: ArrayLike) -> Robot:
         """Return this robot with another home pose, given as one number a joint (nv) [rad or m].
 
+        A joint outside its limits is warned of.
+
         Raises:
             RobotError: wrong size or non-finite numbers.
         """
         angles = vector(q0, self.model.nv, "q0", names=self.joint_names, error=RobotError)
+        warn_beyond_limits(self.model, angles)
         return replace(self, q0=configuration_from_angles(self.model, angles))
 
     def changed(
@@ -146,9 +180,10 @@ class Robot:
         """
         model = self.model.copy()
         changes.scale_inertias(model, inertial_scale)
+        loads = self.loads
         if payload is not None:
-            changes.attach_payload(model, self.frame_id, payload)
-        changes.shift_joints(model, link_translation or {})
+            loads = *loads, changes.attach_payload(model, self.frame_id, payload)
+        changes.shift_joints(model, link_translation)
         if tool_translation is not None:
             changes.shift_tool(model, self.frame_id, tool_translation)
         model.armature = self._coefficients(armature, "armature", model.armature)
@@ -156,11 +191,18 @@ class Robot:
             self._coefficients(viscous, "friction.viscous", self.friction.viscous),
             self._coefficients(coulomb, "friction.coulomb", self.friction.coulomb),
         )
-        return replace(self, model=model, friction=friction)
+        return replace(self, model=model, friction=friction, loads=loads)
 
     def undrawn(self) -> Robot:
         """Return this robot without the geometry to draw, which no controller needs."""
         return replace(self, drawn=None)
+
+    def __repr__(self) -> str:
+        """Return a table: frame, task, size, other ends, and the joints with their limits."""
+        return str(robot_sheet(self))
+
+    def _repr_html_(self) -> str:
+        return robot_sheet(self).html()
 
     def _coefficients(self, given: ArrayLike | None, where: str, default: np.ndarray) -> np.ndarray:
         """Return coefficients (nv), one a joint, or refuse negative ones."""
@@ -172,24 +214,7 @@ class Robot:
         return numbers
 
 
-Source: TypeAlias = "str | Path | pin.Model | RobotWrapper"
-
-
-@dataclass(frozen=True)
-class _Description:
-    """A whole robot as found, before the chain is cut out of it."""
-
-    name: str
-    model: pin.Model
-    visual: Callable[[], pin.GeometryModel | None] | None
-    q_reference: np.ndarray
-    mimics: frozenset[str] = frozenset()
-    frame: str | None = None
-    task: str | None = None
-    locked: tuple[str, ...] = ()
-    weld_root: bool = False
-
-
+@arithmetic("robot", RobotError)
 def load(
     source: Source,
     *,
@@ -198,53 +223,72 @@ def load(
     locked: str | Sequence[str] = (),
     q0: ArrayLike | None = None,
     gravity: ArrayLike | None = None,
-    weld_root: bool = False,
+    weld_root: bool | None = None,
+    xacro: XacroArguments | None = None,
+    mass: float | None = None,
 ) -> Robot:
     """Load any robot and keep the chain from its base to one frame.
 
+    What is not given is chosen, for every source and by everybody (``pinadapt init`` as well) in
+    the same way; ``print(robot)`` shows what was, and the other ends of chains.
+
     Args:
-        source: catalogue name, URDF path, ``pin.Model`` or ``RobotWrapper``; never written to.
-        frame: task frame, by default the catalogue's, else the model's last frame.
+        source: path of a URDF, xacro or MJCF file, catalogue name, name of the package
+            robot_descriptions, ``pin.Model`` or ``RobotWrapper``; never written to.
+        frame: task frame, by default the catalogue's, else the end of a chain that looks most like
+            a tool, see ``end_links``.
         task: "xy", "xz", "yz", "xyz" or "pose" of the frame, or "joint", the joints themselves; by
-            default the catalogue's, else "xyz".
+            default the catalogue's, else "xyz", or the best conditioned plane where the chain
+            cannot do that.
         locked: joints of the chain to lock as well; joints off the chain always are.
         q0: home pose, one number a remaining joint (nv) [rad or m]; by default the catalogue's, the
-            description's own where it is well conditioned, else a well-conditioned one inside the
-            limits; of a joint task the description's own inside the limits, else their middle.
+            description's own where it is well conditioned, else a well-conditioned one; inside the
+            limits, and off the plane that the chain is mounted on, see ``MountingPlane``. Of a
+            joint task the description's own inside the limits, else their middle.
         gravity: (3) [m/s^2] in world axes, by default the model's.
-        weld_root: fix a floating base where the reference configuration has it; always done for
-            robots of the catalogue.
+        weld_root: fix a floating base where the reference configuration has it, or refuse it; by
+            default that of a file is fixed, that of an object refused, which has it on purpose.
+            Robots of the catalogue are always fixed.
+        xacro: arguments of a xacro file, name -> text, number or bool.
+        mass: what the whole robot weighs [kg], its base included, where bodies are described
+            without mass: these get what the others leave of it; see ``missing_inertia``.
 
     Raises:
         RobotError: missing file, bad XML, unknown frame or joint, floating base, mimic or
-            unsupported joints, a singular mass matrix, too few joints for the task, wrong sizes or
-            NaN.
+            unsupported joints, crossed limits, a singular mass matrix, too few joints for the task,
+            wrong sizes or NaN.
     """
-    found = _describe(source)
-    name = frame or found.frame or str(found.model.frames[-1].name)
-    locked = [*found.locked, *([locked] if isinstance(locked, str) else locked)]
-    keep = _kept_joints(found, name, locked, weld_root or found.weld_root)
-    check_numbers(found.model)
+    for given, where in ((frame, "frame"), (task, "task")):
+        instance(given, str | None, where, RobotError)
+    locked = name_list(locked, "locked", RobotError)
+    found = describe(source, xacro=xacro, mass=mass)
+    ends = end_links(found.model, found.mimics)
+    name = frame or found.frame or choose_frame(found.model, ends, task)
+    weld = found.from_file if weld_root is None else flag(weld_root, "weld_root")
+    keep = _kept_joints(found, name, [*found.locked, *locked], weld or found.weld_root)
     model = reduce_to_chain(found.model, keep, found.q_reference)
-    chosen = task_named(task or found.task or "xyz", model)
+    check_position_limits(model)
     if gravity is not None:
         model.gravity.linear = vector(gravity, 3, "gravity", error=RobotError)
-    if model.nv < chosen.size:
-        raise RobotError(
-            f"task '{chosen.name}' has {chosen.size} coordinates, the chain to '{name}' only "
-            f"{model.nv} joints.",
-            where="task",
-            hint="Take a frame further out, or a smaller task.",
-        )
-    poses = _reference_poses(found, model, keep)
-    drawn = found.visual and Visual(found.visual, found.model, tuple(keep), found.q_reference)
-    robot = Robot(found.name, model, name, chosen, poses[0], Friction.none(model.nv), drawn)
+    poses, welded = _reference_poses(found, model, keep), _floats(found.model, name)
+    tip, mounted = frame_id(model, name), not (welded or found.weld_root)
+    plane = MountingPlane.of(model, tip, poses[0]) if mounted else None
+    chosen, home = choose_task(model, tip, task or found.task, poses, plane)
+    robot = Robot(
+        found.name,
+        model,
+        name,
+        chosen,
+        home,
+        Friction.none(model.nv),
+        Visual(found.visual, found.model, tuple(keep), found.q_reference),
+        ends=tuple(end for end in ends if end != name),
+        locked=_off_chain(found.model, keep),
+        welded=welded,
+        mounting=plane,
+    )
     if q0 is not None:
         robot = robot.at(q0)
-    elif isinstance(chosen, FrameTask):
-        robot = replace(robot, q0=find_home(model, robot.frame_id, chosen.rows, poses))
-    else:
-        robot = replace(robot, q0=home_inside_limits(model, poses))
     samples = np.random.default_rng(0).uniform(-1.0, 1.0, (3, model.nv))
     check_mass_matrix(
         model, [robot.q0, *(configuration_from_angles(model, sample) for sample in samples)]
@@ -252,54 +296,8 @@ def load(
     return robot
 
 
-def _describe(source: Source) -> _Description:
-    """Find the whole model behind a name, a path or an object."""
-    if isinstance(source, RobotWrapper):
-        q_reference = getattr(source, "q0", None)
-        q_reference = pin.neutral(source.model) if q_reference is None else q_reference
-        visual = partial(_given, source.visual_model)
-        return _Description(str(source.model.name), source.model, visual, q_reference)
-    if isinstance(source, pin.Model):
-        return _Description(str(source.name), source, None, pin.neutral(source))
-    if is_path(source):
-        path = Path(source)
-        model, visual = read_urdf(path), partial(read_visual, path)
-        return _Description(str(model.name), model, visual, pin.neutral(model), mimic_joints(path))
-    entry = catalogue_entry(str(source))
-    model, q_reference, mimics = entry.load()
-    q_reference = np.array(q_reference)
-    limb = entry.limb(model)
-    for joint, angle in zip(limb, entry.q0 or (), strict=entry.q0 is not None):
-        part = model.joints[joint]
-        q_reference[part.idx_q : part.idx_q + part.nq] = (
-            angle if part.nq == 1 else [np.cos(angle), np.sin(angle)]
-        )
-    chain = [
-        j
-        for j in chain_joints(model, frame_id(model, entry.frame))
-        if not is_free_flyer(model.joints[j])
-    ]
-    before = tuple(str(model.names[j]) for j in chain if j not in limb)
-    return _Description(
-        entry.name,
-        model,
-        entry.visual,
-        q_reference,
-        mimics,
-        entry.frame,
-        entry.task,
-        before,
-        weld_root=True,
-    )
-
-
-def _given(visual: pin.GeometryModel | None) -> pin.GeometryModel | None:
-    """Return a geometry that has been read before."""
-    return visual
-
-
 def _kept_joints(
-    found: _Description, frame: str, locked: Sequence[str], weld_root: bool
+    found: Description, frame: str, locked: Sequence[str], weld_root: bool
 ) -> list[int]:
     """Return the joints from base to frame that are not locked; refuse the unsupported ones."""
     chain = chain_joints(found.model, frame_id(found.model, frame))
@@ -323,7 +321,23 @@ def _kept_joints(
     return keep
 
 
-def _reference_poses(found: _Description, model: pin.Model, keep: Sequence[int]) -> list[Any]:
+def _floats(model: pin.Model, frame: str) -> bool:
+    """Tell whether a floating joint lies between the base and a frame."""
+    joints = chain_joints(model, frame_id(model, frame))
+    return any(is_free_flyer(model.joints[joint]) for joint in joints)
+
+
+def _off_chain(model: pin.Model, keep: Sequence[int]) -> tuple[str, ...]:
+    """Return the names of the joints that are not kept, but for a floating one."""
+    kept = set(keep)
+    return tuple(
+        str(model.names[joint])
+        for joint in range(1, model.njoints)
+        if joint not in kept and not is_free_flyer(model.joints[joint])
+    )
+
+
+def _reference_poses(found: Description, model: pin.Model, keep: Sequence[int]) -> list[Any]:
     """Return the description's poses of the chain (nq): its reference and the neutral one."""
     parts = [
         found.q_reference[j.idx_q : j.idx_q + j.nq] for j in (found.model.joints[k] for k in keep)

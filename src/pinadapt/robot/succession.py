@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._checks import LARGEST, instance, mapping, shown
 from ..exceptions import InputError, RobotError
 from .robot import Robot
 
@@ -22,10 +23,12 @@ class Succession:
     Attributes:
         robots: the first one from the start on, each other one from its time on.
         times: of the changes [s], ascending, one less than there are robots.
+        known: whether their parameters are the true ones; else only joints, frame and limits are.
     """
 
     robots: tuple[Robot, ...]
     times: tuple[float, ...] = ()
+    known: bool = True
 
     @classmethod
     def of(cls, first: Robot, changes: Mapping[float, Robot] | None = None) -> Succession:
@@ -35,6 +38,7 @@ class Succession:
             InputError: a time that is not positive and finite.
             RobotError: a robot with another chain, frame or task than the first one.
         """
+        instance(first, Robot, "robot")
         changes = in_time(changes, "changes")
         for time, robot in changes.items():
             check_successor(first, robot, f"changes[{time:g}]")
@@ -64,15 +68,14 @@ def in_time(changes: Mapping[float, Any] | None, where: str) -> dict[float, Any]
     Raises:
         InputError: no mapping, or a time that is not positive and finite.
     """
-    if not isinstance(changes or {}, Mapping):
-        raise InputError(
-            f"expected a mapping from times [s] to what happens then, got {changes!r}.",
-            where=where,
-        )
-    for time in changes or {}:
-        if not (isinstance(time, int | float | np.number) and EARLY < time < np.inf):
-            raise InputError(f"times must be positive and finite, got {time!r}.", where=where)
-    return {float(time): (changes or {})[time] for time in sorted(changes or {})}
+    given = mapping(changes, where)
+    for time in given:
+        number = isinstance(time, int | float | np.number) and not isinstance(time, bool)
+        if not (number and EARLY < time <= LARGEST):
+            raise InputError(
+                f"times must be positive and finite numbers, got {shown(time)}.", where=where
+            )
+    return {float(time): given[time] for time in sorted(given)}
 
 
 def check_successor(before: Robot, after: Robot, where: str) -> None:

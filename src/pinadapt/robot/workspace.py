@@ -10,9 +10,13 @@ from math import ceil, cos, exp, floor, log10, pi, sin, sqrt
 import numpy as np
 import pinocchio as pin
 
-from ..exceptions import RobotError
+from .._checks import arithmetic, instance, positive
+from ..exceptions import InputError, RobotError
+from ..trajectories.circle import Circle
+from ..trajectories.pose_circle import PoseCircle
 from .chain import is_slide
-from .position_limits import position_bounds, position_limits
+from .mounting import MountingPlane
+from .position_limits import position_limits
 from .robot import Robot
 from .velocity_limits import velocity_limits
 
@@ -22,6 +26,7 @@ _STEPS, _TURNS = 40, 1.5
 _LEAST_SINGULAR = 0.5  # of the smallest singular value at home
 _LIMIT_MARGIN = 0.05  # of a joint's range
 _PERIOD = 3.0  # [s]
+_LONGEST = 3600.0  # [s] of a turn
 _JOINT_SPEED, _SLIDE_SPEED = 1.5, 0.75  # [rad/s], [m/s]
 _SPEED_SHARE = 0.8  # of the description's own speed limit
 _RETURN = 4.0  # [rad/s] at which the null space goes home, as under the laws
@@ -30,10 +35,10 @@ _TRACKED = 0.05  # of the radius, and of a radian: the errors left to the invers
 
 @dataclass(frozen=True)
 class WorkspaceCircle:
-    """A circle through the home position, as ``reachable_circle`` finds it.
+    """A circle through the home position, as ``find_circle`` finds it.
 
     Attributes:
-        plane: the two world axes that span it.
+        plane: the two world axes that span it; those of the task where it has two.
         phase: angle at which home lies on it, from the first of them [rad].
         radius: [m].
         period: of a turn [s].
@@ -47,15 +52,10 @@ class WorkspaceCircle:
     period: float
     least_singular: float
 
-
-def reach(robot: Robot) -> float:
-    """Return the length [m] of the stretched chain from first joint to frame, slides extended."""
-    model = robot.model
-    lower, upper = position_bounds(model)
-    slides = [joint.idx_v for joint in model.joints[1:] if is_slide(joint)]
-    lengths = [np.linalg.norm(placement.translation) for placement in model.jointPlacements[2:]]
-    lengths.append(np.linalg.norm(model.frames[robot.frame_id].placement.translation))
-    return float(sum(lengths) + sum(upper[i] - lower[i] for i in slides))
+    def motion(self, size: int) -> Circle:
+        """Return the circle around zero in two or three coordinates; two are the plane."""
+        plane = self.plane if size == 3 else "xy"
+        return Circle(np.zeros(size), self.radius, self.period, plane, self.phase)
 
 
 def rounded_down(number: float) -> float:
@@ -64,9 +64,32 @@ def rounded_down(number: float) -> float:
     return float(f"{floor(number / unit + 1e-9) * unit:.2g}")
 
 
+@arithmetic("robot", RobotError)
 def reachable_circle(
     robot: Robot, *, largest: float = 0.1, tool_error: float = 0.05
-) -> WorkspaceCircle:
+) -> Circle | PoseCircle:
+    """Return the circle that ``find_circle`` finds, as a motion that starts at the robot's home.
+
+    It is ready to be tracked; for a robot with another tool at the same home, take
+    ``reachable_circle(robot).starting_at(true.position(true.q0))``. Of a pose task the position is
+    the circle and the orientation is held.
+
+    Args:
+        robot: any robot with a task of its frame; only read.
+        largest: largest radius, in parts of the reach.
+        tool_error: how far the tool may be from where it is described, in parts of the reach.
+
+    Raises:
+        RobotError: no circle will do; home lies at a limit or at a singularity. Or the task is one
+            of the joints.
+    """
+    task, start = robot.frame_task, robot.position(robot.q0)
+    circle = find_circle(robot, largest=largest, tool_error=tool_error).motion(task.positions)
+    circle = circle.shifted(task.position(start) - circle.at(0.0).x_d)
+    return circle if task.size == task.positions else PoseCircle(circle, start[3:])
+
+
+def find_circle(robot: Robot, *, largest: float = 0.1, tool_error: float = 0.05) -> WorkspaceCircle:
     """Return the largest circle through home that the robot can follow with room to spare.
 
     Radii are tried from the largest downwards, each four fifths of the last; planes and sides of
@@ -75,6 +98,7 @@ def reachable_circle(
     between it and its limits (less where home itself is nearer) and half of the smallest singular
     value that the task Jacobian has at home. This is asked with the tool as described and with one
     moved by the tool error to either side along each axis of the frame, of the Jacobians of both.
+    Where home is off the plane that the chain is mounted on, so is all of the way.
 
     The period is 3 s, above a reach of L = 1 m 3 sqrt(L) s, and longer where joints would exceed
     1.5 rad/s, slides 0.75 m/s, or either four fifths of the speed that the description allows.
@@ -90,7 +114,10 @@ def reachable_circle(
     Raises:
         RobotError: no circle will do; home lies at a limit or at a singularity.
     """
-    length = reach(robot)
+    instance(robot, Robot, "robot")
+    for given, where in ((largest, "largest"), (tool_error, "tool_error")):
+        positive(given, where, zero=where == "tool_error", error=InputError)
+    length = robot.reach
     planes = [robot.frame_task.name] if robot.frame_task.positions == 2 else ["xy", "yz", "xz"]
     followers = [_Follower(robot, shift) for shift in _shifts(tool_error * length)]
     for size in largest * length * _RATIO ** np.arange(_SIZES):
@@ -145,7 +172,7 @@ class _Follower:
     def __init__(self, robot: Robot, shift: np.ndarray) -> None:
         self._task, self._q0 = robot.frame_task, robot.q0
         m = robot.frame_task.positions
-        self._arms = np.repeat([1.0, reach(robot)], [m, robot.frame_task.size - m])  # [m] a radian
+        self._arms = np.repeat([1.0, robot.reach], [m, robot.frame_task.size - m])  # [m] a radian
         self._model = robot.model.copy()
         self._described = robot.frame_id
         frame = self._model.frames[self._described]
@@ -155,6 +182,7 @@ class _Follower:
         )
         self._data = self._model.createData()
         self._low, self._high = _allowed(robot)
+        self._plane = robot.mounting if self._clear(robot.mounting, self._q0) else None
         pin.computeJointJacobians(self._model, self._data, self._q0)
         self._home = self._singular(self._jacobian(self._described))
 
@@ -172,6 +200,7 @@ class _Follower:
                 least < _LEAST_SINGULAR * self._home
                 or (q < self._low).any()
                 or (q > self._high).any()
+                or not self._clear(self._plane, q)
             ):
                 return None
             x = task.of(pin.updateFramePlacement(model, data, self._tool))
@@ -188,6 +217,10 @@ class _Follower:
             speeds = np.maximum(speeds, np.abs(step))
             q = pin.integrate(model, q, step)
         return _Run(speeds * _STEPS / (2 * pi), least / self._home)
+
+    def _clear(self, plane: MountingPlane | None, q: np.ndarray) -> bool:
+        """Tell whether the chain is on its side of a plane, or there is none."""
+        return plane is None or plane.distance(self._model, self._data, self._tool, q) >= 0.0
 
     def _offset(self, path: _Path, step: int) -> np.ndarray:
         offset = path.offset(2 * pi * step / _STEPS)
@@ -237,5 +270,12 @@ def _circle(robot: Robot, path: _Path, runs: list[_Run], length: float) -> Works
     )
     allowed = np.minimum(allowed, _SPEED_SHARE * velocity_limits(robot.model))
     period = max(_PERIOD * sqrt(max(length, 1.0)), float(np.max(2 * pi * speeds / allowed)))
+    if period > _LONGEST:
+        raise RobotError(
+            f"at the speed limits of its joints, {velocity_limits(robot.model).tolist()} rad/s or "
+            f"m/s, a circle takes {period:.3g} s.",
+            where=robot.name,
+            hint="Correct them in the description; 0 means no limit.",
+        )
     least = min(run.least_singular for run in runs)
     return WorkspaceCircle(path.plane, path.phase, path.radius, ceil(10 * period) / 10, least)

@@ -10,6 +10,7 @@ import numpy as np
 from ..controller.controller import Controller
 from ..laws.law import Truth
 from ..plants.pinocchio_plant import PinocchioPlant
+from ..robot.effort_limits import effort_limits
 from ..robot.robot import Robot
 from ..robot.succession import Succession
 from .joint_motion import motion_of_plant, motion_of_reference
@@ -51,6 +52,8 @@ class Evaluation:
         return self._of_all(self.controller.dynamics.value)
 
     def _of_all(self, value: Callable[[Robot], np.ndarray | None]) -> list[np.ndarray] | None:
+        if not self.true.known:
+            return None
         values = [value(robot) for robot in self.true.robots]
         known = [part for part in values if part is not None]
         return known if len(known) == len(values) else None
@@ -98,6 +101,11 @@ class Evaluation:
         threshold = self.controller.limits.singular
         s_squared = 1.0 / np.sum(self.singular_values**-2.0, axis=1)
         return np.maximum(0.5 * (threshold**2 - s_squared), 0.0)
+
+    @property
+    def effort_limits(self) -> np.ndarray:
+        """The description's effort limits (nv) [N m or N], infinite where it has none."""
+        return effort_limits(self.true.robots[0])
 
     @cached_property
     def limits(self) -> LimitExcess:

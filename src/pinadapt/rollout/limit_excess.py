@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .._table import Table
 from ..robot.chain import is_slide
 from ..robot.effort_limits import effort_limits
 from ..robot.position_limits import position_limits
@@ -15,8 +16,9 @@ from ..robot.robot import Robot
 from ..robot.velocity_limits import velocity_limits
 from ..tasks.units import DISPLAYS
 from .joint_motion import JointMotion
-from .table import columns
 
+_NOTHING = "-"
+_SHOWN = 3  # excesses in one line
 _HEADER = ("beyond limits", "position", "velocity", "effort", "of")
 
 
@@ -94,6 +96,17 @@ class LimitExcess:
         ]
         return f"exceeded at {', '.join(counts)} of {len(self.joints)} joints"
 
+    def words(self) -> str:
+        """Return in one line which joints went how far beyond which limit, or were asked to."""
+        found = [
+            f"{joint} {kind} by {value}{'' if motion == 'plant' else ' (asked for)'}"
+            for joint, *values, motion in self.rows()
+            for kind, value in zip(Excess._fields, values, strict=True)
+            if value != _NOTHING
+        ]
+        more = f" and {len(found) - _SHOWN} more" if len(found) > _SHOWN else ""
+        return f"beyond limits: {', '.join(found[:_SHOWN])}{more}"
+
     def rows(self) -> Iterator[tuple[str, ...]]:
         """Yield joint, excess of position, velocity and effort, and of what, of joints with any."""
         for motion, excess in self._motions().items():
@@ -101,11 +114,14 @@ class LimitExcess:
                 shown = [self._shown(i, kind, value) for kind, value in excess.of(i).items()]
                 yield self.joints[i], *shown, motion
 
+    @property
+    def table(self) -> Table:
+        """The joints beyond a limit, one a row."""
+        return Table(list(self.rows()), _HEADER)
+
     def __str__(self) -> str:
-        """Return a table of the joints beyond a limit, or the verdict where none is."""
-        if not self.exceeded:
-            return f"joint limits: {self.verdict()}"
-        return columns(_HEADER, list(self.rows()))
+        """Return the table, or the verdict where no joint is beyond a limit."""
+        return str(self.table) if self.exceeded else f"joint limits: {self.verdict()}"
 
     def _motions(self) -> dict[str, Excess]:
         """Return what there is of plant and reference."""
@@ -115,7 +131,7 @@ class LimitExcess:
     def _shown(self, joint: int, kind: str, value: float) -> str:
         """Return one number with its unit, or a dash for none."""
         if not value:
-            return "-"
+            return _NOTHING
         slide = self.slides[joint]
         if kind == "effort":
             return f"{value:.4g} {'N' if slide else 'N m'}"

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._files import whole_file, write_text
+from .._table import Sheet, Table, number
 from .._version import __version__
 from ..tasks.units import DISPLAYS
-from .table import number, two_columns
 from .transients import CLOSE
 
 if TYPE_CHECKING:
@@ -33,14 +34,18 @@ def window(values: np.ndarray, first: bool) -> np.ndarray:
 def summary(rollout: Rollout) -> dict[str, Any]:
     """Return the numbers of ``summary.json``; None where no finite number is to be had."""
     return {
+        "verdict": rollout.verdict,
+        "error_share": rollout.error_share,
         "title": rollout.title,
         "law": rollout.law,
         "adaptation": rollout.adaptation,
         "task": rollout.task.name,
         "robot": rollout.robot,
         "nv": int(rollout.v.shape[1]),
+        "joint_names": list(rollout.joint_names),
         "diverged": rollout.diverged,
         "reason": rollout.reason,
+        "interrupted": rollout.interrupted,
         **_errors(rollout.distance, "error"),
         **({} if rollout.angle is None else _errors(rollout.angle, "angle")),
         "tau_max": extreme(np.max, np.abs(rollout.tau)),
@@ -80,7 +85,23 @@ def _transient(transient: Transient) -> dict[str, Any]:
     }
 
 
-def table(rollout: Rollout) -> str:
+def brief(rollout: Rollout) -> Sheet:
+    """Return robot, law, duration and the largest errors."""
+    numbers, unit = _errors(rollout.distance, "error"), DISPLAYS[rollout.task.groups[0].unit]
+    first, last = (
+        number(numbers[f"max_error_{part}"], unit.unit, scale=unit.scale)
+        for part in ("first", "last")
+    )
+    rows = [
+        ("robot", f"{rollout.robot}, {rollout.v.shape[1]} joints, task {rollout.task.name}"),
+        ("law", f"{rollout.law}, adaptation {rollout.adaptation}"),
+        ("duration", f"{rollout.duration:.4g} s, {len(rollout.t)} samples"),
+        ("largest error", f"{first} in the first 10 %, {last} in the last 10 %"),
+    ]
+    return Sheet(rollout.title, [Table([*rows, *_ended_early(rollout)])])
+
+
+def sheet(rollout: Rollout) -> Sheet:
     """Return a table of what matters, and one of the joints beyond their limits if there are."""
     numbers, (group, *more) = summary(rollout), rollout.task.groups
     sizes = f"{len(rollout.kinematic_names)} kinematic, {len(rollout.dynamic_names)} dynamic"
@@ -95,7 +116,7 @@ def table(rollout: Rollout) -> str:
             if rollout.angle is None
             else _error_rows(numbers, "angle", "rad", ("max_first", "max_last"))
         ),
-        ("largest torque", number(numbers["tau_max"], "N m", digits=1)),
+        ("largest torque", _largest_torque(rollout)),
         ("smallest eigenvalue of M_hat", number(numbers["min_eig_M_hat"], "kg m^2", digits=5)),
         (
             "smallest singular value of J_hat",
@@ -106,8 +127,8 @@ def table(rollout: Rollout) -> str:
         ("samples", f"{numbers['steps']} in {rollout.wall_time:.1f} s"),
         *_remarks(rollout, numbers),
     ]
-    joints = f"\n\n{rollout.limits}" if rollout.limits.exceeded else ""
-    return two_columns(rollout.title, rows) + joints
+    joints = [rollout.limits.table] if rollout.limits.exceeded else []
+    return Sheet(rollout.title, [Table(rows), *joints])
 
 
 def _error_rows(
@@ -119,6 +140,17 @@ def _error_rows(
         value = number(numbers[f"{statistic}_{name}_{part}"], shown.unit, scale=shown.scale)
         rows.append((f"{name}, {part} 10 % ({statistic})", value))
     return rows
+
+
+def _largest_torque(rollout: Rollout) -> str:
+    """Return the largest torque or force and the joint that gave it."""
+    tau = np.where(np.isfinite(rollout.tau), np.abs(rollout.tau), -1.0)
+    if not tau.size or tau.max() < 0.0:
+        return number(None)
+    joint = int(np.argmax(tau.max(axis=0)))
+    limits = rollout.limits
+    unit = "N" if limits.slides[joint] else "N m"
+    return f"{number(tau.max(), unit, digits=1)} ({limits.joints[joint]})"
 
 
 def _ends(lyapunov: np.ndarray | None) -> str:
@@ -136,6 +168,14 @@ def _remarks(rollout: Rollout, numbers: dict[str, Any]) -> list[tuple[str, str]]
         rows.append(("torque at its limit", f"{numbers['saturated']:.1%} of the time"))
     if rollout.step_time:
         rows.append(("controller step (mean)", number(numbers["step_time_us"], "us", digits=0)))
+    return rows + _ended_early(rollout)
+
+
+def _ended_early(rollout: Rollout) -> list[tuple[str, str]]:
+    """Return a row where the run was interrupted or diverged."""
+    rows = []
+    if rollout.interrupted is not None:
+        rows.append(("INTERRUPTED", f"at {rollout.interrupted:.3f} s"))
     if rollout.diverged is not None:
         rows.append(("DIVERGED", f"at {rollout.diverged:.3f} s: {rollout.reason}"))
     return rows
@@ -158,14 +198,16 @@ def _change_rows(changes: list[dict[str, Any]], unit: str) -> list[tuple[str, st
 
 
 def save(rollout: Rollout, folder: Path) -> None:
-    """Write ``summary.json`` and ``rollout.npz`` into a folder, which is made if it is missing."""
-    folder.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(summary(rollout), indent=2) + "\n"
-    (folder / "summary.json").write_text(text, encoding="utf-8")
-    arrays = {name: getattr(rollout, name) for name in RECORDED + COMPUTED + WATCHED}
-    np.savez_compressed(
-        folder / "rollout.npz", **{name: a for name, a in arrays.items() if a is not None}
-    )
+    """Write ``rollout.npz`` and ``summary.json`` into a folder, which is made if it is missing.
+
+    Each is whole or not there. What was recorded is written at once, and again with what is
+    computed from it, which takes a while: so much is safe should that not come to its end.
+    """
+    for names in (RECORDED, RECORDED + COMPUTED + WATCHED):
+        arrays = {name: getattr(rollout, name) for name in names}
+        with whole_file(folder / "rollout.npz") as file:
+            np.savez_compressed(file, **{name: a for name, a in arrays.items() if a is not None})
+    write_text(folder / "summary.json", json.dumps(summary(rollout), indent=2) + "\n")
 
 
 def extreme(of: Callable[[np.ndarray], float], values: np.ndarray) -> float | None:

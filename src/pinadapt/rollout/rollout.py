@@ -5,18 +5,23 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._table import Sheet
+from ..exceptions import InputError
 from ..tasks.task import Task
-from . import report
+from . import report, verdict
 from .evaluation import Evaluation
 from .limit_excess import LimitExcess
 from .transients import Transient, transients
 
+if TYPE_CHECKING:
+    from ..view.animation import Animation
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Rollout:
     """A closed loop over N samples, in SI units and world axes; ``print`` shows a table.
 
@@ -25,6 +30,7 @@ class Rollout:
     Attributes:
         title, robot, law, adaptation: names of what ran.
         task: the controlled coordinates.
+        joint_names: one name a joint.
         kinematic_names, dynamic_names: one name a parameter.
         t: (N) time [s].
         q, v, tau: (N, nq), (N, nv), (N, nv) true configuration and velocity, torque given by the
@@ -40,6 +46,11 @@ class Rollout:
             with all of them computed.
         marks: time [s] and a few words for each change of the true robot, and each time the
             controller was told something.
+        interrupted: time [s] at which somebody stopped the run, or None; the arrays end there.
+        path_extent: radius of the desired circle, half the diagonal of another path [m or rad],
+            zero for a point; None where the motion does not say.
+        unadapted: largest error in the last 10 % of the same loop without adaptation [m or rad],
+            or None where it is not known.
     """
 
     title: str
@@ -47,6 +58,7 @@ class Rollout:
     law: str
     adaptation: str
     task: Task
+    joint_names: tuple[str, ...]
     kinematic_names: tuple[str, ...]
     dynamic_names: tuple[str, ...]
     t: np.ndarray
@@ -64,12 +76,20 @@ class Rollout:
     step_time: float
     evaluation: Evaluation | None
     marks: tuple[tuple[float, str], ...] = ()
+    interrupted: float | None = None
+    path_extent: float | None = None
+    unadapted: float | None = None
 
     @cached_property
     def error(self) -> np.ndarray:
         """Task error (N, m), how far x is from x_d: [m], for orientations and joints [rad]."""
         rows = [self.task.error(*both) for both in zip(self.x, self.x_d, strict=True)]
         return np.array(rows).reshape(len(rows), self.task.size)
+
+    @property
+    def duration(self) -> float:
+        """Time [s] from the first sample to one period after the last."""
+        return float(self.t[-1] - self.t[0] + np.diff(self.t[-2:]).sum()) if len(self.t) else 0.0
 
     @property
     def distance(self) -> np.ndarray:
@@ -89,7 +109,7 @@ class Rollout:
 
         Of each sample (N, p_k) where the true robot changes during the run.
         """
-        return self._evaluated().a_k_true
+        return self.evaluated().a_k_true
 
     @cached_property
     def a_d_true(self) -> np.ndarray | None:
@@ -97,49 +117,76 @@ class Rollout:
 
         Of each sample (N, p_d) where the true robot changes during the run.
         """
-        return self._evaluated().a_d_true
+        return self.evaluated().a_d_true
 
     @cached_property
     def kinematic_base(self) -> int:
         """How many combinations of the kinematic parameters motion can identify."""
-        return self._evaluated().controller.kinematics.base()
+        return self.evaluated().controller.kinematics.base()
 
     @cached_property
     def lyapunov(self) -> np.ndarray | None:
         """V(t) (N), or None where undefined; it jumps where the true robot changes."""
-        return self._evaluated().lyapunov
+        return self.evaluated().lyapunov
 
     @cached_property
     def lyapunov_ends(self) -> np.ndarray | None:
         """V of the first and the last sample (2), or None where undefined."""
-        evaluation = self._evaluated()
+        evaluation = self.evaluated()
         return evaluation.storage([evaluation.samples[k] for k in (0, -1)]) if len(self.t) else None
 
     @cached_property
     def min_eig_M_hat(self) -> np.ndarray:
         """Smallest eigenvalue (N) of the estimated mass matrix."""
-        return self._evaluated().smallest_eigenvalues
+        return self.evaluated().smallest_eigenvalues
 
     @cached_property
     def min_singular_J_hat(self) -> np.ndarray:
         """Smallest singular value (N) of the estimated Jacobian."""
-        return self._evaluated().smallest_singular_values
+        return self.evaluated().smallest_singular_values
 
     @cached_property
     def damping(self) -> np.ndarray:
         """The mu^2 (N) of the estimated Jacobian's ``RightInverse``, zero where that is exact."""
-        return self._evaluated().damping
+        return self.evaluated().damping
 
     @cached_property
     def limits(self) -> LimitExcess:
         """How far each joint went beyond the limits of its description, and was asked to."""
-        return self._evaluated().limits
+        return self.evaluated().limits
+
+    @cached_property
+    def effort_limits(self) -> np.ndarray:
+        """Effort limits (nv) of the description [N m or N], infinite where it has none."""
+        return self.evaluated().effort_limits
 
     @property
     def damping_share(self) -> np.ndarray:
         """The largest share (N) of a task motion that damping takes, mu^2 / (s_min^2 + mu^2)."""
         whole = self.min_singular_J_hat**2 + self.damping
         return self.damping / np.maximum(whole, np.finfo(float).tiny)
+
+    @property
+    def extent(self) -> float:
+        """The path's extent [m or rad]: as its motion says, or half the diagonal of what ran."""
+        if self.path_extent is not None or not len(self.t):
+            return self.path_extent or 0.0
+        return 0.5 * float(np.linalg.norm(np.ptp(self.x_d[:, self.task.groups[0].rows], axis=0)))
+
+    @property
+    def error_share(self) -> float | None:
+        """Largest error of the last 10 % in parts of the path's extent; None for a point."""
+        return verdict.error_share(self)
+
+    @property
+    def grade(self) -> str:
+        """The verdict in a few words: follows, or not, or when it diverged."""
+        return verdict.grade(self)
+
+    @property
+    def verdict(self) -> str:
+        """What the run came to, in one line: error, limits exceeded, what to try."""
+        return verdict.verdict(self)
 
     @property
     def transients(self) -> list[Transient]:
@@ -155,21 +202,63 @@ class Rollout:
         return report.summary(self)
 
     def __str__(self) -> str:
-        """Return a table of what matters."""
-        return report.table(self)
+        """Return a table of what matters, and the verdict."""
+        return str(self._sheet())
+
+    def __repr__(self) -> str:
+        """Return a few lines: robot, law, duration, errors."""
+        return str(report.brief(self))
+
+    def _repr_html_(self) -> str:
+        return self._sheet().html()
+
+    def _sheet(self) -> Sheet:
+        return report.sheet(self)._replace(note=self.verdict)
 
     def save(self, folder: Path | str) -> None:
         """Write ``summary.json`` and ``rollout.npz`` into a folder, made if it is missing."""
         report.save(self, Path(folder))
 
-    def plot(self, folder: Path | str) -> list[Path]:
-        """Draw error, parameters and torque as ``.png`` into a folder and return their paths."""
-        from ..plots.figures import draw_all
+    def plot(self, folder: Path | str | None = None) -> Any:
+        """Draw error, parameters and torque.
 
-        return draw_all(self, Path(folder))
+        Args:
+            folder: into which to write them as ``.png``; made if it is missing.
 
-    def _evaluated(self) -> Evaluation:
-        assert self.evaluation is not None  # without one every property is in the instance already
+        Returns:
+            The paths of the files; without a folder the figures by name, which show themselves in
+            Jupyter.
+        """
+        from ..plots.figures import Figures, draw_all
+
+        return Figures.of(self) if folder is None else draw_all(self, Path(folder))
+
+    def animate(self, *, frames_per_second: float = 30.0) -> Animation:
+        """Return the run as a page that moves, which shows itself in Jupyter.
+
+        Args:
+            frames_per_second: of the animation, at most one a sample.
+
+        Raises:
+            InputError: frames_per_second is not positive, or the rollout has left its process.
+            PinadaptError: meshcat's viewer cannot be used.
+        """
+        from ..view.animation import animation_of
+
+        return animation_of(self, frames_per_second=frames_per_second)
+
+    def evaluated(self) -> Evaluation:
+        """Return what the properties are computed by: robots, controller and samples.
+
+        Raises:
+            InputError: the rollout has left its process and has only the numbers left.
+        """
+        if self.evaluation is None:
+            raise InputError(
+                "a rollout that was copied to another process has its numbers, but no robots.",
+                where="rollout",
+                hint="Animate it where it ran.",
+            )
         return self.evaluation
 
     def __getstate__(self) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from .._checks import LARGEST, SMALLEST, shown
 from .._toml import parse_toml_value, read_toml
 from ..exceptions import ScenarioError, did_you_mean
 from .schema import REFERENCES, ScenarioTables, allowed_keys
@@ -76,11 +77,24 @@ def _dotted(location: tuple[Any, ...]) -> str:
         str(part)
         for part in location
         if not (isinstance(part, str) and ("[" in part or part in _TYPES))
+        and not str(part).endswith("Section")
     ]
     return ".".join(names) or "scenario"
 
 
 _TYPES = {"float", "constrained-float", "int", "str", "dict", "bool", "list"}
+
+
+def _message(problem: Any) -> str:
+    """Return what is wrong; bounds of what can be computed with are told as such."""
+    bounds = problem.get("ctx", {})
+    if LARGEST in (bounds.get("le"), -bounds.get("ge", 0.0)):
+        return f"is too large to compute with, over {LARGEST:g}"
+    if bounds.get("ge") == SMALLEST:
+        positive = problem["input"] > 0.0
+        tiny = f"is too small to compute with, under {SMALLEST:g}"
+        return tiny if positive else "input should be greater than 0"
+    return str(problem["msg"][0].lower() + problem["msg"][1:])
 
 
 def _sentence(problem: Any, location: tuple[Any, ...], raw: dict[str, Any]) -> str:
@@ -90,7 +104,9 @@ def _sentence(problem: Any, location: tuple[Any, ...], raw: dict[str, Any]) -> s
         return f"unknown key; allowed here: {', '.join(allowed)}.{guess}"
     if problem["type"] == "missing":
         return "this key is required"
-    message = problem["msg"][0].lower() + problem["msg"][1:]
+    if problem["type"] == "model_type":
+        return f"expected a table, got {shown(problem['input'])}"
+    message = _message(problem)
     expected = problem.get("ctx", {}).get("expected") or problem.get("ctx", {}).get("expected_tags")
     options = (
         [word.strip(" '") for word in str(expected).replace(" or ", ",").split(",")]
@@ -99,4 +115,4 @@ def _sentence(problem: Any, location: tuple[Any, ...], raw: dict[str, Any]) -> s
     )
     given = problem.get("ctx", {}).get("tag", problem["input"])
     guess = did_you_mean(given, options) if isinstance(given, str) else ""
-    return f"{message}, got {given!r}.{guess}"
+    return f"{message}, got {shown(given)}.{guess}"

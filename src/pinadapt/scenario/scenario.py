@@ -10,20 +10,25 @@ from typing import Any
 
 from ..adaptation.matrix_inequality import MatrixInequality
 from ..controller.controller import Controller
+from ..exceptions import ScenarioError
 from ..models.basis import read_matrix
+from ..plants.engines import engine_of
+from ..plants.mjcf import Mjcf
 from ..robot.changes import Payload
 from ..robot.gravity import compensation_of
 from ..robot.robot import Robot, load
 from ..robot.urdf import is_path
 from ..rollout.rollout import Rollout
 from ..simulation.events import Events
-from ..simulation.simulate import Progress, prepare, simulate
+from ..simulation.prepare import findings, prepare
+from ..simulation.progress import Progress
+from ..simulation.simulate import simulate
 from ..trajectories.trajectory import Trajectory
 from ..tuning.make_controller import make_controller
 from .error_prefix import prefix_errors
 from .read import read_tables
 from .reference import trajectory_of
-from .schema import ScenarioTables, SimulationSection
+from .schema import ScenarioTables, SimulationSection, TruthSection
 from .truth import believed_robot, payload_of, told, true_changes, true_robot
 
 
@@ -39,6 +44,7 @@ class Scenario:
         trajectory: the desired motion.
         changes: time [s] -> the true robot from then on.
         beliefs: time [s] -> what the controller is told then.
+        engine: what simulates the true robot.
     """
 
     tables: ScenarioTables
@@ -48,6 +54,7 @@ class Scenario:
     trajectory: Trajectory
     changes: Mapping[float, Robot]
     beliefs: Mapping[float, Mapping[str, Any]]
+    engine: str | Mjcf = "pinocchio"
 
     @property
     def title(self) -> str:
@@ -84,7 +91,8 @@ class Scenario:
         with prefix_errors("reference"):
             trajectory = trajectory_of(tables.reference, true)
         changes, beliefs = true_changes(described, tables.truth), told(tables.belief)
-        scenario = cls(tables, true, believed, controller, trajectory, changes, beliefs)
+        engine = _engine(tables.simulation, folder)
+        scenario = cls(tables, true, believed, controller, trajectory, changes, beliefs, engine)
         scenario.check()
         return scenario
 
@@ -92,20 +100,47 @@ class Scenario:
         """Refuse what only shows when true robot, controller and motion meet.
 
         Raises:
-            InputError: initial estimates or a motion of the wrong size, or estimates outside the
-                cone.
+            InputError: initial estimates or a motion of the wrong size, estimates outside the cone,
+                or an engine that is not installed or whose model does not match the robot.
         """
         belief = self.tables.belief
+        if isinstance(self.engine, Mjcf) and self.tables.truth != TruthSection():
+            raise ScenarioError(
+                "the model file of simulation.engine says what the real robot is.",
+                where="truth",
+                hint="Change the file, or take this table out.",
+            )
+        with prefix_errors("simulation.engine"):
+            plant = engine_of(self.engine)(self.true)
         with prefix_errors("belief"), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # they are shown when the run starts
             state = prepare(
-                self.true, self.controller, self.trajectory, belief.kinematic, belief.dynamic
+                plant, self.controller, self.trajectory, belief.kinematic, belief.dynamic
             )
         with prefix_errors("belief.change"):
             Events(self.changes, self.beliefs).check(self.controller, state)
 
-    def run(self, progress: Progress | None = None) -> Rollout:
-        """Run the closed loop; ``progress`` wraps the range of samples."""
+    def findings(self) -> list[str]:
+        """Return what of period, camera and encoders would spoil a run; ``run`` warns of it."""
+        simulation = self.tables.simulation
+        if simulation.mode != "sampled":
+            return []
+        found = findings(
+            self.true,
+            self.controller,
+            simulation.dt,
+            camera=_camera(simulation),
+            noise=_noise(simulation),
+            encoder=simulation.encoder,
+        )
+        return [str(finding) for finding in found]
+
+    def run(self, progress: Progress | bool | None = None, *, view: bool = False) -> Rollout:
+        """Run the closed loop, with ``progress`` and ``view`` as in ``simulate``.
+
+        Raises:
+            Interrupted: a ``KeyboardInterrupt`` that carries the rollout so far.
+        """
         simulation, belief = self.tables.simulation, self.tables.belief
         with prefix_errors("simulation"):
             return simulate(
@@ -115,13 +150,12 @@ class Scenario:
                 duration=simulation.duration,
                 dt=simulation.dt,
                 mode=simulation.mode,
+                engine=self.engine,
                 substeps=simulation.substeps,
                 acceleration=self.tables.controller.acceleration,
                 a_k=belief.kinematic,
                 a_d=belief.dynamic,
-                noise=simulation.noise.model_dump()
-                if any(simulation.noise.model_dump().values())
-                else None,
+                noise=_noise(simulation),
                 delay=simulation.delay,
                 camera=None if simulation.camera is None else simulation.camera.model_dump(),
                 encoder=simulation.encoder,
@@ -131,6 +165,7 @@ class Scenario:
                 seed=simulation.seed,
                 title=self.title,
                 progress=progress,
+                view=view,
             )
 
 
@@ -144,7 +179,23 @@ def _described(tables: ScenarioTables, folder: Path) -> Robot:
         q0=robot.q0,
         gravity=robot.gravity,
         weld_root=robot.weld_root,
+        xacro=robot.xacro,
+        mass=robot.mass,
     )
+
+
+def _noise(simulation: SimulationSection) -> dict[str, float] | None:
+    """Return the standard deviations by name, or None where all are zero."""
+    noise: dict[str, float] = simulation.noise.model_dump()
+    return noise if any(noise.values()) else None
+
+
+def _engine(simulation: SimulationSection, folder: Path) -> str | Mjcf:
+    """Return the engine's name, or the model file in its place."""
+    if isinstance(simulation.engine, str):
+        return simulation.engine
+    named = simulation.engine.model_dump(exclude={"mjcf"})
+    return Mjcf(folder / simulation.engine.mjcf, **named)
 
 
 def _camera(simulation: SimulationSection) -> dict[str, float | None] | None:

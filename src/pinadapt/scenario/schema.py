@@ -7,11 +7,13 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from .._checks import LARGEST, SMALLEST
 from ..laws import DEFAULT
 
-Number = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
+Positive = Annotated[float, Field(ge=SMALLEST, le=LARGEST, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
+Count = Annotated[int, Field(lt=2**63)]
 Vector3 = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Gain = Number | list[Number] | list[list[Number]]
 
@@ -19,7 +21,7 @@ Gain = Number | list[Number] | list[list[Number]]
 class Section(BaseModel):
     """A table of a scenario; unknown keys are refused."""
 
-    model_config = ConfigDict(extra="forbid", strict=False, populate_by_name=True)
+    model_config = ConfigDict(extra="forbid", strict=True, populate_by_name=True)
 
 
 class RobotSection(Section):
@@ -32,6 +34,8 @@ class RobotSection(Section):
     q0: list[Number] | None = None
     gravity: Vector3 | None = None
     weld_root: bool = False
+    xacro: dict[str, bool | Number | str] = {}
+    mass: Positive | None = None
 
 
 class PayloadSection(Section):
@@ -250,14 +254,23 @@ class CameraSection(Section):
     dropout: Annotated[float, Field(ge=0, lt=1)] = 0.0
 
 
+class MjcfSection(Section):
+    """[simulation] engine: a MuJoCo model of the real robot, and how it matches the description."""
+
+    mjcf: str
+    joints: dict[str, str] = {}
+    frame: str | None = None
+    base: str | None = None
+
+
 class SimulationSection(Section):
     """[simulation]: how long, how fine, how real."""
 
     duration: Positive = 10.0
     dt: Positive = 1e-3
     mode: Literal["sampled", "continuous"] = "sampled"
-    substeps: Annotated[int, Field(ge=1)] | None = None
-    engine: Literal["pinocchio"] = "pinocchio"
+    substeps: Annotated[Count, Field(ge=1)] | None = None
+    engine: Literal["pinocchio", "mujoco"] | MjcfSection = "pinocchio"
     noise: NoiseSection = NoiseSection()
     delay: NotNegative = 0.0
     camera: CameraSection | None = None
@@ -265,7 +278,7 @@ class SimulationSection(Section):
     encoder: NotNegative | list[NotNegative] = 0.0
     torque_limits: bool | None = None
     compensated: Literal["nominal"] | None = None
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Annotated[Count, Field(ge=0)] = 0
 
 
 class ScenarioTables(Section):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from math import ceil
 from pathlib import Path
 
@@ -51,6 +51,11 @@ _TRUTH = (
     "the mass [kg; com m from the described frame; Ixx Ixy Iyy Ixz Iyz Izz kg m^2]. Put what you "
     "expect of your robot."
 )
+_MASS = (
+    "What the whole robot weighs [kg]. These links are described without inertia: {links}. What "
+    "the others leave of this mass is spread over them with one density: solids of their shapes, "
+    "rods to the next joint where they have none."
+)
 _UNKNOWN = (
     "What the controller adapts: the tool's translation, all inertial parameters of every body, "
     "rotor inertia and friction of every joint."
@@ -64,9 +69,15 @@ _REFERENCE = (
 def _robot(template: Template, folder: Path) -> Table:
     robot, table = template.robot, tomlkit.table()
     table["source"] = _source(template.source, folder)
+    if template.xacro:
+        _remark(table, "Arguments of the xacro file.")
+        table["xacro"] = _inline(template.xacro)
+    if template.mass is not None:
+        _remark(table, _MASS.format(links=_names(template.massless)))
+        table["mass"] = template.mass
     _remark(
         table,
-        f"Other ends of chains: {_names(template.ends)}; any link of the robot can be named.",
+        f"Other ends of chains: {_names(robot.ends)}; any link of the robot can be named.",
     )
     table["frame"] = robot.frame
     _remark(
@@ -75,7 +86,7 @@ def _robot(template: Template, folder: Path) -> Table:
         "adds the orientation.",
     )
     table["task"] = robot.task.name
-    if template.welded:
+    if robot.welded:
         _remark(
             table,
             "The base floats in the description: it is fixed, and the chain is used as an arm.",
@@ -84,13 +95,13 @@ def _robot(template: Template, folder: Path) -> Table:
     _remark(
         table,
         "Joints of the chain to lock as well. Locked anyway, for they are not on it: "
-        f"{_names(template.others)}.",
+        f"{_names(robot.locked)}.",
     )
     table["locked"] = []
     _remark(
         table, f"Home pose, where the motion starts [rad or m]: {', '.join(robot.joint_names)}."
     )
-    table["q0"] = _numbers(robot.home_angles)
+    table["q0"] = _numbers(robot.home_angles, digits=12)
     return table
 
 
@@ -124,7 +135,7 @@ def _reference(template: Template) -> Table:
             "radius": circle.radius,
             "period": circle.period,
             "plane": circle.plane,
-            "phase": float(f"{circle.phase:.6g}"),
+            "phase": float(f"{circle.phase:.12g}"),
         }
     )
 
@@ -145,10 +156,13 @@ def _filled(values: dict[str, object]) -> Table:
 
 
 def _payload(load: Payload) -> InlineTable:
+    com, inertia = (_numbers(np.asarray(part)) for part in (load.com, load.inertia))
+    return _inline({"mass": load.mass, "com": com, "inertia": inertia})
+
+
+def _inline(values: Mapping[str, object]) -> InlineTable:
     table = tomlkit.inline_table()
-    table["mass"] = load.mass
-    table["com"] = _numbers(np.asarray(load.com))
-    table["inertia"] = _numbers(np.asarray(load.inertia))
+    table.update(values)
     return table
 
 
@@ -177,8 +191,8 @@ def _comments(text: str) -> list[Comment]:
     return [tomlkit.comment(line) for line in lines]
 
 
-def _numbers(values: Iterable[float]) -> list[float]:
-    return [float(f"{value:.6g}") + 0.0 for value in values]
+def _numbers(values: Iterable[float], digits: int = 6) -> list[float]:
+    return [float(f"{value:.{digits}g}") + 0.0 for value in values]
 
 
 def _names(names: Sequence[str]) -> str:

@@ -9,13 +9,13 @@ import numpy as np
 
 from ..controller.controller import Controller
 from ..controller.state import ControllerState
-from ..exceptions import DivergedError, ImplausibleError
+from ..exceptions import DivergedError, ImplausibleError, InputError
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..records import Desired, Measurement
 from ..rollout.sample import Sample
 from ..trajectories.trajectory import Trajectory
 from .events import Events
-from .run import FASTEST, lost, sample_indices
+from .run import FASTEST, lost, sample_indices, unusable
 
 
 def run_continuous(
@@ -63,6 +63,8 @@ def run_continuous(
             k4 = loop.slope(y + dt * k3, t + dt)
         except ImplausibleError as error:
             raise DivergedError(lost(error), t) from error
+        except InputError as error:
+            raise unusable(error, t) from error
         except (DivergedError, np.linalg.LinAlgError) as error:
             raise DivergedError(str(error), t) from error
         try:
@@ -132,11 +134,17 @@ class _Loop:
         return np.concatenate([y[: 2 * self._plant.nv], self.state.flat()])
 
     def slope(self, y: np.ndarray, t: float) -> np.ndarray:
-        """Return dy/dt at time t [s]."""
+        """Return dy/dt at time t [s].
+
+        Raises:
+            InputError: the desired motion is not finite.
+        """
         plant, controller, n = self._plant, self._controller, self._plant.nv
         q, v = plant.integrate(self._q, y[:n]), y[n : 2 * n]
         self.state = self.state.with_flat(y[2 * n :])
         self.measurement, self.desired = plant.measurement(q, v, t), self._trajectory.at(t)
+        if not np.isfinite(np.concatenate(self.desired)).all():
+            raise InputError(f"the motion is not finite: {self.desired}.", where="desired")
         signals, command = controller.command(self.state, self.measurement, self.desired)
         if self._ideal:
             a_law = plant.acceleration_at(q, v, command.torque, command.feedthrough)

@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Mapping
 from typing import Any
 
+from .._checks import mapping
 from ..controller.controller import Controller
 from ..controller.state import ControllerState
 from ..exceptions import InputError, did_you_mean
@@ -38,7 +39,10 @@ class Events:
                 know.
         """
         self.changes: dict[float, Robot] = in_time(changes, "changes")
-        self.beliefs: dict[float, Mapping[str, Any]] = in_time(beliefs, "beliefs")
+        self.beliefs: dict[float, Mapping[str, Any]] = {
+            time: mapping(belief, f"beliefs[{time:g}]")
+            for time, belief in in_time(beliefs, "beliefs").items()
+        }
         for time, belief in self.beliefs.items():
             for name in belief:
                 if name not in NEWS:

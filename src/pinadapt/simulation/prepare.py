@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import positive
+from .._checks import arithmetic, instance, positive, vector, whole, word
 from ..adaptation.box_projection import BoxProjection
 from ..controller.controller import Controller
 from ..controller.state import ControllerState
-from ..exceptions import InputError, did_you_mean
-from ..plants.pinocchio_plant import PinocchioPlant
+from ..exceptions import InputError, ParameterError
+from ..plants.simulated_plant import SimulatedPlant
 from ..robot.home import conditioning
 from ..robot.robot import Robot
+from ..sensing import Camera
 from ..tasks.task import FrameTask
 from ..trajectories.trajectory import Trajectory
+from ..tuning.preflight import Finding, preflight
+from ..tuning.preflight_sensors import SensorFinding, sensor_findings
+from ..tuning.remedies import sensor_quality
 
 MODES = ("sampled", "continuous")
 ACCELERATIONS = ("filtered", "ideal")
@@ -24,55 +29,70 @@ ACCELERATIONS = ("filtered", "ideal")
 _SINGULAR = 1e-6
 
 
+@arithmetic("simulation")
 def prepare(
-    true: Robot,
+    plant: SimulatedPlant,
     controller: Controller,
     trajectory: Trajectory,
     a_k: ArrayLike | None = None,
     a_d: ArrayLike | None = None,
 ) -> ControllerState:
-    """Return the controller's initial state; check that robot, controller and motion match.
+    """Return the controller's initial state; check that plant, controller and motion match.
 
     Raises:
         InputError: they do not, or the initial estimates cannot be used.
     """
-    _check_same_shape(true, controller, trajectory)
-    _check_not_singular(true)
-    _warn_of_box(true, controller)
-    first = PinocchioPlant(true).measure()
-    return controller.init(first, a_k=_array(a_k), a_d=_array(a_d))
+    instance(trajectory, Trajectory, "trajectory")
+    _check_same_shape(plant.robot, controller, trajectory)
+    _check_not_singular(plant.robot)
+    if plant.described:
+        _warn_of_box(plant.robot, controller)
+    return controller.init(
+        plant.measure(), a_k=_array(a_k, "belief.kinematic"), a_d=_array(a_d, "belief.dynamic")
+    )
+
+
+def findings(
+    true: Robot,
+    controller: Controller,
+    dt: float,
+    *,
+    camera: Camera | Mapping[str, float | None] | None = None,
+    noise: Mapping[str, float] | None = None,
+    encoder: ArrayLike = 0.0,
+) -> list[Finding | SensorFinding]:
+    """Return what of period, camera and encoders, as in ``simulate``, would spoil a run."""
+    quality = sensor_quality(true, dt, camera, noise, encoder)
+    return [*preflight(controller, dt), *sensor_findings(controller, quality)]
 
 
 def check_options(
-    mode: str, acceleration: str, duration: float, dt: float, record_every: int, seed: int
+    mode: str,
+    acceleration: str,
+    duration: float,
+    dt: float,
+    record_every: int,
+    seed: int,
+    title: str,
 ) -> None:
     """Refuse options that make no run.
 
     Raises:
         InputError: an unknown word, or a number that cannot be.
     """
-    _one_of(mode, MODES, "mode")
-    _one_of(acceleration, ACCELERATIONS, "acceleration")
+    word(mode, MODES, "mode")
+    word(acceleration, ACCELERATIONS, "acceleration")
     if positive(duration, "duration") < 0.5 * positive(dt, "dt"):
         raise InputError(
             f"must be at least one period of {dt} s, got {duration}.", where="duration"
         )
-    if int(record_every) < 1:
-        raise InputError(f"must be at least 1, got {record_every}.", where="record_every")
-    if int(seed) < 0:
-        raise InputError(f"must not be negative, got {seed}.", where="seed")
+    whole(record_every, "record_every", 1)
+    instance(title, str, "title")
+    whole(seed, "seed", 0)
 
 
-def _one_of(value: str, allowed: tuple[str, ...], where: str) -> None:
-    if value not in allowed:
-        raise InputError(
-            f"must be one of {list(allowed)}, got {value!r}.{did_you_mean(str(value), allowed)}",
-            where=where,
-        )
-
-
-def _array(value: ArrayLike | None) -> np.ndarray | None:
-    return None if value is None else np.atleast_1d(np.array(value, dtype=float))
+def _array(value: ArrayLike | None, name: str) -> np.ndarray | None:
+    return None if value is None else vector(value, None, name, error=ParameterError)
 
 
 def _check_not_singular(true: Robot) -> None:
@@ -101,7 +121,7 @@ def _warn_of_box(true: Robot, controller: Controller) -> None:
         warnings.warn(
             f"the true values of {names} are outside the box of their estimates, which cannot "
             "reach them: no proof covers this closed loop. A wider kinematic_box avoids it.",
-            stacklevel=4,
+            stacklevel=5,
         )
 
 

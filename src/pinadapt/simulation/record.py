@@ -9,7 +9,7 @@ import numpy as np
 
 from ..controller.controller import Controller
 from ..exceptions import DivergedError
-from ..plants.pinocchio_plant import PinocchioPlant
+from ..plants.simulated_plant import SimulatedPlant
 from ..robot.succession import Succession
 from ..rollout.evaluation import Evaluation
 from ..rollout.rollout import Rollout
@@ -26,6 +26,7 @@ class Record:
         step_time: seconds that the controller spent in all of them.
         diverged: time [s] at which the loop diverged, or None.
         reason: why, or None.
+        interrupted: time [s] of the last sample before somebody stopped the run, or None.
     """
 
     samples: list[Sample] = field(default_factory=list)
@@ -33,31 +34,38 @@ class Record:
     step_time: float = 0.0
     diverged: float | None = None
     reason: str | None = None
+    interrupted: float | None = None
 
 
 def record(stream: Iterator[Sample], indices: Iterable[int], every: int = 1) -> Record:
-    """Take a sample for each index and keep those whose index is a multiple of ``every``."""
-    kept = Record()
+    """Take a sample for each index and keep those whose index is a multiple of ``every``.
+
+    What there is by then is kept where the loop diverges or a ``KeyboardInterrupt`` stops it.
+    """
+    kept, last = Record(), 0.0
     try:
         for k, sample in zip(indices, stream, strict=False):
-            kept.steps += 1
+            kept.steps, last = kept.steps + 1, sample.t
             kept.step_time += sample.step_time
             if k % every == 0:
                 kept.samples.append(sample)
     except DivergedError as error:
         kept.diverged, kept.reason = error.time, error.reason
+    except KeyboardInterrupt:
+        kept.interrupted = last
     return kept
 
 
 def rollout_of(
     kept: Record,
-    plant: PinocchioPlant,
+    plant: SimulatedPlant,
     controller: Controller,
     robots: Succession,
     *,
     told: Iterable[float] = (),
     title: str,
     wall_time: float,
+    extent: float | None = None,
 ) -> Rollout:
     """Return the rollout of a record, its samples stacked.
 
@@ -69,6 +77,7 @@ def rollout_of(
         told: when the controller was told something [s].
         title: of the rollout.
         wall_time: of the run [s].
+        extent: of the desired path, see ``Trajectory.extent``.
     """
     robot, samples = robots.robots[0], kept.samples
     tau = _rows([sample.torque for sample in samples], plant.nv)
@@ -79,6 +88,7 @@ def rollout_of(
         law=controller.law.name,
         adaptation=_adaptation(controller),
         task=robot.task,
+        joint_names=tuple(robot.joint_names),
         kinematic_names=controller.kinematics.names,
         dynamic_names=controller.dynamics.names,
         t=np.array([sample.t for sample in samples]),
@@ -96,6 +106,8 @@ def rollout_of(
         step_time=kept.step_time / max(kept.steps, 1),
         evaluation=Evaluation(controller, robots, samples),
         marks=_marks(robots, told),
+        interrupted=kept.interrupted,
+        path_extent=extent,
     )
 
 

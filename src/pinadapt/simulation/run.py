@@ -6,9 +6,10 @@ from collections.abc import Iterator
 from itertools import count
 from time import perf_counter
 
+from .._checks import instance, positive
 from ..controller.controller import Controller
 from ..controller.state import ControllerState
-from ..exceptions import DivergedError, ImplausibleError
+from ..exceptions import DivergedError, ImplausibleError, InputError
 from ..plants.plant import Plant
 from ..plants.sensors import Sensors
 from ..records import Desired, Measurement
@@ -16,6 +17,7 @@ from ..rollout.sample import Sample
 from ..trajectories.trajectory import Trajectory
 from .events import Events
 
+MOST_SAMPLES = 10**10
 FASTEST = 1e4  # [rad/s or m/s]; beyond this norm of the joint velocities the loop has diverged
 
 
@@ -53,6 +55,13 @@ def run(
         InputError, MeasurementError: as ``Controller.init`` and ``Controller.step``, and as
             ``Plant.become`` and ``Controller.believe`` where there are events.
     """
+    positive(dt, "dt")
+    instance(plant, Plant, "plant")
+    if not hasattr(controller, "step") or not hasattr(controller, "init"):
+        instance(controller, Controller, "controller")  # any other with these two will do
+    instance(trajectory, Trajectory, "trajectory")
+    instance(sensors, Sensors | None, "sensors")
+    instance(events, Events | None, "events")
     plant.reset()
     if sensors is not None:
         sensors.reset()
@@ -74,6 +83,8 @@ def run(
             raise DivergedError(error.reason, truth.t) from error
         except ImplausibleError as error:
             raise DivergedError(lost(error), truth.t) from error
+        except InputError as error:
+            raise unusable(error, truth.t) from error
         given = plant.motors(torque)
         yield Sample(truth.t, measurement, desired, state, given, truth, step_time)
         plant.step(torque, dt)
@@ -89,9 +100,28 @@ def lost(error: ImplausibleError) -> str:
     return f"measurement '{error.field}' {error.flaw}."
 
 
+def unusable(error: InputError, t: float) -> Exception:
+    """Return what ends a loop whose desired motion cannot be used at t [s].
+
+    At the start that is an input to be refused; later the loop has run until then.
+    """
+    return DivergedError(" ".join(str(error).split()), t) if t > 0.0 else error
+
+
 def sample_indices(duration: float, dt: float, *, ends: bool = False) -> range:
-    """Return the sample indices of a duration [s] at period dt [s]; ``ends``: with its end."""
-    return range(max(1, round(duration / dt)) + ends)
+    """Return the sample indices of a duration [s] at period dt [s]; ``ends``: with its end.
+
+    Raises:
+        InputError: numbers that are not positive, or more samples than any run ends with.
+    """
+    count = max(1, round(positive(duration, "duration") / positive(dt, "dt")))
+    if count > MOST_SAMPLES:
+        raise InputError(
+            f"{duration:g} s in periods of {dt:g} s are {float(count):.3g} samples; at most "
+            f"{float(MOST_SAMPLES):g} are run.",
+            where="duration",
+        )
+    return range(count + ends)
 
 
 def _accelerated(

@@ -3,33 +3,37 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._checks import instance
 from ..controller.controller import Controller
-from ..exceptions import InputError
+from ..exceptions import InputError, Interrupted
+from ..plants.engines import engine_of
+from ..plants.mjcf import Mjcf
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..plants.sensors import Sensors
+from ..plants.simulated_plant import Engine, SimulatedPlant
 from ..robot.effort_limits import torque_limits as limits_of
 from ..robot.robot import Robot
 from ..robot.succession import Succession
 from ..rollout.rollout import Rollout
+from ..rollout.sample import Sample
 from ..sensing import Camera
 from ..trajectories.trajectory import Trajectory
-from ..tuning.preflight import preflight
-from ..tuning.preflight_sensors import sensor_findings
-from ..tuning.remedies import sensor_quality
 from .continuous import run_continuous
 from .events import Events
-from .prepare import check_options, prepare
+from .memory import check_memory
+from .prepare import check_options, findings, prepare
+from .progress import Progress, watched
 from .record import record, rollout_of
 from .run import run, sample_indices
-
-Progress = Callable[[range], Iterable[int]]
 
 
 def simulate(
@@ -40,6 +44,7 @@ def simulate(
     duration: float = 10.0,
     dt: float = 1e-3,
     mode: str = "sampled",
+    engine: str | Mjcf | Engine = "pinocchio",
     substeps: int | None = None,
     record_every: int = 1,
     acceleration: str = "filtered",
@@ -54,7 +59,8 @@ def simulate(
     beliefs: Mapping[float, Mapping[str, Any]] | None = None,
     seed: int = 0,
     title: str = "",
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
+    view: bool = False,
 ) -> Rollout:
     """Let a controller drive the true robot from its home, at rest.
 
@@ -66,8 +72,9 @@ def simulate(
         duration: s.
         dt: controller period, or integration step in continuous mode [s].
         mode: "sampled" (torque held for dt) or "continuous" (one ODE, Runge-Kutta 4).
-        substeps: integration steps a period, sampled mode; None: as many as ``PinocchioPlant``
-            needs.
+        engine: what simulates: "pinocchio", "mujoco", a ``Mjcf``, which MuJoCo simulates in place
+            of the true robot, or what makes a ``SimulatedPlant``, such as a class of them.
+        substeps: integration steps a period, sampled mode; None: as many as the plant needs.
         record_every: keep one sample of so many; the loop itself runs at every one.
         acceleration: "filtered", or "ideal": the plant's own, for checking theory.
         a_k: (p_k) initial kinematic estimate [m], by default the believed robot's.
@@ -86,59 +93,113 @@ def simulate(
             by name.
         seed: of the noise and of lost frames.
         title: of the rollout.
-        progress: wraps the range of samples, ``tqdm`` for example.
+        progress: None: a bar on a terminal, none elsewhere; True: a bar everywhere, a widget in a
+            notebook; False: none; or what wraps the range of samples, as ``tqdm`` does.
+        view: show the run in a browser while it goes on, at most in real time, as ``LiveView``.
 
     Raises:
         InputError: anything that cannot be run; a loop that diverges is no error, see
             ``Rollout.diverged``.
+        Interrupted: a ``KeyboardInterrupt`` that carries the rollout so far.
     """
-    check_options(mode, acceleration, duration, dt, record_every, seed)
+    check_options(mode, acceleration, duration, dt, record_every, seed, title)
+    instance(controller, Controller, "controller")
     sensors = Sensors(true, dt, noise=noise, delay=delay, camera=camera, encoder=encoder, seed=seed)
-    if mode == "continuous" and not sensors.perfect:
-        raise InputError(
-            "noise, delay, camera and encoder exist in sampled mode only.", where="mode"
-        )
     ideal = acceleration == "ideal"
-    if ideal and torque_limits:
-        raise InputError(
-            "the ideal acceleration is that of the unclipped torque; choose one.",
-            where="torque_limits",
-        )
+    _check_together(mode, sensors, ideal and torque_limits is True)
     motors = None if ideal else limits_of(true, torque_limits is not False)
     if ideal or controller.limits.torque is None:
         controller = controller.limited(motors)
     started = perf_counter()
-    state = prepare(true, controller, trajectory, a_k, a_d)
-    robots, events = Succession.of(true, changes), Events(changes, beliefs)
+    plant = engine_of(engine)(
+        true, torque_limits=motors, compensation=controller.compensation, substeps=substeps
+    )
+    _check_plant(plant, mode, changes)
+    indices = sample_indices(duration, dt, ends=mode == "continuous")
+    state = prepare(plant, controller, trajectory, a_k, a_d)
+    check_memory(controller, len(indices), record_every)
+    robots = replace(Succession.of(true, changes), known=plant.described)
+    events = Events(changes, beliefs)
     events.check(controller, state)
     if late := events.after(duration):
         warnings.warn(f"the run ends before what happens at {late} s.", stacklevel=2)
-    plant = PinocchioPlant(
-        true, torque_limits=motors, compensation=controller.compensation, substeps=substeps
-    )
     loop = plant, controller, trajectory
     start: dict[str, Any] = {"dt": dt, "state": state, "events": events}
-    if mode == "continuous":
-        stream = run_continuous(*loop, ideal_acceleration=ideal, **start)
+    if isinstance(plant, PinocchioPlant) and mode == "continuous":
+        stream = run_continuous(plant, controller, trajectory, ideal_acceleration=ideal, **start)
     else:
-        quality = sensor_quality(true, dt, camera or _late(delay), noise, encoder)
-        for finding in (*preflight(controller, dt), *sensor_findings(controller, quality)):
+        seeing = camera or _late(delay)
+        for finding in findings(true, controller, dt, camera=seeing, noise=noise, encoder=encoder):
             warnings.warn(str(finding), stacklevel=2)
         seen = None if sensors.perfect else sensors
         stream = run(*loop, sensors=seen, ideal_acceleration=ideal, **start)
-    indices = sample_indices(duration, dt, ends=mode == "continuous")
-    with np.errstate(all="ignore"):  # a loop that diverges overflows on its way
-        kept = record(stream, indices if progress is None else progress(indices), record_every)
-    wall_time = perf_counter() - started
-    return rollout_of(
+    shown = {"duration": duration, "changes": changes, "title": title} if view else None
+    with np.errstate(all="ignore"), _shown_live(stream, loop, shown) as samples:  # may overflow
+        kept = record(samples, watched(indices, progress, title or true.name), record_every)
+    rollout = rollout_of(
         kept,
         plant,
         controller,
         robots,
         told=events.beliefs,
         title=title or true.name,
-        wall_time=wall_time,
+        wall_time=perf_counter() - started,
+        extent=trajectory.extent,
     )
+    if rollout.interrupted is not None:
+        raise Interrupted(rollout)
+    return rollout
+
+
+def _check_together(mode: str, sensors: Sensors, clipped: bool) -> None:
+    """Refuse what cannot be simulated at once.
+
+    Raises:
+        InputError: sensors in continuous mode, or an ideal acceleration of a clipped torque.
+    """
+    if mode == "continuous" and not sensors.perfect:
+        raise InputError(
+            "noise, delay, camera and encoder exist in sampled mode only.", where="mode"
+        )
+    if clipped:
+        raise InputError(
+            "the ideal acceleration is that of the unclipped torque; choose one.",
+            where="torque_limits",
+        )
+
+
+def _check_plant(plant: SimulatedPlant, mode: str, changes: Mapping[float, Robot] | None) -> None:
+    """Refuse what only some plants can do.
+
+    Raises:
+        InputError: one differential equation of another engine, or changes of a file's robot.
+    """
+    if mode == "continuous" and not isinstance(plant, PinocchioPlant):
+        raise InputError(
+            f"{type(plant).__name__} moves in samples; only Pinocchio's equations can be "
+            "integrated as one with the controller's.",
+            where="mode",
+            hint='Take mode = "sampled", or engine = "pinocchio".',
+        )
+    if changes and not plant.described:
+        raise InputError(
+            "the robot of a model file does not change while it moves.", where="changes"
+        )
+
+
+@contextmanager
+def _shown_live(
+    stream: Iterator[Sample], loop: tuple[Any, Any, Any], shown: Mapping[str, Any] | None
+) -> Iterator[Iterator[Sample]]:
+    """Give a stream, shown in a live view with these options unless they are None."""
+    if shown is None:
+        yield stream
+        return
+    from ..view.live import LiveView
+
+    plant, controller, trajectory = loop
+    with LiveView(plant.robot, controller, trajectory, **shown) as view:
+        yield view.watch(stream)
 
 
 def _late(delay: float) -> Camera | None:

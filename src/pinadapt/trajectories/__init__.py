@@ -6,6 +6,7 @@ from .lissajous import Lissajous as Lissajous
 from .orientation import FixedOrientation as FixedOrientation
 from .orientation import Orientation as Orientation
 from .orientation import Swing as Swing
+from .pose_circle import PoseCircle as PoseCircle
 from .pose_trajectory import PoseTrajectory as PoseTrajectory
 from .sinusoid import Sinusoid as Sinusoid
 from .trajectory import Trajectory as Trajectory

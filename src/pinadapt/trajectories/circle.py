@@ -28,14 +28,22 @@ def plane_axes(plane: str, size: int) -> np.ndarray:
         raise InputError(
             f"a circle needs 2 or 3 coordinates, got {size}.", where="reference.center"
         )
-    if plane not in PLANES or (size == 2 and plane != "xy"):
+    if not isinstance(plane, str) or plane not in PLANES or (size == 2 and plane != "xy"):
         allowed = ["xy"] if size == 2 else list(PLANES)
         raise InputError(f"must be one of {allowed}, got {plane!r}.", where="reference.plane")
     return np.eye(size)[["xyz".index(axis) for axis in plane]]
 
 
 class Circle(Trajectory):
-    """x_d = center + radius (cos(w t + phase) u_1 + sin(w t + phase) u_2), w = 2 pi / period."""
+    """x_d = center + radius (cos(w t + phase) u_1 + sin(w t + phase) u_2), w = 2 pi / period.
+
+    Attributes:
+        center: (m) [m].
+        radius: [m].
+        period: of a turn [s].
+        plane: the two axes u_1, u_2.
+        phase: angle at time 0 [rad].
+    """
 
     def __init__(
         self, center: ArrayLike, radius: float, period: float, plane: str = "xy", phase: float = 0.0
@@ -45,11 +53,12 @@ class Circle(Trajectory):
         Raises:
             InputError: sizes, signs or names that cannot be.
         """
-        size = np.size(center)
-        self.center = vector(center, size, "reference.center")
+        self.center = vector(center, None, "reference.center")
+        size = self.center.size
         self.radius = positive(radius, "reference.radius")
         self.period = positive(period, "reference.period")
         self.phase = float(vector(phase, 1, "reference.phase")[0])
+        self.plane = plane
         u1, u2 = self.radius * plane_axes(plane, size)
         w = 2 * math.pi / self.period
         rest = np.zeros(size)
@@ -63,6 +72,11 @@ class Circle(Trajectory):
                 [rest, -w * w * u1, -w * w * u2],
             ]
         )
+
+    @property
+    def extent(self) -> float:
+        """The radius [m]."""
+        return self.radius
 
     def shifted(self, by: np.ndarray) -> Circle:
         """Return the circle moved by (m) [m]."""

@@ -19,8 +19,13 @@ class Hold(Trajectory):
         Raises:
             InputError: non-finite coordinates.
         """
-        self.point = vector(point, np.size(point), "reference.center")
+        self.point = vector(point, None, "reference.center")
         self._rest = np.zeros(self.point.size)
+
+    @property
+    def extent(self) -> float:
+        """Zero: it is a point."""
+        return 0.0
 
     def shifted(self, by: np.ndarray) -> Hold:
         """Return the point moved by (m) [m]."""

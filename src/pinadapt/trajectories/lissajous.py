@@ -28,8 +28,8 @@ class Lissajous(Trajectory):
         Raises:
             InputError: sizes or signs that cannot be.
         """
-        size = np.size(center)
-        self.center = vector(center, size, "reference.center")
+        self.center = vector(center, None, "reference.center")
+        size = self.center.size
         self.amplitude = vector(amplitude, size, "reference.amplitude")
         self._w = (
             2
@@ -38,6 +38,11 @@ class Lissajous(Trajectory):
             / positive(period, "reference.period")
         )
         self._phase = vector(phase, size, "reference.phase")
+
+    @property
+    def extent(self) -> float:
+        """Half the diagonal of the box that the amplitudes span [m or rad]."""
+        return float(np.linalg.norm(self.amplitude))
 
     def shifted(self, by: np.ndarray) -> Lissajous:
         """Return the figure moved by (m) [m]."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._checks import instance, vector
 from ..exceptions import InputError
 from ..records import Desired
 from .orientation import UPRIGHT, FixedOrientation, Orientation
@@ -27,7 +28,7 @@ class PoseTrajectory(Trajectory):
         Raises:
             InputError: a motion that has not three coordinates, or no unit quaternion.
         """
-        size = position.at(0.0).x_d.size
+        size = instance(position, Trajectory, "reference").at(0.0).x_d.size
         if size != 3:
             raise InputError(
                 f"a pose needs a motion of 3 coordinates, got {size}.", where="reference"
@@ -37,14 +38,19 @@ class PoseTrajectory(Trajectory):
             orientation if isinstance(orientation, Orientation) else FixedOrientation(orientation)
         )
 
+    @property
+    def extent(self) -> float | None:
+        """That of the position [m]."""
+        return self.position.extent
+
     def shifted(self, by: np.ndarray) -> PoseTrajectory:
         """Return the same motion moved by by[:3] [m] and turned by by[3:] [rad], world axes."""
-        return PoseTrajectory(self.position.shifted(by[:3]), self.orientation.turned(by[3:]))
+        return type(self)(self.position.shifted(by[:3]), self.orientation.turned(by[3:]))
 
     def starting_at(self, start: np.ndarray) -> PoseTrajectory:
         """Return the same motion moved and turned to be at the pose ``start`` (7) at time 0."""
-        start = np.asarray(start)
-        return PoseTrajectory(
+        start = vector(start, 7, "start")
+        return type(self)(
             self.position.starting_at(start[:3]), self.orientation.starting_at(start[3:])
         )
 

@@ -8,7 +8,7 @@ from copy import copy
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import vector
+from .._checks import positive, vector
 from ..exceptions import InputError
 from ..records import Desired
 from .trajectory import Trajectory
@@ -41,14 +41,22 @@ class Sinusoid(Trajectory):
         Raises:
             InputError: different sizes, numbers that are not finite, or periods not positive.
         """
-        size = max(np.size(part) for part in (center, amplitude, period, phase))
-        self.center = vector(center, size, "reference.center")
-        self.amplitude = vector(amplitude, size, "reference.amplitude")
-        periods = vector(period, size, "reference.period")
-        if not (periods > 0.0).all():
-            raise InputError(f"must be positive, got {periods.tolist()}.", where="reference.period")
-        self._w = 2.0 * math.pi / periods
-        self._phase = vector(phase, size, "reference.phase")
+        given = {"center": center, "amplitude": amplitude, "period": period, "phase": phase}
+        parts = {name: vector(part, None, f"reference.{name}") for name, part in given.items()}
+        size = max(part.size for part in parts.values())
+        for name, part in parts.items():
+            whole = float(part[0]) if part.size == 1 else part
+            parts[name] = vector(whole, size, f"reference.{name}")
+        for each in parts["period"]:
+            positive(each, "reference.period", error=InputError)
+        self.center, self.amplitude = parts["center"], parts["amplitude"]
+        self._w = 2.0 * math.pi / parts["period"]
+        self._phase = parts["phase"]
+
+    @property
+    def extent(self) -> float:
+        """Half the diagonal of the box that the amplitudes span [m or rad]."""
+        return float(np.linalg.norm(self.amplitude))
 
     def shifted(self, by: np.ndarray) -> Sinusoid:
         """Return the same motion moved by (m) [rad or m]."""

@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
+from .._checks import vector
 from ..records import Desired
 
 
@@ -20,9 +21,18 @@ class Trajectory(ABC):
     def shifted(self, by: np.ndarray) -> Trajectory:
         """Return the same motion moved by (m) [m]."""
 
+    @property
+    def extent(self) -> float | None:
+        """Radius of a circle, half the diagonal of another path [m or rad], zero for a point.
+
+        None where a motion does not say.
+        """
+        return None
+
     def starting_at(self, start: np.ndarray) -> Trajectory:
         """Return the same motion moved so that it is at ``start`` (m) [m] at time 0."""
-        return self.shifted(np.asarray(start) - self.at(0.0).x_d)
+        first = self.at(0.0).x_d
+        return self.shifted(vector(start, first.size, "start") - first)
 
     def positions(self, times: np.ndarray) -> np.ndarray:
         """Return the positions (N, m) [m] at times (N) [s]."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import positive
+from .._checks import numbers, positive
 from ..exceptions import InputError
 from ..records import Desired
 from .trajectory import Trajectory
@@ -25,17 +25,18 @@ class Waypoints(Trajectory):
             InputError: fewer than two points, ragged or non-finite ones, or a time that is not
                 positive.
         """
-        try:
-            self.points = np.array(points, dtype=float)
-        except ValueError as error:
+        self.points = numbers(points, "reference.points")
+        if self.points.ndim != 2 or len(self.points) < 2:
             raise InputError(
-                "all points need the same number of coordinates.", where="reference.points"
-            ) from error
-        if self.points.ndim != 2 or len(self.points) < 2 or not np.isfinite(self.points).all():
-            raise InputError(
-                "expected at least two points of finite coordinates.", where="reference.points"
+                "expected at least two points of the same number of coordinates.",
+                where="reference.points",
             )
         self.segment = positive(segment, "reference.segment")
+
+    @property
+    def extent(self) -> float:
+        """Half the diagonal of the box around the points [m or rad]."""
+        return float(0.5 * np.linalg.norm(np.ptp(self.points, axis=0)))
 
     def shifted(self, by: np.ndarray) -> Waypoints:
         """Return the same motion moved by (m) [m]."""

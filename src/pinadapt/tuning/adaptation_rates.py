@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -27,7 +27,6 @@ from ..models.joint_effects import without_joint_effects
 from ..models.stacked import StackedDynamics
 from ..models.typical_motion import TypicalMotion
 from ..robot.robot import Robot
-from ..robot.workspace import reach
 from .defaults import PREDICTION_RATE, gradient_shape
 from .linearised_loop import frequency, rate_for
 
@@ -161,7 +160,7 @@ def _inertial_adaptation(
         unit = Natural(1.0, cone)
         if gamma_d is None:
             gamma_d = rate_for(mode, effects, unit, unit.validate(dynamics.initial))
-        if np.ndim(gamma_d) != 0:
+        if isinstance(gamma_d, Iterable) and not isinstance(gamma_d, str):
             raise InputError("natural adaptation has one scalar gain.", where="gamma_d")
         return Natural(positive(gamma_d, "gamma_d"), cone)
     if gamma_d is None:
@@ -179,7 +178,7 @@ def _cone(
     if isinstance(dynamics, BodyDynamics):
         names = [believed.joint_names[body] for body in dynamics.bodies]
         mass = pin.computeTotalMass(believed.model) / believed.model.nv
-        cone = BodyInequality(names, least_mass=1e-3 * mass, least_radius=1e-2 * reach(believed))
+        cone = BodyInequality(names, least_mass=1e-3 * mass, least_radius=1e-2 * believed.reach)
     elif lmi is None:
         raise ParameterError(
             "natural adaptation of a user's basis needs the inequality that keeps M positive "

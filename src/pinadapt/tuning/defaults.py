@@ -21,7 +21,6 @@ import numpy as np
 
 from ..models.dynamics import Dynamics
 from ..robot.robot import Robot
-from ..robot.workspace import reach
 from .prior import prior_covariance
 
 _PUBLISHED, _REACH = 20.0, 2.2  # [rad/s], [m], of Wang and Xie's arm
@@ -35,7 +34,7 @@ PREDICTION_RATE = 0.125
 
 def bandwidth(robot: Robot, dt: float) -> float:
     """Return the default bandwidth w [rad/s] for a believed robot at sampling period dt [s]."""
-    return min(_PUBLISHED * (_REACH / max(reach(robot), _LEAST_REACH)) ** 0.5, _LARGEST_STEP / dt)
+    return min(_PUBLISHED * (_REACH / max(robot.reach, _LEAST_REACH)) ** 0.5, _LARGEST_STEP / dt)
 
 
 def gradient_shape(robot: Robot, dynamics: Dynamics, effects: Sequence[np.ndarray]) -> np.ndarray:

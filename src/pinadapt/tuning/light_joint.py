@@ -16,7 +16,7 @@ import pinocchio as pin
 from ..laws.acceleration_law import AccelerationLaw
 from ..laws.law import Law
 from ..models.typical_motion import TypicalMotion
-from ..robot.workspace import reach, rounded_down
+from ..robot.workspace import rounded_down
 
 _LOAD, _ARM = 0.1, 0.05  # of the robot's mass, of its reach off the axis: such a load ...
 _ANGLE = 0.25  # [rad] ... turns no joint further than this against its position feedback
@@ -66,7 +66,7 @@ def lightest_joint(motion: TypicalMotion, law: Law) -> LightJoint | None:
     model, n = believed.model, believed.model.nv
     if not isinstance(law, AccelerationLaw) or not law.adapts or n - 1 not in dynamics.bodies:
         return None
-    rows, arm = believed.task.groups[0].rows, _ARM * reach(believed)
+    rows, arm = believed.task.groups[0].rows, _ARM * believed.reach
     stiffness, data = float(np.linalg.eigvalsh(law.K_P[rows, rows])[0]), model.createData()
     angles, inertias = [], []  # (N, n) per kilogram of load, and M_jj
     for q, M in zip(motion.states.q, motion.mass_matrices, strict=True):

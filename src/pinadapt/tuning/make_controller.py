@@ -9,7 +9,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from .._checks import positive
+from .._checks import arithmetic, flag, instance, positive
 from ..adaptation.adaptation import Adaptation
 from ..adaptation.leak import Leak
 from ..adaptation.matrix_inequality import MatrixInequality
@@ -28,7 +28,6 @@ from ..records import Measurement
 from ..robot.changes import Payload
 from ..robot.gravity import Compensation, compensation_of
 from ..robot.robot import Robot
-from ..robot.workspace import reach
 from ..sensing import Camera, SensorQuality
 from ..tasks.joint import JointTask
 from .adaptation_rates import (
@@ -42,10 +41,12 @@ from .light_joint import lightest_joint
 from .preflight import stable_share_of_adaptation, stable_share_of_feedback
 from .remedies import Remedies, remedies, sensor_quality
 from .unknowns import Words, believed_dynamics, believed_kinematics, lumped_lengths
+from .unused_gains import warn_of_unused_gains
 
 RATES = ("gamma_d", "gamma_joint", "gamma_k")
 
 
+@arithmetic("gains")
 def make_controller(
     believed: Robot,
     *,
@@ -122,7 +123,8 @@ def make_controller(
         InputError: an unknown name, a gain that breaks a hypothesis, or parameters that cannot be
             used.
     """
-    belief = Belief(believed.undrawn(), payload)
+    belief = _belief(believed, payload, carry=carry, watch=watch)
+    dt = positive(dt, "dt")
     believed = belief.robot(payload)
     chosen = _law_type(law, believed)
     kinematics = believed_kinematics(believed, kinematic, chosen)
@@ -130,15 +132,14 @@ def make_controller(
     lengths = lumped_lengths(kinematics, regressor, kind, chosen, basis)
     joint = chosen.joint_effects if joint is None else joint
     dynamics = believed_dynamics(believed, dynamic, joint, basis, lmi, lengths)
-    motion = TypicalMotion(believed, kinematics, dynamics, bandwidth(believed, positive(dt, "dt")))
+    motion = TypicalMotion(believed, kinematics, dynamics, bandwidth(believed, dt))
     tuned, share = _tuned(law, motion, dt, gains)
     w = share * motion.bandwidth
     quality = sensor_quality(believed, dt, camera, noise, encoder)
-    needed = remedies(quality, w, reach(believed))
+    needed = remedies(quality, w, believed.reach)
     if isinstance(law, str):
         tuned = tuned.decorrelated(needed.decorrelation)
-    if kind != "none" and (light := lightest_joint(motion, tuned)):
-        warnings.warn(str(light), stacklevel=2)
+    _warn(tuned, kind, motion, {**gains, **rates})
     box = make_box(believed, kinematics, kinematic_box)
     adaptation_k = kinematic_adaptation(
         kind, tuned, motion, w, rates["gamma_k"], box, needed.kinematic
@@ -172,6 +173,26 @@ def make_controller(
         share = stable_share_of_adaptation(controller, dt)
         controller.adaptation_d = adaptation_d(share) if share < 1.0 else controller.adaptation_d
     return controller
+
+
+def _belief(believed: Any, payload: Any, **flags: Any) -> Belief:
+    """Return the belief in a robot and its load, once it is clear that they and flags are such.
+
+    Raises:
+        InputError: one of them is not.
+    """
+    instance(believed, Robot, "believed")
+    instance(payload, Payload | None, "payload")
+    for name, value in flags.items():
+        flag(value, name)
+    return Belief(believed.undrawn(), payload)
+
+
+def _warn(law: Law, kind: str, motion: TypicalMotion, gains: Mapping[str, Any]) -> None:
+    """Tell of gains that nothing uses, and of a joint too light for the law."""
+    warn_of_unused_gains(law, kind, motion.kinematics, motion.dynamics, gains)
+    if kind != "none" and (light := lightest_joint(motion, law)):
+        warnings.warn(str(light), stacklevel=4)
 
 
 def _senses(guards: Guards, needed: Remedies, carry: bool, quality: SensorQuality) -> Senses:

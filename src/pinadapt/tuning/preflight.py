@@ -17,6 +17,7 @@ from itertools import cycle
 
 import numpy as np
 
+from .._checks import arithmetic, instance, positive
 from ..controller.controller import Controller
 from ..laws.feedback import Feedback
 from ..models.typical_motion import TypicalMotion
@@ -71,14 +72,19 @@ def _bound(factor: float) -> str:
 Radius = Callable[..., float]  # of dt [s] and factor, both by name
 
 
+@arithmetic("dt")
 def preflight(controller: Controller, dt: float) -> list[Finding]:
     """Return what is too fast for the sampling period dt [s]; an empty list is a go.
 
     A controller put together by hand, without the typical motion that ``make_controller`` gives it,
     is not checked. Where the feedback's damping alone is too fast for dt, no rate of adaptation is
     to blame and the feedback alone is told.
+
+    Raises:
+        InputError: no controller, or a period that is not positive.
     """
-    findings = []
+    instance(controller, Controller, "controller")
+    dt, findings = positive(dt, "dt"), []
     for part, gains, radius in _parts(controller):
         helps = radius(dt=dt, factor=0.0) <= _UNSTABLE
         if radius(dt=dt, factor=1.0) > _UNSTABLE and (helps or part == _FEEDBACK):

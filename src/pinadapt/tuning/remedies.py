@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import positive, vector
+from .._checks import mapping, positive, vector
 from ..exceptions import InputError, did_you_mean
 from ..records import Measurement
 from ..robot.robot import Robot
@@ -73,7 +73,7 @@ def sensor_quality(
     Raises:
         InputError: unknown words, or numbers that cannot be.
     """
-    given = (noise or {}) if noise is None or isinstance(noise, Mapping) else seen_noise(noise)
+    given = seen_noise(noise) if isinstance(noise, list | tuple) else mapping(noise, "noise")
     for name in given:
         if name not in CHANNELS:
             raise InputError(

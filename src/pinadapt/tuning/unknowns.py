@@ -7,8 +7,9 @@ from collections.abc import Sequence
 
 from numpy.typing import ArrayLike
 
+from .._checks import word
 from ..adaptation.matrix_inequality import MatrixInequality
-from ..exceptions import InputError, ParameterError, did_you_mean
+from ..exceptions import ParameterError
 from ..laws.law import Law
 from ..models.basis import BasisDynamics
 from ..models.bodies import BodyDynamics
@@ -99,12 +100,7 @@ def lumped_lengths(
     Raises:
         InputError: an unknown regressor, or an adaptation that does not apply to lumped parameters.
     """
-    if regressor not in REGRESSORS:
-        raise InputError(
-            f"must be one of {list(REGRESSORS)}, got '{regressor}'."
-            f"{did_you_mean(regressor, REGRESSORS)}",
-            where="unknown.regressor",
-        )
+    word(regressor, REGRESSORS, "unknown.regressor")
     lengths = [part for part in kinematics.translations if part.joint not in (None, FIRST)]
     names = [part.name for part in lengths]
     if not lengths or kind == "none" or basis is not None:
@@ -114,7 +110,7 @@ def lumped_lengths(
             f"the placements of {names} are unknown, but the nominal regressor contains them at "
             "their believed values: the proof does not cover this closed loop. "
             'regressor = "exact" does.',
-            stacklevel=3,
+            stacklevel=4,
         )
         return []
     if kind == "natural":
@@ -131,6 +127,6 @@ def lumped_lengths(
         warnings.warn(
             f"the law '{law.name}' inverts M_hat, which plain gradient adaptation does not keep "
             'positive definite; adaptation = "projected" does.',
-            stacklevel=3,
+            stacklevel=4,
         )
     return lengths

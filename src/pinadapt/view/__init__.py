@@ -1,3 +1,5 @@
-"""Pictures that move: a rollout as a web page."""
+"""Pictures that move: a rollout as a web page, a run watched live."""
 
-from .animation import write_animation as write_animation
+from .animation import Animation as Animation
+from .animation import animation_of as animation_of
+from .live import LiveView as LiveView

@@ -9,8 +9,10 @@ import pinocchio as pin
 
 from ..models.task_kinematics import TaskKinematics
 from ..models.translations import PlacedTranslations
+from ..robot.chain import configuration_from_angles
 from ..robot.robot import Robot
 from ..robot.succession import Succession
+from ..tasks.task import FrameTask
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,3 +86,18 @@ def motion_in_time(robots: Succession, t: np.ndarray, q: np.ndarray) -> Motion:
     parts = zip(*((motion.joints, motion.origins, motion.tool) for motion in motions), strict=True)
     joints, origins, tool = (np.concatenate(part) for part in parts)
     return replace(motions[0], joints=joints, origins=origins, tool=tool)
+
+
+def desired_tip(true: Robot, x_d: np.ndarray, tip: np.ndarray) -> np.ndarray:
+    """Return where the tool should be (L, 3) [m] at x_d (L, .); coordinates off the task as in tip.
+
+    Args:
+        true: the robot whose task x_d belongs to.
+        x_d: (L, .) desired coordinates.
+        tip: (L, 3) or (3) where the tool is [m].
+    """
+    if isinstance(true.task, FrameTask):
+        path = np.array(np.broadcast_to(tip, (len(x_d), 3)))
+        path[:, true.task.place] = x_d[:, : true.task.positions]
+        return path
+    return motion_of(true, np.array([configuration_from_angles(true.model, x) for x in x_d])).tip

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from meshcat.geometry import MeshLambertMaterial, TriangularMeshGeometry
 
-TRUE, BELIEVED, DESIRED, BONES = 0xD62728, 0x1F6FE0, 0x1A9641, 0x5A6472
+# From the palette of Okabe and Ito, which colour-blind readers tell apart.
+TRUE, BELIEVED, DESIRED, LOAD, BONES = 0xD55E00, 0x0072B2, 0x009E73, 0xE69F00, 0x5A6472
 _SIDES = 8  # of a tube
 
 

@@ -12,8 +12,7 @@ from ..models.joint_effects import typical_coefficients
 from ..robot.changes import Payload
 from ..robot.effort_limits import effort_limits
 from ..robot.robot import Robot, load
-from ..robot.workspace import WorkspaceCircle, reach, reachable_circle
-from ..trajectories.circle import Circle
+from ..robot.workspace import WorkspaceCircle, find_circle
 from ..trajectories.orientation import Swing
 from ..trajectories.pose_trajectory import PoseTrajectory
 from ..trajectories.trajectory import Trajectory
@@ -90,7 +89,7 @@ def zoo_case(name: str, seed: int = 0, task: str | None = None) -> ZooCase:
     """
     robot = load(name, task=task)
     rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
-    found = reachable_circle(robot, tool_error=TOOL_ERROR)
+    found = find_circle(robot, tool_error=TOOL_ERROR)
     tool = _tool(robot, rng)
     bodies = [inertia.mass for inertia in robot.model.inertias[1:]]
     _, viscous, coulomb = (
@@ -121,10 +120,8 @@ def _motion(robot: Robot, found: WorkspaceCircle, rng: np.random.Generator) -> T
 
     In a pose task the tool swings once a turn about a random axis.
     """
-    size = robot.task.positions
-    plane = found.plane if size == 3 else "xy"
-    motion: Trajectory = Circle(np.zeros(size), found.radius, found.period, plane, found.phase)
-    if robot.task.size > size:
+    motion: Trajectory = found.motion(robot.task.positions)
+    if robot.task.size > robot.task.positions:
         motion = PoseTrajectory(motion, Swing(rng.standard_normal(3), SWING, found.period))
     return motion.starting_at(robot.position(robot.q0))
 
@@ -137,5 +134,5 @@ def _tool(robot: Robot, rng: np.random.Generator) -> np.ndarray:
     m = robot.task.positions
     direction = np.zeros(3)
     direction[["xyz".index(label) for label in robot.task.labels[:m]]] = rng.standard_normal(m)
-    direction *= TOOL_ERROR * reach(robot) / np.linalg.norm(direction)
+    direction *= TOOL_ERROR * robot.reach / np.linalg.norm(direction)
     return np.asarray(robot.placement(robot.q0).rotation.T @ direction)

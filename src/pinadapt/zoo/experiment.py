@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Generator, Sequence
+from concurrent.futures import as_completed
 from dataclasses import dataclass
-from multiprocessing import get_context
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from ..simulation.simulate import simulate
 from ..tuning.make_controller import make_controller
 from .case import PERIOD, ZooCase, zoo_case
 from .verdict import last_angle, last_error, verdict
+from .workers import deaf, workers
 
 POSITION, POSE = "position", "pose"
 _LEAST_JOINTS = 6  # of a chain that controls a pose
@@ -104,7 +104,7 @@ def run_zoo(
     seed: int = 0,
     processes: int | None = None,
     task: str = POSITION,
-) -> Iterator[ZooRow]:
+) -> Generator[ZooRow, None, None]:
     """Run many chains over processes and yield their rows as they come.
 
     Those with most joints start first, so that no process is left alone with a long one.
@@ -122,8 +122,9 @@ def run_zoo(
     longest_first = sorted(names, key=lambda name: -catalogue_entry(name).joints)
     for variable in _THREADS:  # small matrices gain nothing from threads
         os.environ.setdefault(variable, "1")
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-        futures = {pool.submit(zoo_row, name, law, seed, task): name for name in longest_first}
+    with workers(processes) as pool:
+        with deaf():
+            futures = {pool.submit(zoo_row, name, law, seed, task): name for name in longest_first}
         for future in as_completed(futures):
             error = future.exception()
             yield (
@@ -153,5 +154,6 @@ def _run(case: ZooCase, controller: Controller, duration: float) -> Rollout:
         duration=duration,
         dt=PERIOD,
         record_every=_RECORD_EVERY,
+        progress=False,
         torque_limits=case.bears_itself,
     )

@@ -11,10 +11,10 @@ from ..laws.law import Law
 from ..laws.separation import Separation
 from ..rollout.report import extreme
 from ..rollout.rollout import Rollout
+from ..rollout.verdict import ACCURATE, BETTER
 from ..tuning.light_joint import lightest_joint
 from .case import PERIOD, SWING, ZooCase
 
-BETTER, ACCURATE = 0.2, 0.02  # of the unadapted error; of the circle's radius, or of the swing
 CONVERGED = "converged"
 _SINGULAR = 0.2  # of the first smallest singular value
 

@@ -1,0 +1,180 @@
+"""The README's lines on descriptions that nobody here has tuned anything for.
+
+``python -m benchmarks.strangers PATH... [--camera] [--duration S] [--unadapted] [--processes N]``
+takes descriptions and folders of them, changes nothing but the path, and prints a table: a tool of
+5 % of the reach and a load of 5 % of the mass are not told, every inertia is believed 30 % too
+small, the motion is the circle that the library chooses, for four turns. With ``--camera`` the
+position comes, as in the README, from one of 30 Hz that is 60 ms late. Errors are the largest of
+the last tenth of the run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import warnings
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+from texttable import Texttable
+
+import pinadapt as pa
+
+TOOL = np.array([0.02, -0.02, 0.04])  # of the reach, in the frame's axes
+LOAD, INERTIAS = 0.05, 0.7  # of the mass; factor on what is believed
+TURNS = 4.0
+CAMERA = {"rate": 30.0, "delay": 0.06}
+SUFFIXES = (".urdf",)
+
+
+@dataclass(frozen=True)
+class Row:
+    """What came out for one description; None where nothing did.
+
+    Attributes:
+        name: of the file.
+        frame: that was chosen.
+        joints: number of joints.
+        radius, period: of the circle [m], [s].
+        error, unadapted: largest in the last tenth of the run [m].
+        lost: when the loop diverged [s].
+        message: why nothing ran, or why it ended.
+    """
+
+    name: str
+    frame: str = ""
+    joints: int | None = None
+    radius: float | None = None
+    period: float | None = None
+    error: float | None = None
+    unadapted: float | None = None
+    lost: float | None = None
+    message: str = ""
+
+    @property
+    def share(self) -> float | None:
+        """The error in parts of the radius."""
+        return None if self.error is None or self.radius is None else self.error / self.radius
+
+
+def stranger(path: Path, duration: float | None, camera: bool, unadapted: bool) -> Row:
+    """Run the README's lines on one description; whatever fails is told in the row."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of bodies that are not physical, for example
+        try:
+            return _run(path, duration, camera, unadapted)
+        except pa.PinadaptError as error:
+            return Row(path.stem, message=f"refused: {error}")
+        except Exception as error:  # a table is to be complete, whatever a library throws
+            return Row(path.stem, message=f"FAILED: {error!r}")
+
+
+def _run(path: Path, duration: float | None, camera: bool, unadapted: bool) -> Row:
+    robot = pa.load(path)
+    circle = pa.reachable_circle(robot)
+    duration = duration or TURNS * circle.period
+    tool = robot.reach * TOOL
+    load = pa.Payload(mass=LOAD * robot.mass, com=tool)
+    true = robot.changed(tool_translation=tool, payload=load)
+    believed = robot.changed(inertial_scale=INERTIAS)
+    row = Row(path.stem, robot.frame, robot.model.nv, circle.radius, circle.period)
+    motion = circle.starting_at(true.position(true.q0))
+    seen = {"camera": CAMERA} if camera else {}
+
+    def run(adaptation: str) -> tuple[pa.Rollout, float | None]:
+        controller = pa.make_controller(
+            believed, kinematic=["tool"], dynamic="all", adaptation=adaptation
+        )
+        rollout = pa.simulate(true, controller, motion, duration=duration, record_every=10, **seen)
+        lost = rollout.diverged is not None
+        last = rollout.distance[rollout.t > 0.9 * duration]
+        return rollout, None if lost else float(last.max())
+
+    rollout, error = run("natural")
+    without = run("none")[1] if unadapted else None
+    return replace(
+        row,
+        error=error,
+        unadapted=without,
+        lost=rollout.diverged,
+        message=str(rollout.reason or ""),
+    )
+
+
+def descriptions(paths: Sequence[Path]) -> Iterator[Path]:
+    """Yield the descriptions among paths, and those below the folders among them."""
+    for path in paths:
+        if path.is_dir():
+            yield from sorted(file for file in path.rglob("*") if file.suffix in SUFFIXES)
+        else:
+            yield path
+
+
+def table(rows: Sequence[Row]) -> str:
+    """Return rows as text, with the median and the worst of those that ran."""
+    text = Texttable(max_width=200)
+    text.set_deco(Texttable.HEADER)
+    text.set_cols_dtype(["t"] * 9)
+    text.set_cols_align(["l", "l", *"rrrrrr", "l"])
+    text.header(
+        [
+            "robot",
+            "frame",
+            "joints",
+            "radius [m]",
+            "error [mm]",
+            "[% of radius]",
+            "unadapted [mm]",
+            "lost [s]",
+            "message",
+        ]
+    )
+    for row in rows:
+        text.add_row(
+            [
+                row.name,
+                row.frame,
+                _number(row.joints, 1, "d"),
+                _number(row.radius, 1),
+                _number(row.error, 1e3),
+                _number(row.share, 1e2),
+                _number(row.unadapted, 1e3),
+                _number(row.lost, 1),
+                row.message,
+            ]
+        )
+    shares = [row.share for row in rows if row.share is not None]
+    ran = [row for row in rows if row.radius is not None]
+    summary = f"{len(ran)} of {len(rows)} ran, {len(ran) - len(shares)} of them lost"
+    if shares:
+        summary += f"; median {100 * np.median(shares):.2g} %, worst {100 * max(shares):.2g} %"
+    return f"{text.draw()}\n{summary}"
+
+
+def _number(value: float | None, unit: float, form: str = ".3g") -> str:
+    return "" if value is None else f"{value * unit:{form}}"
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("paths", type=Path, nargs="+", metavar="PATH")
+    parser.add_argument("--camera", action="store_true")
+    parser.add_argument("--unadapted", action="store_true", help="run each without adaptation, too")
+    parser.add_argument("--duration", type=float, help="of the motion, else four turns [s]")
+    parser.add_argument("--processes", type=int)
+    options = parser.parse_args()
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    settings = options.duration, options.camera, options.unadapted
+    with ProcessPoolExecutor(options.processes, mp_context=get_context("spawn")) as pool:
+        coming = [pool.submit(stranger, path, *settings) for path in descriptions(options.paths)]
+        rows = [future.result() for future in coming]
+    print(table(rows))
+
+
+if __name__ == "__main__":
+    main()

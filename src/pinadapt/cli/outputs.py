@@ -1,0 +1,84 @@
+"""The files of a run: of one run only, whole, and somewhere even where the disk is full."""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+from .._files import check_writable, one_run
+from ..exceptions import Interrupted
+from ..rollout.rollout import Rollout
+from ..scenario.scenario import Scenario
+from .progress import steps_bar
+
+RUN_FILES = (
+    "rollout.npz",
+    "error.png",
+    "parameters.png",
+    "torque.png",
+    "animation.html",
+    "summary.json",
+)
+
+
+def check_place(folder: Path) -> Path:
+    """Return a folder in which the files of a run can be written.
+
+    Raises:
+        InputError: they cannot.
+    """
+    check_writable(folder, RUN_FILES)
+    return folder
+
+
+def run_scenario(scenario: Scenario, *, live: bool = False) -> Rollout:
+    """Return the rollout of a scenario, as far as it ran where it was interrupted."""
+    try:
+        return scenario.run(view=live)
+    except Interrupted as stop:
+        print(f"pinadapt: {stop}; what ran is written.", file=sys.stderr)
+        return stop.rollout
+
+
+def write_run(rollout: Rollout, folder: Path, *, html: bool) -> None:
+    """Let the files of a run take the place of those of an earlier one, the animation if asked for.
+
+    Raises:
+        OSError: some could not be written; its message says which folder has the others.
+    """
+    steps: list[Callable[[Path], object]] = [
+        rollout.save,
+        rollout.plot,
+        *([partial(_animate, rollout)] if html else []),
+    ]
+    saved = False
+    try:
+        with one_run(folder, RUN_FILES) as beside:
+            try:
+                for step in steps_bar(steps, f"{rollout.title}: outputs"):
+                    step(beside)
+            finally:
+                saved = (beside / RUN_FILES[0]).is_file()
+    except OSError as error:
+        place = folder if saved else _rescued(rollout)
+        raise OSError(
+            f"{folder}: not all could be written: {error.strerror or error}. "
+            + (f"The rollout is in {place}." if place else "The rollout is lost.")
+        ) from error
+
+
+def _animate(rollout: Rollout, folder: Path) -> None:
+    rollout.animate().save(folder / "animation.html")
+
+
+def _rescued(rollout: Rollout) -> Path | None:
+    """Save a rollout where temporary files go and return the folder, or None if that fails too."""
+    try:
+        folder = Path(tempfile.mkdtemp(prefix="pinadapt-"))
+        rollout.save(folder)
+    except OSError:
+        return None
+    return folder

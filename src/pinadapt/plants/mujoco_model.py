@@ -1,0 +1,200 @@
+"""A robot's chain as a MuJoCo model: the same joints, bodies, inertias, friction and stops."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ..exceptions import InputError
+from ..robot.position_limits import position_limits
+from ..robot.robot import Robot
+
+if TYPE_CHECKING:
+    import mujoco
+
+# MuJoCo's constraints are springs and dampers: time constant [s] and damping ratio, and the share
+# of the ideal force that they give. These stop a joint within about a milliradian or millimetre
+# at 1 rad/s or m/s.
+STIFF = [0.004, 1.0]
+HARD = [0.99, 0.999, 0.001, 0.5, 2.0]
+
+# MuJoCo takes short cuts with what is compiled at the origin or in the axes of its body, and with
+# sites at its centre of mass; [m] and quaternions wxyz that are none of these.
+_MASS = {"ipos": [0.1, 0.2, 0.3], "iquat": [0.5, 0.5, 0.5, 0.5]}
+_SITE = {"pos": [0.3, 0.1, 0.2], "quat": [0.5, -0.5, 0.5, 0.5]}
+
+_FASTEST = 0.002  # [s]; MuJoCo takes no time constant below two of its steps
+_SOFTEST = 0.1  # share of the ideal force
+
+
+class MujocoChain(NamedTuple):
+    """Where a robot's chain is found in a MuJoCo model.
+
+    Attributes:
+        model: the ``mujoco.MjModel``.
+        joints: ids of the chain's joints, in the robot's order.
+        site: id of the site that is the task frame.
+        base: id of the body in whose axes the task coordinates are, 0 for the world.
+    """
+
+    model: mujoco.MjModel
+    joints: tuple[int, ...]
+    site: int
+    base: int
+
+    def at(self, angles: np.ndarray) -> mujoco.MjData:
+        """Return new data with the chain at these joint positions (nv), its bodies placed."""
+        mj = mujoco_module()
+        data = mj.MjData(self.model)
+        data.qpos[self.model.jnt_qposadr[list(self.joints)]] = angles
+        mj.mj_kinematics(self.model, data)
+        return data
+
+    def placement(self, data: mujoco.MjData) -> pin.SE3:
+        """Return the task frame's placement in the base."""
+        frame = pin.SE3(data.site_xmat[self.site].reshape(3, 3), data.site_xpos[self.site])
+        if not self.base:
+            return frame
+        return self._stand(data).actInv(frame)
+
+    def velocity(self, data: mujoco.MjData) -> pin.Motion:
+        """Return the task frame's velocity, of its origin, in the axes of the base."""
+        mj, twist = mujoco_module(), np.empty(6)
+        kind = mj.mjtObj.mjOBJ_SITE
+        mj.mj_objectVelocity(self.model, data, kind, self.site, twist, 0)
+        if self.base:
+            turn = self._stand(data).rotation.T
+            return pin.Motion(turn @ twist[3:], turn @ twist[:3])
+        return pin.Motion(twist[3:], twist[:3])
+
+    def _stand(self, data: mujoco.MjData) -> pin.SE3:
+        return pin.SE3(data.xmat[self.base].reshape(3, 3), data.xpos[self.base])
+
+
+def mujoco_module() -> ModuleType:
+    """Return MuJoCo, imported when it is first needed.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    try:
+        import mujoco
+    except ImportError as error:
+        raise InputError(
+            "MuJoCo is not installed.",
+            where="engine",
+            hint='Install it by: pip install "pinadapt[mujoco]"',
+        ) from error
+    return mujoco
+
+
+def chain_of(robot: Robot, draw: Callable[[Any, Any, Robot], None] | None = None) -> MujocoChain:
+    """Return a model with a body and a joint for each joint of a robot, and its frame as a site.
+
+    Names are those of the description. Nothing collides, and there are no actuators. The numbers
+    come later, by ``write_robot``. What the robot looks like is up to ``draw``.
+    """
+    mj, chain = mujoco_module(), robot.model
+    spec = mj.MjSpec()
+    spec.modelname, spec.compiler.degree = robot.name, False
+    bodies = [spec.worldbody]
+    for i, (axis, slides) in enumerate(joint_axes(robot), start=1):
+        name = str(chain.names[i])
+        body = bodies[chain.parents[i]].add_body(
+            name=name, mass=1.0, inertia=[1.0] * 3, explicitinertial=True, **_MASS
+        )
+        body.add_joint(
+            name=name,
+            type=mj.mjtJoint.mjJNT_SLIDE if slides else mj.mjtJoint.mjJNT_HINGE,
+            axis=axis,
+            **_stops(robot, chain.joints[i].idx_v),
+        )
+        bodies.append(body)
+    carrier = bodies[chain.frames[robot.frame_id].parentJoint]
+    if draw is not None:
+        draw(spec, bodies, robot)
+    carrier.add_site(name=robot.frame, **_SITE)
+    return MujocoChain(spec.compile(), tuple(range(chain.nv)), 0, 0)
+
+
+def _stops(robot: Robot, joint: int) -> dict[str, Any]:
+    """Return the stops of a joint as MuJoCo names them; none where the description has none."""
+    lower, upper = (bounds[joint] for bounds in position_limits(robot.model))
+    if not np.isfinite([lower, upper]).all():
+        return {"limited": False}
+    limits = [float(lower), float(upper)]
+    return {"limited": True, "range": limits, "solref_limit": STIFF, "solimp_limit": HARD}
+
+
+def write_robot(model: mujoco.MjModel, robot: Robot) -> None:
+    """Write a robot's lengths, inertias, friction, rotors and gravity into the model of its chain.
+
+    The compiled model takes what the compiler would refuse: bodies without mass between others, and
+    inertias that no body has, as many descriptions do.
+    """
+    mj, chain = mujoco_module(), robot.model
+    for i in range(1, chain.njoints):
+        write_place(chain.jointPlacements[i], model.body_pos[i], model.body_quat[i])
+        body = chain.inertias[i]
+        moments, axes = np.linalg.eigh(body.inertia)
+        if np.linalg.det(axes) < 0.0:
+            axes[:, 0] *= -1.0
+        write_place(pin.SE3(axes, body.lever), model.body_ipos[i], model.body_iquat[i])
+        model.body_mass[i], model.body_inertia[i] = body.mass, moments
+    frame = chain.frames[robot.frame_id]
+    write_place(frame.placement, model.site_pos[0], model.site_quat[0])
+    model.dof_armature[:] = chain.armature
+    model.dof_damping[:] = robot.friction.viscous
+    model.dof_frictionloss[:] = robot.friction.coulomb
+    model.opt.gravity[:] = chain.gravity.linear
+    mj.mj_setConst(model, mj.MjData(model))
+    _soften(model, robot)
+
+
+def _soften(model: mujoco.MjModel, robot: Robot) -> None:
+    """Let Coulomb friction grow with the speed as that of ``Friction`` does, before it is full.
+
+    Below its bound f, MuJoCo's friction of a joint that moves steadily is b v / R, with
+    b = 2 / (d T), R = A (1 - d) / d, A the joint's inverse inertia, T the time constant and d the
+    share of the ideal force. It is to be f v / threshold, so T (1 - d) = 2 threshold / (A f).
+    """
+    friction = robot.friction
+    for i in np.flatnonzero(friction.coulomb):
+        product = 2.0 * friction.threshold / (model.dof_invweight0[i] * friction.coulomb[i])
+        constant = max(_FASTEST, product / (1.0 - _SOFTEST))
+        share = 1.0 - product / constant
+        model.dof_solref[i] = [constant, 1.0]
+        model.dof_solimp[i, :2] = share
+
+
+def joint_axes(robot: Robot, q: np.ndarray | None = None) -> list[tuple[np.ndarray, bool]]:
+    """Return each joint's axis (3) and whether it slides.
+
+    The axes are in the joints' own frames, or at a configuration q (nq) in world axes.
+    """
+    model, data = robot.model, robot.model.createData()
+    where = pin.LOCAL if q is None else pin.LOCAL_WORLD_ALIGNED
+    pin.computeJointJacobians(model, data, pin.neutral(model) if q is None else q)
+    axes = []
+    for i in range(1, model.njoints):
+        column = pin.getJointJacobian(model, data, i, where)[:, model.joints[i].idx_v]
+        slides = bool(np.linalg.norm(column[:3]) > 0.5)
+        axes.append((column[:3] if slides else column[3:], slides))
+    return axes
+
+
+def fastest_decay(robot: Robot) -> float:
+    """Return the largest rate [1/s] at which viscous friction stops a motion at home."""
+    M = pin.crba(robot.model, robot.model.createData(), robot.q0)
+    rates = np.linalg.eigvals(np.linalg.solve(M, np.diag(robot.friction.viscous)))
+    return float(np.abs(rates).max())
+
+
+def write_place(placement: pin.SE3, pos: np.ndarray, quat: np.ndarray) -> None:
+    """Write a placement into a position (3) and a quaternion wxyz (4)."""
+    pos[:] = placement.translation
+    mujoco_module().mju_mat2Quat(quat, placement.rotation.flatten())

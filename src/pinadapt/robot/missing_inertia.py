@@ -1,0 +1,189 @@
+"""Inertias for bodies that are described without: solids of one density, or rods.
+
+A body is all that moves with one joint. Where the description gives it no mass, it gets the volume
+of its collision shapes, else of its visual ones: boxes, cylinders, spheres, capsules and closed
+meshes as they are; where neither are all such, the convex hulls of meshes. A body without shapes is
+a rod from its joint to the furthest point where something is fixed to it, or a ball where that is
+no length. What the
+robot weighs, less what is described, is spread over all of it with one density, so every inertia is
+that of a solid and physically consistent.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from .._checks import positive
+from ..exceptions import RobotError
+from .chain import links_of, massless_joints
+
+_SLENDER = 0.05  # radius of rods and balls in parts of the longest rod
+_LEAST = 0.1  # [m] taken for the longest rod where there is none
+
+
+def with_inertias(
+    model: pin.Model,
+    geometry: Callable[[pin.GeometryType], pin.GeometryModel | None],
+    mass: float,
+    name: str,
+) -> pin.Model:
+    """Return a copy in which all bodies have inertia and the whole robot weighs ``mass`` [kg].
+
+    The base weighs too: where it is described without mass, its shapes get their share, which
+    moves nothing. One warning tells what was given.
+
+    Raises:
+        RobotError: a mass that is not positive and finite, or is no more than what is described;
+            or no body lacks one.
+    """
+    lacking = massless_joints(model)
+    described = sum(body.mass for body in model.inertias)
+    _check(mass, described, lacking, name)
+    base = [0] if model.inertias[0].mass <= 0.0 else []
+    solids = _solids(model, geometry, [*base, *lacking])
+    rods = _rods(model, [joint for joint in lacking if joint not in solids])
+    density = (mass - described) / sum(s.mass for s in [*solids.values(), *rods.values()])
+    model = model.copy()
+    for joint, solid in {**solids, **rods}.items():
+        heavy = pin.Inertia(density * solid.mass, solid.lever, density * solid.inertia)
+        if joint > 0:
+            model.inertias[joint] = heavy
+    warnings.warn(_told(model, solids, rods, mass - described, density, name), stacklevel=3)
+    return model
+
+
+def _check(mass: float, described: float, lacking: Sequence[int], name: str) -> None:
+    positive(mass, "mass", error=RobotError)
+    if not lacking:
+        raise RobotError(
+            f"every body of '{name}' is described with its mass, {described:.4g} kg in all.",
+            where="mass",
+            hint="Leave mass out; inertial_scale changes described masses.",
+        )
+    if mass <= described:
+        raise RobotError(
+            f"{mass:g} kg is the whole robot's, of which {described:.4g} kg are described already; "
+            "nothing is left for the bodies without.",
+            where="mass",
+        )
+
+
+def _told(
+    model: pin.Model,
+    solids: dict[int, pin.Inertia],
+    rods: dict[int, pin.Inertia],
+    spread: float,
+    density: float,
+    name: str,
+) -> str:
+    """Return what was given to which body."""
+
+    def each(joints: dict[int, pin.Inertia]) -> str:
+        return ", ".join(
+            f"{links_of(model, i)[0]} {density * solid.mass:.3g}" for i, solid in joints.items()
+        )
+
+    parts = [f"{spread:.4g} kg spread over bodies that are described without inertia [kg]"]
+    parts += [f"as the solids of their shapes {each(solids)}"] if solids else []
+    parts += [f"as rods or balls, for they have no shape, {each(rods)}"] if rods else []
+    return f"{name}: {'; '.join(parts)}."
+
+
+def _solids(
+    model: pin.Model,
+    geometry: Callable[[pin.GeometryType], pin.GeometryModel | None],
+    joints: Sequence[int],
+) -> dict[int, pin.Inertia]:
+    """Return the bodies of joints as solids of 1 kg/m^3, those that have a shape with a volume."""
+    found: dict[int, pin.Inertia] = {}
+    read = [geometry(pin.GeometryType.COLLISION), geometry(pin.GeometryType.VISUAL)]
+    for solid, wanted in ((_as_it_is, all), (_hull, any)):
+        for things in [shapes.geometryObjects for shapes in read if shapes is not None]:
+            for joint in [joint for joint in joints if joint not in found]:
+                mine = [thing for thing in things if thing.parentJoint == joint]
+                parts = [(thing.placement, solid(thing.geometry)) for thing in mine]
+                placed = [placement.act(part) for placement, part in parts if part is not None]
+                if placed and wanted(part is not None for _, part in parts):
+                    found[joint] = sum(placed[1:], placed[0])
+    return found
+
+
+def _as_it_is(shape: coal.CollisionGeometry) -> pin.Inertia | None:
+    """Return a shape as a solid of 1 kg/m^3, or None: a mesh that is open, flat or inside out."""
+    if isinstance(shape, coal.BVHModelBase) and not _is_closed(shape):
+        return None
+    return _filled(shape)
+
+
+def _hull(shape: coal.CollisionGeometry) -> pin.Inertia | None:
+    """Return the convex hull of a mesh, or another shape, as a solid of 1 kg/m^3, or None."""
+    if not isinstance(shape, coal.BVHModelBase):
+        return _filled(shape)
+    if _is_flat(np.asarray(shape.vertices())):
+        return None
+    shape.buildConvexHull(True, "Qt")
+    return None if shape.convex is None else _filled(shape.convex)
+
+
+def _filled(shape: coal.CollisionGeometry) -> pin.Inertia | None:
+    """Return a solid of 1 kg/m^3, or None where a shape has no volume."""
+    volume = shape.computeVolume()
+    moments = np.asarray(shape.computeMomentofInertiaRelatedToCOM())
+    if not (np.isfinite(volume) and volume > 0.0 and np.linalg.eigvalsh(moments)[0] > 0.0):
+        return None
+    return pin.Inertia(volume, np.asarray(shape.computeCOM()), moments)
+
+
+def _is_flat(vertices: np.ndarray) -> bool:
+    """Tell whether points (N, 3) lie in a plane, so that no hull of them has a volume."""
+    extents = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
+    return len(vertices) < 4 or bool(extents[2] <= 1e-6 * extents[0])
+
+
+def _is_closed(mesh: coal.BVHModelBase) -> bool:
+    """Tell whether the triangles of a mesh close: each edge is run once each way.
+
+    Formats such as STL repeat the vertices of each triangle; equal ones are taken as one.
+    """
+    vertices = np.asarray(mesh.vertices())
+    grain = 1e-6 * np.ptp(vertices, axis=0).max()
+    _, same = np.unique(np.round(vertices / grain), axis=0, return_inverse=True)
+    triangles = [mesh.tri_indices(k) for k in range(mesh.num_tris)]
+    corners = same.reshape(-1)[[[triangle[i] for i in range(3)] for triangle in triangles]]
+    edges = np.vstack([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
+    edges = edges[edges[:, 0] != edges[:, 1]]
+    there, back = (np.unique(e, axis=0, return_counts=True) for e in (edges, edges[:, ::-1]))
+    return all(np.array_equal(a, b) for a, b in zip(there, back, strict=True))
+
+
+def _rods(model: pin.Model, joints: Sequence[int]) -> dict[int, pin.Inertia]:
+    """Return bodies of joints as rods or balls of 1 kg/m^3, all of one radius."""
+    ends = {joint: _furthest(model, joint) for joint in range(1, model.njoints)}
+    longest = max(map(np.linalg.norm, ends.values()), default=0.0) or _LEAST
+    return {joint: _rod(ends[joint], _SLENDER * float(longest)) for joint in joints}
+
+
+def _furthest(model: pin.Model, joint: int) -> np.ndarray:
+    """Return the furthest joint or frame (3) [m] on a body, from its joint and in its axes."""
+    fixed = [f.placement.translation for f in model.frames if f.parentJoint == joint]
+    carried = [model.jointPlacements[child].translation for child in model.children[joint]]
+    return np.array(max([np.zeros(3), *fixed, *carried], key=np.linalg.norm))
+
+
+def _rod(end: np.ndarray, radius: float) -> pin.Inertia:
+    """Return a cylinder of 1 kg/m^3 from the origin to ``end`` (3) [m], or a ball."""
+    length = float(np.linalg.norm(end))
+    if length <= radius:
+        ball = coal.Sphere(radius)
+        return pin.Inertia(
+            ball.computeVolume(), np.zeros(3), np.array(ball.computeMomentofInertia())
+        )
+    rod = coal.Cylinder(radius, length)
+    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), end / length).matrix()
+    along = pin.Inertia(rod.computeVolume(), np.zeros(3), np.array(rod.computeMomentofInertia()))
+    return pin.SE3(turn, 0.5 * end).act(along)

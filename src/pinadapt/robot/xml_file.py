@@ -1,0 +1,56 @@
+"""Reading an XML file, in time that grows with its size only."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+from ..exceptions import RobotError
+
+
+def read_xml(path: Path) -> ElementTree.Element:
+    """Return the root of an XML file, without its comments.
+
+    Raises:
+        RobotError: no such file, or not well-formed XML.
+    """
+    if not path.is_file():
+        raise RobotError("no such file.", where=str(path), hint=_others(path))
+    try:
+        return parse_xml(path.read_bytes(), str(path))
+    except OSError as error:
+        raise RobotError(f"cannot be read ({error.strerror}).", where=str(path)) from error
+
+
+def parse_xml(text: bytes | str, where: str) -> ElementTree.Element:
+    """Return the root of an XML document, without its comments.
+
+    The document is handed over whole: expat begins a long comment again with every piece it gets.
+
+    Raises:
+        RobotError: not well-formed XML.
+    """
+    try:
+        return ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise RobotError(f"not well-formed XML ({error}).", where=where) from error
+
+
+def xml_text(root: ElementTree.Element, where: str) -> str:
+    """Return an XML document as text.
+
+    Raises:
+        RobotError: its elements are nested too deeply.
+    """
+    try:
+        return ElementTree.tostring(root, encoding="unicode")
+    except RecursionError as error:
+        raise RobotError("its elements are nested too deeply.", where=where) from error
+
+
+def _others(path: Path) -> str | None:
+    """Return which descriptions lie where one is missing."""
+    if not path.parent.is_dir():
+        return None
+    near = sorted(str(other) for end in ("urdf", "xacro") for other in path.parent.glob(f"*.{end}"))
+    return f"URDF files there: {near}." if near else None

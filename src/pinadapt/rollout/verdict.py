@@ -1,0 +1,133 @@
+"""What a run came to, in one line: how well it followed, what it exceeded, what to try."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..laws import LAWS
+from ..tasks.units import DISPLAYS
+from .report import extreme, window
+from .transients import CLOSE
+
+if TYPE_CHECKING:
+    from .rollout import Rollout
+
+ACCURATE, ROUGH = 0.02, 0.2  # errors of the last 10 % in parts of the path's extent
+BETTER = 0.2  # of the unadapted error; what is above it is hardly due to the adaptation
+FOLLOWS, ROUGHLY, LOST = "follows", "follows roughly", "does not follow"
+TURN = 0.2  # [rad] what counts as the extent of a change of orientation
+_POINT = CLOSE / ACCURATE  # what counts as the extent of a point [m or rad]
+_OFTEN = 0.05  # part of the samples
+_SETTLED = 5.0  # [s] by when a loop with default gains has learned what it needs
+_READABLE = 1e6  # larger numbers get an exponent
+_MOTION = "desired"  # begins the reason of a loop that its desired motion ended
+_FALLING = 0.7  # the error of the last third of a run in parts of the second's
+
+
+def error_share(rollout: Rollout) -> float | None:
+    """Return the largest error of the last 10 % in parts of the path's extent; None for a point."""
+    error = extreme(np.max, window(rollout.distance, False))
+    return error / rollout.extent if error is not None and rollout.extent else None
+
+
+def grade(rollout: Rollout) -> str:
+    """Return the verdict in a few words."""
+    if rollout.diverged is not None:
+        return f"diverged at {rollout.diverged:.3f} s"
+    if rollout.interrupted is not None:
+        return f"interrupted at {rollout.interrupted:.3f} s"
+    worst = _worst(rollout)
+    if worst is None:
+        return "no finite error"
+    return FOLLOWS if worst <= ACCURATE else ROUGHLY if worst <= ROUGH else LOST
+
+
+def verdict(rollout: Rollout) -> str:
+    """Return the verdict in one line."""
+    reason = str(rollout.reason or "").rstrip(".")
+    parts = (reason, _error(rollout), _beyond(rollout), _advice(rollout))
+    return f"{grade(rollout)}: {'; '.join(part for part in parts if part)}."
+
+
+def _worst(rollout: Rollout) -> float | None:
+    """Return the largest error of the last 10 %, of position or orientation, in parts of either."""
+    error = extreme(np.max, window(rollout.distance, False))
+    if error is None or rollout.angle is None:
+        return None if error is None else error / (rollout.extent or _POINT)
+    angle = extreme(np.max, window(rollout.angle, False))
+    return None if angle is None else max(error / (rollout.extent or _POINT), angle / TURN)
+
+
+def _error(rollout: Rollout) -> str:
+    """Return the error in the last 10 %, as it is, as a share, and beside the unadapted one."""
+    error = extreme(np.max, window(rollout.distance, False))
+    if error is None:
+        return "nothing was measured"
+    unit, scale = DISPLAYS[rollout.task.groups[0].unit]
+    text = f"error of the last 10 % up to {_short(scale * error)} {unit}"
+    if (share := error_share(rollout)) is not None:
+        text += (
+            f", {_short(100 * share, 2)} % of the path's {_short(scale * rollout.extent)} {unit}"
+        )
+    if rollout.angle is not None:
+        turn, angle = DISPLAYS["rad"], extreme(np.max, window(rollout.angle, False))
+        text += "" if angle is None else f", and {_short(turn.scale * angle)} {turn.unit}"
+    if rollout.unadapted is not None:
+        text += f", {_against(error, rollout.unadapted)} {_short(scale * rollout.unadapted)} {unit}"
+    return text
+
+
+def _against(error: float, unadapted: float) -> str:
+    if error > BETTER * unadapted:
+        return f"{error / max(unadapted, np.finfo(float).tiny):.0%} of the unadapted"
+    return (
+        f"{_short(unadapted / max(error, np.finfo(float).tiny), 2)} times less than the unadapted"
+    )
+
+
+def _short(value: float, digits: int = 3) -> str:
+    """Return a number with so many digits, without an exponent while it is readable."""
+    whole = 10.0**digits <= value < _READABLE
+    return f"{value:.0f}" if whole else f"{value:.{digits}g}"
+
+
+def _beyond(rollout: Rollout) -> str:
+    """Return which joints went beyond which limits, if the description states any."""
+    limits = rollout.limits
+    return limits.words() if limits.exceeded else "joint limits kept" if limits.stated else ""
+
+
+def _advice(rollout: Rollout) -> str:
+    """Return what likeliest helps where a run went badly, or nothing."""
+    if rollout.interrupted is not None or grade(rollout) == FOLLOWS:
+        return ""
+    if rollout.diverged is not None:
+        if str(rollout.reason).startswith(_MOTION):
+            return ""
+        return (
+            "try a fifth of controller.gamma_k or gamma_d, a longer reference.period, or a shorter "
+            "simulation.dt"
+        )
+    law = LAWS.get(rollout.law)
+    if law is not None and not law.adapts:
+        return "this law does not adapt: try another controller.law"
+    if rollout.adaptation == "none":
+        return 'nothing was adapted: try controller.adaptation = "natural"'
+    if rollout.saturated.mean() > _OFTEN:
+        return (
+            f"the motors were at their limit {rollout.saturated.mean():.0%} of the time: try a "
+            "longer reference.period, a smaller path, or a smaller load"
+        )
+    if (rollout.damping > 0.0).mean() > _OFTEN:
+        return "the path comes near a singularity: try another robot.q0 or a smaller path"
+    if rollout.t[-1] < _SETTLED or _falling(rollout.distance):
+        return "it was still learning: try a longer simulation.duration"
+    return "try controller.gamma_d three times as large, then gamma_k"
+
+
+def _falling(distance: np.ndarray) -> bool:
+    """Tell whether the largest error of the last third is clearly below that of the second."""
+    before, last = (part.max(initial=0.0) for part in np.array_split(distance, 3)[1:])
+    return bool(last < _FALLING * before)

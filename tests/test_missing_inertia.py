@@ -1,0 +1,195 @@
+"""Bodies without inertia get one from their shapes and from what the whole robot weighs."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from pinadapt._toml import read_toml
+from pinadapt.cli.main import main
+from pinadapt.models.pseudo_inertia import is_physical
+from pinadapt.robot.missing_inertia import _as_it_is, _hull
+from pinadapt.scenario.scenario import Scenario
+
+CORNERS = np.array([[0, 0, 0], [0.3, 0, 0], [0, 0.2, 0], [0, 0, 0.1]])
+CLOSED = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
+TETRAHEDRON = 0.3 * 0.2 * 0.1 / 6
+SHAPES = {
+    "base": '<cylinder radius="0.1" length="0.2"/>',
+    "upper": '<box size="0.06 0.08 0.4"/>',
+    "fore": '<mesh filename="fore.stl"/>',
+    "wrist": None,
+    "hand": '<sphere radius="0.03"/>',
+}
+VOLUMES = {
+    "base": np.pi * 0.1**2 * 0.2,
+    "upper": 0.06 * 0.08 * 0.4,
+    "fore": TETRAHEDRON,
+    "wrist": np.pi * (0.05 * 0.4) ** 2 * 0.25,  # a rod, 5 % as thick as the longest body is long
+    "hand": 4 / 3 * np.pi * 0.03**3,
+}
+STEPS = {"upper": 0.3, "fore": 0.4, "wrist": 0.3, "hand": 0.25}  # [m] to the parent, along z
+
+
+def stl(path, triangles):
+    """Write triangles between CORNERS as an STL file."""
+    rows = [f"vertex {x} {y} {z}" for triangle in triangles for x, y, z in CORNERS[list(triangle)]]
+    facets = ["facet normal 0 0 1\nouter loop", "endloop\nendfacet"]
+    body = "\n".join(
+        "\n".join([facets[0], *rows[i : i + 3], facets[1]]) for i in range(0, len(rows), 3)
+    )
+    path.write_text(f"solid s\n{body}\nendsolid s\n")
+
+
+def arm(folder, *, inertials=None, kind="collision", triangles=CLOSED, shapes=None):
+    """Write an arm of four joints whose links have shapes, and inertials only where given."""
+    text = '<robot name="bare">'
+    for index, (link, shape) in enumerate((shapes or SHAPES).items()):
+        inertial = (inertials or {}).get(link, "")
+        body = f'<{kind}><origin xyz="0 0 0.2"/><geometry>{shape}</geometry></{kind}>'
+        text += f'<link name="{link}">{inertial}{body if shape else ""}</link>'
+        if link in STEPS:
+            parent, axis = list(STEPS)[index - 2] if index > 1 else "base", "0 0 1"
+            axis = axis if link in ("upper", "hand") else "0 1 0"
+            text += (
+                f'<joint name="to_{link}" type="revolute"><parent link="{parent}"/>'
+                f'<child link="{link}"/><origin xyz="0 0 {STEPS[link]}"/><axis xyz="{axis}"/>'
+                '<limit lower="-2" upper="2" effort="90" velocity="4"/></joint>'
+            )
+    text += '<link name="tip"/><joint name="f" type="fixed"><parent link="hand"/>'
+    text += '<child link="tip"/><origin xyz="0.1 0 0.1"/></joint></robot>'
+    stl(folder / "fore.stl", triangles)
+    path = folder / "bare.urdf"
+    path.write_text(text)
+    return path
+
+
+def bodies(robot):
+    """Return the inertias of the chain by link."""
+    return dict(zip(STEPS, robot.model.inertias[1:], strict=True))
+
+
+@pytest.mark.parametrize("kind", ["collision", "visual"])
+def test_the_mass_is_shared_by_volume_with_the_base(tmp_path, kind):
+    with pytest.warns(UserWarning, match=r"30 kg spread .* upper .*as rods or balls.* wrist"):
+        robot = pa.load(arm(tmp_path, kind=kind), frame="tip", mass=30)
+    density = 30 / sum(VOLUMES.values())
+    for link, body in bodies(robot).items():
+        assert np.isclose(body.mass, density * VOLUMES[link])
+        assert is_physical(body.toDynamicParameters())
+
+
+@pytest.mark.filterwarnings("ignore:bare")
+def test_inertias_are_those_of_uniform_solids(tmp_path):
+    found = bodies(pa.load(arm(tmp_path), frame="tip", mass=30))
+    at = np.array([0.0, 0.0, 0.2])
+    box = pin.Inertia.FromBox(found["upper"].mass, 0.06, 0.08, 0.4)
+    assert found["upper"].isApprox(pin.Inertia(box.mass, at, box.inertia))
+    ball = pin.Inertia.FromSphere(found["hand"].mass, 0.03)
+    assert found["hand"].isApprox(pin.Inertia(ball.mass, at, ball.inertia))
+    rod = pin.Inertia.FromCylinder(found["wrist"].mass, 0.02, 0.25)
+    assert found["wrist"].isApprox(pin.Inertia(rod.mass, np.array([0.0, 0.0, 0.125]), rod.inertia))
+    # of a tetrahedron: covariance = V (sum of c c^T + 4 x 4 mean mean^T) / 20
+    mean, volume = CORNERS.mean(axis=0), found["fore"].mass
+    second = volume * (CORNERS.T @ CORNERS + 16 * np.outer(mean, mean)) / 20
+    about = second - volume * np.outer(mean, mean)
+    assert np.allclose(found["fore"].lever, mean + at)
+    assert np.allclose(found["fore"].inertia, np.trace(about) * np.eye(3) - about)
+
+
+@pytest.mark.filterwarnings("ignore:bare")
+@pytest.mark.parametrize("triangles", [CLOSED[:3], CLOSED[1:]], ids=["lidless", "bottomless"])
+def test_an_open_mesh_counts_as_its_convex_hull(tmp_path, triangles):
+    closed = pa.load(arm(tmp_path), frame="tip", mass=30)
+    opened = pa.load(arm(tmp_path, triangles=triangles), frame="tip", mass=30)
+    for ours, theirs in zip(closed.model.inertias, opened.model.inertias, strict=True):
+        assert ours.isApprox(theirs, 1e-6)
+
+
+def test_a_closed_mesh_that_is_not_convex_is_no_hull():
+    import coal
+
+    mesh = coal.BVHModelOBBRSS()
+    mesh.beginModel(0, 0)
+    notch = np.array([0.05, 0.03, 0.02])  # the far face is folded inwards to a point near 0
+    corners = [*CORNERS, notch]
+    for triangle in (*CLOSED[:3], (1, 2, 4), (2, 3, 4), (3, 1, 4)):
+        mesh.addTriangle(*(corners[i] for i in triangle))
+    mesh.endModel()
+    hull = _hull(mesh).mass
+    assert np.isclose(hull, TETRAHEDRON)
+    inside = [notch @ np.cross(CORNERS[i], CORNERS[j]) / 6 for i, j in ((1, 2), (2, 3), (3, 1))]
+    assert np.isclose(_as_it_is(mesh).mass, sum(inside)) and sum(inside) < 0.6 * hull
+
+
+@pytest.mark.filterwarnings("ignore:bare")
+def test_a_flat_mesh_is_no_shape(tmp_path):
+    shapes = {**SHAPES, "hand": None}
+    flat = pa.load(arm(tmp_path, triangles=CLOSED[:1]), frame="tip", mass=30)
+    rods = pa.load(arm(tmp_path, shapes={**SHAPES, "fore": None}), frame="tip", mass=30)
+    assert bodies(flat)["fore"].isApprox(bodies(rods)["fore"])
+    ball = bodies(pa.load(arm(tmp_path, shapes=shapes), frame="tip", mass=30))["hand"]
+    assert is_physical(ball.toDynamicParameters())
+
+
+HEAVY = (
+    '<inertial><origin xyz="0 0 0.1"/><mass value="12"/>'
+    '<inertia ixx="0.2" ixy="0" ixz="0" iyy="0.2" iyz="0" izz="0.1"/></inertial>'
+)
+
+
+@pytest.mark.filterwarnings("ignore:bare")
+def test_what_is_described_stays_and_counts(tmp_path):
+    robot = pa.load(arm(tmp_path, inertials={"upper": HEAVY}), frame="tip", mass=30)
+    found = bodies(robot)
+    assert np.isclose(found["upper"].mass, 12.0) and np.isclose(found["upper"].inertia[2, 2], 0.1)
+    density = 18 / sum(VOLUMES[link] for link in VOLUMES if link != "upper")
+    assert np.isclose(found["fore"].mass, density * TETRAHEDRON)
+
+
+@pytest.mark.parametrize(
+    ("mass", "words"),
+    [
+        (12, "12 kg is the whole robot's, of which 12 kg are described already"),
+        (0.0, "must be positive"),
+        (np.nan, "must be positive"),
+        (True, "expected a number"),
+        ("30", "expected a number"),
+    ],
+)
+def test_masses_that_cannot_be_are_refused(tmp_path, mass, words):
+    with pytest.raises(pa.RobotError, match=words):
+        pa.load(arm(tmp_path, inertials={"upper": HEAVY}), frame="tip", mass=mass)
+
+
+def test_a_robot_that_is_described_whole_takes_no_mass():
+    with pytest.raises(pa.RobotError, match=r"every body of 'panda' .*17.45 kg.* Leave mass out"):
+        pa.load("panda", mass=20.0)
+
+
+def test_without_a_mass_the_refusal_names_the_links_and_suggests_it(tmp_path, capsys):
+    assert main(["init", str(arm(tmp_path))]) == 2
+    error = capsys.readouterr().err
+    for word in ("'upper' after 'to_upper'", "'hand' after 'to_hand'", "init --mass KG"):
+        assert word in error
+    assert not list(tmp_path.glob("*.toml"))
+
+
+def test_a_mass_matrix_that_is_singular_otherwise_names_the_joint(tmp_path):
+    point = '<inertial><mass value="1"/><inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/>'
+    inertials = dict.fromkeys(STEPS, HEAVY) | {"hand": f"{point}</inertial>"}
+    with pytest.raises(pa.RobotError, match="nothing resists joint 'to_hand', which moves 'hand'"):
+        pa.load(arm(tmp_path, inertials=inertials), frame="tip")
+
+
+def test_init_tells_it_and_its_file_runs(tmp_path, capsys):
+    file = tmp_path / "bare.toml"
+    assert main(["init", str(arm(tmp_path)), "--mass", "30", "--out", str(file)]) == 0
+    assert "30 kg spread" in capsys.readouterr().err
+    text = file.read_text()
+    assert read_toml(file)["robot"]["mass"] == 30.0
+    assert "# What the whole robot weighs [kg]. These links are described without inertia" in text
+    assert all(link in text for link in STEPS)
+    scenario = Scenario.read(file, ["simulation.duration=6.0"])
+    radius = scenario.tables.reference.radius
+    assert scenario.run().distance[-600:].max() < 0.01 * radius
