@@ -5,10 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._checks import numbers
 from ..exceptions import GainError
+from .chain import is_slide
 
 if TYPE_CHECKING:
     from .robot import Robot
@@ -42,3 +44,26 @@ def torque_limits(robot: Robot, limits: ArrayLike | bool | None) -> np.ndarray |
     if not (bounds > 0.0).all():  # also true for NaN
         raise GainError(f"must be positive, got {bounds.tolist()}.", where="torque_limits")
     return bounds if np.isfinite(bounds).any() else None
+
+
+def overloaded(robot: Robot, limits: np.ndarray) -> str | None:
+    """Return in words which joints cannot hold the robot at home with these limits (nv), or None.
+
+    Args:
+        robot: the real one, with its load.
+        limits: of the motors [N m or N].
+    """
+    weight = np.abs(pin.computeGeneralizedGravity(robot.model, robot.model.createData(), robot.q0))
+    short = [
+        f"{name} ({weight[i]:.3g} of {limits[i]:.3g} {'N' if is_slide(joint) else 'N m'})"
+        for i, (name, joint) in enumerate(
+            zip(robot.joint_names, robot.model.joints[1:], strict=True)
+        )
+        if weight[i] > limits[i]
+    ]
+    if not short:
+        return None
+    return (
+        f"the motors cannot hold the real robot at its home pose: {', '.join(short)}. Take a "
+        "lighter load, or another home pose."
+    )

@@ -19,7 +19,7 @@ BETTER = 0.2  # of the unadapted error; what is above it is hardly due to the ad
 FOLLOWS, ROUGHLY, LOST = "follows", "follows roughly", "does not follow"
 TURN = 0.2  # [rad] what counts as the extent of a change of orientation
 _POINT = CLOSE / ACCURATE  # what counts as the extent of a point [m or rad]
-_OFTEN = 0.05  # part of the samples
+_OFTEN, _MOSTLY = 0.05, 0.5  # part of the samples
 _SETTLED = 5.0  # [s] by when a loop with default gains has learned what it needs
 _READABLE = 1e6  # larger numbers get an exponent
 _MOTION = "desired"  # begins the reason of a loop that its desired motion ended
@@ -106,6 +106,8 @@ def _advice(rollout: Rollout) -> str:
     if rollout.diverged is not None:
         if str(rollout.reason).startswith(_MOTION):
             return ""
+        if rollout.saturated.mean() > _MOSTLY:
+            return _relief(rollout)
         return (
             "try a fifth of controller.gamma_k or gamma_d, a longer reference.period, or a shorter "
             "simulation.dt"
@@ -116,15 +118,20 @@ def _advice(rollout: Rollout) -> str:
     if rollout.adaptation == "none":
         return 'nothing was adapted: try controller.adaptation = "natural"'
     if rollout.saturated.mean() > _OFTEN:
-        return (
-            f"the motors were at their limit {rollout.saturated.mean():.0%} of the time: try a "
-            "longer reference.period, a smaller path, or a smaller load"
-        )
+        return _relief(rollout)
     if (rollout.damping > 0.0).mean() > _OFTEN:
         return "the path comes near a singularity: try another robot.q0 or a smaller path"
     if rollout.t[-1] < _SETTLED or _falling(rollout.distance):
         return "it was still learning: try a longer simulation.duration"
     return "try controller.gamma_d three times as large, then gamma_k"
+
+
+def _relief(rollout: Rollout) -> str:
+    """Return what helps motors at their limit."""
+    return (
+        f"the motors were at their limit {rollout.saturated.mean():.0%} of the time: try a "
+        "longer reference.period, a smaller path, or a smaller load"
+    )
 
 
 def _falling(distance: np.ndarray) -> bool:

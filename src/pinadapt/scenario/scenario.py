@@ -15,6 +15,7 @@ from ..models.basis import read_matrix
 from ..plants.engines import engine_of
 from ..plants.mjcf import Mjcf
 from ..robot.changes import Payload
+from ..robot.effort_limits import torque_limits
 from ..robot.gravity import compensation_of
 from ..robot.robot import Robot, load
 from ..robot.urdf import is_path
@@ -121,19 +122,19 @@ class Scenario:
             Events(self.changes, self.beliefs).check(self.controller, state)
 
     def findings(self) -> list[str]:
-        """Return what of period, camera and encoders would spoil a run; ``run`` warns of it."""
+        """Return what of period, sensors and motors would spoil a run; ``run`` warns of it."""
         simulation = self.tables.simulation
         if simulation.mode != "sampled":
             return []
-        found = findings(
+        return findings(
             self.true,
             self.controller,
             simulation.dt,
             camera=_camera(simulation),
             noise=_noise(simulation),
             encoder=simulation.encoder,
+            motors=torque_limits(self.true, simulation.torque_limits is not False),
         )
-        return [str(finding) for finding in found]
 
     def run(self, progress: Progress | bool | None = None, *, view: bool = False) -> Rollout:
         """Run the closed loop, with ``progress`` and ``view`` as in ``simulate``.

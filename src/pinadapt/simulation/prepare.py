@@ -14,13 +14,14 @@ from ..controller.controller import Controller
 from ..controller.state import ControllerState
 from ..exceptions import InputError, ParameterError
 from ..plants.simulated_plant import SimulatedPlant
+from ..robot.effort_limits import overloaded
 from ..robot.home import conditioning
 from ..robot.robot import Robot
 from ..sensing import Camera
 from ..tasks.task import FrameTask
 from ..trajectories.trajectory import Trajectory
-from ..tuning.preflight import Finding, preflight
-from ..tuning.preflight_sensors import SensorFinding, sensor_findings
+from ..tuning.preflight import preflight
+from ..tuning.preflight_sensors import sensor_findings
 from ..tuning.remedies import sensor_quality
 
 MODES = ("sampled", "continuous")
@@ -60,10 +61,18 @@ def findings(
     camera: Camera | Mapping[str, float | None] | None = None,
     noise: Mapping[str, float] | None = None,
     encoder: ArrayLike = 0.0,
-) -> list[Finding | SensorFinding]:
-    """Return what of period, camera and encoders, as in ``simulate``, would spoil a run."""
+    motors: np.ndarray | None = None,
+) -> list[str]:
+    """Return what of period, camera, encoders and motors would spoil a run.
+
+    All are as in ``simulate``; ``motors`` are the limits (nv) [N m or N] at which they clip.
+    """
     quality = sensor_quality(true, dt, camera, noise, encoder)
-    return [*preflight(controller, dt), *sensor_findings(controller, quality)]
+    found = [*preflight(controller, dt), *sensor_findings(controller, quality)]
+    words = [str(finding) for finding in found]
+    if motors is not None and controller.compensation is None:
+        words += filter(None, [overloaded(true, motors)])
+    return words
 
 
 def check_options(

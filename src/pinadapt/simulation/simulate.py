@@ -129,8 +129,9 @@ def simulate(
         stream = run_continuous(plant, controller, trajectory, ideal_acceleration=ideal, **start)
     else:
         seeing = camera or _late(delay)
-        for finding in findings(true, controller, dt, camera=seeing, noise=noise, encoder=encoder):
-            warnings.warn(str(finding), stacklevel=2)
+        senses: dict[str, Any] = {"camera": seeing, "noise": noise, "encoder": encoder}
+        for finding in findings(true, controller, dt, **senses, motors=motors):
+            warnings.warn(finding, stacklevel=2)
         seen = None if sensors.perfect else sensors
         stream = run(*loop, sensors=seen, ideal_acceleration=ideal, **start)
     shown = {"duration": duration, "changes": changes, "title": title} if view else None
