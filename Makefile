@@ -2,13 +2,14 @@
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
+STRIP  := $(BIN)/nbstripout --keep-id --extra-keys metadata.language_info
 # Small matrices gain nothing from BLAS threads, and two test processes share the cores.
 export OPENBLAS_NUM_THREADS := 1
 
 # Closed loops of many seconds, which `make check` leaves to `make test`.
-SLOW := init interrupted joint_laws kernel_cache limits lumped lyapunov mujoco_loops notebooks outputs pose_loop preflight readme reference separation showcase simulation zoo
+SLOW := init interrupted joint_laws kernel_cache limits lumped lyapunov mujoco_loops notebooks outputs pose_loop preflight readme reference separation showcase simulation site_code zoo
 
-.PHONY: demo notebook strip check test lint bench clean
+.PHONY: demo notebook strip check test lint bench docs clean
 
 $(VENV)/installed: pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit("pinadapt needs Python >= 3.10; try make PYTHON=python3.12") if sys.version_info < (3, 10) else None'
@@ -27,8 +28,8 @@ $(VENV)/notebooks: $(VENV)/installed
 notebook: $(VENV)/notebooks
 	$(BIN)/jupyter-lab --notebook-dir notebooks
 
-strip: $(VENV)/notebooks
-	$(BIN)/nbstripout --keep-id --extra-keys metadata.language_info notebooks/*.ipynb
+strip: $(VENV)/installed
+	$(STRIP) notebooks/*.ipynb
 
 check: lint
 	$(BIN)/python -m pytest -n 2 $(SLOW:%=--ignore=tests/test_%.py)
@@ -37,14 +38,23 @@ test: lint
 	$(BIN)/python -m pytest -n 2
 
 lint: $(VENV)/installed
-	$(BIN)/ruff format --check src tests benchmarks notebooks
-	$(BIN)/ruff check src tests benchmarks notebooks
+	$(BIN)/ruff format --check src tests benchmarks notebooks docs
+	$(BIN)/ruff check src tests benchmarks notebooks docs
 	$(BIN)/mypy
+	$(STRIP) --verify notebooks/*.ipynb
 
 bench: $(VENV)/installed
 	$(BIN)/python -m benchmarks.control_step
 	$(BIN)/python -m benchmarks.simulated_sample
 	$(BIN)/python -m benchmarks.growth
 
+$(VENV)/docs: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet -e '.[docs]'
+	touch $@
+
+docs: $(VENV)/docs
+	$(BIN)/python docs/gallery.py
+	$(BIN)/sphinx-build -W --keep-going --fresh-env docs build/site
+
 clean:
-	rm -rf $(VENV) build dist out
+	rm -rf $(VENV) build dist out docs/api docs/gallery

@@ -23,8 +23,8 @@ def module_of(path):
 
 # A folder, or a file beside the folders, may import those of the layers before its own, and itself.
 LAYERS = [
-    {"exceptions", "_borrowed", "_version"},
-    {"_compiled"},
+    {"exceptions", "_borrowed", "_version", "reference"},
+    {"_compiled", "bibliography"},
     {"_checks", "_files", "_kernels", "_table", "_toml"},
     {"records", "sensing", "tasks"},
     {"trajectories"},
@@ -35,7 +35,7 @@ LAYERS = [
     {"filters"},
     {"laws"},
     {"controller"},
-    {"tuning"},
+    {"tuning", "citation"},
     {"plants"},
     {"plots", "view"},
     {"rollout"},

@@ -16,6 +16,7 @@ from .adaptation import MatrixInequality as MatrixInequality
 from .adaptation import Natural as Natural
 from .adaptation import Stacked as Stacked
 from .adaptation import Wrapper as Wrapper
+from .citation import citation as citation
 from .controller import Belief as Belief
 from .controller import Controller as Controller
 from .controller import ControllerState as ControllerState
@@ -76,6 +77,7 @@ from .plants import Plant as Plant
 from .plants import Sensors as Sensors
 from .records import Desired as Desired
 from .records import Measurement as Measurement
+from .reference import Reference as Reference
 from .robot import Friction as Friction
 from .robot import Gravity as Gravity
 from .robot import Payload as Payload

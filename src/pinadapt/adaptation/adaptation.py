@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from .._checks import instance
+from ..reference import Reference
 from .drive import Drive, Estimate
 
 
@@ -23,9 +24,11 @@ class Adaptation(ABC):
 
     Attributes:
         name: as written in scenarios.
+        sources: where it was published.
     """
 
     name: str = "custom"
+    sources: tuple[Reference, ...] = ()
 
     def init(self, value: np.ndarray) -> Estimate:
         """Return the estimate to start from, ``validate(value)`` with an empty memory."""
@@ -63,6 +66,10 @@ class Adaptation(ABC):
     @abstractmethod
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
         """Return this adaptation's part of V (p), (p), or None where it is undefined."""
+
+    def references(self) -> tuple[Reference, ...]:
+        """Return the sources of this adaptation and of those inside it."""
+        return self.sources
 
     def gain(self, value: np.ndarray) -> np.ndarray:
         """Return Gamma (p, p) at a value (p) with an empty memory."""
@@ -119,6 +126,10 @@ class Wrapper(Adaptation):
     def gain(self, value: np.ndarray) -> np.ndarray:
         """Return the inner adaptation's Gamma (p, p)."""
         return self.inner.gain(value)
+
+    def references(self) -> tuple[Reference, ...]:
+        """Return the sources of this wrapper and of the inner adaptation."""
+        return self.sources + self.inner.references()
 
 
 def _moved(part: Any, rate: Any, dt: float) -> Any:

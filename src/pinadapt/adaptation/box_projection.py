@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from .._checks import vector
 from .._kernels import adaptation as kernels
+from ..bibliography import IOANNOU_SUN
 from ..exceptions import ParameterError
 from .adaptation import Adaptation, Wrapper
 from .drive import Drive, Estimate
@@ -31,6 +32,8 @@ class BoxProjection(Wrapper):
         inner: the adaptation inside the box.
         low, high: (p) the box.
     """
+
+    sources = (IOANNOU_SUN,)
 
     def __init__(
         self,

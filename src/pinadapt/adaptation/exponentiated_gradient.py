@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from .._checks import positive, vector
 from .._kernels import adaptation as kernels
+from ..bibliography import BOFFI_SLOTINE
 from ..exceptions import GainError, ParameterError
 from ..records import named
 from .adaptation import Adaptation
@@ -35,6 +36,7 @@ class ExponentiatedGradient(Adaptation):
     """
 
     name = "natural"
+    sources = (BOFFI_SLOTINE,)
 
     def __init__(self, gamma: float, scale: ArrayLike, name: str = "gamma_joint") -> None:
         """Take the gain and the scales (p).

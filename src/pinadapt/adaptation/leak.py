@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from .._checks import positive
+from ..bibliography import IOANNOU_KOKOTOVIC
 from .adaptation import Adaptation, Wrapper
 from .drive import Drive, Estimate
 
@@ -28,6 +29,8 @@ class Leak(Wrapper):
         inner: the adaptation that it wraps.
         bandwidth: lambda [1/s].
     """
+
+    sources = (IOANNOU_KOKOTOVIC,)
 
     def __init__(self, inner: Adaptation, bandwidth: float) -> None:
         """Take the adaptation to wrap, any, and lambda [1/s].

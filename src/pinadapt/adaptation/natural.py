@@ -11,6 +11,7 @@ import numpy as np
 
 from .._checks import instance, positive
 from .._kernels import adaptation as kernels
+from ..bibliography import LEE_KWON_PARK, WENSING_SLOTINE
 from ..records import named
 from .adaptation import Adaptation
 from .drive import Drive, Estimate
@@ -35,6 +36,7 @@ class Natural(Adaptation):
     """
 
     name = "natural"
+    sources = (LEE_KWON_PARK, WENSING_SLOTINE)
 
     def __init__(self, gamma: float, cone: MatrixInequality, name: str = "gamma_d") -> None:
         """Take the gain and the cone.

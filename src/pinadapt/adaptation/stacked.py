@@ -10,6 +10,7 @@ from numpy import empty
 
 from .._checks import instance, whole
 from ..exceptions import InputError
+from ..reference import Reference
 from .adaptation import Adaptation
 from .drive import Drive, Estimate
 
@@ -88,6 +89,10 @@ class Stacked(Adaptation):
         return (
             None if any(d is None for d in parts) else float(sum(d for d in parts if d is not None))
         )
+
+    def references(self) -> tuple[Reference, ...]:
+        """Return the sources of all parts, in their order."""
+        return tuple(source for part, _ in self.parts for source in part.references())
 
     def _split(self, estimate: Estimate) -> Iterator[tuple[Adaptation, slice, Estimate]]:
         """Return each adaptation with its block and that block's estimate."""

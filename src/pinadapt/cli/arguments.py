@@ -97,6 +97,10 @@ def _compare(command: argparse.ArgumentParser) -> None:
     _add_unadapted(command)
 
 
+def _cite(command: argparse.ArgumentParser) -> None:
+    _add_file(command)
+
+
 def _robots(command: argparse.ArgumentParser) -> None:
     """Add nothing."""
 
@@ -144,6 +148,7 @@ _COMMANDS = {
     "run": ("run one scenario", _run),
     "view": ("show a finished run, or run a scenario and show it meanwhile", _view),
     "compare": ("run the laws side by side on one scenario", _compare),
+    "cite": ("print the BibTeX entries of what a scenario uses", _cite),
     "robots": ("list the robots of the catalogue", _robots),
     "zoo": (
         "run chains of the catalogue with wrong models and default gains, adapted and not, "
@@ -154,14 +159,18 @@ _COMMANDS = {
 
 
 def _add_scenario(command: argparse.ArgumentParser) -> None:
-    command.add_argument("scenario", type=Path, nargs="?", metavar="SCENARIO.toml")
-    _add_settings(command)
+    _add_file(command)
     command.add_argument(
         "--out",
         type=Path,
         metavar="DIR",
         help="where to write (default: out/ and the scenario's name)",
     )
+
+
+def _add_file(command: argparse.ArgumentParser) -> None:
+    command.add_argument("scenario", type=Path, nargs="?", metavar="SCENARIO.toml")
+    _add_settings(command)
 
 
 def _add_settings(command: argparse.ArgumentParser) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..adaptation.drive import Drive, Drives
+from ..bibliography import WANG_XIE
 from ..signals import Signals
 from .estimated_velocity import AccelerationCommand, EstimatedVelocityLaw
 from .inertia import solve_inertia
@@ -18,16 +19,17 @@ class AdaptiveInverseDynamics(EstimatedVelocityLaw):
                   dJ_hat/dt qd).
     Adaptation:   da_d/dt = -Gamma_d Phi^T e, Phi = J_hat M_hat^-1 Y(q, qd, qdd) (18); da_k/dt by
                   (19).
-    Closed loop:  de/dt = -(K_v - alpha I) dxd_hat - K_P dx + Phi da_d (17).
+    Closed loop:  de/dt = -(K_v - alpha I) dxd_hat - K_P dx + Phi da_d - alpha Y_k da_k (17).
     V:            e^T e / 2 + dx^T (K_P + alpha K_v - alpha^2 I) dx / 2 + D_d(a_d) + D_k(a_k),
                   dV/dt = -dxd_hat^T (K_v - alpha I) dxd_hat - alpha dx^T K_P dx - da_k^T W_k^T R_k
                   W_k da_k.
     Assumptions:  constant parameters; J_hat of full row rank; M_hat invertible, which natural
-                  adaptation guarantees and
-                  plain gradient adaptation does not; joint acceleration known; K_v - alpha I > 0.
+                  adaptation guarantees and plain gradient adaptation does not; joint acceleration
+                  known; K_v - alpha I > 0.
     """
 
     name = "adaptive-inverse-dynamics"
+    sources = (WANG_XIE,)
     inverts_estimate = True
 
     def command(self, s: Signals, believed: Believed) -> AccelerationCommand:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from ..adaptation.drive import Drive, Drives
+from ..bibliography import SPONG_ORTEGA, WANG_XIE
+from ..reference import Reference
 from ..signals import Signals
 from .estimated_velocity import AccelerationCommand, EstimatedVelocityLaw
 from .inertia import solve_inertia
@@ -33,7 +36,7 @@ class AdaptiveInverseDynamicsImproved(EstimatedVelocityLaw):
                   M_0(q) from the initial estimate.
     Adaptation:   da_d/dt = -Gamma_d Phi_1^T e, Phi_1 = J_hat M_0^-1 Y(q, qd, qdd) (36); da_k/dt by
                   (37) = (19).
-    Closed loop:  de/dt = -(K_v - alpha I) dxd_hat - K_P dx + Phi_1 da_d.
+    Closed loop:  de/dt = -(K_v - alpha I) dxd_hat - K_P dx + Phi_1 da_d - alpha Y_k da_k.
     V:            that of adaptive inverse dynamics, and the same dV/dt.
     Assumptions:  constant parameters; J_hat of full row rank; joint acceleration known and fed
                   back, so M + M_0 - M_hat
@@ -42,6 +45,7 @@ class AdaptiveInverseDynamicsImproved(EstimatedVelocityLaw):
     """
 
     name = "adaptive-inverse-dynamics-improved"
+    sources: ClassVar[tuple[Reference, ...]] = (WANG_XIE, SPONG_ORTEGA)
 
     def command(self, s: Signals, believed: Believed) -> ImprovedCommand:
         """Return M_0 v + C_hat qd + g_hat, (32), with feedthrough M_hat - M_0, (34)."""

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..adaptation.drive import Drive, Drives
+from ..bibliography import WANG_XIE
 from ..signals import Signals
 from .acceleration_law import AccelerationLaw
 from .gains import check_margin, task_gain
@@ -54,6 +55,7 @@ class AdaptiveInverseDynamicsVelocity(AccelerationLaw):
     Q: Any = field(default=None, kw_only=True)
 
     name = "adaptive-inverse-dynamics-velocity"
+    sources = (WANG_XIE,)
     inverts_estimate = True
     needs_task_velocity = True
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from ..bibliography import LUH_WALKER_PAUL, MARKIEWICZ
 from .resolved_acceleration import ResolvedAcceleration
 
 
@@ -26,5 +27,6 @@ class ComputedTorque(ResolvedAcceleration):
     posture: Any = None
 
     name = "computed-torque"
+    sources = (MARKIEWICZ, LUH_WALKER_PAUL)
     joint_space = True
     units = ("1/s", "1/s^2")

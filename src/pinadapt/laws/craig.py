@@ -5,12 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from ..bibliography import CRAIG_HSU_SASTRY
 from .adaptive_inverse_dynamics_velocity import AdaptiveInverseDynamicsVelocity
 
 
 @dataclass(frozen=True, eq=False)
 class Craig(AdaptiveInverseDynamicsVelocity):
-    """Adaptive control of manipulators: J. Craig, P. Hsu, S. Sastry, IJRR 6(2) (1987) 16-28.
+    """Adaptive computed torque.
+
+    J. Craig, P. Hsu, S. Sastry, *Adaptive control of mechanical manipulators*, IJRR 6(2) (1987)
+    16-28.
 
     Adaptive inverse dynamics with task velocity on a joint task, x = q and J = I; its velocity is
     the measured one of the joints.
@@ -27,5 +31,6 @@ class Craig(AdaptiveInverseDynamicsVelocity):
     posture: Any = None
 
     name = "craig"
+    sources = (CRAIG_HSU_SASTRY,)
     joint_space = True
     units = ("1/s", "1/s^2")

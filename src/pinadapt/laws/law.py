@@ -16,6 +16,7 @@ from ..filters.filters import Filters, NoFilters
 from ..models.dynamics import Dynamics
 from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
+from ..reference import Reference
 from ..robot.friction import Friction
 from ..signals import Signals
 from .feedback import Feedback, KinematicLoop
@@ -103,6 +104,7 @@ class Law(ABC):
         joint_mode: the same of the joints' coefficients.
         kinematic_mode: the same of the translations.
         units: of velocity and position gain, for people.
+        sources: where it was published.
     """
 
     name: ClassVar[str]
@@ -118,6 +120,7 @@ class Law(ABC):
     joint_mode: ClassVar[float] = 3.0
     kinematic_mode: ClassVar[float] = 0.15
     units: ClassVar[tuple[str, str]] = ("", "")
+    sources: ClassVar[tuple[Reference, ...]] = ()
 
     @abstractmethod
     def command(self, s: Signals, believed: Believed) -> Command:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from ..adaptation.drive import Drive, Drives
+from ..bibliography import LUH_WALKER_PAUL
+from ..reference import Reference
 from ..signals import Signals
 from .estimated_velocity import EstimatedVelocityLaw
 from .law import Believed, Command
@@ -26,6 +30,7 @@ class ResolvedAcceleration(EstimatedVelocityLaw):
     """
 
     name = "resolved-acceleration"
+    sources: ClassVar[tuple[Reference, ...]] = (LUH_WALKER_PAUL,)
     adapts = False
     needs_acceleration = False
 

@@ -15,6 +15,7 @@ from numpy import empty
 from .._checks import definite_matrix, positive
 from .._kernels import feedback as kernels
 from ..adaptation.drive import Drive, Drives
+from ..bibliography import WANG
 from ..exceptions import GainError
 from ..filters.position_observer import PositionObserver
 from ..models.typical_motion import TypicalMotion, joint_inertia, unit_mass
@@ -114,6 +115,7 @@ class Separation(Law):
     Y_fast: float = math.inf
 
     name = "separation"
+    sources = (WANG,)
     needs_prediction = True
     joint_effects = "all"
     bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0, "lag": -1.0}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from ..bibliography import SLOTINE_LI
 from ..exceptions import GainError
 from ..models.typical_motion import TypicalMotion, joint_inertia
 from ..signals import Signals
@@ -41,6 +42,7 @@ class SlotineLi(AdaptiveJacobian):
     K_P: Any = None
 
     name = "slotine-li"
+    sources = (SLOTINE_LI,)
     joint_space = True
     bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0}
     units = ("N m s/rad", "")

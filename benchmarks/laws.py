@@ -1,0 +1,108 @@
+"""The laws side by side: what is left of the error, and what a step costs.
+
+``python -m benchmarks.laws [--save FILE]`` runs the robots of robots/panda/tool_and_load.toml under
+every law: tool, load, all inertias and friction unknown, natural adaptation, default gains, 1 kHz.
+Laws of the task follow the file's circle with perfect sensors and with the file's camera;
+laws of joints, which see no tool, swing every joint by 0.2 rad in 3 s with perfect sensors. Errors
+are the largest of the last tenth of 10 s; the cost of a step is told in bare calls of the Panda's
+forward dynamics, ``pin.aba``, timed in turn with it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+import pinadapt as pa
+from pinadapt.scenario.scenario import Scenario
+
+from .simulated_sample import SCENARIO
+from .timing import HERE, in_turn, repeated, save
+
+CAMERA = {"rate": 30.0, "delay": 0.06}
+DURATION = 10.0  # [s]
+ROUNDS, CALLS = 3000, 16
+UNDISTURBED = 0.1  # quantile of times that other processes have no part in
+SWING, PERIOD = 0.2, 3.0  # [rad], [s]
+
+
+class Case:
+    """The robots, the motion and the controllers of one law."""
+
+    def __init__(self, law: str, scenario: Scenario) -> None:
+        """Take the law and the scenario whose robots it moves."""
+        self.law, self.joints = law, pa.LAWS[law].joint_space
+        robots = scenario.true, scenario.believed
+        self.true, self.believed = map(in_joint_space, robots) if self.joints else robots
+        start = self.true.home_angles
+        self.path = (
+            pa.Sinusoid(start + SWING, SWING, PERIOD) if self.joints else scenario.trajectory
+        )
+
+    def controller(self, **sensors: Any) -> pa.Controller:
+        """Return a controller with default gains."""
+        return pa.make_controller(self.believed, law=self.law, joint="all", **sensors)
+
+    def error(self, **sensors: Any) -> float | None:
+        """Return the largest error of the last tenth [m or rad], None for a loop that is lost."""
+        controller = self.controller(**sensors)
+        rollout = pa.simulate(self.true, controller, self.path, duration=DURATION, **sensors)
+        return None if rollout.diverged else float(rollout.summary()["max_error_last"])
+
+    def cost(self) -> float:
+        """Return the time of a step in bare calls of ``pin.aba``."""
+        model, data, rest = self.true.model, self.true.model.createData(), np.zeros(7)
+        controller, plant = self.controller(), pa.PinocchioPlant(self.true)
+        measurement, desired = plant.measurement(self.true.q0, rest + 0.1), self.path.at(0.1)
+        state = controller.step(controller.init(measurement), measurement, desired, 1e-3)[1]
+        times = in_turn(
+            {
+                "step": repeated(lambda: controller.step(state, measurement, desired, 1e-3), 1),
+                "aba": repeated(lambda: pin.aba(model, data, self.true.q0, rest, rest), CALLS),
+            },
+            ROUNDS,
+        )
+        step, aba = (np.quantile(times[name], UNDISTURBED) for name in ("step", "aba"))
+        return CALLS * float(step / aba)
+
+
+def in_joint_space(robot: pa.Robot) -> pa.Robot:
+    """Return the same robot with its joints as the task."""
+    joints, friction = pa.load(robot.model, task="joint", q0=robot.q0), robot.friction
+    return joints.changed(viscous=friction.viscous, coulomb=friction.coulomb)
+
+
+def measure(law: str, scenario: Scenario) -> dict[str, Any]:
+    """Return the figures of a law."""
+    case = Case(law, scenario)
+    return {
+        "name": law,
+        "unit": "rad" if case.joints else "m",
+        "error": case.error(),
+        "error_camera": None if case.joints else case.error(camera=CAMERA),
+        "step_ratio": case.cost(),
+    }
+
+
+def main() -> None:
+    """Print the figures and save them."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--save", type=Path, default=HERE / "laws.json")
+    path, scenario = parser.parse_args().save, Scenario.read(SCENARIO)
+    rows = []
+    for law in pa.LAWS:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of light joints: the table says what comes of them
+            row = measure(law, scenario)
+        print(row, flush=True)
+        rows.append(row)
+    save(path, rows)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,42 @@
+"""From this library's docstrings to reStructuredText.
+
+A law's docstring is a table of plain text, ``Law:   tau = ...`` with lines hanging below; formulas
+in plain text hold ``|x|`` and names that end in an underscore. Here the table becomes a list of
+fields, and what reStructuredText would read as markup is escaped.
+"""
+
+import re
+
+_ENTRY = re.compile(r"^([A-Z][A-Za-z ]*):\s{2,}(\S.*)$")
+_LITERAL = re.compile(r"(``.*?``)")
+_MARKUP = re.compile(r"\||(?<=\w)_(?!\w)|(?<![*\w])\*(?=\w+[^*]*$)")
+
+
+def setup(app):
+    """Register the hooks, ahead of napoleon's."""
+    app.connect("autodoc-process-docstring", to_rst, priority=400)
+    app.connect("autodoc-skip-member", skip_tuple_fields)
+    return {"parallel_read_safe": True}
+
+
+def to_rst(app, what, name, obj, options, lines):
+    """Rewrite a docstring in place."""
+    written = []
+    for line in lines:
+        entry = _ENTRY.match(line)
+        if entry and written and written[-1] and not written[-1].startswith((":", " ")):
+            written.append("")
+        line = f":{entry[1]}: {entry[2]}" if entry else line
+        written.append("".join(map(_escaped, _LITERAL.split(line))))
+    lines[:] = written
+
+
+def _escaped(text):
+    if text.startswith("``"):
+        return text
+    return _MARKUP.sub(lambda found: "\\" + found[0], text)
+
+
+def skip_tuple_fields(app, what, name, obj, skip, options):
+    """Leave out the fields of named tuples, which the class describes."""
+    return True if type(obj).__name__ == "_tuplegetter" else None

@@ -1,0 +1,19 @@
+"""Links out of docs/ stay inside of the site, which shows the robots' folder too.
+
+In the tree they are relative, so that they work where the repository is read.
+"""
+
+import re
+
+_ROBOT = re.compile(r"\[([^\]]+)\]\(\.\./(robots/\w+/README)\.md\)")
+
+
+def setup(app):
+    """Register the hook."""
+    app.connect("source-read", stay_inside)
+    return {"parallel_read_safe": True}
+
+
+def stay_inside(app, docname, source):
+    """Turn links to a robot's README into links to its page."""
+    source[0] = _ROBOT.sub(r"{doc}`\1 </\2>`", source[0])

@@ -1,0 +1,80 @@
+"""The site: `make docs` builds it into build/site, with warnings as errors."""
+
+import json
+import math
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "docs" / "_ext"))
+
+from pinadapt import __version__  # noqa: E402  (after the path)
+
+project = "pinadapt"
+author = "The pinadapt developers"
+project_copyright = "2026, the pinadapt developers"
+version = release = __version__
+
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.mathjax",
+    "sphinx-mathjax-offline",
+    "rooms",
+    "docstrings",
+    "links",
+]
+source_suffix = {".rst": "restructuredtext", ".md": "myst-nb", ".ipynb": "myst-nb"}
+exclude_patterns = ["_ext", "robots/README.md"]
+
+html_theme = "furo"
+html_title = f"pinadapt {version}"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_favicon = "_static/icon.svg"
+html_copy_source = False
+html_show_sourcelink = False
+
+myst_enable_extensions = ["amsmath", "dollarmath", "substitution"]
+myst_heading_anchors = 3
+math_numfig = False
+
+# Notebooks are stored without outputs, so each is run here, where it stands.
+nb_execution_mode = "auto"
+nb_execution_timeout = 600
+nb_execution_raise_on_error = True
+nb_ipywidgets_js = {}  # a page asks no other host for anything
+
+autodoc_member_order = "bysource"
+toc_object_entries_show_parents = "hide"
+autodoc_typehints_format = "short"
+python_maximum_signature_line_length = 88
+napoleon_numpy_docstring = False
+napoleon_use_ivar = True
+napoleon_use_rtype = False
+
+
+def law_figures() -> dict[str, dict[str, str]]:
+    """Return what `python -m benchmarks.laws` measured of each law, as the page shows it."""
+    rows = json.loads((ROOT / "benchmarks" / "laws.json").read_text())["rows"]
+    return {
+        row["name"]: {
+            "error": told(row["error"], row["unit"]),
+            "camera": told(row["error_camera"], row["unit"]),
+            "cost": f"{row['step_ratio']:.0f}",
+        }
+        for row in rows
+    }
+
+
+def told(error: float | None, unit: str) -> str:
+    """Return an error in mm or degrees, not to be broken over lines."""
+    if error is None:
+        return "lost"
+    return (
+        f"{1e3 * error:.2g}\N{NO-BREAK SPACE}mm" if unit == "m" else f"{math.degrees(error):.2g}°"
+    )
+
+
+myst_substitutions = {"laws": law_figures()}
