@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import TypeVar
 
 import numpy as np
 import pinocchio as pin
@@ -13,12 +14,15 @@ from ..tasks.task import FrameTask, Task
 from .home import conditioning, find_home, home_inside_limits
 from .mounting import MountingPlane
 
+Made = TypeVar("Made")
+
 _LARGEST = "xyz"
 _PLANES = ("xy", "xz", "yz")
+_MOST_TRIED = 8  # ends of chains
 
 
-def choose_frame(model: pin.Model, ends: Sequence[str], task: str | None) -> str:
-    """Return the likeliest task frame: the first of the ends of chains, see ``end_links``.
+def choose_frames(model: pin.Model, ends: Sequence[str], task: str | None) -> list[str]:
+    """Return the task frames to be tried, the likeliest first: ends of chains, see ``end_links``.
 
     For a task of the joints it is the model's last frame where no chain of two joints ends.
 
@@ -26,14 +30,31 @@ def choose_frame(model: pin.Model, ends: Sequence[str], task: str | None) -> str
         RobotError: no end for a task of the frame.
     """
     if ends:
-        return ends[0]
+        return list(ends[:_MOST_TRIED])
     if task == JOINT:
-        return str(model.frames[-1].name)
+        return [str(model.frames[-1].name)]
     raise RobotError(
         "no link is moved by two independent joints or more.",
         where=str(model.name),
         hint='Name a frame, or take task = "joint".',
     )
+
+
+def first_able(frames: Sequence[str], make: Callable[[str], Made]) -> Made:
+    """Return what is made of the first of the frames whose chain is able to do the task.
+
+    Raises:
+        RobotError: of the first frame, where none is able; any other one at once.
+    """
+    refused: list[RobotError] = []
+    for frame in frames:
+        try:
+            return make(frame)
+        except RobotError as error:
+            if error.where != "task":
+                raise
+            refused.append(error)
+    raise refused[0]
 
 
 def choose_task(

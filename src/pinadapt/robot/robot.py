@@ -25,7 +25,7 @@ from .chain import (
     is_free_flyer,
     reduce_to_chain,
 )
-from .choice import choose_frame, choose_task
+from .choice import choose_frames, choose_task, first_able
 from .description import Description, Source, describe
 from .end_links import end_links
 from .friction import Friction
@@ -262,18 +262,37 @@ def load(
         instance(given, str | None, where, RobotError)
     locked = name_list(locked, "locked", RobotError)
     found = describe(source, xacro=xacro, mass=mass)
-    ends = end_links(found.model, found.mimics)
-    name = frame or found.frame or choose_frame(found.model, ends, task)
     weld = found.from_file if weld_root is None else flag(weld_root, "weld_root")
-    keep = _kept_joints(found, name, [*found.locked, *locked], weld or found.weld_root)
+    wanted = _Wanted(
+        task or found.task, [*found.locked, *locked], q0, gravity, weld or found.weld_root
+    )
+    ends, known = end_links(found.model, found.mimics), frame or found.frame
+    frames = [known] if known else choose_frames(found.model, ends, task)
+    return first_able(frames, lambda name: _cut_out(found, name, ends, wanted))
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """What a user asks of a chain, whatever its frame; as in ``load``."""
+
+    task: str | None
+    locked: Sequence[str]
+    q0: ArrayLike | None
+    gravity: ArrayLike | None
+    weld_root: bool
+
+
+def _cut_out(found: Description, name: str, ends: Sequence[str], wanted: _Wanted) -> Robot:
+    """Return the chain from the base to a frame."""
+    keep = _kept_joints(found, name, wanted.locked, wanted.weld_root)
     model = reduce_to_chain(found.model, keep, found.q_reference)
     check_position_limits(model)
-    if gravity is not None:
-        model.gravity.linear = vector(gravity, 3, "gravity", error=RobotError)
+    if wanted.gravity is not None:
+        model.gravity.linear = vector(wanted.gravity, 3, "gravity", error=RobotError)
     poses, welded = _reference_poses(found, model, keep), _floats(found.model, name)
     tip, mounted = frame_id(model, name), not (welded or found.weld_root)
     plane = MountingPlane.of(model, tip, poses[0]) if mounted else None
-    chosen, home = choose_task(model, tip, task or found.task, poses, plane)
+    chosen, home = choose_task(model, tip, wanted.task, poses, plane)
     robot = Robot(
         found.name,
         model,
@@ -287,8 +306,8 @@ def load(
         welded=welded,
         mounting=plane,
     )
-    if q0 is not None:
-        robot = robot.at(q0)
+    if wanted.q0 is not None:
+        robot = robot.at(wanted.q0)
     samples = np.random.default_rng(0).uniform(-1.0, 1.0, (3, model.nv))
     check_mass_matrix(
         model, [robot.q0, *(configuration_from_angles(model, sample) for sample in samples)]

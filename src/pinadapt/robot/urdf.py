@@ -13,6 +13,7 @@ import pinocchio as pin
 from ..exceptions import RobotError
 from .meshes import keep_readable_meshes
 from .packages import Packages
+from .urdf_gaps import fill_urdf_gaps
 from .urdf_numbers import check_urdf_numbers
 from .xacro import XacroArguments, expand, is_xacro
 from .xml_file import parse_xml, read_xml, xml_text
@@ -63,6 +64,7 @@ class Urdf:
                 f"the root element is <{root.tag}>, a URDF has <robot>.", where=str(path)
             )
         check_urdf_numbers(root, str(path))
+        fill_urdf_gaps(root, str(path))
         _check_depth(root, str(path))
         return cls(path, xml_text(root, str(path)), packages)
 
@@ -84,7 +86,7 @@ class Urdf:
 
     def geometry(self, kind: pin.GeometryType) -> pin.GeometryModel:
         """Read the visual or collision geometry; shapes whose mesh is missing are left out."""
-        root, loader = ElementTree.fromstring(self.text), coal.CachedMeshLoader()
+        root, loader = parse_xml(self.text, str(self.path)), coal.CachedMeshLoader()
         other = "collision" if kind == pin.GeometryType.VISUAL else "visual"
         for link in root.iter("link"):
             for shape in link.findall(other):
@@ -97,7 +99,7 @@ class Urdf:
         """Return the names of the joints that mimic another; Pinocchio makes them independent."""
         return frozenset(
             joint.get("name", "")
-            for joint in ElementTree.fromstring(self.text).iter("joint")
+            for joint in parse_xml(self.text, str(self.path)).iter("joint")
             if joint.find("mimic") is not None
         )
 

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
+from xml.parsers.expat import ExpatError, ParserCreate, errors
 
 from ..exceptions import RobotError
+
+_UNBOUND = errors.codes[errors.XML_ERROR_UNBOUND_PREFIX]
 
 
 def read_xml(path: Path) -> ElementTree.Element:
@@ -32,8 +35,31 @@ def parse_xml(text: bytes | str, where: str) -> ElementTree.Element:
     """
     try:
         return ElementTree.fromstring(text)
-    except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise RobotError(f"not well-formed XML ({error}).", where=where) from error
+    except ElementTree.ParseError as error:
+        if error.code != _UNBOUND:
+            raise _malformed(error, where) from error
+    except (ValueError, LookupError) as error:
+        raise _malformed(error, where) from error
+    try:
+        return _without_namespaces(text)
+    except ExpatError as error:
+        raise _malformed(error, where) from error
+
+
+def _malformed(error: Exception, where: str) -> RobotError:
+    return RobotError(f"not well-formed XML ({error}).", where=where)
+
+
+def _without_namespaces(text: bytes | str) -> ElementTree.Element:
+    """Return the root of a document that uses prefixes without saying what they are.
+
+    Readers of URDFs take them for part of the name, and so does this.
+    """
+    builder, parser = ElementTree.TreeBuilder(), ParserCreate()
+    parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
+    parser.CharacterDataHandler = builder.data
+    parser.Parse(text, True)
+    return builder.close()
 
 
 def xml_text(root: ElementTree.Element, where: str) -> str:
