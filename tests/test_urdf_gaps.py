@@ -8,42 +8,31 @@ import pytest
 import pinadapt as pa
 from pinadapt.robot.effort_limits import effort_limits
 from pinadapt.robot.velocity_limits import velocity_limits
-from test_representations import ARM4
-
-
-def changed(folder, *replacements):
-    """Write the arm of four joints with some of its text replaced, and return the path."""
-    text = ARM4.read_text()
-    for old, new in replacements:
-        assert old in text
-        text = text.replace(old, new)
-    path = folder / "changed.urdf"
-    path.write_text(text)
-    return path
+from test_robot import ARM4, arm4
 
 
 def test_prefixes_that_nobody_binds_are_part_of_the_name(tmp_path):
     tags = '<drake:joint name="x" drake:stiff="1"><drake:gain/></drake:joint></robot>'
-    robot = pa.load(changed(tmp_path, ("</robot>", tags)))
+    robot = pa.load(arm4(tmp_path, ("</robot>", tags)))
     assert robot.joint_names == pa.load(ARM4).joint_names
     with pytest.raises(pa.RobotError, match="not well-formed XML"):
-        pa.load(changed(tmp_path, ("</robot>", "<drake:joint></robot>")))
+        pa.load(arm4(tmp_path, ("</robot>", "<drake:joint></robot>")))
 
 
 def test_limits_that_are_not_stated_are_none(tmp_path):
     first = re.search(r"<limit [^>]*/>", ARM4.read_text()).group()
     with pytest.warns(UserWarning, match=r"no limit is stated for joint1 \(effort, velocity\)"):
-        robot = pa.load(changed(tmp_path, (first, '<limit lower="-1" upper="1"/>')))
+        robot = pa.load(arm4(tmp_path, (first, '<limit lower="-1" upper="1"/>')))
     assert np.isinf(effort_limits(robot)[0]) and np.isinf(velocity_limits(robot.model)[0])
     assert robot.model.upperPositionLimit[0] == 1.0
     with pytest.warns(UserWarning, match="no limit is stated for joint1"):
-        free = pa.load(changed(tmp_path, (first, "")))
+        free = pa.load(arm4(tmp_path, (first, "")))
     assert free.joint_names == robot.joint_names
 
 
 def test_a_parent_that_is_not_defined_is_a_link_without_a_body(tmp_path):
     weld = '<joint name="weld" type="fixed"><parent link="world"/><child link="base"/></joint>'
-    path = changed(tmp_path, ("</robot>", f"{weld}</robot>"))
+    path = arm4(tmp_path, ("</robot>", f"{weld}</robot>"))
     with pytest.warns(UserWarning, match="no link is called world"):
         robot = pa.load(path)
     assert robot.joint_names == pa.load(ARM4).joint_names
