@@ -49,6 +49,7 @@ def curve(
         t,
         values,
         color=colour(hue),
+        ls="-",  # whatever cycle a user has set
         lw=1.0,
         marker=MARKERS[marker % len(MARKERS)],
         markevery=((marker + 1) * step // 10, step),
