@@ -9,7 +9,7 @@ export OPENBLAS_NUM_THREADS := 1
 # Closed loops of many seconds, which `make check` leaves to `make test`.
 SLOW := init interrupted joint_laws kernel_cache limits lumped lyapunov mujoco_loops notebooks outputs pose_loop preflight readme reference separation showcase simulation site_code zoo
 
-.PHONY: demo notebook strip check test lint bench docs clean
+.PHONY: install demo notebook strip check test lint bench docs picture clean
 
 $(VENV)/installed: pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit("pinadapt needs Python >= 3.10; try make PYTHON=python3.12") if sys.version_info < (3, 10) else None'
@@ -17,6 +17,8 @@ $(VENV)/installed: pyproject.toml
 	$(BIN)/python -m pip install --quiet --upgrade pip
 	$(BIN)/python -m pip install --quiet -e '.[dev]'
 	touch $@
+
+install: $(VENV)/installed
 
 demo: $(VENV)/installed
 	$(BIN)/pinadapt demo
@@ -55,6 +57,9 @@ $(VENV)/docs: $(VENV)/installed
 docs: $(VENV)/docs
 	$(BIN)/python docs/gallery.py
 	$(BIN)/sphinx-build -W --keep-going --fresh-env docs build/site
+
+picture: $(VENV)/installed
+	$(BIN)/python docs/moving_picture.py
 
 clean:
 	rm -rf $(VENV) build dist out docs/api docs/gallery

@@ -1,0 +1,211 @@
+"""The moving picture of the README: a UR5 whose arm is believed to have other lengths.
+
+``python docs/moving_picture.py`` runs the loop, lets Chromium without a window draw its page frame
+by frame, and writes docs/melting.gif. It needs Chromium or Chrome; Pillow and tornado, which it
+imports too, come with matplotlib and meshcat. ``--page FILE`` keeps the page as well.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import base64
+import io
+import json
+import os
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+from urllib.request import urlopen
+
+import numpy as np
+from PIL import Image
+from tornado.websocket import WebSocketClientConnection, websocket_connect
+
+import pinadapt as pa
+
+PICTURE = Path(__file__).parent / "melting.gif"
+WRONG = {"elbow_joint": -0.3, "wrist_1_joint": 0.4}  # believed over true length, less one
+DURATION = 6.0  # [s] two turns
+FRAMES_PER_SECOND = 20.0  # of the picture
+SIZE = 760, 440  # [pixels]
+COLOURS = 255
+
+FLAGS = (
+    "--headless",
+    "--no-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--hide-scrollbars",
+    "--remote-debugging-port=0",
+)
+READY = "typeof viewer === 'object' && viewer.animator.duration > 0"
+# The robot stands right of the panels, before one colour; the curves of error and lengths stay.
+LAYOUT = """
+  document.head.insertAdjacentHTML("beforeend", `<style>
+    .dg.main, #curves > :nth-child(n + 5) { display: none }
+  </style>`);
+  for (const end of ["top_color", "bottom_color"])
+    viewer.set_property(["Background"], end, [0.95, 0.96, 0.97]);
+  viewer.camera.zoom = 1.12;
+  viewer.camera.setViewOffset(innerWidth, innerHeight, -150, 0, innerWidth, innerHeight);
+"""
+SHOW = """(async () => {
+  const drawn = () => new Promise(requestAnimationFrame);
+  viewer.animator.pause();
+  viewer.animator.display_progress(%f);
+  viewer.animator.seek(%f);
+  await drawn();  // the page reveals the path up to that moment
+  viewer.set_dirty();
+  await drawn();
+  await drawn();
+})()"""
+
+
+def rollout() -> pa.Rollout:
+    """Return the run: the lengths of both long links and all masses are believed wrong.
+
+    The kinematics are learned about five times slower than by default, or the eye would miss it.
+    """
+    true = pa.load("ur5")
+    names = list(true.model.names)
+    off = {j: k * true.model.jointPlacements[names.index(j)].translation for j, k in WRONG.items()}
+    believed = true.changed(link_translation=off, inertial_scale=0.7)
+    controller = pa.make_controller(
+        believed,
+        kinematic=[f"{joint}:length" for joint in WRONG],
+        adaptation="gradient",
+        gamma_k=40.0,
+        R_k=0.015,
+    )
+    circle = pa.Circle(center=np.zeros(3), radius=0.2, period=3.0, plane="yz")
+    return pa.simulate(
+        true,
+        controller,
+        circle.starting_at(true.position(true.q0)),
+        duration=DURATION,
+        title="UR5, two lengths believed wrong",
+    )
+
+
+@contextmanager
+def browser(page: Path) -> Iterator[str]:
+    """Open a page in Chromium; give the address at which it takes commands."""
+    program = next(filter(None, map(shutil.which, ("chromium", "google-chrome"))), None)
+    if program is None:
+        raise SystemExit("Chromium or Chrome is needed.")
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
+        command = [program, *FLAGS, f"--user-data-dir={profile}", page.as_uri()]
+        process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+        try:
+            yield address_of(Path(profile) / "DevToolsActivePort", process)
+        finally:
+            process.terminate()
+            process.wait()
+
+
+def address_of(port: Path, process: subprocess.Popen[bytes]) -> str:
+    """Return the address of a browser's page; the browser writes its port into a file."""
+    while process.poll() is None:
+        if port.exists() and (words := port.read_text().split()):
+            with urlopen(f"http://127.0.0.1:{words[0]}/json/list") as answer:
+                tabs = [tab for tab in json.load(answer) if tab["type"] == "page"]
+            if tabs:
+                return tabs[0]["webSocketDebuggerUrl"]
+        time.sleep(0.2)
+    raise SystemExit(f"The browser ended with status {process.returncode}.")
+
+
+class Tab:
+    """A page that takes commands, one after the other."""
+
+    def __init__(self, connection: WebSocketClientConnection) -> None:
+        """Take the connection to it."""
+        self._connection, self._count = connection, 0
+
+    async def command(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """Give a command of Chromium's protocol and return its result."""
+        self._count += 1
+        message = {"id": self._count, "method": method, "params": parameters}
+        await self._connection.write_message(json.dumps(message))
+        while (text := await self._connection.read_message()) is not None:
+            answer = json.loads(text)
+            if answer.get("id") == self._count:
+                return answer["result"]
+        raise SystemExit("The browser is gone.")
+
+    async def value(self, expression: str) -> Any:
+        """Return what an expression, or the promise that it is, comes to."""
+        answer = await self.command(
+            "Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True
+        )
+        return answer["result"].get("value")
+
+
+async def frames(address: str, times: np.ndarray) -> list[Image.Image]:
+    """Return pictures of a page at the given times [s]."""
+    tab = Tab(await websocket_connect(address, max_message_size=2**27))
+    width, height = SIZE
+    await tab.command(
+        "Emulation.setDeviceMetricsOverride",
+        width=width,
+        height=height,
+        deviceScaleFactor=1,
+        mobile=False,
+    )
+    while not await tab.value(READY):
+        await asyncio.sleep(0.2)
+    await tab.value(LAYOUT)
+    pictures = []
+    for t in times:
+        await tab.value(SHOW % (t, t))
+        shot = await tab.command("Page.captureScreenshot", format="png")
+        pictures.append(Image.open(io.BytesIO(base64.b64decode(shot["data"]))).convert("RGB"))
+    return pictures
+
+
+def write(pictures: list[Image.Image], path: Path) -> None:
+    """Write an endless GIF with one palette for all, so that what rests costs nothing."""
+    some = pictures[:: max(len(pictures) // 6, 1)]
+    sheet = Image.new("RGB", (SIZE[0], SIZE[1] * len(some)))
+    for k, picture in enumerate(some):
+        sheet.paste(picture, (0, k * SIZE[1]))
+    palette = sheet.quantize(COLOURS, method=Image.Quantize.FASTOCTREE)
+    first, *rest = (p.quantize(palette=palette, dither=Image.Dither.NONE) for p in pictures)
+    first.save(
+        path,
+        save_all=True,
+        append_images=rest,
+        duration=round(1000 / FRAMES_PER_SECOND),
+        loop=0,
+        optimize=True,
+    )
+
+
+def main() -> None:
+    """Run, draw and write."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--page", type=Path, help="keep the page here")
+    options = parser.parse_args()
+    run = rollout()
+    print(run)
+    with tempfile.TemporaryDirectory() as folder:
+        page = run.animate().save((options.page or Path(folder) / "page.html").resolve())
+        times = np.arange(0.0, DURATION, 1.0 / FRAMES_PER_SECOND)
+        with browser(page) as address:
+            pictures = asyncio.run(frames(address, times))
+    write(pictures, PICTURE)
+    print(f"{PICTURE}: {len(pictures)} frames, {os.path.getsize(PICTURE) / 1e6:.2f} MB")
+
+
+if __name__ == "__main__":
+    main()
