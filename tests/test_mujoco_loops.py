@@ -11,6 +11,7 @@ from pinadapt.scenario.scenario import Scenario
 pytest.importorskip("mujoco")  # pip install -e '.[dev]' brings it
 
 ROBOTS = Path(__file__).parents[1] / "robots"
+SHIPPED = ("panda/tool_and_load.toml", "panda/pose.toml", "ur5/unknown_lengths.toml")
 ENGINES = ("pinocchio", "mujoco")
 SOONER = "truth.change=[{at=0.4, payload={mass=0.0}}, {at=0.7, payload={mass=3.0}}]"
 LINE = 'reference={kind="lissajous", amplitude=[0.0, 0.15, 0.0], cycles=[1, 1, 1], period=4.0}'
@@ -26,7 +27,7 @@ def run(name, engine, *settings):
     return scenario, rollout
 
 
-@pytest.mark.parametrize("name", ["panda/tool_and_load.toml", "ur5/unknown_lengths.toml"])
+@pytest.mark.parametrize("name", SHIPPED)
 def test_the_error_that_is_left_is_within_a_tenth_of_that_in_pinocchio(name):
     """All of the scenario: the Panda's has dry friction, whose laws are not quite the same."""
     ours, theirs = (run(name, engine)[1] for engine in ENGINES)
@@ -51,9 +52,9 @@ def test_without_dry_friction_the_paths_are_the_same_to_a_micrometre(name, setti
     assert np.linalg.norm(ours.error[:, :3], axis=1).max() > 2e-3
 
 
-@pytest.mark.parametrize("name", ["panda/tool_and_load.toml", "ur5/unknown_lengths.toml"])
+@pytest.mark.parametrize("name", SHIPPED)
 def test_rotors_and_damping_that_the_controller_does_not_know_are_withstood(name):
-    friction = "truth.friction={viscous=1.0, coulomb=%s}" % (0.5 if "panda" in name else 0.0)
+    friction = f"truth.friction={{viscous=1.0, coulomb={0.5 if 'tool' in name else 0.0}}}"
     _, rollout = run(name, "mujoco", "truth.armature=0.1", friction)
     assert rollout.summary()["max_error_last"] < 0.5e-3
 
