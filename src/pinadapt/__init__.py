@@ -21,6 +21,7 @@ from .controller import Belief as Belief
 from .controller import Controller as Controller
 from .controller import ControllerState as ControllerState
 from .controller import Guards as Guards
+from .controller import LearnedParameters as LearnedParameters
 from .controller import Limits as Limits
 from .controller import Senses as Senses
 from .exceptions import DivergedError as DivergedError

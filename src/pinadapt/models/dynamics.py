@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
+from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from .regressor import Regressor
 from .translations import Translation
@@ -65,6 +66,20 @@ class Dynamics(ABC):
     @abstractmethod
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the parameters (p) of any robot with this chain, None when none reproduce it."""
+
+    def robot(self, a_d: np.ndarray, believed: Robot) -> Robot:
+        """Return the believed robot with the parameters a_d (p) in place of its own.
+
+        Raises:
+            ParameterError: no bodies have these parameters.
+        """
+        if not self.size:
+            return believed
+        raise ParameterError(
+            f"no bodies follow from the {self.size} parameters, which are lumped.",
+            where="learned",
+            hint="Their values can be kept, see LearnedParameters.",
+        )
 
     def moved(self, a_d: np.ndarray, before: Robot, after: Robot) -> np.ndarray | None:
         """Return an estimate (p) once the last body is announced to carry another load.

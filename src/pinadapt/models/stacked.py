@@ -60,6 +60,15 @@ class StackedDynamics(Dynamics):
         inertial, joint = self.inertial.value(without_joint_effects(robot)), self.joint.value(robot)
         return None if inertial is None or joint is None else np.concatenate([inertial, joint])
 
+    def robot(self, a_d: np.ndarray, believed: Robot) -> Robot:
+        """Return the believed robot with the bodies and joints that a_d (p) states.
+
+        Raises:
+            ParameterError: as the inertial block.
+        """
+        size = self.inertial.size
+        return self.joint.robot(a_d[size:], self.inertial.robot(a_d[:size], believed))
+
     def moved(self, a_d: np.ndarray, before: Robot, after: Robot) -> np.ndarray | None:
         """Return the estimate (p) once another load is announced; the joints keep theirs."""
         size, bare = self.inertial.size, (without_joint_effects(robot) for robot in (before, after))

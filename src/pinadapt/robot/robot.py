@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._checks import arithmetic, flag, instance, name_list, vector
+from .._files import write_text
 from ..exceptions import RobotError
 from ..tasks.task import FrameTask, Task
 from . import changes
@@ -23,16 +25,20 @@ from .chain import (
     configuration_from_angles,
     frame_id,
     is_free_flyer,
+    is_slide,
     reduce_to_chain,
 )
 from .choice import choose_frame, choose_task
 from .description import Description, Source, describe
 from .end_links import end_links
 from .friction import Friction
+from .joint_effects import described_effects
 from .mounting import MountingPlane
+from .origin import Origin
 from .position_limits import check_position_limits, warn_beyond_limits
 from .reach import reach
 from .robot_sheet import robot_sheet
+from .urdf_text import urdf_text
 from .visual import Visual
 from .xacro import XacroArguments
 
@@ -58,6 +64,7 @@ class Robot:
         mounting: the plane that the chain is mounted on; None for a floating base and for robots of
             the catalogue, whose homes are stated or searched without one.
         loads: what it carries since it was loaded, in the axes of the last joint; the model has it.
+        origin: the URDF it was read from, with the chain as that has it, or None.
     """
 
     name: str
@@ -72,6 +79,7 @@ class Robot:
     welded: bool = False
     mounting: MountingPlane | None = None
     loads: tuple[pin.Inertia, ...] = ()
+    origin: Origin | None = None
 
     @property
     def visual(self) -> pin.GeometryModel | None:
@@ -87,6 +95,12 @@ class Robot:
     def joint_names(self) -> list[str]:
         """Names of the chain's joints, from the base."""
         return [str(name) for name in self.model.names[1:]]
+
+    @property
+    def slides(self) -> dict[str, bool]:
+        """Joint name -> whether it is prismatic."""
+        joints = self.model.joints[1:]
+        return {name: is_slide(j) for name, j in zip(self.joint_names, joints, strict=True)}
 
     @property
     def home_angles(self) -> np.ndarray:
@@ -193,6 +207,36 @@ class Robot:
         )
         return replace(self, model=model, friction=friction, loads=loads)
 
+    def urdf(self, *, shapes: bool = True) -> str:
+        """Return this robot as a URDF that Pinocchio and MuJoCo read.
+
+        Where it was read from a URDF, from a file, a xacro or the catalogue, that text, without its
+        comments, with the numbers in which this robot differs: inertias of the links of changed
+        bodies, placements of moved joints and of the task frame, damping and friction of joints. A
+        first comment names them. Paths of meshes that are found are written whole. The first link
+        of a body takes what changed; the others, fixed to it or locked, keep theirs where that
+        leaves a physical rest, else a share. The frame is moved by its own fixed joint where it
+        is a last link, else it is a new link, which the comment names. Of any other source the
+        chain alone is written. Gravity and where the base stands have no place in a URDF; a rotor
+        inertia is an attribute ``armature`` that only ``load(..., joint_effects=True)`` reads.
+
+        Args:
+            shapes: with the visual and collision shapes of the description; MuJoCo refuses those
+                whose meshes are neither STL nor OBJ.
+
+        Raises:
+            RobotError: a changed body that no distribution of mass has, or a source that is gone.
+        """
+        return urdf_text(self, shapes=flag(shapes, "shapes"))
+
+    def save(self, path: Path | str, *, shapes: bool = True) -> None:
+        """Write ``urdf`` to a file, whole or not at all; its folder is made if it is missing.
+
+        Raises:
+            RobotError: as ``urdf``.
+        """
+        write_text(Path(path), self.urdf(shapes=shapes))
+
     def undrawn(self) -> Robot:
         """Return this robot without the geometry to draw, which no controller needs."""
         return replace(self, drawn=None)
@@ -226,6 +270,7 @@ def load(
     weld_root: bool | None = None,
     xacro: XacroArguments | None = None,
     mass: float | None = None,
+    joint_effects: bool = False,
 ) -> Robot:
     """Load any robot and keep the chain from its base to one frame.
 
@@ -252,6 +297,9 @@ def load(
         xacro: arguments of a xacro file, name -> text, number or bool.
         mass: what the whole robot weighs [kg], its base included, where bodies are described
             without mass: these get what the others leave of it; see ``missing_inertia``.
+        joint_effects: believe the damping, friction and rotor inertia that the description states
+            of its joints; by default friction is none, as most descriptions only hold a place
+            for it.
 
     Raises:
         RobotError: missing file, bad XML, unknown frame or joint, floating base, mimic or
@@ -286,7 +334,11 @@ def load(
         locked=_off_chain(found.model, keep),
         welded=welded,
         mounting=plane,
+        origin=None if found.urdf is None else Origin(found.urdf, model.copy()),
     )
+    if flag(joint_effects, "joint_effects"):
+        armature, viscous, coulomb = described_effects(robot)
+        robot = robot.changed(armature=armature, viscous=viscous, coulomb=coulomb)
     if q0 is not None:
         robot = robot.at(q0)
     samples = np.random.default_rng(0).uniform(-1.0, 1.0, (3, model.nv))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._table import Sheet
+from ..controller.learned import LearnedParameters
 from ..exceptions import InputError
+from ..robot.robot import Robot
 from ..tasks.task import Task
 from . import report, verdict
 from .evaluation import Evaluation
@@ -246,6 +248,29 @@ class Rollout:
         from ..view.animation import animation_of
 
         return animation_of(self, frames_per_second=frames_per_second)
+
+    def learned(self) -> Robot:
+        """Return the believed robot with the last estimates; see ``Controller.learned``.
+
+        Its shape is that of the robot that was driven. ``learned().save("learned.urdf")`` writes
+        it.
+
+        Raises:
+            ParameterError: as ``Controller.learned``, or the estimates are not finite.
+            InputError: the rollout has left its process, or has no sample.
+        """
+        evaluation = self.evaluated()
+        learned = evaluation.controller.learned(evaluation.last_state)
+        return replace(learned, drawn=evaluation.true.robots[0].drawn)
+
+    def parameters(self) -> LearnedParameters:
+        """Return the last estimates by name, from which another controller can start.
+
+        Raises:
+            InputError: as ``learned``.
+        """
+        evaluation = self.evaluated()
+        return LearnedParameters.of(evaluation.controller, evaluation.last_state)
 
     def evaluated(self) -> Evaluation:
         """Return what the properties are computed by: robots, controller and samples.
