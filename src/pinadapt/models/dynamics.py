@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
+from .independent_columns import independent_columns
 from .regressor import Regressor
 from .translations import Translation
 
@@ -118,16 +119,12 @@ def equivalent_parameters(
 def identifiable(regressor: Regressor, B: np.ndarray, robot: Robot, *, samples: int = 60) -> int:
     """Return how many parameters a of pi = B a (10 n, p) the torque can tell apart: rank of Y B.
 
-    Columns are scaled to unit length, so that the units of a do not matter; those that are zero but
-    for the rounding of Y, whose sizes are at most ``|Y| |B_j|``, are left out before.
+    Columns that are zero but for the rounding of Y, whose sizes are at most ``|Y| |B_j|``, are left
+    out before; see ``independent_columns``.
     """
     Y = _random_motion(regressor, robot, samples)[0]
-    columns = Y @ B
-    sizes = np.linalg.norm(columns, axis=0)
     largest = np.linalg.norm(Y, axis=0).max() * np.linalg.norm(B, axis=0)
-    alive = sizes > _NEGLIGIBLE * largest
-    singular = np.linalg.svd(columns[:, alive] / sizes[alive], compute_uv=False)
-    return int(np.count_nonzero(singular > _NEGLIGIBLE * singular.max(initial=0.0)))
+    return len(independent_columns(Y @ B, largest)[0])
 
 
 def _random_motion(

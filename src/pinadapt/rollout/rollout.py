@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +17,11 @@ from ..robot.robot import Robot
 from ..tasks.task import Task
 from . import report, verdict
 from .evaluation import Evaluation
+from .excitation import Excitation
+from .information import position_information, torque_information
 from .limit_excess import LimitExcess
+from .payload_estimate import PayloadEstimate, payload_estimate
+from .sample import Sample
 from .transients import Transient, transients
 
 if TYPE_CHECKING:
@@ -271,6 +276,47 @@ class Rollout:
         """
         evaluation = self.evaluated()
         return LearnedParameters.of(evaluation.controller, evaluation.last_state)
+
+    def excitation(self) -> Excitation:
+        """Return how exciting the run was, since the last of its marks, and for what.
+
+        The spectrum of the information matrix, the parameters that motion could tell apart, and how
+        well each last estimate is known; evaluated when asked, in a second or so.
+
+        Raises:
+            InputError: as ``learned``.
+        """
+        evaluation, samples = self.evaluated(), self._samples_since_last_mark()
+        controller, state = evaluation.controller, evaluation.last_state
+        return Excitation(
+            torque_information(controller, samples, state),
+            position_information(controller, samples, state),
+            LearnedParameters.of(controller, state).units,
+        )
+
+    def payload(self, *, refined: bool = False) -> PayloadEstimate:
+        """Return the load that was learned: the last body as learned less the described one.
+
+        Where the other bodies are unknown too, the load that explains best what was learned of all
+        of them, the arm being as described.
+
+        Args:
+            refined: compare not the last estimates, which still move, but the least-squares ones
+                from all data since the last mark.
+
+        Raises:
+            ParameterError: the last body is not among the parameters.
+            InputError: as ``learned``.
+        """
+        evaluation, samples = self.evaluated(), self._samples_since_last_mark()
+        controller, state = evaluation.controller, evaluation.last_state
+        found = torque_information(controller, samples, state)
+        return payload_estimate(controller, found.refined() if refined else found)
+
+    def _samples_since_last_mark(self) -> Sequence[Sample]:
+        """Return the samples in which the robot was the one that it is at the end."""
+        since = max((at for at, _ in self.marks), default=-np.inf)
+        return [sample for sample in self.evaluated().samples if sample.t >= since]
 
     def evaluated(self) -> Evaluation:
         """Return what the properties are computed by: robots, controller and samples.
