@@ -63,6 +63,19 @@ def test_the_load_is_what_was_hung_on(name, dynamic):
     assert "kg m^2" in str(learned) and "<table>" in learned._repr_html_()
 
 
+def test_encoders_that_count_leave_the_load_known():
+    described = catalogue_robot("panda")
+    true = described.changed(payload=pa.Payload(1.5, COM, INERTIA), viscous=1.0)
+    count = 2.0 * np.pi / 2**17
+    controller = pa.make_controller(described, dynamic="payload", encoder=count)
+    path = pa.reachable_circle(true)
+    rollout = pa.simulate(true, controller, path, duration=4.0, encoder=count)
+    load = rollout.payload(refined=True)
+    assert load.mass == pytest.approx(1.5, rel=0.02)
+    assert np.abs(load.com - COM).max() < 5e-3
+    assert abs(load.mass - 1.5) < 5.0 * load.mass_known_to
+
+
 def test_a_load_that_is_known_can_be_announced():
     load = run("ur5").payload(refined=True).payload()
     assert isinstance(load, pa.Payload)

@@ -2,8 +2,7 @@
 
 With rows W a = y + noise the information matrix is H = W^T S^-1 W, S the variance of the noise, and
 H^-1 the covariance of the best estimate (Gauss and Markov). Of a torque the rows are averages over
-short times of Y(q, v, a) and tau: with the acceleration between two samples its average needs no
-derivative but the velocity at both ends. Of a position they are dx/da_k at the sample.
+short times of Y(q, v, a) and tau, see ``measured_motion``; of a position they are dx/da_k.
 """
 
 from __future__ import annotations
@@ -16,9 +15,10 @@ import numpy as np
 
 from ..controller.controller import Controller
 from ..controller.state import ControllerState
+from .measured_motion import measured_motion
 from .sample import Sample
 
-BLOCK = 0.02  # [s] over which rows of the torque are averaged
+BLOCK = 0.05  # [s] over which rows of the torque are averaged; independent after a 10 Hz low pass
 _OPEN = 1e-10  # share of the largest eigenvalue below which a direction was not excited
 _APART = 1e-3  # share of a direction that may lie among those not excited
 _SILENT = 1e-8  # share of the largest size below which a parameter does not show
@@ -110,19 +110,15 @@ def torque_information(
     """Return what measured motion and torque tell of the dynamic parameters at a state."""
     dynamics = controller.dynamics
     dynamics.load(state.a_d)
-    nv, steps = controller.kinematics.nv, len(samples) - 1
-    period = (samples[-1].t - samples[0].t) / max(steps, 1)
-    size = max(1, round(BLOCK / period)) if steps > 0 and period > 0.0 else 1
-    blocks = steps // size if dynamics.size and period > 0.0 else 0
-    W, r, level = np.zeros((blocks, nv, dynamics.size)), np.zeros((blocks, nv)), np.zeros(nv)
+    nv = controller.kinematics.nv
+    q, v, a, tau, period = measured_motion(controller.kinematics.robot.model, samples)
+    size = max(1, round(BLOCK / period)) if period else 1
+    blocks = len(q) // size if dynamics.size else 0
+    W, r = np.zeros((blocks, nv, dynamics.size)), np.zeros((blocks, nv))
     for k in range(blocks * size):
-        now, then = samples[k].measurement, samples[k + 1].measurement
-        q = controller.kinematics.between(now.q, then.q, 0.5)
-        v, a = 0.5 * (now.v + then.v), (then.v - now.v) / (then.t - now.t)
-        tau = samples[k].torque
-        W[k // size] += dynamics.regressor(q, v, a) / size
-        r[k // size] += (tau - dynamics.torque(q, v, a)) / size
-        level += np.abs(tau) / (blocks * size)
+        W[k // size] += dynamics.regressor(q[k], v[k], a[k]) / size
+        r[k // size] += (tau[k] - dynamics.torque(q[k], v[k], a[k])) / size
+    level = np.abs(tau).mean(axis=0) if blocks else np.zeros(nv)
     return _information(dynamics.names, state.a_d, W, r, level)
 
 
