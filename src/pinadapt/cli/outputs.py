@@ -83,7 +83,8 @@ def _keep_learned(rollout: Rollout, folder: Path) -> None:
         return
     try:
         rollout.parameters().save(folder / "learned.json")
-        rollout.learned().save(folder / "learned.urdf")
+        if not rollout.evaluated().controller.dynamics.lumped:
+            rollout.learned().save(folder / "learned.urdf")
     except InputError as reason:
         print(f"pinadapt: not all that was learned is written: {reason}", file=sys.stderr)
 

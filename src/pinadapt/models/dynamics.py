@@ -31,6 +31,7 @@ class Dynamics(ABC):
         initial: (p) values in the believed robot's own description.
         bodies: indices from 0 of the bodies whose inertias are unknown.
         translations: the unknown translations of joints that the parameters cover.
+        lumped: whether they are lumped, so that no bodies follow from them.
     """
 
     names: tuple[str, ...]
@@ -38,6 +39,7 @@ class Dynamics(ABC):
     initial: np.ndarray
     bodies: Sequence[int] = ()
     translations: Sequence[Translation] = ()
+    lumped: bool = False
 
     @abstractmethod
     def load(self, a_d: np.ndarray) -> None:

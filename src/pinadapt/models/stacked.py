@@ -28,6 +28,7 @@ class StackedDynamics(Dynamics):
         self.size = inertial.size + joint.size
         self.initial = np.concatenate([inertial.initial, joint.initial])
         self.bodies, self.translations = inertial.bodies, inertial.translations
+        self.lumped = inertial.lumped
 
     def load(self, a_d: np.ndarray) -> None:
         """Give each block its part of the estimate a_d (p)."""
