@@ -22,6 +22,8 @@ from pinadapt.robot.catalogue import robots_folder
 
 PLANAR = str(robots_folder() / "planar_2r" / "wang_xie_2009.toml")
 PLOTS = {"error.png", "parameters.png", "torque.png"}
+LEARNED = {"learned.json", "learned.urdf"}
+LUMPED = {"learned.json"}  # of the planar arm, whose lumped parameters are no bodies
 
 
 def command(folder, *more, steps=20, title="planar"):
@@ -69,7 +71,7 @@ def written(rollout, folder):
     """Write a run as the command line does, but for pictures that take long."""
     with one_run(folder, RUN_FILES) as beside:
         rollout.save(beside)
-        for name in (*sorted(PLOTS), "animation.html"):
+        for name in (*sorted(PLOTS | LEARNED), "animation.html"):
             write_text(beside / name, rollout.title)
 
 
@@ -125,7 +127,12 @@ def test_a_run_killed_while_it_runs_leaves_the_one_before(tmp_path):
     done = subprocess.run([sys.executable, "-c", script, *arguments], env=environment)
     assert done.returncode == -signal.SIGKILL
     assert json.loads((tmp_path / "summary.json").read_text())["title"] == "first"
-    assert {path.name for path in tmp_path.iterdir()} == {*PLOTS, "rollout.npz", "summary.json"}
+    assert {path.name for path in tmp_path.iterdir()} == {
+        *PLOTS,
+        *LUMPED,
+        "rollout.npz",
+        "summary.json",
+    }
 
 
 def test_an_animation_of_another_run_does_not_stay(tmp_path):
@@ -133,7 +140,7 @@ def test_an_animation_of_another_run_does_not_stay(tmp_path):
     assert main(command(tmp_path)) == 0
     assert (tmp_path / "animation.html").stat().st_size > 1e5
     assert main(command(tmp_path, "--no-html")) == 0
-    assert shown(tmp_path) == {*PLOTS, "rollout.npz", "summary.json", "notes.txt"}
+    assert shown(tmp_path) == {*PLOTS, *LUMPED, "rollout.npz", "summary.json", "notes.txt"}
 
 
 def test_a_file_that_fails_leaves_the_one_before(tmp_path):
@@ -215,7 +222,7 @@ def full_disk(monkeypatch, words):
 @pytest.mark.parametrize(
     ("full", "kept"),
     [
-        (["animation"], {*PLOTS, "rollout.npz", "summary.json"}),
+        (["animation"], {*PLOTS, *LUMPED, "rollout.npz", "summary.json"}),
         (["torque.png"], PLOTS - {"torque.png"} | {"rollout.npz", "summary.json"}),
         (["summary.json"], {"rollout.npz"}),
     ],

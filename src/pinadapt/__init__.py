@@ -21,6 +21,7 @@ from .controller import Belief as Belief
 from .controller import Controller as Controller
 from .controller import ControllerState as ControllerState
 from .controller import Guards as Guards
+from .controller import LearnedParameters as LearnedParameters
 from .controller import Limits as Limits
 from .controller import Senses as Senses
 from .exceptions import DivergedError as DivergedError
@@ -57,6 +58,7 @@ from .laws import Separation as Separation
 from .laws import SlotineLi as SlotineLi
 from .laws import SpongOrtega as SpongOrtega
 from .laws import Truth as Truth
+from .models import BaseParameters as BaseParameters
 from .models import BasisDynamics as BasisDynamics
 from .models import BodyDynamics as BodyDynamics
 from .models import Carrier as Carrier
@@ -70,6 +72,7 @@ from .models import StackedDynamics as StackedDynamics
 from .models import TaskKinematics as TaskKinematics
 from .models import Translation as Translation
 from .models import TypicalMotion as TypicalMotion
+from .models import base_parameters as base_parameters
 from .plants import Mjcf as Mjcf
 from .plants import MujocoPlant as MujocoPlant
 from .plants import PinocchioPlant as PinocchioPlant
@@ -86,6 +89,9 @@ from .robot import Succession as Succession
 from .robot import catalogue as catalogue
 from .robot import load as load
 from .robot import reachable_circle as reachable_circle
+from .rollout import Excitation as Excitation
+from .rollout import Information as Information
+from .rollout import PayloadEstimate as PayloadEstimate
 from .rollout import Rollout as Rollout
 from .rollout import Sample as Sample
 from .sensing import Camera as Camera

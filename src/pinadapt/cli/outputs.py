@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from .._files import check_writable, one_run
-from ..exceptions import Interrupted
+from ..exceptions import InputError, Interrupted
 from ..rollout.rollout import Rollout
 from ..scenario.scenario import Scenario
 from .progress import steps_bar
@@ -20,6 +20,8 @@ RUN_FILES = (
     "parameters.png",
     "torque.png",
     "animation.html",
+    "learned.json",
+    "learned.urdf",
     "summary.json",
 )
 
@@ -52,6 +54,7 @@ def write_run(rollout: Rollout, folder: Path, *, html: bool) -> None:
     steps: list[Callable[[Path], object]] = [
         rollout.save,
         rollout.plot,
+        partial(_keep_learned, rollout),
         *([partial(_animate, rollout)] if html else []),
     ]
     saved = False
@@ -72,6 +75,18 @@ def write_run(rollout: Rollout, folder: Path, *, html: bool) -> None:
 
 def _animate(rollout: Rollout, folder: Path) -> None:
     rollout.animate().save(folder / "animation.html")
+
+
+def _keep_learned(rollout: Rollout, folder: Path) -> None:
+    """Write what was learned, if anything, as numbers and, where bodies have them, as a URDF."""
+    if not (rollout.kinematic_names or rollout.dynamic_names):
+        return
+    try:
+        rollout.parameters().save(folder / "learned.json")
+        if not rollout.evaluated().controller.dynamics.lumped:
+            rollout.learned().save(folder / "learned.urdf")
+    except InputError as reason:
+        print(f"pinadapt: not all that was learned is written: {reason}", file=sys.stderr)
 
 
 def _rescued(rollout: Rollout) -> Path | None:

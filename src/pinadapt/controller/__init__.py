@@ -3,6 +3,7 @@
 from .belief import Belief as Belief
 from .controller import Controller as Controller
 from .guards import Guards as Guards
+from .learned import LearnedParameters as LearnedParameters
 from .limits import Limits as Limits
 from .senses import Senses as Senses
 from .state import ControllerState as ControllerState

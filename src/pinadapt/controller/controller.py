@@ -26,11 +26,13 @@ from ..models.typical_motion import TypicalMotion
 from ..records import Desired, Measurement, named
 from ..robot.changes import Payload
 from ..robot.gravity import Compensation
+from ..robot.robot import Robot
 from ..signals import OpenSignals, Signals
 from .belief import Belief, informed
 from .controller_sheet import controller_sheet
 from .guards import Guards
 from .inputs import InputCheck
+from .learned import learned_robot
 from .limits import Limits
 from .senses import Senses
 from .state import ControllerState
@@ -171,6 +173,18 @@ class Controller:
             InputError: the parameters cannot express it, or a load or a tool that cannot be.
         """
         return informed(self, state, payload, tool_translation)
+
+    def learned(self, state: ControllerState) -> Robot:
+        """Return the believed robot as estimated in a state: bodies, translations, joints.
+
+        What is not adapted is as described, with the load it was believed to carry at first. The
+        robot can be believed by another controller, driven, or written with ``Robot.save``.
+
+        Raises:
+            ParameterError: the bodies are not physical, as adaptation "gradient" may leave them, or
+                the parameters are lumped products of lengths and inertias.
+        """
+        return learned_robot(self, state)
 
     def step(
         self, state: ControllerState, measurement: Measurement, desired: Desired, dt: float

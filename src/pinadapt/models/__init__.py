@@ -1,5 +1,7 @@
 """Models: the believed kinematics and dynamics of a robot, evaluated at an estimate."""
 
+from .base_parameters import BaseParameters as BaseParameters
+from .base_parameters import base_parameters as base_parameters
 from .basis import BasisDynamics as BasisDynamics
 from .bodies import BodyDynamics as BodyDynamics
 from .dynamics import Dynamics as Dynamics

@@ -10,6 +10,7 @@ from .._checks import name_list
 from ..robot.changes import joint_id
 from ..robot.robot import Robot
 from .inertial import InertialDynamics
+from .pseudo_inertia import with_bodies
 from .regressor import LABELS, PER_BODY, inertial_parameters
 
 ALL, PAYLOAD, NONE = "all", "payload", "none"
@@ -81,6 +82,14 @@ class BodyDynamics(InertialDynamics):
         same = same and np.allclose(base.rotation, true_base.rotation, atol=1e-9)
         same = same and all(ours.isApprox(theirs, 1e-9) for ours, theirs in pairs[2:])
         return pi[self._columns] if same else None
+
+    def robot(self, a_d: np.ndarray, believed: Robot) -> Robot:
+        """Return the believed robot with the bodies that a_d (p) states.
+
+        Raises:
+            ParameterError: some are not physical.
+        """
+        return with_bodies(believed, dict(zip(self.bodies, a_d.reshape(-1, PER_BODY), strict=True)))
 
     def moved(self, a_d: np.ndarray, before: Robot, after: Robot) -> np.ndarray | None:
         """Return the estimate (p) with the described last body and its load in its last body.

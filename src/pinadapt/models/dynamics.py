@@ -8,7 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
+from ..exceptions import ParameterError
 from ..robot.robot import Robot
+from .independent_columns import independent_columns
 from .regressor import Regressor
 from .translations import Translation
 
@@ -29,6 +31,7 @@ class Dynamics(ABC):
         initial: (p) values in the believed robot's own description.
         bodies: indices from 0 of the bodies whose inertias are unknown.
         translations: the unknown translations of joints that the parameters cover.
+        lumped: whether they are lumped, so that no bodies follow from them.
     """
 
     names: tuple[str, ...]
@@ -36,6 +39,7 @@ class Dynamics(ABC):
     initial: np.ndarray
     bodies: Sequence[int] = ()
     translations: Sequence[Translation] = ()
+    lumped: bool = False
 
     @abstractmethod
     def load(self, a_d: np.ndarray) -> None:
@@ -65,6 +69,20 @@ class Dynamics(ABC):
     @abstractmethod
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the parameters (p) of any robot with this chain, None when none reproduce it."""
+
+    def robot(self, a_d: np.ndarray, believed: Robot) -> Robot:
+        """Return the believed robot with the parameters a_d (p) in place of its own.
+
+        Raises:
+            ParameterError: no bodies have these parameters.
+        """
+        if not self.size:
+            return believed
+        raise ParameterError(
+            f"no bodies follow from the {self.size} parameters, which are lumped.",
+            where="learned",
+            hint="Their values can be kept, see LearnedParameters.",
+        )
 
     def moved(self, a_d: np.ndarray, before: Robot, after: Robot) -> np.ndarray | None:
         """Return an estimate (p) once the last body is announced to carry another load.
@@ -103,16 +121,12 @@ def equivalent_parameters(
 def identifiable(regressor: Regressor, B: np.ndarray, robot: Robot, *, samples: int = 60) -> int:
     """Return how many parameters a of pi = B a (10 n, p) the torque can tell apart: rank of Y B.
 
-    Columns are scaled to unit length, so that the units of a do not matter; those that are zero but
-    for the rounding of Y, whose sizes are at most ``|Y| |B_j|``, are left out before.
+    Columns that are zero but for the rounding of Y, whose sizes are at most ``|Y| |B_j|``, are left
+    out before; see ``independent_columns``.
     """
     Y = _random_motion(regressor, robot, samples)[0]
-    columns = Y @ B
-    sizes = np.linalg.norm(columns, axis=0)
     largest = np.linalg.norm(Y, axis=0).max() * np.linalg.norm(B, axis=0)
-    alive = sizes > _NEGLIGIBLE * largest
-    singular = np.linalg.svd(columns[:, alive] / sizes[alive], compute_uv=False)
-    return int(np.count_nonzero(singular > _NEGLIGIBLE * singular.max(initial=0.0)))
+    return len(independent_columns(Y @ B, largest)[0])
 
 
 def _random_motion(

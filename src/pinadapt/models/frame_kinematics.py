@@ -17,6 +17,7 @@ from numpy import empty
 from .._kernels import models as kernels
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
+from .base_parameters import base_parameters
 from .live_array import live_array
 from .right_inverse import RightInverse
 from .task_kinematics import TaskKinematics
@@ -215,18 +216,7 @@ class FrameKinematics(TaskKinematics):
 
     def base(self, samples: int = 50) -> int:
         """Return how many combinations of the parameters motion identifies: the rank of Y_p."""
-        rng = np.random.default_rng(0)
-        rows = []
-        for _ in range(samples):
-            self.update(
-                self.initial,
-                pin.integrate(
-                    self._model, pin.neutral(self._model), rng.uniform(-3, 3, self._model.nv)
-                ),
-                rng.standard_normal(self._model.nv),
-            )
-            rows.append(self.Y_p)
-        return int(np.linalg.matrix_rank(np.vstack(rows), tol=1e-8 * samples)) if self.size else 0
+        return base_parameters(self, self.robot, samples=samples).size
 
 
 def _placements(data: pin.Data) -> tuple[np.ndarray, np.ndarray]:

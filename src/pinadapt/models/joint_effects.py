@@ -105,6 +105,13 @@ class JointEffects:
         kernels.joint_columns(inertial, self._kinds, v, a, self._threshold, Y)
         return Y
 
+    def robot(self, a: np.ndarray, believed: Robot) -> Robot:
+        """Return the believed robot with joints of the coefficients a (p)."""
+        values = coefficients(believed)
+        values[self._unknown] = a.reshape(len(self._unknown), self._n)
+        armature, viscous, coulomb = values
+        return believed.changed(armature=armature, viscous=viscous, coulomb=coulomb)
+
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the coefficients (p) of any robot; None if those of a known kind differ."""
         true, known = (

@@ -6,10 +6,14 @@ both ways.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 
+from ..exceptions import ParameterError
+from ..robot.robot import Robot
 from .regressor import PER_BODY
 
 
@@ -74,3 +78,23 @@ def unphysical_bodies(a_d: np.ndarray, names: Sequence[str]) -> list[str]:
         for name, pi in zip(names, a_d.reshape(-1, PER_BODY), strict=True)
         if not is_physical(pi)
     ]
+
+
+def with_bodies(robot: Robot, tens: Mapping[int, np.ndarray]) -> Robot:
+    """Return a robot with other bodies: index from 0 -> ten parameters (10).
+
+    Raises:
+        ParameterError: some are not physical.
+    """
+    names = [robot.joint_names[body] for body in tens]
+    stacked = np.concatenate([np.zeros(0), *tens.values()])
+    if unphysical := unphysical_bodies(stacked, names):
+        raise ParameterError(
+            f"the bodies moved by {unphysical} have inertias that no distribution of mass has.",
+            where="learned",
+            hint='Adaptation "natural" keeps bodies physical; "gradient" tracks without.',
+        )
+    model = robot.model.copy()
+    for body, ten in tens.items():
+        model.inertias[body + 1] = pin.Inertia.FromDynamicParameters(ten)
+    return replace(robot, model=model)

@@ -28,6 +28,7 @@ class StackedDynamics(Dynamics):
         self.size = inertial.size + joint.size
         self.initial = np.concatenate([inertial.initial, joint.initial])
         self.bodies, self.translations = inertial.bodies, inertial.translations
+        self.lumped = inertial.lumped
 
     def load(self, a_d: np.ndarray) -> None:
         """Give each block its part of the estimate a_d (p)."""
@@ -59,6 +60,15 @@ class StackedDynamics(Dynamics):
         """Return the parameters (p) of any robot with this chain, None where a block has none."""
         inertial, joint = self.inertial.value(without_joint_effects(robot)), self.joint.value(robot)
         return None if inertial is None or joint is None else np.concatenate([inertial, joint])
+
+    def robot(self, a_d: np.ndarray, believed: Robot) -> Robot:
+        """Return the believed robot with the bodies and joints that a_d (p) states.
+
+        Raises:
+            ParameterError: as the inertial block.
+        """
+        size = self.inertial.size
+        return self.joint.robot(a_d[size:], self.inertial.robot(a_d[:size], believed))
 
     def moved(self, a_d: np.ndarray, before: Robot, after: Robot) -> np.ndarray | None:
         """Return the estimate (p) once another load is announced; the joints keep theirs."""

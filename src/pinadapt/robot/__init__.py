@@ -8,7 +8,7 @@ from .effort_limits import effort_limits as effort_limits
 from .effort_limits import torque_limits as torque_limits
 from .friction import Friction as Friction
 from .gravity import Gravity as Gravity
+from .loading import load as load
 from .robot import Robot as Robot
-from .robot import load as load
 from .succession import Succession as Succession
 from .workspace import reachable_circle as reachable_circle

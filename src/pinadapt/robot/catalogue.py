@@ -13,7 +13,7 @@ import pinocchio as pin
 from .._toml import read_toml
 from ..exceptions import RobotError, did_you_mean
 from .chain import chain_joints, frame_id, is_free_flyer
-from .example_robots import example_mimics, example_robot, example_visual
+from .example_robots import example_mimics, example_path, example_robot, example_visual
 from .urdf import Urdf
 
 
@@ -62,6 +62,11 @@ class CatalogueEntry:
         if self.path is not None:
             return Urdf.read(self.path).geometry(kind)
         return example_visual(self.origin) if kind == pin.GeometryType.VISUAL else None
+
+    @property
+    def urdf(self) -> Path:
+        """The URDF file."""
+        return example_path(self.origin) if self.path is None else self.path
 
     def limb(self, model: pin.Model) -> list[int]:
         """Return the indices of the chain's joints in the whole model."""

@@ -42,6 +42,7 @@ class Description:
         locked: joints to lock.
         weld_root: whether to fix a floating base in any case.
         from_file: whether it comes from a file, where nobody floats a base on purpose.
+        urdf: the URDF it was read from, or its path; None where there is none.
     """
 
     name: str
@@ -54,6 +55,7 @@ class Description:
     locked: tuple[str, ...] = ()
     weld_root: bool = False
     from_file: bool = False
+    urdf: Urdf | Path | None = None
 
     @property
     def visual(self) -> Callable[[], pin.GeometryModel | None]:
@@ -130,7 +132,13 @@ def _from_file(
         model = file.model()
         q_reference = pin.neutral(model)
     return Description(
-        str(model.name), model, file.geometry, q_reference, file.mimics(), from_file=True
+        str(model.name),
+        model,
+        file.geometry,
+        q_reference,
+        file.mimics(),
+        from_file=True,
+        urdf=file if isinstance(file, Urdf) else None,
     )
 
 
@@ -160,6 +168,7 @@ def _from_catalogue(name: str) -> Description:
         entry.task,
         before,
         weld_root=True,
+        urdf=entry.urdf,
     )
 
 

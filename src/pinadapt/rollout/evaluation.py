@@ -8,6 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from ..controller.controller import Controller
+from ..controller.state import ControllerState
+from ..exceptions import ParameterError
 from ..laws.law import Truth
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..robot.effort_limits import effort_limits
@@ -30,6 +32,20 @@ class Evaluation:
     def __init__(self, controller: Controller, true: Succession, samples: Sequence[Sample]) -> None:
         """Keep what the quantities are computed from."""
         self.controller, self.true, self.samples = controller, true, samples
+
+    @property
+    def last_state(self) -> ControllerState:
+        """The controller's state at the last sample.
+
+        Raises:
+            ParameterError: there is no sample, or its estimates are not finite.
+        """
+        if not self.samples:
+            raise ParameterError("nothing ran, so nothing was learned.", where="rollout")
+        state = self.samples[-1].state
+        if not (np.isfinite(state.a_d).all() and np.isfinite(state.a_k).all()):
+            raise ParameterError("the last estimates are not finite.", where="rollout")
+        return state
 
     @cached_property
     def a_k_true(self) -> np.ndarray | None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,11 +11,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._table import Sheet
+from ..controller.learned import LearnedParameters
 from ..exceptions import InputError
+from ..robot.robot import Robot
 from ..tasks.task import Task
 from . import report, verdict
 from .evaluation import Evaluation
+from .excitation import Excitation
+from .information import position_information, torque_information
 from .limit_excess import LimitExcess
+from .payload_estimate import PayloadEstimate, payload_estimate
+from .sample import Sample
 from .transients import Transient, transients
 
 if TYPE_CHECKING:
@@ -246,6 +253,70 @@ class Rollout:
         from ..view.animation import animation_of
 
         return animation_of(self, frames_per_second=frames_per_second)
+
+    def learned(self) -> Robot:
+        """Return the believed robot with the last estimates; see ``Controller.learned``.
+
+        Its shape is that of the robot that was driven. ``learned().save("learned.urdf")`` writes
+        it.
+
+        Raises:
+            ParameterError: as ``Controller.learned``, or the estimates are not finite.
+            InputError: the rollout has left its process, or has no sample.
+        """
+        evaluation = self.evaluated()
+        learned = evaluation.controller.learned(evaluation.last_state)
+        return replace(learned, drawn=evaluation.true.robots[0].drawn)
+
+    def parameters(self) -> LearnedParameters:
+        """Return the last estimates by name, from which another controller can start.
+
+        Raises:
+            InputError: as ``learned``.
+        """
+        evaluation = self.evaluated()
+        return LearnedParameters.of(evaluation.controller, evaluation.last_state)
+
+    def excitation(self) -> Excitation:
+        """Return how exciting the run was, since the last of its marks, and for what.
+
+        The spectrum of the information matrix, the parameters that motion could tell apart, and how
+        well each last estimate is known; evaluated when asked, in a second or so.
+
+        Raises:
+            InputError: as ``learned``.
+        """
+        evaluation, samples = self.evaluated(), self._samples_since_last_mark()
+        controller, state = evaluation.controller, evaluation.last_state
+        return Excitation(
+            torque_information(controller, samples, state),
+            position_information(controller, samples, state),
+            LearnedParameters.of(controller, state).units,
+        )
+
+    def payload(self, *, refined: bool = False) -> PayloadEstimate:
+        """Return the load that was learned: the last body as learned less the described one.
+
+        Where the other bodies are unknown too, the load that explains best what was learned of all
+        of them, the arm being as described.
+
+        Args:
+            refined: compare not the last estimates, which still move, but the least-squares ones
+                from all data since the last mark.
+
+        Raises:
+            ParameterError: the last body is not among the parameters.
+            InputError: as ``learned``.
+        """
+        evaluation, samples = self.evaluated(), self._samples_since_last_mark()
+        controller, state = evaluation.controller, evaluation.last_state
+        found = torque_information(controller, samples, state)
+        return payload_estimate(controller, found.refined() if refined else found)
+
+    def _samples_since_last_mark(self) -> Sequence[Sample]:
+        """Return the samples in which the robot was the one that it is at the end."""
+        since = max((at for at, _ in self.marks), default=-np.inf)
+        return [sample for sample in self.evaluated().samples if sample.t >= since]
 
     def evaluated(self) -> Evaluation:
         """Return what the properties are computed by: robots, controller and samples.

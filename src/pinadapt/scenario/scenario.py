@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from ..adaptation.matrix_inequality import MatrixInequality
 from ..controller.controller import Controller
+from ..controller.learned import LearnedParameters
 from ..exceptions import ScenarioError
 from ..models.basis import read_matrix
 from ..plants.engines import engine_of
@@ -17,7 +18,8 @@ from ..plants.mjcf import Mjcf
 from ..robot.changes import Payload
 from ..robot.effort_limits import torque_limits
 from ..robot.gravity import compensation_of
-from ..robot.robot import Robot, load
+from ..robot.loading import load
+from ..robot.robot import Robot
 from ..robot.urdf import is_path
 from ..rollout.rollout import Rollout
 from ..simulation.events import Events
@@ -29,7 +31,7 @@ from ..tuning.make_controller import make_controller
 from .error_prefix import prefix_errors
 from .read import read_tables
 from .reference import trajectory_of
-from .schema import ScenarioTables, SimulationSection, TruthSection
+from .schema import BeliefSection, ScenarioTables, SimulationSection, TruthSection
 from .truth import believed_robot, payload_of, told, true_changes, true_robot
 
 
@@ -46,6 +48,7 @@ class Scenario:
         changes: time [s] -> the true robot from then on.
         beliefs: time [s] -> what the controller is told then.
         engine: what simulates the true robot.
+        start: ``a_k`` and ``a_d`` to start from, or None for those of ``believed``.
     """
 
     tables: ScenarioTables
@@ -56,6 +59,7 @@ class Scenario:
     changes: Mapping[float, Robot]
     beliefs: Mapping[float, Mapping[str, Any]]
     engine: str | Mjcf = "pinocchio"
+    start: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def title(self) -> str:
@@ -89,11 +93,15 @@ class Scenario:
             believed = unloaded.changed(payload=load)
         with prefix_errors("controller"):
             controller = _controller(tables, described, unloaded, load, folder)
+        with prefix_errors("belief"):
+            start = _start(tables.belief, controller, folder)
         with prefix_errors("reference"):
             trajectory = trajectory_of(tables.reference, true)
         changes, beliefs = true_changes(described, tables.truth), told(tables.belief)
         engine = _engine(tables.simulation, folder)
-        scenario = cls(tables, true, believed, controller, trajectory, changes, beliefs, engine)
+        scenario = cls(
+            tables, true, believed, controller, trajectory, changes, beliefs, engine, start
+        )
         scenario.check()
         return scenario
 
@@ -104,7 +112,6 @@ class Scenario:
             InputError: initial estimates or a motion of the wrong size, estimates outside the cone,
                 or an engine that is not installed or whose model does not match the robot.
         """
-        belief = self.tables.belief
         if isinstance(self.engine, Mjcf) and self.tables.truth != TruthSection():
             raise ScenarioError(
                 "the model file of simulation.engine says what the real robot is.",
@@ -115,9 +122,7 @@ class Scenario:
             plant = engine_of(self.engine)(self.true)
         with prefix_errors("belief"), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # they are shown when the run starts
-            state = prepare(
-                plant, self.controller, self.trajectory, belief.kinematic, belief.dynamic
-            )
+            state = prepare(plant, self.controller, self.trajectory, **self.start)
         with prefix_errors("belief.change"):
             Events(self.changes, self.beliefs).check(self.controller, state)
 
@@ -142,7 +147,7 @@ class Scenario:
         Raises:
             Interrupted: a ``KeyboardInterrupt`` that carries the rollout so far.
         """
-        simulation, belief = self.tables.simulation, self.tables.belief
+        simulation = self.tables.simulation
         with prefix_errors("simulation"):
             return simulate(
                 self.true,
@@ -154,8 +159,7 @@ class Scenario:
                 engine=self.engine,
                 substeps=simulation.substeps,
                 acceleration=self.tables.controller.acceleration,
-                a_k=belief.kinematic,
-                a_d=belief.dynamic,
+                **self.start,
                 noise=_noise(simulation),
                 delay=simulation.delay,
                 camera=None if simulation.camera is None else simulation.camera.model_dump(),
@@ -182,7 +186,22 @@ def _described(tables: ScenarioTables, folder: Path) -> Robot:
         weld_root=robot.weld_root,
         xacro=robot.xacro,
         mass=robot.mass,
+        joint_effects=robot.joint_effects,
     )
+
+
+def _start(belief: BeliefSection, controller: Controller, folder: Path) -> dict[str, Any]:
+    """Return ``a_k`` and ``a_d`` to start from, or None for those of the believed robot.
+
+    Raises:
+        InputError: what was learned belongs to other parameters, or is given twice.
+    """
+    given = {"a_k": belief.kinematic, "a_d": belief.dynamic}
+    if belief.learned is None:
+        return given
+    if any(values is not None for values in given.values()):
+        raise ScenarioError("has these already; leave kinematic and dynamic out.", where="learned")
+    return dict(LearnedParameters.load(folder / belief.learned).start(controller))
 
 
 def _noise(simulation: SimulationSection) -> dict[str, float] | None:

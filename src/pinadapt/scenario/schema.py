@@ -36,6 +36,7 @@ class RobotSection(Section):
     weld_root: bool = False
     xacro: dict[str, bool | Number | str] = {}
     mass: Positive | None = None
+    joint_effects: bool = False
 
 
 class PayloadSection(Section):
@@ -93,6 +94,7 @@ class BeliefSection(Section):
     payload: PayloadSection | None = None
     kinematic: list[Number] | None = None
     dynamic: list[Number] | None = None
+    learned: str | None = None
     change: list[BeliefChange] = []
 
 

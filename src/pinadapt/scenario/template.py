@@ -15,7 +15,8 @@ from ..controller.controller import Controller
 from ..robot.chain import links_of, massless_joints
 from ..robot.changes import Payload
 from ..robot.description import describe
-from ..robot.robot import Robot, load
+from ..robot.loading import load
+from ..robot.robot import Robot
 from ..robot.urdf import is_path
 from ..robot.workspace import WorkspaceCircle, find_circle
 from ..robot.xacro import XacroArguments

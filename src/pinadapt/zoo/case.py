@@ -11,7 +11,8 @@ import pinocchio as pin
 from ..models.joint_effects import typical_coefficients
 from ..robot.changes import Payload
 from ..robot.effort_limits import effort_limits
-from ..robot.robot import Robot, load
+from ..robot.loading import load
+from ..robot.robot import Robot
 from ..robot.workspace import WorkspaceCircle, find_circle
 from ..trajectories.orientation import Swing
 from ..trajectories.pose_trajectory import PoseTrajectory

@@ -1,0 +1,194 @@
+"""From any description to one chain with a task."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from .._checks import arithmetic, flag, instance, name_list, vector
+from ..exceptions import RobotError
+from . import changes
+from .chain import (
+    chain_joints,
+    check_joints,
+    check_mass_matrix,
+    configuration_from_angles,
+    frame_id,
+    is_free_flyer,
+    reduce_to_chain,
+)
+from .choice import choose_frames, choose_task, first_able
+from .description import Description, Source, describe
+from .end_links import end_links
+from .friction import Friction
+from .joint_effects import described_effects
+from .mounting import MountingPlane
+from .origin import Origin
+from .position_limits import check_position_limits
+from .robot import Robot
+from .visual import Visual
+from .xacro import XacroArguments
+
+
+@arithmetic("robot", RobotError)
+def load(
+    source: Source,
+    *,
+    frame: str | None = None,
+    task: str | None = None,
+    locked: str | Sequence[str] = (),
+    q0: ArrayLike | None = None,
+    gravity: ArrayLike | None = None,
+    weld_root: bool | None = None,
+    xacro: XacroArguments | None = None,
+    mass: float | None = None,
+    joint_effects: bool = False,
+) -> Robot:
+    """Load any robot and keep the chain from its base to one frame.
+
+    What is not given is chosen, for every source and by everybody (``pinadapt init`` as well) in
+    the same way; ``print(robot)`` shows what was, and the other ends of chains.
+
+    Args:
+        source: path of a URDF, xacro or MJCF file, catalogue name, name of the package
+            robot_descriptions, ``pin.Model`` or ``RobotWrapper``; never written to.
+        frame: task frame, by default the catalogue's, else the end of a chain that looks most like
+            a tool, see ``end_links``.
+        task: "xy", "xz", "yz", "xyz" or "pose" of the frame, or "joint", the joints themselves; by
+            default the catalogue's, else "xyz", or the best conditioned plane where the chain
+            cannot do that.
+        locked: joints of the chain to lock as well; joints off the chain always are.
+        q0: home pose, one number a remaining joint (nv) [rad or m]; by default the catalogue's, the
+            description's own where it is well conditioned, else a well-conditioned one; inside the
+            limits, and off the plane that the chain is mounted on, see ``MountingPlane``. Of a
+            joint task the description's own inside the limits, else their middle.
+        gravity: (3) [m/s^2] in world axes, by default the model's.
+        weld_root: fix a floating base where the reference configuration has it, or refuse it; by
+            default that of a file is fixed, that of an object refused, which has it on purpose.
+            Robots of the catalogue are always fixed.
+        xacro: arguments of a xacro file, name -> text, number or bool.
+        mass: what the whole robot weighs [kg], its base included, where bodies are described
+            without mass: these get what the others leave of it; see ``missing_inertia``.
+        joint_effects: believe the damping, friction and rotor inertia that the description states
+            of its joints; by default friction is none, as most descriptions only hold a place
+            for it.
+
+    Raises:
+        RobotError: missing file, bad XML, unknown frame or joint, floating base, mimic or
+            unsupported joints, crossed limits, a singular mass matrix, too few joints for the task,
+            wrong sizes or NaN.
+    """
+    for given, where in ((frame, "frame"), (task, "task")):
+        instance(given, str | None, where, RobotError)
+    locked = name_list(locked, "locked", RobotError)
+    found = describe(source, xacro=xacro, mass=mass)
+    weld = found.from_file if weld_root is None else flag(weld_root, "weld_root")
+    wanted = _Wanted(
+        task or found.task, [*found.locked, *locked], q0, gravity, weld or found.weld_root
+    )
+    ends, known = end_links(found.model, found.mimics), frame or found.frame
+    frames = [known] if known else choose_frames(found.model, ends, task)
+    robot = first_able(frames, lambda name: _cut_out(found, name, ends, wanted))
+    if not flag(joint_effects, "joint_effects"):
+        return robot
+    armature, viscous, coulomb = described_effects(robot)
+    return robot.changed(armature=armature, viscous=viscous, coulomb=coulomb)
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """What a user asks of a chain, whatever its frame; as in ``load``."""
+
+    task: str | None
+    locked: Sequence[str]
+    q0: ArrayLike | None
+    gravity: ArrayLike | None
+    weld_root: bool
+
+
+def _cut_out(found: Description, name: str, ends: Sequence[str], wanted: _Wanted) -> Robot:
+    """Return the chain from the base to a frame."""
+    keep = _kept_joints(found, name, wanted.locked, wanted.weld_root)
+    model = reduce_to_chain(found.model, keep, found.q_reference)
+    check_position_limits(model)
+    if wanted.gravity is not None:
+        model.gravity.linear = vector(wanted.gravity, 3, "gravity", error=RobotError)
+    poses, welded = _reference_poses(found, model, keep), _floats(found.model, name)
+    tip, mounted = frame_id(model, name), not (welded or found.weld_root)
+    plane = MountingPlane.of(model, tip, poses[0]) if mounted else None
+    chosen, home = choose_task(model, tip, wanted.task, poses, plane)
+    robot = Robot(
+        found.name,
+        model,
+        name,
+        chosen,
+        home,
+        Friction.none(model.nv),
+        Visual(found.visual, found.model, tuple(keep), found.q_reference),
+        ends=tuple(end for end in ends if end != name),
+        locked=_off_chain(found.model, keep),
+        welded=welded,
+        mounting=plane,
+        origin=None if found.urdf is None else Origin(found.urdf, model.copy()),
+    )
+    if wanted.q0 is not None:
+        robot = robot.at(wanted.q0)
+    samples = np.random.default_rng(0).uniform(-1.0, 1.0, (3, model.nv))
+    check_mass_matrix(
+        model, [robot.q0, *(configuration_from_angles(model, sample) for sample in samples)]
+    )
+    return robot
+
+
+def _kept_joints(
+    found: Description, frame: str, locked: Sequence[str], weld_root: bool
+) -> list[int]:
+    """Return the joints from base to frame that are not locked; refuse the unsupported ones."""
+    chain = chain_joints(found.model, frame_id(found.model, frame))
+    if weld_root:
+        chain = [j for j in chain if not is_free_flyer(found.model.joints[j])]
+    for name in locked:
+        changes.joint_id(found.model, name, "locked")
+    keep = [joint for joint in chain if str(found.model.names[joint]) not in set(locked)]
+    check_joints(found.model, keep)
+    mimics = [str(found.model.names[j]) for j in keep if str(found.model.names[j]) in found.mimics]
+    if mimics:
+        raise RobotError(
+            f"joints {mimics} mimic other joints, which laws for independent joints do not cover.",
+            where=found.name,
+            hint="Lock them, or choose a frame before them.",
+        )
+    if not keep:
+        raise RobotError(
+            f"no moving joint lies between the base and frame '{frame}'.", where=found.name
+        )
+    return keep
+
+
+def _floats(model: pin.Model, frame: str) -> bool:
+    """Tell whether a floating joint lies between the base and a frame."""
+    joints = chain_joints(model, frame_id(model, frame))
+    return any(is_free_flyer(model.joints[joint]) for joint in joints)
+
+
+def _off_chain(model: pin.Model, keep: Sequence[int]) -> tuple[str, ...]:
+    """Return the names of the joints that are not kept, but for a floating one."""
+    kept = set(keep)
+    return tuple(
+        str(model.names[joint])
+        for joint in range(1, model.njoints)
+        if joint not in kept and not is_free_flyer(model.joints[joint])
+    )
+
+
+def _reference_poses(found: Description, model: pin.Model, keep: Sequence[int]) -> list[Any]:
+    """Return the description's poses of the chain (nq): its reference and the neutral one."""
+    parts = [
+        found.q_reference[j.idx_q : j.idx_q + j.nq] for j in (found.model.joints[k] for k in keep)
+    ]
+    return [np.concatenate(parts), pin.neutral(model)]

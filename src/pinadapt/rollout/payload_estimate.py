@@ -1,0 +1,175 @@
+"""The load that a run has learned, by comparison of what was learned with the description."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from .._table import Sheet, Table
+from ..controller.controller import Controller
+from ..exceptions import ParameterError
+from ..models.pseudo_inertia import COEFFICIENTS, ten_parameters
+from ..models.regressor import LABELS, PER_BODY
+from ..robot.changes import Payload
+from ..robot.robot import Robot
+from .excitation import known_to
+from .information import Information
+
+_ARM = 0.9999  # share explained below which the arm is not as described
+_STEP = 1e-6  # relative, of numerical derivatives
+_ENTRIES = ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PayloadEstimate:
+    """A load on the last body, with what each number is known to; ``print`` shows a table.
+
+    Axes and origin are those of the described task frame, as of ``Payload``. An uncertainty is one
+    standard deviation, with what the data would still have the number move by; infinite where the
+    motion does not tell it from the rest.
+
+    Attributes:
+        mass, mass_known_to: kg.
+        com, com_known_to: (3) centre of mass [m].
+        inertia, inertia_known_to: (6) Ixx Ixy Iyy Ixz Iyz Izz about the centre of mass [kg m^2].
+        explained: share, from 0 to 1, of all that was learned of bodies that is explained by a load
+            on the last one; the rest is estimates that still move, or says that the arm is not as
+            described either, which the uncertainties then make too little of.
+    """
+
+    mass: float
+    mass_known_to: float
+    com: np.ndarray
+    com_known_to: np.ndarray
+    inertia: np.ndarray
+    inertia_known_to: np.ndarray
+    explained: float
+
+    def payload(self) -> Payload:
+        """Return the load, as ``Robot.changed`` and ``Controller.believe`` take it.
+
+        Its inertia may be one that no distribution of mass has, which these refuse: then leave it
+        out, ``Payload(estimate.mass, estimate.com)``.
+        """
+        return Payload(self.mass, self.com, self.inertia)
+
+    def __repr__(self) -> str:
+        """Return a table."""
+        return str(self._sheet())
+
+    def _repr_html_(self) -> str:
+        return self._sheet().html()
+
+    def _sheet(self) -> Sheet:
+        rows = [
+            ("mass", f"{self.mass:.4g}", known_to(self.mass_known_to), "kg"),
+            *(
+                (f"centre {axis}", f"{1e3 * c:.2f}", known_to(1e3 * d), "mm")
+                for axis, c, d in zip("xyz", self.com, self.com_known_to, strict=True)
+            ),
+            *(
+                (name, f"{value:.4g}", known_to(deviation), "kg m^2")
+                for name, value, deviation in zip(
+                    _ENTRIES, self.inertia, self.inertia_known_to, strict=True
+                )
+            ),
+        ]
+        note = f"A load on the last body explains {self.explained:.3%} of what was learned."
+        if self.explained < _ARM:
+            note += (
+                " The rest is estimates that still move, or an arm that is not as described, of "
+                "which the load may hold a part."
+            )
+        return Sheet("Load", [Table(rows, ("", "value", "known to", "unit"))], note)
+
+
+def payload_estimate(controller: Controller, found: Information) -> PayloadEstimate:
+    """Return the load that explains best how what was learned differs from the description.
+
+    With D the learned bodies less the described ones and H the information of the run, it is the
+    d with least (D - E d)^T H (D - E d), where E d changes the last body alone, and rotors and
+    friction at will. Where nothing but the last body was unknown, d is D. What no load explains is
+    spread over the directions that a load does not have, and counts as much in those that it has.
+
+    Args:
+        controller: that learned.
+        found: what the run tells of its estimate, or of one that was refined.
+
+    Raises:
+        ParameterError: the last body is not among the parameters.
+    """
+    belief, dynamics = controller.belief, controller.dynamics
+    robot = controller.kinematics.robot if belief is None else belief.unloaded
+    last = [f"{robot.joint_names[-1]}.{label}" for label in LABELS]
+    described = dynamics.value(robot) if set(last) <= set(dynamics.names) else None
+    if described is None:
+        raise ParameterError(
+            "the last body is not among what was adapted, so no load was learned.",
+            where="payload",
+            hint='Adapt it: dynamic = "all" or "payload".',
+        )
+    names = list(dynamics.names)
+    joints = [i for i, name in enumerate(names) if name.rpartition(".")[2] not in LABELS]
+    part = [*(names.index(name) for name in last), *joints]
+    difference = found.estimate - described
+    load, left = _fitted(found, difference, part)
+    _, unloaded = _fitted(found, difference, joints)
+    transform = _into(robot)
+    ten = transform @ load.estimate[:PER_BODY]
+    gradient = np.zeros((PER_BODY, len(part)))
+    gradient[:, :PER_BODY] = _gradient(_as_payload, ten) @ transform
+    value, known = _as_payload(ten), load.deviation(gradient)
+    return PayloadEstimate(
+        float(value[0]),
+        float(known[0]),
+        value[1:4],
+        known[1:4],
+        value[4:],
+        known[4:],
+        1.0 - left / unloaded if unloaded > 0.0 else 1.0,
+    )
+
+
+def _fitted(
+    found: Information, difference: np.ndarray, part: list[int]
+) -> tuple[Information, float]:
+    """Return a difference (p) put into some of the parameters alone, and the square of the rest."""
+    names, H = tuple(found.names[i] for i in part), found.H[np.ix_(part, part)]
+    rest = difference.copy()
+    rest[part] = 0.0
+    whole = Information(names, difference[part], H, (found.H @ rest)[part], found.noise, found.rows)
+    fitted = whole.estimate + whole.correction
+    rest[part] = difference[part] - fitted
+    left = float(rest @ found.H @ rest)
+    open_to_the_arm = found.rank - whole.rank
+    noisier = 1.0 + left / max(open_to_the_arm, 1)
+    pull = (found.pull + found.H @ rest)[part]
+    return Information(names, fitted, H / noisier, pull / noisier, found.noise, found.rows), left
+
+
+def _into(robot: Robot) -> np.ndarray:
+    """Return what turns ten parameters about the last joint into those of the task frame's axes."""
+    G = robot.model.frames[robot.frame_id].placement.inverse().homogeneous
+    return np.column_stack([ten_parameters(G @ F @ G.T) for F in COEFFICIENTS])
+
+
+def _as_payload(ten: np.ndarray) -> np.ndarray:
+    """Return mass, centre of mass and inertia about it (10) of ten parameters (10)."""
+    mass = ten[0] if ten[0] else np.nan
+    com = ten[1:4] / mass
+    xx, xy, yy, xz, yz, zz = ten[4:]
+    about = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) + mass * (
+        pin.skew(com) @ pin.skew(com)
+    )
+    return np.array([mass, *com, *about[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
+
+
+def _gradient(of: Callable[[np.ndarray], np.ndarray], at: np.ndarray) -> np.ndarray:
+    """Return the Jacobian of a function at a point by central differences."""
+    step = _STEP * max(float(np.abs(at).max()), 1e-3)
+    return np.column_stack(
+        [(of(at + step * unit) - of(at - step * unit)) / (2.0 * step) for unit in np.eye(len(at))]
+    )
