@@ -18,6 +18,7 @@ from .._kernels import watch as kernels
 from ..adaptation.adaptation import Adaptation
 from ..adaptation.drive import Drive, Drives, Estimate
 from ..exceptions import DivergedError, ParameterError
+from ..filters.filtered_regressor import FilteredRegressor
 from ..laws.law import Believed, Command, Law
 from ..models.dynamics import Dynamics
 from ..models.sight import prediction
@@ -85,6 +86,8 @@ class Controller:
         self.compensation = compensation
         self._check = InputCheck(kinematics, dynamics.size)
         self._filters, self._predicts = law.filters, law.needs_prediction
+        bandwidth = adaptation_d.prediction
+        self._predictor = None if bandwidth is None else FilteredRegressor(dynamics, bandwidth)
         self._believed = Believed(kinematics, dynamics, adaptation_k, self.limits.watch)
         compile_all()
 
@@ -143,6 +146,9 @@ class Controller:
             adapting=adapting,
             load=None if self.belief is None else self.belief.load,
             senses=self.senses.init(measurement, kinematics),
+            prediction=()
+            if self._predictor is None
+            else self._predictor.init(measurement.q, measurement.v),
         )
 
     def believe(
@@ -199,13 +205,16 @@ class Controller:
                 dynamic = self.adaptation_d.step(dynamic, drives.dynamic, elapsed)
                 kinematic = self.adaptation_k.step(kinematic, drives.kinematic, elapsed)
             filters = self._filters.step(state.filters, s, elapsed)
+            memory = state.prediction
+            if self._predictor is not None:
+                memory = self._predictor.step(s.predicted, self._given(s, torque), elapsed)
             self.watch(torque, dynamic.value, kinematic.value)
         except (DivergedError, np.linalg.LinAlgError) as error:
             # a signal that is not finite is the likelier cause
             self._check.finite(measurement, desired)
             raise DivergedError(str(error)) from error
         parts = s.t, dynamic, kinematic, s.a_0, filters, state.adapting, state.load, s.sensed
-        return torque, named(ControllerState, parts)
+        return torque, named(ControllerState, (*parts, memory))
 
     def command(
         self, state: ControllerState, measurement: Measurement, desired: Desired
@@ -229,6 +238,9 @@ class Controller:
         """
         torque, limits, added = command.at(a), self.limits.torque, self.compensation
         drives = self.law.drives(s, self._believed, command, a)
+        if s.predicted is not None:
+            W, y, _ = s.predicted
+            drives = Drives(drives.dynamic.predicting(W, W.dot(s.a_d) - y), drives.kinematic)
         if limits is not None:
             held = empty(torque.size)
             if kernels.hold(torque, limits, held):
@@ -252,7 +264,7 @@ class Controller:
         self, state: ControllerState, measurement: Measurement, desired: Desired
     ) -> Signals:
         """Return ``observe`` of what was checked and stays what it is."""
-        t_before, dynamic, kinematic, a_0, filters, adapting, _, before = state
+        t_before, dynamic, kinematic, a_0, filters, adapting, _, before, memory = state
         t, q, v, x, _, xd, _, _ = measurement
         x_d, xd_d, xdd_d = desired
         senses, kinematics, a_k = self.senses, self.kinematics, kinematic.value
@@ -296,6 +308,9 @@ class Controller:
             sensed,
             epsilon,
             X_k,
+            None
+            if self._predictor is None
+            else self._predictor.observe(memory, q, v, self._check.torque(measurement.tau)),
         )
         s.__class__ = Signals  # closed from now on
         return cast(Signals, s)
@@ -306,8 +321,17 @@ class Controller:
             return np.asarray(measurement.a, dtype=float)
         return self._filters.acceleration(s.filtered)  # type: ignore[return-value]
 
-    def rate(self, state: ControllerState, s: Signals, drives: Drives) -> ControllerState:
-        """Return d(state)/dt from what the law saw and its drives, to integrate as an ODE."""
+    def rate(
+        self, state: ControllerState, s: Signals, drives: Drives, torque: np.ndarray
+    ) -> ControllerState:
+        """Return d(state)/dt from what the law saw and its drives, to integrate as an ODE.
+
+        Args:
+            state: now.
+            s: what the law saw.
+            drives: as ``respond`` has them.
+            torque: (n) that the joints see [N m or N].
+        """
         if not s.adapting:
             drives = Drives(_still(drives.dynamic), _still(drives.kinematic))
         return ControllerState(
@@ -317,7 +341,12 @@ class Controller:
             a_0=np.zeros(state.a_0.size),
             filters=self._filters.rate(state.filters, s),
             adapting=state.adapting,
+            prediction=() if self._predictor is None else self._predictor.rate(s.predicted, torque),
         )
+
+    def _given(self, s: Signals, torque: np.ndarray) -> np.ndarray:
+        """Return the torque (n) that the joints see when the motors are sent one (n)."""
+        return torque if self.compensation is None else torque + self.compensation(s.q)
 
     def watch(self, torque: np.ndarray, a_d: np.ndarray, a_k: np.ndarray) -> None:
         """Refuse a torque (n) or estimates that went wrong.
@@ -339,8 +368,8 @@ class Controller:
         self, state: ControllerState, a_k_true: np.ndarray, a_d_true: np.ndarray
     ) -> float | None:
         """Return the parameters' part of V, or None where an adaptation leaves it undefined."""
-        kinematic = self.adaptation_k.divergence(state.kinematic.value, a_k_true)
-        dynamic = self.adaptation_d.divergence(state.dynamic.value, a_d_true)
+        kinematic = self.adaptation_k.storage(state.kinematic, a_k_true)
+        dynamic = self.adaptation_d.storage(state.dynamic, a_d_true)
         return None if kinematic is None or dynamic is None else kinematic + dynamic
 
 

@@ -96,6 +96,17 @@ class InputCheck:
         a = None if a is None else _array(a, self._v, "a")
         return Measurement(_number(t, "t"), q, v, x, x_time, xd, a, tau)
 
+    def torque(self, given: Any) -> np.ndarray | None:
+        """Return a measured torque (n) as an array of finite floats, None as it is.
+
+        Raises:
+            MeasurementError: of the wrong size, or not made of finite numbers.
+        """
+        tau = None if given is None else _array(given, self._v, "tau")
+        if tau is not None and not np.isfinite(tau).all():
+            raise MeasurementError("tau", given)
+        return tau
+
     def first(self, given: Measurement) -> Measurement:
         """Return the first measurement as arrays of finite floats; it must show where the frame is.
 
