@@ -11,6 +11,8 @@ import pinadapt as pa
 from chains import catalogue_robot, random_state
 from composite_arm import A, tracked
 from loops import circle_beside, energy_along, with_tool_and_load
+from pinadapt.robot.catalogue import robots_folder
+from pinadapt.scenario.scenario import Scenario
 
 # Slow enough for the constant metrics to keep the estimates where the laws' hypotheses hold.
 RATES = {"natural-composite": 5.0, "composite": 1e-5, "least-squares": 1e-3}
@@ -286,6 +288,17 @@ def test_words_and_gains():
     for wrong in ({}, {"rate": 1.0}, {"rate": 1.0, "weight": 1.0}, {"weight": [[1.0, 2.0]]}):
         with pytest.raises(pa.GainError):
             pa.Composite(pa.Gradient(1.0, 2), 10.0, **wrong)
+
+
+def test_a_scenario_names_them_and_their_gains():
+    planar = robots_folder() / "planar_2r" / "wang_xie_2009.toml"
+    words = ['controller.adaptation="least-squares"', "controller.forgetting=2.0"]
+    gains = ["controller.gamma_d=0.1", "controller.prediction_filter=12.0"]
+    adaptation = Scenario.read(planar, [*words, *gains]).controller.adaptation_d
+    assert adaptation.name == "least-squares"
+    assert (adaptation.forgetting, adaptation.prediction) == (2.0, 12.0)
+    with pytest.raises(pa.ScenarioError, match="natural-composite"):
+        Scenario.read(planar, ['controller.adaptation="natural-composit"'])
 
 
 def test_lumped_parameters_have_no_cone_but_are_predicted():

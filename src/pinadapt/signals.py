@@ -42,7 +42,7 @@ class OpenSignals:
     sensed: Sensed
     epsilon: np.ndarray
     X_k: np.ndarray
-    predicted: Any = None
+    predicted: Any
 
 
 class Signals(OpenSignals):
