@@ -21,7 +21,7 @@ class Energy:
 
     Attributes:
         V: (N) the law's storage and that of the parameters.
-        rate: (N) dV/dt by the law's formula.
+        rate: (N) dV/dt by the formulas of the law and of the adaptation.
         numerical: (N - 4) dV/dt by differences of V, from the third sample to the last but two.
         dx: (N, m) task error.
         delta: (N, m) its drift beside the difference of velocities, zero but for rotations.
@@ -117,10 +117,14 @@ def energy_along(
     a_k, a_d = controller.kinematics.value(true), controller.dynamics.value(true)
     V, rate, dx, delta = [], [], [], []
     for sample in list(islice(stream, round(seconds / dt))):
-        signals = controller.observe(sample.state, sample.measurement, sample.desired)
+        signals, command = controller.command(sample.state, sample.measurement, sample.desired)
+        q, v = sample.measurement.q, sample.measurement.v
+        a = plant.acceleration_at(q, v, command.torque, command.feedthrough)
+        drive = controller.respond(signals, command, a)[1].dynamic
         truth, law = truth_at(plant, sample, a_k, a_d), controller.law
         V.append(law.storage(signals, truth) + controller.parameter_storage(sample.state, a_k, a_d))
-        rate.append(law.dissipation(signals, truth))
+        learned = controller.adaptation_d.dissipation(sample.state.dynamic, drive, a_d)
+        rate.append(law.dissipation(signals, truth) + learned)
         dx.append(signals.dx.copy())
         delta.append(np.zeros_like(signals.dx) if signals.delta is None else signals.delta.copy())
     V = np.array(V)

@@ -245,7 +245,7 @@ def all_of(signals):
     """Return what signals hold, and what their inverse and filters hold."""
     parts = dataclasses.fields(signals)
     own = [part.name for part in parts if part.name not in ("inverse", "filtered")]
-    assert len(own) == 20
+    assert len(own) == 21
     filtered, inverse = signals.filtered, signals.inverse
     names = getattr(filtered, "_fields", None) or ("W_k", "y", "a")
     parts = *(getattr(filtered, name) for name in names), inverse.J, inverse.gram_inverse
@@ -256,6 +256,7 @@ OBSERVED = {
     "panda": ("panda", {}, {}),
     "planar": ("planar_2r", {}, {"kinematic": ["lengths"], "adaptation": "projected"}),
     "joints": ("ur5", {"task": "joint"}, {"law": "slotine-li"}),
+    "predicted": ("panda", {}, {"adaptation": "natural-composite"}),
     "all of the joints": ("ur5", {}, {"joint": "all", "law": JACOBIAN}),
 }
 

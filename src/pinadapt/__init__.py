@@ -4,6 +4,7 @@ from ._version import __version__ as __version__
 from .adaptation import Adaptation as Adaptation
 from .adaptation import BodyInequality as BodyInequality
 from .adaptation import BoxProjection as BoxProjection
+from .adaptation import Composite as Composite
 from .adaptation import Drive as Drive
 from .adaptation import Drives as Drives
 from .adaptation import Estimate as Estimate
@@ -11,6 +12,7 @@ from .adaptation import ExponentiatedGradient as ExponentiatedGradient
 from .adaptation import Frozen as Frozen
 from .adaptation import Gradient as Gradient
 from .adaptation import Leak as Leak
+from .adaptation import LeastSquares as LeastSquares
 from .adaptation import MassMatrixProjection as MassMatrixProjection
 from .adaptation import MatrixInequality as MatrixInequality
 from .adaptation import Natural as Natural
@@ -35,6 +37,8 @@ from .exceptions import PinadaptError as PinadaptError
 from .exceptions import RobotError as RobotError
 from .exceptions import ScenarioError as ScenarioError
 from .exceptions import UnusedGainWarning as UnusedGainWarning
+from .filters import FilteredRegressor as FilteredRegressor
+from .filters import FilteredTorque as FilteredTorque
 from .filters import Filters as Filters
 from .filters import LowPass as LowPass
 from .filters import MotionFilters as MotionFilters
@@ -67,6 +71,8 @@ from .models import FrameKinematics as FrameKinematics
 from .models import JointEffects as JointEffects
 from .models import JointKinematics as JointKinematics
 from .models import LumpedDynamics as LumpedDynamics
+from .models import Momentum as Momentum
+from .models import MomentumRegressor as MomentumRegressor
 from .models import Sensed as Sensed
 from .models import StackedDynamics as StackedDynamics
 from .models import TaskKinematics as TaskKinematics

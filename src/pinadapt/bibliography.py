@@ -66,6 +66,15 @@ SLOTINE_LI = _article(
     "49--59",
     "1987",
 )
+SLOTINE_LI_COMPOSITE = _article(
+    "SlotineLi1989",
+    "Slotine, Jean-Jacques E. and Li, Weiping",
+    "Composite adaptive control of robot manipulators",
+    "Automatica",
+    "25(4)",
+    "509--519",
+    "1989",
+)
 CRAIG_HSU_SASTRY = _article(
     "CraigHsuSastry1987",
     "Craig, John J. and Hsu, Ping and Sastry, S. Shankar",

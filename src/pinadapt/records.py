@@ -26,7 +26,9 @@ class Measurement(NamedTuple):
         xd: (m) task velocity [m/s], a pose's first three rows alone being read; needed only by the
             laws that say so.
         a: (nv) joint acceleration [rad/s^2 or m/s^2]; filtered from v when absent.
-        tau: (nv) torque that the motors gave until now [N m or N].
+        tau: (nv) torque that the motors gave until now [N m or N], with what the arm adds by
+            itself; read by the adaptations that predict the torque, which else take it to be what
+            was commanded.
     """
 
     t: float

@@ -42,6 +42,7 @@ class OpenSignals:
     sensed: Sensed
     epsilon: np.ndarray
     X_k: np.ndarray
+    predicted: Any
 
 
 class Signals(OpenSignals):
@@ -74,6 +75,8 @@ class Signals(OpenSignals):
         Y_k: (m, p_k) kinematic regressor.
         inverse: right inverse of J_hat, damped near its singularities.
         filtered: what the law's own filters tell; see ``Law.filters``.
+        predicted: filtered regressor and torque of the joints, a ``FilteredTorque``, where the
+            adaptation of the dynamics asks for them, else None.
     """
 
     __slots__ = ()

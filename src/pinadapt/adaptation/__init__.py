@@ -1,8 +1,9 @@
-"""How estimates move: gradient, natural (log-det), exponentiated, projected, or not at all."""
+"""How estimates move: by gradient, natural, composite, least squares, or not at all."""
 
 from .adaptation import Adaptation as Adaptation
 from .adaptation import Wrapper as Wrapper
 from .box_projection import BoxProjection as BoxProjection
+from .composite import Composite as Composite
 from .drive import Drive as Drive
 from .drive import Drives as Drives
 from .drive import Estimate as Estimate
@@ -10,6 +11,7 @@ from .exponentiated_gradient import ExponentiatedGradient as ExponentiatedGradie
 from .frozen import Frozen as Frozen
 from .gradient import Gradient as Gradient
 from .leak import Leak as Leak
+from .least_squares import LeastSquares as LeastSquares
 from .mass_matrix_projection import MassMatrixProjection as MassMatrixProjection
 from .matrix_inequality import BodyInequality as BodyInequality
 from .matrix_inequality import MatrixInequality as MatrixInequality

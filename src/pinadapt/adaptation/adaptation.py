@@ -25,10 +25,14 @@ class Adaptation(ABC):
     Attributes:
         name: as written in scenarios.
         sources: where it was published.
+        prediction: bandwidth [1/s] of the low pass through which the dynamic estimate wants torque
+            and regressor, whose prediction error it then finds in its drives without a weight; None
+            where it learns from nothing but what the law drives it with.
     """
 
     name: str = "custom"
     sources: tuple[Reference, ...] = ()
+    prediction: float | None = None
 
     def init(self, value: np.ndarray) -> Estimate:
         """Return the estimate to start from, ``validate(value)`` with an empty memory."""
@@ -67,6 +71,14 @@ class Adaptation(ABC):
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
         """Return this adaptation's part of V (p), (p), or None where it is undefined."""
 
+    def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
+        """Return the part of V of an estimate with its memory; None where it is undefined."""
+        return self.divergence(estimate.value, truth)
+
+    def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
+        """Return what the adaptation adds to the law's dV/dt: zero for the tracking error alone."""
+        return 0.0
+
     def references(self) -> tuple[Reference, ...]:
         """Return the sources of this adaptation and of those inside it."""
         return self.sources
@@ -77,6 +89,10 @@ class Adaptation(ABC):
         drives = [Drive(g[None], None, gradient=g) for g in np.eye(value.size)]
         columns = [-self.rate(start, drive).value for drive in drives]
         return np.column_stack(columns) if columns else np.zeros((0, 0))
+
+    def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:
+        """Return Gamma X (p, l) at a value (p) with an empty memory, X (p, l)."""
+        return self.gain(value).dot(X)
 
 
 class Wrapper(Adaptation):
@@ -89,7 +105,7 @@ class Wrapper(Adaptation):
     def __init__(self, inner: Adaptation) -> None:
         """Take the adaptation to wrap, any."""
         self.inner = instance(inner, Adaptation, "inner")
-        self.name = inner.name
+        self.name, self.prediction = inner.name, inner.prediction
 
     def init(self, value: np.ndarray) -> Estimate:
         """Return the inner adaptation's start, with the value that this one validates."""
@@ -123,9 +139,21 @@ class Wrapper(Adaptation):
         """Return the inner adaptation's part of V."""
         return self.inner.divergence(value, truth)
 
+    def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
+        """Return the inner adaptation's part of V."""
+        return self.inner.storage(estimate, truth)
+
+    def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
+        """Return what the inner adaptation adds to dV/dt."""
+        return self.inner.dissipation(estimate, drive, truth)
+
     def gain(self, value: np.ndarray) -> np.ndarray:
         """Return the inner adaptation's Gamma (p, p)."""
         return self.inner.gain(value)
+
+    def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:
+        """Return the inner adaptation's Gamma X (p, l)."""
+        return self.inner.gain_times(value, X)
 
     def references(self) -> tuple[Reference, ...]:
         """Return the sources of this wrapper and of the inner adaptation."""

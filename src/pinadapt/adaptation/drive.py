@@ -32,7 +32,7 @@ class Drive:
         e: (k) tracking error, in the coordinates of Y's rows; None where it is to be disregarded.
         W: (l, p) regressor of the prediction, or None for no prediction.
         residual: (l) predicted minus measured, r.
-        weight: (l, l) R.
+        weight: (l, l) R; None where it is left to the adaptation, see ``Adaptation.prediction``.
         gradient: (p) g = Y^T e + W^T R r.
     """
 
@@ -63,6 +63,16 @@ class Drive:
     def without_tracking(self) -> Drive:
         """Return the prediction part alone."""
         return self if self.e is None else Drive(self.Y, None, self.W, self.residual, self.weight)
+
+    def predicting(self, W: np.ndarray, residual: np.ndarray) -> Drive:
+        """Return the drive with a prediction error, for its adaptation to weigh: as yet by zero."""
+        return Drive(self.Y, self.e, W, residual, None, self.gradient)
+
+    def weighted(self, weight: np.ndarray) -> Drive:
+        """Return a drive with a prediction that is not weighed yet with its weight R (l, l)."""
+        assert self.W is not None and self.residual is not None and self.weight is None
+        gradient = self.gradient + weight.dot(self.residual).dot(self.W)
+        return Drive(self.Y, self.e, self.W, self.residual, weight, gradient)
 
     def columns(self, block: slice) -> Drive:
         """Return the drive of a block of the parameters."""

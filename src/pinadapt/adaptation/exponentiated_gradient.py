@@ -78,6 +78,10 @@ class ExponentiatedGradient(Adaptation):
         kernels.exponentiate(a, drive.gradient, self.scale, self.gamma * dt, _LARGEST_STEP, after)
         return named(Estimate, (after, ()))
 
+    def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:
+        """Return Gamma X (p, l), Gamma = gamma diag(c a)."""
+        return np.asarray((self.gamma * self.scale * value)[:, None] * X)
+
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
         """Return the relative entropy from the truth, in scales, over gamma.
 

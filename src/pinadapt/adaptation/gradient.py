@@ -52,3 +52,7 @@ class Gradient(Adaptation):
     def gain(self, value: np.ndarray) -> np.ndarray:
         """Return Gamma (p, p)."""
         return self.Gamma
+
+    def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:
+        """Return Gamma X (p, l)."""
+        return self.Gamma.dot(X)

@@ -48,24 +48,35 @@ class Leak(Wrapper):
 
     def told(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
         """Return what the inner adaptation makes of an announced value (p); leak to ``start``."""
-        _, *memory = estimate.memory
-        told = self.inner.told(Estimate(estimate.value, tuple(memory)), value, start)
+        told = self.inner.told(self._inner(estimate), value, start)
         return Estimate(told.value, (start.copy(), *told.memory))
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner rates, and of the value what leaks."""
-        a, (start, *memory) = estimate.value, estimate.memory
-        rate = self.inner.rate(Estimate(a, tuple(memory)), drive)
+        a, start = estimate.value, estimate.memory[0]
+        rate = self.inner.rate(self._inner(estimate), drive)
         leaking = rate.value - self.bandwidth * (a - start)
         return Estimate(leaking, (np.zeros(start.size), *rate.memory))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the inner adaptation's estimate after dt [s], mixed with the start."""
-        start, *memory = estimate.memory
-        after = self.inner.step(Estimate(estimate.value, tuple(memory)), drive, dt)
+        start = estimate.memory[0]
+        after = self.inner.step(self._inner(estimate), drive, dt)
         share = -math.expm1(-self.bandwidth * dt)
         return Estimate(after.value + share * (start - after.value), (start, *after.memory))
+
+    def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
+        """Return the inner adaptation's part of V."""
+        return self.inner.storage(self._inner(estimate), truth)
+
+    def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
+        """Return what the inner adaptation adds to dV/dt; what leaks is not in it."""
+        return self.inner.dissipation(self._inner(estimate), drive, truth)
 
     def gain(self, value: np.ndarray) -> np.ndarray:
         """Return the inner adaptation's Gamma (p, p)."""
         return self.inner.gain(value)
+
+    def _inner(self, estimate: Estimate) -> Estimate:
+        """Return the estimate with what the inner adaptation remembers."""
+        return Estimate(estimate.value, estimate.memory[1:])

@@ -107,14 +107,18 @@ class MatrixInequality:
         return P if self._offset is None else P + self._offset
 
     def components(self, P: np.ndarray) -> np.ndarray:
-        """Return the coordinates (k p) of changes of P (k, n, n), which no offset changes."""
-        return P.reshape(self.blocks, -1).dot(self._dual_T).ravel()
+        """Return the coordinates (k p) of changes of P (k, n, n), which no offset changes.
+
+        Of several changes (l, k, n, n) the l k p coordinates one after the other.
+        """
+        return P.reshape(-1, self._n * self._n).dot(self._dual_T).ravel()
 
     def covectors(self, g: np.ndarray) -> np.ndarray:
-        """Return the symmetric L (k, n, n) with tr(L P(da)) = g . da for every da."""
-        return (
-            g.reshape(self.blocks, self._p).dot(self._dual).reshape(self.blocks, self._n, self._n)
-        )
+        """Return the symmetric L (k, n, n) with tr(L P(da)) = g . da for every da.
+
+        Of several g (l, k p) those (l k, n, n) of one after the other.
+        """
+        return g.reshape(-1, self._p).dot(self._dual).reshape(-1, self._n, self._n)
 
     def contains(self, a: np.ndarray) -> bool:
         """Tell whether every block is positive definite at a (k p)."""

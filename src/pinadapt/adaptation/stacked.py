@@ -41,6 +41,7 @@ class Stacked(Adaptation):
         ]
         self._size, self.name = int(ends[-1]), parts[0][0].name
         self._forgetful = ((),) * len(parts)
+        self.prediction = next((p.prediction for p, _ in self.parts if p.prediction), None)
         self._projects = any(type(p).project is not Adaptation.project for p, _ in self.parts)
 
     def init(self, value: np.ndarray) -> Estimate:
@@ -89,6 +90,22 @@ class Stacked(Adaptation):
         return (
             None if any(d is None for d in parts) else float(sum(d for d in parts if d is not None))
         )
+
+    def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
+        """Return the sum of the blocks' parts of V, or None where one is undefined."""
+        parts = [part.storage(own, truth[block]) for part, block, own in self._split(estimate)]
+        known = [part for part in parts if part is not None]
+        return float(sum(known)) if len(known) == len(parts) else None
+
+    def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
+        """Return the sum of what the blocks add to dV/dt."""
+        blocks = self._split(estimate)
+        return float(sum(p.dissipation(own, drive.columns(b), truth[b]) for p, b, own in blocks))
+
+    def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:
+        """Return Gamma X (p, l), block by block."""
+        blocks = [part.gain_times(value[block], X[block]) for part, block in self.parts]
+        return np.concatenate(blocks)
 
     def references(self) -> tuple[Reference, ...]:
         """Return the sources of all parts, in their order."""

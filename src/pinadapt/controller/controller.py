@@ -12,12 +12,12 @@ import numpy as np
 from numpy import empty
 from numpy.typing import ArrayLike
 
-from .._checks import numbers
 from .._compiled import compile_all
 from .._kernels import watch as kernels
 from ..adaptation.adaptation import Adaptation
 from ..adaptation.drive import Drive, Drives, Estimate
-from ..exceptions import DivergedError, ParameterError
+from ..exceptions import DivergedError
+from ..filters.filtered_regressor import FilteredRegressor
 from ..laws.law import Believed, Command, Law
 from ..models.dynamics import Dynamics
 from ..models.sight import prediction
@@ -31,7 +31,7 @@ from ..signals import OpenSignals, Signals
 from .belief import Belief, informed
 from .controller_sheet import controller_sheet
 from .guards import Guards
-from .inputs import InputCheck
+from .inputs import InputCheck, initial_estimate
 from .learned import learned_robot
 from .limits import Limits
 from .senses import Senses
@@ -87,6 +87,8 @@ class Controller:
         self.compensation = compensation
         self._check = InputCheck(kinematics, dynamics.size)
         self._filters, self._predicts = law.filters, law.needs_prediction
+        bandwidth = adaptation_d.prediction
+        self._predictor = None if bandwidth is None else FilteredRegressor(dynamics, bandwidth)
         self._believed = Believed(kinematics, dynamics, adaptation_k, self.limits.watch)
         compile_all()
 
@@ -132,9 +134,9 @@ class Controller:
         """
         measurement = self._check.first(measurement)
         kinematics, dynamics = self.kinematics, self.dynamics
-        a_k = _estimate(a_k, kinematics.initial, "belief.kinematic", kinematics.names)
+        a_k = initial_estimate(a_k, kinematics.initial, "belief.kinematic", kinematics.names)
         dynamic = self.adaptation_d.init(
-            _estimate(a_d, dynamics.initial, "belief.dynamic", dynamics.names)
+            initial_estimate(a_d, dynamics.initial, "belief.dynamic", dynamics.names)
         )
         return ControllerState(
             t=measurement.t,
@@ -145,6 +147,9 @@ class Controller:
             adapting=adapting,
             load=None if self.belief is None else self.belief.load,
             senses=self.senses.init(measurement, kinematics),
+            prediction=()
+            if self._predictor is None
+            else self._predictor.init(measurement.q, measurement.v),
         )
 
     def believe(
@@ -213,13 +218,16 @@ class Controller:
                 dynamic = self.adaptation_d.step(dynamic, drives.dynamic, elapsed)
                 kinematic = self.adaptation_k.step(kinematic, drives.kinematic, elapsed)
             filters = self._filters.step(state.filters, s, elapsed)
+            memory = state.prediction
+            if self._predictor is not None:
+                memory = self._predictor.step(s.predicted, self._given(s, torque), elapsed)
             self.watch(torque, dynamic.value, kinematic.value)
         except (DivergedError, np.linalg.LinAlgError) as error:
             # a signal that is not finite is the likelier cause
             self._check.finite(measurement, desired)
             raise DivergedError(str(error)) from error
         parts = s.t, dynamic, kinematic, s.a_0, filters, state.adapting, state.load, s.sensed
-        return torque, named(ControllerState, parts)
+        return torque, named(ControllerState, (*parts, memory))
 
     def command(
         self, state: ControllerState, measurement: Measurement, desired: Desired
@@ -243,6 +251,9 @@ class Controller:
         """
         torque, limits, added = command.at(a), self.limits.torque, self.compensation
         drives = self.law.drives(s, self._believed, command, a)
+        if s.predicted is not None:
+            W, y, _ = s.predicted
+            drives = Drives(drives.dynamic.predicting(W, W.dot(s.a_d) - y), drives.kinematic)
         if limits is not None:
             held = empty(torque.size)
             if kernels.hold(torque, limits, held):
@@ -266,7 +277,7 @@ class Controller:
         self, state: ControllerState, measurement: Measurement, desired: Desired
     ) -> Signals:
         """Return ``observe`` of what was checked and stays what it is."""
-        t_before, dynamic, kinematic, a_0, filters, adapting, _, before = state
+        t_before, dynamic, kinematic, a_0, filters, adapting, _, before, memory = state
         t, q, v, x, _, xd, _, _ = measurement
         x_d, xd_d, xdd_d = desired
         senses, kinematics, a_k = self.senses, self.kinematics, kinematic.value
@@ -310,6 +321,9 @@ class Controller:
             sensed,
             epsilon,
             X_k,
+            None
+            if self._predictor is None
+            else self._predictor.observe(memory, q, v, self._check.torque(measurement.tau)),
         )
         s.__class__ = Signals  # closed from now on
         return cast(Signals, s)
@@ -320,8 +334,17 @@ class Controller:
             return np.asarray(measurement.a, dtype=float)
         return self._filters.acceleration(s.filtered)  # type: ignore[return-value]
 
-    def rate(self, state: ControllerState, s: Signals, drives: Drives) -> ControllerState:
-        """Return d(state)/dt from what the law saw and its drives, to integrate as an ODE."""
+    def rate(
+        self, state: ControllerState, s: Signals, drives: Drives, torque: np.ndarray
+    ) -> ControllerState:
+        """Return d(state)/dt from what the law saw and its drives, to integrate as an ODE.
+
+        Args:
+            state: now.
+            s: what the law saw.
+            drives: as ``respond`` has them.
+            torque: (n) that the joints see [N m or N].
+        """
         if not s.adapting:
             drives = Drives(_still(drives.dynamic), _still(drives.kinematic))
         return ControllerState(
@@ -331,7 +354,12 @@ class Controller:
             a_0=np.zeros(state.a_0.size),
             filters=self._filters.rate(state.filters, s),
             adapting=state.adapting,
+            prediction=() if self._predictor is None else self._predictor.rate(s.predicted, torque),
         )
+
+    def _given(self, s: Signals, torque: np.ndarray) -> np.ndarray:
+        """Return the torque (n) that the joints see when the motors are sent one (n)."""
+        return torque if self.compensation is None else torque + self.compensation(s.q)
 
     def watch(self, torque: np.ndarray, a_d: np.ndarray, a_k: np.ndarray) -> None:
         """Refuse a torque (n) or estimates that went wrong.
@@ -353,26 +381,11 @@ class Controller:
         self, state: ControllerState, a_k_true: np.ndarray, a_d_true: np.ndarray
     ) -> float | None:
         """Return the parameters' part of V, or None where an adaptation leaves it undefined."""
-        kinematic = self.adaptation_k.divergence(state.kinematic.value, a_k_true)
-        dynamic = self.adaptation_d.divergence(state.dynamic.value, a_d_true)
+        kinematic = self.adaptation_k.storage(state.kinematic, a_k_true)
+        dynamic = self.adaptation_d.storage(state.dynamic, a_d_true)
         return None if kinematic is None or dynamic is None else kinematic + dynamic
 
 
 def _still(drive: Drive) -> Drive:
     """Return a drive that moves nothing."""
     return Drive(drive.Y, None, gradient=np.zeros(drive.Y.shape[1]))
-
-
-def _estimate(
-    given: np.ndarray | None, default: np.ndarray, where: str, names: tuple[str, ...]
-) -> np.ndarray:
-    """Return an initial estimate as a new array, or refuse it."""
-    if given is None:
-        return default.copy()
-    estimate = numbers(given, where, error=ParameterError)
-    if estimate.shape != default.shape:
-        raise ParameterError(
-            f"expected {default.size} finite numbers {list(names)}, got shape {estimate.shape}.",
-            where=where,
-        )
-    return estimate

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from .._checks import numbers
 from .._kernels import inputs as kernels
-from ..exceptions import InputError, MeasurementError
+from ..exceptions import InputError, MeasurementError, ParameterError
 from ..models.task_kinematics import TaskKinematics
 from ..records import Desired, Measurement
 from .state import ControllerState
@@ -96,6 +97,17 @@ class InputCheck:
         a = None if a is None else _array(a, self._v, "a")
         return Measurement(_number(t, "t"), q, v, x, x_time, xd, a, tau)
 
+    def torque(self, given: Any) -> np.ndarray | None:
+        """Return a measured torque (n) as an array of finite floats, None as it is.
+
+        Raises:
+            MeasurementError: of the wrong size, or not made of finite numbers.
+        """
+        tau = None if given is None else _array(given, self._v, "tau")
+        if tau is not None and not np.isfinite(tau).all():
+            raise MeasurementError("tau", given)
+        return tau
+
     def first(self, given: Measurement) -> Measurement:
         """Return the first measurement as arrays of finite floats; it must show where the frame is.
 
@@ -170,3 +182,18 @@ def _number(value: Any, name: str) -> float:
     if not math.isfinite(number):
         raise MeasurementError(name, value)
     return number
+
+
+def initial_estimate(
+    given: np.ndarray | None, default: np.ndarray, where: str, names: tuple[str, ...]
+) -> np.ndarray:
+    """Return an initial estimate as a new array, or refuse it."""
+    if given is None:
+        return default.copy()
+    estimate = numbers(given, where, error=ParameterError)
+    if estimate.shape != default.shape:
+        raise ParameterError(
+            f"expected {default.size} finite numbers {list(names)}, got shape {estimate.shape}.",
+            where=where,
+        )
+    return estimate

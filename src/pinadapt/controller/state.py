@@ -25,6 +25,7 @@ class ControllerState(NamedTuple):
         adapting: whether the estimates move; they rest until told to with ``adapt``.
         load: what the robot is believed to carry on top of its description, as last announced.
         senses: what was last seen of the task frame, and the filtered joint velocity.
+        prediction: what the filters of the torque remember, where the adaptation predicts it.
     """
 
     t: float
@@ -35,6 +36,7 @@ class ControllerState(NamedTuple):
     adapting: bool = True
     load: Payload | None = None
     senses: Sensed = _NOTHING
+    prediction: Any = ()
 
     @property
     def a_d(self) -> np.ndarray:
@@ -52,14 +54,15 @@ class ControllerState(NamedTuple):
 
     def flat(self) -> np.ndarray:
         """Return what moves, estimates and filters with their memories, as one array."""
-        return np.concatenate([part.ravel() for part in _leaves(self[1:5])])
+        moving = (*self[1:5], self.prediction)
+        return np.concatenate([part.ravel() for part in _leaves(moving)])
 
     def with_flat(self, values: np.ndarray) -> ControllerState:
         """Return the state whose ``flat`` is ``values``."""
-        parts, used = _filled(self[1:5], values, 0)
+        parts, used = _filled((*self[1:5], self.prediction), values, 0)
         assert used == values.size
-        dynamic, kinematic, a_0, filters = parts
-        return self._replace(dynamic=dynamic, kinematic=kinematic, a_0=a_0, filters=filters)
+        names = ("dynamic", "kinematic", "a_0", "filters", "prediction")
+        return self._replace(**dict(zip(names, parts, strict=True)))
 
 
 def _leaves(part: Any) -> list[np.ndarray]:

@@ -1,5 +1,8 @@
 """Filters: memory that measurements drive."""
 
+from .filtered_regressor import FilteredRegressor as FilteredRegressor
+from .filtered_regressor import FilteredTorque as FilteredTorque
+from .filtered_regressor import TorqueFilterState as TorqueFilterState
 from .filters import Filters as Filters
 from .filters import NoFilters as NoFilters
 from .low_pass import LowPass as LowPass

@@ -9,6 +9,8 @@ from .frame_kinematics import FrameKinematics as FrameKinematics
 from .joint_effects import JointEffects as JointEffects
 from .joint_kinematics import JointKinematics as JointKinematics
 from .lumped import LumpedDynamics as LumpedDynamics
+from .momentum import Momentum as Momentum
+from .momentum import MomentumRegressor as MomentumRegressor
 from .sight import Carrier as Carrier
 from .sight import Sensed as Sensed
 from .stacked import StackedDynamics as StackedDynamics

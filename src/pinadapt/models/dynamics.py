@@ -8,9 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
-from ..exceptions import ParameterError
+from ..exceptions import InputError, ParameterError
 from ..robot.robot import Robot
 from .independent_columns import independent_columns
+from .momentum import Momentum
 from .regressor import Regressor
 from .translations import Translation
 
@@ -65,6 +66,21 @@ class Dynamics(ABC):
 
         C is the matrix of Christoffel symbols, so that dM/dt - 2 C is skew-symmetric.
         """
+
+    def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:
+        """Return the torque as rate of the momentum and a rest, in which there is no acceleration.
+
+        M a + C v + g = d/dt (Y_M a_d + p_0) + Y_0 a_d + tau_0, whatever estimate is loaded.
+
+        Raises:
+            InputError: these dynamics do not state it.
+        """
+        raise InputError(
+            f"{type(self).__name__} does not state the momentum, from which the prediction of the "
+            "torque comes.",
+            where="adaptation",
+            hint="Override Dynamics.momentum, or take an adaptation that does not predict.",
+        )
 
     @abstractmethod
     def value(self, robot: Robot) -> np.ndarray | None:

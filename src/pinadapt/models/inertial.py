@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from ..robot.robot import Robot
 from .dynamics import Dynamics
 from .inertial_model import InertialModel
+from .momentum import Momentum
 from .regressor import Regressor, inertial_parameters
 
 
@@ -76,3 +78,19 @@ class InertialDynamics(Dynamics):
         Y = self._regressor.slotine_li(q, v, v_r, a_r)
         tau = Y.dot(self._pi)
         return self.reduce(Y), tau + self._armature * a_r if self._rotors else tau
+
+    def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:
+        """Return the torque as rate of the momentum and a rest, known bodies and rotors included.
+
+        See ``MomentumRegressor`` for its source.
+        """
+        Y_M, Y_0 = self._regressor.momentum(q, v)
+        p_0, known = self._armature * v, self._known
+        if not known.any():
+            return Momentum(self.reduce(Y_M), self.reduce(Y_0), p_0, np.zeros(v.size))
+        return Momentum(self.reduce(Y_M), self.reduce(Y_0), p_0 + Y_M.dot(known), Y_0.dot(known))
+
+    @cached_property
+    def _known(self) -> np.ndarray:
+        """The part of pi (10 n) that no parameter changes."""
+        return self.expand(np.zeros(self.size))

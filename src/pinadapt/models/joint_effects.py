@@ -13,6 +13,7 @@ from .._kernels import joints as kernels
 from ..exceptions import ParameterError, did_you_mean
 from ..robot.effort_limits import effort_limits
 from ..robot.robot import Robot
+from .momentum import Momentum
 
 KINDS = ("armature", "viscous", "coulomb")
 ALL, NONE = "all", "none"
@@ -111,6 +112,19 @@ class JointEffects:
         values[self._unknown] = a.reshape(len(self._unknown), self._n)
         armature, viscous, coulomb = values
         return believed.changed(armature=armature, viscous=viscous, coulomb=coulomb)
+
+    def momentum(self, v: np.ndarray, inertial: Momentum) -> Momentum:
+        """Return an inertial momentum and rest with those of the coefficients beside them.
+
+        Rotors have the momentum diag(armature) v; friction, which has none, is left of the torque.
+        """
+        known, zero = self._values.copy(), np.zeros(self._n)
+        known[self._unknown] = 0.0
+        p_0, tau_0 = empty(self._n), empty(self._n)
+        kernels.joint_torque(known, zero, v, self._threshold, inertial.p_0, p_0)
+        kernels.joint_torque(known, v, zero, self._threshold, inertial.tau_0, tau_0)
+        Y_M, Y_0 = self.regressor(zero, v, inertial.Y_M), self.regressor(v, zero, inertial.Y_0)
+        return Momentum(Y_M, Y_0, p_0, tau_0)
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the coefficients (p) of any robot; None if those of a known kind differ."""

@@ -191,6 +191,14 @@ class LumpedRegressor(Regressor):
             kernels.take_columns(regressor.slotine_li(q, v, v_r, a_r), columns, Y[:, window])
         return Y
 
+    def momentum(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return Y_M and Y_0 (n, p): M a + C v + g = d/dt (Y_M a) + Y_0 a, a the lumped vector."""
+        Y_M, Y_0 = np.empty(self._shape), np.empty(self._shape)
+        for regressor, window, columns in self._parts:
+            for own, Y in zip(regressor.momentum(q, v), (Y_M, Y_0), strict=True):
+                kernels.take_columns(own, columns, Y[:, window])
+        return Y_M, Y_0
+
 
 class LumpedModel(InertialModel):
     """Torque and mass matrix of the virtual chains together, rotors of the real chain included."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy import empty
 
 from .._kernels import models as kernels
 from .._kernels.models import PER_BODY as PER_BODY
+from .momentum import MomentumRegressor
 
 LABELS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 
@@ -51,6 +53,14 @@ class Regressor:
         Y = pin.computeJointTorqueRegressor(self._model, self._data, q, mean, a_r)
         Y -= pin.computeJointTorqueRegressor(self._weightless, self._data, q, half, self._zero)
         return Y.reshape(self._shape)
+
+    def momentum(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return Y_M and Y_0 (n, 10 n): M a + C v + g = d/dt (Y_M pi) + Y_0 pi."""
+        return self._momentum(q, v)
+
+    @cached_property
+    def _momentum(self) -> MomentumRegressor:
+        return MomentumRegressor(self._model)
 
 
 def inertial_parameters(model: pin.Model) -> np.ndarray:

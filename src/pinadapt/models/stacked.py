@@ -7,6 +7,7 @@ import numpy as np
 from ..robot.robot import Robot
 from .dynamics import Dynamics
 from .joint_effects import JointEffects, without_joint_effects
+from .momentum import Momentum
 
 
 class StackedDynamics(Dynamics):
@@ -55,6 +56,10 @@ class StackedDynamics(Dynamics):
         """Return Y_r (n, p) and the torque it gives (n), known parts included."""
         Y, tau = self.inertial.slotine_li(q, v, v_r, a_r)
         return self.joint.regressor(v_r, a_r, Y), self.joint.torque(v_r, a_r, tau)
+
+    def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:
+        """Return the torque as rate of the momentum and a rest, rotors in the one, friction not."""
+        return self.joint.momentum(v, self.inertial.momentum(q, v))
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the parameters (p) of any robot with this chain, None where a block has none."""

@@ -130,7 +130,15 @@ class ControllerSection(Section):
     """[controller]: law, adaptation, gains."""
 
     law: str = DEFAULT
-    adaptation: Literal["natural", "gradient", "projected", "none"] = "natural"
+    adaptation: Literal[
+        "natural",
+        "gradient",
+        "projected",
+        "natural-composite",
+        "composite",
+        "least-squares",
+        "none",
+    ] = "natural"
     Kv: Gain | None = None
     Kp: Gain | None = None
     alpha: Number | None = None
@@ -140,6 +148,9 @@ class ControllerSection(Section):
     gamma_d: Gain | None = None
     gamma_joint: Number | None = None
     gamma_k: Gain | None = None
+    prediction_rate: Number | None = None
+    prediction_filter: Number | None = None
+    forgetting: NotNegative | None = None
     R_k: Gain | None = None
     Q: Number | None = None
     lambda_: Number | None = Field(default=None, alias="lambda")

@@ -153,5 +153,5 @@ class _Loop:
         tau, drives = controller.respond(signals, command, a_law)
         self.torque = plant.motors_at(q, tau)
         a = a_law if self._ideal else plant.acceleration_at(q, v, self.torque)
-        rate = controller.rate(self.state, signals, drives)
+        rate = controller.rate(self.state, signals, drives, self.torque)
         return np.concatenate([v, a, rate.flat()])

@@ -29,8 +29,22 @@ from ..models.typical_motion import TypicalMotion
 from ..robot.robot import Robot
 from .defaults import PREDICTION_RATE, gradient_shape
 from .linearised_loop import frequency, rate_for
+from .prediction_rates import predicting
 
-ADAPTATIONS = ("natural", "gradient", "projected", "none")
+_METRICS = {
+    "composite": "gradient",
+    "natural-composite": "natural",
+    "least-squares": "gradient",
+}  # of the adaptations that predict the torque
+RATES = (
+    "gamma_d",
+    "gamma_joint",
+    "gamma_k",
+    "prediction_rate",
+    "prediction_filter",
+    "forgetting",
+)  # as users write them
+ADAPTATIONS = ("natural", "gradient", "projected", *_METRICS, "none")
 
 
 def check_adaptation(kind: str) -> None:
@@ -45,6 +59,11 @@ def check_adaptation(kind: str) -> None:
             f"{did_you_mean(kind, ADAPTATIONS)}",
             where="adaptation",
         )
+
+
+def metric_of(kind: str) -> str:
+    """Return the kind of adaptation in whose metric another moves: most in their own."""
+    return _METRICS.get(kind, kind)
 
 
 def kinematic_adaptation(
@@ -115,16 +134,31 @@ def dynamic_adaptation(
         law: whose loop the default rates follow.
         motion: the believed robot.
         bandwidth: w [rad/s].
-        rates: given ``gamma_d`` and ``gamma_joint``.
+        rates: those given, by the names of ``RATES``.
         lmi: matrix inequality for a basis of the user's own.
         share: of the default rates.
 
     Raises:
         InputError: a rate or an inequality that does not fit the parameters.
     """
-    dynamics, w = motion.dynamics, bandwidth * share**0.5
-    if kind == "none" or not dynamics.size:
+    if kind == "none" or not motion.dynamics.size:
         return Frozen()
+    moved = _tracking_adaptation(metric_of(kind), law, motion, bandwidth * share**0.5, rates, lmi)
+    if kind not in _METRICS:
+        return moved
+    return predicting(kind, moved, motion, bandwidth, share, rates)
+
+
+def _tracking_adaptation(
+    kind: str,
+    law: Law,
+    motion: TypicalMotion,
+    w: float,
+    rates: Mapping[str, Any],
+    lmi: ArrayLike | MatrixInequality | None,
+) -> Adaptation:
+    """Return how the dynamic estimate follows the tracking error at a bandwidth w [rad/s]."""
+    dynamics = motion.dynamics
     effects, stacked = law.parameter_effects(motion), isinstance(dynamics, StackedDynamics)
     inertial = dynamics.inertial if isinstance(dynamics, StackedDynamics) else dynamics
     carrier = without_joint_effects(motion.robot) if stacked else motion.robot

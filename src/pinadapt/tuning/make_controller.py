@@ -31,9 +31,11 @@ from ..robot.robot import Robot
 from ..sensing import Camera, SensorQuality
 from ..tasks.joint import JointTask
 from .adaptation_rates import (
+    RATES,
     check_adaptation,
     dynamic_adaptation,
     kinematic_adaptation,
+    metric_of,
     prediction_weight,
 )
 from .defaults import bandwidth
@@ -42,8 +44,6 @@ from .preflight import stable_share_of_adaptation, stable_share_of_feedback
 from .remedies import Remedies, remedies, sensor_quality
 from .unknowns import Words, believed_dynamics, believed_kinematics, lumped_lengths
 from .unused_gains import warn_of_unused_gains
-
-RATES = ("gamma_d", "gamma_joint", "gamma_k")
 
 
 @arithmetic("gains")
@@ -79,7 +79,9 @@ def make_controller(
             controlled.
         law: a name of ``pinadapt.LAWS``, or a law with its gains.
         adaptation: "natural", "gradient", "projected" (gradient that keeps M_hat positive definite)
-            or "none"; or an adaptation of the dynamic estimate with its gains.
+            or "none"; "natural-composite", "composite" or "least-squares", which also learn from
+            the prediction error of the torque; or an adaptation of the dynamic estimate with its
+            gains.
         kinematic: unknown translations: "tool" (the default), joint names, "joint:length",
             "lengths", "base" (in the frame in which x is measured); a joint task has none.
         dynamic: unknown bodies: "all", "payload" (the last one), "none", or joint names.
@@ -117,7 +119,9 @@ def make_controller(
             [1/s], R_k, Q, lambda_ [1/s], lambda_a [s], and ``posture``, the rest pose (n) or
             its frequency [rad/s] or both by name; and rates of an adaptation by name: gamma_d
             (a number for natural; number, list or matrix for gradient), gamma_joint of the joints'
-            coefficients, which always stay positive, gamma_k (number, list or matrix).
+            coefficients, gamma_k (number, list or matrix); of those that predict the torque,
+            prediction_rate [1/s] at which that error decays, prediction_filter [1/s] through which
+            it is seen, and forgetting [1/s] of least squares.
 
     Raises:
         InputError: an unknown name, a gain that breaks a hypothesis, or parameters that cannot be
@@ -129,7 +133,7 @@ def make_controller(
     chosen = _law_type(law, believed)
     kinematics = believed_kinematics(believed, kinematic, chosen)
     kind, rates = _kind(adaptation, chosen), {name: gains.pop(name, None) for name in RATES}
-    lengths = lumped_lengths(kinematics, regressor, kind, chosen, basis)
+    lengths = lumped_lengths(kinematics, regressor, metric_of(kind), chosen, basis)
     joint = chosen.joint_effects if joint is None else joint
     dynamics = believed_dynamics(believed, dynamic, joint, basis, lmi, lengths)
     motion = TypicalMotion(believed, kinematics, dynamics, bandwidth(believed, dt))

@@ -33,6 +33,9 @@ def warn_of_unused_gains(
         "gamma_joint": kind not in ("none", "custom") and stacked and joint > 0,
         "gamma_k": kind != "none" and kinematics.size > 0,
     }
+    predicts = kind in ("composite", "natural-composite", "least-squares") and dynamics.size > 0
+    rates |= dict.fromkeys(("prediction_rate", "prediction_filter"), predicts)
+    rates["forgetting"] = predicts and kind == "least-squares"
     used = [name for name in NAMES if hasattr(law, SYMBOLS.get(name, name))]
     used += [name for name, moves in rates.items() if moves]
     idle = [name for name, gain in given.items() if gain is not None and name not in used]
