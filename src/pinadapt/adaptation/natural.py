@@ -8,10 +8,12 @@ descent*, PLoS ONE 2020.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from .._checks import instance, positive
+from .._checks import instance, positive, vector
 from .._kernels import adaptation as kernels
 from ..bibliography import LEE_KWON_PARK, WENSING_SLOTINE
+from ..exceptions import InputError
 from ..records import named
 from .adaptation import Adaptation
 from .drive import Drive, Estimate
@@ -21,7 +23,8 @@ from .matrix_inequality import MatrixInequality
 class Natural(Adaptation):
     """dP/dt = -gamma P L P, with tr(L P(da)) = g . da.
 
-    Its part of V is the sum of log|P| / |P_true| + tr(P^-1 P_true) - n over gamma.
+    Its part of V is the sum of log|P| / |P_true| + tr(P^-1 P_true) - n over gamma. Bodies may have
+    shares c: dP/dt = -gamma c P L P, and c divides their term.
 
     The estimate stays inside the cone for every step length: in a complete cone it moves along the
     geodesic P+ = S exp(-h gamma S^T L S) S^T, P = S S^T; in others by a step that never leaves the
@@ -33,20 +36,34 @@ class Natural(Adaptation):
     Attributes:
         cone: where the parameters live.
         gamma: the one gain.
+        shares: (k) relative rates, one a matrix of the cone, or None where all are one.
     """
 
     name = "natural"
     sources = (LEE_KWON_PARK, WENSING_SLOTINE)
 
-    def __init__(self, gamma: float, cone: MatrixInequality, name: str = "gamma_d") -> None:
-        """Take the gain and the cone.
+    def __init__(
+        self,
+        gamma: float,
+        cone: MatrixInequality,
+        name: str = "gamma_d",
+        *,
+        shares: ArrayLike | None = None,
+    ) -> None:
+        """Take the gain, the cone, and relative rates of its matrices.
 
         Raises:
             GainError: gamma not positive.
-            InputError: no cone.
+            InputError: no cone, or shares that are not positive, one for each of its matrices.
         """
         self.gamma = positive(gamma, name)
         self.cone = instance(cone, MatrixInequality, "cone")
+        self.shares, self._scale = None, None
+        if shares is not None:
+            self.shares = vector(shares, self.cone.blocks, "shares")
+            for share in self.shares:
+                positive(share, "shares", error=InputError)
+            self._scale = np.repeat(self.shares, self.cone.size // self.cone.blocks)
 
     def validate(self, value: np.ndarray) -> np.ndarray:
         """Return an initial value (p) inside the cone; see ``MatrixInequality.validate``."""
@@ -58,7 +75,7 @@ class Natural(Adaptation):
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return da/dt (p)."""
-        a, g, cone = estimate.value, drive.gradient, self.cone
+        a, g, cone = estimate.value, self._scaled(drive.gradient), self.cone
         P = cone.matrices(a)
         if cone.complete:
             return Estimate(-self.gamma * cone.components(P @ cone.covectors(g) @ P))
@@ -66,7 +83,7 @@ class Natural(Adaptation):
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held; inside the cone for any dt."""
-        a, g = estimate.value, drive.gradient
+        a, g = estimate.value, self._scaled(drive.gradient)
         if self.cone.complete:
             return named(Estimate, (self.cone.follow_geodesic(a, g, self.gamma * dt), ()))
         metric = self._metric(self.cone.matrices(a)[0])
@@ -77,7 +94,7 @@ class Natural(Adaptation):
     def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:
         """Return Gamma X (p, l): column by column gamma P L P."""
         cone = self.cone
-        P = cone.matrices(value)
+        P, X = cone.matrices(value), self._scaled(X.T).T
         if not cone.complete:
             return np.asarray(self.gamma * np.linalg.solve(self._metric(P[0]), X))
         L = cone.covectors(X.T).reshape(-1, *P.shape)
@@ -94,7 +111,12 @@ class Natural(Adaptation):
         except np.linalg.LinAlgError:  # inside the cone by less than rounding
             return None
         logs = np.linalg.slogdet(P)[1] - np.linalg.slogdet(P_true)[1]
-        return float(np.sum(logs + trace - P.shape[1]) / self.gamma)
+        terms = logs + trace - P.shape[1]
+        return float(np.sum(terms if self.shares is None else terms / self.shares) / self.gamma)
+
+    def _scaled(self, g: np.ndarray) -> np.ndarray:
+        """Return gradients (..., p) with the shares of their bodies."""
+        return g if self._scale is None else g * self._scale
 
     def _metric(self, P: np.ndarray) -> np.ndarray:
         """Return the Hessian of -log det (p, p), H_ij = tr(P^-1 F_i P^-1 F_j), of one block."""

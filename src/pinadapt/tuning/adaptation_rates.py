@@ -44,6 +44,9 @@ RATES = (
     "prediction_filter",
     "forgetting",
 )  # as users write them
+_THICKNESS = 1e-2  # of the reach, radius of gyration
+_THINNEST = 1e-4  # [m]
+
 ADAPTATIONS = ("natural", "gradient", "projected", *_METRICS, "none")
 
 
@@ -196,12 +199,31 @@ def _inertial_adaptation(
             gamma_d = rate_for(mode, effects, unit, unit.validate(dynamics.initial))
         if isinstance(gamma_d, Iterable) and not isinstance(gamma_d, str):
             raise InputError("natural adaptation has one scalar gain.", where="gamma_d")
-        return Natural(positive(gamma_d, "gamma_d"), cone)
+        return Natural(positive(gamma_d, "gamma_d"), cone, shares=_shares(believed, dynamics, unit))
     if gamma_d is None:
         shape = gradient_shape(believed, dynamics, effects)
         gamma_d = shape * rate_for(mode, effects, Gradient(shape, dynamics.size), dynamics.initial)
     gradient = Gradient(gamma_d, dynamics.size, "gamma_d")
     return MassMatrixProjection(gradient, dynamics, believed) if kind == "projected" else gradient
+
+
+def _shares(believed: Robot, dynamics: Dynamics, unit: Natural) -> np.ndarray | None:
+    """Return relative rates, one a body, where the last one is described as a needle; else None.
+
+    The metric measures how far a centre of mass may move by how thick the body is, and an unknown
+    load sits on the last one whatever its description says: it is learned as fast as if it were a
+    hundredth of the reach thick.
+    """
+    last = believed.model.nv - 1
+    if not isinstance(dynamics, BodyDynamics) or last not in dynamics.bodies:
+        return None
+    shares = np.ones(len(dynamics.bodies))
+    index = list(dynamics.bodies).index(last)
+    P = unit.cone.matrices(unit.validate(dynamics.initial))[index]
+    about_centre = P[:3, :3] / P[3, 3] - np.outer(P[:3, 3], P[:3, 3]) / P[3, 3] ** 2
+    radius = np.sqrt(max(np.linalg.eigvalsh(about_centre)[0], 0.0))
+    shares[index] = max(1.0, (_THICKNESS * believed.reach / max(radius, _THINNEST)) ** 2)
+    return shares if shares[index] > 1.0 else None
 
 
 def _cone(
