@@ -239,8 +239,13 @@ def test_an_interrupted_live_run_ends_its_process_and_its_port():
     url = line.split()[-1]
     assert url.startswith("http://127.0.0.1:")
     assert urllib.request.urlopen(url, timeout=10).status == 200
-    process.send_signal(signal.SIGINT)
-    process.communicate(timeout=30)
-    assert process.returncode != 0
+    for _ in range(4):  # as a user would: Python loses one that arrives inside of a finaliser
+        process.send_signal(signal.SIGINT)
+        try:
+            process.communicate(timeout=2.0)
+            break
+        except subprocess.TimeoutExpired:
+            continue
+    assert process.returncode not in (None, 0)
     with pytest.raises(urllib.error.URLError):
         urllib.request.urlopen(url, timeout=5)
