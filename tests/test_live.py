@@ -239,7 +239,7 @@ def test_an_interrupted_live_run_ends_its_process_and_its_port():
     url = line.split()[-1]
     assert url.startswith("http://127.0.0.1:")
     assert urllib.request.urlopen(url, timeout=10).status == 200
-    for _ in range(4):  # as a user would: Python loses one that arrives inside of a finaliser
+    for _ in range(4):  # again, as a user would, where the first one is lost
         process.send_signal(signal.SIGINT)
         try:
             process.communicate(timeout=2.0)
