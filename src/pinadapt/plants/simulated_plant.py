@@ -9,6 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from .._checks import instance, whole
+from .._kernels import watch as kernels
 from ..exceptions import InputError
 from ..robot.effort_limits import torque_limits as limits_of
 from ..robot.gravity import Compensation, compensation_of
@@ -71,10 +72,14 @@ class SimulatedPlant(Plant):
 
     def motors_at(self, q: np.ndarray, torque: np.ndarray) -> np.ndarray:
         """Return the torque (nv) that the motors give at q (nq) when asked for one (nv)."""
-        limits = self.torque_limits
+        torque, limits = np.asarray(torque, dtype=float), self.torque_limits
         if self.compensation is not None:
             torque = torque + self.compensation(q)
-        return torque if limits is None else np.minimum(np.maximum(torque, -limits), limits)
+        if limits is None:
+            return torque
+        given = np.empty(torque.size)
+        kernels.hold(torque, limits, given)
+        return given
 
 
 Engine: TypeAlias = Callable[..., SimulatedPlant]

@@ -63,13 +63,13 @@ class Circle(Trajectory):
         w = 2 * math.pi / self.period
         rest = np.zeros(size)
         self._w = w
-        # (3, 3, m): of position, velocity and acceleration the parts that are constant and that
-        # go with the angle's cosine and sine.
-        self._parts = np.array(
+        # (3, 3 m): what is constant and what goes with the angle's cosine and sine, of position,
+        # velocity and acceleration side by side.
+        self._parts = np.block(
             [
-                [self.center, u1, u2],
-                [rest, w * u2, -w * u1],
-                [rest, -w * w * u1, -w * w * u2],
+                [self.center, rest, rest],
+                [u1, w * u2, -w * w * u1],
+                [u2, -w * u1, -w * w * u2],
             ]
         )
 
@@ -83,11 +83,12 @@ class Circle(Trajectory):
         moved = copy(self)
         moved.center = self.center + by
         moved._parts = self._parts.copy()
-        moved._parts[0, 0] = moved.center
+        moved._parts[0, : moved.center.size] = moved.center
         return moved
 
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
         angle = self._w * t + self.phase
+        m = self.center.size
         motion = np.array((1.0, math.cos(angle), math.sin(angle))).dot(self._parts)
-        return Desired(motion[0], motion[1], motion[2])
+        return Desired(motion[:m], motion[m : 2 * m], motion[2 * m :])
