@@ -104,8 +104,33 @@ catalogue_robot = cache(pa.load)  # loading takes most of a second, and robots a
 
 
 def robot_of(law: str, name: str) -> pa.Robot:
-    """Return a robot of the catalogue with a task that a law controls: its own, or its joints."""
-    return catalogue_robot(name, **({"task": "joint"} if pa.LAWS[law].joint_space else {}))
+    """Return a robot with a task that a law controls: its own, or its joints.
+
+    Args:
+        law: a name of ``pa.LAWS``.
+        name: in the catalogue, or "mixed".
+    """
+    task = {"task": "joint"} if pa.LAWS[law].joint_space else {}
+    return mixed_robot(**task) if name == "mixed" else catalogue_robot(name, **task)
+
+
+@cache
+def mixed_robot(task: str = "xyz") -> pa.Robot:
+    """Return a slide, a continuous joint and two revolute ones."""
+    rng, model, parent = np.random.default_rng(3), pin.Model(), 0
+    axis = np.array([0.6, 0.0, 0.8])
+    kinds = [
+        pin.JointModelPrismaticUnaligned(axis),
+        pin.JointModelRUBZ(),
+        pin.JointModelRY(),
+        pin.JointModelRevoluteUnaligned(axis),
+    ]
+    for i, kind in enumerate(kinds):
+        parent = model.addJoint(parent, kind, random_placement(rng, 0.4), f"joint{i + 1}")
+        model.appendBodyToJoint(parent, random_inertia(rng), pin.SE3.Identity())
+    model.addFrame(pin.Frame("tip", parent, 0, random_placement(rng, 0.2), pin.FrameType.BODY))
+    model.name = "mixed"
+    return pa.load(model, frame="tip", task=task, q0=[0.1, 3.0, -0.4, 0.3])
 
 
 def random_state(
