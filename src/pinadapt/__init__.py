@@ -11,6 +11,7 @@ from .adaptation import Estimate as Estimate
 from .adaptation import ExponentiatedGradient as ExponentiatedGradient
 from .adaptation import Frozen as Frozen
 from .adaptation import Gradient as Gradient
+from .adaptation import GravityProjection as GravityProjection
 from .adaptation import Leak as Leak
 from .adaptation import LeastSquares as LeastSquares
 from .adaptation import MassMatrixProjection as MassMatrixProjection
@@ -49,7 +50,9 @@ from .laws import AdaptiveInverseDynamics as AdaptiveInverseDynamics
 from .laws import AdaptiveInverseDynamicsImproved as AdaptiveInverseDynamicsImproved
 from .laws import AdaptiveInverseDynamicsVelocity as AdaptiveInverseDynamicsVelocity
 from .laws import AdaptiveJacobian as AdaptiveJacobian
+from .laws import ApproximateJacobian as ApproximateJacobian
 from .laws import Believed as Believed
+from .laws import BoundedTorque as BoundedTorque
 from .laws import Command as Command
 from .laws import ComputedTorque as ComputedTorque
 from .laws import Craig as Craig
@@ -58,6 +61,7 @@ from .laws import KinematicLoop as KinematicLoop
 from .laws import Law as Law
 from .laws import Posture as Posture
 from .laws import ResolvedAcceleration as ResolvedAcceleration
+from .laws import Saturation as Saturation
 from .laws import Separation as Separation
 from .laws import SlotineLi as SlotineLi
 from .laws import SpongOrtega as SpongOrtega

@@ -71,12 +71,14 @@ class Truth(NamedTuple):
     Attributes:
         a_k, a_d: (p_k), (p_d) true parameters.
         M: (n, n) true mass matrix at q.
+        C: (n, n) true Coriolis matrix at q, qd: dM/dt = C + C^T.
         friction: true friction of the joints.
     """
 
     a_k: np.ndarray
     a_d: np.ndarray
     M: np.ndarray
+    C: np.ndarray
     friction: Friction
 
 
@@ -97,6 +99,8 @@ class Law(ABC):
         needs_acceleration: whether it uses the joint acceleration.
         inverts_estimate: whether it needs M_hat^-1 at the moving estimate.
         joint_space: whether it is a law for joint tasks only.
+        set_point: whether it needs a desired motion that comes to rest, see ``Trajectory.settles``.
+        learns_kinematics: whether it moves the kinematic estimate.
         joint_effects: joint coefficients that are unknown by default: "all" or "none".
         bandwidth_powers: gains of the feedback, by the names that users write, with the powers of
             the bandwidth that they go with.
@@ -114,6 +118,8 @@ class Law(ABC):
     needs_acceleration: ClassVar[bool] = False
     inverts_estimate: ClassVar[bool] = False
     joint_space: ClassVar[bool] = False
+    set_point: ClassVar[bool] = False
+    learns_kinematics: ClassVar[bool] = True
     joint_effects: ClassVar[str] = "none"
     bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0, "Kp": 2.0}
     adaptation_mode: ClassVar[float] = 2.0
@@ -173,6 +179,17 @@ class Law(ABC):
         A law that cannot is returned as it is.
         """
         return self
+
+    def guarded(self, adaptation: Adaptation, dynamics: Dynamics) -> Adaptation:
+        """Return an adaptation of the dynamics with what the law's proof needs around it."""
+        return adaptation
+
+    def mismatch(self, J_hat: np.ndarray, J: np.ndarray) -> tuple[float, float] | None:
+        """Return how wrong J_hat (m, n) is beside the true J (m, n), and how wrong it may be.
+
+        None for a law that bears any, or learns it.
+        """
+        return None
 
     def parameter_effects(self, motion: TypicalMotion) -> list[np.ndarray]:
         """Return Phi (., p_d) at each state, by which parameter errors move the driving error e.

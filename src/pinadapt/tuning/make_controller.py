@@ -136,7 +136,12 @@ def make_controller(
     lengths = lumped_lengths(kinematics, regressor, metric_of(kind), chosen, basis)
     joint = chosen.joint_effects if joint is None else joint
     dynamics = believed_dynamics(believed, dynamic, joint, basis, lmi, lengths)
-    motion = TypicalMotion(believed, kinematics, dynamics, bandwidth(believed, dt))
+    limits = make_limits(
+        believed, kinematics, dynamics, torque=torque_limits, damping=damping, watch=watch
+    )
+    motion = TypicalMotion(
+        believed, kinematics, dynamics, bandwidth(believed, dt), limits.torque
+    )
     tuned, share = _tuned(law, motion, dt, gains)
     w = share * motion.bandwidth
     quality = sensor_quality(believed, dt, camera, noise, encoder)
@@ -145,8 +150,9 @@ def make_controller(
         tuned = tuned.decorrelated(needed.decorrelation)
     _warn(tuned, kind, motion, {**gains, **rates})
     box = make_box(believed, kinematics, kinematic_box)
+    learned = kind if chosen.learns_kinematics else "none"
     adaptation_k = kinematic_adaptation(
-        kind, tuned, motion, w, rates["gamma_k"], box, needed.kinematic
+        learned, tuned, motion, w, rates["gamma_k"], box, needed.kinematic
     )
     if isinstance(law, str) and gains.get("R_k") is None:
         tuned = tuned.with_prediction_weight(
@@ -156,6 +162,7 @@ def make_controller(
     def adaptation_d(share: float = 1.0) -> Adaptation:
         part = share * needed.mode**2
         moved = dynamic_adaptation(kind, tuned, motion, w, rates, lmi, part)
+        moved = tuned.guarded(moved, dynamics)
         return Leak(moved, needed.leak) if needed.leak and kind != "none" else moved
 
     controller = Controller(
@@ -163,10 +170,10 @@ def make_controller(
         kinematics,
         dynamics,
         adaptation_k=adaptation_k,
-        adaptation_d=adaptation if isinstance(adaptation, Adaptation) else adaptation_d(),
-        limits=make_limits(
-            believed, kinematics, dynamics, torque=torque_limits, damping=damping, watch=watch
-        ),
+        adaptation_d=tuned.guarded(adaptation, dynamics)
+        if isinstance(adaptation, Adaptation)
+        else adaptation_d(),
+        limits=limits,
         senses=_senses(make_guards(believed, kinematics, guards, quality), needed, carry, quality),
         motion=motion,
         compensation=compensation_of(believed, compensated),

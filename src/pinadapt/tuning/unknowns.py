@@ -37,7 +37,8 @@ def believed_kinematics(believed: Robot, unknown: Words | None, law: type[Law]) 
     """
     if isinstance(believed.task, JointTask):
         return JointKinematics(believed, () if unknown is None else unknown)
-    kinematics = FrameKinematics(believed, (TOOL,) if unknown is None else unknown)
+    default = (TOOL,) if law.learns_kinematics else ()
+    kinematics = FrameKinematics(believed, default if unknown is None else unknown)
     if not law.needs_prediction and any(p.joint == FIRST for p in kinematics.translations):
         raise ParameterError(
             f"the law '{law.name}' learns from velocities, in which '{BASE}' does not show.",
