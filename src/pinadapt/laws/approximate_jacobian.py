@@ -14,7 +14,7 @@ from ..adaptation.drive import Drive, Drives
 from ..bibliography import CHEAH_HIRANO_KAWAMURA_ARIMOTO, CHEAH_KAWAMURA_ARIMOTO
 from ..exceptions import GainError
 from ..models.task_kinematics import TaskKinematics
-from ..models.typical_motion import TypicalMotion, joint_inertia, unit_mass
+from ..models.typical_motion import TypicalMotion, unit_mass
 from ..signals import Signals
 from ..tasks.task import Task
 from .adaptive_jacobian import felt_by_task
@@ -25,6 +25,7 @@ from .saturation import Saturation
 
 Own = TypeVar("Own", bound="ApproximateJacobian")
 _WIDTH, _TURN = 0.05, 0.1  # of the reach; [rad]
+_NULL = 0.5  # in bandwidths, the slowest mode that is damped critically
 _WEIGHT = 0.6  # at which the largest error of the Jacobian is borne
 
 
@@ -72,8 +73,8 @@ class ApproximateJacobian(Law):
 
     Default gains for the bandwidth w: K_P = w^2 m with the mass or inertia m felt at the frame at
     home, of joints their own; width a twentieth of the reach, 0.1 rad on rotations and joints;
-    K_v critically damps each joint: 2 sqrt(M_ii (k_i + w^2 M_ii)), k_i the largest diagonal entry
-    of J_hat^T K_P J_hat over a typical motion.
+    K_v damps critically the modes of J_hat^T K_P J_hat and M_hat, those of the null space at w / 2,
+    in the mean over a typical motion.
 
     Attributes:
         kinematics: the believed ones; only dV/dt evaluates them here.
@@ -94,6 +95,7 @@ class ApproximateJacobian(Law):
     sources = (CHEAH_KAWAMURA_ARIMOTO, CHEAH_HIRANO_KAWAMURA_ARIMOTO)
     set_point = True
     learns_kinematics = False
+    adaptation_mode = 2.0
     bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "Kp": 2.0}
     units = ("N m s/rad", "N/m, for rotations and joints N m/rad")
 
@@ -222,11 +224,14 @@ class ApproximateJacobian(Law):
 
 
 def joint_damping(motion: TypicalMotion, stiffness: Any, w: float) -> np.ndarray:
-    """Return the default diagonal (n) of K_v for a stiffness of the task and a bandwidth w."""
-    inertia, task = joint_inertia(motion.robot), motion.kinematics.task
-    K_P = np.broadcast_to(stiffness, task.size)
-    felt = np.max([K_P @ (J * J) for J in motion.jacobians], axis=0)
-    return np.asarray(2.0 * np.sqrt(inertia * (felt + w * w * inertia)))
+    """Return the default K_v (n, n) for a stiffness of the task and a bandwidth w [rad/s]."""
+    K_P, dampings = np.diag(np.broadcast_to(stiffness, motion.kinematics.task.size)), []
+    for J, M in zip(motion.jacobians, motion.mass_matrices, strict=True):
+        W = unit_mass(M)
+        squares, modes = np.linalg.eigh(W @ J.T @ K_P @ J @ W.T)
+        root = np.linalg.solve(W, modes)
+        dampings.append((root * np.sqrt(np.maximum(squares, (_NULL * w) ** 2))) @ root.T)
+    return np.asarray(2.0 * np.mean(dampings, axis=0))
 
 
 def default_width(motion: TypicalMotion) -> np.ndarray:

@@ -26,7 +26,9 @@ from .approximate_jacobian import ApproximateJacobian, SetPointCommand, joint_da
 from .law import Believed
 
 _LEAST, _SPRING = 0.1, 0.5  # share of the bound left to the feedback; of that to the spring
-_HEAVIER, _LOAD = 1.3, 0.1  # bodies, and load in parts of the mass, that gravity may be of
+_HEAVIER, _LOAD, _ARM = 1.3, 0.1, 0.05  # bodies, load, its distance in parts of mass and reach
+_SMALL = 0.01  # of the bound
+_TIGHTER = 1.0 / 3.0  # how much of a smaller spring is a smaller width, as a power
 _CONFIGURATIONS = 500
 
 
@@ -38,37 +40,40 @@ class BoundedTorque(ApproximateJacobian):
     be recovered exactly: feedback by tanh and a projected estimate are his, what follows is proved
     for this form.
 
-    Law:          tau = Z(q) a_d + g_0(q) - J_hat^T K_P s(dx) - d tanh(K_v qd / d) joint by joint, s
-                  = w tanh(dx / w), J_hat of constant parameters.
+    Law:          tau = Z(q) a_d + g_0(q) - J_hat^T K_P s(dx) - K_v qd tanh(r) / r, r the largest of
+                  |K_v qd|_i / d_i over the joints, s = w tanh(dx / w), J_hat of constant
+                  parameters.
     Adaptation:   da_d/dt = -Gamma_d Z^T y, y = qd + weight K_v^-1 J_hat^T K_P s(dx), projected onto
                   |Z_i a_d + g_0,i| <= G_i at the measured q; see ``GravityProjection``.
     Bound:        |tau_i| <= G_i + l_i |K_P w| + d_i = b_i at every q, qd, x and estimate: l_i
                   bounds column i of J_hat over all configurations (``robot.levers``), the norm is
                   of the rows of the position, and rotations and joints count by their own. d is
                   what the given bound b, gravity's share G and the spring leave.
-    Closed loop:  M qdd + C qd = Z da_d - J_hat^T K_P s - d tanh(K_v qd / d) - f(qd).
-    V:            that of ``ApproximateJacobian``, dV/dt as well with d tanh(K_v qd / d) in place of
+    Closed loop:  M qdd + C qd = Z da_d - J_hat^T K_P s - K_v qd tanh(r) / r - f(qd).
+    V:            that of ``ApproximateJacobian``, dV/dt as well with K_v qd tanh(r) / r in place of
                   K_v qd, an equality but where the projection acts, which lowers V.
-    Convergence:  as there while |K_v qd| is not far beyond d, so for starts that depend on the
-                  bound: semiglobal.
+    Convergence:  as there while r is not far beyond one, so for starts that depend on the bound:
+                  semiglobal.
     Assumptions:  those of ``ApproximateJacobian``; the true gravity torque within G where the arm
                   goes; slides beyond a revolute joint have position limits.
 
     Default gains: the bound is the limit of the motors, where there is none the torque that gravity
     and the gains of ``ApproximateJacobian`` may ask for. Gravity has what it asks for at most in
-    the workspace with bodies 30 % heavier and a load of a tenth of the mass, but at most 90 % of
-    the bound. Half of the rest is the spring's, which makes K_P smaller where it must be; K_v damps
-    critically.
+    the workspace with bodies 30 % heavier and a load of a tenth of the mass, a twentieth of the
+    reach off the frame, but at most 90 % of the bound. Half of the rest is the spring's, which makes K_P and width smaller where it must be, K_P
+    by the square of what width is; K_v damps critically.
 
     Attributes:
-        kinematics, K_v, K_P, width, weight: as ``ApproximateJacobian``; K_v diagonal.
+        kinematics, K_v, K_P, width, weight: as ``ApproximateJacobian``.
         bound: (n) b [N m or N].
         gravity: (n) G [N m or N].
+        pace: share of the bandwidth for which the bound leaves torque.
     """
 
     _: KW_ONLY
     bound: Any
     gravity: Any
+    pace: float = 1.0
 
     name = "bounded-torque"
     sources = (DIXON,)
@@ -80,8 +85,6 @@ class BoundedTorque(ApproximateJacobian):
             GainError: gains that break a hypothesis of the proof, or the bound.
         """
         super().__post_init__()
-        if (np.diag(np.diag(self.K_v)) != self.K_v).any():
-            raise GainError("must be diagonal: each joint's damping has a bound.", where="Kv")
         for name in ("bound", "gravity"):
             object.__setattr__(self, name, _torques(getattr(self, name), self.kinematics, name))
         if not (self.brake_limit > 0.0).all():
@@ -112,23 +115,27 @@ class BoundedTorque(ApproximateJacobian):
         bound = _or(given.get("bound"), np.where(np.isfinite(motion.efforts), motion.efforts, 0.0))
         bound = np.broadcast_to(np.asarray(bound, dtype=float), asked.shape)
         bound = np.where(bound > 0.0, bound, (asked + spring / _SPRING) / (1.0 - _LEAST))
-        gravity = _or(given.get("gravity"), np.minimum(asked, (1.0 - _LEAST) * bound))
+        most = (1.0 - _LEAST) * bound
+        gravity = _or(given.get("gravity"), np.clip(np.maximum(asked, bound - spring / _SPRING), _SMALL * bound, most))
         gravity = np.broadcast_to(np.asarray(gravity, dtype=float), asked.shape)
         _check_holds(motion.robot, gravity)
         part = _affordable(motion, K_P, width, _SPRING * (bound - gravity))
-        w = share * motion.bandwidth * float(np.min(part)) ** 0.5
-        K_P = part * K_P
+        width_part = part**_TIGHTER if given.get("width") is None else np.ones(part.size)
+        K_P, pace = K_P * part / width_part, float(np.min(part / width_part)) ** 0.5
         return gains | {
             "Kp": K_P,
-            "Kv": joint_damping(motion, _or(given.get("Kp"), K_P), w),
+            "width": width * width_part,
+            "Kv": joint_damping(motion, K_P, pace * share * motion.bandwidth),
             "bound": bound,
             "gravity": gravity,
+            "pace": pace,
         }
 
     def brake(self, v: np.ndarray) -> np.ndarray:
-        """Return the damping torque d tanh(K_v qd / d) (n) [N m or N]."""
-        d = self.brake_limit
-        return np.asarray(d * np.tanh(np.diag(self.K_v) * v / d))
+        """Return the damping torque K_v qd tanh(r) / r (n) [N m or N]."""
+        asked = self.K_v.dot(v)
+        r = float(np.abs(asked / self.brake_limit).max())
+        return asked * (np.tanh(r) / r) if r > 0.0 else asked
 
     def command(self, s: Signals, believed: Believed) -> SetPointCommand:
         """Return the torque, with what drives the estimate.
@@ -217,15 +224,16 @@ def _affordable(
 
 def _worst_gravity(motion: TypicalMotion) -> np.ndarray:
     """Return what gravity may ask of each joint (n) [N m or N] at seeded configurations."""
-    load = Payload(_LOAD * pin.computeTotalMass(motion.robot.model))
-    robot = motion.robot.changed(inertial_scale=_HEAVIER, payload=load)
+    load = _LOAD * pin.computeTotalMass(motion.robot.model)
+    robot = motion.robot.changed(inertial_scale=_HEAVIER, payload=Payload(load))
     model, rng = robot.model, np.random.default_rng(0)
     data, (low, high) = model.createData(), position_bounds(model)
     worst = np.abs(pin.computeGeneralizedGravity(model, data, robot.q0))
     for _ in range(_CONFIGURATIONS):
         q = pin.integrate(model, pin.neutral(model), rng.uniform(low, high))
         worst = np.maximum(worst, np.abs(pin.computeGeneralizedGravity(model, data, q)))
-    return np.asarray(worst)
+    weight, turns = load * np.linalg.norm(model.gravity.linear), _levers(motion.kinematics)[1]
+    return np.asarray(worst + weight * _ARM * robot.reach * turns)
 
 
 def _check_holds(robot: Robot, gravity: np.ndarray) -> None:

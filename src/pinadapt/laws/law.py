@@ -108,6 +108,7 @@ class Law(ABC):
         joint_mode: the same of the joints' coefficients.
         kinematic_mode: the same of the translations.
         units: of velocity and position gain, for people.
+        pace: share of the bandwidth that the law's own gains use; default rates follow it.
         sources: where it was published.
     """
 
@@ -127,6 +128,7 @@ class Law(ABC):
     kinematic_mode: ClassVar[float] = 0.15
     units: ClassVar[tuple[str, str]] = ("", "")
     sources: ClassVar[tuple[Reference, ...]] = ()
+    pace: float = 1.0
 
     @abstractmethod
     def command(self, s: Signals, believed: Believed) -> Command:

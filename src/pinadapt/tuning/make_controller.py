@@ -143,7 +143,7 @@ def make_controller(
         believed, kinematics, dynamics, bandwidth(believed, dt), limits.torque
     )
     tuned, share = _tuned(law, motion, dt, gains)
-    w = share * motion.bandwidth
+    w = share * motion.bandwidth * tuned.pace
     quality = sensor_quality(believed, dt, camera, noise, encoder)
     needed = remedies(quality, w, believed.reach)
     if isinstance(law, str):
