@@ -51,6 +51,7 @@ from .laws import AdaptiveInverseDynamicsImproved as AdaptiveInverseDynamicsImpr
 from .laws import AdaptiveInverseDynamicsVelocity as AdaptiveInverseDynamicsVelocity
 from .laws import AdaptiveJacobian as AdaptiveJacobian
 from .laws import ApproximateJacobian as ApproximateJacobian
+from .laws import ApproximateJacobianGravity as ApproximateJacobianGravity
 from .laws import Believed as Believed
 from .laws import BoundedTorque as BoundedTorque
 from .laws import Command as Command
@@ -59,6 +60,7 @@ from .laws import Craig as Craig
 from .laws import Feedback as Feedback
 from .laws import KinematicLoop as KinematicLoop
 from .laws import Law as Law
+from .laws import MiddletonGoodwin as MiddletonGoodwin
 from .laws import Posture as Posture
 from .laws import ResolvedAcceleration as ResolvedAcceleration
 from .laws import Saturation as Saturation

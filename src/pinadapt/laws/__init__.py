@@ -9,6 +9,9 @@ from .adaptive_inverse_dynamics_velocity import (
 )
 from .adaptive_jacobian import AdaptiveJacobian as AdaptiveJacobian
 from .approximate_jacobian import ApproximateJacobian as ApproximateJacobian
+from .approximate_jacobian_gravity import (
+    ApproximateJacobianGravity as ApproximateJacobianGravity,
+)
 from .bounded_torque import BoundedTorque as BoundedTorque
 from .computed_torque import ComputedTorque as ComputedTorque
 from .craig import Craig as Craig
@@ -18,6 +21,7 @@ from .law import Believed as Believed
 from .law import Command as Command
 from .law import Law as Law
 from .law import Truth as Truth
+from .middleton_goodwin import MiddletonGoodwin as MiddletonGoodwin
 from .posture import Posture as Posture
 from .resolved_acceleration import ResolvedAcceleration as ResolvedAcceleration
 from .saturation import Saturation as Saturation
@@ -38,7 +42,9 @@ LAWS: dict[str, type[Law]] = {
         SlotineLi,
         Craig,
         SpongOrtega,
+        MiddletonGoodwin,
         ApproximateJacobian,
+        ApproximateJacobianGravity,
         BoundedTorque,
     )
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from ..adaptation.adaptation import Adaptation
-from ..adaptation.drive import Drive, Drives
+from ..adaptation.drive import Drive, Drives, Estimate
 from ..exceptions import InputError
 from ..filters.filters import Filters, NoFilters
 from ..models.dynamics import Dynamics
@@ -50,19 +51,38 @@ class Believed:
         kinematics: evaluated at the signals' q, v and a_k.
         dynamics: with a_d loaded; a law that loads another estimate loads a_d again.
         adaptation: how the kinematic estimate moves.
+        adaptation_d: how the dynamic estimate moves.
         watch: whether an M_hat that is not positive definite ends the run of a law that inverts it.
+        dt: [s] over which the torque will be held; None where the loop is one differential
+            equation.
     """
 
     kinematics: TaskKinematics
     dynamics: Dynamics
     adaptation: Adaptation
+    adaptation_d: Adaptation
     watch: bool = True
+    dt: float | None = None
+
+    @property
+    def prediction(self) -> float:
+        """Bandwidth of the low pass behind ``Signals.predicted`` [1/s], infinite for none."""
+        return self.adaptation_d.prediction or math.inf
 
     def kinematic_rate(self, s: Signals, drive: Drive) -> np.ndarray:
         """Return the rate of a_k (p_k) under a drive, by the chosen adaptation."""
         if s.adapting:
             return self.adaptation.rate(s.kinematic, drive).value
         return np.zeros(s.a_k.size)
+
+    def dynamic_rate(self, s: Signals, drive: Drive) -> np.ndarray:
+        """Return the rate of a_d (p_d) under a drive, its mean over the period that begins."""
+        estimate = Estimate(s.a_d, s.learned)
+        if not s.adapting:
+            return np.zeros(s.a_d.size)
+        if self.dt is None:
+            return self.adaptation_d.rate(estimate, drive).value
+        return (self.adaptation_d.step(estimate, drive, self.dt).value - s.a_d) / self.dt
 
 
 class Truth(NamedTuple):
@@ -101,6 +121,9 @@ class Law(ABC):
         joint_space: whether it is a law for joint tasks only.
         set_point: whether it needs a desired motion that comes to rest, see ``Trajectory.settles``.
         learns_kinematics: whether it moves the kinematic estimate.
+        approximate_regressor: whether its proof bears a regressor at the believed lengths.
+        predicts_torque: whether the dynamic estimate has no other drive than the prediction of the
+            torque.
         joint_effects: joint coefficients that are unknown by default: "all" or "none".
         bandwidth_powers: gains of the feedback, by the names that users write, with the powers of
             the bandwidth that they go with.
@@ -121,6 +144,8 @@ class Law(ABC):
     joint_space: ClassVar[bool] = False
     set_point: ClassVar[bool] = False
     learns_kinematics: ClassVar[bool] = True
+    approximate_regressor: ClassVar[bool] = False
+    predicts_torque: ClassVar[bool] = False
     joint_effects: ClassVar[str] = "none"
     bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0, "Kp": 2.0}
     adaptation_mode: ClassVar[float] = 2.0

@@ -69,6 +69,24 @@ def metric_of(kind: str) -> str:
     return _METRICS.get(kind, kind)
 
 
+def predicting_kind(kind: str, law: str) -> str:
+    """Return the kind of adaptation that predicts the torque in the metric of another.
+
+    Raises:
+        InputError: there is none.
+    """
+    if kind in _METRICS or kind in ("none", "custom"):
+        return kind
+    for predicting, metric in _METRICS.items():
+        if metric == kind:
+            return predicting
+    raise InputError(
+        f"the law '{law}' learns from the prediction of the torque alone; '{kind}' predicts none.",
+        where="adaptation",
+        hint=f"Take one of {list(_METRICS)}.",
+    )
+
+
 def kinematic_adaptation(
     kind: str,
     law: Law,

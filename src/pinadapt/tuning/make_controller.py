@@ -36,6 +36,7 @@ from .adaptation_rates import (
     dynamic_adaptation,
     kinematic_adaptation,
     metric_of,
+    predicting_kind,
     prediction_weight,
 )
 from .defaults import bandwidth
@@ -247,7 +248,9 @@ def _kind(adaptation: str | Adaptation, law: type[Law]) -> str:
             f"expected a name or an Adaptation, got {adaptation!r}.", where="adaptation"
         )
     kind = adaptation if isinstance(adaptation, str) else "custom"
-    return kind if law.adapts else "none"
+    if not law.adapts:
+        return "none"
+    return predicting_kind(kind, law.name) if law.predicts_torque else kind
 
 
 def _tuned(

@@ -37,8 +37,7 @@ def believed_kinematics(believed: Robot, unknown: Words | None, law: type[Law]) 
     """
     if isinstance(believed.task, JointTask):
         return JointKinematics(believed, () if unknown is None else unknown)
-    default = (TOOL,) if law.learns_kinematics else ()
-    kinematics = FrameKinematics(believed, default if unknown is None else unknown)
+    kinematics = FrameKinematics(believed, (TOOL,) if unknown is None else unknown)
     if not law.needs_prediction and any(p.joint == FIRST for p in kinematics.translations):
         raise ParameterError(
             f"the law '{law.name}' learns from velocities, in which '{BASE}' does not show.",
@@ -104,7 +103,7 @@ def lumped_lengths(
     word(regressor, REGRESSORS, "unknown.regressor")
     lengths = [part for part in kinematics.translations if part.joint not in (None, FIRST)]
     names = [part.name for part in lengths]
-    if not lengths or kind == "none" or basis is not None:
+    if not lengths or kind == "none" or basis is not None or law.approximate_regressor:
         return []
     if regressor == "nominal":
         warnings.warn(
