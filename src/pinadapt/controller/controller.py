@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from .._compiled import compile_all
 from .._kernels import watch as kernels
 from ..adaptation.adaptation import Adaptation
-from ..adaptation.drive import Drive, Drives, Estimate
+from ..adaptation.drive import Drives, Estimate
 from ..exceptions import DivergedError
 from ..filters.filtered_regressor import FilteredRegressor
 from ..laws.law import Believed, Command, Law
@@ -355,7 +355,7 @@ class Controller:
             torque: (n) that the joints see [N m or N].
         """
         if not s.adapting:
-            drives = Drives(_still(drives.dynamic), _still(drives.kinematic))
+            drives = Drives(drives.dynamic.still(), drives.kinematic.still())
         return ControllerState(
             t=1.0,
             dynamic=self.adaptation_d.rate(Estimate(s.a_d, state.dynamic.memory), drives.dynamic),
@@ -395,8 +395,3 @@ class Controller:
             kinematic = self.adaptation_k.storage(state.kinematic, a_k_true)
         dynamic = self.adaptation_d.storage(state.dynamic, a_d_true)
         return None if kinematic is None or dynamic is None else kinematic + dynamic
-
-
-def _still(drive: Drive) -> Drive:
-    """Return a drive that moves nothing."""
-    return Drive(drive.Y, None, gradient=np.zeros(drive.Y.shape[1]))

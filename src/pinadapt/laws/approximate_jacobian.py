@@ -9,12 +9,13 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from .._checks import definite_matrix, positive
+from .._checks import definite_matrix
 from ..adaptation.drive import Drive, Drives
 from ..bibliography import CHEAH_HIRANO_KAWAMURA_ARIMOTO, CHEAH_KAWAMURA_ARIMOTO
 from ..exceptions import GainError
 from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion, unit_mass
+from ..reference import Reference
 from ..signals import Signals
 from ..tasks.task import Task
 from .adaptive_jacobian import felt_by_task
@@ -92,7 +93,10 @@ class ApproximateJacobian(Law):
     weight: float = _WEIGHT
 
     name = "approximate-jacobian"
-    sources = (CHEAH_KAWAMURA_ARIMOTO, CHEAH_HIRANO_KAWAMURA_ARIMOTO)
+    sources: ClassVar[tuple[Reference, ...]] = (
+        CHEAH_KAWAMURA_ARIMOTO,
+        CHEAH_HIRANO_KAWAMURA_ARIMOTO,
+    )
     set_point = True
     learns_kinematics = False
     adaptation_mode = 2.0

@@ -26,7 +26,8 @@ from .approximate_jacobian import ApproximateJacobian, SetPointCommand, joint_da
 from .law import Believed
 
 _LEAST, _SPRING = 0.1, 0.5  # share of the bound left to the feedback; of that to the spring
-_HEAVIER, _LOAD, _ARM = 1.3, 0.1, 0.05  # bodies, load, its distance in parts of mass and reach
+_HEAVIER = 1.3  # bodies, for what gravity may ask
+_LOAD, _ARM = 0.1, 0.05  # of the mass, of the reach off the frame
 _SMALL = 0.01  # of the bound
 _TIGHTER = 1.0 / 3.0  # how much of a smaller spring is a smaller width, as a power
 _CONFIGURATIONS = 500
@@ -60,8 +61,9 @@ class BoundedTorque(ApproximateJacobian):
     Default gains: the bound is the limit of the motors, where there is none the torque that gravity
     and the gains of ``ApproximateJacobian`` may ask for. Gravity has what it asks for at most in
     the workspace with bodies 30 % heavier and a load of a tenth of the mass, a twentieth of the
-    reach off the frame, but at most 90 % of the bound. Half of the rest is the spring's, which makes K_P and width smaller where it must be, K_P
-    by the square of what width is; K_v damps critically.
+    reach off the frame, and what the feedback leaves, but at most 90 % of the bound. Half of the
+    rest is the spring's: K_P and width become smaller where they must, K_P by the square of what
+    width does. K_v damps critically.
 
     Attributes:
         kinematics, K_v, K_P, width, weight: as ``ApproximateJacobian``.
@@ -116,7 +118,10 @@ class BoundedTorque(ApproximateJacobian):
         bound = np.broadcast_to(np.asarray(bound, dtype=float), asked.shape)
         bound = np.where(bound > 0.0, bound, (asked + spring / _SPRING) / (1.0 - _LEAST))
         most = (1.0 - _LEAST) * bound
-        gravity = _or(given.get("gravity"), np.clip(np.maximum(asked, bound - spring / _SPRING), _SMALL * bound, most))
+        gravity = _or(
+            given.get("gravity"),
+            np.clip(np.maximum(asked, bound - spring / _SPRING), _SMALL * bound, most),
+        )
         gravity = np.broadcast_to(np.asarray(gravity, dtype=float), asked.shape)
         _check_holds(motion.robot, gravity)
         part = _affordable(motion, K_P, width, _SPRING * (bound - gravity))

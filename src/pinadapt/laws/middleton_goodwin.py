@@ -93,9 +93,15 @@ class MiddletonGoodwin(AccelerationLaw):
 
         M_hat(q; a) z is Y(q, 0, z) a - Y(q, 0, 0) a but for what is known.
         """
-        dynamics, rest, model = believed.dynamics, np.zeros(s.v.size), believed.kinematics.robot.model
+        dynamics, rest, model = (
+            believed.dynamics,
+            np.zeros(s.v.size),
+            believed.kinematics.robot.model,
+        )
         speed = float(np.abs(s.v).max())
-        learned = (dynamics.regressor(s.q, rest, z) - dynamics.regressor(s.q, rest, rest)).dot(a_rate)
+        learned = (dynamics.regressor(s.q, rest, z) - dynamics.regressor(s.q, rest, rest)).dot(
+            a_rate
+        )
         if not speed > 0.0:
             return np.asarray(learned)
         h = _STEP / speed

@@ -23,6 +23,7 @@ from ..sensing import Camera
 from ..tasks.task import FrameTask
 from ..trajectories.trajectory import Trajectory
 from ..tuning.preflight import preflight
+from ..tuning.preflight_jacobian import jacobian_finding
 from ..tuning.preflight_sensors import sensor_findings
 from ..tuning.remedies import sensor_quality
 
@@ -73,6 +74,8 @@ def findings(
     quality = sensor_quality(true, dt, camera, noise, encoder)
     found = [*preflight(controller, dt), *sensor_findings(controller, quality)]
     words = [str(finding) for finding in found]
+    if wrong := jacobian_finding(controller, true):
+        words.append(str(wrong))
     if motors is not None and controller.compensation is None:
         words += filter(None, [overloaded(true, motors)])
     return words

@@ -77,9 +77,9 @@ def predicting_kind(kind: str, law: str) -> str:
     """
     if kind in _METRICS or kind in ("none", "custom"):
         return kind
-    for predicting, metric in _METRICS.items():
+    for name, metric in _METRICS.items():
         if metric == kind:
-            return predicting
+            return name
     raise InputError(
         f"the law '{law}' learns from the prediction of the torque alone; '{kind}' predicts none.",
         where="adaptation",

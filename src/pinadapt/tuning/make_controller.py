@@ -140,9 +140,7 @@ def make_controller(
     limits = make_limits(
         believed, kinematics, dynamics, torque=torque_limits, damping=damping, watch=watch
     )
-    motion = TypicalMotion(
-        believed, kinematics, dynamics, bandwidth(believed, dt), limits.torque
-    )
+    motion = TypicalMotion(believed, kinematics, dynamics, bandwidth(believed, dt), limits.torque)
     tuned, share = _tuned(law, motion, dt, gains)
     w = share * motion.bandwidth * tuned.pace
     quality = sensor_quality(believed, dt, camera, noise, encoder)
