@@ -1,4 +1,4 @@
-"""Laws for a set point with a Jacobian that is wrong: their proofs, their bounds, what they refuse."""
+"""Laws for a set point with a wrong Jacobian: their proofs, their bounds, what they refuse."""
 
 from itertools import islice
 
@@ -10,8 +10,10 @@ import pinadapt as pa
 from chains import catalogue_robot
 from differences import derivative
 from loops import circle_at_home, energy_along
+from pinadapt.cli.compare import _laws as compared
 from pinadapt.cli.main import main
 from pinadapt.robot.catalogue import robots_folder
+from pinadapt.scenario.scenario import Scenario
 from pinadapt.tuning.preflight_jacobian import jacobian_finding
 from test_joint_laws import mixed_robot
 
@@ -67,7 +69,8 @@ def test_an_approximate_regressor_leaves_a_known_rest():
     robot = catalogue_robot("panda")
     moved = {"panda_joint4": [0.02, 0.0, 0.0], "panda_joint5": [0.0, 0.0, -0.03]}
     true = robot.changed(link_translation=moved)
-    controller = pa.make_controller(robot.changed(inertial_scale=0.8), law=ROUGH)
+    believed = robot.changed(inertial_scale=0.8)
+    controller = pa.make_controller(believed, law=ROUGH, adaptation="gradient")
     plant, law, dynamics = pa.PinocchioPlant(true), controller.law, controller.dynamics
     controller, dt, rest = controller.limited(None), 2e-4, np.zeros(7)
 
@@ -135,16 +138,19 @@ def test_the_spring_is_the_gradient_of_its_potential():
     task, rng = catalogue_robot("ur5", task="pose").task, np.random.default_rng(0)
     saturation = pa.Saturation(task, [0.1, 0.2, 0.3, 0.4, 0.4, 0.4])
     weights = np.array([2.0, 3.0, 4.0, 5.0, 5.0, 5.0])
-    for scale in (1e-3, 0.1, 2.0):
-        dx, dxd = scale * rng.standard_normal((2, 6))
-        rate = derivative(lambda t: weights @ saturation.potential(dx + t * dxd), h=1e-4 * scale)
+
+    def check(dx, dxd):
+        rate = derivative(lambda t: weights @ saturation.potential(dx + t * dxd))
         assert np.isclose(weights * saturation.of(dx) @ dxd, rate, rtol=1e-6)
-        moved = derivative(lambda t: saturation.of(dx + t * dxd), h=1e-4 * scale)
+        moved = derivative(lambda t: saturation.of(dx + t * dxd))
         assert np.allclose(saturation.rate(dx, dxd), moved, rtol=1e-6, atol=1e-9)
+
+    for scale in (1e-3, 0.1, 2.0):
+        check(*scale * rng.standard_normal((2, 6)))
     far = saturation.of(1e6 * np.ones(6))
     assert np.allclose(far[:3], [0.1, 0.2, 0.3]) and np.isclose(np.linalg.norm(far[3:]), 0.4)
     assert not saturation.of(np.zeros(6)).any() and not saturation.rate(*np.zeros((2, 6))).any()
-    assert np.isfinite(saturation.potential(1e300 * np.ones(6))).all()
+    assert np.isfinite(saturation.potential(1e100 * np.ones(6))).all()
 
 
 # --- at work ---
@@ -239,7 +245,7 @@ def test_no_state_and_no_estimate_asks_for_more(name, task):
             q = pin.integrate(robot.model, robot.q0, rng.uniform(-3.0, 3.0, n))
             v, x = scale * rng.standard_normal(n), robot.position(q)
             x = robot.task.moved(x, np.minimum(scale, 3.0) * rng.standard_normal(robot.task.size))
-            a_d = quantity.a_d * rng.uniform(0.2, 5.0, quantity.a_d.size)
+            a_d = quantity.a_d * np.repeat(rng.uniform(0.2, 5.0, n), 10)
             state = quantity._replace(dynamic=quantity.dynamic._replace(value=a_d))
             desired = beside_home(robot).at(0.0)
             at = pa.Measurement(0.0, q, v, x)
@@ -256,10 +262,10 @@ def test_no_state_and_no_estimate_asks_for_more(name, task):
 @pytest.mark.parametrize("kind", ["natural", "gradient", "natural-composite"])
 def test_the_projection_only_lowers_what_the_parameters_add_to_v(kind):
     robot, rng = catalogue_robot("panda"), np.random.default_rng(2)
-    believed = robot.changed(inertial_scale=1.6)
-    bound = near_gravity(robot)
+    believed = robot.changed(inertial_scale=1.2)
+    bound = near_gravity(unlike(robot))
     controller = pa.make_controller(
-        believed, law=BOUNDED, adaptation=kind, bound=bound, gravity=0.95 * bound
+        believed, law=BOUNDED, adaptation=kind, bound=bound, gravity=0.89 * bound
     )
     adaptation, dynamics, G = controller.adaptation_d, controller.dynamics, controller.law.gravity
     value = adaptation.init(dynamics.initial).value
@@ -276,7 +282,7 @@ def test_the_projection_only_lowers_what_the_parameters_add_to_v(kind):
             assert after < before
             moved += 1
         value, before = kept, after
-    assert moved > 3 and adaptation.contains(value)
+    assert moved and adaptation.contains(value)
 
 
 # --- how wrong a Jacobian may be ---
@@ -367,18 +373,14 @@ def test_bounds_that_cannot_be_are_refused():
 
 
 def test_compare_leaves_them_out_of_a_motion_and_runs_them_in_a_set_point(tmp_path, capsys):
-    planar = robots_folder() / "planar_2r" / "wang_xie_2009.toml"
-    short = ["simulation.duration=0.02"]
-    assert main(["compare", str(planar), "--set", *short, "--out", str(tmp_path / "a")]) == 0
-    assert "bounded-torque" not in capsys.readouterr().out
-    told = ["run", str(planar), "--set", 'controller.law="bounded-torque"']
+    circle = robots_folder() / "panda" / "tool_and_load.toml"
+    assert not set(LAWS) & set(compared(Scenario.read(circle)))
+    told = ["run", str(circle), "--set", 'controller.law="bounded-torque"']
     assert main([*told, "--out", str(tmp_path / "b")]) == 2
-    assert "does not come to rest" in capsys.readouterr().err
-    held = tmp_path / "held.toml"
+    assert "reference.kind: the law 'bounded-torque' is for a set point" in capsys.readouterr().err
+    held, short = tmp_path / "held.toml", ["simulation.duration=0.02"]
     held.write_text('[robot]\nsource = "ur5"\n[reference]\nkind = "hold"\n')
-    set_point = ["--laws", ",".join([*LAWS, "separation"])]
-    assert (
-        main(["compare", str(held), *set_point, "--set", *short, "--out", str(tmp_path / "c")]) == 0
-    )
-    shown = capsys.readouterr().out
-    assert all(law in shown for law in LAWS)
+    assert set(LAWS) < set(compared(Scenario.read(held)))
+    told = ["compare", str(held), "--laws", "bounded-torque", "--set", *short]
+    assert main([*told, "--out", str(tmp_path / "c")]) == 0
+    assert "bounded-torque" in capsys.readouterr().out

@@ -12,7 +12,7 @@ from .adaptation import Adaptation, Wrapper
 from .drive import Drive, Estimate
 from .least_squares import LeastSquares
 
-_ROUNDS = 30
+_ROUNDS = 200
 _TOLERANCE = 1e-9  # of the bound
 
 

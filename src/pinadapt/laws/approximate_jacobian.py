@@ -19,7 +19,7 @@ from ..reference import Reference
 from ..signals import Signals
 from ..tasks.task import Task
 from .adaptive_jacobian import felt_by_task
-from .feedback import Feedback
+from .feedback import Feedback, SetPointLoop
 from .gains import check_in_place, merged
 from .law import Believed, Command, Law, Truth
 from .saturation import Saturation
@@ -202,12 +202,17 @@ class ApproximateJacobian(Law):
 
         The largest |(J - J_hat)^T f| / |J_hat^T f| over all forces f, in the metric K_v^-1, and 2
         sqrt(weight (1 - weight / 4)) - weight, about 0.8. What is borne is sufficient, not
-        necessary; beyond 1 the feedback may push the frame away from its set point.
+        necessary, and far from necessary where light joints have little damping.
         """
         root = np.linalg.cholesky(self._compliance)
         size = np.linalg.cholesky(J_hat @ self._compliance @ J_hat.T)
         found = np.linalg.norm(np.linalg.solve(size, (J - J_hat) @ root), 2)
         return float(found), 2.0 * (self.weight * (1.0 - 0.25 * self.weight)) ** 0.5 - self.weight
+
+    def set_point_loop(self, J_hat: np.ndarray, J: np.ndarray) -> SetPointLoop:
+        """Return the loop linearised in a set point: s(dx) is dx = J dq there."""
+        stiffness = J_hat.T @ self.K_P @ J
+        return SetPointLoop(stiffness, self.K_v, self.weight * self._compliance @ stiffness)
 
     def parameter_effects(self, motion: TypicalMotion) -> list[np.ndarray]:
         """Return Phi = M_hat^-1/2 Z (n, p_d) at each state."""

@@ -114,15 +114,15 @@ class BoundedTorque(ApproximateJacobian):
         width = np.broadcast_to(_or(given.get("width"), gains["width"]), kinematics.task.size)
         K_P = np.broadcast_to(gains["Kp"], kinematics.task.size)
         asked, spring = _worst_gravity(motion), _spring(kinematics, np.diag(K_P), width)
-        bound = _or(given.get("bound"), np.where(np.isfinite(motion.efforts), motion.efforts, 0.0))
-        bound = np.broadcast_to(np.asarray(bound, dtype=float), asked.shape)
-        bound = np.where(bound > 0.0, bound, (asked + spring / _SPRING) / (1.0 - _LEAST))
+        free = (asked + spring / _SPRING) / (1.0 - _LEAST)
+        bound = _or(given.get("bound"), np.where(np.isfinite(motion.efforts), motion.efforts, free))
+        bound = _torques(bound, kinematics, "bound")
         most = (1.0 - _LEAST) * bound
         gravity = _or(
             given.get("gravity"),
             np.clip(np.maximum(asked, bound - spring / _SPRING), _SMALL * bound, most),
         )
-        gravity = np.broadcast_to(np.asarray(gravity, dtype=float), asked.shape)
+        gravity = _torques(gravity, kinematics, "gravity")
         _check_holds(motion.robot, gravity)
         part = _affordable(motion, K_P, width, _SPRING * (bound - gravity))
         width_part = part**_TIGHTER if given.get("width") is None else np.ones(part.size)

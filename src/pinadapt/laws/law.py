@@ -20,7 +20,7 @@ from ..models.typical_motion import TypicalMotion
 from ..reference import Reference
 from ..robot.friction import Friction
 from ..signals import Signals
-from .feedback import Feedback, KinematicLoop
+from .feedback import Feedback, KinematicLoop, SetPointLoop
 
 
 @dataclass(slots=True, eq=False)
@@ -216,6 +216,10 @@ class Law(ABC):
 
         None for a law that bears any, or learns it.
         """
+        return None
+
+    def set_point_loop(self, J_hat: np.ndarray, J: np.ndarray) -> SetPointLoop | None:
+        """Return the loop linearised in a set point, or None for a law that follows motions."""
         return None
 
     def parameter_effects(self, motion: TypicalMotion) -> list[np.ndarray]:
