@@ -43,7 +43,6 @@ class OpenSignals:
     epsilon: np.ndarray
     X_k: np.ndarray
     predicted: Any
-    learned: tuple = ()
 
 
 class Signals(OpenSignals):
@@ -78,7 +77,6 @@ class Signals(OpenSignals):
         filtered: what the law's own filters tell; see ``Law.filters``.
         predicted: filtered regressor and torque of the joints, a ``FilteredTorque``, where the
             adaptation of the dynamics asks for them, else None.
-        learned: what the adaptation of the dynamics remembers.
     """
 
     __slots__ = ()

@@ -211,7 +211,7 @@ class Controller:
         elapsed = self.senses.guards.elapsed(state.t, measurement.t, dt, self.period)
         try:
             s = self._signals(state, measurement, desired)
-            command = self._commanded(s, elapsed)
+            command = self._commanded(state, s, elapsed)
             torque, drives = self.respond(s, command, self.acceleration(s, measurement))
             dynamic, kinematic = state.dynamic, state.kinematic
             if s.a_d is not dynamic.value:  # projected
@@ -240,12 +240,13 @@ class Controller:
             MeasurementError, InputError: as ``step``.
         """
         s = self.observe(state, measurement, desired)
-        return s, self._commanded(s, None)
+        return s, self._commanded(state, s, None)
 
-    def _commanded(self, s: Signals, dt: float | None) -> Command:
+    def _commanded(self, state: ControllerState, s: Signals, dt: float | None) -> Command:
         """Return the law's command, to be held for dt [s], or None."""
         believed = self._believed
-        believed.adaptation_d, believed.dt = self.adaptation_d, dt
+        believed.adaptation_d, believed.memory = self.adaptation_d, state.dynamic.memory
+        believed.dt = dt
         return self.law.command(s, believed)
 
     def respond(self, s: Signals, command: Command, a: np.ndarray) -> tuple[np.ndarray, Drives]:
@@ -332,7 +333,6 @@ class Controller:
             None
             if self._predictor is None
             else self._predictor.observe(memory, q, v, self._check.torque(measurement.tau)),
-            dynamic.memory,
         )
         s.__class__ = Signals  # closed from now on
         return cast(Signals, s)

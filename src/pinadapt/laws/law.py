@@ -53,6 +53,7 @@ class Believed:
         adaptation: how the kinematic estimate moves.
         adaptation_d: how the dynamic estimate moves.
         watch: whether an M_hat that is not positive definite ends the run of a law that inverts it.
+        memory: what it remembers.
         dt: [s] over which the torque will be held; None where the loop is one differential
             equation.
     """
@@ -62,6 +63,7 @@ class Believed:
     adaptation: Adaptation
     adaptation_d: Adaptation
     watch: bool = True
+    memory: tuple = ()
     dt: float | None = None
 
     @property
@@ -77,7 +79,7 @@ class Believed:
 
     def dynamic_rate(self, s: Signals, drive: Drive) -> np.ndarray:
         """Return the rate of a_d (p_d) under a drive, its mean over the period that begins."""
-        estimate = Estimate(s.a_d, s.learned)
+        estimate = Estimate(s.a_d, self.memory)
         if not s.adapting:
             return np.zeros(s.a_d.size)
         if self.dt is None:

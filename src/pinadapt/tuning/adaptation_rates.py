@@ -109,7 +109,7 @@ def kinematic_adaptation(
     """
     kinematics = motion.kinematics
     size, loop = kinematics.size, law.kinematic_loop()
-    if kind == "none" or not size:
+    if kind == "none" or not size or not law.learns_kinematics:
         return Frozen()
     if gamma_k is None:
         stiffness = 1.0 if loop is None else loop.stiffness
@@ -165,9 +165,9 @@ def dynamic_adaptation(
     if kind == "none" or not motion.dynamics.size:
         return Frozen()
     moved = _tracking_adaptation(metric_of(kind), law, motion, bandwidth * share**0.5, rates, lmi)
-    if kind not in _METRICS:
-        return moved
-    return predicting(kind, moved, motion, bandwidth, share, rates)
+    if kind in _METRICS:
+        moved = predicting(kind, moved, motion, bandwidth, share, rates)
+    return law.guarded(moved, motion.dynamics)
 
 
 def _tracking_adaptation(

@@ -135,8 +135,7 @@ def make_controller(
     kinematics = believed_kinematics(believed, kinematic, chosen)
     kind, rates = _kind(adaptation, chosen), {name: gains.pop(name, None) for name in RATES}
     lengths = lumped_lengths(kinematics, regressor, metric_of(kind), chosen, basis)
-    joint = chosen.joint_effects if joint is None else joint
-    dynamics = believed_dynamics(believed, dynamic, joint, basis, lmi, lengths)
+    dynamics = believed_dynamics(believed, dynamic, joint, basis, lmi, lengths, chosen)
     limits = make_limits(
         believed, kinematics, dynamics, torque=torque_limits, damping=damping, watch=watch
     )
@@ -145,13 +144,11 @@ def make_controller(
     w = share * motion.bandwidth * tuned.pace
     quality = sensor_quality(believed, dt, camera, noise, encoder)
     needed = remedies(quality, w, believed.reach)
-    if isinstance(law, str):
-        tuned = tuned.decorrelated(needed.decorrelation)
+    tuned = tuned.decorrelated(needed.decorrelation) if isinstance(law, str) else tuned
     _warn(tuned, kind, motion, {**gains, **rates})
     box = make_box(believed, kinematics, kinematic_box)
-    learned = kind if chosen.learns_kinematics else "none"
     adaptation_k = kinematic_adaptation(
-        learned, tuned, motion, w, rates["gamma_k"], box, needed.kinematic
+        kind, tuned, motion, w, rates["gamma_k"], box, needed.kinematic
     )
     if isinstance(law, str) and gains.get("R_k") is None:
         tuned = tuned.with_prediction_weight(
@@ -159,9 +156,9 @@ def make_controller(
         )
 
     def adaptation_d(share: float = 1.0) -> Adaptation:
-        part = share * needed.mode**2
-        moved = dynamic_adaptation(kind, tuned, motion, w, rates, lmi, part)
-        moved = tuned.guarded(moved, dynamics)
+        if isinstance(adaptation, Adaptation):
+            return tuned.guarded(adaptation, dynamics)
+        moved = dynamic_adaptation(kind, tuned, motion, w, rates, lmi, share * needed.mode**2)
         return Leak(moved, needed.leak) if needed.leak and kind != "none" else moved
 
     controller = Controller(
@@ -169,9 +166,7 @@ def make_controller(
         kinematics,
         dynamics,
         adaptation_k=adaptation_k,
-        adaptation_d=tuned.guarded(adaptation, dynamics)
-        if isinstance(adaptation, Adaptation)
-        else adaptation_d(),
+        adaptation_d=adaptation_d(),
         limits=limits,
         senses=_senses(make_guards(believed, kinematics, guards, quality), needed, carry, quality),
         motion=motion,

@@ -35,8 +35,8 @@ class WrongJacobian:
         """Say how wrong it is, and what to do."""
         return (
             f"the Jacobian is believed wrong by {self.mismatch:.2g} of itself at home. The law "
-            f"'{self.law}' does not learn it, is proved for {self.borne:.2g}, and the loop about "
-            f"home grows at {self.growth:.2g} 1/s: the arm swings about its set point or leaves it. "
+            f"'{self.law}' does not learn it and is proved for {self.borne:.2g}; the loop about "
+            f"home grows at {self.growth:.2g} 1/s: the arm swings about its set point or leaves. "
             "Measure the tool, or take the law 'separation', which learns it."
         )
 
