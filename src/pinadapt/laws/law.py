@@ -132,6 +132,7 @@ class Law(ABC):
         adaptation_mode: fastest mode of the inertias' adaptation by default, in bandwidths.
         joint_mode: the same of the joints' coefficients.
         kinematic_mode: the same of the translations.
+        prediction_mode: rate at which adaptations that predict the torque let that error decay.
         units: of velocity and position gain, for people.
         pace: share of the bandwidth that the law's own gains use; default rates follow it.
         sources: where it was published.
@@ -153,6 +154,7 @@ class Law(ABC):
     adaptation_mode: ClassVar[float] = 2.0
     joint_mode: ClassVar[float] = 3.0
     kinematic_mode: ClassVar[float] = 0.15
+    prediction_mode: ClassVar[float] = 0.5
     units: ClassVar[tuple[str, str]] = ("", "")
     sources: ClassVar[tuple[Reference, ...]] = ()
     pace: float = 1.0

@@ -54,7 +54,9 @@ class MiddletonGoodwin(AccelerationLaw):
                   J_hat zeta in the task's error would enter the drive of the kinematics, and its
                   proof does not go through.
 
-    Without an adaptation that predicts, it is computed torque.
+    Without an adaptation that predicts, it is computed torque. By default the prediction error
+    decays at four times the bandwidth, as nothing else moves the estimate; of least squares at the
+    rate of ``predicting``.
 
     Attributes:
         K_v, K_P, alpha: as ``AccelerationLaw``; alpha is of no use here.
@@ -68,6 +70,7 @@ class MiddletonGoodwin(AccelerationLaw):
     needs_acceleration = False
     inverts_estimate = True
     predicts_torque = True
+    prediction_mode = 4.0
 
     @property
     def filters(self) -> Filters:  # type: ignore[override]

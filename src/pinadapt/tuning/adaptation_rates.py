@@ -166,7 +166,7 @@ def dynamic_adaptation(
         return Frozen()
     moved = _tracking_adaptation(metric_of(kind), law, motion, bandwidth * share**0.5, rates, lmi)
     if kind in _METRICS:
-        moved = predicting(kind, moved, motion, bandwidth, share, rates)
+        moved = predicting(kind, moved, motion, bandwidth, share, rates, law.prediction_mode)
     return law.guarded(moved, motion.dynamics)
 
 
