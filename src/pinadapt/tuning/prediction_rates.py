@@ -36,9 +36,9 @@ def predicting(
 
     The prediction error decays at ``mode`` times the bandwidth w, seen through a low pass of 1.25
     w. Least squares, whose gain falls as it learns, begins at 1000 w: that takes 3 % of the torque
-    that the initial uncertainty stands for as its noise, independent after 1 / w. It forgets at w /
-    8. The 1000 are the largest of three that panda, ur5 and z1 were tried with for 3 s; the others matter
-    little there.
+    that the initial uncertainty stands for as its noise, independent after 1 / w. It forgets at
+    w / 8. The 1000 are the largest of three that panda, ur5 and z1 were tried with for 3 s; the
+    others matter little there.
 
     Args:
         kind: "composite", "natural-composite" or "least-squares".
