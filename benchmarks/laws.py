@@ -3,7 +3,8 @@
 ``python -m benchmarks.laws [--save FILE]`` runs the robots of robots/panda/tool_and_load.toml under
 every law: tool, load, all inertias and friction unknown, natural adaptation, default gains, 1 kHz.
 Laws of the task follow the file's circle with perfect sensors and with the file's camera;
-laws of joints, which see no tool, swing every joint by 0.2 rad in 3 s with perfect sensors. Errors
+laws of joints, which see no tool, swing every joint by 0.2 rad in 3 s with perfect sensors; laws
+for a set point go to the point of the circle opposite to home, 0.2 m away, and stay there. Errors
 are the largest of the last tenth of 10 s; the cost of a step is told in bare calls of the Panda's
 forward dynamics, ``pin.aba``, timed in turn with it.
 """
@@ -39,10 +40,10 @@ class Case:
         self.law, self.joints = law, pa.LAWS[law].joint_space
         robots = scenario.true, scenario.believed
         self.true, self.believed = map(in_joint_space, robots) if self.joints else robots
-        start = self.true.home_angles
-        self.path = (
-            pa.Sinusoid(start + SWING, SWING, PERIOD) if self.joints else scenario.trajectory
-        )
+        start, circle = self.true.home_angles, scenario.trajectory
+        self.path = pa.Sinusoid(start + SWING, SWING, PERIOD) if self.joints else circle
+        if pa.LAWS[law].set_point:
+            self.path = pa.Hold(circle.at(0.5 * circle.period).x_d)
 
     def controller(self, **sensors: Any) -> pa.Controller:
         """Return a controller with default gains."""

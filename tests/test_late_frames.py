@@ -294,7 +294,10 @@ def closed_loop(law, *, duration=3.0, every=5, **options):
     return pa.simulate(true, controller, path, **options)
 
 
-@pytest.fixture(scope="module", params=[law for law in pa.LAWS if not pa.LAWS[law].joint_space])
+FOLLOWING = [n for n, law in pa.LAWS.items() if not (law.joint_space or law.set_point)]
+
+
+@pytest.fixture(scope="module", params=FOLLOWING)
 def rollout(request):
     return closed_loop(request.param)
 

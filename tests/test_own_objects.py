@@ -12,7 +12,7 @@ import pytest
 import pinadapt as pa
 from chains import catalogue_robot
 from drives import along
-from loops import motion_at_home, with_tool_and_load
+from loops import energy_along, motion_at_home, with_tool_and_load
 from replays import record, replay
 from snapshots import snapshot, unchanged
 
@@ -50,13 +50,19 @@ def test_without_adaptation_a_wrist_stays_off_as_the_guide_says(guide):
 
 
 def test_storage_of_the_guides_law_falls_with_an_adaptation_that_has_one(guide):
-    """It has V, and no dV/dt: V(t) of a set point falls from start to end."""
     controller = pa.make_controller(guide["robot"], law=guide["law"], adaptation="natural")
     path = pa.Hold(guide["robot"].home_angles + 0.2)
     rollout = pa.simulate(guide["true"], controller, path, duration=2.0)
     assert rollout.diverged is None
     assert (np.diff(rollout.lyapunov) < 1e-6 * rollout.lyapunov[0]).all()
     assert rollout.lyapunov[-1] < 0.5 * rollout.lyapunov[0]
+
+
+def test_the_guides_proof_is_held_by_its_closed_loop(guide):
+    controller = pa.make_controller(guide["robot"], law=guide["law"], gamma_d=1.0)
+    path = pa.Hold(guide["robot"].home_angles + 0.2)
+    energy = energy_along(guide["true"], controller, path, seconds=0.04)
+    assert energy.mismatch() <= 1e-6 and np.abs(energy.rate).max() > 1e-4
 
 
 # --- our own as objects ---

@@ -9,7 +9,7 @@ from pinadapt.tuning.preflight import Finding
 from pinadapt.zoo.case import zoo_case
 
 LAWS = [name for name, law in pa.LAWS.items() if law.adapts]
-FRAME_LAWS = [name for name in LAWS if not pa.LAWS[name].joint_space]
+FRAME_LAWS = [n for n in LAWS if pa.LAWS[n].learns_kinematics and not pa.LAWS[n].joint_space]
 ROBOTS = ["planar_2r", "scara", "ur5", "panda", "kinova", "talos_arm", "finger_edu"]
 
 

@@ -75,6 +75,53 @@ SLOTINE_LI_COMPOSITE = _article(
     "509--519",
     "1989",
 )
+CHEAH_KAWAMURA_ARIMOTO = _article(
+    "CheahKawamuraArimoto1999",
+    "Cheah, C. C. and Kawamura, S. and Arimoto, S.",
+    "Feedback control for robotic manipulator with an uncertain Jacobian matrix",
+    "Journal of Robotic Systems",
+    "16(2)",
+    "119--134",
+    "1999",
+)
+CHEAH_HIRANO_KAWAMURA_ARIMOTO = _article(
+    "CheahHiranoKawamuraArimoto2003",
+    "Cheah, C. C. and Hirano, M. and Kawamura, S. and Arimoto, S.",
+    "Approximate Jacobian control for robots with uncertain kinematics and dynamics",
+    "IEEE Transactions on Robotics and Automation",
+    "19(4)",
+    "692--702",
+    "2003",
+)
+YAZAREL_CHEAH = _article(
+    "YazarelCheah2002",
+    "Yazarel, H. and Cheah, C. C.",
+    "Task-space adaptive control of robotic manipulators with uncertainties in gravity regressor "
+    "matrix and kinematics",
+    _TAC,
+    "47(9)",
+    "1580--1585",
+    "2002",
+)
+DIXON = _article(
+    "Dixon2007",
+    "Dixon, W. E.",
+    "Adaptive regulation of amplitude limited robot manipulators with uncertain kinematics and "
+    "dynamics",
+    _TAC,
+    "52(3)",
+    "488--493",
+    "2007",
+)
+MIDDLETON_GOODWIN = _article(
+    "MiddletonGoodwin1988",
+    "Middleton, Richard H. and Goodwin, Graham C.",
+    "Adaptive computed torque control for rigid link manipulators",
+    "Systems \\& Control Letters",
+    "10(1)",
+    "9--16",
+    "1988",
+)
 CRAIG_HSU_SASTRY = _article(
     "CraigHsuSastry1987",
     "Craig, John J. and Hsu, Ping and Sastry, S. Shankar",

@@ -10,6 +10,7 @@ from .drive import Estimate as Estimate
 from .exponentiated_gradient import ExponentiatedGradient as ExponentiatedGradient
 from .frozen import Frozen as Frozen
 from .gradient import Gradient as Gradient
+from .gravity_projection import GravityProjection as GravityProjection
 from .leak import Leak as Leak
 from .least_squares import LeastSquares as LeastSquares
 from .mass_matrix_projection import MassMatrixProjection as MassMatrixProjection

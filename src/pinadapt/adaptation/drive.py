@@ -74,6 +74,10 @@ class Drive:
         gradient = self.gradient + weight.dot(self.residual).dot(self.W)
         return Drive(self.Y, self.e, self.W, self.residual, weight, gradient)
 
+    def still(self) -> Drive:
+        """Return a drive that moves nothing."""
+        return Drive(self.Y, None, gradient=np.zeros(self.Y.shape[1]))
+
     def columns(self, block: slice) -> Drive:
         """Return the drive of a block of the parameters."""
         return _Columns(self, block)

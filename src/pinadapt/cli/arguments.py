@@ -114,7 +114,11 @@ def _zoo(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument(
         "--law",
-        choices=[name for name, law in LAWS.items() if law.adapts and not law.joint_space],
+        choices=[
+            name
+            for name, law in LAWS.items()
+            if law.adapts and not (law.joint_space or law.set_point)
+        ],
         default=DEFAULT,
         metavar="NAME",
         help="one that adapts: %(choices)s (default: %(default)s)",

@@ -70,9 +70,14 @@ def _clear(folder: Path) -> None:
 
 
 def _laws(scenario: Scenario) -> list[str]:
-    """Return the names of the laws made for the scenario's task."""
+    """Return the names of the laws made for the scenario's task and motion."""
     joints = isinstance(scenario.true.task, JointTask)
-    return [name for name, law in LAWS.items() if law.joint_space == joints]
+    rests = scenario.trajectory.settles is not None
+    return [
+        name
+        for name, law in LAWS.items()
+        if law.joint_space == joints and (rests or not law.set_point)
+    ]
 
 
 def comparison_table(rollouts: Sequence[Rollout]) -> str:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from .._compiled import compile_all
 from .._kernels import watch as kernels
 from ..adaptation.adaptation import Adaptation
-from ..adaptation.drive import Drive, Drives, Estimate
+from ..adaptation.drive import Drives, Estimate
 from ..exceptions import DivergedError
 from ..filters.filtered_regressor import FilteredRegressor
 from ..laws.law import Believed, Command, Law
@@ -89,7 +89,9 @@ class Controller:
         self._filters, self._predicts = law.filters, law.needs_prediction
         bandwidth = adaptation_d.prediction
         self._predictor = None if bandwidth is None else FilteredRegressor(dynamics, bandwidth)
-        self._believed = Believed(kinematics, dynamics, adaptation_k, self.limits.watch)
+        self._believed = Believed(
+            kinematics, dynamics, adaptation_k, adaptation_d, self.limits.watch
+        )
         compile_all()
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -209,7 +211,7 @@ class Controller:
         elapsed = self.senses.guards.elapsed(state.t, measurement.t, dt, self.period)
         try:
             s = self._signals(state, measurement, desired)
-            command = self.law.command(s, self._believed)
+            command = self._commanded(state, s, elapsed)
             torque, drives = self.respond(s, command, self.acceleration(s, measurement))
             dynamic, kinematic = state.dynamic, state.kinematic
             if s.a_d is not dynamic.value:  # projected
@@ -238,7 +240,14 @@ class Controller:
             MeasurementError, InputError: as ``step``.
         """
         s = self.observe(state, measurement, desired)
-        return s, self.law.command(s, self._believed)
+        return s, self._commanded(state, s, None)
+
+    def _commanded(self, state: ControllerState, s: Signals, dt: float | None) -> Command:
+        """Return the law's command, to be held for dt [s], or None."""
+        believed = self._believed
+        believed.adaptation_d, believed.memory = self.adaptation_d, state.dynamic.memory
+        believed.dt = dt
+        return self.law.command(s, believed)
 
     def respond(self, s: Signals, command: Command, a: np.ndarray) -> tuple[np.ndarray, Drives]:
         """Return the torque (n) to send at joint acceleration a (n), and the drives.
@@ -346,7 +355,7 @@ class Controller:
             torque: (n) that the joints see [N m or N].
         """
         if not s.adapting:
-            drives = Drives(_still(drives.dynamic), _still(drives.kinematic))
+            drives = Drives(drives.dynamic.still(), drives.kinematic.still())
         return ControllerState(
             t=1.0,
             dynamic=self.adaptation_d.rate(Estimate(s.a_d, state.dynamic.memory), drives.dynamic),
@@ -381,11 +390,8 @@ class Controller:
         self, state: ControllerState, a_k_true: np.ndarray, a_d_true: np.ndarray
     ) -> float | None:
         """Return the parameters' part of V, or None where an adaptation leaves it undefined."""
-        kinematic = self.adaptation_k.storage(state.kinematic, a_k_true)
+        kinematic: float | None = 0.0
+        if self.law.learns_kinematics:
+            kinematic = self.adaptation_k.storage(state.kinematic, a_k_true)
         dynamic = self.adaptation_d.storage(state.dynamic, a_d_true)
         return None if kinematic is None or dynamic is None else kinematic + dynamic
-
-
-def _still(drive: Drive) -> Drive:
-    """Return a drive that moves nothing."""
-    return Drive(drive.Y, None, gradient=np.zeros(drive.Y.shape[1]))

@@ -8,6 +8,11 @@ from .adaptive_inverse_dynamics_velocity import (
     AdaptiveInverseDynamicsVelocity as AdaptiveInverseDynamicsVelocity,
 )
 from .adaptive_jacobian import AdaptiveJacobian as AdaptiveJacobian
+from .approximate_jacobian import ApproximateJacobian as ApproximateJacobian
+from .approximate_jacobian_gravity import (
+    ApproximateJacobianGravity as ApproximateJacobianGravity,
+)
+from .bounded_torque import BoundedTorque as BoundedTorque
 from .computed_torque import ComputedTorque as ComputedTorque
 from .craig import Craig as Craig
 from .feedback import Feedback as Feedback
@@ -16,8 +21,10 @@ from .law import Believed as Believed
 from .law import Command as Command
 from .law import Law as Law
 from .law import Truth as Truth
+from .middleton_goodwin import MiddletonGoodwin as MiddletonGoodwin
 from .posture import Posture as Posture
 from .resolved_acceleration import ResolvedAcceleration as ResolvedAcceleration
+from .saturation import Saturation as Saturation
 from .separation import Separation as Separation
 from .slotine_li import SlotineLi as SlotineLi
 from .spong_ortega import SpongOrtega as SpongOrtega
@@ -35,6 +42,10 @@ LAWS: dict[str, type[Law]] = {
         SlotineLi,
         Craig,
         SpongOrtega,
+        MiddletonGoodwin,
+        ApproximateJacobian,
+        ApproximateJacobianGravity,
+        BoundedTorque,
     )
 }
 

@@ -132,7 +132,7 @@ class AdaptiveJacobian(Law):
     @classmethod
     def _defaults(cls, motion: TypicalMotion, dt: float, share: float) -> dict[str, Any]:
         """Return the default gains for a share of the bandwidth, by the names that users write."""
-        w, felt = share * motion.bandwidth, _felt(motion, dt)
+        w, felt = share * motion.bandwidth, felt_by_task(motion, dt)
         return {
             "Kv": 2.0 * w * felt,
             "Kp": w * w * felt,
@@ -231,7 +231,7 @@ class AdaptiveJacobian(Law):
         return KinematicLoop(stiffness, self.alpha, self.R_k)
 
 
-def _felt(motion: TypicalMotion, dt: float) -> float | np.ndarray:
+def felt_by_task(motion: TypicalMotion, dt: float) -> float | np.ndarray:
     """Return the mass or inertia felt by the task rows at home, a number or (m)."""
     robot, task, w = motion.robot, motion.kinematics.task, motion.bandwidth
     if not task.positions:

@@ -25,6 +25,20 @@ class Feedback(NamedTuple):
     E: np.ndarray
 
 
+class SetPointLoop(NamedTuple):
+    """A law at rest in a set point, moved from there by dq: tau = g - stiffness dq - damping qd.
+
+    Attributes:
+        stiffness: (n, n) [N m/rad or N/m], not symmetric where the believed Jacobian is wrong.
+        damping: (n, n) [N m s/rad or N s/m].
+        drive: (n, n) dy/dq of the error y that drives the estimate with qd [1/s].
+    """
+
+    stiffness: np.ndarray
+    damping: np.ndarray
+    drive: np.ndarray
+
+
 class KinematicLoop(NamedTuple):
     """How the kinematic estimate couples with the task error: de/dt = -damping e + w a, and back.
 

@@ -24,6 +24,10 @@ NAMES = (
     "lambda_s",
     "lag",
     "posture",
+    "width",
+    "weight",
+    "bound",
+    "gravity",
 )  # as users write them
 SYMBOLS = {"Kv": "K_v", "Kp": "K_P"}  # what the laws call those that they call otherwise
 _TASK_GAINS = {symbol: name for name, symbol in SYMBOLS.items()}

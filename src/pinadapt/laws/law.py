@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from ..adaptation.adaptation import Adaptation
-from ..adaptation.drive import Drive, Drives
+from ..adaptation.drive import Drive, Drives, Estimate
 from ..exceptions import InputError
 from ..filters.filters import Filters, NoFilters
 from ..models.dynamics import Dynamics
@@ -19,7 +20,7 @@ from ..models.typical_motion import TypicalMotion
 from ..reference import Reference
 from ..robot.friction import Friction
 from ..signals import Signals
-from .feedback import Feedback, KinematicLoop
+from .feedback import Feedback, KinematicLoop, SetPointLoop
 
 
 @dataclass(slots=True, eq=False)
@@ -50,19 +51,40 @@ class Believed:
         kinematics: evaluated at the signals' q, v and a_k.
         dynamics: with a_d loaded; a law that loads another estimate loads a_d again.
         adaptation: how the kinematic estimate moves.
+        adaptation_d: how the dynamic estimate moves.
         watch: whether an M_hat that is not positive definite ends the run of a law that inverts it.
+        memory: what it remembers.
+        dt: [s] over which the torque will be held; None where the loop is one differential
+            equation.
     """
 
     kinematics: TaskKinematics
     dynamics: Dynamics
     adaptation: Adaptation
+    adaptation_d: Adaptation
     watch: bool = True
+    memory: tuple = ()
+    dt: float | None = None
+
+    @property
+    def prediction(self) -> float:
+        """Bandwidth of the low pass behind ``Signals.predicted`` [1/s], infinite for none."""
+        return self.adaptation_d.prediction or math.inf
 
     def kinematic_rate(self, s: Signals, drive: Drive) -> np.ndarray:
         """Return the rate of a_k (p_k) under a drive, by the chosen adaptation."""
         if s.adapting:
             return self.adaptation.rate(s.kinematic, drive).value
         return np.zeros(s.a_k.size)
+
+    def dynamic_rate(self, s: Signals, drive: Drive) -> np.ndarray:
+        """Return the rate of a_d (p_d) under a drive, its mean over the period that begins."""
+        estimate = Estimate(s.a_d, self.memory)
+        if not s.adapting:
+            return np.zeros(s.a_d.size)
+        if self.dt is None:
+            return self.adaptation_d.rate(estimate, drive).value
+        return (self.adaptation_d.step(estimate, drive, self.dt).value - s.a_d) / self.dt
 
 
 class Truth(NamedTuple):
@@ -71,12 +93,14 @@ class Truth(NamedTuple):
     Attributes:
         a_k, a_d: (p_k), (p_d) true parameters.
         M: (n, n) true mass matrix at q.
+        C: (n, n) true Coriolis matrix at q, qd: dM/dt = C + C^T.
         friction: true friction of the joints.
     """
 
     a_k: np.ndarray
     a_d: np.ndarray
     M: np.ndarray
+    C: np.ndarray
     friction: Friction
 
 
@@ -97,13 +121,20 @@ class Law(ABC):
         needs_acceleration: whether it uses the joint acceleration.
         inverts_estimate: whether it needs M_hat^-1 at the moving estimate.
         joint_space: whether it is a law for joint tasks only.
+        set_point: whether it needs a desired motion that comes to rest, see ``Trajectory.settles``.
+        learns_kinematics: whether it moves the kinematic estimate.
+        approximate_regressor: whether its proof bears a regressor at the believed lengths.
+        predicts_torque: whether the dynamic estimate has no other drive than the prediction of the
+            torque.
         joint_effects: joint coefficients that are unknown by default: "all" or "none".
         bandwidth_powers: gains of the feedback, by the names that users write, with the powers of
             the bandwidth that they go with.
         adaptation_mode: fastest mode of the inertias' adaptation by default, in bandwidths.
         joint_mode: the same of the joints' coefficients.
         kinematic_mode: the same of the translations.
+        prediction_mode: rate at which adaptations that predict the torque let that error decay.
         units: of velocity and position gain, for people.
+        pace: share of the bandwidth that the law's own gains use; default rates follow it.
         sources: where it was published.
     """
 
@@ -114,13 +145,19 @@ class Law(ABC):
     needs_acceleration: ClassVar[bool] = False
     inverts_estimate: ClassVar[bool] = False
     joint_space: ClassVar[bool] = False
+    set_point: ClassVar[bool] = False
+    learns_kinematics: ClassVar[bool] = True
+    approximate_regressor: ClassVar[bool] = False
+    predicts_torque: ClassVar[bool] = False
     joint_effects: ClassVar[str] = "none"
     bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0, "Kp": 2.0}
     adaptation_mode: ClassVar[float] = 2.0
     joint_mode: ClassVar[float] = 3.0
     kinematic_mode: ClassVar[float] = 0.15
+    prediction_mode: ClassVar[float] = 0.5
     units: ClassVar[tuple[str, str]] = ("", "")
     sources: ClassVar[tuple[Reference, ...]] = ()
+    pace: float = 1.0
 
     @abstractmethod
     def command(self, s: Signals, believed: Believed) -> Command:
@@ -173,6 +210,21 @@ class Law(ABC):
         A law that cannot is returned as it is.
         """
         return self
+
+    def guarded(self, adaptation: Adaptation, dynamics: Dynamics) -> Adaptation:
+        """Return an adaptation of the dynamics with what the law's proof needs around it."""
+        return adaptation
+
+    def mismatch(self, J_hat: np.ndarray, J: np.ndarray) -> tuple[float, float] | None:
+        """Return how wrong J_hat (m, n) is beside the true J (m, n), and how wrong it may be.
+
+        None for a law that bears any, or learns it.
+        """
+        return None
+
+    def set_point_loop(self, J_hat: np.ndarray, J: np.ndarray) -> SetPointLoop | None:
+        """Return the loop linearised in a set point, or None for a law that follows motions."""
+        return None
 
     def parameter_effects(self, motion: TypicalMotion) -> list[np.ndarray]:
         """Return Phi (., p_d) at each state, by which parameter errors move the driving error e.

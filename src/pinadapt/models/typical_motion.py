@@ -42,12 +42,19 @@ class TypicalMotion:
         robot: the believed robot.
         kinematics, dynamics: its models.
         bandwidth: of the feedback [rad/s].
+        efforts: (n) limits of the motors [N m or N], infinite where there is none.
     """
 
     def __init__(
-        self, robot: Robot, kinematics: TaskKinematics, dynamics: Dynamics, bandwidth: float
+        self,
+        robot: Robot,
+        kinematics: TaskKinematics,
+        dynamics: Dynamics,
+        bandwidth: float,
+        efforts: np.ndarray | None = None,
     ) -> None:
-        """Take the believed robot, its models and the feedback's bandwidth [rad/s]."""
+        """Take the believed robot, its models, the bandwidth [rad/s] and the motors' limits."""
+        self.efforts = np.full(robot.model.nv, np.inf) if efforts is None else efforts
         self.robot, self.bandwidth = robot.undrawn(), bandwidth
         self.kinematics, self.dynamics = kinematics, dynamics
 

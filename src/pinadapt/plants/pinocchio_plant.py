@@ -123,6 +123,10 @@ class PinocchioPlant(SimulatedPlant):
         """Return the true M(q) (nv, nv)."""
         return np.asarray(pin.crba(self._model, self._data, q))
 
+    def coriolis_matrix(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return the true C(q, v) (nv, nv), dM/dt = C + C^T."""
+        return np.array(pin.computeCoriolisMatrix(self._model, self._data, q, v))
+
     def integrate(self, q: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Return q moved by a tangent step (nv) [rad or m]."""
         return np.asarray(pin.integrate(self._model, q, step))

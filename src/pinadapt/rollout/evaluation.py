@@ -160,7 +160,9 @@ def truth_at(
     plant: PinocchioPlant, sample: Sample, a_k_true: np.ndarray, a_d_true: np.ndarray
 ) -> Truth:
     """Return what a law's V needs to know of the true robot at one sample."""
-    return Truth(a_k_true, a_d_true, plant.mass_matrix(sample.measurement.q), plant.robot.friction)
+    q, v = sample.measurement.q, sample.measurement.v
+    M, C = plant.mass_matrix(q), plant.coriolis_matrix(q, v)
+    return Truth(a_k_true, a_d_true, M, C, plant.robot.friction)
 
 
 def _of_finite(

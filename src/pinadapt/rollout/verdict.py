@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..laws import LAWS
+from ..laws import DEFAULT, LAWS
 from ..tasks.units import DISPLAYS
 from .report import extreme, window
 from .transients import CLOSE
@@ -117,6 +117,8 @@ def _advice(rollout: Rollout) -> str:
         return "this law does not adapt: try another controller.law"
     if rollout.adaptation == "none":
         return 'nothing was adapted: try controller.adaptation = "natural"'
+    if law is not None and law.set_point and not _falling(rollout.distance):
+        return _set_point()
     if rollout.saturated.mean() > _OFTEN:
         return _relief(rollout)
     if (rollout.damping > 0.0).mean() > _OFTEN:
@@ -124,6 +126,14 @@ def _advice(rollout: Rollout) -> str:
     if rollout.t[-1] < _SETTLED or _falling(rollout.distance):
         return "it was still learning: try a longer simulation.duration"
     return "try controller.gamma_d three times as large, then gamma_k"
+
+
+def _set_point() -> str:
+    """Return what helps where a set point is not reached."""
+    return (
+        "this law does not learn the kinematics: measure the tool, take a set point inside the "
+        f'workspace, or controller.law = "{DEFAULT}", which learns'
+    )
 
 
 def _relief(rollout: Rollout) -> str:

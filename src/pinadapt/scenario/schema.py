@@ -145,6 +145,10 @@ class ControllerSection(Section):
     beta: Number | None = None
     lag: NotNegative | None = None
     lambda_s: Positive | None = None
+    width: Gain | None = None
+    weight: Number | None = None
+    bound: Gain | None = None
+    gravity: Gain | None = None
     gamma_d: Gain | None = None
     gamma_joint: Number | None = None
     gamma_k: Gain | None = None

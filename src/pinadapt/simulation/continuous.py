@@ -15,6 +15,7 @@ from ..records import Desired, Measurement
 from ..rollout.sample import Sample
 from ..trajectories.trajectory import Trajectory
 from .events import Events
+from .prepare import check_settles
 from .run import FASTEST, lost, sample_indices, unusable
 
 
@@ -48,6 +49,7 @@ def run_continuous(
         DivergedError: the loop diverged, at its ``time`` and for its ``reason``; all samples before
             were yielded.
     """
+    check_settles(controller, trajectory)
     loop = _Loop(plant, controller, trajectory, ideal_acceleration, state)
     y = loop.start()
     for k in count() if duration is None else sample_indices(duration, dt, ends=True):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +14,7 @@ from ..adaptation.box_projection import BoxProjection
 from ..controller.controller import Controller
 from ..controller.state import ControllerState
 from ..exceptions import InputError, ParameterError
+from ..laws import DEFAULT
 from ..plants.simulated_plant import SimulatedPlant
 from ..robot.effort_limits import overloaded
 from ..robot.home import conditioning
@@ -21,6 +23,7 @@ from ..sensing import Camera
 from ..tasks.task import FrameTask
 from ..trajectories.trajectory import Trajectory
 from ..tuning.preflight import preflight
+from ..tuning.preflight_jacobian import jacobian_finding
 from ..tuning.preflight_sensors import sensor_findings
 from ..tuning.remedies import sensor_quality
 
@@ -45,6 +48,7 @@ def prepare(
     """
     instance(trajectory, Trajectory, "trajectory")
     _check_same_shape(plant.robot, controller, trajectory)
+    check_settles(controller, trajectory)
     _check_not_singular(plant.robot)
     if plant.described:
         _warn_of_box(plant.robot, controller)
@@ -70,6 +74,8 @@ def findings(
     quality = sensor_quality(true, dt, camera, noise, encoder)
     found = [*preflight(controller, dt), *sensor_findings(controller, quality)]
     words = [str(finding) for finding in found]
+    if wrong := jacobian_finding(controller, true):
+        words.append(str(wrong))
     if motors is not None and controller.compensation is None:
         words += filter(None, [overloaded(true, motors)])
     return words
@@ -98,6 +104,24 @@ def check_options(
     whole(record_every, "record_every", 1)
     instance(title, str, "title")
     whole(seed, "seed", 0)
+
+
+def check_settles(controller: Any, trajectory: Trajectory) -> None:
+    """Refuse a motion that does not come to rest for a law that needs a set point.
+
+    Raises:
+        InputError: it does not.
+    """
+    law = getattr(controller, "law", None)
+    if law is None or not law.set_point or trajectory.settles is not None:
+        return
+    raise InputError(
+        f"the law '{law.name}' is for a set point, and {type(trajectory).__name__} does not come "
+        "to rest.",
+        where="reference.kind",
+        hint='Take "hold" or "waypoints" (Hold, Waypoints; a motion of your own states when it '
+        f"settles), or the law '{DEFAULT}', which follows motions.",
+    )
 
 
 def _array(value: ArrayLike | None, name: str) -> np.ndarray | None:

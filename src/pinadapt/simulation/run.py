@@ -16,6 +16,7 @@ from ..records import Desired, Measurement
 from ..rollout.sample import Sample
 from ..trajectories.trajectory import Trajectory
 from .events import Events
+from .prepare import check_settles
 
 MOST_SAMPLES = 10**10
 FASTEST = 1e4  # [rad/s or m/s]; beyond this norm of the joint velocities the loop has diverged
@@ -52,6 +53,7 @@ def run(
     Raises:
         DivergedError: the loop diverged, at its ``time`` and for its ``reason``, a guard's
             ``ImplausibleError`` among them; all samples before were yielded.
+        InputError: a law for a set point, and a motion that does not come to rest.
         InputError, MeasurementError: as ``Controller.init`` and ``Controller.step``, and as
             ``Plant.become`` and ``Controller.believe`` where there are events.
     """
@@ -60,6 +62,7 @@ def run(
     if not hasattr(controller, "step") or not hasattr(controller, "init"):
         instance(controller, Controller, "controller")  # any other with these two will do
     instance(trajectory, Trajectory, "trajectory")
+    check_settles(controller, trajectory)
     instance(sensors, Sensors | None, "sensors")
     instance(events, Events | None, "events")
     plant.reset()

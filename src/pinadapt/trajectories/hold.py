@@ -27,6 +27,11 @@ class Hold(Trajectory):
         """Zero: it is a point."""
         return 0.0
 
+    @property
+    def settles(self) -> float:
+        """Zero: it rests."""
+        return 0.0
+
     def shifted(self, by: np.ndarray) -> Hold:
         """Return the point moved by (m) [m]."""
         return Hold(self.point + by)

@@ -45,6 +45,11 @@ class Orientation(ABC):
     def turned(self, by: np.ndarray) -> Orientation:
         """Return the same motion turned by the rotation vector (3) [rad], world axes."""
 
+    @property
+    def settles(self) -> float | None:
+        """Time from which it rests [s]; None where it never does, or does not say."""
+        return None
+
     def starting_at(self, start: np.ndarray) -> Orientation:
         """Return the same motion turned so that it is at the quaternion ``start`` (4) at time 0."""
         return self.turned(
@@ -63,6 +68,11 @@ class FixedOrientation(Orientation):
         """
         self.quaternion = unit_quaternion(quaternion, "reference.orientation.quaternion")
         self._rest = np.zeros(3)
+
+    @property
+    def settles(self) -> float:
+        """Zero: it rests."""
+        return 0.0
 
     def turned(self, by: np.ndarray) -> FixedOrientation:
         """Return the orientation turned by the rotation vector (3) [rad], world axes."""

@@ -43,6 +43,12 @@ class PoseTrajectory(Trajectory):
         """That of the position [m]."""
         return self.position.extent
 
+    @property
+    def settles(self) -> float | None:
+        """Time from which both rest [s], or None."""
+        place, turn = self.position.settles, self.orientation.settles
+        return None if place is None or turn is None else max(place, turn)
+
     def shifted(self, by: np.ndarray) -> PoseTrajectory:
         """Return the same motion moved by by[:3] [m] and turned by by[3:] [rad], world axes."""
         return type(self)(self.position.shifted(by[:3]), self.orientation.turned(by[3:]))

@@ -29,6 +29,11 @@ class Trajectory(ABC):
         """
         return None
 
+    @property
+    def settles(self) -> float | None:
+        """Time from which it rests [s]; None where it never does, or does not say."""
+        return None
+
     def starting_at(self, start: np.ndarray) -> Trajectory:
         """Return the same motion moved so that it is at ``start`` (m) [m] at time 0."""
         first = self.at(0.0).x_d

@@ -38,6 +38,11 @@ class Waypoints(Trajectory):
         """Half the diagonal of the box around the points [m or rad]."""
         return float(0.5 * np.linalg.norm(np.ptp(self.points, axis=0)))
 
+    @property
+    def settles(self) -> float:
+        """When it comes to the last point [s]."""
+        return self.segment * (len(self.points) - 1)
+
     def shifted(self, by: np.ndarray) -> Waypoints:
         """Return the same motion moved by (m) [m]."""
         return Waypoints(self.points + by, self.segment)

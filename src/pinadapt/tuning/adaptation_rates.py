@@ -69,6 +69,24 @@ def metric_of(kind: str) -> str:
     return _METRICS.get(kind, kind)
 
 
+def predicting_kind(kind: str, law: str) -> str:
+    """Return the kind of adaptation that predicts the torque in the metric of another.
+
+    Raises:
+        InputError: there is none.
+    """
+    if kind in _METRICS or kind in ("none", "custom"):
+        return kind
+    for name, metric in _METRICS.items():
+        if metric == kind:
+            return name
+    raise InputError(
+        f"the law '{law}' learns from the prediction of the torque alone; '{kind}' predicts none.",
+        where="adaptation",
+        hint=f"Take one of {list(_METRICS)}.",
+    )
+
+
 def kinematic_adaptation(
     kind: str,
     law: Law,
@@ -91,7 +109,7 @@ def kinematic_adaptation(
     """
     kinematics = motion.kinematics
     size, loop = kinematics.size, law.kinematic_loop()
-    if kind == "none" or not size:
+    if kind == "none" or not size or not law.learns_kinematics:
         return Frozen()
     if gamma_k is None:
         stiffness = 1.0 if loop is None else loop.stiffness
@@ -147,9 +165,9 @@ def dynamic_adaptation(
     if kind == "none" or not motion.dynamics.size:
         return Frozen()
     moved = _tracking_adaptation(metric_of(kind), law, motion, bandwidth * share**0.5, rates, lmi)
-    if kind not in _METRICS:
-        return moved
-    return predicting(kind, moved, motion, bandwidth, share, rates)
+    if kind in _METRICS:
+        moved = predicting(kind, moved, motion, bandwidth, share, rates, law.prediction_mode)
+    return law.guarded(moved, motion.dynamics)
 
 
 def _tracking_adaptation(

@@ -36,6 +36,7 @@ from .adaptation_rates import (
     dynamic_adaptation,
     kinematic_adaptation,
     metric_of,
+    predicting_kind,
     prediction_weight,
 )
 from .defaults import bandwidth
@@ -134,15 +135,16 @@ def make_controller(
     kinematics = believed_kinematics(believed, kinematic, chosen)
     kind, rates = _kind(adaptation, chosen), {name: gains.pop(name, None) for name in RATES}
     lengths = lumped_lengths(kinematics, regressor, metric_of(kind), chosen, basis)
-    joint = chosen.joint_effects if joint is None else joint
-    dynamics = believed_dynamics(believed, dynamic, joint, basis, lmi, lengths)
-    motion = TypicalMotion(believed, kinematics, dynamics, bandwidth(believed, dt))
+    dynamics = believed_dynamics(believed, dynamic, joint, basis, lmi, lengths, chosen)
+    limits = make_limits(
+        believed, kinematics, dynamics, torque=torque_limits, damping=damping, watch=watch
+    )
+    motion = TypicalMotion(believed, kinematics, dynamics, bandwidth(believed, dt), limits.torque)
     tuned, share = _tuned(law, motion, dt, gains)
-    w = share * motion.bandwidth
+    w = share * motion.bandwidth * tuned.pace
     quality = sensor_quality(believed, dt, camera, noise, encoder)
     needed = remedies(quality, w, believed.reach)
-    if isinstance(law, str):
-        tuned = tuned.decorrelated(needed.decorrelation)
+    tuned = tuned.decorrelated(needed.decorrelation) if isinstance(law, str) else tuned
     _warn(tuned, kind, motion, {**gains, **rates})
     box = make_box(believed, kinematics, kinematic_box)
     adaptation_k = kinematic_adaptation(
@@ -154,8 +156,9 @@ def make_controller(
         )
 
     def adaptation_d(share: float = 1.0) -> Adaptation:
-        part = share * needed.mode**2
-        moved = dynamic_adaptation(kind, tuned, motion, w, rates, lmi, part)
+        if isinstance(adaptation, Adaptation):
+            return tuned.guarded(adaptation, dynamics)
+        moved = dynamic_adaptation(kind, tuned, motion, w, rates, lmi, share * needed.mode**2)
         return Leak(moved, needed.leak) if needed.leak and kind != "none" else moved
 
     controller = Controller(
@@ -163,10 +166,8 @@ def make_controller(
         kinematics,
         dynamics,
         adaptation_k=adaptation_k,
-        adaptation_d=adaptation if isinstance(adaptation, Adaptation) else adaptation_d(),
-        limits=make_limits(
-            believed, kinematics, dynamics, torque=torque_limits, damping=damping, watch=watch
-        ),
+        adaptation_d=adaptation_d(),
+        limits=limits,
         senses=_senses(make_guards(believed, kinematics, guards, quality), needed, carry, quality),
         motion=motion,
         compensation=compensation_of(believed, compensated),
@@ -240,7 +241,9 @@ def _kind(adaptation: str | Adaptation, law: type[Law]) -> str:
             f"expected a name or an Adaptation, got {adaptation!r}.", where="adaptation"
         )
     kind = adaptation if isinstance(adaptation, str) else "custom"
-    return kind if law.adapts else "none"
+    if not law.adapts:
+        return "none"
+    return predicting_kind(kind, law.name) if law.predicts_torque else kind
 
 
 def _tuned(

@@ -16,7 +16,6 @@ from ..models.stacked import StackedDynamics
 from ..models.typical_motion import TypicalMotion
 
 # of the bandwidth
-_RATE = 0.5
 _LEARNED = 1e3  # by least squares
 _FILTER = 1.25
 _FORGETTING = 0.125
@@ -31,14 +30,15 @@ def predicting(
     bandwidth: float,
     share: float,
     rates: Mapping[str, Any],
+    mode: float,
 ) -> Adaptation:
     """Return an adaptation of the tracking error that learns from the torque as well.
 
-    The prediction error decays at half the bandwidth w, seen through a low pass of 1.25 w. Least
-    squares, whose gain falls as it learns, begins at 1000 w: that takes 3 % of the torque that the
-    initial uncertainty stands for as its noise, independent after 1 / w. It forgets at w / 8. The
-    1000 are the largest of three that panda, ur5 and z1 were tried with for 3 s; the others matter
-    little there.
+    The prediction error decays at ``mode`` times the bandwidth w, seen through a low pass of 1.25
+    w. Least squares, whose gain falls as it learns, begins at 1000 w: that takes 3 % of the torque
+    that the initial uncertainty stands for as its noise, independent after 1 / w. It forgets at
+    w / 8. The 1000 are the largest of three that panda, ur5 and z1 were tried with for 3 s; the
+    others matter little there.
 
     Args:
         kind: "composite", "natural-composite" or "least-squares".
@@ -47,11 +47,12 @@ def predicting(
         bandwidth: w [rad/s].
         share: of the default rates, as noise and the period bear it.
         rates: given ``prediction_rate``, ``prediction_filter`` and ``forgetting``.
+        mode: ``Law.prediction_mode``, half for laws with a drive of their own.
 
     Raises:
         GainError: a rate that is not positive.
     """
-    default = _LEARNED if kind == LeastSquares.name else _RATE
+    default = _LEARNED if kind == LeastSquares.name else mode
     rate = _given(rates, "prediction_rate", default * bandwidth * share)
     low_pass = _given(rates, "prediction_filter", _FILTER * bandwidth)
     torques = _typical_torques(moved, motion)

@@ -50,20 +50,22 @@ def believed_kinematics(believed: Robot, unknown: Words | None, law: type[Law]) 
 def believed_dynamics(
     believed: Robot,
     dynamic: str | Sequence[str],
-    joint: str | Sequence[str],
+    joint: str | Sequence[str] | None,
     basis: ArrayLike | None,
     lmi: ArrayLike | MatrixInequality | None,
     lengths: Sequence[Translation],
+    law: type[Law],
 ) -> Dynamics:
     """Return the inertial parameters, stacked with those of the joints where there are some.
 
     Args:
         believed: the believed robot.
         dynamic: unknown bodies.
-        joint: unknown coefficients of the joints.
+        joint: unknown coefficients of the joints; None for what the law has by default.
         basis: (10 n, p) matrix of the user's own parameters, or None.
         lmi: inequality of these parameters, or None.
         lengths: unknown translations to be lumped with the inertias, see ``lumped_lengths``.
+        law: of the controller.
 
     Raises:
         InputError: words or a basis that cannot be used, or an inequality without a basis.
@@ -74,7 +76,7 @@ def believed_dynamics(
             where="unknown.lmi",
             hint="Give a basis too.",
         )
-    kinds = chosen_kinds(joint)
+    kinds = chosen_kinds(law.joint_effects if joint is None else joint)
     stacked = bool(kinds) or believed.friction.present
     carrier = without_joint_effects(believed) if stacked else believed
     inertial: Dynamics = BodyDynamics(carrier, dynamic)  # checks the words in any case
@@ -103,7 +105,7 @@ def lumped_lengths(
     word(regressor, REGRESSORS, "unknown.regressor")
     lengths = [part for part in kinematics.translations if part.joint not in (None, FIRST)]
     names = [part.name for part in lengths]
-    if not lengths or kind == "none" or basis is not None:
+    if not lengths or kind == "none" or basis is not None or law.approximate_regressor:
         return []
     if regressor == "nominal":
         warnings.warn(

@@ -31,7 +31,7 @@ def warn_of_unused_gains(
     rates = {
         "gamma_d": kind not in ("none", "custom") and dynamics.size > joint,
         "gamma_joint": kind not in ("none", "custom") and stacked and joint > 0,
-        "gamma_k": kind != "none" and kinematics.size > 0,
+        "gamma_k": kind != "none" and law.learns_kinematics and kinematics.size > 0,
     }
     predicts = kind in ("composite", "natural-composite", "least-squares") and dynamics.size > 0
     rates |= dict.fromkeys(("prediction_rate", "prediction_filter"), predicts)

@@ -1,0 +1,249 @@
+"""Set-point control with a Jacobian that is wrong and stays so."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import KW_ONLY, dataclass
+from functools import cached_property
+from typing import Any, ClassVar, TypeVar
+
+import numpy as np
+
+from .._checks import definite_matrix
+from ..adaptation.drive import Drive, Drives
+from ..bibliography import CHEAH_HIRANO_KAWAMURA_ARIMOTO, CHEAH_KAWAMURA_ARIMOTO
+from ..exceptions import GainError
+from ..models.task_kinematics import TaskKinematics
+from ..models.typical_motion import TypicalMotion, unit_mass
+from ..reference import Reference
+from ..signals import Signals
+from ..tasks.task import Task
+from .adaptive_jacobian import felt_by_task
+from .feedback import Feedback, SetPointLoop
+from .gains import check_in_place, merged
+from .law import Believed, Command, Law, Truth
+from .saturation import Saturation
+
+Own = TypeVar("Own", bound="ApproximateJacobian")
+_WIDTH, _TURN = 0.05, 0.1  # of the reach; [rad]
+_NULL = 0.5  # in bandwidths, the slowest mode that is damped critically
+_WEIGHT = 0.6  # at which the largest error of the Jacobian is borne
+
+
+@dataclass(slots=True, eq=False)
+class SetPointCommand(Command):
+    """A command with what it took.
+
+    Attributes:
+        y: (n) the error that drives the estimate [rad/s or m/s].
+    """
+
+    y: np.ndarray = None  # type: ignore[assignment]  # always given
+
+
+@dataclass(frozen=True, eq=False)
+class ApproximateJacobian(Law):
+    """Set point with an approximate Jacobian, constant parameters J_hat, adaptive gravity.
+
+    C. Cheah, S. Kawamura, S. Arimoto, J. Robotic Systems 16 (1999) 119-134 (gravity known: here
+    adaptation "none"); C. Cheah, M. Hirano, S. Kawamura, S. Arimoto, IEEE T. Robot. Autom. 19
+    (2003) 692-702 (gravity adapted). Theirs has a scalar in place of the matrix weight K_v^-1, the
+    same for K_v that are multiples of the identity, and other functions s; what follows is proved
+    for this form.
+
+    Law:          tau = Z(q) a_d + g_0(q) - J_hat^T K_P s(dx) - K_v qd, g = Z a_d + g_0 the gravity
+                  torque, Z its regressor, s saturating (``Saturation``).
+    Adaptation:   da_d/dt = -Gamma_d Z^T y, y = qd + z, z = weight K_v^-1 J_hat^T K_P s(dx). None of
+                  the kinematics.
+    Closed loop:  M qdd + C qd = Z da_d - J_hat^T K_P s - K_v qd - f(qd), f the true friction.
+    V:            qd^T M qd / 2 + qd^T M z + S(dx) + D_d(a_d), dS/d(dx) = K_P s;
+                  dV/dt = -y^T (J_hat^T K_P s + K_v qd + f(qd)) + qd^T J^T K_P s + qd^T (C z + M
+                  dz/dt), an equality. With J = J_hat and f = 0 its first line is -|qd|^2 - weight
+                  qd^T F - weight |F|^2 with F = J_hat^T K_P s, in the metrics K_v and K_v^-1.
+    Convergence:  |(J - J_hat)^T K_P s| <= mismatch |F| and qd^T (C z + M dz/dt) <= mu |qd|^2, in
+                  these metrics, make dV/dt <= -(1 - mu) |qd|^2 + (weight + mismatch) |qd| |F| -
+                  weight |F|^2, negative where (weight + mismatch)^2 < 4 weight (1 - mu); mu is
+                  about weight / 4 for critical damping near the set point, and z is bounded as s
+                  is. Then qd and F go to zero, and with them dx, as J_hat has full row rank.
+    Assumptions:  set point: the desired motion comes to rest; constant parameters; exact gravity
+                  regressor; J_hat of full row rank and not too wrong, see ``mismatch``. Needed are
+                  q, qd and x; nothing is inverted.
+    Redundancy:   K_v damps the null space; where it comes to rest is not controlled.
+    Pose:         s is radial in the rotation vector, so that S has the derivative above. Joints: J
+                  = I, P. Tomei's adaptive PD controller with a saturating s.
+
+    Default gains for the bandwidth w: K_P = w^2 m with the mass or inertia m felt at the frame at
+    home, of joints their own; width a twentieth of the reach, 0.1 rad on rotations and joints;
+    K_v damps critically the modes of J_hat^T K_P J_hat and M_hat, those of the null space at w / 2,
+    in the mean over a typical motion.
+
+    Attributes:
+        kinematics: the believed ones; only dV/dt evaluates them here.
+        K_v: (n, n) damping of the joints [N m s/rad or N s/m].
+        K_P: (m, m), diagonal [N/m; N m/rad on rotations and joints].
+        width: (m) of the saturation [m or rad].
+        weight: of the position in what drives the estimate, below 2.
+    """
+
+    kinematics: TaskKinematics
+    _: KW_ONLY
+    K_v: Any
+    K_P: Any
+    width: Any
+    weight: float = _WEIGHT
+
+    name = "approximate-jacobian"
+    sources: ClassVar[tuple[Reference, ...]] = (
+        CHEAH_KAWAMURA_ARIMOTO,
+        CHEAH_HIRANO_KAWAMURA_ARIMOTO,
+    )
+    set_point = True
+    learns_kinematics = False
+    adaptation_mode = 2.0
+    bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "Kp": 2.0}
+    units = ("N m s/rad", "N/m, for rotations and joints N m/rad")
+
+    def __post_init__(self) -> None:
+        """Turn gains into matrices.
+
+        Raises:
+            GainError: gains that break a hypothesis of the proof.
+        """
+        check_in_place(self, "K_P", "weight")
+        if (np.diag(np.diag(self.K_P)) != self.K_P).any():
+            raise GainError("must be diagonal: K_P s is to be a gradient.", where="Kp")
+        if not self.weight < 2.0:
+            raise GainError(
+                f"must be below 2, got {self.weight:g}: no Jacobian is exact enough then.",
+                where="weight",
+            )
+        object.__setattr__(self, "K_v", definite_matrix(self.K_v, self.kinematics.nv, "Kv"))
+        object.__setattr__(self, "width", self.saturation.width)
+
+    @property
+    def task(self) -> Task:
+        """The controlled coordinates, m of them."""
+        return self.kinematics.task
+
+    @cached_property
+    def saturation(self) -> Saturation:
+        """The function s."""
+        return Saturation(self.task, self.width)
+
+    @cached_property
+    def _compliance(self) -> np.ndarray:
+        return np.asarray(np.linalg.inv(self.K_v))
+
+    @classmethod
+    def tuned(
+        cls: type[Own], motion: TypicalMotion, dt: float, share: float = 1.0, **given: Any
+    ) -> Own:
+        """Return the law with the default gains of the class; see ``Law.tuned``."""
+        return cls(motion.kinematics, **merged(cls._defaults(motion, dt, share, given), given))
+
+    @classmethod
+    def _defaults(
+        cls, motion: TypicalMotion, dt: float, share: float, given: dict[str, Any]
+    ) -> dict[str, Any]:
+        """Return the default gains, by the names that users write."""
+        w = share * motion.bandwidth
+        stiffness = w * w * felt_by_task(motion, dt)
+        return {
+            "Kv": joint_damping(motion, stiffness, w),
+            "Kp": stiffness,
+            "width": default_width(motion),
+            "weight": _WEIGHT,
+        }
+
+    def command(self, s: Signals, believed: Believed) -> SetPointCommand:
+        """Return the torque, with what drives the estimate."""
+        rest = np.zeros(s.v.size)
+        pull = self._pull(s)
+        gravity = believed.dynamics.torque(s.q, rest, rest)
+        y = s.v + self.weight * self._compliance.dot(pull)
+        return SetPointCommand(gravity - pull - self.brake(s.v), None, y)
+
+    def drives(
+        self, s: Signals, believed: Believed, command: SetPointCommand, a: np.ndarray
+    ) -> Drives:
+        """Return g_d = Z^T y; the kinematic estimate rests."""
+        rest = np.zeros(s.v.size)
+        Z = believed.dynamics.regressor(s.q, rest, rest)
+        return Drives(Drive(Z, command.y), Drive(s.Y_k, None))
+
+    def brake(self, v: np.ndarray) -> np.ndarray:
+        """Return the damping torque K_v qd (n) [N m or N] at joint velocity v (n)."""
+        return np.asarray(self.K_v.dot(v))
+
+    def _pull(self, s: Signals) -> np.ndarray:
+        """Return F = J_hat^T K_P s(dx) (n) [N m or N]."""
+        return np.asarray(self.K_P.dot(self.saturation.of(s.dx)).dot(s.J))
+
+    def storage(self, s: Signals, truth: Truth) -> float:
+        """Return qd^T M (qd / 2 + z) + S(dx), M the true mass matrix."""
+        z = self.weight * self._compliance @ self._pull(s)
+        potential = np.diag(self.K_P) @ self.saturation.potential(s.dx)
+        return float(s.v @ (truth.M @ (0.5 * s.v + z)) + potential)
+
+    def dissipation(self, s: Signals, truth: Truth) -> float:
+        """Return dV/dt, with the true task velocity where ``Signals.xd`` is measured."""
+        dxd = s.xd - s.xd_d if s.delta is None else s.xd - s.xd_d + s.delta
+        force, pull = self.K_P @ self.saturation.of(s.dx), self._pull(s)
+        self.kinematics.update(s.a_k, s.q, s.v)
+        turning = self.kinematics.jacobian_rate(np.zeros(s.a_k.size)).T @ force
+        stretching = s.J.T @ (self.K_P @ self.saturation.rate(s.dx, dxd))
+        z = self.weight * self._compliance @ pull
+        zd = self.weight * self._compliance @ (turning + stretching)
+        lost = (s.v + z) @ (pull + self.brake(s.v) + truth.friction.torque(s.v))
+        return float(force @ dxd - lost + s.v @ (truth.C @ z + truth.M @ zd))
+
+    def mismatch(self, J_hat: np.ndarray, J: np.ndarray) -> tuple[float, float]:
+        """Return how wrong J_hat (m, n) is beside the true J (m, n), and how wrong it may be.
+
+        The largest |(J - J_hat)^T f| / |J_hat^T f| over all forces f, in the metric K_v^-1, and 2
+        sqrt(weight (1 - weight / 4)) - weight, about 0.8. What is borne is sufficient, not
+        necessary, and far from necessary where light joints have little damping.
+        """
+        root = np.linalg.cholesky(self._compliance)
+        size = np.linalg.cholesky(J_hat @ self._compliance @ J_hat.T)
+        found = np.linalg.norm(np.linalg.solve(size, (J - J_hat) @ root), 2)
+        return float(found), 2.0 * (self.weight * (1.0 - 0.25 * self.weight)) ** 0.5 - self.weight
+
+    def set_point_loop(self, J_hat: np.ndarray, J: np.ndarray) -> SetPointLoop:
+        """Return the loop linearised in a set point: s(dx) is dx = J dq there."""
+        stiffness = J_hat.T @ self.K_P @ J
+        return SetPointLoop(stiffness, self.K_v, self.weight * self._compliance @ stiffness)
+
+    def parameter_effects(self, motion: TypicalMotion) -> list[np.ndarray]:
+        """Return Phi = M_hat^-1/2 Z (n, p_d) at each state."""
+        rest = np.zeros(motion.robot.model.nv)
+        return [
+            unit_mass(M) @ motion.dynamics.regressor(q, rest, rest)
+            for q, M in zip(motion.states.q, motion.mass_matrices, strict=True)
+        ]
+
+    def feedback(self, motion: TypicalMotion) -> Sequence[Feedback]:
+        """Return the feedback at each state, joints in coordinates of unit mass."""
+        found = []
+        for J, M in zip(motion.jacobians, motion.mass_matrices, strict=True):
+            W = unit_mass(M)
+            D = W @ self.K_v @ W.T
+            found.append(Feedback(W @ J.T @ self.K_P @ J @ W.T, D, 0.0 * D, D))
+        return found
+
+
+def joint_damping(motion: TypicalMotion, stiffness: Any, w: float) -> np.ndarray:
+    """Return the default K_v (n, n) for a stiffness of the task and a bandwidth w [rad/s]."""
+    K_P, dampings = np.diag(np.broadcast_to(stiffness, motion.kinematics.task.size)), []
+    for J, M in zip(motion.jacobians, motion.mass_matrices, strict=True):
+        W = unit_mass(M)
+        squares, modes = np.linalg.eigh(W @ J.T @ K_P @ J @ W.T)
+        root = np.linalg.solve(W, modes)
+        dampings.append((root * np.sqrt(np.maximum(squares, (_NULL * w) ** 2))) @ root.T)
+    return np.asarray(2.0 * np.mean(dampings, axis=0))
+
+
+def default_width(motion: TypicalMotion) -> np.ndarray:
+    """Return the default width (m) of the saturation [m or rad]."""
+    p, m = motion.kinematics.task.positions, motion.kinematics.task.size
+    return np.repeat([_WIDTH * motion.robot.reach, _TURN], [p, m - p])

@@ -1,0 +1,129 @@
+"""Adaptive computed torque that learns from the prediction of the torque alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ..adaptation.drive import Drive, Drives
+from ..bibliography import MIDDLETON_GOODWIN
+from ..filters.filters import Filters, NoFilters
+from ..signals import Signals
+from .acceleration_law import AccelerationLaw
+from .inertia import solve_inertia
+from .law import Believed, Command, Truth
+
+_STEP = 1e-6  # [rad or m] of the difference along the motion
+
+
+@dataclass(frozen=True, eq=False)
+class MiddletonGoodwin(AccelerationLaw):
+    """Computed torque modified for an estimate from filtered torques, without accelerations.
+
+    R. Middleton, G. Goodwin, *Adaptive computed torque control for rigid link manipulators*, Syst.
+    Control Lett. 10 (1988) 9-16: least squares on the prediction error of the filtered torque, and
+    computed torque with a term for the motion of the estimate. Their text could not be recovered
+    exactly; the modification below is derived from its proof, in three lines.
+
+    Law:          tau = M_hat u + C_hat qd + g_hat + W (da_d/dt) / lambda - (dM_hat/dt) zeta,
+                  u = qdd_d - K_v ed - K_P e, e = q - q_d on the manifold;
+                  zeta = M_hat^-1 epsilon / lambda, epsilon = W a_d - y the prediction error.
+                  W = F Y and y = F tau are regressor and torque through F = lambda / (p + lambda),
+                  see ``FilteredRegressor``; dM_hat/dt holds the motion of the estimate, too.
+    Adaptation:   da_d/dt = -P W^T R epsilon, dP/dt = forgetting P - P W^T R W P ("least-squares",
+                  as published), or the same gradient in another metric ("natural-composite",
+                  "composite"). The tracking error drives nothing.
+    Closed loop:  edd + K_v ed + K_P e = d(zeta)/dt + lambda zeta.
+                  Proof: the torque gives M_hat (qdd - u) = Y da_d + (what was added), da_d = a_d -
+                  a; epsilon = W da_d and dW/dt = lambda (Y - W) give d(epsilon)/dt = lambda (Y da_d
+                  - epsilon) + W da_d/dt, so Y da_d = epsilon + d(epsilon)/dt / lambda - W (da_d/dt)
+                  / lambda; and d(zeta)/dt = M_hat^-1 (d(epsilon)/dt - (dM_hat/dt) M_hat^-1 epsilon)
+                  / lambda.
+    V:            D_d(a_d), of least squares da_d^T P^-1 da_d / 2, whatever the torque is: dV/dt =
+                  -epsilon^T R epsilon, of least squares half of that and less what is forgotten.
+    Convergence:  zeta is square integrable as epsilon is, and so are e and ed - zeta, by the stable
+                  transfer (p + lambda) / (p^2 + K_v p + K_P): d/dt (ed - zeta) = -K_v ed - K_P e +
+                  lambda zeta. e is then uniformly continuous, and goes to zero.
+    Assumptions:  constant parameters, all of the joints' torques predicted, friction among them;
+                  M_hat^-1 bounded, which natural adaptation keeps and least squares does not.
+                  Needed are q, qd and the torque that was given.
+    Task space:   where the kinematics are known a joint motion says as much; where they are not,
+                  J_hat zeta in the task's error would enter the drive of the kinematics, and its
+                  proof does not go through.
+
+    Without an adaptation that predicts, it is computed torque. By default the prediction error
+    decays at four times the bandwidth, as nothing else moves the estimate; of least squares at the
+    rate of ``predicting``.
+
+    Attributes:
+        K_v, K_P, alpha: as ``AccelerationLaw``; alpha is of no use here.
+    """
+
+    posture: Any = None
+
+    name = "middleton-goodwin"
+    sources = (MIDDLETON_GOODWIN,)
+    joint_space = True
+    needs_acceleration = False
+    inverts_estimate = True
+    predicts_torque = True
+    prediction_mode = 4.0
+
+    @property
+    def filters(self) -> Filters:  # type: ignore[override]
+        """None of its own: those of the prediction are the controller's."""
+        return NoFilters()
+
+    def command(self, s: Signals, believed: Believed) -> Command:
+        """Return the modified computed torque."""
+        u = s.xdd_d - self.K_v.dot(s.dxd_hat) - self.K_P.dot(s.dx)
+        torque = believed.dynamics.torque(s.q, s.v, u)
+        if s.predicted is None:
+            return Command(torque)
+        W, y, lambda_ = s.predicted.W, s.predicted.y, believed.prediction
+        a_rate = believed.dynamic_rate(s, self._drive(s).predicting(W, W.dot(s.a_d) - y))
+        M = believed.dynamics.mass_matrix(s.q)
+        zeta = solve_inertia(M, s.J, W.dot(s.a_d) - y, believed.watch) / lambda_
+        return Command(torque + W.dot(a_rate) / lambda_ - self._turned(s, believed, a_rate, zeta))
+
+    def _turned(
+        self, s: Signals, believed: Believed, a_rate: np.ndarray, z: np.ndarray
+    ) -> np.ndarray:
+        """Return (dM_hat/dt) z (n): of the motion by a central difference, of the estimate exact.
+
+        M_hat(q; a) z is Y(q, 0, z) a - Y(q, 0, 0) a but for what is known.
+        """
+        dynamics, rest, model = (
+            believed.dynamics,
+            np.zeros(s.v.size),
+            believed.kinematics.robot.model,
+        )
+        speed = float(np.abs(s.v).max())
+        learned = (dynamics.regressor(s.q, rest, z) - dynamics.regressor(s.q, rest, rest)).dot(
+            a_rate
+        )
+        if not speed > 0.0:
+            return np.asarray(learned)
+        h = _STEP / speed
+        ahead = dynamics.mass_matrix(pin.integrate(model, s.q, h * s.v)).dot(z)
+        behind = dynamics.mass_matrix(pin.integrate(model, s.q, -h * s.v)).dot(z)
+        return np.asarray((ahead - behind) / (2.0 * h) + learned)
+
+    def _drive(self, s: Signals) -> Drive:
+        """Return a drive without a tracking part."""
+        return Drive(np.zeros((0, s.a_d.size)), None)
+
+    def drives(self, s: Signals, believed: Believed, command: Command, a: np.ndarray) -> Drives:
+        """Return drives without any part: the controller adds the prediction error."""
+        return Drives(self._drive(s), Drive(s.Y_k, None))
+
+    def storage(self, s: Signals, truth: Truth) -> float:
+        """Return zero: V is of the parameters alone."""
+        return 0.0
+
+    def dissipation(self, s: Signals, truth: Truth) -> float:
+        """Return zero."""
+        return 0.0
