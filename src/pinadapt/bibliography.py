@@ -144,6 +144,24 @@ SALGADO_GOODWIN_MIDDLETON = _article(
     "477--491",
     "1988",
 )
+NARENDRA_ANNASWAMY = _article(
+    "NarendraAnnaswamy1987",
+    "Narendra, Kumpati S. and Annaswamy, Anuradha M.",
+    "A new adaptive law for robust adaptation without persistent excitation",
+    _TAC,
+    "32(2)",
+    "134--145",
+    "1987",
+)
+PETERSON_NARENDRA = _article(
+    "PetersonNarendra1982",
+    "Peterson, Benjamin B. and Narendra, Kumpati S.",
+    "Bounded error adaptive control",
+    _TAC,
+    "27(6)",
+    "1161--1168",
+    "1982",
+)
 IOANNOU_KOKOTOVIC = _article(
     "IoannouKokotovic1984",
     "Ioannou, Petros A. and Kokotovic, Petar V.",

@@ -79,6 +79,11 @@ class Adaptation(ABC):
         """Return what the adaptation adds to the law's dV/dt: zero for the tracking error alone."""
         return 0.0
 
+    def power(self, estimate: Estimate, change: np.ndarray, truth: np.ndarray) -> float:
+        """Return what a change (p) of the value's rate adds to dV/dt: da^T Gamma^-1 change."""
+        error = estimate.value - truth
+        return float(error @ np.linalg.solve(self.metric(estimate), change))
+
     def references(self) -> tuple[Reference, ...]:
         """Return the sources of this adaptation and of those inside it."""
         return self.sources

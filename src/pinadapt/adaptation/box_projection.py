@@ -100,6 +100,14 @@ class BoxProjection(Wrapper):
         nearest = self._nearest(after.value, self.low, self.high, now)
         return after._replace(value=self._within_domain(estimate.value, nearest))
 
+    def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
+        """Return what the inner adaptation adds to dV/dt, less what the walls take off."""
+        own = self.inner.dissipation(estimate, drive, truth)
+        if kernels.inside(estimate.value, self.low, self.high):
+            return own
+        change = self.rate(estimate, drive).value - self.inner.rate(estimate, drive).value
+        return own + self.inner.power(estimate, change, truth)
+
     def _nearest(
         self, x: np.ndarray, low: np.ndarray, high: np.ndarray, at: Estimate
     ) -> np.ndarray:

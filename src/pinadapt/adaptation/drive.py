@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -79,6 +80,20 @@ class Drive:
         change = weight if self.weight is None else weight - self.weight
         gradient = self.gradient + change.dot(self.residual).dot(self.W)
         return Drive(self.Y, self.e, self.W, self.residual, weight, gradient, self.observed)
+
+    def scaled(self, tracking: float, prediction: float) -> Drive:
+        """Return the drive with both parts multiplied by numbers, zero or more.
+
+        Of the prediction W and r are multiplied by the root, so that r = W da stays, and with it
+        what a gain matrix may learn of it.
+        """
+        e = None if self.e is None else tracking * self.e
+        if self.W is None or self.residual is None:
+            gradient = self.gradient if e is None else tracking * self.gradient
+            return Drive(self.Y, e, gradient=gradient, observed=self.observed)
+        root = math.sqrt(prediction)
+        W, residual = root * self.W, root * self.residual
+        return Drive(self.Y, e, W, residual, self.weight, observed=self.observed)
 
     def columns(self, block: slice) -> Drive:
         """Return the drive of a block of the parameters."""

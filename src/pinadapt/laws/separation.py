@@ -117,6 +117,7 @@ class Separation(Law):
     name = "separation"
     sources = (WANG,)
     needs_prediction = True
+    velocity_error = True
     joint_effects = "all"
     bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0, "lag": -1.0}
     adaptation_mode = 8.0

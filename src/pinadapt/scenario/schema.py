@@ -140,6 +140,7 @@ class ControllerSection(Section):
         "none",
     ] = "natural"
     kinematic_adaptation: Literal["gradient", "least-squares", "none"] | None = None
+    modifications: str | list[str] | dict[str, bool | Number | list[Number]] | None = None
     Kv: Gain | None = None
     Kp: Gain | None = None
     alpha: Number | None = None

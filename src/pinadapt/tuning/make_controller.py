@@ -42,6 +42,7 @@ from .adaptation_rates import (
 from .adaptation_rates import kinematic_adaptation as moved_kinematics
 from .defaults import bandwidth
 from .light_joint import lightest_joint
+from .modifications import SIGMA, Given, Setting, chosen_modifications, modified
 from .preflight import stable_share_of_adaptation, stable_share_of_feedback
 from .remedies import Remedies, remedies, sensor_quality
 from .unknowns import Words, believed_dynamics, believed_kinematics, lumped_lengths
@@ -55,6 +56,7 @@ def make_controller(
     law: str | Law = DEFAULT,
     adaptation: str | Adaptation = "natural",
     kinematic_adaptation: str | Adaptation | None = None,
+    modifications: Given = None,
     kinematic: Words | None = None,
     dynamic: str | Sequence[str] = "all",
     joint: str | Sequence[str] | None = None,
@@ -88,6 +90,10 @@ def make_controller(
         kinematic_adaptation: "gradient", "least-squares" on the prediction error of position or
             velocity, "none", or an adaptation with its gains; by default none where ``adaptation``
             is, else gradient.
+        modifications: of the dynamic adaptation, around it in this order: "projection", "sigma",
+            "e1", "dead-zone", "normalised", or a mapping from these to their gain (True for the
+            default): the leak [1/s], that of e1 at 1 mrad off, the zone in rad/s or m/s, and how
+            much slower a typical motion makes the adaptation.
         kinematic: unknown translations: "tool" (the default), joint names, "joint:length",
             "lengths", "base" (in the frame in which x is measured); a joint task has none.
         dynamic: unknown bodies: "all", "payload" (the last one), "none", or joint names.
@@ -139,6 +145,7 @@ def make_controller(
     chosen = _law_type(law, believed)
     kinematics = believed_kinematics(believed, kinematic, chosen)
     kind, kind_k = _kinds(adaptation, kinematic_adaptation, chosen)
+    modifying = chosen_modifications(modifications)
     rates = {name: gains.pop(name, None) for name in RATES}
     lengths = lumped_lengths(kinematics, regressor, metric_of(kind), chosen, basis)
     joint = chosen.joint_effects if joint is None else joint
@@ -154,22 +161,22 @@ def make_controller(
     box, given = make_box(believed, kinematics, kinematic_box), rates | gains
     adaptation_k = moved_kinematics(kind_k, tuned, motion, w, given, box, needed, quality)
     if isinstance(law, str) and gains.get("R_k") is None:
-        weight = prediction_weight(tuned, motion, adaptation_k, w, needed.smoothing)
-        tuned = tuned.with_prediction_weight(weight)
+        tuned = _weighed(tuned, motion, adaptation_k, w, needed)
     if isinstance(kinematic_adaptation, Adaptation):
         adaptation_k = kinematic_adaptation
+    setting = Setting(tuned, motion, w, dt, quality, needed)
 
     def adaptation_d(share: float = 1.0) -> Adaptation:
-        part = share * needed.mode**2
-        moved = dynamic_adaptation(kind, tuned, motion, w, rates, lmi, part)
-        return Leak(moved, needed.leak) if needed.leak and kind != "none" else moved
+        if isinstance(adaptation, Adaptation):
+            return modified(adaptation, modifying, setting)
+        return _adaptation(kind, modifying, setting, rates, lmi, share)
 
     controller = Controller(
         tuned,
         kinematics,
         dynamics,
         adaptation_k=adaptation_k,
-        adaptation_d=adaptation if isinstance(adaptation, Adaptation) else adaptation_d(),
+        adaptation_d=adaptation_d(),
         limits=make_limits(
             believed, kinematics, dynamics, torque=torque_limits, damping=damping, watch=watch
         ),
@@ -196,6 +203,31 @@ def _belief(believed: Any, payload: Any, **flags: Any) -> Belief:
     for name, value in flags.items():
         flag(value, name)
     return Belief(believed.undrawn(), payload)
+
+
+def _weighed(
+    law: Law, motion: TypicalMotion, adaptation_k: Adaptation, w: float, needed: Remedies
+) -> Law:
+    """Return the law with the default weight of its kinematic prediction error."""
+    weight = prediction_weight(law, motion, adaptation_k, w, needed.smoothing)
+    return law.with_prediction_weight(weight)
+
+
+def _adaptation(
+    kind: str,
+    modifying: Mapping[str, Any],
+    setting: Setting,
+    rates: Mapping[str, Any],
+    lmi: ArrayLike | MatrixInequality | None,
+    share: float,
+) -> Adaptation:
+    """Return how the dynamic estimate moves: what noise asks for is a leak, if none is chosen."""
+    law, motion, w, needed = setting.law, setting.motion, setting.bandwidth, setting.needed
+    moved = dynamic_adaptation(kind, law, motion, w, rates, lmi, share * needed.mode**2)
+    if kind == "none":
+        return moved
+    moved = modified(moved, modifying, setting)
+    return Leak(moved, needed.leak) if needed.leak and SIGMA not in modifying else moved
 
 
 def _warn(
