@@ -82,6 +82,8 @@ from .models import TaskKinematics as TaskKinematics
 from .models import Translation as Translation
 from .models import TypicalMotion as TypicalMotion
 from .models import base_parameters as base_parameters
+from .plants import ElasticPlant as ElasticPlant
+from .plants import JointElasticity as JointElasticity
 from .plants import Mjcf as Mjcf
 from .plants import MujocoPlant as MujocoPlant
 from .plants import PinocchioPlant as PinocchioPlant

@@ -144,6 +144,15 @@ SALGADO_GOODWIN_MIDDLETON = _article(
     "477--491",
     "1988",
 )
+SPONG = _article(
+    "Spong1987",
+    "Spong, Mark W.",
+    "Modeling and control of elastic joint robots",
+    "Journal of Dynamic Systems, Measurement, and Control",
+    "109(4)",
+    "310--319",
+    "1987",
+)
 NARENDRA_ANNASWAMY = _article(
     "NarendraAnnaswamy1987",
     "Narendra, Kumpati S. and Annaswamy, Anuradha M.",

@@ -280,6 +280,14 @@ class MjcfSection(Section):
     base: str | None = None
 
 
+class ElasticitySection(Section):
+    """[simulation] elasticity: springs between motors and links."""
+
+    stiffness: Positive | list[Positive]
+    damping: NotNegative | list[NotNegative] = 0.0
+    encoders: Literal["motor", "link"] = "motor"
+
+
 class SimulationSection(Section):
     """[simulation]: how long, how fine, how real."""
 
@@ -288,6 +296,7 @@ class SimulationSection(Section):
     mode: Literal["sampled", "continuous"] = "sampled"
     substeps: Annotated[Count, Field(ge=1)] | None = None
     engine: Literal["pinocchio", "mujoco"] | MjcfSection = "pinocchio"
+    elasticity: ElasticitySection | None = None
     noise: NoiseSection = NoiseSection()
     delay: NotNegative = 0.0
     camera: CameraSection | None = None
