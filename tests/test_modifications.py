@@ -231,6 +231,7 @@ def test_words_and_gains():
     noisy = {"encoder": 2.0 * np.pi / 2**17}
     assert chain(made(None, **noisy)) == ["Leak"]  # what noise asks for
     assert chain(made({"sigma": 0.3}, **noisy)) == ["Leak"]  # in its place
+    assert not chain(made({"sigma": False}, **noisy))
     zone = made("dead-zone", **noisy)
     assert chain(zone) == ["Leak", "DeadZone"] and 0.0 < zone.inner.size < 0.1
     own = made(["sigma"], adaptation=pa.Gradient(1e-3, 78))

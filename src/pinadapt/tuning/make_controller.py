@@ -91,9 +91,10 @@ def make_controller(
             velocity, "none", or an adaptation with its gains; by default none where ``adaptation``
             is, else gradient.
         modifications: of the dynamic adaptation, around it in this order: "projection", "sigma",
-            "e1", "dead-zone", "normalised", or a mapping from these to their gain (True for the
-            default): the leak [1/s], that of e1 at 1 mrad off, the zone in rad/s or m/s, and how
-            much slower a typical motion makes the adaptation.
+            "e1", "dead-zone", "normalised", or a mapping from these to their gain: the leak [1/s],
+            that of e1 at 1 mrad off, the zone in rad/s or m/s, and how much slower a typical motion
+            makes the adaptation. True is the default, False none, not even the sigma that noise
+            asks for.
         kinematic: unknown translations: "tool" (the default), joint names, "joint:length",
             "lengths", "base" (in the frame in which x is measured); a joint task has none.
         dynamic: unknown bodies: "all", "payload" (the last one), "none", or joint names.

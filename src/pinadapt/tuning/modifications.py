@@ -52,10 +52,13 @@ class Setting(NamedTuple):
 
 
 def chosen_modifications(given: Given) -> dict[str, Any]:
-    """Return the names of modifications, innermost first, with a gain or None for the default.
+    """Return the names of modifications, innermost first, with a gain, None or False.
+
+    None is for the default.
 
     Args:
-        given: names, or a mapping from names to a gain, True for the default, False for none.
+        given: names, or a mapping from names to a gain, True for the default, False for none, not
+            even where noise asks for it.
 
     Raises:
         InputError: an unknown name; the nearest is suggested.
@@ -64,7 +67,6 @@ def chosen_modifications(given: Given) -> dict[str, Any]:
         return {}
     if isinstance(given, Mapping):
         chosen = {name: None if gain is True else gain for name, gain in given.items()}
-        chosen = {name: gain for name, gain in chosen.items() if gain is not False}
     else:
         chosen = dict.fromkeys(name_list(given, "modifications", InputError))
     for name in chosen:
@@ -84,6 +86,8 @@ def modified(adaptation: Adaptation, chosen: Mapping[str, Any], setting: Setting
         GainError: a gain that cannot be, or that has no default here.
     """
     for name, gain in chosen.items():
+        if gain is False:
+            continue
         adaptation = _modified(adaptation, name, gain, setting)
     return adaptation
 
