@@ -274,7 +274,7 @@ def test_the_projection_only_lowers_what_the_parameters_add_to_v(kind):
     low, high = robot.model.lowerPositionLimit, robot.model.upperPositionLimit
     for _ in range(200):
         q = rng.uniform(low, high)
-        kept = adaptation.project(value, q)
+        kept = adaptation.project(pa.Estimate(value), q)
         dynamics.load(kept)
         assert (np.abs(dynamics.torque(q, rest, rest)) <= G * (1.0 + 1e-6)).all()
         after = adaptation.divergence(kept, a)

@@ -5,8 +5,10 @@ from .adaptation import Adaptation as Adaptation
 from .adaptation import BodyInequality as BodyInequality
 from .adaptation import BoxProjection as BoxProjection
 from .adaptation import Composite as Composite
+from .adaptation import DeadZone as DeadZone
 from .adaptation import Drive as Drive
 from .adaptation import Drives as Drives
+from .adaptation import ErrorLeak as ErrorLeak
 from .adaptation import Estimate as Estimate
 from .adaptation import ExponentiatedGradient as ExponentiatedGradient
 from .adaptation import Frozen as Frozen
@@ -17,6 +19,7 @@ from .adaptation import LeastSquares as LeastSquares
 from .adaptation import MassMatrixProjection as MassMatrixProjection
 from .adaptation import MatrixInequality as MatrixInequality
 from .adaptation import Natural as Natural
+from .adaptation import Normalised as Normalised
 from .adaptation import Stacked as Stacked
 from .adaptation import Wrapper as Wrapper
 from .citation import citation as citation
@@ -85,6 +88,8 @@ from .models import TaskKinematics as TaskKinematics
 from .models import Translation as Translation
 from .models import TypicalMotion as TypicalMotion
 from .models import base_parameters as base_parameters
+from .plants import ElasticPlant as ElasticPlant
+from .plants import JointElasticity as JointElasticity
 from .plants import Mjcf as Mjcf
 from .plants import MujocoPlant as MujocoPlant
 from .plants import PinocchioPlant as PinocchioPlant

@@ -182,6 +182,42 @@ BOFFI_SLOTINE = _article(
     "590--673",
     "2021",
 )
+SALGADO_GOODWIN_MIDDLETON = _article(
+    "SalgadoGoodwinMiddleton1988",
+    "Salgado, M. E. and Goodwin, G. C. and Middleton, R. H.",
+    "Modified least squares algorithm incorporating exponential resetting and forgetting",
+    "International Journal of Control",
+    "47(2)",
+    "477--491",
+    "1988",
+)
+SPONG = _article(
+    "Spong1987",
+    "Spong, Mark W.",
+    "Modeling and control of elastic joint robots",
+    "Journal of Dynamic Systems, Measurement, and Control",
+    "109(4)",
+    "310--319",
+    "1987",
+)
+NARENDRA_ANNASWAMY = _article(
+    "NarendraAnnaswamy1987",
+    "Narendra, Kumpati S. and Annaswamy, Anuradha M.",
+    "A new adaptive law for robust adaptation without persistent excitation",
+    _TAC,
+    "32(2)",
+    "134--145",
+    "1987",
+)
+PETERSON_NARENDRA = _article(
+    "PetersonNarendra1982",
+    "Peterson, Benjamin B. and Narendra, Kumpati S.",
+    "Bounded error adaptive control",
+    _TAC,
+    "27(6)",
+    "1161--1168",
+    "1982",
+)
 IOANNOU_KOKOTOVIC = _article(
     "IoannouKokotovic1984",
     "Ioannou, Petros A. and Kokotovic, Petar V.",

@@ -56,9 +56,9 @@ class GravityProjection(Wrapper):
             raise GainError(f"must be positive, got {self.bound.tolist()}.", where="gravity")
         self._dynamics, self._rest = dynamics, np.zeros(self.bound.size)
 
-    def project(self, value: np.ndarray, q: np.ndarray) -> np.ndarray:
+    def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:
         """Return the value (p) itself, or moved to where the gravity torque at q is bounded."""
-        kept = self.inner.project(value, q)
+        kept = self.inner.project(estimate, q)
         self._dynamics.load(kept)
         gravity = self._dynamics.torque(q, self._rest, self._rest)
         if (np.abs(gravity) <= self.bound).all():

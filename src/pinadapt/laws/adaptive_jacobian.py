@@ -97,6 +97,7 @@ class AdaptiveJacobian(Law):
     name = "adaptive-jacobian"
     sources = (CHEAH_LIU_SLOTINE,)
     needs_task_velocity = True
+    velocity_error = True
     units = ("N s/m, for rotations N m s/rad", "N/m, for rotations N m/rad")
 
     def __post_init__(self) -> None:

@@ -119,6 +119,7 @@ class Law(ABC):
             it.
         needs_prediction: whether it uses ``Signals.epsilon``.
         needs_acceleration: whether it uses the joint acceleration.
+        velocity_error: whether the error of the joint velocity drives the dynamic estimate.
         inverts_estimate: whether it needs M_hat^-1 at the moving estimate.
         joint_space: whether it is a law for joint tasks only.
         set_point: whether it needs a desired motion that comes to rest, see ``Trajectory.settles``.
@@ -143,6 +144,7 @@ class Law(ABC):
     needs_task_velocity: ClassVar[bool] = False
     needs_prediction: ClassVar[bool] = False
     needs_acceleration: ClassVar[bool] = False
+    velocity_error: ClassVar[bool] = False
     inverts_estimate: ClassVar[bool] = False
     joint_space: ClassVar[bool] = False
     set_point: ClassVar[bool] = False

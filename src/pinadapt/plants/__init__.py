@@ -1,5 +1,7 @@
 """What is controlled: the true robot, and the sensors that see it."""
 
+from .elastic_plant import ElasticPlant as ElasticPlant
+from .elastic_plant import JointElasticity as JointElasticity
 from .mjcf import Mjcf as Mjcf
 from .mujoco_plant import MujocoPlant as MujocoPlant
 from .pinocchio_plant import PinocchioPlant as PinocchioPlant

@@ -13,6 +13,7 @@ from ..controller.controller import Controller
 from ..controller.learned import LearnedParameters
 from ..exceptions import ScenarioError
 from ..models.basis import read_matrix
+from ..plants.elastic_plant import JointElasticity
 from ..plants.engines import engine_of
 from ..plants.mjcf import Mjcf
 from ..robot.changes import Payload
@@ -58,7 +59,7 @@ class Scenario:
     trajectory: Trajectory
     changes: Mapping[float, Robot]
     beliefs: Mapping[float, Mapping[str, Any]]
-    engine: str | Mjcf = "pinocchio"
+    engine: str | Mjcf | JointElasticity = "pinocchio"
     start: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -210,8 +211,18 @@ def _noise(simulation: SimulationSection) -> dict[str, float] | None:
     return noise if any(noise.values()) else None
 
 
-def _engine(simulation: SimulationSection, folder: Path) -> str | Mjcf:
-    """Return the engine's name, or the model file in its place."""
+def _engine(simulation: SimulationSection, folder: Path) -> str | Mjcf | JointElasticity:
+    """Return the engine's name, or the model file or the springs in its place.
+
+    Raises:
+        ScenarioError: springs in another engine than Pinocchio's.
+    """
+    if simulation.elasticity is not None:
+        if simulation.engine != "pinocchio":
+            raise ScenarioError(
+                'joints are elastic with engine = "pinocchio" only.', where="simulation.elasticity"
+            )
+        return JointElasticity(**simulation.elasticity.model_dump())
     if isinstance(simulation.engine, str):
         return simulation.engine
     named = simulation.engine.model_dump(exclude={"mjcf"})

@@ -139,6 +139,8 @@ class ControllerSection(Section):
         "least-squares",
         "none",
     ] = "natural"
+    kinematic_adaptation: Literal["gradient", "least-squares", "none"] | None = None
+    modifications: str | list[str] | dict[str, bool | Number | list[Number]] | None = None
     Kv: Gain | None = None
     Kp: Gain | None = None
     alpha: Number | None = None
@@ -155,6 +157,8 @@ class ControllerSection(Section):
     prediction_rate: Number | None = None
     prediction_filter: Number | None = None
     forgetting: NotNegative | None = None
+    kinematic_rate: Positive | None = None
+    kinematic_forgetting: NotNegative | None = None
     R_k: Gain | None = None
     Q: Number | None = None
     lambda_: Number | None = Field(default=None, alias="lambda")
@@ -280,6 +284,14 @@ class MjcfSection(Section):
     base: str | None = None
 
 
+class ElasticitySection(Section):
+    """[simulation] elasticity: springs between motors and links."""
+
+    stiffness: Positive | list[Positive]
+    damping: NotNegative | list[NotNegative] = 0.0
+    encoders: Literal["motor", "link"] = "motor"
+
+
 class SimulationSection(Section):
     """[simulation]: how long, how fine, how real."""
 
@@ -288,6 +300,7 @@ class SimulationSection(Section):
     mode: Literal["sampled", "continuous"] = "sampled"
     substeps: Annotated[Count, Field(ge=1)] | None = None
     engine: Literal["pinocchio", "mujoco"] | MjcfSection = "pinocchio"
+    elasticity: ElasticitySection | None = None
     noise: NoiseSection = NoiseSection()
     delay: NotNegative = 0.0
     camera: CameraSection | None = None

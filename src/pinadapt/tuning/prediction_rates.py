@@ -55,7 +55,7 @@ def predicting(
     default = _LEARNED if kind == LeastSquares.name else mode
     rate = _given(rates, "prediction_rate", default * bandwidth * share)
     low_pass = _given(rates, "prediction_filter", _FILTER * bandwidth)
-    torques = _typical_torques(moved, motion)
+    torques = typical_torques(moved, motion)
     if kind != LeastSquares.name:
         return Composite(moved, low_pass, rate=rate, floor=_FLOOR * torques)
     forgetting = _given(rates, "forgetting", _FORGETTING * bandwidth * share)
@@ -78,7 +78,7 @@ def _start(adaptation: Adaptation, motion: TypicalMotion) -> np.ndarray:
         return adaptation.validate(start)
 
 
-def _typical_torques(adaptation: Adaptation, motion: TypicalMotion) -> np.ndarray:
+def typical_torques(adaptation: Adaptation, motion: TypicalMotion) -> np.ndarray:
     """Return the mean diagonal (n) of Y Gamma Y^T over a typical motion, positive."""
     start = _start(adaptation, motion)
     squares = [np.sum(Y.T * adaptation.gain_times(start, Y.T), axis=0) for Y in motion.regressors]

@@ -121,9 +121,9 @@ def lumped_lengths(
             "lengths multiply inertias, and the lumped parameters that remain are no longer the "
             "inertias of bodies, so they have no cone to stay in.",
             where="adaptation",
-            hint='Use "gradient" with the law "separation", "adaptive-jacobian" or '
-            '"adaptive-inverse-dynamics-improved", which never invert M_hat, or "projected", which '
-            "keeps it positive definite, with any law.",
+            hint='Use "gradient", "composite" or "least-squares" with the law "separation", '
+            '"adaptive-jacobian" or "adaptive-inverse-dynamics-improved", which never invert '
+            'M_hat, or "projected", which keeps it positive definite, with any law.',
         )
     if kind == "gradient" and law.inverts_estimate:
         warnings.warn(

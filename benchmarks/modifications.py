@@ -1,0 +1,176 @@
+"""What modifications of the adaptation do where its theory does not hold, and what they cost.
+
+``python -m benchmarks.modifications [--save FILE] [--duration S]`` runs the default law with
+natural adaptation on UR5 and Panda, load, tool and 20 % of all inertias unknown, on a circle of
+0.1 m. Nothing is told of what disturbs the loop: velocities differenced from encoders of 17 bits a
+turn, motors that give their torque late, friction of the joints that is not among the parameters,
+joints that are elastic with encoders at the motors. Law (11) with a gradient is the case of the
+projection. Told of each run: the largest error of the last tenth, how much any direction of any
+body changed in the last quarter, as a factor, and how much the torque changes between samples.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import warnings
+from collections import deque
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+import pinadapt as pa
+from pinadapt.models.pseudo_inertia import pseudo_inertia
+
+from .timing import HERE, save
+
+ROBOTS = ("ur5", "panda")
+UNADAPTED = "not adapted"
+MODIFICATIONS: dict[str, dict[str, Any]] = {
+    UNADAPTED: {},
+    "none": {},
+    "projection": {"projection": True},
+    "sigma": {"sigma": 0.2},
+    "e1": {"e1": 1.0},
+    "dead zone": {"dead-zone": 0.05},
+    "normalised": {"normalised": 10.0},
+    "dead zone, sigma": {"dead-zone": 0.05, "sigma": 0.2},
+}
+FRICTION = 0.02  # of the motors' efforts
+LATE = 6  # samples
+
+
+class LateMotors(pa.PinocchioPlant):
+    """Motors that give each torque some samples after they were asked for it."""
+
+    def reset(self) -> None:
+        """Go home with nothing on its way."""
+        super().reset()
+        self._coming = deque(np.zeros((LATE, self.nv)))
+
+    def step(self, torque: np.ndarray, dt: float) -> None:
+        """Hold what was asked for some samples ago."""
+        self._coming.append(torque)
+        super().step(self._coming.popleft(), dt)
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """What is wrong with a loop.
+
+    Attributes:
+        sensors: of the simulation.
+        friction: of the real joints, of their efforts.
+        engine: what moves the robot.
+        options: of the controller.
+    """
+
+    sensors: dict[str, Any] = field(default_factory=dict)
+    friction: float = 0.0
+    engine: Any = "pinocchio"
+    options: dict[str, Any] = field(default_factory=dict)
+
+
+DISTURBANCES = {
+    "nothing": Disturbance(),
+    "noise": Disturbance({"encoder": 2.0 * math.pi / 2**17}),
+    "late motors": Disturbance(engine=LateMotors),
+    "friction": Disturbance(friction=FRICTION),
+    "elastic joints": Disturbance(engine=pa.JointElasticity(5e3)),
+    "noise, law (11), gradient": Disturbance(
+        {"encoder": 2.0 * math.pi / 2**17},
+        options={"law": "adaptive-inverse-dynamics", "adaptation": "gradient"},
+    ),
+}
+OF_VELOCITY = ("e1", "dead zone", "dead zone, sigma")  # made for the error of the joint velocity
+
+
+def measure(name: str, disturbed: str, modified: str, duration: float) -> dict[str, Any]:
+    """Return the figures of one run."""
+    case, robot = DISTURBANCES[disturbed], pa.load(name)
+    own = np.diag(pin.crba(robot.model, robot.model.createData(), robot.q0))
+    robot = robot.changed(armature=np.maximum(0.5 * own, 0.02))
+    load = pa.Payload(1.5, [0.02, -0.01, 0.05], [0.01, 0.0, 0.01, 0.0, 0.0, 0.01])
+    true = robot.changed(payload=load, tool_translation=[0.03, -0.02, 0.08])
+    efforts = case.friction * robot.model.upperEffortLimit
+    true = true.changed(coulomb=efforts, viscous=0.5 * efforts)
+    path = pa.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(true.position(true.q0))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of noise that the controller was not made for
+        controller = pa.make_controller(
+            robot.changed(inertial_scale=0.8),
+            joint="none",
+            modifications=MODIFICATIONS[modified],
+            **case.options | ({"adaptation": "none"} if modified == UNADAPTED else {}),
+        )
+        rollout = pa.simulate(
+            true,
+            controller,
+            path,
+            duration=duration,
+            engine=case.engine,
+            record_every=5,
+            **case.sensors,
+        )
+    last = rollout.t > 0.9 * duration
+    lost = rollout.diverged is not None
+    return {
+        "name": f"{name}, {disturbed}, {modified}",
+        "robot": name,
+        "disturbance": disturbed,
+        "modification": modified,
+        "diverged": rollout.diverged,
+        "error_mm": None if lost else 1e3 * float(rollout.distance[last].max()),
+        "factor": None if lost else moved(rollout.a_d, robot.model.nv),
+        "chatter": None
+        if lost
+        else float(np.sqrt(np.mean(np.diff(rollout.tau[last], axis=0) ** 2))),
+    }
+
+
+def moved(a_d: np.ndarray, bodies: int) -> float | None:
+    """Return by what factor any direction of any body changed over the last quarter of a run.
+
+    None for bodies that are not physical, which have no such factor.
+    """
+    tens = (a_d[index].reshape(bodies, 10) for index in (3 * len(a_d) // 4, len(a_d) - 1))
+    largest = 0.0
+    for before, after in zip(*tens, strict=True):
+        ratios = np.linalg.eigvals(np.linalg.solve(pseudo_inertia(before), pseudo_inertia(after)))
+        if np.abs(ratios.imag).max() > 1e-6 or ratios.real.min() <= 0.0:
+            return None
+        largest = max(largest, float(np.abs(np.log(ratios.real)).max()))
+    return math.exp(min(largest, 700.0))
+
+
+def main() -> None:
+    """Print the table and save it."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--save", type=Path, default=HERE / "modifications.json")
+    parser.add_argument("--duration", type=float, default=30.0)
+    options = parser.parse_args()
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    cases = [
+        (robot, disturbed, modified)
+        for robot in ROBOTS
+        for disturbed, case in DISTURBANCES.items()
+        for modified in MODIFICATIONS
+        if not (case.options and modified in OF_VELOCITY)
+    ]
+    with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
+        coming = [pool.submit(measure, *case, options.duration) for case in cases]
+        rows = []
+        for future in coming:
+            rows.append(future.result())
+            print(rows[-1], flush=True)
+    save(options.save, rows)
+
+
+if __name__ == "__main__":
+    main()
