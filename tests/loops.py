@@ -120,10 +120,16 @@ def energy_along(
         signals, command = controller.command(sample.state, sample.measurement, sample.desired)
         q, v = sample.measurement.q, sample.measurement.v
         a = plant.acceleration_at(q, v, command.torque, command.feedthrough)
-        drive = controller.respond(signals, command, a)[1].dynamic
+        drives = controller.respond(signals, command, a)[1]
         truth, law = truth_at(plant, sample, a_k, a_d), controller.law
         V.append(law.storage(signals, truth) + controller.parameter_storage(sample.state, a_k, a_d))
-        learned = controller.adaptation_d.dissipation(sample.state.dynamic, drive, a_d)
+        learned = sum(
+            adaptation.dissipation(estimate, drive, true)
+            for adaptation, estimate, drive, true in (
+                (controller.adaptation_d, sample.state.dynamic, drives.dynamic, a_d),
+                (controller.adaptation_k, sample.state.kinematic, drives.kinematic, a_k),
+            )
+        )
         rate.append(law.dissipation(signals, truth) + learned)
         dx.append(signals.dx.copy())
         delta.append(np.zeros_like(signals.dx) if signals.delta is None else signals.delta.copy())

@@ -241,7 +241,7 @@ def test_projection_keeps_the_mass_matrix_and_never_moves_away_from_the_truth(ca
     for _ in range(30):
         q, _, _ = random_state(robot, rng)
         a = dynamics.initial + 3.0 * scale @ rng.standard_normal(size)
-        kept = adaptation.project(a, q)
+        kept = adaptation.project(pa.Estimate(a), q)
         M_0 = pin.crba(robot.model, data, q)
         dynamics.load(kept)
         ratios = np.linalg.eigvals(np.linalg.solve(M_0, dynamics.mass_matrix(q))).real
@@ -253,7 +253,9 @@ def test_projection_keeps_the_mass_matrix_and_never_moves_away_from_the_truth(ca
         ):
             before = adaptation.divergence(a, true)
             assert adaptation.divergence(kept, true) <= before * (1.0 + 1e-12)
-        assert adaptation.project(dynamics.initial, q) is dynamics.initial  # nothing to do
+        assert (
+            adaptation.project(pa.Estimate(dynamics.initial), q) is dynamics.initial
+        )  # nothing to do
     assert moved > 3
 
 
@@ -277,9 +279,9 @@ def test_projection_with_unknown_rotors():
     )
     a = controller.dynamics.initial.copy()
     q = robot.q0
-    assert controller.adaptation_d.project(a, q) is a
+    assert controller.adaptation_d.project(pa.Estimate(a), q) is a
     a[: controller.dynamics.inertial.size] *= -1.0
-    kept = controller.adaptation_d.project(a, q)
+    kept = controller.adaptation_d.project(pa.Estimate(a), q)
     controller.dynamics.load(kept)
     assert np.linalg.eigvalsh(controller.dynamics.mass_matrix(q))[0] > 0.0
     assert np.array_equal(kept[-6:], a[-6:])

@@ -162,7 +162,7 @@ def test_the_mass_matrix_stays_positive_with_any_adaptation(kind, guide):
     rng, estimate, moved = np.random.default_rng(2), projected.init(0.05 * dynamics.initial), 0
     M_0 = mass_matrix(dynamics, dynamics.initial, robot.q0)
     for _ in range(50):
-        kept = projected.project(estimate.value, robot.q0)
+        kept = projected.project(estimate, robot.q0)
         moved += kept is not estimate.value
         M_hat = mass_matrix(dynamics, kept, robot.q0)
         assert np.linalg.eigvals(np.linalg.solve(M_0, M_hat)).real.min() >= 0.1 - 1e-9

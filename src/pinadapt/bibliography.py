@@ -135,6 +135,15 @@ BOFFI_SLOTINE = _article(
     "590--673",
     "2021",
 )
+SALGADO_GOODWIN_MIDDLETON = _article(
+    "SalgadoGoodwinMiddleton1988",
+    "Salgado, M. E. and Goodwin, G. C. and Middleton, R. H.",
+    "Modified least squares algorithm incorporating exponential resetting and forgetting",
+    "International Journal of Control",
+    "47(2)",
+    "477--491",
+    "1988",
+)
 IOANNOU_KOKOTOVIC = _article(
     "IoannouKokotovic1984",
     "Ioannou, Petros A. and Kokotovic, Petar V.",

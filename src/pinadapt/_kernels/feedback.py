@@ -134,10 +134,7 @@ def subtract_task_force(
             torque[t] -= J[i, t] * force
 
 
-@compiled(
-    "void(f8[:,:], f8[:], f8, f8[:,:], f8[:], f8[:,:], f8[:,:], f8[:], f8[:])",
-    fills=3,
-)
+@compiled("void(f8[:,:], f8[:], f8, f8[:,:], f8[:], f8[:,:], f8[:], f8[:])", fills=2)
 def observation_drive(
     Y_k: np.ndarray,
     dx_o: np.ndarray,
@@ -145,25 +142,23 @@ def observation_drive(
     X_k: np.ndarray,
     epsilon: np.ndarray,
     R: np.ndarray,
-    W: np.ndarray,
-    residual: np.ndarray,
+    error: np.ndarray,
     gradient: np.ndarray,
 ) -> None:
-    """Write W = [Y_p; X_k] (2 m_p, p), residual = (dx_o, epsilon) and the gradient (p).
+    """Write the error c dx_o (m_p) and the gradient c Y_p^T dx_o + X_k^T R epsilon (p).
 
-    Y_p are the first m_p rows of Y_k, and the gradient is c Y_p^T dx_o + X_k^T R epsilon.
+    Y_p are the first m_p rows of Y_k.
     """
     m = len(dx_o)
     for j in range(len(gradient)):
         gradient[j] = 0.0
     for i in range(m):
-        residual[i], residual[m + i] = dx_o[i], epsilon[i]
+        error[i] = c * dx_o[i]
         x = 0.0
         for t in range(m):
             x += R[i, t] * epsilon[t]
         for j in range(len(gradient)):
-            W[i, j], W[m + i, j] = Y_k[i, j], X_k[i, j]
-            gradient[j] += c * Y_k[i, j] * dx_o[i] + X_k[i, j] * x
+            gradient[j] += Y_k[i, j] * error[i] + X_k[i, j] * x
 
 
 @compiled("void(f8[:], f8[:,:], f8[:], f8[:])")

@@ -50,9 +50,9 @@ class Adaptation(ABC):
         """Tell whether a value (p) is in the domain, outside of which no estimate ever is."""
         return True
 
-    def project(self, value: np.ndarray, q: np.ndarray) -> np.ndarray:
+    def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:
         """Return the value (p) to use at q (nq): as given, or closer to every possible truth."""
-        return value
+        return estimate.value
 
     def told(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
         """Return the estimate at a value (p) that was announced, as if begun at ``start`` (p)."""
@@ -94,6 +94,10 @@ class Adaptation(ABC):
         """Return Gamma X (p, l) at a value (p) with an empty memory, X (p, l)."""
         return self.gain(value).dot(X)
 
+    def metric(self, estimate: Estimate) -> np.ndarray:
+        """Return Gamma (p, p) at an estimate with its memory; V's metric is its inverse."""
+        return self.gain(estimate.value)
+
 
 class Wrapper(Adaptation):
     """An adaptation that modifies another one; what it does not override is the inner one's.
@@ -119,9 +123,9 @@ class Wrapper(Adaptation):
         """Tell whether a value (p) is in the inner adaptation's domain."""
         return self.inner.contains(value)
 
-    def project(self, value: np.ndarray, q: np.ndarray) -> np.ndarray:
+    def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:
         """Return the value (p) that the inner adaptation uses at q (nq)."""
-        return self.inner.project(value, q)
+        return self.inner.project(estimate, q)
 
     def told(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
         """Return what the inner adaptation makes of an announced value (p)."""
@@ -154,6 +158,10 @@ class Wrapper(Adaptation):
     def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:
         """Return the inner adaptation's Gamma X (p, l)."""
         return self.inner.gain_times(value, X)
+
+    def metric(self, estimate: Estimate) -> np.ndarray:
+        """Return the inner adaptation's Gamma (p, p) at an estimate with its memory."""
+        return self.inner.metric(estimate)
 
     def references(self) -> tuple[Reference, ...]:
         """Return the sources of this wrapper and of the inner adaptation."""

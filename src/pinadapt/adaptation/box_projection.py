@@ -21,8 +21,9 @@ class BoxProjection(Wrapper):
     """Any adaptation whose estimate stays in low <= a <= high, by projection in its own metric.
 
     A rate that points out of the box is replaced by the nearest one that does not, an estimate
-    outside by the nearest one inside, both in the metric Gamma(a)^-1 of the inner adaptation
-    (P. Ioannou and J. Sun, *Robust Adaptive Control*, 1996, section 4.4). That adds
+    outside by the nearest one inside, both in the metric Gamma^-1 of the inner adaptation at its
+    estimate, with its memory: of least squares in that of P^-1 as it is by then (P. Ioannou and J.
+    Sun, *Robust Adaptive Control*, 1996, section 4.4). That adds
     (a - a_true)^T Gamma^-1 (change) <= 0 to dV/dt for every a_true in the box: V falls at least as
     fast as without it. For a truth outside the box nothing is proved. A diagonal Gamma projects
     each entry by itself. Where the nearest point of the box is outside of the inner adaptation's
@@ -88,23 +89,23 @@ class BoxProjection(Wrapper):
         if kernels.inside(a, self.low, self.high):
             return rate
         low, high = np.where(a <= self.low, 0.0, -np.inf), np.where(a >= self.high, 0.0, np.inf)
-        return rate._replace(value=self._nearest(rate.value, low, high, a))
+        return rate._replace(value=self._nearest(rate.value, low, high, estimate))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s]; its value is inside the box for any dt."""
         after = self.inner.step(estimate, drive, dt)
         if kernels.inside(after.value, self.low, self.high):
             return after
-        a = estimate.value
-        nearest = self._nearest(after.value, self.low, self.high, a)
-        return after._replace(value=self._within_domain(a, nearest))
+        now = after._replace(value=estimate.value)  # the gain that V has by then
+        nearest = self._nearest(after.value, self.low, self.high, now)
+        return after._replace(value=self._within_domain(estimate.value, nearest))
 
     def _nearest(
-        self, x: np.ndarray, low: np.ndarray, high: np.ndarray, a: np.ndarray
+        self, x: np.ndarray, low: np.ndarray, high: np.ndarray, at: Estimate
     ) -> np.ndarray:
-        """Return the point (p) of low <= . <= high nearest to x in the metric Gamma(a)^-1."""
+        """Return the point (p) of low <= . <= high nearest to x in the metric Gamma^-1 there."""
         clipped = np.minimum(np.maximum(x, low), high)
-        Gamma = self.inner.gain(a)
+        Gamma = self.inner.metric(at)
         if not np.isfinite(x).all() or (Gamma == np.diag(np.diag(Gamma))).all():
             return clipped
         from scipy.optimize import lsq_linear  # slow to import, and seldom needed

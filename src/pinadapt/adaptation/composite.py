@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import numbers, positive
+from .._checks import positive
 from ..bibliography import SLOTINE_LI_COMPOSITE
 from ..exceptions import GainError
 from ..reference import Reference
 from .adaptation import Adaptation, Wrapper
 from .drive import Drive, Estimate
-from .weight import checked_weight, weight_of
+from .weight import DecayWeight, checked_weight, weight_of
 
 _NAMES = {"gradient": "composite", "natural": "natural-composite"}
 
@@ -67,20 +67,14 @@ class Composite(Wrapper):
         if (weight is None) == (rate is None):
             raise GainError("give either a weight or a rate.", where="prediction_rate")
         self._constant = None if weight is None else checked_weight(weight)
-        self._rate = 0.0 if rate is None else positive(rate, "prediction_rate")
-        self._floor = numbers(floor, "floor", error=GainError)
-        if rate is not None and not (self._floor > 0.0).all():
-            raise GainError("must be positive: at rest nothing else bounds R.", where="floor")
+        self._decay = None if rate is None else DecayWeight(rate, floor)
 
     def weight(self, value: np.ndarray, W: np.ndarray) -> np.ndarray:
         """Return R (n, n) at a value (p) and a filtered regressor W (n, p)."""
-        n = len(W)
         if self._constant is not None:
-            return weight_of(self._constant, n)
-        S = W.dot(self.inner.gain_times(value, W.T))
-        S.flat[:: n + 1] += self._floor
-        R = self._rate * np.linalg.inv(S)
-        return np.asarray(0.5 * (R + R.T))
+            return weight_of(self._constant, len(W))
+        assert self._decay is not None
+        return self._decay.at(W.dot(self.inner.gain_times(value, W.T)))
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates under both errors."""

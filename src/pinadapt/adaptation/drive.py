@@ -34,9 +34,11 @@ class Drive:
         residual: (l) predicted minus measured, r.
         weight: (l, l) R; None where it is left to the adaptation, see ``Adaptation.prediction``.
         gradient: (p) g = Y^T e + W^T R r.
+        observed: whether e is the error of an observer, which holds whatever the torque is; then
+            Y^T e stays where the tracking error is dropped.
     """
 
-    __slots__ = ("W", "Y", "e", "gradient", "residual", "weight")
+    __slots__ = ("W", "Y", "e", "gradient", "observed", "residual", "weight")
 
     def __init__(
         self,
@@ -46,9 +48,10 @@ class Drive:
         residual: np.ndarray | None = None,
         weight: np.ndarray | None = None,
         gradient: np.ndarray | None = None,
+        observed: bool = False,
     ) -> None:
         """Take the parts, and their gradient where it is known already."""
-        self.Y, self.e = Y, e
+        self.Y, self.e, self.observed = Y, e, observed
         self.W, self.residual, self.weight = W, residual, weight
         self.gradient = self._product() if gradient is None else gradient
 
@@ -61,18 +64,21 @@ class Drive:
         return prediction if tracking is None else tracking + prediction
 
     def without_tracking(self) -> Drive:
-        """Return the prediction part alone."""
-        return self if self.e is None else Drive(self.Y, None, self.W, self.residual, self.weight)
+        """Return what holds whatever the torque is: the prediction and an observer's error."""
+        if self.e is None or self.observed:
+            return self
+        return Drive(self.Y, None, self.W, self.residual, self.weight)
 
     def predicting(self, W: np.ndarray, residual: np.ndarray) -> Drive:
         """Return the drive with a prediction error, for its adaptation to weigh: as yet by zero."""
         return Drive(self.Y, self.e, W, residual, None, self.gradient)
 
     def weighted(self, weight: np.ndarray) -> Drive:
-        """Return a drive with a prediction that is not weighed yet with its weight R (l, l)."""
-        assert self.W is not None and self.residual is not None and self.weight is None
-        gradient = self.gradient + weight.dot(self.residual).dot(self.W)
-        return Drive(self.Y, self.e, self.W, self.residual, weight, gradient)
+        """Return a drive that predicts with the weight R (l, l) in place of its own, if any."""
+        assert self.W is not None and self.residual is not None
+        change = weight if self.weight is None else weight - self.weight
+        gradient = self.gradient + change.dot(self.residual).dot(self.W)
+        return Drive(self.Y, self.e, self.W, self.residual, weight, gradient, self.observed)
 
     def columns(self, block: slice) -> Drive:
         """Return the drive of a block of the parameters."""
@@ -88,6 +94,7 @@ class _Columns(Drive):
         """Take the whole drive and the block."""
         self._whole, self._block, self.gradient = whole, block, whole.gradient[block]
         self.e, self.residual, self.weight = whole.e, whole.residual, whole.weight
+        self.observed = whole.observed
 
     @property
     def Y(self) -> np.ndarray:  # type: ignore[override]
@@ -113,5 +120,5 @@ class Drives:
     kinematic: Drive
 
     def without_tracking(self) -> Drives:
-        """Return the prediction parts alone."""
+        """Return what of both holds whatever the torque is."""
         return Drives(self.dynamic.without_tracking(), self.kinematic.without_tracking())

@@ -73,9 +73,13 @@ class Leak(Wrapper):
         """Return what the inner adaptation adds to dV/dt; what leaks is not in it."""
         return self.inner.dissipation(self._inner(estimate), drive, truth)
 
-    def gain(self, value: np.ndarray) -> np.ndarray:
-        """Return the inner adaptation's Gamma (p, p)."""
-        return self.inner.gain(value)
+    def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:
+        """Return the value (p) that the inner adaptation uses at q (nq)."""
+        return self.inner.project(self._inner(estimate), q)
+
+    def metric(self, estimate: Estimate) -> np.ndarray:
+        """Return the inner adaptation's Gamma (p, p) at an estimate with its memory."""
+        return self.inner.metric(self._inner(estimate))
 
     def _inner(self, estimate: Estimate) -> Estimate:
         """Return the estimate with what the inner adaptation remembers."""

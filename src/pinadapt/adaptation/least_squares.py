@@ -7,25 +7,33 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import definite_matrix, positive, whole
-from ..bibliography import SLOTINE_LI_COMPOSITE
+from .._checks import definite_matrix, flag, positive, whole
+from ..bibliography import SALGADO_GOODWIN_MIDDLETON, SLOTINE_LI_COMPOSITE
+from ..exceptions import GainError
+from ..reference import Reference
 from .adaptation import Adaptation
 from .drive import Drive, Estimate
-from .weight import checked_weight, weight_of
+from .weight import DecayWeight, checked_weight, weight_of
 
 
 class LeastSquares(Adaptation):
-    """da/dt = -P (Y^T e + W^T R r), dP/dt = lambda(t) P - P W^T R W P, r = W a - y.
+    """da/dt = -P (Y^T e + W^T R r), dP^-1/dt = W^T R W - (what is forgotten), r = W a - y.
 
-    The gain P falls where the motion tells of the parameters, and forgets: lambda(t) = lambda_0
-    (1 - |P|), |P| the largest eigenvalue of P relative to P(0). That is the bounded-gain forgetting
-    of J.-J. Slotine and W. Li, *Composite adaptive control of robot manipulators*, Automatica 25
-    (1989) 509-519, whose k_0 is 1 in these units: lambda >= 0, so P <= P(0) always, and estimates
-    follow parameters that change.
+    The gain P falls where the motion tells of the parameters, and forgets, by default lambda P^-1,
+    lambda(t) = lambda_0 (1 - |P|), |P| the largest eigenvalue of P relative to P(0). That is the
+    bounded-gain forgetting of J.-J. Slotine and W. Li, *Composite adaptive control of robot
+    manipulators*, Automatica 25 (1989) 509-519, whose k_0 is 1 in these units. Where a motion tells
+    nothing of some combination, |P| stays 1 and nothing is forgotten at all. With ``directional``
+    each direction forgets by itself: lambda_0 (P^-1 - P(0)^-1), an exponential resetting in the
+    manner of M. Salgado, G. Goodwin, R. Middleton, *Modified least squares algorithm incorporating
+    exponential resetting and forgetting*, Int. J. Control 47 (1988) 477-491. Both keep P <= P(0),
+    so estimates follow parameters that change.
 
-    V's part is da^T P^-1 da / 2; dV/dt gains -r^T R r / 2 - lambda da^T P^-1 da / 2 <= 0, an
-    equality. With a motion that tells of all parameters P^-1 is bounded and lambda is not zero:
-    then tracking and parameter errors vanish exponentially.
+    V's part is da^T P^-1 da / 2; dV/dt gains -r^T R r / 2 - da^T (what is forgotten) da / 2 <= 0,
+    an equality for every R >= 0, which may change with time. Of a drive that has a weight R_0
+    already the law's dV/dt counts -r^T R_0 r; then it gains -r^T (R - R_0) r + r^T R r / 2 and the
+    rest. With a motion that tells of all parameters P^-1 is bounded and what is forgotten is not
+    zero: then tracking and parameter errors vanish exponentially.
 
     A step is that of recursive least squares, P+ = (P^-1 + dt W^T R W)^-1 and a+ = a - dt P+ g,
     then the forgetting by its own solution: P stays positive definite and bounded for any dt.
@@ -36,46 +44,73 @@ class LeastSquares(Adaptation):
     Attributes:
         P_0: (p, p) the gain at the start, symmetric, positive definite.
         forgetting: lambda_0 [1/s].
-        prediction: bandwidth of the low pass [1/s].
+        directional: whether each direction forgets by itself.
+        prediction: bandwidth of the low pass [1/s]; None where the law itself predicts, as laws do
+            the position or velocity of the frame.
     """
 
     name = "least-squares"
-    sources = (SLOTINE_LI_COMPOSITE,)
+    sources: tuple[Reference, ...] = (SLOTINE_LI_COMPOSITE,)
 
     def __init__(
         self,
         P_0: ArrayLike,
         size: int,
-        bandwidth: float,
+        bandwidth: float | None = None,
         *,
-        weight: ArrayLike = 1.0,
+        weight: ArrayLike | None = 1.0,
+        rate: float | None = None,
+        floor: ArrayLike = 0.0,
         forgetting: float = 1.0,
+        directional: bool = False,
     ) -> None:
         """Take P(0) as a scalar, p numbers or a matrix, for p = ``size`` parameters.
 
         Args:
             P_0: the gain at the start, which is also its bound.
             size: p.
-            bandwidth: of the low pass on torque and regressor [1/s].
-            weight: R, a number, n numbers or (n, n), in 1 / (s (N m)^2) or 1 / (s N^2).
+            bandwidth: of the low pass on torque and regressor [1/s]; None: the law predicts.
+            weight: R, a number, n numbers or (n, n), in 1/s over the square of the predicted unit;
+                None for the law's.
+            rate: [1/s] at which the prediction error decays, in place of a weight, R = rate (W P
+                W^T + diag(floor))^-1: error and gain fall together, no faster, until the floor.
+            floor: one or n positive numbers in units of W P W^T, with a rate: the noise.
             forgetting: lambda_0 [1/s]; zero forgets nothing.
+            directional: whether each direction forgets by itself.
 
         Raises:
             GainError: gains that are not positive (definite), or of another size.
         """
         self.P_0 = np.ascontiguousarray(definite_matrix(P_0, whole(size, "size", 0), "gamma_d"))
         self._whiten = np.linalg.inv(np.linalg.cholesky(self.P_0))
-        self.prediction = positive(bandwidth, "prediction_filter")
+        self._prior = self._whiten.T @ self._whiten  # P(0)^-1
+        self.prediction = None if bandwidth is None else positive(bandwidth, "prediction_filter")
         self.forgetting = positive(forgetting, "forgetting", zero=True)
-        self._weight = checked_weight(weight)
+        self.directional = flag(directional, "directional")
+        if self.directional:
+            self.sources = (*self.sources, SALGADO_GOODWIN_MIDDLETON)
+        self._constant = None if weight is None else checked_weight(weight)
+        self._decay = None if rate is None else DecayWeight(rate, floor)
+        if bandwidth is not None and weight is None and rate is None:
+            raise GainError("the torque's prediction needs a weight or a rate.", where="weight")
 
     def init(self, value: np.ndarray) -> Estimate:
         """Return the estimate to start from, with P(0)."""
         return Estimate(super().init(value).value, (self.P_0.copy(),))
 
-    def weight(self, n: int) -> np.ndarray:
-        """Return R (n, n) of n joints."""
-        return weight_of(self._weight, n)
+    def told(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
+        """Return the estimate at an announced value (p), with P(0) again."""
+        return Estimate(value, (self.P_0.copy(),))
+
+    def weight(self, drive: Drive, P: np.ndarray) -> np.ndarray:
+        """Return R (l, l) for a drive that predicts, at the gain P (p, p)."""
+        W = drive.W
+        assert W is not None
+        if self._decay is not None:
+            return self._decay.at(W.dot(P).dot(W.T))
+        if self._constant is not None:
+            return weight_of(self._constant, len(W))
+        return np.zeros((len(W), len(W))) if drive.weight is None else drive.weight
 
     def size(self, P: np.ndarray) -> float:
         """Return |P|, the largest eigenvalue of P (p, p) relative to P(0)."""
@@ -89,25 +124,23 @@ class LeastSquares(Adaptation):
         P, W = self._gain(estimate), drive.W
         if W is None:
             return Estimate(-P.dot(drive.gradient), (np.zeros(P.shape),))
-        R, P_W = self.weight(len(W)), P.dot(W.T)
-        forgotten = self.forgetting * (1.0 - self.size(P)) * P
+        R, P_W = self.weight(drive, P), P.dot(W.T)
         learned = P_W.dot(R).dot(P_W.T)
-        return Estimate(-P.dot(drive.weighted(R).gradient), (forgotten - learned,))
+        return Estimate(-P.dot(drive.weighted(R).gradient), (self._forgotten(P) - learned,))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
         P, W = self._gain(estimate), drive.W
         if W is None:
             return Estimate(estimate.value - dt * P.dot(drive.gradient), (P,))
-        R = self.weight(len(W))
+        R = self.weight(drive, P)
         drive = drive.weighted(R)
-        P_W, size = P.dot(W.T), self.size(P)
-        S = np.linalg.inv(dt * R) + W.dot(P_W)
-        after = P - P_W.dot(np.linalg.solve(S, P_W.T))
+        P_W = P.dot(W.T)  # (P^-1 + dt W^T R W)^-1 by the matrix inversion lemma, R singular or not
+        seen = np.linalg.solve(np.eye(len(R)) + dt * R.dot(W.dot(P_W)), dt * R)
+        after = P - P_W.dot(seen).dot(P_W.T)
         after = 0.5 * (after + after.T)
         value = estimate.value - dt * after.dot(drive.gradient)
-        # d|P|/dt = lambda_0 (1 - |P|) |P| is solved by |P| / (|P| + (1 - |P|) exp(-lambda_0 t))
-        return Estimate(value, (after / (size + (1.0 - size) * math.exp(-self.forgetting * dt)),))
+        return Estimate(value, (self._after_forgetting(P, after, dt),))
 
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float:
         """Return da^T P(0)^-1 da / 2."""
@@ -118,22 +151,45 @@ class LeastSquares(Adaptation):
         return self._energy(self._gain(estimate), estimate.value - truth)
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
-        """Return -r^T R r / 2 - lambda da^T P^-1 da / 2."""
+        """Return -r^T (R - R_0) r + r^T R r / 2 - da^T (what is forgotten) da / 2.
+
+        R_0 is the weight by which the law counts the prediction error, if it does.
+        """
         if drive.W is None:
             return 0.0
         P, error = self._gain(estimate), estimate.value - truth
-        predicted, R = drive.W.dot(error), self.weight(len(drive.W))
-        learned = predicted @ R @ drive.residual - 0.5 * predicted @ R @ predicted
-        forgotten = self.forgetting * (1.0 - self.size(P)) * self._energy(P, error)
-        return float(-learned - forgotten)
+        predicted, R = drive.W.dot(error), self.weight(drive, P)
+        beyond = R if drive.weight is None else R - drive.weight
+        learned = predicted @ beyond @ drive.residual - 0.5 * predicted @ R @ predicted
+        in_P = np.linalg.solve(P, error)
+        return float(-learned - 0.5 * in_P @ self._forgotten(P) @ in_P)
 
     def gain(self, value: np.ndarray) -> np.ndarray:
         """Return P(0) (p, p)."""
         return self.P_0
 
+    def metric(self, estimate: Estimate) -> np.ndarray:
+        """Return P (p, p)."""
+        return self._gain(estimate)
+
     def _gain(self, estimate: Estimate) -> np.ndarray:
         """Return P (p, p)."""
         return estimate.memory[0] if estimate.memory else self.P_0
+
+    def _forgotten(self, P: np.ndarray) -> np.ndarray:
+        """Return the part (p, p) of dP/dt by which the gain P (p, p) recovers."""
+        if self.directional:
+            return self.forgetting * (P - P @ self._prior @ P)
+        return self.forgetting * (1.0 - self.size(P)) * P
+
+    def _after_forgetting(self, P: np.ndarray, after: np.ndarray, dt: float) -> np.ndarray:
+        """Return the gain (p, p) ``after`` learning, from P, that has recovered for dt [s]."""
+        rest = math.exp(-self.forgetting * dt)
+        if self.directional:  # P^-1 - P(0)^-1 decays
+            left = np.linalg.inv(rest * np.linalg.inv(after) + (1.0 - rest) * self._prior)
+            return np.asarray(0.5 * (left + left.T))
+        size = self.size(P)  # d|P|/dt = lambda_0 (1 - |P|) |P|
+        return after / (size + (1.0 - size) * rest)
 
     @staticmethod
     def _energy(P: np.ndarray, error: np.ndarray) -> float:

@@ -9,6 +9,7 @@ from ..models.dynamics import Dynamics
 from ..models.inertial_model import InertialModel
 from ..robot.robot import Robot
 from .adaptation import Adaptation, Wrapper
+from .drive import Estimate
 from .gradient import Gradient
 
 _LEAST = 0.10  # of the believed mass matrix: where the projection acts ...
@@ -24,10 +25,10 @@ class MassMatrixProjection(Wrapper):
     contains the truth for every q as long as the true robot has in every direction at least 12 % of
     the believed inertia. It is cut out of half-spaces u^T M_hat(q; a) u >= 0.12 u^T M_0(q) u: each
     eigenvalue of M_hat below 0.1 relative to M_0 gives one by its eigenvector u, and the estimate
-    becomes the point nearest to it, in the inner adaptation's metric Gamma(a)^-1, that satisfies
-    all of them, until no such eigenvalue is left. The nearest point of a convex set is nearer to
-    all points of that set, the truth among them, so the projection can only lower V; and M_hat
-    stays invertible with a margin that knows no units.
+    becomes the point nearest to it, in the inner adaptation's metric Gamma^-1 at the estimate with
+    its memory, that satisfies all of them, until no such eigenvalue is left. The nearest point of a
+    convex set is nearer to all points of that set, the truth among them, so the projection can only
+    lower V; and M_hat stays invertible with a margin that knows no units.
 
     No cone of physical bodies is needed, only that the torque is affine in a: for bodies, a basis
     or lumped parameters.
@@ -40,7 +41,7 @@ class MassMatrixProjection(Wrapper):
         self._dynamics, self._believed = dynamics, InertialModel(robot.model)
         self._zero = np.zeros(robot.model.nv)
 
-    def project(self, value: np.ndarray, q: np.ndarray) -> np.ndarray:
+    def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:
         """Return the value (p) itself, or projected where M_hat(q; a) is not positive enough.
 
         Raises:
@@ -49,17 +50,18 @@ class MassMatrixProjection(Wrapper):
         from scipy.linalg import eigh  # here, because scipy is slow to import
         from scipy.linalg.lapack import dpotrf
 
-        M_0, kept, root = self._believed.mass_matrix(q), value, None
+        value, M_0, root = estimate.value, self._believed.mass_matrix(q), None
+        kept = value
         cuts: list[np.ndarray] = []
         bounds: list[float] = []
         for _ in range(_ROUNDS):
             self._dynamics.load(kept)
             M = self._dynamics.mass_matrix(q)
             if dpotrf(M - _LEAST * M_0)[1] == 0:
-                return self.inner.project(kept, q)
+                return self.inner.project(estimate._replace(value=kept), q)
             if not np.isfinite(M).all():
                 break
-            root = np.linalg.cholesky(self.inner.gain(value)) if root is None else root
+            root = np.linalg.cholesky(self.inner.metric(estimate)) if root is None else root
             ratios, vectors = eigh(M, M_0)
             rest = self._dynamics.regressor(q, self._zero, self._zero)
             for ratio, u in zip(ratios, vectors.T, strict=True):

@@ -56,12 +56,15 @@ class Stacked(Adaptation):
         """Tell whether each block of a value (p) is in the domain of its adaptation."""
         return all(part.contains(value[block]) for part, block in self.parts)
 
-    def project(self, value: np.ndarray, q: np.ndarray) -> np.ndarray:
+    def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:
         """Return the value (p) to use at q (nq), each block as its adaptation projects it."""
+        value = estimate.value
         if not self._projects:
             return value
-        blocks = [part.project(value[block], q) for part, block in self.parts]
-        return value if all(kept.base is value for kept in blocks) else np.concatenate(blocks)
+        split = list(self._split(estimate))
+        blocks = [part.project(own, q) for part, _, own in split]
+        same = (kept is own.value for kept, (_, _, own) in zip(blocks, split, strict=True))
+        return value if all(same) else np.concatenate(blocks)
 
     def told(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
         """Return what each block's adaptation makes of an announced value (p)."""
@@ -106,6 +109,13 @@ class Stacked(Adaptation):
         """Return Gamma X (p, l), block by block."""
         blocks = [part.gain_times(value[block], X[block]) for part, block in self.parts]
         return np.concatenate(blocks)
+
+    def metric(self, estimate: Estimate) -> np.ndarray:
+        """Return Gamma (p, p) at an estimate with its memory, block by block."""
+        Gamma = np.zeros((self._size, self._size))
+        for part, block, own in self._split(estimate):
+            Gamma[block, block] = part.metric(own)
+        return Gamma
 
     def references(self) -> tuple[Reference, ...]:
         """Return the sources of all parts, in their order."""

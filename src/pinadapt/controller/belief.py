@@ -63,7 +63,7 @@ def informed(
         return state
     a_k = _with_tool(controller.kinematics, belief.unloaded, state.a_k, tool_translation)
     a_k = controller.adaptation_k.validate(a_k)
-    return state._replace(kinematic=state.kinematic._replace(value=a_k))
+    return state._replace(kinematic=controller.adaptation_k.told(state.kinematic, a_k, a_k))
 
 
 def _loaded(

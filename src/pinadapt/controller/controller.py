@@ -287,7 +287,7 @@ class Controller:
             measurement = measurement._replace(v=v)
         kinematics.update(a_k, q, v)
         still = senses.guards.look(v, x, desired, kinematics)
-        a_d = self.adaptation_d.project(dynamic.value, q)
+        a_d = self.adaptation_d.project(dynamic, q)
         self.dynamics.load(a_d)
         sensed = senses.carrier.see(before, t_before, measurement, kinematics, a_k)
         if senses.low_pass is not None:

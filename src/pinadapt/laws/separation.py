@@ -145,14 +145,6 @@ class Separation(Law):
             return PositionObserver(self.beta)
         return PositionObserver(self.beta, self._reference_error, self.lambda_s)
 
-    @cached_property
-    def _weight(self) -> np.ndarray:
-        """diag(c, R) (2 m_p, 2 m_p), of the observation and the prediction error."""
-        m = self.task.positions
-        weight = np.zeros((2 * m, 2 * m))
-        weight[:m, :m], weight[m:, m:] = self.c * np.eye(m), self.R_k
-        return weight
-
     @classmethod
     def tuned(
         cls, motion: TypicalMotion, dt: float, share: float = 1.0, **given: Any
@@ -236,9 +228,9 @@ class Separation(Law):
         m, p = X_k.shape
         if self.Y_fast != math.inf:
             dx_o = dx_o * self.sigma(s)
-        W, residual, g_k = empty((2 * m, p)), empty(2 * m), empty(p)
-        kernels.observation_drive(s.Y_k, dx_o, self.c, X_k, epsilon, self.R_k, W, residual, g_k)
-        return Drive(s.Y_k, None, W, residual, self._weight, g_k)
+        error, g_k = empty(m), empty(p)
+        kernels.observation_drive(s.Y_k, dx_o, self.c, X_k, epsilon, self.R_k, error, g_k)
+        return Drive(s.Y_k[:m], error, X_k, epsilon, self.R_k, g_k, observed=True)
 
     def sigma(self, s: Signals) -> float:
         """Return the share of c that counts at this speed."""

@@ -91,7 +91,7 @@ class Evaluation:
         dynamics, project, M = self.controller.dynamics, self.controller.adaptation_d.project, []
         for sample in self.samples:
             q = sample.measurement.q
-            dynamics.load(project(sample.state.a_d, q))
+            dynamics.load(project(sample.state.dynamic, q))
             M.append(dynamics.mass_matrix(q))
         return _of_finite(np.linalg.eigvalsh, M).min(axis=1, initial=np.inf)
 

@@ -139,6 +139,7 @@ class ControllerSection(Section):
         "least-squares",
         "none",
     ] = "natural"
+    kinematic_adaptation: Literal["gradient", "least-squares", "none"] | None = None
     Kv: Gain | None = None
     Kp: Gain | None = None
     alpha: Number | None = None
@@ -151,6 +152,8 @@ class ControllerSection(Section):
     prediction_rate: Number | None = None
     prediction_filter: Number | None = None
     forgetting: NotNegative | None = None
+    kinematic_rate: Positive | None = None
+    kinematic_forgetting: NotNegative | None = None
     R_k: Gain | None = None
     Q: Number | None = None
     lambda_: Number | None = Field(default=None, alias="lambda")

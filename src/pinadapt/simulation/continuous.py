@@ -121,7 +121,7 @@ class _Loop:
             raise DivergedError(f"the joint velocities exceed {FASTEST:g} rad/s or m/s.")
         self._q = self._plant.integrate(self._q, y[:n])
         state = self.state.with_flat(y[2 * n :])
-        kept = self._controller.adaptation_d.project(state.a_d, self._q)
+        kept = self._controller.adaptation_d.project(state.dynamic, self._q)
         if kept is not state.a_d:
             state = state._replace(dynamic=state.dynamic._replace(value=kept))
         return np.concatenate([np.zeros(n), v, state.flat()])

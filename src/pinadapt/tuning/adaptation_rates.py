@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from ..adaptation.box_projection import BoxProjection
 from ..adaptation.exponentiated_gradient import ExponentiatedGradient
 from ..adaptation.frozen import Frozen
 from ..adaptation.gradient import Gradient
+from ..adaptation.least_squares import LeastSquares
 from ..adaptation.mass_matrix_projection import MassMatrixProjection
 from ..adaptation.matrix_inequality import BodyInequality, MatrixInequality
 from ..adaptation.natural import Natural
@@ -27,9 +28,12 @@ from ..models.joint_effects import without_joint_effects
 from ..models.stacked import StackedDynamics
 from ..models.typical_motion import TypicalMotion
 from ..robot.robot import Robot
+from ..sensing import SensorQuality
 from .defaults import PREDICTION_RATE, gradient_shape
+from .kinematic_rates import kinematic_least_squares
 from .linearised_loop import frequency, rate_for
 from .prediction_rates import predicting
+from .remedies import Remedies
 
 _METRICS = {
     "composite": "gradient",
@@ -43,24 +47,27 @@ RATES = (
     "prediction_rate",
     "prediction_filter",
     "forgetting",
+    "kinematic_rate",
+    "kinematic_forgetting",
 )  # as users write them
 _THICKNESS = 1e-2  # of the reach, radius of gyration
 _THINNEST = 1e-4  # [m]
 
 ADAPTATIONS = ("natural", "gradient", "projected", *_METRICS, "none")
+KINEMATIC_ADAPTATIONS = ("gradient", "least-squares", "none")
 
 
-def check_adaptation(kind: str) -> None:
+def check_adaptation(kind: str, where: str, kinds: Sequence[str]) -> None:
     """Refuse an unknown kind of adaptation.
 
     Raises:
         InputError: unknown; the nearest is suggested.
     """
-    if kind not in ADAPTATIONS:
+    if kind not in kinds:
         raise InputError(
-            f"no adaptation is called '{kind}'; there are {list(ADAPTATIONS)}."
-            f"{did_you_mean(kind, ADAPTATIONS)}",
-            where="adaptation",
+            f"no adaptation is called '{kind}'; there are {list(kinds)}."
+            f"{did_you_mean(kind, kinds)}",
+            where=where,
         )
 
 
@@ -74,34 +81,39 @@ def kinematic_adaptation(
     law: Law,
     motion: TypicalMotion,
     bandwidth: float,
-    gamma_k: ArrayLike | None,
+    rates: Mapping[str, Any],
     box: np.ndarray | None,
-    fastest: float,
+    needed: Remedies,
+    quality: SensorQuality,
 ) -> Adaptation:
-    """Return how the kinematic estimate moves, at a given or the default rate, in a box or none.
+    """Return how the kinematic estimate moves, at given or default rates, in a box or none.
 
     Args:
-        kind: of adaptation; "none" rests, all others are gradients.
+        kind: of ``KINEMATIC_ADAPTATIONS``, or "custom", for which nothing is tuned.
         law: whose coupling of estimate and error the default rate follows.
         motion: the believed robot.
         bandwidth: w [rad/s].
-        gamma_k: the rate, a number, list or matrix, or None.
+        rates: those given by name, ``gamma_k`` a number, list or matrix.
         box: (2, p) bounds or None.
-        fastest: mode that the age of the camera's frames allows [rad/s].
+        needed: what noise and age of the camera's frames ask for.
+        quality: of the camera.
     """
-    kinematics = motion.kinematics
+    kinematics, gamma_k = motion.kinematics, rates.get("gamma_k")
     size, loop = kinematics.size, law.kinematic_loop()
     if kind == "none" or not size:
         return Frozen()
     if gamma_k is None:
         stiffness = 1.0 if loop is None else loop.stiffness
         effects = [np.sqrt(stiffness) * Y_p for Y_p in motion.kinematic_regressors]
-        mode = min(law.kinematic_mode * bandwidth, fastest)
+        mode = min(law.kinematic_mode * bandwidth, needed.kinematic)
         gamma_k = rate_for(mode, effects, Gradient(1.0, size), kinematics.initial)
-    gradient = Gradient(gamma_k, size, "gamma_k")
+    moved: Adaptation = Gradient(gamma_k, size, "gamma_k")
+    if kind == LeastSquares.name:
+        P_0 = moved.gain(kinematics.initial)
+        moved = kinematic_least_squares(P_0, law, motion, bandwidth, rates, needed, quality)
     if box is None:
-        return gradient
-    return BoxProjection(gradient, *box, names=kinematics.names, where="unknown.kinematic_box")
+        return moved
+    return BoxProjection(moved, *box, names=kinematics.names, where="unknown.kinematic_box")
 
 
 def prediction_weight(

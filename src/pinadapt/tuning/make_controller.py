@@ -31,13 +31,15 @@ from ..robot.robot import Robot
 from ..sensing import Camera, SensorQuality
 from ..tasks.joint import JointTask
 from .adaptation_rates import (
+    ADAPTATIONS,
+    KINEMATIC_ADAPTATIONS,
     RATES,
     check_adaptation,
     dynamic_adaptation,
-    kinematic_adaptation,
     metric_of,
     prediction_weight,
 )
+from .adaptation_rates import kinematic_adaptation as moved_kinematics
 from .defaults import bandwidth
 from .light_joint import lightest_joint
 from .preflight import stable_share_of_adaptation, stable_share_of_feedback
@@ -52,6 +54,7 @@ def make_controller(
     *,
     law: str | Law = DEFAULT,
     adaptation: str | Adaptation = "natural",
+    kinematic_adaptation: str | Adaptation | None = None,
     kinematic: Words | None = None,
     dynamic: str | Sequence[str] = "all",
     joint: str | Sequence[str] | None = None,
@@ -82,6 +85,9 @@ def make_controller(
             or "none"; "natural-composite", "composite" or "least-squares", which also learn from
             the prediction error of the torque; or an adaptation of the dynamic estimate with its
             gains.
+        kinematic_adaptation: "gradient", "least-squares" on the prediction error of position or
+            velocity, "none", or an adaptation with its gains; by default none where ``adaptation``
+            is, else gradient.
         kinematic: unknown translations: "tool" (the default), joint names, "joint:length",
             "lengths", "base" (in the frame in which x is measured); a joint task has none.
         dynamic: unknown bodies: "all", "payload" (the last one), "none", or joint names.
@@ -121,18 +127,19 @@ def make_controller(
             (a number for natural; number, list or matrix for gradient), gamma_joint of the joints'
             coefficients, gamma_k (number, list or matrix); of those that predict the torque,
             prediction_rate [1/s] at which that error decays, prediction_filter [1/s] through which
-            it is seen, and forgetting [1/s] of least squares.
+            it is seen, and forgetting [1/s] of least squares; of least squares on the kinematics
+            kinematic_rate and kinematic_forgetting [1/s].
 
     Raises:
         InputError: an unknown name, a gain that breaks a hypothesis, or parameters that cannot be
             used.
     """
-    belief = _belief(believed, payload, carry=carry, watch=watch)
-    dt = positive(dt, "dt")
+    dt, belief = positive(dt, "dt"), _belief(believed, payload, carry=carry, watch=watch)
     believed = belief.robot(payload)
     chosen = _law_type(law, believed)
     kinematics = believed_kinematics(believed, kinematic, chosen)
-    kind, rates = _kind(adaptation, chosen), {name: gains.pop(name, None) for name in RATES}
+    kind, kind_k = _kinds(adaptation, kinematic_adaptation, chosen)
+    rates = {name: gains.pop(name, None) for name in RATES}
     lengths = lumped_lengths(kinematics, regressor, metric_of(kind), chosen, basis)
     joint = chosen.joint_effects if joint is None else joint
     dynamics = believed_dynamics(believed, dynamic, joint, basis, lmi, lengths)
@@ -143,15 +150,14 @@ def make_controller(
     needed = remedies(quality, w, believed.reach)
     if isinstance(law, str):
         tuned = tuned.decorrelated(needed.decorrelation)
-    _warn(tuned, kind, motion, {**gains, **rates})
-    box = make_box(believed, kinematics, kinematic_box)
-    adaptation_k = kinematic_adaptation(
-        kind, tuned, motion, w, rates["gamma_k"], box, needed.kinematic
-    )
+    _warn(tuned, (kind, kind_k), motion, gains | rates)
+    box, given = make_box(believed, kinematics, kinematic_box), rates | gains
+    adaptation_k = moved_kinematics(kind_k, tuned, motion, w, given, box, needed, quality)
     if isinstance(law, str) and gains.get("R_k") is None:
-        tuned = tuned.with_prediction_weight(
-            prediction_weight(tuned, motion, adaptation_k, w, needed.smoothing)
-        )
+        weight = prediction_weight(tuned, motion, adaptation_k, w, needed.smoothing)
+        tuned = tuned.with_prediction_weight(weight)
+    if isinstance(kinematic_adaptation, Adaptation):
+        adaptation_k = kinematic_adaptation
 
     def adaptation_d(share: float = 1.0) -> Adaptation:
         part = share * needed.mode**2
@@ -192,10 +198,12 @@ def _belief(believed: Any, payload: Any, **flags: Any) -> Belief:
     return Belief(believed.undrawn(), payload)
 
 
-def _warn(law: Law, kind: str, motion: TypicalMotion, gains: Mapping[str, Any]) -> None:
+def _warn(
+    law: Law, kinds: tuple[str, str], motion: TypicalMotion, gains: Mapping[str, Any]
+) -> None:
     """Tell of gains that nothing uses, and of a joint too light for the law."""
-    warn_of_unused_gains(law, kind, motion.kinematics, motion.dynamics, gains)
-    if kind != "none" and (light := lightest_joint(motion, law)):
+    warn_of_unused_gains(law, kinds, motion.kinematics, motion.dynamics, gains)
+    if kinds[0] != "none" and (light := lightest_joint(motion, law)):
         warnings.warn(str(light), stacklevel=4)
 
 
@@ -231,14 +239,24 @@ def _law_type(law: str | Law, believed: Robot) -> type[Law]:
     return chosen
 
 
-def _kind(adaptation: str | Adaptation, law: type[Law]) -> str:
-    """Return the kind of adaptation: "none" for laws that do not adapt, "custom" for objects."""
+def _kinds(
+    adaptation: str | Adaptation, kinematic: str | Adaptation | None, law: type[Law]
+) -> tuple[str, str]:
+    """Return the kinds of the dynamic and of the kinematic adaptation.
+
+    "none" for laws that do not adapt, "custom" for objects.
+    """
+    kind = _kind(adaptation, law, "adaptation", ADAPTATIONS)
+    if kinematic is None:
+        return kind, "none" if kind == "none" else "gradient"
+    return kind, _kind(kinematic, law, "kinematic_adaptation", KINEMATIC_ADAPTATIONS)
+
+
+def _kind(adaptation: str | Adaptation, law: type[Law], where: str, kinds: tuple[str, ...]) -> str:
     if isinstance(adaptation, str):
-        check_adaptation(adaptation)
+        check_adaptation(adaptation, where, kinds)
     elif not isinstance(adaptation, Adaptation):
-        raise InputError(
-            f"expected a name or an Adaptation, got {adaptation!r}.", where="adaptation"
-        )
+        raise InputError(f"expected a name or an Adaptation, got {adaptation!r}.", where=where)
     kind = adaptation if isinstance(adaptation, str) else "custom"
     return kind if law.adapts else "none"
 

@@ -15,27 +15,34 @@ from ..models.task_kinematics import TaskKinematics
 
 
 def warn_of_unused_gains(
-    law: Law, kind: str, kinematics: TaskKinematics, dynamics: Dynamics, given: Mapping[str, Any]
+    law: Law,
+    kinds: tuple[str, str],
+    kinematics: TaskKinematics,
+    dynamics: Dynamics,
+    given: Mapping[str, Any],
 ) -> None:
     """Name the given gains that neither the law nor the adaptation uses, and those that they do.
 
     Args:
         law: of the controller.
-        kind: of adaptation, "custom" for an object.
+        kinds: of adaptation, of the dynamic and the kinematic estimate; "custom" for an object.
         kinematics: with the unknown translations.
         dynamics: with the unknown inertias and coefficients of the joints.
         given: gains as users write them; None is not given.
     """
+    kind, kind_k = kinds
     stacked = isinstance(dynamics, StackedDynamics)
     joint = dynamics.joint.size if isinstance(dynamics, StackedDynamics) else 0
     rates = {
         "gamma_d": kind not in ("none", "custom") and dynamics.size > joint,
         "gamma_joint": kind not in ("none", "custom") and stacked and joint > 0,
-        "gamma_k": kind != "none" and kinematics.size > 0,
+        "gamma_k": kind_k not in ("none", "custom") and kinematics.size > 0,
     }
     predicts = kind in ("composite", "natural-composite", "least-squares") and dynamics.size > 0
     rates |= dict.fromkeys(("prediction_rate", "prediction_filter"), predicts)
     rates["forgetting"] = predicts and kind == "least-squares"
+    fitted = kind_k == "least-squares" and kinematics.size > 0
+    rates |= dict.fromkeys(("kinematic_rate", "kinematic_forgetting"), fitted)
     used = [name for name in NAMES if hasattr(law, SYMBOLS.get(name, name))]
     used += [name for name, moves in rates.items() if moves]
     idle = [name for name, gain in given.items() if gain is not None and name not in used]
