@@ -4,6 +4,7 @@ from .adaptation import Adaptation as Adaptation
 from .adaptation import Wrapper as Wrapper
 from .box_projection import BoxProjection as BoxProjection
 from .composite import Composite as Composite
+from .composite_memory import CompositeMemory as CompositeMemory
 from .drive import Drive as Drive
 from .drive import Drives as Drives
 from .drive import Estimate as Estimate
