@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from chains import catalogue_robot, random_state
+from chains import catalogue_robot
 from composite_arm import A, tracked
+from exciting import panda_swung, time_to
 from loops import circle_beside, energy_along, with_tool_and_load
 from pinadapt.robot.catalogue import robots_folder
 from pinadapt.scenario.scenario import Scenario
@@ -99,56 +100,21 @@ def test_the_case_of_the_paper(kind, errors, estimate):
 
 def test_composite_settles_in_half_the_time():
     """The claim of the paper: about 1.5 s where the tracking error alone takes about 3."""
-    settled = {}
+    parameters, tracking = {}, {}
     for kind in ("direct", "least-squares"):
-        wrong = np.linalg.norm(published(kind)[1] - A, axis=1)
-        settled[kind] = DT * np.flatnonzero(wrong > 0.1 * np.linalg.norm(A))[-1]
-    assert settled["least-squares"] <= 0.5 * settled["direct"], settled
-
-
-class Exciting(pa.Trajectory):
-    """Each joint at two frequencies of its own, from rest at home."""
-
-    def __init__(self, start, size=0.1):
-        n = len(start)
-        self._start, self._size = np.asarray(start), size
-        self._w = np.linspace(2.0, 5.0, n), np.linspace(7.0, 3.5, n)
-
-    def at(self, t):
-        x, xd, xdd = self._start.copy(), np.zeros(self._start.size), np.zeros(self._start.size)
-        for w in self._w:
-            x += self._size * (1.0 - np.cos(w * t))
-            xd += self._size * w * np.sin(w * t)
-            xdd += self._size * w * w * np.cos(w * t)
-        return pa.Desired(x, xd, xdd)
-
-    def shifted(self, by):
-        return Exciting(self._start + by, self._size)
-
-
-def time_to(share, controller, true, path, seconds):
-    """Return when the rms torque error over random states stays below a share of the first [s]."""
-    rollout = pa.simulate(true, controller, path, duration=seconds)
-    assert rollout.diverged is None
-    truth, rng = controller.dynamics.value(true), np.random.default_rng(4)
-    regressors = [controller.dynamics.regressor(*random_state(true, rng)) for _ in range(40)]
-    every = 10
-    wrong = np.array([np.vstack(regressors) @ (a - truth) for a in rollout.a_d[::every]])
-    above = np.flatnonzero(np.linalg.norm(wrong, axis=1) > share * np.linalg.norm(wrong[0]))
-    assert above[-1] < len(wrong) - 1  # reached at all
-    return every * 1e-3 * (above[-1] + 1)
+        e, a = published(kind)
+        wrong = np.linalg.norm(a - A, axis=1) / np.linalg.norm(A)
+        parameters[kind] = DT * np.flatnonzero(wrong > 0.05)[-1]
+        tracking[kind] = DT * np.flatnonzero(e.max(axis=1) > 0.25)[-1]  # of 5 degrees at first
+    assert parameters["least-squares"] <= 0.5 * parameters["direct"], parameters  # 1.51, 3.61
+    assert 1.4 < parameters["least-squares"] < 1.6 and 3.0 < parameters["direct"] < 4.0
+    assert 1.4 < tracking["least-squares"] < 1.8 and 2.5 < tracking["direct"] < 3.0  # 1.74, 2.78
 
 
 def test_panda_learns_at_least_twice_as_fast():
-    robot = catalogue_robot("panda", task="joint")
-    true = robot.changed(payload=pa.Payload(1.5, [0.02, -0.01, 0.05]))
-    times = {}
-    for adaptation in ("natural", "natural-composite"):
-        controller = pa.make_controller(
-            robot.changed(inertial_scale=0.8), law="slotine-li", adaptation=adaptation
-        )
-        path = Exciting(true.home_angles)
-        times[adaptation] = time_to(0.1, controller, true, path, 2.0)
+    times = {
+        kind: time_to(0.1, *panda_swung(kind), 2.0) for kind in ("natural", "natural-composite")
+    }
     assert times["natural-composite"] <= 0.5 * times["natural"], times
 
 

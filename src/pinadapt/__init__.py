@@ -5,6 +5,7 @@ from .adaptation import Adaptation as Adaptation
 from .adaptation import BodyInequality as BodyInequality
 from .adaptation import BoxProjection as BoxProjection
 from .adaptation import Composite as Composite
+from .adaptation import CompositeMemory as CompositeMemory
 from .adaptation import DeadZone as DeadZone
 from .adaptation import Drive as Drive
 from .adaptation import Drives as Drives

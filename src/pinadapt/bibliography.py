@@ -218,6 +218,33 @@ PETERSON_NARENDRA = _article(
     "1161--1168",
     "1982",
 )
+KREISSELMEIER = _article(
+    "Kreisselmeier1977",
+    "Kreisselmeier, Gerhard",
+    "Adaptive observers with exponential rate of convergence",
+    _TAC,
+    "22(1)",
+    "2--8",
+    "1977",
+)
+PAN_YU = _article(
+    "PanYu2018",
+    "Pan, Yongping and Yu, Haoyong",
+    "Composite learning robot control with guaranteed parameter convergence",
+    "Automatica",
+    "89",
+    "398--406",
+    "2018",
+)
+FORTESCUE_KERSHENBAUM_YDSTIE = _article(
+    "FortescueKershenbaumYdstie1981",
+    "Fortescue, T. R. and Kershenbaum, L. S. and Ydstie, B. E.",
+    "Implementation of self-tuning regulators with variable forgetting factors",
+    "Automatica",
+    "17(6)",
+    "831--835",
+    "1981",
+)
 IOANNOU_KOKOTOVIC = _article(
     "IoannouKokotovic1984",
     "Ioannou, Petros A. and Kokotovic, Petar V.",

@@ -35,19 +35,25 @@ def filtered_rates(
     return True
 
 
-@compiled("void(f8[:], f8[:], f8[:], f8, f8, f8[:])")
+@compiled("void(f8[:], f8[:], f8[:], f8[:], f8[:], f8, f8, f8[:])")
 def carry(
     x_o: np.ndarray,
+    xd_before: np.ndarray,
+    to_come: np.ndarray,
     xd_hat: np.ndarray,
     dx_o: np.ndarray,
     bandwidth: float,
     dt: float,
     after: np.ndarray,
 ) -> None:
-    """Write x_o + dt xd_hat - (1 - exp(-bandwidth dt)) dx_o (m_p)."""
+    """Write x_o + to_come (xd_hat - xd_before) + dt xd_hat - (1 - exp(-bandwidth dt)) dx_o (m_p).
+
+    The first change is that of the last step's velocity over it, to_come (1) [s].
+    """
     share = -math.expm1(-bandwidth * dt)
     for i in range(len(x_o)):
-        after[i] = x_o[i] + dt * xd_hat[i] - share * dx_o[i]
+        completed = x_o[i] + to_come[0] * (xd_hat[i] - xd_before[i])
+        after[i] = completed + dt * xd_hat[i] - share * dx_o[i]
 
 
 @compiled(

@@ -4,6 +4,7 @@ from .adaptation import Adaptation as Adaptation
 from .adaptation import Wrapper as Wrapper
 from .box_projection import BoxProjection as BoxProjection
 from .composite import Composite as Composite
+from .composite_memory import CompositeMemory as CompositeMemory
 from .dead_zone import DeadZone as DeadZone
 from .drive import Drive as Drive
 from .drive import Drives as Drives

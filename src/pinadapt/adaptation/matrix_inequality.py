@@ -120,6 +120,14 @@ class MatrixInequality:
         """
         return g.reshape(-1, self._p).dot(self._dual).reshape(-1, self._n, self._n)
 
+    def metric_inverses(self, P: np.ndarray) -> np.ndarray:
+        """Return a block (p, p) for each P (k, n, n): column i is P L P, tr(L P(da)) = da_i.
+
+        Complete only; the inverse of the metric of -log det.
+        """
+        moved = P[:, None] @ self._dual.reshape(self.F.shape) @ P[:, None]
+        return moved.reshape(len(P), self._p, -1).dot(self._dual_T)
+
     def contains(self, a: np.ndarray) -> bool:
         """Tell whether every block is positive definite at a (k p)."""
         return bool((np.linalg.eigvalsh(self.matrices(a)) > 0.0).all())

@@ -92,13 +92,13 @@ class Natural(Adaptation):
         return Estimate(a + step * min(1.0, kernels.LARGEST_STEP / length if length else 1.0))
 
     def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:
-        """Return Gamma X (p, l): column by column gamma P L P."""
+        """Return Gamma X (p, l), Gamma made of one block a matrix of the cone."""
         cone = self.cone
         P, X = cone.matrices(value), self._scaled(X.T).T
         if not cone.complete:
             return np.asarray(self.gamma * np.linalg.solve(self._metric(P[0]), X))
-        L = cone.covectors(X.T).reshape(-1, *P.shape)
-        return np.asarray(self.gamma * cone.components(P @ L @ P).reshape(-1, len(X)).T)
+        rows = X.reshape(cone.blocks, -1, X.shape[1])
+        return np.asarray(self.gamma * (cone.metric_inverses(P) @ rows).reshape(X.shape))
 
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
         """Return the log-det divergence from the truth over gamma; None outside the cone."""

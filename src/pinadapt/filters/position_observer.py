@@ -24,10 +24,14 @@ class ObserverState(NamedTuple):
     Attributes:
         x_o: (m_p) observed position [m].
         s_f: (n) low-passed error of the joint velocity [rad/s or m/s]; empty where nobody asks.
+        xd_hat: (m_p) J_hat qd that was held over the last step [m/s].
+        share: (1) of a change of it over that step that is still to come [s].
     """
 
     x_o: np.ndarray
     s_f: np.ndarray
+    xd_hat: np.ndarray
+    share: np.ndarray
 
 
 class Observed(NamedTuple):
@@ -46,7 +50,10 @@ class Observed(NamedTuple):
 class PositionObserver(Filters):
     """dx_o/dt = J_hat qd - beta (x_o - x), H. Wang, IEEE TAC 62 (2017) 948-954.
 
-    Sampled, x_o moves by the held velocity and then by the share 1 - exp(-beta dt) to x.
+    Sampled, x_o moves by the mean of the believed velocities at both ends of a period, the later
+    one as soon as it is known, and by the share 1 - exp(-beta dt) to x: its error falls with the
+    square of the period. By the earlier velocity alone it would lag by dt |xdd| / (2 beta), some
+    thousandths of a millimetre on a circle of 0.1 m in 3 s.
 
     Attributes:
         beta: [1/s].
@@ -61,9 +68,10 @@ class PositionObserver(Filters):
     def init(self, measurement: Measurement, kinematics: TaskKinematics) -> ObserverState:
         """Return the observer at the first measured position."""
         s_f = np.zeros(0 if self.error is None else kinematics.nv)
-        if not kinematics.positions or measurement.x is None:
-            return ObserverState(np.zeros(0), s_f)
-        return ObserverState(np.array(kinematics.task.position(measurement.x), dtype=float), s_f)
+        x_o = np.zeros(0)
+        if kinematics.positions and measurement.x is not None:
+            x_o = np.array(kinematics.task.position(measurement.x), dtype=float)
+        return ObserverState(x_o, s_f, np.zeros(x_o.size), np.zeros(1))
 
     def observe(
         self, state: ObserverState, measurement: Measurement, kinematics: TaskKinematics
@@ -78,19 +86,24 @@ class PositionObserver(Filters):
             raise InputError("the filters are those of another controller.", where="state")
         if not m or measurement.x is None:
             return Observed(np.zeros(0), state.s_f)
-        return Observed(state.x_o - kinematics.task.position(measurement.x), state.s_f)
+        x_o = state.x_o + state.share * (kinematics.xd_hat[:m] - state.xd_hat)
+        return Observed(x_o - kinematics.task.position(measurement.x), state.s_f)
 
     def step(self, state: ObserverState, s: Signals, dt: float) -> ObserverState:
         """Return the state after dt [s]."""
-        x_o, s_f = empty(state.x_o.size), state.s_f
-        kernels.carry(state.x_o, s.xd_hat, s.filtered.dx_o, self.beta, dt, x_o)
+        m, s_f = state.x_o.size, state.s_f
+        x_o, xd_hat = empty(m), s.xd_hat[:m]
+        kernels.carry(
+            state.x_o, state.xd_hat, state.share, xd_hat, s.filtered.dx_o, self.beta, dt, x_o
+        )
         if self.error is not None:
             s_f = s_f - math.expm1(-self.bandwidth * dt) * (self.error(s) - s_f)
-        return named(ObserverState, (x_o, s_f))
+        return named(ObserverState, (x_o, s_f, xd_hat, np.array([0.5 * dt])))
 
     def rate(self, state: ObserverState, s: Signals) -> ObserverState:
         """Return dx_o/dt (m_p) and ds_f/dt (n)."""
         dx_o, s_f = s.filtered.dx_o, state.s_f
         if self.error is not None:
             s_f = self.bandwidth * (self.error(s) - s_f)
-        return ObserverState(s.xd_hat[: dx_o.size] - self.beta * dx_o, s_f)
+        moved = s.xd_hat[: dx_o.size] - self.beta * dx_o
+        return ObserverState(moved, s_f, np.zeros(dx_o.size), np.zeros(1))

@@ -135,7 +135,9 @@ class ControllerSection(Section):
         "gradient",
         "projected",
         "natural-composite",
+        "natural-memory",
         "composite",
+        "composite-memory",
         "least-squares",
         "none",
     ] = "natural"

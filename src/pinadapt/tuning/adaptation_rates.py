@@ -38,6 +38,8 @@ from .remedies import Remedies
 _METRICS = {
     "composite": "gradient",
     "natural-composite": "natural",
+    "composite-memory": "gradient",
+    "natural-memory": "natural",
     "least-squares": "gradient",
 }  # of the adaptations that predict the torque
 RATES = (

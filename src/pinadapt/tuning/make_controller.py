@@ -86,8 +86,8 @@ def make_controller(
         law: a name of ``pinadapt.LAWS``, or a law with its gains.
         adaptation: "natural", "gradient", "projected" (gradient that keeps M_hat positive definite)
             or "none"; "natural-composite", "composite" or "least-squares", which also learn from
-            the prediction error of the torque; or an adaptation of the dynamic estimate with its
-            gains.
+            the prediction error of the torque; "natural-memory" or "composite-memory", which learn
+            from all of its past; or an adaptation of the dynamic estimate with its gains.
         kinematic_adaptation: "gradient", "least-squares" on the prediction error of position or
             velocity, "none", or an adaptation with its gains; by default none where ``adaptation``
             is, else gradient.
@@ -135,8 +135,8 @@ def make_controller(
             (a number for natural; number, list or matrix for gradient), gamma_joint of the joints'
             coefficients, gamma_k (number, list or matrix); of those that predict the torque,
             prediction_rate [1/s] at which that error decays, prediction_filter [1/s] through which
-            it is seen, and forgetting [1/s] of least squares; of least squares on the kinematics
-            kinematic_rate and kinematic_forgetting [1/s].
+            it is seen, and forgetting [1/s] of least squares and memories; of least squares on the
+            kinematics kinematic_rate and kinematic_forgetting [1/s].
 
     Raises:
         InputError: an unknown name, a gain that breaks a hypothesis, or parameters that cannot be

@@ -12,6 +12,7 @@ from ..laws.law import Law
 from ..models.dynamics import Dynamics
 from ..models.stacked import StackedDynamics
 from ..models.task_kinematics import TaskKinematics
+from .prediction_rates import FORGETTING, PREDICTING
 
 
 def warn_of_unused_gains(
@@ -40,9 +41,9 @@ def warn_of_unused_gains(
         and law.learns_kinematics
         and kinematics.size > 0,
     }
-    predicts = kind in ("composite", "natural-composite", "least-squares") and dynamics.size > 0
+    predicts = kind in PREDICTING and dynamics.size > 0
     rates |= dict.fromkeys(("prediction_rate", "prediction_filter"), predicts)
-    rates["forgetting"] = predicts and kind == "least-squares"
+    rates["forgetting"] = predicts and kind in FORGETTING
     fitted = kind_k == "least-squares" and kinematics.size > 0
     rates |= dict.fromkeys(("kinematic_rate", "kinematic_forgetting"), fitted)
     used = [name for name in NAMES if hasattr(law, SYMBOLS.get(name, name))]
