@@ -113,6 +113,7 @@ from .tasks import PositionTask as PositionTask
 from .tasks import Task as Task
 from .trajectories import Circle as Circle
 from .trajectories import FixedOrientation as FixedOrientation
+from .trajectories import FourierSeries as FourierSeries
 from .trajectories import Hold as Hold
 from .trajectories import Lissajous as Lissajous
 from .trajectories import Orientation as Orientation

@@ -216,6 +216,19 @@ class SinusoidSection(ReferenceSection):
     phase: Number | list[Number] = -pi / 2
 
 
+class FourierSection(ReferenceSection):
+    """[reference] kind = "fourier": a Fourier series a coordinate, as `pinadapt excite` writes it.
+
+    Rows of coefficients are those of a coordinate, the slowest harmonic first.
+    """
+
+    kind: Literal["fourier"]
+    center: list[Number] | None = None
+    cosine: list[list[Number]]
+    sine: list[list[Number]]
+    period: Positive = 10.0
+
+
 class WaypointsSection(ReferenceSection):
     """[reference] kind = "waypoints": minimum jerk from point to point.
 
@@ -236,7 +249,12 @@ class HoldSection(ReferenceSection):
 
 
 Reference = Annotated[
-    CircleSection | LissajousSection | SinusoidSection | WaypointsSection | HoldSection,
+    CircleSection
+    | LissajousSection
+    | SinusoidSection
+    | FourierSection
+    | WaypointsSection
+    | HoldSection,
     Field(discriminator="kind"),
 ]
 
@@ -245,6 +263,7 @@ REFERENCES: dict[str, type[Section]] = {
     "circle": CircleSection,
     "lissajous": LissajousSection,
     "sinusoid": SinusoidSection,
+    "fourier": FourierSection,
     "waypoints": WaypointsSection,
     "hold": HoldSection,
 }
