@@ -37,6 +37,9 @@ from .exceptions import PinadaptError as PinadaptError
 from .exceptions import RobotError as RobotError
 from .exceptions import ScenarioError as ScenarioError
 from .exceptions import UnusedGainWarning as UnusedGainWarning
+from .excitation import ExcitingMotion as ExcitingMotion
+from .excitation import LimitUse as LimitUse
+from .excitation import excite as excite
 from .filters import FilteredRegressor as FilteredRegressor
 from .filters import FilteredTorque as FilteredTorque
 from .filters import Filters as Filters
