@@ -12,13 +12,15 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import pinocchio as pin
 
 from ..controller.controller import Controller
 from ..controller.state import ControllerState
+from ..models.dynamics import Dynamics
 from .measured_motion import measured_motion
 from .sample import Sample
 
-BLOCK = 0.05  # [s] over which rows of the torque are averaged; independent after a 10 Hz low pass
+BLOCK = 0.05  # [s] over which rows of the torque are averaged, so that they are independent
 _OPEN = 1e-10  # share of the largest eigenvalue below which a direction was not excited
 _APART = 1e-3  # share of a direction that may lie among those not excited
 _SILENT = 1e-8  # share of the largest size below which a parameter does not show
@@ -108,10 +110,18 @@ def torque_information(
     controller: Controller, samples: Sequence[Sample], state: ControllerState
 ) -> Information:
     """Return what measured motion and torque tell of the dynamic parameters at a state."""
-    dynamics = controller.dynamics
-    dynamics.load(state.a_d)
-    nv = controller.kinematics.nv
-    q, v, a, tau, period = measured_motion(controller.kinematics.robot.model, samples)
+    return information_of(
+        controller.dynamics, controller.kinematics.robot.model, samples, state.a_d
+    )
+
+
+def information_of(
+    dynamics: Dynamics, model: pin.Model, samples: Sequence[Sample], a_d: np.ndarray
+) -> Information:
+    """Return what measured motion and torque of a chain tell of parameters, at a_d (p)."""
+    dynamics.load(a_d)
+    nv = model.nv
+    q, v, a, tau, period = measured_motion(model, samples)
     size = max(1, round(BLOCK / period)) if period else 1
     blocks = len(q) // size if dynamics.size else 0
     W, r = np.zeros((blocks, nv, dynamics.size)), np.zeros((blocks, nv))
@@ -119,7 +129,7 @@ def torque_information(
         W[k // size] += dynamics.regressor(q[k], v[k], a[k]) / size
         r[k // size] += (tau[k] - dynamics.torque(q[k], v[k], a[k])) / size
     level = np.abs(tau).mean(axis=0) if blocks else np.zeros(nv)
-    return _information(dynamics.names, state.a_d, W, r, level)
+    return _information(dynamics.names, a_d, W, r, level)
 
 
 def position_information(

@@ -276,6 +276,7 @@ class NoiseSection(Section):
     v: NotNegative = 0.0
     x: NotNegative = 0.0
     angle: NotNegative = 0.0
+    tau: NotNegative | list[NotNegative] = 0.0
 
 
 class CameraSection(Section):
