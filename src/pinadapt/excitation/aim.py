@@ -15,8 +15,9 @@ import numpy as np
 import pinocchio as pin
 
 from ..exceptions import ParameterError
-from ..models.base_parameters import BaseParameters, base_parameters
+from ..models.base_parameters import base_parameters
 from ..models.dynamics import Dynamics
+from ..models.independent_columns import independent_columns
 from ..models.joint_effects import without_joint_effects
 from ..models.parameter_units import unit_of
 from ..models.stacked import StackedDynamics
@@ -38,21 +39,21 @@ class _Part:
 
     names: tuple[str, ...]
     initial: np.ndarray
-    base: BaseParameters
+    chosen: np.ndarray  # (b) indices of the base parameters
     root: np.ndarray  # (b, b) L of the prior covariance L L^T of the base parameters
     noise: np.ndarray  # (n) of each row's signals
 
     def told(self, W: np.ndarray, rows: float) -> tuple[float, np.ndarray]:
         """Return the nats that ``rows`` rows tell, N of which are W (N, n, p), and d/dW of it."""
         slope = np.zeros(W.shape)
-        if not self.base.size:
+        if not len(self.chosen):
             return 0.0, slope
         share = rows / len(W)
-        scaled = W[:, :, self.base.chosen] / self.noise[:, None] @ self.root
-        flat = scaled.reshape(-1, self.base.size)
-        information = np.eye(self.base.size) + share * (flat.T @ flat)
+        scaled = W[:, :, self.chosen] / self.noise[:, None] @ self.root
+        flat = scaled.reshape(-1, len(self.chosen))
+        information = np.eye(len(self.chosen)) + share * (flat.T @ flat)
         by_scaled = share * np.linalg.solve(information, flat.T).T.reshape(scaled.shape)
-        slope[:, :, self.base.chosen] = by_scaled @ self.root.T / self.noise[:, None]
+        slope[:, :, self.chosen] = by_scaled @ self.root.T / self.noise[:, None]
         return 0.5 * float(np.linalg.slogdet(information)[1]), slope
 
     def information(self, W: np.ndarray, rows: float) -> Information:
@@ -87,7 +88,7 @@ class Aim:
         dynamics.load(dynamics.initial)
         self._torque = _torque_part(robot, dynamics)
         self._place = _place_part(robot, kinematics)
-        self.dynamic, self.kinematic = self._torque.base.size, self._place.base.size
+        self.dynamic, self.kinematic = len(self._torque.chosen), len(self._place.chosen)
         if not self.dynamic + self.kinematic:
             names = ", ".join((*dynamics.names, *kinematics.names)[:10])
             raise ParameterError(
@@ -164,11 +165,13 @@ def _torque_part(robot: Robot, dynamics: Dynamics) -> _Part:
     prior = _dynamic_prior(robot, dynamics)
     R = base.regrouping
     covariance = np.diag(shown[base.chosen] ** 2) if prior is None else R @ prior @ R.T
-    return _Part(tuple(dynamics.names), dynamics.initial, base, _root(covariance), noise)
+    return _Part(tuple(dynamics.names), dynamics.initial, base.chosen, _root(covariance), noise)
 
 
 def _dynamic_prior(robot: Robot, dynamics: Dynamics) -> np.ndarray | None:
     """Return the covariance (p, p) of the dynamic parameters, or None where there is none."""
+    if not dynamics.size:
+        return np.zeros((0, 0))
     if not isinstance(dynamics, StackedDynamics):
         return prior_covariance(robot, dynamics)
     inner, size = dynamics.inertial, dynamics.inertial.size
@@ -181,12 +184,17 @@ def _dynamic_prior(robot: Robot, dynamics: Dynamics) -> np.ndarray | None:
 
 
 def _place_part(robot: Robot, kinematics: TaskKinematics) -> _Part:
-    """Return the kinematic parameters: each off by a tenth of the reach."""
-    base = base_parameters(kinematics, robot)
-    R, m = base.regrouping, kinematics.positions
+    """Return the kinematic parameters, each off by a tenth of the reach, as positions show them."""
+    rng, m, size = np.random.default_rng(0), kinematics.positions, kinematics.size
+    rows = [np.zeros((0, size))]
+    for _ in range(_SAMPLES if size else 0):
+        q = pin.integrate(robot.model, robot.q0, rng.uniform(-np.pi, np.pi, robot.model.nv))
+        kinematics.update(kinematics.initial, q, np.zeros(robot.model.nv))
+        rows.append(kinematics.prediction()[1])
+    chosen, R = independent_columns(np.vstack(rows))
     root = _AWAY * robot.reach * _root(R @ R.T)
     noise = np.full(m, _SEEN * robot.reach)
-    return _Part(tuple(kinematics.names), kinematics.initial, base, root, noise)
+    return _Part(tuple(kinematics.names), kinematics.initial, chosen, root, noise)
 
 
 def _typical(robot: Robot, dynamics: Dynamics) -> tuple[np.ndarray, np.ndarray]:

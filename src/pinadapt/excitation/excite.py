@@ -70,13 +70,13 @@ def excite(
         excursion: how far joints may go from home, one or one a joint [rad or m]; by default a
             quarter of a turn and half a metre.
         load: the heaviest at the frame that the motors are to bear [kg]; by default a tenth of the
-            robot's mass.
+            robot's mass, or what of it is held at home.
         seed: of the random series.
         progress: as in ``simulate``.
 
     Raises:
         InputError: nothing is unknown, no motion shows it, or numbers that cannot be.
-        RobotError: home is outside the limits, or a load cannot be held there.
+        RobotError: home is outside the limits, or the arm or its load cannot be held there.
     """
     compile_all()
     believed, aim = _asked(robot, dynamic, joint, kinematic)

@@ -67,6 +67,7 @@ class ExcitingMotion:
             if part.names:
                 apart = f"{part.rank} combinations told apart, of {any_motion} that any motion does"
                 rows.append((name, apart))
+        rows.append(("efforts", f"with and without a load of {limits.load:.3g} kg"))
         if np.isfinite(limits.clearance):
             rows.append(("least height", f"{limits.clearance:.3g} m off the mounting plane"))
         inner = found._sheet()

@@ -22,6 +22,7 @@ class LimitUse:
         position: (n) of the way from the middle of a joint's range to its ends.
         velocity: (n).
         effort: (n) with and without the heaviest load.
+        load: that one [kg], in the origin of the frame.
         clearance: least distance of a joint or the frame from the plane that the robot is mounted
             on [m], infinite where it moves along that plane.
     """
@@ -30,6 +31,7 @@ class LimitUse:
     position: np.ndarray
     velocity: np.ndarray
     effort: np.ndarray
+    load: float
     clearance: float
 
     @classmethod
@@ -48,6 +50,7 @@ class LimitUse:
             np.abs(angles - middle).max(axis=0) / half,
             np.abs(v).max(axis=0) / velocity_limits(robot.model),
             efforts / effort_limits(robot),
+            allowed.load,
             allowed.clearance(q),
         )
 
@@ -55,7 +58,7 @@ class LimitUse:
         """Return a row a joint, in per cent of each limit."""
         parts = zip(self.joints, self.position, self.velocity, self.effort, strict=True)
         rows = [
-            (name, *(f"{share:.0%}" if share else "none" for share in use), "")
+            (name, *(f"{share:.0%}" if share else "no limit" for share in use))
             for name, *use in parts
         ]
-        return Table(rows, ("limits used", "position", "velocity", "effort", ""))
+        return Table(rows, ("joint", "of position", "of velocity", "of effort limit"))

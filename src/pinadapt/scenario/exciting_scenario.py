@@ -83,6 +83,10 @@ def exciting_text(tables: Mapping[str, Any]) -> str:
     document.add(tomlkit.comment(_HEADER))
     for key, value in tables.items():
         document[key] = value
+    for name in ("cosine", "sine"):
+        rows = tomlkit.array().multiline(True)  # a line for each joint
+        rows.extend(tables["reference"][name])
+        document["reference"][name] = rows
     return tomlkit.dumps(document)
 
 
