@@ -137,7 +137,8 @@ def test_what_cannot_be_excited_is_refused(options, error, words):
 
 def test_an_unknown_that_no_motion_shows_is_refused():
     robot = catalogue_robot("planar_2r")
-    height = pa.Translation("tool", None, np.eye(3)[:, 2:], np.zeros(3), ("tool_z",))
+    there = robot.model.frames[robot.frame_id].placement.translation.copy()
+    height = pa.Translation("tool", None, np.eye(3)[:, 2:], there, ("tool_z",))
     with pytest.raises(pa.ParameterError, match=r"no motion of 'planar_2r'.*\(tool_z\)"):
         pa.excite(robot, dynamic="none", joint="none", kinematic=[height])
 

@@ -25,6 +25,7 @@ class MeasuredMotion(NamedTuple):
         v, a: (N, nv) [rad/s, rad/s^2 or m].
         tau: (N, nv) [N m or N].
         period: between them [s].
+        smooth: whether the motion was noisy and passed a low pass.
     """
 
     q: np.ndarray
@@ -32,6 +33,7 @@ class MeasuredMotion(NamedTuple):
     a: np.ndarray
     tau: np.ndarray
     period: float
+    smooth: bool = False
 
 
 def measured_motion(model: pin.Model, samples: Sequence[Sample]) -> MeasuredMotion:
@@ -86,4 +88,4 @@ def _smooth(
     a = np.gradient(v, period, axis=0)
     travelled, v, a, tau = (part[ends:-ends] for part in (travelled, v, a, tau))
     path = [pin.integrate(model, q_0, part) for part in travelled]
-    return MeasuredMotion(np.array(path), v, a, tau, period)
+    return MeasuredMotion(np.array(path), v, a, tau, period, True)
