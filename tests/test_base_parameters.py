@@ -1,6 +1,7 @@
 """Base parameters: how many, which, and that the torque is theirs."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import pinadapt as pa
@@ -23,6 +24,29 @@ def test_the_base_of_all_translations_has_its_known_size(name, base, of):
     assert (found.size, kinematics.size, kinematics.base()) == (base, of, base)
     along_the_first_axis = f"{robot.joint_names[1]}_z"
     assert set(found.without_effect) == {"base_x", "base_y", "base_z", along_the_first_axis}
+
+
+def planar_3r():
+    """Return an arm of three revolute joints in the vertical plane, links of 0.4, 0.3 and 0.2 m."""
+    model = pin.Model()
+    parent, step = 0, pin.SE3.Identity()
+    for i, length in enumerate((0.4, 0.3, 0.2)):
+        parent = model.addJoint(parent, pin.JointModelRY(), step, f"joint{i + 1}")
+        body = pin.Inertia.FromSphere(1.0, 0.05)
+        step = pin.SE3(np.eye(3), np.array([length, 0.0, 0.0]))
+        model.appendBodyToJoint(parent, body, pin.SE3(np.eye(3), 0.5 * step.translation))
+    model.addFrame(pin.Frame("tip", parent, 0, step, pin.FrameType.BODY))
+    return pa.load(model, frame="tip", task="xz")
+
+
+def test_three_links_in_a_plane_have_six_lengths_and_nine_inertias():
+    """A link's length along itself and across it; an inertia and two moments a body."""
+    robot = planar_3r()
+    kinematics = pa.FrameKinematics(robot, ["base", *robot.joint_names[1:], "tool"])
+    found = pa.base_parameters(kinematics, robot)
+    assert (found.size, kinematics.size) == (6, 12)
+    assert all(name.endswith(("_x", "_z")) for name in found.names)
+    assert pa.base_parameters(pa.BodyDynamics(robot), robot).size == 3 * 3
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "scara", "kinova"])

@@ -38,6 +38,15 @@ def test_each_joint_has_its_own_sinusoid():
         assert np.allclose(path.at(t).x_d, center + amplitude * np.sin(angle))
 
 
+def test_a_fourier_series_starts_at_home_unless_its_center_is_given():
+    rows = {"cosine": [[0.1, -0.025]] * 4, "sine": [[0.2, -0.1]] * 4, "period": 5.0}
+    path, robot = motion(kind="fourier", **rows)
+    assert np.allclose(path.at(0.0).x_d, robot.home_angles)
+    assert np.allclose(path.at(0.0).xd_d, 0.0) and np.allclose(path.at(0.0).xdd_d, 0.0)
+    placed, _ = motion(kind="fourier", center=[0.1, 0.2, 0.0, 0.4], **rows)
+    assert np.allclose(placed.at(0.0).x_d, [0.175, 0.275, 0.075, 0.475])
+
+
 def test_other_references_of_joints():
     held, robot = motion(kind="hold")
     assert np.allclose(held.at(3.0).x_d, robot.home_angles)
@@ -52,6 +61,7 @@ def test_other_references_of_joints():
         ({"kind": "hold", "center": [0.0]}, "reference.center", "4 coordinates, got 1"),
         ({"kind": "sinusoid", "amplitude": [1.0, 2.0]}, "reference.amplitude", "4 numbers"),
         ({"kind": "sinusoid", "amplitude": 1.0, "period": [1.0]}, "reference.period", "4 numbers"),
+        ({"kind": "fourier", "cosine": [[1.0]], "sine": [[1.0]]}, "reference.cosine", "for each"),
         ({"kind": "hold", "orientation": {}}, "reference.orientation", "has no orientation"),
     ],
 )

@@ -40,6 +40,7 @@ LAYERS = [
     {"plots", "view"},
     {"rollout"},
     {"simulation"},
+    {"excitation"},
     {"scenario", "zoo"},
     {"cli"},
 ]

@@ -1,6 +1,7 @@
 """Sensors: noise, cameras that are slow, late and lossy, and encoders that count."""
 
 import tracemalloc
+from itertools import pairwise
 from math import pi
 
 import numpy as np
@@ -372,3 +373,32 @@ def test_continuous_mode_has_perfect_sensors(faults):
 def test_only_poses_have_an_angle_to_disturb(task):
     with pytest.raises(pa.InputError, match="no orientation"):
         pa.Sensors(pa.load("ur5", task=task), DT, noise={"angle": 0.1})
+
+
+def test_torques_are_measured_where_they_have_noise_and_only_there():
+    robot = load("ur5")
+    sizes = np.array([3.0, 3.0, 1.0, 0.5, 0.0, 0.1])
+    given = np.arange(6.0)
+    sensors = pa.Sensors(robot, DT, noise={"tau": sizes}, seed=3)
+    truth = moving(robot, 1)[0]
+    assert sensors.measure(truth).tau is None and not sensors.perfect  # nothing was given yet
+    off = np.array([sensors.measure(truth, given).tau - given for _ in range(4000)])
+    assert np.allclose(off.std(axis=0), sizes, rtol=0.05) and (off[:, 4] == 0.0).all()
+    sensors.reset()
+    assert np.array_equal(sensors.measure(truth, given).tau - given, off[0])
+    assert pa.Sensors(robot, DT, noise={"q": 1e-3}).measure(truth, given).tau is None
+    with pytest.raises(pa.InputError, match="must not be negative"):
+        pa.Sensors(robot, DT, noise={"tau": -1.0})
+
+
+def test_measured_torques_are_those_of_the_period_before():
+    robot = load("ur5")
+    noise = {"tau": 1e-9}
+    controller = pa.make_controller(robot, noise=noise)
+    plant, sensors = pa.PinocchioPlant(robot), pa.Sensors(robot, DT, noise=noise)
+    samples = list(
+        pa.run(plant, controller, pa.reachable_circle(robot), duration=0.05, sensors=sensors)
+    )
+    assert samples[0].measurement.tau is None
+    for before, after in pairwise(samples):
+        assert np.allclose(after.measurement.tau, before.torque, atol=1e-7)

@@ -19,6 +19,9 @@ MOTIONS = {
     "waypoints, seven joints": pa.Waypoints(np.outer([0.0, 1.0, -0.5], np.arange(7.0)), 0.8),
     "sinusoid from rest": pa.Sinusoid([0.3, -0.2], [2.0, 1.0], [2.1, 1.3]),
     "sinusoid at speed": pa.Sinusoid(0.1, [0.2, 0.5, -0.3], 3.0, phase=0.0),
+    "fourier": pa.FourierSeries(
+        [0.3, -0.2], [[0.2, 0.1, -0.05], [0.0, 0.3, 0.1]], [[0.1, 0.0, 0.2], [-0.3, 0.1, 0.0]], 3.7
+    ),
     "hold": pa.Hold([0.1, 0.2, 0.3]),
 }
 motions = pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS.keys())
@@ -73,6 +76,32 @@ def test_sinusoids_are_those_of_the_literature():
     second = pa.Sinusoid(center, [2.0, 1.0], periods).at(t)
     assert np.isclose(second.x_d[0], np.pi / 4 + 2 * (1 - np.cos(3 * t)))
     assert np.isclose(second.x_d[1], np.pi / 6 + (1 - np.cos(5 * t)))
+
+
+def test_a_fourier_series_is_the_sum_of_its_harmonics():
+    series = pa.FourierSeries([1.0], [[0.1, 0.2]], [[0.3, -0.4]], 4.0)
+    w, t = np.pi / 2, 0.7
+    expected = 1.0 + 0.1 * np.cos(w * t) + 0.2 * np.cos(2 * w * t)
+    expected += 0.3 * np.sin(w * t) - 0.4 * np.sin(2 * w * t)
+    assert np.isclose(series.at(t).x_d[0], expected) and series.harmonics == 2
+    assert np.allclose(series.at(t + 4.0).x_d, series.at(t).x_d)
+    path = series.positions(np.linspace(0.0, 4.0, 4001))
+    assert series.extent == pytest.approx(0.5 * np.ptp(path), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("center", "cosine", "sine", "where"),
+    [
+        ([0.0], [0.1], [0.1], "reference.cosine"),
+        ([0.0], [[]], [[]], "reference.cosine"),
+        ([0.0], [[0.1, 0.2]], [[0.1]], "reference.sine"),
+        ([0.0, 0.0], [[0.1]], [[0.1]], "reference.center"),
+    ],
+)
+def test_a_fourier_series_needs_a_row_a_coordinate(center, cosine, sine, where):
+    with pytest.raises(pa.InputError) as refused:
+        pa.FourierSeries(center, cosine, sine, 1.0)
+    assert refused.value.where == where
 
 
 def test_sinusoids_start_where_they_are_told_at_rest_or_at_speed():

@@ -42,6 +42,9 @@ from .exceptions import PinadaptError as PinadaptError
 from .exceptions import RobotError as RobotError
 from .exceptions import ScenarioError as ScenarioError
 from .exceptions import UnusedGainWarning as UnusedGainWarning
+from .excitation import ExcitingMotion as ExcitingMotion
+from .excitation import LimitUse as LimitUse
+from .excitation import excite as excite
 from .filters import FilteredRegressor as FilteredRegressor
 from .filters import FilteredTorque as FilteredTorque
 from .filters import Filters as Filters
@@ -125,6 +128,7 @@ from .tasks import PositionTask as PositionTask
 from .tasks import Task as Task
 from .trajectories import Circle as Circle
 from .trajectories import FixedOrientation as FixedOrientation
+from .trajectories import FourierSeries as FourierSeries
 from .trajectories import Hold as Hold
 from .trajectories import Lissajous as Lissajous
 from .trajectories import Orientation as Orientation

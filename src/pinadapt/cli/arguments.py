@@ -66,6 +66,51 @@ def _init(command: argparse.ArgumentParser) -> None:
     )
 
 
+def _excite(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "source",
+        metavar="ROBOT|SCENARIO.toml",
+        help="as for init; or a scenario, whose robot and table [unknown] are taken",
+    )
+    command.add_argument(
+        "--unknown",
+        type=_names,
+        metavar="A,B",
+        help="all, payload (the last body), none or joint names; tool and base (default: all)",
+    )
+    command.add_argument(
+        "--joint",
+        type=_names,
+        metavar="A,B",
+        help="of armature, viscous, coulomb; all or none (default: all)",
+    )
+    command.add_argument(
+        "--frame",
+        metavar="LINK",
+        help="where the chain ends (default: the likeliest link at the robot's end)",
+    )
+    for option, default, unit, text in (
+        ("duration", 10.0, "S", "of the motion (default: %(default)s)"),
+        ("excursion", None, "RAD", "how far joints may go from home (default: a quarter turn)"),
+        ("load", None, "KG", "the heaviest to be borne (default: a tenth of the robot's mass)"),
+    ):
+        command.add_argument(f"--{option}", type=float, default=default, metavar=unit, help=text)
+    command.add_argument(
+        "--seed",
+        type=partial(_whole_number, least=0),
+        default=0,
+        metavar="N",
+        help="of the search (default: %(default)s)",
+    )
+    command.add_argument(
+        "--out",
+        type=Path,
+        metavar="FILE",
+        help="scenario to write (default: the robot's name and _excited.toml)",
+    )
+    command.add_argument("--force", action="store_true", help="overwrite the file")
+
+
 def _run(command: argparse.ArgumentParser) -> None:
     _add_scenario(command)
     command.add_argument("--no-html", action="store_true", help="write no animation")
@@ -149,6 +194,7 @@ def _zoo(command: argparse.ArgumentParser) -> None:
 _COMMANDS = {
     "demo": ("two showcase scenarios, with report and animation", _demo),
     "init": ("write a scenario for a URDF, xacro, MJCF or a named robot", _init),
+    "excite": ("find a motion that tells unknown parameters apart", _excite),
     "run": ("run one scenario", _run),
     "view": ("show a finished run, or run a scenario and show it meanwhile", _view),
     "compare": ("run the laws side by side on one scenario", _compare),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import warnings
 from pathlib import Path
 
 from .._files import check_writable, write_text
@@ -11,6 +10,7 @@ from ..exceptions import InputError
 from ..scenario.scenario import Scenario
 from ..scenario.template import Template
 from ..scenario.template_text import scenario_text
+from .findings import warn_of_findings
 
 
 def init(options: argparse.Namespace) -> int:
@@ -38,16 +38,6 @@ def init(options: argparse.Namespace) -> int:
     robot, circle = template.robot, template.circle
     print(f"{file}: {robot.model.nv} joints to '{robot.frame}', task {robot.task.name}, ", end="")
     print(f"a circle of radius {circle.radius} m in {circle.period} s.")
-    _check(Scenario.read(file))
+    warn_of_findings(Scenario.read(file))
     print(f"\npinadapt run {file}")
     return 0
-
-
-def _check(scenario: Scenario) -> None:
-    """Tell what the check before a run says of a scenario."""
-    found = scenario.findings()
-    for finding in found:
-        warnings.warn(finding, stacklevel=2)
-    if not found:
-        dt = scenario.tables.simulation.dt
-        print(f"check before a run: {scenario.controller.law.name} suits a period of {dt:g} s.")

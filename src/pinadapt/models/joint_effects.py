@@ -22,6 +22,7 @@ _SAMPLES, _SPEED = (
     0.5,
 )  # random states; typical joint speed and acceleration [rad/s, rad/s^2 or m]
 _OF_EFFORT, _BRAKING = 0.02, 50.0  # friction of a motor; [rad/s^2 or m/s^2] by friction
+_SLIDING = 3.0  # thresholds, at which the smoothed sign is 0.995
 _START = 0.1  # share of a typical coefficient from which an unknown one starts
 
 
@@ -105,6 +106,15 @@ class JointEffects:
         Y = empty((self._n, inertial.shape[1] + self.size))
         kernels.joint_columns(inertial, self._kinds, v, a, self._threshold, Y)
         return Y
+
+    def sliding(self, v: np.ndarray) -> np.ndarray:
+        """Tell of joints (n) whether noise of v (n) leaves the sign of their dry friction alone.
+
+        That is, whether they move at several thresholds, or their dry friction is not unknown.
+        """
+        if KINDS.index("coulomb") not in self._unknown:
+            return np.ones(self._n, dtype=bool)
+        return np.abs(v) > _SLIDING * self._threshold
 
     def robot(self, a: np.ndarray, believed: Robot) -> Robot:
         """Return the believed robot with joints of the coefficients a (p)."""

@@ -8,17 +8,20 @@ short times of Y(q, v, a) and tau, see ``measured_motion``; of a position they a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import pinocchio as pin
 
 from ..controller.controller import Controller
 from ..controller.state import ControllerState
+from ..models.dynamics import Dynamics
+from ..models.stacked import StackedDynamics
 from .measured_motion import measured_motion
 from .sample import Sample
 
-BLOCK = 0.05  # [s] over which rows of the torque are averaged; independent after a 10 Hz low pass
+BLOCK = 0.05  # [s] over which rows of the torque are averaged, so that they are independent
 _OPEN = 1e-10  # share of the largest eigenvalue below which a direction was not excited
 _APART = 1e-3  # share of a direction that may lie among those not excited
 _SILENT = 1e-8  # share of the largest size below which a parameter does not show
@@ -108,18 +111,34 @@ def torque_information(
     controller: Controller, samples: Sequence[Sample], state: ControllerState
 ) -> Information:
     """Return what measured motion and torque tell of the dynamic parameters at a state."""
-    dynamics = controller.dynamics
-    dynamics.load(state.a_d)
-    nv = controller.kinematics.nv
-    q, v, a, tau, period = measured_motion(controller.kinematics.robot.model, samples)
+    return information_of(
+        controller.dynamics, controller.kinematics.robot.model, samples, state.a_d
+    )
+
+
+def information_of(
+    dynamics: Dynamics, model: pin.Model, samples: Sequence[Sample], a_d: np.ndarray
+) -> Information:
+    """Return what measured motion and torque of a chain tell of parameters, at a_d (p).
+
+    Torques of a joint whose dry friction is unknown are left out while it may reverse unseen: the
+    jitter that noise makes it do then decides what friction is, which would bias all parameters.
+    """
+    dynamics.load(a_d)
+    nv = model.nv
+    q, v, a, tau, period, smooth = measured_motion(model, samples)
+    reverses = dynamics.joint if smooth and isinstance(dynamics, StackedDynamics) else None
     size = max(1, round(BLOCK / period)) if period else 1
     blocks = len(q) // size if dynamics.size else 0
     W, r = np.zeros((blocks, nv, dynamics.size)), np.zeros((blocks, nv))
+    kept = np.ones((blocks, nv), dtype=bool)
     for k in range(blocks * size):
         W[k // size] += dynamics.regressor(q[k], v[k], a[k]) / size
         r[k // size] += (tau[k] - dynamics.torque(q[k], v[k], a[k])) / size
+        if reverses is not None:
+            kept[k // size] &= reverses.sliding(v[k])
     level = np.abs(tau).mean(axis=0) if blocks else np.zeros(nv)
-    return _information(dynamics.names, state.a_d, W, r, level)
+    return _information(dynamics.names, a_d, W * kept[:, :, None], r * kept, level, kept)
 
 
 def position_information(
@@ -154,22 +173,29 @@ def position_information(
 
 
 def _information(
-    names: tuple[str, ...], a: np.ndarray, W: np.ndarray, r: np.ndarray, level: np.ndarray
+    names: tuple[str, ...],
+    a: np.ndarray,
+    W: np.ndarray,
+    r: np.ndarray,
+    level: np.ndarray,
+    kept: np.ndarray | None = None,
 ) -> Information:
-    """Return the information of rows W (N, n, p) with residuals r (N, n).
+    """Return the information of rows W (N, n, p) with residuals r (N, n), zero but where ``kept``.
 
     The noise of each signal is what the best parameters leave, found twice: once with signals that
     count by their ``level`` (n), once with their noise.
     """
-    count, floor = len(W), _FLOOR * np.maximum(level, np.finfo(float).tiny)
+    there = np.full(r.shape[1], len(r)) if kept is None else kept.sum(axis=0)
+    count, floor = int(there.sum()), _FLOOR * np.maximum(level, np.finfo(float).tiny)
     noise = np.maximum(level, np.finfo(float).tiny)
     found = _weighted(names, a, W, r, noise)
     for _ in range(2 if count else 0):
         left = r - W @ found.correction
-        degrees = max(1.0 - found.rank / max(r.size, 1), 1.0 / max(r.size, 1))
-        noise = np.maximum(np.sqrt(np.mean(left**2, axis=0) / degrees), floor)
+        degrees = max(1.0 - found.rank / count, 1.0 / count)
+        size = np.sum(left**2, axis=0) / np.maximum(there, 1)
+        noise = np.where(there > 0, np.maximum(np.sqrt(size / degrees), floor), noise)
         found = _weighted(names, a, W, r, noise)
-    return found
+    return replace(found, rows=count)
 
 
 def _weighted(

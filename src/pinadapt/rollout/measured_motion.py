@@ -1,4 +1,4 @@
-"""Motion and torque of a run as its sensors said, smooth where they are noisy."""
+"""Motion and torque of a run as its sensors said, the motion smooth where they are noisy."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from .sample import Sample
 
-CUTOFF = 10.0  # [Hz] of the low pass of noisy measurements
+CUTOFF = 30.0  # [Hz] of the low pass of noisy positions
 _ORDER = 4
 _END = 0.1  # [s] that is left out at both ends, where a low pass has settled on one side only
 _NOISY = 1e-3  # share of the velocity by which it may differ from that of the positions
@@ -25,6 +25,7 @@ class MeasuredMotion(NamedTuple):
         v, a: (N, nv) [rad/s, rad/s^2 or m].
         tau: (N, nv) [N m or N].
         period: between them [s].
+        smooth: whether the motion was noisy and passed a low pass.
     """
 
     q: np.ndarray
@@ -32,6 +33,7 @@ class MeasuredMotion(NamedTuple):
     a: np.ndarray
     tau: np.ndarray
     period: float
+    smooth: bool = False
 
 
 def measured_motion(model: pin.Model, samples: Sequence[Sample]) -> MeasuredMotion:
@@ -39,9 +41,9 @@ def measured_motion(model: pin.Model, samples: Sequence[Sample]) -> MeasuredMoti
 
     The velocity is the mean of both ends, the acceleration their difference: so they are exact to
     the square of the period for torques that are held. Where the measured velocity is not that of
-    the measured positions, they are noisy: then q, v and a are those of cubic polynomials fitted to
-    q over 0.1 s, and the torque is smoothed in the same way (Savitzky and Golay 1964), which
-    low-passes both sides of the equation of motion alike.
+    the measured positions, they are noisy: then q passes a low pass forwards and backwards, and v
+    and a are its derivatives. The torque stays as it is: it is compared in averages over times that
+    are longer than the low pass's, in which its noise is independent.
     """
     t = np.array([sample.t for sample in samples])
     measured = [sample.measurement for sample in samples]
@@ -52,7 +54,7 @@ def measured_motion(model: pin.Model, samples: Sequence[Sample]) -> MeasuredMoti
     period = float(t[-1] - t[0]) / steps
     q = np.array([one.q for one in measured])
     v = np.array([one.v for one in measured])
-    tau = np.array([sample.torque for sample in samples])[:-1]
+    tau = np.array([_torque(*both) for both in pairwise(samples)])
     way = np.array([pin.difference(model, *ends) for ends in pairwise(q)])
     mean = 0.5 * (v[:-1] + v[1:])
     noisy = np.linalg.norm(way / period - mean) > _NOISY * np.linalg.norm(mean)
@@ -64,13 +66,18 @@ def measured_motion(model: pin.Model, samples: Sequence[Sample]) -> MeasuredMoti
     return _smooth(model, q[0], way, tau, period)
 
 
+def _torque(sample: Sample, after: Sample) -> np.ndarray:
+    """Return the torque (nv) between two samples: measured, or as the motors were known to give."""
+    measured = after.measurement.tau
+    return sample.torque if measured is None else np.asarray(measured, dtype=float)
+
+
 def _smooth(
     model: pin.Model, q_0: np.ndarray, way: np.ndarray, tau: np.ndarray, period: float
 ) -> MeasuredMotion:
     """Return the motion without what is faster than ``CUTOFF``, and without ``_END`` at its ends.
 
-    Derivatives are central differences of what is left, so that the acceleration is low-passed just
-    as the torque is.
+    Derivatives are central differences of what is left.
     """
     from scipy.signal import butter, sosfiltfilt  # here, because scipy is slow to import
 
@@ -78,7 +85,7 @@ def _smooth(
     ends = round(_END / period)
     travelled = sosfiltfilt(low_pass, np.cumsum(way, axis=0) - 0.5 * way, axis=0)
     v = np.gradient(travelled, period, axis=0)
-    a, tau = np.gradient(v, period, axis=0), sosfiltfilt(low_pass, tau, axis=0)
+    a = np.gradient(v, period, axis=0)
     travelled, v, a, tau = (part[ends:-ends] for part in (travelled, v, a, tau))
     path = [pin.integrate(model, q_0, part) for part in travelled]
-    return MeasuredMotion(np.array(path), v, a, tau, period)
+    return MeasuredMotion(np.array(path), v, a, tau, period, True)

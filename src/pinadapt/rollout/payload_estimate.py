@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -15,6 +15,7 @@ from ..models.pseudo_inertia import COEFFICIENTS, ten_parameters
 from ..models.regressor import LABELS, PER_BODY
 from ..robot.changes import Payload
 from ..robot.robot import Robot
+from .arm_prior import ArmPrior, described
 from .excitation import known_to
 from .information import Information
 
@@ -86,35 +87,44 @@ class PayloadEstimate:
         return Sheet("Load", [Table(rows, ("", "value", "known to", "unit"))], note)
 
 
-def payload_estimate(controller: Controller, found: Information) -> PayloadEstimate:
-    """Return the load that explains best how what was learned differs from the description.
+def payload_estimate(
+    controller: Controller, found: Information, prior: ArmPrior | None = None
+) -> PayloadEstimate:
+    """Return the load that explains best how what was learned differs from the arm as known.
 
-    With D the learned bodies less the described ones and H the information of the run, it is the
-    d with least (D - E d)^T H (D - E d), where E d changes the last body alone, and rotors and
-    friction at will. Where nothing but the last body was unknown, d is D. What no load explains is
-    spread over the directions that a load does not have, and counts as much in those that it has.
+    With D the learned bodies less the known ones and H the information of the run, it is the d
+    with least (D - E d)^T H (D - E d), where E d changes the last body alone, and rotors and
+    friction at will. Where nothing but the last body was unknown, d is D. What neither load nor arm
+    explain is spread over the directions that a load does not have, and counts as much in those
+    that it has.
 
     Args:
         controller: that learned.
-        found: what the run tells of its estimate, or of one that was refined.
+        found: what the run tells of its estimate, or of one that was refined; of all bodies where
+            there is a prior.
+        prior: what is known of the arm; None: it is as described.
 
     Raises:
         ParameterError: the last body is not among the parameters.
     """
-    belief, dynamics = controller.belief, controller.dynamics
-    robot = controller.kinematics.robot if belief is None else belief.unloaded
+    robot, names = described(controller), list(found.names)
     last = [f"{robot.joint_names[-1]}.{label}" for label in LABELS]
-    described = dynamics.value(robot) if set(last) <= set(dynamics.names) else None
-    if described is None:
+    known = (
+        controller.dynamics.value(robot) if set(last) <= set(controller.dynamics.names) else None
+    )
+    if known is None:
         raise ParameterError(
             "the last body is not among what was adapted, so no load was learned.",
             where="payload",
             hint='Adapt it: dynamic = "all" or "payload".',
         )
-    names = list(dynamics.names)
     joints = [i for i, name in enumerate(names) if name.rpartition(".")[2] not in LABELS]
     part = [*(names.index(name) for name in last), *joints]
-    difference = found.estimate - described
+    if prior is None:
+        found = replace(found, estimate=found.estimate - known)
+    else:
+        found = prior.seen_through(found)
+    difference = found.estimate
     load, left = _fitted(found, difference, part)
     _, unloaded = _fitted(found, difference, joints)
     transform = _into(robot)
@@ -145,7 +155,7 @@ def _fitted(
     rest[part] = difference[part] - fitted
     left = float(rest @ found.H @ rest)
     open_to_the_arm = found.rank - whole.rank
-    noisier = 1.0 + left / max(open_to_the_arm, 1)
+    noisier = max(left / max(open_to_the_arm, 1), 1.0)
     pull = (found.pull + found.H @ rest)[part]
     return Information(names, fitted, H / noisier, pull / noisier, found.noise, found.rows), left
 

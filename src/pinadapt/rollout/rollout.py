@@ -10,15 +10,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._checks import instance, positive
 from .._table import Sheet
 from ..controller.learned import LearnedParameters
-from ..exceptions import InputError
+from ..exceptions import InputError, ParameterError
+from ..models.dynamics import Dynamics
 from ..robot.robot import Robot
 from ..tasks.task import Task
+from ..tuning.prior import INERTIA
 from . import report, verdict
+from .arm_prior import ArmPrior, described, told_of_all, whole_arm
 from .evaluation import Evaluation
 from .excitation import Excitation
-from .information import position_information, torque_information
+from .information import Information, position_information, torque_information
 from .limit_excess import LimitExcess
 from .payload_estimate import PayloadEstimate, payload_estimate
 from .sample import Sample
@@ -294,7 +298,9 @@ class Rollout:
             LearnedParameters.of(controller, state).units,
         )
 
-    def payload(self, *, refined: bool = False) -> PayloadEstimate:
+    def payload(
+        self, *, refined: bool = False, arm: float = 0.0, empty: Rollout | None = None
+    ) -> PayloadEstimate:
         """Return the load that was learned: the last body as learned less the described one.
 
         Where the other bodies are unknown too, the load that explains best what was learned of all
@@ -303,15 +309,44 @@ class Rollout:
         Args:
             refined: compare not the last estimates, which still move, but the least-squares ones
                 from all data since the last mark.
+            arm: standard deviation by which bodies of the arm, whether adapted or not, may differ
+                from their description, as a share of their inertia: 0.05 for 5 %. The uncertainty
+                of the load then holds theirs.
+            empty: a run of the same arm without load, which told what the arm is; what it left open
+                is off by ``arm``, or by 30 % where that is zero.
 
         Raises:
-            ParameterError: the last body is not among the parameters.
-            InputError: as ``learned``.
+            ParameterError: the last body is not among the parameters, or bodies do not follow from
+                them, or those of ``empty`` are of another arm.
+            InputError: as ``learned``, or a share that is negative.
         """
+        arm = positive(arm, "arm", zero=True, error=InputError)
         evaluation, samples = self.evaluated(), self._samples_since_last_mark()
         controller, state = evaluation.controller, evaluation.last_state
-        found = torque_information(controller, samples, state)
-        return payload_estimate(controller, found.refined() if refined else found)
+        if not arm and empty is None:
+            found = torque_information(controller, samples, state)
+            return payload_estimate(controller, found.refined() if refined else found)
+        whole = whole_arm(controller)
+        prior = ArmPrior.of(described(controller), whole, arm or INERTIA)
+        if empty is not None:
+            prior = prior.after(instance(empty, Rollout, "empty")._told_of_all(whole).refined())
+        found = self._told_of_all(whole)
+        return payload_estimate(controller, found.refined() if refined else found, prior)
+
+    def _told_of_all(self, dynamics: Dynamics) -> Information:
+        """Return what the run tells of all bodies of an arm."""
+        evaluation = self.evaluated()
+        controller = evaluation.controller
+        theirs = {name.rpartition(".")[0] for name in dynamics.names}
+        if theirs != set(controller.kinematics.joint_names):
+            raise ParameterError(
+                f"that run was of the joints {list(controller.kinematics.joint_names)}.",
+                where="empty",
+                hint="Take a run of the same arm.",
+            )
+        return told_of_all(
+            controller, dynamics, self._samples_since_last_mark(), evaluation.last_state
+        )
 
     def _samples_since_last_mark(self) -> Sequence[Sample]:
         """Return the samples in which the robot was the one that it is at the end."""

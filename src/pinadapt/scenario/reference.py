@@ -9,6 +9,7 @@ from ..robot.robot import Robot
 from ..tasks.pose import PoseTask
 from ..tasks.task import Task
 from ..trajectories.circle import Circle
+from ..trajectories.fourier_series import FourierSeries
 from ..trajectories.hold import Hold
 from ..trajectories.lissajous import Lissajous
 from ..trajectories.orientation import UPRIGHT, FixedOrientation, Orientation, Swing
@@ -19,6 +20,7 @@ from ..trajectories.waypoints import Waypoints
 from .error_prefix import prefix_errors
 from .schema import (
     CircleSection,
+    FourierSection,
     HoldSection,
     LissajousSection,
     OrientationSection,
@@ -81,7 +83,7 @@ def _motion(reference: Reference, task: Task) -> tuple[Trajectory, bool]:
 
 def _around(
     middle: np.ndarray,
-    reference: CircleSection | LissajousSection | SinusoidSection | HoldSection,
+    reference: CircleSection | LissajousSection | SinusoidSection | FourierSection | HoldSection,
     task: Task,
 ) -> Trajectory:
     """Return the motion around a middle."""
@@ -93,6 +95,14 @@ def _around(
         )
     if isinstance(reference, SinusoidSection):
         return Sinusoid(middle, reference.amplitude, reference.period, reference.phase)
+    if isinstance(reference, FourierSection):
+        if any(len(rows) != middle.size for rows in (reference.cosine, reference.sine)):
+            raise ScenarioError(
+                f"the task has {middle.size} coordinates; a list of coefficients is needed for "
+                "each.",
+                where="reference.cosine",
+            )
+        return FourierSeries(middle, reference.cosine, reference.sine, reference.period)
     plane = _plane(reference, task)
     return Circle(middle, reference.radius, reference.period, plane, reference.phase)
 
@@ -103,7 +113,7 @@ def _plane(reference: CircleSection, task: Task) -> str:
         raise ScenarioError(
             f"the task '{task.name}' has no plane for a circle.",
             where="reference.kind",
-            hint='Take "sinusoid", "waypoints" or "hold".',
+            hint='Take "sinusoid", "fourier", "waypoints" or "hold".',
         )
     if task.positions == 2 and reference.plane in (None, task.name):
         return "xy"

@@ -205,9 +205,9 @@ def _start(belief: BeliefSection, controller: Controller, folder: Path) -> dict[
     return dict(LearnedParameters.load(folder / belief.learned).start(controller))
 
 
-def _noise(simulation: SimulationSection) -> dict[str, float] | None:
+def _noise(simulation: SimulationSection) -> dict[str, Any] | None:
     """Return the standard deviations by name, or None where all are zero."""
-    noise: dict[str, float] = simulation.noise.model_dump()
+    noise: dict[str, Any] = simulation.noise.model_dump()
     return noise if any(noise.values()) else None
 
 

@@ -226,6 +226,19 @@ class SinusoidSection(ReferenceSection):
     phase: Number | list[Number] = -pi / 2
 
 
+class FourierSection(ReferenceSection):
+    """[reference] kind = "fourier": a Fourier series a coordinate, as `pinadapt excite` writes it.
+
+    Rows of coefficients are those of a coordinate, the slowest harmonic first.
+    """
+
+    kind: Literal["fourier"]
+    center: list[Number] | None = None
+    cosine: list[list[Number]]
+    sine: list[list[Number]]
+    period: Positive = 10.0
+
+
 class WaypointsSection(ReferenceSection):
     """[reference] kind = "waypoints": minimum jerk from point to point.
 
@@ -246,7 +259,12 @@ class HoldSection(ReferenceSection):
 
 
 Reference = Annotated[
-    CircleSection | LissajousSection | SinusoidSection | WaypointsSection | HoldSection,
+    CircleSection
+    | LissajousSection
+    | SinusoidSection
+    | FourierSection
+    | WaypointsSection
+    | HoldSection,
     Field(discriminator="kind"),
 ]
 
@@ -255,6 +273,7 @@ REFERENCES: dict[str, type[Section]] = {
     "circle": CircleSection,
     "lissajous": LissajousSection,
     "sinusoid": SinusoidSection,
+    "fourier": FourierSection,
     "waypoints": WaypointsSection,
     "hold": HoldSection,
 }
@@ -267,6 +286,7 @@ class NoiseSection(Section):
     v: NotNegative = 0.0
     x: NotNegative = 0.0
     angle: NotNegative = 0.0
+    tau: NotNegative | list[NotNegative] = 0.0
 
 
 class CameraSection(Section):

@@ -63,7 +63,7 @@ def findings(
     dt: float,
     *,
     camera: Camera | Mapping[str, float | None] | None = None,
-    noise: Mapping[str, float] | None = None,
+    noise: Mapping[str, ArrayLike] | None = None,
     encoder: ArrayLike = 0.0,
     motors: np.ndarray | None = None,
 ) -> list[str]:

@@ -68,11 +68,12 @@ def run(
     plant.reset()
     if sensors is not None:
         sensors.reset()
+    given = None
     for _ in count() if duration is None else sample_indices(duration, dt):
         truth = plant.measure()
         if not truth.v.dot(truth.v) < FASTEST**2:  # also true for NaN
             raise DivergedError(f"the joint velocities exceed {FASTEST:g} rad/s or m/s.", truth.t)
-        measurement = truth if sensors is None else sensors.measure(truth)
+        measurement = truth if sensors is None else sensors.measure(truth, given)
         desired = trajectory.at(truth.t)
         if state is None:
             state = controller.init(measurement)

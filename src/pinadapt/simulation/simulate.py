@@ -50,7 +50,7 @@ def simulate(
     acceleration: str = "filtered",
     a_k: ArrayLike | None = None,
     a_d: ArrayLike | None = None,
-    noise: Mapping[str, float] | None = None,
+    noise: Mapping[str, ArrayLike] | None = None,
     delay: float = 0.0,
     camera: Camera | Mapping[str, float | None] | None = None,
     encoder: ArrayLike = 0.0,
@@ -79,7 +79,8 @@ def simulate(
         acceleration: "filtered", or "ideal": the plant's own, for checking theory.
         a_k: (p_k) initial kinematic estimate [m], by default the believed robot's.
         a_d: (p_d) initial dynamic estimate, by default the believed robot's.
-        noise: standard deviations of q, v, x, and the angle of a measured pose, sampled mode.
+        noise: standard deviations of q, v, x, the angle of a measured pose, and the torque tau, one
+            or one a joint, sampled mode; see ``Sensors``.
         delay: s, of the task-space measurement, sampled mode.
         camera: that sees the task frame, sampled mode; its attributes by name, or one.
         encoder: a count of the joints' sensors, one or one a joint [rad or m], sampled mode; see

@@ -1,6 +1,7 @@
 """Desired motions: coordinates with their first two derivatives at any time."""
 
 from .circle import Circle as Circle
+from .fourier_series import FourierSeries as FourierSeries
 from .hold import Hold as Hold
 from .lissajous import Lissajous as Lissajous
 from .orientation import FixedOrientation as FixedOrientation

@@ -72,7 +72,7 @@ def make_controller(
     watch: bool = True,
     payload: Payload | None = None,
     guards: Mapping[str, bool] | bool = True,
-    noise: Mapping[str, float] | Sequence[Measurement] | None = None,
+    noise: Mapping[str, ArrayLike] | Sequence[Measurement] | None = None,
     encoder: ArrayLike = 0.0,
     camera: Camera | Mapping[str, float | None] | None = None,
     carry: bool = True,

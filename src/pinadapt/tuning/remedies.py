@@ -24,7 +24,7 @@ from ..sensing import Camera, SensorQuality
 
 _FEWEST = 10  # samples that show the noise
 _RESTING = 1.0  # mean against deviation of the velocity of an arm that rests
-CHANNELS = ("q", "v", "x", "angle")
+CHANNELS = ("q", "v", "x", "angle", "tau")
 
 _COARSE = 5e-3  # [rad]
 _FILTER, _DECORRELATION, _MODE = 7.0, 2.0, 0.2  # bandwidths; share of the adaptation's mode
@@ -56,7 +56,7 @@ def sensor_quality(
     robot: Robot,
     dt: float,
     camera: Camera | Mapping[str, float | None] | None,
-    noise: Mapping[str, float] | Sequence[Measurement] | None,
+    noise: Mapping[str, ArrayLike] | Sequence[Measurement] | None,
     encoder: ArrayLike,
 ) -> SensorQuality:
     """Return how good declared sensors are.
@@ -67,7 +67,8 @@ def sensor_quality(
         robot: whose joints are measured.
         dt: sampling period [s].
         camera: that gives x, or None.
-        noise: standard deviations by channel, q, v, x [rad, rad/s, m, m/s], or samples at rest.
+        noise: standard deviations by channel, q, v, x [rad, rad/s, m, m/s], or samples at rest;
+            that of the torque, tau, asks for nothing.
         encoder: rad or m a count, one or one a joint.
 
     Raises:
@@ -81,7 +82,11 @@ def sensor_quality(
                 f"{did_you_mean(str(name), CHANNELS)}",
                 where="noise",
             )
-    sizes = {name: positive(given.get(name, 0.0), f"noise.{name}", zero=True) for name in given}
+    sizes = {
+        name: positive(given.get(name, 0.0), f"noise.{name}", zero=True)
+        for name in given
+        if name != "tau"
+    }
     counts = vector(encoder, robot.model.nv, "encoder")
     if (counts < 0.0).any():
         raise InputError(f"must not be negative, got {encoder!r}.", where="encoder")

@@ -1,0 +1,207 @@
+"""Where a motion may go: limits of the description with a margin, and off the mounting plane."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from .._checks import positive, vector
+from ..exceptions import InputError, RobotError
+from ..robot.chain import configuration_from_angles, is_slide
+from ..robot.changes import Payload
+from ..robot.effort_limits import effort_limits
+from ..robot.mounting import MountingPlane
+from ..robot.position_limits import position_limits
+from ..robot.robot import Robot
+from ..robot.velocity_limits import velocity_limits
+
+_MARGIN = 0.05  # of a joint's range, at both ends
+_SPEED, _EFFORT = 0.8, 0.8  # shares of the description's limits
+_FAST_TURN, _FAST_SLIDE = 2.5, 1.0  # [rad/s, m/s] at most, whatever a description allows
+_TURN, _SLIDE = 0.5 * np.pi, 0.5  # [rad, m] from home
+_LOAD, _HALVINGS = 0.1, 6  # of the robot's mass
+_ROOM = 0.05  # of the reach, off the mounting plane
+
+
+@dataclass(frozen=True, eq=False)
+class Allowance:
+    """What a motion of the joints may use.
+
+    Attributes:
+        robot: whose joints move.
+        low, high: (n) angles or ways [rad or m].
+        speed: (n) [rad/s or m/s].
+        effort: (n) [N m or N], infinite where the description has none.
+        load: the heaviest that it may carry [kg].
+        loaded: the model of the robot with it.
+        plane: that it is mounted on, or None where it moves along it or starts beyond it.
+        room: distance to be kept from it [m].
+    """
+
+    robot: Robot
+    low: np.ndarray
+    high: np.ndarray
+    speed: np.ndarray
+    effort: np.ndarray
+    load: float
+    loaded: pin.Model
+    plane: MountingPlane | None
+    room: float
+
+    @classmethod
+    def of(cls, robot: Robot, excursion: ArrayLike | None, load: float | None) -> Allowance:
+        """Take a robot, how far its joints may go from home, and its heaviest load [kg].
+
+        Raises:
+            InputError: numbers that cannot be.
+            RobotError: a home outside the limits, or a load that the motors cannot hold there.
+        """
+        slides = np.array([is_slide(joint) for joint in robot.model.joints[1:]])
+        low, high = _range(robot, slides, excursion)
+        speed = np.minimum(
+            _SPEED * velocity_limits(robot.model), np.where(slides, _FAST_SLIDE, _FAST_TURN)
+        )
+        mass = _bearable(robot) if load is None else positive(load, "load", zero=True)
+        _check_held(robot, mass)
+        plane, room = _off_plane(robot)
+        return cls(robot, low, high, speed, _effort(robot), mass, _loaded(robot, mass), plane, room)
+
+    def torques(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return the torques (N, 2, n) of a motion, without load and with the heaviest one."""
+        models = [(model, model.createData()) for model in (self.robot.model, self.loaded)]
+        return np.array(
+            [
+                [pin.rnea(model, data, *state) for model, data in models]
+                for state in zip(q, v, a, strict=True)
+            ]
+        )
+
+    def clearance(self, q: np.ndarray) -> float:
+        """Return the least distance of configurations (N, nq) from the plane [m]; inf for none."""
+        return float(np.min(self._distances(q), initial=np.inf))
+
+    def excess(self, angles: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return how far N states are beyond what is allowed, in parts of it (N, .), from 0 up."""
+        middle, half = 0.5 * (self.low + self.high), 0.5 * (self.high - self.low)
+        parts = [np.abs(angles - middle) / half, np.abs(v) / self.speed]
+        if np.isfinite(self.effort).any():
+            parts.append((np.abs(self.torques(q, v, a)) / self.effort).reshape(len(q), -1))
+        if self.plane is not None:
+            parts.append(2.0 - self._distances(q)[:, None] / self.room)
+        return np.maximum(np.hstack(parts) - 1.0, 0.0)
+
+    def _distances(self, q: np.ndarray) -> np.ndarray:
+        """Return the distance (N) [m] of each configuration (N, nq) from the plane, if any."""
+        if self.plane is None:
+            return np.zeros(0)
+        model, data, frame = self.robot.model, self.robot.model.createData(), self.robot.frame_id
+        different, which = np.unique(q, axis=0, return_inverse=True)
+        found = np.array([self.plane.distance(model, data, frame, each) for each in different])
+        return np.asarray(found[which.ravel()])
+
+
+def _range(
+    robot: Robot, slides: np.ndarray, excursion: ArrayLike | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the least and largest angles or ways (n) [rad or m].
+
+    Raises:
+        InputError: an excursion that cannot be.
+        RobotError: a home outside the limits.
+    """
+    home, (lower, upper) = robot.home_angles, position_limits(robot.model)
+    _check_home(robot, lower, upper)
+    away = np.where(slides, _SLIDE, _TURN)
+    if excursion is not None:
+        away = vector(excursion, robot.model.nv, "excursion", names=robot.joint_names)
+        for each in away:
+            positive(each, "excursion", error=InputError)
+    margin = np.where(np.isfinite(lower), _MARGIN * (upper - lower), 0.0)
+    low = lower + np.minimum(margin, 0.5 * (home - lower))
+    high = upper - np.minimum(margin, 0.5 * (upper - home))
+    return np.maximum(low, home - away), np.minimum(high, home + away)
+
+
+def _effort(robot: Robot) -> np.ndarray:
+    """Return the torques (n) that a motion may use [N m or N]."""
+    return _EFFORT * effort_limits(robot)
+
+
+def _loaded(robot: Robot, mass: float) -> pin.Model:
+    """Return the model with a load [kg] in the frame's origin."""
+    return robot.changed(payload=Payload(mass)).model if mass else robot.model
+
+
+def _at_home(robot: Robot, mass: float) -> np.ndarray:
+    """Return the torques (n) that hold the robot at home, with or without load [kg]."""
+    rest = np.zeros(robot.model.nv)
+    torques = [
+        pin.rnea(model, model.createData(), robot.q0, rest, rest)
+        for model in (robot.model, _loaded(robot, mass))
+    ]
+    return np.asarray(np.abs(torques).max(axis=0))
+
+
+def _bearable(robot: Robot) -> float:
+    """Return a load [kg]: a tenth of the robot's mass, halved until it is held at home, or none."""
+    loads = [_LOAD * robot.mass / 2**halvings for halvings in range(_HALVINGS)]
+    return next((mass for mass in loads if (_at_home(robot, mass) < _effort(robot)).all()), 0.0)
+
+
+def _check_held(robot: Robot, mass: float) -> None:
+    """Refuse a load [kg] that the motors cannot hold at home within their share.
+
+    Raises:
+        RobotError: the joint and both torques are named.
+    """
+    needs = zip(robot.joint_names, _at_home(robot, mass), _effort(robot), strict=True)
+    for name, torque, effort in needs:
+        if torque >= effort:
+            raise RobotError(
+                f"at home joint '{name}' needs {torque:.3g} of the {effort:.3g} N m or N that a "
+                f"motion may use ({_EFFORT:.0%} of its limit) with a load of {mass:.3g} kg.",
+                where=robot.name,
+                hint="State a lighter load, or take another home pose."
+                if mass
+                else "Take another home pose, or correct the limits of the description.",
+            )
+
+
+def _off_plane(robot: Robot) -> tuple[MountingPlane | None, float]:
+    """Return the plane that a robot is mounted on, and how far to keep off it [m].
+
+    None where all of it moves along the plane, or home is beyond it.
+    """
+    plane = MountingPlane.of(robot.model, robot.frame_id, robot.q0)
+    if plane is None:
+        return None, 0.0
+    there = plane.distance(robot.model, robot.model.createData(), robot.frame_id, robot.q0)
+    return (plane, min(_ROOM * robot.reach, 0.5 * there)) if there > 0.0 else (None, 0.0)
+
+
+def _check_home(robot: Robot, lower: np.ndarray, upper: np.ndarray) -> None:
+    """Refuse a home outside the limits.
+
+    Raises:
+        RobotError: the joint is named.
+    """
+    for name, angle, low, high in zip(
+        robot.joint_names, robot.home_angles, lower, upper, strict=True
+    ):
+        if not low < angle < high:
+            raise RobotError(
+                f"home has joint '{name}' at {angle:.4g}, limits {low:.4g} to {high:.4g}: a motion "
+                "from there and back cannot keep inside.",
+                where="q0",
+                hint="Take another home pose, Robot.at or robot.q0.",
+            )
+
+
+def configurations(robot: Robot, angles: np.ndarray) -> np.ndarray:
+    """Return the configurations (N, nq) of angles (N, nv) [rad or m]."""
+    if robot.model.nq == robot.model.nv:
+        return angles
+    return np.array([configuration_from_angles(robot.model, each) for each in angles])
