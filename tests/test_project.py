@@ -29,7 +29,7 @@ LAYERS = [
     {"records", "sensing", "tasks"},
     {"trajectories"},
     {"robot"},
-    {"models"},
+    {"models", "logs"},
     {"adaptation"},
     {"signals"},
     {"filters"},
@@ -39,7 +39,7 @@ LAYERS = [
     {"plants"},
     {"plots", "view"},
     {"rollout"},
-    {"simulation"},
+    {"simulation", "identification"},
     {"scenario", "zoo"},
     {"cli"},
 ]
