@@ -39,8 +39,8 @@ LAYERS = [
     {"plants"},
     {"plots", "view"},
     {"rollout"},
-    {"simulation", "identification"},
-    {"scenario", "zoo"},
+    {"simulation"},
+    {"scenario", "zoo", "identification"},
     {"cli"},
 ]
 LAYER = {name: level for level, names in enumerate(LAYERS) for name in names}

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from .._files import check_writable, one_run
-from ..exceptions import InputError
+from ..exceptions import InputError, ParameterError
 from ..identification.identification import Identification
 from ..identification.identify import identify as identify_log
 from ..identification.report import FILES
@@ -90,4 +91,7 @@ def _write(found: Identification, folder: Path) -> None:
     steps: list[Callable[[Path], object]] = [found.plot, found.save]
     with one_run(folder, FILES) as beside:
         for step in steps_bar(steps, "identify: outputs"):
-            step(beside)
+            try:
+                step(beside)
+            except ParameterError as reason:
+                print(f"pinadapt: not all that was learned is written: {reason}", file=sys.stderr)

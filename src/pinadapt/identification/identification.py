@@ -153,6 +153,7 @@ class Identification:
         """Write ``learned.urdf``, ``learned.json``, ``estimates.npz`` and ``summary.json``.
 
         Raises:
+            ParameterError: no URDF can have the estimates; the other files are written.
             OSError: they cannot be written.
         """
         words.save(self, Path(folder))

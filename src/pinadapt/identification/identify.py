@@ -16,6 +16,7 @@ from ..robot.gravity import Compensation, compensation_of
 from ..robot.loading import load
 from ..robot.robot import Robot
 from ..rollout.rollout import Rollout
+from ..simulation.progress import Progress, watched
 from ..tasks.joint import JointTask
 from ..tuning.make_estimator import make_estimator
 from ..tuning.unknowns import Words
@@ -47,6 +48,7 @@ def identify(
     degrees: bool = False,
     topic: str | None = None,
     pose_topic: str | None = None,
+    progress: Progress | bool | None = None,
 ) -> Identification:
     """Learn a robot from a motion that was recorded, whoever moved it.
 
@@ -71,6 +73,7 @@ def identify(
         degrees: whether angles are in degrees.
         topic: of a bag's joint states.
         pose_topic: of the frame's position in a bag.
+        progress: of the online estimates, as of ``simulate``: by default a bar on a terminal.
 
     Raises:
         LogError: a log that cannot be used.
@@ -100,6 +103,8 @@ def identify(
     first = windows.between(-np.inf, split)
     _check(windows, first, found)
     rows = position_rows(kinematics, motion, frames)
+    steps = watched(range(len(found.t)), progress, "online")
+    samples = (sample for sample, _ in zip(measurements(found, seen, frames), steps, strict=False))
     return Identification(
         log=found,
         described=described,
@@ -112,7 +117,7 @@ def identify(
         kinematic=position_fit(kinematics, rows),
         before_split=torque_fit(dynamics, physical, first).estimate,
         position_before_split=position_fit(kinematics, rows.split(split)[0]).estimate,
-        online=estimate_online(estimator, measurements(found, seen, frames), len(found.t)),
+        online=estimate_online(estimator, samples, len(found.t)),
     )
 
 

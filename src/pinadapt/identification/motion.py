@@ -13,7 +13,7 @@ from ..robot.robot import Robot
 
 CUTOFF = 15.0  # [Hz] of the zero-phase low pass on positions
 _ORDER = 4
-_NOISY = 0.02  # share of a velocity by which it may differ from that of the positions
+_NOISY = 5e-3  # share of a velocity by which it may differ from that of the positions
 _END = 0.1  # [s] at both ends, where a low pass has settled on one side only
 
 
@@ -39,7 +39,7 @@ def motion_of(log: Log, robot: Robot) -> Motion:
     """Return the motion in a log, without the samples that are not whole.
 
     Velocities come from the positions through a zero-phase low pass where there are none, or where
-    they are not those of the positions to 2 %: differenced encoders are noisy, and the filter of a
+    they are not those of the positions to 0.5 %: differenced encoders are noisy, and the filter of a
     drive delays. The low pass is wider than what the torque is compared in, so it changes nothing
     but noise.
     """

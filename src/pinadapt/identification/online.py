@@ -43,7 +43,7 @@ class OnlineEstimates:
 def estimate_online(
     estimator: Estimator, samples: Iterable[Measurement], count: int
 ) -> OnlineEstimates:
-    """Return what an estimator learns of samples, one at a time; about ``count`` of them.
+    """Return what an estimator learns of at most ``count`` samples, one at a time.
 
     Samples that cannot be believed are left out, as a robot's loop would.
 

@@ -256,5 +256,5 @@ def save(found: Identification, folder: Path) -> None:
     with whole_file(folder / "estimates.npz") as file:
         np.savez_compressed(file, **arrays)
     found.parameters().save(folder / "learned.json")
-    found.robot.save(folder / "learned.urdf")
     write_text(folder / "summary.json", json.dumps(found.summary(), indent=2) + "\n")
+    found.robot.save(folder / "learned.urdf")
