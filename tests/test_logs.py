@@ -183,7 +183,7 @@ def test_a_file_that_cannot_be_read_is_refused(tmp_path, robot, log):
 
 def test_a_wrong_column_is_named_with_the_nearest(tmp_path, robot, log):
     path = write_csv(tmp_path / "a.csv", columns_of(log, range(6)))
-    with pytest.raises(pa.LogError, match="no column 'tua0'.*Did you mean 'tau0'"):
+    with pytest.raises(pa.LogError, match=r"no column 'tua0'.*Did you mean 'tau0'"):
         pa.read_log(path, robot, columns={"tau": [f"tua{j}" for j in range(6)]})
     with pytest.raises(pa.LogError, match="no signal 'torque'"):
         pa.read_log(path, robot, columns={"torque": "tau*"})

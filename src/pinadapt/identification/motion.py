@@ -39,8 +39,8 @@ def motion_of(log: Log, robot: Robot) -> Motion:
     """Return the motion in a log, without the samples that are not whole.
 
     Velocities come from the positions through a zero-phase low pass where there are none, or where
-    they are not those of the positions to 0.5 %: differenced encoders are noisy, and the filter of a
-    drive delays. The low pass is wider than what the torque is compared in, so it changes nothing
+    they are not those of the positions to 0.5 %: differenced encoders are noisy, and the filter of
+    a drive delays. The low pass is wider than what the torque is compared in, so it changes nothing
     but noise.
     """
     q = log.configurations(robot)

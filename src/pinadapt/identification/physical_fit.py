@@ -1,6 +1,6 @@
 """Least squares in the physical cone, drawn to the description where the motion tells nothing.
 
-    minimise  |S^-1/2 (W a - y)|^2 / 2 + gamma sum_b D(P_b, P_b0) + gamma sum_j D(c_j, c_j0),
+    minimise  |S^-1/2 (W a - y)|^2 / 2 + gamma (sum_b D(P_b, P_b0) + sum_j w_j D(c_j, c_j0)),
 
 P_b the pseudo-inertia of body b, c_j > 0 the coefficients of the joints, and
 
@@ -11,20 +11,20 @@ border of the cone, so the estimate is always physical, and it is convex, so the
 It is the entropic divergence between two mass distributions of T. Lee, P. M. Wensing, F. C. Park,
 *Geometric robot dynamic identification: a convex programming approach*, IEEE Trans. Robotics 36
 (2020) 348-365. The whole is self-concordant, so Newton's method with a line search finds it; gamma
-comes down to its value in steps of ten.
+comes down to its value in steps of ten, from where the description outweighs the rows.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..models.pseudo_inertia import COEFFICIENTS
 from ..models.regressor import PER_BODY
 
-GAMMA = 1e-2  # a description is known to a factor of e to ten times less than one row tells
-_FIRST, _FALL = 1e8, 10.0  # gamma's, over its last value, and from one to the next
+GAMMA = 1e-4  # a description tells a ten-thousandth of what one row does
+_FALL = 10.0  # of gamma, from one value to the next
 _STEPS = 50
 _DECREMENT = 1e-8  # squared, of Newton's step in units of gamma
 _BACK, _LEAST = 0.5, 1e-12
@@ -38,10 +38,13 @@ class PhysicalSet:
     Attributes:
         bodies: how many.
         center: (p) inside of the set.
+        weights: (p - 10 k) w of the coefficients, positive; by default ones. D grows with c / c_0,
+            so a coefficient that may be many times what it is described as has a small one.
     """
 
     bodies: int
     center: np.ndarray
+    weights: np.ndarray = field(default_factory=lambda: np.ones(1))
 
     def matrices(self, a: np.ndarray) -> np.ndarray:
         """Return P (k, 4, 4) of the bodies at a (p)."""
@@ -55,13 +58,18 @@ class PhysicalSet:
     def divergence(self, a: np.ndarray) -> float:
         """Return the sum of D from the centre to a (p); infinite outside of the set."""
         P, P_0, c = self.matrices(a), self.matrices(self.center), self.coefficients(a)
-        if self.bodies and not (np.linalg.eigvalsh(P) > 0.0).all():
+        try:
+            L = np.linalg.cholesky(P)
+        except np.linalg.LinAlgError:
             return np.inf
         if not (c > 0.0).all():
             return np.inf
-        ratio, shares = np.linalg.solve(P_0, P), c / self.coefficients(self.center)
-        of_bodies = np.trace(ratio, axis1=1, axis2=2) - np.linalg.slogdet(ratio)[1] - 4.0
-        return float(of_bodies.sum() + (shares - np.log(shares) - 1.0).sum())
+        logs = 2.0 * np.log(np.diagonal(L, axis1=1, axis2=2)).sum(axis=1)
+        traces = np.trace(np.linalg.solve(P_0, P), axis1=1, axis2=2)
+        of_bodies = traces - logs + np.linalg.slogdet(P_0)[1] - 4.0
+        shares = c / self.coefficients(self.center)
+        of_joints = self.weights * (shares - np.log(shares) - 1.0)
+        return float(of_bodies.sum() + of_joints.sum())
 
     def local(self, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return T (p, p) and h (p): at a + T u, D is h . u + |u|^2 / 2 more, to second order."""
@@ -76,8 +84,9 @@ class PhysicalSet:
             T[block, block] = np.linalg.inv(R)
             h[block] = Q.T @ (L.T @ np.linalg.solve(P_0[b], L) - np.eye(4)).ravel()
         c, first = self.coefficients(a), PER_BODY * self.bodies
-        T[first:, first:] = np.diag(c)
-        h[first:] = c / self.coefficients(self.center) - 1.0
+        root = np.sqrt(self.weights)
+        T[first:, first:] = np.diag(c / root)
+        h[first:] = root * (c / self.coefficients(self.center) - 1.0)
         return T, h
 
 
@@ -86,7 +95,8 @@ def physical_fit(
 ) -> np.ndarray:
     """Return the minimum (p) of |A a - b|^2 / 2 + gamma D(a), A (k, p) and b (k) whitened rows."""
     R, z = _square(A, b)
-    a, weight = physical.center, gamma * _FIRST
+    a = physical.center
+    weight = max(gamma, float(np.linalg.norm(R @ physical.local(a)[0], 2) ** 2))
     while True:
         a = _newton(R, z, physical, a, weight)
         if weight <= gamma:
@@ -114,7 +124,7 @@ def _newton(
         step, fall = T @ u, float(np.sum((rows @ u) ** 2))
         if fall <= _DECREMENT * gamma:
             return a
-        share = _share_inside(u, physical, T, a)
+        share = _share_inside(step, physical, a)
         while share > _LEAST:
             after = _value(R, z, physical, a + share * step, gamma)
             if after <= value - 0.1 * share * fall:
@@ -126,15 +136,15 @@ def _newton(
     return a
 
 
-def _share_inside(u: np.ndarray, physical: PhysicalSet, T: np.ndarray, a: np.ndarray) -> float:
+def _share_inside(step: np.ndarray, physical: PhysicalSet, a: np.ndarray) -> float:
     """Return which share of a step, at most one, stays clear of the border of the set."""
     largest = 0.0
     if physical.bodies:
-        P, change = physical.matrices(a), physical.matrices(T @ u)
+        P, change = physical.matrices(a), physical.matrices(step)
         L = np.linalg.inv(np.linalg.cholesky(P))
         relative = L @ change @ L.transpose(0, 2, 1)
         largest = float(-np.linalg.eigvalsh(relative).min())
-    shares = u[PER_BODY * physical.bodies :]
+    shares = physical.coefficients(step) / physical.coefficients(a)
     largest = max(largest, float(-shares.min(initial=0.0)))
     return min(1.0, _INSIDE / largest) if largest > 0.0 else 1.0
 

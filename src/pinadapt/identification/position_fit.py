@@ -52,7 +52,9 @@ def position_rows(kinematics: TaskKinematics, motion: Motion, frames: Frames) ->
         t.append(time)
         W.append(X_k)
         r.append(x[:m] - believed)
-    return PositionRows(np.array(t), np.array(W).reshape(-1, m, p), np.array(r).reshape(-1, m))
+    count = len(t)
+    rows = np.array(W).reshape(count, m, p), np.array(r).reshape(count, m)
+    return PositionRows(np.array(t), *rows)
 
 
 def position_fit(kinematics: TaskKinematics, rows: PositionRows) -> Information:
@@ -77,4 +79,5 @@ def position_fit(kinematics: TaskKinematics, rows: PositionRows) -> Information:
 
 def _whitened(rows: PositionRows, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return rows (M m, p) and right-hand side (M m) in units of the noise (m)."""
-    return (rows.W / noise[:, None]).reshape(-1, rows.W.shape[-1]), (rows.r / noise).ravel()
+    size, p = rows.r.size, rows.W.shape[-1]
+    return (rows.W / noise[:, None]).reshape(size, p), (rows.r / noise).ravel()

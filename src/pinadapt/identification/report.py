@@ -31,7 +31,7 @@ FILES = (
     "summary.json",
 )
 _HARDLY = 2.0  # times better than the description is hardly better
-_GRAVITY = 0.5  # share of the error that is left with gravity added where a log leaves it out
+_GRAVITY = 0.7  # share of the error that is left with gravity added where a log leaves it out
 
 
 def verdict(found: Identification) -> str:

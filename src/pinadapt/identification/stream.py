@@ -26,7 +26,8 @@ def measurements(log: Log, robot: Robot, frames: Frames) -> Iterator[Measurement
     velocity. They then belong together, 11 ms late, and so do the frames.
     """
     q, v, tau = log.configurations(robot), log.v, log.tau
-    mean = np.vstack([tau[:1], tau[:-1] if log.held else 0.5 * (tau[1:] + tau[:-1])])
+    before = np.where(np.isfinite(tau[:-1]), tau[:-1], tau[1:])
+    mean = np.vstack([tau[:1], tau[:-1] if log.held else 0.5 * (tau[1:] + before)])
     late = 0.0 if v is not None else 1.0 / _RATE
     passed = _Causal(robot.model)
     seen, taken = 0, frames.t + late

@@ -144,7 +144,9 @@ def _guess(factor: float) -> str:
 
 
 def _torques(log: Log, robot: Robot) -> None:
-    sizes = np.sqrt(np.nanmean(log.tau**2, axis=0))
+    finite = np.isfinite(log.tau)
+    squares = np.where(finite, log.tau, 0.0) ** 2
+    sizes = np.sqrt(squares.sum(axis=0) / finite.sum(axis=0))
     if not sizes.any():
         raise LogError(
             "all torques are zero, and without them no dynamics can be learned.",
