@@ -17,7 +17,7 @@ from recorded import LOAD, motion, recorded, torques, true_robot
 @cache
 def identified(name, noisy=True, **options):
     """Return what was learned of a robot's log."""
-    return pa.identify(recorded(name, noisy=noisy), catalogue_robot(name), **options)
+    return pa.identify(recorded(name, noisy=noisy, dt=2e-3), catalogue_robot(name), **options)
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5"])
@@ -123,8 +123,8 @@ def test_continuous_and_prismatic_joints_do(name):
 def test_nan_is_left_out_and_told():
     log = recorded("ur5", noisy=True)
     q, tau = log.q.copy(), log.tau.copy()
-    q[300:305, 2], tau[1000, :] = np.nan, np.inf
-    tau[1000, 1] = np.nan
+    q[150:155, 2], tau[500, :] = np.nan, np.inf
+    tau[500, 1] = np.nan
     found = pa.identify(replace(log, q=q, tau=tau), catalogue_robot("ur5"))
     assert found.online.refused == 6 and "6 samples online" in found.report()
     assert np.isfinite(found.online.a_d).all() and np.isfinite(found.dynamic.estimate).all()

@@ -67,7 +67,7 @@ def test_times_may_jitter_and_a_hole_costs_only_the_windows_around_it():
 
 
 def test_nan_is_a_hole():
-    log = recorded("ur5", duration=2.0)
+    log = recorded("ur5", duration=2.0, dt=2e-3)
     tau = log.tau.copy()
     tau[400:450, 2] = np.nan
     found, true = windows("ur5", replace(log, tau=tau))
@@ -76,12 +76,12 @@ def test_nan_is_a_hole():
 
 @pytest.mark.parametrize("name", ["panda", "kinova"])
 def test_velocities_come_from_positions_where_there_are_none(name):
-    log = recorded(name, duration=3.0)
+    log = recorded(name, duration=3.0, dt=2e-3)
     found, true = windows(name, replace(log, v=None))
     assert missed(found, true) < 5e-3
 
 
 def test_noisy_velocities_are_not_taken():
     robot = catalogue_robot("ur5")
-    assert motion_of(recorded("ur5", noisy=True), robot).smooth
+    assert motion_of(recorded("ur5", noisy=True, dt=2e-3), robot).smooth
     assert not motion_of(recorded("ur5"), robot).smooth

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from .._checks import instance, positive
 from ..adaptation.adaptation import Adaptation
+from ..controller.estimator import Estimator
 from ..exceptions import InputError, LogError, ParameterError
 from ..logs.log import Log
+from ..models.translations import FIRST, PlacedTranslations
 from ..robot.gravity import Compensation, compensation_of
 from ..robot.loading import load
 from ..robot.robot import Robot
@@ -54,8 +58,8 @@ def identify(
 
     Twice: online, sample by sample, by an ``Estimator`` as it would have run beside the controller;
     and offline, by least squares over the whole log in the physical cone, see ``physical_fit``.
-    The latter is the result. The last quarter is held out once, to see what the rest predicts of
-    it.
+    The latter is the result, translations first, then what turns and rubs at the lengths found. The
+    last quarter is held out once, to see what the rest predicts of it.
 
     Args:
         log: a file, folder or ``Log``, see ``read_log``; or a rollout.
@@ -89,20 +93,29 @@ def identify(
     )
     found = _compensated(found, described, compensated)
     frames, seen = _seen(found, described, kinematic)
-    estimator = make_estimator(
-        seen, adaptation=adaptation, kinematic=kinematic, dynamic=dynamic, joint=joint,
-        dt=found.period, regressor="nominal",
-    )  # fmt: skip
+    options: dict[str, Any] = {
+        "adaptation": adaptation,
+        "kinematic": kinematic,
+        "dynamic": dynamic,
+        "joint": joint,
+        "dt": found.period,
+        "regressor": "nominal",
+    }
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*nominal regressor")  # no loop to prove
+        estimator = make_estimator(seen, **options)
     dynamics, kinematics = estimator.controller.dynamics, estimator.controller.kinematics
     if not (dynamics.size or kinematics.size):
         raise InputError("nothing is unknown, so nothing can be learned.", where="identify")
     physical = physical_set(dynamics, seen)
     motion = motion_of(found, seen)
     split = float(motion.t[-1] - share * (motion.t[-1] - motion.t[0]))
-    windows = windows_of(motion, dynamics, found.period, held=found.held)
+    rows = position_rows(kinematics, motion, frames)
+    located = position_fit(kinematics, rows)
+    placed = _placed(estimator, seen, located.estimate, options)
+    windows = windows_of(motion, placed.controller.dynamics, found.period, held=found.held)
     first = windows.between(-np.inf, split)
     _check(windows, first, found)
-    rows = position_rows(kinematics, motion, frames)
     steps = watched(range(len(found.t)), progress, "online")
     samples = (sample for sample, _ in zip(measurements(found, seen, frames), steps, strict=False))
     return Identification(
@@ -114,11 +127,25 @@ def identify(
         split=split,
         smooth=motion.smooth,
         dynamic=torque_fit(dynamics, physical, windows),
-        kinematic=position_fit(kinematics, rows),
+        kinematic=located,
         before_split=torque_fit(dynamics, physical, first).estimate,
         position_before_split=position_fit(kinematics, rows.split(split)[0]).estimate,
         online=estimate_online(estimator, samples, len(found.t)),
     )
+
+
+def _placed(
+    estimator: Estimator, robot: Robot, a_k: np.ndarray, options: Mapping[str, Any]
+) -> Estimator:
+    """Return an estimator whose bodies are where the translations of joints were found to be."""
+    kinematics = estimator.controller.kinematics
+    if all(part.joint in (None, FIRST) for part in kinematics.translations):
+        return estimator
+    model = robot.model.copy()
+    PlacedTranslations(model, robot.frame_id, kinematics.translations).write(a_k)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*nominal regressor")
+        return make_estimator(replace(robot, model=model), **options)
 
 
 def _compensated(log: Log, robot: Robot, compensated: Compensation | str | None) -> Log:
