@@ -7,7 +7,7 @@ STRIP  := $(BIN)/nbstripout --keep-id --extra-keys metadata.language_info
 export OPENBLAS_NUM_THREADS := 1
 
 # Closed loops of many seconds, which `make check` leaves to `make test`.
-SLOW := borrowed cli closed_loop composite excitation heavy_load hostile init interrupted \
+SLOW := borrowed cli closed_loop composite excitation heavy_load hostile identify init interrupted \
         joint_laws kernel_cache large_inputs late_frames learned limits live load_changes lumped \
         lyapunov momentum mujoco_files mujoco_loops mujoco_plant notebooks outputs pages \
         pose_loop preflight readme reference remedies rollout separation showcase simulation \

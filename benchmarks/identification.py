@@ -39,7 +39,7 @@ def with_noise(run: pa.Rollout, robot: pa.Robot) -> pa.Log:
     q = np.round(run.q / COUNT) * COUNT
     tau = run.tau + TORQUE_NOISE * limits * rng.standard_normal(run.tau.shape)
     x = run.x[::33] + CAMERA * rng.standard_normal(run.x[::33].shape)
-    return pa.Log(run.t, q, tau, x=x, x_time=run.t[::33], held=True, source=f"{robot.name}, noisy")
+    return pa.Log(run.t, q, tau, x=x, x_time=run.t[::33], held=True, source="as sensors are")
 
 
 def rows(name: str) -> Iterator[tuple[str, pa.Identification]]:

@@ -11,6 +11,7 @@ from ..logs.log import Log
 from ..robot.robot import Robot
 
 _POSITION, _POSE = 3, 7
+_WIDE = 4.0  # of the reach, which no frame of the robot spans
 
 
 class Frames(NamedTuple):
@@ -29,7 +30,7 @@ def frames_of(log: Log, robot: Robot) -> Frames:
     """Return the frames of a log for the task of a robot; none where it has none.
 
     Raises:
-        LogError: coordinates that the task does not have.
+        LogError: coordinates that the task does not have, or further apart than it can move.
     """
     t, x = log.frames()
     if not len(t):
@@ -43,6 +44,13 @@ def frames_of(log: Log, robot: Robot) -> Frames:
             where=f"{log.source}: x",
             hint="Positions are x, y, z in world axes, poses x, y, z, qx, qy, qz, qw; a robot is "
             'loaded with task = "xyz" or "pose".',
+        )
+    span = float(np.ptp(x[:, : robot.task.positions], axis=0).max(initial=0.0))
+    if span > _WIDE * robot.reach:
+        raise LogError(
+            f"the frame moves by {span:.4g} m, and the robot reaches {robot.reach:.3g} m.",
+            where=f"{log.source}: x",
+            hint="Positions are in metres. In millimetres? A tracker's lost frames are NaN, not 0.",
         )
     order = np.argsort(t, kind="stable")
     return Frames(t[order], x[order])

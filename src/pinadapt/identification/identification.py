@@ -67,7 +67,11 @@ class Identification:
 
     @property
     def robot(self) -> Robot:
-        """The robot as learned; ``robot.save("learned.urdf")`` writes it."""
+        """The robot as learned; ``robot.save("learned.urdf")`` writes it.
+
+        Raises:
+            ParameterError: a body is on the border of what is physical.
+        """
         learned = self.estimator.learned(self.state)
         return replace(learned, drawn=self.described.drawn, task=self.described.task)
 

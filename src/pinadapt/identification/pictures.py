@@ -21,7 +21,8 @@ class Pictures(NamedTuple):
     """What an identification shows; in Jupyter each picture shows itself.
 
     Attributes:
-        torque: of each joint as measured, and as predicted before and after.
+        torque: of each joint as measured, and as predicted by the description and by what was
+            learned before the part that is held out.
         parameters: the online estimates in time, those of the whole log dashed.
     """
 
@@ -32,7 +33,7 @@ class Pictures(NamedTuple):
 def pictures_of(found: Identification) -> Pictures:
     """Draw what was identified."""
     windows, title = found.windows, f"{found.described.name}, {Path(found.log.source).name}"
-    left = windows.residual(found.described_parameters), windows.residual(found.dynamic.estimate)
+    before, after = (windows.residual(a) for a in (found.described_parameters, found.before_split))
     online = SimpleNamespace(
         title=title,
         law="identified online",
@@ -54,7 +55,7 @@ def pictures_of(found: Identification) -> Pictures:
             found.described.joint_names,
             windows.t,
             windows.tau,
-            {"described": windows.tau - left[0], "learned": windows.tau - left[1]},
+            {"described": windows.tau - before, "learned until then": windows.tau - after},
             found.split,
         )
         return Pictures(torque, parameter_figure(online, "dashed: whole log"))
