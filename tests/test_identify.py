@@ -1,8 +1,10 @@
 """A robot is learned from what was recorded of it, and what it carries is found."""
 
 import json
+import re
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -187,6 +189,40 @@ def as_csv(path, log, robot):
         comments="",
     )  # fmt: skip
     return path
+
+
+class Arm:
+    """A robot that somebody else drives."""
+
+    def __init__(self, log):
+        """Take what its sensors say."""
+        self.rows = [
+            pa.Measurement(t, q, v, tau=tau)
+            for t, q, v, tau in zip(log.t.tolist(), log.q, log.v, log.tau, strict=True)
+        ]
+
+    def enabled(self):
+        """Tell whether there is more."""
+        return bool(self.rows)
+
+    def read(self):
+        """Return the next sample."""
+        return self.rows.pop(0)
+
+
+def test_the_code_of_the_page_runs(tmp_path, monkeypatch):
+    page = Path(__file__).parents[1] / "docs" / "identify.md"
+    whole, online = re.findall(r"```python\n(.*?)```", page.read_text(), re.S)
+    robot, log = catalogue_robot("ur5"), recorded("ur5", duration=3.0)
+    robot.save(tmp_path / "my_robot.urdf", shapes=False)
+    as_csv(tmp_path / "log.csv", log, robot)
+    monkeypatch.chdir(tmp_path)
+    scope = {"pa": pa, "arm": Arm(log)}
+    exec(whole, scope)
+    assert pa.load("learned.urdf").model.nv == 6
+    assert (tmp_path / "identified" / "summary.json").is_file()
+    exec(online, scope)
+    assert len(scope["numbers"].dynamic) == 78
 
 
 def test_the_command_writes_what_it_learned(tmp_path, capsys):
