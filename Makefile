@@ -8,7 +8,7 @@ export OPENBLAS_NUM_THREADS := 1
 
 # Closed loops of many seconds, which `make check` leaves to `make test`.
 SLOW := borrowed cli closed_loop composite composite_memory contract excitation excite \
-        heavy_load hostile init interrupted joint_laws kernel_cache known_load large_inputs \
+        heavy_load hostile identify init interrupted joint_laws kernel_cache known_load large_inputs \
         late_frames learned limits live load_changes lumped lyapunov middleton_goodwin \
         momentum mujoco_files mujoco_loops mujoco_plant notebooks outputs pages pose_loop \
         preflight readme reference remedies rollout separation set_point showcase simulation \

@@ -29,7 +29,7 @@ LAYERS = [
     {"records", "sensing", "tasks"},
     {"trajectories"},
     {"robot"},
-    {"models"},
+    {"models", "logs"},
     {"adaptation"},
     {"signals"},
     {"filters"},
@@ -41,7 +41,7 @@ LAYERS = [
     {"rollout"},
     {"simulation"},
     {"excitation"},
-    {"scenario", "zoo"},
+    {"scenario", "zoo", "identification"},
     {"cli"},
 ]
 LAYER = {name: level for level, names in enumerate(LAYERS) for name in names}

@@ -27,6 +27,7 @@ from .citation import citation as citation
 from .controller import Belief as Belief
 from .controller import Controller as Controller
 from .controller import ControllerState as ControllerState
+from .controller import Estimator as Estimator
 from .controller import Guards as Guards
 from .controller import LearnedParameters as LearnedParameters
 from .controller import Limits as Limits
@@ -36,6 +37,7 @@ from .exceptions import GainError as GainError
 from .exceptions import ImplausibleError as ImplausibleError
 from .exceptions import InputError as InputError
 from .exceptions import Interrupted as Interrupted
+from .exceptions import LogError as LogError
 from .exceptions import MeasurementError as MeasurementError
 from .exceptions import ParameterError as ParameterError
 from .exceptions import PinadaptError as PinadaptError
@@ -52,6 +54,8 @@ from .filters import LowPass as LowPass
 from .filters import MotionFilters as MotionFilters
 from .filters import NoFilters as NoFilters
 from .filters import PositionObserver as PositionObserver
+from .identification import Identification as Identification
+from .identification import identify as identify
 from .laws import LAWS as LAWS
 from .laws import AdaptiveInverseDynamics as AdaptiveInverseDynamics
 from .laws import AdaptiveInverseDynamicsImproved as AdaptiveInverseDynamicsImproved
@@ -75,6 +79,8 @@ from .laws import Separation as Separation
 from .laws import SlotineLi as SlotineLi
 from .laws import SpongOrtega as SpongOrtega
 from .laws import Truth as Truth
+from .logs import Log as Log
+from .logs import read_log as read_log
 from .models import BaseParameters as BaseParameters
 from .models import BasisDynamics as BasisDynamics
 from .models import BodyDynamics as BodyDynamics
@@ -139,4 +145,5 @@ from .trajectories import Swing as Swing
 from .trajectories import Trajectory as Trajectory
 from .trajectories import Waypoints as Waypoints
 from .tuning import make_controller as make_controller
+from .tuning import make_estimator as make_estimator
 from .tuning import preflight as preflight

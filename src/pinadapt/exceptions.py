@@ -64,6 +64,10 @@ class ParameterError(InputError):
     """A set of unknown parameters, or an estimate of them, that cannot be used."""
 
 
+class LogError(InputError):
+    """A recorded motion that cannot be used: file, columns, topics, times, units or lengths."""
+
+
 class ScenarioError(InputError):
     """A key or value of a scenario that is not allowed."""
 

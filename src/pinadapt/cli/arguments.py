@@ -146,6 +146,75 @@ def _cite(command: argparse.ArgumentParser) -> None:
     _add_file(command)
 
 
+def _identify(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "log",
+        type=Path,
+        metavar="LOG",
+        help="npz, CSV, ROS bag or MCAP, or a folder that `pinadapt run` wrote; rad, m, N m, N, s",
+    )
+    command.add_argument(
+        "--robot",
+        required=True,
+        metavar="ROBOT",
+        help="URDF, xacro or MJCF file, a name as for `init`, or a scenario: its believed robot",
+    )
+    command.add_argument("--frame", metavar="LINK", help="task frame (default: as for `init`)")
+    command.add_argument("--task", metavar="TASK", help="xyz, xy, xz, yz, pose or joint")
+    for option, what in (
+        ("--lock", "joints that did not move (default: those off the chain)"),
+        (
+            "--kinematic",
+            "unknown translations: tool, base, joint names (default: tool if x is there)",
+        ),
+        ("--dynamic", "unknown bodies: all, payload, none or joint names (default: all)"),
+        ("--joint", "unknown of the joints: all, none, armature, viscous, coulomb (default: all)"),
+    ):
+        command.add_argument(option, type=_names, metavar="A,B", help=what)
+    command.add_argument(
+        "--adaptation",
+        choices=("natural-composite", "composite", "least-squares"),
+        default="natural-composite",
+        help="of the online estimator (default: %(default)s)",
+    )
+    command.add_argument(
+        "--compensated",
+        choices=("nominal",),
+        help="the log's torques leave out gravity, which the arm adds by itself",
+    )
+    _log_options(command)
+    command.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="where to write (default: out/ and the log's name and -identified)",
+    )
+
+
+def _log_options(command: argparse.ArgumentParser) -> None:
+    """Add what says where in a file, and in which units, things are."""
+    command.add_argument(
+        "--columns",
+        type=_signal,
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="SIGNAL=NAME,...",
+        help="columns of t, q, v, tau, x or x_time, in the robot's order, or one name with a * for "
+        "each joint's name or index",
+    )
+    command.add_argument("--degrees", action="store_true", help="angles are in degrees")
+    command.add_argument("--topic", metavar="NAME", help="of a bag's joint states")
+    command.add_argument(
+        "--pose-topic", metavar="NAME", help="of a bag's PointStamped, PoseStamped or Transform..."
+    )
+    command.add_argument("--mass", type=float, metavar="KG", help="as for `init`")
+    command.add_argument(
+        "--xacro", type=_assignment, action="append", default=[], metavar="NAME=VALUE",
+        help="as for `init`",
+    )  # fmt: skip
+
+
 def _robots(command: argparse.ArgumentParser) -> None:
     """Add nothing."""
 
@@ -198,6 +267,7 @@ _COMMANDS = {
     "run": ("run one scenario", _run),
     "view": ("show a finished run, or run a scenario and show it meanwhile", _view),
     "compare": ("run the laws side by side on one scenario", _compare),
+    "identify": ("learn a robot's parameters from a recorded motion, without control", _identify),
     "cite": ("print the BibTeX entries of what a scenario uses", _cite),
     "robots": ("list the robots of the catalogue", _robots),
     "zoo": (
@@ -262,6 +332,16 @@ def _names(text: str) -> list[str]:
     if not names:
         raise argparse.ArgumentTypeError("at least one name is expected")
     return names
+
+
+def _signal(text: str) -> tuple[str, list[str]]:
+    """Return a signal and the names of its columns.
+
+    Raises:
+        ArgumentTypeError: no equals sign, or no names.
+    """
+    name, columns = _assignment(text)
+    return name, _names(columns)
 
 
 def _assignment(text: str) -> tuple[str, str]:

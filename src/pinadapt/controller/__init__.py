@@ -2,6 +2,7 @@
 
 from .belief import Belief as Belief
 from .controller import Controller as Controller
+from .estimator import Estimator as Estimator
 from .guards import Guards as Guards
 from .learned import LearnedParameters as LearnedParameters
 from .limits import Limits as Limits

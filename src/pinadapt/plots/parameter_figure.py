@@ -30,8 +30,11 @@ class _Panel(NamedTuple):
     names: tuple[str, ...]
 
 
-def parameter_figure(run: Drawable) -> Picture:
-    """Return the estimates over time, the truth dashed; many dynamic parameters by kind."""
+def parameter_figure(run: Drawable, dashed: str = "dashed: truth") -> Picture:
+    """Return the estimates over time, the truth dashed; many dynamic parameters by kind.
+
+    ``dashed`` says what else the dashed lines are.
+    """
     panels = [_Panel("kinematic [m]", run.a_k, run.a_k_true, run.kinematic_names)]
     if run.a_d.shape[1] <= _MOST_NAMED:
         panels.append(_Panel("dynamic", run.a_d, run.a_d_true, run.dynamic_names))
@@ -42,7 +45,7 @@ def parameter_figure(run: Drawable) -> Picture:
     figure = Picture(figsize=(9, 2.2 * count + 0.6), layout="constrained")
     axes = np.atleast_1d(figure.subplots(count, 1, sharex=True))
     for ax, panel in zip(axes, panels, strict=False):
-        _draw(ax, run.t, panel)
+        _draw(ax, run.t, panel, dashed)
     if not panels:
         axes[0].text(0.5, 0.5, "no parameter is unknown", ha="center", transform=axes[0].transAxes)
     finish(figure, axes, run)
@@ -69,7 +72,7 @@ def _kind(name: str) -> str:
     return "dynamic"
 
 
-def _draw(ax: Any, t: np.ndarray, panel: _Panel) -> None:
+def _draw(ax: Any, t: np.ndarray, panel: _Panel, dashed: str) -> None:
     """Draw the estimates of a panel, the truth dashed."""
     many = len(panel.names) > _MOST_NAMED
     owners = [name.rpartition(".")[0] or name for name in panel.names]
@@ -85,5 +88,5 @@ def _draw(ax: Any, t: np.ndarray, panel: _Panel) -> None:
             true = np.broadcast_to(panel.truth[..., i], t.shape)
             ax.plot(t, true, color=colour(hue), ls="--", lw=0.7, alpha=0.7, drawstyle="steps-post")
     keys = [marker_key(k, part) for k, part in enumerate(components)] if many else []
-    legend(ax, title=None if panel.truth is None else "dashed: truth", more=keys)
+    legend(ax, title=None if panel.truth is None else dashed, more=keys)
     ax.set_ylabel(panel.label)

@@ -2,5 +2,6 @@
 
 from .adaptation_rates import ADAPTATIONS as ADAPTATIONS
 from .make_controller import make_controller as make_controller
+from .make_estimator import make_estimator as make_estimator
 from .preflight import Finding as Finding
 from .preflight import preflight as preflight

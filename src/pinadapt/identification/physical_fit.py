@@ -1,0 +1,160 @@
+"""Least squares in the physical cone, drawn to the description where the motion tells nothing.
+
+    minimise  |S^-1/2 (W a - y)|^2 / 2 + gamma (sum_b D(P_b, P_b0) + sum_j w_j D(c_j, c_j0)),
+
+P_b the pseudo-inertia of body b, c_j > 0 the coefficients of the joints, and
+
+    D(P, P_0) = tr(P_0^-1 P) - log det(P_0^-1 P) - dim P
+
+the Bregman divergence of -log det: no coordinates, units or frames enter it, it is infinite on the
+border of the cone, so the estimate is always physical, and it is convex, so there is one minimum.
+It is the entropic divergence between two mass distributions of T. Lee, P. M. Wensing, F. C. Park,
+*Geometric robot dynamic identification: a convex programming approach*, IEEE Trans. Robotics 36
+(2020) 348-365. The whole is self-concordant, so Newton's method with a line search finds it; gamma
+comes down to its value in steps of ten, from where the description outweighs the rows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..models.pseudo_inertia import COEFFICIENTS
+from ..models.regressor import PER_BODY
+
+GAMMA = 1e-4  # a description tells a ten-thousandth of what one row does
+_FALL = 10.0  # of gamma, from one value to the next
+_STEPS = 50
+_DECREMENT = 1e-8  # squared, of Newton's step in units of gamma
+_BACK, _LEAST = 0.5, 1e-12
+_INSIDE = 0.9  # of the way to the border of the cone
+
+
+@dataclass(frozen=True, eq=False)
+class PhysicalSet:
+    """Bodies by their ten parameters, then positive coefficients, and where they are drawn to.
+
+    Attributes:
+        bodies: how many.
+        center: (p) inside of the set.
+        weights: (p - 10 k) w of the coefficients, positive; by default ones. D grows with c / c_0,
+            so a coefficient that may be many times what it is described as has a small one.
+    """
+
+    bodies: int
+    center: np.ndarray
+    weights: np.ndarray = field(default_factory=lambda: np.ones(1))
+
+    def matrices(self, a: np.ndarray) -> np.ndarray:
+        """Return P (k, 4, 4) of the bodies at a (p)."""
+        tens = a[: PER_BODY * self.bodies].reshape(self.bodies, PER_BODY)
+        return np.tensordot(tens, COEFFICIENTS, axes=1)
+
+    def coefficients(self, a: np.ndarray) -> np.ndarray:
+        """Return c (p - 10 k) at a (p)."""
+        return a[PER_BODY * self.bodies :]
+
+    def divergence(self, a: np.ndarray) -> float:
+        """Return the sum of D from the centre to a (p); infinite outside of the set."""
+        P, P_0, c = self.matrices(a), self.matrices(self.center), self.coefficients(a)
+        try:
+            L = np.linalg.cholesky(P)
+        except np.linalg.LinAlgError:
+            return np.inf
+        if not (c > 0.0).all():
+            return np.inf
+        logs = 2.0 * np.log(np.diagonal(L, axis1=1, axis2=2)).sum(axis=1)
+        traces = np.trace(np.linalg.solve(P_0, P), axis1=1, axis2=2)
+        of_bodies = traces - logs + np.linalg.slogdet(P_0)[1] - 4.0
+        shares = c / self.coefficients(self.center)
+        of_joints = self.weights * (shares - np.log(shares) - 1.0)
+        return float(of_bodies.sum() + of_joints.sum())
+
+    def local(self, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return T (p, p) and h (p): at a + T u, D is h . u + |u|^2 / 2 more, to second order."""
+        P, P_0 = self.matrices(a), self.matrices(self.center)
+        T, h = np.zeros((a.size, a.size)), np.zeros(a.size)
+        for b in range(self.bodies):
+            L = np.linalg.cholesky(P[b])
+            inverse = np.linalg.inv(L)
+            B = (inverse @ COEFFICIENTS @ inverse.T).reshape(PER_BODY, 16).T
+            Q, R = np.linalg.qr(B)
+            block = slice(PER_BODY * b, PER_BODY * (b + 1))
+            T[block, block] = np.linalg.inv(R)
+            h[block] = Q.T @ (L.T @ np.linalg.solve(P_0[b], L) - np.eye(4)).ravel()
+        c, first = self.coefficients(a), PER_BODY * self.bodies
+        root = np.sqrt(self.weights)
+        T[first:, first:] = np.diag(c / root)
+        h[first:] = root * (c / self.coefficients(self.center) - 1.0)
+        return T, h
+
+
+def physical_fit(
+    A: np.ndarray, b: np.ndarray, physical: PhysicalSet, *, gamma: float = GAMMA
+) -> np.ndarray:
+    """Return the minimum (p) of |A a - b|^2 / 2 + gamma D(a), A (k, p) and b (k) whitened rows."""
+    R, z = _square(A, b)
+    a = physical.center
+    weight = max(gamma, float(np.linalg.norm(R @ physical.local(a)[0], 2) ** 2))
+    while True:
+        a = _newton(R, z, physical, a, weight)
+        if weight <= gamma:
+            return a
+        weight = max(weight / _FALL, gamma)
+
+
+def _square(A: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return p rows that stand for all of A a = b, by QR."""
+    if len(A) <= A.shape[1]:
+        return A, b
+    R = np.asarray(np.linalg.qr(np.column_stack([A, b]), mode="r"))
+    return R[: A.shape[1], :-1], R[: A.shape[1], -1]
+
+
+def _newton(
+    R: np.ndarray, z: np.ndarray, physical: PhysicalSet, a: np.ndarray, gamma: float
+) -> np.ndarray:
+    """Return the minimum of |R a - z|^2 / 2 + gamma D(a) from a start inside."""
+    root, value = np.sqrt(gamma), _value(R, z, physical, a, gamma)
+    for _ in range(_STEPS):
+        T, h = physical.local(a)
+        rows = np.vstack([R @ T, root * np.eye(a.size)])
+        u = np.linalg.lstsq(rows, np.concatenate([z - R @ a, -root * h]), rcond=None)[0]
+        step, fall = T @ u, float(np.sum((rows @ u) ** 2))
+        if fall <= _DECREMENT * gamma:
+            return a
+        share = _share_inside(step, physical, a)
+        while share > _LEAST:
+            after = _value(R, z, physical, a + share * step, gamma)
+            if after <= value - 0.1 * share * fall:
+                break
+            share *= _BACK
+        else:
+            return a  # nothing but rounding is left
+        a, value = a + share * step, after
+    return a
+
+
+def _share_inside(step: np.ndarray, physical: PhysicalSet, a: np.ndarray) -> float:
+    """Return which share of a step, at most one, stays clear of the border of the set."""
+    largest = 0.0
+    if physical.bodies:
+        P, change = physical.matrices(a), physical.matrices(step)
+        L = np.linalg.inv(np.linalg.cholesky(P))
+        relative = L @ change @ L.transpose(0, 2, 1)
+        largest = float(-np.linalg.eigvalsh(relative).min())
+    shares = physical.coefficients(step) / physical.coefficients(a)
+    largest = max(largest, float(-shares.min(initial=0.0)))
+    return min(1.0, _INSIDE / largest) if largest > 0.0 else 1.0
+
+
+def _value(
+    R: np.ndarray, z: np.ndarray, physical: PhysicalSet, a: np.ndarray, gamma: float
+) -> float:
+    divergence = physical.divergence(a)
+    return (
+        np.inf
+        if np.isinf(divergence)
+        else float(0.5 * np.sum((R @ a - z) ** 2)) + gamma * divergence
+    )

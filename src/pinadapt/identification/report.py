@@ -1,0 +1,260 @@
+"""What was identified, in words, tables and files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .._files import whole_file, write_text
+from .._table import Sheet, Table
+from .._version import __version__
+from ..exceptions import ParameterError
+from ..robot.gravity import Gravity
+from ..rollout.excitation import known_to
+from ..rollout.information import Information
+from ..rollout.payload_estimate import PayloadEstimate
+from .errors import rms
+from .motion import CUTOFF
+
+if TYPE_CHECKING:
+    from .identification import Identification
+
+FILES = (
+    "estimates.npz",
+    "torque.png",
+    "parameters.png",
+    "learned.json",
+    "learned.urdf",
+    "summary.json",
+)
+_HARDLY = 2.0  # times better than the description is hardly better
+_GRAVITY = 0.7  # share of the error that is left with gravity added where a log leaves it out
+
+
+def verdict(found: Identification) -> str:
+    """Return what it came to, in one line."""
+    if not found.dynamic.names:
+        errors = found.position_errors
+        assert errors is not None  # else nothing was unknown
+        before, after = rms(errors.described_held_out), rms(errors.learned_held_out)
+        return f"position, held out: {1e3 * before:.3g} -> {1e3 * after:.3g} mm (rms)."
+    errors = found.torque_errors
+    before, after, gain = (
+        rms(errors.described_held_out),
+        rms(errors.learned_held_out),
+        errors.gain or 0.0,
+    )
+    words = f"torque, held out: {before:.3g} -> {after:.3g} N m or N (rms), {gain:.3g} times less"
+    if gain >= _HARDLY:
+        return words + "."
+    if leaves_gravity_out(found):
+        return (
+            f"{words}. These torques look as if gravity were left out of them: say so "
+            '(compensated = "nominal").'
+        )
+    if gain < 1.0:
+        return f"{words}: WORSE. What was learned of the first part does not hold for the last."
+    return f"{words}, which is hardly better. Are these torques those of the joints?"
+
+
+def leaves_gravity_out(found: Identification) -> bool:
+    """Tell whether the description predicts the torques much better with gravity added to them."""
+    windows, robot = found.windows, found.described
+    gravity, q = Gravity(robot), found.log.configurations(robot)
+    near = np.searchsorted(found.log.t, windows.t).clip(0, len(found.log.t) - 1)
+    added = np.array(
+        [gravity(q[k]) if np.isfinite(q[k]).all() else 0.0 * windows.y[0] for k in near]
+    )
+    left = windows.residual(found.described_parameters)
+    return bool(rms(left + added) < _GRAVITY * rms(left))
+
+
+def sheet(found: Identification) -> Sheet:
+    """Return the whole report."""
+    title = f"{found.described.name}, identified from {found.log.source}"
+    tables = [Table(_overview(found))]
+    if found.dynamic.names:
+        tables.append(_torque_table(found))
+    if (load := _payload(found)) is not None:
+        tables.append(_load_table(load))
+    units = found.parameters().units
+    start = found.estimator.controller.kinematics.initial
+    parts = (
+        (found.kinematic, start),
+        (found.dynamic, found.described_parameters),
+    )
+    tables += [_parameter_table(part, before, units) for part, before in parts if part.names]
+    return Sheet(title, tables, found.verdict)
+
+
+def _overview(found: Identification) -> list[tuple[str, str]]:
+    """Return what was given, and how much of it could be used."""
+    log, online = found.log, found.online
+    velocities = "as measured"
+    if found.smooth:
+        missing = "which has none" if log.v is None else "whose own are not those of the positions"
+        velocities = f"from the positions of the log, {missing}: zero phase, {CUTOFF:g} Hz"
+    rows = [
+        ("log", f"{len(log.t)} samples, {log.duration:.4g} s, every {1e3 * log.period:.4g} ms"),
+        ("velocities", velocities),
+        ("torques", "held until the next sample" if log.held else "measured at each sample"),
+        ("rows", f"{len(found.windows.t)} windows of {found.windows.length:.2g} s"),
+        ("held out", f"from {found.split:.4g} s on"),
+    ]
+    if found.log.v is None:
+        rows.append(("online", f"velocities by a causal low pass, {CUTOFF:g} Hz"))
+    if online.refused:
+        rows.append(("not believed", f"{online.refused} samples online, the first {online.reason}"))
+    for name, part in (("kinematic", found.kinematic), ("dynamic", found.dynamic)):
+        if part.names:
+            told = f"{part.rank} combinations of {len(part.names)} told apart"
+            rows.append((f"{name} parameters", told))
+    if (errors := found.position_errors) is not None:
+        before, after = rms(errors.described_held_out), rms(errors.learned_held_out)
+        words = f"{1e3 * before:.4g} -> {1e3 * after:.4g} mm (rms)"
+        rows.append(("position, held out", words))
+    return rows
+
+
+def _torque_table(found: Identification) -> Table:
+    """Return errors of the torque, a row a joint."""
+    errors, online = found.torque_errors, found.online_held_out
+    header = (
+        "joint",
+        "torque",
+        "described",
+        "learned",
+        "held out: described",
+        "learned",
+        "online",
+        "times less",
+    )
+    columns = (
+        errors.size,
+        errors.described,
+        errors.learned,
+        errors.described_held_out,
+        errors.learned_held_out,
+        online,
+    )
+    rows = [
+        (name, *(f"{values[j]:.3g}" for values in columns), f"{columns[3][j] / columns[4][j]:.3g}")
+        for j, name in enumerate(found.described.joint_names)
+    ]
+    gain = "-" if errors.gain is None else f"{errors.gain:.3g}"
+    rows.append(("rms, N m or N", *(f"{rms(values):.3g}" for values in columns), gain))
+    return Table(rows, header)
+
+
+def _payload(found: Identification) -> PayloadEstimate | None:
+    """Return the load, or None where the last body was not among the parameters."""
+    try:
+        return found.payload()
+    except ParameterError:
+        return None
+
+
+def _load_table(load: PayloadEstimate) -> Table:
+    rows = [("mass", f"{load.mass:.4g}", known_to(load.mass_known_to), "kg")]
+    rows += [
+        (f"centre {axis}", f"{1e3 * value:.2f}", known_to(1e3 * known), "mm")
+        for axis, value, known in zip("xyz", load.com, load.com_known_to, strict=True)
+    ]
+    rows.append(("explains", f"{load.explained:.2%}", "", "of what was learned of bodies"))
+    return Table(rows, ("load", "value", "known to", "unit"))
+
+
+def _parameter_table(part: Information, before: np.ndarray, units: Any) -> Table:
+    """Return the parameters that were told apart, and which were not."""
+    told = np.isfinite(part.deviations)
+    rows = [
+        (name, f"{first:.4g}", f"{value:.4g}", known_to(deviation), units.get(name, ""))
+        for name, first, value, deviation, known in zip(
+            part.names, before, part.estimate, part.deviations, told, strict=True
+        )
+        if known
+    ]
+    if not told.all():
+        rows.append(
+            (f"{np.count_nonzero(~told)} others", "", "", "", "only told apart in combinations")
+        )
+    return Table(rows, ("parameter", "described", "learned", "known to", "unit"))
+
+
+def summary(found: Identification) -> dict[str, Any]:
+    """Return the numbers of ``summary.json``; None where no finite number is to be had."""
+    load, positions = _payload(found), found.position_errors
+    held_out = found.online_held_out
+    return {
+        "verdict": found.verdict,
+        "log": found.log.source,
+        "robot": found.described.name,
+        "joint_names": found.described.joint_names,
+        "samples": len(found.log.t),
+        "duration": found.log.duration,
+        "period": found.log.period,
+        "velocities_from_positions": found.smooth,
+        "windows": len(found.windows.t),
+        "held_out_from": found.split,
+        "torque": found.torque_errors.summary() if found.dynamic.names else None,
+        "torque_online_held_out": held_out.tolist() if np.isfinite(held_out).all() else None,
+        "position": None if positions is None else positions.summary(),
+        "dynamic_told_apart": found.dynamic.rank,
+        "kinematic_told_apart": found.kinematic.rank,
+        "dynamic": _values(found.dynamic),
+        "kinematic": _values(found.kinematic),
+        "payload": None if load is None else _load_summary(load),
+        "refused_online": found.online.refused,
+        "version": __version__,
+    }
+
+
+def _values(part: Information) -> list[dict[str, Any]]:
+    return [
+        {"name": name, "value": value, "known_to": known if np.isfinite(known) else None}
+        for name, value, known in zip(
+            part.names, part.estimate.tolist(), part.deviations.tolist(), strict=True
+        )
+    ]
+
+
+def _load_summary(load: PayloadEstimate) -> dict[str, Any]:
+    known = np.array([load.mass_known_to, *load.com_known_to, *load.inertia_known_to])
+    values = np.array([load.mass, *load.com, *load.inertia])
+    finite = [
+        value if np.isfinite(value) else None for value in (*values.tolist(), *known.tolist())
+    ]
+    return {
+        "mass": finite[0],
+        "com": finite[1:4],
+        "inertia": finite[4:10],
+        "mass_known_to": finite[10],
+        "com_known_to": finite[11:14],
+        "inertia_known_to": finite[14:],
+        "explained": load.explained,
+    }
+
+
+def save(found: Identification, folder: Path) -> None:
+    """Write arrays, numbers and the robot as learned into a folder, each file whole."""
+    arrays: dict[str, Any] = {
+        "t": found.online.t,
+        "a_k": found.online.a_k,
+        "a_d": found.online.a_d,
+        "dynamic": found.dynamic.estimate,
+        "dynamic_information": found.dynamic.H,
+        "kinematic": found.kinematic.estimate,
+        "kinematic_information": found.kinematic.H,
+        "window_t": found.windows.t,
+        "window_tau": found.windows.tau,
+        "window_error_described": found.windows.residual(found.described_parameters),
+        "window_error_learned": found.windows.residual(found.dynamic.estimate),
+    }
+    with whole_file(folder / "estimates.npz") as file:
+        np.savez_compressed(file, **arrays)
+    found.parameters().save(folder / "learned.json")
+    write_text(folder / "summary.json", json.dumps(found.summary(), indent=2) + "\n")
+    found.robot.save(folder / "learned.urdf")

@@ -1,0 +1,5 @@
+"""Recorded motions: files of several formats become one kind of log."""
+
+from .log import Log as Log
+from .read import FORMATS as FORMATS
+from .read import read_log as read_log
