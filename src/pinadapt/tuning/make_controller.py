@@ -150,13 +150,13 @@ def make_controller(
     modifying = chosen_modifications(modifications)
     rates = {name: gains.pop(name, None) for name in RATES}
     lengths = lumped_lengths(kinematics, regressor, metric_of(kind), chosen, basis)
-    dynamics = believed_dynamics(believed, dynamic, joint, basis, lmi, lengths, chosen)
+    joint = chosen.joint_effects if joint is None else joint
+    dynamics = believed_dynamics(believed, dynamic, joint, basis, lmi, lengths)
     limits = make_limits(
         believed, kinematics, dynamics, torque=torque_limits, damping=damping, watch=watch
     )
     motion = TypicalMotion(believed, kinematics, dynamics, bandwidth(believed, dt), limits.torque)
-    tuned, share = _tuned(law, motion, dt, gains)
-    w = share * motion.bandwidth * tuned.pace
+    tuned, w = _tuned(law, motion, dt, gains)
     quality = sensor_quality(believed, dt, camera, noise, encoder)
     needed = remedies(quality, w, believed.reach)
     if isinstance(law, str):
@@ -300,19 +300,21 @@ def _kind(adaptation: str | Adaptation, law: type[Law], where: str, kinds: tuple
 def _tuned(
     law: str | Law, motion: TypicalMotion, dt: float, gains: dict[str, Any]
 ) -> tuple[Law, float]:
-    """Return the law, and the share of the bandwidth that the period dt [s] bears.
+    """Return the law, and the bandwidth [rad/s] that it has at the period dt [s].
 
-    The feedback of a law by name is slowed to that share where none of its gains is given.
+    The feedback of a law by name is slowed to what dt bears where none of its gains is given.
     """
     if isinstance(law, Law):
         if given := [name for name, gain in gains.items() if gain is not None]:
             raise InputError(f"a law given as an object has its gains; got {given}.", where="gains")
-        return law, 1.0
+        return law, motion.bandwidth * law.pace
     chosen = LAWS[law]
     tuned = chosen.tuned(motion, dt, **gains)
     if any(gains.get(name) is not None for name in ("Kv", "Kp", "alpha")):
-        return tuned, 1.0
+        return tuned, motion.bandwidth * tuned.pace
     share = stable_share_of_feedback(
         lambda share: chosen.tuned(motion, dt, share, **gains).feedback(motion), dt
     )
-    return (tuned, 1.0) if share == 1.0 else (chosen.tuned(motion, dt, share, **gains), share)
+    if share != 1.0:
+        tuned = chosen.tuned(motion, dt, share, **gains)
+    return tuned, share * motion.bandwidth * tuned.pace

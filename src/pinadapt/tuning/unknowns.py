@@ -50,22 +50,20 @@ def believed_kinematics(believed: Robot, unknown: Words | None, law: type[Law]) 
 def believed_dynamics(
     believed: Robot,
     dynamic: str | Sequence[str],
-    joint: str | Sequence[str] | None,
+    joint: str | Sequence[str],
     basis: ArrayLike | None,
     lmi: ArrayLike | MatrixInequality | None,
     lengths: Sequence[Translation],
-    law: type[Law],
 ) -> Dynamics:
     """Return the inertial parameters, stacked with those of the joints where there are some.
 
     Args:
         believed: the believed robot.
         dynamic: unknown bodies.
-        joint: unknown coefficients of the joints; None for what the law has by default.
+        joint: unknown coefficients of the joints.
         basis: (10 n, p) matrix of the user's own parameters, or None.
         lmi: inequality of these parameters, or None.
         lengths: unknown translations to be lumped with the inertias, see ``lumped_lengths``.
-        law: of the controller.
 
     Raises:
         InputError: words or a basis that cannot be used, or an inequality without a basis.
@@ -76,7 +74,7 @@ def believed_dynamics(
             where="unknown.lmi",
             hint="Give a basis too.",
         )
-    kinds = chosen_kinds(law.joint_effects if joint is None else joint)
+    kinds = chosen_kinds(joint)
     stacked = bool(kinds) or believed.friction.present
     carrier = without_joint_effects(believed) if stacked else believed
     inertial: Dynamics = BodyDynamics(carrier, dynamic)  # checks the words in any case
