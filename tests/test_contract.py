@@ -41,14 +41,23 @@ def real(robot):
     return robot.changed(payload=pa.Payload(1.0, [0.01, 0.0, 0.05]), inertial_scale=1.1)
 
 
-def beside(robot):
-    """Return a motion that begins beside home."""
+def beside(robot, law):
+    """Return a motion, or a set point for a law that has no other, that begins beside home."""
+    if pa.LAWS[law].set_point:
+        return pa.Hold(robot.position(robot.q0) + 0.02)
     if joint_space(robot):
         return pa.Sinusoid(robot.home_angles + 0.05, 0.3, np.linspace(2.0, 3.0, robot.model.nv))
     if robot.task.size == 3:
         return circle_beside(robot, "xy" if robot.name == "scara" else "yz")
     path = pa.Circle(np.zeros(2), 0.05, 2.0)
     return path.starting_at(robot.position(robot.q0) + np.array([0.01, -0.02]))
+
+
+def at_home(robot, law):
+    """Return a motion, or a set point, that begins at home."""
+    if pa.LAWS[law].set_point:
+        return pa.Hold(robot.position(robot.q0))
+    return motion_at_home(robot)
 
 
 def controller_of(law, believed, **options):
@@ -67,7 +76,7 @@ def test_dv_dt_is_what_the_proof_says(law, name):
         rates = {"gamma_d": RATES.get(law, 1.0)}
     believed = robot.changed(inertial_scale=0.8) if pa.LAWS[law].adapts else true
     controller = controller_of(law, believed, **rates)
-    energy = energy_along(true, controller, beside(true), seconds=0.04)
+    energy = energy_along(true, controller, beside(true, law), seconds=0.04)
     assert energy.mismatch() <= 1e-4
     assert np.abs(energy.rate).max() > 1e-4  # something moved
     assert (energy.rate <= 0.0).all() and energy.largest_rise() <= 1e-12
@@ -91,7 +100,16 @@ def joint_feedback(law, s, error):
     return law.K_D(s.q) @ error
 
 
-NOMINAL = {pa.AdaptiveJacobian: task_feedback, pa.Separation: joint_feedback}
+def spring_and_brake(law, s, error):
+    """Of the laws for a set point: the torque of their feedback."""
+    return s.J.T @ law.K_P @ law.saturation.of(s.dx) + law.brake(s.v)
+
+
+NOMINAL = {
+    pa.AdaptiveJacobian: task_feedback,
+    pa.Separation: joint_feedback,
+    pa.ApproximateJacobian: spring_and_brake,
+}
 
 
 def coriolis(robot, q, u, w):
@@ -105,11 +123,14 @@ def coriolis(robot, q, u, w):
 
 @pytest.mark.parametrize(("law", "name"), PAIRS)
 def test_an_exact_model_gives_the_nominal_error_dynamics(law, name):
-    """Accelerations as commanded, or M ds/dt + C s + the torque of the feedback = 0."""
+    """Accelerations as commanded, or M ds/dt + C s + the torque of the feedback = 0.
+
+    Without a motion to follow s is the joint velocity.
+    """
     true = real(robot_of(law, name))
     plant = pa.PinocchioPlant(true)
     controller = unlimited(controller_of(law, true, adaptation="none"))
-    path = beside(true)
+    path = beside(true, law)
     stream = pa.run_continuous(plant, controller, path, dt=STEP, ideal_acceleration=True)
     errors, torques, sizes = [], [], []
     for sample in islice(stream, 60):
@@ -120,7 +141,7 @@ def test_an_exact_model_gives_the_nominal_error_dynamics(law, name):
             missing = commanded_acceleration(controller.law, s, a, s.Jdot_v)
             assert np.abs(missing).max() <= 1e-9 * (1.0 + np.abs(s.J @ a).max())
             continue
-        error = controller.respond(s, command, a)[1].dynamic.e
+        error = v if controller.law.set_point else controller.respond(s, command, a)[1].dynamic.e
         feedback = next(f for kind, f in NOMINAL.items() if isinstance(controller.law, kind))
         errors.append(error)
         torques.append(coriolis(true, q, v, error) + feedback(controller.law, s, error))
@@ -139,12 +160,14 @@ def test_the_true_parameters_are_an_equilibrium(law, name):
     controller = unlimited(controller_of(law, true))
     start = true.home_angles if joint_space(true) else true.position(true.q0)
     path = pa.Waypoints([start, start + 0.02], 0.2)
+    if controller.law.set_point:
+        path = pa.Hold(start)
     plant = pa.PinocchioPlant(true)
     stream = pa.run_continuous(plant, controller, path, dt=5e-4, ideal_acceleration=True)
     *_, last = islice(stream, 120)
     first = controller.init(plant.measurement(true.q0, np.zeros(plant.nv)))
     s, _ = controller.command(last.state, last.measurement, last.desired)
-    assert np.abs(last.measurement.v).max() > 1e-3  # it moves
+    assert controller.law.set_point or np.abs(last.measurement.v).max() > 1e-3  # it moves
     assert np.abs(s.dx).max() <= 1e-9
     for part in ("a_d", "a_k"):
         before, after = getattr(first, part), getattr(last.state, part)
@@ -161,7 +184,7 @@ def test_the_order_in_which_parameters_are_named_does_not_matter(law, name):
     torques, estimates = [], []
     for flip in (1, -1):
         controller = controller_of(law, robot, dynamic=joints[::flip], kinematic=tools[::flip])
-        rollout = pa.simulate(real(robot), controller, motion_at_home(robot), duration=0.03)
+        rollout = pa.simulate(real(robot), controller, at_home(robot, law), duration=0.03)
         torques.append(rollout.tau)
         named = zip(controller.dynamics.names, rollout.a_d.T, strict=True)
         estimates.append(
@@ -184,7 +207,7 @@ def prepared(law, name):
     """Return a law's controller of an arm, its robot and its motion, made once."""
     if (law, name) not in CONTROLLERS:
         robot = robot_of(law, name)
-        CONTROLLERS[law, name] = pa.make_controller(robot, law=law), robot, motion_at_home(robot)
+        CONTROLLERS[law, name] = pa.make_controller(robot, law=law), robot, at_home(robot, law)
     return CONTROLLERS[law, name]
 
 

@@ -215,3 +215,17 @@ def test_links_behind_mimic_joints_are_no_ends():
     model = read_urdf(path)
     assert "gripper_left_fingertip_left_link" in end_links(model)
     assert "gripper_left_fingertip_left_link" not in end_links(model, mimic_joints(path))
+
+
+@pytest.mark.parametrize("law", [name for name, law in pa.LAWS.items() if law.set_point])
+def test_a_law_for_a_set_point_is_written_with_one_that_it_reaches(tmp_path, law):
+    file = written(tmp_path, "scara", "--law", law)
+    tables = read_toml(file)
+    assert tables["controller"]["law"] == law and tables["reference"]["kind"] == "waypoints"
+    scenario = Scenario.read(file, ["simulation.duration=6.0"])
+    assert scenario.findings() == [] and scenario.controller.law.name == law
+    rollout = scenario.run()
+    assert rollout.diverged is None and rollout.distance[-300:].max() < 0.02 * rollout.extent
+    gains = [line.removeprefix("# ") for line in file.read_text().splitlines() if "# Kp =" in line]
+    assert len(gains) == 1  # and can be taken as it stands
+    Scenario.read(file, [f"controller.{gains[0].split('#')[0].strip()}"])

@@ -404,7 +404,7 @@ def test_a_misspelt_word_is_told_the_nearest(setting, suggestion):
         ("controller.law=slotine-li", "controller.law", 'task = "joint"'),
         ("simulation.engine=bullet", "simulation.engine", "mujoco"),
         ("controller.law=composite", "controller.law", "adaptive-jacobian"),
-        ("controller.law=approximate-jacobian", "controller.law", "adaptive-jacobian"),
+        ("controller.law=adaptive-jacobean", "controller.law", "adaptive-jacobian"),
     ],
 )
 def test_what_does_not_exist_or_fit_is_refused_and_the_alternatives_named(setting, key, allowed):

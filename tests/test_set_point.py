@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
-from chains import catalogue_robot
+from chains import catalogue_robot, mixed_robot
 from differences import derivative
 from loops import circle_at_home, energy_along
 from pinadapt.cli.compare import _laws as compared
@@ -15,7 +15,6 @@ from pinadapt.cli.main import main
 from pinadapt.robot.catalogue import robots_folder
 from pinadapt.scenario.scenario import Scenario
 from pinadapt.tuning.preflight_jacobian import jacobian_finding
-from test_joint_laws import mixed_robot
 
 LAWS = [name for name, law in pa.LAWS.items() if law.set_point]
 BOUNDED, EXACT, ROUGH = "bounded-torque", "approximate-jacobian", "approximate-jacobian-gravity"
@@ -26,7 +25,7 @@ CASES = [*CHAINS, ("ur5", "pose"), ("mixed", "joint")]
 def robot_of(name, task):
     if name != "mixed":
         return catalogue_robot(name, **({"task": task} if task else {}))
-    return pa.load(mixed_robot().model, frame="tip", task=task, q0=[0.1, 3.0, -0.4, 0.3])
+    return mixed_robot(task)
 
 
 def unlike(robot, tool=(0.02, -0.01, 0.04)):

@@ -49,6 +49,13 @@ def _init(command: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="file to write (default: the robot's name and .toml)",
     )
+    command.add_argument(
+        "--law",
+        choices=[name for name, law in LAWS.items() if law.adapts and not law.joint_space],
+        default=DEFAULT,
+        metavar="NAME",
+        help="one of the frame that adapts: %(choices)s (default: %(default)s)",
+    )
     command.add_argument("--force", action="store_true", help="overwrite the file")
     command.add_argument(
         "--xacro",

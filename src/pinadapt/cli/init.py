@@ -25,6 +25,7 @@ def init(options: argparse.Namespace) -> int:
         task=options.task,
         xacro=dict(options.xacro),
         mass=options.mass,
+        law=options.law,
     )
     file = options.out or Path(f"{template.name}.toml")
     if file.exists() and not options.force:
@@ -37,7 +38,8 @@ def init(options: argparse.Namespace) -> int:
     write_text(file, scenario_text(template, file.parent))
     robot, circle = template.robot, template.circle
     print(f"{file}: {robot.model.nv} joints to '{robot.frame}', task {robot.task.name}, ", end="")
-    print(f"a circle of radius {circle.radius} m in {circle.period} s.")
+    way = f"a circle of radius {circle.radius} m in {circle.period} s"
+    print(f"{'to a set point' if template.rests else way}.")
     warn_of_findings(Scenario.read(file))
     print(f"\npinadapt run {file}")
     return 0

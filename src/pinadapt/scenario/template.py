@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..controller.controller import Controller
+from ..laws import DEFAULT, LAWS
 from ..robot.chain import links_of, massless_joints
 from ..robot.changes import Payload
 from ..robot.description import describe
@@ -39,6 +40,7 @@ class Template:
         xacro: arguments of a xacro file.
         mass: what the whole robot weighs [kg], where links are described without inertia.
         massless: these links, one for each such body.
+        law: of the controller.
     """
 
     source: str
@@ -47,6 +49,7 @@ class Template:
     xacro: XacroArguments
     mass: float | None
     massless: Sequence[str]
+    law: str = DEFAULT
 
     @classmethod
     def of(
@@ -57,6 +60,7 @@ class Template:
         task: str | None = None,
         xacro: XacroArguments | None = None,
         mass: float | None = None,
+        law: str = DEFAULT,
     ) -> Template:
         """Take what ``load`` chooses where it is not given, and a circle.
 
@@ -68,7 +72,7 @@ class Template:
         if mass is not None:
             model = describe(source, xacro=xacro).model
             massless = [links_of(model, joint)[0] for joint in massless_joints(model)]
-        return cls(source, robot, find_circle(robot), xacro or {}, mass, massless)
+        return cls(source, robot, find_circle(robot), xacro or {}, mass, massless, law)
 
     @property
     def name(self) -> str:
@@ -100,10 +104,15 @@ class Template:
 
     @cached_property
     def controller(self) -> Controller:
-        """The controller with the default law, at the robot as it is believed."""
+        """The controller with default gains, for the robot as it is believed."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what matters of it is written into the file
-            return make_controller(self.robot, dt=SimulationSection().dt)
+            return make_controller(self.robot, law=self.law, dt=SimulationSection().dt)
+
+    @property
+    def rests(self) -> bool:
+        """Whether the law is for a set point: the opposite point of the circle."""
+        return LAWS[self.law].set_point
 
 
 def _ball(mass: float, gyration: float, com: np.ndarray) -> Payload:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..adaptation.adaptation import Adaptation
+from ..adaptation.adaptation import Adaptation, Wrapper
 from ..adaptation.exponentiated_gradient import ExponentiatedGradient
 from ..adaptation.natural import Natural
 from ..adaptation.stacked import Stacked
@@ -20,6 +20,9 @@ _MEANINGS = {
     "R_k": "weight of the tool's prediction error",
     "lambda_": "velocity filter [1/s]",
     "lambda_a": "acceleration filter [s]",
+    "width": "beyond which the position feedback saturates [m, for rotations rad]",
+    "bound": "no torque beyond it [N m or N]",
+    "gravity": "what of it gravity may ask for [N m or N]",
 }
 
 
@@ -27,7 +30,8 @@ def default_gains(controller: Controller) -> Iterable[tuple[str, str, str]]:
     """Return key, value as written and meaning with unit of each gain that was chosen."""
     law: Any = controller.law
     velocity, position = law.units
-    yield "Kv", _gain(law.K_v), f"velocity gain [{velocity}]"
+    if _diagonal(law.K_v):  # a whole matrix is not for a comment
+        yield "Kv", _gain(law.K_v), f"velocity gain [{velocity}]"
     if hasattr(law, "K_P"):
         yield "Kp", _gain(law.K_P), f"position gain [{position}]"
     for name, meaning in _MEANINGS.items():
@@ -37,12 +41,20 @@ def default_gains(controller: Controller) -> Iterable[tuple[str, str, str]]:
     yield "gamma_d", _gain(bodies.gamma), "rate of the inertial parameters"
     if joints is not None:
         yield "gamma_joint", _gain(joints.gamma), "rate of armature and friction"
-    rate_k = controller.adaptation_k.gain(controller.kinematics.initial)
-    yield "gamma_k", _gain(rate_k), "rate of the tool"
+    if law.learns_kinematics:
+        rate_k = controller.adaptation_k.gain(controller.kinematics.initial)
+        yield "gamma_k", _gain(rate_k), "rate of the tool"
+
+
+def _diagonal(gain: np.ndarray) -> bool:
+    """Tell whether a gain (n, n) has no entries beside its diagonal."""
+    return bool((np.diag(np.diag(gain)) == gain).all())
 
 
 def _parts(adaptation: Adaptation) -> tuple[Natural, ExponentiatedGradient | None]:
     """Return what moves bodies and joints in the default adaptation of a law."""
+    while isinstance(adaptation, Wrapper):
+        adaptation = adaptation.inner
     parts = (
         [part for part, _ in adaptation.parts] if isinstance(adaptation, Stacked) else [adaptation]
     )
@@ -54,10 +66,9 @@ def _parts(adaptation: Adaptation) -> tuple[Natural, ExponentiatedGradient | Non
 
 
 def _gain(gain: float | np.ndarray) -> str:
-    """Return a gain as written: a number, or the diagonal of a matrix whose entries differ."""
-    values = [
-        three_digits(value) for value in (np.diag(gain) if isinstance(gain, np.ndarray) else [gain])
-    ]
+    """Return a gain as written: a number, or a list or a diagonal whose entries differ."""
+    numbers = np.asarray(gain)
+    values = [three_digits(x) for x in (np.diag(numbers) if numbers.ndim == 2 else numbers.flat)]
     return str(values[0]) if len(set(values)) == 1 else str(values)
 
 

@@ -39,9 +39,19 @@ def _sections(template: Template, folder: Path) -> Iterable[tuple[str, str, Tabl
         _TRUTH.format(tool=100 * template.tool_share, load=100 * template.load_share),
         (_truth(template)),
     )
-    yield "unknown", _UNKNOWN, _filled({"kinematic": ["tool"], "dynamic": "all", "joint": "all"})
+    if template.rests:
+        yield "unknown", _GRAVITY, _filled({"dynamic": "all"})
+    else:
+        yield (
+            "unknown",
+            _UNKNOWN,
+            _filled({"kinematic": ["tool"], "dynamic": "all", "joint": "all"}),
+        )
     yield "controller", "", _controller(template)
-    yield "reference", _REFERENCE, _reference(template)
+    if template.rests:
+        yield "reference", _SET_POINT, _way(template)
+    else:
+        yield "reference", _REFERENCE, _reference(template)
     yield "simulation", "", _simulation(template)
 
 
@@ -59,6 +69,14 @@ _MASS = (
 _UNKNOWN = (
     "What the controller adapts: the tool's translation, all inertial parameters of every body, "
     "rotor inertia and friction of every joint."
+)
+_GRAVITY = (
+    "What the controller adapts: the inertial parameters of every body, as far as gravity shows "
+    "them. It does not learn the tool."
+)
+_SET_POINT = (
+    "The way to a set point that the arm reaches inside its joint limits, as an offset from the "
+    'tool\'s first position [m], in so many seconds; without points, kind = "hold" stays there.'
 )
 _REFERENCE = (
     "A circle through the tool's first position, which the arm follows inside its joint limits and "
@@ -145,8 +163,17 @@ def _reference(template: Template) -> Table:
     )
 
 
+def _way(template: Template) -> Table:
+    """Return the way across the circle."""
+    circle, task = template.circle, template.robot.task
+    motion = circle.motion(task.positions)
+    across = motion.at(0.5 * circle.period).x_d - motion.at(0.0).x_d
+    segment = float(f"{0.5 * circle.period:.3g}")
+    return _filled({"kind": "waypoints", "points": [_numbers(across.round(6))], "segment": segment})
+
+
 def _simulation(template: Template) -> Table:
-    duration = float(ceil(max(10.0, 2 * template.circle.period)))
+    duration = float(ceil(max(20.0 if template.rests else 10.0, 2 * template.circle.period)))
     table = _filled({"duration": duration, "dt": SimulationSection().dt})
     meaning = "let the torque exceed the description's effort limits"
     _option(table, "torque_limits = false", meaning, 45)
