@@ -77,4 +77,24 @@ def told(error: float | None, unit: str) -> str:
     )
 
 
-myst_substitutions = {"laws": law_figures()}
+def modification_table() -> str:
+    """Return what `python -m benchmarks.modifications` measured, a row a robot and modification."""
+    rows = json.loads((ROOT / "benchmarks" / "modifications.json").read_text())["rows"]
+    columns = list(dict.fromkeys(row["disturbance"] for row in rows))
+    cells = {(row["robot"], row["modification"], row["disturbance"]): modified(row) for row in rows}
+    lines = ["| | " + " | ".join(columns) + " |", "|---" * (len(columns) + 1) + "|"]
+    for robot, kind in dict.fromkeys((row["robot"], row["modification"]) for row in rows):
+        own = [cells.get((robot, kind, column), "") for column in columns]
+        lines.append(f"| {robot}, {kind} | " + " | ".join(own) + " |")
+    return "\n".join(lines)
+
+
+def modified(row: dict[str, float | None]) -> str:
+    """Return error and drift of a run."""
+    if row["diverged"] is not None:
+        return f"lost at {row['diverged']:.1f} s"
+    drift = "unphysical" if row["factor"] is None else f"{row['factor']:.3g}"
+    return f"{row['error_mm']:.2g}\N{NO-BREAK SPACE}mm, {drift}"
+
+
+myst_substitutions = {"laws": law_figures(), "modifications": modification_table()}

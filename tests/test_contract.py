@@ -77,7 +77,8 @@ def test_dv_dt_is_what_the_proof_says(law, name):
     believed = robot.changed(inertial_scale=0.8) if pa.LAWS[law].adapts else true
     controller = controller_of(law, believed, **rates)
     energy = energy_along(true, controller, beside(true, law), seconds=0.04)
-    assert energy.mismatch() <= 1e-4
+    # a weight that follows the filtered regressor rises from zero within a few samples
+    assert energy.mismatch(after=20 if pa.LAWS[law].predicts_torque else 0) <= 1e-4
     assert np.abs(energy.rate).max() > 1e-4  # something moved
     assert (energy.rate <= 0.0).all() and energy.largest_rise() <= 1e-12
 

@@ -485,23 +485,20 @@ def test_inertias(lightest, rng, laid):
 
 
 def test_filters(rng, laid):
-    W, Y = laid(rng.standard_normal((3, 5))), laid(rng.standard_normal((6, 5)))
-    memory, v, x = (
-        laid(rng.standard_normal(10)),
-        laid(rng.standard_normal(7)),
-        rng.standard_normal(7),
-    )
-    y, a = filled(3), filled(7)
-    for wrong in ((W, memory, 4), (W[1:], memory, 5), (W, memory[1:], 5)):
-        assert not filters.filtered_rates(*wrong, 4.0, laid(x), 60.0, v, y, a)
-    assert np.isnan(y).all() and np.isnan(a).all()
-    assert filters.filtered_rates(W, memory, 5, 4.0, laid(x), 60.0, v, y, a)
-    assert close(y, 4.0 * x[:3] - memory[:3]) and close(a, 60.0 * (v - memory[3:]))
-    a_k, xd_hat, after = rng.standard_normal(5), rng.standard_normal(6), (filled(3, 5), filled(10))
-    filters.advance(W, memory, Y, a_k, y, xd_hat, v, 4.0, 60.0, 1e-2, *after)
-    f, f_a, Y_p = 1.0 - np.exp(-0.04), 1.0 - np.exp(-0.6), Y[:3]
-    assert close(after[0], W + f * (Y_p - W))
-    assert close(after[1][:3], memory[:3] + f * (y + xd_hat[:3] - Y_p @ a_k))
+    Z, X = (laid(rng.standard_normal((3, 5))) for _ in range(2))
+    memory, v, d = (laid(rng.standard_normal(size)) for size in (10, 7, 3))
+    W, y, a = filled(3, 5), filled(3), filled(7)
+    for wrong in ((Z[:, 1:], memory), (Z[1:], memory), (Z, memory[1:])):
+        assert not filters.filtered_rates(*wrong, X, d, 4.0, v, 60.0, W, y, a)
+    assert np.isnan(W).all() and np.isnan(y).all() and np.isnan(a).all()
+    assert filters.filtered_rates(Z, memory, X, d, 4.0, v, 60.0, W, y, a)
+    assert close(W, 4.0 * (X - Z)) and close(y, 4.0 * (d - memory[:3]))
+    assert close(a, 60.0 * (v - memory[3:]))
+    after = filled(3, 5), filled(10)
+    filters.advance(Z, memory, W, y, v, 4.0, 60.0, 1e-2, *after)
+    f, f_a = 1.0 - np.exp(-0.04), 1.0 - np.exp(-0.6)
+    assert close(after[0], Z + f * (X - Z))
+    assert close(after[1][:3], memory[:3] + f * (d - memory[:3]))
     assert close(after[1][3:], memory[3:] + f_a * (v - memory[3:]))
 
 

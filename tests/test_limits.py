@@ -253,7 +253,11 @@ def test_a_saturated_sample_teaches_by_prediction_alone(law):
     controller, measurement, desired = moving(law)
     a_k = controller.kinematics.initial + 0.02
     state = controller.init(measurement, a_k=a_k, adapting=False)
-    for _ in range(20):  # until the filters have seen something
+    robot = robot_of(law, "ur5")
+    plant = pa.PinocchioPlant(robot)
+    for k in range(20):  # until the filters have seen something
+        q = pin.integrate(robot.model, robot.q0, 1e-2 * k * measurement.v)
+        measurement = plant.measurement(q, measurement.v, measurement.t)
         state = controller.step(state, measurement, desired, 1e-2)[1]
     signals, command = controller.command(state.adapt(), measurement, desired)
     a = controller.acceleration(signals, measurement)

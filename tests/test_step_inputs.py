@@ -222,11 +222,11 @@ def test_what_is_no_state_is_refused(loop, kind):
 
 def test_filters_and_beginnings_of_another_controller_are_refused():
     loop = Loop("adaptive-inverse-dynamics")
-    W_k, memory = loop.state.filters
+    Z_k, memory = loop.state.filters
     for filters in (
-        (W_k, memory),
+        (Z_k, memory),
         loop.state.filters._replace(memory=memory[:-1]),
-        loop.state.filters._replace(W_k=W_k[:, :-1]),
+        loop.state.filters._replace(Z_k=Z_k[:, :-1]),
     ):
         loop.check_refused(pa.InputError, "filters", state=loop.state._replace(filters=filters))
     beginning = loop.state._replace(a_0=loop.state.a_0[:-1])

@@ -9,27 +9,34 @@ import numpy as np
 from .._compiled import compiled
 
 
-@compiled("b1(f8[:,:], f8[:], i8, f8, f8[:], f8, f8[:], f8[:], f8[:])", fills=2)
+@compiled(
+    "b1(f8[:,:], f8[:], f8[:,:], f8[:], f8, f8[:], f8, f8[:,:], f8[:], f8[:])",
+    fills=3,
+)
 def filtered_rates(
-    W_k: np.ndarray,
+    Z_k: np.ndarray,
     memory: np.ndarray,
-    p: int,
+    X_k: np.ndarray,
+    d: np.ndarray,
     bandwidth: float,
-    x: np.ndarray,
-    bandwidth_a: float,
     v: np.ndarray,
+    bandwidth_a: float,
+    W_k: np.ndarray,
     y: np.ndarray,
     a: np.ndarray,
 ) -> bool:
-    """Write y = lambda x - xi (m_p), (4), and a = lambda_a (v - z) (n); memory: xi, z.
+    """Write W_k = lambda (X_k - Z_k), y = lambda (d - xi), and a = lambda_a (v - z); memory: xi, z.
 
-    Return False, and write nothing, if W_k is not (m_p, p) or the memory not (m_p + n).
+    W_k, X_k, Z_k are (m_p, p), y and d (m_p), a and v (n). Return False, and write nothing, if Z_k
+    is not (m_p, p) or the memory not (m_p + n).
     """
-    m = len(y)
-    if W_k.shape[0] != m or W_k.shape[1] != p or len(memory) != m + len(a):
+    m, p = X_k.shape
+    if Z_k.shape[0] != m or Z_k.shape[1] != p or len(memory) != m + len(a):
         return False
     for i in range(m):
-        y[i] = bandwidth * x[i] - memory[i]
+        y[i] = bandwidth * (d[i] - memory[i])
+        for j in range(p):
+            W_k[i, j] = bandwidth * (X_k[i, j] - Z_k[i, j])
     for i in range(len(a)):
         a[i] = bandwidth_a * (v[i] - memory[m + i])
     return True
@@ -57,36 +64,32 @@ def carry(
 
 
 @compiled(
-    "void(f8[:,:], f8[:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8, f8, f8, f8[:,:], f8[:])",
+    "void(f8[:,:], f8[:], f8[:,:], f8[:], f8[:], f8, f8, f8, f8[:,:], f8[:])",
     fills=2,
 )
 def advance(
-    W_k: np.ndarray,
+    Z_k: np.ndarray,
     memory: np.ndarray,
-    Y_k: np.ndarray,
-    a_k: np.ndarray,
+    W_k: np.ndarray,
     y: np.ndarray,
-    xd_hat: np.ndarray,
     v: np.ndarray,
     bandwidth: float,
     bandwidth_a: float,
     dt: float,
-    W_k_after: np.ndarray,
+    Z_k_after: np.ndarray,
     memory_after: np.ndarray,
 ) -> None:
-    """Move W_k (m_p, p), and of the memory xi (m_p) and z (n), on for dt with their inputs held.
+    """Move Z_k (m_p, p), and of the memory xi (m_p) and z (n), on for dt with their inputs held.
 
-    Each goes the share 1 - exp(-bandwidth dt) of the way to its input: the position rows Y_p of
-    Y_k, lambda x + y_p0, and v. The way of xi is y + y_p0, y_p0 = J v - Y_p a_k.
+    Each goes the share 1 - exp(-bandwidth dt) of the way to its input, X_k, d and v; W_k and y are
+    these ways times the bandwidth.
     """
     m = len(y)
     share, share_a = -math.expm1(-bandwidth * dt), -math.expm1(-bandwidth_a * dt)
     for i in range(m):
-        way = y[i] + xd_hat[i]
-        for j in range(len(a_k)):
-            W_k_after[i, j] = W_k[i, j] + share * (Y_k[i, j] - W_k[i, j])
-            way -= Y_k[i, j] * a_k[j]
-        memory_after[i] = memory[i] + share * way
+        for j in range(Z_k.shape[1]):
+            Z_k_after[i, j] = Z_k[i, j] + share / bandwidth * W_k[i, j]
+        memory_after[i] = memory[i] + share / bandwidth * y[i]
     for i in range(len(v)):
         k = m + i
         memory_after[k] = memory[k] + share_a * (v[i] - memory[k])

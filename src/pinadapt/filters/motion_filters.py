@@ -21,12 +21,14 @@ class MotionState(NamedTuple):
     """What the filters remember.
 
     Attributes:
-        W_k: (m_p, p_k) filtered kinematic regressor of the m_p positions, (3).
-        memory: (m_p + n) the low-passed lambda x + y_p0, xi, from which y = lambda x - xi comes,
-            (4) [m/s]; the low-passed joint velocity z, from which the joint acceleration comes.
+        Z_k: (m_p, p_k) low-passed X_k, dx/da_k of the m_p positions, from which the filtered
+            kinematic regressor W_k = lambda (X_k - Z_k) comes, (3).
+        memory: (m_p + n) low-passed position less its known part, xi, from which y = lambda (x -
+            x_0 - xi) comes, (4) [m]; low-passed joint velocity z, from which the joint acceleration
+            comes.
     """
 
-    W_k: np.ndarray
+    Z_k: np.ndarray
     memory: np.ndarray
 
 
@@ -49,6 +51,12 @@ class FilteredMotion:
 class MotionFilters(Filters):
     """lambda / (lambda + p) on the task velocity and its regressor, p / (lambda_a p + 1) on v.
 
+    The position is affine in the parameters, x = X_k a_k + x_0, so its velocity need not be: with
+    the same low pass F on both sides, lambda (1 - F) X_k a_k = lambda (1 - F) (x - x_0) holds for
+    samples of any period, as F is linear whatever it makes of them between. In continuous time
+    lambda (1 - F) X_k is Y_k through lambda / (lambda + p), as Wang and Xie have it; sampled, that
+    would lag behind the difference of positions, by millimetres of a tool.
+
     Attributes:
         task_velocity: low pass lambda of (3)-(4).
         joint_velocity: low pass behind the acceleration, of bandwidth 1 / lambda_a.
@@ -58,12 +66,14 @@ class MotionFilters(Filters):
     joint_velocity: LowPass
 
     def init(self, measurement: Measurement, kinematics: TaskKinematics) -> MotionState:
-        """Return the filters at rest."""
-        m, p = kinematics.task.positions, kinematics.size
-        xi = np.zeros(0)
+        """Return the filters at rest, in the middle of what they pass: W_k and y are zero."""
+        m, p = kinematics.positions, kinematics.size
+        X_k, d = np.zeros((m, p)), np.zeros(m)
         if m and measurement.x is not None:
-            xi = self.task_velocity.bandwidth * kinematics.task.position(measurement.x)
-        return MotionState(np.zeros((m, p)), np.concatenate([xi, measurement.v]))
+            kinematics.update(kinematics.initial, measurement.q, measurement.v)
+            X_k = kinematics.position_regressor()
+            d = kinematics.task.position(measurement.x) - kinematics.known_position(X_k)
+        return MotionState(X_k, np.concatenate([d, measurement.v]))
 
     def observe(
         self, state: MotionState, measurement: Measurement, kinematics: TaskKinematics
@@ -74,35 +84,33 @@ class MotionFilters(Filters):
             InputError: the state of other filters.
         """
         if state.__class__ is MotionState:
-            W_k, memory = state
-            x = memory if measurement.x is None else measurement.x  # not read without positions
-            y, a = empty(kinematics.positions), empty(kinematics.nv)
+            Z_k, memory = state
+            X_k = kinematics.position_regressor()
+            d = kinematics.known_position(X_k)
+            if d.size and measurement.x is not None:
+                d = kinematics.task.position(measurement.x) - d
+            W_k, y, a = empty(X_k.shape), empty(d.size), empty(kinematics.nv)
             if kernels.filtered_rates(
-                W_k, memory, kinematics.size, self.task_velocity.bandwidth, x,
-                self.joint_velocity.bandwidth, measurement.v, y, a,
+                Z_k, memory, X_k, d, self.task_velocity.bandwidth,
+                measurement.v, self.joint_velocity.bandwidth, W_k, y, a,
             ):  # fmt: skip
                 return FilteredMotion(W_k, y, a)
         raise InputError("the filters are those of another controller.", where="state")
 
     def step(self, state: MotionState, s: Signals, dt: float) -> MotionState:
-        """Return the state after dt [s] with Y_p, lambda x + y_p0 and v held: exact for any dt."""
-        W_k, memory = state
-        W_k_after, memory_after = empty(W_k.shape), empty(memory.size)
+        """Return the state after dt [s] with X_k, x - x_0 and v held: exact for any dt."""
+        (Z_k, memory), (W_k, y) = state, (s.filtered.W_k, s.filtered.y)
+        Z_k_after, memory_after = empty(Z_k.shape), empty(memory.size)
         kernels.advance(
-            W_k, memory, s.Y_k, s.a_k, s.filtered.y, s.xd_hat, s.v,
+            Z_k, memory, W_k, y, s.v,
             self.task_velocity.bandwidth, self.joint_velocity.bandwidth, dt,
-            W_k_after, memory_after,
+            Z_k_after, memory_after,
         )  # fmt: skip
-        return named(MotionState, (W_k_after, memory_after))
+        return named(MotionState, (Z_k_after, memory_after))
 
     def rate(self, state: MotionState, s: Signals) -> MotionState:
         """Return the time derivative of the state."""
-        y = s.filtered.y
-        Y_p = s.Y_k[: y.size]
-        y_p0 = s.xd_hat[: y.size] - Y_p.dot(s.a_k)
-        lambda_ = self.task_velocity.bandwidth
-        rates = lambda_ * (y + y_p0), s.filtered.a  # xi to lambda x + y_p0, z to v
-        return MotionState(lambda_ * (Y_p - s.filtered.W_k), np.concatenate(rates))
+        return MotionState(s.filtered.W_k, np.concatenate([s.filtered.y, s.filtered.a]))
 
     def acceleration(self, filtered: FilteredMotion) -> np.ndarray:
         """Return the filtered joint acceleration (n)."""

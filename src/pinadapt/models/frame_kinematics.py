@@ -163,6 +163,10 @@ class FrameKinematics(TaskKinematics):
         """Return the believed positions (m_p) at the last update, and dx/da_k (m_p, p)."""
         return self._predicted(self._rotations, self._origins)
 
+    def known_position(self, X_k: np.ndarray) -> np.ndarray:
+        """Return x_0 (m_p) of the last update, x = X_k a_k + x_0 at any a_k, X_k = dx/da_k."""
+        return np.asarray(self.prediction()[0] - X_k.dot(self._a_k))
+
     def predicted(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the believed task coordinates at another q (nq), and dx/da_k (m_p, p) there."""
         pin.forwardKinematics(self._model, self._past, q)

@@ -84,6 +84,10 @@ class JointKinematics(TaskKinematics):
         """Return (0) and (0, 0)."""
         return self.initial, self.Y_k[:0]
 
+    def known_position(self, X_k: np.ndarray) -> np.ndarray:
+        """Return nothing: the joints are measured."""
+        return np.zeros(0)
+
     def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
         """Return (nv, 0)."""
         return self.Y_k

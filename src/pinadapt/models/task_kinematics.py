@@ -97,6 +97,10 @@ class TaskKinematics(ABC):
         """Return the believed positions (m_p) at the last update, and dx/da_k (m_p, p)."""
 
     @abstractmethod
+    def known_position(self, X_k: np.ndarray) -> np.ndarray:
+        """Return x_0 (m_p) of the last update, x = X_k a_k + x_0 at any a_k, X_k = dx/da_k."""
+
+    @abstractmethod
     def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
         """Return Ybar_k (m, p) of Wang and Xie (27), at joint acceleration a (nv)."""
 
