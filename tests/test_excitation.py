@@ -114,6 +114,17 @@ def test_a_parameter_without_effect_is_not_told_apart():
     assert np.isfinite(known["shoulder_lift_joint.mcx"])
 
 
+def test_joints_show_no_kinematic_parameters_and_a_known_robot_nothing():
+    robot = pa.load("scara", task="joint")
+    path = pa.Sinusoid(robot.home_angles, [0.2, 0.2, 0.05, 0.2], 1.0)
+    for options in ({}, {"adaptation": "none"}, {"dynamic": "none", "joint": "none"}):
+        controller = pa.make_controller(robot, **options)
+        found = pa.simulate(robot, controller, path, duration=0.5).excitation()
+        assert found.kinematic.rank == 0 == found.kinematic.rows
+        assert (found.dynamic.rank > 0) == (controller.dynamics.size > 0)
+    assert "nothing" in str(found)
+
+
 @pytest.mark.parametrize("camera", [False, True])
 def test_the_tool_is_known_from_what_was_seen(camera):
     rollout = run("panda", camera=camera)

@@ -13,7 +13,7 @@ from pinadapt.scenario.scenario import Scenario
 ROOT = Path(__file__).parents[1]
 FILES = {
     "panda": ROOT / "robots" / "panda" / "excited_load.toml",
-    "ur10": ROOT / "tests" / "data" / "ur10_excited_load.toml",
+    "ur10": ROOT / "robots" / "ur10" / "excited_load.toml",
 }
 COM = np.array([0.02, -0.01, 0.05])
 OFF = 0.03  # of the arm's inertias

@@ -201,7 +201,7 @@ def _information(
 def _weighted(
     names: tuple[str, ...], a: np.ndarray, W: np.ndarray, r: np.ndarray, noise: np.ndarray
 ) -> Information:
-    rows = (W / noise[:, None]).reshape(-1, len(names))
+    rows = (W / noise[:, None]).reshape(W.shape[0] * W.shape[1], len(names))
     return Information(
         tuple(names), a, rows.T @ rows, rows.T @ (r / noise).ravel(), noise, len(rows)
     )
