@@ -23,14 +23,15 @@ TORQUE_NOISE = 0.01  # of the effort limits
 CAMERA = 1e-4  # m
 
 
-def rollout(name: str) -> tuple[pa.Robot, pa.Robot, pa.Rollout]:
-    """Return a robot as described, the true one, and a run that its controller has tracked."""
+def rollout(name: str, engine: str = "pinocchio") -> tuple[pa.Robot, pa.Rollout]:
+    """Return a robot as described, and a run of the true one under a controller of ours."""
     robot = pa.load(name)
     true = robot.changed(
         payload=LOAD, tool_translation=TOOL, viscous=0.5, coulomb=0.8, armature=0.05
     )
     path = pa.Lissajous(robot.position(robot.q0), [0.12, 0.2, 0.12], [3, 4, 5], 8.0)
-    return robot, true, pa.simulate(true, pa.make_controller(robot), path, duration=14.0)
+    run = pa.simulate(true, pa.make_controller(robot), path, duration=14.0, engine=engine)
+    return robot, run
 
 
 def with_noise(run: pa.Rollout, robot: pa.Robot) -> pa.Log:
@@ -44,7 +45,7 @@ def with_noise(run: pa.Rollout, robot: pa.Robot) -> pa.Log:
 
 def rows(name: str) -> Iterator[tuple[str, pa.Identification]]:
     """Yield what was learned of a robot from each kind of log."""
-    robot, _, run = rollout(name)
+    robot, run = rollout(name)
     noisy = with_noise(run, robot)
     yield (
         f"{name}, exact",
@@ -53,6 +54,7 @@ def rows(name: str) -> Iterator[tuple[str, pa.Identification]]:
     yield f"{name}, as sensors are", pa.identify(noisy, robot)
     online = pa.identify(noisy, robot, adaptation="least-squares")
     yield f"{name}, online by least squares", online
+    yield f"{name}, exact, of MuJoCo", pa.identify(rollout(name, "mujoco")[1], robot)
 
 
 def main() -> None:

@@ -13,6 +13,7 @@ import pinadapt as pa
 from chains import catalogue_robot
 from pinadapt.cli.main import main
 from pinadapt.identification.report import FILES
+from pinadapt.identification.source import log_of
 from recorded import LOAD, motion, recorded, torques, true_robot
 
 
@@ -67,12 +68,14 @@ def test_a_run_of_ones_own_is_a_log(tmp_path):
     path = pa.Lissajous(robot.position(robot.q0), [0.12, 0.15, 0.12], [3, 4, 5], 6.0)
     rollout = pa.simulate(true, pa.make_controller(robot), path, duration=4.5)
     rollout.save(tmp_path)
-    for source in (rollout, tmp_path):
-        found = pa.identify(source, robot, dynamic="payload")
-        assert found.torque_errors.gain > 10.0
-        load = found.payload()
-        assert load.mass == pytest.approx(LOAD.mass, rel=1e-3)
-        assert np.abs(load.com - LOAD.com).max() < 2e-4
+    found = pa.identify(tmp_path, robot, dynamic="payload")
+    assert found.torque_errors.gain > 10.0
+    load = found.payload()
+    assert load.mass == pytest.approx(LOAD.mass, rel=1e-3)
+    assert np.abs(load.com - LOAD.com).max() < 2e-4
+    mine = log_of(rollout, robot)  # by its sensors, which were exact
+    assert all(np.allclose(getattr(mine, part), getattr(found.log, part)) for part in ("q", "tau"))
+    assert np.allclose(mine.x, found.log.x) and mine.held
 
 
 def test_positions_alone_do(name="ur5"):

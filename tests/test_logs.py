@@ -96,6 +96,11 @@ def test_a_header_may_be_a_comment(tmp_path, robot, log):
     assert same(pa.read_log(path, robot), log)
 
 
+def test_times_of_a_clock_on_the_wall_begin_at_zero(tmp_path, robot, log):
+    path = write_csv(tmp_path / "a.csv", columns_of(replace(log, t=log.t + STAMP), range(6)))
+    assert np.allclose(pa.read_log(path, robot).t, log.t, atol=1e-6)
+
+
 def test_degrees_are_read_where_it_is_said(tmp_path, robot, log):
     turned = replace(log, q=np.degrees(log.q), v=np.degrees(log.v))
     path = write_csv(tmp_path / "a.csv", columns_of(turned, range(6)))
@@ -251,6 +256,9 @@ def test_bags_are_matched_by_the_names_of_their_joints(tmp_path, robot, log, kin
     path = tmp_path / ("a.bag" if kind == "ros1" else "a")
     order = [2, 1, 0, 3, 4, 5]
     shuffled = replace(log, **{part: getattr(log, part)[:, order] for part in ("q", "v", "tau")})
+    twice = np.sort(np.append(np.arange(len(log.t)), [7, 9, 9]))  # a driver that repeats itself
+    again = {part: getattr(shuffled, part)[twice] for part in ("t", "q", "v", "tau")}
+    shuffled = replace(shuffled, **again)
     write_bag(path, kind, shuffled, [robot.joint_names[j] for j in order])
     read = pa.read_log(path, robot, pose_topic="/tracker")
     for part in ("t", "q", "v", "tau", "x_time"):

@@ -46,8 +46,9 @@ def accepts(path: Path) -> bool:
 def read(path: Path, wanted: Wanted) -> Log:
     """Return the log in a bag: one sample a message that has all joints of the robot.
 
-    Times are those of the headers, or of the bag where these are not set. Velocities and efforts
-    that a message leaves out are not measured.
+    Times are those of the headers, or of the bag where these are not set; messages are put in their
+    order, and those that repeat a time are left out. Velocities and efforts that a message leaves
+    out are not measured.
 
     Raises:
         LogError: it cannot be read, has no such topic, or lacks a joint.
@@ -70,7 +71,8 @@ def read(path: Path, wanted: Wanted) -> Log:
             frames = [(time, of(message)) for time, message in _messages(bag, pose)]
             x_time = np.array([time for time, _ in frames])
             x = np.array([frame for _, frame in frames])
-    t, q, v, tau = (np.array([row[k] for row in rows]) for k in range(4))
+    _, once = np.unique([row[0] for row in rows], return_index=True)
+    t, q, v, tau = (np.array([rows[i][k] for i in once]) for k in range(4))
     if not np.isfinite(tau).any():
         raise LogError(
             f"the joint states of '{topic}' have no effort, and without torques no dynamics can be "

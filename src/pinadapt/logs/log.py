@@ -12,6 +12,8 @@ from ..exceptions import LogError, did_you_mean
 from ..robot.chain import configuration_from_angles
 from ..robot.robot import Robot
 
+_EPOCH = 1e6  # [s] beyond which times are of a clock on the wall
+
 
 @dataclass(frozen=True, eq=False)
 class Log:
@@ -114,6 +116,13 @@ class Log:
         for k in np.flatnonzero(np.isfinite(self.q).all(axis=1)):
             found[k] = configuration_from_angles(model, self.q[k])
         return found
+
+    def of_its_own_clock(self) -> Log:
+        """Return the log with times from its first sample on, where they count from 1970 or so."""
+        if not len(self.t) or not self.t[0] > _EPOCH:
+            return self
+        x_time = None if self.x_time is None else self.x_time - self.t[0]
+        return replace(self, t=self.t - self.t[0], x_time=x_time)
 
     def after(self, t: float) -> Log:
         """Return what was recorded from a time [s] on."""

@@ -70,7 +70,7 @@ def read_log(
         named = {key: name_list(names, "columns") for key, names in (columns or {}).items()}
         wanted = Wanted(robot.joint_names, named, topic, pose_topic)
         source = _read(Path(instance(source, Path | str, "log")), wanted)
-    log = source.of(robot)
+    log = source.of(robot).of_its_own_clock()
     if degrees:
         log = _radians(log, robot)
     check(log, robot)
