@@ -81,9 +81,7 @@ def modification_table() -> str:
     """Return what `python -m benchmarks.modifications` measured, a row a robot and modification."""
     rows = json.loads((ROOT / "benchmarks" / "modifications.json").read_text())["rows"]
     columns = list(dict.fromkeys(row["disturbance"] for row in rows))
-    cells = {
-        (row["robot"], row["modification"], row["disturbance"]): modified(row) for row in rows
-    }
+    cells = {(row["robot"], row["modification"], row["disturbance"]): modified(row) for row in rows}
     lines = ["| | " + " | ".join(columns) + " |", "|---" * (len(columns) + 1) + "|"]
     for robot, kind in dict.fromkeys((row["robot"], row["modification"]) for row in rows):
         own = [cells.get((robot, kind, column), "") for column in columns]
