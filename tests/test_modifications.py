@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
+from benchmarks.modifications import measure
 from chains import catalogue_robot
 from drives import along
 from loops import circle_beside, energy_along, with_tool_and_load
@@ -296,3 +297,17 @@ def test_a_copy_gives_the_same_torques():
     assert np.isfinite(
         controller.adaptation_d.step(told.dynamic, along(np.zeros(78)), 1.0).value
     ).all()
+
+
+def test_late_motors_make_the_plain_adaptation_chatter_and_not_the_normalised_one():
+    plain, slower = (measure("ur5", "late motors", kind, 5.0) for kind in ("none", "normalised"))
+    assert plain["chatter"] > 10.0 * slower["chatter"]
+    assert slower["error_mm"] < 0.05 < plain["error_mm"]
+
+
+def test_noise_ends_law_11_with_a_gradient_and_not_with_a_projected_one():
+    plain, kept = (
+        measure("ur5", "noise, law (11), gradient", kind, 4.0) for kind in ("none", "projection")
+    )
+    assert plain["diverged"] is not None and kept["diverged"] is None
+    assert kept["error_mm"] < 5.0

@@ -48,7 +48,7 @@ def test_panda_with_plain_gradient_loses_its_mass_matrix():
     gradient = [
         "controller.law=adaptive-inverse-dynamics",
         "controller.adaptation=gradient",
-        "controller.gamma_d=1.0",
+        "controller.gamma_d=0.3",
         "simulation.duration=1.0",
     ]
     watched = Scenario.read(ROBOTS / "panda" / "tool_and_load.toml", gradient).run()
