@@ -7,10 +7,10 @@ STRIP  := $(BIN)/nbstripout --keep-id --extra-keys metadata.language_info
 export OPENBLAS_NUM_THREADS := 1
 
 # Closed loops of many seconds, which `make check` leaves to `make test`.
-SLOW := borrowed cli closed_loop composite excitation heavy_load hostile init interrupted \
-        joint_laws kernel_cache large_inputs late_frames learned limits live load_changes lumped \
-        lyapunov momentum mujoco_files mujoco_loops mujoco_plant notebooks outputs pages \
-        pose_loop preflight readme reference remedies rollout separation showcase simulation \
+SLOW := borrowed cli closed_loop composite elastic_plant excitation heavy_load hostile init \
+        interrupted joint_laws kernel_cache kinematic_least_squares large_inputs late_frames \
+        learned limits live load_changes lumped lyapunov modifications momentum mujoco_files \
+        mujoco_loops mujoco_plant notebooks outputs pages pose_loop preflight readme reference remedies rollout separation showcase simulation \
         site_code unknown_base urdf_out verdict zoo
 
 .PHONY: install demo notebook strip check test lint bench docs picture clean
