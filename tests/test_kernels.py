@@ -485,24 +485,27 @@ def test_inertias(lightest, rng, laid):
 
 
 def test_filters(rng, laid):
-    W, Y = laid(rng.standard_normal((3, 5))), laid(rng.standard_normal((6, 5)))
-    memory, v, x = (
-        laid(rng.standard_normal(10)),
-        laid(rng.standard_normal(7)),
-        rng.standard_normal(7),
-    )
-    y, a = filled(3), filled(7)
-    for wrong in ((W, memory, 4), (W[1:], memory, 5), (W, memory[1:], 5)):
-        assert not filters.filtered_rates(*wrong, 4.0, laid(x), 60.0, v, y, a)
-    assert np.isnan(y).all() and np.isnan(a).all()
-    assert filters.filtered_rates(W, memory, 5, 4.0, laid(x), 60.0, v, y, a)
-    assert close(y, 4.0 * x[:3] - memory[:3]) and close(a, 60.0 * (v - memory[3:]))
-    a_k, xd_hat, after = rng.standard_normal(5), rng.standard_normal(6), (filled(3, 5), filled(10))
-    filters.advance(W, memory, Y, a_k, y, xd_hat, v, 4.0, 60.0, 1e-2, *after)
-    f, f_a, Y_p = 1.0 - np.exp(-0.04), 1.0 - np.exp(-0.6), Y[:3]
-    assert close(after[0], W + f * (Y_p - W))
-    assert close(after[1][:3], memory[:3] + f * (y + xd_hat[:3] - Y_p @ a_k))
-    assert close(after[1][3:], memory[3:] + f_a * (v - memory[3:]))
+    W, Y_before = (laid(part) for part in rng.standard_normal((2, 3, 5)))
+    Y, shares = laid(rng.standard_normal((6, 5))), laid(np.array([0.2, 0.3]))
+    memory, before = (laid(row) for row in rng.standard_normal((2, 10)))
+    (x, v), y_p0 = map(laid, rng.standard_normal((2, 7))), laid(rng.standard_normal(3))
+    filled_in = W_now, memory_now, now, y, a = (
+        filled(3, 5), filled(10), filled(10), filled(3), filled(7)
+    )  # fmt: skip
+    rest = shares, Y, y_p0, x, v, 4.0, 60.0, *filled_in
+    for wrong in ((W[1:], memory), (W[:, 1:], memory), (W, memory[1:])):
+        assert not filters.filtered_rates(*wrong, Y_before, before, *rest)
+    assert all(np.isnan(part).all() for part in filled_in)
+    assert filters.filtered_rates(W, memory, Y_before, before, *rest)
+    assert close(now, np.r_[4.0 * x[:3] + y_p0, v])
+    assert close(W_now, W + 0.2 * (Y[:3] - Y_before))
+    assert close(memory_now, memory + np.r_[[0.2] * 3, [0.3] * 7] * (now - before))
+    assert close(y, 4.0 * x[:3] - memory_now[:3]) and close(a, 60.0 * (v - memory_now[3:]))
+    after = filled(3, 5), filled(10)
+    filters.advance(W, memory, Y, before, 4.0, 60.0, 1e-2, *after)
+    f, f_a = 1.0 - np.exp(-0.04), 1.0 - np.exp(-0.6)
+    assert close(after[0], W + f * (Y[:3] - W))
+    assert close(after[1], memory + np.r_[[f] * 3, [f_a] * 7] * (before - memory))
 
 
 def test_size_of_estimates(rng):

@@ -9,29 +9,50 @@ import numpy as np
 from .._compiled import compiled
 
 
-@compiled("b1(f8[:,:], f8[:], i8, f8, f8[:], f8, f8[:], f8[:], f8[:])", fills=2)
+@compiled(
+    "b1(f8[:,:], f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8[:], f8, f8, "
+    "f8[:,:], f8[:], f8[:], f8[:], f8[:])",
+    fills=5,
+)
 def filtered_rates(
     W_k: np.ndarray,
     memory: np.ndarray,
-    p: int,
-    bandwidth: float,
+    Y_before: np.ndarray,
+    before: np.ndarray,
+    shares: np.ndarray,
+    Y_k: np.ndarray,
+    y_p0: np.ndarray,
     x: np.ndarray,
-    bandwidth_a: float,
     v: np.ndarray,
+    bandwidth: float,
+    bandwidth_a: float,
+    W_now: np.ndarray,
+    memory_now: np.ndarray,
+    now: np.ndarray,
     y: np.ndarray,
     a: np.ndarray,
 ) -> bool:
-    """Write y = lambda x - xi (m_p), (4), and a = lambda_a (v - z) (n); memory: xi, z.
+    """Write W_k (m_p, p), the memory (m_p + n) and its inputs now, and y (m_p), (4), and a (n).
 
-    Return False, and write nothing, if W_k is not (m_p, p) or the memory not (m_p + n).
+    The inputs are lambda x + y_p0 and v; what has changed of them, and of the position rows of Y_k,
+    since the sample before, goes in with its share (2). Then y = lambda x - xi and a = lambda_a (v
+    - z), memory: xi, z. Return False, and write nothing, if W_k is not (m_p, p) or the memory not
+    (m_p + n).
     """
-    m = len(y)
-    if W_k.shape[0] != m or W_k.shape[1] != p or len(memory) != m + len(a):
+    m, n, p = len(y), len(a), Y_k.shape[1]
+    if W_k.shape[0] != m or W_k.shape[1] != p or len(memory) != m + n or len(y_p0) != m:
         return False
     for i in range(m):
-        y[i] = bandwidth * x[i] - memory[i]
-    for i in range(len(a)):
-        a[i] = bandwidth_a * (v[i] - memory[m + i])
+        for j in range(p):
+            W_now[i, j] = W_k[i, j] + shares[0] * (Y_k[i, j] - Y_before[i, j])
+        now[i] = bandwidth * x[i] + y_p0[i]
+        memory_now[i] = memory[i] + shares[0] * (now[i] - before[i])
+        y[i] = bandwidth * x[i] - memory_now[i]
+    for i in range(n):
+        k = m + i
+        now[k] = v[i]
+        memory_now[k] = memory[k] + shares[1] * (v[i] - before[k])
+        a[i] = bandwidth_a * (v[i] - memory_now[k])
     return True
 
 
@@ -56,18 +77,12 @@ def carry(
         after[i] = completed + dt * xd_hat[i] - share * dx_o[i]
 
 
-@compiled(
-    "void(f8[:,:], f8[:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8, f8, f8, f8[:,:], f8[:])",
-    fills=2,
-)
+@compiled("void(f8[:,:], f8[:], f8[:,:], f8[:], f8, f8, f8, f8[:,:], f8[:])", fills=2)
 def advance(
     W_k: np.ndarray,
     memory: np.ndarray,
     Y_k: np.ndarray,
-    a_k: np.ndarray,
-    y: np.ndarray,
-    xd_hat: np.ndarray,
-    v: np.ndarray,
+    inputs: np.ndarray,
     bandwidth: float,
     bandwidth_a: float,
     dt: float,
@@ -76,17 +91,14 @@ def advance(
 ) -> None:
     """Move W_k (m_p, p), and of the memory xi (m_p) and z (n), on for dt with their inputs held.
 
-    Each goes the share 1 - exp(-bandwidth dt) of the way to its input: the position rows Y_p of
-    Y_k, lambda x + y_p0, and v. The way of xi is y + y_p0, y_p0 = J v - Y_p a_k.
+    Each goes the share 1 - exp(-bandwidth dt) of the way to its input, W_k to the first rows of
+    Y_k.
     """
-    m = len(y)
+    m, p = W_k.shape
     share, share_a = -math.expm1(-bandwidth * dt), -math.expm1(-bandwidth_a * dt)
     for i in range(m):
-        way = y[i] + xd_hat[i]
-        for j in range(len(a_k)):
+        for j in range(p):
             W_k_after[i, j] = W_k[i, j] + share * (Y_k[i, j] - W_k[i, j])
-            way -= Y_k[i, j] * a_k[j]
-        memory_after[i] = memory[i] + share * way
-    for i in range(len(v)):
-        k = m + i
-        memory_after[k] = memory[k] + share_a * (v[i] - memory[k])
+    for i in range(len(memory)):
+        part = share if i < m else share_a
+        memory_after[i] = memory[i] + part * (inputs[i] - memory[i])

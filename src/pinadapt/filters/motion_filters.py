@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -16,6 +17,8 @@ from ..signals import Signals
 from .filters import Filters
 from .low_pass import LowPass
 
+_NOTHING_TO_COME = np.zeros(2)
+
 
 class MotionState(NamedTuple):
     """What the filters remember.
@@ -24,10 +27,16 @@ class MotionState(NamedTuple):
         W_k: (m_p, p_k) filtered kinematic regressor of the m_p positions, (3).
         memory: (m_p + n) the low-passed lambda x + y_p0, xi, from which y = lambda x - xi comes,
             (4) [m/s]; the low-passed joint velocity z, from which the joint acceleration comes.
+        Y_p: (m_p, p_k) regressor that was held over the last step.
+        inputs: (m_p + n) of the memory, held over it.
+        shares: (2) of a change of both over it that are still to come, position and joint.
     """
 
     W_k: np.ndarray
     memory: np.ndarray
+    Y_p: np.ndarray
+    inputs: np.ndarray
+    shares: np.ndarray
 
 
 @dataclass(slots=True, eq=False)
@@ -38,16 +47,22 @@ class FilteredMotion:
         W_k, y: (m_p, p_k) and (m_p) filtered regressor and velocity, (3)-(4), the known part taken
             off y; positions only.
         a: (n) filtered joint acceleration.
+        state: the filters' memory at this instant.
     """
 
     W_k: np.ndarray
     y: np.ndarray
     a: np.ndarray
+    state: MotionState
 
 
 @dataclass(frozen=True, eq=False)
 class MotionFilters(Filters):
     """lambda / (lambda + p) on the task velocity and its regressor, p / (lambda_a p + 1) on v.
+
+    Sampled, what is filtered counts as piecewise linear, its later end as soon as it is known: held
+    over each period instead, W_k and y would differ by half of one, y by lambda dt / 2 of itself,
+    and an estimate of a tool by two millimetres at lambda = 14 /s and 1 kHz.
 
     Attributes:
         task_velocity: low pass lambda of (3)-(4).
@@ -59,11 +74,12 @@ class MotionFilters(Filters):
 
     def init(self, measurement: Measurement, kinematics: TaskKinematics) -> MotionState:
         """Return the filters at rest."""
-        m, p = kinematics.task.positions, kinematics.size
+        m, p, v = kinematics.task.positions, kinematics.size, measurement.v
         xi = np.zeros(0)
         if m and measurement.x is not None:
             xi = self.task_velocity.bandwidth * kinematics.task.position(measurement.x)
-        return MotionState(np.zeros((m, p)), np.concatenate([xi, measurement.v]))
+        memory = np.concatenate([xi, v])
+        return MotionState(np.zeros((m, p)), memory, np.zeros((m, p)), memory, np.zeros(2))
 
     def observe(
         self, state: MotionState, measurement: Measurement, kinematics: TaskKinematics
@@ -74,36 +90,46 @@ class MotionFilters(Filters):
             InputError: the state of other filters.
         """
         if state.__class__ is MotionState:
-            W_k, memory = state
+            W_k, memory, Y_p, before, shares = state
+            m, n, Y_k = kinematics.positions, kinematics.nv, kinematics.Y_k
             x = memory if measurement.x is None else measurement.x  # not read without positions
-            y, a = empty(kinematics.positions), empty(kinematics.nv)
+            W_now, memory_now, now = empty((m, Y_k.shape[1])), empty(m + n), empty(m + n)
+            y, a = empty(m), empty(n)
             if kernels.filtered_rates(
-                W_k, memory, kinematics.size, self.task_velocity.bandwidth, x,
-                self.joint_velocity.bandwidth, measurement.v, y, a,
+                W_k, memory, Y_p, before, shares, Y_k, kinematics.y_p0, x, measurement.v,
+                self.task_velocity.bandwidth, self.joint_velocity.bandwidth,
+                W_now, memory_now, now, y, a,
             ):  # fmt: skip
-                return FilteredMotion(W_k, y, a)
+                reached = MotionState(W_now, memory_now, Y_k[:m], now, _NOTHING_TO_COME)
+                return FilteredMotion(W_now, y, a, reached)
         raise InputError("the filters are those of another controller.", where="state")
 
     def step(self, state: MotionState, s: Signals, dt: float) -> MotionState:
-        """Return the state after dt [s] with Y_p, lambda x + y_p0 and v held: exact for any dt."""
-        W_k, memory = state
+        """Return the state after dt [s]."""
+        W_k, memory, Y_p, inputs, _ = s.filtered.state
         W_k_after, memory_after = empty(W_k.shape), empty(memory.size)
-        kernels.advance(
-            W_k, memory, s.Y_k, s.a_k, s.filtered.y, s.xd_hat, s.v,
-            self.task_velocity.bandwidth, self.joint_velocity.bandwidth, dt,
-            W_k_after, memory_after,
-        )  # fmt: skip
-        return named(MotionState, (W_k_after, memory_after))
+        bandwidths = self.task_velocity.bandwidth, self.joint_velocity.bandwidth
+        kernels.advance(W_k, memory, Y_p, inputs, *bandwidths, dt, W_k_after, memory_after)
+        shares = np.array([_to_come(bandwidth * dt) for bandwidth in bandwidths])
+        return named(MotionState, (W_k_after, memory_after, Y_p, inputs, shares))
 
     def rate(self, state: MotionState, s: Signals) -> MotionState:
         """Return the time derivative of the state."""
-        y = s.filtered.y
-        Y_p = s.Y_k[: y.size]
-        y_p0 = s.xd_hat[: y.size] - Y_p.dot(s.a_k)
-        lambda_ = self.task_velocity.bandwidth
-        rates = lambda_ * (y + y_p0), s.filtered.a  # xi to lambda x + y_p0, z to v
-        return MotionState(lambda_ * (Y_p - s.filtered.W_k), np.concatenate(rates))
+        W_k, memory, Y_p, inputs, shares = s.filtered.state
+        m = len(W_k)
+        xi = self.task_velocity.rate(memory[:m], inputs[:m])
+        moved = np.concatenate([xi, s.filtered.a])  # z to v
+        rest = np.zeros(Y_p.shape), np.zeros(inputs.size), np.zeros(shares.size)
+        return MotionState(self.task_velocity.rate(W_k, Y_p), moved, *rest)
 
     def acceleration(self, filtered: FilteredMotion) -> np.ndarray:
         """Return the filtered joint acceleration (n)."""
         return filtered.a
+
+
+def _to_come(x: float) -> float:
+    """Return the share of a change over a step of which the later end is not known yet.
+
+    A low pass of bandwidth x per step goes 1 - (1 - exp(-x)) / x of a ramp of one.
+    """
+    return 1.0 + math.expm1(-x) / x if x > 0.0 else 0.0

@@ -72,6 +72,11 @@ class JointKinematics(TaskKinematics):
         """Return the identity, undamped."""
         return self._inverse
 
+    @property
+    def y_p0(self) -> np.ndarray:
+        """Return (0)."""
+        return self.initial
+
     def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
         """Return zero (nv, nv)."""
         return self._no_rate

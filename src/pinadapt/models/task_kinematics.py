@@ -66,6 +66,11 @@ class TaskKinematics(ABC):
 
     @property
     @abstractmethod
+    def y_p0(self) -> np.ndarray:
+        """Velocity (m_p) of the positions that no parameter changes [m/s]."""
+
+    @property
+    @abstractmethod
     def x_hat(self) -> np.ndarray:
         """Believed task coordinates at the last update."""
 
