@@ -1,0 +1,187 @@
+"""The price of ignorance: the error of an adapted loop over that of the same loop with the truth.
+
+``python -m benchmarks.price_of_ignorance [--save FILE] [--laws NAMES] [--robots NAMES]`` runs every
+law that adapts under natural adaptation with and without memory, and the default law under the
+others as well. Unknown are a tool of 13 cm, a load of 1.5 kg (z1: 0.75)
+and every inertia (believed 30 % too small); there is no friction, and sensors are perfect. The
+frame follows a circle of 0.1 m in 3 s, laws of the joints swing every joint by 0.2 rad in 3 s;
+default gains, 1 kHz. Rows of other laws and robots in the file stay.
+
+The error after T seconds is the largest of the last tenth of them, from 0.9 T to T, of one run of
+40 s; the price is that over the same window of the loop that believes the true robot and does not
+adapt.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import warnings
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from itertools import product
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import pinadapt as pa
+from pinadapt.laws import DEFAULT
+
+from .timing import HERE, save, saved
+
+LOADS = {"panda": 1.5, "ur5": 1.5, "z1": 0.75}  # [kg]
+AFTER = (5.0, 10.0, 20.0, 40.0)  # [s]
+TOOL = (0.03, -0.02, 0.12)  # [m]
+CENTRE = (0.02, -0.01, 0.05)  # [m]
+TURNING = (0.01, 0.0, 0.012, 0.0, 0.0, 0.004)  # [kg m^2], of the Panda's load
+LIGHTER = 0.7
+RADIUS, SWING, PERIOD = 0.1, 0.2, 3.0  # [m], [rad], [s]
+
+TRUTH, FITTED = "truth", "natural-memory, tool by least squares"
+ADAPTATIONS: dict[str, dict[str, str]] = {
+    TRUTH: {"adaptation": "none"},
+    "natural": {"adaptation": "natural"},
+    "natural-memory": {"adaptation": "natural-memory"},
+    "natural-composite": {"adaptation": "natural-composite"},
+    "least-squares": {"adaptation": "least-squares"},
+    FITTED: {"adaptation": "natural-memory", "kinematic_adaptation": "least-squares"},
+}
+_TITLES = {TRUTH: "the truth [µm, µrad]", FITTED: "`natural-memory`, tool by least squares"}
+EVERYWHERE = (TRUTH, "natural", "natural-memory")
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run.
+
+    Attributes:
+        robot, law, adaptation: by name.
+    """
+
+    robot: str
+    law: str
+    adaptation: str
+
+    @property
+    def joints(self) -> bool:
+        """Whether the joints themselves follow a motion, and no tool is seen."""
+        return pa.LAWS[self.law].joint_space
+
+    def robots(self) -> tuple[pa.Robot, pa.Robot]:
+        """Return the described robot and the real one."""
+        task = {"task": "joint"} if self.joints else {}
+        robot, mass = pa.load(self.robot, **task), LOADS[self.robot]
+        load = pa.Payload(mass, CENTRE, mass / LOADS["panda"] * np.array(TURNING))
+        tool = {} if self.joints else {"tool_translation": TOOL}
+        return robot, robot.changed(payload=load, **tool)
+
+    def path(self, true: pa.Robot) -> pa.Trajectory:
+        """Return the motion, from home."""
+        if self.joints:
+            return pa.Sinusoid(true.home_angles + SWING, SWING, PERIOD)
+        circle = pa.Circle(np.zeros(3), RADIUS, PERIOD, "yz")
+        return circle.starting_at(true.position(true.q0))
+
+    def errors(self) -> list[float | None]:
+        """Return the error after each time [m or rad]; None from where the loop is lost."""
+        robot, true = self.robots()
+        believed = true if self.adaptation == TRUTH else robot.changed(inertial_scale=LIGHTER)
+        words = ADAPTATIONS[self.adaptation]
+        controller = pa.make_controller(believed, law=self.law, joint="none", **words)
+        rollout = pa.simulate(true, controller, self.path(true), duration=AFTER[-1])
+        t, error = rollout.t, rollout.distance
+        lost = np.inf if rollout.diverged is None else rollout.diverged
+        return [
+            float(error[(t > 0.9 * end) & (t <= end)].max()) if end < lost else None
+            for end in AFTER
+        ]
+
+
+def measured(run: Run) -> list[float | None]:
+    """Return the errors of a run, whatever it warns of."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of light joints: the table says what comes of them
+        return run.errors()
+
+
+def runs(laws: Sequence[str], robots: Sequence[str]) -> list[Run]:
+    """Return all runs: of the default law all adaptations."""
+    return [
+        Run(robot, law, kind)
+        for law, robot, kind in product(laws, robots, ADAPTATIONS)
+        if kind in EVERYWHERE or law == DEFAULT
+    ]
+
+
+def rows(found: Mapping[Run, list[float | None]]) -> list[dict[str, Any]]:
+    """Return a row a run, with the price of the adapted ones."""
+    table = []
+    for run, errors in found.items():
+        known = found[Run(run.robot, run.law, TRUTH)]
+        price = [
+            None if error is None or best is None else error / best
+            for error, best in zip(errors, known, strict=True)
+        ]
+        table.append(
+            {
+                "name": f"{run.law}, {run.robot}, {run.adaptation}",
+                "law": run.law,
+                "robot": run.robot,
+                "adaptation": run.adaptation,
+                "unit": "rad" if run.joints else "m",
+                "after": AFTER,
+                "error": errors,
+                "price": price,
+            }
+        )
+    return table
+
+
+def report(table: Sequence[Mapping[str, Any]]) -> str:
+    """Return a table in Markdown: errors with the truth [um or urad], below them prices."""
+    by_name = {(row["law"], row["robot"], row["adaptation"]): row for row in table}
+    head = [f"{robot} {end:g} s" for robot, end in product(LOADS, AFTER)]
+    lines = [["law", "adaptation", *head], ["---"] * (len(head) + 2)]
+    for law, kind in product(dict.fromkeys(row["law"] for row in table), ADAPTATIONS):
+        found = [by_name.get((law, robot, kind)) for robot in LOADS]
+        if any(found):
+            lines.append([f"`{law}`", _TITLES.get(kind, f"`{kind}`")])
+            lines[-1] += [cell for row in found for cell in _cells(row)]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _cells(row: Mapping[str, Any] | None) -> list[str]:
+    """Return errors where the truth is known, else prices, one for each time."""
+    if row is None:
+        return ["-"] * len(AFTER)
+    known = row["adaptation"] == TRUTH
+    numbers = [e and 1e6 * e for e in row["error"]] if known else row["price"]
+    return ["lost" if n is None else f"{n:.2g}" if n < 100.0 else f"{n:.0f}" for n in numbers]
+
+
+def main() -> None:
+    """Run all, print what comes, and save it."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--save", type=Path, default=HERE / "price_of_ignorance.json")
+    parser.add_argument("--laws", default=",".join(n for n, law in pa.LAWS.items() if law.adapts))
+    parser.add_argument("--robots", default=",".join(LOADS))
+    parser.add_argument("--processes", type=int, default=None)
+    options = parser.parse_args()
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    chosen = runs(options.laws.split(","), options.robots.split(","))
+    found = {}
+    with ProcessPoolExecutor(options.processes, mp_context=get_context("spawn")) as pool:
+        for run, errors in zip(chosen, pool.map(measured, chosen), strict=True):
+            print(run, errors, flush=True)
+            found[run] = errors
+    new = {row["name"]: row for row in rows(found)}
+    table = list((saved(options.save) | new).values())
+    save(options.save, table)
+    print(report(table))
+
+
+if __name__ == "__main__":
+    main()
