@@ -137,8 +137,8 @@ def _controller(template: Template) -> Table:
     table = _filled({"law": controller.law.name, "adaptation": "natural"})
     _remark(
         table,
-        'Other adaptations learn from the torque as well, and faster: "natural-memory", which keeps '
-        'every body physical too, and "least-squares", which does not.',
+        'Other adaptations learn from the torque as well, and faster: "natural-memory", which '
+        'keeps every body physical too, and "least-squares", which does not.',
     )
     _remark(
         table,
