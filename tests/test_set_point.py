@@ -233,10 +233,20 @@ def levers_times_force(law):
     return np.linalg.norm(np.diag(law.K_P) * law.width) * (np.array(first) + reach)
 
 
-@pytest.mark.parametrize(("name", "task"), [("panda", "xyz"), ("ur5", "pose"), ("mixed", "joint")])
-def test_no_state_and_no_estimate_asks_for_more(name, task):
+@pytest.mark.parametrize(
+    ("name", "task", "adaptation"),
+    [
+        ("panda", "xyz", "natural"),
+        ("panda", "xyz", "natural-memory"),
+        ("ur5", "pose", "natural"),
+        ("mixed", "joint", "natural"),
+    ],
+)
+def test_no_state_and_no_estimate_asks_for_more(name, task, adaptation):
     robot, rng = robot_of(name, task), np.random.default_rng(1)
-    controller = pa.make_controller(robot, law=BOUNDED, guards=False, torque_limits=None)
+    controller = pa.make_controller(
+        robot, law=BOUNDED, adaptation=adaptation, guards=False, torque_limits=None
+    )
     law, n = controller.law, robot.model.nv
     quantity = controller.init(pa.Measurement(0.0, robot.q0, np.zeros(n), robot.position(robot.q0)))
     for scale in (1e-2, 1.0, 1e3):

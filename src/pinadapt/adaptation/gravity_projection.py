@@ -76,7 +76,7 @@ class GravityProjection(Wrapper):
             if not effect > 0.0:
                 break
             drive = Drive(Z[i : i + 1], e)
-            kept = self.inner.step(Estimate(kept), drive, excess / effect).value
+            kept = self.inner.step(estimate._replace(value=kept), drive, excess / effect).value
         return kept
 
 
