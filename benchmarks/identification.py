@@ -52,8 +52,9 @@ def rows(name: str) -> Iterator[tuple[str, pa.Identification]]:
         pa.identify(replace(noisy, q=run.q, v=run.v, tau=run.tau, x=run.x[::33]), robot),
     )
     yield f"{name}, as sensors are", pa.identify(noisy, robot)
-    online = pa.identify(noisy, robot, adaptation="least-squares")
-    yield f"{name}, online by least squares", online
+    for adaptation in ("natural-composite", "least-squares"):
+        online = pa.identify(noisy, robot, adaptation=adaptation)
+        yield f"{name}, as sensors are, online by {adaptation}", online
     yield f"{name}, exact, of MuJoCo", pa.identify(rollout(name, "mujoco")[1], robot)
 
 

@@ -180,8 +180,14 @@ def _identify(command: argparse.ArgumentParser) -> None:
         command.add_argument(option, type=_names, metavar="A,B", help=what)
     command.add_argument(
         "--adaptation",
-        choices=("natural-composite", "composite", "least-squares"),
-        default="natural-composite",
+        choices=(
+            "natural-memory",
+            "natural-composite",
+            "composite-memory",
+            "composite",
+            "least-squares",
+        ),
+        default="natural-memory",
         help="of the online estimator (default: %(default)s)",
     )
     command.add_argument(

@@ -61,7 +61,7 @@ class Estimator:
                 f"the adaptation '{controller.adaptation_d.name}' learns from tracking errors "
                 "alone, of which an estimator has none.",
                 where="adaptation",
-                hint='Take "natural-composite", "composite" or "least-squares".',
+                hint='Take "natural-memory", "natural-composite" or "least-squares".',
             )
         if kinematics.size and not controller.law.needs_prediction:
             raise GainError(
@@ -202,7 +202,7 @@ class Estimator:
     ) -> Estimate:
         """Return the dynamic estimate after the prediction error of the torque."""
         adaptation = self.controller.adaptation_d
-        a_d = adaptation.project(dynamic.value, sample.q)
+        a_d = adaptation.project(dynamic, sample.q)
         drive = Drive(predicted.W, None, predicted.W, predicted.W.dot(a_d) - predicted.y)
         return adaptation.step(dynamic._replace(value=a_d), drive, elapsed)
 

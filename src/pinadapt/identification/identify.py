@@ -45,7 +45,7 @@ def identify(
     kinematic: Words | None = None,
     dynamic: str | Sequence[str] = "all",
     joint: str | Sequence[str] = "all",
-    adaptation: str | Adaptation = "natural-composite",
+    adaptation: str | Adaptation = "natural-memory",
     compensated: Compensation | str | None = None,
     held_out: float = 0.25,
     columns: Mapping[str, str | Sequence[str]] | None = None,

@@ -15,7 +15,7 @@ from .unknowns import Words
 def make_estimator(
     believed: Robot,
     *,
-    adaptation: str | Adaptation = "natural-composite",
+    adaptation: str | Adaptation = "natural-memory",
     kinematic: Words | None = None,
     dynamic: str | Sequence[str] = "all",
     joint: str | Sequence[str] = "all",
@@ -27,7 +27,7 @@ def make_estimator(
     Args:
         believed: what the user believes the robot to be; only read. With a task of the frame its
             position teaches translations; with a joint task none is needed.
-        adaptation: one that predicts the torque, "natural-composite", "composite" or
+        adaptation: one that predicts the torque, such as "natural-memory", "natural-composite" or
             "least-squares", or an object.
         kinematic: unknown translations, as ``make_controller`` has them.
         dynamic: unknown bodies, likewise.
