@@ -150,6 +150,12 @@ def test_torques_without_gravity_are_noticed_and_made_whole():
     assert whole.torque_errors.gain > 100.0
 
 
+def test_a_description_that_is_right_is_told_so():
+    log, true = recorded("ur5"), true_robot("ur5")
+    found = pa.identify(log, true, dynamic="payload", joint="none", kinematic=())
+    assert "was right already" in found.verdict and "WORSE" not in found.verdict
+
+
 def test_what_was_not_moved_is_not_told_apart_and_stays_as_described():
     log, robot = recorded("ur5"), catalogue_robot("ur5")
     _, q, v, a = motion("ur5")

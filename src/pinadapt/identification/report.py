@@ -31,6 +31,7 @@ FILES = (
     "summary.json",
 )
 _HARDLY = 2.0  # times better than the description is hardly better
+_RIGHT = 1e-3  # of the torques, by which a description that is right already may be off
 _GRAVITY = 0.7  # share of the error that is left with gravity added where a log leaves it out
 
 
@@ -50,6 +51,8 @@ def verdict(found: Identification) -> str:
     words = f"torque, held out: {before:.3g} -> {after:.3g} N m or N (rms), {gain:.3g} times less"
     if gain >= _HARDLY:
         return words + "."
+    if max(before, after) < _RIGHT * rms(errors.size):
+        return f"{words}. The description was right already, to a thousandth of the torques."
     if leaves_gravity_out(found):
         return (
             f"{words}. These torques look as if gravity were left out of them: say so "
