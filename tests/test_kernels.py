@@ -380,7 +380,12 @@ def test_frame_motion(name, rows, rng, laid):
     parents, B = np.array([model.njoints - 1, 1]), laid(rng.standard_normal((3, 2)))
     m, given = len(rows), [laid(part) for part in arrays_of(data)]
     J, Jdot_v, xd, Y = filled(m, model.nv), filled(m), filled(m), filled(m, 2)
-    models.frame_motion(*given, laid(lever), laid(v), rows, parents, B, J, Jdot_v, xd, Y)
+    x, X = filled(len(place)), filled(len(place), 2)
+    filling = J, Jdot_v, xd, Y, x, X
+    models.frame_motion(*given, laid(lever), laid(v), rows, parents, B, *filling)
+    assert close(x, pin.updateFramePlacement(model, data, frame).translation[place])
+    turned = [data.oMi[int(i)].rotation @ b for i, b in zip(parents, B.T, strict=True)]
+    assert close(X, np.transpose(turned)[place])
     expected = pin.getFrameJacobian(model, data, frame, aligned).reshape(6, -1)[rows]
     assert close(J, expected) and close(xd, expected @ v)
     fast = pin.getFrameClassicalAcceleration(model, data, frame, aligned).vector
@@ -392,7 +397,7 @@ def test_frame_motion(name, rows, rng, laid):
         near = pin.Frame("near", int(parent), 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME)
         ends = _velocities(model, q, v, far, near)
         assert close(column[: len(place)], (ends[0] - ends[1])[place])
-    models.frame_motion(*given, lever, NAN * v, rows, parents, B, J, Jdot_v, xd, Y)
+    models.frame_motion(*given, lever, NAN * v, rows, parents, B, *filling)
     assert np.isnan(xd).all()
 
 
@@ -486,12 +491,13 @@ def test_inertias(lightest, rng, laid):
 
 def test_filters(rng, laid):
     Z, X = (laid(rng.standard_normal((3, 5))) for _ in range(2))
-    memory, v, d = (laid(rng.standard_normal(size)) for size in (10, 7, 3))
+    memory, v, x, x_hat, a_k = (laid(rng.standard_normal(size)) for size in (10, 7, 3, 3, 5))
+    d, seen = x - x_hat + X @ a_k, (x_hat, a_k, x)
     W, y, a = filled(3, 5), filled(3), filled(7)
     for wrong in ((Z[:, 1:], memory), (Z[1:], memory), (Z, memory[1:])):
-        assert not filters.filtered_rates(*wrong, X, d, 4.0, v, 60.0, W, y, a)
+        assert not filters.filtered_rates(*wrong, X, *seen, 4.0, v, 60.0, W, y, a)
     assert np.isnan(W).all() and np.isnan(y).all() and np.isnan(a).all()
-    assert filters.filtered_rates(Z, memory, X, d, 4.0, v, 60.0, W, y, a)
+    assert filters.filtered_rates(Z, memory, X, *seen, 4.0, v, 60.0, W, y, a)
     assert close(W, 4.0 * (X - Z)) and close(y, 4.0 * (d - memory[:3]))
     assert close(a, 60.0 * (v - memory[3:]))
     after = filled(3, 5), filled(10)

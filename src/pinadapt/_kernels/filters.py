@@ -10,14 +10,16 @@ from .._compiled import compiled
 
 
 @compiled(
-    "b1(f8[:,:], f8[:], f8[:,:], f8[:], f8, f8[:], f8, f8[:,:], f8[:], f8[:])",
+    "b1(f8[:,:], f8[:], f8[:,:], f8[:], f8[:], f8[:], f8, f8[:], f8, f8[:,:], f8[:], f8[:])",
     fills=3,
 )
 def filtered_rates(
     Z_k: np.ndarray,
     memory: np.ndarray,
     X_k: np.ndarray,
-    d: np.ndarray,
+    x_hat: np.ndarray,
+    a_k: np.ndarray,
+    x: np.ndarray,
     bandwidth: float,
     v: np.ndarray,
     bandwidth_a: float,
@@ -25,16 +27,20 @@ def filtered_rates(
     y: np.ndarray,
     a: np.ndarray,
 ) -> bool:
-    """Write W_k = lambda (X_k - Z_k), y = lambda (d - xi), and a = lambda_a (v - z); memory: xi, z.
+    """Write W_k = lambda (X_k - Z_k), y = lambda (x - x_0 - xi), and a = lambda_a (v - z).
 
-    W_k, X_k, Z_k are (m_p, p), y and d (m_p), a and v (n). Return False, and write nothing, if Z_k
+    x_0 = x_hat - X_k a_k is the known part of the position; the memory is (xi, z). W_k, X_k, Z_k
+    are (m_p, p), y, x and x_hat (m_p), a and v (n). Return False, and write nothing, if Z_k
     is not (m_p, p) or the memory not (m_p + n).
     """
     m, p = X_k.shape
     if Z_k.shape[0] != m or Z_k.shape[1] != p or len(memory) != m + len(a):
         return False
     for i in range(m):
-        y[i] = bandwidth * (d[i] - memory[i])
+        d = x[i] - x_hat[i]
+        for j in range(p):
+            d += X_k[i, j] * a_k[j]
+        y[i] = bandwidth * (d - memory[i])
         for j in range(p):
             W_k[i, j] = bandwidth * (X_k[i, j] - Z_k[i, j])
     for i in range(len(a)):

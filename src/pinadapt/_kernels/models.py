@@ -47,8 +47,8 @@ def place(
 
 @compiled(
     "void(f8[:,:,:], f8[:,:], f8[:,:], f8[:,:], f8[:,:], f8[:], f8[:], i8[:], "
-    "i8[:], f8[:,:], f8[:,:], f8[:], f8[:], f8[:,:])",
-    fills=4,
+    "i8[:], f8[:,:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], f8[:,:])",
+    fills=6,
 )
 def frame_motion(
     R: np.ndarray,
@@ -65,15 +65,17 @@ def frame_motion(
     Jdot_v: np.ndarray,
     xd_hat: np.ndarray,
     Y_k: np.ndarray,
+    x_hat: np.ndarray,
+    X_k: np.ndarray,
 ) -> None:
-    """Write the Jacobian J (m, n) of a frame, dJ/dt v (m), J v (m) and Y_k (m, p).
+    """Write of a frame J (m, n), dJ/dt v (m), J v (m), Y_k (m, p), positions (m_p), X_k (m_p, p).
 
     Of the joints, R (N, 3, 3) and o (N, 3) are rotations and origins, V and A (N, 6) velocities and
     accelerations for a joint acceleration of zero, linear before angular, in their own axes; the
     last one carries the frame at ``lever`` (3). S (6, n) are the joints' axes as motions at the
     origin. ``rows`` (m) of the frame's motion are wanted, linear before angular. Column by column
-    Y_k is R (w x b) in the linear rows, else zero: of each parameter ``parent`` (p) is the joint
-    and b, a column of ``directions`` (3, p), the direction there.
+    Y_k is R (w x b) in the linear rows, the first m_p, else zero, and X_k is R b there: of each
+    parameter ``parent`` (p) is the joint and b, a column of ``directions`` (3, p), the direction.
     """
     c = len(R) - 1
     x, y, z = o[c, 0], o[c, 1], o[c, 2]
@@ -81,6 +83,8 @@ def frame_motion(
         x += R[c, 0, t] * lever[t]
         y += R[c, 1, t] * lever[t]
         z += R[c, 2, t] * lever[t]
+    for i in range(len(x_hat)):
+        x_hat[i] = x if rows[i] == 0 else y if rows[i] == 1 else z
     wx, wy, wz = V[c, 3], V[c, 4], V[c, 5]
     lx, ly, lz = lever[0], lever[1], lever[2]
     ux = V[c, 0] + wy * lz - wz * ly  # V + w x lever
@@ -116,6 +120,10 @@ def frame_motion(
         for i in range(len(rows)):
             r = rows[i]
             Y_k[i, j] = R[k, r, 0] * x + R[k, r, 1] * y + R[k, r, 2] * z if r < 3 else 0.0
+        for i in range(len(x_hat)):
+            r = rows[i]
+            X_k[i, j] = R[k, r, 0] * directions[0, j] + R[k, r, 1] * directions[1, j]
+            X_k[i, j] += R[k, r, 2] * directions[2, j]
 
 
 @compiled("void(f8[:], f8[:], f8[:], f8[:])", fills=2)

@@ -71,8 +71,8 @@ class MotionFilters(Filters):
         X_k, d = np.zeros((m, p)), np.zeros(m)
         if m and measurement.x is not None:
             kinematics.update(kinematics.initial, measurement.q, measurement.v)
-            X_k = kinematics.position_regressor()
-            d = kinematics.task.position(measurement.x) - kinematics.known_position(X_k)
+            x_hat, X_k = kinematics.prediction()
+            d = kinematics.task.position(measurement.x) - x_hat + X_k.dot(kinematics.a_k)
         return MotionState(X_k, np.concatenate([d, measurement.v]))
 
     def observe(
@@ -85,13 +85,11 @@ class MotionFilters(Filters):
         """
         if state.__class__ is MotionState:
             Z_k, memory = state
-            X_k = kinematics.position_regressor()
-            d = kinematics.known_position(X_k)
-            if d.size and measurement.x is not None:
-                d = kinematics.task.position(measurement.x) - d
-            W_k, y, a = empty(X_k.shape), empty(d.size), empty(kinematics.nv)
+            x, (x_hat, X_k) = measurement.x, kinematics.prediction()
+            x = kinematics.task.position(x) if x is not None and x_hat.size else x_hat
+            W_k, y, a = empty(X_k.shape), empty(x_hat.size), empty(kinematics.nv)
             if kernels.filtered_rates(
-                Z_k, memory, X_k, d, self.task_velocity.bandwidth,
+                Z_k, memory, X_k, x_hat, kinematics.a_k, x, self.task_velocity.bandwidth,
                 measurement.v, self.joint_velocity.bandwidth, W_k, y, a,
             ):  # fmt: skip
                 return FilteredMotion(W_k, y, a)

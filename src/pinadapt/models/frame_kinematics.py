@@ -114,12 +114,13 @@ class FrameKinematics(TaskKinematics):
         J = self.J = empty((m, self.nv))
         Jdot_v, xd_hat = self.Jdot_v, self.xd_hat = empty(m), empty(m)
         Y_k = self.Y_k = empty((m, self.size))
+        x_hat, X_k = self._prediction = empty(self.positions), empty((self.positions, self.size))
         kernels.frame_motion(
             self._rotations, self._origins, self._velocities, self._accelerations, self._axes,
             self._lever, v, self._row_numbers, self._parent_of, self._placed.directions,
-            J, Jdot_v, xd_hat, Y_k,
+            J, Jdot_v, xd_hat, Y_k, x_hat, X_k,
         )  # fmt: skip
-        self._a_k, self._q, self._v = a_k, q, v
+        self.a_k, self._q, self._v = a_k, q, v
 
     @property
     def Y_p(self) -> np.ndarray:
@@ -129,7 +130,7 @@ class FrameKinematics(TaskKinematics):
     @property
     def y_k0(self) -> np.ndarray:
         """Velocity (m) that no parameter changes, J v = Y_k a_k + y_k0 [m/s, rad/s]."""
-        return self.xd_hat - self.Y_k.dot(self._a_k)
+        return self.xd_hat - self.Y_k.dot(self.a_k)
 
     @property
     def y_p0(self) -> np.ndarray:
@@ -157,15 +158,11 @@ class FrameKinematics(TaskKinematics):
 
     def position_regressor(self) -> np.ndarray:
         """Return dx/da_k (m_p, p), x = (this) a_k + known part."""
-        return self.prediction()[1]
+        return self._prediction[1]
 
     def prediction(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the believed positions (m_p) at the last update, and dx/da_k (m_p, p)."""
-        return self._predicted(self._rotations, self._origins)
-
-    def known_position(self, X_k: np.ndarray) -> np.ndarray:
-        """Return x_0 (m_p) of the last update, x = X_k a_k + x_0 at any a_k, X_k = dx/da_k."""
-        return np.asarray(self.prediction()[0] - X_k.dot(self._a_k))
+        return self._prediction
 
     def predicted(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the believed task coordinates at another q (nq), and dx/da_k (m_p, p) there."""

@@ -41,7 +41,8 @@ class JointKinematics(TaskKinematics):
         self.task = JointTask.of_chain(robot.model)
         self.joint_names, self.frame = robot.joint_names, robot.frame
         self.nq, self.nv = int(robot.model.nq), int(n)
-        self.names, self.size, self.positions, self.initial = (), 0, 0, np.zeros(0)
+        self.names, self.size, self.positions = (), 0, 0
+        self.initial = self.a_k = np.zeros(0)
         self.J, self.Jdot_v, self._no_rate = np.eye(n), np.zeros(n), np.zeros((n, n))
         self.Y_k, self.last_joint = np.zeros((n, 0)), np.zeros(0)
         self._inverse = RightInverse(self.J)
@@ -83,10 +84,6 @@ class JointKinematics(TaskKinematics):
     def prediction(self) -> tuple[np.ndarray, np.ndarray]:
         """Return (0) and (0, 0)."""
         return self.initial, self.Y_k[:0]
-
-    def known_position(self, X_k: np.ndarray) -> np.ndarray:
-        """Return nothing: the joints are measured."""
-        return np.zeros(0)
 
     def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
         """Return (nv, 0)."""

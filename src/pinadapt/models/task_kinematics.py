@@ -31,6 +31,7 @@ class TaskKinematics(ABC):
         positions: m_p.
         initial: (p) values in the believed robot's own description [m].
         translations: what the parameters are, in their order.
+        a_k: (p) the estimate of the last update.
         last_joint: (m_p) live position of the joint that carries the frame, at the last update [m].
         xd_hat: (m) believed velocity J v.
         J: (m, nv) Jacobian at the estimate.
@@ -48,6 +49,7 @@ class TaskKinematics(ABC):
     size: int
     positions: int
     initial: np.ndarray
+    a_k: np.ndarray
     translations: Sequence[Translation] = ()
     last_joint: np.ndarray
     xd_hat: np.ndarray
@@ -95,10 +97,6 @@ class TaskKinematics(ABC):
     @abstractmethod
     def prediction(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the believed positions (m_p) at the last update, and dx/da_k (m_p, p)."""
-
-    @abstractmethod
-    def known_position(self, X_k: np.ndarray) -> np.ndarray:
-        """Return x_0 (m_p) of the last update, x = X_k a_k + x_0 at any a_k, X_k = dx/da_k."""
 
     @abstractmethod
     def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
