@@ -294,10 +294,13 @@ def test_polarisation(rng, laid):
 
 
 def test_carry(rng, laid):
-    (x_o, before, xd_hat, dx_o), after = map(laid, rng.standard_normal((4, 3))), filled(2)
-    filters.carry(x_o[:2], before, laid(np.array([0.03])), xd_hat, dx_o[:2], 7.0, 0.1, after)
-    expected = x_o + 0.03 * (xd_hat - before) + 0.1 * xd_hat - (1.0 - np.exp(-0.7)) * dx_o
-    assert close(after, expected[:2])
+    (x_o, xd_hat, x), half = map(laid, rng.standard_normal((3, 3))), laid(np.array([0.03]))
+    dx_o, after, half_after = filled(2), filled(2), filled(1)
+    filters.observed(x_o[:2], half, xd_hat, x[:2], dx_o)
+    assert close(dx_o, (x_o + 0.03 * xd_hat - x)[:2])
+    filters.carry(x_o[:2], half, xd_hat, dx_o, 7.0, 0.1, after, half_after)
+    assert close(after, (x_o + 0.08 * xd_hat)[:2] - (1.0 - np.exp(-0.7)) * dx_o)
+    assert close(half_after, 0.05)
 
 
 @pytest.mark.parametrize("observed", [0, 2, 3])

@@ -118,7 +118,7 @@ def test_the_observer_is_that_of_its_differential_equation():
         for _ in range(steps):
             measurement = plant.measurement(robot.q0, v, after.t)._replace(x=at_home.x + 0.01)
             after = controller.step(after.adapt(False), measurement, path, 0.01 / steps)[1]
-        ends.append(after.filters.x_o)
+        ends.append(controller.observe(after, measurement, path).filtered.dx_o)
     coarse, fine = (np.abs(end - ends[2]).max() for end in ends[:2])
     assert 0.0 < fine < 0.6 * coarse < 1e-3
 

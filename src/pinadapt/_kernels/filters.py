@@ -48,25 +48,34 @@ def filtered_rates(
     return True
 
 
-@compiled("void(f8[:], f8[:], f8[:], f8[:], f8[:], f8, f8, f8[:])")
+@compiled("void(f8[:], f8[:], f8[:], f8[:], f8[:])")
+def observed(
+    x_o: np.ndarray, half: np.ndarray, xd_hat: np.ndarray, x: np.ndarray, dx_o: np.ndarray
+) -> None:
+    """Write x_o + half xd_hat - x (m_p), half (1) of the last step [s]."""
+    for i in range(len(dx_o)):
+        dx_o[i] = x_o[i] + half[0] * xd_hat[i] - x[i]
+
+
+@compiled("void(f8[:], f8[:], f8[:], f8[:], f8, f8, f8[:], f8[:])", fills=2)
 def carry(
     x_o: np.ndarray,
-    xd_before: np.ndarray,
-    to_come: np.ndarray,
+    half: np.ndarray,
     xd_hat: np.ndarray,
     dx_o: np.ndarray,
     bandwidth: float,
     dt: float,
     after: np.ndarray,
+    half_after: np.ndarray,
 ) -> None:
-    """Write x_o + to_come (xd_hat - xd_before) + dt xd_hat - (1 - exp(-bandwidth dt)) dx_o (m_p).
+    """Write x_o + (half + dt / 2) xd_hat - (1 - exp(-bandwidth dt)) dx_o (m_p), and dt / 2 (1).
 
-    The first change is that of the last step's velocity over it, to_come (1) [s].
+    The other half of this step comes with the velocity at its end.
     """
     share = -math.expm1(-bandwidth * dt)
+    half_after[0] = 0.5 * dt
     for i in range(len(x_o)):
-        completed = x_o[i] + to_come[0] * (xd_hat[i] - xd_before[i])
-        after[i] = completed + dt * xd_hat[i] - share * dx_o[i]
+        after[i] = x_o[i] + (half[0] + 0.5 * dt) * xd_hat[i] - share * dx_o[i]
 
 
 @compiled(

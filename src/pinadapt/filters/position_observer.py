@@ -22,16 +22,14 @@ class ObserverState(NamedTuple):
     """What the observer remembers.
 
     Attributes:
-        x_o: (m_p) observed position [m].
+        x_o: (m_p) observed position [m], less what the velocity at the end of the last step adds.
         s_f: (n) low-passed error of the joint velocity [rad/s or m/s]; empty where nobody asks.
-        xd_hat: (m_p) J_hat qd that was held over the last step [m/s].
-        share: (1) of a change of it over that step that is still to come [s].
+        half: (1) for how long it adds [s]: half of that step.
     """
 
     x_o: np.ndarray
     s_f: np.ndarray
-    xd_hat: np.ndarray
-    share: np.ndarray
+    half: np.ndarray
 
 
 class Observed(NamedTuple):
@@ -71,7 +69,7 @@ class PositionObserver(Filters):
         x_o = np.zeros(0)
         if kinematics.positions and measurement.x is not None:
             x_o = np.array(kinematics.task.position(measurement.x), dtype=float)
-        return ObserverState(x_o, s_f, np.zeros(x_o.size), np.zeros(1))
+        return ObserverState(x_o, s_f, np.zeros(1))
 
     def observe(
         self, state: ObserverState, measurement: Measurement, kinematics: TaskKinematics
@@ -86,19 +84,17 @@ class PositionObserver(Filters):
             raise InputError("the filters are those of another controller.", where="state")
         if not m or measurement.x is None:
             return Observed(np.zeros(0), state.s_f)
-        x_o = state.x_o + state.share * (kinematics.xd_hat[:m] - state.xd_hat)
-        return Observed(x_o - kinematics.task.position(measurement.x), state.s_f)
+        x, dx_o = kinematics.task.position(measurement.x), empty(m)
+        kernels.observed(state.x_o, state.half, kinematics.xd_hat, x, dx_o)
+        return Observed(dx_o, state.s_f)
 
     def step(self, state: ObserverState, s: Signals, dt: float) -> ObserverState:
         """Return the state after dt [s]."""
-        m, s_f = state.x_o.size, state.s_f
-        x_o, xd_hat = empty(m), s.xd_hat[:m]
-        kernels.carry(
-            state.x_o, state.xd_hat, state.share, xd_hat, s.filtered.dx_o, self.beta, dt, x_o
-        )
+        x_o, half, s_f = empty(state.x_o.size), empty(1), state.s_f
+        kernels.carry(state.x_o, state.half, s.xd_hat, s.filtered.dx_o, self.beta, dt, x_o, half)
         if self.error is not None:
             s_f = s_f - math.expm1(-self.bandwidth * dt) * (self.error(s) - s_f)
-        return named(ObserverState, (x_o, s_f, xd_hat, np.array([0.5 * dt])))
+        return named(ObserverState, (x_o, s_f, half))
 
     def rate(self, state: ObserverState, s: Signals) -> ObserverState:
         """Return dx_o/dt (m_p) and ds_f/dt (n)."""
@@ -106,4 +102,4 @@ class PositionObserver(Filters):
         if self.error is not None:
             s_f = self.bandwidth * (self.error(s) - s_f)
         moved = s.xd_hat[: dx_o.size] - self.beta * dx_o
-        return ObserverState(moved, s_f, np.zeros(dx_o.size), np.zeros(1))
+        return ObserverState(moved, s_f, np.zeros(1))
