@@ -7,13 +7,13 @@ STRIP  := $(BIN)/nbstripout --keep-id --extra-keys metadata.language_info
 export OPENBLAS_NUM_THREADS := 1
 
 # Closed loops of many seconds, which `make check` leaves to `make test`.
-SLOW := borrowed cli closed_loop composite composite_memory contract elastic_plant \
-        excitation excite heavy_load hostile identify init interrupted joint_laws \
+SLOW := borrowed choice cli closed_loop composite composite_memory contract elastic_plant \
+        estimator excitation excite heavy_load hostile identify init interrupted joint_laws \
         kernel_cache kinematic_least_squares known_load large_inputs late_frames learned \
         limits live load_changes lumped lyapunov middleton_goodwin modifications momentum \
-        mujoco_files mujoco_loops mujoco_plant notebooks outputs pages pose_loop preflight \
-        readme reference remedies rollout separation set_point showcase simulation site_code \
-        unknown_base urdf_out verdict zoo
+        mujoco_files mujoco_loops mujoco_plant notebooks outputs pages pose pose_loop \
+        preflight prior readme reference remedies rollout separation set_point showcase \
+        simulation site_code unknown_base urdf_out verdict zoo
 
 .PHONY: install demo notebook strip check test lint bench docs picture clean
 
