@@ -1,4 +1,4 @@
-"""What can be identified from: a file, a log, or a run of this session."""
+"""What can be identified from: a file, a log, or a rollout in memory."""
 
 from __future__ import annotations
 
