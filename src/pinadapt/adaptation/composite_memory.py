@@ -48,7 +48,7 @@ class CompositeMemory(Wrapper):
     Rate:       with what is told of a direction far beyond the metric, Gamma A >> 1, its error
                 decays as exp(-rho t), all such directions alike; A need not be complete for that,
                 and no excitation need go on. As rho H Gamma <= rho, no step is too long for it.
-    Forgetting: 1 / mu = 1 / (forgetting d) + 1 / bandwidth, d the normalised innovation of least
+    Fading:     1 / mu = 1 / (forgetting d) + 1 / bandwidth, d the normalised innovation of least
                 squares, r_m^T (S + diag(noise)^2)^-1 r_m / n: r_m is what the memory's own
                 estimate, a_hat - Gamma H da, predicts wrongly of the torque now, S = W (Gamma^-1 +
                 A)^-1 W^T what it may miss for having seen too little, Gamma taken for the
