@@ -48,15 +48,16 @@ def test_panda_with_plain_gradient_loses_its_mass_matrix():
     gradient = [
         "controller.law=adaptive-inverse-dynamics",
         "controller.adaptation=gradient",
-        "controller.gamma_d=0.3",
+        "controller.gamma_d=12.0",
         "simulation.duration=1.0",
     ]
     watched = Scenario.read(ROBOTS / "panda" / "tool_and_load.toml", gradient).run()
     assert watched.diverged < 1.0 and "no longer positive definite" in watched.reason
     assert watched.min_eig_M_hat.min() > 0.0  # the run ends before it is used
     rollout = Scenario.read(ROBOTS / "panda" / "tool_and_load.toml", [*gradient, *UNLIMITED]).run()
-    assert rollout.min_eig_M_hat.min() < 0.0  # whether samples step over that is a matter of luck
-    assert rollout.diverged is None or watched.diverged < rollout.diverged
+    assert watched.diverged < rollout.diverged < 1.0
+    assert rollout.min_eig_M_hat.min() < 0.0
+    assert 0.0 < rollout.t[-1] < rollout.diverged  # what happened until then is kept
 
 
 def test_panda_survives_a_start_far_from_its_path():
