@@ -6,6 +6,11 @@ controller's step and the rest: desired motion, measuring, integrating, recordin
 the rollout. Both are told in bare calls ``pin.aba(model, data, q, v, tau)``, of which a sample's
 integration makes two; blocks of samples and of calls run in turn in one process, and the ratios are
 medians over the rounds.
+
+A run keeps its samples, so its memory grows by a page every one or two of them, and the operating
+system takes its time to give a page for the first time: a quarter of a microsecond, or twenty in a
+virtual machine. The first row has all of that; the others run in memory that the process has had
+before.
 """
 
 from __future__ import annotations
@@ -95,6 +100,7 @@ def main() -> None:
     free = scenario.true.changed(viscous=0.0, coulomb=0.0)
     rubbing = scenario.true.changed(viscous=0.5, coulomb=0.5)
     plants = {
+        "panda in fresh memory": pa.PinocchioPlant(free),
         "panda": pa.PinocchioPlant(free),
         "panda with friction": pa.PinocchioPlant(rubbing),
         "panda in MuJoCo": pa.MujocoPlant(free),

@@ -205,3 +205,32 @@ def subtract_null_space_damping(
                 null[t] *= D[t]
     for t in range(n):
         torque[t] -= null[t]
+
+
+@compiled("void(f8[:], f8[:], f8[:])")
+def subtract(a: np.ndarray, b: np.ndarray, difference: np.ndarray) -> None:
+    """Write a - b (n)."""
+    for i in range(len(difference)):
+        difference[i] = a[i] - b[i]
+
+
+@compiled("void(f8[:,:], f8[:], f8[:])")
+def apply(A: np.ndarray, x: np.ndarray, product: np.ndarray) -> None:
+    """Write A x (m), A (m, n)."""
+    for i in range(len(product)):
+        y = 0.0
+        for j in range(len(x)):
+            y += A[i, j] * x[j]
+        product[i] = y
+
+
+@compiled("void(f8[:,:], f8[:,:], f8[:,:])")
+def multiply(A: np.ndarray, B: np.ndarray, product: np.ndarray) -> None:
+    """Write A B (m, p), A (m, n), B (n, p)."""
+    m, p = product.shape
+    for i in range(m):
+        for j in range(p):
+            product[i, j] = 0.0
+        for k in range(len(B)):
+            for j in range(p):
+                product[i, j] += A[i, k] * B[k, j]

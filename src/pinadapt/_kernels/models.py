@@ -126,12 +126,47 @@ def frame_motion(
             X_k[i, j] += R[k, r, 2] * directions[2, j]
 
 
+@compiled("void(f8[:,:], f8[:], f8[:], f8[:], f8[:], i8[:], f8[:], f8[:])", fills=2)
+def point_motion(
+    R: np.ndarray,
+    o: np.ndarray,
+    linear: np.ndarray,
+    angular: np.ndarray,
+    lever: np.ndarray,
+    rows: np.ndarray,
+    x: np.ndarray,
+    xd: np.ndarray,
+) -> None:
+    """Write rows of x = o + R lever and of xd = R (linear + angular x lever), both (m).
+
+    R (3, 3) and o (3) place a joint in the world; its velocity and the lever are in its own axes.
+    """
+    ux = linear[0] + angular[1] * lever[2] - angular[2] * lever[1]
+    uy = linear[1] + angular[2] * lever[0] - angular[0] * lever[2]
+    uz = linear[2] + angular[0] * lever[1] - angular[1] * lever[0]
+    for i in range(len(rows)):
+        r = rows[i]
+        x[i] = o[r] + R[r, 0] * lever[0] + R[r, 1] * lever[1] + R[r, 2] * lever[2]
+        xd[i] = R[r, 0] * ux + R[r, 1] * uy + R[r, 2] * uz
+
+
 @compiled("void(f8[:], f8[:], f8[:], f8[:])", fills=2)
 def polarise(v: np.ndarray, v_r: np.ndarray, mean: np.ndarray, half: np.ndarray) -> None:
     """Write (v + v_r) / 2 and (v - v_r) / 2 (n)."""
     for t in range(len(mean)):
         mean[t] = 0.5 * (v[t] + v_r[t])
         half[t] = 0.5 * (v[t] - v_r[t])
+
+
+@compiled("void(f8[:,:], f8[:], f8[:,:], f8[:])", fills=2)
+def polarised(Y_0: np.ndarray, pi: np.ndarray, Y: np.ndarray, tau: np.ndarray) -> None:
+    """Take Y_0 off Y (n, p), and write tau = Y pi (n)."""
+    for i in range(len(tau)):
+        x = 0.0
+        for j in range(len(pi)):
+            Y[i, j] -= Y_0[i, j]
+            x += Y[i, j] * pi[j]
+        tau[i] = x
 
 
 @compiled("void(f8[:,:], i8[:], f8[:,:])")

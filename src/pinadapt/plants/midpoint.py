@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pinocchio as pin
+from numpy import empty
 
 from .._compiled import compile_all, compiled
 from ..robot.robot import Robot
@@ -52,7 +53,7 @@ class FittedMidpoint:
         """Return q (nq) and v (nv) after h [s] under a held torque tau (nv)."""
         model, half, integrate = self._model, 0.5 * h, pin.integrate
         solve = self._damped if self._present else self._free
-        after, (middle, way) = np.empty(v.size), np.empty((2, v.size))
+        after, middle, way = empty(v.size), empty(v.size), empty(v.size)
         _moved(v, solve(q, v, v, tau, half), self._none, half, middle, way)
         a = solve(integrate(model, q, way), middle, v, tau, h)
         _moved(v, a, self._theta, h, after, way)

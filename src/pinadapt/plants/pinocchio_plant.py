@@ -7,7 +7,7 @@ import pinocchio as pin
 
 from .._checks import word
 from ..exceptions import DivergedError
-from ..records import Measurement
+from ..records import Measurement, named
 from ..robot.gravity import Compensation
 from ..robot.robot import Robot
 from ..robot.succession import check_successor
@@ -69,7 +69,7 @@ class PinocchioPlant(SimulatedPlant):
         """Copy what moves."""
         self.robot, self._model = robot, robot.model.copy()
         self._data = self._model.createData()
-        self._frame, self._task = robot.frame_id, robot.task
+        self._motion = robot.task.motion_of(self._model, self._data, robot.frame_id)
         self._integrate = self._integrator(robot)
 
     def measure(self) -> Measurement:
@@ -112,12 +112,12 @@ class PinocchioPlant(SimulatedPlant):
 
     def task_motion(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the true task coordinates x and velocity xd at q, v; see ``Task``."""
-        return self._task.motion(self._model, self._data, self._frame, q, v)
+        return self._motion(q, v)
 
     def measurement(self, q: np.ndarray, v: np.ndarray, t: float = 0.0) -> Measurement:
         """Return what perfect sensors say at configuration q (nq), velocity v (nv), time t [s]."""
-        x, xd = self._task.motion(self._model, self._data, self._frame, q, v)
-        return Measurement(t, q, v, x, None, xd)
+        x, xd = self._motion(q, v)
+        return named(Measurement, (t, q, v, x, None, xd, None, None))
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return the true M(q) (nv, nv)."""

@@ -12,7 +12,7 @@ from ..controller.state import ControllerState
 from ..exceptions import DivergedError, ImplausibleError, InputError
 from ..plants.plant import Plant
 from ..plants.sensors import Sensors
-from ..records import Desired, Measurement
+from ..records import Desired, Measurement, named
 from ..rollout.sample import Sample
 from ..trajectories.trajectory import Trajectory
 from .events import Events
@@ -90,7 +90,7 @@ def run(
         except InputError as error:
             raise unusable(error, truth.t) from error
         given = plant.motors(torque)
-        yield Sample(truth.t, measurement, desired, state, given, truth, step_time)
+        yield named(Sample, (truth.t, measurement, desired, state, given, truth, step_time))
         plant.step(torque, dt)
         state = after
         if events is not None:

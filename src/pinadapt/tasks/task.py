@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from functools import partial
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import pinocchio as pin
+
+Motion: TypeAlias = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Coordinates x and task velocity (m) of a chain at q (nq) and v (nv)."""
 
 
 class RowGroup(NamedTuple):
@@ -65,6 +70,10 @@ class Task(ABC):
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the coordinates x and the task velocity (m) at q (nq) and v (nv)."""
+
+    def motion_of(self, model: pin.Model, data: pin.Data, frame: int) -> Motion:
+        """Return ``motion`` of one chain, whose data is scratch, as a function of q and v."""
+        return partial(self.motion, model, data, frame)
 
     def measured(self, x: np.ndarray | None, q: np.ndarray) -> np.ndarray:
         """Return the coordinates x: the measured ones, or those that q (nq) tells by itself."""

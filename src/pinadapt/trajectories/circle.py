@@ -6,11 +6,13 @@ import math
 from copy import copy
 
 import numpy as np
+from numpy import empty
 from numpy.typing import ArrayLike
 
 from .._checks import positive, vector
+from .._compiled import compiled
 from ..exceptions import InputError
-from ..records import Desired
+from ..records import Desired, named
 from .trajectory import Trajectory
 
 PLANES = ("xy", "yz", "xz")
@@ -59,19 +61,8 @@ class Circle(Trajectory):
         self.period = positive(period, "reference.period")
         self.phase = float(vector(phase, 1, "reference.phase")[0])
         self.plane = plane
-        u1, u2 = self.radius * plane_axes(plane, size)
-        w = 2 * math.pi / self.period
-        rest = np.zeros(size)
-        self._w = w
-        # (3, 3 m): what is constant and what goes with the angle's cosine and sine, of position,
-        # velocity and acceleration side by side.
-        self._parts = np.block(
-            [
-                [self.center, rest, rest],
-                [u1, w * u2, -w * w * u1],
-                [u2, -w * u1, -w * w * u2],
-            ]
-        )
+        self._axes = self.radius * plane_axes(plane, size)
+        self._w = 2 * math.pi / self.period
 
     @property
     def extent(self) -> float:
@@ -82,13 +73,30 @@ class Circle(Trajectory):
         """Return the circle moved by (m) [m]."""
         moved = copy(self)
         moved.center = self.center + by
-        moved._parts = self._parts.copy()
-        moved._parts[0, : moved.center.size] = moved.center
         return moved
 
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
-        angle = self._w * t + self.phase
-        m = self.center.size
-        motion = np.array((1.0, math.cos(angle), math.sin(angle))).dot(self._parts)
-        return Desired(motion[:m], motion[m : 2 * m], motion[2 * m :])
+        m, w = self.center.size, self._w
+        motion = empty(m), empty(m), empty(m)
+        _turn(self.center, self._axes, w, w * t + self.phase, *motion)
+        return named(Desired, motion)
+
+
+@compiled("void(f8[:], f8[:,:], f8, f8, f8[:], f8[:], f8[:])", fills=3)
+def _turn(
+    center: np.ndarray,
+    axes: np.ndarray,
+    w: float,
+    angle: float,
+    x_d: np.ndarray,
+    xd_d: np.ndarray,
+    xdd_d: np.ndarray,
+) -> None:
+    """Write centre + axes^T (cos angle, sin angle) (m) and its derivatives at d(angle)/dt = w."""
+    c, s = math.cos(angle), math.sin(angle)
+    for i in range(len(center)):
+        out = c * axes[0, i] + s * axes[1, i]
+        x_d[i] = center[i] + out
+        xd_d[i] = w * (c * axes[1, i] - s * axes[0, i])
+        xdd_d[i] = -w * w * out
