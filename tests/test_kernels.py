@@ -240,6 +240,16 @@ def test_null_space(m, n, rng, laid):
     assert close(null, z - np.linalg.pinv(J) @ J @ z, 1e-9) and close(J @ null, 0.0, 1e-9)
 
 
+def test_products(rng, laid):
+    A, B, x = (laid(rng.standard_normal(shape)) for shape in ((3, 5), (5, 4), 5))
+    Ax, AB, difference = filled(3), filled(3, 4), filled(5)
+    linear_algebra.subtract(x, A[1], difference)
+    assert close(difference, x - A[1])
+    linear_algebra.apply(A, x, Ax)
+    linear_algebra.multiply(A, B, AB)
+    assert close(Ax, A @ x) and close(AB, A @ B)
+
+
 @pytest.mark.parametrize(("m", "n"), [(1, 2), (3, 6), (6, 7)])
 def test_null_space_damping(m, n, rng, laid):
     J, D, z = (
@@ -258,9 +268,13 @@ def test_observation_drive(m, rng, laid):
     Y_k, X_k, R = (laid(rng.standard_normal(shape)) for shape in ((6, 4), (m, 4), (m, m)))
     dx_o, epsilon = (laid(row) for row in rng.standard_normal((2, m)))
     error, gradient = filled(m), filled(4)
-    feedback.observation_drive(Y_k, dx_o, 0.7, X_k, epsilon, R, error, gradient)
-    assert (0.7 * dx_o == error).all()
-    assert close(gradient, 0.7 * Y_k[:m].T @ dx_o + X_k.T @ (R @ epsilon))
+    for Y_fast, sigma in ((np.inf, 1.0), (0.5 * np.linalg.norm(Y_k), 0.25)):
+        feedback.observation_drive(Y_k, dx_o, 0.7, Y_fast, X_k, epsilon, R, error, gradient)
+        assert close(error, sigma * 0.7 * dx_o)
+        assert close(gradient, sigma * 0.7 * Y_k[:m].T @ dx_o + X_k.T @ (R @ epsilon))
+    still = np.zeros((6, 4))
+    feedback.observation_drive(still, dx_o, 0.7, 1.0, X_k, epsilon, R, error, gradient)
+    assert close(error, 0.7 * dx_o) and close(gradient, X_k.T @ (R @ epsilon))
 
 
 def test_posture(rng, laid):
@@ -281,26 +295,39 @@ def test_posture(rng, laid):
 
 
 def test_damping(rng, laid):
-    feedforward, error = map(laid, rng.standard_normal((2, 5)))
-    K_D, torque = laid(rng.standard_normal((5, 5))), filled(5)
-    feedback.subtract_damping(feedforward, K_D, error, torque)
-    assert close(torque, feedforward - K_D @ error)
+    feedforward, v, v_r = map(laid, rng.standard_normal((3, 5)))
+    K_D, error, torque = laid(rng.standard_normal((5, 5))), filled(5), filled(5)
+    feedback.subtract_damping(feedforward, K_D, v, v_r, error, torque)
+    assert close(error, v - v_r) and close(torque, feedforward - K_D @ error)
+
+
+def test_borne_damping(rng, laid):
+    feedforward, v, v_r = map(laid, rng.standard_normal((3, 5)))
+    D, M = (laid(root @ root.T + np.eye(5)) for root in rng.standard_normal((2, 5, 5)))
+    error, torque = filled(5), filled(5)
+    feedback.subtract_borne_damping(feedforward, D, M, 0.3, v, v_r, error, torque)
+    borne = np.linalg.inv(np.linalg.inv(D) + 0.3 * np.linalg.inv(M))
+    assert close(error, v - v_r) and close(torque, feedforward - borne @ error, 1e-9)
 
 
 def test_polarisation(rng, laid):
     (v, v_r), mean, half = map(laid, rng.standard_normal((2, 5))), filled(5), filled(5)
     models.polarise(v, v_r, mean, half)
     assert close(mean + half, v) and close(mean - half, v_r)
+    Y, Y_0, pi, tau = *rng.standard_normal((2, 5, 20)), rng.standard_normal(20), filled(5)
+    taken = laid(Y.copy())
+    models.polarised(laid(Y_0), laid(pi), taken, tau)
+    assert close(taken, Y - Y_0) and close(tau, (Y - Y_0) @ pi)
 
 
 def test_carry(rng, laid):
-    (x_o, xd_hat, x), half = map(laid, rng.standard_normal((3, 3))), laid(np.array([0.03]))
-    dx_o, after, half_after = filled(2), filled(2), filled(1)
-    filters.observed(x_o[:2], half, xd_hat, x[:2], dx_o)
-    assert close(dx_o, (x_o + 0.03 * xd_hat - x)[:2])
-    filters.carry(x_o[:2], half, xd_hat, dx_o, 7.0, 0.1, after, half_after)
-    assert close(after, (x_o + 0.08 * xd_hat)[:2] - (1.0 - np.exp(-0.7)) * dx_o)
-    assert close(half_after, 0.05)
+    memory, xd_hat, x = map(laid, rng.standard_normal((3, 3)))
+    memory[2], dx_o, after = 0.03, filled(2), filled(3)
+    filters.observed(memory, xd_hat, x[:2], dx_o)
+    assert close(dx_o, (memory + 0.03 * xd_hat - x)[:2])
+    filters.carry(memory, xd_hat, dx_o, 7.0, 0.1, after)
+    assert close(after[:2], (memory + 0.08 * xd_hat)[:2] - (1.0 - np.exp(-0.7)) * dx_o)
+    assert close(after[2], 0.05)
 
 
 @pytest.mark.parametrize("observed", [0, 2, 3])
@@ -493,22 +520,20 @@ def test_inertias(lightest, rng, laid):
 
 
 def test_filters(rng, laid):
-    Z, X = (laid(rng.standard_normal((3, 5))) for _ in range(2))
-    memory, v, x, x_hat, a_k = (laid(rng.standard_normal(size)) for size in (10, 7, 3, 3, 5))
+    X, low, v, x, x_hat, a_k = (
+        laid(rng.standard_normal(size)) for size in ((3, 5), 25, 7, 3, 3, 5)
+    )
     d, seen = x - x_hat + X @ a_k, (x_hat, a_k, x)
     W, y, a = filled(3, 5), filled(3), filled(7)
-    for wrong in ((Z[:, 1:], memory), (Z[1:], memory), (Z, memory[1:])):
-        assert not filters.filtered_rates(*wrong, X, *seen, 4.0, v, 60.0, W, y, a)
+    assert not filters.filtered_rates(low[1:], X, *seen, 4.0, v, 60.0, W, y, a)
+    assert not filters.filtered_rates(low, X[:, 1:], *seen, 4.0, v, 60.0, W, y, a)
     assert np.isnan(W).all() and np.isnan(y).all() and np.isnan(a).all()
-    assert filters.filtered_rates(Z, memory, X, *seen, 4.0, v, 60.0, W, y, a)
-    assert close(W, 4.0 * (X - Z)) and close(y, 4.0 * (d - memory[:3]))
-    assert close(a, 60.0 * (v - memory[3:]))
-    after = filled(3, 5), filled(10)
-    filters.advance(Z, memory, W, y, v, 4.0, 60.0, 1e-2, *after)
-    f, f_a = 1.0 - np.exp(-0.04), 1.0 - np.exp(-0.6)
-    assert close(after[0], Z + f * (X - Z))
-    assert close(after[1][:3], memory[:3] + f * (d - memory[:3]))
-    assert close(after[1][3:], memory[3:] + f_a * (v - memory[3:]))
+    assert filters.filtered_rates(low, X, *seen, 4.0, v, 60.0, W, y, a)
+    assert close(W.ravel(), 4.0 * (X.ravel() - low[:15])) and close(y, 4.0 * (d - low[15:18]))
+    assert close(a, 60.0 * (v - low[18:]))
+    after, share = filled(25), 1.0 - np.exp(-np.repeat([0.04, 0.6], [18, 7]))
+    filters.advance(low, W, y, a, 4.0, 60.0, 1e-2, after)
+    assert close(after, low + share * (np.r_[X.ravel(), d, v] - low))
 
 
 def test_size_of_estimates(rng):

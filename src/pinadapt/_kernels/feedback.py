@@ -134,26 +134,31 @@ def subtract_task_force(
             torque[t] -= J[i, t] * force
 
 
-@compiled("void(f8[:,:], f8[:], f8, f8[:,:], f8[:], f8[:,:], f8[:], f8[:])", fills=2)
+@compiled("void(f8[:,:], f8[:], f8, f8, f8[:,:], f8[:], f8[:,:], f8[:], f8[:])", fills=2)
 def observation_drive(
     Y_k: np.ndarray,
     dx_o: np.ndarray,
     c: float,
+    Y_fast: float,
     X_k: np.ndarray,
     epsilon: np.ndarray,
     R: np.ndarray,
     error: np.ndarray,
     gradient: np.ndarray,
 ) -> None:
-    """Write the error c dx_o (m_p) and the gradient c Y_p^T dx_o + X_k^T R epsilon (p).
+    """Write sigma c dx_o (m_p) and the gradient sigma c Y_p^T dx_o + X_k^T R epsilon (p).
 
-    Y_p are the first m_p rows of Y_k.
+    Y_p are the first m_p rows of Y_k, and sigma = min(1, Y_fast^2 / |Y_k|^2).
     """
-    m = len(dx_o)
+    m, square = len(dx_o), 0.0
+    for i in range(len(Y_k)):
+        for j in range(len(gradient)):
+            square += Y_k[i, j] * Y_k[i, j]
+    share = c * min(1.0, Y_fast * Y_fast / square) if square > 0.0 else c
     for j in range(len(gradient)):
         gradient[j] = 0.0
     for i in range(m):
-        error[i] = c * dx_o[i]
+        error[i] = share * dx_o[i]
         x = 0.0
         for t in range(m):
             x += R[i, t] * epsilon[t]
@@ -161,11 +166,18 @@ def observation_drive(
             gradient[j] += Y_k[i, j] * error[i] + X_k[i, j] * x
 
 
-@compiled("void(f8[:], f8[:,:], f8[:], f8[:])")
+@compiled("void(f8[:], f8[:,:], f8[:], f8[:], f8[:], f8[:])", fills=2)
 def subtract_damping(
-    feedforward: np.ndarray, K_D: np.ndarray, error: np.ndarray, torque: np.ndarray
+    feedforward: np.ndarray,
+    K_D: np.ndarray,
+    v: np.ndarray,
+    v_r: np.ndarray,
+    error: np.ndarray,
+    torque: np.ndarray,
 ) -> None:
-    """Write feedforward - K_D error (n)."""
+    """Write the error v - v_r (n) and feedforward - K_D error (n)."""
+    for i in range(len(torque)):
+        error[i] = v[i] - v_r[i]
     for i in range(len(torque)):
         torque[i] = feedforward[i]
         for t in range(len(error)):
@@ -197,21 +209,25 @@ def reference(
         ud[i] = xdd_d[i] - alpha * rate
 
 
-@compiled("void(f8[:], f8[:,:], f8[:,:], f8, f8[:], f8[:])")
+@compiled("void(f8[:], f8[:,:], f8[:,:], f8, f8[:], f8[:], f8[:], f8[:])", fills=2)
 def subtract_borne_damping(
     feedforward: np.ndarray,
     D: np.ndarray,
     M: np.ndarray,
     lag: float,
+    v: np.ndarray,
+    v_r: np.ndarray,
     error: np.ndarray,
     torque: np.ndarray,
 ) -> None:
-    """Write feedforward - (D^-1 + lag M^-1)^-1 error (n), as D e - D (D + M / lag)^-1 D e.
+    """Write the error e = v - v_r (n) and feedforward - (D^-1 + lag M^-1)^-1 e (n).
 
-    D and M are symmetric and positive definite.
+    As D e - D (D + M / lag)^-1 D e; D and M are symmetric and positive definite.
     """
     n = len(error)
     L, y, z = np.empty((n, n)), np.empty(n), np.empty(n)
+    for i in range(n):
+        error[i] = v[i] - v_r[i]
     for i in range(n):
         x = 0.0
         for t in range(n):

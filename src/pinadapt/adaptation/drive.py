@@ -58,11 +58,10 @@ class Drive:
 
     def _product(self) -> np.ndarray:
         """Return Y^T e + W^T R r (p)."""
-        tracking = None if self.e is None else self.e.dot(self.Y)
         if self.W is None or self.weight is None or self.residual is None:
-            return np.zeros(self.Y.shape[1]) if tracking is None else tracking
+            return np.zeros(self.Y.shape[1]) if self.e is None else self.e.dot(self.Y)
         prediction = self.weight.dot(self.residual).dot(self.W)
-        return prediction if tracking is None else tracking + prediction
+        return prediction if self.e is None else self.e.dot(self.Y) + prediction
 
     def without_tracking(self) -> Drive:
         """Return what holds whatever the torque is: the prediction and an observer's error."""
@@ -112,8 +111,26 @@ class _Columns(Drive):
     def __init__(self, whole: Drive, block: slice) -> None:
         """Take the whole drive and the block."""
         self._whole, self._block, self.gradient = whole, block, whole.gradient[block]
-        self.e, self.residual, self.weight = whole.e, whole.residual, whole.weight
-        self.observed = whole.observed
+
+    @property
+    def e(self) -> np.ndarray | None:  # type: ignore[override]
+        """The tracking error (k) of the whole, or None."""
+        return self._whole.e
+
+    @property
+    def residual(self) -> np.ndarray | None:  # type: ignore[override]
+        """The prediction error (l) of the whole, or None."""
+        return self._whole.residual
+
+    @property
+    def weight(self) -> np.ndarray | None:  # type: ignore[override]
+        """The weight (l, l) of the whole's prediction, or None."""
+        return self._whole.weight
+
+    @property
+    def observed(self) -> bool:  # type: ignore[override]
+        """Whether e is the error of an observer."""
+        return self._whole.observed
 
     @property
     def Y(self) -> np.ndarray:  # type: ignore[override]

@@ -6,10 +6,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
-from numpy import empty
+from numpy import concatenate
 
 from .._checks import instance, whole
 from ..exceptions import InputError
+from ..records import named
 from ..reference import Reference
 from .adaptation import Adaptation
 from .drive import Drive, Estimate
@@ -80,12 +81,13 @@ class Stacked(Adaptation):
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
-        (value, memory), after, kept = estimate, empty(self._size), []
+        (value, memory), values, memories = estimate, [], []
         for (part, block), own in zip(self.parts, memory or self._forgetful, strict=True):
-            stepped = part.step(Estimate(value[block], own), drive.columns(block), dt)
-            after[block] = stepped.value
-            kept.append(stepped.memory)
-        return Estimate(after, tuple(kept))
+            before = named(Estimate, (value[block], own))
+            after, kept = part.step(before, drive.columns(block), dt)
+            values.append(after)
+            memories.append(kept)
+        return named(Estimate, (concatenate(values), tuple(memories)))
 
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
         """Return the sum of the blocks' parts of V, or None where one is undefined."""

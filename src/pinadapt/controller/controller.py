@@ -211,7 +211,7 @@ class Controller:
         elapsed = self.senses.guards.elapsed(state.t, measurement.t, dt, self.period)
         try:
             s = self._signals(state, measurement, desired)
-            command = self._commanded(state, s, elapsed)
+            command = self.law.command(s, self._asked(state, elapsed))
             torque, drives = self.respond(s, command, self.acceleration(s, measurement))
             dynamic, kinematic = state.dynamic, state.kinematic
             if s.a_d is not dynamic.value:  # projected
@@ -228,8 +228,9 @@ class Controller:
             # a signal that is not finite is the likelier cause
             self._check.finite(measurement, desired)
             raise DivergedError(str(error)) from error
-        parts = s.t, dynamic, kinematic, s.a_0, filters, state.adapting, state.load, s.sensed
-        return torque, named(ControllerState, (*parts, memory))
+        adapting, load = state.adapting, state.load
+        after = s.t, dynamic, kinematic, s.a_0, filters, adapting, load, s.sensed, memory
+        return torque, named(ControllerState, after)
 
     def command(
         self, state: ControllerState, measurement: Measurement, desired: Desired
@@ -240,14 +241,14 @@ class Controller:
             MeasurementError, InputError: as ``step``.
         """
         s = self.observe(state, measurement, desired)
-        return s, self._commanded(state, s, None)
+        return s, self.law.command(s, self._asked(state, None))
 
-    def _commanded(self, state: ControllerState, s: Signals, dt: float | None) -> Command:
-        """Return the law's command, to be held for dt [s], or None."""
+    def _asked(self, state: ControllerState, dt: float | None) -> Believed:
+        """Return the believed robot, to be asked for a command that is held for dt [s], or None."""
         believed = self._believed
         believed.adaptation_d, believed.memory = self.adaptation_d, state.dynamic.memory
         believed.dt = dt
-        return self.law.command(s, believed)
+        return believed
 
     def respond(self, s: Signals, command: Command, a: np.ndarray) -> tuple[np.ndarray, Drives]:
         """Return the torque (n) to send at joint acceleration a (n), and the drives.

@@ -21,15 +21,14 @@ class MotionState(NamedTuple):
     """What the filters remember.
 
     Attributes:
-        Z_k: (m_p, p_k) low-passed X_k, dx/da_k of the m_p positions, from which the filtered
-            kinematic regressor W_k = lambda (X_k - Z_k) comes, (3).
-        memory: (m_p + n) low-passed position less its known part, xi, from which y = lambda (x -
-            x_0 - xi) comes, (4) [m]; low-passed joint velocity z, from which the joint acceleration
-            comes.
+        low: (m_p p_k + m_p + n) what the low passes let through, one after the other: Z_k (m_p,
+            p_k) of X_k, dx/da_k of the m_p positions, from which the filtered kinematic regressor
+            W_k = lambda (X_k - Z_k) comes, (3); xi (m_p) of the position less its known part, from
+            which y = lambda (x - x_0 - xi) comes, (4) [m]; z (n) of the joint velocity, from which
+            the joint acceleration comes.
     """
 
-    Z_k: np.ndarray
-    memory: np.ndarray
+    low: np.ndarray
 
 
 @dataclass(slots=True, eq=False)
@@ -73,7 +72,7 @@ class MotionFilters(Filters):
             kinematics.update(kinematics.initial, measurement.q, measurement.v)
             x_hat, X_k = kinematics.prediction()
             d = kinematics.task.position(measurement.x) - x_hat + X_k.dot(kinematics.a_k)
-        return MotionState(X_k, np.concatenate([d, measurement.v]))
+        return MotionState(np.concatenate([X_k.ravel(), d, measurement.v]))
 
     def observe(
         self, state: MotionState, measurement: Measurement, kinematics: TaskKinematics
@@ -84,12 +83,11 @@ class MotionFilters(Filters):
             InputError: the state of other filters.
         """
         if state.__class__ is MotionState:
-            Z_k, memory = state
             x, (x_hat, X_k) = measurement.x, kinematics.prediction()
             x = kinematics.task.position(x) if x is not None and x_hat.size else x_hat
             W_k, y, a = empty(X_k.shape), empty(x_hat.size), empty(kinematics.nv)
             if kernels.filtered_rates(
-                Z_k, memory, X_k, x_hat, kinematics.a_k, x, self.task_velocity.bandwidth,
+                state.low, X_k, x_hat, kinematics.a_k, x, self.task_velocity.bandwidth,
                 measurement.v, self.joint_velocity.bandwidth, W_k, y, a,
             ):  # fmt: skip
                 return FilteredMotion(W_k, y, a)
@@ -97,18 +95,18 @@ class MotionFilters(Filters):
 
     def step(self, state: MotionState, s: Signals, dt: float) -> MotionState:
         """Return the state after dt [s] with X_k, x - x_0 and v held: exact for any dt."""
-        (Z_k, memory), (W_k, y) = state, (s.filtered.W_k, s.filtered.y)
-        Z_k_after, memory_after = empty(Z_k.shape), empty(memory.size)
+        low, filtered = state.low, s.filtered
+        after = empty(low.size)
         kernels.advance(
-            Z_k, memory, W_k, y, s.v,
-            self.task_velocity.bandwidth, self.joint_velocity.bandwidth, dt,
-            Z_k_after, memory_after,
+            low, filtered.W_k, filtered.y, filtered.a,
+            self.task_velocity.bandwidth, self.joint_velocity.bandwidth, dt, after,
         )  # fmt: skip
-        return named(MotionState, (Z_k_after, memory_after))
+        return named(MotionState, (after,))
 
     def rate(self, state: MotionState, s: Signals) -> MotionState:
         """Return the time derivative of the state."""
-        return MotionState(s.filtered.W_k, np.concatenate([s.filtered.y, s.filtered.a]))
+        filtered = s.filtered
+        return MotionState(np.concatenate([filtered.W_k.ravel(), filtered.y, filtered.a]))
 
     def acceleration(self, filtered: FilteredMotion) -> np.ndarray:
         """Return the filtered joint acceleration (n)."""

@@ -22,14 +22,13 @@ class ObserverState(NamedTuple):
     """What the observer remembers.
 
     Attributes:
-        x_o: (m_p) observed position [m], less what the velocity at the end of the last step adds.
+        memory: (m_p + 1) observed position x_o [m], less what the velocity at the end of the last
+            step adds, and for how long it adds [s]: half of that step.
         s_f: (n) low-passed error of the joint velocity [rad/s or m/s]; empty where nobody asks.
-        half: (1) for how long it adds [s]: half of that step.
     """
 
-    x_o: np.ndarray
+    memory: np.ndarray
     s_f: np.ndarray
-    half: np.ndarray
 
 
 class Observed(NamedTuple):
@@ -66,10 +65,10 @@ class PositionObserver(Filters):
     def init(self, measurement: Measurement, kinematics: TaskKinematics) -> ObserverState:
         """Return the observer at the first measured position."""
         s_f = np.zeros(0 if self.error is None else kinematics.nv)
-        x_o = np.zeros(0)
+        memory = np.zeros(kinematics.positions + 1)
         if kinematics.positions and measurement.x is not None:
-            x_o = np.array(kinematics.task.position(measurement.x), dtype=float)
-        return ObserverState(x_o, s_f, np.zeros(1))
+            memory[:-1] = kinematics.task.position(measurement.x)
+        return ObserverState(memory, s_f)
 
     def observe(
         self, state: ObserverState, measurement: Measurement, kinematics: TaskKinematics
@@ -80,26 +79,27 @@ class PositionObserver(Filters):
             InputError: the state of other filters.
         """
         m = kinematics.positions
-        if state.__class__ is not ObserverState or state.x_o.shape != (m,):
+        if state.__class__ is not ObserverState or state.memory.size != m + 1:
             raise InputError("the filters are those of another controller.", where="state")
         if not m or measurement.x is None:
             return Observed(np.zeros(0), state.s_f)
         x, dx_o = kinematics.task.position(measurement.x), empty(m)
-        kernels.observed(state.x_o, state.half, kinematics.xd_hat, x, dx_o)
+        kernels.observed(state.memory, kinematics.xd_hat, x, dx_o)
         return Observed(dx_o, state.s_f)
 
     def step(self, state: ObserverState, s: Signals, dt: float) -> ObserverState:
         """Return the state after dt [s]."""
-        x_o, half, s_f = empty(state.x_o.size), empty(1), state.s_f
-        kernels.carry(state.x_o, state.half, s.xd_hat, s.filtered.dx_o, self.beta, dt, x_o, half)
+        (memory, s_f), after = state, empty(state.memory.size)
+        kernels.carry(memory, s.xd_hat, s.filtered.dx_o, self.beta, dt, after)
         if self.error is not None:
             s_f = s_f - math.expm1(-self.bandwidth * dt) * (self.error(s) - s_f)
-        return named(ObserverState, (x_o, s_f, half))
+        return named(ObserverState, (after, s_f))
 
     def rate(self, state: ObserverState, s: Signals) -> ObserverState:
         """Return dx_o/dt (m_p) and ds_f/dt (n)."""
         dx_o, s_f = s.filtered.dx_o, state.s_f
         if self.error is not None:
             s_f = self.bandwidth * (self.error(s) - s_f)
-        moved = s.xd_hat[: dx_o.size] - self.beta * dx_o
-        return ObserverState(moved, s_f, np.zeros(1))
+        moved = np.zeros(dx_o.size + 1)
+        moved[:-1] = s.xd_hat[: dx_o.size] - self.beta * dx_o
+        return ObserverState(moved, s_f)

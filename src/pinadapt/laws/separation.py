@@ -210,27 +210,27 @@ class Separation(Law):
         Jdot = believed.kinematics.jacobian_rate(believed.kinematic_rate(s, kinematic))
         (u, ud), (psi, psid) = self._reference(s), self.posture.null_motion(s)
         qd_r, qdd_r = s.inverse.solve_with_rate(u, psi, ud, psid, Jdot)
-        v, error, torque = s.v, s.v - qd_r, empty(qd_r.size)
+        v, error, torque = s.v, empty(qd_r.size), empty(qd_r.size)
         if s.filtered.s_f.size:  # decorrelated
-            noise = error - s.filtered.s_f
+            noise = v - qd_r - s.filtered.s_f
             v, qdd_r = v - noise, qdd_r + self.alpha * (noise - s.inverse.null(noise))
         Y, feedforward = believed.dynamics.slotine_li(s.q, v, qd_r, qdd_r)
         if self.M_0 is None or not self.lag:
-            kernels.subtract_damping(feedforward, self.K_v, error, torque)
+            kernels.subtract_damping(feedforward, self.K_v, s.v, qd_r, error, torque)
         else:
             kernels.subtract_borne_damping(
-                feedforward, self.K_v, self.M_0(s.q), self.lag, error, torque
+                feedforward, self.K_v, self.M_0(s.q), self.lag, s.v, qd_r, error, torque
             )
         return SeparationCommand(torque, None, Drives(Drive(Y, error), kinematic))
 
     def _kinematic_drive(self, s: Signals) -> Drive:
-        """Return the drive of g_k = c Y_k^T dx_o + X_k^T R epsilon."""
+        """Return the drive of g_k = sigma c Y_k^T dx_o + X_k^T R epsilon."""
         dx_o, epsilon, X_k = s.filtered.dx_o, s.epsilon, s.X_k
         m, p = X_k.shape
-        if self.Y_fast != math.inf:
-            dx_o = dx_o * self.sigma(s)
         error, g_k = empty(m), empty(p)
-        kernels.observation_drive(s.Y_k, dx_o, self.c, X_k, epsilon, self.R_k, error, g_k)
+        kernels.observation_drive(
+            s.Y_k, dx_o, self.c, self.Y_fast, X_k, epsilon, self.R_k, error, g_k
+        )
         return Drive(s.Y_k[:m], error, X_k, epsilon, self.R_k, g_k, observed=True)
 
     def sigma(self, s: Signals) -> float:

@@ -6,9 +6,11 @@ import warnings
 from pathlib import Path
 
 import numpy as np
+from numpy import empty
 from numpy.typing import ArrayLike
 
 from .._checks import numbers
+from .._kernels import linear_algebra as kernels
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from .dynamics import equivalent_parameters, identifiable
@@ -62,11 +64,15 @@ class BasisDynamics(InertialDynamics):
 
     def expand(self, a_d: np.ndarray) -> np.ndarray:
         """Return pi = B a_d (10 n)."""
-        return self.B.dot(a_d)
+        pi = empty(len(self.B))
+        kernels.apply(self.B, a_d, pi)
+        return pi
 
     def reduce(self, Y: np.ndarray) -> np.ndarray:
         """Return Y B (n, p)."""
-        return Y.dot(self.B)
+        product = empty((len(Y), self.size))
+        kernels.multiply(Y, self.B, product)
+        return product
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the a that reproduces a robot's dynamics as placed here, or None if none does."""

@@ -75,8 +75,7 @@ class InertialDynamics(Dynamics):
         self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return Y_r (n, p) and the torque it gives (n), known bodies and rotors included."""
-        Y = self._regressor.slotine_li(q, v, v_r, a_r)
-        tau = Y.dot(self._pi)
+        Y, tau = self._regressor.slotine_li_torque(self._pi, q, v, v_r, a_r)
         return self.reduce(Y), tau + self._armature * a_r if self._rotors else tau
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:

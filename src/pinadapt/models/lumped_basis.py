@@ -191,6 +191,13 @@ class LumpedRegressor(Regressor):
             kernels.take_columns(regressor.slotine_li(q, v, v_r, a_r), columns, Y[:, window])
         return Y
 
+    def slotine_li_torque(
+        self, pi: np.ndarray, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return Y (n, p) as ``slotine_li``, and the torque Y pi (n) at a lumped vector pi (p)."""
+        Y = self.slotine_li(q, v, v_r, a_r)
+        return Y, Y.dot(pi)
+
     def momentum(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return Y_M and Y_0 (n, p): M a + C v + g = d/dt (Y_M a) + Y_0 a, a the lumped vector."""
         Y_M, Y_0 = np.empty(self._shape), np.empty(self._shape)

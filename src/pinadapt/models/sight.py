@@ -103,7 +103,7 @@ class Carrier:
             MeasurementError: the frame was taken later than the sample.
             ImplausibleError: the last one is too old.
         """
-        t, q, x, x_time = measurement.t, measurement.q, measurement.x, measurement.x_time
+        t, q, _, x, x_time, _, _, _ = measurement
         if before.x is None:
             return before
         if not self.carry:
