@@ -296,6 +296,16 @@ def test_lumped_parameters_have_no_cone_but_are_predicted(law, adaptation, optio
     assert (energy.rate <= 0.0).all() and energy.largest_rise() <= 1e-12
 
 
+def test_all_lengths_and_inertias_with_the_lengths_right():
+    robot = catalogue_robot("ur5")
+    controller = pa.make_controller(
+        robot.changed(inertial_scale=0.8), kinematic="lengths", adaptation="composite", joint="none"
+    )
+    energy = energy_along(robot, controller, circle_beside(robot, "yz"), seconds=0.03)
+    assert energy.mismatch(after=20) <= 1e-5
+    assert energy.largest_rise() <= 1e-12
+
+
 def test_natural_adaptation_of_lumped_parameters_is_refused():
     with pytest.raises(pa.ParameterError, match='"composite" or "least-squares"'):
         robot = catalogue_robot("ur5")
