@@ -5,6 +5,7 @@ from itertools import islice
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 
 import pinadapt as pa
 from chains import catalogue_robot, robot_of
@@ -152,12 +153,14 @@ def test_bodies_stay_physical_whatever_is_remembered():
         assert np.isfinite(estimate.value).all() and adaptation.contains(estimate.value)
 
 
+LOAD = pa.Payload(1.5, [0.02, -0.01, 0.05], [0.01, 0.0, 0.012, 0.0, 0.0, 0.004])
+
+
 def circling(name, friction=False):
     """Return the described robot, the true one, and a circle of 0.1 m in 3 s."""
     robot = catalogue_robot(name)
     rough = {"viscous": 1.0, "coulomb": 0.5} if friction else {}
-    load = pa.Payload(1.5, [0.02, -0.01, 0.05], [0.01, 0.0, 0.012, 0.0, 0.0, 0.004])
-    true = robot.changed(tool_translation=[0.03, -0.02, 0.12], payload=load, **rough)
+    true = robot.changed(tool_translation=[0.03, -0.02, 0.12], payload=LOAD, **rough)
     path = pa.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(true.position(true.q0))
     return robot, true, path
 
@@ -202,6 +205,30 @@ def test_a_load_that_changes_is_learned_anew():
         left[forgetting] = rollout.distance[-1000:].max()
     assert left[None] < 4e-5, left
     assert left[0.0] > 5.0 * left[None], left
+
+
+@pytest.mark.parametrize("told", [False, True])
+def test_a_fixed_mass_matrix_must_bear_what_is_learned(told):
+    """The improved law assumes M + M_0 - M_hat > 0; an M_0 without the load does not keep it."""
+    robot, true, path = circling("panda")
+    load = {"payload": LOAD} if told else {}
+    controller = pa.make_controller(
+        robot.changed(inertial_scale=0.7, **load),
+        law="adaptive-inverse-dynamics-improved",
+        adaptation="natural-memory",
+        joint="none",
+    )
+    rollout = pa.simulate(true, controller, path, duration=3.0)
+    plant, dynamics, largest = pa.PinocchioPlant(true), controller.dynamics, []
+    for sample in rollout.evaluation.samples[::10]:
+        M, matrices = plant.mass_matrix(sample.truth.q), []
+        for a in (sample.state.a_d, sample.state.a_0):
+            dynamics.load(a)
+            matrices.append(dynamics.mass_matrix(sample.truth.q).copy())
+        change = matrices[0] - matrices[1]
+        largest.append(eigh(change, M, eigvals_only=True)[-1])
+    last = rollout.distance[-300:].max()
+    assert (max(largest) < 0.6 and last < 1e-4) if told else (max(largest) > 1.2 and last > 5e-3)
 
 
 def test_memory_begins_anew_when_a_load_is_announced():
