@@ -353,9 +353,12 @@ def test_exponentiation(h, rng, laid):
 
 def test_task_force(rng, laid):
     K_v, K_P, J = (laid(rng.standard_normal(shape)) for shape in ((3, 3), (3, 3), (3, 7)))
-    dxd, dx, feedforward, torque = *rng.standard_normal((2, 3)), rng.standard_normal(7), filled(7)
-    feedback.subtract_task_force(J, K_v, dxd, K_P, dx, laid(feedforward), torque)
-    assert close(torque, feedforward - J.T @ (K_v @ dxd + K_P @ dx))
+    xd, xd_d, dx = map(laid, rng.standard_normal((3, 3)))
+    feedforward, v, v_r = map(laid, rng.standard_normal((3, 7)))
+    error, torque = filled(7), filled(7)
+    feedback.subtract_task_force(J, K_v, xd, xd_d, K_P, dx, feedforward, v, v_r, error, torque)
+    assert close(torque, feedforward - J.T @ (K_v @ (xd - xd_d) + K_P @ dx))
+    assert close(error, v - v_r)
 
 
 @pytest.mark.parametrize("threshold", [1e-2, 1.0])

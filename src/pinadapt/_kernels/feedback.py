@@ -112,24 +112,32 @@ def commanded_acceleration(
             v[t] += J[i, t] * x
 
 
-@compiled("void(f8[:,:], f8[:,:], f8[:], f8[:,:], f8[:], f8[:], f8[:])")
+@compiled(
+    "void(f8[:,:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8[:], f8[:])",
+    fills=2,
+)
 def subtract_task_force(
     J: np.ndarray,
     K_v: np.ndarray,
-    dxd: np.ndarray,
+    xd: np.ndarray,
+    xd_d: np.ndarray,
     K_P: np.ndarray,
     dx: np.ndarray,
     feedforward: np.ndarray,
+    v: np.ndarray,
+    v_r: np.ndarray,
+    error: np.ndarray,
     torque: np.ndarray,
 ) -> None:
-    """Write feedforward - J^T (K_v dxd + K_P dx) (n)."""
+    """Write the error v - v_r and feedforward - J^T (K_v (xd - xd_d) + K_P dx), both (n)."""
     m, n = J.shape
     for t in range(n):
+        error[t] = v[t] - v_r[t]
         torque[t] = feedforward[t]
     for i in range(m):
         force = 0.0
         for j in range(m):
-            force += K_v[i, j] * dxd[j] + K_P[i, j] * dx[j]
+            force += K_v[i, j] * (xd[j] - xd_d[j]) + K_P[i, j] * dx[j]
         for t in range(n):
             torque[t] -= J[i, t] * force
 

@@ -165,8 +165,10 @@ class AdaptiveJacobian(Law):
         Jdot = believed.kinematics.jacobian_rate(believed.kinematic_rate(s, kinematic))
         qd_r, qdd_r = self._reference(s, Jdot)
         Y_r, feedforward = believed.dynamics.slotine_li(s.q, s.v, qd_r, qdd_r)
-        error, torque = s.v - qd_r, empty(qd_r.size)
-        kernels.subtract_task_force(s.J, self.K_v, s.dxd_hat, self.K_P, s.dx, feedforward, torque)
+        error, torque = empty(qd_r.size), empty(qd_r.size)
+        kernels.subtract_task_force(
+            s.J, self.K_v, s.xd_hat, s.xd_d, self.K_P, s.dx, feedforward, s.v, qd_r, error, torque
+        )
         s.inverse.subtract_null_damping(self.posture.damping, error, torque)
         return PassivityCommand(torque, None, Drives(Drive(Y_r, error), kinematic))
 

@@ -52,6 +52,11 @@ class Events:
                         where=f"beliefs[{time:g}]",
                     )
 
+    @property
+    def any(self) -> bool:
+        """Whether anything happens."""
+        return bool(self.changes or self.beliefs)
+
     def check(self, controller: Controller, state: ControllerState) -> None:
         """Tell the controller everything in advance, to refuse what it cannot express.
 

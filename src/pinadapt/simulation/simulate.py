@@ -125,7 +125,7 @@ def simulate(
     if late := events.after(duration):
         warnings.warn(f"the run ends before what happens at {late} s.", stacklevel=2)
     loop = plant, controller, trajectory
-    start: dict[str, Any] = {"dt": dt, "state": state, "events": events}
+    start: dict[str, Any] = {"dt": dt, "state": state, "events": events if events.any else None}
     if isinstance(plant, PinocchioPlant) and mode == "continuous":
         stream = run_continuous(plant, controller, trajectory, ideal_acceleration=ideal, **start)
     else:
