@@ -7,8 +7,8 @@ the rollout. Both are told in bare calls ``pin.aba(model, data, q, v, tau)``, of
 integration makes two; blocks of samples and of calls run in turn in one process, and the ratios are
 medians over the rounds.
 
-A run keeps its samples, so its memory grows by a page every one or two of them, and the operating
-system takes its time to give a page for the first time: a quarter of a microsecond, or twenty in a
+A run keeps its samples, so its memory grows by a page with each of them, and the operating system
+takes its time to give a page for the first time: a quarter of a microsecond, up to twenty in a
 virtual machine. The first row has all of that; the others run in memory that the process has had
 before.
 """

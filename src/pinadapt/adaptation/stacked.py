@@ -81,9 +81,10 @@ class Stacked(Adaptation):
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
-        (value, memory), values, memories = estimate, [], []
-        for (part, block), own in zip(self.parts, memory or self._forgetful, strict=True):
-            before = named(Estimate, (value[block], own))
+        value, own = estimate.value, estimate.memory or self._forgetful
+        values, memories = [], []
+        for k, (part, block) in enumerate(self.parts):
+            before = named(Estimate, (value[block], own[k]))
             after, kept = part.step(before, drive.columns(block), dt)
             values.append(after)
             memories.append(kept)
