@@ -1,9 +1,9 @@
 """How a control step and a simulated sample grow with the number of joints.
 
 ``python -m benchmarks.growth [--save FILE] [--plot FILE]`` makes chains of 2 to 32 revolute joints
-with turning axes, every body and the tool unknown (10 n + 3 parameters), and times in turn, in one
-process: one step of law (11) with natural adaptation, all else of a simulated sample, and the one
-call that no law on these parameters can do without, Pinocchio's regressor.
+with turning axes, every body, the joints' coefficients and the tool unknown (13 n + 3 parameters),
+and times in turn, in one process: one step of the default law, all else of a simulated sample, and
+the one call that no law on these parameters can do without, Pinocchio's regressor.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 
 import pinadapt as pa
 
-from .simulated_sample import BLOCK, blocks
+from .simulated_sample import BLOCK, Loop
 from .timing import HERE, in_turn, repeated, save, saved
 
 JOINTS, ROUNDS = (2, 4, 8, 16, 32), 30
@@ -59,15 +59,16 @@ def measure(n: int) -> dict[str, Any]:
         warnings.simplefilter("ignore")  # of the sampling period; a short run is enough here
         controller = pa.make_controller(robot.changed(inertial_scale=0.9))
     hold = pa.Hold(robot.position(robot.q0))
-    block, steps = blocks(pa.PinocchioPlant(robot), controller, hold)
+    loop = Loop(pa.PinocchioPlant(robot), controller, hold)
     calls = {
         "aba": lambda: pin.aba(model, data, robot.q0, v, v),
         "regressor": lambda: pin.computeJointTorqueRegressor(model, data, robot.q0, v, v),
     }
     times = in_turn(
-        {"rest": block} | {name: repeated(call, BLOCK) for name, call in calls.items()}, ROUNDS
+        {"rest": loop.block} | {name: repeated(call, BLOCK) for name, call in calls.items()}, ROUNDS
     )
-    times["step"] = np.array(steps[-ROUNDS:])
+    times["step"] = np.array(loop.steps[-ROUNDS:])
+    times["rest"] = times["rest"] + loop.rollout()
     figures = {f"{name}_us": 1e6 * float(np.median(times[name])) / BLOCK for name in CURVES}
     unknowns = controller.dynamics.size + controller.kinematics.size
     return {"name": model.name, "joints": n, "unknowns": unknowns, **figures}
@@ -91,7 +92,7 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
         ax.loglog(n, [row[f"{curve}_us"] for row in rows], marker="o", ms=4, label=label)
     ax.set_xticks(n, [str(k) for k in n])
     ax.minorticks_off()
-    ax.set_xlabel("joints n, with 10 n + 3 unknown parameters")
+    ax.set_xlabel("joints n, with 13 n + 3 unknown parameters")
     ax.set_ylabel("time [us]")
     ax.grid(alpha=0.3)
     ax.legend()

@@ -111,6 +111,12 @@ def test_lines_are_short(folder):
     assert not long
 
 
+@pytest.mark.parametrize("path", sorted((ROOT / "benchmarks").glob("*.py")), ids=lambda p: p.stem)
+def test_benchmarks_can_be_started(path):
+    """What they take from the library, from each other and from the tests is there."""
+    importlib.import_module(f"benchmarks.{path.stem}")
+
+
 def public():
     """Return the public names of the package and their objects."""
     return {name: getattr(pinadapt, name) for name in dir(pinadapt) if not name.startswith("_")}
