@@ -40,10 +40,13 @@ class FittedMidpoint:
         self._model = robot.model.copy()
         self._data = self._model.createData()
         self._armature = self._model.armature  # a view, to write into
-        self._rotors = np.array(self._armature)
-        self._inertia = np.diag(pin.crba(self._model, self._data, robot.q0)).copy()
-        self._friction, self._present = robot.friction, robot.friction.present
+        rotors = np.array(self._armature)
+        inertia = np.diag(pin.crba(self._model, self._data, robot.q0)).copy()
+        friction, self._present = robot.friction, robot.friction.present
         self._theta, self._drive = np.full((2, self._model.nv), 0.5)
+        joints = friction.viscous, friction.coulomb, friction.threshold
+        self._constants = (*joints, inertia, rotors)
+        self._fitted = self._armature, self._drive, self._theta
         self._none = np.zeros(self._model.nv)
         compile_all()
 
@@ -73,11 +76,7 @@ class FittedMidpoint:
         self, q: np.ndarray, v: np.ndarray, start: np.ndarray, tau: np.ndarray, h: float
     ) -> np.ndarray:
         """Return a (nv), terms at q, v, for a step of h [s] that begins at velocity ``start``."""
-        f = self._friction
-        _fit(
-            f.viscous, f.coulomb, f.threshold, self._inertia, self._rotors, h, v, start, tau,
-            self._armature, self._drive, self._theta,
-        )  # fmt: skip
+        _fit(*self._constants, h, v, start, tau, *self._fitted)
         return pin.aba(self._model, self._data, q, v, self._drive)
 
 
