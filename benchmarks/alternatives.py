@@ -69,11 +69,13 @@ def figures(run: Run) -> dict[str, Any]:
     at = at.informed() if run.informed else at
     controller = CONTENDERS[run.contender].make(at, **run.gains)
     known = {"radius": at.radius, "bandwidth": at.w}
-    path, sampling = at.circle(run.period), {"duration": run.duration, "dt": _DT}
+    path = at.circle(run.period)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of a light joint, and of unphysical starts
         try:
-            rollout = pa.simulate(at.true, controller, path, **sampling, **at.sensors)
+            rollout = pa.simulate(
+                at.true, controller, path, duration=run.duration, dt=_DT, **at.sensors
+            )
         except pa.MeasurementError:  # joints spin far beyond what they can
             return known | dict.fromkeys(FIGURES)
     return known | summary(rollout, run.period, at.model.limits)

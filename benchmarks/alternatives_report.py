@@ -115,7 +115,7 @@ def _draw_sensors(ax: Axes, rows: Sequence[Row]) -> None:
             label = name if not k else None
             y = [line[period] for period in sorted(line)]
             ax.semilogy(x, y, marker=_MARKERS[i], ms=5, label=label, **style)
-    ticks = {}
+    ticks: dict[float, str] = {}
     for k, robot in enumerate(robots):
         places = [k * (len(periods) + 0.8) + i for i in range(len(periods))]
         ticks |= dict(zip(places, (f"{period:g} s" for period in periods), strict=True))

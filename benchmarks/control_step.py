@@ -134,7 +134,8 @@ def measure(name: str) -> dict[str, Any]:
     plant, rng = pa.PinocchioPlant(robot), np.random.default_rng(0)
     v = 0.3 * rng.standard_normal(plant.nv)
     measurement = plant.measurement(robot.q0, v)
-    desired = pa.Circle(np.zeros(robot.task.size), 0.1, 3.0).starting_at(measurement.x).at(0.1)
+    circle = pa.Circle(np.zeros(robot.task.size), 0.1, 3.0)
+    desired = circle.starting_at(robot.position(robot.q0)).at(0.1)
     state = control.step(control.init(measurement), measurement, desired, 1e-3)[1]
     calls = floor_calls(robot, robot.q0, v, control.law.name)
     times = in_turn(

@@ -40,10 +40,12 @@ class Case:
         self.law, self.joints = law, pa.LAWS[law].joint_space
         robots = scenario.true, scenario.believed
         self.true, self.believed = map(in_joint_space, robots) if self.joints else robots
-        start, circle = self.true.home_angles, scenario.trajectory
-        self.path = pa.Sinusoid(start + SWING, SWING, PERIOD) if self.joints else circle
-        if pa.LAWS[law].set_point:
-            self.path = pa.Hold(circle.at(0.5 * circle.period).x_d)
+        self.path: pa.Trajectory = scenario.trajectory
+        if self.joints:
+            self.path = pa.Sinusoid(self.true.home_angles + SWING, SWING, PERIOD)
+        elif pa.LAWS[law].set_point:
+            assert isinstance(self.path, pa.Circle)
+            self.path = pa.Hold(self.path.at(0.5 * self.path.period).x_d)
 
     def controller(self, **sensors: Any) -> pa.Controller:
         """Return a controller with default gains."""

@@ -42,7 +42,7 @@ TRACKING = [name for name, law in pa.LAWS.items() if law.adapts and not law.set_
 RADIUS, SWING, PERIOD = 0.1, 0.2, 3.0  # [m], [rad], [s]
 
 TRUTH, FITTED = "truth", "natural-memory, tool by least squares"
-ADAPTATIONS: dict[str, dict[str, str]] = {
+ADAPTATIONS: dict[str, dict[str, Any]] = {
     TRUTH: {"adaptation": "none"},
     "natural": {"adaptation": "natural"},
     "natural-memory": {"adaptation": "natural-memory"},
@@ -73,10 +73,10 @@ class Run:
 
     def robots(self) -> tuple[pa.Robot, pa.Robot]:
         """Return the described robot and the real one."""
-        task = {"task": "joint"} if self.joints else {}
+        task: dict[str, Any] = {"task": "joint"} if self.joints else {}
         robot, mass = pa.load(self.robot, **task), LOADS[self.robot]
         load = pa.Payload(mass, CENTRE, mass / LOADS["panda"] * np.array(TURNING))
-        tool = {} if self.joints else {"tool_translation": TOOL}
+        tool: dict[str, Any] = {} if self.joints else {"tool_translation": TOOL}
         return robot, robot.changed(payload=load, **tool)
 
     def path(self, true: pa.Robot) -> pa.Trajectory:

@@ -24,6 +24,7 @@ import numpy as np
 import pinocchio as pin
 
 import pinadapt as pa
+from pinadapt.plants.simulated_plant import SimulatedPlant
 from pinadapt.scenario.scenario import Scenario
 from pinadapt.simulation.record import Record, record, rollout_of
 
@@ -43,14 +44,14 @@ class Loop:
 
     def __init__(
         self,
-        plant: pa.PinocchioPlant | pa.MujocoPlant,
+        plant: SimulatedPlant,
         controller: pa.Controller,
         path: pa.Trajectory,
     ) -> None:
         """Take the loop's parts."""
         self._plant, self._controller = plant, controller
         self._stream = pa.run(plant, controller, path)
-        self.kept, self.steps = Record(), []
+        self.kept, self.steps = Record(), list[float]()
 
     def block(self) -> float:
         """Run the next block; return its time but for the controller's steps [s]."""
@@ -70,9 +71,7 @@ class Loop:
         return (perf_counter() - started) * BLOCK / len(self.kept.samples)
 
 
-def measure(
-    name: str, scenario: Scenario, plant: pa.PinocchioPlant | pa.MujocoPlant
-) -> dict[str, Any]:
+def measure(name: str, scenario: Scenario, plant: SimulatedPlant) -> dict[str, Any]:
     """Return the figures of one plant under the scenario's controller and motion."""
     model, data = plant.robot.model, plant.robot.model.createData()
     q, v, tau = plant.robot.q0, np.full(model.nv, 0.1), np.ones(model.nv)
@@ -99,7 +98,7 @@ def main() -> None:
     before, scenario = saved(path), Scenario.read(SCENARIO)
     free = scenario.true.changed(viscous=0.0, coulomb=0.0)
     rubbing = scenario.true.changed(viscous=0.5, coulomb=0.5)
-    plants = {
+    plants: dict[str, SimulatedPlant] = {
         "panda in fresh memory": pa.PinocchioPlant(free),
         "panda": pa.PinocchioPlant(free),
         "panda with friction": pa.PinocchioPlant(rubbing),

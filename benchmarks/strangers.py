@@ -18,6 +18,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from texttable import Texttable
@@ -83,7 +84,7 @@ def _run(path: Path, duration: float | None, camera: bool, unadapted: bool) -> R
     believed = robot.changed(inertial_scale=INERTIAS)
     row = Row(path.stem, robot.frame, robot.model.nv, circle.radius, circle.period)
     motion = circle.starting_at(true.position(true.q0))
-    seen = {"camera": CAMERA} if camera else {}
+    seen: dict[str, Any] = {"camera": CAMERA} if camera else {}
 
     def run(adaptation: str) -> tuple[pa.Rollout, float | None]:
         controller = pa.make_controller(

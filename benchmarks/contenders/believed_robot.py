@@ -31,7 +31,7 @@ class BelievedRobot:
         """Return J (m, n) at q (n)."""
         frame, axes = self.robot.frame_id, pin.LOCAL_WORLD_ALIGNED
         J = pin.computeFrameJacobian(self._model, self._data, q, frame, axes)
-        return np.asarray(J[self.robot.task.rows])
+        return np.asarray(J[self.robot.frame_task.rows])
 
     def gravity(self, q: np.ndarray) -> np.ndarray:
         """Return g (n) [N m or N] at q (n)."""

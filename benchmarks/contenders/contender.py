@@ -40,7 +40,12 @@ class Contender:
 
 def joint_tracking(at: Setting, *, k_j: float = 0.0, k_x: float = 0.0) -> pa.Controller:
     """Return PD or PID with gravity: the default's K_D, and w times that on positions."""
-    gains = {"K_P": at.w * at.damping, "K_D": at.damping, "k_j": k_j * at.w, "k_x": k_x * at.w}
+    gains: dict[str, Any] = {
+        "K_P": at.w * at.damping,
+        "K_D": at.damping,
+        "k_j": k_j * at.w,
+        "k_x": k_x * at.w,
+    }
     return _frozen(at, JointTracking(at.model, at.w, **gains))
 
 

@@ -66,6 +66,7 @@ class JointTracking(pa.Law):
 
     def _start(self, measurement: pa.Measurement) -> Integrals:
         q, x = measurement.q, measurement.x
+        assert x is not None  # every controller asks for it at first
         shift = x - self.believed.position(q) if self.k_x else np.zeros(x.size)
         return Integrals(q.copy(), shift, np.zeros(q.size))
 

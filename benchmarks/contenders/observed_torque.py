@@ -57,6 +57,7 @@ class ObservedTorque(pa.ResolvedAcceleration):
 
     def _start(self, measurement: pa.Measurement) -> Integrals:
         q, v, x = measurement.q, measurement.v, measurement.x
+        assert x is not None  # every controller asks for it at first
         offset = np.zeros(x.size) if self.seen else x - self.believed.position(q)
         return Integrals(offset, self.believed.momentum(q, v))
 
