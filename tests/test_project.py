@@ -4,6 +4,8 @@ import ast
 import importlib
 import inspect
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -123,11 +125,17 @@ def public():
 
 
 def test_public_names_resolve():
-    text = (SOURCE / "__init__.py").read_text()
-    names = re.findall(r"import \w+ as (\w+)", text)
-    assert len(names) > 40
+    names = re.findall(r"import \w+ as (\w+)", (SOURCE / "__init__.pyi").read_text())
+    assert len(names) > 40 and sorted(names) == pinadapt.__all__ == dir(pinadapt)
     for name in names:
         assert hasattr(pinadapt, name)
+    for missing in ("Controler", "numpy"):
+        assert not hasattr(pinadapt, missing)
+
+
+def test_a_name_is_its_thing_also_after_a_module_of_that_name_was_imported():
+    code = "import pinadapt.citation; assert callable(pinadapt.citation), pinadapt.citation"
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=100)
 
 
 @pytest.mark.parametrize(

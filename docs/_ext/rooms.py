@@ -1,6 +1,7 @@
 """The pages of the API, one a room of the package, written from its public names."""
 
 import inspect
+import re
 from collections import defaultdict
 from pathlib import Path
 from sys import modules
@@ -40,19 +41,12 @@ live in, see :doc:`/architecture`. Most programs need :func:`~pinadapt.load`,
 
 def public_names():
     """Return the public names by room, rooms in the order of the package's own list."""
-    rooms = defaultdict(list)
-    for name, thing in vars(pinadapt).items():
-        if not name.startswith("_") and not inspect.ismodule(thing):
-            rooms[room_of(name, thing)].append(name)
+    rooms, listed = defaultdict(list), Path(pinadapt.__file__).with_suffix(".pyi").read_text()
+    for room, name in re.findall(r"^from \.(\w+) import (\w+)", listed, re.MULTILINE):
+        if not name.startswith("_"):
+            made = getattr(getattr(pinadapt, name), "__module__", None)  # plain data has none
+            rooms[made.split(".")[1] if made else room].append(name)
     return rooms
-
-
-def room_of(name, thing):
-    """Return the room of a public thing: where it was made, or for plain data, who has it."""
-    if module := getattr(thing, "__module__", None):
-        return module.split(".")[1]
-    rooms = (room for room, module in vars(pinadapt).items() if inspect.ismodule(module))
-    return next(room for room in rooms if hasattr(getattr(pinadapt, room), name))
 
 
 def about(room):

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from .._version import __version__
-from ..laws import DEFAULT, LAWS
+from .command import Command
 
 
 def parser() -> argparse.ArgumentParser:
@@ -16,9 +16,11 @@ def parser() -> argparse.ArgumentParser:
         prog="pinadapt", description="Adaptive control of robots whose model is wrong."
     )
     whole.add_argument("--version", action="version", version=f"pinadapt {__version__}")
-    commands = whole.add_subparsers(required=True, dest="command", metavar="COMMAND")
+    commands = whole.add_subparsers(
+        required=True, dest="command", metavar="COMMAND", parser_class=Command
+    )
     for name, (text, fill) in _COMMANDS.items():
-        fill(commands.add_parser(name, help=text, description=text))
+        commands.add_parser(name, help=text, description=text).fill = fill
     return whole
 
 
@@ -27,6 +29,8 @@ def _demo(command: argparse.ArgumentParser) -> None:
 
 
 def _init(command: argparse.ArgumentParser) -> None:
+    from ..laws import DEFAULT, LAWS
+
     command.add_argument(
         "source",
         metavar="ROBOT",
@@ -139,6 +143,8 @@ def _view(command: argparse.ArgumentParser) -> None:
 
 
 def _compare(command: argparse.ArgumentParser) -> None:
+    from ..laws import LAWS
+
     _add_scenario(command)
     command.add_argument(
         "--laws",
@@ -233,6 +239,8 @@ def _robots(command: argparse.ArgumentParser) -> None:
 
 
 def _zoo(command: argparse.ArgumentParser) -> None:
+    from ..laws import DEFAULT, LAWS
+
     command.add_argument(
         "--robots",
         type=_names,

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-from ..rollout.rollout import Rollout
+if TYPE_CHECKING:
+    from ..rollout.rollout import Rollout
 
 DONE, REFUSED, DIVERGED, INTERRUPTED = 0, 2, 3, 130
 
