@@ -53,7 +53,7 @@ def close(a, b, tolerance=1e-12):
 
 def test_kernels_are_machine_code_once_a_controller_is_made():
     code = (
-        "import sys, pinadapt as pa; from pinadapt import _compiled\n"
+        "import sys, pinadapt as pa; from pinadapt import _compiled, Controller\n"
         "assert 'numba' not in sys.modules and _compiled._waiting\n"
         "pa.make_controller(pa.load('planar_2r'))\n"
         "assert not _compiled._waiting and _compiled.kernels\n"

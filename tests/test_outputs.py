@@ -111,9 +111,8 @@ def test_a_process_killed_while_it_writes_leaves_whole_files_of_one_run(
 def test_a_run_killed_while_it_runs_leaves_the_one_before(tmp_path):
     assert main(command(tmp_path, "--no-html", title="first")) == 0
     script = (
-        "import os, signal, sys\n"
-        "import pinadapt\n"
-        "module = sys.modules['pinadapt.simulation.simulate']\n"
+        "import importlib, os, signal, sys\n"
+        "module = importlib.import_module('pinadapt.simulation.simulate')\n"
         "record = module.record\n"
         "def killed(stream, indices, every):\n"
         "    kill = lambda k: k < 50 or os.kill(os.getpid(), signal.SIGKILL)\n"
