@@ -129,8 +129,10 @@ def test_public_names_resolve():
     assert len(names) > 40 and sorted(names) == pinadapt.__all__ == dir(pinadapt)
     for name in names:
         assert hasattr(pinadapt, name)
-    for missing in ("Controler", "numpy"):
-        assert not hasattr(pinadapt, missing)
+    assert not hasattr(pinadapt, "numpy")
+    with pytest.raises(AttributeError, match="Controler") as error:
+        _ = pinadapt.Controler
+    assert error.value.obj is pinadapt and error.value.name == "Controler"  # as Python suggests by
 
 
 def test_a_name_is_its_thing_also_after_a_module_of_that_name_was_imported():
