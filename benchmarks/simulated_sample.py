@@ -24,7 +24,7 @@ import numpy as np
 import pinocchio as pin
 
 import pinadapt as pa
-from pinadapt.plants.simulated_plant import SimulatedPlant
+from pinadapt.plants.plant import SimulatedPlant
 from pinadapt.scenario.scenario import Scenario
 from pinadapt.simulation.record import Record, record, rollout_of
 

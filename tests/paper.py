@@ -6,7 +6,7 @@ import numpy as np
 
 import pinadapt as pa
 from chains import catalogue_robot
-from pinadapt.robot.catalogue import robots_folder
+from pinadapt.description.catalogue import robots_folder
 
 BASIS = np.loadtxt(robots_folder() / "planar_2r" / "basis.csv", delimiter=",")  # of a1, a2, a3
 LMI = pa.MatrixInequality.from_file(robots_folder() / "planar_2r" / "lmi.csv")

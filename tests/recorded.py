@@ -7,8 +7,7 @@ import pinocchio as pin
 
 import pinadapt as pa
 from chains import catalogue_robot
-from pinadapt.robot.chain import configuration_from_angles
-from pinadapt.robot.effort_limits import effort_limits
+from pinadapt.description.chain import configuration_from_angles, effort_limits
 
 LOAD = pa.Payload(1.5, (0.02, -0.01, 0.05), (0.01, 0.0, 0.012, 0.0, 0.0, 0.004))
 TOOL = (0.03, -0.02, 0.12)
@@ -59,7 +58,7 @@ def recorded(name, noisy=False, seen=True, rate=30.0, **options):
     x = np.array([robot.position(part) for part in configurations])
     if noisy:
         rng, count = np.random.default_rng(7), 2.0 * np.pi / 2**17
-        limits = effort_limits(robot)
+        limits = effort_limits(robot.model)
         q = np.round(q / count) * count
         v = np.vstack([0.0 * v[:1], np.diff(q, axis=0) / (t[1] - t[0])])
         tau = tau + 0.01 * np.where(np.isfinite(limits), limits, 0.0) * rng.standard_normal(q.shape)

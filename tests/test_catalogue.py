@@ -10,7 +10,7 @@ import pinadapt as pa
 from chains import catalogue_robot
 from loops import check_holds_home
 from pinadapt._toml import read_toml
-from pinadapt.robot.catalogue import robots_folder
+from pinadapt.description.catalogue import robots_folder
 from pinadapt.tasks.registry import TASKS
 
 ROWS = read_toml(robots_folder() / "catalogue.toml")

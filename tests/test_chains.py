@@ -7,8 +7,8 @@ import pinocchio as pin
 from hypothesis import given, settings
 
 from chains import SIZES, chains, each_size, seeded
+from pinadapt.description.chain import check_joints, check_mass_matrix, is_slide
 from pinadapt.models.pseudo_inertia import is_physical
-from pinadapt.robot.chain import check_joints, check_mass_matrix, is_slide
 
 
 def kind(joint):

@@ -10,10 +10,10 @@ import pytest
 import pinadapt as pa
 from pinadapt._toml import read_toml
 from pinadapt.cli.main import main
-from pinadapt.robot.end_links import end_links
-from pinadapt.robot.example_robots import example_path
+from pinadapt.description.catalogue import example_path
+from pinadapt.description.chain import position_limits
 from pinadapt.robot.home import find_home
-from pinadapt.robot.position_limits import position_limits
+from pinadapt.robot.loading import end_links
 from pinadapt.robot.workspace import find_circle
 from pinadapt.scenario.scenario import Scenario
 from test_workspace import followed

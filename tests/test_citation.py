@@ -7,7 +7,7 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.cli.main import main
-from pinadapt.robot.catalogue import robots_folder
+from pinadapt.description.catalogue import robots_folder
 
 REQUIRED = {
     "article": {"author", "title", "journal", "volume", "pages", "year"},

@@ -11,7 +11,7 @@ import pytest
 
 import pinadapt
 from pinadapt.cli.main import main
-from pinadapt.robot.catalogue import robots_folder
+from pinadapt.description.catalogue import robots_folder
 
 PLANAR = str(robots_folder() / "planar_2r" / "wang_xie_2009.toml")
 PANDA = str(robots_folder() / "panda" / "tool_and_load.toml")

@@ -12,7 +12,7 @@ from chains import catalogue_robot
 from composite_arm import A, tracked
 from exciting import panda_swung, time_to
 from loops import circle_beside, energy_along, with_tool_and_load
-from pinadapt.robot.catalogue import robots_folder
+from pinadapt.description.catalogue import robots_folder
 from pinadapt.scenario.scenario import Scenario
 
 # Slow enough for the constant metrics to keep the estimates where the laws' hypotheses hold.

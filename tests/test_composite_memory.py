@@ -11,7 +11,7 @@ import pinadapt as pa
 from chains import catalogue_robot, robot_of
 from exciting import panda_swung, time_to
 from loops import circle_beside, energy_along, motion_at_home, with_tool_and_load
-from pinadapt.robot.catalogue import robots_folder
+from pinadapt.description.catalogue import robots_folder
 from pinadapt.scenario.scenario import Scenario
 from snapshots import snapshot, unchanged
 

@@ -6,7 +6,7 @@ import pytest
 import pinadapt as pa
 from chains import catalogue_robot
 from loops import circle_at_home, circle_beside, with_tool_and_load
-from pinadapt.robot.catalogue import robots_folder
+from pinadapt.description.catalogue import robots_folder
 from pinadapt.scenario.scenario import Scenario
 
 

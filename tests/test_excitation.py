@@ -7,7 +7,7 @@ import pytest
 
 import pinadapt as pa
 from chains import catalogue_robot
-from pinadapt.rollout.information import torque_information
+from pinadapt.information.information import torque_information
 
 ROBOTS = ["panda", "ur5", "scara", "kinova"]
 MASS, COM = 0.5, np.array([0.01, -0.01, 0.03])

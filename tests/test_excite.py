@@ -9,12 +9,10 @@ import pytest
 import pinadapt as pa
 from chains import catalogue_robot, random_robot
 from pinadapt.cli.main import main
+from pinadapt.description.chain import configuration_from_angles, position_limits, velocity_limits
 from pinadapt.excitation.allowance import Allowance
-from pinadapt.excitation.excite import _asked, _Search
-from pinadapt.excitation.rest_to_rest import RestToRest
-from pinadapt.robot.chain import configuration_from_angles
-from pinadapt.robot.position_limits import position_limits
-from pinadapt.robot.velocity_limits import velocity_limits
+from pinadapt.excitation.exciting_motion import RestToRest
+from pinadapt.excitation.search import _asked, _Search
 from pinadapt.scenario.scenario import Scenario
 
 ROBOTS = ["ur5", "scara", "planar_2r"]

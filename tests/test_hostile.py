@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 import pinadapt as pa
 from pinadapt._toml import read_toml
 from pinadapt.cli.main import main
-from pinadapt.scenario.read import check_tables
 from pinadapt.scenario.scenario import Scenario
-from pinadapt.view.artist import strange_images
+from pinadapt.scenario.validation import check_tables
+from pinadapt.view.shapes import strange_images
 
 ROBOTS = Path(__file__).resolve().parents[1] / "robots"
 URDF = (ROBOTS / "planar_2r" / "planar_2r.urdf").read_text()
@@ -319,7 +319,7 @@ def test_a_page_embeds_the_robots_own_image(textured):
 
 def resources(robot, words):
     """Return the images that a figure of a robot sends to its page."""
-    from pinadapt.view.artist import Artist
+    from pinadapt.view.shapes import Artist
 
     (shape,) = [s for s in robot.visual.geometryObjects if s.meshPath.endswith(".dae")]
     artist = Artist(robot.model, None, robot.visual)

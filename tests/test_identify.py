@@ -12,8 +12,8 @@ import pytest
 import pinadapt as pa
 from chains import catalogue_robot
 from pinadapt.cli.main import main
+from pinadapt.identification.identification import log_of
 from pinadapt.identification.report import FILES
-from pinadapt.identification.source import log_of
 from recorded import LOAD, motion, recorded, torques, true_robot
 
 

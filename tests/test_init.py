@@ -8,9 +8,9 @@ import pytest
 import pinadapt as pa
 from pinadapt._toml import read_toml
 from pinadapt.cli.main import main
-from pinadapt.robot.end_links import end_links
-from pinadapt.robot.example_robots import example_path
-from pinadapt.robot.urdf import mimic_joints, read_urdf
+from pinadapt.description.catalogue import example_path
+from pinadapt.description.urdf import mimic_joints, read_urdf
+from pinadapt.robot.loading import end_links
 from pinadapt.scenario.scenario import Scenario
 
 ARM4 = Path(__file__).parent / "data" / "arm4.urdf"

@@ -14,8 +14,8 @@ import pytest
 import pinadapt as pa
 from loops import circle_at_home
 from pinadapt.cli.main import main
-from pinadapt.cli.signals import stopped_by_signals
-from pinadapt.robot.catalogue import robots_folder
+from pinadapt.cli.status import stopped_by_signals
+from pinadapt.description.catalogue import robots_folder
 
 PLANAR = str(robots_folder() / "planar_2r" / "wang_xie_2009.toml")
 SETTINGS = ["--set", "simulation.duration=0.1", "controller.law=adaptive-inverse-dynamics"]

@@ -7,7 +7,7 @@ import pytest
 import pinadapt as pa
 from chains import catalogue_robot, mixed_robot
 from loops import energy_along
-from pinadapt.robot import robots_folder
+from pinadapt.description import robots_folder
 from pinadapt.scenario import Scenario
 
 ADAPTIVE = ["slotine-li", "craig", "spong-ortega"]

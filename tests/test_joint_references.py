@@ -7,8 +7,8 @@ import pytest
 
 from chains import catalogue_robot
 from pinadapt.exceptions import ScenarioError
-from pinadapt.scenario.read import check_tables
-from pinadapt.scenario.reference import trajectory_of
+from pinadapt.scenario.parts import trajectory_of
+from pinadapt.scenario.validation import check_tables
 from pinadapt.tasks.joint import JointTask
 
 

@@ -11,7 +11,7 @@ import pinadapt as pa
 from chains import catalogue_robot
 from loops import circle_beside, energy_along, with_tool_and_load
 from paper import BASIS, CIRCLE, LMI
-from pinadapt.robot.catalogue import robots_folder
+from pinadapt.description.catalogue import robots_folder
 from pinadapt.scenario.scenario import Scenario
 
 FIT = {"kinematic_adaptation": "least-squares"}

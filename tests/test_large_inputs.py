@@ -5,8 +5,8 @@ import time
 import pytest
 
 import pinadapt as pa
-from pinadapt.robot.end_links import end_links
-from pinadapt.robot.urdf import Urdf
+from pinadapt.description.urdf import Urdf
+from pinadapt.robot.loading import end_links
 from pinadapt.scenario.template import Template
 from test_robot import ARM4
 from test_xacro import XMLNS

@@ -12,7 +12,7 @@ import pytest
 import pinadapt as pa
 from chains import catalogue_robot
 from loops import circle_at_home, with_tool_and_load
-from pinadapt.models.sight import Carrier
+from pinadapt.models.late_frames import Carrier
 from snapshots import snapshot, unchanged
 
 DT = 1e-3  # [s]

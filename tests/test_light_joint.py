@@ -9,7 +9,7 @@ import pytest
 import pinadapt as pa
 from chains import catalogue_robot
 from pinadapt.laws.acceleration_law import AccelerationLaw
-from pinadapt.tuning.light_joint import lightest_joint
+from pinadapt.tuning.preflight import lightest_joint
 
 INVERSE, FORCES = "adaptive-inverse-dynamics", "adaptive-jacobian"
 ACCELERATIONS = [

@@ -10,8 +10,7 @@ import pytest
 import pinadapt as pa
 from chains import catalogue_robot as load
 from loops import circle_at_home, run
-from pinadapt.rollout.joint_motion import JointMotion, motion_of_reference
-from pinadapt.rollout.limit_excess import LimitExcess
+from pinadapt.rollout.limit_excess import JointMotion, LimitExcess, motion_of_reference
 
 JOINTS = ("hinge", "slide", "wheel")
 NONE = {"position": 0.0, "velocity": 0.0, "effort": 0.0}

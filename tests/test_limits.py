@@ -18,7 +18,7 @@ from differences import derivative
 from drives import rate_of, stepped
 from loops import motion_at_home
 from pinadapt.controller.limits import make_box
-from pinadapt.models.right_inverse import RightInverse
+from pinadapt.models.linear_algebra import RightInverse
 from pinadapt.models.typical_motion import felt_mass
 from pinadapt.scenario.scenario import Scenario
 

@@ -17,9 +17,9 @@ import umsgpack
 
 import pinadapt as pa
 from pinadapt.cli.main import main
-from pinadapt.robot.catalogue import robots_folder
+from pinadapt.description.catalogue import robots_folder
 from pinadapt.view import LiveView
-from pinadapt.view.server import Broadcast, Server
+from pinadapt.view.live import Broadcast, Server
 
 PLANAR = str(robots_folder() / "planar_2r" / "wang_xie_2009.toml")
 

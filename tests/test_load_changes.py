@@ -14,13 +14,12 @@ import pinadapt as pa
 from chains import catalogue_robot, random_state
 from loops import ARRAYS, circle_at_home
 from paper import BASIS
+from pinadapt.description.catalogue import robots_folder
 from pinadapt.plants.plant import Plant
-from pinadapt.plots.error_figure import error_figure
-from pinadapt.plots.parameter_figure import parameter_figure
-from pinadapt.robot.catalogue import robots_folder
+from pinadapt.plots.figures import error_figure, parameter_figure
 from pinadapt.robot.succession import difference
 from pinadapt.scenario.scenario import Scenario
-from pinadapt.view.motion import motion_in_time
+from pinadapt.view.scene import motion_in_time
 from snapshots import snapshot, unchanged
 
 CHANGES = robots_folder() / "panda" / "load_changes.toml"

@@ -13,7 +13,7 @@ import pinadapt as pa
 from chains import catalogue_robot, chains, chains_of, each_size, random_state, seeded, seeds
 from loops import circle_beside, energy_along
 from paper import BASIS
-from pinadapt.models.lumped_basis import lumped_basis
+from pinadapt.models.lumped import lumped_basis
 from pinadapt.models.translations import Translation
 from pinadapt.scenario.scenario import Scenario
 

@@ -12,7 +12,7 @@ from benchmarks.modifications import measure
 from chains import catalogue_robot
 from drives import along
 from loops import circle_beside, energy_along, with_tool_and_load
-from pinadapt.robot.catalogue import robots_folder
+from pinadapt.description.catalogue import robots_folder
 from pinadapt.scenario.scenario import Scenario
 
 _SYMMETRIC = np.array([[[1, 0], [0, 0]], [[0, 1], [1, 0]], [[0, 0], [0, 1]]], dtype=float)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pinadapt.robot.position_limits import position_limits
+from pinadapt.description.chain import position_limits
 from pinadapt.scenario.scenario import Scenario
 
 pytest.importorskip("mujoco")  # pip install -e '.[dev]' brings it

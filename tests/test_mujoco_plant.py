@@ -12,8 +12,7 @@ import pytest
 import pinadapt as pa
 from chains import catalogue_robot as load
 from loops import circle_at_home, with_tool_and_load
-from pinadapt.robot.effort_limits import effort_limits
-from pinadapt.robot.position_limits import position_limits
+from pinadapt.description.chain import effort_limits, position_limits
 from pinadapt.scenario.scenario import Scenario
 
 mujoco = pytest.importorskip("mujoco")  # pip install -e '.[dev]' brings it
@@ -205,7 +204,7 @@ def test_stops_hold_joints_that_are_pushed_with_all_their_torque():
     for sign in (-1.0, 1.0):
         plant, beyond = pa.MujocoPlant(robot), []
         for _ in range(2000):
-            plant.step(sign * effort_limits(robot), 1e-3)
+            plant.step(sign * effort_limits(robot.model), 1e-3)
             q = plant.measure().q
             beyond.append(np.maximum(lower - q, q - upper))
         beyond = np.array(beyond)
@@ -224,10 +223,10 @@ def test_endless_joints_have_no_stops():
 def test_motors_add_what_the_arms_electronics_do_and_clip():
     robot = load("panda")
     plant = pa.MujocoPlant(
-        robot, compensation=pa.Gravity(robot), torque_limits=effort_limits(robot)
+        robot, compensation=pa.Gravity(robot), torque_limits=effort_limits(robot.model)
     )
     assert np.array_equal(plant.motors(np.zeros(7)), pa.Gravity(robot)(robot.q0))
-    assert np.array_equal(plant.motors(np.full(7, 1e3)), effort_limits(robot))
+    assert np.array_equal(plant.motors(np.full(7, 1e3)), effort_limits(robot.model))
     assert np.abs(drive(plant, lambda t: np.zeros(7), 0.1).v).max() < 1e-9
 
 

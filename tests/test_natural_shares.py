@@ -5,7 +5,7 @@ import pytest
 
 import pinadapt as pa
 from chains import catalogue_robot
-from pinadapt.adaptation.drive import Drive, Estimate
+from pinadapt.adaptation.adaptation import Drive, Estimate
 from pinadapt.zoo.case import zoo_case
 
 SHARES = [1.0, 7.0, 0.3]

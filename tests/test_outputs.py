@@ -17,8 +17,8 @@ from loops import run
 from pinadapt._files import UNFINISHED, check_writable, one_run, whole_file, write_text
 from pinadapt.cli.main import main
 from pinadapt.cli.outputs import RUN_FILES
+from pinadapt.description.catalogue import robots_folder
 from pinadapt.exceptions import InputError
-from pinadapt.robot.catalogue import robots_folder
 
 PLANAR = str(robots_folder() / "planar_2r" / "wang_xie_2009.toml")
 PLOTS = {"error.png", "parameters.png", "torque.png"}

@@ -10,8 +10,7 @@ from scipy.integrate import solve_ivp
 import pinadapt as pa
 from chains import catalogue_robot as load
 from chains import random_state
-from pinadapt.plants.midpoint import FittedMidpoint
-from pinadapt.plants.runge_kutta import RungeKutta
+from pinadapt.plants.pinocchio_plant import FittedMidpoint, RungeKutta
 from pinadapt.zoo.case import zoo_case
 
 ORDERS = {FittedMidpoint: 2, RungeKutta: 4}

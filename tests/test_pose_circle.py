@@ -9,8 +9,8 @@ import pytest
 import pinadapt as pa
 from pinadapt._toml import read_toml
 from pinadapt.cli.main import main
-from pinadapt.robot.example_robots import example_path
-from pinadapt.robot.position_limits import position_limits
+from pinadapt.description.catalogue import example_path
+from pinadapt.description.chain import position_limits
 from pinadapt.scenario.scenario import Scenario
 
 AXES = {"x": 0, "y": 1, "z": 2}

@@ -6,12 +6,16 @@ import pytest
 import pinadapt as pa
 from chains import catalogue_robot
 from paper import BASIS
-from pinadapt.adaptation.matrix_inequality import BodyInequality
+from pinadapt.adaptation.natural import BodyInequality
 from pinadapt.models.pseudo_inertia import is_physical, pseudo_inertia, ten_parameters
-from pinadapt.tuning import prior
-from pinadapt.tuning.defaults import bandwidth, gradient_shape
-from pinadapt.tuning.linearised_loop import frequency
-from pinadapt.tuning.prior import plausible, prior_covariance
+from pinadapt.tuning import defaults as prior
+from pinadapt.tuning.defaults import (
+    bandwidth,
+    frequency,
+    gradient_shape,
+    plausible,
+    prior_covariance,
+)
 
 
 def lengths(robot):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from pinadapt.robot.example_robots import example_path
+from pinadapt.description.catalogue import example_path
 
 ROOT = Path(__file__).parents[1]
 LINES = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.S).group(1)

@@ -9,7 +9,7 @@ import pytest
 import pinadapt as pa
 from chains import catalogue_robot
 from paper import CIRCLE, WRONG, paper_controller
-from pinadapt.robot.catalogue import robots_folder
+from pinadapt.description.catalogue import robots_folder
 from pinadapt.scenario.scenario import Scenario
 
 HERE = Path(__file__).parent

@@ -12,7 +12,7 @@ from chains import catalogue_robot
 from drives import along
 from loops import circle_at_home, with_tool_and_load
 from pinadapt.sensing import SensorQuality
-from pinadapt.tuning.remedies import Remedies, remedies, seen_noise
+from pinadapt.tuning.noise import Remedies, remedies, seen_noise
 
 W, REACH = 20.0, 1.0
 COUNT = 2.0 * np.pi / 2**17  # [rad], of an encoder of 17 bits

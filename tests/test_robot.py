@@ -12,8 +12,8 @@ import pinadapt as pa
 from chains import catalogue_robot as load
 from chains import random_state
 from loops import check_holds_home
-from pinadapt.robot.catalogue import robots_folder
-from pinadapt.robot.effort_limits import effort_limits
+from pinadapt.description.catalogue import robots_folder
+from pinadapt.description.chain import effort_limits
 
 ARM4 = Path(__file__).parent / "data" / "arm4.urdf"
 HOME = [0.1, -0.5, 0.8, 0.3]  # of arm4
@@ -458,8 +458,8 @@ def test_impossible_changes_are_refused(change, words):
 def test_effort_limits_of_zero_and_infinity_are_none():
     model = described("ur5").model.copy()
     model.effortLimit = np.array([0.0, np.inf, np.finfo(float).max, 1e308, 5.0, 28.0])
-    assert effort_limits(pa.load(model, frame="tool0")).tolist() == [np.inf] * 4 + [5.0, 28.0]
+    assert effort_limits(pa.load(model, frame="tool0").model).tolist() == [np.inf] * 4 + [5.0, 28.0]
 
 
 def test_a_urdf_effort_of_zero_is_no_limit():
-    assert effort_limits(pa.load(ARM4, frame="tip")).tolist() == [50.0, 50.0, np.inf, 10.0]
+    assert effort_limits(pa.load(ARM4, frame="tip").model).tolist() == [50.0, 50.0, np.inf, 10.0]

@@ -10,9 +10,9 @@ import pytest
 import pinadapt as pa
 from chains import catalogue_robot as load
 from loops import ARRAYS, run, with_tool_and_load
-from pinadapt.models.right_inverse import RightInverse
-from pinadapt.plots.error_figure import draw_errors
-from pinadapt.rollout.report import COMPUTED, RECORDED, WATCHED
+from pinadapt.models.linear_algebra import RightInverse
+from pinadapt.plots.figures import draw_errors
+from pinadapt.rollout.summary import COMPUTED, RECORDED, WATCHED
 
 
 @pytest.mark.parametrize("name", ["planar_2r", "scara", "ur5", "panda"])

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
-from pinadapt.robot.catalogue import robots_folder
+from pinadapt.description.catalogue import robots_folder
 from pinadapt.scenario.scenario import Scenario
 
 PLANAR = robots_folder() / "planar_2r" / "wang_xie_2009.toml"

@@ -12,7 +12,7 @@ import pinadapt as pa
 from chains import catalogue_robot as load
 from chains import random_state
 from loops import circle_at_home, motion_at_home, same
-from pinadapt.robot.chain import angles_from_configuration
+from pinadapt.description.chain import angles_from_configuration
 from pinadapt.scenario.scenario import Scenario
 from pinadapt.scenario.schema import SimulationSection
 

@@ -12,9 +12,9 @@ from differences import derivative
 from loops import circle_at_home, energy_along
 from pinadapt.cli.compare import _laws as compared
 from pinadapt.cli.main import main
-from pinadapt.robot.catalogue import robots_folder
+from pinadapt.description.catalogue import robots_folder
 from pinadapt.scenario.scenario import Scenario
-from pinadapt.tuning.preflight_jacobian import jacobian_finding
+from pinadapt.tuning.preflight import jacobian_finding
 
 LAWS = [name for name, law in pa.LAWS.items() if law.set_point]
 BOUNDED, EXACT, ROUGH = "bounded-torque", "approximate-jacobian", "approximate-jacobian-gravity"

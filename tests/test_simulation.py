@@ -12,7 +12,7 @@ from chains import robot_of
 from loops import circle_at_home as circle
 from loops import motion_at_home, run, same
 from paper import BASIS
-from pinadapt.robot.effort_limits import effort_limits
+from pinadapt.description.chain import effort_limits
 from snapshots import snapshot, unchanged
 
 # --- modes, noise, delay, limits ---
@@ -40,7 +40,7 @@ def test_torque_limits_clip():
     without = {"control": {**hard, "torque_limits": False}, "torque_limits": False}
     free = run("ur5", noise={"v": 0.3}, **without)
     clipped = run("ur5", control=hard, noise={"v": 0.3})
-    limits = effort_limits(load("ur5"))
+    limits = effort_limits(load("ur5").model)
     assert (np.abs(free.tau).max(axis=0) > limits).any()
     assert (np.abs(clipped.tau) <= limits).all()
     assert (clipped.tau == limits).any() and (clipped.tau == -limits).any()

@@ -6,7 +6,7 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.cli.main import main
-from pinadapt.robot.urdf import is_path
+from pinadapt.description.urdf import is_path
 from pinadapt.scenario.scenario import Scenario
 
 ARM4 = Path(__file__).parent / "data" / "arm4.urdf"

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.robot.effort_limits import effort_limits
-from pinadapt.robot.velocity_limits import velocity_limits
+from pinadapt.description.chain import effort_limits, velocity_limits
 from test_robot import ARM4, arm4
 
 
@@ -23,7 +22,7 @@ def test_limits_that_are_not_stated_are_none(tmp_path):
     first = re.search(r"<limit [^>]*/>", ARM4.read_text()).group()
     with pytest.warns(UserWarning, match=r"no limit is stated for joint1 \(effort, velocity\)"):
         robot = pa.load(arm4(tmp_path, (first, '<limit lower="-1" upper="1"/>')))
-    assert np.isinf(effort_limits(robot)[0]) and np.isinf(velocity_limits(robot.model)[0])
+    assert np.isinf(effort_limits(robot.model)[0]) and np.isinf(velocity_limits(robot.model)[0])
     assert robot.model.upperPositionLimit[0] == 1.0
     with pytest.warns(UserWarning, match="no limit is stated for joint1"):
         free = pa.load(arm4(tmp_path, (first, "")))

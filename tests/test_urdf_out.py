@@ -9,7 +9,7 @@ import pytest
 
 import pinadapt as pa
 from chains import catalogue_robot, random_model, random_state
-from pinadapt.robot.urdf_links import is_physical
+from pinadapt.description.urdf_writer import is_physical
 
 ROBOTS = ["panda", "ur5", "scara", "kinova"]
 LOAD = pa.Payload(0.8, (0.02, -0.01, 0.05), (0.004, 0.0, 0.005, 0.0, 0.0, 0.002))

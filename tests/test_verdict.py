@@ -10,10 +10,10 @@ import pinadapt as pa
 from loops import run
 from pinadapt.cli.compare import comparison_table
 from pinadapt.cli.main import main
-from pinadapt.robot.catalogue import robots_folder
+from pinadapt.description.catalogue import robots_folder
 from pinadapt.rollout.limit_excess import LimitExcess
 from pinadapt.rollout.verdict import FOLLOWS, LOST, ROUGHLY
-from pinadapt.zoo.verdict import ACCURATE, BETTER
+from pinadapt.zoo.remarks import ACCURATE, BETTER
 
 PLANAR = str(robots_folder() / "planar_2r" / "wang_xie_2009.toml")
 

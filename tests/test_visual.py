@@ -8,7 +8,7 @@ import pytest
 from example_robot_data import robots_loader
 
 import pinadapt as pa
-from pinadapt.robot.example_robots import example_robot, example_visual
+from pinadapt.description.catalogue import example_robot, example_visual
 
 
 def test_loading_reads_no_mesh_and_drawing_reads_them_once(monkeypatch):

@@ -3,7 +3,8 @@
 import pytest
 
 import pinadapt as pa
-from pinadapt.robot.effort_limits import effort_limits, overloaded
+from pinadapt.description.chain import effort_limits
+from pinadapt.robot.motors import overloaded
 
 LINK = """<link name="{name}"><inertial><origin xyz="{half} 0 0"/><mass value="{mass}"/>
 <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
@@ -57,8 +58,8 @@ def test_a_slide_without_limits_is_no_reach(tmp_path):
 def test_a_load_that_the_motors_cannot_hold_is_told_before_the_run(tmp_path):
     robot = pa.load(mobile_arm(tmp_path), task="xz", q0=[0.0, -0.3, 0.6])
     heavy = robot.changed(payload=pa.Payload(mass=40.0))
-    assert overloaded(robot, effort_limits(robot)) is None
-    told = overloaded(heavy, effort_limits(heavy))
+    assert overloaded(robot, effort_limits(robot.model)) is None
+    told = overloaded(heavy, effort_limits(heavy.model))
     assert "shoulder (" in told and "elbow (" in told and "roll" not in told and "N m" in told
     controller, path = pa.make_controller(robot), pa.Hold(heavy.position(heavy.q0))
     with pytest.warns(UserWarning, match="cannot hold the real robot at its home pose: shoulder"):

@@ -7,8 +7,8 @@ import pytest
 
 import pinadapt as pa
 from chains import catalogue_robot
+from pinadapt.identification.fits import windows_of
 from pinadapt.identification.motion import motion_of
-from pinadapt.identification.windows import windows_of
 from recorded import recorded, torques, true_robot
 
 CASES = ["panda", "ur5", "kinova", "scara"]

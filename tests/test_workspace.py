@@ -10,8 +10,8 @@ import pytest
 
 import pinadapt as pa
 from chains import catalogue_robot
+from pinadapt.description.chain import position_limits
 from pinadapt.robot.home import conditioning
-from pinadapt.robot.position_limits import position_limits
 from pinadapt.robot.workspace import find_circle
 
 ARM4 = Path(__file__).parent / "data" / "arm4.urdf"

@@ -8,7 +8,7 @@ import pytest
 import pinadapt as pa
 from pinadapt._toml import read_toml
 from pinadapt.cli.main import main
-from pinadapt.robot.packages import Packages
+from pinadapt.description.xacro import Packages
 from pinadapt.scenario.scenario import Scenario
 from test_robot import ARM4
 from test_sources import TRIANGLE

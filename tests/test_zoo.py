@@ -17,7 +17,7 @@ from pinadapt.cli.main import main
 from pinadapt.cli.zoo import zoo_table
 from pinadapt.zoo.case import SWING, zoo_case
 from pinadapt.zoo.experiment import ZooRow, zoo_names, zoo_row
-from pinadapt.zoo.verdict import CONVERGED, last_error
+from pinadapt.zoo.remarks import CONVERGED, last_error
 
 
 @pytest.mark.parametrize("name", ["ur5", "solo8_fl_leg", "allegro_left_thumb", "scara"])
@@ -123,7 +123,7 @@ def test_a_wrist_that_spins_away_is_named():
 
 
 def test_a_chain_of_which_no_hypothesis_failed_says_how_far_it_came(monkeypatch):
-    monkeypatch.setattr("pinadapt.zoo.verdict.ACCURATE", 1e-9)
+    monkeypatch.setattr("pinadapt.zoo.remarks.ACCURATE", 1e-9)
     monkeypatch.setattr("pinadapt.zoo.case._LEAST_DURATION", 2.0)
     assert "no hypothesis failed within" in zoo_row("finger_edu", "adaptive-jacobian").verdict
 

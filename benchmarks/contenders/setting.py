@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 import pinadapt as pa
-from pinadapt.robot.velocity_limits import velocity_limits
+from pinadapt.description.chain import velocity_limits
 from pinadapt.tuning.defaults import bandwidth
 from pinadapt.zoo.case import PERIOD, TOOL_ERROR, zoo_case
 

@@ -31,7 +31,9 @@ from .controller import Estimator as Estimator
 from .controller import Guards as Guards
 from .controller import LearnedParameters as LearnedParameters
 from .controller import Limits as Limits
+from .controller import Sample as Sample
 from .controller import Senses as Senses
+from .description import catalogue as catalogue
 from .exceptions import DivergedError as DivergedError
 from .exceptions import GainError as GainError
 from .exceptions import ImplausibleError as ImplausibleError
@@ -56,6 +58,9 @@ from .filters import NoFilters as NoFilters
 from .filters import PositionObserver as PositionObserver
 from .identification import Identification as Identification
 from .identification import identify as identify
+from .information import Excitation as Excitation
+from .information import Information as Information
+from .information import PayloadEstimate as PayloadEstimate
 from .laws import LAWS as LAWS
 from .laws import AdaptiveInverseDynamics as AdaptiveInverseDynamics
 from .laws import AdaptiveInverseDynamicsImproved as AdaptiveInverseDynamicsImproved
@@ -113,14 +118,9 @@ from .robot import Gravity as Gravity
 from .robot import Payload as Payload
 from .robot import Robot as Robot
 from .robot import Succession as Succession
-from .robot import catalogue as catalogue
 from .robot import load as load
 from .robot import reachable_circle as reachable_circle
-from .rollout import Excitation as Excitation
-from .rollout import Information as Information
-from .rollout import PayloadEstimate as PayloadEstimate
 from .rollout import Rollout as Rollout
-from .rollout import Sample as Sample
 from .sensing import Camera as Camera
 from .sensing import SensorQuality as SensorQuality
 from .signals import Signals as Signals

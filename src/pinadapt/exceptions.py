@@ -5,10 +5,7 @@ from __future__ import annotations
 import copyreg
 import difflib
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from .rollout.rollout import Rollout
+from typing import Any
 
 
 def nearest(name: object, allowed: Iterable[str]) -> str | None:
@@ -102,10 +99,10 @@ class Interrupted(KeyboardInterrupt):
     """Somebody stopped a simulation; like any ``KeyboardInterrupt`` it stops a script as well.
 
     Attributes:
-        rollout: what ran until then, ``Rollout.interrupted`` says when.
+        rollout: the ``Rollout`` until then; its ``interrupted`` says when.
     """
 
-    def __init__(self, rollout: Rollout) -> None:
+    def __init__(self, rollout: Any) -> None:
         """Keep the rollout."""
         self.rollout = rollout
         super().__init__(f"interrupted at {rollout.interrupted:.3f} s")

@@ -7,9 +7,9 @@ from typing import Any, NoReturn, cast
 
 import numpy as np
 
-from .adaptation.drive import Estimate
-from .models.right_inverse import RightInverse
-from .models.sight import Sensed
+from .adaptation.adaptation import Estimate
+from .models.late_frames import Sensed
+from .models.linear_algebra import RightInverse
 
 
 @dataclass(slots=True, eq=False)

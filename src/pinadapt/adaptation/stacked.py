@@ -12,8 +12,7 @@ from .._checks import instance, whole
 from ..exceptions import InputError
 from ..records import named
 from ..reference import Reference
-from .adaptation import Adaptation
-from .drive import Drive, Estimate
+from .adaptation import Adaptation, Drive, Estimate
 
 
 class Stacked(Adaptation):

@@ -7,9 +7,9 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ..adaptation.frozen import Frozen
+from ..adaptation.adaptation import Frozen
+from ..description.catalogue import robots_folder
 from ..exceptions import UnusedGainWarning
-from ..robot.catalogue import robots_folder
 from ..rollout.rollout import Rollout
 from ..scenario.scenario import Scenario
 from .compare import comparison_table

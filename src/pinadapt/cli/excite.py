@@ -8,17 +8,17 @@ from typing import Any
 
 from .._files import check_writable, write_text
 from .._toml import read_toml
+from ..description.urdf import is_path
 from ..exceptions import InputError
-from ..excitation.excite import excite as find
 from ..excitation.exciting_motion import ExcitingMotion
+from ..excitation.search import excite as find
 from ..models.translations import BASE, TOOL
 from ..robot.loading import load
 from ..robot.robot import Robot
-from ..robot.urdf import is_path
 from ..scenario.exciting_scenario import exciting_tables, exciting_text, scenario_of_robot
-from ..scenario.read import check_tables
 from ..scenario.scenario import Scenario
-from .findings import warn_of_findings
+from ..scenario.validation import check_tables
+from .outputs import warn_of_findings
 
 _SCENARIO = ".toml"
 

@@ -11,13 +11,12 @@ from typing import Any
 from .._files import check_writable, one_run
 from ..exceptions import InputError, ParameterError
 from ..identification.identification import Identification
-from ..identification.identify import identify as identify_log
+from ..identification.identification import identify as identify_log
 from ..identification.report import FILES
 from ..robot.loading import load
 from ..robot.robot import Robot
 from ..scenario.scenario import Scenario
-from .outputs import RUN_FILES
-from .progress import steps_bar
+from .outputs import RUN_FILES, steps_bar
 from .status import DONE
 
 _SCENARIO = ".toml"

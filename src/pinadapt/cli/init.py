@@ -8,9 +8,8 @@ from pathlib import Path
 from .._files import check_writable, write_text
 from ..exceptions import InputError
 from ..scenario.scenario import Scenario
-from ..scenario.template import Template
-from ..scenario.template_text import scenario_text
-from .findings import warn_of_findings
+from ..scenario.template import Template, scenario_text
+from .outputs import warn_of_findings
 
 
 def init(options: argparse.Namespace) -> int:

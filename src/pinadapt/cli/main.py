@@ -13,8 +13,7 @@ from typing import Any
 
 from ..exceptions import InputError, PinadaptError
 from .arguments import parser
-from .signals import stopped_by_signals
-from .status import DIVERGED, DONE, INTERRUPTED, REFUSED
+from .status import DIVERGED, DONE, INTERRUPTED, REFUSED, stopped_by_signals
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -4,15 +4,46 @@ from __future__ import annotations
 
 import sys
 import tempfile
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
+
+from tqdm import tqdm
 
 from .._files import check_writable, one_run
 from ..exceptions import InputError, Interrupted
 from ..rollout.rollout import Rollout
 from ..scenario.scenario import Scenario
-from .progress import steps_bar
+
+Item = TypeVar("Item")
+
+
+def rows_bar(rows: Iterable[Item], total: int) -> Iterable[Item]:
+    """Return the rows of the zoo with a bar over them, when standard error is a terminal."""
+    return _bar(rows, total, "zoo", "robot")
+
+
+def steps_bar(steps: Sequence[Item], name: str) -> Iterable[Item]:
+    """Return the steps of some work with a bar over them, when standard error is a terminal."""
+    return _bar(steps, len(steps), name, "step")
+
+
+def _bar(items: Iterable[Item], total: int, name: str, unit: str) -> Iterable[Item]:
+    bar: Iterable[Item] = tqdm(items, total=total, desc=name, unit=unit, disable=None, leave=False)
+    return bar
+
+
+def warn_of_findings(scenario: Scenario) -> None:
+    """Tell what the check before a run says of a scenario."""
+    found = scenario.findings()
+    for finding in found:
+        warnings.warn(finding, stacklevel=2)
+    if not found:
+        dt = scenario.tables.simulation.dt
+        print(f"check before a run: {scenario.controller.law.name} suits a period of {dt:g} s.")
+
 
 RUN_FILES = (
     "rollout.npz",

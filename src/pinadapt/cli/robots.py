@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from .._table import columns
-from ..robot.catalogue import CatalogueEntry, catalogue
+from ..description.catalogue import CatalogueEntry, catalogue
 
 
 def robots(options: argparse.Namespace) -> int:

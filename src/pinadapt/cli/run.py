@@ -6,8 +6,8 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from ..rollout.report import sheet
 from ..rollout.rollout import Rollout
+from ..rollout.summary import sheet
 from ..scenario.scenario import Scenario
 from .outputs import check_place, run_scenario, write_run
 from .status import status_of

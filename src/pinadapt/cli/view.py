@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ..exceptions import InputError
 from ..scenario.scenario import Scenario
-from ..view.browser import open_in_browser
+from ..view.live import open_in_browser
 from .outputs import run_scenario
 from .status import status_of
 

@@ -11,10 +11,10 @@ from pathlib import Path
 
 from .._files import check_writable, write_text
 from .._table import columns, number
-from ..robot.catalogue import catalogue_entry
+from ..description.catalogue import catalogue_entry
 from ..zoo.experiment import POSE, ZooRow, run_zoo, zoo_names
-from ..zoo.verdict import CONVERGED
-from .progress import rows_bar
+from ..zoo.remarks import CONVERGED
+from .outputs import rows_bar
 from .status import DONE, INTERRUPTED
 
 TABLE = "zoo.json"

@@ -8,3 +8,4 @@ from .learned import LearnedParameters as LearnedParameters
 from .limits import Limits as Limits
 from .senses import Senses as Senses
 from .state import ControllerState as ControllerState
+from .state import Sample as Sample

@@ -14,13 +14,12 @@ from numpy.typing import ArrayLike
 
 from .._compiled import compile_all
 from .._kernels import watch as kernels
-from ..adaptation.adaptation import Adaptation
-from ..adaptation.drive import Drives, Estimate
+from ..adaptation.adaptation import Adaptation, Drives, Estimate
 from ..exceptions import DivergedError
 from ..filters.filtered_regressor import FilteredRegressor
 from ..laws.law import Believed, Command, Law
 from ..models.dynamics import Dynamics
-from ..models.sight import prediction
+from ..models.late_frames import prediction
 from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
 from ..records import Desired, Measurement, named

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from .._checks import instance
-from ..adaptation.drive import Drive, Estimate
+from ..adaptation.adaptation import Drive, Estimate
 from ..exceptions import GainError, ImplausibleError, MeasurementError
 from ..filters.filtered_regressor import FilteredRegressor, FilteredTorque
-from ..models.sight import Sensed, prediction
+from ..models.late_frames import Sensed, prediction
 from ..records import Desired, Measurement
 from ..robot.robot import Robot
 from .controller import Controller

@@ -11,13 +11,12 @@ import numpy as np
 
 from .._checks import shown
 from .._kernels import guards as kernels
+from ..description.chain import is_slide, velocity_limits
 from ..exceptions import ImplausibleError, InputError, did_you_mean
 from ..models.task_kinematics import TaskKinematics
 from ..models.translations import FIRST
 from ..records import Desired
-from ..robot.chain import is_slide
 from ..robot.robot import Robot
-from ..robot.velocity_limits import velocity_limits
 from ..sensing import SensorQuality
 
 GUARDS = ("position", "velocity", "time", "rest")

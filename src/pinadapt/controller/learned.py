@@ -14,7 +14,7 @@ from .._checks import instance, numbers
 from .._files import write_text
 from .._version import __version__
 from ..exceptions import ParameterError, did_you_mean
-from ..models.parameter_units import unit_of
+from ..models.dynamics import unit_of
 from ..models.translations import PlacedTranslations
 from ..robot.robot import Robot
 from .state import ControllerState

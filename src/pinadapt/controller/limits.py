@@ -12,7 +12,7 @@ from ..exceptions import GainError, ParameterError
 from ..models.dynamics import Dynamics
 from ..models.task_kinematics import TaskKinematics
 from ..models.translations import FIRST
-from ..robot.effort_limits import torque_limits
+from ..robot.motors import torque_limits
 from ..robot.robot import Robot
 
 _ABSURD = 1e4

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..filters.low_pass import LowPass
-from ..models.sight import Carrier, Sensed
+from ..models.late_frames import Carrier, Sensed
 from ..models.task_kinematics import TaskKinematics
 from ..records import Measurement
 from ..sensing import SensorQuality

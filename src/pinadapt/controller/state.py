@@ -6,8 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..adaptation.drive import Estimate
-from ..models.sight import Sensed
+from ..adaptation.adaptation import Estimate
+from ..models.late_frames import Sensed
+from ..records import Desired, Measurement
 from ..robot.changes import Payload
 
 _NOTHING = Sensed(None, np.zeros(0))
@@ -81,3 +82,25 @@ def _filled(part: Any, values: np.ndarray, start: int) -> tuple[Any, int]:
         filled, start = _filled(piece, values, start)
         inner.append(filled)
     return (type(part)(*inner) if hasattr(part, "_fields") else tuple(inner)), start
+
+
+class Sample(NamedTuple):
+    """What there was at one sample of a run; views, logs and rollouts all read these.
+
+    Attributes:
+        t: time [s].
+        measurement: what the sensors said.
+        desired: the desired motion.
+        state: the controller's state before this sample's step.
+        torque: (nv) what the motors give from now on [N m or N].
+        truth: what perfect sensors would have said: the true q, v, x and xd.
+        step_time: how long the controller took [s]; zero in continuous mode, which has no steps.
+    """
+
+    t: float
+    measurement: Measurement
+    desired: Desired
+    state: ControllerState
+    torque: np.ndarray
+    truth: Measurement
+    step_time: float = 0.0

@@ -1,5 +1,5 @@
 """Motions made to tell unknown parameters apart."""
 
-from .excite import excite as excite
 from .exciting_motion import ExcitingMotion as ExcitingMotion
-from .limit_use import LimitUse as LimitUse
+from .exciting_motion import LimitUse as LimitUse
+from .search import excite as excite

@@ -14,19 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from ..description.chain import effort_limits
 from ..exceptions import ParameterError
+from ..information.information import BLOCK, Excitation, Information
 from ..models.base_parameters import base_parameters
-from ..models.dynamics import Dynamics
-from ..models.independent_columns import independent_columns
+from ..models.dynamics import Dynamics, StackedDynamics, unit_of
 from ..models.joint_effects import without_joint_effects
-from ..models.parameter_units import unit_of
-from ..models.stacked import StackedDynamics
+from ..models.linear_algebra import independent_columns
 from ..models.task_kinematics import TaskKinematics
-from ..robot.effort_limits import effort_limits
 from ..robot.robot import Robot
-from ..rollout.excitation import Excitation
-from ..rollout.information import BLOCK, Information
-from ..tuning.prior import prior_covariance
+from ..tuning.defaults import prior_covariance
 
 _NOISE = 0.01  # of a torque, in parts of the effort limit or of a typical torque
 _SEEN, _AWAY = 1e-3, 0.1  # of the reach: noise of a position, and error of a translation
@@ -158,7 +155,7 @@ class Aim:
 def _torque_part(robot: Robot, dynamics: Dynamics) -> _Part:
     """Return the dynamic parameters: inertias off by 30 %, coefficients by a typical one."""
     base, (typical, Y) = base_parameters(dynamics, robot), _typical(robot, dynamics)
-    efforts = effort_limits(robot)
+    efforts = effort_limits(robot.model)
     noise = _NOISE * np.where(np.isfinite(efforts), efforts, np.maximum(typical, typical.max()))
     sizes = np.sqrt(np.mean(Y**2, axis=(0, 1)))
     shown = np.sqrt(np.mean(typical**2)) / np.where(sizes > 0.0, sizes, np.inf)

@@ -9,14 +9,17 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._checks import positive, vector
+from ..description.chain import (
+    configuration_from_angles,
+    effort_limits,
+    is_slide,
+    position_limits,
+    velocity_limits,
+)
 from ..exceptions import InputError, RobotError
-from ..robot.chain import configuration_from_angles, is_slide
 from ..robot.changes import Payload
-from ..robot.effort_limits import effort_limits
-from ..robot.mounting import MountingPlane
-from ..robot.position_limits import position_limits
+from ..robot.home import MountingPlane
 from ..robot.robot import Robot
-from ..robot.velocity_limits import velocity_limits
 
 _MARGIN = 0.05  # of a joint's range, at both ends
 _SPEED, _EFFORT = 0.8, 0.8  # shares of the description's limits
@@ -127,7 +130,7 @@ def _range(
 
 def _effort(robot: Robot) -> np.ndarray:
     """Return the torques (n) that a motion may use [N m or N]."""
-    return _EFFORT * effort_limits(robot)
+    return _EFFORT * effort_limits(robot.model)
 
 
 def _loaded(robot: Robot, mass: float) -> pin.Model:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -9,21 +11,74 @@ from typing import Any
 
 import numpy as np
 
+from .._checks import instance, positive
 from .._table import Sheet
-from ..adaptation.drive import Estimate
+from ..adaptation.adaptation import Adaptation, Estimate
 from ..controller.estimator import Estimator
 from ..controller.learned import LearnedParameters
 from ..controller.state import ControllerState
+from ..exceptions import InputError, LogError, ParameterError
+from ..information.information import Excitation, Information
+from ..information.payload import PayloadEstimate, payload_estimate
 from ..logs.log import Log
+from ..logs.read import read_log
+from ..models.translations import FIRST, PlacedTranslations
+from ..robot.gravity import Compensation, compensation_of
+from ..robot.loading import load
 from ..robot.robot import Robot
-from ..rollout.excitation import Excitation
-from ..rollout.information import Information
-from ..rollout.payload_estimate import PayloadEstimate, payload_estimate
+from ..rollout.rollout import Rollout
+from ..simulation.simulate import Progress, watched
+from ..tasks.joint import JointTask
+from ..tuning.make_controller import make_estimator
+from ..tuning.unknowns import Words
 from . import report as words
-from .errors import Errors, columns_rms
-from .online import OnlineEstimates
-from .position_fit import PositionRows
-from .windows import Windows
+from .fits import (
+    Frames,
+    PositionRows,
+    Windows,
+    frames_of,
+    position_fit,
+    position_rows,
+    torque_fit,
+    windows_of,
+)
+from .motion import motion_of
+from .online import OnlineEstimates, estimate_online, measurements
+from .physical_fit import physical_set
+from .report import Errors, columns_rms
+
+
+def log_of(source: Any, robot: Robot, **options: Any) -> Log:
+    """Return the checked log of a path, a ``Log``, or a ``Rollout``, for a robot.
+
+    Of a rollout what its sensors said, since the last change of its robot, and the torques that
+    were held.
+
+    Raises:
+        LogError: as ``read_log``.
+    """
+    return read_log(_recorded(source) if isinstance(source, Rollout) else source, robot, **options)
+
+
+def _recorded(rollout: Rollout) -> Log:
+    since = max((at for at, what in rollout.marks if what != "told"), default=-np.inf)
+    evaluation, framed = rollout.evaluation, rollout.task.positions > 0
+    x = rollout.x if framed else None
+    if evaluation is None or not evaluation.samples:
+        log = Log(rollout.t, rollout.q, rollout.tau, rollout.v, x=x, held=True, source="rollout")
+        return log.after(since)
+    measured = [sample.measurement for sample in evaluation.samples]
+    seen = [part for part in measured if framed and part.x is not None]
+    return Log(
+        np.array([part.t for part in measured]),
+        np.array([part.q for part in measured]),
+        rollout.tau,
+        np.array([part.v for part in measured]),
+        x=np.array([part.x for part in seen]) if seen else None,
+        x_time=np.array([part.t if part.x_time is None else part.x_time for part in seen]),
+        held=True,
+        source="rollout",
+    ).after(since)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -175,3 +230,158 @@ class Identification:
         from .pictures import draw, pictures_of
 
         return pictures_of(self) if folder is None else draw(self, Path(folder))
+
+
+_FEWEST = 4  # windows, learned from and held out
+
+
+def identify(
+    log: Path | str | Log | Rollout,
+    robot: Robot | Path | str,
+    *,
+    kinematic: Words | None = None,
+    dynamic: str | Sequence[str] = "all",
+    joint: str | Sequence[str] = "all",
+    adaptation: str | Adaptation = "natural-memory",
+    compensated: Compensation | str | None = None,
+    held_out: float = 0.25,
+    columns: Mapping[str, str | Sequence[str]] | None = None,
+    degrees: bool = False,
+    topic: str | None = None,
+    pose_topic: str | None = None,
+    progress: Progress | bool | None = None,
+) -> Identification:
+    """Learn a robot from a motion that was recorded, whoever moved it.
+
+    Twice: online, sample by sample, by an ``Estimator`` as it would have run beside the controller;
+    and offline, by least squares over the whole log in the physical cone, see ``physical_fit``.
+    The latter is the result, translations first, then what turns and rubs at the lengths found. The
+    last quarter is held out once, to see what the rest predicts of it.
+
+    Args:
+        log: a file, folder or ``Log``, see ``read_log``; or a rollout.
+        robot: as it is described, a ``Robot`` or what ``load`` takes.
+        kinematic: unknown translations, as ``make_controller`` has them: by default the tool where
+            the log has positions of the frame, else none.
+        dynamic: unknown bodies: "all", "payload" (the last one), "none", or joint names.
+        joint: unknown coefficients of the joints: "all", "none", or some of "armature", "viscous",
+            "coulomb".
+        adaptation: of the estimator: one that predicts the torque, by name or as an object.
+        compensated: what the arm adds to the torques in the log, where these leave it out:
+            "nominal" for gravity as described, or a callable of q (nq) that returns it (n).
+        held_out: share of the log.
+        columns: signal -> its columns in the file; see ``read_log``.
+        degrees: whether angles are in degrees.
+        topic: of a bag's joint states.
+        pose_topic: of the frame's position in a bag.
+        progress: of the online estimates, as of ``simulate``: by default a bar on a terminal.
+
+    Raises:
+        LogError: a log that cannot be used.
+        RobotError: a robot that cannot be loaded.
+        InputError: unknown words, or nothing to learn.
+    """
+    described = robot if isinstance(robot, Robot) else load(robot)
+    share = positive(held_out, "held_out", error=InputError)
+    if share > 0.5:
+        raise InputError(f"at most a half can be held out, got {share:g}.", where="held_out")
+    found = log_of(
+        log, described, columns=columns, degrees=degrees, topic=topic, pose_topic=pose_topic
+    )
+    found = _compensated(found, described, compensated)
+    frames, seen = _seen(found, described, kinematic)
+    options: dict[str, Any] = {
+        "adaptation": adaptation,
+        "kinematic": kinematic,
+        "dynamic": dynamic,
+        "joint": joint,
+        "dt": found.period,
+        "regressor": "nominal",
+    }
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*nominal regressor")  # no loop to prove
+        estimator = make_estimator(seen, **options)
+    dynamics, kinematics = estimator.controller.dynamics, estimator.controller.kinematics
+    if not (dynamics.size or kinematics.size):
+        raise InputError("nothing is unknown, so nothing can be learned.", where="identify")
+    physical = physical_set(dynamics, seen)
+    motion = motion_of(found, seen)
+    split = float(motion.t[-1] - share * (motion.t[-1] - motion.t[0]))
+    rows = position_rows(kinematics, motion, frames)
+    located = position_fit(kinematics, rows)
+    placed = _placed(estimator, seen, located.estimate, options)
+    windows = windows_of(motion, placed.controller.dynamics, found.period, held=found.held)
+    first = windows.between(-np.inf, split)
+    _check(windows, first, found)
+    steps = watched(range(len(found.t)), progress, "online")
+    samples = (sample for sample, _ in zip(measurements(found, seen, frames), steps, strict=False))
+    return Identification(
+        log=found,
+        described=described,
+        estimator=estimator,
+        windows=windows,
+        rows=rows,
+        split=split,
+        smooth=motion.smooth,
+        dynamic=torque_fit(dynamics, physical, windows),
+        kinematic=located,
+        before_split=torque_fit(dynamics, physical, first).estimate,
+        position_before_split=position_fit(kinematics, rows.split(split)[0]).estimate,
+        online=estimate_online(estimator, samples, len(found.t)),
+    )
+
+
+def _placed(
+    estimator: Estimator, robot: Robot, a_k: np.ndarray, options: Mapping[str, Any]
+) -> Estimator:
+    """Return an estimator whose bodies are where the translations of joints were found to be."""
+    kinematics = estimator.controller.kinematics
+    if all(part.joint in (None, FIRST) for part in kinematics.translations):
+        return estimator
+    model = robot.model.copy()
+    PlacedTranslations(model, robot.frame_id, kinematics.translations).write(a_k)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*nominal regressor")
+        return make_estimator(replace(robot, model=model), **options)
+
+
+def _compensated(log: Log, robot: Robot, compensated: Compensation | str | None) -> Log:
+    """Return a log with the torques of the joints, where the arm adds some by itself."""
+    added = compensation_of(robot, compensated)
+    if added is None:
+        return log
+    q, tau = log.configurations(robot), log.tau.copy()
+    for k in np.flatnonzero(np.isfinite(q).all(axis=1)):
+        tau[k] += added(q[k])
+    return replace(log, tau=tau)
+
+
+def _seen(log: Log, robot: Robot, kinematic: Words | None) -> tuple[Frames, Robot]:
+    """Return the frames of a log, and the robot with a task of which they tell."""
+    instance(kinematic, str | Sequence | None, "kinematic")
+    unseen = log.x is None or robot.task.positions == 0
+    frames = Frames(np.zeros(0), np.zeros((0, 0))) if unseen else frames_of(log, robot)
+    if len(frames.t):
+        return frames, robot
+    if kinematic:
+        raise ParameterError(
+            "the log has no positions of the task frame, so no translations can be learned.",
+            where="kinematic",
+            hint="Record x (a bag: --pose-topic), and load the robot with a task of the frame.",
+        )
+    return frames, replace(robot, task=JointTask.of_chain(robot.model))
+
+
+def _check(windows: Windows, first: Windows, log: Log) -> None:
+    """Refuse a log that is in pieces.
+
+    Raises:
+        LogError: it is.
+    """
+    if min(len(first.t), len(windows.t) - len(first.t)) < _FEWEST:
+        raise LogError(
+            f"only {len(windows.t)} windows of {windows.length:.2g} s have no hole in them, "
+            f"{len(first.t)} of them before what is held out.",
+            where=log.source,
+            hint="Record longer, without pauses between samples.",
+        )

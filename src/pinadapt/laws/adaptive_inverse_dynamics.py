@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..adaptation.drive import Drive, Drives
+from ..adaptation.adaptation import Drive, Drives
 from ..bibliography import WANG_XIE
 from ..signals import Signals
 from .estimated_velocity import AccelerationCommand, EstimatedVelocityLaw

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..adaptation.drive import Drive, Drives
+from ..adaptation.adaptation import Drive, Drives
 from ..bibliography import SPONG_ORTEGA, WANG_XIE
 from ..reference import Reference
 from ..signals import Signals

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..adaptation.drive import Drive, Drives
+from ..adaptation.adaptation import Drive, Drives
 from ..bibliography import WANG_XIE
 from ..signals import Signals
 from .acceleration_law import AccelerationLaw

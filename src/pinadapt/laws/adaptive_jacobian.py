@@ -11,7 +11,7 @@ import numpy as np
 from numpy import empty
 
 from .._kernels import feedback as kernels
-from ..adaptation.drive import Drive, Drives
+from ..adaptation.adaptation import Drive, Drives
 from ..bibliography import CHEAH_LIU_SLOTINE
 from ..filters.low_pass import LowPass
 from ..filters.motion_filters import MotionFilters

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 
 from .._checks import definite_matrix
-from ..adaptation.drive import Drive, Drives
+from ..adaptation.adaptation import Drive, Drives
 from ..bibliography import CHEAH_HIRANO_KAWAMURA_ARIMOTO, CHEAH_KAWAMURA_ARIMOTO
 from ..exceptions import GainError
 from ..models.task_kinematics import TaskKinematics

@@ -11,15 +11,15 @@ import pinocchio as pin
 
 from .._checks import numbers
 from ..adaptation.adaptation import Adaptation
-from ..adaptation.gravity_projection import GravityProjection
+from ..adaptation.projections import GravityProjection
 from ..bibliography import DIXON
+from ..description.chain import position_bounds
 from ..exceptions import GainError
 from ..models.dynamics import Dynamics
 from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
 from ..robot.changes import Payload
-from ..robot.levers import levers
-from ..robot.position_limits import position_bounds
+from ..robot.gravity import levers
 from ..robot.robot import Robot
 from ..signals import Signals
 from .approximate_jacobian import ApproximateJacobian, SetPointCommand, joint_damping

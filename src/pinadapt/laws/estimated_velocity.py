@@ -8,7 +8,7 @@ import numpy as np
 from numpy import empty
 
 from .._kernels import feedback as kernels
-from ..adaptation.drive import Drive
+from ..adaptation.adaptation import Drive
 from ..signals import Signals
 from .acceleration_law import AccelerationLaw
 from .law import Command, Truth

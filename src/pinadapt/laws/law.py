@@ -10,15 +10,14 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from ..adaptation.adaptation import Adaptation
-from ..adaptation.drive import Drive, Drives, Estimate
+from ..adaptation.adaptation import Adaptation, Drive, Drives, Estimate
 from ..exceptions import InputError
 from ..filters.filters import Filters, NoFilters
 from ..models.dynamics import Dynamics
 from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
 from ..reference import Reference
-from ..robot.friction import Friction
+from ..robot.changes import Friction
 from ..signals import Signals
 from .feedback import Feedback, KinematicLoop, SetPointLoop
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ..adaptation.drive import Drive, Drives
+from ..adaptation.adaptation import Drive, Drives
 from ..bibliography import MIDDLETON_GOODWIN
 from ..filters.filters import Filters, NoFilters
 from ..signals import Signals

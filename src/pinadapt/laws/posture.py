@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from .._checks import instance, numbers, positive, vector
 from .._kernels import posture as kernels
+from ..description.chain import position_limits
 from ..exceptions import GainError, did_you_mean
-from ..robot.position_limits import position_limits
 from ..robot.robot import Robot
 from ..signals import Signals
 

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..adaptation.drive import Drive, Drives
+from ..adaptation.adaptation import Drive, Drives
 from ..bibliography import LUH_WALKER_PAUL
 from ..reference import Reference
 from ..signals import Signals

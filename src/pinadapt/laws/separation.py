@@ -14,13 +14,13 @@ from numpy import empty
 
 from .._checks import definite_matrix, positive
 from .._kernels import feedback as kernels
-from ..adaptation.drive import Drive, Drives
+from ..adaptation.adaptation import Drive, Drives
 from ..bibliography import WANG
 from ..exceptions import GainError
 from ..filters.position_observer import PositionObserver
 from ..models.typical_motion import TypicalMotion, joint_inertia, unit_mass
 from ..robot.changes import Payload
-from ..robot.inertia import Inertia
+from ..robot.gravity import Inertia
 from ..robot.robot import Robot
 from ..signals import Signals
 from ..tasks.task import Task

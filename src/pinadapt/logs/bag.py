@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import LogError, did_you_mean
+from .columns import Wanted
 from .log import Log
-from .wanted import Wanted
 
 SUFFIXES = (".bag", ".mcap", ".db3")
 _JOINTS = "sensor_msgs/msg/JointState"

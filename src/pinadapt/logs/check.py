@@ -9,9 +9,8 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 
+from ..description.chain import effort_limits, is_slide
 from ..exceptions import LogError
-from ..robot.chain import is_slide
-from ..robot.effort_limits import effort_limits
 from ..robot.robot import Robot
 from .log import Log
 
@@ -153,7 +152,7 @@ def _torques(log: Log, robot: Robot) -> None:
             where=f"{log.source}: tau",
             hint="Record the efforts that the motors gave.",
         )
-    limits = effort_limits(robot)
+    limits = effort_limits(robot.model)
     if (sizes > _TOO_STRONG * limits).any():
         joint = int(np.argmax(sizes / limits))
         raise LogError(

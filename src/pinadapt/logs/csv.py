@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from ..exceptions import LogError
-from .columns import log_of_columns
+from .columns import Wanted, log_of_columns
 from .log import Log
-from .wanted import Wanted
 
 SUFFIXES = (".csv", ".txt", ".dat", ".tsv")
 _MISSING = {"", "nan", "null", "none", "na"}

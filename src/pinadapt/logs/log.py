@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from .._checks import instance
+from ..description.chain import configuration_from_angles
 from ..exceptions import LogError, did_you_mean
-from ..robot.chain import configuration_from_angles
 from ..robot.robot import Robot
 
 _EPOCH = 1e6  # [s] beyond which times are of a clock on the wall

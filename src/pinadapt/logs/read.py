@@ -10,13 +10,13 @@ from typing import Protocol
 import numpy as np
 
 from .._checks import instance, name_list
+from ..description.chain import is_slide
 from ..exceptions import LogError
-from ..robot.chain import is_slide
 from ..robot.robot import Robot
 from . import bag, csv, npz, rollout
 from .check import check
+from .columns import Wanted
 from .log import Log
-from .wanted import Wanted
 
 
 class Format(Protocol):

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import LogError
+from .columns import Wanted
 from .log import Log
 from .npz import arrays
-from .wanted import Wanted
 
 ARRAYS, SUMMARY = "rollout.npz", "summary.json"
 _OURS = {"t", "q", "v", "tau", "x", "x_d", "saturated"}

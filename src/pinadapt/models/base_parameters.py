@@ -19,7 +19,7 @@ from .._table import Sheet, Table
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from .dynamics import Dynamics
-from .independent_columns import independent_columns
+from .linear_algebra import independent_columns
 from .task_kinematics import TaskKinematics
 
 

@@ -13,8 +13,8 @@ from .._checks import numbers
 from .._kernels import linear_algebra as kernels
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
+from .bodies import InertialDynamics
 from .dynamics import equivalent_parameters, identifiable
-from .inertial import InertialDynamics
 from .regressor import PER_BODY
 
 

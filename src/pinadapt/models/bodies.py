@@ -2,16 +2,186 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from .._checks import name_list
+from .._kernels import models as kernels
+from ..description.chain import is_slide
+from ..exceptions import ParameterError
 from ..robot.changes import joint_id
 from ..robot.robot import Robot
-from .inertial import InertialDynamics
+from .dynamics import Dynamics
+from .inertia_memory import inertia_memory
 from .pseudo_inertia import with_bodies
-from .regressor import LABELS, PER_BODY, inertial_parameters
+from .regressor import LABELS, PER_BODY, Momentum, Regressor, inertial_parameters
+
+_ONE_KILOGRAM = np.eye(PER_BODY)[0]  # at the joint
+
+
+class InertialModel:
+    """A private model whose ten parameters a body may be any numbers.
+
+    RNEA and CRBA are linear in the parameters pi, but ``pin.Inertia`` cannot hold a body without
+    mass and CRBA cannot add bodies whose masses sum to less than nothing. Where a mass is not
+    positive, a ballast u of one kilogram a body is added c times and its effect taken off again:
+    M(pi) = M(pi + c u) - c M(u), exact for every pi. Of a chain of revolute joints the ballast has
+    no effect, see ``_unfelt_ballast``.
+    """
+
+    def __init__(self, model: pin.Model) -> None:
+        """Copy a chain's model."""
+        self._model, self._ballast_model = model.copy(), model.copy()
+        self._data, self._ballast_data = self._model.createData(), self._ballast_model.createData()
+        self._memory = inertia_memory(self._model)
+        self._inertias, self._tens = self._model.inertias, np.zeros((model.nv, PER_BODY))
+        self._bodies = list(enumerate(self._tens, 1))  # joint and live row of ten parameters
+        slides = any(is_slide(joint) for joint in model.joints[1:])
+        self._ballast = np.tile(_ONE_KILOGRAM, model.nv) if slides else _unfelt_ballast(model)
+        for joint, ten in enumerate(self._ballast.reshape(-1, PER_BODY), 1):
+            self._ballast_model.inertias[joint] = pin.Inertia.FromDynamicParameters(ten)
+        self._ballast_model.armature = np.zeros(model.nv)
+        self._c, self._felt = 0.0, slides
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copy by what it was made from: Pinocchio's data is scratch."""
+        return type(self), (self._model,)
+
+    def load(self, pi: np.ndarray) -> None:
+        """Set the parameters (10 n) of all bodies.
+
+        Raises:
+            ParameterError: not so many.
+        """
+        if pi.size != self._ballast.size:
+            raise ParameterError(
+                f"expected {self._ballast.size} numbers, got {pi.size}.",
+                where="inertial parameters",
+            )
+        if self._memory is not None:
+            self._c = kernels.write_inertias(pi, self._ballast, self._memory)
+            return
+        self._c = kernels.take(pi, self._ballast, self._tens)
+        for joint, ten in self._bodies:
+            self._inertias[joint] = pin.Inertia.FromDynamicParameters(ten)
+
+    def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return M a + C v + g (n) [N m or N], rotors included."""
+        tau = pin.rnea(self._model, self._data, q, v, a)
+        if self._felt and self._c:
+            tau -= self._c * pin.rnea(self._ballast_model, self._ballast_data, q, v, a)
+        return tau
+
+    def mass_matrix(self, q: np.ndarray) -> np.ndarray:
+        """Return M (n, n), rotors included."""
+        M = pin.crba(self._model, self._data, q)
+        if self._felt and self._c:
+            M = M - self._c * pin.crba(self._ballast_model, self._ballast_data, q)
+        return M
+
+
+def _unfelt_ballast(model: pin.Model) -> np.ndarray:
+    """Return parameters (10 n) of one kilogram a body that no joint of revolute ones feels.
+
+    A point mass on a joint's axis may belong to either of the two bodies, so one added to the body
+    after the joint and taken off the body before it changes nothing; of the first joint the body
+    before is the base.
+    """
+    n = model.nv
+    ballast = np.zeros((n, PER_BODY))
+    for body in range(n):
+        moved = n - body
+        ballast[body] += moved * _ONE_KILOGRAM
+        if body:
+            at = pin.Inertia(1.0, model.jointPlacements[body + 1].translation, np.zeros((3, 3)))
+            ballast[body - 1] -= moved * at.toDynamicParameters()
+    return ballast.ravel()
+
+
+class InertialDynamics(Dynamics):
+    """Parameters a_d with pi (10 n), the stack of ten parameters a body, affine in a_d.
+
+    Torque and mass matrix come from Pinocchio's RNEA and CRBA on a private model, the regressor
+    from its joint torque regressor. Subclasses say how pi follows from a_d and what that does to
+    the regressor's columns.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        """Copy what is believed of the robot."""
+        self._believed = InertialModel(robot.model)
+        self._regressor = Regressor(robot.model)
+        self._armature = np.array(robot.model.armature)
+        self._rotors = bool(self._armature.any())
+        self._pi = inertial_parameters(robot.model)
+        self._gravity = np.array(robot.model.gravity.linear)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Load the estimate into a copied model, whose own one is scratch."""
+        self.__dict__.update(state)
+        self._believed.load(self._pi)
+
+    def shares_the_rest(self, robot: Robot) -> bool:
+        """Tell whether rotors and gravity are as believed and the joints free of friction."""
+        rotors = np.allclose(robot.model.armature, self._armature)
+        return (
+            not robot.friction.present
+            and rotors
+            and np.allclose(robot.model.gravity.linear, self._gravity)
+        )
+
+    @abstractmethod
+    def expand(self, a_d: np.ndarray) -> np.ndarray:
+        """Return pi (10 n) at parameters a_d (p)."""
+
+    @abstractmethod
+    def reduce(self, Y: np.ndarray) -> np.ndarray:
+        """Return the regressor (n, p) of a_d from that of pi, Y (n, 10 n)."""
+
+    def load(self, a_d: np.ndarray) -> None:
+        """Write the estimate a_d (p) into the private model."""
+        self._pi = self.expand(a_d)
+        self._believed.load(self._pi)
+
+    def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return M a + C v + g (n) by RNEA."""
+        return self._believed.torque(q, v, a)
+
+    def mass_matrix(self, q: np.ndarray) -> np.ndarray:
+        """Return M (n, n) by CRBA."""
+        return self._believed.mass_matrix(q)
+
+    def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return Y (n, p)."""
+        return self.reduce(self._regressor(q, v, a))
+
+    def slotine_li(
+        self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return Y_r (n, p) and the torque it gives (n), known bodies and rotors included."""
+        Y, tau = self._regressor.slotine_li_torque(self._pi, q, v, v_r, a_r)
+        return self.reduce(Y), tau + self._armature * a_r if self._rotors else tau
+
+    def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:
+        """Return the torque as rate of the momentum and a rest, known bodies and rotors included.
+
+        See ``MomentumRegressor`` for its source.
+        """
+        Y_M, Y_0 = self._regressor.momentum(q, v)
+        p_0, known = self._armature * v, self._known
+        if not known.any():
+            return Momentum(self.reduce(Y_M), self.reduce(Y_0), p_0, np.zeros(v.size))
+        return Momentum(self.reduce(Y_M), self.reduce(Y_0), p_0 + Y_M.dot(known), Y_0.dot(known))
+
+    @cached_property
+    def _known(self) -> np.ndarray:
+        """The part of pi (10 n) that no parameter changes."""
+        return self.expand(np.zeros(self.size))
+
 
 ALL, PAYLOAD, NONE = "all", "payload", "none"
 

@@ -10,10 +10,10 @@ from numpy import empty
 
 from .._checks import name_list
 from .._kernels import joints as kernels
+from ..description.chain import effort_limits
 from ..exceptions import ParameterError, did_you_mean
-from ..robot.effort_limits import effort_limits
 from ..robot.robot import Robot
-from .momentum import Momentum
+from .regressor import Momentum
 
 KINDS = ("armature", "viscous", "coulomb")
 ALL, NONE = "all", "none"
@@ -187,7 +187,7 @@ def expected_coefficients(robot: Robot, typical: np.ndarray) -> np.ndarray:
     here at most what brakes the joint's inertia at home at 50 rad/s^2 (or m/s^2).
     """
     inertia = np.diag(pin.crba(robot.model, robot.model.createData(), robot.q0))
-    efforts = effort_limits(robot)
+    efforts = effort_limits(robot.model)
     motor = np.where(np.isfinite(efforts), _OF_EFFORT * efforts, 0.0)
     coulomb = np.maximum(typical[2], np.minimum(motor, _BRAKING * inertia))
     return np.array([typical[0], coulomb / _SPEED, coulomb])

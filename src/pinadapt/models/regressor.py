@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from numpy import empty
 
+from .._checks import instance
+from .._compiled import compile_all
 from .._kernels import models as kernels
-from .._kernels.models import PER_BODY as PER_BODY
-from .momentum import MomentumRegressor
+from .._kernels import momentum as momentum_kernels
+from .._kernels.models import PER_BODY
+from .linear_algebra import live_array
 
 LABELS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 
@@ -75,3 +78,78 @@ class Regressor:
 def inertial_parameters(model: pin.Model) -> np.ndarray:
     """Return pi (10 n), the stacked ten parameters of all moving bodies."""
     return np.concatenate([inertia.toDynamicParameters() for inertia in model.inertias[1:]])
+
+
+class Momentum(NamedTuple):
+    """tau = d/dt (Y_M a + p_0) + Y_0 a + tau_0, affine in the parameters a (p) of n joints.
+
+    Attributes:
+        Y_M: (n, p) of the momentum M v, rotors included.
+        Y_0: (n, p) of g - C^T v + friction.
+        p_0: (n) known part of the momentum [N m s or N s].
+        tau_0: (n) known part of what is left [N m or N].
+    """
+
+    Y_M: np.ndarray
+    Y_0: np.ndarray
+    p_0: np.ndarray
+    tau_0: np.ndarray
+
+
+class MomentumRegressor:
+    """Y_M and Y_0 (nv, 10 N) with M a + C v + g = d/dt (Y_M pi) + Y_0 pi, exact, without a.
+
+    pi stacks the ``toDynamicParameters`` of the N moving bodies, as in Pinocchio's joint torque
+    regressor. Y_M pi = M v is the momentum, Y_0 pi = g - C^T v, C with dM/dt = C + C^T. Coordinate
+    i feels the momentum H_i of all that it moves: with J_i its axis as a motion in world axes, the
+    torque is J_i^T (dH_i/dt + weight), hence
+
+        (M v)_i = J_i^T H_i,        (C^T v)_i = (dJ_i/dt)^T H_i.
+
+    J and dJ/dt come from ``pin.computeJointJacobiansTimeVariation``; H is linear in pi. There is no
+    difference quotient in it, and the cost is about that of one torque regressor. Any model will
+    do, trees and floating bases among them; rotor inertias and friction are left out.
+
+    Source: the momentum form M a + C v + g = d/dt (M v) - C^T v + g of J.-J. Slotine and W. Li,
+    *Composite adaptive control of robot manipulators*, Automatica 25 (1989) 509-519, and P. Hsu, M.
+    Bodson, S. Sastry, B. Paden, *Adaptive identification and control for manipulators without using
+    joint accelerations*, ICRA 1987.
+    """
+
+    def __init__(self, model: pin.Model) -> None:
+        """Copy a model; its inertias do not matter.
+
+        Raises:
+            InputError: no model of Pinocchio.
+        """
+        self._model = instance(model, pin.Model, "model").copy()
+        compile_all()
+        self._data = self._model.createData()
+        oMi, v = list(self._data.oMi)[1:], list(self._data.v)[1:]
+        self._rotations = live_array([placement.rotation for placement in oMi])
+        self._origins = live_array([placement.translation for placement in oMi])
+        self._velocities = live_array([motion.vector for motion in v])
+        self._gravity = np.array(model.gravity.linear)
+        pairs = [
+            (body - 1, column)
+            for body in range(1, model.njoints)
+            for joint in list(model.supports[body])[1:]
+            for column in range(model.idx_vs[joint], model.idx_vs[joint] + model.nvs[joint])
+        ]
+        self._bodies, self._columns = np.array(pairs, dtype=np.int64).reshape(-1, 2).T.copy()
+        self._shape = (model.nv, PER_BODY * (model.njoints - 1))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copy by what it was made from: Pinocchio's data is scratch."""
+        return MomentumRegressor, (self._model,)
+
+    def __call__(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return Y_M and Y_0 (nv, 10 N) at q (nq), v (nv)."""
+        data, shape = self._data, (6, self._model.nv)
+        pin.computeJointJacobiansTimeVariation(self._model, data, q, v)
+        Y_M, Y_0 = np.empty(self._shape), np.empty(self._shape)
+        momentum_kernels.momentum_columns(
+            self._rotations, self._origins, self._velocities, data.J.reshape(shape),
+            data.dJ.reshape(shape), self._bodies, self._columns, self._gravity, Y_M, Y_0,
+        )  # fmt: skip
+        return Y_M, Y_0

@@ -2,9 +2,9 @@
 
 from .elastic_plant import ElasticPlant as ElasticPlant
 from .elastic_plant import JointElasticity as JointElasticity
-from .mjcf import Mjcf as Mjcf
+from .mujoco_file import Mjcf as Mjcf
 from .mujoco_plant import MujocoPlant as MujocoPlant
 from .pinocchio_plant import PinocchioPlant as PinocchioPlant
 from .plant import Plant as Plant
+from .plant import SimulatedPlant as SimulatedPlant
 from .sensors import Sensors as Sensors
-from .simulated_plant import SimulatedPlant as SimulatedPlant

@@ -12,11 +12,11 @@ from .._checks import vector, word
 from ..bibliography import SPONG
 from ..exceptions import RobotError
 from ..records import Measurement
-from ..robot.friction import Friction
+from ..robot.changes import Friction
 from ..robot.gravity import Compensation
 from ..robot.robot import Robot
 from ..robot.succession import check_successor
-from .simulated_plant import SimulatedPlant
+from .plant import SimulatedPlant
 
 ENCODERS = ("motor", "link")
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from ..description.chain import position_limits
 from ..exceptions import InputError
-from ..robot.position_limits import position_limits
 from ..robot.robot import Robot
 
 if TYPE_CHECKING:

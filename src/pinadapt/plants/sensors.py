@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from collections.abc import Mapping
 
 import numpy as np
@@ -9,13 +11,119 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._checks import instance, mapping, positive, vector, whole
+from ..description.chain import angles_from_configuration, configuration_from_angles
 from ..exceptions import InputError, did_you_mean
 from ..records import Measurement
 from ..robot.robot import Robot
 from ..sensing import Camera
-from ..tasks.task import FrameTask
-from .camera import SimulatedCamera
-from .encoder import Encoder
+from ..tasks.task import FrameTask, Task
+
+
+class SimulatedCamera:
+    """Shows the task coordinates as a camera does, sample by sample.
+
+    The arm stood still before the first sample: frames of that time show what the first one does
+    and carry its time, and one of them is there at the first sample, whatever gets lost later. The
+    noise is of frames, not of samples.
+
+    A camera with a rate gives no velocity. Without one it is a tracker, which tells the task
+    velocity with every position, without noise.
+    """
+
+    def __init__(
+        self, task: Task, camera: Camera, dt: float, *, place: float, angle: float, seed: int
+    ) -> None:
+        """Take the standard deviations of place [m] and angle [rad], dt [s] and the noise's seed.
+
+        The times at which frames are taken, and their delay, are rounded to whole periods.
+        """
+        self._task, self._camera, self._seed = task, camera, seed
+        self._spacing = 1.0 if camera.rate is None else max(1.0, 1.0 / (camera.rate * dt))
+        self._late = round(camera.delay / dt)
+        angles = [angle] * (task.size - task.positions)
+        self._deviations = np.array([place] * task.positions + angles)
+        self._noisy = bool(self._deviations.any())
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the frames, and begin noise and losses anew."""
+        self._rng = np.random.default_rng([self._seed, 1])
+        self._sample = 0
+        self._under_way: deque[Measurement] = deque()
+
+    def see(self, truth: Measurement) -> Measurement:
+        """Return the next sample with x, x_time and xd of a frame that arrives now, or None."""
+        k, self._sample = self._sample, self._sample + 1
+        frames, late = self._under_way, self._late
+        if k == 0:
+            frames.extend(truth for i in range(-late, 0) if self._takes(i))
+        if self._takes(k):
+            frames.append(truth)
+        frame = frames.popleft() if self._takes(k - late) else None
+        if k == 0:
+            frame = truth
+        elif frame is not None and self._rng.random() < self._camera.dropout:
+            frame = None
+        if frame is None or frame.x is None or not self._task.positions:
+            return truth._replace(x=None, x_time=None, xd=None)
+        xd = frame.xd if self._camera.rate is None else None
+        seen_at = frame.t if frame.x_time is None else frame.x_time
+        return truth._replace(x=self._disturbed(frame.x), x_time=seen_at, xd=xd)
+
+    def _takes(self, sample: int) -> bool:
+        """Tell whether a frame is taken at a sample, before the first of which they are negative.
+
+        That is, whether it is a multiple of the spacing, rounded.
+        """
+        nearest = math.floor(sample / self._spacing + 0.5) * self._spacing
+        return math.floor(nearest + 0.5) == sample
+
+    def _disturbed(self, x: np.ndarray) -> np.ndarray:
+        if not self._noisy:
+            return x
+        return self._task.moved(x, self._deviations * self._rng.standard_normal(self._task.size))
+
+
+class Encoder:
+    """What a drive tells of its joint: q in whole counts, v as their difference over one period.
+
+    Joints of continuous rotation have their angle in (-pi, pi] rounded and differenced the shorter
+    way round. At the first sample v is zero: the arm stood still. Joints whose count is zero keep q
+    and v as they come.
+
+    Attributes:
+        present: whether any joint has one.
+    """
+
+    def __init__(self, robot: Robot, counts: ArrayLike, dt: float) -> None:
+        """Take the size of a count, one or one a joint (nv) [rad or m], and the period dt [s].
+
+        Raises:
+            InputError: wrong size, or negative or non-finite counts.
+        """
+        model = self._model = robot.model
+        size = vector(counts, model.nv, "encoder", names=robot.joint_names)
+        if (size < 0.0).any():
+            raise InputError(f"a count must not be negative, got {size.tolist()}.", where="encoder")
+        self._dt, self._there = dt, size > 0.0
+        self._count = np.where(self._there, size, 1.0)
+        self.present = bool(self._there.any())
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the last sample."""
+        self._last: np.ndarray | None = None
+
+    def read(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the next sample's q (nq) and v (nv) as the encoders tell them."""
+        model, plain = self._model, self._model.nq == self._model.nv
+        angles = q if plain else angles_from_configuration(model, q)
+        counted = np.where(self._there, np.rint(angles / self._count) * self._count, angles)
+        read = counted if plain else configuration_from_angles(model, counted)
+        last, self._last = read if self._last is None else self._last, read
+        way = read - last if plain else pin.difference(model, last, read)
+        return read, np.where(self._there, way / self._dt, v)
+
 
 CHANNELS = ("q", "v", "x", "angle", "tau")
 

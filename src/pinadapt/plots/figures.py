@@ -2,17 +2,205 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from .._files import whole_file
+from ..tasks.task import RowGroup
+from ..tasks.units import DISPLAYS
 from .backend import matplotlib
-from .drawable import Drawable
-from .error_figure import error_figure
-from .parameter_figure import parameter_figure
-from .picture import Picture
-from .style import RC
-from .torque_figure import torque_figure
+from .style import (
+    BLUE,
+    GREEN,
+    PURPLE,
+    RC,
+    RED,
+    Drawable,
+    Picture,
+    colour,
+    curve,
+    finish,
+    legend,
+    literal,
+    marker_key,
+    shade,
+)
+
+_NORMS = {"position": "|x - x_d|", "rotation": r"$|\phi|$", "joints": "|q - q_d|"}
+
+
+def error_figure(run: Drawable) -> Picture:
+    """Return the task error, each coordinate and its norm, and V(t) where it is known."""
+    figure, axes = draw_errors(run)
+    finish(figure, axes, run)
+    return figure
+
+
+def draw_errors(run: Drawable) -> tuple[Picture, Any]:
+    """Return figure and axes: each group of rows by component and norm, and V(t) where known."""
+    groups = run.task.groups
+    panels = 2 * len(groups) + (run.lyapunov is not None)
+    figure = Picture(figsize=(9, 1.0 + 2.0 * panels), layout="constrained")
+    axes = np.atleast_1d(figure.subplots(panels, 1, sharex=True))
+    for k, group in enumerate(groups):
+        _draw_group(axes[2 * k : 2 * k + 2], run, group)
+    if run.lyapunov is not None:
+        axes[-1].plot(run.t, run.lyapunov, color=PURPLE, lw=1.0, label="Lyapunov function")
+        axes[-1].set_ylabel("V")
+        legend(axes[-1])
+    return figure, axes
+
+
+def _draw_group(axes: Any, run: Drawable, group: RowGroup) -> None:
+    unit, scale = DISPLAYS[group.unit]
+    error = scale * run.error[:, group.rows]
+    _components(axes[0], run.t, error, run.task.labels[group.rows], f"{group.name} error [{unit}]")
+    _norm(axes[1], run.t, np.linalg.norm(error, axis=1), f"{_NORMS[group.name]} [{unit}]")
+
+
+def _components(
+    ax: Any, t: np.ndarray, values: np.ndarray, names: Sequence[str], label: str
+) -> None:
+    for i, name in enumerate(names):
+        curve(ax, t, values[:, i], i, i, _symbol(name))
+    ax.set_ylabel(label)
+    legend(ax)
+
+
+def _symbol(name: str) -> str:
+    """Return the label of a row, rotation vectors with their Greek letter."""
+    letter, _, axis = name.partition("_")
+    return rf"$\phi_{axis}$" if letter == "phi" else literal(name)
+
+
+def _norm(ax: Any, t: np.ndarray, values: np.ndarray, label: str) -> None:
+    values = np.maximum(values, 1e-12)
+    ax.semilogy(t, values, color="black", lw=0.8, label="norm")
+    if len(values):
+        ax.set_ylim(bottom=0.5 * np.quantile(values, 0.01))
+    ax.set_ylabel(label)
+    legend(ax)
+
+
+_MOST_NAMED = 9  # more curves than this share colours: one a body, and a marker a component
+
+_KINDS = {
+    "mass [kg]": "m",
+    "first moment [kg m]": "mc",
+    "inertia [kg m$^2$]": "I",
+    "rotor inertia [kg m$^2$ or kg]": "armature",
+    "viscous [N m s or N s/m]": "viscous",
+    "Coulomb [N m or N]": "coulomb",
+}
+
+
+class _Panel(NamedTuple):
+    label: str
+    values: np.ndarray
+    truth: np.ndarray | None
+    names: tuple[str, ...]
+
+
+def parameter_figure(run: Drawable, dashed: str = "dashed: truth") -> Picture:
+    """Return the estimates over time, the truth dashed; many dynamic parameters by kind.
+
+    ``dashed`` says what else the dashed lines are.
+    """
+    panels = [_Panel("kinematic [m]", run.a_k, run.a_k_true, run.kinematic_names)]
+    if run.a_d.shape[1] <= _MOST_NAMED:
+        panels.append(_Panel("dynamic", run.a_d, run.a_d_true, run.dynamic_names))
+    else:
+        panels += _by_kind(run)
+    panels = [panel for panel in panels if panel.values.shape[1]]
+    count = max(len(panels), 1)
+    figure = Picture(figsize=(9, 2.2 * count + 0.6), layout="constrained")
+    axes = np.atleast_1d(figure.subplots(count, 1, sharex=True))
+    for ax, panel in zip(axes, panels, strict=False):
+        _draw(ax, run.t, panel, dashed)
+    if not panels:
+        axes[0].text(0.5, 0.5, "no parameter is unknown", ha="center", transform=axes[0].transAxes)
+    finish(figure, axes, run)
+    return figure
+
+
+def _by_kind(run: Drawable) -> list[_Panel]:
+    """Split the parameters of bodies and joints by what they are; what is left in one panel."""
+    kinds = [_kind(name) for name in run.dynamic_names]
+    panels = []
+    for label in dict.fromkeys(kinds):
+        columns = [i for i, kind in enumerate(kinds) if kind == label]
+        truth = None if run.a_d_true is None else run.a_d_true[..., columns]
+        names = tuple(run.dynamic_names[i] for i in columns)
+        panels.append(_Panel(label, run.a_d[:, columns], truth, names))
+    return panels
+
+
+def _kind(name: str) -> str:
+    part = name.rpartition(".")[2].partition("#")[0]
+    for label, prefix in _KINDS.items():
+        if part == prefix or part[:-1] == prefix or part[:-2] == prefix == "I":
+            return label
+    return "dynamic"
+
+
+def _draw(ax: Any, t: np.ndarray, panel: _Panel, dashed: str) -> None:
+    """Draw the estimates of a panel, the truth dashed."""
+    many = len(panel.names) > _MOST_NAMED
+    owners = [name.rpartition(".")[0] or name for name in panel.names]
+    parts = [name.rpartition(".")[2].lstrip("mcI") for name in panel.names]
+    bodies, components = list(dict.fromkeys(owners)), list(dict.fromkeys(parts))
+    for i, name in enumerate(panel.names):
+        hue = bodies.index(owners[i]) if many else i
+        marker = components.index(parts[i]) if many else i
+        label = owners[i] if owners.index(owners[i]) == i else None
+        label = label if many else name.removesuffix(".m")
+        curve(ax, t, panel.values[:, i], hue, marker, label and literal(label))
+        if panel.truth is not None:
+            true = np.broadcast_to(panel.truth[..., i], t.shape)
+            ax.plot(t, true, color=colour(hue), ls="--", lw=0.7, alpha=0.7, drawstyle="steps-post")
+    keys = [marker_key(k, part) for k, part in enumerate(components)] if many else []
+    legend(ax, title=None if panel.truth is None else dashed, more=keys)
+    ax.set_ylabel(panel.label)
+
+
+def torque_figure(run: Drawable) -> Picture:
+    """Return the motor torques, their shares of the limits, and an eigenvalue.
+
+    Limits are the description's, the eigenvalue is the smallest of the estimated mass matrix.
+    Shaded where a torque is at its limit, and where the inverse Jacobian is damped.
+    """
+    bounds = run.effort_limits
+    limited = np.flatnonzero(np.isfinite(bounds))
+    count = 2 + (limited.size > 0)
+    figure = Picture(figsize=(9, 1.0 + 2.3 * count), layout="constrained")
+    axes = figure.subplots(count, 1, sharex=True)
+    for i, name in enumerate(run.joint_names):
+        curve(axes[0], run.t, run.tau[:, i], i, i, literal(name))
+    axes[0].set_ylabel("torque [N m] or force [N]")
+    shade(axes[0], run.t, run.saturated, RED, "at its limit")
+    legend(axes[0], title="joint")
+    if limited.size:
+        for i in limited.tolist():
+            share = 100.0 * run.tau[:, i] / bounds[i]
+            curve(axes[1], run.t, share, i, i, literal(f"{run.joint_names[i]}: {bounds[i]:g}"))
+        for limit in (-100.0, 100.0):
+            axes[1].axhline(limit, color="black", ls="-.", lw=0.9)
+        axes[1].set_ylabel("share of limit [%]")
+        legend(axes[1], title="limit [N m or N]")
+    _eigenvalue(axes[-1], run)
+    finish(figure, axes, run)
+    return figure
+
+
+def _eigenvalue(ax: Any, run: Drawable) -> None:
+    ax.plot(run.t, run.min_eig_M_hat, color=GREEN, lw=0.9, label=r"of $\hat M$")
+    ax.axhline(0.0, color="black", lw=0.6)
+    ax.set_ylabel("smallest eigenvalue")
+    shade(ax, run.t, run.damping > 0.0, BLUE, r"$\hat J$ damped")
+    legend(ax)
 
 
 class Figures(NamedTuple):

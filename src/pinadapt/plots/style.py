@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
-from typing import Any
+from io import BytesIO
+from typing import Any, Protocol
 
 import numpy as np
 
-from .backend import Line2D
-from .drawable import Drawable
-from .words import literal
+from ..tasks.task import Task
+from .backend import Figure, FigureCanvasAgg, Line2D, matplotlib
+
+
+def literal(text: str) -> str:
+    """Return a text that matplotlib draws as it is.
+
+    It would take what stands between two dollars for mathematics, leave a label that begins with an
+    underscore out of the legend, and fail at half surrogates.
+    """
+    shown = text.encode("utf-8", errors="replace").decode("utf-8").replace("$", r"\$")
+    return f" {shown}" if shown.startswith("_") else shown
+
 
 # Okabe and Ito's palette, dark enough on white, and two of Tol's muted ones.
 COLOURS = (
@@ -114,3 +126,112 @@ def _mark(axes: Any, at: float, what: str) -> None:
         ax.axvline(at, color="black", ls=":", lw=0.9)
     above = axes[0].get_xaxis_transform()
     axes[0].text(at, 1.02, literal(what), transform=above, fontsize=7, ha="center", va="bottom")
+
+
+class Picture(Figure):
+    """A figure that pyplot does not know: it shows once, and goes with its last reference."""
+
+    def png(self, dpi: int = 100) -> bytes:
+        """Return the picture as a PNG file."""
+        FigureCanvasAgg(self)
+        buffer = BytesIO()
+        with matplotlib.rc_context({"text.usetex": False}), warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="Glyph")  # a sign the font has not is a box
+            self.savefig(buffer, format="png", dpi=dpi)
+        return buffer.getvalue()
+
+    def _repr_png_(self) -> bytes:
+        """Return the picture as Jupyter shows it."""
+        return self.png()
+
+
+class Drawable(Protocol):
+    """A run of N samples, as ``Rollout`` has it; see there for shapes and units."""
+
+    @property
+    def title(self) -> str:
+        """Of the figures."""
+
+    @property
+    def law(self) -> str:
+        """Name of the law."""
+
+    @property
+    def adaptation(self) -> str:
+        """Name of the adaptation."""
+
+    @property
+    def task(self) -> Task:
+        """The controlled coordinates."""
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """One name a joint."""
+
+    @property
+    def effort_limits(self) -> np.ndarray:
+        """The description's effort limits (nv), infinite where it has none."""
+
+    @property
+    def kinematic_names(self) -> tuple[str, ...]:
+        """One name a kinematic parameter."""
+
+    @property
+    def dynamic_names(self) -> tuple[str, ...]:
+        """One name a dynamic parameter."""
+
+    @property
+    def t(self) -> np.ndarray:
+        """Time (N) [s]."""
+
+    @property
+    def error(self) -> np.ndarray:
+        """Task error (N, m)."""
+
+    @property
+    def tau(self) -> np.ndarray:
+        """Torques of the motors (N, nv)."""
+
+    @property
+    def a_k(self) -> np.ndarray:
+        """Kinematic estimates (N, p_k)."""
+
+    @property
+    def a_d(self) -> np.ndarray:
+        """Dynamic estimates (N, p_d)."""
+
+    @property
+    def a_k_true(self) -> np.ndarray | None:
+        """Their truth (p_k), or that of each time (N, p_k)."""
+
+    @property
+    def a_d_true(self) -> np.ndarray | None:
+        """Their truth (p_d), or that of each time (N, p_d)."""
+
+    @property
+    def lyapunov(self) -> np.ndarray | None:
+        """V (N)."""
+
+    @property
+    def min_eig_M_hat(self) -> np.ndarray:
+        """Smallest eigenvalue of the estimated mass matrix (N)."""
+
+    @property
+    def damping(self) -> np.ndarray:
+        """The mu^2 of the estimated Jacobian's right inverse (N)."""
+
+    @property
+    def saturated(self) -> np.ndarray:
+        """Whether a torque was at its limit (N)."""
+
+    @property
+    def marks(self) -> tuple[tuple[float, str], ...]:
+        """Time [s] and words of what happened during the run."""
+
+    @property
+    def interrupted(self) -> float | None:
+        """Time at which somebody stopped the run [s]."""
+
+    @property
+    def diverged(self) -> float | None:
+        """Time of divergence [s]."""

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -13,23 +14,96 @@ from numpy.typing import ArrayLike
 
 from .._checks import flag, vector
 from .._files import write_text
+from .._table import Sheet, Table
+from ..description.chain import (
+    angles_from_configuration,
+    configuration_from_angles,
+    effort_limits,
+    frame_id,
+    is_slide,
+    position_limits,
+    reach,
+    reduce_visual,
+    velocity_limits,
+    warn_beyond_limits,
+)
+from ..description.urdf import Origin
+from ..description.urdf_writer import urdf_text
 from ..exceptions import RobotError
 from ..tasks.task import FrameTask, Task
 from . import changes
-from .chain import (
-    angles_from_configuration,
-    configuration_from_angles,
-    frame_id,
-    is_slide,
-)
-from .friction import Friction
-from .mounting import MountingPlane
-from .origin import Origin
-from .position_limits import warn_beyond_limits
-from .reach import reach
-from .robot_sheet import robot_sheet
-from .urdf_text import urdf_text
-from .visual import Visual
+from .changes import Friction
+from .home import MountingPlane
+
+_HEADER = ("joint", "home", "lower", "upper", "speed", "effort", "units")
+_UNITS = ("rad, rad/s, N m", "m, m/s, N")
+_SHOWN = 6  # names of other ends
+
+
+def robot_sheet(robot: Robot) -> Sheet:
+    """Return what a robot is, and its joints with home and limits; a dash where there is none."""
+    words = [
+        ("frame", robot.frame + (", its floating base welded" if robot.welded else "")),
+        ("task", robot.task.name),
+        ("moving mass", f"{robot.mass:.4g} kg"),
+        ("reach", f"{robot.reach:.4g} m"),
+    ]
+    if robot.ends:
+        words.append(("other ends", names_shown(robot.ends)))
+    if robot.locked:
+        words.append(("locked joints", names_shown(robot.locked)))
+    joints = Table(_joint_rows(robot), _HEADER)
+    return Sheet(f"{robot.name}, {robot.model.nv} joints", [Table(words), joints])
+
+
+def names_shown(names: tuple[str, ...], shown: int = _SHOWN) -> str:
+    """Return the first names, and how many more there are."""
+    more = f" and {len(names) - shown} more" if len(names) > shown else ""
+    return ", ".join(names[:shown]) + more
+
+
+def _joint_rows(robot: Robot) -> list[tuple[str, ...]]:
+    model = robot.model
+    lower, upper = position_limits(model)
+    columns = (robot.home_angles, lower, upper, velocity_limits(model), effort_limits(robot.model))
+    numbers = np.column_stack(columns)
+    return [
+        (name, *map(_shown, row), _UNITS[is_slide(joint)])
+        for name, row, joint in zip(robot.joint_names, numbers, model.joints[1:], strict=True)
+    ]
+
+
+def _shown(value: float) -> str:
+    return f"{value:.4g}" if np.isfinite(value) else "-"
+
+
+@dataclass(frozen=True, eq=False)
+class Visual:
+    """The visual geometry of a chain, read from its meshes when it is first drawn.
+
+    Attributes:
+        read: returns the geometry of the whole robot, or None.
+        whole: model of the whole robot.
+        keep: indices of the chain's joints in it.
+        q_reference: (nq) where the other joints are locked.
+    """
+
+    read: Callable[[], pin.GeometryModel | None]
+    whole: pin.Model
+    keep: tuple[int, ...]
+    q_reference: np.ndarray
+
+    @cached_property
+    def geometry(self) -> pin.GeometryModel | None:
+        """The geometry of the chain, or None where there is none."""
+        visual = self.read()
+        if visual is None:
+            return None
+        return reduce_visual(self.whole, visual, self.keep, self.q_reference)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copy without the meshes, which are read again where they are needed."""
+        return type(self), (self.read, self.whole, self.keep, self.q_reference)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

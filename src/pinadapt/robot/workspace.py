@@ -11,14 +11,12 @@ import numpy as np
 import pinocchio as pin
 
 from .._checks import arithmetic, instance, positive
+from ..description.chain import is_slide, position_limits, velocity_limits
 from ..exceptions import InputError, RobotError
 from ..trajectories.circle import Circle
 from ..trajectories.pose_circle import PoseCircle
-from .chain import is_slide
-from .mounting import MountingPlane
-from .position_limits import position_limits
+from .home import MountingPlane
 from .robot import Robot
-from .velocity_limits import velocity_limits
 
 _RATIO, _SIZES = 0.8, 18  # the radii tried: geometric, down to two per cent of the largest
 _PHASES = (0.0, pi / 2, pi, -pi / 2)

@@ -8,16 +8,14 @@ from functools import cached_property
 import numpy as np
 
 from ..controller.controller import Controller
-from ..controller.state import ControllerState
+from ..controller.state import ControllerState, Sample
+from ..description.chain import effort_limits
 from ..exceptions import ParameterError
 from ..laws.law import Truth
 from ..plants.pinocchio_plant import PinocchioPlant
-from ..robot.effort_limits import effort_limits
 from ..robot.robot import Robot
 from ..robot.succession import Succession
-from .joint_motion import motion_of_plant, motion_of_reference
-from .limit_excess import LimitExcess
-from .sample import Sample
+from .limit_excess import LimitExcess, motion_of_plant, motion_of_reference
 
 
 class Evaluation:
@@ -121,7 +119,7 @@ class Evaluation:
     @property
     def effort_limits(self) -> np.ndarray:
         """The description's effort limits (nv) [N m or N], infinite where it has none."""
-        return effort_limits(self.true.robots[0])
+        return effort_limits(self.true.robots[0].model)
 
     @cached_property
     def limits(self) -> LimitExcess:

@@ -2,20 +2,67 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from .._table import Table
-from ..robot.chain import is_slide
-from ..robot.effort_limits import effort_limits
-from ..robot.position_limits import position_limits
+from ..controller.state import Sample
+from ..description.chain import (
+    configuration_from_angles,
+    effort_limits,
+    is_slide,
+    position_limits,
+    velocity_limits,
+)
 from ..robot.robot import Robot
-from ..robot.velocity_limits import velocity_limits
+from ..tasks.joint import JointTask
 from ..tasks.units import DISPLAYS
-from .joint_motion import JointMotion
+
+
+class JointMotion(NamedTuple):
+    """N samples of a chain.
+
+    Attributes:
+        q: (N, nv) one number a joint [rad or m]; of continuous joints it means nothing.
+        v: (N, nv) velocities [rad/s or m/s].
+        tau: (N, nv) torques at the joints [N m or N].
+    """
+
+    q: np.ndarray
+    v: np.ndarray
+    tau: np.ndarray
+
+
+def motion_of_plant(true: Robot, samples: Sequence[Sample]) -> JointMotion:
+    """Return how the true robot moved, and the torques that its motors gave."""
+    numbers = [joint.idx_q for joint in true.model.joints[1:]]
+    return _stacked(true, [(s.truth.q[numbers], s.truth.v, s.torque) for s in samples])
+
+
+def motion_of_reference(true: Robot, samples: Sequence[Sample]) -> JointMotion | None:
+    """Return the desired joint motion, and the torques that the true robot needs to follow it.
+
+    None for tasks of the frame: which joints follow its path is the controller's choice wherever
+    the arm is redundant, and a matter of branches elsewhere.
+    """
+    if not isinstance(true.task, JointTask):
+        return None
+    model, data, rows = true.model, true.model.createData(), []
+    for x_d, xd_d, xdd_d in (sample.desired for sample in samples):
+        q = configuration_from_angles(model, x_d)
+        rows.append((x_d, xd_d, pin.rnea(model, data, q, xd_d, xdd_d)))
+    motion = _stacked(true, rows)
+    return motion._replace(tau=motion.tau + true.friction.torque(motion.v))
+
+
+def _stacked(robot: Robot, rows: Sequence[tuple[np.ndarray, ...]]) -> JointMotion:
+    stack = np.array(rows, dtype=float).reshape(len(rows), 3, robot.model.nv)
+    return JointMotion(*stack.swapaxes(0, 1))
+
 
 _NOTHING = "-"
 _SHOWN = 3  # excesses in one line
@@ -150,7 +197,7 @@ class _Limits(NamedTuple):
     @classmethod
     def of(cls, robot: Robot) -> _Limits:
         lower, upper = position_limits(robot.model)
-        return cls(lower, upper, velocity_limits(robot.model), effort_limits(robot))
+        return cls(lower, upper, velocity_limits(robot.model), effort_limits(robot.model))
 
     @property
     def stated(self) -> bool:

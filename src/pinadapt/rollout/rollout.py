@@ -13,20 +13,31 @@ import numpy as np
 from .._checks import instance, positive
 from .._table import Sheet
 from ..controller.learned import LearnedParameters
+from ..controller.state import Sample
 from ..exceptions import InputError, ParameterError
+from ..information.information import (
+    Excitation,
+    Information,
+    position_information,
+    torque_information,
+)
+from ..information.payload import (
+    ArmPrior,
+    PayloadEstimate,
+    described,
+    payload_estimate,
+    told_of_all,
+    whole_arm,
+)
 from ..models.dynamics import Dynamics
 from ..robot.robot import Robot
 from ..tasks.task import Task
-from ..tuning.prior import INERTIA
-from . import report, verdict
-from .arm_prior import ArmPrior, described, told_of_all, whole_arm
+from ..tuning.defaults import INERTIA
+from . import summary as report
+from . import verdict
 from .evaluation import Evaluation
-from .excitation import Excitation
-from .information import Information, position_information, torque_information
 from .limit_excess import LimitExcess
-from .payload_estimate import PayloadEstimate, payload_estimate
-from .sample import Sample
-from .transients import Transient, transients
+from .summary import Transient, transients
 
 if TYPE_CHECKING:
     from ..view.animation import Animation

@@ -8,8 +8,7 @@ import numpy as np
 
 from ..laws import DEFAULT, LAWS
 from ..tasks.units import DISPLAYS
-from .report import extreme, window
-from .transients import CLOSE
+from .summary import CLOSE, extreme, window
 
 if TYPE_CHECKING:
     from .rollout import Rollout

@@ -9,9 +9,9 @@ from typing import Any
 
 import tomlkit
 
+from ..description.urdf import is_path
 from ..excitation.exciting_motion import ExcitingMotion
 from ..robot.robot import Robot
-from ..robot.urdf import is_path
 
 _FILES = (
     ("robot", "source"),

@@ -8,32 +8,28 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ..adaptation.matrix_inequality import MatrixInequality
+from ..adaptation.natural import MatrixInequality
 from ..controller.controller import Controller
 from ..controller.learned import LearnedParameters
+from ..description.urdf import is_path
 from ..exceptions import ScenarioError
 from ..models.basis import read_matrix
 from ..plants.elastic_plant import JointElasticity
-from ..plants.engines import engine_of
-from ..plants.mjcf import Mjcf
+from ..plants.mujoco_file import Mjcf
 from ..robot.changes import Payload
-from ..robot.effort_limits import torque_limits
 from ..robot.gravity import compensation_of
 from ..robot.loading import load
+from ..robot.motors import torque_limits
 from ..robot.robot import Robot
-from ..robot.urdf import is_path
 from ..rollout.rollout import Rollout
-from ..simulation.events import Events
+from ..simulation.loop import Events
 from ..simulation.prepare import findings, prepare
-from ..simulation.progress import Progress
-from ..simulation.simulate import simulate
+from ..simulation.simulate import Progress, engine_of, simulate
 from ..trajectories.trajectory import Trajectory
 from ..tuning.make_controller import make_controller
-from .error_prefix import prefix_errors
-from .read import read_tables
-from .reference import trajectory_of
+from .parts import believed_robot, payload_of, told, trajectory_of, true_changes, true_robot
 from .schema import BeliefSection, ScenarioTables, SimulationSection, TruthSection
-from .truth import believed_robot, payload_of, told, true_changes, true_robot
+from .validation import prefix_errors, read_tables
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,28 +2,101 @@
 
 from __future__ import annotations
 
+import os
+import textwrap
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import ceil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
+import tomlkit
+from tomlkit.items import Comment, InlineTable, Table
 
+from ..adaptation.adaptation import Adaptation, Wrapper
+from ..adaptation.gradient import ExponentiatedGradient
+from ..adaptation.natural import Natural
+from ..adaptation.stacked import Stacked
 from ..controller.controller import Controller
+from ..description.chain import links_of, massless_joints
+from ..description.description import describe
+from ..description.urdf import is_path
+from ..description.xacro import XacroArguments
 from ..laws import DEFAULT, LAWS
-from ..robot.chain import links_of, massless_joints
 from ..robot.changes import Payload
-from ..robot.description import describe
 from ..robot.loading import load
 from ..robot.robot import Robot
-from ..robot.urdf import is_path
 from ..robot.workspace import WorkspaceCircle, find_circle
-from ..robot.xacro import XacroArguments
 from ..tuning.make_controller import make_controller
 from .schema import SimulationSection
-from .template_gains import three_digits
+
+_MEANINGS = {
+    "alpha": "of the position error in the velocity to follow [1/s]",
+    "beta": "observer of the position [1/s]",
+    "lag": "by which Kv gives way to the inertia of what moves together [s]",
+    "R_k": "weight of the tool's prediction error",
+    "lambda_": "velocity filter [1/s]",
+    "lambda_a": "acceleration filter [s]",
+    "width": "beyond which the position feedback saturates [m, for rotations rad]",
+    "bound": "no torque beyond it [N m or N]",
+    "gravity": "what of it gravity may ask for [N m or N]",
+}
+
+
+def default_gains(controller: Controller) -> Iterable[tuple[str, str, str]]:
+    """Return key, value as written and meaning with unit of each gain that was chosen."""
+    law: Any = controller.law
+    velocity, position = law.units
+    if _diagonal(law.K_v):  # a whole matrix is not for a comment
+        yield "Kv", _gain(law.K_v), f"velocity gain [{velocity}]"
+    if hasattr(law, "K_P"):
+        yield "Kp", _gain(law.K_P), f"position gain [{position}]"
+    for name, meaning in _MEANINGS.items():
+        if hasattr(law, name):
+            yield name.rstrip("_"), _gain(getattr(law, name)), meaning
+    bodies, joints = _parts(controller.adaptation_d)
+    yield "gamma_d", _gain(bodies.gamma), "rate of the inertial parameters"
+    if joints is not None:
+        yield "gamma_joint", _gain(joints.gamma), "rate of armature and friction"
+    if law.learns_kinematics:
+        rate_k = controller.adaptation_k.gain(controller.kinematics.initial)
+        yield "gamma_k", _gain(rate_k), "rate of the tool"
+
+
+def _diagonal(gain: np.ndarray) -> bool:
+    """Tell whether a gain (n, n) has no entries beside its diagonal."""
+    return bool((np.diag(np.diag(gain)) == gain).all())
+
+
+def _parts(adaptation: Adaptation) -> tuple[Natural, ExponentiatedGradient | None]:
+    """Return what moves bodies and joints in the default adaptation of a law."""
+    while isinstance(adaptation, Wrapper):
+        adaptation = adaptation.inner
+    parts = (
+        [part for part, _ in adaptation.parts] if isinstance(adaptation, Stacked) else [adaptation]
+    )
+    bodies, *joints = parts
+    assert isinstance(bodies, Natural)  # the default
+    joint = joints[0] if joints else None
+    assert joint is None or isinstance(joint, ExponentiatedGradient)
+    return bodies, joint
+
+
+def _gain(gain: float | np.ndarray) -> str:
+    """Return a gain as written: a number, or a list or a diagonal whose entries differ."""
+    numbers = np.asarray(gain)
+    values = [three_digits(x) for x in (np.diag(numbers) if numbers.ndim == 2 else numbers.flat)]
+    return str(values[0]) if len(set(values)) == 1 else str(values)
+
+
+def three_digits(number: float) -> float:
+    """Return a number rounded to three significant digits."""
+    return float(f"{number:.3g}")
+
 
 _TOOL = 0.05  # unknown tool, in parts of the reach
 _LOAD = 0.05  # unknown load, in parts of the moving mass
@@ -135,3 +208,217 @@ def _further_out(robot: Robot) -> np.ndarray:
             break
     tool = frame.rotation.T @ seen * (length / np.linalg.norm(seen))
     return np.round(tool, 3 - int(np.floor(np.log10(length))))
+
+
+_WIDTH = 98  # of a comment
+_SHOWN = 12  # names in a comment
+
+
+def scenario_text(template: Template, folder: Path) -> str:
+    """Return the scenario file for a folder; a relative URDF path is made relative to it."""
+    blocks = [tomlkit.dumps({"title": template.name})]
+    for name, remark, table in _sections(template, folder):
+        head = "".join(comment.as_string() for comment in _comments(remark))
+        blocks.append(head + ("" if table is None else tomlkit.dumps({name: table})))
+    return "\n".join(blocks)
+
+
+def _sections(template: Template, folder: Path) -> Iterable[tuple[str, str, Table | None]]:
+    """Return name, remark before it, and content of each table; a remark may stand alone."""
+    yield "robot", "", _robot(template, folder)
+    yield (
+        "truth",
+        _TRUTH.format(tool=100 * template.tool_share, load=100 * template.load_share),
+        (_truth(template)),
+    )
+    if template.rests:
+        yield "unknown", _GRAVITY, _filled({"dynamic": "all"})
+    else:
+        yield (
+            "unknown",
+            _UNKNOWN,
+            _filled({"kinematic": ["tool"], "dynamic": "all", "joint": "all"}),
+        )
+    yield "controller", "", _controller(template)
+    if template.rests:
+        yield "reference", _SET_POINT, _way(template)
+    else:
+        yield "reference", _REFERENCE, _reference(template)
+    yield "simulation", "", _simulation(template)
+
+
+_TRUTH = (
+    "How the simulated robot differs from its description, which the controller is not told. Here: "
+    "a tool {tool:g} % of the reach longer [m, frame's axes], in its end a ball of {load:g} % of "
+    "the mass [kg; com m from the described frame; Ixx Ixy Iyy Ixz Iyz Izz kg m^2]. Put what you "
+    "expect of your robot."
+)
+_MASS = (
+    "What the whole robot weighs [kg]. These links are described without inertia: {links}. What "
+    "the others leave of this mass is spread over them with one density: solids of their shapes, "
+    "rods to the next joint where they have none."
+)
+_UNKNOWN = (
+    "What the controller adapts: the tool's translation, all inertial parameters of every body, "
+    "rotor inertia and friction of every joint."
+)
+_GRAVITY = (
+    "What the controller adapts: the inertial parameters of every body, as far as gravity shows "
+    "them. It does not learn the tool."
+)
+_SET_POINT = (
+    "The way to a set point that the arm reaches inside its joint limits, as an offset from the "
+    'tool\'s first position [m], in so many seconds; without points, kind = "hold" stays there.'
+)
+_REFERENCE = (
+    "A circle through the tool's first position, which the arm follows inside its joint limits and "
+    "away from singularities, also with a tool 5 % of its reach off."
+)
+
+
+def _robot(template: Template, folder: Path) -> Table:
+    robot, table = template.robot, tomlkit.table()
+    table["source"] = _source(template.source, folder)
+    if template.xacro:
+        _remark(table, "Arguments of the xacro file.")
+        table["xacro"] = _inline(template.xacro)
+    if template.mass is not None:
+        _remark(table, _MASS.format(links=_names(template.massless)))
+        table["mass"] = template.mass
+    _remark(
+        table,
+        f"Other ends of chains: {_names(robot.ends)}; any link of the robot can be named.",
+    )
+    table["frame"] = robot.frame
+    _remark(
+        table,
+        "The controlled coordinates of the frame, in world axes: xyz, xy, xz, yz, or pose, which "
+        "adds the orientation.",
+    )
+    table["task"] = robot.task.name
+    if robot.welded:
+        _remark(
+            table,
+            "The base floats in the description: it is fixed, and the chain is used as an arm.",
+        )
+        table["weld_root"] = True
+    _remark(
+        table,
+        "Joints of the chain to lock as well. Locked anyway, for they are not on it: "
+        f"{_names(robot.locked)}.",
+    )
+    table["locked"] = []
+    _remark(
+        table, f"Home pose, where the motion starts [rad or m]: {', '.join(robot.joint_names)}."
+    )
+    table["q0"] = _numbers(robot.home_angles, digits=12)
+    return table
+
+
+def _truth(template: Template) -> Table:
+    table = _filled({"tool_translation": _numbers(template.tool)})
+    table["payload"] = _payload(template.load)
+    _option(table, "inertial_scale = 1.3", "every mass and inertia 30 % above its description", 45)
+    friction = "friction = { viscous = 0.1, coulomb = 0.05 }"
+    _option(table, friction, "[N m s/rad, N m], or one number a joint", 45)
+    return table
+
+
+def _controller(template: Template) -> Table:
+    controller = template.controller
+    table = _filled({"law": controller.law.name, "adaptation": "natural"})
+    _remark(
+        table,
+        'Other adaptations learn from the torque as well, and faster: "natural-memory", which '
+        'keeps every body physical too, and "least-squares", which does not.',
+    )
+    _remark(
+        table,
+        "These gains are chosen for this robot, law and sampling period; take the # away to set "
+        "your own.",
+    )
+    for key, value, meaning in default_gains(controller):
+        _option(table, f"{key} = {value}", meaning, 20)
+    return table
+
+
+def _reference(template: Template) -> Table:
+    circle = template.circle
+    return _filled(
+        {
+            "kind": "circle",
+            "radius": circle.radius,
+            "period": circle.period,
+            "plane": circle.plane,
+            "phase": float(f"{circle.phase:.12g}"),
+        }
+    )
+
+
+def _way(template: Template) -> Table:
+    """Return the way across the circle."""
+    circle, task = template.circle, template.robot.task
+    motion = circle.motion(task.positions)
+    across = motion.at(0.5 * circle.period).x_d - motion.at(0.0).x_d
+    segment = float(f"{0.5 * circle.period:.3g}")
+    return _filled({"kind": "waypoints", "points": [_numbers(across.round(6))], "segment": segment})
+
+
+def _simulation(template: Template) -> Table:
+    duration = float(ceil(max(20.0 if template.rests else 10.0, 2 * template.circle.period)))
+    table = _filled({"duration": duration, "dt": SimulationSection().dt})
+    meaning = "let the torque exceed the description's effort limits"
+    _option(table, "torque_limits = false", meaning, 45)
+    return table
+
+
+def _filled(values: dict[str, object]) -> Table:
+    table = tomlkit.table()
+    for key, value in values.items():
+        table[key] = value
+    return table
+
+
+def _payload(load: Payload) -> InlineTable:
+    com, inertia = (_numbers(np.asarray(part)) for part in (load.com, load.inertia))
+    return _inline({"mass": load.mass, "com": com, "inertia": inertia})
+
+
+def _inline(values: Mapping[str, object]) -> InlineTable:
+    table = tomlkit.inline_table()
+    table.update(values)
+    return table
+
+
+def _source(source: str, folder: Path) -> str:
+    """Return a source as it is found from a folder."""
+    if not is_path(source) or Path(source).is_absolute():
+        return source
+    parent = os.path.relpath(Path(source).resolve().parent, folder.resolve())
+    return os.path.join(parent, Path(source).name)
+
+
+def _option(table: Table, setting: str, meaning: str, width: int) -> None:
+    """Add a key that is commented out, with its meaning behind it."""
+    table.add(tomlkit.comment(f"{setting:<{width}} # {meaning}"))
+
+
+def _remark(table: Table, text: str) -> None:
+    for comment in _comments(text):
+        table.add(comment)
+
+
+def _comments(text: str) -> list[Comment]:
+    """Return the lines of a comment; what cannot be printed becomes a space."""
+    printable = "".join(letter if letter.isprintable() else " " for letter in text)
+    lines = textwrap.wrap(printable, _WIDTH, break_long_words=False, break_on_hyphens=False)
+    return [tomlkit.comment(line) for line in lines]
+
+
+def _numbers(values: Iterable[float], digits: int = 6) -> list[float]:
+    return [float(f"{value:.{digits}g}") + 0.0 for value in values]
+
+
+def _names(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    return ", ".join(names[:_SHOWN]) + more if names else "none"

@@ -8,15 +8,13 @@ from itertools import count
 import numpy as np
 
 from ..controller.controller import Controller
-from ..controller.state import ControllerState
+from ..controller.state import ControllerState, Sample
 from ..exceptions import DivergedError, ImplausibleError, InputError
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..records import Desired, Measurement
-from ..rollout.sample import Sample
 from ..trajectories.trajectory import Trajectory
-from .events import Events
+from .loop import FASTEST, Events, lost, sample_indices, unusable
 from .prepare import check_settles
-from .run import FASTEST, lost, sample_indices, unusable
 
 
 def run_continuous(

@@ -10,22 +10,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import arithmetic, instance, positive, vector, whole, word
-from ..adaptation.box_projection import BoxProjection
+from ..adaptation.projections import BoxProjection
 from ..controller.controller import Controller
 from ..controller.state import ControllerState
 from ..exceptions import InputError, ParameterError
 from ..laws import DEFAULT
-from ..plants.simulated_plant import SimulatedPlant
-from ..robot.effort_limits import overloaded
+from ..plants.plant import SimulatedPlant
 from ..robot.home import conditioning
+from ..robot.motors import overloaded
 from ..robot.robot import Robot
 from ..sensing import Camera
 from ..tasks.task import FrameTask
 from ..trajectories.trajectory import Trajectory
-from ..tuning.preflight import preflight
-from ..tuning.preflight_jacobian import jacobian_finding
+from ..tuning.noise import sensor_quality
+from ..tuning.preflight import jacobian_finding, preflight
 from ..tuning.preflight_sensors import sensor_findings
-from ..tuning.remedies import sensor_quality
 
 MODES = ("sampled", "continuous")
 ACCELERATIONS = ("filtered", "ideal")

@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..controller.controller import Controller
+from ..controller.state import Sample
 from ..exceptions import DivergedError
-from ..plants.simulated_plant import SimulatedPlant
+from ..plants.plant import SimulatedPlant
 from ..robot.succession import Succession
 from ..rollout.evaluation import Evaluation
 from ..rollout.rollout import Rollout
-from ..rollout.sample import Sample
 
 
 @dataclass(eq=False)

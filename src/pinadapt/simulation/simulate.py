@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import warnings
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -14,26 +18,112 @@ from numpy.typing import ArrayLike
 
 from .._checks import instance
 from ..controller.controller import Controller
-from ..exceptions import InputError, Interrupted
-from ..plants.engines import engine_of
-from ..plants.mjcf import Mjcf
+from ..controller.state import Sample
+from ..exceptions import InputError, Interrupted, did_you_mean
+from ..plants.mujoco_file import Mjcf
+from ..plants.mujoco_plant import MujocoPlant
 from ..plants.pinocchio_plant import PinocchioPlant
+from ..plants.plant import Engine, SimulatedPlant
 from ..plants.sensors import Sensors
-from ..plants.simulated_plant import Engine, SimulatedPlant
-from ..robot.effort_limits import torque_limits as limits_of
+from ..robot.motors import torque_limits as limits_of
 from ..robot.robot import Robot
 from ..robot.succession import Succession
 from ..rollout.rollout import Rollout
-from ..rollout.sample import Sample
 from ..sensing import Camera
 from ..trajectories.trajectory import Trajectory
 from .continuous import run_continuous
-from .events import Events
-from .memory import check_memory
+from .loop import Events, run, sample_indices
 from .prepare import check_options, findings, prepare
-from .progress import Progress, watched
 from .record import record, rollout_of
-from .run import run, sample_indices
+
+_OBJECTS = 1800  # [B] a sample, besides the numbers
+_PER_JOINT = 20  # numbers a sample
+
+
+def check_memory(controller: Controller, samples: int, record_every: int) -> None:
+    """Refuse a run whose samples do not fit into the memory that there is.
+
+    Raises:
+        InputError: they do not.
+    """
+    kept = -(-samples // record_every)
+    parameters = controller.kinematics.size + controller.dynamics.size
+    joints = len(controller.kinematics.joint_names)
+    needed = kept * (_OBJECTS + 8 * (parameters + _PER_JOINT * joints))
+    room = min(_room(), default=sys.maxsize)
+    if needed > room:
+        raise InputError(
+            f"{kept} samples to keep take about {needed / 1e9:.3g} GB, there are {room / 1e9:.3g}.",
+            where="duration",
+            hint="Take a shorter duration or a longer dt; in Python record_every keeps fewer.",
+        )
+
+
+def _room() -> Iterator[int]:
+    """Return the bounds on this process's memory that the system tells [B], if any."""
+    with suppress(OSError, ValueError, AttributeError):  # not every system has these names
+        yield os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    with suppress(OSError, ValueError, IndexError, StopIteration):
+        lines = Path("/proc/meminfo").read_text().splitlines()
+        yield next(int(line.split()[1]) for line in lines if line.startswith("MemAvailable")) * 1024
+    with suppress(OSError, ValueError):  # "max" where a container has no limit
+        yield int(Path("/sys/fs/cgroup/memory.max").read_text())
+    with suppress(ImportError):
+        import resource
+
+        soft, _ = resource.getrlimit(resource.RLIMIT_AS)
+        if soft != resource.RLIM_INFINITY:
+            yield soft
+
+
+Progress = Callable[[range], Iterable[int]]
+
+
+def watched(indices: range, progress: Progress | bool | None, title: str) -> Iterable[int]:
+    """Return the indices of a run's samples, with a bar that grows as they are taken.
+
+    Args:
+        indices: of the samples.
+        progress: None: a bar where standard error is a terminal, and nothing elsewhere; True: a bar
+            everywhere, in a notebook as a widget; False: none; or a function that wraps the
+            indices.
+        title: stands in front of the bar.
+    """
+    if callable(progress):
+        return progress(indices)
+    if not progress and (progress is False or not _on_terminal()):
+        return indices
+    from tqdm.auto import tqdm  # here, because the library is imported without it
+
+    bar: Iterable[int] = tqdm(indices, desc=title, unit="step", leave=False, mininterval=0.2)
+    return bar
+
+
+def _on_terminal() -> bool:
+    """Tell whether standard error is a terminal; a windowed program has none at all."""
+    return sys.stderr is not None and sys.stderr.isatty()
+
+
+ENGINES: dict[str, Engine] = {"pinocchio": PinocchioPlant, "mujoco": MujocoPlant}
+
+
+def engine_of(engine: str | Mjcf | Engine) -> Engine:
+    """Return what makes plants: a named engine's, MuJoCo's for a model file, or one as it is.
+
+    Raises:
+        InputError: no engine has that name, or it is none of these.
+    """
+    if isinstance(engine, Mjcf):
+        return partial(MujocoPlant, mjcf=engine)
+    if callable(engine):
+        return engine
+    if not isinstance(engine, str) or engine not in ENGINES:
+        raise InputError(
+            f"must be one of {list(ENGINES)}, a Mjcf, or what makes a plant, got {engine!r}."
+            f"{did_you_mean(str(engine), ENGINES)}",
+            where="engine",
+        )
+    return ENGINES[engine]
 
 
 def simulate(

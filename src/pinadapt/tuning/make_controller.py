@@ -11,10 +11,11 @@ from numpy.typing import ArrayLike
 
 from .._checks import arithmetic, flag, instance, positive
 from ..adaptation.adaptation import Adaptation
-from ..adaptation.leak import Leak
-from ..adaptation.matrix_inequality import MatrixInequality
+from ..adaptation.modifications import Leak
+from ..adaptation.natural import MatrixInequality
 from ..controller.belief import Belief
 from ..controller.controller import Controller
+from ..controller.estimator import Estimator
 from ..controller.guards import Guards, make_guards
 from ..controller.limits import make_box, make_limits
 from ..controller.senses import Senses
@@ -22,7 +23,7 @@ from ..exceptions import InputError, did_you_mean
 from ..filters.low_pass import LowPass
 from ..laws import DEFAULT, LAWS
 from ..laws.law import Law
-from ..models.sight import Carrier
+from ..models.late_frames import Carrier
 from ..models.typical_motion import TypicalMotion
 from ..records import Measurement
 from ..robot.changes import Payload
@@ -30,7 +31,19 @@ from ..robot.gravity import Compensation, compensation_of
 from ..robot.robot import Robot
 from ..sensing import Camera, SensorQuality
 from ..tasks.joint import JointTask
-from .adaptation_rates import (
+from .defaults import bandwidth
+from .noise import (
+    SIGMA,
+    Given,
+    Remedies,
+    Setting,
+    chosen_modifications,
+    modified,
+    remedies,
+    sensor_quality,
+)
+from .preflight import lightest_joint, stable_share_of_adaptation, stable_share_of_feedback
+from .rates import (
     ADAPTATIONS,
     KINEMATIC_ADAPTATIONS,
     RATES,
@@ -40,14 +53,14 @@ from .adaptation_rates import (
     predicting_kind,
     prediction_weight,
 )
-from .adaptation_rates import kinematic_adaptation as moved_kinematics
-from .defaults import bandwidth
-from .light_joint import lightest_joint
-from .modifications import SIGMA, Given, Setting, chosen_modifications, modified
-from .preflight import stable_share_of_adaptation, stable_share_of_feedback
-from .remedies import Remedies, remedies, sensor_quality
-from .unknowns import Words, believed_dynamics, believed_kinematics, lumped_lengths
-from .unused_gains import warn_of_unused_gains
+from .rates import kinematic_adaptation as moved_kinematics
+from .unknowns import (
+    Words,
+    believed_dynamics,
+    believed_kinematics,
+    lumped_lengths,
+    warn_of_unused_gains,
+)
 
 
 @arithmetic("gains")
@@ -318,3 +331,44 @@ def _tuned(
     if share != 1.0:
         tuned = chosen.tuned(motion, dt, share, **gains)
     return tuned, share * motion.bandwidth * tuned.pace
+
+
+def make_estimator(
+    believed: Robot,
+    *,
+    adaptation: str | Adaptation = "natural-memory",
+    kinematic: Words | None = None,
+    dynamic: str | Sequence[str] = "all",
+    joint: str | Sequence[str] = "all",
+    dt: float = 1e-3,
+    **options: Any,
+) -> Estimator:
+    """Make an estimator of a believed robot, with the default rates of a controller.
+
+    Args:
+        believed: what the user believes the robot to be; only read. With a task of the frame its
+            position teaches translations; with a joint task none is needed.
+        adaptation: one that predicts the torque, such as "natural-memory", "natural-composite" or
+            "least-squares", or an object.
+        kinematic: unknown translations, as ``make_controller`` has them.
+        dynamic: unknown bodies, likewise.
+        joint: unknown coefficients of the joints, likewise; all by default.
+        dt: typical time between samples [s].
+        options: others of ``make_controller`` that concern estimates: ``basis``, ``payload``,
+            ``kinematic_box``, ``guards``, ``noise``, ``camera`` and the rates.
+
+    Raises:
+        InputError: as ``make_controller``.
+        GainError: an adaptation that learns from tracking errors alone.
+    """
+    controller = make_controller(
+        believed,
+        adaptation=adaptation,
+        kinematic=kinematic,
+        dynamic=dynamic,
+        joint=joint,
+        dt=dt,
+        torque_limits=False,
+        **options,
+    )
+    return Estimator(controller)

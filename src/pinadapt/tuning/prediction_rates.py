@@ -10,10 +10,9 @@ import numpy as np
 
 from .._checks import positive
 from ..adaptation.adaptation import Adaptation
-from ..adaptation.composite import Composite
-from ..adaptation.composite_memory import CompositeMemory
+from ..adaptation.composite import Composite, CompositeMemory
 from ..adaptation.least_squares import LeastSquares
-from ..models.stacked import StackedDynamics
+from ..models.dynamics import StackedDynamics
 from ..models.typical_motion import TypicalMotion
 
 # of the bandwidth

@@ -16,13 +16,85 @@ from functools import partial
 from itertools import cycle
 
 import numpy as np
+import pinocchio as pin
 
 from .._checks import arithmetic, instance, positive
 from ..controller.controller import Controller
+from ..laws.acceleration_law import AccelerationLaw
 from ..laws.feedback import Feedback
+from ..laws.law import Law
+from ..models.frame_kinematics import FrameKinematics
 from ..models.typical_motion import TypicalMotion
+from ..robot.robot import Robot
 from ..robot.workspace import rounded_down
-from .linearised_loop import frequency
+from ..tasks.joint import JointTask
+from .defaults import frequency
+
+_LOAD, _ARM = 0.1, 0.05  # of the robot's mass, of its reach off the axis: such a load ...
+_ANGLE = 0.25  # [rad] ... turns no joint further than this against its position feedback
+
+
+@dataclass(frozen=True)
+class LightJoint:
+    """A revolute joint that a load would turn away.
+
+    The load is a tenth of the robot's mass, a twentieth of its reach off the axis.
+
+    Attributes:
+        joint: its name.
+        inertia: what it is believed to move, the least over a typical motion [kg m^2].
+        load: the largest load that it bears [kg].
+        arm: at this distance from its axis [m].
+    """
+
+    joint: str
+    inertia: float
+    load: float
+    arm: float
+
+    def __str__(self) -> str:
+        """Say what is light, what it bears, and what to do."""
+        return (
+            f"{self.joint} is believed to move only {self.inertia:.2g} kg m^2, and this law's "
+            "feedback is that times an acceleration: an unknown load above "
+            f"{rounded_down(self.load):.2g} kg, {1e3 * self.arm:.0f} mm off its axis, can spin it "
+            "before it is learned. With such a load take the law 'separation', whose gains "
+            "are torques, or believe in it from the start, its inertia included (Robot.changed, "
+            "belief.payload)."
+        )
+
+
+def lightest_joint(motion: TypicalMotion, law: Law) -> LightJoint | None:
+    """Return the joint that bears least, or None where all bear enough.
+
+    None too where the law's gains are forces or the last body is known.
+
+    At each state of the typical motion, the weight of the load at its distance from a joint's axis
+    is divided by the believed inertia M_jj and by the least position gain: the angle at which the
+    feedback balances it. On the catalogue, with 30 % wrong inertias and loads of at most the last
+    body's mass, law (11) of Wang and Xie lost four joints, all of them told of here.
+    """
+    believed, dynamics = motion.robot, motion.dynamics
+    model, n = believed.model, believed.model.nv
+    if not isinstance(law, AccelerationLaw) or not law.adapts or n - 1 not in dynamics.bodies:
+        return None
+    rows, arm = believed.task.groups[0].rows, _ARM * believed.reach
+    stiffness, data = float(np.linalg.eigvalsh(law.K_P[rows, rows])[0]), model.createData()
+    angles, inertias = [], []  # (N, n) per kilogram of load, and M_jj
+    for q, M in zip(motion.states.q, motion.mass_matrices, strict=True):
+        inertia = np.diag(M)
+        J = pin.computeJointJacobians(model, data, q).reshape(6, n)
+        weight = np.linalg.norm(np.cross(J[3:].T, model.gravity.linear), axis=1)  # zero for slides
+        floor = np.finfo(float).eps * inertia.max()
+        angles.append(weight * arm / (np.maximum(inertia, floor) * stiffness))
+        inertias.append(inertia)
+    largest = np.max(angles, axis=0)
+    j = int(np.argmax(largest))
+    if _LOAD * pin.computeTotalMass(model) * largest[j] <= _ANGLE:
+        return None
+    least, load = float(np.min(inertias, axis=0)[j]), _ANGLE / float(largest[j])
+    return LightJoint(believed.joint_names[j], least, load, arm)
+
 
 _MARGIN, _ADAPTATION_MARGIN = 2.0, 1.5
 _FEEDBACK, _DYNAMICS = "task feedback", "adaptation of the dynamics"
@@ -203,3 +275,71 @@ def _kinematic_radius(mode: float, damping: float, decay: float, dt: float, fact
     w, decay = mode * (_MARGIN * factor) ** 0.5, _MARGIN * factor * decay
     transition = np.array([[1.0 - dt * damping, dt * w], [-dt * w, 1.0 - dt * decay]])
     return float(np.abs(np.linalg.eigvals(transition)).max())
+
+
+_GROWTH = 1e-2  # of the bandwidth
+
+
+@dataclass(frozen=True)
+class WrongJacobian:
+    """A believed Jacobian so far from the true one that the loop about home is unstable.
+
+    Attributes:
+        law: that does not learn it.
+        mismatch: how far, in parts of itself; see ``Law.mismatch``.
+        borne: how far it is proved for.
+        growth: of the fastest growing mode [1/s].
+    """
+
+    law: str
+    mismatch: float
+    borne: float
+    growth: float
+
+    def __str__(self) -> str:
+        """Say how wrong it is, and what to do."""
+        return (
+            f"the Jacobian is believed wrong by {self.mismatch:.2g} of itself at home. The law "
+            f"'{self.law}' does not learn it and is proved for {self.borne:.2g}; the loop about "
+            f"home grows at {self.growth:.2g} 1/s: the arm swings about its set point or leaves. "
+            "Measure the tool, or take the law 'separation', which learns it."
+        )
+
+
+def jacobian_finding(controller: Controller, true: Robot) -> WrongJacobian | None:
+    """Return how wrong the believed Jacobian is at the home of a true robot, if it is too wrong.
+
+    Only a simulation can tell: it takes the true robot. The loop is linearised at rest in a set
+    point at home, with the true mass matrix and Jacobian and the torque Z a_d as a state of its
+    own: M qdd = z - J_hat^T K_P J dq - K_v qd, dz/dt = -Z Gamma Z^T y.
+    """
+    kinematics, law = controller.kinematics, controller.law
+    if not law.set_point or isinstance(true.task, JointTask):
+        return None
+    rest = np.zeros(kinematics.nv)
+    kinematics.update(kinematics.initial, true.q0, rest)
+    truth = FrameKinematics(true)
+    truth.update(truth.initial, true.q0, rest)
+    J_hat, J = kinematics.J, truth.J
+    found, loop, motion = law.mismatch(J_hat, J), law.set_point_loop(J_hat, J), controller.motion
+    if found is None or loop is None or motion is None or found[0] <= found[1]:
+        return None
+    n, M = kinematics.nv, pin.crba(true.model, true.model.createData(), true.q0)
+    Z = controller.dynamics.regressor(true.q0, rest, rest)
+    gain = controller.adaptation_d.gain_times(controller.dynamics.initial, Z.T)
+    G, one, none = Z @ gain, np.eye(n), np.zeros((n, n))
+    A = np.block(
+        [
+            [none, one, none],
+            [
+                -np.linalg.solve(M, loop.stiffness),
+                -np.linalg.solve(M, loop.damping),
+                np.linalg.inv(M),
+            ],
+            [-G @ loop.drive, -G, none],
+        ]
+    )
+    growth = float(np.linalg.eigvals(A).real.max())
+    if growth <= _GROWTH * motion.bandwidth:
+        return None
+    return WrongJacobian(law.name, *found, growth)

@@ -17,8 +17,8 @@ from ..controller.controller import Controller
 from ..laws.feedback import Feedback
 from ..robot.workspace import rounded_down
 from ..sensing import SensorQuality
-from .linearised_loop import frequency
-from .remedies import coarseness
+from .defaults import frequency
+from .noise import coarseness
 
 _MARGIN = 2.0  # of the stiffness
 _UNDECLARED = 1.5  # times the noise that a controller was made for

@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from numpy.typing import ArrayLike
 
 from .._checks import word
-from ..adaptation.matrix_inequality import MatrixInequality
-from ..exceptions import ParameterError
+from ..adaptation.natural import MatrixInequality
+from ..exceptions import ParameterError, UnusedGainWarning
+from ..laws.gains import NAMES, SYMBOLS
 from ..laws.law import Law
 from ..models.basis import BasisDynamics
 from ..models.bodies import BodyDynamics
-from ..models.dynamics import Dynamics
+from ..models.dynamics import Dynamics, StackedDynamics
 from ..models.frame_kinematics import FrameKinematics
 from ..models.joint_effects import JointEffects, chosen_kinds, without_joint_effects
 from ..models.joint_kinematics import JointKinematics
 from ..models.lumped import LumpedDynamics
-from ..models.stacked import StackedDynamics
 from ..models.task_kinematics import TaskKinematics
 from ..models.translations import BASE, FIRST, TOOL, Translation
 from ..robot.robot import Robot
 from ..tasks.joint import JointTask
+from .prediction_rates import FORGETTING, PREDICTING
 
 REGRESSORS = ("exact", "nominal")
 
@@ -130,3 +132,50 @@ def lumped_lengths(
             stacklevel=4,
         )
     return lengths
+
+
+def warn_of_unused_gains(
+    law: Law,
+    kinds: tuple[str, str],
+    kinematics: TaskKinematics,
+    dynamics: Dynamics,
+    given: Mapping[str, Any],
+) -> None:
+    """Name the given gains that neither the law nor the adaptation uses, and those that they do.
+
+    Args:
+        law: of the controller.
+        kinds: of adaptation, of the dynamic and the kinematic estimate; "custom" for an object.
+        kinematics: with the unknown translations.
+        dynamics: with the unknown inertias and coefficients of the joints.
+        given: gains as users write them; None is not given.
+    """
+    kind, kind_k = kinds
+    stacked = isinstance(dynamics, StackedDynamics)
+    joint = dynamics.joint.size if isinstance(dynamics, StackedDynamics) else 0
+    rates = {
+        "gamma_d": kind not in ("none", "custom") and dynamics.size > joint,
+        "gamma_joint": kind not in ("none", "custom") and stacked and joint > 0,
+        "gamma_k": kind_k not in ("none", "custom")
+        and law.learns_kinematics
+        and kinematics.size > 0,
+    }
+    predicts = kind in PREDICTING and dynamics.size > 0
+    rates |= dict.fromkeys(("prediction_rate", "prediction_filter"), predicts)
+    rates["forgetting"] = predicts and kind in FORGETTING
+    fitted = kind_k == "least-squares" and kinematics.size > 0
+    rates |= dict.fromkeys(("kinematic_rate", "kinematic_forgetting"), fitted)
+    used = [name for name in NAMES if hasattr(law, SYMBOLS.get(name, name))]
+    used += [name for name, moves in rates.items() if moves]
+    idle = [name for name, gain in given.items() if gain is not None and name not in used]
+    if idle:
+        warnings.warn(
+            f"nothing uses {_written(idle)}: the law '{law.name}', its adaptation ('{kind}') and "
+            f"what is unknown here use {_written(used)}.",
+            UnusedGainWarning,
+            stacklevel=5,
+        )
+
+
+def _written(names: list[str]) -> str:
+    return ", ".join(name.rstrip("_") for name in names)

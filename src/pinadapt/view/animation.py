@@ -10,13 +10,10 @@ import numpy as np
 
 from .._checks import positive
 from .._files import write_text
-from .camera import camera_for
-from .curves import Curve, Moment, curves_of, reading_of
-from .keyframes import Keyframes
-from .motion import desired_tip, motion_in_time, motion_of
-from .page import Messages, Page
-from .scene import Scene
+from .page import Curve, Messages, Moment, Page, camera_for, curves_of, reading_of
+from .scene import Scene, desired_tip, motion_in_time, motion_of
 from .shapes import DESIRED, TRUE
+from .window import Keyframes
 
 if TYPE_CHECKING:
     from ..rollout.rollout import Rollout

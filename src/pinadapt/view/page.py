@@ -5,21 +5,167 @@ from __future__ import annotations
 import gzip
 import json
 from base64 import b64encode
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
 from pathlib import Path
 from string import Template
-from typing import Any
+from typing import Any, NamedTuple
 
 import meshcat
+import numpy as np
 
+from ..controller.controller import Controller
 from ..exceptions import PinadaptError
-from .camera import Camera
-from .curves import Curve
+from ..robot.succession import Succession
+from ..tasks.task import RowGroup
+from ..tasks.units import DISPLAYS
 from .shapes import ghost
 from .window import Window, framed
+
+
+class Moment(NamedTuple):
+    """What the curves are read from.
+
+    Attributes:
+        t: time [s].
+        x, x_d: true and desired task coordinates.
+        a_k, a_d: (p_k), (p_d) estimates.
+    """
+
+    t: float
+    x: np.ndarray
+    x_d: np.ndarray
+    a_k: np.ndarray
+    a_d: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """One number over time.
+
+    Attributes:
+        label, unit: of the number.
+        read: returns it at a moment.
+    """
+
+    label: str
+    unit: str
+    read: Callable[[Moment], float | None]
+
+    def settings(self) -> dict[str, str]:
+        """Return what the page needs to know."""
+        return {"label": self.label, "unit": self.unit}
+
+
+def curves_of(robots: Succession, controller: Controller) -> list[Curve]:
+    """Return the curves of a loop: errors, and estimates where their truth is known."""
+    task = robots.robots[0].task
+    curves = [_error(task, group) for group in task.groups]
+    truths = [controller.kinematics.value(robot) for robot in robots.robots]
+    if controller.kinematics.size and all(truth is not None for truth in truths):
+        curves.append(_translations(robots, truths))
+    truths = [controller.dynamics.value(robot) for robot in robots.robots]
+    if controller.dynamics.size and all(truth is not None for truth in truths):
+        curves.append(_parameters(robots, truths, controller))
+    return curves
+
+
+def reading_of(curves: Sequence[Curve], moment: Moment) -> dict[str, Any]:
+    """Return the numbers of a moment for the page; None for what is not finite."""
+    values = [curve.read(moment) for curve in curves]
+    finite = [v if v is not None and np.isfinite(v) else None for v in map(_rounded, values)]
+    return {"t": round(float(moment.t), 4), "values": finite}
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else float(f"{value:.4g}")
+
+
+def _error(task: Any, group: RowGroup) -> Curve:
+    shown = DISPLAYS[group.unit]
+
+    def read(moment: Moment) -> float:
+        return shown.scale * float(np.linalg.norm(task.error(moment.x, moment.x_d)[group.rows]))
+
+    return Curve(f"{group.name} error", shown.unit, read)
+
+
+def _translations(robots: Succession, truths: list[Any]) -> Curve:
+    def read(moment: Moment) -> float:
+        return 1e3 * float(np.linalg.norm(moment.a_k - truths[int(robots.index(moment.t))]))
+
+    return Curve("tool and length estimates off by", "mm", read)
+
+
+def _parameters(robots: Succession, truths: list[Any], controller: Controller) -> Curve:
+    """Return the curve of the dynamic parameters' part of V, as a share of the first one read."""
+    first: list[float] = []
+
+    def read(moment: Moment) -> float | None:
+        truth = truths[int(robots.index(moment.t))]
+        left = controller.adaptation_d.divergence(moment.a_d, truth)
+        if left is None:
+            return None
+        first.append(left)
+        del first[1:]
+        return 100.0 * left / first[0] if first[0] > 0.0 else None
+
+    return Curve("dynamic estimates off by", "% of the start", read)
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A box to look at, and from where.
+
+    Attributes:
+        target: (3) centre of the box [m], world axes.
+        direction: (3) unit vector from the centre towards the eye, world axes.
+        box: (3) half the box's extent to the right, upwards and towards the eye [m].
+    """
+
+    target: np.ndarray
+    direction: np.ndarray
+    box: np.ndarray
+
+    @property
+    def size(self) -> float:
+        """Half the larger side of the picture [m]."""
+        return float(self.box[:2].max())
+
+
+def camera_for(points: np.ndarray, path: np.ndarray) -> Camera:
+    """Choose a view of a robot from its front, a little aside, that shows the path well.
+
+    Args:
+        points: (N, 3) what has to be in the picture [m].
+        path: (M, 3) the tool's path [m].
+    """
+    right, up, direction = _axes(path)
+    seen = points @ np.stack([right, up, direction], axis=1)  # (N, 3) along the picture's axes
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    target = np.stack([right, up, direction], axis=1) @ (0.5 * (low + high))
+    half = 0.5 * (high - low)
+    return Camera(
+        target, direction, half + 0.2 * max(float(half.max()), 1e-3)
+    )  # bodies are thicker than their joints
+
+
+def _axes(path: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return unit vectors (3) to the right, up and to the eye, from the plane of the path."""
+    centre = path.mean(axis=0)
+    normal = np.linalg.svd(path - centre)[2][-1] if len(path) > 2 else np.array([0.0, 0.0, 1.0])
+    front = centre[:2] if np.linalg.norm(centre[:2]) > 1e-6 else np.array([1.0, 0.0])
+    upright = abs(normal[2]) < 0.7
+    if upright:
+        front = normal[:2] * (1.0 if normal[:2] @ front >= 0.0 else -1.0)
+    azimuth = np.arctan2(front[1], front[0]) - np.radians(35.0)
+    elevation = np.radians(20.0 if upright else 50.0)
+    c, s = np.cos(azimuth), np.sin(azimuth)
+    direction = np.array([np.cos(elevation) * c, np.cos(elevation) * s, np.sin(elevation)])
+    right = np.array([-s, c, 0.0])
+    return right, np.cross(direction, right), direction
 
 
 class Messages(Window):

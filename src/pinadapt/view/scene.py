@@ -2,20 +2,204 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
 import coal
 import meshcat
 import numpy as np
 import pinocchio as pin
-from meshcat.geometry import Sphere
+from meshcat.geometry import Cylinder, Material, Sphere
 
+from ..description.chain import configuration_from_angles
 from ..models.task_kinematics import TaskKinematics
+from ..models.translations import PlacedTranslations
 from ..robot.robot import Robot
 from ..robot.succession import Succession
-from .figure import Figure
-from .keyframes import Poses
-from .motion import Motion
-from .shapes import BELIEVED, BONES, DESIRED, LOAD, TRUE, ghost, solid, tube
-from .window import Window
+from ..tasks.task import FrameTask
+from .shapes import (
+    BELIEVED,
+    BONES,
+    DESIRED,
+    LOAD,
+    TRUE,
+    draw_shapes,
+    ghost,
+    rod,
+    scaled_placement,
+    solid,
+    tube,
+)
+from .window import Node, Poses, Window
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A chain of n joints at F moments.
+
+    Attributes:
+        joints: (F, n + 1, 4, 4) placements of the universe and the joints [m], world axes.
+        origins: (F, n + 1, 3) each joint's origin [m], axes of its parent joint.
+        tool: (F, 3) the task frame's origin [m], axes of the joint that carries it.
+        parents: (n + 1) parent joint of each joint.
+        last: the joint that carries the tool.
+    """
+
+    joints: np.ndarray
+    origins: np.ndarray
+    tool: np.ndarray
+    parents: tuple[int, ...]
+    last: int
+
+    @property
+    def tip(self) -> np.ndarray:
+        """The task frame's origin (F, 3) [m], world axes."""
+        carrier = self.joints[:, self.last]
+        return np.einsum("fij,fj->fi", carrier[:, :3, :3], self.tool) + carrier[:, :3, 3]
+
+    @property
+    def points(self) -> np.ndarray:
+        """All joint origins and tips (F (n + 2), 3) [m], world axes."""
+        return np.vstack([self.joints[:, :, :3, 3].reshape(-1, 3), self.tip])
+
+
+def motion_of(
+    robot: Robot,
+    q: np.ndarray,
+    kinematics: TaskKinematics | None = None,
+    a_k: np.ndarray | None = None,
+) -> Motion:
+    """Place a robot's joints along q; the robot is only read.
+
+    Args:
+        robot: whose description to use.
+        q: (F, nq) configurations.
+        kinematics: its unknown translations, or None.
+        a_k: (F, p) their values at each moment [m], or None to keep the description's own.
+    """
+    model = robot.model.copy()
+    data = model.createData()
+    frame = model.frames[robot.frame_id]
+    placed = PlacedTranslations(
+        model, robot.frame_id, () if kinematics is None else kinematics.translations
+    )
+    joints, origins, tool = [], [], []
+    for k, configuration in enumerate(q):
+        if a_k is not None:
+            placed.write(a_k[k])
+        pin.forwardKinematics(model, data, configuration)
+        joints.append([placement.homogeneous for placement in data.oMi])
+        origins.append([placement.translation.copy() for placement in data.liMi])
+        tool.append(frame.placement.translation.copy())
+    parents = tuple(int(parent) for parent in model.parents)
+    return Motion(
+        np.array(joints), np.array(origins), np.array(tool), parents, int(frame.parentJoint)
+    )
+
+
+def motion_in_time(robots: Succession, t: np.ndarray, q: np.ndarray) -> Motion:
+    """Place the joints of a robot that changes along q (F, nq) at the times t (F) [s]."""
+    which = robots.index(t)
+    motions = [motion_of(robots.robots[k], q[which == k]) for k in np.unique(which)]
+    parts = zip(*((motion.joints, motion.origins, motion.tool) for motion in motions), strict=True)
+    joints, origins, tool = (np.concatenate(part) for part in parts)
+    return replace(motions[0], joints=joints, origins=origins, tool=tool)
+
+
+def desired_tip(true: Robot, x_d: np.ndarray, tip: np.ndarray) -> np.ndarray:
+    """Return where the tool should be (L, 3) [m] at x_d (L, .); coordinates off the task as in tip.
+
+    Args:
+        true: the robot whose task x_d belongs to.
+        x_d: (L, .) desired coordinates.
+        tip: (L, 3) or (3) where the tool is [m].
+    """
+    if isinstance(true.task, FrameTask):
+        path = np.array(np.broadcast_to(tip, (len(x_d), 3)))
+        path[:, true.task.place] = x_d[:, : true.task.positions]
+        return path
+    return motion_of(true, np.array([configuration_from_angles(true.model, x) for x in x_d])).tip
+
+
+_STEEL = 7850.0  # [kg/m^3]
+
+
+class Figure:
+    """How one robot is drawn, below one node: first what there is, then where it is.
+
+    Attributes:
+        node: the robot's root in the scene.
+        robot: whose joints and shapes these are.
+        size: a length of the whole scene, to which thicknesses are relative [m].
+    """
+
+    def __init__(self, node: Node, robot: Robot, size: float) -> None:
+        """Draw nothing yet."""
+        self.node, self.robot, self.size = node, robot, size
+        self._last = int(robot.model.frames[robot.frame_id].parentJoint)
+        self._rods: list[tuple[Node, int | None, float]] = []
+
+    def joint(self, index: int) -> Node:
+        """Return the node that moves with a joint; 0 is the base."""
+        return self.node[f"joint {index}"]
+
+    def place(self, motion: Motion, poses: Poses) -> None:
+        """Move everything to where the motion has it."""
+        for index in range(motion.joints.shape[1]):
+            poses.move_rigidly(self.joint(index), motion.joints[:, index])
+        for node, end, radius in self._rods:
+            ends = motion.tool if end is None else motion.origins[:, end]
+            poses.move(node, *rod(ends, radius))
+        poses.move(self.joint(self._last)["tip"], motion.tool)
+
+    def add_visuals(self, visual: pin.GeometryModel) -> None:
+        """Draw the shapes of a description, in their own colours."""
+        draw_shapes(self.node, visual, self.robot.model)
+
+    def share_visuals(self, other: Figure, visual: pin.GeometryModel, window: Window) -> None:
+        """Draw the shapes of another figure, in the ghost's material; the page holds them once."""
+        for index, shape in enumerate(visual.geometryObjects):
+            place = self._shape(index, shape)
+            place.set_transform(scaled_placement(shape))
+            window.copy(other._shape(index, shape), place, as_ghost=True)
+
+    def stick_figure(
+        self, material: Material, thickness: float, joints: Iterable[int] | None = None
+    ) -> None:
+        """Draw a sphere at each of the joints, by default all, and a rod to it from its parent."""
+        ball = Sphere(1.6 * thickness * self.size)
+        parents = [int(parent) for parent in self.robot.model.parents]
+        for index in range(len(parents)) if joints is None else joints:
+            self.joint(index)["ball"].set_object(ball, material)
+            if index:
+                self._rod(self.joint(parents[index])[f"rod {index}"], index, material, thickness)
+
+    def tool(self, material: Material, thickness: float) -> None:
+        """Draw a rod from the last joint to the tool, and a sphere there."""
+        carrier = self.joint(self._last)
+        self._rod(carrier["tool"], None, material, thickness)
+        carrier["tip"].set_object(Sphere(2.4 * thickness * self.size), material)
+
+    def load(self, number: int) -> Node:
+        """Return the node of the loads of a robot, one of those that follow each other."""
+        return self.joint(self._last)[f"load {number}"]
+
+    def add_loads(self, number: int, loads: Iterable[pin.Inertia], material: Material) -> None:
+        """Draw each load (axes of the last joint) as a ball of steel of its mass."""
+        for k, load in enumerate(loads):
+            ball = self.load(number)[f"{k}"]
+            ball.set_object(Sphere(float(np.cbrt(0.75 / np.pi * load.mass / _STEEL))), material)
+            place = np.eye(4)
+            place[:3, 3] = load.lever
+            ball.set_transform(place)
+
+    def _shape(self, number: int, shape: pin.GeometryObject) -> Node:
+        return self.joint(int(shape.parentJoint))[f"shape {number}"]
+
+    def _rod(self, node: Node, index: int | None, material: Material, thickness: float) -> None:
+        node.set_object(Cylinder(1.0), material)
+        self._rods.append((node, index, thickness * self.size))
+
 
 _HIDDEN = 1e-4  # scale of a load that is not there
 

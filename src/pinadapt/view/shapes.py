@@ -2,10 +2,22 @@
 
 from __future__ import annotations
 
+import gzip
+import warnings
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
 from typing import Any
 
+import coal
+import fast_simplification
+import meshcat
 import numpy as np
-from meshcat.geometry import MeshLambertMaterial, TriangularMeshGeometry
+import pinocchio as pin
+from meshcat.geometry import MeshLambertMaterial, MeshPhongMaterial, TriangularMeshGeometry
+from pinocchio.visualize import MeshcatVisualizer
+from pinocchio.visualize.meshcat_visualizer import DaeMeshGeometry
+
+from .window import Node, Window
 
 # From the palette of Okabe and Ito, which colour-blind readers tell apart.
 TRUE, BELIEVED, DESIRED, LOAD, BONES = 0xD55E00, 0x0072B2, 0x009E73, 0xE69F00, 0x5A6472
@@ -65,3 +77,142 @@ def rod(ends: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, np.nda
         quaternion,
         np.hstack([np.full_like(lengths, radius), lengths, np.full_like(lengths, radius)]),
     )
+
+
+_MESHES = "meshes"
+
+
+class Artist(MeshcatVisualizer):
+    """Pinocchio's, without its trust in every file that a Collada mesh names as an image."""
+
+    def loadMeshFromFile(self, shape: pin.GeometryObject) -> Any:  # Pinocchio's name
+        """Return a mesh, without the images that are missing or not the robot's."""
+        path = Path(shape.meshPath)
+        strange = strange_images(path) if path.suffix.lower() == ".dae" else []
+        if not strange:
+            return super().loadMeshFromFile(shape)
+        warnings.warn(
+            f"{path}: the images {strange} are missing or outside of the robot's folder, "
+            f"{robot_folder(path)}. The mesh is drawn without them.",
+            stacklevel=2,
+        )
+        mesh = DaeMeshGeometry(str(path), {Path(name) for name in strange})  # which are not read
+        for name in strange:
+            mesh.dae_raw = mesh.dae_raw.replace(f">{name}<", "><")
+        return mesh
+
+
+def robot_folder(mesh: Path) -> Path:
+    """Return the folder of a mesh's robot, links followed.
+
+    That is its ROS package; else the folder that holds the nearest folder called "meshes" above it;
+    else its own folder.
+    """
+    folders = mesh.resolve().parents
+    for folder in folders:
+        if (folder / "package.xml").is_file():
+            return folder
+    return next((folder.parent for folder in folders if folder.name == _MESHES), folders[0])
+
+
+def strange_images(mesh: Path) -> list[str]:
+    """Return the images of a Collada mesh that are no files inside of its robot's folder.
+
+    Links are followed; a URL is no file.
+    """
+    here, folder = mesh.parent, robot_folder(mesh)
+    strange = set()
+    for library in ElementTree.parse(mesh).iter():
+        if library.tag.rpartition("}")[2] != "library_images":
+            continue
+        for element in library.iter():
+            name = (element.text or "") if "init_from" in element.tag else ""
+            image = (here / name).resolve()
+            if name and not (image.is_file() and image.is_relative_to(folder)):
+                strange.add(name)
+    return sorted(strange)
+
+
+BUDGET = 4.6e6  # [bytes] roughly packed; a page takes up to four thirds of that in its text
+_TRIANGLE = 25.0  # [bytes] of one, packed
+
+
+class _Tray(Window):
+    """Messages by the number of the shape that they draw."""
+
+    def __init__(self) -> None:
+        self.shape = 0
+        self.messages: dict[int, tuple[Any, bytes]] = {}
+
+    def keep(self, key: Any, message: bytes) -> None:
+        self.messages[self.shape] = key, message
+
+
+def draw_shapes(root: Node, visual: pin.GeometryModel, model: pin.Model) -> None:
+    """Draw each shape k at ``joint i/shape k`` below a node, its joint i."""
+    visual, tray = visual.copy(), _Tray()
+    artist = Artist(model, None, visual)
+    artist.initViewer(viewer=meshcat.Visualizer.view_into(tray, root.path))
+    first: dict[Any, Node] = {}
+    copies: list[tuple[Node, Node]] = []
+    shapes = list(visual.geometryObjects)
+    for number, shape in enumerate(shapes):
+        place = root[f"joint {shape.parentJoint}"][f"shape {number}"]
+        place.set_transform(scaled_placement(shape))
+        mesh = shape.meshPath, tuple(shape.meshColor), shape.overrideMaterial
+        if shape.meshPath and mesh in first:
+            copies.append((first[mesh], place))
+            continue
+        first[mesh] = place
+        tray.shape, shape.name = number, f"shape {number}"
+        artist.viewerVisualGroupName = f"joint {shape.parentJoint}"
+        artist.loadViewerGeometryObject(shape, pin.GeometryType.VISUAL)
+    _fit(root, tray, shapes)
+    for key, message in tray.messages.values():
+        root.window.keep(key, message)
+    for source, target in copies:
+        root.window.copy(source, target)
+
+
+def scaled_placement(shape: pin.GeometryObject) -> np.ndarray:
+    """Return where a shape is, in its joint's axes, with its scale (4, 4) [m]."""
+    return np.asarray(shape.placement.homogeneous @ np.diag([*shape.meshScale, 1.0]))
+
+
+def _fit(root: Node, tray: _Tray, shapes: list[pin.GeometryObject]) -> None:
+    """Make the heaviest meshes lighter until all fit."""
+    weights = {number: _weight(message) for number, (_, message) in tray.messages.items()}
+    excess = sum(weights.values()) - BUDGET
+    most = int(BUDGET / (_TRIANGLE * max(len(weights), 1)))
+    for number in sorted(weights, key=lambda k: -weights[k]):
+        if excess <= 0.0:
+            break
+        shape = shapes[number]
+        if isinstance(shape.geometry, coal.BVHModelBase):
+            tray.shape, node = number, root[f"joint {shape.parentJoint}"][shape.name]
+            place = meshcat.Visualizer.view_into(tray, node.path)
+            place.set_object(_lighter(shape, most), _material(shape))
+            excess -= weights[number] - _weight(tray.messages[number][1])
+
+
+def _weight(message: bytes) -> int:
+    """Return roughly how much of a page a message takes [bytes]."""
+    return len(gzip.compress(message, compresslevel=1))
+
+
+def _lighter(shape: pin.GeometryObject, most: int) -> TriangularMeshGeometry:
+    """Return the triangles of a mesh before its scale, about so many at most."""
+    mesh = shape.geometry
+    vertices = np.array(mesh.vertices(), dtype=np.float32) / np.asarray(shape.meshScale)
+    corners = (mesh.tri_indices(k) for k in range(mesh.num_tris))
+    faces = np.array([[corner[0], corner[1], corner[2]] for corner in corners], dtype=np.int32)
+    if len(faces) > most:
+        vertices, faces = fast_simplification.simplify(
+            vertices.astype(np.float32), faces, target_count=most
+        )
+    return TriangularMeshGeometry(vertices, faces)
+
+
+def _material(shape: pin.GeometryObject) -> MeshPhongMaterial:
+    red, green, blue = (int(255 * part) for part in shape.meshColor[:3])
+    return MeshPhongMaterial(color=red << 16 | green << 8 | blue, flatShading=True)

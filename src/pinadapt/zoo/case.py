@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from ..description.chain import effort_limits
 from ..models.joint_effects import typical_coefficients
 from ..robot.changes import Payload
-from ..robot.effort_limits import effort_limits
 from ..robot.loading import load
 from ..robot.robot import Robot
 from ..robot.workspace import WorkspaceCircle, find_circle
@@ -56,7 +56,7 @@ class ZooCase:
         Those of PR2's arms, which springs hold up, and of Bravo 7 under water do not.
         """
         model, rng = self.true.model, np.random.default_rng(0)
-        data, efforts = model.createData(), effort_limits(self.true)
+        data, efforts = model.createData(), effort_limits(self.true.model)
         around = rng.uniform(-_AROUND, _AROUND, (_SAMPLES, model.nv))
         return all(
             (np.abs(pin.computeGeneralizedGravity(model, data, q)) < efforts).all()

@@ -3,23 +3,78 @@
 from __future__ import annotations
 
 import os
+import signal
+import threading
 import warnings
-from collections.abc import Generator, Sequence
-from concurrent.futures import as_completed
+from collections.abc import Generator, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
 from dataclasses import dataclass
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
 
 import numpy as np
 
 from ..controller.controller import Controller
+from ..description.catalogue import catalogue, catalogue_entry
 from ..exceptions import PinadaptError
-from ..robot.catalogue import catalogue, catalogue_entry
-from ..rollout.report import extreme
 from ..rollout.rollout import Rollout
+from ..rollout.summary import extreme
 from ..simulation.simulate import simulate
 from ..tuning.make_controller import make_controller
 from .case import PERIOD, ZooCase, zoo_case
-from .verdict import last_angle, last_error, verdict
-from .workers import deaf, workers
+from .remarks import last_angle, last_error, verdict
+
+
+@contextmanager
+def workers(processes: int | None) -> Iterator[ProcessPoolExecutor]:
+    """Yield a pool of new processes, by default one a core.
+
+    Each listens to a pipe whose other end is here. It closes when this process ends, killed or not,
+    or when the work is broken off, and then they end too, in the middle of whatever they do.
+    """
+    context = get_context("spawn")
+    listen, alive = context.Pipe(duplex=False)
+    pool = ProcessPoolExecutor(processes, context, _end_with, (listen,))
+    try:
+        with pool:
+            try:
+                yield pool
+            except BaseException:
+                alive.close()
+                raise
+    finally:
+        alive.close()
+        listen.close()
+
+
+@contextmanager
+def deaf() -> Iterator[None]:
+    """Let processes that are started meanwhile never see Ctrl-C, which is for this one to decide.
+
+    It reaches this process afterwards.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _end_with(pipe: Connection) -> None:
+    threading.Thread(target=_wait, args=(pipe,), daemon=True).start()
+
+
+def _wait(pipe: Connection) -> None:
+    """End this process when the other end of a pipe closes."""
+    try:
+        pipe.recv_bytes()
+    except (EOFError, OSError):
+        os._exit(1)
+
 
 POSITION, POSE = "position", "pose"
 _LEAST_JOINTS = 6  # of a chain that controls a pose

@@ -1,0 +1,213 @@
+"""The catalogue of robots: those of our own folder ``robots/`` and of example-robot-data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from pinocchio.robot_wrapper import RobotWrapper
+
+from .._toml import read_toml
+from ..exceptions import RobotError, did_you_mean
+from .chain import chain_joints, frame_id, is_free_flyer
+from .urdf import Urdf, mimic_joints
+
+
+@dataclass(frozen=True)
+class CatalogueEntry:
+    """A robot of the catalogue: an arm, or one limb of a larger robot whose root is welded.
+
+    Attributes:
+        name: name in the catalogue.
+        frame: default task frame.
+        joints: number of joints of the chain.
+        task: default task.
+        origin: "pinadapt", or the name of the loader in example-robot-data.
+        path: URDF file for our own robots, None for example-robot-data's.
+        first: the limb's first joint, or None for the base's; the joints before it are locked.
+        tip: (3) [m] where the frame lies in the axes of ``link``, for links that have no frame at
+            their end, or None.
+        link: the link that carries the frame; the frame itself where there is no tip.
+        q0: home pose, one angle a joint [rad or m], or None for a searched one.
+        about: a remark.
+    """
+
+    name: str
+    frame: str
+    joints: int
+    task: str
+    origin: str
+    path: Path | None
+    first: str | None
+    tip: tuple[float, ...] | None
+    link: str
+    q0: tuple[float, ...] | None
+    about: str
+
+    def load(self) -> tuple[pin.Model, np.ndarray, frozenset[str]]:
+        """Return the whole model, a reference configuration (nq) and the mimic joints."""
+        if self.path is not None:
+            urdf = Urdf.read(self.path)
+            model = urdf.model()
+            return model, pin.neutral(model), urdf.mimics()
+        model, q_reference = example_robot(self.origin)
+        return self._with_tip(model), q_reference, example_mimics(self.origin)
+
+    def geometry(self, kind: pin.GeometryType) -> pin.GeometryModel | None:
+        """Return the visual or collision geometry of the whole robot, None where it has none."""
+        if self.path is not None:
+            return Urdf.read(self.path).geometry(kind)
+        return example_visual(self.origin) if kind == pin.GeometryType.VISUAL else None
+
+    @property
+    def urdf(self) -> Path:
+        """The URDF file."""
+        return example_path(self.origin) if self.path is None else self.path
+
+    def limb(self, model: pin.Model) -> list[int]:
+        """Return the indices of the chain's joints in the whole model."""
+        chain = [
+            j
+            for j in chain_joints(model, frame_id(model, self.frame))
+            if not is_free_flyer(model.joints[j])
+        ]
+        return (
+            chain
+            if self.first is None
+            else chain[[str(model.names[j]) for j in chain].index(self.first) :]
+        )
+
+    def _with_tip(self, model: pin.Model) -> pin.Model:
+        if self.tip is None:
+            return model
+        model, index = model.copy(), frame_id(model, self.link)
+        link = model.frames[index]
+        placement = link.placement * pin.SE3(np.eye(3), np.array(self.tip))
+        model.addFrame(
+            pin.Frame(self.frame, link.parentJoint, index, placement, pin.FrameType.OP_FRAME)
+        )
+        return model
+
+
+def robots_folder() -> Path:
+    """Return the folder of our own robots: inside the package, or beside ``src`` in a checkout."""
+    package = Path(__file__).resolve().parents[1]
+    for folder in (package / "robots", package.parents[1] / "robots"):
+        if (folder / "catalogue.toml").is_file():
+            return folder
+    raise RobotError(
+        "the folder 'robots' with catalogue.toml is missing from this installation.",
+        where=str(package),
+    )
+
+
+@cache
+def catalogue() -> Mapping[str, CatalogueEntry]:
+    """Return all robots of the catalogue by name."""
+    folder = robots_folder()
+    entries = {}
+    for name, row in read_toml(folder / "catalogue.toml").items():
+        entries[name] = CatalogueEntry(
+            name=name,
+            frame=f"{row['frame']}_tip" if "tip" in row else row["frame"],
+            joints=row["joints"],
+            task=row.get("task", "xyz"),
+            origin="pinadapt" if "urdf" in row else row.get("loader", name),
+            path=folder / row["urdf"] if "urdf" in row else None,
+            first=row.get("first"),
+            tip=tuple(row["tip"]) if "tip" in row else None,
+            link=row["frame"],
+            q0=tuple(row["q0"]) if "q0" in row else None,
+            about=row.get("about", ""),
+        )
+    return entries
+
+
+def catalogue_entry(name: str) -> CatalogueEntry:
+    """Return one robot of the catalogue.
+
+    Raises:
+        RobotError: unknown name; the nearest is suggested.
+    """
+    if name not in catalogue():
+        raise RobotError(
+            f"'{name}' is neither a robot of the catalogue nor a file of one."
+            f"{did_you_mean(name, catalogue())}",
+            where="source",
+            hint="See `pinadapt robots`; files end in .urdf, .xacro or .xml, names of the package "
+            "robot_descriptions in _description.",
+        )
+    return catalogue()[name]
+
+
+def _loaders() -> Any:
+    from example_robot_data import robots_loader  # here, because a user's own URDF needs none
+
+    return robots_loader
+
+
+@cache
+def example_path(origin: str) -> Path:
+    """Return the URDF file of a loader."""
+    return _folder(origin) / _file(origin)
+
+
+def _file(origin: str) -> Path:
+    kind = _loaders().ROBOTS[origin]
+    return Path(kind.path, kind.urdf_subpath, kind.urdf_filename)
+
+
+def _folder(origin: str) -> Path:
+    """Return the folder of all robots."""
+    loaders = _loaders()
+    return Path(loaders.ROBOTS[origin].model_path or loaders.getModelPath(str(_file(origin))))
+
+
+@cache
+def example_mimics(origin: str) -> frozenset[str]:
+    """Return the names of the joints that mimic another."""
+    return mimic_joints(example_path(origin))
+
+
+@cache
+def example_robot(origin: str) -> tuple[pin.Model, np.ndarray]:
+    """Return a robot's model as its loader makes it and its pose (nq); neither is to be written."""
+    loaders, kind = _loaders(), _loaders().ROBOTS[origin]
+    if _is_special(origin):
+        whole = _whole(origin)
+        return whole.model, whole.q0
+    base = [pin.JointModelFreeFlyer()] if kind.free_flyer else []
+    model = pin.buildModelFromUrdf(str(example_path(origin)), *base)
+    if not kind.srdf_filename:
+        return model, pin.neutral(model)
+    srdf = _folder(origin) / kind.path / kind.srdf_subpath / kind.srdf_filename
+    q0 = loaders.readParamsFromSrdf(
+        model, str(srdf), False, kind.has_rotor_parameters, kind.ref_posture
+    )
+    return model, q0
+
+
+@lru_cache(maxsize=8)  # meshes take up to 200 MB a robot
+def example_visual(origin: str) -> pin.GeometryModel:
+    """Read the visual geometry of a robot; not to be written."""
+    if _is_special(origin):
+        return _whole(origin).visual_model
+    model, file = example_robot(origin)[0], str(example_path(origin))
+    packages = [str(_folder(origin) / ".." / "..")]
+    return pin.buildGeomFromUrdf(model, file, pin.GeometryType.VISUAL, package_dirs=packages)
+
+
+def _is_special(origin: str) -> bool:
+    """Tell whether a loader changes the model after reading it."""
+    loaders = _loaders()
+    return loaders.ROBOTS[origin].__init__ is not loaders.RobotLoader.__init__
+
+
+@lru_cache(maxsize=8)
+def _whole(origin: str) -> RobotWrapper:
+    return _loaders().load(origin)

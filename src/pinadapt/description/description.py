@@ -1,0 +1,244 @@
+"""A whole robot as it is described, before a chain is cut out of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import pinocchio as pin
+from pinocchio.robot_wrapper import RobotWrapper
+
+from .._checks import shown
+from ..exceptions import RobotError, did_you_mean
+from .catalogue import catalogue, catalogue_entry
+from .chain import chain_joints, check_names, check_numbers, frame_id, is_free_flyer
+from .missing_inertia import with_inertias
+from .mjcf import Mjcf, keyframe
+from .urdf import Urdf, is_path
+from .xacro import XacroArguments
+from .xml_file import read_xml
+
+Source: TypeAlias = "str | Path | pin.Model | RobotWrapper"
+Geometry: TypeAlias = Callable[[pin.GeometryType], "pin.GeometryModel | None"]
+
+
+@dataclass(frozen=True)
+class Description:
+    """A whole robot.
+
+    Attributes:
+        name: of the robot.
+        model: of all its joints.
+        geometry: reads its visual or collision geometry.
+        q_reference: (nq) a pose of it.
+        mimics: joints that follow another.
+        frame: task frame that is known for it, or None.
+        task: task that is known for it, or None.
+        locked: joints to lock.
+        weld_root: whether to fix a floating base in any case.
+        from_file: whether it comes from a file, where nobody floats a base on purpose.
+        urdf: the URDF it was read from, or its path; None where there is none.
+    """
+
+    name: str
+    model: pin.Model
+    geometry: Geometry
+    q_reference: np.ndarray
+    mimics: frozenset[str] = frozenset()
+    frame: str | None = None
+    task: str | None = None
+    locked: tuple[str, ...] = ()
+    weld_root: bool = False
+    from_file: bool = False
+    urdf: Urdf | Path | None = None
+
+    @property
+    def visual(self) -> Callable[[], pin.GeometryModel | None]:
+        """What reads the geometry to draw."""
+        return partial(self.geometry, pin.GeometryType.VISUAL)
+
+
+def describe(
+    source: Source, *, xacro: XacroArguments | None = None, mass: float | None = None
+) -> Description:
+    """Find the whole robot behind a name, a path or an object.
+
+    Args:
+        source: as ``load``.
+        xacro: arguments of a xacro file.
+        mass: what the whole robot weighs [kg], for bodies that are described without inertia.
+
+    Raises:
+        RobotError: it cannot be found or read, has numbers that no robot has, or is no xacro file
+            where arguments are given.
+    """
+    if not isinstance(xacro or {}, Mapping):
+        raise RobotError(f"expected a mapping from names to values, got {xacro!r}.", where="xacro")
+    found = _find(source, xacro or {})
+    check_names(found.model)
+    check_numbers(found.model)
+    if mass is None:
+        return found
+    return replace(found, model=with_inertias(found.model, found.geometry, mass, found.name))
+
+
+def _find(source: Source, xacro: XacroArguments) -> Description:
+    if isinstance(source, RobotWrapper | pin.Model):
+        return _from_object(source)
+    if not isinstance(source, str | Path):
+        raise RobotError(
+            "expected a name of the catalogue, the path of a file, a pin.Model or a RobotWrapper, "
+            f"got {shown(source)}.",
+            where="source",
+        )
+    if is_path(source):
+        return _from_file(Path(source).expanduser(), xacro)
+    name = str(source)
+    if name not in catalogue() and is_description_name(name):
+        named = named_description(name)
+        found = _from_file(named.path, {**named.xacro, **xacro}, named.packages)
+        return replace(found, name=name)
+    if xacro:
+        raise RobotError(f"'{name}' is no xacro file and takes no arguments.", where="xacro")
+    return _from_catalogue(name)
+
+
+def _from_object(source: pin.Model | RobotWrapper) -> Description:
+    if isinstance(source, pin.Model):
+        return Description(str(source.name), source, _none, pin.neutral(source))
+    q_reference = getattr(source, "q0", None)
+    q_reference = pin.neutral(source.model) if q_reference is None else q_reference
+    geometry = partial(_given, source.visual_model, source.collision_model)
+    return Description(str(source.model.name), source.model, geometry, q_reference)
+
+
+def _from_file(
+    path: Path, xacro: XacroArguments, packages: Mapping[str, str] | None = None
+) -> Description:
+    """Read a URDF, xacro or MJCF file."""
+    root = read_xml(path)
+    file: Urdf | Mjcf
+    if root.tag == "mujoco" and not xacro:
+        file = Mjcf.read(path, root)
+        model = file.model()
+        q_reference = keyframe(model)
+    else:
+        file = Urdf.read(path, xacro, packages)
+        model = file.model()
+        q_reference = pin.neutral(model)
+    return Description(
+        str(model.name),
+        model,
+        file.geometry,
+        q_reference,
+        file.mimics(),
+        from_file=True,
+        urdf=file if isinstance(file, Urdf) else None,
+    )
+
+
+def _from_catalogue(name: str) -> Description:
+    entry = catalogue_entry(name)
+    model, q_reference, mimics = entry.load()
+    q_reference = np.array(q_reference)
+    limb = entry.limb(model)
+    for joint, angle in zip(limb, entry.q0 or (), strict=entry.q0 is not None):
+        part = model.joints[joint]
+        q_reference[part.idx_q : part.idx_q + part.nq] = (
+            angle if part.nq == 1 else [np.cos(angle), np.sin(angle)]
+        )
+    chain = [
+        j
+        for j in chain_joints(model, frame_id(model, entry.frame))
+        if not is_free_flyer(model.joints[j])
+    ]
+    before = tuple(str(model.names[j]) for j in chain if j not in limb)
+    return Description(
+        entry.name,
+        model,
+        entry.geometry,
+        q_reference,
+        mimics,
+        entry.frame,
+        entry.task,
+        before,
+        weld_root=True,
+        urdf=entry.urdf,
+    )
+
+
+def _given(visual: Any, collision: Any, kind: pin.GeometryType) -> Any:
+    """Return a geometry that has been read before."""
+    return visual if kind == pin.GeometryType.VISUAL else collision
+
+
+def _none(kind: pin.GeometryType) -> None:
+    """Return nothing: a bare model has no geometry."""
+
+
+_INSTALL = 'Install it: pip install "pinadapt[descriptions]".'
+
+
+@dataclass(frozen=True)
+class NamedDescription:
+    """Where a description lies.
+
+    Attributes:
+        path: its URDF, xacro or MJCF file.
+        xacro: arguments that its xacro file needs.
+        packages: folders of packages by name.
+    """
+
+    path: Path
+    xacro: Mapping[str, str]
+    packages: Mapping[str, str]
+
+
+def is_description_name(source: str) -> bool:
+    """Tell whether a name is one of the package, such as ``iiwa14_description``."""
+    return source.endswith("_description")
+
+
+def named_description(name: str) -> NamedDescription:
+    """Return a description of the package robot_descriptions, fetched where it is not yet.
+
+    Raises:
+        RobotError: the package is missing, has no such description, or could not fetch it.
+    """
+    try:
+        package = import_module("robot_descriptions")
+    except ImportError as error:
+        raise RobotError(
+            f"'{name}' is a name of the package robot_descriptions, which is not installed.",
+            where="source",
+            hint=_INSTALL,
+        ) from error
+    if name not in package.DESCRIPTIONS:
+        raise RobotError(
+            f"the package robot_descriptions has no '{name}'."
+            f"{did_you_mean(name, package.DESCRIPTIONS)}",
+            where="source",
+        )
+    try:
+        module = import_module(f"robot_descriptions.{name}")
+    except Exception as error:  # of git, the network, the disk
+        reason = (str(error).strip() or type(error).__name__).splitlines()[-1].strip()
+        raise RobotError(
+            f"robot_descriptions could not fetch '{name}': {reason}.",
+            where="source",
+            hint="It clones from GitHub at the first use, with git: try again online, or set "
+            "ROBOT_DESCRIPTIONS_CACHE to a folder that holds it already.",
+        ) from error
+    for kind in ("URDF_PATH", "XACRO_PATH", "MJCF_PATH"):
+        if hasattr(module, kind):
+            return NamedDescription(
+                Path(getattr(module, kind)),
+                getattr(module, "XACRO_ARGS", {}) if kind == "XACRO_PATH" else {},
+                getattr(module, "XACRO_PACKAGE_PATHS", {}),
+            )
+    raise RobotError(f"'{name}' has neither a URDF, nor a xacro, nor an MJCF.", where="source")

@@ -1,0 +1,374 @@
+"""A robot as URDF: the text it was read from with the numbers in which it differs."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pinocchio as pin
+
+from .._version import __version__
+from ..exceptions import RobotError
+from .chain import effort_limits, frame_id, is_slide, links_of, position_limits, velocity_limits
+from .urdf import Origin
+from .xacro import Packages
+from .xml_file import parse_xml, xml_text
+
+if TYPE_CHECKING:
+    from ..robot.robot import Robot
+
+_MOVED = 1e-12  # [m] below which a translation is as described
+
+
+def urdf_text(robot: Robot, *, shapes: bool = True) -> str:
+    """Return the text of a URDF that Pinocchio and MuJoCo read; see ``Robot.urdf``.
+
+    Raises:
+        RobotError: a changed body that no distribution of mass has, or a source that is gone.
+    """
+    if robot.origin is None:
+        root, changed = chain_as_urdf(robot), "everything: it comes from no URDF"
+    else:
+        edited = _Edited(robot, robot.origin)
+        root, changed = edited.root, _in_words(edited.changes())
+    for link in () if shapes else root.iter("link"):
+        for shape in [*link.findall("visual"), *link.findall("collision")]:
+            link.remove(shape)
+    note = f" Written by pinadapt {__version__}. Changed: {changed}. "
+    if robot.model.armature.any():
+        note += (
+            "URDF has no place for rotor inertias: the attribute armature [kg m^2 or kg] of "
+            "dynamics, which Pinocchio and MuJoCo skip, is read by pinadapt alone. "
+        )
+    root.insert(0, ElementTree.Comment(note.replace("--", "- -")))
+    ElementTree.indent(root)
+    return xml_text(root, robot.name) + "\n"
+
+
+class _Edited:
+    """The URDF of an origin, on the way to be that of another robot with the same chain."""
+
+    def __init__(self, robot: Robot, origin: Origin) -> None:
+        urdf = origin.urdf
+        self.root = parse_xml(urdf.text, str(urdf.path))
+        self.robot, self.described = robot, origin.model
+        self.packages = urdf.packages
+        self.links = {link.get("name", ""): link for link in self.root.findall("link")}
+        self.joints = {joint.get("name", ""): joint for joint in self.root.findall("joint")}
+        self.placed = {
+            str(frame.name): (int(frame.parentJoint), frame.placement.copy())
+            for frame in self.described.frames
+            if frame.type == pin.FrameType.BODY and str(frame.name) in self.links
+        }
+
+    def changes(self) -> list[tuple[str, str]]:
+        """Write everything that differs; return what did, as a kind and a name each."""
+        changed = [*self._place_joints(), *self._place_tool(), *self._fill_bodies()]
+        changed += self._write_joint_effects()
+        find_files(self.root, self.packages)
+        return changed
+
+    def _place_joints(self) -> list[tuple[str, str]]:
+        changed = []
+        pairs = zip(
+            self.robot.joint_names,
+            self.robot.model.jointPlacements[1:],
+            self.described.jointPlacements[1:],
+            strict=True,
+        )
+        for name, now, before in pairs:
+            if np.abs(now.translation - before.translation).max() > _MOVED:
+                self._set_origin(self.joints[name], now)
+                changed.append(("placement", name))
+        return changed
+
+    def _place_tool(self) -> list[tuple[str, str]]:
+        """Move the task frame by its own fixed joint, or by a new one where it is no last link."""
+        name, frame = self.robot.frame, self.robot.model.frames[self.robot.frame_id]
+        before = self.described.frames[frame_id(self.described, name)]
+        if np.abs(frame.placement.translation - before.placement.translation).max() <= _MOVED:
+            return []
+        own = (j for j in self.joints.values() if name in (_end(j, "child"), j.get("name")))
+        joint = next(own, None)
+        tip = None if joint is None else _end(joint, "child")
+        last = all(_end(other, "parent") != tip for other in self.joints.values())
+        if joint is not None and tip is not None and joint.get("type") == "fixed" and last:
+            self._set_origin(joint, frame.placement)
+            self.placed[tip] = int(frame.parentJoint), frame.placement.copy()
+            return [("placement", name)]
+        new = f"{name}_learned" if name in self.links else name
+        carrier = _end(self.joints[self.robot.joint_names[-1]], "child")
+        ElementTree.SubElement(self.root, "link", name=new)
+        fixed = ElementTree.SubElement(self.root, "joint", name=f"{new}_fixed", type="fixed")
+        ElementTree.SubElement(fixed, "parent", link=carrier)
+        ElementTree.SubElement(fixed, "child", link=new)
+        local = self.placed[carrier][1].actInv(frame.placement)
+        at = {"xyz": words(local.translation), "rpy": words(pin.rpy.matrixToRpy(local.rotation))}
+        ElementTree.SubElement(fixed, "origin", at)
+        return [("task frame, a new link", new)]
+
+    def _fill_bodies(self) -> list[tuple[str, str]]:
+        changed = []
+        for joint, name in enumerate(self.robot.joint_names, 1):
+            main = _end(self.joints[name], "child")
+            rigid = {
+                link: Link(self.links[link], placement)
+                for link, (carrier, placement) in self.placed.items()
+                if carrier == joint
+            }
+            others = [part for link, part in rigid.items() if link != main]
+            ten = np.array(self.robot.model.inertias[joint].toDynamicParameters())
+            if distribute(ten, rigid[main], others, name):
+                changed.append(("inertia", main))
+        return changed
+
+    def _write_joint_effects(self) -> list[tuple[str, str]]:
+        robot, changed = self.robot, []
+        rows = zip(
+            robot.joint_names,
+            robot.friction.viscous,
+            robot.friction.coulomb,
+            np.where(robot.model.armature == self.described.armature, 0.0, robot.model.armature),
+            strict=True,
+        )
+        for name, *numbers in rows:
+            for attribute, number in zip(("damping", "friction", "armature"), numbers, strict=True):
+                dynamics = self.joints[name].find("dynamics")
+                old = 0.0 if dynamics is None else float(dynamics.get(attribute, "0"))
+                if number and number != old:
+                    child(self.joints[name], "dynamics").set(attribute, words([number]))
+                    changed.append((attribute, name))
+        return changed
+
+    def _set_origin(self, joint: ElementTree.Element, placement: pin.SE3) -> None:
+        """Move a joint to a translation in the axes of the moving joint before it; not turn it."""
+        local = self.placed[_end(joint, "parent")][1].actInv(placement)
+        described = placement_of_element(joint)
+        assert np.allclose(described.rotation, local.rotation, atol=1e-6)
+        child(joint, "origin").set("xyz", words(local.translation))
+
+
+def find_files(root: ElementTree.Element, packages: Packages) -> None:
+    """Write the whole path of each mesh and texture that is found, so that the text may move.
+
+    MuJoCo is told by its own element to take such paths as they are.
+    """
+    named = [e for tag in ("mesh", "texture") for e in root.iter(tag) if e.get("filename")]
+    for element in named:
+        file = packages.file(element.get("filename", ""))
+        if file is not None:
+            element.set("filename", str(file))
+    if named and root.find("mujoco") is None:
+        extension = ElementTree.SubElement(root, "mujoco")
+        ElementTree.SubElement(extension, "compiler", strippath="false")
+
+
+def _in_words(changes: list[tuple[str, str]]) -> str:
+    """Return changes in words, those of one kind together."""
+    kinds = dict.fromkeys(kind for kind, _ in changes)
+    named = {kind: ", ".join(name for other, name in changes if other == kind) for kind in kinds}
+    return "; ".join(f"{kind} of {names}" for kind, names in named.items()) or "nothing"
+
+
+def _end(joint: ElementTree.Element, end: str) -> str:
+    """Return the name of the link at an end of a joint, "parent" or "child"."""
+    element = joint.find(end)
+    return "" if element is None else element.get("link", "")
+
+
+_UNLIMITED = 1e9  # [rad or m]
+
+
+def chain_as_urdf(robot: Robot) -> ElementTree.Element:
+    """Return the root element of a URDF of the chain alone, without anything to draw.
+
+    A joint without a limit of speed or effort has zero there, as is usual; one without a limit of
+    position has 1e9.
+    """
+    model, root = robot.model, ElementTree.Element("robot", name=robot.name)
+    taken = {robot.frame}
+    names = [_free("base", taken)]
+    ElementTree.SubElement(root, "link", name=names[0])
+    for joint, name in enumerate(robot.joint_names, 1):
+        names.append(_free(links_of(model, joint)[0], taken))
+        link = ElementTree.SubElement(root, "link", name=names[-1])
+        Link(link, pin.SE3.Identity()).write(model.inertias[joint].toDynamicParameters())
+        element = _joint(root, name, _kind(model, joint), names[-2], names[-1])
+        _place(element, model.jointPlacements[joint])
+        ElementTree.SubElement(element, "axis", xyz=words(_axis(model, joint)))
+    _write_limits(root, robot)
+    frame = model.frames[robot.frame_id]
+    ElementTree.SubElement(root, "link", name=robot.frame)
+    tip = _joint(root, f"{robot.frame}_fixed", "fixed", names[-1], robot.frame)
+    _place(tip, frame.placement)
+    return root
+
+
+def _write_limits(root: ElementTree.Element, robot: Robot) -> None:
+    """Write limits, friction and rotor inertias of all joints."""
+    lower, upper = position_limits(robot.model)
+    efforts, speeds = effort_limits(robot.model), velocity_limits(robot.model)
+    for i, joint in enumerate(root.findall("joint")):
+        limit = {"effort": _or_zero(efforts[i]), "velocity": _or_zero(speeds[i])}
+        if joint.get("type") != "continuous":
+            limit["lower"] = words([np.clip(lower[i], -_UNLIMITED, _UNLIMITED)])
+            limit["upper"] = words([np.clip(upper[i], -_UNLIMITED, _UNLIMITED)])
+        ElementTree.SubElement(joint, "limit", limit)
+        effects = {
+            "damping": words([robot.friction.viscous[i]]),
+            "friction": words([robot.friction.coulomb[i]]),
+        }
+        if robot.model.armature[i]:
+            effects["armature"] = words([robot.model.armature[i]])
+        ElementTree.SubElement(joint, "dynamics", effects)
+
+
+def _joint(
+    root: ElementTree.Element, name: str, kind: str, parent: str, child: str
+) -> ElementTree.Element:
+    joint = ElementTree.SubElement(root, "joint", name=name, type=kind)
+    ElementTree.SubElement(joint, "parent", link=parent)
+    ElementTree.SubElement(joint, "child", link=child)
+    return joint
+
+
+def _place(joint: ElementTree.Element, placement: pin.SE3) -> None:
+    at = {
+        "xyz": words(placement.translation),
+        "rpy": words(pin.rpy.matrixToRpy(placement.rotation)),
+    }
+    ElementTree.SubElement(joint, "origin", at)
+
+
+def _kind(model: pin.Model, joint: int) -> str:
+    if is_slide(model.joints[joint]):
+        return "prismatic"
+    return "continuous" if model.joints[joint].nq == 2 else "revolute"
+
+
+def _axis(model: pin.Model, joint: int) -> np.ndarray:
+    """Return the axis (3) of a joint in its own axes."""
+    part = model.joints[joint]
+    scratch = part.createData()
+    part.calc(scratch, pin.neutral(model))
+    S = np.asarray(scratch.S).reshape(6)
+    return S[:3] if is_slide(part) else S[3:]
+
+
+def _or_zero(limit: float) -> str:
+    return words([limit if np.isfinite(limit) else 0.0])
+
+
+def _free(name: str, taken: set[str]) -> str:
+    """Return a name that is not taken, and take it."""
+    while name in taken:
+        name += "_body"
+    taken.add(name)
+    return name
+
+
+_HALVINGS = 30  # of what the other links keep, before there is nothing left to take
+_SAME = 1e-9  # relative difference of inertias that is rounding
+_ENTRIES = {
+    **{"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2)},
+    **{"iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)},
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """A link of a body.
+
+    Attributes:
+        element: of the URDF.
+        placement: of the link in the axes of the body's joint.
+    """
+
+    element: ElementTree.Element
+    placement: pin.SE3
+
+    def read(self) -> np.ndarray:
+        """Return its ten parameters (10) about the body's joint, zeros where it has no inertia."""
+        inertial = self.element.find("inertial")
+        if inertial is None:
+            return np.zeros(10)
+        mass, inertia = inertial.find("mass"), inertial.find("inertia")
+        at = placement_of_element(inertial)
+        matrix = np.zeros((3, 3))
+        for name, (i, j) in _ENTRIES.items():
+            value = 0.0 if inertia is None else float(inertia.get(name, "0"))
+            matrix[i, j] = matrix[j, i] = value
+        kilograms = 0.0 if mass is None else float(mass.get("value", "0"))
+        body = pin.Inertia(kilograms, np.zeros(3), matrix)
+        return np.array((self.placement * at).act(body).toDynamicParameters())
+
+    def write(self, ten: np.ndarray) -> None:
+        """Give it ten parameters (10) about the body's joint."""
+        body = self.placement.actInv(pin.Inertia.FromDynamicParameters(ten))
+        inertial = self.element.find("inertial")
+        if inertial is None:
+            inertial = ElementTree.SubElement(self.element, "inertial")
+        child(inertial, "origin").attrib.update(xyz=words(body.lever), rpy="0 0 0")
+        child(inertial, "mass").set("value", words([body.mass]))
+        inertia = child(inertial, "inertia")
+        for name, (i, j) in _ENTRIES.items():
+            inertia.set(name, words([body.inertia[i, j]]))
+
+
+def distribute(ten: np.ndarray, main: Link, others: Sequence[Link], body: str) -> bool:
+    """Give the links of one rigid body the ten parameters (10) of the whole; return if it changed.
+
+    The main link takes what the others leave. Where that would not be physical, the others keep
+    half of their inertia, or a quarter, and so on, until it is: the whole is, so it will.
+
+    Raises:
+        RobotError: the whole is not physical.
+    """
+    kept = [(link, link.read()) for link in others]
+    rest = sum((part for _, part in kept), np.zeros(10))
+    if np.allclose(main.read() + rest, ten, rtol=_SAME, atol=_SAME * np.abs(ten).max()):
+        return False
+    for halvings in range(_HALVINGS):
+        share = 0.5**halvings
+        if is_physical(ten - share * rest):
+            main.write(ten - share * rest)
+            for link, part in kept if halvings else ():
+                if part.any():
+                    link.write(share * part)
+            return True
+    raise RobotError(
+        f"the body moved by joint '{body}' has an inertia that no distribution of mass has.",
+        where="urdf",
+        hint='Adaptation "natural" keeps bodies physical.',
+    )
+
+
+def is_physical(ten: np.ndarray) -> bool:
+    """Tell whether ten parameters (10) are a body's: their pseudo-inertia is positive definite."""
+    if ten[0] <= 0.0:
+        return False
+    P = pin.PseudoInertia.FromDynamicParameters(ten).toMatrix()
+    scale = np.sqrt(np.maximum(np.diag(P), np.finfo(float).tiny))
+    return bool(np.linalg.eigvalsh(P / np.outer(scale, scale))[0] > _SAME)
+
+
+def placement_of_element(element: ElementTree.Element) -> pin.SE3:
+    """Return the placement that the <origin> of an element states."""
+    origin = element.find("origin")
+    given = {} if origin is None else origin.attrib
+    xyz, rpy = (np.array([float(w) for w in given.get(k, "0 0 0").split()]) for k in ("xyz", "rpy"))
+    return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
+
+
+def child(element: ElementTree.Element, tag: str) -> ElementTree.Element:
+    """Return the child of an element with a tag, made where it is missing."""
+    found = element.find(tag)
+    return ElementTree.SubElement(element, tag) if found is None else found
+
+
+def words(numbers: Sequence[float] | np.ndarray) -> str:
+    """Return numbers as a URDF has them, to the last bit."""
+    return " ".join(repr(float(number)) for number in numbers)

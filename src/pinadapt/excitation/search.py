@@ -1,0 +1,212 @@
+"""Finding a motion inside the limits that tells unknown parameters apart."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._checks import instance, positive, whole
+from .._compiled import compile_all
+from ..controller.controller import Controller
+from ..exceptions import InputError, RobotError
+from ..models.frame_kinematics import FrameKinematics
+from ..models.joint_kinematics import JointKinematics
+from ..models.task_kinematics import TaskKinematics
+from ..models.translations import Translation
+from ..robot.robot import Robot
+from ..simulation.simulate import Progress, watched
+from ..tasks.joint import JointTask
+from ..tasks.registry import TASKS
+from ..tuning.unknowns import believed_dynamics
+from .aim import Aim
+from .allowance import Allowance, configurations
+from .exciting_motion import ExcitingMotion, LimitUse, RestToRest
+
+_FASTEST = 0.5  # [Hz] of the harmonics, where the duration leaves that many
+_FEWEST, _MOST = 3, 8  # harmonics
+_PER_HARMONIC, _FINE = 16, 60  # instants of the search, and of the last check
+_STARTS, _ITERATIONS = 24, 60
+_PENALTY = 200.0  # nats for being all of an allowance beyond it, on the mean
+_STEP = 1e-6  # [rad or m, and per s or s^2] of derivatives
+_SCALES = 20  # halvings of the interval of the last check
+
+
+def excite(
+    robot: Robot | Controller,
+    *,
+    dynamic: str | Sequence[str] = "all",
+    joint: str | Sequence[str] = "all",
+    kinematic: str | Sequence[str | Translation] = (),
+    duration: float = 10.0,
+    harmonics: int | None = None,
+    excursion: ArrayLike | None = None,
+    load: float | None = None,
+    seed: int = 0,
+    progress: Progress | bool | None = None,
+) -> ExcitingMotion:
+    """Find a motion of the joints that tells unknown parameters apart, within all limits.
+
+    A Fourier series a joint, from rest at home and back (Swevers and others, 1997), of largest
+    expected information on the base parameters (see ``Aim``), found by quasi-Newton steps from the
+    best of some random series. It keeps a twentieth of each joint's range off its ends, four fifths
+    of the limits of velocity and effort, the latter with and without a load, and joints and frame
+    off the horizontal plane that the robot is mounted on. Collisions with itself are not looked at:
+    a smaller ``excursion`` avoids them.
+
+    Args:
+        robot: believed, of any task, at its home; or a controller, whose unknowns are taken.
+        dynamic: unknown bodies: "all", "payload" (the last one), "none", or joint names.
+        joint: unknown coefficients of the joints: "all", "none", or some of "armature", "viscous",
+            "coulomb".
+        kinematic: unknown translations, "tool", "base", joint names, that a camera would show.
+        duration: of the motion, and period of the series [s].
+        harmonics: of the series, at least 2; by default as many as stay within half a hertz, from 3
+            to 8.
+        excursion: how far joints may go from home, one or one a joint [rad or m]; by default a
+            quarter of a turn and half a metre.
+        load: the heaviest at the frame that the motors are to bear [kg]; by default a tenth of the
+            robot's mass, or what of it is held at home.
+        seed: of the random series.
+        progress: as in ``simulate``.
+
+    Raises:
+        InputError: nothing is unknown, no motion shows it, or numbers that cannot be.
+        RobotError: home is outside the limits, or the arm or its load cannot be held there.
+    """
+    compile_all()
+    believed, aim = _asked(robot, dynamic, joint, kinematic)
+    duration = positive(duration, "duration", error=InputError)
+    if harmonics is None:
+        harmonics = min(max(round(_FASTEST * duration), _FEWEST), _MOST)
+    harmonics = whole(harmonics, "harmonics", 2)
+    allowed = Allowance.of(believed, excursion, load)
+    search = _Search(aim, allowed, RestToRest(harmonics, duration, _PER_HARMONIC * harmonics))
+    theta = search.best(whole(seed, "seed", 0), watched(range(_ITERATIONS), progress, "excite"))
+    fine = RestToRest(harmonics, duration, _FINE * harmonics)
+    check = _Search(aim, allowed, fine)
+    theta = check.inside(theta)
+    angles, q, v, a = check.states(theta)
+    return ExcitingMotion(
+        fine.series(believed.home_angles, theta),
+        duration,
+        aim.excitation(q, v, a, duration),
+        LimitUse.of(allowed, angles, q, v, a),
+        (aim.dynamic, aim.kinematic),
+        aim.told(q, v, a, duration),
+    )
+
+
+def _asked(
+    given: Robot | Controller,
+    dynamic: str | Sequence[str],
+    joint: str | Sequence[str],
+    kinematic: str | Sequence[str | Translation],
+) -> tuple[Robot, Aim]:
+    """Return the believed robot, and what is unknown of it.
+
+    Raises:
+        InputError: words that cannot be used, or nothing that a motion would show.
+    """
+    instance(given, Robot | Controller, "robot")
+    if isinstance(given, Controller):
+        believed = given.kinematics.robot if given.belief is None else given.belief.unloaded
+        return believed, Aim(believed, given.dynamics, given.kinematics)
+    believed = given.undrawn()
+    dynamics = believed_dynamics(believed, dynamic, joint, None, None, ())
+    kinematics: TaskKinematics
+    if not len(kinematic):
+        kinematics = JointKinematics(replace(believed, task=JointTask.of_chain(believed.model)), ())
+    else:
+        seen = isinstance(believed.task, JointTask)
+        framed = replace(believed, task=TASKS["xyz"]) if seen else believed
+        kinematics = FrameKinematics(framed, kinematic)
+    return believed, Aim(believed, dynamics, kinematics)
+
+
+class _Search:
+    """Coefficients theta (n, size) of motions, seen at the instants of a period."""
+
+    def __init__(self, aim: Aim, allowed: Allowance, basis: RestToRest) -> None:
+        """Take what is to be told, what is allowed, and the motions."""
+        self._aim, self._allowed, self._basis = aim, allowed, basis
+        self._home = allowed.robot.home_angles
+
+    def states(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return angles (N, n), configurations (N, nq), velocities and accelerations (N, n)."""
+        way, v, a = self._basis.motion(theta)
+        angles = self._home + way
+        return angles, configurations(self._allowed.robot, angles), v, a
+
+    def best(self, seed: int, iterations: Iterable[int]) -> np.ndarray:
+        """Return the coefficients that tell most, nearly inside of what is allowed."""
+        from scipy.optimize import minimize  # here, because scipy is slow to import
+
+        rng, shape = np.random.default_rng(seed), (len(self._home), self._basis.size)
+        starts = [self.inside(rng.standard_normal(shape)) for _ in range(_STARTS)]
+        first = min(starts, key=self._untold)
+        size, steps = np.abs(first).max(), iter(iterations)
+
+        def cost(z: np.ndarray) -> tuple[float, np.ndarray]:
+            value, slope = self._cost(size * z.reshape(shape))
+            return value, size * slope.ravel()
+
+        next(steps, None)
+        found = minimize(
+            cost,
+            (first / size).ravel(),
+            jac=True,
+            method="L-BFGS-B",
+            callback=lambda _: next(steps, None),
+            options={"maxiter": _ITERATIONS},
+        )
+        for _ in steps:  # the bar ends
+            pass
+        return np.asarray(size * found.x.reshape(shape))
+
+    def inside(self, theta: np.ndarray) -> np.ndarray:
+        """Return the largest multiple of theta, up to itself, whose motion keeps all limits.
+
+        Raises:
+            RobotError: not even a small one does.
+        """
+        if not self._excess(theta).any():
+            return theta
+        low, high = 0.0, 1.0
+        for _ in range(_SCALES):
+            middle = 0.5 * (low + high)
+            low, high = (low, middle) if self._excess(middle * theta).any() else (middle, high)
+        if not low:
+            raise RobotError(
+                "no motion from home keeps the limits.",
+                where=self._allowed.robot.name,
+                hint="Take another home pose, or a lighter load.",
+            )
+        return low * theta
+
+    def _excess(self, theta: np.ndarray) -> np.ndarray:
+        return self._allowed.excess(*self.states(theta))
+
+    def _untold(self, theta: np.ndarray) -> float:
+        return -self._aim.told(*self.states(theta)[1:], self._basis.period)
+
+    def _cost(self, theta: np.ndarray) -> tuple[float, np.ndarray]:
+        """Return the nats that a motion does not tell, with those for what is not allowed.
+
+        And the derivative (n, size), by differences in the states, of which there are fewer than
+        coefficients in all of them.
+        """
+        way, v, a = self._basis.motion(theta)
+        now = np.stack([self._home + way, v, a])  # (3, N, n)
+        count, n = v.shape
+        shifts = _STEP * np.eye(3 * n).reshape(3 * n, 3, 1, n)
+        states = np.concatenate([now[None], now + shifts]).transpose(1, 0, 2, 3)
+        angles, v, a = states.reshape(3, -1, n)
+        q = configurations(self._allowed.robot, angles)
+        told, more = self._aim.told_and_slopes(q, v, a, self._basis.period, count)
+        beyond = _PENALTY / count * np.sum(self._allowed.excess(angles, q, v, a) ** 2, axis=1)
+        beyond = beyond.reshape(1 + 3 * n, count)
+        slopes = (beyond[1:] - beyond[0] - more.reshape(3 * n, count)) / _STEP
+        return float(beyond[0].sum()) - told, self._basis.gathered(slopes.reshape(3, n, count))

@@ -1,0 +1,156 @@
+"""A right inverse of the believed Jacobian, damped near its singularities, and its null space."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy import empty
+
+from .._kernels import linear_algebra as kernels
+from ..exceptions import DivergedError
+
+
+class RightInverse:
+    """J^+ = J^T (J J^T + mu^2 I)^-1 of a Jacobian J (m, n), m <= n; mu = 0 where that is exact.
+
+    Null-space motion psi enters as J^+ u + (I - J^+ J) psi. Undamped, J times it is u: the task
+    does not feel psi. Damped, J times it is u - mu^2 (J J^T + mu^2 I)^-1 (u - J psi): the task is
+    missed by at most the share mu^2 / (s_min^2 + mu^2) of u - J psi, and (17) of Wang and Xie holds
+    up to that.
+
+    Damping begins where s = tr((J J^T)^-1)^(-1/2) falls below a threshold s_0. As s^-2 is the sum
+    of all sigma_i^-2, s is at most the smallest singular value, and at least that over sqrt(m); the
+    solution needs (J J^T)^-1 anyway. The form of mu is that of damped least squares (Y. Nakamura,
+    H. Hanafusa, ASME J. Dyn. Syst. Meas. Control 108 (1986) 163-171; S. Chiaverini, IEEE T. Robot.
+    Autom. 13 (1997) 398-410), mu^2 = mu_max^2 (1 - (s / s_0)^2), with mu_max^2 = s_0^2 / 2, the
+    least for which |J^+| <= 1 / s_0 always.
+
+    Attributes:
+        J: the Jacobian (m, n).
+        gram_inverse: (J J^T + mu^2 I)^-1 (m, m).
+        damping: mu^2.
+        conditioning: s.
+        unique: whether J^+ is the inverse itself, so that there is no null space: J square and not
+            damped.
+    """
+
+    __slots__ = ("J", "conditioning", "damping", "gram_inverse", "unique")
+
+    def __init__(self, J: np.ndarray, threshold: float = 0.0) -> None:
+        """Take the Jacobian (m, n) and s_0, zero for no damping.
+
+        Raises:
+            DivergedError: J lost rank and is not damped, or is not finite.
+        """
+        m, n = J.shape
+        self.J, self.gram_inverse = J, empty((m, m))
+        self.conditioning, self.damping, lost = kernels.invert_gram(J, threshold, self.gram_inverse)
+        if lost:
+            raise DivergedError(
+                "the believed Jacobian lost rank: the arm is at a singularity of the estimated "
+                "kinematics. Keep the path away from the workspace's edge, start nearer to the "
+                "true kinematics, or damp the inverse (damping = 0.2)."
+            )
+        self.unique = m == n and not self.damping
+
+    def solve(self, u: np.ndarray, psi: np.ndarray | None) -> np.ndarray:
+        """Return J^+ u + (I - J^+ J) psi (n), u (m), psi (n) or None where J^+ is unique."""
+        if psi is None:
+            return self.gram_inverse.dot(u).dot(self.J)
+        u, psi = np.asarray(u, dtype=float), np.asarray(psi, dtype=float)
+        solution = empty(psi.size)
+        kernels.right_inverse(self.J, self.gram_inverse, u, psi, solution)
+        return solution
+
+    def solve_with_rate(
+        self,
+        u: np.ndarray,
+        psi: np.ndarray | None,
+        ud: np.ndarray,
+        psid: np.ndarray | None,
+        Jdot: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return r = ``solve(u, psi)`` and dr/dt (n) while u, psi, J move at ud, psid, Jdot.
+
+        With y = (J J^T + mu^2 I)^-1 (u - J psi), which makes r = psi + J^T y, the rate is
+        J^+ (ud - Jdot r - y d(mu^2)/dt) + (I - J^+ J) (psid + Jdot^T y).
+        """
+        if psi is None or psid is None:
+            r = self.solve(u, None)
+            return r, self.solve(ud - Jdot.dot(r), None)
+        r, rate = empty(psi.size), empty(psi.size)
+        damping_rate = self._damping_rate(Jdot) if self.damping else 0.0
+        kernels.right_inverse_and_rate(
+            self.J, self.gram_inverse, u, psi, ud, psid, Jdot, damping_rate, r, rate
+        )
+        return r, rate
+
+    def null(self, z: np.ndarray) -> np.ndarray:
+        """Return (I - J^+ J) z (n); undamped, the orthogonal projection onto the null space."""
+        null = np.zeros(z.size)
+        if not self.unique:
+            kernels.null_space(self.J, self.gram_inverse, np.asarray(z, dtype=float), null)
+        return null
+
+    def subtract_null_damping(self, D: np.ndarray, z: np.ndarray, torque: np.ndarray) -> None:
+        """Take N diag(D) N z (n) off a torque (n) in place, N = I - J^+ J; all are floats."""
+        if not self.unique:
+            kernels.subtract_null_space_damping(self.J, self.gram_inverse, D, z, torque)
+
+    def _damping_rate(self, Jdot: np.ndarray) -> float:
+        """Return d(mu^2)/dt = -d(s^2)/dt / 2 = -sum_i (s / sigma_i)^4 d(sigma_i^2)/dt / 2."""
+        U, sigma, _ = np.linalg.svd(self.J, full_matrices=False)
+        sigma = np.maximum(sigma, np.finfo(float).eps * sigma[0])
+        halves = np.diag(U.T @ Jdot @ self.J.T @ U)  # d(sigma_i^2)/dt / 2
+        ratios = 1.0 / (sigma * sigma * np.sum(1.0 / (sigma * sigma)))  # (s / sigma_i)^2
+        return float(-halves.dot(ratios * ratios))
+
+
+_NEGLIGIBLE = 1e-8  # share of a column that counts as rounding; true shares lie far above
+
+
+def independent_columns(
+    W: np.ndarray, largest: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the columns (b) of W (N, p) that do not depend on those before them, and R (b, p).
+
+    W = W[:, chosen] R. Columns count by their directions, so that units do not matter; those that
+    are zero but for the rounding of sizes ``largest`` (p), by default the largest column's, are no
+    columns.
+    """
+    sizes = np.linalg.norm(W, axis=0)
+    floor = _NEGLIGIBLE * (sizes.max(initial=0.0) if largest is None else largest)
+    Q, chosen = np.zeros((len(W), 0)), []
+    for j in np.flatnonzero(sizes > floor):
+        left = W[:, j] / sizes[j]
+        for _ in range(2):  # twice is enough
+            left = left - Q @ (Q.T @ left)
+        length = np.linalg.norm(left)
+        if length > _NEGLIGIBLE:
+            Q = np.column_stack([Q, left / length])
+            chosen.append(int(j))
+    units = W / np.where(sizes > floor, sizes, 1.0) * (sizes > floor)
+    R = np.linalg.lstsq(units[:, chosen], units, rcond=None)[0]
+    R[np.abs(R) < _NEGLIGIBLE] = 0.0
+    R *= sizes / sizes[chosen][:, None]
+    R[:, chosen] = np.eye(len(chosen))
+    return np.array(chosen, dtype=int), R
+
+
+def live_array(views: Sequence[np.ndarray]) -> np.ndarray:
+    """Return one live array (N, ...) over N views of one shape that lie at equal distances.
+
+    Pinocchio keeps placements and motions of all joints in vectors, and gives out a view on each;
+    a kernel takes them together. The array is valid as long as the model or data is.
+
+    Raises:
+        ValueError: the views lie elsewhere.
+    """
+    places = np.array([view.__array_interface__["data"][0] for view in views])
+    first, distance = views[0], int(places[1] - places[0]) if len(views) > 1 else 0
+    if (np.diff(places) != distance).any() or any(v.strides != first.strides for v in views):
+        raise ValueError("these views are not neighbours in memory.")
+    return np.lib.stride_tricks.as_strided(
+        first, (len(views), *first.shape), (distance, *first.strides), writeable=False
+    )

@@ -1,0 +1,255 @@
+"""How a run bears what happens during it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from .._files import whole_file, write_text
+from .._table import Sheet, Table, number
+from .._version import __version__
+from ..robot.succession import EARLY
+from ..tasks.units import DISPLAYS
+
+if TYPE_CHECKING:
+    from .rollout import Rollout
+
+CLOSE = 1e-3  # [m or rad] error below which a run counts as back
+
+
+class Transient(NamedTuple):
+    """The error norm, ``Rollout.distance``, from one mark of a run to the next.
+
+    Attributes:
+        at: time of the mark [s].
+        what: its words.
+        worst: largest error until the next mark or the end [m or rad].
+        back: time from the mark after which the error stays below ``CLOSE`` [s], zero where it
+            never leaves, None where it has not come back by then.
+    """
+
+    at: float
+    what: str
+    worst: float
+    back: float | None
+
+
+def transients(rollout: Rollout) -> list[Transient]:
+    """Return one a mark of a rollout that has samples after it."""
+    ends = np.searchsorted(rollout.t, [at - EARLY for at, _ in rollout.marks] + [np.inf])
+    distance, found = rollout.distance, []
+    for (at, what), first, last in zip(rollout.marks, ends, ends[1:], strict=False):
+        if first == last:
+            continue
+        far = np.flatnonzero(~(distance[first:last] < CLOSE))  # NaN is far
+        back: float | None = 0.0
+        if far.size:
+            after = first + far[-1] + 1
+            back = round(float(rollout.t[after] - at), 6) if after < last else None
+        found.append(Transient(at, what, float(distance[first:last].max()), back))
+    return found
+
+
+# Of ``rollout.npz``.
+RECORDED = ("t", "q", "v", "tau", "x", "x_d", "a_k", "a_d", "saturated")
+COMPUTED = ("error", "a_k_true", "a_d_true", "lyapunov")
+WATCHED = ("min_eig_M_hat", "min_singular_J_hat", "damping", "damping_share")
+
+
+def window(values: np.ndarray, first: bool) -> np.ndarray:
+    """Return the first or last 10 % of the values, at least one where there is one."""
+    count = max(1, len(values) // 10)
+    return values[:count] if first else values[-count:]
+
+
+def summary(rollout: Rollout) -> dict[str, Any]:
+    """Return the numbers of ``summary.json``; None where no finite number is to be had."""
+    return {
+        "verdict": rollout.verdict,
+        "error_share": rollout.error_share,
+        "title": rollout.title,
+        "law": rollout.law,
+        "adaptation": rollout.adaptation,
+        "task": rollout.task.name,
+        "robot": rollout.robot,
+        "nv": int(rollout.v.shape[1]),
+        "joint_names": list(rollout.joint_names),
+        "diverged": rollout.diverged,
+        "reason": rollout.reason,
+        "interrupted": rollout.interrupted,
+        **_errors(rollout.distance, "error"),
+        **({} if rollout.angle is None else _errors(rollout.angle, "angle")),
+        "tau_max": extreme(np.max, np.abs(rollout.tau)),
+        "min_eig_M_hat": extreme(np.min, rollout.min_eig_M_hat),
+        "min_singular_J_hat": extreme(np.min, rollout.min_singular_J_hat),
+        "max_damping": extreme(np.max, rollout.damping),
+        "max_damping_share": extreme(np.max, rollout.damping_share),
+        "saturated": extreme(np.mean, rollout.saturated),
+        "limits": rollout.limits.summary(),
+        "steps": len(rollout.t),
+        "wall_time_s": rollout.wall_time,
+        "step_time_us": rollout.step_time * 1e6,
+        "kinematic_names": list(rollout.kinematic_names),
+        "dynamic_names": list(rollout.dynamic_names),
+        "kinematic_base": rollout.kinematic_base,
+        "changes": [_transient(transient) for transient in rollout.transients],
+        "version": __version__,
+    }
+
+
+def _errors(norms: np.ndarray, name: str) -> dict[str, float | None]:
+    """Return the largest of the first and last 10 %, and the root mean square of the last."""
+    return {
+        f"max_{name}_first": extreme(np.max, window(norms, True)),
+        f"max_{name}_last": extreme(np.max, window(norms, False)),
+        f"rms_{name}_last": extreme(_rms, window(norms, False)),
+    }
+
+
+def _transient(transient: Transient) -> dict[str, Any]:
+    worst = transient.worst if np.isfinite(transient.worst) else None
+    return {
+        "at": transient.at,
+        "what": transient.what,
+        "max_error": worst,
+        "time_back": transient.back,
+    }
+
+
+def brief(rollout: Rollout) -> Sheet:
+    """Return robot, law, duration and the largest errors."""
+    numbers, unit = _errors(rollout.distance, "error"), DISPLAYS[rollout.task.groups[0].unit]
+    first, last = (
+        number(numbers[f"max_error_{part}"], unit.unit, scale=unit.scale)
+        for part in ("first", "last")
+    )
+    rows = [
+        ("robot", f"{rollout.robot}, {rollout.v.shape[1]} joints, task {rollout.task.name}"),
+        ("law", f"{rollout.law}, adaptation {rollout.adaptation}"),
+        ("duration", f"{rollout.duration:.4g} s, {len(rollout.t)} samples"),
+        ("largest error", f"{first} in the first 10 %, {last} in the last 10 %"),
+    ]
+    return Sheet(rollout.title, [Table([*rows, *_ended_early(rollout)])])
+
+
+def sheet(rollout: Rollout) -> Sheet:
+    """Return a table of what matters, and one of the joints beyond their limits if there are."""
+    numbers, (group, *more) = summary(rollout), rollout.task.groups
+    sizes = f"{len(rollout.kinematic_names)} kinematic, {len(rollout.dynamic_names)} dynamic"
+    singular = "m" if group.unit == "m" and not more else ""
+    rows = [
+        ("robot", f"{rollout.robot}, {numbers['nv']} joints"),
+        ("law", rollout.law),
+        ("adaptation", f"{rollout.adaptation}: {sizes}"),
+        *_error_rows(numbers, "error", group.unit, ("max_first", "max_last", "rms_last")),
+        *(
+            []
+            if rollout.angle is None
+            else _error_rows(numbers, "angle", "rad", ("max_first", "max_last"))
+        ),
+        ("largest torque", _largest_torque(rollout)),
+        ("smallest eigenvalue of M_hat", number(numbers["min_eig_M_hat"], "kg m^2", digits=5)),
+        (
+            "smallest singular value of J_hat",
+            number(numbers["min_singular_J_hat"], singular, digits=4),
+        ),
+        ("V, first and last", _ends(rollout.lyapunov_ends)),
+        ("joint limits", rollout.limits.verdict()),
+        ("samples", f"{numbers['steps']} in {rollout.wall_time:.1f} s"),
+        *_remarks(rollout, numbers),
+    ]
+    joints = [rollout.limits.table] if rollout.limits.exceeded else []
+    return Sheet(rollout.title, [Table(rows), *joints])
+
+
+def _error_rows(
+    numbers: dict[str, Any], name: str, unit: str, kinds: tuple[str, ...]
+) -> list[tuple[str, str]]:
+    rows, shown = [], DISPLAYS[unit]
+    for kind in kinds:
+        statistic, part = kind.split("_")
+        value = number(numbers[f"{statistic}_{name}_{part}"], shown.unit, scale=shown.scale)
+        rows.append((f"{name}, {part} 10 % ({statistic})", value))
+    return rows
+
+
+def _largest_torque(rollout: Rollout) -> str:
+    """Return the largest torque or force and the joint that gave it."""
+    tau = np.where(np.isfinite(rollout.tau), np.abs(rollout.tau), -1.0)
+    if not tau.size or tau.max() < 0.0:
+        return number(None)
+    joint = int(np.argmax(tau.max(axis=0)))
+    limits = rollout.limits
+    unit = "N" if limits.slides[joint] else "N m"
+    return f"{number(tau.max(), unit, digits=1)} ({limits.joints[joint]})"
+
+
+def _ends(lyapunov: np.ndarray | None) -> str:
+    return "undefined" if lyapunov is None else f"{lyapunov[0]:.4g} -> {lyapunov[1]:.4g}"
+
+
+def _remarks(rollout: Rollout, numbers: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return the rows that only some runs have."""
+    rows = _change_rows(numbers["changes"], rollout.task.groups[0].unit)
+    if numbers["max_damping"]:
+        share, lost = np.mean(rollout.damping > 0.0), numbers["max_damping_share"]
+        words = f"{share:.1%} of the time, up to {lost:.0%} of the task motion lost"
+        rows.append(("damped near a singularity", words))
+    if numbers["saturated"]:
+        rows.append(("torque at its limit", f"{numbers['saturated']:.1%} of the time"))
+    if rollout.step_time:
+        rows.append(("controller step (mean)", number(numbers["step_time_us"], "us", digits=0)))
+    return rows + _ended_early(rollout)
+
+
+def _ended_early(rollout: Rollout) -> list[tuple[str, str]]:
+    """Return a row where the run was interrupted or diverged."""
+    rows = []
+    if rollout.interrupted is not None:
+        rows.append(("INTERRUPTED", f"at {rollout.interrupted:.3f} s"))
+    if rollout.diverged is not None:
+        rows.append(("DIVERGED", f"at {rollout.diverged:.3f} s: {rollout.reason}"))
+    return rows
+
+
+def _change_rows(changes: list[dict[str, Any]], unit: str) -> list[tuple[str, str]]:
+    """Return one row a change of the robot or the belief."""
+    rows, shown = [], DISPLAYS[unit]
+    close = number(CLOSE, shown.unit, scale=shown.scale, digits=0 if unit == "m" else 3)
+    for change in changes:
+        worst, back = (
+            number(change["max_error"], shown.unit, scale=shown.scale),
+            change["time_back"],
+        )
+        words = {None: f"not back under {close}", 0.0: f"always under {close}"}.get(
+            back, f"under {close} after {number(back, 's')}"
+        )
+        rows.append((f"{change['what']} at {change['at']:g} s", f"worst {worst}, {words}"))
+    return rows
+
+
+def save(rollout: Rollout, folder: Path) -> None:
+    """Write ``rollout.npz`` and ``summary.json`` into a folder, which is made if it is missing.
+
+    Each is whole or not there. What was recorded is written at once, and again with what is
+    computed from it, which takes a while: so much is safe should that not come to its end.
+    """
+    for names in (RECORDED, RECORDED + COMPUTED + WATCHED):
+        arrays = {name: getattr(rollout, name) for name in names}
+        with whole_file(folder / "rollout.npz") as file:
+            np.savez_compressed(file, **{name: a for name, a in arrays.items() if a is not None})
+    write_text(folder / "summary.json", json.dumps(summary(rollout), indent=2) + "\n")
+
+
+def extreme(of: Callable[[np.ndarray], float], values: np.ndarray) -> float | None:
+    """Return a number made of the finite values, or None where there is none."""
+    finite = values[np.isfinite(values)]
+    return float(of(finite)) if finite.size else None
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,231 @@
+"""From the [truth] and [belief] tables to robots, at the start and as they change."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from ..exceptions import ScenarioError
+from ..robot.changes import Payload
+from ..robot.robot import Robot
+from ..tasks.pose import PoseTask
+from ..tasks.task import Task
+from ..trajectories.circle import Circle
+from ..trajectories.fourier_series import FourierSeries
+from ..trajectories.hold import Hold
+from ..trajectories.lissajous import Lissajous
+from ..trajectories.orientation import UPRIGHT, FixedOrientation, Orientation, Swing
+from ..trajectories.pose_trajectory import PoseTrajectory
+from ..trajectories.sinusoid import Sinusoid
+from ..trajectories.trajectory import Trajectory
+from ..trajectories.waypoints import Waypoints
+from .schema import (
+    BeliefSection,
+    CircleSection,
+    FourierSection,
+    HoldSection,
+    LissajousSection,
+    OrientationSection,
+    PayloadSection,
+    Reference,
+    SinusoidSection,
+    TruthKeys,
+    TruthSection,
+    WaypointsSection,
+)
+from .validation import prefix_errors
+
+
+def true_robot(described: Robot, truth: TruthKeys) -> Robot:
+    """Return the described robot as the keys of [truth] change it.
+
+    Raises:
+        InputError: keys that do not fit the robot.
+    """
+    return described.changed(
+        inertial_scale=truth.inertial_scale,
+        payload=payload_of(truth.payload),
+        tool_translation=truth.tool_translation,
+        link_translation=truth.link_translation,
+        armature=truth.armature,
+        viscous=truth.friction.viscous,
+        coulomb=truth.friction.coulomb,
+    )
+
+
+def believed_robot(described: Robot, belief: BeliefSection) -> Robot:
+    """Return the described robot as [belief] changes it, without the guess of its load.
+
+    Raises:
+        InputError: keys that do not fit the robot.
+    """
+    return described.changed(
+        inertial_scale=belief.inertial_scale,
+        armature=belief.armature,
+        viscous=belief.friction.viscous,
+        coulomb=belief.friction.coulomb,
+    )
+
+
+def payload_of(section: PayloadSection | None) -> Payload | None:
+    """Return the load of a table, or None for none."""
+    if section is None or not (section.mass or any(section.inertia)):
+        return None
+    return Payload(**section.model_dump())
+
+
+def true_changes(described: Robot, truth: TruthSection) -> dict[float, Robot]:
+    """Return the true robot from the time [s] of each [[truth.change]] on.
+
+    A change replaces the keys that it names; the others are those of the change before it in time,
+    and of [truth] before the first.
+
+    Raises:
+        InputError: two changes at one time, or keys that do not fit the robot.
+    """
+    keys: TruthKeys = truth
+    robots = {}
+    for number, change in _in_time(truth.change, "truth.change"):
+        named = {name: getattr(change, name) for name in change.model_fields_set - {"at"}}
+        keys = keys.model_copy(update=named)
+        with prefix_errors(f"truth.change.{number}"):
+            robots[change.at] = true_robot(described, keys)
+    return robots
+
+
+def told(belief: BeliefSection) -> dict[float, dict[str, Any]]:
+    """Return what ``Controller.believe`` is given at the time [s] of each [[belief.change]].
+
+    Raises:
+        ScenarioError: two changes at one time, or one that tells nothing.
+    """
+    beliefs = {}
+    for number, change in _in_time(belief.change, "belief.change"):
+        named = {name: getattr(change, name) for name in change.model_fields_set - {"at"}}
+        if not named:
+            raise ScenarioError(
+                "must name payload or tool_translation.", where=f"belief.change.{number}"
+            )
+        if "payload" in named:
+            named["payload"] = payload_of(change.payload)
+        beliefs[change.at] = named
+    return beliefs
+
+
+def _in_time(changes: Sequence[Any], where: str) -> list[tuple[int, Any]]:
+    """Return changes with their numbers in the file, from 0, sorted by time."""
+    ordered = sorted(enumerate(changes), key=lambda pair: pair[1].at)
+    for (_, one), (number, other) in pairwise(ordered):
+        if one.at == other.at:
+            raise ScenarioError(
+                f"there is another change at {other.at:g} s.",
+                where=f"{where}.{number}.at",
+                hint="Put both into one.",
+            )
+    return ordered
+
+
+def trajectory_of(reference: Reference, true: Robot) -> Trajectory:
+    """Return the desired motion; centre and orientation are by default the true robot's at home.
+
+    Raises:
+        InputError: points or centres of the wrong size, a plane or an orientation that the task has
+            not.
+    """
+    start, task = true.position(true.q0), true.task
+    motion, anchored = _motion(reference, task)
+    motion = motion if anchored else motion.starting_at(start[: _size(task)])
+    if not isinstance(task, PoseTask):
+        if reference.orientation is not None:
+            raise ScenarioError(
+                f"the task '{task.name}' has no orientation.",
+                where="reference.orientation",
+                hint='Take robot.task = "pose".',
+            )
+        return motion
+    with prefix_errors("reference.orientation"):
+        return PoseTrajectory(
+            motion, _orientation(reference.orientation or OrientationSection(), start[3:])
+        )
+
+
+def _size(task: Task) -> int:
+    """Return how many coordinates the motion has: the positions of a frame, or all joints."""
+    return task.positions or task.size
+
+
+def _motion(reference: Reference, task: Task) -> tuple[Trajectory, bool]:
+    """Return the motion of positions or joints, and whether its place is given too."""
+    size = _size(task)
+    if isinstance(reference, WaypointsSection):
+        points = [np.array(point) for point in reference.points]
+        if any(point.size != size for point in points):
+            raise ScenarioError(
+                f"every point needs {size} coordinates, as the task has.",
+                where="reference.points",
+            )
+        first = [np.zeros(size)] if reference.relative else []
+        return Waypoints([*first, *points], reference.segment), not reference.relative
+    given = reference.center
+    if given is not None and len(given) != size:
+        raise ScenarioError(
+            f"the task has {size} coordinates, got {len(given)}.",
+            where="reference.center",
+        )
+    middle = np.zeros(size) if given is None else np.array(given)
+    return _around(middle, reference, task), given is not None
+
+
+def _around(
+    middle: np.ndarray,
+    reference: CircleSection | LissajousSection | SinusoidSection | FourierSection | HoldSection,
+    task: Task,
+) -> Trajectory:
+    """Return the motion around a middle."""
+    if isinstance(reference, HoldSection):
+        return Hold(middle)
+    if isinstance(reference, LissajousSection):
+        return Lissajous(
+            middle, reference.amplitude, reference.cycles, reference.period, reference.phase
+        )
+    if isinstance(reference, SinusoidSection):
+        return Sinusoid(middle, reference.amplitude, reference.period, reference.phase)
+    if isinstance(reference, FourierSection):
+        if any(len(rows) != middle.size for rows in (reference.cosine, reference.sine)):
+            raise ScenarioError(
+                f"the task has {middle.size} coordinates; a list of coefficients is needed for "
+                "each.",
+                where="reference.cosine",
+            )
+        return FourierSeries(middle, reference.cosine, reference.sine, reference.period)
+    plane = _plane(reference, task)
+    return Circle(middle, reference.radius, reference.period, plane, reference.phase)
+
+
+def _plane(reference: CircleSection, task: Task) -> str:
+    """Return the plane of a circle among the task's coordinates; a task of two has only one."""
+    if task.positions < 2:
+        raise ScenarioError(
+            f"the task '{task.name}' has no plane for a circle.",
+            where="reference.kind",
+            hint='Take "sinusoid", "fourier", "waypoints" or "hold".',
+        )
+    if task.positions == 2 and reference.plane in (None, task.name):
+        return "xy"
+    if task.positions == 2:
+        raise ScenarioError(
+            f"must be '{task.name}', as the task, got '{reference.plane}'.", where="reference.plane"
+        )
+    return reference.plane or "xy"
+
+
+def _orientation(section: OrientationSection, start: np.ndarray) -> Orientation:
+    """Return the desired orientation; without a quaternion it starts at the initial one (4)."""
+    middle = UPRIGHT if section.quaternion is None else section.quaternion
+    motion: Orientation = FixedOrientation(middle)
+    if section.amplitude:
+        motion = Swing(section.axis, section.amplitude, section.period, section.phase, middle)
+    return motion.starting_at(start) if section.quaternion is None else motion

@@ -1,0 +1,222 @@
+"""What happens during a run: the true robot changes, and the controller is told."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping
+from itertools import count
+from time import perf_counter
+from typing import Any
+
+from .._checks import instance, mapping, positive
+from ..controller.controller import Controller
+from ..controller.state import ControllerState, Sample
+from ..exceptions import DivergedError, ImplausibleError, InputError, did_you_mean
+from ..plants.plant import Plant
+from ..plants.sensors import Sensors
+from ..records import Desired, Measurement, named
+from ..robot.robot import Robot
+from ..robot.succession import EARLY, in_time
+from ..trajectories.trajectory import Trajectory
+from .prepare import check_settles
+
+NEWS = ("payload", "tool_translation")
+
+
+class Events:
+    """Changes of the true robot and beliefs that the controller is told, each at its time.
+
+    Both take effect at the first sample at or after their time, a change before its belief.
+
+    Attributes:
+        changes: time [s] -> the true robot from then on.
+        beliefs: time [s] -> what ``Controller.believe`` is given then, by name.
+    """
+
+    def __init__(
+        self,
+        changes: Mapping[float, Robot] | None = None,
+        beliefs: Mapping[float, Mapping[str, Any]] | None = None,
+    ) -> None:
+        """Take what happens, in any order.
+
+        Raises:
+            InputError: times that are not positive and finite, or beliefs that ``believe`` does not
+                know.
+        """
+        self.changes: dict[float, Robot] = in_time(changes, "changes")
+        self.beliefs: dict[float, Mapping[str, Any]] = {
+            time: mapping(belief, f"beliefs[{time:g}]")
+            for time, belief in in_time(beliefs, "beliefs").items()
+        }
+        for time, belief in self.beliefs.items():
+            for name in belief:
+                if name not in NEWS:
+                    raise InputError(
+                        f"must be one of {list(NEWS)}, got {name!r}."
+                        f"{did_you_mean(str(name), NEWS)}",
+                        where=f"beliefs[{time:g}]",
+                    )
+
+    @property
+    def any(self) -> bool:
+        """Whether anything happens."""
+        return bool(self.changes or self.beliefs)
+
+    def check(self, controller: Controller, state: ControllerState) -> None:
+        """Tell the controller everything in advance, to refuse what it cannot express.
+
+        Raises:
+            InputError: as ``Controller.believe``.
+        """
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # they are shown when it is told
+            for belief in self.beliefs.values():
+                state = controller.believe(state, **belief)
+
+    def after(self, duration: float) -> list[float]:
+        """Return the times [s] of what does not happen in a run of a duration [s]."""
+        return sorted({at for at in (*self.changes, *self.beliefs) if at > duration - EARLY})
+
+    def change(self, plant: Plant, before: float, now: float) -> None:
+        """Let a plant become what it is ``now``, if that is another robot than at ``before`` [s].
+
+        Raises:
+            InputError: as ``Plant.become``.
+        """
+        for robot in _due(self.changes, before, now):
+            plant.become(robot)
+
+    def tell(
+        self, controller: Controller, state: ControllerState, before: float, now: float
+    ) -> ControllerState:
+        """Return the state of a controller told what it is from ``before`` to ``now`` [s]."""
+        for belief in _due(self.beliefs, before, now):
+            state = controller.believe(state, **belief)
+        return state
+
+
+def _due(events: Mapping[float, Any], before: float, now: float) -> list[Any]:
+    return [event for at, event in events.items() if before < at - EARLY <= now]
+
+
+MOST_SAMPLES = 10**10
+FASTEST = 1e4  # [rad/s or m/s]; beyond this norm of the joint velocities the loop has diverged
+
+
+def run(
+    plant: Plant,
+    controller: Controller,
+    trajectory: Trajectory,
+    *,
+    dt: float = 1e-3,
+    duration: float | None = None,
+    state: ControllerState | None = None,
+    sensors: Sensors | None = None,
+    ideal_acceleration: bool = False,
+    events: Events | None = None,
+) -> Iterator[Sample]:
+    """Drive a plant from its initial state; yield a sample each period, before the plant moves on.
+
+    Args:
+        plant: what is driven; it is reset first.
+        controller: the controller.
+        trajectory: the desired motion.
+        dt: controller period, for which each torque is held [s].
+        duration: s; None for as long as samples are taken from the iterator.
+        state: the controller's initial state; None for its own at the first measurement.
+        sensors: what the controller sees of the plant; None for all of it as it is.
+        ideal_acceleration: give the law the acceleration that its torque will cause.
+        events: how the plant changes and what the controller is told meanwhile; None for nothing.
+
+    Yields:
+        One sample a period.
+
+    Raises:
+        DivergedError: the loop diverged, at its ``time`` and for its ``reason``, a guard's
+            ``ImplausibleError`` among them; all samples before were yielded.
+        InputError: a law for a set point, and a motion that does not come to rest.
+        InputError, MeasurementError: as ``Controller.init`` and ``Controller.step``, and as
+            ``Plant.become`` and ``Controller.believe`` where there are events.
+    """
+    positive(dt, "dt")
+    instance(plant, Plant, "plant")
+    if not hasattr(controller, "step") or not hasattr(controller, "init"):
+        instance(controller, Controller, "controller")  # any other with these two will do
+    instance(trajectory, Trajectory, "trajectory")
+    check_settles(controller, trajectory)
+    instance(sensors, Sensors | None, "sensors")
+    instance(events, Events | None, "events")
+    plant.reset()
+    if sensors is not None:
+        sensors.reset()
+    given = None
+    for _ in count() if duration is None else sample_indices(duration, dt):
+        truth = plant.measure()
+        if not truth.v.dot(truth.v) < FASTEST**2:  # also true for NaN
+            raise DivergedError(f"the joint velocities exceed {FASTEST:g} rad/s or m/s.", truth.t)
+        measurement = truth if sensors is None else sensors.measure(truth, given)
+        desired = trajectory.at(truth.t)
+        if state is None:
+            state = controller.init(measurement)
+        try:
+            if ideal_acceleration:
+                measurement = _accelerated(plant, controller, state, measurement, desired)
+            started = perf_counter()
+            torque, after = controller.step(state, measurement, desired, dt)
+            step_time = perf_counter() - started
+        except DivergedError as error:
+            raise DivergedError(error.reason, truth.t) from error
+        except ImplausibleError as error:
+            raise DivergedError(lost(error), truth.t) from error
+        except InputError as error:
+            raise unusable(error, truth.t) from error
+        given = plant.motors(torque)
+        yield named(Sample, (truth.t, measurement, desired, state, given, truth, step_time))
+        plant.step(torque, dt)
+        state = after
+        if events is not None:
+            now = truth.t + dt
+            events.change(plant, truth.t, now)
+            state = events.tell(controller, state, truth.t, now)
+
+
+def lost(error: ImplausibleError) -> str:
+    """Return why a loop ends where its controller no longer believes its sensors."""
+    return f"measurement '{error.field}' {error.flaw}."
+
+
+def unusable(error: InputError, t: float) -> Exception:
+    """Return what ends a loop whose desired motion cannot be used at t [s].
+
+    At the start that is an input to be refused; later the loop has run until then.
+    """
+    return DivergedError(" ".join(str(error).split()), t) if t > 0.0 else error
+
+
+def sample_indices(duration: float, dt: float, *, ends: bool = False) -> range:
+    """Return the sample indices of a duration [s] at period dt [s]; ``ends``: with its end.
+
+    Raises:
+        InputError: numbers that are not positive, or more samples than any run ends with.
+    """
+    count = max(1, round(positive(duration, "duration") / positive(dt, "dt")))
+    if count > MOST_SAMPLES:
+        raise InputError(
+            f"{duration:g} s in periods of {dt:g} s are {float(count):.3g} samples; at most "
+            f"{float(MOST_SAMPLES):g} are run.",
+            where="duration",
+        )
+    return range(count + ends)
+
+
+def _accelerated(
+    plant: Plant,
+    controller: Controller,
+    state: ControllerState,
+    measurement: Measurement,
+    desired: Desired,
+) -> Measurement:
+    """Return the measurement with the acceleration that the coming torque will cause."""
+    _, command = controller.command(state, measurement, desired)
+    return measurement._replace(a=plant.acceleration(command.torque, command.feedthrough))

@@ -1,0 +1,339 @@
+"""Default gains of least squares on the prediction error of position or velocity."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from .._checks import positive
+from ..adaptation.adaptation import Adaptation, Frozen
+from ..adaptation.gradient import ExponentiatedGradient, Gradient
+from ..adaptation.least_squares import LeastSquares
+from ..adaptation.natural import BodyInequality, MatrixInequality, Natural
+from ..adaptation.projections import BoxProjection, MassMatrixProjection
+from ..adaptation.stacked import Stacked
+from ..exceptions import InputError, ParameterError, did_you_mean
+from ..laws.law import Law
+from ..models.bodies import BodyDynamics
+from ..models.dynamics import Dynamics, StackedDynamics
+from ..models.joint_effects import without_joint_effects
+from ..models.typical_motion import TypicalMotion
+from ..robot.robot import Robot
+from ..sensing import SensorQuality
+from .defaults import PREDICTION_RATE, frequency, gradient_shape, rate_for
+from .noise import Remedies
+from .prediction_rates import predicting
+
+# of the bandwidth
+_RATE = 1.0
+_FORGETTING = 0.125
+
+_PRIOR = 0.1  # of the reach: how far translations may be off
+_FINEST = 1e-3  # of what that makes of the predicted: what is taken for noise where there is none
+
+
+def kinematic_least_squares(
+    P_0: np.ndarray,
+    law: Law,
+    motion: TypicalMotion,
+    bandwidth: float,
+    rates: Mapping[str, Any],
+    needed: Remedies,
+    quality: SensorQuality,
+) -> LeastSquares:
+    """Return least squares on what a law predicts of the frame, from a gain P(0) (p, p) on.
+
+    Error and gain fall at the bandwidth w, so that the reference, which holds da_k/dt, can be
+    followed, until the gain is that of the camera's noise against translations off by a tenth of
+    the reach: from then on frames are averaged. Each direction forgets by itself, at w / 8 or an
+    eighth of the low pass that the noise asks for. A weight R_k of the user's own takes the place
+    of all but the forgetting.
+
+    Args:
+        P_0: the gain at the start.
+        law: that predicts positions, or velocities.
+        motion: the believed robot.
+        bandwidth: w [rad/s].
+        rates: given ``kinematic_rate``, ``kinematic_forgetting`` and ``R_k``.
+        needed: what the noise asks for.
+        quality: of the camera.
+
+    Raises:
+        GainError: a rate that is not positive.
+    """
+    rate, forgetting = rates.get("kinematic_rate"), rates.get("kinematic_forgetting")
+    if forgetting is None:
+        forgetting = _FORGETTING * min(bandwidth, needed.smoothing)
+    size = motion.kinematics.size
+    options: dict[str, Any] = {"weight": None, "forgetting": forgetting, "directional": True}
+    if rates.get("R_k") is not None and rate is None:
+        return LeastSquares(P_0, size, **options)
+    rate = _RATE * bandwidth if rate is None else positive(rate, "kinematic_rate")
+    seen = motion.position_regressors if law.needs_prediction else motion.kinematic_regressors
+    squares = [np.einsum("ij,jk,ik->i", X, P_0, X) for X in seen]
+    typical = float(np.mean(squares)) if squares else 0.0
+    # noise of the predicted against what the prior makes of it, white over a second
+    spread = quality.x if law.needs_prediction else quality.x * _velocity_filter(law, bandwidth)
+    off = _PRIOR * motion.robot.reach * math.sqrt(typical / np.mean(np.diag(P_0)))
+    noise = rate * (spread / off) ** 2 / quality.rate if spread and off else 0.0
+    floor = typical * max(noise, _FINEST**2)
+    return LeastSquares(P_0, size, rate=rate, floor=floor or 1.0, **options)
+
+
+def _velocity_filter(law: Law, bandwidth: float) -> float:
+    """Return the bandwidth [1/s] through which a law without prediction sees the velocity."""
+    return float(getattr(law, "lambda_", bandwidth))
+
+
+_METRICS = {
+    "composite": "gradient",
+    "natural-composite": "natural",
+    "composite-memory": "gradient",
+    "natural-memory": "natural",
+    "least-squares": "gradient",
+}  # of the adaptations that predict the torque
+RATES = (
+    "gamma_d",
+    "gamma_joint",
+    "gamma_k",
+    "prediction_rate",
+    "prediction_filter",
+    "forgetting",
+    "kinematic_rate",
+    "kinematic_forgetting",
+)  # as users write them
+_THICKNESS = 1e-2  # of the reach, radius of gyration
+_THINNEST = 1e-4  # [m]
+
+ADAPTATIONS = ("natural", "gradient", "projected", *_METRICS, "none")
+KINEMATIC_ADAPTATIONS = ("gradient", "least-squares", "none")
+
+
+def check_adaptation(kind: str, where: str, kinds: Sequence[str]) -> None:
+    """Refuse an unknown kind of adaptation.
+
+    Raises:
+        InputError: unknown; the nearest is suggested.
+    """
+    if kind not in kinds:
+        raise InputError(
+            f"no adaptation is called '{kind}'; there are {list(kinds)}."
+            f"{did_you_mean(kind, kinds)}",
+            where=where,
+        )
+
+
+def metric_of(kind: str) -> str:
+    """Return the kind of adaptation in whose metric another moves: most in their own."""
+    return _METRICS.get(kind, kind)
+
+
+def predicting_kind(kind: str, law: str) -> str:
+    """Return the kind of adaptation that predicts the torque in the metric of another.
+
+    Raises:
+        InputError: there is none.
+    """
+    if kind in _METRICS or kind in ("none", "custom"):
+        return kind
+    for name, metric in _METRICS.items():
+        if metric == kind:
+            return name
+    raise InputError(
+        f"the law '{law}' learns from the prediction of the torque alone; '{kind}' predicts none.",
+        where="adaptation",
+        hint=f"Take one of {list(_METRICS)}.",
+    )
+
+
+def kinematic_adaptation(
+    kind: str,
+    law: Law,
+    motion: TypicalMotion,
+    bandwidth: float,
+    rates: Mapping[str, Any],
+    box: np.ndarray | None,
+    needed: Remedies,
+    quality: SensorQuality,
+) -> Adaptation:
+    """Return how the kinematic estimate moves, at given or default rates, in a box or none.
+
+    Args:
+        kind: of ``KINEMATIC_ADAPTATIONS``, or "custom", for which nothing is tuned.
+        law: whose coupling of estimate and error the default rate follows.
+        motion: the believed robot.
+        bandwidth: w [rad/s].
+        rates: those given by name, ``gamma_k`` a number, list or matrix.
+        box: (2, p) bounds or None.
+        needed: what noise and age of the camera's frames ask for.
+        quality: of the camera.
+    """
+    kinematics, gamma_k = motion.kinematics, rates.get("gamma_k")
+    size, loop = kinematics.size, law.kinematic_loop()
+    if kind == "none" or not size or not law.learns_kinematics:
+        return Frozen()
+    if gamma_k is None:
+        stiffness = 1.0 if loop is None else loop.stiffness
+        effects = [np.sqrt(stiffness) * Y_p for Y_p in motion.kinematic_regressors]
+        mode = min(law.kinematic_mode * bandwidth, needed.kinematic)
+        gamma_k = rate_for(mode, effects, Gradient(1.0, size), kinematics.initial)
+    moved: Adaptation = Gradient(gamma_k, size, "gamma_k")
+    if kind == LeastSquares.name:
+        P_0 = moved.gain(kinematics.initial)
+        moved = kinematic_least_squares(P_0, law, motion, bandwidth, rates, needed, quality)
+    if box is None:
+        return moved
+    return BoxProjection(moved, *box, names=kinematics.names, where="unknown.kinematic_box")
+
+
+def prediction_weight(
+    law: Law, motion: TypicalMotion, adaptation: Adaptation, bandwidth: float, noise: float
+) -> float:
+    """Return R_k with which the prediction error decays at its share of the bandwidth.
+
+    Args:
+        law: that predicts velocities, or positions.
+        motion: the believed robot.
+        adaptation: of the kinematic estimate.
+        bandwidth: w [rad/s].
+        noise: largest rate that the camera's noise allows [1/s].
+    """
+    seen = motion.position_regressors if law.needs_prediction else motion.kinematic_regressors
+    rate = frequency(seen, adaptation.gain(motion.kinematics.initial)) ** 2
+    return min(PREDICTION_RATE * bandwidth, noise) / rate if rate > 0.0 else 1.0
+
+
+def dynamic_adaptation(
+    kind: str,
+    law: Law,
+    motion: TypicalMotion,
+    bandwidth: float,
+    rates: Mapping[str, Any],
+    lmi: ArrayLike | MatrixInequality | None,
+    share: float = 1.0,
+) -> Adaptation:
+    """Return how the dynamic estimate moves, at given rates or a share of the default ones.
+
+    Args:
+        kind: of adaptation.
+        law: whose loop the default rates follow.
+        motion: the believed robot.
+        bandwidth: w [rad/s].
+        rates: those given, by the names of ``RATES``.
+        lmi: matrix inequality for a basis of the user's own.
+        share: of the default rates.
+
+    Raises:
+        InputError: a rate or an inequality that does not fit the parameters.
+    """
+    if kind == "none" or not motion.dynamics.size:
+        return Frozen()
+    moved = _tracking_adaptation(metric_of(kind), law, motion, bandwidth * share**0.5, rates, lmi)
+    if kind in _METRICS:
+        moved = predicting(kind, moved, motion, bandwidth, share, rates, law.prediction_mode)
+    return law.guarded(moved, motion.dynamics)
+
+
+def _tracking_adaptation(
+    kind: str,
+    law: Law,
+    motion: TypicalMotion,
+    w: float,
+    rates: Mapping[str, Any],
+    lmi: ArrayLike | MatrixInequality | None,
+) -> Adaptation:
+    """Return how the dynamic estimate follows the tracking error at a bandwidth w [rad/s]."""
+    dynamics = motion.dynamics
+    effects, stacked = law.parameter_effects(motion), isinstance(dynamics, StackedDynamics)
+    inertial = dynamics.inertial if isinstance(dynamics, StackedDynamics) else dynamics
+    carrier = without_joint_effects(motion.robot) if stacked else motion.robot
+    own = [Phi[:, : inertial.size] for Phi in effects]
+    mode, gamma_d = law.adaptation_mode * w, rates.get("gamma_d")
+    adaptation = _inertial_adaptation(kind, carrier, inertial, own, mode, gamma_d, lmi)
+    if not isinstance(dynamics, StackedDynamics) or not dynamics.joint.size:
+        return adaptation
+    typical = dynamics.joint.typical
+    gamma_joint = rates.get("gamma_joint")
+    if gamma_joint is None:
+        own = [Phi[:, inertial.size :] for Phi in effects]
+        unit = ExponentiatedGradient(1.0, typical)
+        gamma_joint = rate_for(law.joint_mode * w, own, unit, typical)
+    joints = ExponentiatedGradient(gamma_joint, typical)
+    return Stacked([(adaptation, inertial.size), (joints, typical.size)])
+
+
+def _inertial_adaptation(
+    kind: str,
+    believed: Robot,
+    dynamics: Dynamics,
+    effects: list[np.ndarray],
+    mode: float,
+    gamma_d: ArrayLike | None,
+    lmi: ArrayLike | MatrixInequality | None,
+) -> Adaptation:
+    """Return how the inertial parameters move; ``mode`` [rad/s] is the fastest by default."""
+    if not dynamics.size:
+        return Frozen()
+    if kind == "natural":
+        cone = _cone(believed, dynamics, lmi)
+        unit = Natural(1.0, cone)
+        if gamma_d is None:
+            gamma_d = rate_for(mode, effects, unit, unit.validate(dynamics.initial))
+        if isinstance(gamma_d, Iterable) and not isinstance(gamma_d, str):
+            raise InputError("natural adaptation has one scalar gain.", where="gamma_d")
+        return Natural(positive(gamma_d, "gamma_d"), cone, shares=_shares(believed, dynamics, unit))
+    if gamma_d is None:
+        shape = gradient_shape(believed, dynamics, effects)
+        gamma_d = shape * rate_for(mode, effects, Gradient(shape, dynamics.size), dynamics.initial)
+    gradient = Gradient(gamma_d, dynamics.size, "gamma_d")
+    return MassMatrixProjection(gradient, dynamics, believed) if kind == "projected" else gradient
+
+
+def _shares(believed: Robot, dynamics: Dynamics, unit: Natural) -> np.ndarray | None:
+    """Return relative rates, one a body, where the last one is described as a needle; else None.
+
+    The metric measures how far a centre of mass may move by how thick the body is, and an unknown
+    load sits on the last one whatever its description says: it is learned as fast as if it were a
+    hundredth of the reach thick.
+    """
+    last = believed.model.nv - 1
+    if not isinstance(dynamics, BodyDynamics) or last not in dynamics.bodies:
+        return None
+    shares = np.ones(len(dynamics.bodies))
+    index = list(dynamics.bodies).index(last)
+    P = unit.cone.matrices(unit.validate(dynamics.initial))[index]
+    about_centre = P[:3, :3] / P[3, 3] - np.outer(P[:3, 3], P[:3, 3]) / P[3, 3] ** 2
+    radius = np.sqrt(max(np.linalg.eigvalsh(about_centre)[0], 0.0))
+    shares[index] = max(1.0, (_THICKNESS * believed.reach / max(radius, _THINNEST)) ** 2)
+    return shares if shares[index] > 1.0 else None
+
+
+def _cone(
+    believed: Robot, dynamics: Dynamics, lmi: ArrayLike | MatrixInequality | None
+) -> MatrixInequality:
+    """Return the bodies' cone, or the user's inequality for a basis."""
+    cone: MatrixInequality
+    if isinstance(dynamics, BodyDynamics):
+        names = [believed.joint_names[body] for body in dynamics.bodies]
+        mass = pin.computeTotalMass(believed.model) / believed.model.nv
+        cone = BodyInequality(names, least_mass=1e-3 * mass, least_radius=1e-2 * believed.reach)
+    elif lmi is None:
+        raise ParameterError(
+            "natural adaptation of a user's basis needs the inequality that keeps M positive "
+            "definite.",
+            where="unknown.lmi",
+            hint='Give one (see robots/planar_2r/lmi.csv), or use adaptation = "gradient".',
+        )
+    else:
+        cone = lmi if isinstance(lmi, MatrixInequality) else MatrixInequality(lmi)
+    if cone.size != dynamics.size:
+        raise ParameterError(
+            f"the inequality has {cone.size} coefficients, there are {dynamics.size} parameters.",
+            where="lmi",
+        )
+    return cone
