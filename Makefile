@@ -6,15 +6,6 @@ STRIP  := $(BIN)/nbstripout --keep-id --extra-keys metadata.language_info
 # Small matrices gain nothing from BLAS threads, and two test processes share the cores.
 export OPENBLAS_NUM_THREADS := 1
 
-# Closed loops of many seconds, which `make check` leaves to `make test`.
-SLOW := borrowed choice cli closed_loop composite composite_memory contract elastic_plant \
-        estimator excitation excite heavy_load hostile identify init interrupted joint_laws \
-        kernel_cache kinematic_least_squares known_load large_inputs late_frames learned \
-        limits live load_changes lumped lyapunov middleton_goodwin modifications momentum \
-        mujoco_files mujoco_loops mujoco_plant notebooks outputs pages pose pose_loop \
-        preflight prior readme reference remedies rollout separation set_point showcase \
-        simulation site_code unknown_base urdf_out verdict zoo
-
 .PHONY: install demo notebook strip check test lint bench docs picture clean
 
 $(VENV)/installed: pyproject.toml
@@ -40,7 +31,7 @@ strip: $(VENV)/installed
 	$(STRIP) notebooks/*.ipynb
 
 check: lint
-	$(BIN)/python -m pytest -n 2 $(SLOW:%=--ignore=tests/test_%.py)
+	$(BIN)/python -m pytest -n 2 -m "not slow"
 
 test: lint
 	$(BIN)/python -m pytest -n 2

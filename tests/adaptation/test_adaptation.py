@@ -1,0 +1,177 @@
+"""The adaptations: their metric, their cone, and the pseudo-inertia behind natural adaptation."""
+
+import warnings
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import assume, given
+
+import pinadapt as pa
+from pinadapt.models.pseudo_inertia import is_physical, nearest_physical, pseudo_inertia
+from tests.support.chains import random_inertia, seeded, seeds
+from tests.support.differences import derivative
+from tests.support.drives import rate_of, stepped
+
+PLANAR_LMI = np.array([[[1, 0], [0, 0]], [[0, 1], [1, 0]], [[-1, 0], [0, 1]]], dtype=float)
+
+
+def bodies(rng, count):
+    return np.concatenate([random_inertia(rng).toDynamicParameters() for _ in range(count)])
+
+
+def diagonal_bounds():
+    """An incomplete cone with an offset: 0 < a1 < 2, 0 < a2, a1 + a2 < 3."""
+    F = np.zeros((2, 4, 4))
+    F[0] = np.diag([1, -1, 0, -1])
+    F[1] = np.diag([0, 0, 1, -1])
+    return pa.MatrixInequality(F, offset=np.diag([0.0, 2.0, 0.0, 3.0]))
+
+
+CASES = {
+    "bodies": lambda rng: (pa.BodyInequality(["a", "b", "c"]), bodies(rng, 3), bodies(rng, 3)),
+    "planar": lambda rng: (
+        pa.MatrixInequality(PLANAR_LMI),
+        np.array([3.0, 0.5, 0.5]),
+        np.array([3.34, 1.2, 0.97]),
+    ),
+    "bounds": lambda rng: (diagonal_bounds(), np.array([0.5, 1.0]), np.array([1.2, 0.3])),
+}
+
+
+@given(seeds)
+@seeded
+def test_pseudo_inertia_is_pinocchios(seed):
+    inertia = random_inertia(np.random.default_rng(seed))
+    P = pseudo_inertia(inertia.toDynamicParameters())
+    assert np.allclose(P, inertia.toPseudoInertia().toMatrix(), atol=1e-12)
+    assert is_physical(inertia.toDynamicParameters())
+
+
+def test_unphysical_inertias_are_recognised():
+    triangle = pin.Inertia(
+        1.0, np.array([0.1, 0.0, 0.0]), np.diag([1.0, 1.0, 3.0])
+    )  # Ixx + Iyy < Izz
+    assert not is_physical(triangle.toDynamicParameters())
+    assert not is_physical(np.zeros(10))
+    assert not is_physical(-random_inertia(np.random.default_rng(0)).toDynamicParameters())
+
+
+@given(seeds)
+@seeded
+def test_nearest_physical(seed):
+    rng = np.random.default_rng(seed)
+    anything = rng.standard_normal(10)
+    repaired = nearest_physical(anything, least_mass=0.1, least_radius=0.01)
+    assert is_physical(repaired)
+    good = random_inertia(rng).toDynamicParameters()
+    assert np.allclose(nearest_physical(good, least_mass=1e-3, least_radius=1e-4), good, atol=1e-12)
+
+
+@pytest.mark.parametrize("case", CASES)
+@given(seed=seeds)
+@seeded
+def test_divergence_falls_as_the_gradient_signal_says(case, seed):
+    """dD/dt = -(a - a_true)^T g for da/dt = rate(a, g), as every Lyapunov proof asks."""
+    rng = np.random.default_rng(seed)
+    cone, a, a_true = CASES[case](rng)
+    assume(pa.Natural(0.3, cone).divergence(a, a_true) < 300.0)  # rounding grows with it
+    g = rng.standard_normal(a.size)
+    g /= np.linalg.norm(g)
+    for adaptation in (pa.Natural(0.3, cone), pa.Gradient(rng.uniform(0.1, 2.0, a.size), a.size)):
+        rate = rate_of(adaptation, a, g)
+        step = 1e-4 / max(1.0, np.linalg.norm(rate))
+        change = derivative(
+            lambda t, a=a, r=rate, f=adaptation: f.divergence(a + t * r, a_true), h=step
+        )
+        assert np.isclose(change, -(a - a_true) @ g, rtol=1e-5, atol=1e-7)
+        assert adaptation.divergence(a_true, a_true) == pytest.approx(0.0, abs=1e-9)
+        assert adaptation.divergence(a, a_true) > 0.0
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_step_follows_rate_for_small_steps(case):
+    rng = np.random.default_rng(4)
+    cone, a, _ = CASES[case](rng)
+    adaptation, g = pa.Natural(0.3, cone), rng.standard_normal(a.size)
+    h = 1e-7
+    assert np.allclose(
+        (stepped(adaptation, a, g, h) - a) / h, rate_of(adaptation, a, g), rtol=1e-4, atol=1e-6
+    )
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("step", [1e-3, 1e-1, 1.0, 1e2, 1e4])
+def test_natural_never_leaves_the_cone(case, step):
+    rng = np.random.default_rng(6)
+    cone, a, _ = CASES[case](rng)
+    adaptation = pa.Natural(1.0, cone)
+    scale = np.abs(rate_of(adaptation, a, np.ones(a.size))).max()
+    for _ in range(20):
+        g = rng.standard_normal(a.size)
+        a_next = stepped(adaptation, a, g, step / scale)
+        assert cone.contains(a_next)
+        ratios = np.linalg.eigvals(np.linalg.solve(cone.matrices(a), cone.matrices(a_next))).real
+        assert ratios.max() <= np.exp(0.02) + 1e-5 and ratios.min() >= np.exp(-0.021)
+
+
+@pytest.mark.parametrize("norm", [1e-4, 1e-3, 2.9e-3, 1e-2, 1.9e-2])
+def test_series_is_the_geodesic(norm):
+    """The short series for small steps agrees with S exp(-S^T X S) S^T, by eigenvalues."""
+    rng = np.random.default_rng(8)
+    cone = pa.BodyInequality(["a", "b"])
+    a, g = bodies(rng, 2), rng.standard_normal(20)
+    P, L = cone.matrices(a), cone.covectors(g)
+    A = P @ L
+    h = norm / np.sqrt(np.einsum("bij,bji->", A, A))
+    S = np.linalg.cholesky(P)
+    w, U = np.linalg.eigh(h * S.transpose(0, 2, 1) @ L @ S)
+    exact = (S @ U * np.exp(-w)[:, None, :]) @ (S @ U).transpose(0, 2, 1)
+    moved = cone.matrices(stepped(pa.Natural(1.0, cone), a, g, h))
+    assert np.abs(moved - exact).max() <= 1e-5 * np.abs(P).max()
+
+
+def test_natural_is_coordinate_free():
+    """Moving bodies to other frames and units commutes with adaptation, unlike a gradient."""
+    rng = np.random.default_rng(9)
+    cone = pa.BodyInequality(["a"])
+    a, g = bodies(rng, 1), rng.standard_normal(10)
+    placement = pin.SE3.Random()
+
+    def move(pi):
+        return placement.act(pin.Inertia.FromDynamicParameters(pi)).toDynamicParameters()
+
+    A = (
+        np.stack([move(a + e) - move(a) for e in 1e-3 * np.eye(10)], axis=1) / 1e-3
+    )  # the map is linear
+    h = 1e-3
+    natural = pa.Natural(1.0, cone)
+    there = stepped(natural, move(a), np.linalg.solve(A.T, g), h)
+    assert np.allclose(there, move(stepped(natural, a, g, h)), rtol=1e-6, atol=1e-8)
+
+
+def test_unphysical_bodies_are_moved_with_a_warning_that_names_them():
+    rng = np.random.default_rng(10)
+    a = bodies(rng, 2)
+    a[19] += 100.0  # Izz of the second body
+    cone = pa.BodyInequality(["shoulder", "elbow"], least_mass=1e-3, least_radius=1e-3)
+    with pytest.warns(UserWarning, match=r"\['elbow'\]"):
+        valid = pa.Natural(1.0, cone).validate(a)
+    assert cone.contains(valid)
+    assert np.array_equal(valid[:10], a[:10])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert pa.Natural(1.0, cone).validate(valid) is valid
+
+
+def test_refusals():
+    with pytest.raises(pa.ParameterError, match="outside"):
+        pa.Natural(1.0, pa.MatrixInequality(PLANAR_LMI)).validate(np.array([4.0, 5.0, 0.5]))
+    with pytest.raises(pa.ParameterError, match="independent"):
+        pa.MatrixInequality(np.stack([np.eye(2), 2 * np.eye(2)]))
+    with pytest.raises(pa.ParameterError, match="symmetric"):
+        pa.MatrixInequality([[[0.0, 1.0], [0.0, 0.0]]])
+    with pytest.raises(pa.GainError, match="positive"):
+        pa.Natural(-1.0, pa.MatrixInequality(PLANAR_LMI))
+    with pytest.raises(pa.GainError, match="definite"):
+        pa.Gradient([1.0, -1.0], 2)

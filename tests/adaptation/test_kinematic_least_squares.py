@@ -1,0 +1,225 @@
+"""Least squares on what a law predicts of the frame: its V, and how soon a tool is known."""
+
+import math
+import pickle
+from itertools import islice
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from pinadapt.description.catalogue import robots_folder
+from pinadapt.scenario.scenario import Scenario
+from tests.support.chains import catalogue_robot
+from tests.support.loops import circle_beside, energy_along, with_tool_and_load
+from tests.support.paper import BASIS, CIRCLE, LMI
+
+pytestmark = pytest.mark.slow
+
+FIT = {"kinematic_adaptation": "least-squares"}
+SLOW = {"gamma_d": 1.0, "joint": "none"}
+
+
+def planar(**options):
+    robot, own = catalogue_robot("planar_2r"), {"kinematic": "lengths", "basis": BASIS, "lmi": LMI}
+    start = {"a_k": np.array([1.05, 1.3]), "a_d": np.array([4.0, 0.5, 0.5])}
+    return robot, pa.make_controller(robot, **own, **SLOW, **FIT, **options), CIRCLE, start
+
+
+def arm(name, plane="yz", **options):
+    robot = catalogue_robot(name)
+    true, believed = with_tool_and_load(robot), robot.changed(inertial_scale=0.8)
+    controller = pa.make_controller(believed, **{**SLOW, **FIT, **options})
+    return true, controller, circle_beside(true, plane), {}
+
+
+def with_base(name, **options):
+    true, controller, _, start = arm(name, kinematic=["base", "tool"], **options)
+    base = {controller.kinematics.joint_names[0]: [0.2, -0.1, 0.05]}
+    true = true.changed(link_translation=base)
+    return true, controller, circle_beside(true, "yz"), start
+
+
+CASES = {
+    "planar": planar,
+    "planar, (11)": lambda: planar(law="adaptive-inverse-dynamics"),
+    "ur5, base": lambda: with_base("ur5"),
+    "ur5, weight": lambda: arm("ur5", R_k=2.0),
+    "ur5, Jacobian": lambda: arm("ur5", law="adaptive-jacobian"),
+    "panda": lambda: arm("panda"),
+    "panda, (11)": lambda: arm("panda", law="adaptive-inverse-dynamics", R_k=20.0),
+    "panda, (25)": lambda: arm("panda", law="adaptive-inverse-dynamics-velocity"),
+    "slides": lambda: arm("scara", "xy"),
+    "continuous": lambda: arm("kinova"),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_equality_along_the_trajectory(case):
+    """V gains da_k^T P^-1 da_k / 2 in place of the constant metric, for every law and weight."""
+    true, controller, path, start = CASES[case]()
+    energy = energy_along(true, controller, path, seconds=0.05, **start)
+    assert energy.mismatch(after=20) <= 1e-4  # at first R rises from W_k = 0 in a few samples
+    assert np.abs(energy.rate).max() > 1e-4
+    assert (energy.rate <= 0.0).all()
+    assert energy.largest_rise() <= 1e-12
+
+
+def known_after(seconds, name="panda", kinematic="tool", **options):
+    """Return how far off the kinematic estimate is [m] after some time on a circle of 10 cm."""
+    sensors = {key: options.pop(key) for key in ("camera", "noise") if key in options}
+    robot = catalogue_robot(name)
+    true = with_tool_and_load(robot).changed(viscous=0.3, coulomb=0.3)
+    if "base" in kinematic:
+        true = true.changed(link_translation={robot.joint_names[0]: [0.2, -0.1, 0.05]})
+    controller = pa.make_controller(robot, kinematic=kinematic, **sensors, **options)
+    path = pa.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(true.position(true.q0))
+    rollout = pa.simulate(true, controller, path, duration=seconds, record_every=20, **sensors)
+    assert rollout.diverged is None
+    wrong = np.linalg.norm(rollout.a_k - controller.kinematics.value(true), axis=1)
+    return float(wrong[-1]), rollout
+
+
+@pytest.mark.parametrize("camera", [None, {"rate": 30.0, "delay": 0.06}])
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_a_tool_is_known_within_a_second(name, camera):
+    wrong, rollout = known_after(1.0, name, camera=camera, **FIT)
+    assert wrong < 1e-4
+    assert rollout.distance[-5:].max() < 2e-3
+
+
+def test_noisy_frames_are_averaged():
+    """After three seconds closer than gradient comes to it in ten (0.42 mm)."""
+    seen = {"camera": {"rate": 30.0, "delay": 0.06}, "noise": {"x": 1e-3}}
+    wrong, _ = known_after(3.0, **seen, **FIT)
+    assert wrong < 4e-4
+    slow, _ = known_after(3.0, **seen)
+    assert slow > 4.0 * wrong
+
+
+def test_base_and_tool_are_told_apart():
+    """Together they are hardly excited by a small circle, which a gradient takes minutes for."""
+    wrong, _ = known_after(2.0, kinematic=["base", "tool"], **FIT)
+    slow, _ = known_after(2.0, kinematic=["base", "tool"])
+    assert wrong < 1e-3 and slow > 0.05
+
+
+def test_a_frame_that_is_held_counts_once():
+    """A hundred steps under one frame are one step of a hundred times the length."""
+    rng = np.random.default_rng(0)
+    X, b = rng.standard_normal((3, 6)), rng.standard_normal(3)
+    fit = pa.LeastSquares(0.3, 6, weight=[2.0, 3.0, 4.0], forgetting=0.0)
+    once = many = fit.init(rng.standard_normal(6))
+
+    def seen(estimate):
+        nothing = np.zeros((1, 6))
+        return pa.Drive(nothing, None).predicting(X, X @ estimate.value + b)
+
+    once = fit.step(once, seen(once), 1.0)
+    for _ in range(100):
+        many = fit.step(many, seen(many), 0.01)
+    assert np.allclose(once.value, many.value, atol=1e-11)
+    assert np.allclose(once.memory[0], many.memory[0], atol=1e-11)
+
+
+def test_each_direction_forgets_by_itself():
+    """Where one parameter is never told, the other is still followed; bounded gain stops both."""
+    W, ends = np.array([[1.0, 0.0]]), {}
+    for directional in (False, True):
+        fit = pa.LeastSquares(1.0, 2, weight=10.0, forgetting=1.0, directional=directional)
+        estimate, excess = fit.init(np.zeros(2)), []
+        for k in range(2000):
+            truth = np.array([1.0 if k < 1000 else 2.0, 0.0])
+            drive = pa.Drive(np.zeros((1, 2)), None).predicting(W, W @ (estimate.value - truth))
+            estimate = fit.step(estimate, drive, 0.01)
+            excess.append(np.linalg.eigvalsh(estimate.memory[0] - fit.P_0)[-1])
+        ends[directional] = abs(estimate.value[0] - 2.0)
+        assert max(excess) <= 1e-12
+    assert ends[True] < 1e-3 < 0.3 < ends[False]
+
+
+def test_small_steps_follow_the_rate():
+    rng = np.random.default_rng(1)
+    W, truth = rng.standard_normal((2, 3)), rng.standard_normal(3)
+    fit = pa.LeastSquares(
+        [0.5, 1.0, 2.0], 3, rate=20.0, floor=0.1, weight=None, forgetting=3.0, directional=True
+    )
+    drive = pa.Drive(np.ones((1, 3)), np.ones(1), W, W @ -truth, np.eye(2))
+    start = fit.init(np.zeros(3))
+    rate = fit.rate(start, drive)
+    for h, within in ((1e-5, 1e-3), (1e-6, 1e-4)):
+        after = fit.step(start, drive, h)
+        for moved, was, slope in zip(
+            (after.value, *after.memory), (start.value, *start.memory), (rate.value, *rate.memory),
+            strict=True,
+        ):  # fmt: skip
+            assert np.abs((moved - was) / h - slope).max() <= within * np.abs(slope).max()
+
+
+def test_a_box_goes_by_the_gain_of_now():
+    """The nearest point of the box in the metric P^-1 leaves da^T P^-1 da no larger."""
+    rng = np.random.default_rng(2)
+    box = pa.BoxProjection(pa.LeastSquares(1.0, 3, weight=50.0), -np.ones(3), np.ones(3))
+    for _ in range(30):
+        estimate, truth = box.init(np.zeros(3)), rng.uniform(-1.0, 1.0, 3)
+        for _ in range(5):
+            W = rng.standard_normal((1, 3))
+            noisy = W @ (estimate.value - truth) + rng.standard_normal(1)
+            drive = pa.Drive(np.zeros((1, 3)), None).predicting(W, noisy)
+            after, free = (part.step(estimate, drive, 0.5) for part in (box, box.inner))
+            assert box.contains(after.value)
+            assert box.storage(after, truth) <= box.storage(free, truth) + 1e-12
+            estimate = after
+
+
+def test_an_announced_tool_begins_anew():
+    true, controller, path, _ = arm("panda")
+    sample = list(islice(pa.run(pa.PinocchioPlant(true), controller, path), 100))[-1]
+    P = sample.state.kinematic.memory[0]
+    assert np.linalg.eigvalsh(P)[-1] < 0.5 * controller.adaptation_k.gain(sample.state.a_k)[0, 0]
+    told = controller.believe(sample.state, tool_translation=[0.0, 0.0, 0.05])
+    assert np.array_equal(told.kinematic.memory[0], controller.adaptation_k.inner.P_0)
+
+
+def test_a_copy_gives_the_same_torques():
+    true, controller, path, _ = arm("ur5")
+    run = list(islice(pa.run(pa.PinocchioPlant(true), controller, path), 30))
+    copied = pickle.loads(pickle.dumps(controller))
+    for sample in run:
+        torque, _ = copied.step(sample.state, sample.measurement, sample.desired, 1e-3)
+        assert np.array_equal(torque, sample.torque)
+
+
+def test_words_and_gains():
+    robot = catalogue_robot("ur5")
+    made = pa.make_controller(robot, **FIT, kinematic_rate=7.0, kinematic_forgetting=0.5)
+    fit = made.adaptation_k.inner
+    assert fit.name == "least-squares" and (fit.forgetting, fit.directional) == (0.5, True)
+    assert "SalgadoGoodwinMiddleton1988" in pa.citation(made)
+    own = pa.make_controller(robot, kinematic_adaptation=pa.Gradient(0.1, 3))
+    assert isinstance(own.adaptation_k, pa.Gradient)
+    still = pa.make_controller(robot, kinematic_adaptation="none")
+    assert still.adaptation_k.name == "none" and still.adaptation_d.name == "natural"
+    alone = pa.make_controller(robot, adaptation="none", **FIT)
+    assert alone.adaptation_k.inner.name == "least-squares" and alone.adaptation_d.name == "none"
+    for unused in ({"kinematic_rate": 5.0}, {**FIT, "kinematic": [], "gamma_k": 1.0}):
+        with pytest.warns(pa.UnusedGainWarning):
+            pa.make_controller(robot, **unused)
+    with pytest.raises(pa.InputError, match="Did you mean 'least-squares'"):
+        pa.make_controller(robot, kinematic_adaptation="least-square")
+    with pytest.raises(pa.InputError, match="kinematic_adaptation"):
+        pa.make_controller(robot, kinematic_adaptation=3.0)
+    for rate in (-1.0, math.nan):
+        with pytest.raises(pa.GainError):
+            pa.make_controller(robot, **FIT, kinematic_rate=rate)
+    with pytest.raises(pa.GainError, match="weight"):
+        pa.LeastSquares(1.0, 2, 10.0, weight=None)
+
+
+def test_a_scenario_names_it():
+    scenario = robots_folder() / "panda" / "tool_and_load.toml"
+    words = ['controller.kinematic_adaptation="least-squares"', "controller.kinematic_rate=9.0"]
+    fit = Scenario.read(scenario, words).controller.adaptation_k.inner
+    assert fit.name == "least-squares"
+    with pytest.raises(pa.ScenarioError, match="kinematic_adaptation"):
+        Scenario.read(scenario, ['controller.kinematic_adaptation="least-square"'])

@@ -1,0 +1,282 @@
+"""The command line: exit statuses, messages, and the files that other people's scripts read."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pinadapt
+from pinadapt.cli.main import main
+from pinadapt.description.catalogue import robots_folder
+
+pytestmark = pytest.mark.slow
+
+PLANAR = str(robots_folder() / "planar_2r" / "wang_xie_2009.toml")
+PANDA = str(robots_folder() / "panda" / "tool_and_load.toml")
+SHORT = "simulation.duration=0.05"
+
+SUMMARY = {
+    "title": str,
+    "law": str,
+    "adaptation": str,
+    "robot": str,
+    "nv": int,
+    "diverged": (float, type(None)),
+    "max_error_first": float,
+    "max_error_last": float,
+    "rms_error_last": float,
+    "tau_max": float,
+    "min_eig_M_hat": float,
+    "min_singular_J_hat": float,
+    "steps": int,
+    "wall_time_s": float,
+    "step_time_us": float,
+    "kinematic_names": list,
+    "dynamic_names": list,
+    "version": str,
+}
+
+
+def run(scenario, folder, *settings):
+    """Run a scenario without animation and return the exit status."""
+    return main(["run", scenario, "--no-html", "--out", str(folder), "--set", *settings])
+
+
+def module(*arguments):
+    """Run ``python -m pinadapt`` in a process of its own, output piped."""
+    source = str(Path(pinadapt.__file__).parents[1])
+    environment = {**os.environ, "PYTHONPATH": source}
+    return subprocess.run(
+        [sys.executable, "-m", "pinadapt", *arguments],
+        capture_output=True,
+        text=True,
+        env=environment,
+    )
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """Return the folder of a run that ended well."""
+    folder = tmp_path_factory.mktemp("finished")
+    assert run(PLANAR, folder, SHORT) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def diverged(tmp_path_factory):
+    """Return the folder of a run that blew up."""
+    folder = tmp_path_factory.mktemp("diverged")
+    settings = ["law=adaptive-inverse-dynamics", "adaptation=gradient", "gamma_d=1.0"]
+    lost = [f"controller.{setting}" for setting in settings]
+    assert run(PANDA, folder, "simulation.duration=1.0", *lost) == 3
+    return folder
+
+
+# --- outputs ---
+
+
+def test_summary_has_the_documented_keys(finished):
+    summary = json.loads((finished / "summary.json").read_text())
+    assert not set(SUMMARY) - set(summary)
+    assert all(isinstance(summary[key], kind) for key, kind in SUMMARY.items())
+    assert (summary["robot"], summary["nv"], summary["steps"], summary["diverged"]) == (
+        "planar_2r",
+        2,
+        50,
+        None,
+    )
+    assert (summary["law"], summary["adaptation"]) == ("adaptive-inverse-dynamics", "natural")
+    assert summary["version"] == pinadapt.__version__
+    assert 0.1 < summary["max_error_first"] < 0.3
+
+
+def test_rollout_has_the_documented_arrays(finished):
+    arrays = np.load(finished / "rollout.npz")
+    shapes = {"t": (50,), "lyapunov": (50,), "a_d": (50, 3), "a_d_true": (3,), "a_k_true": (2,)}
+    shapes.update(dict.fromkeys(("q", "v", "tau", "x", "x_d", "error", "a_k"), (50, 2)))
+    assert {name: arrays[name].shape for name in shapes} == shapes
+    assert np.allclose(arrays["a_d_true"], [3.34, 1.2, 0.97])
+
+
+def test_plots_are_written(finished):
+    assert all(
+        (finished / f"{name}.png").stat().st_size > 5000
+        for name in ("error", "parameters", "torque")
+    )
+
+
+def test_no_html_writes_no_animation(finished):
+    assert not (finished / "animation.html").exists()
+
+
+def test_the_summary_agrees_with_the_arrays(finished):
+    summary, arrays = (
+        json.loads((finished / "summary.json").read_text()),
+        np.load(finished / "rollout.npz"),
+    )
+    distance = np.linalg.norm(arrays["error"], axis=1)
+    assert np.isclose(summary["max_error_first"], distance[:5].max())
+    assert np.isclose(summary["max_error_last"], distance[-5:].max())
+    assert np.isclose(summary["rms_error_last"], np.sqrt(np.mean(distance[-5:] ** 2)))
+    assert np.isclose(summary["tau_max"], np.abs(arrays["tau"]).max())
+
+
+def test_the_table_is_printed_and_the_folder_told(tmp_path, capsys):
+    assert run(PLANAR, tmp_path, "simulation.duration=0.01") == 0
+    out = capsys.readouterr().out
+    assert out.startswith("Planar arm of Wang and Xie (2009)\n")
+    assert f"written to {tmp_path}" in out
+
+
+def test_without_out_the_folder_is_named_after_the_scenario(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", PLANAR, "--no-html", "--set", "simulation.duration=0.01"]) == 0
+    assert (tmp_path / "out" / "wang_xie_2009" / "summary.json").is_file()
+
+
+# --- divergence ---
+
+
+def test_divergence_leaves_the_outputs_up_to_that_time(diverged):
+    summary, arrays = (
+        json.loads((diverged / "summary.json").read_text()),
+        np.load(diverged / "rollout.npz"),
+    )
+    assert 0.0 < summary["diverged"] < 1.0
+    assert summary["steps"] == len(arrays["t"]) == len(arrays["tau"]) == len(arrays["a_d"])
+    assert np.isclose(arrays["t"][-1] + 1e-3, summary["diverged"])
+    assert all(np.isfinite(arrays[name]).all() for name in arrays.files)
+    assert all((diverged / f"{name}.png").is_file() for name in ("error", "parameters", "torque"))
+
+
+def test_summaries_are_json_for_every_reader(finished, diverged):
+    def refuse(constant):
+        raise AssertionError(f"{constant} is no JSON")
+
+    for folder in (finished, diverged):
+        json.loads((folder / "summary.json").read_text(), parse_constant=refuse)
+
+
+# --- refusals ---
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("controller.kv=3.0", "Did you mean 'Kv'?"),
+        ("controller.law=adaptive-invers-dynamics", "Did you mean 'adaptive-inverse-dynamics'?"),
+        ("robot.source=planr_2r", "Did you mean 'planar_2r'?"),
+        ("controller.alpha=100.0", "alpha"),
+        ("belief.kinematic=[1.0]", "belief.kinematic"),
+        ("simulation.seed=-1", "seed"),
+        ("truth.payload={ mass = 1.0, inertia = [-1.0, 0.0, 1.0, 0.0, 0.0, 1.0] }", "inertia"),
+        (
+            "reference={ kind = 'waypoints', relative = false, points = [[1, 1, 1], [1, 1, 2]] }",
+            "points",
+        ),
+        ("nonsense", "key=value"),
+    ],
+)
+def test_a_refused_input_is_status_2_and_a_message(setting, words, tmp_path, capsys):
+    assert run(PLANAR, tmp_path / "out", SHORT, setting) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("pinadapt: ") and words in err and "Traceback" not in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_missing_scenario_is_status_2(capsys):
+    assert main(["run", "nothing.toml", "--no-html"]) == 2
+    assert capsys.readouterr().err == "pinadapt: nothing.toml: no such file.\n"
+
+
+def test_an_output_folder_that_cannot_be_made_is_status_2(tmp_path, capsys):
+    (tmp_path / "file").write_text("in the way")
+    assert run(PLANAR, tmp_path / "file", "simulation.duration=0.002") == 2
+    assert str(tmp_path / "file") in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("arguments", [[], ["walk"], ["run"], ["run", PLANAR, "--sat", "a=1"]])
+def test_a_malformed_command_is_status_2(arguments, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(arguments)
+    assert stop.value.code == 2
+    assert "usage: pinadapt" in capsys.readouterr().err
+
+
+# --- the other commands ---
+
+
+def test_robots_lists_the_catalogue(capsys):
+    assert main(["robots"]) == 0
+    lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()[2:]}
+    assert list(lines) == list(pinadapt.catalogue())
+    assert lines["panda"].split()[1:4] == ["7", "xyz", "panda_hand_tcp"]
+    assert all(
+        entry.frame in lines[name] and entry.origin in lines[name]
+        for name, entry in pinadapt.catalogue().items()
+    )
+
+
+def test_compare_shows_the_laws_side_by_side(tmp_path, capsys):
+    laws = ["resolved-acceleration", "adaptive-jacobian"]
+    assert (
+        main(["compare", PLANAR, "--laws", ",".join(laws), "--out", str(tmp_path), "--set", SHORT])
+        == 0
+    )
+    rows = capsys.readouterr().out.splitlines()
+    assert [law for row in rows for law in laws if law in row] == laws
+    summaries = json.loads((tmp_path / "compare.json").read_text())
+    assert [summary["law"] for summary in summaries] == laws
+    assert all(not set(SUMMARY) - set(summary) for summary in summaries)
+    assert all((tmp_path / law / "rollout.npz").is_file() for law in laws)
+
+
+def test_compare_refuses_an_unknown_law_before_it_runs_any(tmp_path, capsys):
+    laws = "adaptive-jacobian,adaptive-jacobean"
+    assert (
+        main(["compare", PLANAR, "--laws", laws, "--out", str(tmp_path / "out"), "--set", SHORT])
+        == 2
+    )
+    assert "Did you mean 'adaptive-jacobian'?" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_compare_refuses_a_bad_belief_before_it_runs_any(tmp_path):
+    settings = [
+        "--set",
+        SHORT,
+        "belief.dynamic=[1.0, 5.0, 1.0]",
+    ]  # outside the cone that only the second law needs
+    laws = "resolved-acceleration,adaptive-inverse-dynamics"
+    assert main(["compare", PLANAR, "--laws", laws, "--out", str(tmp_path / "out"), *settings]) == 2
+    assert not (tmp_path / "out").exists()
+
+
+# --- as a process ---
+
+
+def test_version_of_the_module():
+    process = module("--version")
+    assert (process.returncode, process.stdout.strip()) == (0, f"pinadapt {pinadapt.__version__}")
+
+
+def test_piped_output_has_no_progress_bar(tmp_path):
+    process = module("run", PLANAR, "--no-html", "--out", str(tmp_path), "--set", SHORT)
+    assert process.returncode == 0
+    assert process.stderr == ""
+    assert (
+        "\r" not in process.stdout and "it/s" not in process.stdout and "%|" not in process.stdout
+    )
+
+
+def test_a_refusal_of_the_module_is_status_2_without_traceback(tmp_path):
+    process = module(
+        "run", PLANAR, "--no-html", "--out", str(tmp_path), "--set", "controller.kv=1.0"
+    )
+    assert (process.returncode, process.stdout) == (2, "")
+    assert "controller.kv" in process.stderr and "Traceback" not in process.stderr

@@ -1,0 +1,232 @@
+"""``pinadapt init``: the scenario it writes runs as it is, and says what was chosen."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from pinadapt._toml import read_toml
+from pinadapt.cli.main import main
+from pinadapt.description.catalogue import example_path
+from pinadapt.description.urdf import mimic_joints, read_urdf
+from pinadapt.robot.loading import end_links
+from pinadapt.scenario.scenario import Scenario
+from tests.support.paths import ARM4
+
+pytestmark = pytest.mark.slow
+
+
+def written(folder, source, *options):
+    """Write a scenario and return its file."""
+    file = folder / "scenario.toml"
+    assert main(["init", str(source), "--out", str(file), *options]) == 0
+    return file
+
+
+@pytest.mark.parametrize(
+    ("source", "frame", "task"),
+    [
+        (ARM4, "tip", "xyz"),
+        ("solo8_fl_leg", "FL_FOOT", "xz"),
+        ("allegro_left_thumb", "link_15.0_tip", "xyz"),
+        ("kinova", "j2s6s200_end_effector", "xyz"),
+        (example_path("double_pendulum_simple"), "link3", "yz"),
+        (example_path("ur10"), "ee_link", "xyz"),
+    ],
+    ids=lambda value: Path(value).stem if isinstance(value, Path) else None,
+)
+def test_the_written_file_runs_and_the_controller_learns(tmp_path, source, frame, task):
+    file = written(tmp_path, source)
+    tables = read_toml(file)
+    assert (tables["robot"]["frame"], tables["robot"]["task"]) == (frame, task)
+    scenario = Scenario.read(file, ["simulation.duration=4.0"])
+    tool = np.linalg.norm(tables["truth"]["tool_translation"])
+    assert np.isclose(tool, 0.05 * scenario.believed.reach, rtol=0.01)
+    rollout, fixed = (
+        scenario.run(),
+        Scenario.read(file, ["simulation.duration=4.0", "controller.adaptation='none'"]).run(),
+    )
+    assert rollout.diverged is None
+    last = rollout.distance[-400:].max()
+    assert last < 0.06 * tables["reference"]["radius"]
+    assert last < 0.4 * fixed.distance[-400:].max()
+
+
+@pytest.mark.parametrize("source", [ARM4, "solo8_fl_leg", "centauro_rr_leg"])
+def test_the_unknown_tool_moves_the_task_by_all_its_length(tmp_path, source):
+    scenario = Scenario.read(written(tmp_path, source))
+    robot, true = scenario.believed, scenario.true
+    assert np.isclose(
+        np.linalg.norm(true.position(robot.q0) - robot.position(robot.q0)),
+        0.05 * robot.reach,
+        rtol=0.02,
+    )
+
+
+def test_q0_and_the_circle_are_those_of_the_library(tmp_path):
+    file = written(tmp_path, "ur5")
+    tables, robot = read_toml(file), pa.load("ur5")
+    assert np.allclose(tables["robot"]["q0"], robot.home_angles, atol=1e-4)
+    circle = pa.reachable_circle(robot.at(tables["robot"]["q0"]))
+    reference = tables["reference"]
+    assert (reference["radius"], reference["period"], reference["plane"]) == (
+        circle.radius,
+        circle.period,
+        circle.plane,
+    )
+    assert np.isclose(reference["phase"], circle.phase, atol=1e-5)
+
+
+def test_the_gains_in_the_comments_are_the_ones_in_use(tmp_path):
+    file = written(tmp_path, "solo8_fl_leg")
+    text = file.read_text()
+    uncommented = text
+    for key in ("Kv", "alpha", "beta", "lag", "gamma_d", "gamma_joint", "gamma_k", "R_k"):
+        assert f"\n# {key} = " in text
+        uncommented = uncommented.replace(f"\n# {key} = ", f"\n{key} = ")
+    other = tmp_path / "uncommented.toml"
+    other.write_text(uncommented)
+    short = ["simulation.duration=0.2"]
+    assert np.allclose(
+        Scenario.read(file, short).run().x, Scenario.read(other, short).run().x, atol=1e-5
+    )
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["ur10"], ["xarm7"], ["kinova", "--task", "pose"]],
+    ids=lambda words: words[0],
+)
+def test_an_arm_with_a_light_wrist_holds_a_load_that_it_does_not_believe_in(arguments, tmp_path):
+    file = written(tmp_path, *arguments)
+    tables = read_toml(file)
+    assert tables["controller"]["law"] == "separation" and "belief" not in tables
+    beside = f"truth.payload.com={(0.6 * np.roll(tables['truth']['tool_translation'], 1)).tolist()}"
+    for mass in (1e-3, tables["truth"]["payload"]["mass"]):
+        rollout = Scenario.read(
+            file, ["simulation.duration=4.0", f"truth.payload.mass={mass}", beside]
+        ).run()
+        assert rollout.diverged is None
+        assert rollout.distance[-400:].max() < 0.02 * tables["reference"]["radius"]
+
+
+def test_the_given_frame_and_task_are_taken(tmp_path):
+    robot = read_toml(written(tmp_path, ARM4, "--frame", "link4", "--task", "xy"))["robot"]
+    assert (robot["frame"], robot["task"], len(robot["q0"])) == ("link4", "xy", 4)
+
+
+def test_a_relative_urdf_is_found_from_the_files_folder(tmp_path, monkeypatch):
+    (tmp_path / "arms").mkdir()
+    (tmp_path / "arms" / "arm4.urdf").write_text(ARM4.read_text())
+    monkeypatch.chdir(tmp_path)
+    assert main(["init", "arms/arm4.urdf", "--out", "scenarios/mine.toml"]) == 0
+    assert read_toml(Path("scenarios/mine.toml"))["robot"]["source"] == "../arms/arm4.urdf"
+    assert Scenario.read("scenarios/mine.toml").believed.frame == "tip"
+    assert main(["init", "arms/arm4.urdf"]) == 0
+    assert Path("arm4.toml").is_file()
+
+
+def floating(folder):
+    """Write arm4 on a floating base and return its path."""
+    joint = '<joint name="free" type="floating"><parent link="world"/><child link="base"/></joint>'
+    path = folder / "floating.urdf"
+    path.write_text(
+        ARM4.read_text().replace(
+            '<link name="base"/>', f'<link name="world"/><link name="base"/>{joint}'
+        )
+    )
+    return path
+
+
+def test_a_floating_base_is_welded_and_said_so(tmp_path):
+    file = written(tmp_path, floating(tmp_path))
+    assert read_toml(file)["robot"]["weld_root"] is True
+    assert "The base floats" in file.read_text()
+    assert Scenario.read(file).believed.model.nv == 4
+
+
+def test_an_existing_file_is_kept_unless_forced(tmp_path, capsys):
+    file = written(tmp_path, ARM4)
+    file.write_text("mine")
+    assert main(["init", str(ARM4), "--out", str(file)]) == 2
+    assert "exists already. --force" in capsys.readouterr().err
+    assert file.read_text() == "mine"
+    assert main(["init", str(ARM4), "--out", str(file), "--force"]) == 0
+    assert "[reference]" in file.read_text()
+
+
+@pytest.mark.parametrize("name", ['say "ah"', "two\nlines", "tab\t#=[]'", "back\\slash\x07\u2028"])
+def test_the_file_is_valid_whatever_joints_links_and_files_are_called(tmp_path, name):
+    arm, link = tmp_path / f"{name}.urdf", name.replace("\x07", "")  # XML has no such letter
+    escaped = link.translate({34: "&quot;", 10: "&#10;", 9: "&#9;"})
+    text = ARM4.read_text().replace('"joint2"', f'"{escaped} joint"')
+    arm.write_text(text.replace('"tip"', f'"{escaped}"'))
+    file = written(tmp_path, arm, "--frame", link)
+    tables = read_toml(file)
+    assert tables["title"] == name
+    assert (tables["robot"]["source"], tables["robot"]["frame"]) == (str(arm), link)
+    assert Scenario.read(file).believed.joint_names[1] == f"{link} joint"
+
+
+ONE_JOINT = """<robot name="one"><link name="a"/><link name="b"><inertial><mass value="1"/>
+<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+<joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint></robot>"""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["ur55"], "Did you mean 'ur5'?"),
+        (["nothing.urdf"], "no such file"),
+        ([str(ARM4), "--frame", "tipp"], "Did you mean 'tip'?"),
+        ([str(ARM4), "--frame", "finger2"], "mimic"),
+        ([str(ARM4), "--task", "xyzz"], "no task is called"),
+        (["solo8_fl_leg", "--task", "xyz"], "only 2 joints"),
+        (["one.urdf"], "no link is moved by two independent joints"),
+        ([str(ARM4), "--frame", "link1"], "only 1 joints"),
+    ],
+)
+def test_refusals_are_status_2_and_write_nothing(arguments, words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("one.urdf").write_text(ONE_JOINT)
+    assert main(["init", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert words in error and "Traceback" not in error
+    assert not list(tmp_path.glob("*.toml"))
+
+
+@pytest.mark.parametrize(
+    ("origin", "first"),
+    [
+        ("panda", "panda_hand_tcp"),
+        ("tiago_pro", "gripper_left_base_link"),
+        ("g1_with_hands", "left_hand_palm_link"),
+        ("talos", "left_sole_link"),
+    ],
+)
+def test_the_likeliest_end_comes_first(origin, first):
+    path = example_path(origin)
+    ends = end_links(read_urdf(path), mimic_joints(path))
+    assert ends[0] == first
+
+
+def test_links_behind_mimic_joints_are_no_ends():
+    path = example_path("tiago_pro")
+    model = read_urdf(path)
+    assert "gripper_left_fingertip_left_link" in end_links(model)
+    assert "gripper_left_fingertip_left_link" not in end_links(model, mimic_joints(path))
+
+
+@pytest.mark.parametrize("law", [name for name, law in pa.LAWS.items() if law.set_point])
+def test_a_law_for_a_set_point_is_written_with_one_that_it_reaches(tmp_path, law):
+    file = written(tmp_path, "scara", "--law", law)
+    tables = read_toml(file)
+    assert tables["controller"]["law"] == law and tables["reference"]["kind"] == "waypoints"
+    scenario = Scenario.read(file, ["simulation.duration=6.0"])
+    assert scenario.findings() == [] and scenario.controller.law.name == law
+    rollout = scenario.run()
+    assert rollout.diverged is None and rollout.distance[-300:].max() < 0.02 * rollout.extent
+    gains = [line.removeprefix("# ") for line in file.read_text().splitlines() if "# Kp =" in line]
+    assert len(gains) == 1  # and can be taken as it stands
+    Scenario.read(file, [f"controller.{gains[0].split('#')[0].strip()}"])

@@ -1,0 +1,162 @@
+"""Ctrl-C and its kin: what ran is kept, the status is 130, and nothing goes on running."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from pinadapt.cli.main import main
+from pinadapt.cli.status import stopped_by_signals
+from pinadapt.description.catalogue import robots_folder
+from tests.support.loops import circle_at_home
+
+pytestmark = pytest.mark.slow
+
+PLANAR = str(robots_folder() / "planar_2r" / "wang_xie_2009.toml")
+SETTINGS = ["--set", "simulation.duration=0.1", "controller.law=adaptive-inverse-dynamics"]
+
+SCRIPT = """
+import os, signal, sys
+import pinadapt.simulation.simulate
+from pinadapt.cli.main import main
+module = sys.modules["pinadapt.simulation.simulate"]
+record, number = module.record, getattr(signal, sys.argv.pop(1))
+def told(stream, indices, every):
+    tell = lambda k: k != 50 or os.kill(os.getpid(), number) is None
+    return record(stream, (k for k in indices if tell(k)), every)
+module.record = told
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def stopping(at):
+    """Return what wraps the indices of a run and stops it."""
+
+    def indices(samples):
+        for k in samples:
+            if k == at:
+                raise KeyboardInterrupt
+            yield k
+
+    return indices
+
+
+def stop_run(monkeypatch, number, at=50):
+    """Let one of the next simulations be stopped."""
+    simulate, count = pa.simulate, []
+
+    def stopped(*arguments, **options):
+        count.append(1)
+        if len(count) == number:
+            options["progress"] = stopping(at)
+        return simulate(*arguments, **options)
+
+    monkeypatch.setattr("pinadapt.scenario.scenario.simulate", stopped)
+
+
+@pytest.mark.parametrize("mode", ["sampled", "continuous"])
+@pytest.mark.parametrize("at", [0, 1, 30])
+def test_an_interrupt_carries_the_rollout_so_far(mode, at, tmp_path):
+    robot = pa.load("planar_2r")
+    loop = robot, pa.make_controller(robot), circle_at_home(robot)
+    whole = pa.simulate(*loop, duration=0.05, mode=mode, progress=False)
+    with pytest.raises(KeyboardInterrupt) as stop:
+        pa.simulate(*loop, duration=0.05, mode=mode, progress=stopping(at))
+    assert isinstance(stop.value, pa.Interrupted)
+    rollout = stop.value.rollout
+    assert np.array_equal(rollout.q, whole.q[:at]) and rollout.diverged is None
+    assert rollout.interrupted == (rollout.t[-1] if at else 0.0)
+    assert rollout.verdict.startswith("interrupted at ") and "INTERRUPTED" in str(rollout)
+    rollout.save(tmp_path)
+    assert all(path.stat().st_size > 5000 for path in rollout.plot(tmp_path))
+    assert json.loads((tmp_path / "summary.json").read_text())["steps"] == at
+
+
+@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
+def test_a_signal_ends_a_run_with_its_outputs_and_130(number, tmp_path):
+    environment = {**os.environ, "PYTHONPATH": str(Path(pa.__file__).parents[1])}
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT, number, "run", PLANAR, "--out", str(tmp_path), *SETTINGS],
+        env=environment,
+        capture_output=True,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    assert done.returncode == 130 and "Traceback" not in done.stderr
+    assert done.stdout.splitlines()[-1].startswith("interrupted at 0.049 s")
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["interrupted"] == pytest.approx(0.049) and summary["steps"] == 50
+    assert len(np.load(tmp_path / "rollout.npz")["error"]) == 50
+    assert (tmp_path / "animation.html").is_file() and (tmp_path / "learned.json").is_file()
+
+
+def test_an_interrupt_while_outputs_are_written_keeps_the_rollout(tmp_path, monkeypatch, capsys):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("pinadapt.plots.figures.draw_all", stop)
+    assert main(["run", PLANAR, "--out", str(tmp_path), *SETTINGS]) == 130
+    out, err = capsys.readouterr()
+    assert "error, last 10 %" in out and "interrupted" in err
+    assert {path.name for path in tmp_path.iterdir()} == {"rollout.npz", "summary.json"}
+
+
+def test_what_was_recorded_is_safe_before_it_is_evaluated(tmp_path, monkeypatch):
+    def stop(_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("pinadapt.rollout.evaluation.Evaluation.storage", lambda *_: stop(_))
+    assert main(["run", PLANAR, "--out", str(tmp_path), *SETTINGS]) == 130
+    assert np.load(tmp_path / "rollout.npz")["q"].shape == (100, 2)
+
+
+def test_an_interrupted_comparison_has_the_laws_that_ran(tmp_path, monkeypatch, capsys):
+    laws = ["resolved-acceleration", "adaptive-jacobian", "adaptive-inverse-dynamics"]
+    arguments = ["compare", PLANAR, "--out", str(tmp_path), "--set", "simulation.duration=0.1"]
+    assert main([*arguments, "--laws", ",".join(reversed(laws))]) == 0
+    stop_run(monkeypatch, 2)
+    assert main([*arguments, "--laws", ",".join(laws)]) == 130
+    assert "interrupted at 0.049 s" in capsys.readouterr().out
+    table = json.loads((tmp_path / "compare.json").read_text())
+    assert [row["law"] for row in table] == laws[:2]
+    assert [row["steps"] for row in table] == [100, 50]
+    kept = {path.parent.name for path in tmp_path.glob("*/*")}  # nothing of the one before
+    assert kept == set(laws[:2])
+
+
+def test_an_interrupted_demo_has_what_ran(tmp_path, monkeypatch, capsys):
+    stop_run(monkeypatch, 1)
+    assert main(["demo", "--out", str(tmp_path)]) == 130
+    assert "interrupted at 0.049 s" in capsys.readouterr().out
+    assert {path.parent.name for path in tmp_path.glob("*/*")} == {"planar_known"}
+
+
+def test_a_run_beside_the_unadapted_one_stops_at_either(tmp_path, monkeypatch):
+    stop_run(monkeypatch, 1)
+    arguments = ["run", PLANAR, "--unadapted", "--no-html", "--out", str(tmp_path), *SETTINGS]
+    assert main(arguments) == 130
+    assert json.loads((tmp_path / "summary.json").read_text())["adaptation"] == "none"
+
+
+def test_an_interrupt_before_anything_ran_is_130_too(tmp_path, monkeypatch, capsys):
+    def stop(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("pinadapt.scenario.scenario.make_controller", stop)
+    assert main(["run", PLANAR, "--out", str(tmp_path / "out"), *SETTINGS]) == 130
+    assert capsys.readouterr().err == "pinadapt: interrupted.\n" and not list(tmp_path.iterdir())
+
+
+def test_signals_are_given_back():
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(KeyboardInterrupt), stopped_by_signals():
+        os.kill(os.getpid(), signal.SIGTERM)
+        threading.Event().wait(5.0)
+    assert signal.getsignal(signal.SIGTERM) == before

@@ -1,0 +1,129 @@
+"""Copies of controllers and states: to the bit what they are copies of, in any process."""
+
+import copy
+import pickle
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from tests.support.chains import catalogue_robot
+from tests.support.loops import motion_at_home, with_tool_and_load
+from tests.support.paper import BASIS, CIRCLE, LMI
+from tests.support.replays import record, replay
+from tests.support.snapshots import snapshot, unchanged
+
+
+def lengths(robot):
+    return [f"{name}:length" for name in robot.joint_names[1:]]
+
+
+def posing(robot):
+    swing = pa.Swing([0.0, 1.0, 1.0], 0.2, 2.0)
+    path = pa.PoseTrajectory(pa.Circle(np.zeros(3), 0.05, 3.0, "yz"), swing)
+    return path.starting_at(robot.position(robot.q0))
+
+
+LAW_11 = "adaptive-inverse-dynamics"
+CASES = {  # robot, its task, options of the controller, motion
+    "panda, law (11)": ("panda", None, {"law": LAW_11}, motion_at_home),
+    "planar, basis": ("planar_2r", None, {"basis": BASIS, "lmi": LMI}, lambda robot: CIRCLE),
+    "ur5, lumped": ("ur5", None, {"kinematic": lengths, "adaptation": "projected"}, motion_at_home),
+    "kinova, pose": ("kinova", "pose", {"law": "adaptive-jacobian", "joint": "all"}, posing),
+    "ur5, joints": ("ur5", "joint", {"law": "slotine-li"}, motion_at_home),
+}
+
+
+@pytest.fixture(params=CASES.values(), ids=CASES.keys(), scope="module")
+def loop(request):
+    """Return a controller, its samples, and the torques and the state that they led to."""
+    name, task, options, motion = request.param
+    robot = catalogue_robot(name, **({"task": task} if task else {}))
+    options = {key: value(robot) if callable(value) else value for key, value in options.items()}
+    controller = pa.make_controller(robot.changed(inertial_scale=0.8), **options)
+    samples = record(with_tool_and_load(robot), controller, motion(robot))
+    return controller, samples, *replay(controller, samples)
+
+
+@pytest.fixture(scope="module")
+def pool():
+    """Return one new process."""
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        yield pool
+
+
+def pickled(thing):
+    return pickle.loads(pickle.dumps(thing))
+
+
+COPIES = pytest.mark.parametrize("copied", [copy.deepcopy, pickled], ids=["deepcopy", "pickle"])
+
+
+@COPIES
+def test_a_copy_gives_the_same_torques(loop, copied):
+    controller, samples, torques, state = loop
+    again, end = replay(copied(controller), samples)
+    assert again.tobytes() == torques.tobytes()
+    assert unchanged(end, snapshot(state))
+    assert np.abs(np.diff(torques, axis=0)).max() > 0.0  # they are not one and the same
+
+
+@COPIES
+def test_a_copy_and_its_original_share_no_scratch(loop, copied):
+    """Both step in turn, the original from other estimates."""
+    controller, samples, torques, _ = loop
+    other, first = copied(controller), samples[0][0]
+    own, twin = controller.init(first, a_d=1.02 * controller.dynamics.initial), other.init(first)
+    for (measurement, desired), expected in zip(samples, torques, strict=True):
+        differs, own = controller.step(own, measurement, desired, 1e-3)
+        torque, twin = other.step(twin, measurement, desired, 1e-3)
+        assert torque.tobytes() == expected.tobytes() != differs.tobytes()
+
+
+def test_another_process_gives_the_same_torques(loop, pool):
+    controller, samples, torques, state = loop
+    again, end = pool.submit(replay, controller, samples).result(timeout=100)
+    assert again.tobytes() == torques.tobytes()
+    assert unchanged(end, snapshot(state))
+
+
+@COPIES
+def test_a_copied_state_goes_on_as_the_original(loop, copied):
+    controller, samples, _, state = loop
+    assert unchanged(copied(state), snapshot(state))
+    (torque, after), (again, after_again) = (
+        controller.step(each, *samples[-1], 1e-3) for each in (state, copied(state))
+    )
+    assert again.tobytes() == torque.tobytes()
+    assert unchanged(after_again, snapshot(after))
+
+
+def fails(controller, samples, spoilt):
+    """Take one step that cannot be."""
+    (measurement, desired), state = samples[0], controller.init(samples[0][0])
+    if spoilt == "measurement":
+        measurement = measurement._replace(q=np.full_like(measurement.q, np.nan))
+    if spoilt == "estimates":
+        state = state._replace(dynamic=pa.Estimate(1e300 * state.a_d))
+    controller.step(state, measurement, desired, 0.0 if spoilt == "period" else 1e-3)
+
+
+@pytest.mark.parametrize(
+    ("spoilt", "kind"),
+    [
+        ("measurement", pa.MeasurementError),
+        ("estimates", pa.DivergedError),
+        ("period", pa.InputError),
+    ],
+)
+def test_errors_of_a_step_come_back_from_another_process(pool, spoilt, kind):
+    robot = catalogue_robot("ur5")
+    controller = pa.make_controller(robot, adaptation="gradient")
+    samples = record(robot, controller, motion_at_home(robot), 1)
+    with pytest.raises(kind) as here, np.errstate(all="ignore"):
+        fails(controller, samples, spoilt)
+    there = pool.submit(fails, controller, samples, spoilt).exception(timeout=100)
+    assert type(there) is type(here.value) is kind
+    assert str(there) == str(here.value) and repr(vars(there)) == repr(vars(here.value))

@@ -1,0 +1,155 @@
+"""An estimator learns beside any controller what a controller would, and never from nonsense."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from tests.support.chains import catalogue_robot
+from tests.support.recorded import recorded, true_robot
+
+pytestmark = pytest.mark.slow
+
+ROBOTS = ["panda", "ur5", "kinova"]
+
+
+def samples(name, **options):
+    """Return measurements of a recorded motion, each with the mean torque since the last one."""
+    log, robot = recorded(name, **options), catalogue_robot(name)
+    q = log.configurations(robot)
+    mean = np.vstack([log.tau[:1], 0.5 * (log.tau[1:] + log.tau[:-1])])
+    seen = dict(zip(log.x_time.tolist(), log.x, strict=True))
+    return [
+        pa.Measurement(t, q[k], log.v[k], seen.get(t), tau=mean[k])
+        for k, t in enumerate(log.t.tolist())
+    ]
+
+
+def learned(estimator, measurements):
+    """Return the states along measurements."""
+    states = [estimator.init(measurements[0])]
+    for measurement in measurements[1:]:
+        states.append(estimator.step(states[-1], measurement))
+    return states
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize(
+    "adaptation, share",
+    [("natural-memory", 0.1), ("natural-composite", 0.5), ("least-squares", 0.1)],
+)
+def test_torque_and_position_come_to_be_predicted(name, adaptation, share):
+    measurements = samples(name, duration=3.0)
+    estimator = pa.make_estimator(catalogue_robot(name), adaptation=adaptation, dt=4e-3)
+    states = learned(estimator, measurements)
+    start, late = states[0], states[-200:]
+
+    def missed(state):
+        W, y, _ = state.prediction
+        return [np.linalg.norm(W @ a_d - y) for a_d in (start.a_d, state.a_d)]
+
+    first, last = (np.mean(missed) for missed in zip(*map(missed, late), strict=True))
+    assert last < share * first
+    truth = estimator.controller.kinematics.value(true_robot(name))
+    assert np.linalg.norm(states[-1].a_k - truth) < 0.02 * np.linalg.norm(start.a_k - truth)
+    kept = pa.LearnedParameters.of(estimator.controller, states[-1])
+    assert np.array_equal(kept.start(estimator.controller)["a_d"], states[-1].a_d)
+    if adaptation != "least-squares":  # least squares keeps no body physical
+        robot = estimator.learned(states[-1])
+        assert np.allclose(estimator.controller.dynamics.value(robot), states[-1].a_d)
+
+
+def test_it_is_given_what_the_filtered_regressor_gives():
+    measurements = samples("ur5", duration=1.0)
+    estimator = pa.make_estimator(catalogue_robot("ur5"), dt=4e-3)
+    states = learned(estimator, measurements)
+    controller = estimator.controller
+    regressor = pa.FilteredRegressor(controller.dynamics, controller.adaptation_d.prediction)
+    t, q, v = (np.array([m[i] for m in measurements]) for i in range(3))
+    held = np.array([m.tau for m in measurements[1:]] + [measurements[-1].tau])
+    W, y = regressor.along(t, q, v, held)
+    for k in (1, 7, -1):
+        assert np.allclose(states[k].prediction.W, W[k], atol=1e-9)
+        assert np.allclose(states[k].prediction.y, y[k], atol=1e-9)
+
+
+def test_steps_are_pure():
+    measurements = samples("ur5", duration=1.0)
+    estimator = pa.make_estimator(catalogue_robot("ur5"), dt=4e-3)
+    states = learned(estimator, measurements)
+    again = estimator.step(states[99], measurements[100])
+    assert np.array_equal(again.a_d, states[100].a_d)
+    assert np.array_equal(again.a_k, states[100].a_k)
+
+
+def unbelievable(measurement):
+    """Return samples that no controller would take, by what is wrong with them."""
+    q, v, tau = (part.copy() for part in (measurement.q, measurement.v, measurement.tau))
+    q[1], v[2], tau[3] = np.nan, np.inf, np.nan
+    return {
+        "q": measurement._replace(q=q),
+        "v": measurement._replace(v=v),
+        "tau": measurement._replace(tau=tau),
+        "x": measurement._replace(x=np.full(3, np.nan)),
+        "x far": measurement._replace(x=np.full(3, 1e3)),
+        "fast": measurement._replace(v=np.full(v.size, 100.0)),
+        "back": measurement._replace(t=measurement.t - 1.0),
+        "no tau": measurement._replace(tau=None),
+        "short": measurement._replace(v=v[:2]),
+    }
+
+
+def test_a_sample_that_cannot_be_believed_changes_nothing():
+    measurements = samples("ur5", duration=1.5)
+    estimator = pa.make_estimator(catalogue_robot("ur5"), dt=4e-3)
+    states = learned(estimator, measurements[:150])
+    before = states[-1].flat().copy()
+    for words, sample in unbelievable(measurements[150]).items():
+        with pytest.raises(pa.MeasurementError):
+            estimator.step(states[-1], sample)
+        assert np.array_equal(states[-1].flat(), before), words
+    after = estimator.step(states[-1], measurements[153])  # as if they had been dropped
+    assert np.isfinite(after.flat()).all() and not np.array_equal(after.a_d, states[-1].a_d)
+
+
+def test_after_a_pause_the_filters_start_anew_and_the_estimates_stay():
+    measurements = samples("ur5", duration=1.5)
+    estimator = pa.make_estimator(catalogue_robot("ur5"), dt=4e-3)
+    before = learned(estimator, measurements[:150])[-1]
+    after = estimator.step(before, measurements[250])
+    assert np.array_equal(after.a_d, before.a_d) and np.array_equal(after.a_k, before.a_k)
+    assert not after.prediction.W.any() and not after.prediction.y.any()
+    assert not np.array_equal(estimator.step(after, measurements[251]).a_d, before.a_d)
+
+
+def test_an_arm_at_rest_teaches_nothing():
+    robot = catalogue_robot("ur5")
+    estimator = pa.make_estimator(robot, dt=4e-3)
+    still, push = np.zeros(6), np.full(6, 5.0)
+    x = robot.position(robot.q0)
+    rest = [pa.Measurement(4e-3 * k, robot.q0, still, x, tau=push) for k in range(50)]
+    states = learned(estimator, rest)
+    assert np.array_equal(states[-1].a_d, states[0].a_d)
+
+
+def test_the_frame_may_be_seen_late_or_never():
+    measurements = [m._replace(x=None) for m in samples("ur5", duration=1.5)]
+    estimator = pa.make_estimator(catalogue_robot("ur5"), dt=4e-3)
+    unseen = learned(estimator, measurements)
+    assert np.array_equal(unseen[-1].a_k, unseen[0].a_k)
+    late = measurements[:200] + samples("ur5", duration=1.5)[200:]
+    seen = learned(estimator, late)
+    assert np.array_equal(seen[199].a_k, seen[0].a_k)
+    assert np.allclose(seen[-1].a_d, unseen[-1].a_d) and not np.allclose(seen[-1].a_k, seen[0].a_k)
+
+
+def test_what_never_learns_is_refused():
+    robot = catalogue_robot("ur5")
+    with pytest.raises(pa.GainError, match="learns from tracking errors alone"):
+        pa.make_estimator(robot, adaptation="natural")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        law = pa.make_controller(robot, law="adaptive-jacobian", adaptation="natural-composite")
+    with pytest.raises(pa.GainError, match="separation"):
+        pa.Estimator(law)

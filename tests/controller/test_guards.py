@@ -1,0 +1,239 @@
+"""What a controller does not believe of its sensors, and when its estimates rest."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from tests.support.chains import catalogue_robot
+from tests.support.loops import circle_at_home, with_tool_and_load
+from tests.support.snapshots import snapshot, unchanged
+
+DT = 1e-3
+SWITCHES = ["position", "velocity", "time", "rest"]
+
+
+def without(*names):
+    """Return all guards but some."""
+    return dict.fromkeys(names, False)
+
+
+class Loop:
+    """A UR5's controller after three samples near home, and what comes next."""
+
+    def __init__(self, guards=True, **options):
+        self.robot = catalogue_robot("ur5")
+        believed = self.robot.changed(inertial_scale=0.8)
+        self.controller = pa.make_controller(believed, guards=guards, dt=DT, **options)
+        self.path, self.plant = circle_at_home(self.robot), pa.PinocchioPlant(self.robot)
+        self.state = self.controller.init(self.sample(0))
+        for k in range(3):
+            self.state = self.step(self.sample(k))
+
+    def sample(self, k, **changed):
+        """Return the measurement of sample k, with some of it changed."""
+        v = np.linspace(0.1, 0.3, 6)
+        q = self.plant.integrate(self.robot.q0, k * DT * v)
+        return self.plant.measurement(q, v, k * DT)._replace(**changed)
+
+    def step(self, sample, state=None, dt=DT):
+        """Return the state after a sample."""
+        state = self.state if state is None else state
+        return self.controller.step(state, sample, self.path.at(sample.t), dt)[1]
+
+    def check_refused(self, words, sample, kind=pa.ImplausibleError):
+        """The sample is refused, the state as good as before."""
+        before = snapshot(self.state)
+        with pytest.raises(kind, match=words):
+            self.step(sample)
+        assert unchanged(self.state, before)
+
+
+def spoilt(loop):
+    """Return for each guard a sample that it refuses, and what it says."""
+    sample = loop.sample(3)
+    return {
+        "position": (sample._replace(x=1e3 * sample.x), r"'x' is implausible: .*in millimetres\?"),
+        "velocity": (
+            sample._replace(v=np.degrees(4.0 * sample.v)),
+            r"'v' is implausible: shoulder_lift_joint at 32.1 .*10 times the limit .*in degrees\?",
+        ),
+        "time": (sample._replace(t=0.5 * DT), r"'t' is before the last sample's, 0.002 s"),
+    }
+
+
+@pytest.mark.parametrize("name", ["position", "velocity", "time"])
+def test_a_guard_refuses_by_name_and_can_be_switched_off(name):
+    loop = Loop()
+    sample, words = spoilt(loop)[name]
+    loop.check_refused(words, sample)
+    for guards in (without(name), False):
+        assert Loop(guards).step(sample).t == sample.t
+    others = without(*(other for other in SWITCHES if other != name))
+    Loop(others).check_refused(words, sample)
+
+
+def test_plausible_samples_pass_to_the_bit():
+    one, other = Loop(), Loop(guards=False)
+    assert unchanged(one.step(one.sample(3)), snapshot(other.step(other.sample(3))))
+
+
+def test_an_arm_at_ten_times_its_limit_is_the_last_that_is_believed():
+    loop = Loop()
+    limits = loop.robot.model.velocityLimit
+    for joint in range(6):
+        v = np.zeros(6)
+        v[joint] = -9.99 * limits[joint]
+        loop.step(loop.sample(3, v=v))
+        v[joint] = -10.01 * limits[joint]
+        loop.check_refused(loop.robot.joint_names[joint], loop.sample(3, v=v))
+
+
+@pytest.mark.parametrize(
+    ("guards", "words"),
+    [
+        ({"positon": False}, "Did you mean 'position'"),
+        ({"rest": 1}, "rest"),
+        ({"all": True}, "all"),
+    ],
+)
+def test_unknown_guards_are_refused(guards, words):
+    with pytest.raises(pa.InputError, match=words) as error:
+        pa.make_controller(catalogue_robot("ur5"), guards=guards)
+    assert error.value.where == "guards"
+
+
+# --- dropped samples ---
+
+
+@pytest.mark.parametrize("missed", [1, 2, 8])
+def test_a_step_over_dropped_samples_is_one_of_the_time_that_passed(missed):
+    loop = Loop()
+    late = loop.sample(3 + missed)
+    over, told = loop.step(late), Loop(guards=without("time"))
+    expected = told.step(late, dt=late.t - loop.state.t)
+    assert unchanged(over, snapshot(expected))
+    assert not np.array_equal(over.a_d, told.step(late).a_d)
+
+
+def test_jitter_does_not_change_the_period():
+    loop = Loop()
+    for t in (2.6 * DT, 3.4 * DT):
+        sample = loop.sample(3, t=t)
+        told = Loop(guards=without("time"))
+        assert unchanged(loop.step(sample), snapshot(told.step(sample)))
+
+
+def test_a_pause_of_more_than_ten_periods_is_refused():
+    loop = Loop()
+    loop.step(loop.sample(2 + 10))
+    loop.check_refused(r"dt: .*at most 0.01 s.*start anew", loop.sample(2 + 11), pa.InputError)
+    assert Loop(without("time")).step(loop.sample(2 + 11)).t == 13 * DT
+
+
+# --- rest ---
+
+
+def resting(guards=True, noise=None, encoder=0.0, moving=0.0, x_off=5e-5):
+    """Yield states of a controller whose arm all but rests at its reference, seen through noise.
+
+    Past the hundredth sample the reference moves at a speed [m/s].
+    """
+    robot = catalogue_robot("ur5")
+    sensors = {"noise": noise or {}, "encoder": encoder}
+    believed = robot.changed(inertial_scale=0.8)
+    controller = pa.make_controller(believed, guards=guards, **sensors)
+    plant, seen = pa.PinocchioPlant(robot), pa.Sensors(robot, DT, seed=1, **sensors)
+    still = np.zeros(3)
+    state, x_d = None, robot.position(robot.q0) + x_off
+    for k in range(200):
+        v = 5e-4 * np.sin(k + np.arange(6.0))
+        sample = seen.measure(plant.measurement(robot.q0, v, k * DT))
+        state = controller.init(sample) if state is None else state
+        xd_d = still if k < 100 else moving * np.array([1.0, 0.0, 0.0])
+        state = controller.step(state, sample, pa.Desired(x_d, xd_d, still), DT)[1]
+        yield state
+
+
+SENSORS = {
+    "perfect": {},
+    "noise of v": {"noise": {"v": 0.02}},
+    "noise of x": {"noise": {"x": 1e-3}},
+    "14 bits": {"encoder": 2 * np.pi / 2**14, "noise": {"q": 1e-4}},
+}
+
+
+@pytest.mark.parametrize("sensors", SENSORS.values(), ids=SENSORS.keys())
+def test_estimates_rest_with_the_arm_and_start_with_its_reference(sensors):
+    states = list(resting(moving=0.05, **sensors))
+    share = np.mean([np.array_equal(a.a_d, b.a_d) for a, b in pairwise(states[:100])])
+    assert share > (0.99 if sensors == {} else 0.95)  # a deviation of four is rare
+    moved = [not np.array_equal(a.a_d, b.a_d) for a, b in pairwise(states[99:])]
+    assert all(moved)
+
+
+def test_without_the_guard_they_drift():
+    states = list(resting(guards=without("rest")))
+    assert not np.array_equal(states[-1].a_d, states[0].a_d)
+
+
+def test_an_arm_off_its_reference_goes_on_learning():
+    states = list(resting(x_off=2e-3))
+    assert not np.array_equal(states[-1].a_d, states[0].a_d)
+
+
+def test_in_a_closed_loop_estimates_stand_still_once_the_arm_does():
+    """They learn until the arm is where it should be, and to the bit nothing afterwards."""
+    robot = catalogue_robot("ur5")
+    true = with_tool_and_load(robot)
+    path = pa.Hold(true.position(true.q0))
+    rollout = pa.simulate(true, pa.make_controller(robot), path, duration=3.0)
+    assert (rollout.a_d[0] != rollout.a_d[-1]).any()
+    assert np.array_equal(rollout.a_d[-500], rollout.a_d[-1])
+    assert np.array_equal(rollout.a_k[-500], rollout.a_k[-1])
+    assert rollout.distance[-1] < 2e-4
+
+
+def test_estimates_wait_until_they_are_told_to_adapt():
+    loop = Loop()
+    state = loop.controller.init(loop.sample(0), adapting=False)
+    for k in range(1, 5):
+        state = loop.step(loop.sample(k), state)
+        assert np.array_equal(state.a_d, loop.controller.dynamics.initial)
+    after = loop.step(loop.sample(5), state.adapt())
+    assert after.adapting and not np.array_equal(after.a_d, state.a_d)
+    assert not np.array_equal(after.a_k, state.a_k)
+
+
+# --- loops that are lost ---
+
+
+def test_a_loop_that_is_lost_ends_with_what_the_guard_says():
+    """Feedback far too stiff for the period, with motors that give all it asks for."""
+    robot = catalogue_robot("ur5")
+    options = {"Kv": [4e3] * 6, "alpha": 20.0, "adaptation": "none", "torque_limits": False}
+    controller, path = pa.make_controller(robot, **options), circle_at_home(robot)
+    with pytest.warns(UserWarning, match="too long for the task feedback"):
+        rollout = pa.simulate(robot, controller, path, duration=1.0, torque_limits=False)
+    assert 0.0 < rollout.diverged < 1.0 and rollout.reason.startswith("measurement 'v' is implaus")
+    assert "DIVERGED" in str(rollout) and rollout.summary()["diverged"] == rollout.diverged
+    assert len(rollout.t) == round(rollout.diverged / DT) and np.isfinite(rollout.tau).all()
+    with pytest.raises(pa.DivergedError, match="implausible") as error:
+        list(pa.run(pa.PinocchioPlant(robot), controller, path, duration=1.0))
+    assert error.value.time == rollout.diverged
+    assert isinstance(error.value.__cause__, pa.ImplausibleError)
+
+
+def test_a_broken_sensor_is_an_error_and_no_divergence():
+    """A number that is none tells nothing of the loop."""
+
+    class Broken(pa.PinocchioPlant):
+        def measure(self):
+            sample = super().measure()
+            return sample._replace(x=np.nan * sample.x) if sample.t > 0.01 else sample
+
+    robot = catalogue_robot("ur5")
+    stream = pa.run(Broken(robot), pa.make_controller(robot), circle_at_home(robot), duration=0.1)
+    with pytest.raises(pa.MeasurementError, match="'x' is not finite"), np.errstate(all="ignore"):
+        list(stream)

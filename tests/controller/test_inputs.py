@@ -1,0 +1,249 @@
+"""What comes into a step: converted where nothing is lost, refused by name where unusable."""
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from tests.support.chains import robot_of
+from tests.support.loops import motion_at_home
+from tests.support.snapshots import snapshot, unchanged
+
+DT = 1e-3  # [s], the period of the controllers
+LAWS = ["adaptive-jacobian", "slotine-li"]  # one uses all signals, one those of the joints alone
+
+
+class Loop:
+    """A controller a few steps into its work, with what comes into the next one."""
+
+    def __init__(self, law):
+        self.robot = robot_of(law, "ur5")
+        self.controller = pa.make_controller(self.robot.changed(inertial_scale=0.8), law=law)
+        rng, plant = np.random.default_rng(5), pa.PinocchioPlant(self.robot)
+        q = plant.integrate(self.robot.q0, 0.05 * rng.standard_normal(6))
+        self.measurement = plant.measurement(q, 0.3 * rng.standard_normal(6))
+        self.desired = motion_at_home(self.robot).at(0.1)
+        self.state = self.controller.init(self.measurement)
+        for _ in range(3):
+            _, self.state = self.step()
+
+    def step(self, state=None, dt=DT, **fields):
+        """Step from the state, with these fields of measurement and desired motion."""
+        measured = {name: value for name, value in fields.items() if name not in pa.Desired._fields}
+        wanted = {name: value for name, value in fields.items() if name in pa.Desired._fields}
+        return self.controller.step(
+            self.state if state is None else state,
+            self.measurement._replace(**measured),
+            self.desired._replace(**wanted),
+            dt,
+        )
+
+    def given(self, field):
+        """Return a field of the measurement or of the desired motion."""
+        return getattr(self.desired if field in pa.Desired._fields else self.measurement, field)
+
+    def check_refused(self, kind, words, **arguments):
+        """An error of this kind comes, and the state is as good as before."""
+        torque, after = self.step()
+        before, expected = snapshot(self.state), snapshot(after)
+        with pytest.raises(kind, match=words), np.errstate(all="ignore"):
+            self.step(**arguments)
+        again, after_again = self.step()
+        assert unchanged(self.state, before)
+        assert again.tobytes() == torque.tobytes() and unchanged(after_again, expected)
+
+
+@pytest.fixture(params=LAWS, scope="module")
+def loop(request):
+    return Loop(request.param)
+
+
+@pytest.fixture(scope="module")
+def frame():
+    """Return the loop of a law of the frame, which measures x and xd."""
+    return Loop(LAWS[0])
+
+
+FIELDS = ["q", "v", "x_d", "xd_d", "xdd_d"]
+OF_FRAME = [*FIELDS, "x", "xd"]
+
+# --- converted ---
+
+LOSSLESS = {
+    "big-endian": lambda value: value.astype(">f8"),
+    "list": lambda value: value.tolist(),
+    "tuple": lambda value: tuple(value.tolist()),
+    "strided": lambda value: np.repeat(value, 2)[::2],
+    "read-only": lambda value: np.frombuffer(value.tobytes()),
+    "float32": lambda value: value.astype(np.float32),
+    "float16": lambda value: value.astype(np.float16),
+    "integers": lambda value: np.round(value).astype(int),
+    "list of integers": lambda value: [round(number) for number in value],
+    "unsigned": lambda value: np.abs(np.round(value)).astype(np.uint8),
+}
+
+
+@pytest.mark.parametrize("convert", LOSSLESS.values(), ids=LOSSLESS.keys())
+@pytest.mark.parametrize("field", OF_FRAME)
+def test_other_types_of_numbers_mean_the_same_numbers(frame, field, convert):
+    given = convert(frame.given(field))
+    plain = np.array(given, dtype=float)
+    torque, after = frame.step(**{field: given})
+    expected, after_expected = frame.step(**{field: plain})
+    assert torque.dtype == float and torque.tobytes() == expected.tobytes()
+    assert unchanged(after, snapshot(after_expected))
+
+
+@pytest.mark.parametrize("t", [1, np.float32(0.5), np.int64(2), np.array(0.25)], ids=repr)
+def test_time_is_any_number(frame, t):
+    before = frame.state._replace(t=float(t) - DT)
+    _, after = frame.step(before, t=t)
+    assert type(after.t) is float and after.t == t
+
+
+def test_what_a_law_does_not_need_may_be_missing():
+    joints = Loop("slotine-li")
+    assert joints.step(x=None, xd=None, a=None, tau=None)[0].tobytes() == joints.step()[0].tobytes()
+
+
+# --- refused ---
+
+UNUSABLE = {
+    "None": lambda value: None,
+    "one number": lambda value: 0.5,
+    "one number in an array": lambda value: np.array([0.5]),
+    "none": lambda value: np.zeros(0),
+    "too few": lambda value: value[:-1],
+    "too many": lambda value: np.append(value, 0.0),
+    "column": lambda value: value[:, None],
+    "row": lambda value: value[None],
+    "string": lambda value: "home",
+    "strings of numbers": lambda value: [str(number) for number in value],
+    "objects": lambda value: value.astype(object),
+    "Nones": lambda value: [None] * value.size,
+    "ragged": lambda value: [[1.0], *value[1:].tolist()],
+    "complex": lambda value: value + 0.0j,
+    "truth values": lambda value: value > 0.0,
+    "mapping": lambda value: dict(enumerate(value)),
+}
+
+
+@pytest.mark.parametrize("spoil", UNUSABLE.values(), ids=UNUSABLE.keys())
+@pytest.mark.parametrize("field", FIELDS)
+def test_what_is_no_vector_of_the_right_size_is_refused_by_name(loop, field, spoil):
+    desired = field in pa.Desired._fields
+    kind, words = (
+        (pa.InputError, rf"desired\.{field}") if desired else (pa.MeasurementError, f"'{field}'")
+    )
+    loop.check_refused(kind, words, **{field: spoil(loop.given(field))})
+
+
+@pytest.mark.parametrize("spoil", UNUSABLE.values(), ids=UNUSABLE.keys())
+@pytest.mark.parametrize("field", ["x", "xd"])
+def test_the_same_of_what_is_measured_of_the_frame(frame, field, spoil):
+    given = spoil(frame.given(field))
+    if given is None:  # J_hat v stands for xd, the last frame for x
+        assert np.isfinite(frame.step(**{field: None})[0]).all()
+    else:
+        frame.check_refused(pa.MeasurementError, f"'{field}'", **{field: given})
+
+
+@pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("field", FIELDS)
+def test_numbers_that_are_not_finite_are_refused(loop, field, number):
+    spoilt = np.array(loop.given(field))
+    spoilt[0] = number
+    desired = field in pa.Desired._fields
+    kind, words = (pa.InputError, "desired") if desired else (pa.MeasurementError, f"'{field}'")
+    loop.check_refused(kind, words, **{field: spoilt})
+
+
+@pytest.mark.parametrize("a", [np.zeros(5), 1.0, "fast", np.zeros((6, 1)), [None] * 6], ids=repr)
+def test_an_acceleration_that_is_none_is_refused(loop, a):
+    loop.check_refused(pa.MeasurementError, "'a'", a=a)
+
+
+@pytest.mark.parametrize(
+    "t", [None, "now", "0.5", np.nan, np.inf, [0.0, 1.0], 1j, {}, np.zeros(2)], ids=repr
+)
+def test_a_time_that_is_no_number_is_refused(loop, t):
+    loop.check_refused(pa.MeasurementError, "'t'", t=t)
+
+
+@pytest.mark.parametrize(
+    "dt",
+    [0.0, -DT, np.nan, np.inf, 10.01 * DT, None, "1e-3", "fast", [DT, DT], 1j, np.full(2, DT)],
+    ids=repr,
+)
+def test_a_period_that_cannot_be_is_refused(loop, dt):
+    loop.check_refused(pa.InputError, "dt: must be positive and at most 0.01 s", dt=dt)
+
+
+def test_a_late_sample_within_ten_periods_is_stepped_over(loop):
+    torque, _ = loop.step(dt=10.0 * DT)
+    assert np.isfinite(torque).all()
+
+
+# --- states ---
+
+
+OTHERS = {
+    "other robot": ("panda", {}),
+    "other parameters": ("ur5", {"dynamic": "payload"}),
+    "parameters of joints": ("ur5", {"joint": "all"}),
+}
+
+
+@pytest.mark.parametrize(("name", "options"), OTHERS.values(), ids=OTHERS.keys())
+def test_the_state_of_another_controller_is_refused(loop, name, options):
+    law = loop.controller.law.name
+    robot = robot_of(law, name)
+    other = pa.make_controller(robot, law=law, **options).init(pa.PinocchioPlant(robot).measure())
+    loop.check_refused(pa.InputError, "state", state=other)
+
+
+def test_estimates_of_another_shape_are_refused(loop):
+    for wrong in (loop.state.a_d[:, None], loop.state.a_d[None], loop.state.a_d[:-1]):
+        state = loop.state._replace(dynamic=pa.Estimate(wrong))
+        loop.check_refused(pa.InputError, "state", state=state)
+
+
+@pytest.mark.parametrize("kind", ["tuple", "dict", "step", "measurement", "number", "string"])
+def test_what_is_no_state_is_refused(loop, kind):
+    wrong = {
+        "tuple": tuple(loop.state),
+        "dict": loop.state._asdict(),
+        "step": loop.step(),
+        "measurement": loop.measurement,
+        "number": 1.0,
+        "string": "state",
+    }
+    loop.check_refused(pa.InputError, "state", state=wrong[kind])
+
+
+def test_filters_and_beginnings_of_another_controller_are_refused():
+    loop = Loop("adaptive-inverse-dynamics")
+    (low,) = loop.state.filters
+    n, m = loop.measurement.v.size, loop.desired.xd_d.size
+    of_one_parameter_less = low[: low.size - n - m - m]
+    for filters in (
+        (low,),
+        loop.state.filters._replace(low=low[:-1]),
+        loop.state.filters._replace(low=of_one_parameter_less),
+    ):
+        loop.check_refused(pa.InputError, "filters", state=loop.state._replace(filters=filters))
+    beginning = loop.state._replace(a_0=loop.state.a_0[:-1])
+    loop.check_refused(pa.InputError, "state", state=beginning)
+
+
+def test_no_measurement_no_motion_and_no_estimate_are_refused(loop):
+    for wrong in (None, 3.0, tuple(loop.measurement)):
+        with pytest.raises(pa.InputError, match="Measurement"):
+            loop.controller.init(wrong)
+        if wrong.__class__ is not tuple:
+            with pytest.raises(pa.InputError, match="Measurement"):
+                loop.controller.step(loop.state, wrong, loop.desired, DT)
+            with pytest.raises(pa.InputError, match="Desired"):
+                loop.controller.step(loop.state, loop.measurement, wrong, DT)
+    for wrong in ("x", [[1.0]], {}):
+        with pytest.raises(pa.ParameterError, match="dynamic"):
+            loop.controller.init(loop.measurement, a_d=wrong)

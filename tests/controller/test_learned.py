@@ -1,0 +1,187 @@
+"""What was learned, as a robot, a URDF and numbers to start from."""
+
+import json
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from pinadapt.cli import main
+from pinadapt.robot.succession import Succession
+from tests.support.chains import catalogue_robot
+
+pytestmark = pytest.mark.slow
+
+ROBOTS = ["panda", "ur5", "scara", "kinova"]
+
+
+def run(name, duration=0.3, **options):
+    """Return a controller and its short run on a robot that is another one than believed."""
+    described = catalogue_robot(name)
+    true = described.changed(
+        payload=pa.Payload(0.5, (0.0, 0.0, 0.03), (1e-3, 0.0, 1e-3, 0.0, 0.0, 1e-3)),
+        tool_translation=(0.01, 0.02, 0.03),
+        viscous=0.2,
+    )
+    controller = pa.make_controller(described.changed(inertial_scale=0.8), **options)
+    path = pa.reachable_circle(true)
+    return controller, pa.simulate(true, controller, path, duration=duration)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_learned_robot_has_the_estimates_for_its_parameters(name):
+    controller, rollout = run(name)
+    learned, state = rollout.learned(), rollout.evaluated().samples[-1].state
+    assert not np.allclose(state.a_d, controller.dynamics.initial)
+    assert np.allclose(controller.kinematics.value(learned), state.a_k, atol=1e-12)
+    assert np.allclose(controller.dynamics.value(learned), state.a_d, rtol=1e-9, atol=1e-12)
+    assert learned.drawn is not None
+
+
+def test_what_is_not_adapted_is_as_believed():
+    controller, rollout = run("ur5", dynamic="payload", joint="none")
+    believed, learned = controller.kinematics.robot, rollout.learned()
+    same = [
+        a.isApprox(b) for a, b in zip(believed.model.inertias, learned.model.inertias, strict=True)
+    ]
+    assert same == [True] * 6 + [False]
+    assert all(
+        a.isApprox(b)
+        for a, b in zip(believed.model.jointPlacements, learned.model.jointPlacements, strict=True)
+    )
+    assert not learned.friction.present and not learned.model.armature.any()
+
+
+def test_the_panda_that_was_learned_predicts_torques_and_tool(tmp_path):
+    described = catalogue_robot("panda")
+    true = described.changed(
+        payload=pa.Payload(1.5, (0.02, -0.01, 0.05), (0.01, 0.0, 0.012, 0.0, 0.0, 0.004)),
+        tool_translation=(0.03, -0.02, 0.12),
+    )
+    believed = described.changed(inertial_scale=0.7)
+    path = pa.Lissajous(described.position(described.q0), [0.12, 0.2, 0.12], [3, 4, 5], 14.0)
+    pa.simulate(true, pa.make_controller(believed), path, duration=18.0).learned().save(
+        tmp_path / "learned.urdf"
+    )
+    learned = pa.load(tmp_path / "learned.urdf", frame=described.frame, joint_effects=True)
+    rng, times = np.random.default_rng(3), np.linspace(0.0, 10.0, 200)
+    w, phase = rng.uniform(0.5, 2.5, 7), rng.uniform(0.0, 6.0, 7)
+    waves = 0.5 * np.sin(np.outer(times, w) + phase), 0.5 * w * np.cos(np.outer(times, w) + phase)
+    states = list(zip(described.home_angles + waves[0], waves[1], -(w**2) * waves[0], strict=True))
+
+    def torques(robot):
+        data = robot.model.createData()
+        return np.array(
+            [
+                pin.rnea(robot.model, data, *state) + robot.friction.torque(state[1])
+                for state in states
+            ]
+        )
+
+    first, last = (np.linalg.norm(torques(r) - torques(true)) for r in (believed, learned))
+    assert last < 0.1 * first
+    tools = [[r.placement(q).translation for q, _, _ in states] for r in (learned, true)]
+    assert np.linalg.norm(np.subtract(*tools), axis=1).max() < 1e-4
+
+
+def test_products_of_lengths_and_inertias_are_no_bodies():
+    controller, rollout = run("ur5", 0.05, kinematic=["tool", "elbow_joint"], adaptation="gradient")
+    with pytest.raises(pa.ParameterError, match="no bodies follow"):
+        rollout.learned()
+    assert rollout.parameters().start(controller)["a_d"].size == controller.dynamics.size
+
+
+def test_unphysical_bodies_are_refused():
+    controller = pa.make_controller(catalogue_robot("ur5"), adaptation="gradient")
+    state = controller.init(pa.PinocchioPlant(catalogue_robot("ur5")).measure())
+    a_d = state.a_d.copy()
+    a_d[20] = -1.0  # the mass of the third body
+    with pytest.raises(pa.ParameterError, match="elbow_joint"):
+        controller.learned(state._replace(dynamic=state.dynamic._replace(value=a_d)))
+
+
+# --- numbers to start from ---
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_file_keeps_every_number_with_name_and_unit(name, tmp_path):
+    controller, rollout = run(name, 0.05)
+    learned = rollout.parameters()
+    learned.save(tmp_path / "learned.json")
+    assert pa.LearnedParameters.load(tmp_path / "learned.json") == learned
+    start, state = learned.start(controller), rollout.evaluated().samples[-1].state
+    assert (start["a_k"] == state.a_k).all() and (start["a_d"] == state.a_d).all()
+    slide = "slide_joint.viscous"
+    assert learned.units.get(slide, "N s/m") == "N s/m" and "" not in learned.units.values()
+
+
+def test_a_run_goes_on_where_another_one_ended(tmp_path):
+    _, first = run("ur5", 4.0)
+    first.parameters().save(tmp_path / "learned.json")
+    other = pa.make_controller(catalogue_robot("ur5").changed(inertial_scale=0.7))
+    start = pa.LearnedParameters.load(tmp_path / "learned.json").start(other)
+    evaluation = first.evaluated()
+    assert isinstance(evaluation.true, Succession)
+    true = evaluation.true.robots[0]
+    path = pa.reachable_circle(true)
+    fresh, warm = (pa.simulate(true, other, path, duration=1.0, **s) for s in ({}, start))
+    assert (warm.a_d[0] == start["a_d"]).all()
+    assert np.linalg.norm(warm.distance[500:]) < 0.3 * np.linalg.norm(fresh.distance[500:])
+
+
+def test_other_parameters_are_refused():
+    _, rollout = run("ur5", 0.05)
+    learned = rollout.parameters()
+    for options in ({"dynamic": "payload"}, {"joint": "none"}, {"kinematic": []}):
+        with pytest.raises(pa.ParameterError, match="same robot, with the same unknown"):
+            learned.start(pa.make_controller(catalogue_robot("ur5"), **options))
+    with pytest.raises(pa.ParameterError, match=r"learned\.dynamic"):
+        learned.start(pa.make_controller(catalogue_robot("scara")))
+
+
+@pytest.mark.parametrize(
+    "content",
+    ["", "[]", "{}", '{"format": "pinadapt learned parameters"}', "NaN"],
+    ids=["empty", "list", "other", "lacking", "number"],
+)
+def test_other_files_are_refused(content, tmp_path):
+    (tmp_path / "learned.json").write_text(content)
+    with pytest.raises(pa.ParameterError, match=r"learned\.json"):
+        pa.LearnedParameters.load(tmp_path / "learned.json")
+
+
+def test_numbers_in_a_file_are_checked(tmp_path):
+    _, rollout = run("scara", 0.05)
+    rollout.parameters().save(tmp_path / "learned.json")
+    content = json.loads((tmp_path / "learned.json").read_text())
+    content["dynamic"][3]["value"] = "much"
+    (tmp_path / "learned.json").write_text(json.dumps(content))
+    with pytest.raises(pa.ParameterError, match=r"learned\.json"):
+        pa.LearnedParameters.load(tmp_path / "learned.json")
+
+
+# --- on the command line ---
+
+
+def test_a_run_leaves_what_it_learned_and_another_starts_there(tmp_path):
+    scenario = tmp_path / "one.toml"
+    scenario.write_text(
+        '[robot]\nsource = "scara"\n[truth]\npayload = {mass = 0.5}\n'
+        '[reference]\nkind = "circle"\nradius = 0.05\nperiod = 2.0\n'
+        "[simulation]\nduration = 0.2\n"
+    )
+    assert main(["run", str(scenario), "--out", str(tmp_path / "one"), "--no-html"]) == 0
+    assert "Written by pinadapt" in (tmp_path / "one" / "learned.urdf").read_text()
+    again = pa.load(tmp_path / "one" / "learned.urdf", frame="tool", task="xyz")
+    assert again.joint_names == catalogue_robot("scara").joint_names
+    (tmp_path / "two.toml").write_text(
+        scenario.read_text() + '[belief]\nlearned = "one/learned.json"\n'
+    )
+    assert (
+        main(["run", str(tmp_path / "two.toml"), "--out", str(tmp_path / "two"), "--no-html"]) == 0
+    )
+    ends = [np.load(tmp_path / part / "rollout.npz")["a_d"] for part in ("one", "two")]
+    assert (ends[0][-1] == ends[1][0]).all()
+    wrong = [*("run", str(tmp_path / "two.toml")), "--set", "unknown.dynamic='payload'"]
+    assert main([*wrong, "--out", str(tmp_path / "three")]) == 2

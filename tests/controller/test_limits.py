@@ -1,0 +1,548 @@
+"""Singularities, torque limits, the box of kinematic estimates, and the watch on M_hat."""
+
+import json
+from contextlib import nullcontext
+from itertools import product
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import pinadapt as pa
+from pinadapt.controller.limits import make_box
+from pinadapt.models.linear_algebra import RightInverse
+from pinadapt.models.typical_motion import felt_mass
+from pinadapt.scenario.scenario import Scenario
+from tests.support.chains import catalogue_robot as load
+from tests.support.chains import robot_of, seeded, seeds
+from tests.support.differences import derivative
+from tests.support.drives import rate_of, stepped
+from tests.support.loops import motion_at_home
+from tests.support.paths import ROOT
+
+pytestmark = pytest.mark.slow
+
+ROBOTS = ROOT / "robots"
+SHAPES = [(2, 2), (3, 3), (2, 3), (3, 7), (6, 7), (6, 6), (1, 2)]
+
+
+def jacobian(rng, shape, smallest):
+    """Return a random matrix with a given smallest singular value."""
+    U, sigma, V = np.linalg.svd(rng.standard_normal(shape), full_matrices=False)
+    sigma[-1] = smallest
+    return U @ np.diag(sigma) @ V
+
+
+# --- the right inverse ---
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=str)
+@given(seed=seeds, log=st.floats(-8.0, 0.0))
+@settings(seeded, max_examples=60)
+def test_the_inverse_is_bounded_and_its_damping_known(shape, seed, log):
+    rng, s_0 = np.random.default_rng(seed), 0.1
+    J = jacobian(rng, shape, 10.0**log)
+    inverse, least = RightInverse(J, s_0), np.linalg.svd(J, compute_uv=False).min()
+    rounding = 1e-13 * np.linalg.norm(J) ** 2
+    assert inverse.conditioning**2 <= least**2 * (1 + 1e-9) + rounding
+    assert inverse.conditioning**2 >= least**2 / shape[0] * (1 - 1e-9) - rounding
+    assert (inverse.damping > 0.0) == (inverse.conditioning < s_0)
+    J_plus = np.stack([inverse.solve(e, np.zeros(shape[1])) for e in np.eye(shape[0])], axis=1)
+    assert np.linalg.norm(J_plus, 2) <= (1 + 1e-6) / s_0
+    u, psi = rng.standard_normal(shape[0]), rng.standard_normal(shape[1])
+    missed = u - J @ inverse.solve(u, psi)
+    share = inverse.damping / (least**2 + inverse.damping)
+    assert np.linalg.norm(missed) <= share * np.linalg.norm(u - J @ psi) + 1e-9
+    assert np.allclose(
+        missed,
+        inverse.damping
+        * np.linalg.solve(J @ J.T + inverse.damping * np.eye(shape[0]), u - J @ psi),
+    )
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=str)
+def test_far_from_singularities_nothing_is_damped(shape):
+    rng = np.random.default_rng(1)
+    J, u = jacobian(rng, shape, 0.5), rng.standard_normal(shape[0])
+    inverse = RightInverse(J, 0.1)
+    assert inverse.damping == 0.0 and inverse.unique == (shape[0] == shape[1])
+    assert np.allclose(inverse.solve(u, None), np.linalg.pinv(J) @ u)
+    assert np.allclose(
+        inverse.null(np.arange(shape[1])),
+        (np.eye(shape[1]) - np.linalg.pinv(J) @ J) @ np.arange(shape[1]),
+    )
+
+
+@pytest.mark.parametrize("smallest", [0.5, 0.15, 0.03, 1e-3, 1e-6])
+@pytest.mark.parametrize("shape", SHAPES, ids=str)
+def test_the_rate_of_the_solution_is_its_derivative(shape, smallest):
+    """The damping moves too; the passivity-based law takes the exact derivative of q_r."""
+    rng, s_0 = np.random.default_rng(2), 0.2
+    J, Jdot = jacobian(rng, shape, smallest), rng.standard_normal(shape)
+    u, ud, psi, psid = (rng.standard_normal(k) for k in (shape[0], shape[0], shape[1], shape[1]))
+    unique = RightInverse(J, s_0).unique
+
+    def at(t):
+        return RightInverse(J + t * Jdot, s_0).solve(u + t * ud, None if unique else psi + t * psid)
+
+    r, rate = RightInverse(J, s_0).solve_with_rate(u, None if unique else psi, ud, psid, Jdot)
+    assert np.allclose(r, at(0.0), rtol=1e-12)
+    assert np.allclose(derivative(at, h=1e-5), rate, rtol=1e-4, atol=1e-4 * np.abs(rate).max())
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=str)
+def test_a_lost_rank_is_a_message_without_damping(shape):
+    J = jacobian(np.random.default_rng(3), shape, 0.0)
+    with pytest.raises(pa.DivergedError, match="lost rank"):
+        RightInverse(J)
+    assert np.isfinite(RightInverse(J, 0.01).solve(np.ones(shape[0]), np.zeros(shape[1]))).all()
+    assert RightInverse(np.zeros(shape), 0.01).conditioning == 0.0
+
+
+def reaching(name, law, torque_limits=None, **control):
+    """Return a run to a point out of reach and back."""
+    robot = load(name)
+    controller = pa.make_controller(
+        robot.changed(inertial_scale=0.8), law=law, gamma_d=0.8, **control
+    )
+    far = [0.36, 0.0, 0.0] if name == "ur5" else [1.2, 0.0]
+    path = pa.Waypoints([np.zeros(len(far)), far, np.zeros(len(far))], 1.5).starting_at(
+        robot.position(robot.q0)
+    )
+    options = {"duration": 4.0, "substeps": 1, "torque_limits": torque_limits}
+    return pa.simulate(robot, controller.limited(None), path, **options)
+
+
+@pytest.mark.parametrize("law", ["adaptive-inverse-dynamics", "adaptive-jacobian"])
+@pytest.mark.parametrize("name", ["planar_2r", "ur5"])
+def test_damping_brings_the_arm_back_from_beyond_its_reach(name, law):
+    rollout = reaching(name, law)
+    assert rollout.diverged is None
+    assert rollout.distance.max() > 0.02  # out of reach indeed
+    assert rollout.distance[-1] < 2e-3
+    damped = rollout.damping > 0.0
+    assert 0.02 < damped.mean() < 0.5 and (rollout.damping[: len(damped) // 8] == 0.0).all()
+    numbers = rollout.summary()
+    assert (
+        numbers["max_damping"] == rollout.damping.max()
+        and 0.1 < numbers["max_damping_share"] <= 1.0
+    )
+    assert "damped near a singularity" in str(rollout)
+
+
+def test_without_damping_the_same_path_ends_the_run():
+    rollout = reaching("ur5", "adaptive-inverse-dynamics", torque_limits=False, damping=0.0)
+    assert rollout.diverged is not None and not rollout.damping.any()
+
+
+@pytest.mark.parametrize("name", ["planar_2r", "scara", "ur5", "panda", "kinova"])
+def test_ordinary_runs_are_exact(name):
+    robot = load(name)
+    path = pa.Circle(np.zeros(robot.task.size), 0.1, 1.0).starting_at(robot.position(robot.q0))
+    rollout = pa.simulate(robot, pa.make_controller(robot), path, duration=1.0, dt=2e-3, substeps=1)
+    assert rollout.diverged is None and rollout.summary()["max_damping"] == 0.0
+    assert "singularity" not in str(rollout)
+
+
+# --- torque limits ---
+
+
+def saturating(law, monkeypatch=None, **options):
+    """Return a run with weak motors from 15 cm off its path, with or without anti-windup."""
+    name, tool, spare = (
+        ("ur5", [0.02, -0.03, 0.08], 1.3)
+        if law == "adaptive-jacobian"
+        else ("panda", [0.03, -0.02, 0.12], 2.0)
+    )
+    robot = load(name)
+    true, rest = (
+        robot.changed(tool_translation=tool, payload=pa.Payload(1.0, [0.0, 0.0, 0.05])),
+        np.zeros(robot.model.nv),
+    )
+    hold = np.abs(pin.rnea(true.model, true.model.createData(), true.q0, rest, rest))
+    limits = spare * np.maximum(hold, 0.3 * hold.max())
+    if monkeypatch is not None:
+
+        def winding(self, signals, command, a):
+            torque = command.at(a)
+            drives = self.law.drives(signals, self._believed, command, a)
+            return np.clip(torque, -limits, limits), drives
+
+        monkeypatch.setattr(pa.Controller, "respond", winding)
+    believed = robot.changed(inertial_scale=0.8)
+    slow = {"alpha": 5.0, "lambda_": 10.0, "lambda_a": 1 / 60, "posture": 4.0}
+    if law == "adaptive-jacobian":
+        felt = felt_mass(believed)
+        slow |= {
+            "Kp": 400.0 * felt,
+            "Kv": 40.0 * felt,
+            "gamma_d": 0.76,
+            "gamma_k": 0.013,
+            "R_k": 193.0,
+        }
+    else:
+        slow |= {"Kp": 400.0, "Kv": 40.0, "gamma_d": 3.8, "gamma_k": 0.05, "R_k": 50.0}
+    controller = pa.make_controller(believed, law=law, torque_limits=limits, guards=False, **slow)
+    start = true.position(true.q0) + np.array([0.1, 0.05, 0.1])
+    path = pa.Circle(np.zeros(3), 0.05, 2.0, "yz").starting_at(start)
+    return limits, pa.simulate(
+        true,
+        controller,
+        path,
+        **{"duration": 3.0, "substeps": 1, "torque_limits": False, **options},
+    )
+
+
+def travel(rollout):
+    """Return how far the dynamic estimate went, relative to its size at the start."""
+    return np.linalg.norm(rollout.a_d - rollout.a_d[0], axis=1).max() / np.linalg.norm(
+        rollout.a_d[0]
+    )
+
+
+@pytest.mark.parametrize("law", ["adaptive-inverse-dynamics", "adaptive-jacobian"])
+def test_estimates_do_not_wind_up_while_motors_saturate(law, monkeypatch):
+    limits, rollout = saturating(law)
+    assert rollout.diverged is None
+    assert 0.01 < rollout.summary()["saturated"] < 0.5
+    assert (np.abs(rollout.tau) <= limits).all()
+    assert (rollout.saturated == (np.abs(rollout.tau) == limits).any(axis=1)).all()
+    assert travel(rollout) < 2.0
+    assert rollout.distance[-1] < 0.01 * rollout.distance[0] + 5e-3
+    assert "torque at its limit" in str(rollout)
+    _, winding = saturating(law, monkeypatch)
+    assert travel(winding) > (100.0 if law == "adaptive-jacobian" else 1.0) * travel(rollout)
+    assert winding.distance[-1] > 20.0 * rollout.distance[-1]
+
+
+def moving(law):
+    """Return a UR5's controller with the first sample, in motion, and what is desired."""
+    robot = robot_of(law, "ur5")
+    controller = pa.make_controller(robot, law=law, adaptation="gradient", torque_limits=False)
+    measurement = pa.PinocchioPlant(robot).measurement(robot.q0, np.linspace(0.1, 0.4, 6))
+    return controller, measurement, motion_at_home(robot).at(0.1)
+
+
+@pytest.mark.parametrize("law", pa.LAWS)
+def test_a_saturated_sample_teaches_nothing_of_the_dynamics(law):
+    controller, measurement, desired = moving(law)
+    state = controller.init(measurement)
+    signals, command = controller.command(state, measurement, desired)
+    free, drives = controller.respond(signals, command, np.full(6, 0.3))
+    tight = controller.limited(0.5 * np.abs(free))
+    clipped, rest = tight.respond(signals, command, np.full(6, 0.3))
+    assert np.allclose(clipped, 0.5 * free)
+    tracking = controller.law.adapts and not controller.law.predicts_torque
+    assert drives.dynamic.gradient.any() == tracking
+    assert not rest.dynamic.gradient.any()
+    assert rest.dynamic.gradient.shape == state.a_d.shape
+    after = tight.step(state, measurement, desired, 1e-3)[1]
+    assert np.array_equal(after.a_d, state.a_d)
+    assert controller.limits.torque is None  # the copy did not change it
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        n
+        for n, law in pa.LAWS.items()
+        if law.adapts and law.learns_kinematics and not law.joint_space
+    ],
+)
+def test_a_saturated_sample_teaches_by_prediction_alone(law):
+    controller, measurement, desired = moving(law)
+    a_k = controller.kinematics.initial + 0.02
+    state = controller.init(measurement, a_k=a_k, adapting=False)
+    robot = robot_of(law, "ur5")
+    plant = pa.PinocchioPlant(robot)
+    for k in range(20):  # until the filters have seen something
+        q = pin.integrate(robot.model, robot.q0, 1e-2 * k * measurement.v)
+        measurement = plant.measurement(q, measurement.v, measurement.t)
+        state = controller.step(state, measurement, desired, 1e-2)[1]
+    signals, command = controller.command(state.adapt(), measurement, desired)
+    a = controller.acceleration(signals, measurement)
+    free, drives = controller.respond(signals, command, a)
+    tight = controller.limited(0.5 * np.abs(free))
+    g_k, h_k = drives.kinematic.gradient, tight.respond(signals, command, a)[1].kinematic.gradient
+    R_k = controller.law.R_k
+    if law == "adaptive-inverse-dynamics-velocity":
+        expected = signals.Y_k.T @ R_k @ (signals.J @ measurement.v - measurement.xd)
+    elif law == "separation":  # all of it is prediction
+        dx_o, epsilon, X_k = signals.filtered.dx_o, signals.epsilon, signals.X_k
+        c = controller.law.c * controller.law.sigma(signals)
+        expected = c * signals.Y_k.T @ dx_o + X_k.T @ R_k @ epsilon
+    else:
+        W_k, y = signals.filtered.W_k, signals.filtered.y
+        expected = W_k.T @ R_k @ (W_k @ a_k - y)
+    assert np.allclose(h_k, expected) and np.abs(expected).max() > 1e-3
+    if law == "separation":
+        assert np.array_equal(g_k, h_k)
+    else:
+        assert np.abs(g_k - h_k).max() > 1e-3
+
+
+def test_limits_that_are_not_reached_change_nothing():
+    robot = load("ur5")
+    path = pa.Circle(np.zeros(3), 0.05, 2.0).starting_at(robot.position(robot.q0))
+    believed = robot.changed(inertial_scale=0.8)
+    runs = [
+        pa.simulate(robot, pa.make_controller(believed, torque_limits=limits), path, duration=0.1)
+        for limits in (False, 1e4)
+    ]
+    assert np.array_equal(runs[0].tau, runs[1].tau) and np.array_equal(runs[0].a_d, runs[1].a_d)
+    assert runs[1].summary()["saturated"] == 0.0
+
+
+def test_a_controller_without_limits_is_given_the_motors():
+    """Kp so high that the motors of the description saturate; the estimates rest where they do."""
+    robot = load("ur5")
+    stiff = {"law": "adaptive-inverse-dynamics", "Kp": 4e4, "Kv": 400.0}
+    believed = robot.changed(inertial_scale=0.8)
+    controller = pa.make_controller(believed, torque_limits=False, **stiff)
+    path = pa.Hold(robot.position(robot.q0) + 0.1)
+    rollout = pa.simulate(robot, controller, path, duration=0.05, torque_limits=True)
+    own = pa.simulate(robot, pa.make_controller(believed, **stiff), path, duration=0.05)
+    assert rollout.saturated[:-1].any() and controller.limits.torque is None
+    assert np.array_equal(rollout.a_d, own.a_d) and np.array_equal(rollout.tau, own.tau)
+    held = rollout.saturated[:-1]
+    assert np.abs(np.diff(rollout.a_d, axis=0)[held]).max() < 1e-12
+
+
+def test_continuous_mode_knows_limits_too():
+    limits, rollout = saturating("adaptive-jacobian", mode="continuous", dt=1e-3, duration=0.5)
+    assert rollout.diverged is None
+    assert (np.abs(rollout.tau) <= limits).all() and rollout.saturated[:-1].any()
+    inside = rollout.saturated[:-1] & rollout.saturated[1:]
+    assert (
+        np.abs(np.diff(rollout.a_d, axis=0)[inside]).max() < 1e-2
+    )  # some stages of a Runge-Kutta step are not saturated
+
+
+@pytest.mark.parametrize("limits", [[1.0, 2.0], [-1.0] * 6, [np.nan] * 6, 0.0, "many"])
+def test_impossible_torque_limits_are_refused(limits):
+    with pytest.raises(pa.GainError, match="torque_limits"):
+        pa.make_controller(load("ur5"), torque_limits=limits)
+
+
+# --- the box ---
+
+
+def nearest(x, metric, low, high):
+    """Return the point of a box nearest to x, the best over all sets of entries at a wall."""
+    candidates = []
+    for walls in product(("low", "high", "free"), repeat=x.size):
+        free = np.array([wall == "free" for wall in walls])
+        y = np.where([wall == "low" for wall in walls], low, high)
+        if not np.isfinite(y[~free]).all():
+            continue
+        pull = metric[np.ix_(free, ~free)] @ (y - x)[~free]
+        y[free] = x[free] - np.linalg.solve(metric[np.ix_(free, free)], pull)
+        if (y >= low).all() and (y <= high).all():
+            candidates.append(y)
+    return min(candidates, key=lambda y: (y - x) @ metric @ (y - x))
+
+
+@pytest.mark.parametrize("diagonal", [True, False])
+@given(seed=seeds)
+@settings(seeded, max_examples=60)
+def test_projection_is_the_nearest_point_in_the_metric_and_v_only_improves(diagonal, seed):
+    rng = np.random.default_rng(seed)
+    A = rng.standard_normal((3, 3))
+    Gamma = np.diag(rng.uniform(0.1, 3.0, 3)) if diagonal else A @ A.T + 0.1 * np.eye(3)
+    low, high = -rng.uniform(0.1, 1.0, 3), rng.uniform(0.1, 1.0, 3)
+    inner = pa.Gradient(Gamma, 3)
+    boxed, g = pa.BoxProjection(inner, low, high), 5.0 * rng.standard_normal(3)
+    metric = np.linalg.inv(Gamma)
+    a = np.where(rng.uniform(size=3) < 0.5, low, rng.uniform(low, high))  # often at a wall
+    moved, free = stepped(boxed, a, g, 0.5), stepped(inner, a, g, 0.5)
+    assert (moved >= low).all() and (moved <= high).all()
+    assert np.allclose(moved, nearest(free, metric, low, high), atol=1e-7)
+    rate, free_rate = rate_of(boxed, a, g), rate_of(inner, a, g)
+    scale, inward = np.abs(free_rate).max(), np.where(a <= low, 0.0, -np.inf)
+    expected = nearest(free_rate / scale, metric, inward, np.full(3, np.inf))
+    assert np.allclose(rate / scale, expected, atol=1e-7)
+    a_true = rng.uniform(low, high)
+    assert (a - a_true) @ metric @ (rate - free_rate) <= 1e-9 * scale
+    assert boxed.divergence(moved, a_true) <= inner.divergence(free, a_true) + 1e-12
+    assert np.array_equal(
+        rate_of(boxed, np.zeros(3), g), rate_of(inner, np.zeros(3), g)
+    )  # inside it is the inner one
+
+
+def test_an_estimate_outside_its_box_is_refused_by_name():
+    robot = load("ur5")
+    controller = pa.make_controller(robot, kinematic_box=0.05)
+    measurement = pa.Measurement(0.0, robot.q0, np.zeros(6), robot.position(robot.q0))
+    controller.init(measurement, a_k=controller.kinematics.initial + 0.04)
+    with pytest.raises(pa.ParameterError, match=r"unknown\.kinematic_box.*tool_x.*outside.*wider"):
+        controller.init(measurement, a_k=controller.kinematics.initial + 0.06)
+
+
+def test_estimates_stay_in_their_box():
+    """The tool is 8 cm off; a box of 3 cm holds the estimate at its wall, in both modes."""
+    robot = load("ur5")
+    true = robot.changed(tool_translation=[0.0, 0.0, 0.08])
+    path = pa.Circle(np.zeros(3), 0.1, 1.0, "yz").starting_at(true.position(true.q0))
+    for options in ({"substeps": 1}, {"mode": "continuous"}):
+        runs = {}
+        for box in (0.03, False):
+            controller = pa.make_controller(robot, kinematic_box=box, gamma_k=0.5)
+            with (
+                pytest.warns(UserWarning, match=r"\['tool_y'\] are outside")
+                if box
+                else nullcontext()
+            ):
+                runs[box] = pa.simulate(true, controller, path, duration=1.0, **options)
+            assert runs[box].diverged is None
+        low, high = controller.kinematics.initial - 0.03, controller.kinematics.initial + 0.03
+        outside = (
+            1e-12 if "mode" not in options else 1e-3
+        )  # an integrator's step passes the wall by a little
+        assert (runs[0.03].a_k >= low - outside).all() and (runs[0.03].a_k <= high + outside).all()
+        assert np.abs(runs[False].a_k - controller.kinematics.initial).max() > 0.05
+
+
+def test_default_box_keeps_lengths_positive_and_offsets_within_half_the_reach():
+    planar, panda = load("planar_2r"), load("panda")
+    lengths = pa.FrameKinematics(planar, ["lengths"])
+    assert np.allclose(make_box(planar, lengths, None), [[0.2, 0.24], [5.0, 6.0]])
+    tool = pa.FrameKinematics(panda, ["tool"])
+    low, high = make_box(panda, tool, None)
+    assert (
+        np.allclose((low + high) / 2, tool.initial)
+        and (high - low > 0.8).all()
+        and (high - low < 2.0).all()
+    )
+    assert np.allclose(make_box(panda, tool, [0.1, 0.2, 0.3])[1] - tool.initial, [0.1, 0.2, 0.3])
+    assert np.allclose(make_box(panda, tool, [[-1, -1, 0], [1, 1, 2]]), [[-1, -1, 0], [1, 1, 2]])
+    assert make_box(panda, tool, False) is None
+
+
+@pytest.mark.parametrize(
+    "box",
+    [
+        -0.1,
+        0.0,
+        [0.1, 0.2],
+        [[0, 0, 0], [1, 1, 0]],
+        [[0, 0, 0]] * 3,
+        "wide",
+        np.nan,
+        [[0, 0], [1, 1]],
+    ],
+)
+def test_impossible_boxes_are_refused(box):
+    with pytest.raises(pa.ParameterError, match=r"unknown\.kinematic_box"):
+        pa.make_controller(load("ur5"), kinematic_box=box)
+
+
+# --- the watch ---
+
+
+def published(law="adaptive-inverse-dynamics", **options):
+    settings = [
+        "controller.adaptation=gradient",
+        "controller.gamma_d=[4.5, 1.5, 1.5]",
+        "simulation.duration=0.1",
+    ]
+    settings += [f"controller.law={law}", "simulation.mode=continuous", "simulation.dt=1e-4"]
+    return Scenario.read(
+        ROBOTS / "planar_2r" / "wang_xie_2009.toml", [*settings, *options.get("more", [])]
+    ).run()
+
+
+def test_a_mass_matrix_that_is_none_ends_the_run_with_a_message():
+    rollout = published()
+    assert 0.02 < rollout.diverged < 0.05
+    assert "no longer positive definite" in rollout.reason and "adaptive-jacobian" in rollout.reason
+    assert 0.0 < rollout.min_eig_M_hat.min() < 0.1  # nothing after the singularity is recorded
+    assert np.isfinite(rollout.tau).all()
+
+
+def test_without_the_watch_the_run_steps_over_the_singularity():
+    stepped = published(more=["controller.watch=false", "controller.acceleration=ideal"])
+    assert stepped.min_eig_M_hat.min() < -0.01 and stepped.t[-1] > 0.06
+
+
+def test_the_passivity_based_law_does_not_mind():
+    assert published("adaptive-jacobian").diverged is None
+
+
+def test_estimates_that_run_away_end_the_run_with_a_message():
+    robot = load("ur5")
+    for watch in (True, False):
+        controller = pa.make_controller(
+            robot,
+            law="adaptive-jacobian",
+            adaptation="gradient",
+            gamma_d=1e9,
+            watch=watch,
+            kinematic=[],
+            torque_limits=False,
+        )
+        measurement = pa.Measurement(
+            0.0, robot.q0, np.full(6, 0.1), robot.position(robot.q0), xd=np.zeros(3)
+        )
+        desired = pa.Circle(np.zeros(3), 0.1, 2.0).starting_at(measurement.x + 0.05).at(0.0)
+        state = controller.init(measurement)
+        if watch:
+            with pytest.raises(pa.DivergedError, match="ran away"):
+                controller.step(state, measurement, desired, 1e-3)
+        else:
+            assert np.linalg.norm(controller.step(state, measurement, desired, 1e-3)[1].a_d) > 1e5
+
+
+def test_impossible_dampings_are_refused():
+    for damping in (-0.1, 1.0, np.nan):
+        with pytest.raises(pa.GainError, match="damping"):
+            pa.make_controller(load("ur5"), damping=damping)
+
+
+# --- scenarios ---
+
+
+def test_scenarios_say_it_all(tmp_path):
+    keys = [
+        "simulation.duration=0.01",
+        "simulation.torque_limits=true",
+        "controller.damping=0.3",
+        "controller.watch=false",
+    ]
+    scenario = Scenario.read(
+        ROBOTS / "panda" / "tool_and_load.toml", [*keys, "unknown.kinematic_box=0.2"]
+    )
+    limits, box = scenario.controller.limits, scenario.controller.adaptation_k
+    assert (
+        np.array_equal(limits.torque, scenario.true.model.effortLimit)
+        and not limits.watch
+        and limits.estimate == np.inf
+    )
+    assert np.allclose(box.high - box.low, 0.4)
+    robot = load("panda")
+    J = pin.computeFrameJacobian(
+        robot.model, robot.model.createData(), robot.q0, robot.frame_id, pin.LOCAL_WORLD_ALIGNED
+    )[:3]
+    assert np.isclose(limits.singular, 0.3 / np.sqrt(np.trace(np.linalg.inv(J @ J.T))))
+    rollout = scenario.run()
+    rollout.save(tmp_path)
+    rollout.plot(tmp_path)
+    numbers = json.loads((tmp_path / "summary.json").read_text())
+    assert numbers["max_damping"] == 0.0 and numbers["saturated"] == 0.0
+    assert {"damping", "damping_share", "saturated"} <= set(np.load(tmp_path / "rollout.npz").files)
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("controller.damping=-1.0", r"controller\.damping"),
+        ("controller.damping=2.0", r"controller\.damping"),
+        ("controller.dampin=0.1", "Did you mean 'damping'"),
+        ("unknown.kinematic_box=[[0.0]]", r"unknown\.kinematic_box"),
+        ("unknown.kinematic_box=0.0", r"unknown\.kinematic_box"),
+    ],
+)
+def test_bad_keys_are_refused(setting, words):
+    with pytest.raises(pa.InputError, match=words):
+        Scenario.read(ROBOTS / "panda" / "tool_and_load.toml", [setting])

@@ -1,0 +1,321 @@
+"""A user's own laws and adaptations, and ours given as objects, in place of their names."""
+
+import copy
+import dataclasses
+import pickle
+import re
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from tests.support.chains import catalogue_robot
+from tests.support.drives import along
+from tests.support.loops import energy_along, motion_at_home, with_tool_and_load
+from tests.support.paths import ROOT
+from tests.support.replays import record, replay
+from tests.support.snapshots import snapshot, unchanged
+
+GUIDE = ROOT / "docs" / "your_own_law.md"
+JACOBIAN = "adaptive-jacobian"
+
+
+@pytest.fixture(scope="module")
+def guide():
+    """Return the names that the guide's blocks define, run in order."""
+    scope = {"__name__": "guide"}
+    for block in re.findall(r"```python\n(.*?)```", GUIDE.read_text(), re.DOTALL):
+        exec(block, scope)
+    return scope
+
+
+# --- the guide ---
+
+
+def error_at_the_end(rollout):
+    """Return the error of each joint at the end [deg]."""
+    return np.degrees(np.abs(rollout.error[-1]))
+
+
+def test_the_guides_arm_ends_at_its_set_point(guide):
+    assert guide["rollout"].diverged is None
+    assert error_at_the_end(guide["rollout"]).max() < 0.1
+
+
+def test_without_adaptation_a_wrist_stays_off_as_the_guide_says(guide):
+    controller = pa.make_controller(guide["robot"], law=guide["law"], adaptation="none")
+    path = pa.Hold(guide["robot"].home_angles + 0.2)
+    error = error_at_the_end(pa.simulate(guide["true"], controller, path, duration=5.0))
+    assert error.argmax() == 3 and error[3] == pytest.approx(5.8, abs=0.05)
+
+
+def test_storage_of_the_guides_law_falls_with_an_adaptation_that_has_one(guide):
+    controller = pa.make_controller(guide["robot"], law=guide["law"], adaptation="natural")
+    path = pa.Hold(guide["robot"].home_angles + 0.2)
+    rollout = pa.simulate(guide["true"], controller, path, duration=2.0)
+    assert rollout.diverged is None
+    assert (np.diff(rollout.lyapunov) < 1e-6 * rollout.lyapunov[0]).all()
+    assert rollout.lyapunov[-1] < 0.5 * rollout.lyapunov[0]
+
+
+def test_the_guides_proof_is_held_by_its_closed_loop(guide):
+    controller = pa.make_controller(guide["robot"], law=guide["law"], gamma_d=1.0)
+    path = pa.Hold(guide["robot"].home_angles + 0.2)
+    energy = energy_along(guide["true"], controller, path, seconds=0.04)
+    assert energy.mismatch() <= 1e-6 and np.abs(energy.rate).max() > 1e-4
+
+
+# --- our own as objects ---
+
+
+def wrong(robot):
+    return robot.changed(inertial_scale=0.8)
+
+
+def test_a_law_as_an_object_is_the_one_by_name_with_the_same_gains():
+    robot = catalogue_robot("panda")
+    own = {"alpha": 5.0, "R_k": 30.0, "lambda_": 12.0}
+    posture = pa.Posture(wrong(robot), frequency=6.0)
+    law = pa.AdaptiveJacobian(robot.task, posture, K_v=90.0, K_P=800.0, **own)
+    gains = {"Kv": 90.0, "Kp": 800.0, "posture": 6.0, **own}
+    by_name = pa.make_controller(wrong(robot), law=JACOBIAN, **gains)
+    by_object = pa.make_controller(wrong(robot), law=law)
+    samples = record(with_tool_and_load(robot), by_name, motion_at_home(robot))
+    (torques, state), (same, end) = (replay(each, samples) for each in (by_name, by_object))
+    assert same.tobytes() == torques.tobytes() and unchanged(end, snapshot(state))
+    assert by_object.law is law
+
+
+@pytest.mark.parametrize("kind", ["natural", "gradient", "projected"])
+def test_an_adaptation_as_an_object_is_the_one_by_name(kind):
+    robot = catalogue_robot("panda")
+    by_name = pa.make_controller(wrong(robot), adaptation=kind)
+    by_object = pa.make_controller(
+        wrong(robot), adaptation=by_name.adaptation_d, gamma_k=by_name.adaptation_k.inner.Gamma
+    )
+    samples = record(with_tool_and_load(robot), by_name, motion_at_home(robot))
+    (torques, state), (same, end) = (replay(each, samples) for each in (by_name, by_object))
+    assert same.tobytes() == torques.tobytes() and unchanged(end, snapshot(state))
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"law": pa.AdaptiveJacobian}, "a name or a Law"),
+        ({"law": 3}, "a name or a Law"),
+        ({"adaptation": pa.Natural}, "a name or an Adaptation"),
+        ({"adaptation": None}, "a name or an Adaptation"),
+    ],
+    ids=str,
+)
+def test_what_is_no_object_of_its_kind_is_refused(options, words):
+    with pytest.raises(pa.InputError, match=words):
+        pa.make_controller(catalogue_robot("ur5"), **options)
+
+
+def test_a_law_as_an_object_takes_no_gains_beside():
+    robot = catalogue_robot("ur5")
+    law = pa.AdaptiveJacobian(robot.task, pa.Posture(robot), K_v=90.0, K_P=800.0, alpha=5.0)
+    with pytest.raises(pa.InputError, match=r"has its gains; got \['Kv'\]"):
+        pa.make_controller(robot, law=law, Kv=40.0)
+
+
+# --- wrappers around any adaptation ---
+
+INNER = ["gradient", "natural", "own"]
+
+
+def inner_of(kind, dynamics, guide):
+    """Return an adaptation of a robot's bodies."""
+    if kind == "own":
+        return guide["Normalised"](Gamma=1.0, T=0.1)
+    if kind == "natural":
+        return pa.Natural(5.0, pa.BodyInequality(catalogue_robot("ur5").joint_names))
+    return pa.Gradient(1.0, dynamics.size)
+
+
+@pytest.mark.parametrize("kind", INNER)
+def test_a_box_holds_any_adaptation(kind, guide):
+    dynamics = pa.BodyDynamics(catalogue_robot("ur5"))
+    inner, a = inner_of(kind, dynamics, guide), dynamics.initial
+    low, high = a - 0.01 * np.abs(a) - 1e-3, a + 0.01 * np.abs(a) + 1e-3
+    boxed, rng = pa.BoxProjection(inner, low, high), np.random.default_rng(1)
+    free, held = inner.init(a), boxed.init(a)
+    drive = along(1e-6 * rng.standard_normal(a.size))  # so short a step that no wall is met
+    assert unchanged(boxed.step(held, drive, 1e-3), snapshot(inner.step(free, drive, 1e-3)))
+    left = 0
+    for _ in range(30):
+        drive = along(30.0 * rng.standard_normal(a.size))
+        free, held = inner.step(free, drive, 1e-2), boxed.step(held, drive, 1e-2)
+        left += not ((low <= free.value) & (free.value <= high)).all()
+        assert ((low <= held.value) & (held.value <= high)).all() and boxed.contains(held.value)
+        if kind == "own":
+            assert unchanged((held.memory,), snapshot((free.memory,)))  # it remembers as before
+    assert left > 0  # without the box it leaves
+
+
+def mass_matrix(dynamics, a, q):
+    """Return M_hat (n, n) at an estimate."""
+    dynamics.load(a)
+    return np.array(dynamics.mass_matrix(q))
+
+
+@pytest.mark.parametrize("kind", INNER)
+def test_the_mass_matrix_stays_positive_with_any_adaptation(kind, guide):
+    robot = catalogue_robot("ur5")
+    dynamics = pa.BodyDynamics(robot)
+    projected = pa.MassMatrixProjection(inner_of(kind, dynamics, guide), dynamics, robot)
+    rng, estimate, moved = np.random.default_rng(2), projected.init(0.05 * dynamics.initial), 0
+    M_0 = mass_matrix(dynamics, dynamics.initial, robot.q0)
+    for _ in range(50):
+        kept = projected.project(estimate, robot.q0)
+        moved += kept is not estimate.value
+        M_hat = mass_matrix(dynamics, kept, robot.q0)
+        assert np.linalg.eigvals(np.linalg.solve(M_0, M_hat)).real.min() >= 0.1 - 1e-9
+        assert projected.contains(kept)
+        drive = along(rng.standard_normal(dynamics.size))
+        estimate = projected.step(estimate._replace(value=kept), drive, 1e-3)
+    assert moved > 0
+
+
+# --- memory, rest, signals ---
+
+
+def test_what_an_adaptation_remembers_goes_through_continuous_mode(guide):
+    """The rate of the memory is integrated with the rest: fine samples tend to the same."""
+    robot, true = guide["robot"], guide["true"]
+    path, ends = pa.Hold(robot.home_angles + 0.2), {}
+    for mode, dt in (("continuous", 1e-3), ("sampled", 1e-4), ("sampled", 5e-5)):
+        adaptation = guide["Normalised"](Gamma=30.0, T=0.05)
+        controller = pa.make_controller(
+            robot, law=guide["law"], adaptation=adaptation, dt=dt, torque_limits=False
+        )
+        plant = pa.PinocchioPlant(true)
+        if mode == "continuous":
+            start = controller.init(plant.measure())
+            stream = pa.run_continuous(plant, controller, path, dt=dt, state=start)
+        else:
+            stream = pa.run(plant, controller, path, dt=dt)
+        for sample in stream:
+            if sample.t >= 0.1 - 1e-9:
+                break
+        ends[mode, dt] = np.concatenate([sample.state.a_d, *sample.state.dynamic.memory])
+    exact, coarse, fine = ends.values()
+    start = np.append(controller.dynamics.initial, 0.0)
+    moved = np.abs(exact - start)
+    assert moved[-1] > 1e-3 and moved[:-1].max() > 1e-3  # the memory and the estimate
+    errors = [np.linalg.norm(end - exact) for end in (coarse, fine)]
+    assert errors[1] < 0.6 * errors[0] and errors[0] < 0.01 * np.linalg.norm(exact - start)
+
+
+def test_a_state_with_memory_is_one_flat_array_and_back(guide):
+    controller, robot = guide["controller"], guide["robot"]
+    state = replay(controller, record(guide["true"], controller, motion_at_home(robot)))[1]
+    flat = state.flat()
+    assert state.dynamic.memory[0][0] in flat
+    assert unchanged(state.with_flat(flat), snapshot(state))
+    assert np.array_equal(state.with_flat(2.0 * flat).flat(), 2.0 * flat)
+
+
+@pytest.mark.parametrize("law", ["adaptive-inverse-dynamics", JACOBIAN])
+def test_estimates_rest_until_they_are_told_to_move(law):
+    robot = catalogue_robot("ur5")
+    controller = pa.make_controller(wrong(robot), law=law)
+    samples = record(with_tool_and_load(robot), controller, motion_at_home(robot))
+    start = controller.init(samples[0][0], adapting=False)
+    _, state = replay(controller, samples, adapting=False)
+    assert not start.adapting and not state.adapting
+    assert unchanged((state.dynamic, state.kinematic), snapshot((start.dynamic, start.kinematic)))
+    assert not unchanged(state.filters, snapshot(start.filters))  # they go on
+    _, moved = controller.step(state.adapt(), *samples[-1], 1e-3)
+    assert moved.adapting and (moved.a_d != state.a_d).any() and (moved.a_k != state.a_k).any()
+    rested = controller.step(moved.adapt(False), *samples[-1], 1e-3)[1]
+    assert np.array_equal(rested.a_d, moved.a_d) and np.array_equal(rested.a_k, moved.a_k)
+
+
+@pytest.mark.parametrize("mode", ["sampled", "continuous"])
+def test_a_run_whose_estimates_rest_is_the_one_of_no_adaptation(mode):
+    robot = catalogue_robot("planar_2r")
+    path, torques = motion_at_home(robot), []
+    for adaptation in ("natural", "none"):
+        controller = pa.make_controller(wrong(robot), adaptation=adaptation)
+        plant = pa.PinocchioPlant(robot)
+        state = controller.init(plant.measure(), adapting=adaptation == "none")
+        run = pa.run_continuous if mode == "continuous" else pa.run
+        stream = run(plant, controller, path, dt=1e-3, state=state)
+        torques.append([next(stream).torque for _ in range(20)])
+    assert np.array_equal(*torques)
+
+
+def all_of(signals):
+    """Return what signals hold, and what their inverse and filters hold."""
+    parts = dataclasses.fields(signals)
+    own = [part.name for part in parts if part.name not in ("inverse", "filtered")]
+    assert len(own) == 21
+    filtered, inverse = signals.filtered, signals.inverse
+    names = getattr(filtered, "_fields", None) or ("W_k", "y", "a")
+    parts = *(getattr(filtered, name) for name in names), inverse.J, inverse.gram_inverse
+    return (*(getattr(signals, name) for name in own), *parts)
+
+
+OBSERVED = {
+    "panda": ("panda", {}, {}),
+    "planar": ("planar_2r", {}, {"kinematic": ["lengths"], "adaptation": "projected"}),
+    "joints": ("ur5", {"task": "joint"}, {"law": "slotine-li"}),
+    "predicted": ("panda", {}, {"adaptation": "natural-composite"}),
+    "all of the joints": ("ur5", {}, {"joint": "all", "law": JACOBIAN}),
+}
+
+
+@pytest.mark.parametrize(("name", "task", "options"), OBSERVED.values(), ids=OBSERVED.keys())
+def test_signals_of_one_instant_stay_when_another_is_observed(name, task, options):
+    robot = catalogue_robot(name, **task)
+    controller = pa.make_controller(wrong(robot), **options)
+    samples = record(robot, controller, motion_at_home(robot))
+    first = controller.init(samples[0][0])
+    state = replay(controller, samples)[1]
+    signals = controller.observe(first, *samples[0])
+    before = snapshot(all_of(signals))
+    later = controller.observe(state, *samples[-1])
+    assert unchanged(all_of(signals), before)
+    assert not np.array_equal(later.dx, signals.dx) and not np.array_equal(later.q, signals.q)
+
+
+def test_signals_are_frozen_and_can_be_copied():
+    robot = catalogue_robot("ur5")
+    controller = pa.make_controller(robot, law="adaptive-inverse-dynamics")
+    samples = record(robot, controller, motion_at_home(robot), 1)
+    signals = controller.observe(controller.init(samples[0][0]), *samples[0])
+    before = snapshot(all_of(signals))
+    assert type(signals) is pa.Signals and not hasattr(signals, "__dict__")
+    for name in ("dx", "adapting", "inverse", "another"):
+        with pytest.raises(dataclasses.FrozenInstanceError, match=name):
+            setattr(signals, name, 0.0)
+        with pytest.raises(dataclasses.FrozenInstanceError, match=name):
+            delattr(signals, name)
+    pickled = pickle.loads(pickle.dumps(signals))
+    for alike in (copy.copy(signals), copy.deepcopy(signals), pickled, signals):
+        assert type(alike) is pa.Signals and unchanged(all_of(alike), before)
+    other = dataclasses.replace(signals, dx=2.0 * signals.dx)
+    assert type(other) is pa.Signals and other.q is signals.q
+    assert (other.dx == 2.0 * signals.dx).all() and unchanged(all_of(signals), before)
+    values = [getattr(signals, part.name) for part in dataclasses.fields(signals)]
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        pa.Signals(*values).dx = signals.dx
+    with pytest.raises(TypeError):
+        pa.Signals(*values[1:])
+
+
+def test_signals_do_not_share_the_callers_buffers():
+    robot = catalogue_robot("ur5")
+    controller = pa.make_controller(robot)
+    (measurement, desired), *_ = record(robot, controller, motion_at_home(robot), 1)
+    measurement, desired = (
+        type(each)(*(np.array(part) if isinstance(part, np.ndarray) else part for part in each))
+        for each in (measurement, desired)
+    )
+    signals = controller.observe(controller.init(measurement), measurement, desired)
+    before = snapshot(all_of(signals))
+    for buffer in (*measurement[1:4], *desired):
+        buffer += 1.0
+    assert unchanged(all_of(signals), before)

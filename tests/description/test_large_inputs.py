@@ -1,0 +1,79 @@
+"""Reading takes time in proportion to the size of a description, not to its square."""
+
+import time
+
+import pytest
+
+import pinadapt as pa
+from pinadapt.description.urdf import Urdf
+from pinadapt.robot.loading import end_links
+from pinadapt.scenario.template import Template
+from tests.support.descriptions import XMLNS
+from tests.support.paths import ARM4
+
+pytestmark = pytest.mark.slow
+
+BODY = ARM4.read_text().removesuffix("</robot>\n")
+
+
+def with_links(path, count, *, row=True):
+    """Write arm4 with ``count`` more links fixed behind its tip, each on the one before or not."""
+    parts = [BODY]
+    for i in range(count):
+        parent = f"extra{i - 1}" if row and i else "tip"
+        parts.append(
+            f'<link name="extra{i}"/><joint name="fix{i}" type="fixed"><parent link="{parent}"/>'
+            f'<child link="extra{i}"/><origin xyz="0 0 0.00001"/></joint>'
+        )
+    path.write_text("".join([*parts, "</robot>"]))
+    return path
+
+
+def with_comment(path, size, xmlns=""):
+    """Write arm4 with a comment of ``size`` letters."""
+    text = BODY.replace('<robot name="arm4">', f'<robot name="arm4" {xmlns}>')
+    path.write_text(f"{text}<!--{'x' * size}--></robot>")
+    return path
+
+
+def seconds(action, *arguments):
+    """Return the shortest processor time of two calls."""
+    times = []
+    for _ in range(2):
+        start = time.process_time()
+        action(*arguments)
+        times.append(time.process_time() - start)
+    return min(times)
+
+
+def test_ends_of_four_times_as_many_links_take_about_four_times_as_long(tmp_path):
+    path = tmp_path / "a.urdf"
+    few, many = (Urdf.read(with_links(path, n, row=False)).model() for n in (1500, 6000))
+    assert seconds(end_links, many) < 10 * seconds(end_links, few)  # 16 times, if they were squared
+
+
+def test_three_thousand_fixed_links_are_a_robot_like_another(tmp_path):
+    path = with_links(tmp_path / "long.urdf", 3000)
+    template = Template.of(str(path), frame="extra2999")
+    assert template.robot.joint_names == ["joint1", "joint2", "joint3", "joint4"]
+    assert seconds(pa.load, path) < 20  # it was two minutes; now one second
+
+
+def test_a_row_that_is_too_long_for_the_stack_is_refused(tmp_path):
+    with pytest.raises(pa.RobotError, match="more than 3200 links in one row"):
+        pa.load(with_links(tmp_path / "deep.urdf", 6000))
+
+
+@pytest.mark.parametrize("name", ["deep.urdf", "deep.xacro"])
+def test_elements_that_are_nested_too_deeply_are_refused(tmp_path, name):
+    path = tmp_path / name
+    path.write_text(f"<robot name='r'>{'<a>' * 20_000}{'</a>' * 20_000}</robot>")
+    with pytest.raises(pa.RobotError, match="nested too deeply"):
+        pa.load(path)
+
+
+@pytest.mark.parametrize(("name", "xmlns"), [("a.urdf", ""), ("a.xacro", XMLNS)])
+def test_a_long_comment_costs_its_length(tmp_path, name, xmlns):
+    short, long = (with_comment(tmp_path / f"{n}{name}", n, xmlns) for n in (10**6, 5 * 10**7))
+    assert Urdf.read(long).text == Urdf.read(short).text
+    assert seconds(Urdf.read, long) < 20  # pieces of it, each read from the start: minutes

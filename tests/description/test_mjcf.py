@@ -1,0 +1,104 @@
+"""MJCF files: read where Pinocchio reads them, refused where it would read another robot."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from pinadapt.cli.main import main
+from pinadapt.scenario.scenario import Scenario
+from tests.support.descriptions import MJCF, TRIANGLE
+from tests.support.loops import check_holds_home
+
+FREE = MJCF.replace('pos="0 0 0.1">', 'pos="0 0 0.1"><freejoint/>').replace(
+    'qpos="0', 'qpos="0 0 0 1 0 0 0 0'
+)
+
+
+def mjcf(folder, text=MJCF, name="arm.xml"):
+    """Write an MJCF file, one of its two meshes, and return its path."""
+    (folder / "meshes").mkdir(exist_ok=True)
+    (folder / "meshes" / "rib.stl").write_text(TRIANGLE)
+    path = folder / name
+    path.write_text(text)
+    return path
+
+
+def test_a_chain_is_read_with_its_masses_limits_home_and_gravity(tmp_path):
+    robot = pa.load(mjcf(tmp_path), frame="tip")
+    assert robot.joint_names == ["j1", "j2", "j3"]
+    capsule = 1000 * (np.pi * 0.05**2 * 0.3 + 4 / 3 * np.pi * 0.05**3)
+    masses = [body.mass for body in robot.model.inertias[1:3]]
+    assert np.allclose(masses, [capsule, 2.0])
+    assert np.allclose(robot.q0, [0.1, -0.5, 0.9])
+    assert np.allclose(robot.model.gravity.linear, [0.0, 0.0, -1.62])
+    assert np.allclose(robot.model.upperPositionLimit, [3.0, 2.0, 2.0])
+    assert robot.model.armature[0] == 0.1 and robot.model.effortLimit[0] == 7.0
+    check_holds_home(robot)
+
+
+def test_a_missing_mesh_costs_that_mesh_only(tmp_path):
+    with pytest.warns(UserWarning, match=r"not drawn.*meshes/shell.stl"):
+        shapes = pa.load(mjcf(tmp_path), frame="tip").visual.geometryObjects
+    assert sum(thing.meshPath.endswith("rib.stl") for thing in shapes) == 1
+    assert len(shapes) == 6  # base, two capsules of links 1 and 3, that of link 2, the rib, the tip
+
+
+def test_a_free_joint_is_welded_unless_refused(tmp_path):
+    path = mjcf(tmp_path, FREE)
+    with pytest.raises(pa.RobotError, match=r"floating.*weld_root=True"):
+        pa.load(path, frame="tip", weld_root=False)
+    assert pa.load(path, frame="tip").joint_names == ["j1", "j2", "j3"]
+
+
+@pytest.mark.parametrize("text", [MJCF, FREE], ids=["fixed", "free"])
+def test_init_writes_a_scenario_of_it_that_runs(tmp_path, text):
+    file = tmp_path / "arm.toml"
+    assert main(["init", str(mjcf(tmp_path, text)), "--frame", "tip", "--out", str(file)]) == 0
+    rollout = Scenario.read(file, ["simulation.duration=4.0"]).run()
+    assert rollout.distance[-400:].max() < 0.1 * rollout.distance[:400].max()
+
+
+def test_what_an_equality_couples_is_no_independent_joint(tmp_path):
+    coupled = '<equality><joint joint1="j3" joint2="j2"/></equality></mujoco>'
+    path = mjcf(tmp_path, MJCF.replace("</mujoco>", coupled))
+    with pytest.raises(pa.RobotError, match=r"\['j3'\] mimic"):
+        pa.load(path, frame="tip")
+    assert pa.load(path, frame="tip", locked="j3", task="xy").joint_names == ["j1", "j2"]
+
+
+def test_loops_are_taken_as_open_and_told(tmp_path):
+    loop = '<equality><connect body1="tip" body2="base" anchor="0 0 0"/></equality></mujoco>'
+    with pytest.warns(UserWarning, match="1 loops closed by <equality> are taken as open"):
+        pa.load(mjcf(tmp_path, MJCF.replace("</mujoco>", loop)), frame="tip")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("<asset>", '<include file="x.xml"/><asset>', "<include> is not read by Pinocchio"),
+        ('<body name="tip"', "<body", "a <body> has no name"),
+        ('mass="2" diag', 'mass="1,5" diag', 'mass="1,5" is not numbers'),
+        ('size="0.03"/></body>', 'size="nan"/></body>', 'size="nan" is not a number'),
+        (
+            '<inertial pos="0.2 0 0" mass="2" diaginertia="0.01 0.02 0.02"/>',
+            "",
+            "body 'link2' has no <inertial>",
+        ),
+        ('type="box"', 'type="brick"', "Pinocchio cannot read this MJCF"),
+    ],
+)
+def test_what_pinocchio_would_skip_is_refused(tmp_path, old, new, words):
+    assert old in MJCF
+    path = mjcf(tmp_path, MJCF.replace(old, new))
+    with pytest.raises(pa.RobotError) as error:
+        pa.load(path, frame="tip")
+    assert words in str(error.value) and str(path) in str(error.value)
+    assert "mj_saveLastXML" in str(error.value)
+
+
+def test_it_is_the_robot_that_pinocchio_reads(tmp_path):
+    path = mjcf(tmp_path)
+    whole, robot = pin.buildModelFromMJCF(str(path)), pa.load(path, frame="tip")
+    for ours, theirs in zip(robot.model.inertias[1:], whole.inertias[1:], strict=True):
+        assert ours.isApprox(theirs)

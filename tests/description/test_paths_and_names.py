@@ -1,0 +1,58 @@
+"""One rule tells paths from names, for the library, scenarios and `init` alike."""
+
+from pathlib import Path
+
+import pytest
+
+import pinadapt as pa
+from pinadapt.cli.main import main
+from pinadapt.description.urdf import is_path
+from pinadapt.scenario.scenario import Scenario
+from tests.support.descriptions import TRIANGLE
+from tests.support.paths import ARM4
+
+PATHS = ["arm.urdf", "arm.xml", "arm.urdf.xacro", "./arm", "arms/arm", Path("arm")]
+NAMES = ["ur5", "arm", "urdf", "arm.toml"]
+
+
+def test_the_rule():
+    assert all(is_path(source) for source in PATHS)
+    assert not any(is_path(source) for source in NAMES)
+
+
+@pytest.mark.parametrize(
+    ("source", "words"), [("arms/arm", "no such file"), ("arm", "neither a robot of the catalogue")]
+)
+def test_everyone_follows_it(source, words, tmp_path, capsys):
+    scenario = tmp_path / "scenario.toml"
+    scenario.write_text(f'[robot]\nsource = "{source}"\n')
+    for refused in (lambda: pa.load(source), lambda: Scenario.read(scenario)):
+        with pytest.raises(pa.RobotError, match=words):
+            refused()
+    assert main(["init", source]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_a_mesh_that_is_missing_is_told_and_found_where_the_warning_says(
+    tmp_path, monkeypatch, recwarn
+):
+    arm = tmp_path / "here" / "arm4.urdf"
+    arm.parent.mkdir()
+    visual = (
+        '<visual><geometry><mesh filename="package://mine/meshes/link1.stl"/></geometry></visual>'
+    )
+    arm.write_text(
+        ARM4.read_text().replace('<link name="base"/>', f'<link name="base">{visual}</link>')
+    )
+    with pytest.warns(
+        UserWarning,
+        match=r"arm4.urdf: .*package://mine/meshes/link1.stl.* folders of ROS_PACKAGE_PATH",
+    ):
+        assert not pa.load(arm, frame="tip").visual.geometryObjects
+    mesh = tmp_path / "there" / "mine" / "meshes" / "link1.stl"
+    mesh.parent.mkdir(parents=True)
+    mesh.write_text(TRIANGLE)
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "there"))
+    recwarn.clear()
+    assert len(pa.load(arm, frame="tip").visual.geometryObjects) == 1
+    assert not recwarn.list

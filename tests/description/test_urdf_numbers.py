@@ -1,0 +1,51 @@
+"""Numbers of a URDF that its parser would drop are refused, with their place and their text."""
+
+import pytest
+
+import pinadapt as pa
+from pinadapt.cli.main import main
+from tests.support.descriptions import arm4
+from tests.support.paths import ARM4
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('<mass value="3.0"/>', '<mass value="3,0"/>', "link 'link1', <mass>: value=\"3,0\""),
+        ('<mass value="3.0"/>', '<mass value=""/>', "link 'link1', <mass>: value=\"\""),
+        ('<mass value="3.0"/>', '<mass value="nan"/>', "is not a number"),
+        ('<mass value="3.0"/>', '<mass value="inf"/>', "is not finite"),
+        ('<mass value="3.0"/>', '<mass value="1e999"/>', "is not finite"),
+        ('<mass value="3.0"/>', '<mass value="3.0 kg"/>', 'value="3.0 kg" is not a number'),
+        ('<mass value="3.0"/>', '<mass value="3_0"/>', 'value="3_0" is not a number'),
+        ('<mass value="3.0"/>', "<mass/>", "<mass>: value is missing"),
+        ('ixx="0.02"', 'ixx="0.02."', "link 'link1', <inertia>: ixx=\"0.02.\""),
+        ('ixx="0.02" ', "", "link 'link1', <inertia>: ixx is missing"),
+        ('<origin xyz="0 0 0.3"/>', '<origin xyz="0 0"/>', "joint 'joint2', <origin>: xyz=\"0 0\""),
+        ('<origin xyz="0 0 0.3"/>', '<origin rpy="0 0 x"/>', "is not 3 numbers"),
+        ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 nan"/>', "joint 'joint1', <axis>"),
+        ('lower="-3"', 'lower="-3 rad"', "joint 'joint1', <limit>: lower=\"-3 rad\""),
+        ('lower="-3"', 'lower="nan"', "joint 'joint1', <limit>"),
+        ('lower="-3"', 'lower="-inf"', "is not finite. Numbers"),
+    ],
+)
+def test_unreadable_numbers_are_refused(tmp_path, old, new, words, capsys):
+    path = arm4(tmp_path, (old, new))
+    with pytest.raises(pa.RobotError) as error:
+        pa.load(path, frame="tip")
+    assert words in str(error.value) and str(path) in str(error.value)
+    assert main(["init", str(path)]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_shapes_are_checked_too(tmp_path):
+    box = '<visual><geometry><box size="1 2"/></geometry></visual>'
+    path = arm4(tmp_path, ('<link name="base"/>', f'<link name="base">{box}</link>'))
+    with pytest.raises(pa.RobotError, match=r"link 'base', <box>: size=\"1 2\" is not 3 numbers"):
+        pa.load(path, frame="tip")
+
+
+def test_numbers_that_are_no_part_of_the_robot_are_none_of_our_business(tmp_path):
+    gazebo = '<gazebo reference="base"><mass value="heavy"/></gazebo></robot>'
+    assert pa.load(arm4(tmp_path, ("</robot>", gazebo)), frame="tip").model.nv == 4
+    assert pa.load(ARM4, frame="tip").model.nv == 4

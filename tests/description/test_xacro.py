@@ -1,0 +1,200 @@
+"""Xacro files: expanded with arguments, without ROS, with errors that name file and reason."""
+
+import sys
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from pinadapt._toml import read_toml
+from pinadapt.cli.main import main
+from pinadapt.description.xacro import Packages
+from pinadapt.scenario.scenario import Scenario
+from tests.support.descriptions import TRIANGLE, XMLNS
+from tests.support.paths import ARM4
+
+BODY = ARM4.read_text().split('<robot name="arm4">')[1].replace("</robot>", "")
+ARM = f"""<robot name="arm" {XMLNS}>
+<xacro:arg name="reach" default="0.3"/><xacro:arg name="tool" default="true"/>
+<xacro:include filename="$(find parts)/macros.xacro"/>
+{BODY.replace('xyz="0.3 0 0"', 'xyz="$(arg reach) 0 0"')}
+<xacro:if value="$(arg tool)"><xacro:tool name="probe" length="${{2 * 0.05}}"/></xacro:if>
+</robot>"""
+MACROS = f"""<robot {XMLNS}><xacro:macro name="tool" params="name length">
+<link name="${{name}}"><visual><geometry><mesh filename="package://parts/meshes/p.stl"/></geometry>
+</visual></link>
+<joint name="${{name}}_joint" type="fixed"><parent link="tip"/><child link="${{name}}"/>
+<origin xyz="${{length}} 0 0"/></joint></xacro:macro></robot>"""
+
+
+@pytest.fixture
+def arm(tmp_path):
+    """Write a xacro file and, beside its folder, the package that it includes."""
+    (tmp_path / "robot").mkdir()
+    (tmp_path / "parts" / "meshes").mkdir(parents=True)
+    (tmp_path / "parts" / "macros.xacro").write_text(MACROS)
+    (tmp_path / "parts" / "meshes" / "p.stl").write_text(TRIANGLE)
+    path = tmp_path / "robot" / "arm.urdf.xacro"
+    path.write_text(ARM)
+    return path
+
+
+def forearm(robot):
+    """Return the length of the link before the last joint."""
+    return robot.model.jointPlacements[4].translation[0]
+
+
+def test_defaults_hold_where_nothing_is_given(arm):
+    robot = pa.load(arm, frame="probe")
+    assert forearm(robot) == 0.3
+    assert len(robot.visual.geometryObjects) == 1
+
+
+@pytest.mark.parametrize("given", [0.45, "0.45"])
+def test_arguments_are_numbers_texts_and_truth_values(arm, given):
+    robot = pa.load(arm, frame="tip", xacro={"reach": given, "tool": False})
+    assert forearm(robot) == 0.45
+    assert not robot.model.existFrame("probe")
+
+
+def test_no_ros_is_needed_and_nothing_of_xacro_stays_changed(arm):
+    from xacro import parse, substitution_args
+
+    before = substitution_args._eval_find, substitution_args._eval_dict["find"], parse
+    pa.load(arm, frame="tip")
+    assert before == (
+        substitution_args._eval_find,
+        substitution_args._eval_dict["find"],
+        sys.modules["xacro"].parse,
+    )
+    assert "ament_index_python" not in sys.modules
+
+
+def test_a_file_that_uses_xacro_is_expanded_whatever_it_is_called(arm):
+    assert forearm(pa.load(arm.rename(arm.with_name("arm.urdf")), frame="probe")) == 0.3
+
+
+def test_init_and_scenarios_take_arguments(arm, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = ["--xacro", "reach=0.45", "--xacro", "tool=false"]
+    assert main(["init", "robot/arm.urdf.xacro", *words, "--frame", "tip"]) == 0
+    file = tmp_path / "arm.toml"
+    assert read_toml(file)["robot"]["xacro"] == {"reach": "0.45", "tool": "false"}
+    assert forearm(Scenario.read(file).believed) == 0.45
+    assert forearm(Scenario.read(file, ["robot.xacro.reach=0.5"]).believed) == 0.5
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("parts)/macros", "part)/macros", ["package 'part' was not found", "ROS_PACKAGE_PATH"]),
+        ("parts)/macros", "parts)/macro", ["No such file", "macro.xacro"]),
+        ('name="probe"', 'nam="probe"', ["Invalid parameter", "nam"]),
+        ("2 * 0.05", "2 * width", ["width", "not defined"]),
+        ("$(arg tool)", "$(arg tol)", ["Undefined substitution argument", "init --xacro"]),
+        ("<xacro:tool ", "<xacro:tol ", ["unknown macro name", "xacro:tol"]),
+        ("</xacro:if>", "", ["not well-formed XML"]),
+        ("$(arg reach) 0 0", "$(arg reach),0,0", ["joint 'joint4', <origin>", '"0.3,0,0"']),
+    ],
+)
+def test_refusals_name_file_and_reason(arm, old, new, words, capsys):
+    assert old in ARM
+    arm.write_text(ARM.replace(old, new))
+    assert main(["init", str(arm)]) == 2
+    error = capsys.readouterr().err
+    assert "Traceback" not in error
+    for word in [str(arm), *words]:
+        assert word in error
+
+
+def test_the_included_file_is_named_where_it_is_the_one_that_is_wrong(arm):
+    broken = arm.parents[1] / "parts" / "macros.xacro"
+    broken.write_text(MACROS.replace("</link>", ""))
+    with pytest.raises(pa.RobotError, match=f"{arm}.* in {broken}: not well-formed XML"):
+        pa.load(arm)
+
+
+def test_unknown_arguments_are_refused_with_the_nearest(arm):
+    with pytest.raises(pa.RobotError, match=r"no xacro argument 'reech'.* 'reach'.*reach, tool"):
+        pa.load(arm, xacro={"reech": 1})
+
+
+@pytest.mark.parametrize("source", [ARM4, "panda"])
+def test_only_xacro_files_take_arguments(source):
+    with pytest.raises(pa.RobotError, match="no arguments"):
+        pa.load(source, xacro={"reach": 1})
+
+
+def test_what_xacro_complains_of_is_a_warning(arm):
+    arm.write_text(ARM.replace("<xacro:if ", '<xacro:property name="pi" value="3"/><xacro:if '))
+    with pytest.warns(UserWarning, match=rf"{arm}: xacro says: .*redefining global symbol: pi"):
+        pa.load(arm, frame="tip")
+
+
+def test_arguments_are_a_mapping(arm):
+    with pytest.raises(pa.RobotError, match="expected a mapping from names to values"):
+        pa.load(arm, xacro=["reach=0.4"])
+
+
+@pytest.mark.parametrize("text", ["reach", "=0.4"])
+def test_the_command_line_wants_name_and_value(arm, text, capsys):
+    with pytest.raises(SystemExit):
+        main(["init", str(arm), "--xacro", text])
+    assert "name=value is expected" in capsys.readouterr().err
+
+
+# --- packages ---
+
+
+def test_packages_are_found_by_folder_manifest_and_environment(tmp_path, monkeypatch):
+    here = tmp_path / "ws" / "arm_description" / "urdf"
+    places = {
+        "arm_description": here.parent,
+        "beside": tmp_path / "ws" / "beside",
+        "named_inside": tmp_path / "ws" / "checkout-of-it",
+        "from_ros_1": tmp_path / "ros1" / "from_ros_1",
+        "from_ros_2": tmp_path / "ros2" / "share" / "from_ros_2",
+        "kr6_support": tmp_path / "ws" / "kr6",
+    }
+    for folder in [here, *places.values()]:
+        folder.mkdir(parents=True, exist_ok=True)
+    manifest = "<package><name>named_inside</name></package>"
+    (places["named_inside"] / "package.xml").write_text(manifest)
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "ros1"))
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "ros2"))
+    packages = Packages(here)
+    for name, folder in places.items():
+        assert packages.find(name) == folder
+    assert packages.find("nowhere") is None
+    assert Packages(here, {"nowhere": str(tmp_path)}).find("nowhere") == tmp_path
+
+
+@pytest.mark.parametrize(
+    "name", ["package://parts/a b.stl", "model://parts/a b.stl", "../a b.stl", "file://{}", "{}"]
+)
+def test_every_way_of_naming_a_file_is_understood(tmp_path, name):
+    (tmp_path / "parts" / "urdf").mkdir(parents=True)
+    file = tmp_path / "parts" / "a b.stl"
+    file.write_text(TRIANGLE)
+    found = Packages(tmp_path / "parts" / "urdf").file(name.format(file))
+    assert found is not None and found.resolve() == file
+
+
+# --- meshes ---
+
+
+def test_a_missing_mesh_costs_that_mesh_only(tmp_path):
+    names = ["good.stl", "gone.stl", "broken.stl"]
+    shapes = "".join(
+        f'<visual><geometry><mesh filename="{name}"/></geometry></visual>' for name in names
+    )
+    shapes += '<visual><geometry><box size="1 1 1"/></geometry></visual>'
+    (tmp_path / "good.stl").write_text(TRIANGLE)
+    (tmp_path / "broken.stl").write_text("no mesh")
+    path = tmp_path / "arm.urdf"
+    base = '<link name="base"/>'
+    path.write_text(ARM4.read_text().replace(base, f'<link name="base">{shapes}</link>'))
+    with pytest.warns(UserWarning, match=r"gone.stl: no such file; broken.stl: ") as told:
+        drawn = pa.load(path, frame="tip").visual.geometryObjects
+    assert len(told) == 1
+    assert len(drawn) == 2 and np.allclose(drawn[1].geometry.halfSide, 0.5)

@@ -1,0 +1,86 @@
+"""The code on the site's pages runs as it stands."""
+
+import re
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from tests.support.paths import ROOT
+
+pytestmark = pytest.mark.slow
+
+DOCS = ROOT / "docs"
+
+
+def blocks(page):
+    """Return the Python blocks of a page."""
+    return re.findall(r"```python\n(.*?)```", (DOCS / f"{page}.md").read_text(), re.S)
+
+
+def test_the_quickstart_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    scope = {}
+    for block in blocks("quickstart"):
+        if "while True" not in block:  # the loop of an arm, see below
+            exec(block, scope)
+    assert scope["rollout"].summary()["max_error_last"] < 1e-3
+    assert (tmp_path / "out" / "error.png").is_file()
+    assert "@article" in capsys.readouterr().out
+
+
+class Arm:
+    """A simulated arm behind the interface that the page on hardware asks for."""
+
+    def __init__(self, robot, samples):
+        """Take the true robot, which adds its described gravity itself, and how long it runs."""
+        self.plant = pa.PinocchioPlant(robot, compensation=pa.Gravity(pa.load("ur5")))
+        self.left, self.sent, self.error = samples, [], None
+
+    def read(self):
+        """Return what its sensors say."""
+        truth = self.plant.measure()
+        return pa.Measurement(truth.t, truth.q, truth.v, x=truth.x, x_time=truth.t)
+
+    def enabled(self):
+        """Return whether the run goes on."""
+        self.left -= 1
+        return self.left >= 0
+
+    def send(self, torque):
+        """Move for a period."""
+        self.sent.append(torque)
+        self.plant.step(torque, 1e-3)
+
+    def stop(self, error):
+        """Remember why."""
+        self.error = error
+
+
+class Operator:
+    """Presses the button from the n-th sample on."""
+
+    def __init__(self, after):
+        """Take n."""
+        self.left = after
+
+    def pressed(self, button):
+        """Return whether the button is pressed."""
+        self.left -= 1
+        return self.left < 0
+
+
+@pytest.mark.parametrize("after", [200, 10_000])
+def test_the_loop_on_hardware_runs_and_learns_only_when_told(after):
+    (block,) = blocks("hardware")
+    arm = Arm(pa.load("ur5").changed(payload=pa.Payload(mass=1.0)), samples=600)
+    block = block.replace('pa.load("my_robot.urdf", frame="tool0")', 'pa.load("ur5")')
+    scope = {"arm": arm, "operator": Operator(after)}
+    exec(block, scope)
+    assert arm.error is None and len(arm.sent) == 600
+    state, initial = scope["state"], scope["controller"].dynamics.initial
+    assert state.adapting == (after < 600)
+    assert np.array_equal(state.a_d, initial) == (after > 600)
+    reached = scope["motion"].at(0.6).x_d
+    assert np.linalg.norm(arm.read().x - reached) < 0.01
+    assert np.abs(arm.sent[0]).max() < 30.0  # without the gravity that the arm adds by itself

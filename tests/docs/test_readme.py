@@ -1,0 +1,51 @@
+"""The fifteen lines of the README, on its robot and with any other path in their place."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from pinadapt.description.catalogue import example_path
+from tests.support.paths import ROOT
+
+pytestmark = pytest.mark.slow
+
+LINES = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.S).group(1)
+
+
+def executed(lines):
+    """Return what the lines leave behind."""
+    scope = {}
+    exec(lines, scope)
+    return scope
+
+
+def test_the_lines_run_as_they_stand(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    rollout = executed(LINES)["rollout"]
+    assert rollout.diverged is None
+    assert rollout.summary()["max_error_last"] < 1e-4
+    assert "error, last 10 %" in capsys.readouterr().out
+    assert (tmp_path / "out" / "error.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("path", "task"),
+    [
+        (ROOT / "robots" / "planar_2r" / "planar_2r.urdf", "xy"),
+        (example_path("double_pendulum_simple"), "yz"),
+        (ROOT / "robots" / "scara" / "scara.urdf", "xyz"),
+        (ROOT / "tests" / "data" / "arm4.urdf", "xyz"),
+        (example_path("ur10"), "xyz"),
+    ],
+    ids=lambda value: value.stem if isinstance(value, Path) else None,
+)
+def test_only_the_path_differs_for_another_robot(path, task, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    lines, count = re.subn(r'pa\.load\(".*?"\)', f"pa.load({str(path)!r})", LINES)
+    assert count == 1 and lines.count("panda") == 0
+    scope = executed(lines)
+    rollout, circle = scope["rollout"], scope["circle"]
+    assert scope["robot"].task.name == task
+    assert rollout.diverged is None
+    assert rollout.summary()["max_error_last"] < 0.003 * circle.radius

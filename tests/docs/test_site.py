@@ -1,0 +1,116 @@
+"""What stands around the code agrees with it: site, citation file, changes, workflow, hooks."""
+
+import json
+import re
+import subprocess
+import sys
+
+import pytest
+
+import pinadapt
+from tests.support.paths import ROOT
+
+DOCS = ROOT / "docs"
+PAGES = sorted(path.stem for path in DOCS.glob("*.md"))
+
+
+def text_of(name):
+    """Return a file of the tree."""
+    return (ROOT / name).read_text()
+
+
+def test_versions_agree():
+    cited = re.search(r"^version: (.+)$", text_of("CITATION.cff"), re.M)
+    assert cited and cited.group(1).strip('"') == pinadapt.__version__
+    assert f"## {pinadapt.__version__}" in text_of("CHANGELOG.md")
+
+
+def test_every_page_is_reached_from_the_front():
+    front = text_of("docs/index.md")
+    listed = re.findall(
+        r"^([\w/]+)$", "".join(re.findall(r"```{toctree}(.*?)```", front, re.S)), re.M
+    )
+    assert set(PAGES) - {"index"} == {name for name in listed if "/" not in name}
+
+
+@pytest.mark.parametrize("page", [*PAGES, "../CONTRIBUTING", "../CHANGELOG", "../README"])
+def test_links_to_files_resolve(page):
+    path = DOCS / f"{page}.md"
+    built = ("gallery/", "api/")  # by `make docs`
+    for target in re.findall(r"\]\(([^)#]+?)(?:#[^)]*)?\)", path.read_text()):
+        if "://" not in target and not target.startswith(built):
+            assert (path.parent / target).exists(), target
+
+
+def test_the_table_of_laws_has_every_law_measured():
+    page = text_of("docs/laws.md")
+    measured = {row["name"] for row in json.loads(text_of("benchmarks/laws.json"))["rows"]}
+    assert measured == set(pinadapt.LAWS)
+    for law in pinadapt.LAWS:
+        assert f"| `{law}`" in page
+        for column in ("error", "cost"):
+            assert f'laws["{law}"].{column}' in page
+
+
+def test_the_theory_has_every_equation_that_a_law_is_named_by():
+    theory = text_of("docs/theory.md")
+    tags = {int(n) for tag in re.findall(r"\\tag\{WX ([\d, ]+)\}", theory) for n in tag.split(",")}
+    assert tags >= {3, 4, 10, 11, 13, 17, 18, 19, 26, 32, 34}
+    ours = [int(n) for n in re.findall(r"\\tag\{T (\d+)\}", theory)]
+    assert ours == list(range(1, len(ours) + 1))
+    assert {int(n) for n in re.findall(r"\(T (\d+)\)", theory)} <= set(ours)
+
+
+def test_the_workflow_runs_what_make_offers_on_all_versions():
+    workflow = text_of(".github/workflows/checks.yml")
+    targets = re.findall(r"run: make (\w+)", workflow)
+    assert set(targets) == {"lint", "test", "docs"}
+    for target in targets:
+        assert re.search(rf"^{target}:", text_of("Makefile"), re.M)
+    least = re.search(r'requires-python = ">=(3\.\d+)"', text_of("pyproject.toml")).group(1)
+    matrices = re.findall(r"python-version: (\[.+\])", workflow)
+    assert [json.loads(matrix) for matrix in matrices] == [[least, "3.11", "3.12", "3.13"]] * 2
+
+
+def test_the_hooks_run_what_lint_runs():
+    makefile = text_of("Makefile")
+    lint = re.search(r"^lint:.*\n((?:\t.+\n)+)", makefile, re.M).group(1)
+    hooks = re.findall(r"entry: \.venv/bin/(.+)", text_of(".pre-commit-config.yaml"))
+    strip = re.search(r"^STRIP +:= \$\(BIN\)/(.+)$", makefile, re.M).group(1)
+    assert hooks == ["ruff format", "ruff check", "mypy", strip.replace(" ", " --verify ", 1)]
+    for run in ("$(BIN)/ruff format", "$(BIN)/ruff check", "$(BIN)/mypy", "$(STRIP) --verify"):
+        assert run in lint
+
+
+def test_every_extra_has_a_reason():
+    section = re.search(
+        r"\[project\.optional-dependencies\]\n(.*?)\n\[", text_of("pyproject.toml"), re.S
+    )
+    lines = [line for line in section.group(1).splitlines() if line.startswith('  "')]
+    assert len(lines) > 10
+    for line in lines:
+        assert (
+            re.search(r'",? +# \w', line) or "pytest>=" in line or "ruff" in line or "mypy" in line
+        )
+
+
+def to_rst(docstring):
+    """Return a docstring as the site reads it."""
+    script = (
+        "import sys; sys.path.insert(0, sys.argv[1]); from docstrings import to_rst;"
+        "lines = sys.stdin.read().split('\\n'); to_rst(None, '', '', None, None, lines);"
+        "sys.stdout.write('\\n'.join(lines))"
+    )
+    command = [sys.executable, "-c", script, str(DOCS / "_ext")]
+    return subprocess.run(
+        command, input=docstring, text=True, capture_output=True, check=True
+    ).stdout
+
+
+def test_formulas_in_docstrings_are_no_markup():
+    shown = to_rst("One line.\n\nLaw:   |e| = lambda_ s with ``a|b_``,\n       more.\nV:     e.")
+    assert shown.split("\n")[2:] == [
+        r":Law: \|e\| = lambda\_ s with ``a|b_``,",
+        "       more.",
+        ":V: e.",
+    ]

@@ -1,0 +1,197 @@
+"""Exciting motions: inside all limits, telling more than others, the same again, and refused."""
+
+from functools import cache
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from pinadapt.cli.main import main
+from pinadapt.description.chain import configuration_from_angles, position_limits, velocity_limits
+from pinadapt.excitation.allowance import Allowance
+from pinadapt.excitation.exciting_motion import RestToRest
+from pinadapt.excitation.search import _asked, _Search
+from pinadapt.scenario.scenario import Scenario
+from tests.support.chains import catalogue_robot, random_robot
+
+pytestmark = pytest.mark.slow
+
+ROBOTS = ["ur5", "scara", "planar_2r"]
+
+
+@cache
+def excited(name, **options):
+    """Return a short motion that excites the load of a robot."""
+    return pa.excite(catalogue_robot(name), dynamic="payload", duration=6.0, harmonics=3, **options)
+
+
+def search(name, kinematic=()):
+    """Return a search for motions of a robot, and some of its coefficients."""
+    robot, aim = _asked(catalogue_robot(name), "payload", "all", kinematic)
+    found = _Search(aim, Allowance.of(robot, None, None), RestToRest(3, 6.0, 48))
+    theta = np.random.default_rng(1).standard_normal((robot.model.nv, 4))
+    return found, found.inside(theta)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_it_begins_and_ends_at_home_at_rest(name):
+    series = excited(name).trajectory
+    for t in (0.0, series.period):
+        x, xd, xdd = series.at(t)
+        assert np.allclose(x, catalogue_robot(name).home_angles, atol=1e-12)
+        assert np.allclose(xd, 0.0, atol=1e-12) and np.allclose(xdd, 0.0, atol=1e-11)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_it_keeps_the_limits_between_the_instants_it_was_checked_at(name):
+    robot, motion = catalogue_robot(name), excited(name)
+    lower, upper = position_limits(robot.model)
+    loaded = robot.changed(payload=pa.Payload(motion.limits.load)).model
+    data, most = loaded.createData(), np.zeros(robot.model.nv)
+    for t in np.linspace(0.0, 6.0, 1501):
+        x, v, a = motion.trajectory.at(t)
+        assert (x > lower).all() and (x < upper).all()
+        assert (np.abs(v) < 0.81 * velocity_limits(robot.model)).all()
+        q = configuration_from_angles(loaded, x)
+        most = np.maximum(most, np.abs(pin.rnea(loaded, data, q, v, a)))
+    assert (most < 0.81 * robot.model.effortLimit).all()
+    assert (most / robot.model.effortLimit <= motion.limits.effort + 1e-3).all()
+    assert motion.limits.velocity.max() <= 0.8 + 1e-9 and motion.limits.effort.max() <= 0.8
+
+
+def test_joints_stay_above_the_plane_that_the_arm_is_mounted_on():
+    robot, motion = catalogue_robot("ur5"), excited("ur5")
+    data, lowest = robot.model.createData(), np.inf
+    for t in np.linspace(0.0, 6.0, 600):
+        pin.framesForwardKinematics(robot.model, data, motion.trajectory.at(t).x_d)
+        heights = [
+            data.oMf[robot.frame_id].translation[2],
+            *(M.translation[2] for M in data.oMi[3:]),
+        ]
+        lowest = min(lowest, *heights)
+    assert 0.0 < lowest == pytest.approx(motion.limits.clearance, abs=2e-3)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_it_tells_what_any_motion_can_and_more_than_random_ones(name):
+    motion = excited(name)
+    assert (motion.excitation.dynamic.rank, 0) == motion.most
+    found, _ = search(name)
+    rng, shape = np.random.default_rng(5), (catalogue_robot(name).model.nv, 4)
+    others = [-found._untold(found.inside(rng.standard_normal(shape))) for _ in range(5)]
+    assert motion.told > np.max(others) + 1.0  # nat
+
+
+@pytest.mark.parametrize("kinematic", [(), ("tool",)])
+def test_the_slope_of_the_search_is_that_of_its_cost(kinematic):
+    found, theta = search("scara", kinematic)
+    theta = 1.5 * theta  # beyond some limits
+    way = np.random.default_rng(2).standard_normal(theta.shape)
+    ahead, behind = (found._cost(theta + h * way)[0] for h in (1e-5, -1e-5))
+    assert np.sum(found._cost(theta)[1] * way) == pytest.approx((ahead - behind) / 2e-5, rel=1e-3)
+
+
+def test_a_seed_gives_the_same_motion_again():
+    cosine = excited("planar_2r").trajectory.cosine
+    again = pa.excite(catalogue_robot("planar_2r"), dynamic="payload", duration=6.0, harmonics=3)
+    assert np.array_equal(again.trajectory.cosine, cosine)
+    assert not np.allclose(excited("planar_2r", seed=1).trajectory.cosine, cosine)
+
+
+def test_any_chain_can_be_excited():
+    """Continuous joints, slides, axes in all directions, gravity aslant, no limits at all."""
+    robot = random_robot(11, 4)
+    motion = pa.excite(robot, duration=4.0, excursion=0.4)
+    path = motion.trajectory.positions(np.linspace(0.0, 4.0, 200)) - robot.home_angles
+    assert np.abs(path).max() <= 0.4 + 1e-6
+    assert motion.excitation.dynamic.rank == motion.most[0] > 10
+
+
+def test_what_a_controller_adapts_is_excited():
+    described = catalogue_robot("planar_2r")
+    controller = pa.make_controller(described, dynamic="payload", joint="none")
+    motion = pa.excite(controller, duration=4.0)
+    assert motion.excitation.dynamic.names == controller.dynamics.names
+    assert motion.excitation.kinematic.names == controller.kinematics.names
+    assert motion.excitation.kinematic.rank == motion.most[1] > 0
+    text = str(motion)
+    assert "known to" in text and "of velocity" in text and "<table>" in motion._repr_html_()
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "words"),
+    [
+        ({"dynamic": "none", "joint": "none"}, pa.ParameterError, "nothing is unknown"),
+        ({"dynamic": "elbw"}, pa.RobotError, "Did you mean 'elbow'"),
+        ({"duration": -1.0}, pa.InputError, "must be positive"),
+        ({"harmonics": 1}, pa.InputError, "at least 2"),
+        ({"excursion": 0.0}, pa.InputError, "must be positive"),
+        ({"load": 1e4}, pa.RobotError, "State a lighter load"),
+    ],
+)
+def test_what_cannot_be_excited_is_refused(options, error, words):
+    with pytest.raises(error, match=words):
+        pa.excite(catalogue_robot("scara"), **options)
+
+
+def test_an_unknown_that_no_motion_shows_is_refused():
+    robot = catalogue_robot("planar_2r")
+    there = robot.model.frames[robot.frame_id].placement.translation.copy()
+    height = pa.Translation("tool", None, np.eye(3)[:, 2:], there, ("tool_z",))
+    with pytest.raises(pa.ParameterError, match=r"no motion of 'planar_2r'.*\(tool_z\)"):
+        pa.excite(robot, dynamic="none", joint="none", kinematic=[height])
+
+
+def test_where_the_base_stands_shows_in_positions():
+    motion = pa.excite(
+        catalogue_robot("planar_2r"),
+        dynamic="none",
+        joint="none",
+        kinematic=["base", "tool"],
+        duration=4.0,
+    )
+    assert motion.most == (0, 4)  # of six; heights do not show in the plane
+    assert motion.excitation.kinematic.rank == 4
+
+
+def test_a_home_outside_the_limits_is_refused():
+    with pytest.warns(UserWarning, match="outside the joint limits"):
+        robot = catalogue_robot("scara").at([3.0, 1.0, -0.05, 0.0])
+    with pytest.raises(pa.RobotError, match="home has joint 'shoulder'"):
+        pa.excite(robot)
+
+
+def test_the_command_writes_a_scenario_of_the_motion_it_prints(tmp_path, capsys):
+    file = tmp_path / "out" / "excited.toml"
+    arguments = [
+        "excite",
+        "planar_2r",
+        "--unknown",
+        "payload",
+        "--duration",
+        "4",
+        "--out",
+        str(file),
+    ]
+    assert main(arguments) == 0
+    printed = capsys.readouterr().out
+    assert "of velocity" in printed and f"pinadapt run {file}" in printed
+    scenario = Scenario.read(file)
+    assert scenario.tables.simulation.duration == 4.0
+    motion = pa.excite(catalogue_robot("planar_2r"), dynamic="payload", duration=4.0)
+    written, found = scenario.trajectory.at(1.3), motion.trajectory.at(1.3)
+    assert np.allclose(written.x_d, found.x_d, atol=1e-5)
+    assert scenario.controller.dynamics.names == motion.excitation.dynamic.names
+    assert main(arguments) == 2 and "exists already" in capsys.readouterr().err
+
+
+def test_the_command_takes_robot_and_unknowns_of_a_scenario(tmp_path, capsys):
+    source = "robots/planar_2r/wang_xie_2009.toml"
+    file = tmp_path / "excited.toml"
+    assert main(["excite", source, "--duration", "4", "--out", str(file)]) == 0
+    scenario = Scenario.read(file)
+    assert scenario.controller.dynamics.names == ("a1", "a2", "a3")
+    assert scenario.true.task.name == "joint" and "a3" in capsys.readouterr().out
+    assert main(["excite", source, "--unknown", "all", "--out", str(tmp_path / "b.toml")]) == 2
+    assert "[unknown]" in capsys.readouterr().err

@@ -1,0 +1,383 @@
+"""Hostile input: each piece is refused with a typed error that names it, or it works."""
+
+import os
+import re
+import subprocess
+import sys
+import warnings
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import pinadapt as pa
+from pinadapt._toml import read_toml
+from pinadapt.cli.main import main
+from pinadapt.scenario.scenario import Scenario
+from pinadapt.scenario.validation import check_tables
+from pinadapt.view.shapes import strange_images
+from tests.support.paths import ROOT
+
+pytestmark = pytest.mark.slow
+
+ROBOTS = ROOT / "robots"
+URDF = (ROBOTS / "planar_2r" / "planar_2r.urdf").read_text()
+SCENARIO = '[robot]\nsource = "planar_2r"\n[simulation]\nduration = 0.005\n'
+HUGE = 10**400
+
+
+def refused(folder, capsys, text, *settings):
+    """Return the one message of a scenario that the command line refuses."""
+    file = folder / "scenario.toml"
+    file.write_bytes(text if isinstance(text, bytes) else text.encode())
+    options = ["--set", *settings] if settings else []
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        assert main(["run", str(file), "--no-html", "--out", str(folder / "out"), *options]) == 2
+    message = capsys.readouterr().err
+    assert message.startswith("pinadapt: ") and message.count("\n") == 1
+    return message
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        (
+            "truth.payload.mass=1e308",
+            "truth.payload.mass: is too large to compute with, over 1e.30",
+        ),
+        ("simulation.duration=1e300", "simulation.duration: is too large"),
+        ("simulation.duration=1e29", "simulation.duration: .* samples; at most 1e.10 are run"),
+        ("simulation.duration=1e6", r"simulation.duration: 1000000000 samples .* GB, there are"),
+        ("simulation.dt=1e-300", "simulation.dt: is too small to compute with, under 1e-30"),
+        ("simulation.dt=1e-20", "simulation.duration: .* samples"),
+        ("robot.gravity=[0.0,0.0,1e200]", "robot.gravity.2: is too large"),
+        ("controller.gamma_k=1e-308", "gamma_k: is too small"),
+        ("controller.Kv=1e-200", "Kv: is too small"),
+        (f"simulation.substeps={HUGE}", "simulation.substeps: input should be less"),
+        ("simulation.substeps=1000000000", "simulation.substeps: must be at most 100000"),
+        (f"simulation.duration={HUGE}", "simulation.duration: input should be a valid number"),
+        (f"simulation.seed={'9' * 5000}", "--set: a value too long"),
+        ("simulation.noise.q=1e308", "simulation.noise.q: is too large"),
+        ("simulation.camera.rate=1e-308", "simulation.camera.rate: is too small"),
+        ("truth.inertial_scale=1e-308", "truth.inertial_scale: is too small"),
+        ("reference.period=-1", "reference.period: input should be greater than 0"),
+        ("simulation.duration=true", "simulation.duration: .* number, got True"),
+        ("simulation.seed=true", "simulation.seed: .* integer, got True"),
+        ('simulation.duration="0.02"', "simulation.duration: .* number, got '0.02'"),
+        ("truth.payload.com=[true,0.0,0.0]", "truth.payload.com.0: .* got True"),
+        ("controller.watch=1", "controller.watch: .* boolean, got 1"),
+        ("title=" + "[" * 50_000, "--set: a value too long or nested too deeply"),
+        ("title." + ".".join(["a"] * 3000) + "=1", "title: input should be a valid string"),
+    ],
+)
+def test_a_setting_is_refused_by_its_key(setting, words, tmp_path, capsys):
+    mass = ["truth.payload.mass=1.0"] if "payload.com" in setting else []
+    assert re.search(words, refused(tmp_path, capsys, SCENARIO, *mass, setting))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (SCENARIO + "x = " + "[" * 100_000, "nested too deeply"),
+        (".".join(["a"] * 5000) + " = 1\n" + SCENARIO, "a: unknown key"),
+        ('title = "é"\n'.encode("latin-1"), "Save the file as UTF-8"),
+        (SCENARIO.encode("utf-16"), "Save the file as UTF-8"),
+        (SCENARIO + f"seed = {'9' * 5000}", "not valid TOML"),
+        (SCENARIO + '[unknown]\nbasis = "a\\u0000b"', "unknown.basis.*no such file"),
+    ],
+    ids=["deep", "dotted", "latin", "utf-16", "digits", "nul"],
+)
+def test_a_file_is_refused(text, words, tmp_path, capsys):
+    assert re.search(words, refused(tmp_path, capsys, text))
+
+
+@pytest.mark.parametrize("key", ["basis", "lmi"])
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("", "there is no number in this file"),
+        ("# nothing\n", "there is no number in this file"),
+        ("a,b\n", "not a table of numbers"),
+        ("nan,nan\n", "must be finite"),
+        ("1e308\n", "is too large"),
+    ],
+    ids=["empty", "comment", "text", "nan", "overflow"],
+)
+def test_a_table_of_numbers_is_refused(key, content, words, tmp_path, capsys):
+    (tmp_path / "basis.csv").write_bytes((ROBOTS / "planar_2r" / "basis.csv").read_bytes())
+    (tmp_path / f"{key}.csv").write_text(content)
+    tables = SCENARIO + f'[unknown]\nbasis = "basis.csv"\n{key} = "{key}.csv"\n'
+    if key == "basis":
+        tables = SCENARIO + '[unknown]\nbasis = "basis.csv"\n'
+    assert re.search(f"unknown.{key}.*{words}", refused(tmp_path, capsys, tables))
+
+
+def test_a_byte_order_mark_is_no_key(tmp_path):
+    file = tmp_path / "scenario.toml"
+    file.write_bytes(b"\xef\xbb\xbf" + SCENARIO.encode())
+    assert Scenario.read(file).title == "planar_2r"
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return pa.load("planar_2r")
+
+
+@pytest.fixture(scope="module")
+def controller(robot):
+    return pa.make_controller(robot)
+
+
+CALLS = {
+    "load": lambda r, c, bad: pa.load(bad),
+    "frame": lambda r, c, bad: pa.load("planar_2r", frame=bad),
+    "locked": lambda r, c, bad: pa.load("planar_2r", locked=[bad]),
+    "q0": lambda r, c, bad: r.at([bad, 0.1]),
+    "position": lambda r, c, bad: r.position([bad, 0.1]),
+    "payload": lambda r, c, bad: r.changed(payload=bad),
+    "mass": lambda r, c, bad: r.changed(payload=pa.Payload(bad)),
+    "scale": lambda r, c, bad: r.changed(inertial_scale=bad),
+    "link": lambda r, c, bad: r.changed(link_translation=bad),
+    "viscous": lambda r, c, bad: r.changed(viscous=[bad, 0.1]),
+    "friction": lambda r, c, bad: pa.Friction([bad], [0.0]),
+    "circle": lambda r, c, bad: pa.Circle([0.5, 0.5], bad, 3.0),
+    "lissajous": lambda r, c, bad: pa.Lissajous([0.0, 0.0], [bad, 1.0], [1, 2], 3.0),
+    "sinusoid": lambda r, c, bad: pa.Sinusoid([0.0, 0.0], 1.0, [bad, 1.0]),
+    "waypoints": lambda r, c, bad: pa.Waypoints([[0.0, 0.0], [bad, 0.0]], 1.0),
+    "segment": lambda r, c, bad: pa.Waypoints([[0.0], [1.0]], bad),
+    "hold": lambda r, c, bad: pa.Hold([bad, 0.0]),
+    "swing": lambda r, c, bad: pa.Swing([0, 0, 1], 0.1, bad),
+    "pose": lambda r, c, bad: pa.PoseTrajectory(bad),
+    "camera": lambda r, c, bad: pa.Camera(rate=bad),
+    "quality": lambda r, c, bad: pa.SensorQuality(v=bad),
+    "gradient": lambda r, c, bad: pa.Gradient([bad, 1.0], 2),
+    "natural": lambda r, c, bad: pa.Natural(bad, pa.MatrixInequality(np.eye(2)[None])),
+    "cone": lambda r, c, bad: pa.Natural(1.0, bad),
+    "inequality": lambda r, c, bad: pa.MatrixInequality([[[bad]]]),
+    "leak": lambda r, c, bad: pa.Leak(bad, 1.0),
+    "low pass": lambda r, c, bad: pa.LowPass(bad),
+    "believed": lambda r, c, bad: pa.make_controller(bad),
+    "Kv": lambda r, c, bad: pa.make_controller(r, Kv=bad),
+    "gamma_d": lambda r, c, bad: pa.make_controller(r, gamma_d=bad),
+    "controller dt": lambda r, c, bad: pa.make_controller(r, dt=bad),
+    "encoder": lambda r, c, bad: pa.make_controller(r, encoder=bad),
+    "watch": lambda r, c, bad: pa.make_controller(r, watch=bad),
+    "posture": lambda r, c, bad: pa.make_controller(r, posture={"frequency": bad}),
+    "basis": lambda r, c, bad: pa.make_controller(r, basis=[[bad]]),
+    "simulated": lambda r, c, bad: pa.simulate(bad, c, hold(r), duration=0.01),
+    "trajectory": lambda r, c, bad: pa.simulate(r, c, bad, duration=0.01),
+    "duration": lambda r, c, bad: pa.simulate(r, c, hold(r), duration=bad),
+    "dt": lambda r, c, bad: pa.simulate(r, c, hold(r), duration=0.01, dt=bad),
+    "substeps": lambda r, c, bad: pa.simulate(r, c, hold(r), duration=0.01, substeps=bad),
+    "every": lambda r, c, bad: pa.simulate(r, c, hold(r), duration=0.01, record_every=bad),
+    "noise": lambda r, c, bad: pa.simulate(r, c, hold(r), duration=0.01, noise={"q": bad}),
+    "changes": lambda r, c, bad: pa.simulate(r, c, hold(r), duration=0.01, changes=bad),
+    "stream": lambda r, c, bad: next(pa.run(pa.PinocchioPlant(r), c, hold(r), dt=bad)),
+    "preflight": lambda r, c, bad: pa.preflight(c, bad),
+    "largest": lambda r, c, bad: pa.reachable_circle(r, largest=bad),
+}
+
+
+def hold(robot):
+    return pa.Hold(robot.position(robot.q0))
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, HUGE, 1e308, "0.02", b"1", 1j, {"a": 1}], ids=str)
+@pytest.mark.parametrize("name", CALLS)
+def test_what_is_no_number_of_this_world_gets_a_typed_error(name, bad, robot, controller):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        with pytest.raises(pa.InputError):
+            CALLS[name](robot, controller, bad)
+
+
+@pytest.mark.parametrize("name", [name for name in CALLS if name != "watch"])
+def test_true_is_no_number_and_no_object(name, robot, controller):
+    with pytest.raises(pa.InputError):
+        CALLS[name](robot, controller, True)
+
+
+def test_a_home_folder_in_a_path_is_found(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    (tmp_path / "arm.urdf").write_text(URDF)
+    assert pa.load("~/arm.urdf", task="xy").name == "planar_2r"
+
+
+def test_a_joint_may_not_be_called_as_the_world_is(tmp_path):
+    file = tmp_path / "arm.urdf"
+    file.write_text(URDF.replace('"joint1"', '"universe"'))
+    with pytest.raises(pa.RobotError, match="'universe', which is the name of the fixed world"):
+        pa.load(file)
+    file.write_text(URDF.replace('"link1"', '"universe"'))
+    assert pa.load(file, frame="tip", task="xy").joint_names == ["joint1", "joint2"]
+
+
+def test_limits_that_are_crossed_are_refused(tmp_path):
+    file = tmp_path / "arm.urdf"
+    file.write_text(re.sub(r'lower="[^"]*" upper="[^"]*"', 'lower="1.5" upper="-1.5"', URDF))
+    with pytest.raises(pa.RobotError, match=r"lower limit of joint 'joint1', 1\.5, is above .*-1"):
+        pa.load(file)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"lambda_a": 0.1}, "nothing uses lambda_a: .* use Kv, alpha"),
+        ({"law": "adaptive-jacobian", "beta": 3.0}, "nothing uses beta"),
+        ({"adaptation": "none", "gamma_d": 1.0}, "nothing uses gamma_d"),
+        ({"joint": "none", "gamma_joint": 1.0}, "nothing uses gamma_joint"),
+        ({"kinematic": [], "gamma_k": 1.0}, "nothing uses gamma_k"),
+    ],
+)
+def test_a_gain_that_nothing_uses_is_told(options, words, robot):
+    with pytest.warns(pa.UnusedGainWarning, match=words):
+        pa.make_controller(robot, **options)
+
+
+def test_gains_that_are_used_are_not_told(robot):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", pa.UnusedGainWarning)
+        pa.make_controller(robot, Kv=2.0, alpha=3.0, gamma_d=0.1, gamma_joint=0.1, gamma_k=0.1)
+
+
+NAMES = ["x\r\ny = 1\n[evil]", '"""a]b\'\\c', "\x7f\u2028\u202eé☃"]
+
+
+@pytest.mark.parametrize("name", NAMES, ids=["lines", "quotes", "unicode"])
+def test_init_writes_toml_for_any_name_and_it_runs(name, tmp_path, capsys):
+    text = URDF
+    for word in ("joint1", "tip", "planar_2r"):
+        given = quoteattr(name + word).replace("\n", "&#10;").replace("\r", "&#13;")
+        text = text.replace(f'"{word}"', given)
+    (tmp_path / "'a\\ b].urdf").write_text(text)
+    file = tmp_path / "scenario.toml"
+    assert main(["init", str(tmp_path / "'a\\ b].urdf"), "--out", str(file)]) == 0
+    tables = read_toml(file)
+    assert sorted(tables) == sorted(
+        ["title", "robot", "truth", "unknown", "controller", "reference", "simulation"]
+    )
+    assert tables["robot"]["frame"] == name + "tip"
+    assert Scenario.read(file, ["simulation.duration=0.003"]).run().diverged is None
+
+
+def test_init_refuses_a_circle_that_takes_forever(tmp_path, capsys):
+    file = tmp_path / "slow.urdf"
+    file.write_text(re.sub(r'velocity="[^"]*"', 'velocity="1e-300"', URDF))
+    assert main(["init", str(file), "--out", str(tmp_path / "slow.toml")]) == 2
+    assert "a circle takes" in capsys.readouterr().err
+    assert not (tmp_path / "slow.toml").exists()
+
+
+DAE = (
+    '<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">'
+    '<library_images><image id="i"><init_from>{}</init_from></image></library_images>'
+    '<library_geometries><geometry id="g"><mesh><source id="p"><float_array id="a" count="9">'
+    "0 0 0 1 0 0 0 1 0</float_array><technique_common>"
+    '<accessor source="#a" count="3" stride="3"><param name="X" type="float"/>'
+    '<param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common>'
+    '</source><vertices id="v"><input semantic="POSITION" source="#p"/></vertices>'
+    '<triangles count="1"><input semantic="VERTEX" source="#v" offset="0"/><p>0 1 2</p>'
+    "</triangles></mesh></geometry></library_geometries><library_visual_scenes>"
+    '<visual_scene id="s"><node><instance_geometry url="#g"/></node></visual_scene>'
+    '</library_visual_scenes><scene><instance_visual_scene url="#s"/></scene></COLLADA>'
+)
+
+
+@pytest.fixture
+def textured(tmp_path):
+    """Return a function that writes a robot whose mesh names an image, beside a secret."""
+    (tmp_path / "secret.txt").write_text("the secret")
+    folder = tmp_path / "robot"
+    (folder / "meshes").mkdir(parents=True)
+    (folder / "own.png").write_bytes(b"an image")
+    (folder / "link.png").symlink_to(tmp_path / "secret.txt")
+    visual = '<visual><geometry><mesh filename="meshes/m.dae"/></geometry></visual>'
+
+    def write(image):
+        (folder / "meshes" / "m.dae").write_text(DAE.format(image))
+        text = URDF.replace('<link name="link1">', f'<link name="link1">{visual}', 1)
+        (folder / "arm.urdf").write_text(text.replace("meshes/m.dae", f"{folder}/meshes/m.dae"))
+        return folder / "arm.urdf"
+
+    return write
+
+
+@pytest.mark.parametrize("image", ["../../secret.txt", "{}/secret.txt", "../link.png", "file://{}"])
+def test_a_page_embeds_no_image_from_outside(image, textured, tmp_path):
+    file = textured(image.format(tmp_path))
+    mesh = file.parent / "meshes" / "m.dae"
+    assert strange_images(mesh) == [image.format(tmp_path)]
+    true = pa.load(file, task="xy", frame="tip")
+    assert resources(true, "drawn without them") == {""}
+
+
+def test_a_page_embeds_the_robots_own_image(textured):
+    true = pa.load(textured("../own.png"), task="xy", frame="tip")
+    assert resources(true, None) == {"data:image/png;base64,YW4gaW1hZ2U="}
+
+
+def resources(robot, words):
+    """Return the images that a figure of a robot sends to its page."""
+    from pinadapt.view.shapes import Artist
+
+    (shape,) = [s for s in robot.visual.geometryObjects if s.meshPath.endswith(".dae")]
+    artist = Artist(robot.model, None, robot.visual)
+    if words is None:
+        return set(artist.loadMeshFromFile(shape).img_resources.values())
+    with pytest.warns(UserWarning, match=words):
+        return set(artist.loadMeshFromFile(shape).img_resources.values())
+
+
+def test_pictures_are_drawn_under_a_backend_that_is_none():
+    code = "from pinadapt.plots import draw_all; import matplotlib.pyplot"
+    environment = {**os.environ, "MPLBACKEND": "nonsense"}
+    subprocess.run(
+        [sys.executable, "-c", code.partition(";")[0]], env=environment, check=True, timeout=100
+    )
+
+
+WILD = st.one_of(
+    st.floats(),
+    st.integers(-3, 3),
+    st.sampled_from([HUGE, True, "0.02", None, 1e30, 1e-30, -1e30]),
+    st.lists(st.floats(), max_size=3),
+)
+KEYS = [
+    "controller.Kv",
+    "controller.alpha",
+    "controller.gamma_d",
+    "controller.gamma_k",
+    "controller.R_k",
+    "simulation.dt",
+    "simulation.noise.v",
+    "simulation.encoder",
+    "truth.inertial_scale",
+    "truth.armature",
+    "truth.tool_translation",
+    "reference.radius",
+    "reference.period",
+    "robot.gravity",
+    "robot.q0",
+]
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(st.sampled_from(KEYS), WILD)
+def test_any_value_is_refused_or_runs_to_finite_numbers(key, value):
+    section, *path = key.split(".")
+    tables = {"robot": {"source": "planar_2r"}, "simulation": {"duration": 3e-3}}
+    table = tables.setdefault(section, {})
+    for part in path[:-1]:
+        table = table.setdefault(part, {})
+    table[path[-1]] = value
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        warnings.simplefilter("error", RuntimeWarning)
+        try:
+            rollout = Scenario.build(check_tables(tables, "wild"), ROBOTS).run()
+        except pa.InputError:
+            return
+    assert np.isfinite(rollout.q).all() and np.isfinite(rollout.tau).all()

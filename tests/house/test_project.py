@@ -1,0 +1,94 @@
+"""Lines, public names, docstrings and the README keep the rules of the project."""
+
+import importlib
+import inspect
+import re
+import subprocess
+import sys
+
+import pytest
+
+import pinadapt
+from tests.support.paths import ROOT
+
+SOURCE = ROOT / "src" / "pinadapt"
+
+
+@pytest.mark.parametrize("folder", ["src", "tests", "benchmarks"])
+def test_lines_are_short(folder):
+    long = [
+        f"{path.relative_to(ROOT)}:{number}"
+        for path in sorted((ROOT / folder).rglob("*.py"))
+        for number, line in enumerate(path.read_text().splitlines(), 1)
+        if len(line) > 100
+    ]
+    assert not long
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "benchmarks").glob("*.py")), ids=lambda p: p.stem)
+def test_benchmarks_can_be_started(path):
+    """What they take from the library, from each other and from the tests is there."""
+    importlib.import_module(f"benchmarks.{path.stem}")
+
+
+def public():
+    """Return the public names of the package and their objects."""
+    return {name: getattr(pinadapt, name) for name in dir(pinadapt) if not name.startswith("_")}
+
+
+def test_public_names_resolve():
+    names = re.findall(r"import \w+ as (\w+)", (SOURCE / "__init__.pyi").read_text())
+    assert len(names) > 40 and sorted(names) == pinadapt.__all__ == dir(pinadapt)
+    for name in names:
+        assert hasattr(pinadapt, name)
+    assert not hasattr(pinadapt, "numpy")
+    with pytest.raises(AttributeError, match="Controler") as error:
+        _ = pinadapt.Controler
+    assert error.value.obj is pinadapt and error.value.name == "Controler"  # as Python suggests by
+
+
+def test_a_name_is_its_thing_also_after_a_module_of_that_name_was_imported():
+    code = "import pinadapt.citation; assert callable(pinadapt.citation), pinadapt.citation"
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=100)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        name
+        for name, thing in public().items()
+        if inspect.isclass(thing) or inspect.isfunction(thing)
+    ],
+)
+def test_public_things_are_documented_and_annotated(name):
+    thing = public()[name]
+    assert len(inspect.getdoc(thing) or "") > 20
+    for label, method in (
+        inspect.getmembers(thing, inspect.isfunction) if inspect.isclass(thing) else [(name, thing)]
+    ):
+        if label.startswith("_") or not (method.__module__ or "").startswith("pinadapt"):
+            continue
+        assert inspect.getdoc(method), f"{name}.{label}"
+        assert "return" in method.__annotations__, f"{name}.{label}"
+
+
+@pytest.mark.parametrize("law", [law for law in pinadapt.LAWS.values()], ids=list(pinadapt.LAWS))
+def test_law_docstrings_state_the_proof(law):
+    doc = inspect.getdoc(law)
+    for heading in ("Law:", "Adaptation:", "Closed loop:", "V:", "Assumptions:"):
+        assert heading in doc
+    assert re.search(r"(19|20)\d\d", doc)  # a source with a year
+
+
+def test_types_are_declared():
+    assert (SOURCE / "py.typed").is_file()
+
+
+def test_readme_stays_short():
+    assert len((ROOT / "README.md").read_text().splitlines()) <= 100
+
+
+def test_the_readme_shows_a_light_moving_picture():
+    (name,) = re.findall(r"!\[[^\]]+\]\(([^)]+)\)", (ROOT / "README.md").read_text())
+    assert (ROOT / name).stat().st_size <= 3e6
+    assert (ROOT / name).read_bytes().count(b"NETSCAPE2.0") == 1  # played over and over

@@ -1,0 +1,289 @@
+"""A robot is learned from what was recorded of it, and what it carries is found."""
+
+import json
+import re
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from pinadapt.cli.main import main
+from pinadapt.identification.identification import log_of
+from pinadapt.identification.report import FILES
+from tests.support.chains import catalogue_robot
+from tests.support.paths import ROOT
+from tests.support.recorded import LOAD, motion, recorded, torques, true_robot
+
+pytestmark = pytest.mark.slow
+
+
+@cache
+def identified(name, noisy=True, **options):
+    """Return what was learned of a robot's log."""
+    return pa.identify(recorded(name, noisy=noisy, dt=2e-3), catalogue_robot(name), **options)
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_load_tool_and_friction_are_found_in_noise_and_known_as_well_as_stated(name):
+    found, true = identified(name), true_robot(name)
+    load = found.payload()
+    assert load.mass == pytest.approx(LOAD.mass, rel=0.02)
+    assert np.abs(load.com - LOAD.com).max() < 2e-3
+    assert abs(load.mass - LOAD.mass) < 4.0 * load.mass_known_to
+    assert (np.abs(load.com - LOAD.com) < 4.0 * load.com_known_to).all()
+    parts = found.estimator.controller
+    for part, model in ((found.dynamic, parts.dynamics), (found.kinematic, parts.kinematics)):
+        told = np.isfinite(part.deviations)
+        off = np.abs(part.estimate - model.value(true))[told] / part.deviations[told]
+        assert off.max() < 4.5 and np.sqrt(np.mean(off**2)) < 2.0
+    assert np.linalg.norm(found.kinematic.estimate - parts.kinematics.value(true)) < 1e-4
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_torques_that_were_held_out_are_predicted_down_to_their_noise(name):
+    found = identified(name)
+    errors, true = found.torque_errors, found.estimator.controller.dynamics.value(true_robot(name))
+    noise = np.sqrt(np.mean(found.windows.residual(true) ** 2, axis=0))
+    assert errors.gain > 10.0
+    assert (errors.learned_held_out < 2.0 * noise).all()
+    assert np.linalg.norm(found.online_held_out) < np.linalg.norm(errors.described_held_out)
+    assert "times less." in found.verdict
+
+
+def test_the_learned_robot_is_physical_and_predicts_another_motion(tmp_path):
+    identified("ur5").robot.save(tmp_path / "learned.urdf")
+    described, true = catalogue_robot("ur5"), true_robot("ur5")
+    learned = pa.load(tmp_path / "learned.urdf", frame=described.frame, joint_effects=True)
+    _, q, v, a = (part[:500] for part in motion("ur5", duration=3.0, seed=5))
+    wrong, left = (
+        np.linalg.norm(torques(robot, q, v, a) - torques(true, q, v, a))
+        for robot in (described, learned)
+    )
+    assert left < 0.1 * wrong
+    assert np.allclose(learned.position(true.q0), true.position(true.q0), atol=1e-4)
+
+
+def test_a_run_of_ones_own_is_a_log(tmp_path):
+    robot, true = catalogue_robot("ur5"), true_robot("ur5")
+    path = pa.Lissajous(robot.position(robot.q0), [0.12, 0.15, 0.12], [3, 4, 5], 6.0)
+    rollout = pa.simulate(true, pa.make_controller(robot), path, duration=4.5)
+    rollout.save(tmp_path)
+    found = pa.identify(tmp_path, robot, dynamic="payload")
+    assert found.torque_errors.gain > 10.0
+    load = found.payload()
+    assert load.mass == pytest.approx(LOAD.mass, rel=1e-3)
+    assert np.abs(load.com - LOAD.com).max() < 2e-4
+    mine = log_of(rollout, robot)  # by its sensors, which were exact
+    assert all(np.allclose(getattr(mine, part), getattr(found.log, part)) for part in ("q", "tau"))
+    assert np.allclose(mine.x, found.log.x) and mine.held
+
+
+def test_positions_alone_do(name="ur5"):
+    log = replace(recorded(name, noisy=True), v=None)
+    found = pa.identify(log, catalogue_robot(name))
+    load = found.payload()
+    assert found.smooth and found.torque_errors.gain > 10.0
+    assert load.mass == pytest.approx(LOAD.mass, rel=0.02)
+    assert np.linalg.norm(found.online_held_out) < np.linalg.norm(
+        found.torque_errors.described_held_out
+    )
+    moved = found.online.a_k[-1] - found.kinematic.estimate  # the frames are late as the joints are
+    assert np.linalg.norm(moved) < 2e-3
+    assert "causal" in found.report()
+
+
+def test_without_positions_of_the_frame_the_rest_is_learned():
+    log = recorded("ur5", seen=False)
+    found = pa.identify(log, catalogue_robot("ur5"))
+    assert found.torque_errors.gain > 100.0 and not found.kinematic.names
+    assert found.robot.task == found.described.task
+    with pytest.raises(pa.ParameterError, match="no positions of the task frame"):
+        pa.identify(log, catalogue_robot("ur5"), kinematic="tool")
+
+
+def test_translations_alone_are_learned_from_frames_alone():
+    found = pa.identify(recorded("panda"), catalogue_robot("panda"), dynamic="none", joint="none")
+    true = found.estimator.controller.kinematics.value(true_robot("panda"))
+    assert np.allclose(found.kinematic.estimate, true, atol=1e-6)
+    assert "position, held out" in found.verdict and found.summary()["torque"] is None
+
+
+def test_positions_in_other_units_are_refused():
+    log = recorded("ur5", duration=1.5)
+    with pytest.raises(pa.LogError, match="In millimetres"):
+        pa.identify(replace(log, x=1e3 * log.x), catalogue_robot("ur5"))
+
+
+def test_lengths_are_learned_and_then_what_turns_at_them():
+    described, true = catalogue_robot("ur5"), true_robot("ur5")
+    wrong = described.changed(link_translation={"elbow_joint": (0.0, 0.0, 0.02)})
+    found = pa.identify(recorded("ur5"), wrong, kinematic=["elbow_joint", "tool"])
+    at = described.q0
+    assert np.allclose(found.robot.position(at), true.position(at), atol=1e-4)
+    assert found.torque_errors.gain > 100.0
+
+
+@pytest.mark.parametrize("name", ["kinova", "scara"])
+def test_continuous_and_prismatic_joints_do(name):
+    found = pa.identify(recorded(name), catalogue_robot(name))
+    assert found.torque_errors.gain > 30.0 and "WORSE" not in found.verdict
+
+
+def test_nan_is_left_out_and_told():
+    log = recorded("ur5", noisy=True)
+    q, tau = log.q.copy(), log.tau.copy()
+    q[150:155, 2], tau[500, :] = np.nan, np.inf
+    tau[500, 1] = np.nan
+    found = pa.identify(replace(log, q=q, tau=tau), catalogue_robot("ur5"))
+    assert found.online.refused == 6 and "6 samples online" in found.report()
+    assert np.isfinite(found.online.a_d).all() and np.isfinite(found.dynamic.estimate).all()
+    assert found.payload().mass == pytest.approx(LOAD.mass, rel=0.02)
+
+
+def test_torques_without_gravity_are_noticed_and_made_whole():
+    robot, log = catalogue_robot("ur5"), recorded("ur5")
+    gravity = pa.Gravity(robot)
+    left_out = replace(log, tau=log.tau - np.array([gravity(q) for q in log.q]))
+    plain = pa.identify(left_out, robot, dynamic="none", joint="viscous", kinematic=())
+    assert "gravity were left out" in plain.verdict
+    whole = pa.identify(left_out, robot, compensated="nominal")
+    assert whole.torque_errors.gain > 100.0
+
+
+def test_a_description_that_is_right_is_told_so():
+    log, true = recorded("ur5"), true_robot("ur5")
+    found = pa.identify(log, true, dynamic="payload", joint="none", kinematic=())
+    assert "was right already" in found.verdict and "WORSE" not in found.verdict
+
+
+def test_what_was_not_moved_is_not_told_apart_and_stays_as_described():
+    log, robot = recorded("ur5"), catalogue_robot("ur5")
+    _, q, v, a = motion("ur5")
+    still = np.arange(6) == 5
+    q, v, a = (np.where(still, part[:1] if part is q else 0.0, part) for part in (q, v, a))
+    tau = torques(true_robot("ur5"), q, v, a)
+    found = pa.identify(replace(log, q=q, v=v, tau=tau, x=None, x_time=None), robot)
+    names = list(found.dynamic.names)
+    friction = names.index("wrist_3_joint.coulomb")
+    assert np.isinf(found.dynamic.deviations[friction])
+    start = found.estimator.controller.dynamics.initial[friction]
+    assert found.dynamic.estimate[friction] == pytest.approx(start, rel=1e-3)
+    assert "only told apart in combinations" in found.report()
+
+
+def test_the_report_says_what_and_how_well():
+    text = identified("panda").report()
+    for words in (
+        "62 combinations of 91 told apart",
+        "held out: described",
+        "panda_joint7",
+        "mass",
+        "tool_z",
+        "panda_joint1.coulomb",
+        "velocities    ",
+        "from the positions",
+    ):
+        assert words in text, words
+    assert str(identified("panda")) == text and "<table>" in identified("panda")._repr_html_()
+
+
+def as_csv(path, log, robot):
+    """Write a log as a CSV file."""
+    columns = {"time": log.t}
+    for signal in ("q", "v", "tau"):
+        for j, name in enumerate(robot.joint_names):
+            columns[f"{signal}_{name}"] = getattr(log, signal)[:, j]
+    np.savetxt(
+        path, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns),
+        comments="",
+    )  # fmt: skip
+    return path
+
+
+class Arm:
+    """A robot that somebody else drives."""
+
+    def __init__(self, log):
+        """Take what its sensors say."""
+        self.rows = [
+            pa.Measurement(t, q, v, tau=tau)
+            for t, q, v, tau in zip(log.t.tolist(), log.q, log.v, log.tau, strict=True)
+        ]
+
+    def enabled(self):
+        """Tell whether there is more."""
+        return bool(self.rows)
+
+    def read(self):
+        """Return the next sample."""
+        return self.rows.pop(0)
+
+
+def test_the_code_of_the_page_runs(tmp_path, monkeypatch):
+    page = ROOT / "docs" / "identify.md"
+    whole, online = re.findall(r"```python\n(.*?)```", page.read_text(), re.S)
+    robot, log = catalogue_robot("ur5"), recorded("ur5", duration=3.0)
+    robot.save(tmp_path / "my_robot.urdf", shapes=False)
+    as_csv(tmp_path / "log.csv", log, robot)
+    monkeypatch.chdir(tmp_path)
+    scope = {"pa": pa, "arm": Arm(log)}
+    exec(whole, scope)
+    assert pa.load("learned.urdf").model.nv == 6
+    assert (tmp_path / "identified" / "summary.json").is_file()
+    exec(online, scope)
+    assert len(scope["numbers"].dynamic) == 78
+
+
+def test_the_command_writes_what_it_learned(tmp_path, capsys):
+    robot = catalogue_robot("ur5")
+    log = as_csv(tmp_path / "log.csv", recorded("ur5", duration=4.0), robot)
+    out = tmp_path / "out"
+    assert (
+        main(["identify", str(log), "--robot", "ur5", "--dynamic", "payload", "--out", str(out)])
+        == 0
+    )
+    assert sorted(file.name for file in out.iterdir()) == sorted(FILES)
+    told, summary = capsys.readouterr().out, json.loads((out / "summary.json").read_text())
+    assert summary["verdict"] in told and summary["torque"]["gain"] > 100.0
+    assert summary["payload"]["mass"] == pytest.approx(LOAD.mass, rel=1e-2)
+    learned = pa.LearnedParameters.load(out / "learned.json")
+    controller = pa.make_controller(
+        pa.load("ur5", task="joint"), law="slotine-li", dynamic="payload", joint="all"
+    )
+    learned.start(controller)
+    assert np.load(out / "estimates.npz")["a_d"].shape[1] == len(summary["dynamic"])
+    pa.load(out / "learned.urdf")
+
+
+def test_the_command_takes_the_robot_of_a_scenario(tmp_path, capsys):
+    scenario = tmp_path / "ours.toml"
+    assert main(["init", "ur5", "--out", str(scenario)]) == 0
+    settings = ["simulation.duration=1.5", "unknown.dynamic=payload"]
+    run, out = tmp_path / "run", tmp_path / "out"
+    assert main(["run", str(scenario), "--no-html", "--out", str(run), "--set", *settings]) == 0
+    assert main(["identify", str(run), "--robot", str(scenario), "--out", str(out)]) == 0
+    assert "times less" in capsys.readouterr().out
+    assert main(["identify", str(run), "--robot", str(scenario), "--out", str(run)]) == 2
+    assert "--out takes another place" in capsys.readouterr().err
+    assert (run / "rollout.npz").is_file()
+
+
+def test_the_command_refuses_before_it_writes(tmp_path, capsys):
+    log = as_csv(tmp_path / "log.csv", recorded("ur5", duration=1.5), catalogue_robot("ur5"))
+    out = tmp_path / "out"
+    for arguments, words in (
+        ([str(log), "--robot", "panda"], "no joint positions found"),
+        ([str(tmp_path / "none.csv"), "--robot", "ur5"], "no such file"),
+        ([str(log), "--robot", "ur5", "--columns", "tau=effort_*"], "no column"),
+        ([str(log), "--robot", "ur5", "--kinematic", "tool"], "no positions of the task frame"),
+        ([str(log), "--robot", "ur55"], "Did you mean 'ur5'"),
+        (
+            [str(log), "--robot", "ur5", "--dynamic", "none", "--joint", "none"],
+            "nothing is unknown",
+        ),
+    ):
+        assert main(["identify", *arguments, "--out", str(out)]) == 2
+        assert words in capsys.readouterr().err
+        assert not out.exists()

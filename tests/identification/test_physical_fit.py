@@ -1,0 +1,82 @@
+"""Least squares in the physical cone: one minimum, inside, in no coordinates of its own."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from pinadapt.identification.physical_fit import PhysicalSet, physical_fit
+from pinadapt.models.pseudo_inertia import pseudo_inertia, ten_parameters
+from tests.support.chains import random_inertia
+
+GAMMA = 1e-2
+
+
+def bodies(seed, count):
+    """Return the ten parameters of bodies, stacked."""
+    rng = np.random.default_rng(seed)
+    return np.concatenate([random_inertia(rng).toDynamicParameters() for _ in range(count)])
+
+
+def problem(seed, rows, count=2, joints=3):
+    """Return rows, a right-hand side, and a physical set."""
+    rng = np.random.default_rng(seed)
+    center = np.concatenate([bodies(seed, count), rng.uniform(0.1, 1.0, joints)])
+    A = 30.0 * rng.standard_normal((rows, center.size))
+    return A, A @ rng.standard_normal(center.size), PhysicalSet(count, center)
+
+
+def objective(A, b, physical, a):
+    return 0.5 * np.sum((A @ a - b) ** 2) + GAMMA * physical.divergence(a)
+
+
+@pytest.mark.parametrize("rows", [4, 15, 60])
+@pytest.mark.parametrize("seed", range(4))
+def test_it_is_the_minimum_and_physical(seed, rows):
+    A, b, physical = problem(seed, rows)
+    a = physical_fit(A, b, physical, gamma=GAMMA)
+    assert (np.linalg.eigvalsh(physical.matrices(a)) > 0.0).all()
+    assert (physical.coefficients(a) > 0.0).all()
+    least, T = objective(A, b, physical, a), physical.local(a)[0]
+    rng = np.random.default_rng(9)
+    for _ in range(40):  # steps of the size of what bounds the set there
+        step = T @ rng.standard_normal(a.size)
+        for size in (1e-4, 1e-2):
+            assert objective(A, b, physical, a + size * step) >= least * (1.0 - 1e-10)
+
+
+def test_without_rows_it_stays_as_described():
+    A, b, physical = problem(0, 5)
+    assert np.allclose(physical_fit(0.0 * A, 0.0 * b, physical), physical.center, rtol=1e-6)
+
+
+def test_physical_truths_are_found_where_rows_tell_all():
+    A, _, physical = problem(1, 60)
+    true = np.concatenate([bodies(5, 2), [0.3, 1e-3, 2.0]])
+    assert np.allclose(physical_fit(1e6 * A, 1e6 * A @ true, physical), true, atol=1e-6)
+
+
+def test_directions_that_no_row_tells_stay_as_near_as_the_cone_lets_them():
+    _, _, physical = problem(2, 1)
+    row = np.zeros((1, physical.center.size))
+    row[0, 0] = 1e6  # the mass of the first body
+    a = physical_fit(row, row @ (2.0 * physical.center), physical)
+    assert a[0] == pytest.approx(2.0 * physical.center[0])
+    assert np.allclose(a[10:], physical.center[10:], rtol=1e-5)
+    centre = physical.center[1:4] / physical.center[0]
+    assert np.allclose(a[1:4] / a[0], centre, rtol=1e-4)  # a body of twice the mass is where it was
+
+
+def test_no_frame_or_unit_enters():
+    A, b, physical = problem(3, 12, count=1, joints=1)
+    a = physical_fit(A, b, physical, gamma=GAMMA)
+    G = pin.SE3.Random().homogeneous
+    G[:3] *= 3.0  # other axes, another origin, another unit of length
+
+    def moved(ten):
+        return ten_parameters(G @ pseudo_inertia(ten) @ G.T)
+
+    T = np.eye(11)
+    T[:10, :10] = np.column_stack([moved(e) for e in np.eye(10)])
+    T[10, 10] = 7.0
+    other = PhysicalSet(1, T @ physical.center)
+    assert np.allclose(physical_fit(A @ np.linalg.inv(T), b, other, gamma=GAMMA), T @ a, rtol=1e-5)

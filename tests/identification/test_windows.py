@@ -1,0 +1,87 @@
+"""Windows of a motion: rows that the true parameters solve, without an acceleration."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from pinadapt.identification.fits import windows_of
+from pinadapt.identification.motion import motion_of
+from tests.support.chains import catalogue_robot
+from tests.support.recorded import recorded, torques, true_robot
+
+CASES = ["panda", "ur5", "kinova", "scara"]
+
+
+def windows(name, log, held=False):
+    """Return the windows of a log, and the parameters of the true robot."""
+    robot = catalogue_robot(name)
+    dynamics = pa.make_estimator(robot).controller.dynamics
+    found = windows_of(motion_of(log, robot), dynamics, log.period, held=held)
+    return found, dynamics.value(true_robot(name))
+
+
+def missed(found, a):
+    """Return the largest residual in parts of the largest torque."""
+    return np.abs(found.residual(a)).max() / np.abs(found.tau).max()
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_true_parameters_solve_the_rows(name):
+    found, true = windows(name, recorded(name, duration=2.0, dt=2e-3))
+    assert len(found.t) > 20 and missed(found, true) < 2e-4  # Coulomb friction turns in between
+
+
+@pytest.mark.parametrize("dt", [1e-3, 4e-3])
+def test_the_error_is_that_of_friction_alone(dt):
+    robot, smooth = catalogue_robot("ur5"), true_robot("ur5", coulomb=0.0)
+    log = recorded("ur5", duration=2.0, dt=dt)
+    q, v = log.q, log.v
+    a = np.gradient(v, dt, axis=0, edge_order=2)
+    log = replace(log, tau=torques(smooth, q, v, a))
+    dynamics = pa.make_estimator(robot).controller.dynamics
+    found = windows_of(motion_of(log, robot), dynamics, dt, held=False)
+    assert missed(found, dynamics.value(smooth)) < 20.0 * dt**2  # that of the acceleration here
+
+
+def test_torques_may_be_held():
+    log = recorded("ur5", duration=2.0, dt=4e-3)
+    between = replace(log, tau=0.5 * (log.tau + np.vstack([log.tau[1:], log.tau[-1:]])), held=True)
+    found, true = windows("ur5", between, held=True)
+    late, _ = windows("ur5", between, held=False)
+    assert missed(found, true) < 5e-4 and missed(found, true) < 0.3 * missed(late, true)
+
+
+def test_times_may_jitter_and_a_hole_costs_only_the_windows_around_it():
+    log = recorded("ur5", duration=3.0, dt=2e-3)
+    kept = np.random.default_rng(0).random(len(log.t)) > 0.3
+    kept[(log.t > 1.0) & (log.t < 1.1)] = False
+    parts = {name: getattr(log, name)[kept] for name in ("t", "q", "v", "tau")}
+    found, true = windows("ur5", replace(log, **parts))
+    assert missed(found, true) < 1e-2
+    reach = 0.5 * found.length
+    assert not ((found.t + reach > 1.0) & (found.t - reach < 1.1)).any()
+    whole = windows("ur5", log)[0]
+    assert len(whole.t) - len(found.t) <= 3 * (1 + 0.1 / found.length) + 2
+
+
+def test_nan_is_a_hole():
+    log = recorded("ur5", duration=2.0, dt=2e-3)
+    tau = log.tau.copy()
+    tau[400:450, 2] = np.nan
+    found, true = windows("ur5", replace(log, tau=tau))
+    assert np.isfinite(found.W).all() and missed(found, true) < 2e-4
+
+
+@pytest.mark.parametrize("name", ["panda", "kinova"])
+def test_velocities_come_from_positions_where_there_are_none(name):
+    log = recorded(name, duration=3.0, dt=2e-3)
+    found, true = windows(name, replace(log, v=None))
+    assert missed(found, true) < 5e-3
+
+
+def test_noisy_velocities_are_not_taken():
+    robot = catalogue_robot("ur5")
+    assert motion_of(recorded("ur5", noisy=True, dt=2e-3), robot).smooth
+    assert not motion_of(recorded("ur5"), robot).smooth

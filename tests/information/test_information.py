@@ -1,0 +1,155 @@
+"""What a run's data tell: information, what was told apart, and the load that was learned."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from pinadapt.information.information import torque_information
+from tests.support.chains import catalogue_robot
+
+pytestmark = pytest.mark.slow
+
+ROBOTS = ["panda", "ur5", "scara", "kinova"]
+MASS, COM = 0.5, np.array([0.01, -0.01, 0.03])
+INERTIA = np.array([2e-3, 0.0, 3e-3, 0.0, 0.0, 1e-3])
+
+
+@cache
+def run(name, duration=3.0, still=False, camera=False, **options):
+    """Return a run on a robot with another tool and load than believed."""
+    described = catalogue_robot(name)
+    true = described.changed(
+        payload=pa.Payload(MASS, COM, INERTIA), tool_translation=(0.01, 0.02, 0.03)
+    )
+    frames = {"rate": 30.0, "delay": 0.06, "dropout": 0.0} if camera else None
+    controller = pa.make_controller(described, camera=frames, **options)
+    path = pa.Hold(true.position(true.q0)) if still else pa.reachable_circle(true)
+    return pa.simulate(true, controller, path, duration=duration, camera=frames)
+
+
+def information(rollout):
+    """Return what the torques of a run tell at its last estimate."""
+    evaluation = rollout.evaluated()
+    return torque_information(evaluation.controller, evaluation.samples, evaluation.last_state)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_what_was_told_apart_is_the_truth(name):
+    rollout = run(name)
+    best, true = information(rollout).refined(), rollout.a_d_true
+    kept = best.scale[:, None] * best._eigen[1][:, : best.rank]  # the excited directions
+    noise = np.abs(kept.T @ (best.estimate - true)) / np.abs(kept.T @ best.estimate).max()
+    first = np.abs(kept.T @ (rollout.a_d[0] - true)) / np.abs(kept.T @ best.estimate).max()
+    assert noise.max() < 0.02 * first.max()
+    base = pa.base_parameters(rollout.evaluated().controller.dynamics, catalogue_robot(name))
+    assert 3 < best.rank <= base.size
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("dynamic", ["all", "payload"])
+def test_the_load_is_what_was_hung_on(name, dynamic):
+    rollout = run(name, dynamic=dynamic)
+    learned, refined = rollout.payload(), rollout.payload(refined=True)
+    for estimate, times in ((learned, 3.0), (refined, 30.0)):
+        pairs = [
+            (estimate.mass, MASS, estimate.mass_known_to, 1e-4),
+            *zip(estimate.com, COM, estimate.com_known_to, [1e-4] * 3, strict=True),
+            *zip(estimate.inertia, INERTIA, estimate.inertia_known_to, [1e-4] * 6, strict=True),
+        ]
+        assert all(abs(ours - true) <= times * known + rest for ours, true, known, rest in pairs)
+    assert refined.explained > 0.9999
+    if np.isfinite(refined.mass_known_to):
+        assert abs(refined.mass - MASS) < 2e-3 and refined.mass_known_to < 1e-3
+    assert "kg m^2" in str(learned) and "<table>" in learned._repr_html_()
+
+
+def test_encoders_that_count_leave_the_load_known():
+    described = catalogue_robot("panda")
+    true = described.changed(payload=pa.Payload(1.5, COM, INERTIA), viscous=1.0)
+    count = 2.0 * np.pi / 2**17
+    controller = pa.make_controller(described, dynamic="payload", encoder=count)
+    path = pa.reachable_circle(true)
+    rollout = pa.simulate(true, controller, path, duration=4.0, encoder=count)
+    load = rollout.payload(refined=True)
+    assert load.mass == pytest.approx(1.5, rel=0.02)
+    assert np.abs(load.com - COM).max() < 5e-3
+    assert abs(load.mass - 1.5) < 5.0 * load.mass_known_to
+
+
+def test_a_load_that_is_known_can_be_announced():
+    load = run("ur5").payload(refined=True).payload()
+    assert isinstance(load, pa.Payload)
+    robot = catalogue_robot("ur5")
+    heavier = robot.changed(payload=pa.Payload(load.mass, load.com))
+    assert heavier.mass == pytest.approx(robot.mass + MASS, abs=2e-3)
+
+
+def test_an_arm_that_is_not_as_described_shows():
+    described = catalogue_robot("ur5")
+    true = described.changed(
+        inertial_scale={"elbow_joint": 1.5}, payload=pa.Payload(MASS, COM, INERTIA)
+    )
+    controller = pa.make_controller(described)
+    rollout = pa.simulate(true, controller, pa.reachable_circle(true), duration=3.0)
+    estimate = rollout.payload(refined=True)
+    assert estimate.explained < 0.9999 and "not as described" in str(estimate)
+
+
+def test_a_load_needs_the_last_body():
+    rollout = run("ur5", 0.1, dynamic="none")
+    with pytest.raises(pa.ParameterError, match="no load was learned"):
+        rollout.payload()
+
+
+def test_standing_still_tells_less_than_moving():
+    still, moving = (information(run("ur5", still=still)) for still in (True, False))
+    assert still.rank < moving.rank
+    assert np.isinf(still.deviations).sum() > np.isinf(moving.deviations).sum()
+
+
+def test_a_parameter_without_effect_is_not_told_apart():
+    rollout = run("ur5")
+    known = dict(zip(rollout.dynamic_names, rollout.excitation().dynamic.deviations, strict=True))
+    assert np.isinf(known["shoulder_pan_joint.m"]) and np.isinf(known["wrist_3_joint.m"])
+    assert np.isfinite(known["shoulder_lift_joint.mcx"])
+
+
+def test_joints_show_no_kinematic_parameters_and_a_known_robot_nothing():
+    robot = pa.load("scara", task="joint")
+    path = pa.Sinusoid(robot.home_angles, [0.2, 0.2, 0.05, 0.2], 1.0)
+    for options in ({}, {"adaptation": "none"}, {"dynamic": "none", "joint": "none"}):
+        controller = pa.make_controller(robot, **options)
+        found = pa.simulate(robot, controller, path, duration=0.5).excitation()
+        assert found.kinematic.rank == 0 == found.kinematic.rows
+        assert (found.dynamic.rank > 0) == (controller.dynamics.size > 0)
+    assert "nothing" in str(found)
+
+
+@pytest.mark.parametrize("camera", [False, True])
+def test_the_tool_is_known_from_what_was_seen(camera):
+    rollout = run("panda", camera=camera)
+    found = rollout.excitation().kinematic
+    assert found.rank == 3 and np.isfinite(found.deviations).all()
+    assert found.rows == (pytest.approx(3 * 30 * 3.0, abs=30) if camera else 9000)
+    missed = np.abs(found.refined().estimate - rollout.a_k_true)
+    assert missed.max() < (1e-5 if camera else 1e-9)
+    assert (np.abs(found.estimate - rollout.a_k_true) < 3.0 * found.deviations + 1e-5).all()
+
+
+def test_the_sheet_names_every_parameter():
+    rollout = run("scara")
+    text = str(rollout.excitation())
+    assert all(name in text for name in (*rollout.dynamic_names, *rollout.kinematic_names))
+    assert "told apart" in text and "<table>" in rollout.excitation()._repr_html_()
+
+
+def test_only_what_was_measured_since_the_last_change_counts():
+    described = catalogue_robot("ur5")
+    loaded = described.changed(payload=pa.Payload(MASS, COM, INERTIA))
+    controller = pa.make_controller(described, dynamic="payload")
+    rollout = pa.simulate(
+        described, controller, pa.reachable_circle(loaded), duration=4.0, changes={2.0: loaded}
+    )
+    assert rollout.payload(refined=True).mass == pytest.approx(MASS, abs=2e-3)

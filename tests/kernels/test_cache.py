@@ -1,0 +1,105 @@
+"""Machine code on disk: kept, repaired where damaged, done without where none can be written."""
+
+import os
+import subprocess
+import sys
+from textwrap import dedent
+
+import pytest
+
+pytestmark = pytest.mark.slow
+
+KERNEL = """
+from pinadapt._compiled import compiled
+
+@compiled("void(f8[:], f8[:])")
+def double(x, y):
+    for i in range(len(x)):
+        y[i] = 2.0 * x[i]
+"""
+HITS = """
+import importlib
+from pathlib import Path
+import numpy as np
+from pinadapt import _compiled
+
+import kernel
+
+def hits():
+    _compiled._waiting.clear()
+    importlib.reload(kernel)
+    _compiled.compile_all()
+    y = np.zeros(2)
+    kernel.double(np.array([1.0, 2.0]), y)
+    assert y.tolist() == [2.0, 4.0]
+    return sum(_compiled.kernels["kernel.double"].stats.cache_hits.values())
+
+def only(pattern):
+    (file,) = Path("cache").rglob(pattern)
+    return file
+"""
+NOWHERE = os.devnull + "/nowhere"
+
+
+@pytest.fixture
+def run(tmp_path):
+    """Return a function that runs code in a new process, ``hits()`` as often as it compiles."""
+    (tmp_path / "kernel.py").write_text(KERNEL)
+    path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+
+    def run(code, cache):
+        own = {"PYTHONPATH": path, "HOME": NOWHERE, "XDG_CACHE_HOME": NOWHERE}
+        done = subprocess.run(
+            [sys.executable, "-B", "-c", HITS + dedent(code)],
+            env={**os.environ, **own, "NUMBA_CACHE_DIR": cache},
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            timeout=100,
+        )
+        assert done.returncode == 0, done.stderr
+
+    return run
+
+
+def test_a_damaged_file_is_replaced(run):
+    run(
+        """
+        assert (hits(), hits()) == (0, 1)
+        for suffix in ("nbi", "nbc"):
+            for content in (b"", b"not machine code"):
+                only(f"*.{suffix}").write_bytes(content)
+                assert (hits(), hits(), hits()) == (0, 0, 1)  # emptied, written, found
+        """,
+        cache="cache",
+    )
+
+
+def test_another_version_of_borrowing_does_not_find_the_file(run):
+    run(
+        """
+        assert (hits(), hits()) == (0, 1)
+        from pinadapt import _borrowed
+        _borrowed._SOURCE = "another"
+        assert (hits(), hits()) == (0, 1)
+        """,
+        cache="cache",
+    )
+
+
+def test_a_file_that_cannot_be_written_is_done_without(run):
+    run(
+        """
+        hits()
+        index = only("*.nbi")
+        index.unlink()
+        index.mkdir()
+        assert (hits(), hits()) == (0, 0)
+        """,
+        cache="cache",
+    )
+
+
+def test_no_folder_for_the_cache(run, tmp_path):
+    (tmp_path / "__pycache__").write_text("")
+    run("assert (hits(), hits()) == (0, 0)", cache=NOWHERE)

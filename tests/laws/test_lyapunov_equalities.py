@@ -1,0 +1,95 @@
+"""Wang and Xie's laws against their Lyapunov equalities, on their arm and under Gamma."""
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from tests.support.chains import catalogue_robot
+from tests.support.loops import circle_beside, energy_along, with_tool_and_load
+from tests.support.paper import CIRCLE, WRONG, paper_controller
+
+pytestmark = pytest.mark.slow
+
+# The hypotheses that adaptation can destroy must hold while the equality is tested: M_hat
+# invertible for (11) and (25), M + M_0 - M_hat for the improved law with the ideal acceleration.
+# Hence low rates. All robots under natural adaptation are in test_contract.py.
+GRADIENT_RATE = {"kinova": 1e-5}
+IMPROVED = "adaptive-inverse-dynamics-improved"
+
+
+def planar(law, adaptation):
+    rate = [0.2, 0.1, 0.1] if adaptation == "gradient" else 0.05 if law == IMPROVED else 0.5
+    return (
+        catalogue_robot("planar_2r"),
+        paper_controller(law, adaptation, gamma_d=rate),
+        CIRCLE,
+        WRONG,
+    )
+
+
+def spatial(name):
+    def make(law, adaptation):
+        robot = catalogue_robot(name)
+        true = with_tool_and_load(robot)
+        believed = robot.changed(inertial_scale=0.7)
+        rate = GRADIENT_RATE.get(name, 1e-3) if adaptation == "gradient" else 5.0
+        controller = pa.make_controller(believed, law=law, adaptation=adaptation, gamma_d=rate)
+        return true, controller, circle_beside(true, "xy" if name == "scara" else "yz"), {}
+
+    return make
+
+
+ROBOTS = {
+    "planar_2r": planar,
+    **{name: spatial(name) for name in ("ur5", "panda", "scara", "kinova")},
+}
+LAWS = [
+    "adaptive-inverse-dynamics",
+    "adaptive-inverse-dynamics-velocity",
+    "adaptive-jacobian",
+    IMPROVED,
+]
+
+
+CASES = [("planar_2r", "natural"), *((name, "gradient") for name in ROBOTS)]
+
+
+@pytest.mark.parametrize(("name", "adaptation"), CASES)
+@pytest.mark.parametrize("law", LAWS)
+def test_equality_along_the_trajectory(law, name, adaptation):
+    true, controller, path, start = ROBOTS[name](law, adaptation)
+    energy = energy_along(true, controller, path, seconds=0.06, **start)
+    assert energy.mismatch() <= 1e-4
+    assert np.abs(energy.rate).max() > 1e-4  # something moved
+    assert (energy.rate <= 0.0).all()
+    assert energy.largest_rise() <= 1e-12
+
+
+def test_resolved_acceleration_obeys_its_linear_closed_loop():
+    """With the truth known, |dx| is (1 + w t) exp(-w t), (10) with K_v = 2 w, K_P = w^2."""
+    robot = catalogue_robot("ur5")
+    controller = pa.make_controller(
+        robot, law="resolved-acceleration", Kv=40.0, Kp=400.0, alpha=5.0
+    )
+    start = np.array([0.02, -0.01, 0.03])
+    rollout = pa.simulate(
+        robot,
+        controller,
+        pa.Hold(robot.position(robot.q0) - start),
+        duration=0.5,
+        dt=5e-4,
+        mode="continuous",
+    )
+    decay = (1 + 20 * rollout.t) * np.exp(-20 * rollout.t)
+    assert np.abs(rollout.error - decay[:, None] * start).max() < 1e-8
+
+
+def test_rollout_knows_v():
+    true, controller, path, _ = ROBOTS["panda"]("adaptive-inverse-dynamics", "natural")
+    rollout = pa.simulate(
+        true, controller, path, duration=0.2, dt=1e-3, mode="continuous", acceleration="ideal"
+    )
+    assert rollout.lyapunov.shape == rollout.t.shape
+    assert (np.diff(rollout.lyapunov) < 0.0).all()
+    unknowable = true.changed(link_translation={"panda_joint4": [0.01, 0.0, 0.0]})
+    assert pa.simulate(unknowable, controller, path, duration=0.01).lyapunov is None

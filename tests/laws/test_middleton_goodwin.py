@@ -1,0 +1,130 @@
+"""Middleton and Goodwin's law: what its modification is for, and what it learns from."""
+
+from itertools import islice
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from tests.support.chains import catalogue_robot
+from tests.support.differences import sampled_derivative
+from tests.support.joint_motions import joint_robot, loaded, swinging
+from tests.support.loops import energy_along
+
+pytestmark = pytest.mark.slow
+
+LAW = "middleton-goodwin"
+ADAPTATIONS = ["least-squares", "natural-composite", "composite"]
+GAINS = {"least-squares": {"prediction_rate": 20.0}}  # slow enough for a step of 0.2 ms
+ROBOTS = ["planar_2r", "ur5", "panda", "mixed"]  # the last with a slide and a continuous joint
+
+LOOPS = [
+    *((name, "least-squares") for name in ROBOTS),
+    *(("mixed", kind) for kind in ADAPTATIONS[1:]),
+]
+
+
+def loop(name, adaptation):
+    robot = joint_robot(name)
+    believed = robot.changed(inertial_scale=0.9)
+    gains = GAINS.get(adaptation, {})
+    controller = pa.make_controller(believed, law=LAW, adaptation=adaptation, **gains)
+    return loaded(robot), controller, swinging(robot)
+
+
+def zeta(controller, s):
+    """Return M_hat^-1 (W a_d - y) / lambda."""
+    controller.dynamics.load(s.a_d)
+    M, W, y = controller.dynamics.mass_matrix(s.q), s.predicted.W, s.predicted.y
+    return np.linalg.solve(M, W @ s.a_d - y) / controller.adaptation_d.prediction
+
+
+@pytest.mark.parametrize(("name", "adaptation"), LOOPS)
+def test_the_parameters_alone_fall_as_the_prediction_error_says(name, adaptation):
+    true, controller, path = loop(name, adaptation)
+    energy = energy_along(true, controller, path, seconds=0.02)
+    assert energy.mismatch(after=20) <= 1e-4  # at first R rises from W = 0 within a few samples
+    assert np.abs(energy.rate).max() > 1e-9 * energy.V[0]
+    assert (energy.rate <= 0.0).all() and energy.largest_rise() <= 1e-12
+
+
+@pytest.mark.parametrize(("name", "adaptation"), LOOPS)
+def test_the_error_is_driven_by_the_prediction_error_alone(name, adaptation):
+    """d/dt (ed - zeta) = -K_v ed - K_P e + lambda zeta, with the estimate on its way."""
+    true, controller, path = loop(name, adaptation)
+    controller, dt = controller.limited(None), 2e-4
+    law, rate = controller.law, controller.adaptation_d.prediction
+    left, right, size = [], [], 0.0
+    for sample in islice(pa.run_continuous(pa.PinocchioPlant(true), controller, path, dt=dt), 80):
+        s, _ = controller.command(sample.state, sample.measurement, sample.desired)
+        left.append(s.dxd_hat - zeta(controller, s))
+        right.append(-law.K_v @ s.dxd_hat - law.K_P @ s.dx + rate * zeta(controller, s))
+        size = max(size, np.abs(rate * zeta(controller, s)).max())
+    left, right = np.array(left), np.array(right)
+    found = np.column_stack([sampled_derivative(column, dt) for column in left.T])
+    assert np.abs(found - right[2:-2]).max() <= 1e-5 * size
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_with_the_truth_known_it_is_computed_torque(name):
+    robot = joint_robot(name)
+    path, runs = swinging(robot), []
+    for law, adaptation in ((LAW, "least-squares"), ("computed-torque", "none")):
+        gains = GAINS.get(adaptation, {})
+        controller = pa.make_controller(
+            robot, law=law, adaptation=adaptation, torque_limits=False, **gains
+        )
+        options = {"duration": 0.05, "dt": 5e-4, "mode": "continuous", "torque_limits": False}
+        runs.append(pa.simulate(robot, controller, path, **options))
+    assert np.allclose(runs[0].error, runs[1].error, atol=1e-9)
+    assert np.allclose(runs[0].a_d, runs[0].a_d[0], atol=1e-7 * np.abs(runs[0].a_d).max())
+
+
+def test_the_rate_of_the_mass_matrix_is_that_of_motion_and_estimate():
+    robot, rng = joint_robot("mixed"), np.random.default_rng(3)
+    controller = pa.make_controller(robot, law=LAW)
+    dynamics, n = controller.dynamics, 4
+    v, z = rng.standard_normal((2, n))
+    a, a_rate = dynamics.initial, 0.1 * rng.standard_normal(dynamics.size)
+    at = pa.Measurement(0.0, robot.q0, v)
+    s = controller.observe(controller.init(at), at, swinging(robot).at(0.0))
+    found = controller.law._turned(s, controller._believed, a_rate, z)
+
+    def turned(t):
+        dynamics.load(a + t * a_rate)
+        return dynamics.mass_matrix(pin.integrate(robot.model, robot.q0, t * v)) @ z
+
+    expected = (turned(1e-5) - turned(-1e-5)) / 2e-5
+    assert np.allclose(found, expected, atol=1e-6 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(("name", "adaptation"), [("ur5", "least-squares"), ("panda", "natural")])
+def test_an_unknown_load_is_tracked(name, adaptation):
+    robot = catalogue_robot(name, task="joint")
+    believed, path = robot.changed(inertial_scale=0.8), pa.Sinusoid(robot.home_angles, 0.1, 2.0)
+    runs = [
+        pa.simulate(
+            loaded(robot),
+            pa.make_controller(believed, law=LAW, adaptation=kind),
+            path,
+            duration=2.0,
+        )
+        for kind in (adaptation, "none")
+    ]
+    adapted, unadapted = (run.summary()["max_error_last"] for run in runs)
+    assert runs[0].diverged is None and adapted < 0.15 * unadapted
+
+
+def test_it_predicts_in_the_metric_that_is_named():
+    robot = catalogue_robot("ur5", task="joint")
+    for kind, name in (("natural", "natural-composite"), ("gradient", "composite")):
+        assert pa.make_controller(robot, law=LAW, adaptation=kind).adaptation_d.name == name
+    with pytest.raises(pa.InputError, match=r"learns from the prediction of the torque alone"):
+        pa.make_controller(robot, law=LAW, adaptation="projected")
+    still = pa.make_controller(robot, law=LAW, adaptation="none")
+    plain = pa.make_controller(robot, law="computed-torque")
+    at = pa.Measurement(0.0, robot.q0, np.full(6, 0.1))
+    desired = swinging(robot).at(0.3)
+    torques = [c.command(c.init(at), at, desired)[1].torque for c in (still, plain)]
+    assert np.allclose(*torques)

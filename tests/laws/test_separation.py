@@ -1,0 +1,166 @@
+"""The separation law against its own Lyapunov equality on every kind of task and parameter."""
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from tests.support.chains import catalogue_robot
+from tests.support.loops import circle_beside, energy_along, with_tool_and_load
+from tests.support.paper import BASIS, CIRCLE, LMI
+
+pytestmark = pytest.mark.slow
+
+LENGTHS = ["elbow_joint:length", "wrist_1_joint:length"]
+
+
+# rates that fixed steps of an ODE solver can follow
+SLOW, JOINTS = {"gamma_d": 1.0}, {"gamma_joint": 1.0}
+
+
+def frame(name, plane="yz", **options):
+    robot = catalogue_robot(name)
+    true, believed = (
+        with_tool_and_load(robot).changed(viscous=0.2),
+        robot.changed(inertial_scale=0.7),
+    )
+    rates = options or SLOW | JOINTS
+    controller = pa.make_controller(believed, law="separation", joint="viscous", **rates)
+    return true, controller, circle_beside(true, plane)
+
+
+def based():
+    """Where the base stands in the camera's frame is unknown as well as the tool."""
+    robot = catalogue_robot("panda")
+    true = with_tool_and_load(robot).changed(
+        link_translation={robot.joint_names[0]: [0.3, -0.2, 0.1]}
+    )
+    unknown = {"kinematic": ["base", "tool"], "joint": "none"}
+    controller = pa.make_controller(robot, law="separation", **unknown, **SLOW)
+    return true, controller, circle_beside(true, "yz")
+
+
+def planar():
+    robot, own = catalogue_robot("planar_2r"), {"kinematic": "lengths", "basis": BASIS, "lmi": LMI}
+    controller = pa.make_controller(robot, law="separation", **own, **SLOW, **JOINTS)
+    return robot, controller, CIRCLE
+
+
+def lumped():
+    robot = catalogue_robot("ur5")
+    true = robot.changed(inertial_scale=1.3)
+    controller = pa.make_controller(
+        robot, law="separation", kinematic=LENGTHS, adaptation="gradient"
+    )
+    return true, controller, circle_beside(true, "yz")
+
+
+def pose():
+    robot = catalogue_robot("panda", task="pose")
+    true = with_tool_and_load(robot)
+    controller = pa.make_controller(robot.changed(inertial_scale=0.7), law="separation", **SLOW)
+    path = pa.PoseTrajectory(
+        pa.Circle(np.zeros(3), 0.05, 2.0, "yz"), pa.Swing([0.0, 0.0, 1.0], 0.3, 2.0)
+    )
+    aside = np.array([0.01, 0.01, 0.0, 0.1, 0.0, 0.1])
+    return true, controller, path.starting_at(robot.task.moved(true.position(true.q0), aside))
+
+
+def joints():
+    robot = catalogue_robot("ur5", task="joint")
+    true = robot.changed(inertial_scale=1.3, viscous=0.2)
+    controller = pa.make_controller(robot, law="separation", joint="viscous", **SLOW, **JOINTS)
+    return true, controller, pa.Sinusoid(robot.home_angles + 0.05, 0.2, 2.0)
+
+
+CASES = {
+    "base": based,
+    "planar": planar,
+    "lumped": lumped,
+    "pose": pose,
+    "joints": joints,
+    "ur5": lambda: frame("ur5"),
+    "panda": lambda: frame("panda"),
+    "scara": lambda: frame("scara", "xy"),
+    "kinova": lambda: frame("kinova"),
+    "gradient": lambda: frame("ur5", adaptation="gradient", gamma_d=1e-3, gamma_joint=1e-3),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_equality_along_the_trajectory(case):
+    true, controller, path = CASES[case]()
+    energy = energy_along(true, controller, path, seconds=0.06)
+    assert energy.mismatch() <= 1e-4
+    assert np.abs(energy.rate).max() > 1e-4  # something moved
+    assert (energy.rate <= 0.0).all() and energy.largest_rise() <= 1e-12
+
+
+@pytest.mark.parametrize("name", ["panda", "kinova"])
+def test_arms_are_held_without_task_velocity(name):
+    """Nothing is tuned; law (11) loses kinova's wrist."""
+    robot = catalogue_robot(name)
+    true = with_tool_and_load(robot)
+    controller = pa.make_controller(robot.changed(inertial_scale=0.7), law="separation")
+    rollout = pa.simulate(true, controller, circle_beside(true, "yz"), duration=4.0, record_every=5)
+    assert rollout.diverged is None
+    assert rollout.distance[-100:].max() < 0.1 * rollout.distance[:100].max()
+
+
+def test_the_observer_is_that_of_its_differential_equation():
+    """dx_o/dt = J_hat qd - beta (x_o - x): halving dt leaves less than half of the difference."""
+    robot = catalogue_robot("ur5")
+    controller = pa.make_controller(robot, law="separation")
+    plant = pa.PinocchioPlant(robot)
+    at_home, v = plant.measure(), np.full(6, 0.2)
+    state = controller.init(at_home)
+    path = circle_beside(robot, "yz").at(0.0)
+    ends = []
+    for steps in (1, 2, 64):
+        after = state
+        for _ in range(steps):
+            measurement = plant.measurement(robot.q0, v, after.t)._replace(x=at_home.x + 0.01)
+            after = controller.step(after.adapt(False), measurement, path, 0.01 / steps)[1]
+        ends.append(controller.observe(after, measurement, path).filtered.dx_o)
+    coarse, fine = (np.abs(end - ends[2]).max() for end in ends[:2])
+    assert 0.0 < fine < 0.6 * coarse < 1e-3
+
+
+@pytest.mark.parametrize("name", ["so101", "centauro_fr_leg", "tiago_arm", "panda"])
+def test_default_damping_leaves_no_direction_undamped_and_none_too_fast(name):
+    """Links that are light together have directions that caps of single joints do not damp."""
+    robot, dt = catalogue_robot(name), 1e-3
+    controller = pa.make_controller(robot, dt=dt)
+    law, motion = controller.law, controller.motion
+    rates = [
+        np.sort(np.linalg.eigvals(np.linalg.solve(M, law.K_D(q))).real)
+        for M, q in zip(motion.mass_matrices, motion.states.q, strict=True)
+    ]
+    assert np.median(rates, axis=0)[0] > law.alpha
+    assert 0.0 < np.max(rates) * dt < 0.51
+
+
+def test_the_elbow_of_aligned_shoulder_axes_is_not_damped_too_fast():
+    """On a vertical line the Panda's axes 1 and 3 align; a constant K_D reaches 3 there."""
+    robot = catalogue_robot("panda")
+    true = with_tool_and_load(robot).changed(viscous=1.0, coulomb=0.5)
+    start, down = true.position(true.q0), np.array([0.0, 0.0, -0.3])
+    line = pa.Waypoints([start + (k % 2) * down for k in range(5)], 2.0)
+    controller = pa.make_controller(robot)
+    rollout = pa.simulate(true, controller, line, duration=4.0, record_every=5)
+    largest = [
+        1e-3 * np.linalg.eigvals(np.linalg.solve(controller.law.M_0(q), K_D)).real.max()
+        for q in rollout.q[::20]
+        for K_D in (controller.law.K_v, controller.law.K_D(q))
+    ]
+    assert max(largest[::2]) > 2.0 and max(largest[1::2]) < 0.51
+    assert rollout.distance[-400:].max() < 1e-3 and not rollout.saturated[100:].any()
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5", "z1"])
+def test_a_loop_that_knows_the_truth_is_left_with_what_sampling_leaves(name):
+    """The observer follows an accelerated frame; by one end's velocity it lagged 3 to 5 um here."""
+    robot = catalogue_robot(name)
+    path = pa.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(robot.position(robot.q0))
+    controller = pa.make_controller(robot, adaptation="none", joint="none")
+    rollout = pa.simulate(robot, controller, path, duration=3.0, record_every=5)
+    assert rollout.distance[-300:].max() < 1.5e-6

@@ -1,0 +1,397 @@
+"""Laws for a set point with a wrong Jacobian: their proofs, their bounds, what they refuse."""
+
+from itertools import islice
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from pinadapt.cli.compare import _laws as compared
+from pinadapt.cli.main import main
+from pinadapt.description.catalogue import robots_folder
+from pinadapt.scenario.scenario import Scenario
+from pinadapt.tuning.preflight import jacobian_finding
+from tests.support.chains import catalogue_robot, mixed_robot
+from tests.support.differences import derivative
+from tests.support.loops import circle_at_home, energy_along
+
+pytestmark = pytest.mark.slow
+
+LAWS = [name for name, law in pa.LAWS.items() if law.set_point]
+BOUNDED, EXACT, ROUGH = "bounded-torque", "approximate-jacobian", "approximate-jacobian-gravity"
+CHAINS = [("planar_2r", None), ("ur5", "xyz"), ("panda", "xyz"), ("mixed", "xyz")]
+CASES = [*CHAINS, ("ur5", "pose"), ("mixed", "joint")]
+
+
+def robot_of(name, task):
+    if name != "mixed":
+        return catalogue_robot(name, **({"task": task} if task else {}))
+    return mixed_robot(task)
+
+
+def unlike(robot, tool=(0.02, -0.01, 0.04)):
+    """Return the robot with half a kilogram, and a tool that nobody believes."""
+    load = pa.Payload(0.5, [0.01, 0.0, 0.05], [0.01, 0.0, 0.01, 0.0, 0.0, 0.01])
+    if isinstance(robot.task, pa.JointTask):
+        return robot.changed(payload=load)
+    return robot.changed(tool_translation=list(tool), payload=load)
+
+
+def beside_home(robot, by=0.02):
+    """Return a set point a little off home, turned for a pose."""
+    x = robot.position(robot.q0)
+    if isinstance(robot.task, pa.PoseTask):
+        turned = pa.FixedOrientation(x[3:]).turned(np.array([0.1, -0.2, 0.05]))
+        return pa.PoseTrajectory(pa.Hold(x[:3] + by), turned)
+    return pa.Hold(x + by)
+
+
+# --- the proofs ---
+
+
+@pytest.mark.parametrize("adaptation", ["natural", "gradient"])
+@pytest.mark.parametrize(("name", "task"), CASES)
+@pytest.mark.parametrize("law", [EXACT, BOUNDED])
+def test_equality_along_the_trajectory(law, name, task, adaptation):
+    robot = robot_of(name, task)
+    true = unlike(robot)
+    believed = robot.changed(inertial_scale=0.8)
+    controller = pa.make_controller(believed, law=law, adaptation=adaptation)
+    energy = energy_along(true, controller, beside_home(true), seconds=0.02)
+    assert energy.mismatch() <= 1e-6
+    assert np.abs(energy.rate).max() > 1e-4
+    assert (energy.rate <= 0.0).all() and (energy.V > 0.0).all()
+    assert energy.largest_rise() <= 1e-12
+
+
+def test_an_approximate_regressor_leaves_a_known_rest():
+    """dV/dt gains -y^T r, r = g - Z_hat a - g_0, for any a; here what fits at the start."""
+    robot = catalogue_robot("panda")
+    moved = {"panda_joint4": [0.02, 0.0, 0.0], "panda_joint5": [0.0, 0.0, -0.03]}
+    true = robot.changed(link_translation=moved)
+    believed = robot.changed(inertial_scale=0.8)
+    controller = pa.make_controller(believed, law=ROUGH, adaptation="gradient")
+    plant, law, dynamics = pa.PinocchioPlant(true), controller.law, controller.dynamics
+    controller, dt, rest = controller.limited(None), 2e-4, np.zeros(7)
+
+    def gravity(model, q):
+        return pin.computeGeneralizedGravity(model, model.createData(), q)
+
+    a = dynamics.initial
+    Z = dynamics.regressor(true.q0, rest, rest)
+    a = a + np.linalg.lstsq(Z, gravity(true.model, true.q0) - Z @ a, rcond=None)[0]
+    V, rate = [], []
+    for s in islice(pa.run_continuous(plant, controller, beside_home(true), dt=dt), 150):
+        signals, command = controller.command(s.state, s.measurement, s.desired)
+        q, v = s.measurement.q, s.measurement.v
+        M, C = plant.mass_matrix(q), plant.coriolis_matrix(q, v)
+        truth = pa.Truth(np.zeros(3), a, M, C, true.friction)
+        left = gravity(true.model, q) - dynamics.regressor(q, rest, rest) @ a
+        V.append(law.storage(signals, truth) + controller.parameter_storage(s.state, None, a))
+        rate.append(law.dissipation(signals, truth) - command.y @ left)
+        assert np.abs(left).max() < 0.5
+    V, rate = np.array(V), np.array(rate)
+    numerical = (8.0 * (V[3:-1] - V[1:-3]) - (V[4:] - V[:-4])) / (12.0 * dt)
+    assert np.abs(numerical - rate[2:-2]).max() <= 1e-6 * np.abs(rate).max()
+
+
+@pytest.mark.parametrize("law", [EXACT, BOUNDED])
+@pytest.mark.parametrize(("name", "task"), CASES)
+def test_a_known_robot_gets_its_gravity_and_a_spring(law, name, task):
+    robot, rng = robot_of(name, task), np.random.default_rng(4)
+    controller = pa.make_controller(robot, law=law)
+    q = pin.integrate(robot.model, robot.q0, rng.uniform(-0.2, 0.2, robot.model.nv))
+    g = pin.computeGeneralizedGravity(robot.model, robot.model.createData(), q)
+    at = pa.Measurement(0.0, q, np.zeros(robot.model.nv), x=robot.position(q))
+    state = controller.init(at)
+    there = (
+        pa.Hold(at.x).at(0.0)
+        if task != "pose"
+        else pa.PoseTrajectory(pa.Hold(at.x[:3]), at.x[3:]).at(0.0)
+    )
+    signals, command = controller.command(state, at, there)
+    torque, drives = controller.respond(signals, command, np.zeros(robot.model.nv))
+    assert np.allclose(torque, g, atol=1e-9)  # at rest in the set point nothing else acts
+    assert not np.abs(drives.dynamic.gradient).max(initial=0.0) > 1e-12
+
+    gains = controller.law
+    moving = at._replace(v=0.1 * rng.standard_normal(robot.model.nv))
+    desired = beside_home(robot).at(0.0)
+    signals, command = controller.command(state, moving, desired)
+    dx = signals.dx
+    s = gains.width * np.tanh(dx / gains.width)
+    if task == "pose":
+        size = np.linalg.norm(dx[3:])
+        s[3:] = gains.width[3] * np.tanh(size / gains.width[3]) / size * dx[3:]
+    spring = signals.J.T @ gains.K_P @ s
+    brake = g - spring - command.torque
+    asked = gains.K_v @ moving.v
+    assert np.allclose(np.cross(brake[:3], asked[:3]) if len(g) > 2 else 0.0, 0.0, atol=1e-7)
+    assert 0.0 < brake @ asked <= asked @ asked * (1.0 + 1e-9)
+    if law != BOUNDED:
+        assert np.allclose(brake, asked, atol=1e-9)
+    else:
+        assert (np.abs(brake) < gains.brake_limit).all()
+
+
+def test_the_spring_is_the_gradient_of_its_potential():
+    task, rng = catalogue_robot("ur5", task="pose").task, np.random.default_rng(0)
+    saturation = pa.Saturation(task, [0.1, 0.2, 0.3, 0.4, 0.4, 0.4])
+    weights = np.array([2.0, 3.0, 4.0, 5.0, 5.0, 5.0])
+
+    def check(dx, dxd):
+        rate = derivative(lambda t: weights @ saturation.potential(dx + t * dxd))
+        assert np.isclose(weights * saturation.of(dx) @ dxd, rate, rtol=1e-6)
+        moved = derivative(lambda t: saturation.of(dx + t * dxd))
+        assert np.allclose(saturation.rate(dx, dxd), moved, rtol=1e-6, atol=1e-9)
+
+    for scale in (1e-3, 0.1, 2.0):
+        check(*scale * rng.standard_normal((2, 6)))
+    far = saturation.of(1e6 * np.ones(6))
+    assert np.allclose(far[:3], [0.1, 0.2, 0.3]) and np.isclose(np.linalg.norm(far[3:]), 0.4)
+    assert not saturation.of(np.zeros(6)).any() and not saturation.rate(*np.zeros((2, 6))).any()
+    assert np.isfinite(saturation.potential(1e100 * np.ones(6))).all()
+
+
+# --- at work ---
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5", "scara"])
+@pytest.mark.parametrize("law", [EXACT, BOUNDED])
+def test_the_set_point_is_reached(law, name):
+    robot = catalogue_robot(name)
+    true = unlike(robot)
+    goal = pa.Hold(true.position(true.q0) - 0.05)
+    controller = pa.make_controller(robot.changed(inertial_scale=0.8), law=law)
+    rollout = pa.simulate(true, controller, goal, duration=5.0)
+    assert rollout.diverged is None and rollout.distance[-500:].max() < 5e-4
+    assert (rollout.a_k == rollout.a_k[0]).all()  # the kinematics are not learned
+    alone = pa.make_controller(robot.changed(inertial_scale=0.8), law=law, adaptation="none")
+    unadapted = pa.simulate(true, alone, goal, duration=1.0)
+    assert unadapted.distance[-100:].max() > 10.0 * rollout.distance[-500:].max()
+
+
+def test_wrong_links_are_no_obstacle():
+    robot = catalogue_robot("ur5")
+    true = unlike(robot).changed(link_translation={"wrist_1_joint": [0.02, 0.0, 0.03]})
+    goal = pa.Hold(true.position(true.q0) - 0.05)
+    controller = pa.make_controller(robot, law=ROUGH, kinematic=["wrist_1_joint", "tool"])
+    assert not controller.dynamics.lumped  # natural adaptation, in spite of unknown lengths
+    rollout = pa.simulate(true, controller, goal, duration=4.0)
+    assert rollout.distance[-400:].max() < 1e-3
+
+
+def test_a_motion_that_comes_to_rest_ends_in_its_set_point():
+    robot = catalogue_robot("panda")
+    true = unlike(robot)
+    start = true.position(true.q0)
+    path = pa.Waypoints([start, start + 0.05, start - 0.05], 1.0)
+    assert path.settles == 2.0 and pa.Hold(start).settles == 0.0
+    rollout = pa.simulate(true, pa.make_controller(robot, law=EXACT), path, duration=5.0)
+    assert rollout.distance[-500:].max() < 5e-4
+
+
+# --- the bound ---
+
+
+def near_gravity(true):
+    """Return torques 15 % above what gravity may ask for anywhere, 3 N m where that is little."""
+    model, rng = true.model, np.random.default_rng(0)
+    low, high = model.lowerPositionLimit, model.upperPositionLimit
+    asked = [
+        np.abs(pin.computeGeneralizedGravity(model, model.createData(), rng.uniform(low, high)))
+        for _ in range(2000)
+    ]
+    return np.maximum(1.15 * np.max(asked, axis=0), 3.0)
+
+
+def test_bounds_near_gravity_are_kept_at_every_sample():
+    robot = catalogue_robot("panda")
+    true = unlike(robot)
+    bound = near_gravity(true)
+    controller = pa.make_controller(
+        robot.changed(inertial_scale=0.8), law=BOUNDED, bound=bound, torque_limits=False
+    )
+    law = controller.law
+    assert np.allclose(law.gravity + law.brake_limit + levers_times_force(law), bound)
+    goal = pa.Hold(true.position(true.q0) + np.array([-0.1, 0.1, -0.1]))
+    rollout = pa.simulate(true, controller, goal, duration=10.0, torque_limits=False)
+    assert rollout.diverged is None and (np.abs(rollout.tau) <= bound).all()
+    assert (np.abs(rollout.tau) / bound).max() > 0.8  # gravity comes near
+    assert rollout.distance[-1000:].max() < 1e-3 < 0.1 < rollout.distance[0]
+    free = pa.make_controller(robot.changed(inertial_scale=0.8), law=EXACT, torque_limits=False)
+    unbounded = pa.simulate(true, free, goal, duration=0.3, torque_limits=False)
+    assert (np.abs(unbounded.tau) > bound).any()
+
+
+def levers_times_force(law):
+    """Return the most that the spring may ask of each joint of a Panda, from its geometry."""
+    model = law.kinematics.robot.model
+    steps = [model.jointPlacements[i].translation for i in range(1, 8)]
+    steps.append(model.frames[law.kinematics.robot.frame_id].placement.translation)
+    reach = [sum(np.linalg.norm(step) for step in steps[i + 2 :]) for i in range(7)]
+    first = [np.linalg.norm(np.cross([0.0, 0.0, 1.0], steps[i + 1])) for i in range(7)]
+    return np.linalg.norm(np.diag(law.K_P) * law.width) * (np.array(first) + reach)
+
+
+@pytest.mark.parametrize(
+    ("name", "task", "adaptation"),
+    [
+        ("panda", "xyz", "natural"),
+        ("panda", "xyz", "natural-memory"),
+        ("ur5", "pose", "natural"),
+        ("mixed", "joint", "natural"),
+    ],
+)
+def test_no_state_and_no_estimate_asks_for_more(name, task, adaptation):
+    robot, rng = robot_of(name, task), np.random.default_rng(1)
+    controller = pa.make_controller(
+        robot, law=BOUNDED, adaptation=adaptation, guards=False, torque_limits=None
+    )
+    law, n = controller.law, robot.model.nv
+    quantity = controller.init(pa.Measurement(0.0, robot.q0, np.zeros(n), robot.position(robot.q0)))
+    for scale in (1e-2, 1.0, 1e3):
+        for _ in range(40):
+            q = pin.integrate(robot.model, robot.q0, rng.uniform(-3.0, 3.0, n))
+            v, x = scale * rng.standard_normal(n), robot.position(q)
+            x = robot.task.moved(x, np.minimum(scale, 3.0) * rng.standard_normal(robot.task.size))
+            a_d = quantity.a_d * np.repeat(rng.uniform(0.2, 5.0, n), 10)
+            state = quantity._replace(dynamic=quantity.dynamic._replace(value=a_d))
+            desired = beside_home(robot).at(0.0)
+            at = pa.Measurement(0.0, q, v, x)
+            signals, command = controller.command(state, at, desired)
+            assert (np.abs(command.torque) <= law.bound).all()
+            rest = np.zeros(n)
+            controller.dynamics.load(signals.a_d)
+            gravity = controller.dynamics.torque(q, rest, rest)
+            pull, brake = signals.J.T @ law.K_P @ law.saturation.of(signals.dx), law.brake(v)
+            assert (np.abs(pull) + np.abs(brake) <= law.bound - law.gravity + 1e-9).all()
+            assert (np.abs(gravity) <= law.gravity * (1.0 + 1e-6)).all()
+
+
+@pytest.mark.parametrize("kind", ["natural", "gradient", "natural-composite"])
+def test_the_projection_only_lowers_what_the_parameters_add_to_v(kind):
+    robot, rng = catalogue_robot("panda"), np.random.default_rng(2)
+    believed = robot.changed(inertial_scale=1.2)
+    bound = near_gravity(unlike(robot))
+    controller = pa.make_controller(
+        believed, law=BOUNDED, adaptation=kind, bound=bound, gravity=0.89 * bound
+    )
+    adaptation, dynamics, G = controller.adaptation_d, controller.dynamics, controller.law.gravity
+    value = adaptation.init(dynamics.initial).value
+    a, moved, rest = dynamics.value(robot), 0, np.zeros(7)
+    before = adaptation.divergence(value, a)
+    low, high = robot.model.lowerPositionLimit, robot.model.upperPositionLimit
+    for _ in range(200):
+        q = rng.uniform(low, high)
+        kept = adaptation.project(pa.Estimate(value), q)
+        dynamics.load(kept)
+        assert (np.abs(dynamics.torque(q, rest, rest)) <= G * (1.0 + 1e-6)).all()
+        after = adaptation.divergence(kept, a)
+        if kept is not value:
+            assert after < before
+            moved += 1
+        value, before = kept, after
+    assert moved and adaptation.contains(value)
+
+
+# --- how wrong a Jacobian may be ---
+
+
+def test_the_mismatch_is_told_before_a_run():
+    robot = catalogue_robot("ur5")
+    controller = pa.make_controller(robot, law=EXACT)
+    J = np.eye(3, 6)
+    assert controller.law.mismatch(J, J)[0] == 0.0
+    found, borne = controller.law.mismatch(J, 1.5 * J)
+    assert np.isclose(found, 0.5) and np.isclose(borne, 2.0 * np.sqrt(0.6 * 0.85) - 0.6)
+    assert jacobian_finding(controller, unlike(robot)) is None
+    wrong = robot.changed(tool_translation=[0.0, 0.0, -0.8])
+    assert "believed wrong by" in str(jacobian_finding(controller, wrong))
+    with pytest.warns(UserWarning, match=r"believed wrong by .* of itself at home"):
+        goal = pa.Hold(wrong.position(wrong.q0) + 0.05)
+        rollout = pa.simulate(wrong, controller, goal, duration=2.0)
+    assert rollout.grade != "follows" and "does not learn the kinematics" in rollout.verdict
+    learning = pa.make_controller(robot)
+    assert jacobian_finding(learning, wrong) is None
+
+
+# --- what is refused ---
+
+
+class Step(pa.Trajectory):
+    """A motion of a user's own that does not say when it rests."""
+
+    def at(self, t):
+        return pa.Desired(np.full(3, 0.4), np.zeros(3), np.zeros(3))
+
+    def shifted(self, by):
+        return self
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_motion_that_goes_on_is_refused_before_anything_moves(law):
+    robot = catalogue_robot("ur5")
+    controller, plant = pa.make_controller(robot, law=law), pa.PinocchioPlant(robot)
+    for path in (circle_at_home(robot), Step()):
+        for start in (
+            lambda path: pa.simulate(robot, controller, path, duration=0.1),
+            lambda path: next(pa.run(plant, controller, path)),
+            lambda path: next(pa.run_continuous(plant, controller, path, dt=1e-3)),
+        ):
+            with pytest.raises(pa.InputError, match=r"does not come to rest.*hold.*separation"):
+                start(path)
+    assert pa.PoseTrajectory(Step()).settles is None
+
+
+def test_gains_that_break_a_hypothesis_are_refused():
+    robot = catalogue_robot("ur5")
+    coupled = np.array([[900.0, 100.0, 0.0], [100.0, 900.0, 0.0], [0.0, 0.0, 900.0]])
+    for gains, words in (
+        ({"Kp": coupled}, "diagonal"),
+        ({"weight": 2.0}, "below 2"),
+        ({"width": 0.0}, "positive"),
+        ({"width": [0.1, 0.1]}, "one number or 3"),
+        ({"Kv": -1.0}, "positive"),
+    ):
+        with pytest.raises(pa.GainError, match=words):
+            pa.make_controller(robot, law=EXACT, **gains)
+    with pytest.raises(pa.GainError, match="must be one number on the rotation rows"):
+        pa.Saturation(catalogue_robot("ur5", task="pose").task, [0.1] * 5 + [0.2])
+
+
+def test_bounds_that_cannot_be_are_refused():
+    robot = catalogue_robot("panda")
+    with pytest.raises(pa.GainError, match=r"does not hold the believed robot: panda_joint4"):
+        pa.make_controller(robot, law=BOUNDED, bound=10.0)
+    with pytest.raises(pa.GainError, match="nothing is left for damping"):
+        pa.make_controller(robot, law=BOUNDED, Kp=1e5)
+    with pytest.raises(pa.GainError, match="a positive number or 7 of them"):
+        pa.make_controller(robot, law=BOUNDED, gravity=[1.0, 2.0])
+    with pytest.raises(pa.InputError, match="memory, in which nothing is projected"):
+        pa.make_controller(robot, law=BOUNDED, adaptation="least-squares")
+    # a slide without limits, carried by a revolute joint
+    model = pin.Model()
+    turn = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "turn")
+    slide = model.addJoint(turn, pin.JointModelPX(), pin.SE3.Identity(), "slide")
+    for joint in (turn, slide):
+        model.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Identity())
+    model.addFrame(pin.Frame("tip", slide, 0, pin.SE3.Identity(), pin.FrameType.BODY))
+    sliding = pa.load(model, frame="tip", task="xy", q0=[0.3, 0.5])
+    with pytest.raises(pa.GainError, match=r"no torque bound of \['turn'\] exists"):
+        pa.make_controller(sliding, law=BOUNDED)
+
+
+def test_compare_leaves_them_out_of_a_motion_and_runs_them_in_a_set_point(tmp_path, capsys):
+    circle = robots_folder() / "panda" / "tool_and_load.toml"
+    assert not set(LAWS) & set(compared(Scenario.read(circle)))
+    told = ["run", str(circle), "--set", 'controller.law="bounded-torque"']
+    assert main([*told, "--out", str(tmp_path / "b")]) == 2
+    assert "reference.kind: the law 'bounded-torque' is for a set point" in capsys.readouterr().err
+    held, short = tmp_path / "held.toml", ["simulation.duration=0.02"]
+    held.write_text('[robot]\nsource = "ur5"\n[reference]\nkind = "hold"\n')
+    assert set(LAWS) < set(compared(Scenario.read(held)))
+    told = ["compare", str(held), "--laws", "bounded-torque", "--set", *short]
+    assert main([*told, "--out", str(tmp_path / "c")]) == 0
+    assert "bounded-torque" in capsys.readouterr().out

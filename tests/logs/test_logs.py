@@ -1,0 +1,297 @@
+"""Recorded motions are read from every format alike, and refused with a reason."""
+
+import re
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from pinadapt.logs import FORMATS
+from tests.support.chains import catalogue_robot
+from tests.support.recorded import recorded
+
+STAMP = 1_700_000_000  # [s]
+
+
+@pytest.fixture
+def robot():
+    """Return a robot with six joints."""
+    return catalogue_robot("ur5")
+
+
+@pytest.fixture
+def log():
+    """Return a second and a half of its motion."""
+    return recorded("ur5", duration=1.5, dt=4e-3, rate=25.0)
+
+
+def write_csv(path, columns, mark=","):
+    """Write named columns with a header; NaN as empty cells."""
+    rows = np.column_stack(list(columns.values()))
+    cells = [["" if np.isnan(x) else repr(float(x)) for x in row] for row in rows]
+    lines = [mark.join(columns), *(mark.join(row) for row in cells)]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def columns_of(log, labels, form="{signal}{label}"):
+    """Return the columns of a log by the names that a form gives them."""
+    columns = {"t": log.t}
+    for signal in ("q", "v", "tau"):
+        for j, label in enumerate(labels):
+            columns[form.format(signal=signal, label=label)] = getattr(log, signal)[:, j]
+    return columns
+
+
+def same(read, log, parts=("t", "q", "v", "tau")):
+    """Tell whether two logs have the same numbers."""
+    return all(np.allclose(getattr(read, part), getattr(log, part), atol=1e-12) for part in parts)
+
+
+def test_an_archive_is_matched_by_the_names_of_its_joints(tmp_path, robot, log):
+    order = [3, 0, 5, 1, 2, 4]
+    names = np.array(robot.joint_names)[order]
+    shuffled = {part: getattr(log, part)[:, order] for part in ("q", "v", "tau")}
+    np.savez(tmp_path / "a.npz", t=log.t, joint_names=names, x=log.x, x_time=log.x_time, **shuffled)
+    read = pa.read_log(tmp_path / "a.npz", robot)
+    assert same(read, log, ("t", "q", "v", "tau", "x", "x_time")) and not read.held
+
+
+@pytest.mark.parametrize("form", ["{signal}_{label}", "{label}.{signal}", "{label}/{signal}"])
+def test_columns_are_found_by_the_names_of_joints(tmp_path, robot, log, form):
+    table = columns_of(log, robot.joint_names, form)
+    assert same(pa.read_log(write_csv(tmp_path / "a.csv", table), robot), log)
+
+
+@pytest.mark.parametrize("first", [0, 1])
+@pytest.mark.parametrize("mark", [",", ";", "\t", " "])
+def test_columns_are_found_by_indices(tmp_path, robot, log, first, mark):
+    table = columns_of(log, range(first, first + 6), "{signal}_{label}")
+    assert same(pa.read_log(write_csv(tmp_path / "a.txt", table, mark), robot), log)
+
+
+def test_columns_can_be_named(tmp_path, robot, log):
+    table = columns_of(log, range(6), "a {signal} of {label}!")
+    table = {"stamp of mine": table.pop("t"), **table}
+    path = write_csv(tmp_path / "a.csv", table)
+    named = {signal: f"a {signal} of *!" for signal in ("q", "v")}
+    named |= {"t": "stamp of mine", "tau": [f"a tau of {j}!" for j in range(6)]}
+    assert same(pa.read_log(path, robot, columns=named), log)
+
+
+def test_a_slow_camera_leaves_cells_empty(tmp_path, robot, log):
+    table = columns_of(log, range(6))
+    for i, axis in enumerate("xyz"):
+        table[axis] = np.full(len(log.t), np.nan)
+        table[axis][::10] = log.x[:, i]
+    times, x = pa.read_log(write_csv(tmp_path / "a.csv", table), robot).frames()
+    assert np.allclose(times, log.x_time) and np.allclose(x, log.x)
+
+
+def test_a_header_may_be_a_comment(tmp_path, robot, log):
+    path = write_csv(tmp_path / "a.csv", columns_of(log, range(6)))
+    path.write_text("# of the arm on the left\n# " + path.read_text())
+    assert same(pa.read_log(path, robot), log)
+
+
+def test_times_of_a_clock_on_the_wall_begin_at_zero(tmp_path, robot, log):
+    path = write_csv(tmp_path / "a.csv", columns_of(replace(log, t=log.t + STAMP), range(6)))
+    assert np.allclose(pa.read_log(path, robot).t, log.t, atol=1e-6)
+
+
+def test_degrees_are_read_where_it_is_said(tmp_path, robot, log):
+    turned = replace(log, q=np.degrees(log.q), v=np.degrees(log.v))
+    path = write_csv(tmp_path / "a.csv", columns_of(turned, range(6)))
+    assert same(pa.read_log(path, robot, degrees=True), log)
+
+
+def test_continuous_joints_are_angles_or_configurations():
+    kinova = catalogue_robot("kinova")
+    log = recorded("kinova", duration=1.5, dt=4e-3)
+    assert log.q.shape[1] == kinova.model.nv < kinova.model.nq
+    configurations = log.configurations(kinova)
+    assert np.allclose(
+        replace(log, q=configurations, joints=()).configurations(kinova), configurations
+    )
+    pa.read_log(replace(log, q=configurations, joints=()), kinova)
+
+
+def test_a_run_is_a_log_from_the_last_change_of_its_robot_on(tmp_path, robot):
+    heavy = robot.changed(payload=pa.Payload(1.0, (0.0, 0.0, 0.05)))
+    controller, path = pa.make_controller(robot), pa.reachable_circle(robot)
+    rollout = pa.simulate(robot, controller, path, duration=2.0, changes={0.5: heavy})
+    rollout.save(tmp_path)
+    for source in (tmp_path, tmp_path / "rollout.npz"):
+        read = pa.read_log(source, robot)
+        assert read.held and read.t[0] == pytest.approx(0.5, abs=2e-3)
+        part = rollout.t >= read.t[0]
+        assert np.array_equal(read.tau, rollout.tau[part])
+        assert np.array_equal(read.x, rollout.x[part])
+
+
+def flawed(log, robot):
+    """Return logs that cannot be used, with what their errors say."""
+    backwards = log.t.copy()
+    backwards[40] = backwards[38]
+    far = np.full(log.tau.shape, 1e5)
+    return {
+        "ascend; sample 40": replace(log, t=backwards),
+        "too short": replace(log, t=1e-3 * log.t),
+        "samples are 4 s apart": replace(log, t=1e3 * log.t),
+        "all torques are zero": replace(log, tau=0.0 * log.tau),
+        "In other units": replace(log, tau=far),
+        "In degrees": replace(log, q=np.degrees(log.q), v=None),
+        "in degrees a second": replace(log, v=np.degrees(log.v)),
+        "with the other sign": replace(log, v=-log.v),
+        "only 0%": replace(log, tau=np.nan * log.tau),
+        "joint 'elbow_joint' is not in it": replace(
+            log, joints=tuple(name.replace("elbow", "knee") for name in robot.joint_names)
+        ),
+        "5 columns, and ur5 has 6": replace(log, q=log.q[:, :5], joints=()),
+    }
+
+
+def test_a_log_that_cannot_be_is_refused(robot, log):
+    for words, flaw in flawed(log, robot).items():
+        with pytest.raises(pa.LogError, match=re.escape(words)):
+            pa.read_log(flaw, robot)
+    assert pa.read_log(log, robot) is not None
+
+
+def test_a_file_that_cannot_be_read_is_refused(tmp_path, robot, log):
+    good = write_csv(tmp_path / "good.csv", columns_of(log, range(6))).read_text().splitlines()
+    files = {
+        "no such file": None,
+        "is no log that can be read": ("a.xyz", "1"),
+        "is empty": ("a.csv", "\n"),
+        "no header": ("a.csv", "\n".join(good[1:])),
+        "line 3: 'one' in column 'q1' is no number": (
+            "a.csv",
+            "\n".join([*good[:2], re.sub(r"^([^,]*),([^,]*),[^,]*", r"\1,\2,one", good[2])]),
+        ),
+        "line 2: 2 cells": ("a.csv", "\n".join([good[0], "1,2"])),
+        "no joint torques found": (
+            "a.csv",
+            "\n".join([good[0].replace("tau", "weight"), *good[1:]]),
+        ),
+        "cannot be read": ("a.npz", "none"),
+    }
+    for words, given in files.items():
+        path = tmp_path / (given[0] if given else "missing.csv")
+        if given:
+            path.write_text(given[1])
+        with pytest.raises(pa.LogError, match=re.escape(words)):
+            pa.read_log(path, robot)
+
+
+def test_a_wrong_column_is_named_with_the_nearest(tmp_path, robot, log):
+    path = write_csv(tmp_path / "a.csv", columns_of(log, range(6)))
+    with pytest.raises(pa.LogError, match=r"no column 'tua0'.*Did you mean 'tau0'"):
+        pa.read_log(path, robot, columns={"tau": [f"tua{j}" for j in range(6)]})
+    with pytest.raises(pa.LogError, match="no signal 'torque'"):
+        pa.read_log(path, robot, columns={"torque": "tau*"})
+
+
+def test_every_format_says_what_it_reads():
+    for kind in FORMATS.values():
+        assert kind.__doc__ and kind.accepts.__doc__ and kind.read.__doc__
+
+
+def stamped(store, ros, k, time):
+    """Return a header with a time [s]."""
+    seconds = int(STAMP + time)
+    stamp = store.types["builtin_interfaces/msg/Time"](
+        sec=seconds, nanosec=round((STAMP + time - seconds) * 1e9) % 10**9
+    )
+    extra = {"seq": k} if ros == 1 else {}
+    return store.types["std_msgs/msg/Header"](stamp=stamp, frame_id="", **extra)
+
+
+def write_bag(path, kind, log, names, *, effort=True, pose="geometry_msgs/msg/PoseStamped"):
+    """Write a bag of joint states, in which a gripper takes part, and of a tracker's poses."""
+    typesys = pytest.importorskip("rosbags.typesys")
+    from rosbags import rosbag1, rosbag2
+
+    ros = 1 if kind == "ros1" else 2
+    stores = typesys.Stores
+    store = typesys.get_typestore(stores.ROS1_NOETIC if ros == 1 else stores.ROS2_HUMBLE)
+    types = store.types
+    if ros == 1:
+        writer, pack = rosbag1.Writer(path), store.serialize_ros1
+    else:
+        plugin = rosbag2.StoragePlugin[kind.upper()]
+        writer, pack = rosbag2.Writer(path, version=9, storage_plugin=plugin), store.serialize_cdr
+    with writer:
+        states = writer.add_connection(
+            "/joint_states", "sensor_msgs/msg/JointState", typestore=store
+        )
+        frames = writer.add_connection("/tracker", pose, typestore=store)
+        for k, t in enumerate(log.t):
+            message = types["sensor_msgs/msg/JointState"](
+                header=stamped(store, ros, k, t),
+                name=["gripper", *names],
+                position=np.array([0.1, *log.q[k]]),
+                velocity=np.array([0.0, *log.v[k]]),
+                effort=np.array([0.0, *log.tau[k]]) if effort else np.zeros(0),
+            )
+            raw = pack(message, "sensor_msgs/msg/JointState")
+            writer.write(states, int((STAMP + t) * 1e9), raw)
+        for k, (t, x) in enumerate(zip(log.x_time, log.x, strict=True)):
+            point = types["geometry_msgs/msg/Point"](*map(float, x))
+            turn = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+            header = stamped(store, ros, k, t)
+            if pose.endswith("PoseStamped"):
+                inner = types["geometry_msgs/msg/Pose"](position=point, orientation=turn)
+                message = types[pose](header=header, pose=inner)
+            else:
+                message = types[pose](header=header, point=point)
+            writer.write(frames, int((STAMP + t) * 1e9), pack(message, pose))
+    return path
+
+
+@pytest.mark.parametrize("kind", ["ros1", "sqlite3", "mcap"])
+def test_bags_are_matched_by_the_names_of_their_joints(tmp_path, robot, log, kind):
+    path = tmp_path / ("a.bag" if kind == "ros1" else "a")
+    order = [2, 1, 0, 3, 4, 5]
+    shuffled = replace(log, **{part: getattr(log, part)[:, order] for part in ("q", "v", "tau")})
+    twice = np.sort(np.append(np.arange(len(log.t)), [7, 9, 9]))  # a driver that repeats itself
+    again = {part: getattr(shuffled, part)[twice] for part in ("t", "q", "v", "tau")}
+    shuffled = replace(shuffled, **again)
+    write_bag(path, kind, shuffled, [robot.joint_names[j] for j in order])
+    read = pa.read_log(path, robot, pose_topic="/tracker")
+    for part in ("t", "q", "v", "tau", "x_time"):
+        assert np.allclose(getattr(read, part), getattr(log, part), atol=2e-7), part
+    assert np.allclose(read.x[:, :3], log.x) and read.x.shape[1] == 7
+    assert pa.read_log(path, robot).x is None
+
+
+def test_a_file_of_ros2_is_read_without_its_folder(tmp_path, robot, log):
+    write_bag(tmp_path / "a", "mcap", log, robot.joint_names, pose="geometry_msgs/msg/PointStamped")
+    (file,) = (tmp_path / "a").glob("*.mcap")
+    read = pa.read_log(file.rename(tmp_path / "b.mcap"), robot, pose_topic="/tracker")
+    assert same(read, log, ("q", "v", "tau", "x"))
+
+
+def test_a_bag_that_cannot_be_used_says_why(tmp_path, robot, log):
+    write_bag(tmp_path / "a", "mcap", log, robot.joint_names)
+    write_bag(tmp_path / "weak", "mcap", log, robot.joint_names, effort=False)
+    write_bag(tmp_path / "other", "mcap", log, [f"other{j}" for j in range(6)])
+    (tmp_path / "broken.bag").write_bytes(b"no bag")
+    for words, name, options in (
+        ("no topic of it.*'/joint_states'", "a", {"topic": "/joint_state"}),
+        ("of type sensor_msgs/msg/JointState", "a", {"pose_topic": "/joint_states"}),
+        ("have no effort", "weak", {}),
+        ("joint 'shoulder_pan_joint'; seen are", "other", {}),
+        ("cannot be read", "broken.bag", {}),
+    ):
+        with pytest.raises(pa.LogError, match=words):
+            pa.read_log(tmp_path / name, robot, **options)
+
+
+def test_bags_need_a_package_and_say_which(tmp_path, robot, monkeypatch):
+    (tmp_path / "a.bag").write_bytes(b"")
+    monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
+    with pytest.raises(pa.LogError, match=re.escape("pip install pinadapt[bags]")):
+        pa.read_log(tmp_path / "a.bag", robot)

@@ -1,0 +1,84 @@
+"""Base parameters: how many, which, and that the torque is theirs."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from tests.support.chains import catalogue_robot, random_state
+
+
+@pytest.mark.parametrize(
+    ("name", "base"), [("ur5", 36), ("panda", 43), ("kinova", 36), ("planar_2r", 4)]
+)
+def test_the_base_of_the_inertial_parameters_has_its_known_size(name, base):
+    robot = catalogue_robot(name)
+    assert pa.base_parameters(pa.BodyDynamics(robot), robot).size == base
+
+
+@pytest.mark.parametrize(("name", "base", "of"), [("ur5", 12, 21), ("panda", 14, 24)])
+def test_the_base_of_all_translations_has_its_known_size(name, base, of):
+    robot = catalogue_robot(name)
+    kinematics = pa.FrameKinematics(robot, ["base", *robot.joint_names[1:], "tool"])
+    found = pa.base_parameters(kinematics, robot)
+    assert (found.size, kinematics.size, kinematics.base()) == (base, of, base)
+    along_the_first_axis = f"{robot.joint_names[1]}_z"
+    assert set(found.without_effect) == {"base_x", "base_y", "base_z", along_the_first_axis}
+
+
+def planar_3r():
+    """Return an arm of three revolute joints in the vertical plane, links of 0.4, 0.3 and 0.2 m."""
+    model = pin.Model()
+    parent, step = 0, pin.SE3.Identity()
+    for i, length in enumerate((0.4, 0.3, 0.2)):
+        parent = model.addJoint(parent, pin.JointModelRY(), step, f"joint{i + 1}")
+        body = pin.Inertia.FromSphere(1.0, 0.05)
+        step = pin.SE3(np.eye(3), np.array([length, 0.0, 0.0]))
+        model.appendBodyToJoint(parent, body, pin.SE3(np.eye(3), 0.5 * step.translation))
+    model.addFrame(pin.Frame("tip", parent, 0, step, pin.FrameType.BODY))
+    return pa.load(model, frame="tip", task="xz")
+
+
+def test_three_links_in_a_plane_have_six_lengths_and_nine_inertias():
+    """A link's length along itself and across it; an inertia and two moments a body."""
+    robot = planar_3r()
+    kinematics = pa.FrameKinematics(robot, ["base", *robot.joint_names[1:], "tool"])
+    found = pa.base_parameters(kinematics, robot)
+    assert (found.size, kinematics.size) == (6, 12)
+    assert all(name.endswith(("_x", "_z")) for name in found.names)
+    assert pa.base_parameters(pa.BodyDynamics(robot), robot).size == 3 * 3
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5", "scara", "kinova"])
+def test_the_torque_is_that_of_the_base(name):
+    robot = catalogue_robot(name)
+    dynamics = pa.StackedDynamics(pa.BodyDynamics(robot), pa.JointEffects(robot))
+    base = pa.base_parameters(dynamics, robot)
+    inertial = pa.base_parameters(dynamics.inertial, robot)
+    # a rotor of the first joint, and of the second one here or there, is told from no inertia
+    assert inertial.size + 2 * robot.model.nv <= base.size <= inertial.size + dynamics.joint.size
+    rng = np.random.default_rng(7)
+    for _ in range(5):
+        Y = dynamics.regressor(*random_state(robot, rng))
+        a = rng.standard_normal(dynamics.size)
+        assert np.allclose(Y[:, base.chosen] @ base.values(a), Y @ a, rtol=1e-7, atol=1e-7)
+
+
+def test_a_base_is_shown_by_name():
+    robot = catalogue_robot("ur5")
+    base = pa.base_parameters(pa.BodyDynamics(robot), robot)
+    assert base.names[0] == "shoulder_pan_joint.Izz"
+    text = repr(base)
+    assert text.startswith("36 combinations of 60 parameters")
+    assert "shoulder_pan_joint.Izz + " in text and "without effect: shoulder_pan_joint.m" in text
+    assert "<table>" in base._repr_html_()
+    with pytest.raises(pa.ParameterError, match="expected 60 numbers"):
+        base.values(np.zeros(3))
+    with pytest.raises(pa.ParameterError):
+        pa.base_parameters(robot, robot)
+
+
+def test_nothing_unknown_has_an_empty_base():
+    robot = catalogue_robot("scara")
+    base = pa.base_parameters(pa.FrameKinematics(robot, []), robot)
+    assert base.size == 0 and "0 combinations" in str(base)

@@ -1,0 +1,108 @@
+"""Every kinematic regressor against Pinocchio and finite differences."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+
+import pinadapt as pa
+from pinadapt.models.translations import Translation
+from tests.support.chains import (
+    catalogue_robot,
+    chains,
+    each_size,
+    random_robot,
+    random_state,
+    seeded,
+)
+from tests.support.identities import check_kinematics, unknown_choices
+
+ROBOTS = ["planar_2r", "scara", "ur5", "panda", "kinova", "tiago_arm"]
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("choice", range(4))
+def test_identities_on_robots(name, choice):
+    robot = catalogue_robot(name)
+    check_kinematics(robot, unknown_choices(robot)[choice])
+
+
+@each_size()
+@given(robot=chains)
+@seeded
+def test_identities_on_random_chains(robot):
+    for unknown in unknown_choices(robot):
+        check_kinematics(robot, unknown)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_jacobian_is_pinocchios_at_the_descriptions_values(name):
+    robot = catalogue_robot(name)
+    believed = pa.FrameKinematics(robot, ["lengths"])
+    q, v, _ = random_state(robot, np.random.default_rng(1))
+    believed.update(believed.initial, q, v)
+    data = robot.model.createData()
+    J = pin.computeFrameJacobian(robot.model, data, q, robot.frame_id, pin.LOCAL_WORLD_ALIGNED)[
+        robot.task.rows
+    ]
+    assert np.allclose(believed.J, J, atol=1e-12)
+    assert np.allclose(believed.x_hat, robot.position(q), atol=1e-12)
+
+
+def test_second_term_of_the_jacobian_rate_matters():
+    robot = random_robot(3, 6)
+    believed = pa.FrameKinematics(robot, ["tool"])
+    q, v, _ = random_state(robot, np.random.default_rng(2))
+    believed.update(believed.initial, q, v)
+    rate = np.array([0.3, -0.2, 0.1])
+    still, moving = believed.jacobian_rate(np.zeros(3)), believed.jacobian_rate(rate)
+    assert np.allclose((moving - still) @ v, believed.Y_k @ rate, atol=1e-12)
+    assert np.linalg.norm((moving - still) @ v) > 1e-2
+
+
+@pytest.mark.parametrize(("name", "rank"), [("ur5", 12), ("panda", 14), ("xarm7", 14)])
+def test_base_of_all_translations(name, rank):
+    robot = catalogue_robot(name)
+    assert pa.FrameKinematics(robot, [*robot.joint_names[1:], "tool"]).base() == rank
+
+
+def test_truth_of_a_changed_robot():
+    robot = catalogue_robot("panda")
+    believed = pa.FrameKinematics(robot, ["tool", "panda_joint4"])
+    true = robot.changed(
+        tool_translation=[0.01, 0.02, 0.03], link_translation={"panda_joint4": [0.0, 0.0, 0.01]}
+    )
+    q, v, _ = random_state(robot, np.random.default_rng(3))
+    believed.update(believed.value(true), q, v)
+    assert np.allclose(believed.x_hat, true.position(q), atol=1e-12)
+    other = robot.changed(link_translation={"panda_joint6": [0.01, 0.0, 0.0]})
+    assert believed.value(other) is None  # no value of these parameters is the truth
+
+
+def test_known_offset_plus_unknown_direction():
+    robot = catalogue_robot("ur5")
+    nominal = robot.model.jointPlacements[3].translation.copy()
+    part = Translation(
+        "elbow_joint",
+        3,
+        np.array([[0.0], [0.0], [1.0]]),
+        nominal - np.array([0.0, 0.0, nominal[2]]),
+        ("z",),
+    )
+    believed = pa.FrameKinematics(robot, [part])
+    assert np.allclose(believed.initial, nominal[2])
+    check_kinematics(robot, [part])
+
+
+@pytest.mark.parametrize(
+    ("unknown", "words"),
+    [
+        (["tol"], "Did you mean 'tool'"),
+        (["shoulder_pan_joint"], "no effect"),
+        (["tool", "tool:length"], "twice"),
+        (["tool:width"], ":length"),
+    ],
+)
+def test_unusable_translations_are_refused(unknown, words):
+    with pytest.raises(pa.InputError, match=words):
+        pa.FrameKinematics(catalogue_robot("ur5"), unknown)

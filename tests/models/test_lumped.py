@@ -1,0 +1,333 @@
+"""Lumped parameters: exact at any lengths, minimal, known for a known robot, adaptable."""
+
+import warnings
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import pinadapt as pa
+from pinadapt.models.lumped import lumped_basis
+from pinadapt.models.translations import Translation
+from pinadapt.scenario.scenario import Scenario
+from tests.support.chains import (
+    catalogue_robot,
+    chains,
+    chains_of,
+    each_size,
+    random_state,
+    seeded,
+    seeds,
+)
+from tests.support.loops import circle_beside, energy_along
+from tests.support.paper import BASIS
+from tests.support.paths import ROOT
+
+pytestmark = pytest.mark.slow
+
+ROBOTS = ROOT / "robots"
+IMPROVED = "adaptive-inverse-dynamics-improved"
+
+
+def translations(robot, rng):
+    """Return unknown translations of over half of the joints: whole, or along directions."""
+    found = []
+    for joint in range(1, robot.model.njoints):
+        if rng.random() < 0.4 and joint > 1:
+            continue
+        name, nominal = robot.joint_names[joint - 1], robot.model.jointPlacements[joint].translation
+        if rng.random() < 0.4:
+            found.append(
+                Translation(
+                    name, joint, np.eye(3), np.zeros(3), tuple(name + axis for axis in "xyz")
+                )
+            )
+        else:
+            directions = rng.standard_normal((3, rng.choice([1, 2])))
+            labels = tuple(f"{name}_{i}" for i in range(directions.shape[1]))
+            offset = nominal - directions @ rng.standard_normal(len(labels))
+            found.append(Translation(name, joint, directions, offset, labels))
+    return found
+
+
+def another(robot, parts, rng, bodies=None):
+    """Return a robot with other lengths and other inertias of the named bodies, all by default."""
+    shifts = {
+        part.name: part.directions @ rng.uniform(-0.3, 0.3, part.directions.shape[1])
+        for part in parts
+    }
+    names = robot.joint_names if bodies is None else bodies
+    return robot.changed(
+        link_translation=shifts, inertial_scale={name: rng.uniform(0.4, 2.0) for name in names}
+    )
+
+
+def check_exact(believed, true, rng):
+    """Parameters of a wrong robot give, at the true value, the true torque and mass matrix."""
+    a_d = believed.value(true)
+    assert a_d is not None
+    q, v, a = random_state(true, rng)
+    v_r, a_r = rng.standard_normal((2, true.model.nv))
+    model, data = true.model, true.model.createData()
+    tau, M = pin.rnea(model, data, q, v, a), pin.crba(model, data, q).copy()
+    g = pin.computeGeneralizedGravity(model, data, q).copy()
+    C = pin.computeCoriolisMatrix(model, data, q, v).copy()
+    scale = 1.0 + np.abs(tau).max()
+    known = believed.torque(q, v, a) - believed.regressor(q, v, a) @ believed.initial
+    assert np.allclose(believed.regressor(q, v, a) @ a_d + known, tau, atol=1e-9 * scale)
+    believed.load(a_d)
+    assert np.allclose(believed.torque(q, v, a), tau, atol=1e-9 * scale)
+    assert np.allclose(believed.mass_matrix(q), M, atol=1e-8 * (1.0 + np.abs(M).max()))
+    Y_r, torque = believed.slotine_li(q, v, v_r, a_r)
+    expected = M @ a_r + C @ v_r + g
+    assert np.allclose(torque, expected, atol=1e-8 * (1.0 + np.abs(expected).max()))
+    assert np.allclose(
+        Y_r @ (a_d - believed.initial),
+        torque - at(believed, believed.initial, q, v, v_r, a_r),
+        atol=1e-8 * scale,
+    )
+
+
+def at(believed, a_d, *state):
+    believed.load(a_d)
+    return believed.slotine_li(*state)[1]
+
+
+@each_size(seed=0, rotors=0.2)
+@given(robot=chains, seed=seeds, rotors=st.sampled_from([0.0, 0.2]))
+@settings(seeded, max_examples=30)
+def test_lumped_regressor_is_rnea_at_the_true_lengths(robot, seed, rotors):
+    rng = np.random.default_rng(seed)
+    wrong = robot.changed(armature=rotors)
+    parts = translations(wrong, rng)
+    true = another(wrong, parts, rng)
+    believed = pa.LumpedDynamics(wrong, parts)
+    check_exact(believed, true, rng)
+    q, v, a = random_state(wrong, rng)  # the regressor knows nothing of the believed values
+    assert np.array_equal(
+        believed.regressor(q, v, a), pa.LumpedDynamics(true, parts).regressor(q, v, a)
+    )
+
+
+@each_size(range(1, 8), seed=0)
+@given(robot=chains_of(range(1, 8)), seed=seeds)
+@settings(seeded, max_examples=13)
+def test_known_bodies_still_multiply_unknown_lengths(robot, seed):
+    rng = np.random.default_rng(seed)
+    wrong = robot.changed(armature=0.1)
+    parts = translations(wrong, rng)
+    unknown = [name for name in wrong.joint_names if rng.random() < 0.4]
+    believed, everything = (
+        pa.LumpedDynamics(wrong, parts, unknown or "none"),
+        pa.LumpedDynamics(wrong, parts),
+    )
+    assert believed.size <= everything.size
+    check_exact(believed, another(wrong, parts, rng, unknown), rng)
+    if believed.size < everything.size:
+        assert believed.value(another(wrong, parts, rng)) is None
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "talos_arm", "kinova", "scara"])
+def test_lengths_of_the_catalogue(name):
+    robot, rng = catalogue_robot(name), np.random.default_rng(0)
+    believed = pa.LumpedDynamics(robot)
+    check_exact(believed, another(robot, believed.translations, rng), rng)
+
+
+def test_sizes():
+    ur5 = catalogue_robot("ur5")
+    five = pa.LumpedDynamics(ur5, [f"{name}:length" for name in ur5.joint_names[1:]])
+    assert five.size == len(set(five.names)) == 56
+    pendulum = pa.load("planar_2r", gravity=[0.0, -9.81, 0.0])
+    assert pa.LumpedDynamics(pendulum).size == 8
+    # With every inertia known, one unknown length enters as itself and as its square.
+    assert pa.LumpedDynamics(ur5, ["elbow_joint:length"], "none").size == 2
+    with pytest.raises(pa.ParameterError, match="nothing has to be lumped"):
+        pa.LumpedDynamics(ur5, ["tool"])
+
+
+def test_value_is_none_where_something_else_differs():
+    robot = catalogue_robot("ur5")
+    believed = pa.LumpedDynamics(robot, ["elbow_joint:length", "tool"])
+    longer = robot.changed(
+        link_translation={"elbow_joint": 0.1 * robot.model.jointPlacements[3].translation}
+    )
+    assert believed.value(longer) is not None
+    assert (
+        believed.value(longer.changed(tool_translation=[0.1, 0.0, 0.0])) is not None
+    )  # no part in the dynamics
+    assert (
+        believed.value(longer.changed(link_translation={"wrist_1_joint": [0.0, 0.0, 0.01]})) is None
+    )
+    assert (
+        believed.value(longer.changed(link_translation={"elbow_joint": [0.01, 0.0, 0.0]})) is None
+    )  # not along the link
+    assert believed.value(longer.changed(viscous=0.1)) is None
+    assert believed.value(longer.changed(armature=0.1)) is None
+
+
+def test_the_base_is_found_once():
+    robot = catalogue_robot("ur5")
+    parts = pa.FrameKinematics(robot, [*robot.joint_names[1:]]).translations
+    true = another(robot, parts, np.random.default_rng(0))
+    assert lumped_basis(robot.model, parts) is lumped_basis(true.model, parts)
+
+
+def ur5(law, adaptation, **options):
+    """Return the true robot, the controller of a wrong one, and a path."""
+    robot = catalogue_robot("ur5")
+    names = robot.joint_names[1:]
+    shifts = {
+        name: 0.1 * robot.model.jointPlacements[i].translation for i, name in enumerate(names, 2)
+    }
+    true = robot.changed(link_translation=shifts)
+    lengths = [f"{name}:length" for name in names]
+    believed = robot.changed(inertial_scale=0.7)
+    controller = pa.make_controller(
+        believed, law=law, adaptation=adaptation, kinematic=lengths, **options
+    )
+    return true, controller, circle_beside(true, "yz")
+
+
+@pytest.mark.parametrize(
+    ("law", "adaptation"),
+    [
+        ("adaptive-jacobian", "gradient"),
+        (IMPROVED, "gradient"),
+        ("adaptive-inverse-dynamics", "projected"),
+    ],
+)
+def test_lyapunov_equality(law, adaptation):
+    """The proofs hold with lengths and inertias unknown together."""
+    true, controller, path = ur5(law, adaptation)
+    if law == IMPROVED:  # slowly enough that M + M_0 - M_hat stays invertible meanwhile
+        true, controller, path = ur5(
+            law, adaptation, gamma_d=0.2 * controller.adaptation_d.gain(controller.dynamics.initial)
+        )
+    assert controller.dynamics.size == 56
+    energy = energy_along(true, controller, path, seconds=0.04)
+    assert energy.mismatch() <= 1e-4
+    assert energy.largest_rise() <= 1e-12
+
+
+def test_v_falls_while_the_projection_acts():
+    true, controller, path = ur5("adaptive-inverse-dynamics", "projected", gamma_d=2.0)
+    project, moves = controller.adaptation_d.project, []
+
+    def counted(a, q):
+        kept = project(a, q)
+        moves.append(kept is not a)
+        return kept
+
+    controller.adaptation_d.project = counted
+    energy = energy_along(true, controller, path, seconds=0.1)
+    assert any(moves)
+    assert energy.largest_rise() <= 1e-9
+
+
+def projections():
+    robot = catalogue_robot("ur5")
+    planar = catalogue_robot("planar_2r")
+    lengths = [f"{name}:length" for name in robot.joint_names[1:]]
+    return {
+        "lumped": (robot, pa.LumpedDynamics(robot, lengths)),
+        "bodies": (robot, pa.BodyDynamics(robot)),
+        "payload": (robot, pa.BodyDynamics(robot, "payload")),
+        "basis": (planar, pa.BasisDynamics(planar, BASIS)),
+    }
+
+
+@pytest.mark.parametrize("case", ["lumped", "bodies", "payload", "basis"])
+def test_projection_keeps_the_mass_matrix_and_never_moves_away_from_the_truth(case):
+    robot, dynamics = projections()[case]
+    rng, size = np.random.default_rng(2), dynamics.size
+    factor = rng.standard_normal((size, size)) / np.sqrt(size)
+    scale = np.diag(np.maximum(np.abs(dynamics.initial), 1e-3 * np.abs(dynamics.initial).max()))
+    Gamma = scale @ (factor @ factor.T + np.eye(size)) @ scale
+    adaptation = pa.MassMatrixProjection(pa.Gradient(Gamma, size), dynamics, robot)
+    data, moved = robot.model.createData(), 0
+    for _ in range(30):
+        q, _, _ = random_state(robot, rng)
+        a = dynamics.initial + 3.0 * scale @ rng.standard_normal(size)
+        kept = adaptation.project(pa.Estimate(a), q)
+        M_0 = pin.crba(robot.model, data, q)
+        dynamics.load(kept)
+        ratios = np.linalg.eigvals(np.linalg.solve(M_0, dynamics.mass_matrix(q))).real
+        assert ratios.min() >= 0.1 - 1e-9
+        moved += kept is not a
+        for true in (
+            dynamics.initial,
+            0.3 * dynamics.initial if case != "payload" else dynamics.initial,
+        ):
+            before = adaptation.divergence(a, true)
+            assert adaptation.divergence(kept, true) <= before * (1.0 + 1e-12)
+        assert (
+            adaptation.project(pa.Estimate(dynamics.initial), q) is dynamics.initial
+        )  # nothing to do
+    assert moved > 3
+
+
+@pytest.mark.parametrize("rate", [0.01, 0.1])
+def test_projection_saves_a_gradient_that_loses_the_mass_matrix(rate):
+    """The rates at which law (11) with a plain gradient diverges soon (see test_showcase)."""
+    settings = [
+        "controller.adaptation=projected",
+        f"controller.gamma_d={rate}",
+        "simulation.duration=1.0",
+    ]
+    rollout = Scenario.read(ROBOTS / "panda" / "tool_and_load.toml", settings).run()
+    assert rollout.diverged is None
+    assert rollout.min_eig_M_hat.min() > 0.0
+
+
+def test_projection_with_unknown_rotors():
+    robot = catalogue_robot("ur5")
+    controller = pa.make_controller(
+        robot, adaptation="projected", joint="armature", kinematic=["elbow_joint:length"]
+    )
+    a = controller.dynamics.initial.copy()
+    q = robot.q0
+    assert controller.adaptation_d.project(pa.Estimate(a), q) is a
+    a[: controller.dynamics.inertial.size] *= -1.0
+    kept = controller.adaptation_d.project(pa.Estimate(a), q)
+    controller.dynamics.load(kept)
+    assert np.linalg.eigvalsh(controller.dynamics.mass_matrix(q))[0] > 0.0
+    assert np.array_equal(kept[-6:], a[-6:])
+
+
+def test_lengths_decide_about_the_dynamics():
+    robot = catalogue_robot("ur5")
+    make, lengths = pa.make_controller, ["elbow_joint:length"]
+    with pytest.raises(
+        pa.ParameterError,
+        match=r"natural adaptation does not apply.*elbow_joint.*adaptive-jacobian.*projected",
+    ):
+        make(robot, kinematic=lengths)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        lumped = make(robot, kinematic=lengths, law="adaptive-jacobian", adaptation="gradient")
+        assert isinstance(lumped.dynamics, pa.LumpedDynamics)
+        for law in ("adaptive-inverse-dynamics", "separation"):
+            projected = {"law": law, "adaptation": "projected", "joint": "none"}
+            for kinematic, kind in ((lengths, pa.LumpedDynamics), (["tool"], pa.BodyDynamics)):
+                assert isinstance(make(robot, kinematic=kinematic, **projected).dynamics, kind)
+        make(robot, kinematic=lengths, law="resolved-acceleration")  # nothing adapts
+    with pytest.warns(UserWarning, match=r"inverts M_hat.*projected"):
+        make(robot, kinematic=lengths, adaptation="gradient", law="adaptive-inverse-dynamics")
+    with pytest.warns(UserWarning, match=r"nominal regressor contains them.*does not cover"):
+        nominal = make(robot, kinematic=lengths, joint="none", regressor="nominal")
+    assert isinstance(nominal.dynamics, pa.BodyDynamics)
+    with pytest.raises(pa.InputError, match="Did you mean 'nominal'"):
+        make(robot, kinematic=lengths, regressor="nominel")
+
+
+def test_ur5_learns_five_lengths_and_all_inertias():
+    rollout = Scenario.read(ROBOTS / "ur5" / "unknown_lengths.toml").run()
+    assert rollout.diverged is None
+    assert (len(rollout.dynamic_names), len(rollout.kinematic_names)) == (56, 5)
+    assert rollout.summary()["max_error_last"] <= 1e-3
+    assert rollout.distance[rollout.t < 1.0].max() > 4e-3  # it had something to learn
+    assert (np.diff(rollout.lyapunov) < 1e-4 * rollout.lyapunov[0]).all()
+    assert rollout.lyapunov[-1] < 0.5 * rollout.lyapunov[0]

@@ -1,0 +1,180 @@
+"""The torque without accelerations: momentum regressors and the filtered regressor."""
+
+import copy
+import pickle
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+
+import pinadapt as pa
+from pinadapt.models.joint_effects import without_joint_effects
+from pinadapt.models.regressor import inertial_parameters
+from tests.support.chains import catalogue_robot, chains, each_size, random_state, seeded
+from tests.support.composite_arm import ArmDynamics
+from tests.support.differences import derivative
+from tests.support.loops import motion_at_home
+from tests.support.paper import BASIS
+
+pytestmark = pytest.mark.slow
+
+ROBOTS = ["planar_2r", "scara", "ur5", "panda", "kinova", "talos_arm"]
+
+
+def check_momentum(model):
+    """Y_M pi = M v by CRBA and Y_0 pi = g - C^T v by the Coriolis matrix, to rounding."""
+    rng, model = np.random.default_rng(3), model.copy()
+    model.armature = np.zeros(model.nv)
+    data, pi = model.createData(), inertial_parameters(model)
+    q = pin.integrate(model, pin.neutral(model), rng.uniform(-1.0, 1.0, model.nv))
+    v = rng.standard_normal(model.nv)
+    regressor = pa.MomentumRegressor(model)
+    Y_M, Y_0 = regressor(q, v)
+    M = pin.crba(model, data, q)
+    C = pin.computeCoriolisMatrix(model, data, q, v)
+    g = pin.computeGeneralizedGravity(model, data, q)
+    assert Y_M.shape == Y_0.shape == (model.nv, pi.size)
+    sizes = np.abs(M).sum() * np.abs(v).max(), np.abs(C).sum() + np.abs(g).sum()
+    assert np.abs(Y_M @ pi - M @ v).max() <= 1e-14 * sizes[0]
+    assert np.abs(Y_0 @ pi - (g - C.T @ v)).max() <= 1e-13 * sizes[1]
+    for other in (copy.deepcopy(regressor), pickle.loads(pickle.dumps(regressor))):
+        assert np.array_equal(other(q, v), (Y_M, Y_0))
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_momentum_of_robots(name):
+    check_momentum(catalogue_robot(name).model)
+
+
+@each_size()
+@given(robot=chains)
+@seeded
+def test_momentum_of_random_chains(robot):
+    check_momentum(robot.model)
+
+
+def test_momentum_of_a_tree_with_a_floating_base():
+    """M a + C v + g = d/dt (Y_M pi) + Y_0 pi, by differences."""
+    model, rng = pin.buildSampleModelHumanoid(), np.random.default_rng(0)
+    data, pi = model.createData(), inertial_parameters(model)
+    q = pin.randomConfiguration(model, -np.ones(model.nq), np.ones(model.nq))
+    v, a = rng.standard_normal((2, model.nv))
+    regressor = pa.MomentumRegressor(model)
+
+    def momentum(t):
+        at = pin.integrate(model, q, t * v + 0.5 * t * t * a)
+        return regressor(at, v + t * a)[0] @ pi
+
+    tau = pin.rnea(model, data, q, v, a)
+    assert np.allclose(derivative(momentum) + regressor(q, v)[1] @ pi, tau, atol=1e-7)
+
+
+def test_momentum_refuses_what_is_no_model():
+    with pytest.raises(pa.InputError, match="model"):
+        pa.MomentumRegressor("panda")
+
+
+def dynamics_of(name):
+    """Return (robot, dynamics) of every kind of parameters for a robot."""
+    robot = catalogue_robot(name).changed(viscous=0.3, coulomb=0.2, armature=0.1)
+    bare = without_joint_effects(robot)
+    inertial = [pa.BodyDynamics(bare, "all"), pa.BodyDynamics(bare, "payload")]
+    inertial.append(pa.LumpedDynamics(bare, [robot.joint_names[-1]], "payload"))
+    if name == "planar_2r":
+        inertial.append(pa.BasisDynamics(bare, BASIS))
+    for block in inertial:
+        for kinds in ("all", ["viscous"], ["armature", "coulomb"], "none"):
+            yield robot, pa.StackedDynamics(block, pa.JointEffects(robot, kinds))
+    yield catalogue_robot(name), pa.BodyDynamics(catalogue_robot(name), "payload")
+
+
+@pytest.mark.parametrize("name", ["planar_2r", "scara", "ur5", "kinova", "talos_arm"])
+def test_all_kinds_of_parameters_state_their_torque_without_accelerations(name):
+    rng = np.random.default_rng(2)
+    for robot, dynamics in dynamics_of(name):
+        model = robot.model
+        q, v, a = random_state(robot, rng)
+        a_d = dynamics.value(robot)
+        dynamics.load(a_d + rng.standard_normal(a_d.size))  # the loaded estimate does not matter
+        tau = pin.rnea(model, model.createData(), q, v, a) + robot.friction.torque(v)
+
+        def momentum(t, model=model, q=q, v=v, a=a, a_d=a_d, dynamics=dynamics):
+            at = pin.integrate(model, q, t * v + 0.5 * t * t * a)
+            now = dynamics.momentum(at, v + t * a)
+            return now.Y_M @ a_d + now.p_0
+
+        now = dynamics.momentum(q, v)
+        assert now.Y_M.shape == now.Y_0.shape == (model.nv, dynamics.size)
+        found = derivative(momentum) + now.Y_0 @ a_d + now.tau_0
+        assert np.allclose(found, tau, atol=1e-8 * (1.0 + np.abs(tau).max()))
+
+
+def recorded(name, dt, control=None, **truth):
+    """Return a robot, parameters for it, and a rollout in which each torque is held for dt."""
+    robot = catalogue_robot(name).changed(**truth)
+    controller = pa.make_controller(robot, joint="all", adaptation="none", **(control or {}))
+    rollout = pa.simulate(robot, controller, motion_at_home(robot), duration=0.4, dt=dt, substeps=8)
+    return robot, controller.dynamics, rollout
+
+
+def mismatch(name, dt, **truth):
+    """Return |W a - y| along a sampled motion relative to |y|, at its largest."""
+    robot, dynamics, run = recorded(name, dt, **truth)
+    W, y = pa.FilteredRegressor(dynamics, 30.0).along(run.t, run.q, run.v, run.tau)
+    assert not W[0].any() and not y[0].any()
+    return np.abs(W @ dynamics.value(robot) - y).max() / np.abs(y).max()
+
+
+@pytest.mark.parametrize("name", ["planar_2r", "scara", "ur5", "panda", "kinova"])
+def test_filtered_torque_of_a_sampled_motion_is_predicted(name):
+    """W a = y from the first sample on, with an error that falls with the square of the period."""
+    truth = {"payload": pa.Payload(0.3, [0.0, 0.0, 0.02]), "viscous": 0.2}
+    coarse, fine = mismatch(name, 2e-3, **truth), mismatch(name, 1e-3, **truth)
+    assert fine < 2e-5
+    assert fine < 0.3 * coarse
+    # Coulomb friction may turn around within a period, which no sampled signal tells
+    assert mismatch(name, 1e-3, coulomb=0.1, **truth) < 2e-4
+
+
+def test_filters_are_pure_and_take_a_measured_torque():
+    _, dynamics, run = recorded("ur5", 1e-3)
+    filters, wrong = pa.FilteredRegressor(dynamics, 30.0), np.ones(6)
+    state = filters.init(run.q[0], run.v[0])
+    told, guessed = [state], [state]
+    for k in range(50):
+        q, v = run.q[k], run.v[k]
+        for states, seen, held in ((told, run.tau[k - 1], wrong), (guessed, None, run.tau[k])):
+            now = filters.observe(states[-1], q, v, seen if k else None)
+            states.append(filters.step(now, held, 1e-3))
+    ends = [
+        filters.observe(told[-1], run.q[50], run.v[50], run.tau[49]),
+        filters.observe(guessed[-1], run.q[50], run.v[50]),
+    ]
+    assert np.allclose(ends[0].y, ends[1].y, rtol=1e-12, atol=1e-12)
+    again = filters.observe(told[-1], run.q[50], run.v[50], run.tau[49])
+    assert np.array_equal(again.W, ends[0].W) and np.array_equal(again.y, ends[0].y)
+
+
+def test_filters_refuse_what_does_not_belong_to_them():
+    robot, other = catalogue_robot("ur5"), catalogue_robot("panda")
+    filters = pa.FilteredRegressor(pa.BodyDynamics(robot), 30.0)
+    state = pa.FilteredRegressor(pa.BodyDynamics(other), 30.0).init(other.q0, np.zeros(7))
+    zero = np.zeros(6)
+    for wrong in (state, ()):
+        with pytest.raises(pa.InputError, match="other dynamics"):
+            filters.observe(wrong, robot.q0, zero)
+    with pytest.raises(pa.GainError, match="prediction filter"):
+        pa.FilteredRegressor(pa.BodyDynamics(robot), 0.0)
+    rows = np.zeros((3, 6))
+    for times, tau in (([0.0, 1.0], rows), ([0.0, 1.0, 1.0], rows), ([0.0, 1.0, 2.0], rows[:, :5])):
+        with pytest.raises(pa.InputError):
+            filters.along(times, np.tile(robot.q0, (3, 1)), rows, tau)
+
+
+def test_dynamics_without_a_momentum_say_so():
+    class Silent(ArmDynamics):
+        momentum = pa.Dynamics.momentum
+
+    with pytest.raises(pa.InputError, match="Silent does not state the momentum"):
+        pa.FilteredRegressor(Silent(), 10.0).init(np.zeros(2), np.zeros(2))

@@ -1,0 +1,166 @@
+"""Rotor inertia and friction: regressor, adaptation, and robots whose URDF has rotors."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import pinadapt as pa
+from pinadapt.models.joint_effects import KINDS, coefficients
+from tests.support.chains import catalogue_robot, chains, each_size, random_state, seeded, seeds
+from tests.support.drives import rate_of, stepped
+from tests.support.loops import circle_beside, energy_along
+
+
+def with_joints(robot, rng):
+    n = robot.model.nv
+    return robot.changed(
+        armature=rng.uniform(0.01, 0.3, n),
+        viscous=rng.uniform(0.1, 2.0, n),
+        coulomb=rng.uniform(0.1, 2.0, n),
+    )
+
+
+def stacked(robot, unknown="all"):
+    return pa.make_controller(robot, joint=unknown).dynamics
+
+
+def inverse_dynamics(robot, q, v, a):
+    return pin.rnea(robot.model, robot.model.createData(), q, v, a) + robot.friction.torque(v)
+
+
+@each_size(seed=0, unknown="all")
+@given(
+    robot=chains,
+    seed=seeds,
+    unknown=st.sampled_from([("viscous",), ("armature", "coulomb"), "all"]),
+)
+@seeded
+def test_regressor_torque_and_mass_matrix_of_random_chains(robot, seed, unknown):
+    rng = np.random.default_rng(seed)
+    robot = with_joints(robot, rng)
+    bodies = pa.BodyDynamics(robot.changed(armature=0.0, viscous=0.0, coulomb=0.0))
+    dynamics = pa.StackedDynamics(bodies, pa.JointEffects(robot, unknown))
+    other = (
+        robot.changed(inertial_scale=1.4, viscous=0.3, coulomb=0.7, armature=0.2)
+        if unknown == "all"
+        else robot
+    )
+    a_d = dynamics.value(other)
+    dynamics.load(a_d)
+    for _ in range(3):
+        q, v, a = random_state(robot, rng)
+        tau = inverse_dynamics(other, q, v, a)
+        scale = np.abs(tau).max()
+        np.testing.assert_allclose(dynamics.torque(q, v, a), tau, atol=1e-11 * scale)
+        np.testing.assert_allclose(
+            dynamics.mass_matrix(q), pin.crba(other.model, other.model.createData(), q), atol=1e-9
+        )
+        known = (
+            dynamics.torque(q, v, a) - dynamics.regressor(q, v, a) @ a_d
+        )  # the part no parameter changes
+        dynamics.load(1.3 * a_d)
+        torque = dynamics.torque(q, v, a)
+        np.testing.assert_allclose(
+            torque, dynamics.regressor(q, v, a) @ (1.3 * a_d) + known, atol=1e-9 * scale
+        )
+        dynamics.load(a_d)
+        Y, feedforward = dynamics.slotine_li(q, v, v, a)
+        np.testing.assert_allclose(feedforward, tau, atol=1e-9 * scale)
+        assert Y.shape == (robot.model.nv, dynamics.size)
+        np.testing.assert_allclose(Y, dynamics.regressor(q, v, a), atol=1e-9 * np.abs(Y).max())
+
+
+def test_talos_arm_keeps_its_rotors():
+    robot = catalogue_robot("talos_arm")
+    assert (robot.model.armature > 0.0).all()
+    known = pa.make_controller(robot, joint="none").dynamics
+    adapted = stacked(robot, ["armature"])
+    np.testing.assert_allclose(adapted.initial[-robot.model.nv :], robot.model.armature)
+    q, v, a = random_state(robot, np.random.default_rng(0))
+    for dynamics in (known, adapted):
+        dynamics.load(dynamics.initial)
+        np.testing.assert_allclose(
+            dynamics.torque(q, v, a), inverse_dynamics(robot, q, v, a), atol=1e-10
+        )
+    assert (
+        known.value(robot.changed(armature=0.2)) is None
+    )  # rotors it does not adapt are not explained by inertias
+    assert adapted.value(robot.changed(armature=0.2))[-1] == 0.2
+
+
+def test_known_friction_is_compensated_and_unknown_starts_positive():
+    robot = catalogue_robot("ur5")
+    known = robot.changed(viscous=1.0, coulomb=0.5)
+    dynamics = pa.make_controller(known, joint="none").dynamics
+    dynamics.load(dynamics.initial)
+    q, v, a = random_state(robot, np.random.default_rng(0))
+    np.testing.assert_allclose(
+        dynamics.torque(q, v, a), inverse_dynamics(known, q, v, a), atol=1e-10
+    )
+    assert dynamics.size == 60 and dynamics.value(robot) is None
+    assert (stacked(robot).initial[-18:] > 0.0).all()
+    np.testing.assert_array_equal(coefficients(known)[1:], [[1.0] * 6, [0.5] * 6])
+
+
+@pytest.mark.parametrize(
+    "law", ["adaptive-inverse-dynamics", "adaptive-inverse-dynamics-velocity", "adaptive-jacobian"]
+)
+@pytest.mark.parametrize("name", ["ur5", "scara", "panda"])
+def test_lyapunov_equality_with_friction(law, name):
+    """dV/dt = dissipation with unknown rotors and friction, which dissipates in the joints."""
+    robot = catalogue_robot(name)
+    true = robot.changed(
+        armature=0.05, viscous=0.4, coulomb=0.3, tool_translation=[0.02, 0.0, 0.05]
+    )
+    controller = pa.make_controller(
+        robot.changed(inertial_scale=0.8), law=law, joint="all", gamma_d=2.0, gamma_joint=2.0
+    )
+    path = circle_beside(true, "xy", by=(0.01, -0.01, 0.01))
+    energy = energy_along(true, controller, path, seconds=0.04)
+    assert (
+        energy.mismatch(after=25) <= 1e-4
+    )  # tanh of the first millimetres a second is stiff for finite differences
+    assert (energy.rate <= 0.0).all() and np.abs(energy.rate).max() > 1e-4
+
+
+def test_friction_is_learned_and_stays_positive():
+    robot = catalogue_robot("panda")
+    true = robot.changed(viscous=2.0, coulomb=1.5)
+    path = pa.Circle(np.zeros(3), 0.1, 2.0, "yz").starting_at(true.position(true.q0))
+    ends = {}
+    for unknown in ("none", ["viscous", "coulomb"]):
+        controller = pa.make_controller(
+            robot.changed(inertial_scale=0.8), law="adaptive-jacobian", joint=unknown
+        )
+        rollout = pa.simulate(true, controller, path, duration=5.0, substeps=2, record_every=10)
+        ends[str(unknown)] = rollout.summary()["max_error_last"]
+    assert ends["['viscous', 'coulomb']"] < 0.5 * ends["none"]
+    assert (rollout.a_d[:, 70:] > 0.0).all()
+    names = list(rollout.dynamic_names[70:])
+    assert names == [f"{joint}.{kind}" for kind in KINDS[1:] for joint in robot.joint_names]
+
+
+def test_positive_adaptation_never_leaves_the_positive_numbers():
+    adaptation, rng = pa.ExponentiatedGradient(10.0, [1.0, 2.0, 30.0]), np.random.default_rng(0)
+    a = np.array([1e-3, 1.0, 100.0])
+    for _ in range(200):
+        after = stepped(adaptation, a, 1e4 * rng.standard_normal(3), 1e-2)
+        assert (after > 0.0).all() and (np.abs(np.log(after / a)) <= 0.02 + 1e-12).all()
+        a = after
+    g, true = rng.standard_normal(3), np.array([0.5, 2.0, 30.0])
+    a, h = np.array([1.0, 1.0, 50.0]), 1e-6
+    rate = rate_of(adaptation, a, g)
+    ahead, behind = (adaptation.divergence(a + step * rate, true) for step in (h, -h))
+    assert (ahead - behind) / (2 * h) == pytest.approx(-(a - true) @ g, rel=1e-6)
+    with pytest.raises(pa.ParameterError, match="positive"):
+        adaptation.validate(np.array([0.0, 1.0]))
+
+
+def test_refusals():
+    robot = catalogue_robot("planar_2r")
+    with pytest.raises(pa.ParameterError, match="Did you mean 'coulomb'"):
+        pa.make_controller(robot, joint=["columb"])
+    with pytest.raises(pa.RobotError, match="armature"):
+        robot.changed(armature=-1.0)

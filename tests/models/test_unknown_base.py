@@ -1,0 +1,64 @@
+"""Where the base stands in the camera's frame: learned from positions, together with the tool."""
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from tests.support.chains import catalogue_robot
+
+pytestmark = pytest.mark.slow
+
+MOVED = np.array([0.4, -0.3, 0.2])
+
+
+def moved(name):
+    """Return a robot whose base stands elsewhere, with a tool and a load, and a circle for it."""
+    robot = catalogue_robot(name)
+    true = robot.changed(
+        tool_translation=[0.03, -0.02, 0.08],
+        payload=pa.Payload(mass=1.0, com=[0.0, 0.0, 0.05]),
+        link_translation={robot.joint_names[0]: MOVED},
+    )
+    circle = pa.Circle(np.zeros(3), 0.1, 4.0, "xy").starting_at(true.position(true.q0))
+    return robot, true, circle
+
+
+@pytest.mark.parametrize("name", ["panda", "scara", "kinova"])
+def test_velocities_do_not_see_it_and_positions_do(name):
+    (robot, true, _), rng = moved(name), np.random.default_rng(0)
+    m, kinematics = robot.task.positions, pa.FrameKinematics(robot, ["base", "tool"])
+    q = true.at(true.home_angles + 0.3 * rng.standard_normal(robot.model.nv)).q0
+    error = kinematics.value(true) - kinematics.initial
+    kinematics.update(kinematics.initial, q, rng.standard_normal(robot.model.nv))
+    assert kinematics.names[:3] == ("base_x", "base_y", "base_z")
+    assert not kinematics.Y_k[:, :3].any()
+    assert error[:3] == pytest.approx(MOVED)
+    X_k = kinematics.position_regressor()
+    assert X_k[:, :3] == pytest.approx(np.eye(3)[:m])
+    assert X_k @ error == pytest.approx(true.position(q) - robot.position(q), abs=1e-12)
+
+
+@pytest.mark.parametrize("camera", [None, {"rate": 30.0, "delay": 0.06}])
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_base_and_tool_are_learned_together(name, camera):
+    """They trade with each other while the tool hardly turns; the path is followed all the same."""
+    robot, true, circle = moved(name)
+    controller = pa.make_controller(robot, kinematic=["base", "tool"], camera=camera)
+    rollout = pa.simulate(true, controller, circle, duration=8.0, record_every=10, camera=camera)
+    assert rollout.diverged is None
+    last = rollout.distance[-80:].max()
+    assert last < (6e-3 if camera else 3e-3) and last < 0.6 * rollout.distance[:80].max()
+    seen = rollout.a_k[-1] - rollout.a_k_true
+    assert np.linalg.norm(seen) < 0.6 * np.linalg.norm(rollout.a_k[0] - rollout.a_k_true)
+
+
+def test_laws_that_learn_from_velocities_refuse_it():
+    robot = catalogue_robot("panda")
+    with pytest.raises(pa.ParameterError, match=r"velocities.*'base'.*\"separation\""):
+        pa.make_controller(robot, law="adaptive-jacobian", kinematic=["base", "tool"])
+
+
+def test_the_first_joint_is_told_to_be_the_base():
+    robot = catalogue_robot("panda")
+    with pytest.raises(pa.ParameterError, match="'base'"):
+        pa.make_controller(robot, kinematic=[robot.joint_names[0]])

@@ -1,0 +1,148 @@
+"""A robot with elastic joints: energy, the rigid limit, its encoders, and what it refuses."""
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from pinadapt.description.catalogue import robots_folder
+from pinadapt.scenario.scenario import Scenario
+from tests.support.chains import catalogue_robot
+from tests.support.loops import circle_at_home, circle_beside, with_tool_and_load
+
+pytestmark = pytest.mark.slow
+
+
+def robot_with_motors(name="ur5", **changes):
+    robot = catalogue_robot(name)
+    return robot.changed(armature=np.linspace(0.3, 0.02, robot.model.nv), **changes)
+
+
+@pytest.mark.parametrize("name", ["planar_2r", "ur5", "scara", "kinova"])
+def test_energy_is_kept(name):
+    """After a push, without torque: what is lost falls with the square of the step."""
+    robot, lost = robot_with_motors(name), []
+    for substeps in (4, 8):
+        plant = pa.ElasticPlant(robot, pa.JointElasticity(2000.0), substeps=substeps)
+        for _ in range(50):
+            plant.step(np.linspace(5.0, 0.5, plant.nv), 1e-3)
+        start = plant.energy()
+        for _ in range(250):
+            plant.step(np.zeros(plant.nv), 1e-3)
+        assert np.linalg.norm(plant.measure().v) > 0.1
+        lost.append(abs(plant.energy() - start))
+    assert lost[1] < 0.35 * lost[0] + 1e-9
+    assert lost[1] < 1e-3
+
+
+def test_springs_and_friction_only_take_energy():
+    robot = robot_with_motors(viscous=0.5, coulomb=1.0)
+    plant = pa.ElasticPlant(robot, pa.JointElasticity(2000.0, 2.0))
+    energies = [plant.energy()]
+    for _ in range(400):
+        plant.step(np.zeros(6), 1e-3)
+        energies.append(plant.energy())
+    assert np.diff(energies).max() < 1e-5 * np.ptp(energies)
+    assert energies[0] - energies[-1] > 1.0
+
+
+@pytest.mark.parametrize("friction", [{}, {"viscous": 0.5, "coulomb": 0.5}])
+def test_stiff_springs_make_the_rigid_robot(friction):
+    """The distance falls with the stiffness, to that of two integrators."""
+    robot = robot_with_motors(**friction)
+    rigid, ends = pa.PinocchioPlant(robot, substeps=8), []
+    t = 1e-3 * np.arange(300)
+    torque = np.outer(np.sin(5.0 * t), [20.0, 30.0, 20.0, 3.0, 2.0, 1.0])
+    springs = (pa.JointElasticity(K, 5.0) for K in (1e4, 1e5, 1e8))
+    plants = [rigid, *(pa.ElasticPlant(robot, own, substeps=8) for own in springs)]
+    for plant in plants:
+        for tau in torque:
+            plant.step(tau, 1e-3)
+        ends.append(plant.measure())
+    off = [np.abs(end.q - ends[0].q).max() for end in ends[1:]]
+    assert off[0] > 3.0 * off[1] > 30.0 * off[2]
+    assert off[2] < 1e-5
+    assert np.abs(ends[3].v - ends[0].v).max() < 1e-3 * np.abs(ends[0].v).max()
+    assert np.abs(ends[3].x - ends[0].x).max() < 1e-5
+
+
+def test_encoders_tell_their_side():
+    """At rest under gravity the motors are ahead by g / K; x is that of the links."""
+    robot = robot_with_motors()
+    sides = {
+        side: pa.ElasticPlant(robot, pa.JointElasticity(1000.0, encoders=side)).measure()
+        for side in ("motor", "link")
+    }
+    rigid = pa.PinocchioPlant(robot).measure()
+    assert np.array_equal(sides["link"].q, rigid.q)
+    assert np.allclose(sides["motor"].x, rigid.x) and np.allclose(sides["link"].x, rigid.x)
+    bent = sides["motor"].q - rigid.q
+    assert np.allclose(1000.0 * bent, pa.Gravity(robot)(robot.q0), atol=1e-9)
+
+
+def test_the_frequency_of_a_joint_is_that_of_its_spring():
+    """A motor and a link on a spring: w^2 = K (1 / B + 1 / M)."""
+    robot, K, B = catalogue_robot("planar_2r"), 800.0, 0.4
+    robot = pa.load("planar_2r", locked=[robot.joint_names[1]], frame=robot.frame, task="joint")
+    robot = robot.changed(armature=B)
+    plant = pa.ElasticPlant(robot, pa.JointElasticity(K, encoders="motor"), substeps=10)
+    M = float(pa.PinocchioPlant(robot.changed(armature=0.0)).mass_matrix(robot.q0)[0, 0])
+    w = np.sqrt(K * (1.0 / B + 1.0 / M))
+    plant._w = np.array([0.1])
+    speeds = []
+    for _ in range(1000):
+        plant.step(np.zeros(1), 1e-3)
+        speeds.append(plant.measure().v[0])
+    above = np.diff(np.sign(np.array(speeds) - np.mean(speeds))) > 0
+    crossings = 1e-3 * np.flatnonzero(above)
+    assert 2.0 * np.pi / np.diff(crossings).mean() == pytest.approx(w, rel=0.02)
+
+
+def test_a_loop_holds_it_and_it_can_change():
+    robot = catalogue_robot("ur5").changed(armature=0.2)
+    true = with_tool_and_load(robot).changed(coulomb=0.3)
+    controller = pa.make_controller(robot)
+    springs = pa.JointElasticity(2e4, 5.0)
+    heavier = true.changed(payload=pa.Payload(0.5))
+    rollout = pa.simulate(
+        true, controller, circle_beside(true, "yz"), duration=1.0, engine=springs,
+        changes={0.5: heavier}, record_every=5,
+    )  # fmt: skip
+    assert rollout.diverged is None
+    assert rollout.distance[rollout.t > 0.4].max() < 5e-3
+    again = pa.simulate(
+        true, controller, circle_beside(true, "yz"), duration=0.3, engine=springs, record_every=5
+    )
+    assert np.array_equal(again.q, rollout.q[: len(again.q)])
+
+
+def test_what_cannot_be_is_refused():
+    robot = robot_with_motors()
+    for springs in (
+        {"stiffness": 0.0},
+        {"stiffness": -1.0},
+        {"stiffness": [1.0, 2.0]},
+        {"stiffness": 1.0, "damping": -1.0},
+        {"stiffness": np.nan},
+    ):
+        with pytest.raises(pa.InputError, match="elasticity"):
+            pa.ElasticPlant(robot, pa.JointElasticity(**springs))
+    with pytest.raises(pa.InputError, match="Did you mean 'motor'"):
+        pa.JointElasticity(1.0, encoders="motors")
+    with pytest.raises(pa.RobotError, match="armature"):
+        pa.ElasticPlant(catalogue_robot("ur5").changed(armature=0.0), pa.JointElasticity(1.0))
+    with pytest.raises(pa.InputError, match="mode"):
+        pa.simulate(
+            robot, pa.make_controller(robot), circle_at_home(robot), duration=0.1,
+            engine=pa.JointElasticity(1e4), mode="continuous",
+        )  # fmt: skip
+
+
+def test_a_scenario_has_springs():
+    path = robots_folder() / "panda" / "tool_and_load.toml"
+    words = ["simulation.elasticity={stiffness=2e4, damping=5.0}", "truth.armature=0.1"]
+    engine = Scenario.read(path, words).engine
+    assert isinstance(engine, pa.JointElasticity) and engine.stiffness == 2e4
+    with pytest.raises(pa.InputError, match="armature"):
+        Scenario.read(path, words[:1])
+    with pytest.raises(pa.ScenarioError, match="elasticity"):
+        Scenario.read(path, [*words, 'simulation.engine="mujoco"'])

@@ -1,0 +1,206 @@
+"""Robots of MuJoCo's own files, matched with a description by a table."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from pinadapt.scenario.scenario import Scenario
+from tests.support.chains import catalogue_robot as load
+from tests.support.loops import circle_at_home
+
+pytest.importorskip("mujoco")  # pip install -e '.[dev]' brings it
+
+from tests.support.mujoco_files import own_file
+
+pytestmark = pytest.mark.slow
+
+STAND = pin.SE3(pin.rpy.rpyToMatrix(0.1, 0.0, 0.7), np.array([0.3, 0.1, 0.4]))
+FINGER = (
+    '<body name="finger" pos="0 0 0.1"><joint name="finger" type="slide" axis="0 0 1"/>'
+    '<inertial pos="0 0 0" mass="{mass}" diaginertia="{inertia} {inertia} {inertia}"/></body>'
+)
+BALL = '<body name="ball" pos="2 0 9"><freejoint/><geom size="0.1"/></body>'
+TABLE = {f"panda_joint{i}": f"joint{i}" for i in range(1, 8)}
+MATCH = {"joints": TABLE, "frame": "flange", "base": "stand"}
+
+
+def short(name):
+    """Return the file's name of a joint."""
+    return name.removeprefix("panda_")
+
+
+@pytest.fixture
+def path(tmp_path):
+    """Return a file with the Panda on a stand, a light finger on its hand and a ball beside it."""
+    more = {"inside": FINGER.format(mass=1e-9, inertia=1e-12), "scene": BALL}
+    return own_file(load("panda"), tmp_path / "own.xml", stand=STAND, rename=short, **more)
+
+
+def swing(plant, seconds=0.1):
+    """Hold a plant against gravity, push it about, and return what it measures."""
+    weight, push = pa.Gravity(plant.robot), np.linspace(3.0, 0.2, plant.nv)
+    for k in range(round(seconds / 1e-3)):
+        plant.step(weight(plant.measure().q) + push * np.sin(0.03 * k), 1e-3)
+    return plant.measure()
+
+
+def test_the_same_robot_in_a_file_of_ones_own_moves_alike(path):
+    robot = load("panda")
+    plant = pa.MujocoPlant(robot, mjcf=pa.Mjcf(path, **MATCH))
+    theirs, ours = swing(plant), swing(pa.MujocoPlant(robot))
+    for name in ("q", "v", "x", "xd"):
+        assert np.allclose(getattr(theirs, name), getattr(ours, name), rtol=0.0, atol=1e-5)
+    assert np.abs(ours.xd).max() > 0.01
+    assert abs(plant.data.joint("finger").qpos[0]) < 1e-4
+    assert plant.data.body("ball").xpos[2] < 9.0 - 0.04  # nobody holds what is not of the arm
+    plant.reset()
+    assert np.array_equal(plant.measure().q, robot.q0) and plant.data.body("ball").xpos[2] == 9.0
+
+
+def test_equal_names_need_no_table_and_a_body_may_be_the_frame(tmp_path):
+    robot = load("panda", frame="panda_link7")
+    own = own_file(robot, tmp_path / "own.xml")
+    plant = pa.MujocoPlant(robot, mjcf=pa.Mjcf(own, frame="link7"))
+    assert np.allclose(plant.measure().x, robot.position(robot.q0), atol=1e-9)
+    assert plant.steps_in(4e-3) == 4
+    assert np.allclose(swing(plant).q, swing(pa.MujocoPlant(robot)).q, atol=1e-9)
+
+
+def test_actuators_and_gravity_compensation_of_the_file_are_switched_off(tmp_path):
+    robot, path = load("panda"), tmp_path / "own.xml"
+    own_file(robot, path, rename=short)
+    path.write_text(path.read_text().replace('<body name="link', '<body gravcomp="1" name="link'))
+    fallen = []
+    for plant in (
+        pa.MujocoPlant(robot, mjcf=pa.Mjcf(path, joints=TABLE, frame="flange")),
+        pa.MujocoPlant(robot),
+    ):
+        plant.step(np.zeros(7), 0.02)
+        fallen.append(plant.measure().v)
+    assert np.abs(fallen[1]).max() > 0.1 and np.allclose(*fallen, atol=1e-9)
+
+
+def test_a_task_of_the_joints_needs_no_frame(path):
+    robot = load("panda", task="joint")
+    mjcf = pa.Mjcf(path, joints=TABLE, base="stand")
+    controller, motion = pa.make_controller(robot), pa.Sinusoid(robot.home_angles + 0.05, 0.05, 2.0)
+    ours, theirs = (
+        pa.simulate(robot, controller, motion, duration=0.1, engine=e) for e in ("mujoco", mjcf)
+    )
+    assert np.allclose(ours.x, theirs.x, rtol=0.0, atol=1e-6) and np.ptp(ours.x[:, 6]) > 1e-4
+
+
+def test_the_adapting_controller_tracks_a_robot_that_nobody_described(tmp_path):
+    """A heavier hand, a longer tool: the file has them, and no truth is told of them."""
+    robot = load("panda")
+    real = robot.changed(tool_translation=[0.02, 0.0, 0.05], inertial_scale=1.2)
+    heavy = {"inside": FINGER.format(mass=1.0, inertia=1e-3), "stand": STAND}
+    own = own_file(real, tmp_path / "own.xml", rename=short, **heavy)
+    mjcf, path = pa.Mjcf(own, **MATCH), circle_at_home(real)
+    runs = [
+        pa.simulate(robot, pa.make_controller(robot, **options), path, duration=3.0, engine=mjcf)
+        for options in ({}, {"adaptation": "none", "gamma_k": 0.0})
+    ]
+    ends = [np.linalg.norm(run.error[-300:], axis=1).max() for run in runs]
+    assert ends[0] < 1e-3 and ends[1] > 5.0 * ends[0]
+    assert runs[0].a_k_true is None and runs[0].a_d_true is None and runs[0].lyapunov is None
+    assert "error, last 10 %" in str(runs[0])
+
+
+def test_a_scenario_names_the_file_beside_it(path):
+    table = ", ".join(f'{ours} = "{theirs}"' for ours, theirs in TABLE.items())
+    scenario = path.parent / "scenario.toml"
+    scenario.write_text(
+        '[robot]\nsource = "panda"\n[simulation]\nduration = 0.1\n[simulation.engine]\n'
+        f'mjcf = "own.xml"\nframe = "flange"\nbase = "stand"\njoints = {{ {table} }}\n'
+    )
+    assert Scenario.read(scenario).run().diverged is None
+    for setting, words in (
+        ("simulation.engine.frame=flang", r"simulation\.engine\.frame: .*Did you mean 'flange'"),
+        ("simulation.engine.mjcf=no.xml", r"no\.xml: no such file"),
+        ("truth.armature=0.1", "truth: the model file"),
+        ("simulation.engine.base=3", r"simulation\.engine\.base: input should be a valid string"),
+    ):
+        with pytest.raises(pa.InputError, match=words):
+            Scenario.read(scenario, [setting])
+
+
+def test_a_files_robot_does_not_change(path):
+    robot, mjcf = load("panda"), pa.Mjcf(path, **MATCH)
+    with pytest.raises(pa.InputError, match=r"changes: .* model file"):
+        pa.simulate(
+            robot, pa.make_controller(robot), circle_at_home(robot), engine=mjcf,
+            changes={1.0: robot.changed(viscous=1.0)},
+        )  # fmt: skip
+    with pytest.raises(pa.InputError, match="cannot become"):
+        pa.MujocoPlant(robot, mjcf=mjcf).become(robot)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"joints": {}}, r"'panda_joint1' is not in .*own\.xml.*Did you mean 'joint1'"),
+        ({"joints": {**TABLE, "panda_jont1": "x"}}, "Did you mean 'panda_joint1'"),
+        ({"joints": {**TABLE, "panda_joint1": "joint2"}}, r"two joints .* \['joint2'\]"),
+        ({"joints": {**TABLE, "panda_joint1": "finger"}}, "'finger' .* different kinds"),
+        (
+            {"joints": {**TABLE, "panda_joint2": "joint4", "panda_joint4": "joint2"}},
+            "'joint4' .* 'panda_joint2' .* different axes",
+        ),
+        ({"frame": "flang"}, "Did you mean 'flange'"),
+        ({"frame": "ball"}, "frame: at home"),
+        ({"base": None}, r"different axes at home.*base"),
+        ({"base": "link3"}, "'link3' moves"),
+        ({"base": "stnd"}, "Did you mean 'stand'"),
+    ],
+)
+def test_what_does_not_match_is_told_by_name(path, options, words):
+    with pytest.raises(pa.InputError, match=words):
+        pa.MujocoPlant(load("panda"), mjcf=pa.Mjcf(path, **{**MATCH, **options}))
+
+
+def test_parallel_joints_that_are_mixed_up_are_told(tmp_path):
+    own, mixed = own_file(load("ur5"), tmp_path / "own.xml"), ("shoulder_lift_joint", "elbow_joint")
+    table = dict(zip(mixed, reversed(mixed), strict=True))
+    with pytest.raises(pa.InputError, match=r"'shoulder_lift_joint' .* does not come after"):
+        pa.MujocoPlant(load("ur5"), mjcf=pa.Mjcf(own, joints=table, frame="flange"))
+
+
+def test_a_joint_that_turns_the_other_way_is_told(tmp_path):
+    own = own_file(load("ur5"), tmp_path / "own.xml", turned=["elbow_joint"])
+    with pytest.raises(pa.InputError, match=r"'elbow_joint' .* different axes at home"):
+        pa.MujocoPlant(load("ur5"), mjcf=pa.Mjcf(own, frame="flange"))
+
+
+def test_a_frame_turned_otherwise_matters_to_a_pose_alone(tmp_path):
+    real = pa.load("ur5")
+    frame = real.model.frames[real.frame_id]
+    frame.placement = frame.placement * pin.SE3(pin.rpy.rpyToMatrix(1.0, 0.0, 0.0), np.zeros(3))
+    mjcf = pa.Mjcf(own_file(real, tmp_path / "own.xml"), frame="flange")
+    pa.MujocoPlant(load("ur5"), mjcf=mjcf)
+    with pytest.raises(pa.InputError, match="turned by 57 degrees"):
+        pa.MujocoPlant(load("ur5", task="pose"), mjcf=mjcf)
+
+
+def test_files_that_are_no_models_are_refused(tmp_path):
+    own, robot = tmp_path / "own.xml", load("ur5")
+    own.write_text("<mujoco><worldbody><bdy/></worldbody></mujoco>")
+    with pytest.raises(pa.InputError, match="cannot read it"):
+        pa.MujocoPlant(robot, mjcf=pa.Mjcf(own))
+    own_file(robot, own)
+    own.write_text(own.read_text().replace('mass="', 'mass="-'))
+    with pytest.raises(pa.InputError, match=r"own\.xml: MuJoCo cannot"):
+        pa.MujocoPlant(robot, mjcf=pa.Mjcf(own, frame="flange"))
+
+
+def test_another_gravity_is_told(tmp_path):
+    own = own_file(load("ur5", gravity=(0.0, 0.0, -1.6)), tmp_path / "own.xml")
+    with pytest.warns(UserWarning, match="gravity in the file"):
+        pa.MujocoPlant(load("ur5"), mjcf=pa.Mjcf(own, frame="flange"))
+
+
+def test_a_torque_that_is_no_number_is_refused(path):
+    plant = pa.MujocoPlant(load("panda"), mjcf=pa.Mjcf(path, **MATCH))
+    with pytest.raises(pa.DivergedError, match="not finite"):
+        plant.step(np.full(7, np.nan), 1e-3)

@@ -1,0 +1,66 @@
+"""The shipped scenarios under the same controllers in both engines."""
+
+import numpy as np
+import pytest
+
+from pinadapt.description.chain import position_limits
+from pinadapt.scenario.scenario import Scenario
+from tests.support.paths import ROOT
+
+pytest.importorskip("mujoco")  # pip install -e '.[dev]' brings it
+
+ROBOTS = ROOT / "robots"
+SHIPPED = ("panda/tool_and_load.toml", "panda/pose.toml", "ur5/unknown_lengths.toml")
+ENGINES = ("pinocchio", "mujoco")
+SOONER = "truth.change=[{at=0.4, payload={mass=0.0}}, {at=0.7, payload={mass=3.0}}]"
+LINE = 'reference={kind="lissajous", amplitude=[0.0, 0.15, 0.0], cycles=[1, 1, 1], period=4.0}'
+
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::UserWarning")]
+
+
+def run(name, engine, *settings):
+    """Return a scenario and its rollout."""
+    scenario = Scenario.read(ROBOTS / name, [f'simulation.engine="{engine}"', *settings])
+    rollout = scenario.run()
+    assert rollout.diverged is None
+    return scenario, rollout
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_the_error_that_is_left_is_within_a_tenth_of_that_in_pinocchio(name):
+    """All of the scenario: the Panda's has dry friction, whose laws are not quite the same."""
+    ours, theirs = (run(name, engine)[1] for engine in ENGINES)
+    one, other = (rollout.summary()["max_error_last"] for rollout in (ours, theirs))
+    assert other < 0.5e-3 and np.isclose(one, other, rtol=0.1)
+    assert ours.limits.verdict() == theirs.limits.verdict()
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        ("panda/load_changes.toml", [SOONER]),
+        ("panda/pose.toml", []),
+        ("ur5/unknown_lengths.toml", []),
+    ],
+)
+def test_without_dry_friction_the_paths_are_the_same_to_a_micrometre(name, settings):
+    ours, theirs = (
+        run(name, engine, "simulation.duration=1.0", *settings)[1] for engine in ENGINES
+    )
+    assert np.allclose(ours.x, theirs.x, rtol=0.0, atol=1e-6)
+    assert np.linalg.norm(ours.error[:, :3], axis=1).max() > 2e-3
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_rotors_and_damping_that_the_controller_does_not_know_are_withstood(name):
+    friction = f"truth.friction={{viscous=1.0, coulomb={0.5 if 'tool' in name else 0.0}}}"
+    _, rollout = run(name, "mujoco", "truth.armature=0.1", friction)
+    assert rollout.summary()["max_error_last"] < 0.5e-3
+
+
+def test_a_line_with_friction_stays_off_the_stops():
+    scenario, rollout = run("panda/tool_and_load.toml", "mujoco", "simulation.duration=6.0", LINE)
+    lower, upper = position_limits(scenario.true.model)
+    assert np.ptp(rollout.x[:, 1]) > 0.29
+    assert np.minimum(rollout.q - lower, upper - rollout.q).min() > 0.5
+    assert rollout.summary()["max_error_last"] < 1e-3

@@ -1,0 +1,213 @@
+"""Plants: what a loop may ask of one, and how a robot's motion is integrated."""
+
+import pickle
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.integrate import solve_ivp
+
+import pinadapt as pa
+from pinadapt.plants.pinocchio_plant import FittedMidpoint, RungeKutta
+from pinadapt.zoo.case import zoo_case
+from tests.support.chains import catalogue_robot as load
+from tests.support.chains import random_state
+
+ORDERS = {FittedMidpoint: 2, RungeKutta: 4}
+
+
+# --- a plant of one's own ---
+
+
+class Pendulum(pa.Plant):
+    """A point mass on a rod, integrated by a library; what a user might write."""
+
+    nv, mass, length = 1, 1.3, 0.7
+
+    def reset(self):
+        self.t, self.state = 0.0, np.array([0.4, 0.0])
+
+    def measure(self):
+        q, v = self.state
+        return pa.Measurement(self.t, np.array([q]), np.array([v]), np.array([q]))
+
+    def step(self, torque, dt):
+        inertia, weight = self.mass * self.length**2, 9.81 * self.mass * self.length
+
+        def slope(_, y):
+            return [y[1], (torque[0] - weight * np.sin(y[0])) / inertia]
+
+        self.state = solve_ivp(slope, (0.0, dt), self.state, rtol=1e-9, atol=1e-12).y[:, -1]
+        self.t += dt
+
+
+class Feedback:
+    """A controller as far as a loop knows: its state counts the steps."""
+
+    def init(self, measurement):
+        return 0
+
+    def step(self, state, measurement, desired, dt):
+        return 40.0 * (desired.x_d - measurement.q) - 8.0 * measurement.v, state + 1
+
+
+def test_a_loop_runs_on_a_plant_of_ones_own():
+    plant, path = Pendulum(), pa.Hold([0.4])
+    samples = list(pa.run(plant, Feedback(), path, dt=2e-3, duration=3.0))
+    assert len(samples) == 1500 and samples[-1].state == 1499
+    assert np.allclose([sample.t for sample in samples], 2e-3 * np.arange(1500))
+    weight = 9.81 * Pendulum.mass * Pendulum.length
+    q = samples[-1].measurement.q[0]
+    assert np.isclose(40.0 * (0.4 - q), weight * np.sin(q), atol=1e-4)  # the balance of torques
+    again = next(pa.run(plant, Feedback(), path, dt=2e-3))
+    assert again.t == 0.0 and again.truth.q[0] == 0.4  # a run resets its plant
+
+
+def test_a_plant_that_cannot_tell_its_acceleration_says_so():
+    with pytest.raises(pa.InputError, match="Pendulum does not tell the acceleration"):
+        Pendulum().acceleration(np.zeros(1))
+
+
+@pytest.mark.parametrize("option", [{"integrator": "midpont"}, {"substeps": 0}])
+def test_impossible_plants_are_refused(option):
+    with pytest.raises(pa.InputError, match=r"midpoint|at least 1"):
+        pa.PinocchioPlant(load("ur5"), **option)
+
+
+def test_a_plant_moves_as_its_measurements_say():
+    plant = pa.PinocchioPlant(load("panda"))
+    torque = np.linspace(5.0, 1.0, 7)
+    a = plant.acceleration(torque)
+    plant.step(torque, 1e-4)
+    now = plant.measure()
+    assert now.t == 1e-4 and np.allclose(now.v, 1e-4 * a, rtol=2e-2)
+    assert np.allclose(now.x, plant.robot.position(now.q))
+    plant.reset()
+    assert plant.measure().t == 0.0 and np.array_equal(plant.measure().q, plant.robot.q0)
+
+
+@pytest.mark.parametrize("integrator", ["midpoint", "runge-kutta"])
+def test_a_pickled_plant_moves_alike(integrator):
+    plant = pa.PinocchioPlant(load("ur5").changed(coulomb=0.5), integrator=integrator)
+    plant.step(np.ones(6), 1e-3)
+    copy = pickle.loads(pickle.dumps(plant))
+    for one in (plant, copy):
+        one.step(np.full(6, -2.0), 5e-3)
+    assert np.array_equal(plant.measure().v, copy.measure().v)
+
+
+# --- integration ---
+
+
+def swing(robot, seconds, dt, integrator):
+    """Let a robot go from a random state, torque zero; return velocities and energies."""
+    model, data, step = robot.model, robot.model.createData(), integrator(robot)
+    q, v, _ = random_state(robot, np.random.default_rng(0))
+    velocities, energies = [], []
+    for _ in range(round(seconds / dt)):
+        velocities.append(v)
+        energies.append(pin.computeMechanicalEnergy(model, data, q, v))
+        q, v = step(q, v, np.zeros(model.nv), dt)
+    return np.array(velocities), np.array(energies)
+
+
+@pytest.mark.parametrize("name", ["planar_2r", "scara", "ur5", "panda"])
+def test_a_free_frictionless_robot_keeps_its_energy(name):
+    velocities, energies = swing(load(name), 0.3, 2.5e-4, RungeKutta)
+    assert np.abs(velocities - velocities[0]).max() > 0.1
+    assert np.allclose(energies, energies[0], atol=1e-6 * max(1.0, abs(energies[0])))
+
+
+@pytest.mark.parametrize("integrator", ORDERS)
+@pytest.mark.parametrize(
+    ("name", "friction"),
+    [
+        ("scara", {"viscous": 0.5}),
+        ("panda", {"viscous": 0.5}),
+        ("planar_2r", {"coulomb": 0.5}),
+        ("panda", {"coulomb": 0.5}),
+    ],
+)
+def test_friction_takes_the_energy_that_it_should(name, friction, integrator):
+    robot = load(name).changed(**friction)
+    velocities, energies = swing(robot, 0.3, 2.5e-4, integrator)
+    power = np.array([v @ robot.friction.torque(v) for v in velocities])
+    assert (np.diff(energies) < 0.0).all()
+    lost = 2.5e-4 * (power.sum() - 0.5 * (power[0] + power[-1]))  # trapezoidal rule
+    assert np.isclose(energies[0] - energies[-1], lost, rtol=1e-2)
+
+
+@pytest.mark.parametrize("integrator", ORDERS)
+@pytest.mark.parametrize("name", ["scara", "panda", "kinova"])
+def test_integrators_have_their_order(name, integrator):
+    robot = load(name).changed(viscous=0.5)
+    q, v, _ = random_state(robot, np.random.default_rng(0))
+    model, tau, ends = robot.model, np.linspace(2.0, 1.0, robot.model.nv), []
+    for count in (20, 40, 80):
+        step, state = integrator(robot), (q, v)
+        for _ in range(count):
+            state = step(*state, tau, 0.05 / count)
+        ends.append(np.concatenate([pin.difference(model, q, state[0]), state[1]]))
+    ratio = np.linalg.norm(ends[0] - ends[1]) / np.linalg.norm(ends[1] - ends[2])
+    assert ratio > 0.9 * 2 ** ORDERS[integrator]
+
+
+def wheel(inertia):
+    """Return one joint without gravity, of a given inertia about its axis."""
+    model = pin.Model()
+    body = pin.Inertia(1.0, np.zeros(3), inertia * np.eye(3))
+    joint = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "axle")
+    model.appendBodyToJoint(joint, body, pin.SE3.Identity())
+    return pa.Robot("wheel", model, "universe", None, np.zeros(1), pa.Friction.none(1))
+
+
+@pytest.mark.parametrize("h", [1e-4, 1e-2, 1.0, 100.0])
+def test_viscous_friction_on_one_joint_is_exact_for_any_step(h):
+    inertia, viscous, tau, start = 0.2, 3.0, 0.6, 5.0
+    q, v = FittedMidpoint(wheel(inertia).changed(viscous=viscous))(
+        np.zeros(1), np.array([start]), np.array([tau]), h
+    )
+    rest, left = tau / viscous, np.exp(-h * viscous / inertia)
+    assert np.isclose(v[0], rest + (start - rest) * left, rtol=1e-9)
+    path = rest * h + (start - rest) * (1.0 - left) * inertia / viscous
+    assert np.isclose(q[0], path, rtol=1e-9)
+
+
+@pytest.mark.parametrize("inertia", [1e-1, 1e-4, 1e-7])
+def test_a_joint_in_stiction_creeps_at_the_speed_of_the_balance(inertia):
+    """Whatever the inertia: explicit methods blow up where the friction is stiff."""
+    step = FittedMidpoint(wheel(inertia).changed(coulomb=0.5))
+    q, v = np.zeros(1), np.zeros(1)
+    for _ in range(200):
+        q, v = step(q, v, np.array([0.2]), 1e-2)
+    assert np.isclose(v[0], 0.01 * np.arctanh(0.2 / 0.5), rtol=1e-6)
+
+
+def test_the_longest_step_bounds_the_substeps():
+    robot, torque = load("scara"), np.ones(4)
+    ends = []
+    for substeps in (None, 5, 1):
+        plant = pa.PinocchioPlant(robot, substeps=substeps)
+        plant.step(torque, 5e-3)
+        ends.append(plant.measure().q)
+    assert np.array_equal(ends[0], ends[1]) and not np.array_equal(ends[0], ends[2])
+
+
+@pytest.mark.parametrize("name", ["panda", "z1", "tiago_arm"])
+def test_integration_errors_are_below_a_hundredth_of_the_tracking_error(name):
+    """One step a period against 16 of Runge-Kutta, which 64 move by less than a nanometre."""
+    case = zoo_case(name)
+    controller = pa.make_controller(
+        case.believed, law="adaptive-jacobian", joint=("viscous", "coulomb"), posture=4.0
+    )
+    plants = [
+        pa.PinocchioPlant(case.true, substeps=1),
+        pa.PinocchioPlant(case.true, substeps=16, integrator="runge-kutta"),
+    ]
+    paths = []
+    for plant in plants:
+        loop = pa.run(plant, controller, case.motion, duration=1.0)
+        paths.append(np.array([(s.truth.x, s.desired.x_d) for s in loop]))
+    coarse, fine = paths
+    tracking = np.linalg.norm(fine[-100:, 0] - fine[-100:, 1], axis=1).max()
+    assert np.linalg.norm(coarse[:, 0] - fine[:, 0], axis=1).max() < 0.01 * tracking

@@ -1,0 +1,404 @@
+"""Sensors: noise, cameras that are slow, late and lossy, and encoders that count."""
+
+import tracemalloc
+from itertools import pairwise
+from math import pi
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from pinadapt.description.chain import angles_from_configuration
+from pinadapt.scenario.scenario import Scenario
+from pinadapt.scenario.schema import SimulationSection
+from tests.support.chains import catalogue_robot as load
+from tests.support.chains import random_state
+from tests.support.loops import circle_at_home, motion_at_home, same
+
+DT = 1e-3
+
+
+def moving(robot, count, dt=DT):
+    """Return what perfect sensors say of every joint moving steadily from home, at 1 rad/s."""
+    plant, v = pa.PinocchioPlant(robot), np.ones(robot.model.nv)
+    return [
+        plant.measurement(pin.integrate(robot.model, robot.q0, k * dt * v), v, k * dt)
+        for k in range(count)
+    ]
+
+
+def seen(robot, count, dt=DT, **faults):
+    """Return the truth and what sensors make of it."""
+    truths, sensors = moving(robot, count, dt), pa.Sensors(robot, dt, **faults)
+    return truths, [sensors.measure(truth) for truth in truths]
+
+
+def angles_of(robot, configurations):
+    """Return one number a joint (N, nv) of configurations (N, nq)."""
+    return np.array([angles_from_configuration(robot.model, q) for q in configurations])
+
+
+def arrivals(samples):
+    """Return the indices of samples with a frame, and those of the samples that it shows."""
+    pairs = [(k, round(s.x_time / DT)) for k, s in enumerate(samples) if s.x is not None]
+    return [k for k, _ in pairs], [shown for _, shown in pairs]
+
+
+# --- noise ---
+
+
+@pytest.mark.parametrize("channel", ["q", "v", "x"])
+def test_noise_has_the_stated_deviation_and_touches_its_channel_only(channel):
+    robot = load("scara")
+    sensors = pa.Sensors(robot, 1e-3, noise={channel: 0.02}, seed=3)
+    q, v, _ = random_state(robot, np.random.default_rng(0))
+    true = pa.PinocchioPlant(robot).measurement(q, v)
+    errors = {"q": [], "v": [], "x": []}
+    for _ in range(1000):
+        seen = sensors.measure(true)
+        errors["q"].append(pin.difference(robot.model, true.q, seen.q))
+        errors["v"].append(seen.v - true.v)
+        errors["x"].append(seen.x - true.x)
+    for name, error in errors.items():
+        assert np.isclose(np.std(error), 0.02 if name == channel else 0.0, rtol=0.1)
+
+
+def test_delay_makes_the_measured_position_late_and_nothing_else():
+    robot = load("planar_2r")
+    plant, sensors = pa.PinocchioPlant(robot), pa.Sensors(robot, 1e-3, delay=2e-3)
+    states = [(np.array([0.1 * k, 0.5]), np.array([1.0, k])) for k in range(6)]
+    times = [1e-3 * k for k in range(6)]
+    samples = [
+        sensors.measure(plant.measurement(*state, t))
+        for state, t in zip(states, times, strict=True)
+    ]
+    late = [states[max(k - 2, 0)][0] for k in range(6)]
+    assert np.allclose([sample.x for sample in samples], [robot.position(q) for q in late])
+    assert [s.t for s in samples] == times
+    assert [s.x_time for s in samples] == [times[max(k - 2, 0)] for k in range(6)]
+    assert np.array_equal([sample.q for sample in samples], [q for q, _ in states])
+    assert np.array_equal([sample.v for sample in samples], [v for _, v in states])
+
+
+def test_noise_of_joints_does_not_depend_on_the_camera():
+    robot, noise = load("scara"), {"q": 1e-3, "v": 1e-2, "x": 1e-3}
+    _, often = seen(robot, 50, noise=noise, seed=5)
+    _, rare = seen(robot, 50, noise=noise, seed=5, camera={"rate": 100.0})
+    assert np.array_equal([s.q for s in often], [s.q for s in rare])
+    assert np.array_equal([s.v for s in often], [s.v for s in rare])
+
+
+# --- cameras ---
+
+
+def test_frames_are_taken_at_multiples_of_the_interval_and_arrive_late():
+    truths, samples = seen(load("panda"), 200, camera={"rate": 30.0, "delay": 0.06})
+    at, of = arrivals(samples)
+    taken = [0, 33, 67, 100, 133]  # 1 / 30 s, 2 / 30 s and so on, in whole periods
+    # the frame of the first instant, one of the time before that was under way, and the others
+    assert at == [0, 27, *[k + 60 for k in taken]] and of == [0, 0, *taken]
+    for k, shown in zip(at, of, strict=True):
+        assert np.array_equal(samples[k].x, truths[shown].x)
+        assert samples[k].x_time == truths[shown].t
+    assert all(s.xd is None for s in samples)
+    assert all(s.x_time is None for s in samples if s.x is None)
+    for truth, sample in zip(truths, samples, strict=True):
+        assert sample.t == truth.t and sample.q is truth.q and sample.v is truth.v
+
+
+def test_frames_do_not_drift_in_a_long_run():
+    robot = load("planar_2r")
+    truth, sensors = pa.PinocchioPlant(robot).measure(), pa.Sensors(robot, DT, camera={"rate": 30})
+    with_frame = [k for k in range(60_000) if sensors.measure(truth).x is not None]
+    assert with_frame == [round(j / 30.0 / DT) for j in range(1800)]
+
+
+@pytest.mark.parametrize("rate", [None, 1.0 / DT, 1e9])
+def test_no_camera_is_faster_than_the_samples(rate):
+    _, samples = seen(load("planar_2r"), 10, camera={"rate": rate, "delay": 2 * DT})
+    assert arrivals(samples) == (list(range(10)), [max(k - 2, 0) for k in range(10)])
+    tells_velocity = rate is None
+    assert all((s.xd is not None) == tells_velocity for s in samples)
+
+
+def test_a_delay_is_that_of_a_camera_at_full_rate():
+    robot, noise = load("panda"), {"x": 1e-3}
+    _, short = seen(robot, 20, delay=5e-3, noise=noise, seed=2)
+    _, long = seen(robot, 20, camera=pa.Camera(delay=5e-3), noise=noise, seed=2)
+    for one, other in zip(short, long, strict=True):
+        assert np.array_equal(one.x, other.x) and np.array_equal(one.xd, other.xd)
+        assert one.x_time == other.x_time
+
+
+def test_a_delay_longer_than_the_interval_keeps_every_frame():
+    _, samples = seen(load("planar_2r"), 400, camera={"rate": 100.0, "delay": 0.105})
+    at, of = arrivals(samples)
+    assert at == [0, *range(5, 400, 10)]
+    assert of == [0] + [max(k - 105, 0) for k in range(5, 400, 10)]
+
+
+def test_the_stated_share_of_frames_is_lost_but_never_the_first():
+    robot, share, count = load("planar_2r"), 0.3, 4000
+    truth = pa.PinocchioPlant(robot).measure()
+    shares = []
+    for seed in range(5):
+        sensors = pa.Sensors(robot, DT, camera={"rate": 500.0, "dropout": share}, seed=seed)
+        arrived = [sensors.measure(truth).x is not None for _ in range(2 * count)]
+        assert arrived[0] and not any(arrived[1::2])
+        shares.append(1.0 - np.mean(arrived[::2]))
+        sensors.reset()
+        assert arrived == [sensors.measure(truth).x is not None for _ in range(2 * count)]
+    assert np.allclose(shares, share, atol=4.0 * np.sqrt(share * (1.0 - share) / count))
+    assert len(set(shares)) > 1  # other seeds lose other frames
+
+
+def test_a_camera_of_which_nearly_all_frames_are_lost_shows_the_first():
+    for seed in range(20):
+        sensors = pa.Sensors(load("planar_2r"), DT, camera={"dropout": 0.999}, seed=seed)
+        assert sensors.measure(moving(load("planar_2r"), 1)[0]).x is not None
+
+
+def test_noise_is_of_frames_not_of_samples():
+    robot = load("panda")
+    truths, samples = seen(robot, 3000, camera={"rate": 100.0, "delay": 0.02}, noise={"x": 0.01})
+    at, of = arrivals(samples)
+    errors = np.array([samples[k].x - truths[i].x for k, i in zip(at, of, strict=True)])
+    assert len(errors) == 300 and np.unique(errors[:, 0]).size == len(errors)
+    assert np.isclose(errors.std(), 0.01, rtol=0.1) and abs(errors.mean()) < 2e-3
+
+
+def test_runs_of_the_same_sensors_repeat_after_reset():
+    robot, truths = load("panda"), moving(load("panda"), 300)
+    faults = {
+        "camera": pa.Camera(rate=60.0, delay=0.03, dropout=0.4),
+        "noise": {"q": 1e-3, "v": 1e-2, "x": 1e-3},
+        "encoder": 1e-3,
+    }
+    sensors = pa.Sensors(robot, DT, seed=4, **faults)
+    first = [sensors.measure(truth) for truth in truths]
+    sensors.reset()
+    for one, truth in zip(first, truths, strict=True):
+        other = sensors.measure(truth)
+        assert np.array_equal(one.q, other.q) and np.array_equal(one.v, other.v)
+        assert one.x_time == other.x_time and (one.x is None) == (other.x is None)
+        assert one.x is None or np.array_equal(one.x, other.x)
+
+
+def test_a_pose_is_seen_frame_by_frame():
+    robot = pa.load("panda", task="pose")
+    noise = {"x": 1e-3, "angle": 0.02}
+    truths, samples = seen(robot, 2000, camera={"rate": 250.0, "delay": 0.01}, noise=noise)
+    at, of = arrivals(samples)
+    errors = np.array(
+        [robot.task.error(samples[k].x, truths[i].x) for k, i in zip(at, of, strict=True)]
+    )
+    assert np.isclose(errors[:, :3].std(), 1e-3, rtol=0.1)
+    assert np.isclose(errors[:, 3:].std(), 0.02, rtol=0.1)
+    assert np.allclose([np.linalg.norm(samples[k].x[3:]) for k in at], 1.0)
+
+
+@pytest.mark.parametrize("faults", [{"delay": 5e-3}, {"camera": {"rate": 30.0}}, {"encoder": 1e-3}])
+def test_a_joint_task_has_nothing_for_a_camera_to_see(faults):
+    robot = pa.load("ur5", task="joint")
+    _, samples = seen(robot, 40, **faults)
+    assert all(s.x is None and s.x_time is None and s.xd is None for s in samples)
+
+
+def test_a_plant_that_measures_no_task_coordinates_has_none_to_show():
+    robot = load("planar_2r")
+    truth = pa.Measurement(0.0, np.zeros(2), np.zeros(2))
+    seen = pa.Sensors(robot, DT, camera={"rate": 30.0}, noise={"x": 0.1}).measure(truth)
+    assert seen.x is None and seen.x_time is None
+
+
+def test_a_million_samples_keep_no_memory():
+    robot = load("planar_2r")
+    truth = pa.PinocchioPlant(robot).measure()
+    camera = {"rate": 100.0, "delay": 0.5, "dropout": 0.1}
+    sensors = pa.Sensors(robot, DT, camera=camera, encoder=1e-4)
+    for _ in range(1000):
+        sensors.measure(truth)
+    tracemalloc.start()
+    for _ in range(50_000):
+        sensors.measure(truth)
+    grown, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert grown < 50_000  # a byte a sample would be as much
+
+
+# --- encoders ---
+
+
+@pytest.mark.parametrize("name", ["scara", "panda"])
+def test_positions_are_whole_counts_and_velocities_their_differences(name):
+    robot = load(name)
+    count = np.linspace(1e-4, 5e-3, robot.model.nv)
+    truths, samples = seen(robot, 100, encoder=count)
+    q, true = (angles_of(robot, [s.q for s in records]) for records in (samples, truths))
+    assert np.allclose(q / count, np.rint(q / count), atol=1e-6)
+    assert (np.abs(q - true) <= 0.5 * count * (1.0 + 1e-9)).all()
+    v = np.array([s.v for s in samples])
+    assert not v[0].any()  # it stood still before
+    assert np.allclose(v[1:], np.diff(q, axis=0) / DT, atol=1e-9)
+    assert np.allclose(v.sum(axis=0) * DT, q[-1] - q[0])
+
+
+def test_the_angle_of_continuous_joints_is_counted():
+    robot, count = load("kinova"), 2.0 * pi / 1000
+    model = robot.model
+    assert model.nq > model.nv
+    truths, samples = seen(robot, 9000, encoder=count)  # more than a turn of every joint
+    for truth, sample in list(zip(truths, samples, strict=True))[::97]:
+        assert np.allclose(pin.normalize(model, sample.q), sample.q)  # on the circle
+        angles = angles_of(robot, [sample.q])
+        assert np.allclose(angles / count, np.rint(angles / count), atol=1e-6)
+        off = pin.difference(model, truth.q, sample.q)
+        assert (np.abs(off) <= 0.5 * count * (1.0 + 1e-9)).all()
+    v = np.array([s.v for s in samples[1:]])
+    steps = v * DT / count
+    assert np.allclose(steps, np.rint(steps), atol=1e-5) and v.min() >= 0.0
+    assert v.max() < 1.0 + count / DT  # no turn of 2 pi is taken for a motion
+    assert np.allclose(v.mean(axis=0), 1.0, atol=count / (8999 * DT))
+
+
+def test_joints_without_encoder_are_as_they_come():
+    robot, count = load("scara"), np.array([0.0, 1e-3, 0.0, 1e-3])
+    truths, samples = seen(robot, 20, encoder=count)
+    for truth, sample in zip(truths, samples, strict=True):
+        off = angles_of(robot, [sample.q]) - angles_of(robot, [truth.q])
+        assert np.allclose(off[:, count == 0.0], 0.0, atol=1e-15)
+        assert np.array_equal(truth.v[count == 0.0], sample.v[count == 0.0])
+    assert not np.array_equal([t.q for t in truths], [s.q for s in samples])
+
+
+def test_noise_comes_before_counting():
+    robot, count = load("ur5"), 1e-3
+    truths, samples = seen(robot, 3000, encoder=count, noise={"q": 3e-3})
+    q = np.array([s.q for s in samples])
+    assert np.allclose(q / count, np.rint(q / count), atol=1e-6)
+    assert np.isclose((q - [t.q for t in truths]).std(), 3e-3, rtol=0.05)
+
+
+# --- in a loop and in a file ---
+
+
+@pytest.mark.parametrize("task", ["joint", "xyz"])
+def test_encoders_reach_the_loop(task):
+    robot = pa.load("ur5", task=task)
+    control, path = pa.make_controller(robot), motion_at_home(robot)
+    perfect = pa.simulate(robot, control, path, duration=0.05)
+    coarse = pa.simulate(robot, control, path, duration=0.05, encoder=2 * pi / 2**17)
+    assert same(perfect, pa.simulate(robot, control, path, duration=0.05, encoder=0.0))
+    assert not same(perfect, coarse) and np.allclose(perfect.q, coarse.q, atol=1e-3)
+
+
+def test_a_camera_reaches_the_loop():
+    robot = load("ur5")
+    control, path = pa.make_controller(robot), circle_at_home(robot)
+    late = pa.simulate(robot, control, path, duration=0.05, delay=3e-3)
+    camera = pa.Camera(rate=1.0 / DT, delay=3e-3)
+    assert same(late, pa.simulate(robot, control, path, duration=0.05, camera=camera))
+    assert not same(late, pa.simulate(robot, control, path, duration=0.05))
+
+
+def test_a_scenario_states_camera_and_encoder(tmp_path):
+    path = tmp_path / "scenario.toml"
+    path.write_text(
+        '[robot]\nsource = "ur5"\ntask = "joint"\n[reference]\nkind = "hold"\n[simulation]\n'
+        "duration = 0.02\ncamera = { rate = 30.0, delay = 0.06, dropout = 0.1 }\nencoder = 1e-4\n"
+    )
+    scenario = Scenario.read(path)
+    camera = scenario.tables.simulation.camera
+    assert (camera.rate, camera.delay, camera.dropout) == (30.0, 0.06, 0.1)
+    for sample in scenario.run().evaluation.samples:
+        counts = sample.measurement.q / 1e-4
+        assert np.allclose(counts, np.rint(counts), atol=1e-6) and sample.measurement.x is None
+    assert SimulationSection().camera is None and SimulationSection().encoder == 0.0
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("camera.rate=0.0", r"simulation\.camera\.rate"),
+        ("camera.delay=-0.1", r"simulation\.camera\.delay"),
+        ("camera.dropout=1.0", r"simulation\.camera\.dropout"),
+        ("camera.dropuot=0.1", r"simulation\.camera\.dropuot.*Did you mean 'dropout'"),
+        ("encoder=-1e-3", r"simulation\.encoder"),
+        ("encoder=[1e-3]", r"simulation\.encoder: expected 6 numbers"),
+        ("mode=continuous", "sampled mode only"),
+    ],
+)
+def test_scenarios_refuse_sensors_that_cannot_be(tmp_path, setting, words):
+    path = tmp_path / "scenario.toml"
+    path.write_text('[robot]\nsource = "ur5"\n[simulation]\ncamera = { rate = 30.0 }\n')
+    with pytest.raises(pa.InputError, match=words):
+        Scenario.read(path, [f"simulation.{setting}"]).run()
+
+
+@pytest.mark.parametrize(
+    ("faults", "words"),
+    [
+        ({"camera": {"rate": 0.0}}, r"camera\.rate: must be positive"),
+        ({"camera": {"rate": -30.0}}, r"camera\.rate"),
+        ({"camera": {"rate": np.nan}}, r"camera\.rate"),
+        ({"camera": {"delay": -0.01}}, r"camera\.delay"),
+        ({"camera": {"dropout": -0.1}}, r"camera\.dropout"),
+        ({"camera": {"dropout": 1.0}}, r"camera\.dropout.*below 1"),
+        ({"camera": {"rat": 30.0}}, "Did you mean 'rate'"),
+        ({"camera": 30.0}, "expected a Camera or a mapping"),
+        ({"camera": {"rate": 30.0}, "delay": 0.01}, "delay in itself"),
+        ({"delay": -1e-3}, "delay"),
+        ({"encoder": -1e-3}, "encoder.*not be negative"),
+        ({"encoder": [1e-3, 1e-3]}, "encoder: expected 6 numbers"),
+        ({"encoder": np.nan}, "encoder"),
+        ({"noise": {"p": 1e-3}}, "'p'"),
+    ],
+)
+def test_sensors_that_cannot_be_are_refused(faults, words):
+    with pytest.raises(pa.InputError, match=words):
+        pa.Sensors(load("ur5"), DT, **faults)
+
+
+@pytest.mark.parametrize("faults", [{"camera": {"rate": 30.0}}, {"encoder": 1e-3}])
+def test_continuous_mode_has_perfect_sensors(faults):
+    robot = load("planar_2r")
+    with pytest.raises(pa.InputError, match="sampled mode only"):
+        pa.simulate(
+            robot, pa.make_controller(robot), circle_at_home(robot), mode="continuous", **faults
+        )
+
+
+@pytest.mark.parametrize("task", ["joint", "xyz"])
+def test_only_poses_have_an_angle_to_disturb(task):
+    with pytest.raises(pa.InputError, match="no orientation"):
+        pa.Sensors(pa.load("ur5", task=task), DT, noise={"angle": 0.1})
+
+
+def test_torques_are_measured_where_they_have_noise_and_only_there():
+    robot = load("ur5")
+    sizes = np.array([3.0, 3.0, 1.0, 0.5, 0.0, 0.1])
+    given = np.arange(6.0)
+    sensors = pa.Sensors(robot, DT, noise={"tau": sizes}, seed=3)
+    truth = moving(robot, 1)[0]
+    assert sensors.measure(truth).tau is None and not sensors.perfect  # nothing was given yet
+    off = np.array([sensors.measure(truth, given).tau - given for _ in range(4000)])
+    assert np.allclose(off.std(axis=0), sizes, rtol=0.05) and (off[:, 4] == 0.0).all()
+    sensors.reset()
+    assert np.array_equal(sensors.measure(truth, given).tau - given, off[0])
+    assert pa.Sensors(robot, DT, noise={"q": 1e-3}).measure(truth, given).tau is None
+    with pytest.raises(pa.InputError, match="must not be negative"):
+        pa.Sensors(robot, DT, noise={"tau": -1.0})
+
+
+def test_measured_torques_are_those_of_the_period_before():
+    robot = load("ur5")
+    noise = {"tau": 1e-9}
+    controller = pa.make_controller(robot, noise=noise)
+    plant, sensors = pa.PinocchioPlant(robot), pa.Sensors(robot, DT, noise=noise)
+    samples = list(
+        pa.run(plant, controller, pa.reachable_circle(robot), duration=0.05, sensors=sensors)
+    )
+    assert samples[0].measurement.tau is None
+    for before, after in pairwise(samples):
+        assert np.allclose(after.measurement.tau, before.torque, atol=1e-7)

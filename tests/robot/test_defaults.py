@@ -1,0 +1,204 @@
+"""What is chosen where nobody says: the same by ``load`` and by ``pinadapt init``."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from pinadapt._toml import read_toml
+from pinadapt.cli.main import main
+from pinadapt.description.catalogue import example_path
+from pinadapt.description.chain import position_limits
+from pinadapt.robot.home import find_home
+from pinadapt.robot.loading import end_links
+from pinadapt.robot.workspace import find_circle
+from pinadapt.scenario.scenario import Scenario
+from tests.support.followed import followed
+from tests.support.paths import ARM4
+
+pytestmark = pytest.mark.slow
+
+FILES = {
+    "arm4": ARM4,
+    **{
+        name: example_path(name)
+        for name in ("ur10", "ur3_limited", "panda", "z1", "xarm7", "a1", "double_pendulum_simple")
+    },
+}
+
+
+@pytest.mark.parametrize("path", FILES.values(), ids=list(FILES))
+def test_init_and_load_choose_the_same(path, tmp_path):
+    file = tmp_path / "scenario.toml"
+    assert main(["init", str(path), "--out", str(file)]) == 0
+    written, robot = read_toml(file)["robot"], pa.load(path)
+    assert (written["frame"], written["task"]) == (robot.frame, robot.task.name)
+    assert written.get("weld_root", False) == robot.welded
+    np.testing.assert_allclose(written["q0"], robot.home_angles, rtol=0.0, atol=1e-10)
+    scenario, circle = Scenario.read(file), pa.reachable_circle(robot)
+    np.testing.assert_allclose(circle.at(0.0).x_d, robot.position(robot.q0), atol=1e-12)
+    there = scenario.trajectory.starting_at(circle.at(0.0).x_d)
+    for t in np.linspace(0.0, circle.period, 5):
+        np.testing.assert_allclose(there.at(t).x_d, circle.at(t).x_d, atol=1e-9)
+
+
+@pytest.mark.parametrize("path", FILES.values(), ids=list(FILES))
+def test_the_home_is_inside_the_limits_and_off_the_mounting_plane(path):
+    robot = pa.load(path)
+    lower, upper = position_limits(robot.model)
+    assert ((lower < robot.home_angles) & (robot.home_angles < upper)).all()
+    if robot.mounting is not None:
+        data = robot.model.createData()
+        assert robot.mounting.distance(robot.model, data, robot.frame_id, robot.q0) > 0.0
+
+
+def heights(robot):
+    """Return the heights of the joints and of the frame at home [m]."""
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, robot.q0)
+    return np.array([place.translation[2] for place in [*data.oMi[1:], data.oMf[robot.frame_id]]])
+
+
+def test_arms_stand_and_legs_hang():
+    assert heights(pa.load(example_path("ur10"))).min() > 0.0
+    assert heights(pa.load(example_path("a1"))).max() < 1e-12  # from the hips, at the body's height
+
+
+def test_an_elbow_that_would_go_through_the_floor_does_not():
+    robot = pa.load(example_path("ur10"))
+    model, frame, rows = robot.model, robot.frame_id, robot.frame_task.rows
+    data, neutral = model.createData(), pin.neutral(model)
+    without = find_home(model, frame, rows, [neutral])
+    assert robot.mounting.distance(model, data, frame, without) < -0.3
+    assert robot.mounting.distance(model, data, frame, robot.q0) > 0.05 * robot.reach
+
+
+def test_a_chain_that_moves_horizontally_has_no_mounting_plane():
+    assert pa.load(FILES["arm4"].parents[2] / "robots/planar_2r/planar_2r.urdf").mounting is None
+
+
+def with_links(folder, *names):
+    """Return arm4 without its tip, with these links fixed to its last link instead."""
+    text = ARM4.read_text().replace('name="tip"', f'name="{names[0]}"')
+    text = text.replace('link="tip"', f'link="{names[0]}"')
+    more = "".join(
+        f'<link name="{name}"/><joint name="to {name}" type="fixed"><parent link="link4"/>'
+        f'<child link="{name}"/><origin xyz="0 0 {0.1 + 0.1 * i}"/></joint>'
+        for i, name in enumerate(names[1:])
+    )
+    path = folder / "arm.urdf"
+    path.write_text(text.replace("</robot>", f"{more}</robot>"))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("names", "chosen"),
+    [
+        (("camera_link", "flange"), "flange"),
+        (("flange", "camera_tool_frame"), "flange"),
+        (("left_fingertip", "wrist", "imu"), "wrist"),
+        (("tool0", "force_sensor"), "tool0"),
+        (("simulated_end", "lens"), "simulated_end"),
+    ],
+)
+def test_a_tool_is_taken_before_cameras_and_fingers(tmp_path, names, chosen):
+    path = with_links(tmp_path, *names)
+    robot = pa.load(path)
+    ends = [end for end in end_links(pin.buildModelFromUrdf(str(path))) if end in names]
+    assert ends[0] == chosen
+    palm = "link4"  # carries two fingers
+    assert robot.frame == (chosen if chosen != "wrist" else palm)
+    assert set(names) - {robot.frame} <= set(robot.ends)
+
+
+def test_a_models_own_frame_can_be_the_end():
+    model = pin.buildModelFromUrdf(str(ARM4))
+    parent = model.frames[model.getFrameId("tip")]
+    model.addFrame(
+        pin.Frame(
+            "my_tcp",
+            parent.parentJoint,
+            model.getFrameId("tip"),
+            parent.placement,
+            pin.FrameType.OP_FRAME,
+        )
+    )
+    assert pa.load(model).frame == "my_tcp"
+
+
+def test_a_floating_base_of_a_file_is_welded_and_of_an_object_refused(tmp_path):
+    text = ARM4.read_text().replace(
+        '<link name="base"/>',
+        '<link name="world"/><link name="base"/><joint name="free" type="floating">'
+        '<parent link="world"/><child link="base"/></joint>',
+    )
+    path = tmp_path / "floating.urdf"
+    path.write_text(text)
+    robot = pa.load(path)
+    assert robot.welded and robot.model.nv == 4 and "floating base welded" in repr(robot)
+    assert robot.locked == ("finger1_joint", "finger2_joint")
+    with pytest.raises(pa.RobotError, match="floating"):
+        pa.load(path, weld_root=False)
+    with pytest.raises(pa.RobotError, match="floating"):
+        pa.load(pin.buildModelFromUrdf(str(path)))
+
+
+def test_a_home_outside_the_limits_is_told():
+    words = r"joint 'joint2' at 2\.5 rad, limits -2 to 2\.$"
+    with pytest.warns(UserWarning, match=words):
+        robot = pa.load(ARM4, q0=[0.0, 2.5, 0.5, 0.0])
+    assert robot.home_angles[1] == 2.5
+    with pytest.warns(UserWarning, match=words):
+        pa.load(ARM4).at([0.0, 2.5, 0.5, 0.0])
+
+
+def test_a_given_task_and_home_are_taken():
+    robot = pa.load(ARM4, task="xz", q0=[0.1, 0.2, 0.3, 0.4])
+    assert robot.task.name == "xz"
+    np.testing.assert_allclose(robot.home_angles, [0.1, 0.2, 0.3, 0.4])
+
+
+def test_one_joint_is_for_a_joint_task_only(tmp_path):
+    path = tmp_path / "one.urdf"
+    path.write_text(
+        '<robot name="one"><link name="a"/><link name="b"><inertial><mass value="1"/>'
+        '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>'
+        '<joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint></robot>'
+    )
+    with pytest.raises(pa.RobotError, match="two independent joints"):
+        pa.load(path)
+    assert pa.load(path, task="joint").joint_names == ["j"]
+
+
+def test_mass_and_reach_are_those_of_what_moves():
+    robot = pa.load("planar_2r")
+    assert robot.mass == pytest.approx(sum(body.mass for body in robot.model.inertias[1:]))
+    stretched = robot.at([0.3, 0.0])
+    assert robot.reach == pytest.approx(np.linalg.norm(stretched.position(stretched.q0)))
+
+
+def test_the_circle_of_a_pose_is_ready_to_be_tracked():
+    robot = pa.load("ur5", task="pose")
+    circle = pa.reachable_circle(robot)
+    start = robot.position(robot.q0)
+    np.testing.assert_allclose(circle.at(0.0).x_d, start, atol=1e-12)
+    quarter = circle.at(0.25 * circle.period).x_d
+    np.testing.assert_allclose(quarter[3:], start[3:], atol=1e-12)
+    assert np.linalg.norm(quarter[:3] - start[:3]) == pytest.approx(2**0.5 * circle.radius)
+    true = robot.changed(tool_translation=[0.0, 0.0, 0.05])
+    moved = circle.starting_at(true.position(true.q0))
+    assert (moved.radius, moved.period, moved.plane) == (circle.radius, circle.period, circle.plane)
+
+
+def test_a_circle_keeps_off_the_plane_too():
+    robot = pa.load(ARM4)
+    data, free = robot.model.createData(), find_circle(replace(robot, mounting=None))
+    room = robot.mounting.distance(robot.model, data, robot.frame_id, robot.q0)
+    near = replace(robot.mounting, level=robot.mounting.level + 0.7 * room)
+    found = find_circle(replace(robot, mounting=near))
+    assert (found.radius, found.plane, found.phase) != (free.radius, free.plane, free.phase)
+    configurations, _ = followed(robot, found, robot.position(robot.q0))
+    model, frame = robot.model, robot.frame_id
+    assert min(near.distance(model, data, frame, q) for q in configurations[::20]) > 0.0

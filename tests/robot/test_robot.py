@@ -1,0 +1,455 @@
+"""Loading, locking, changing and refusing robots."""
+
+from functools import cache
+from pathlib import Path
+
+import example_robot_data
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from pinadapt.description.catalogue import robots_folder
+from pinadapt.description.chain import effort_limits
+from tests.support.chains import catalogue_robot as load
+from tests.support.chains import random_state
+from tests.support.descriptions import arm4
+from tests.support.loops import check_holds_home
+from tests.support.paths import ARM4
+
+HOME = [0.1, -0.5, 0.8, 0.3]  # of arm4
+described = cache(example_robot_data.load)
+
+
+def conditioning(robot):
+    """Return smallest over largest singular value of the task Jacobian at home."""
+    data = robot.model.createData()
+    J = pin.computeFrameJacobian(
+        robot.model, data, robot.q0, robot.frame_id, pin.LOCAL_WORLD_ALIGNED
+    )[robot.task.rows]
+    singular = np.linalg.svd(J, compute_uv=False)
+    return singular[-1] / singular[0]
+
+
+# --- any source ---
+
+
+@pytest.mark.parametrize("kind", ["path", "string", "model", "wrapper"])
+def test_every_source_gives_the_same_chain(kind):
+    wrapper = described("ur5")
+    sources = {
+        "path": Path(wrapper.urdf),
+        "string": str(wrapper.urdf),
+        "model": wrapper.model,
+        "wrapper": wrapper,
+    }
+    expected, robot = load("ur5"), pa.load(sources[kind], frame="tool0")
+    assert robot.joint_names == expected.joint_names
+    q, v, a = random_state(expected, np.random.default_rng(0))
+    assert np.allclose(robot.position(q), expected.position(q), atol=1e-12)
+    M, M_expected = (pin.crba(r.model, r.model.createData(), q) for r in (robot, expected))
+    assert np.allclose(M, M_expected, atol=1e-12)
+    tau, tau_expected = (
+        pin.rnea(r.model, r.model.createData(), q, v, a) for r in (robot, expected)
+    )
+    assert np.allclose(tau, tau_expected, atol=1e-10)
+
+
+def test_the_users_model_is_never_written_to():
+    wrapper = described("ur5")
+    model, before = wrapper.model, wrapper.model.copy()
+    robot = pa.load(wrapper, frame="tool0", gravity=[0.0, 0.0, 1.0], locked=["wrist_3_joint"])
+    loaded = robot.model.copy()
+    true = robot.changed(
+        inertial_scale=2.0,
+        payload=pa.Payload(1.0),
+        tool_translation=[0.1, 0.0, 0.0],
+        link_translation={"elbow_joint": [0.1] * 3},
+    )
+    start = true.position(true.q0)
+    pa.simulate(true, pa.make_controller(robot), pa.Hold(start), duration=0.005)
+    assert model == before
+    assert robot.model == loaded
+
+
+# --- the chain is kept, the rest is locked ---
+
+
+def test_panda_keeps_seven_joints_and_locks_its_fingers():
+    robot = load("panda")
+    assert described("panda").model.nv == 9
+    assert robot.joint_names == [f"panda_joint{i}" for i in range(1, 8)]
+    whole = sum(inertia.mass for inertia in described("panda").model.inertias[1:])
+    assert np.isclose(
+        sum(inertia.mass for inertia in robot.model.inertias[1:]), whole
+    )  # the fingers still weigh
+
+
+def test_a_prismatic_joint_is_kept():
+    robot = load("tiago_arm")
+    assert robot.joint_names[0] == "torso_lift_joint"
+    up = pin.integrate(robot.model, robot.q0, 0.05 * np.eye(8)[0])
+    assert np.allclose(robot.position(up) - robot.position(robot.q0), [0.0, 0.0, 0.05], atol=1e-12)
+
+
+@pytest.mark.parametrize(("name", "nq", "nv"), [("kinova", 9, 6), ("scara", 5, 4)])
+def test_continuous_joints_take_and_give_angles(name, nq, nv):
+    angles = np.linspace(-1.2, 1.1, nv)
+    robot = load(name).at(angles)
+    assert (robot.model.nq, robot.model.nv, robot.q0.size) == (nq, nv, nq)
+    assert np.allclose(robot.home_angles, angles, atol=1e-12)
+
+
+def test_q0_of_load_is_one_angle_a_joint():
+    angles = [0.5, 0.8, -0.02, 2.0]
+    assert np.allclose(pa.load("scara", q0=angles).home_angles, angles, atol=1e-12)
+
+
+def test_locked_locks_one_more_joint():
+    robot = pa.load(ARM4, frame="tip", locked=["joint4"])
+    assert robot.joint_names == ["joint1", "joint2", "joint3"]
+    q = np.array(HOME)
+    assert np.allclose(
+        robot.position(q[:3]),
+        pa.load(ARM4, frame="tip").position(np.append(q[:3], 0.0)),
+        atol=1e-12,
+    )
+
+
+def test_locked_works_on_a_catalogue_robot_with_a_home_of_its_own():
+    assert pa.load("panda", locked=["panda_joint3"]).model.nv == 6
+
+
+def test_an_inner_frame_works_on_a_catalogue_robot_with_a_home_of_its_own():
+    assert pa.load("ur5", frame="wrist_1_link").model.nv == 4
+
+
+def test_gravity_is_the_users():
+    robot = pa.load("planar_2r", gravity=[0.0, -9.81, 0.0])
+    torque = pin.computeGeneralizedGravity(robot.model, robot.model.createData(), np.zeros(2))
+    assert np.allclose(torque, [9.81 * (1.0 * 0.5 + 2.0 * (1.0 + 0.6)), 9.81 * 2.0 * 0.6])
+
+
+ARMS = [
+    "planar_2r",
+    "scara",
+    "panda",
+    "ur3",
+    "ur5",
+    "ur10",
+    "kinova",
+    "xarm7",
+    "z1",
+    "talos_arm",
+    "finger_edu",
+    "bravo7_no_ee",
+    "tiago_arm",
+    "baxter_left",
+    "double_pendulum",
+    "so100",
+    "pr2_left_arm",
+    "hextilt_arm",
+    "romeo_right_arm",
+    "icub_left_leg",
+    "centauro_rr_leg",
+    "human_left_arm",
+    "anymal_lf_leg",
+    "solo8_hr_leg",
+    "quadruped_fl_leg",
+    "allegro_left_thumb",
+]
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_catalogue_robots_start_away_from_singularities(name):
+    assert conditioning(load(name)) >= 0.05
+
+
+def test_a_home_is_searched_where_the_descriptions_own_is_singular(tmp_path):
+    robot = pa.load(ARM4, frame="tip")  # the neutral pose is stretched out
+    assert conditioning(robot.at(np.zeros(4))) < 0.05
+    assert conditioning(robot) >= 0.05
+    assert (robot.q0 >= robot.model.lowerPositionLimit).all() and (
+        robot.q0 <= robot.model.upperPositionLimit
+    ).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "frame", "joints"), [("solo12", "FL_FOOT", 3), ("so100", "gripper", 5)]
+)
+def test_a_welded_root_makes_a_limb_a_usable_arm(name, frame, joints):
+    robot = pa.load(described(name), frame=frame, weld_root=True)
+    assert robot.model.nv == joints
+    check_holds_home(robot)
+
+
+def test_a_link_that_shares_its_joints_name_is_a_frame(tmp_path):
+    path = arm4(
+        tmp_path, ('link="link4"', 'link="joint4"'), ('<link name="link4">', '<link name="joint4">')
+    )
+    q = np.array(HOME)
+    assert np.allclose(
+        pa.load(path, frame="joint4", q0=q).position(q),
+        pa.load(ARM4, frame="link4", q0=q).position(q),
+    )
+
+
+# --- refusals ---
+
+REFUSED = [
+    (
+        lambda: pa.load(robots_folder() / "planar_2r" / "planr.urdf"),
+        ["planr.urdf", "no such file", "planar_2r.urdf"],
+    ),
+    (lambda: pa.load("no/such/robot.urdf"), ["no/such/robot.urdf", "no such file"]),
+    (lambda: pa.load("ur55"), ["'ur55'", "Did you mean 'ur5'?"]),
+    (lambda: pa.load("scara", frame="tol"), ["'tol'", "Did you mean 'tool'?"]),
+    (lambda: pa.load("scara", frame="base"), ["'base'", "no moving joint"]),
+    (
+        lambda: pa.load("scara", frame="inner_arm"),
+        ["'xyz' has 3 coordinates", "'inner_arm'", "1 joint"],
+    ),
+    (lambda: pa.load("planar_2r", task="xyz"), ["'xyz' has 3 coordinates", "2 joints"]),
+    (lambda: pa.load("scara", task="xyy"), ["'xyy'", "Did you mean 'xy"]),
+    (lambda: pa.load("scara", locked=["elbw"]), ["'elbw'", "Did you mean 'elbow'?"]),
+    (lambda: pa.load("scara", q0=[0.0, 1.0]), ["q0", "4 numbers", "slide_joint"]),
+    (lambda: pa.load("scara", q0=[np.nan] * 4), ["q0", "finite"]),
+    (lambda: pa.load("scara", gravity=[0.0, 0.0, np.nan]), ["gravity", "finite"]),
+    (lambda: pa.load("scara", gravity=[0.0, 0.0]), ["gravity", "3 numbers"]),
+    (lambda: pa.load(described("solo8")), ["'root_joint'", "floating", "weld_root=True"]),
+    (
+        lambda: pa.load(described("solo8").model, frame="FL_FOOT"),
+        ["'root_joint'", "floating", "weld_root=True"],
+    ),
+]
+
+
+@pytest.mark.parametrize(("action", "words"), REFUSED)
+def test_refusals_name_the_thing_and_suggest_the_nearest(action, words):
+    with pytest.raises(pa.RobotError) as error:
+        action()
+    for word in words:
+        assert word in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("<robot name='arm'><link name='base'/>", "not well-formed XML"),
+        ("", "not well-formed XML"),
+        ("<sdf/>", "<sdf>"),
+        ("<mujoco/>", "Pinocchio cannot read this MJCF"),
+        ("<robot name='arm'/>", "not a valid URDF"),
+        (
+            ARM4.read_text().replace('<child link="link3"/>', '<child link="link33"/>'),
+            "not a valid URDF",
+        ),
+    ],
+)
+def test_files_that_are_no_urdf_are_refused(tmp_path, text, words):
+    path = tmp_path / "arm.urdf"
+    path.write_text(text)
+    with pytest.raises(pa.RobotError, match=words) as error:
+        pa.load(path)
+    assert str(path) in str(error.value)
+
+
+MIMIC = (
+    '<axis xyz="0 0 1"/><limit lower="-2"',
+    '<axis xyz="0 0 1"/><mimic joint="joint3"/><limit lower="-2"',
+)
+
+
+def test_a_mimic_joint_in_the_chain_is_refused(tmp_path):
+    with pytest.raises(pa.RobotError, match=r"\['joint4'\] mimic"):
+        pa.load(arm4(tmp_path, MIMIC), frame="tip")
+
+
+def test_a_mimic_joint_is_fine_when_locked(tmp_path):
+    assert pa.load(arm4(tmp_path, MIMIC), frame="tip", locked=["joint4"]).model.nv == 3
+
+
+def test_a_mimic_joint_off_the_chain_is_fine():
+    assert pa.load(ARM4, frame="tip").joint_names == ["joint1", "joint2", "joint3", "joint4"]
+
+
+def spherical_model():
+    model = pin.Model()
+    shoulder = model.addJoint(0, pin.JointModelSpherical(), pin.SE3.Identity(), "ball")
+    model.appendBodyToJoint(shoulder, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
+    elbow = model.addJoint(
+        shoulder, pin.JointModelRY(), pin.SE3(np.eye(3), np.array([0.3, 0.0, 0.0])), "elbow"
+    )
+    model.appendBodyToJoint(elbow, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
+    model.addFrame(
+        pin.Frame(
+            "tip", elbow, 0, pin.SE3(np.eye(3), np.array([0.3, 0.0, 0.0])), pin.FrameType.BODY
+        )
+    )
+    return model
+
+
+def test_a_spherical_joint_is_refused():
+    with pytest.raises(pa.RobotError, match="'ball' is of type Spherical"):
+        pa.load(spherical_model(), frame="tip")
+
+
+def test_a_moving_body_without_mass_is_refused(tmp_path):
+    text = ARM4.read_text()
+    body = text[text.index('<link name="link4">') : text.index('<link name="finger1">')]
+    path = arm4(tmp_path, (body, '<link name="link4"/>'), ('mass value="0.1"', 'mass value="0"'))
+    path.write_text(path.read_text().replace("0.0001", "0"))
+    with pytest.raises(pa.RobotError, match=r"mass matrix is singular.*'joint4'"):
+        pa.load(path, frame="tip")
+    assert pa.load(path, frame="tip", locked=["joint4"]).model.nv == 3
+
+
+def spoilt(what):
+    """Return ur5's model with a number that no robot has."""
+    model = described("ur5").model.copy()
+    body = model.inertias[3]
+    if what == "negative mass":
+        model.inertias[3] = pin.Inertia(-1.0, body.lever, body.inertia)
+    elif what == "nan mass":
+        model.inertias[3] = pin.Inertia(np.nan, body.lever, body.inertia)
+    elif what == "nan centre of mass":
+        model.inertias[3] = pin.Inertia(body.mass, np.full(3, np.nan), body.inertia)
+    elif what == "nan placement":
+        model.jointPlacements[3].translation = np.full(3, np.nan)
+    elif what == "nan gravity":
+        model.gravity.linear = np.full(3, np.nan)
+    return model
+
+
+@pytest.mark.parametrize(
+    "what", ["negative mass", "nan mass", "nan centre of mass", "nan placement", "nan gravity"]
+)
+def test_models_with_impossible_numbers_are_refused(what):
+    with pytest.raises(pa.RobotError):
+        pa.load(spoilt(what), frame="tool0")
+
+
+# --- changed() ---
+
+
+def test_inertial_scale_scales_all_torques():
+    robot = load("panda")
+    q, v, a = random_state(robot, np.random.default_rng(1))
+    heavier = robot.changed(inertial_scale=1.7)
+    tau, tau_heavier = (pin.rnea(r.model, r.model.createData(), q, v, a) for r in (robot, heavier))
+    assert np.allclose(tau_heavier, 1.7 * tau, atol=1e-12)
+
+
+def test_links_without_mass_can_be_scaled():
+    robot = pa.load("human_left_leg")
+    massless = robot.joint_names[0]
+    assert robot.model.inertias[1].mass == 0.0
+    changed = robot.changed(inertial_scale={massless: 0.7})
+    assert np.array_equal(
+        changed.model.inertias[1].toDynamicParameters(),
+        0.7 * robot.model.inertias[1].toDynamicParameters(),
+    )
+
+
+def test_inertial_scale_table_scales_the_named_bodies_only():
+    robot = load("ur5")
+    changed = robot.changed(inertial_scale={"elbow_joint": 0.5, "wrist_3_joint": 3.0})
+    factors = [1.0, 1.0, 0.5, 1.0, 1.0, 3.0]
+    for factor, before, after in zip(
+        factors, robot.model.inertias[1:], changed.model.inertias[1:], strict=True
+    ):
+        assert np.allclose(
+            after.toDynamicParameters(), factor * before.toDynamicParameters(), atol=1e-12
+        )
+
+
+LOAD = pa.Payload(
+    1.5, [0.02, -0.01, 0.05], [0.010, 0.001, 0.012, 0.002, 0.003, 0.014]
+)  # Ixx Ixy Iyy Ixz Iyz Izz
+
+
+@pytest.mark.parametrize("tool", [None, [0.03, -0.02, 0.12]])
+def test_a_payload_is_a_body_fixed_at_the_urdfs_frame(tool):
+    robot = load("panda")
+    inertia = np.array([[0.010, 0.001, 0.002], [0.001, 0.012, 0.003], [0.002, 0.003, 0.014]])
+    by_hand, frame = robot.model.copy(), robot.model.frames[robot.frame_id]
+    body = pin.Inertia(1.5, np.array([0.02, -0.01, 0.05]), inertia)
+    by_hand.appendBodyToJoint(frame.parentJoint, body, frame.placement)
+    loaded = robot.changed(payload=LOAD, tool_translation=tool).model
+    assert np.isclose(pin.computeTotalMass(loaded), pin.computeTotalMass(robot.model) + 1.5)
+    q, v, a = random_state(robot, np.random.default_rng(2))
+    tau, expected = (pin.rnea(model, model.createData(), q, v, a) for model in (loaded, by_hand))
+    assert np.allclose(tau, expected, atol=1e-11)
+    assert np.abs(expected - pin.rnea(robot.model, robot.model.createData(), q, v, a)).max() > 0.1
+
+
+def test_tool_translation_is_in_the_frames_own_axes():
+    robot, shift = load("panda"), np.array([0.03, -0.02, 0.12])
+    q, _, _ = random_state(robot, np.random.default_rng(3))
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, q)
+    moved = robot.changed(tool_translation=shift).position(q) - robot.position(q)
+    assert np.allclose(moved, data.oMf[robot.frame_id].rotation @ shift, atol=1e-12)
+
+
+def test_link_translation_is_in_the_parent_joints_axes():
+    robot, shift = load("panda"), np.array([0.01, 0.02, -0.03])
+    q, _, _ = random_state(robot, np.random.default_rng(4))
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, q)
+    moved = robot.changed(link_translation={"panda_joint4": shift}).position(q) - robot.position(q)
+    assert np.allclose(moved, data.oMi[3].rotation @ shift, atol=1e-12)
+
+
+def test_friction_is_a_number_or_one_a_joint():
+    assert np.allclose(load("scara").changed(viscous=2.0).friction.torque(np.ones(4)), 2.0)
+    assert np.allclose(
+        load("scara").changed(coulomb=[1.0, 2.0, 3.0, 4.0]).friction.torque(-np.ones(4)),
+        [-1.0, -2.0, -3.0, -4.0],
+    )
+
+
+def test_changed_models_are_not_shared():
+    robot = pa.load("planar_2r")
+    other, before = robot.changed(), robot.model.copy()
+    assert other.model == robot.model
+    other.model.inertias[1] = pin.Inertia.FromSphere(5.0, 0.1)
+    other.model.jointPlacements[2].translation = np.ones(3)
+    assert robot.model == before
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"inertial_scale": 0.0}, "inertial_scale"),
+        ({"inertial_scale": np.nan}, "inertial_scale"),
+        ({"inertial_scale": {"elbow_jont": 1.0}}, "Did you mean 'elbow_joint'"),
+        ({"inertial_scale": {"elbow_joint": -1.0}}, r"inertial_scale\.elbow_joint"),
+        ({"payload": pa.Payload(-1.0)}, "payload.mass"),
+        ({"payload": pa.Payload(np.nan)}, "payload.mass"),
+        ({"payload": pa.Payload(1.0, [0.0, 1.0])}, "payload.com"),
+        ({"payload": pa.Payload(1.0, inertia=[1.0])}, "payload.inertia"),
+        ({"payload": pa.Payload(1.0, inertia=[-1.0, 0.0, 1.0, 0.0, 0.0, 1.0])}, "payload.inertia"),
+        ({"tool_translation": [0.0, 1.0]}, "tool_translation"),
+        ({"tool_translation": [np.nan, 0.0, 0.0]}, "tool_translation"),
+        ({"link_translation": {"elbow_jont": [0.0, 0.0, 0.0]}}, "Did you mean 'elbow_joint'"),
+        ({"link_translation": {"elbow_joint": [0.0, 0.0]}}, r"link_translation\.elbow_joint"),
+        ({"viscous": -1.0}, "friction"),
+        ({"viscous": [1.0, 2.0]}, r"friction\.viscous"),
+        ({"coulomb": [0.0, 0.0, -1.0, 0.0, 0.0, 0.0]}, "friction"),
+        ({"coulomb": np.nan}, r"friction\.coulomb"),
+    ],
+)
+def test_impossible_changes_are_refused(change, words):
+    with pytest.raises(pa.RobotError, match=words):
+        load("ur5").changed(**change)
+
+
+def test_effort_limits_of_zero_and_infinity_are_none():
+    model = described("ur5").model.copy()
+    model.effortLimit = np.array([0.0, np.inf, np.finfo(float).max, 1e308, 5.0, 28.0])
+    assert effort_limits(pa.load(model, frame="tool0").model).tolist() == [np.inf] * 4 + [5.0, 28.0]
+
+
+def test_a_urdf_effort_of_zero_is_no_limit():
+    assert effort_limits(pa.load(ARM4, frame="tip").model).tolist() == [50.0, 50.0, np.inf, 10.0]

@@ -1,0 +1,143 @@
+"""Home poses and circles that a robot can follow."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from pinadapt.description.chain import position_limits
+from pinadapt.robot.home import conditioning
+from pinadapt.robot.workspace import find_circle
+from tests.support.chains import catalogue_robot
+from tests.support.followed import followed
+from tests.support.paths import ARM4
+
+ROBOTS = [
+    "planar_2r",
+    "scara",
+    "panda",
+    "ur5",
+    "kinova",
+    "talos_left_leg",
+    "solo8_fl_leg",
+    "allegro_left_thumb",
+    "g1_right_thumb",
+]
+
+
+def point(robot):
+    """Return the frame's position (3) at home."""
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, robot.q0)
+    return data.oMf[robot.frame_id].translation.copy()
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_circle_can_be_followed_also_with_a_longer_tool(name):
+    robot = catalogue_robot(name)
+    circle = find_circle(robot)
+    assert 0.05 * robot.reach < circle.radius <= 0.1 * robot.reach
+    lower, upper = position_limits(robot.model)
+    model, data = robot.model, robot.model.createData()
+    at_home = conditioning(model, data, robot.frame_id, robot.task.rows, robot.q0)[0]
+    for axis in np.eye(3):
+        true = robot.changed(tool_translation=0.05 * robot.reach * axis)
+        configurations, speeds = followed(true, circle, point(true))
+        angles = np.array([pin.difference(model, pin.neutral(model), q) for q in configurations])
+        limited = np.isfinite(lower)
+        room = np.minimum(angles - lower, upper - angles)[:, limited] / (upper - lower)[limited]
+        assert room.min(initial=1.0) > 0.04
+        least = min(
+            conditioning(model, data, robot.frame_id, robot.task.rows, q)[0]
+            for q in configurations[::20]
+        )
+        assert least > 0.48 * at_home
+        assert np.abs(speeds).max() < 1.65
+
+
+@pytest.mark.parametrize("name", ["scara", "ur5"])
+def test_the_same_circle_every_time(name):
+    assert find_circle(catalogue_robot(name)) == find_circle(catalogue_robot(name))
+
+
+def test_a_task_of_two_coordinates_has_one_plane():
+    assert find_circle(catalogue_robot("solo8_fl_leg")).plane == "xz"
+    assert find_circle(catalogue_robot("quadruped_br_leg")).plane == "yz"
+
+
+def test_narrower_limits_make_a_smaller_circle():
+    robot = catalogue_robot("panda")
+    model, angles = robot.model.copy(), robot.home_angles
+    model.lowerPositionLimit, model.upperPositionLimit = angles - 0.08, angles + 0.08
+    narrow = pa.reachable_circle(replace(robot, model=model))
+    assert narrow.radius < 0.7 * pa.reachable_circle(robot).radius
+
+
+def test_slower_joints_take_longer():
+    robot = catalogue_robot("ur5")
+    model = robot.model.copy()
+    model.velocityLimit = np.full(6, 0.1)
+    slow, fast = pa.reachable_circle(replace(robot, model=model)), pa.reachable_circle(robot)
+    assert (slow.radius, slow.plane) == (fast.radius, fast.plane)
+    true = robot.changed()
+    assert (
+        np.abs(followed(true, slow, point(true))[1]).max()
+        < 0.1
+        < np.abs(followed(true, fast, point(true))[1]).max()
+    )
+
+
+def test_a_home_at_its_limit_is_refused():
+    robot = catalogue_robot("ur5")
+    model = robot.model.copy()
+    model.upperPositionLimit = robot.home_angles
+    with pytest.raises(
+        pa.RobotError, match=r"ur5: no circle through the home pose .* Give a home pose q0"
+    ):
+        pa.reachable_circle(replace(robot, model=model))
+
+
+def test_a_singular_home_is_refused():
+    with pytest.raises(pa.RobotError, match="no circle"):
+        pa.reachable_circle(catalogue_robot("planar_2r").at([0.5, 0.0]))
+
+
+# --- home poses ---
+
+
+@pytest.mark.parametrize(
+    "name", ["kinova", "so100", "human_left_arm", "simple_humanoid_left_leg", "alex_left_thumb"]
+)
+def test_a_description_whose_own_pose_is_at_or_past_a_limit_gets_another(name):
+    robot = catalogue_robot(name)
+    lower, upper = position_limits(robot.model)
+    limited = np.isfinite(lower)
+    room = (
+        np.minimum(robot.home_angles - lower, upper - robot.home_angles)[limited]
+        / (upper - lower)[limited]
+    )
+    assert room.min() > 0.1
+    assert (
+        conditioning(
+            robot.model, robot.model.createData(), robot.frame_id, robot.task.rows, robot.q0
+        )[1]
+        > 0.2
+    )
+
+
+def test_the_searched_home_beats_random_poses_inside_the_limits():
+    robot, rng = pa.load(ARM4, frame="tip"), np.random.default_rng(7)
+    lower, upper = position_limits(robot.model)
+    data = robot.model.createData()
+
+    def quality(angles):
+        q = robot.at(angles).q0
+        room = np.min(np.minimum(angles - lower, upper - angles) / (upper - lower))
+        return conditioning(robot.model, data, robot.frame_id, robot.task.rows, q)[0] * min(
+            1.0, room / 0.2
+        )
+
+    others = [quality(rng.uniform(lower, upper)) for _ in range(300)]
+    assert quality(robot.home_angles) > max(others)

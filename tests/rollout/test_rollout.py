@@ -1,0 +1,150 @@
+"""What a rollout holds, what it computes when asked, and what it writes."""
+
+import json
+import pickle
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from pinadapt.models.linear_algebra import RightInverse
+from pinadapt.plots.figures import draw_errors
+from pinadapt.rollout.summary import COMPUTED, RECORDED, WATCHED
+from tests.support.chains import catalogue_robot as load
+from tests.support.loops import ARRAYS, run, with_tool_and_load
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.mark.parametrize("name", ["planar_2r", "scara", "ur5", "panda"])
+def test_rollouts_hold_one_row_a_sample(name):
+    robot, rollout = load(name), run(name, duration=0.05, control={"joint": "none"})
+    rows = {
+        "q": robot.model.nq,
+        "v": robot.model.nv,
+        "tau": robot.model.nv,
+        "x": robot.task.size,
+        "a_d": 10 * robot.model.nv,
+    }
+    assert np.allclose(rollout.t, 1e-3 * np.arange(50), atol=1e-12)
+    assert {key: getattr(rollout, key).shape for key in rows} == {
+        key: (50, width) for key, width in rows.items()
+    }
+    assert np.array_equal(rollout.q[0], robot.q0) and not rollout.v[0].any()
+    assert np.allclose(rollout.x, [robot.position(q) for q in rollout.q], atol=1e-12)
+    assert np.array_equal(rollout.error, rollout.x - rollout.x_d)
+    assert rollout.diverged is None and "DIVERGED" not in str(rollout)
+
+
+def test_continuous_mode_also_records_the_end():
+    assert np.allclose(run(duration=0.05, mode="continuous").t, 1e-3 * np.arange(51), atol=1e-12)
+
+
+def test_a_truth_that_no_estimate_reaches_is_none(tmp_path):
+    rollout = run(
+        "ur5", truth={"inertial_scale": 1.1}, control={"dynamic": "payload"}, duration=0.01
+    )
+    assert rollout.a_d_true is None and rollout.lyapunov is None and rollout.a_k_true is not None
+    rollout.save(tmp_path)
+    assert {"a_d_true", "lyapunov"}.isdisjoint(np.load(tmp_path / "rollout.npz").files)
+
+
+def test_save_and_plot_write_files(tmp_path):
+    rollout = run(duration=0.02)
+    rollout.save(tmp_path / "new" / "folder")
+    paths = rollout.plot(tmp_path / "new" / "folder")
+    assert [path.name for path in paths] == ["error.png", "parameters.png", "torque.png"]
+    assert all(path.read_bytes().startswith(b"\x89PNG") for path in paths)
+    saved = np.load(tmp_path / "new" / "folder" / "rollout.npz")
+    assert all(np.array_equal(saved[name], getattr(rollout, name)) for name in ARRAYS)
+    assert (
+        json.loads((tmp_path / "new" / "folder" / "summary.json").read_text()) == rollout.summary()
+    )
+
+
+def test_plots_of_a_run_without_unknowns_are_drawn(tmp_path):
+    assert len(run(control={"kinematic": [], "dynamic": "none"}, duration=0.01).plot(tmp_path)) == 3
+
+
+def test_the_summary_names_the_adaptation_that_ran():
+    for adaptation in ("natural", "gradient", "none"):
+        assert (
+            run(control={"adaptation": adaptation}, duration=0.002).summary()["adaptation"]
+            == adaptation
+        )
+
+
+# --- what is computed when it is asked for ---
+
+
+def tracked(task=None, singular=0.0):
+    """Return a short rollout that learns a tool and a load, damped below s_0; its controller."""
+    described = pa.load("panda", task=task)
+    true = with_tool_and_load(described)
+    controller = pa.make_controller(described)
+    controller.limits = replace(controller.limits, singular=singular)
+    path = pa.Circle(np.zeros(3), 0.05, 2.0, "yz")
+    path = (pa.PoseTrajectory(path) if task == "pose" else path).starting_at(true.position(true.q0))
+    return pa.simulate(true, controller, path, duration=0.05), controller
+
+
+def test_nothing_is_evaluated_before_it_is_asked_for():
+    rollout, _ = tracked()
+    record = {"controller", "true", "samples"}
+    assert rollout.distance.max() > 0.0 and vars(rollout.evaluation).keys() == record
+    assert rollout.min_eig_M_hat.min() > 0.0
+    assert vars(rollout.evaluation).keys() == record | {"smallest_eigenvalues"}
+
+
+@pytest.mark.parametrize("task", ["xyz", "pose"])
+def test_what_is_watched_is_that_of_the_estimates(task):
+    rollout, controller = tracked(task, singular=1.0)
+    assert rollout.damping.max() > 0.0
+    for k, sample in enumerate(rollout.evaluation.samples):
+        controller.kinematics.update(rollout.a_k[k], rollout.q[k], rollout.v[k])
+        controller.dynamics.load(rollout.a_d[k])
+        inverse = RightInverse(controller.kinematics.J, controller.limits.singular)
+        M = controller.dynamics.mass_matrix(sample.truth.q)
+        sigma = np.linalg.svd(inverse.J, compute_uv=False)[-1]
+        assert np.isclose(rollout.min_eig_M_hat[k], np.linalg.eigvalsh(M)[0])
+        assert np.isclose(rollout.min_singular_J_hat[k], sigma)
+        assert np.isclose(rollout.damping[k], inverse.damping, rtol=1e-6, atol=1e-12)
+        share = inverse.damping / (sigma**2 + inverse.damping)
+        assert np.isclose(rollout.damping_share[k], share, rtol=1e-6, atol=1e-12)
+
+
+def test_the_ends_of_v_are_those_of_the_whole():
+    rollout, _ = tracked()
+    assert np.array_equal(rollout.lyapunov_ends, rollout.lyapunov[[0, -1]])
+    assert f"{rollout.lyapunov[-1]:.4g}" in str(rollout)
+
+
+def test_a_pickled_rollout_is_the_same_and_holds_no_controller():
+    rollout, _ = tracked()
+    copy = pickle.loads(pickle.dumps(pickle.loads(pickle.dumps(rollout))))
+    assert copy.evaluation is None and rollout.evaluation is not None
+    for name in RECORDED + COMPUTED + WATCHED:
+        assert np.array_equal(getattr(copy, name), getattr(rollout, name)), name
+    assert copy.summary() == rollout.summary() and str(copy) == str(rollout)
+
+
+def test_joint_errors_are_in_radians_and_shown_in_degrees():
+    """The rollout of a task in joint space, its record made by hand."""
+    rollout, _ = tracked()
+    task = pa.JointTask.of_chain(load("panda").model)
+    q_d = rollout.q + np.radians(2.0) * np.eye(7)[3]
+    joints = pa.Rollout(
+        **{
+            **{f.name: getattr(rollout, f.name) for f in fields(rollout)},
+            "task": task,
+            "x": rollout.q,
+            "x_d": q_d,
+        }
+    )
+    assert np.allclose(joints.distance, np.radians(2.0)) and joints.angle is None
+    assert "2.000 deg" in str(joints) and " mm" not in str(joints)
+    assert joints.summary()["max_error_last"] == pytest.approx(np.radians(2.0))
+    _, axes = draw_errors(joints)
+    assert [ax.get_ylabel() for ax in axes][:2] == ["joints error [deg]", "|q - q_d| [deg]"]
+    assert np.allclose(axes[1].lines[0].get_ydata(), 2.0)

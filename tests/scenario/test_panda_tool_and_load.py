@@ -1,0 +1,71 @@
+"""Panda learns an unknown tool and load, every inertial parameter adapted, at 1 kHz."""
+
+import numpy as np
+import pytest
+
+from pinadapt.scenario.scenario import Scenario
+from tests.support.paths import ROOT
+
+pytestmark = pytest.mark.slow
+
+ROBOTS = ROOT / "robots"
+
+
+@pytest.fixture(scope="module")
+def adapted():
+    return Scenario.read(ROBOTS / "panda" / "tool_and_load.toml").run()
+
+
+def test_panda_tracks_within_a_millimetre(adapted):
+    assert adapted.diverged is None
+    assert len(adapted.dynamic_names) == 70 + 21
+    assert adapted.summary()["max_error_last"] <= 1e-3
+    assert adapted.min_eig_M_hat.min() > 0.0
+
+
+def test_panda_unadapted_is_ten_times_worse(adapted):
+    unadapted = Scenario.read(
+        ROBOTS / "panda" / "tool_and_load.toml", ["controller.adaptation=none"]
+    ).run()
+    assert unadapted.diverged is None
+    assert adapted.summary()["max_error_last"] <= 0.1 * unadapted.summary()["max_error_last"]
+
+
+def test_panda_learns_its_tool_and_loses_v(adapted):
+    assert np.linalg.norm(adapted.a_k[-1] - adapted.a_k_true) < 0.1 * np.linalg.norm(
+        adapted.a_k[0] - adapted.a_k_true
+    )
+    assert adapted.lyapunov[-1] < 0.8 * adapted.lyapunov[0]
+
+
+UNLIMITED = [
+    "controller.watch=false",
+    "controller.guards=false",
+    "simulation.torque_limits=false",
+]
+
+
+def test_panda_with_plain_gradient_loses_its_mass_matrix():
+    gradient = [
+        "controller.law=adaptive-inverse-dynamics",
+        "controller.adaptation=gradient",
+        "controller.gamma_d=12.0",
+        "simulation.duration=1.0",
+    ]
+    watched = Scenario.read(ROBOTS / "panda" / "tool_and_load.toml", gradient).run()
+    assert watched.diverged < 1.0 and "no longer positive definite" in watched.reason
+    assert watched.min_eig_M_hat.min() > 0.0  # the run ends before it is used
+    rollout = Scenario.read(ROBOTS / "panda" / "tool_and_load.toml", [*gradient, *UNLIMITED]).run()
+    assert watched.diverged < rollout.diverged < 1.0
+    assert rollout.min_eig_M_hat.min() < 0.0
+    assert 0.0 < rollout.t[-1] < rollout.diverged  # what happened until then is kept
+
+
+def test_panda_survives_a_start_far_from_its_path():
+    """The path begins 23 cm from the tool; the estimates must not blow up between two samples."""
+    far = ["reference.center=[0.5, 0.0, 0.5]", "simulation.duration=4.0"]
+    for setting in ("simulation.torque_limits=false", "simulation.camera={}"):
+        rollout = Scenario.read(ROBOTS / "panda" / "tool_and_load.toml", [*far, setting]).run()
+        assert rollout.diverged is None
+        assert rollout.distance[0] > 0.2
+        assert rollout.summary()["max_error_last"] < 1e-3

@@ -1,0 +1,445 @@
+"""Scenario files: what they may say, what they mean, and how they are refused."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from pinadapt.description.catalogue import robots_folder
+from pinadapt.scenario.scenario import Scenario
+from tests.support.paths import ARM4
+
+PLANAR = robots_folder() / "planar_2r" / "wang_xie_2009.toml"
+
+INTERFACE = """
+title = "Panda with an unknown tool and load"
+
+[robot]
+source = "panda"
+frame  = "panda_hand_tcp"
+task   = "xyz"
+locked = ["panda_finger_joint1"]
+q0     = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]
+gravity = [0.0, 0.0, -9.81]
+
+[truth]
+tool_translation = [0.03, -0.02, 0.12]
+payload = { mass = 1.5, com = [0.02, -0.01, 0.05], inertia = [0.01, 0.0, 0.012, 0.0, 0.0, 0.004] }
+inertial_scale = 1.0
+link_translation = { panda_joint4 = [0.0, 0.0, 0.01] }
+friction = { viscous = 0.1, coulomb = [0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2] }
+
+[belief]
+inertial_scale = 0.7
+kinematic = [0.01, 0.02, 0.2]
+
+[unknown]
+kinematic = ["tool"]
+dynamic   = "all"
+
+[controller]
+law = "adaptive-inverse-dynamics"
+adaptation = "natural"
+Kv = 40.0
+Kp = 400.0
+alpha = 5.0
+gamma_d = 10.0
+gamma_k = 0.05
+R_k = 50.0
+Q = 1.0
+lambda = 10.0
+lambda_a = 0.016666
+acceleration = "filtered"
+
+[reference]
+kind = "circle"
+center = [0.5, 0.0, 0.5]
+radius = 0.1
+period = 3.0
+plane  = "yz"
+phase  = 0.0
+
+[simulation]
+duration = 10.0
+dt = 1e-3
+mode = "sampled"
+substeps = 4
+engine = "pinocchio"
+noise  = { q = 0.0, v = 0.0, x = 0.0 }
+delay  = 0.0
+torque_limits = false
+seed = 0
+"""
+
+
+def write(tmp_path, text):
+    """Write a scenario file and return its path."""
+    path = tmp_path / "scenario.toml"
+    path.write_text(text)
+    return path
+
+
+def planar(*settings):
+    """Return the planar scenario with settings."""
+    return Scenario.read(PLANAR, settings)
+
+
+def scara(tmp_path, text):
+    """Return a scenario of the scara with more tables."""
+    return Scenario.read(write(tmp_path, f'[robot]\nsource = "scara"\n{text}'))
+
+
+# --- what a file means ---
+
+
+def test_every_key_of_the_interface_is_accepted(tmp_path):
+    scenario = Scenario.read(write(tmp_path, INTERFACE))
+    true, believed, controller = scenario.true, scenario.believed, scenario.controller
+    described = pa.load("panda")
+    assert np.isclose(pin.computeTotalMass(true.model), pin.computeTotalMass(described.model) + 1.5)
+    assert np.isclose(
+        pin.computeTotalMass(believed.model), 0.7 * pin.computeTotalMass(described.model)
+    )
+    assert np.allclose(true.friction.torque(np.ones(7)), 0.3)
+    assert np.allclose(true.home_angles, [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
+    law = controller.law
+    assert np.allclose(law.K_v, 40.0 * np.eye(3))
+    assert np.allclose(law.K_P, 400.0 * np.eye(3))
+    assert law.filters.task_velocity.bandwidth == 10.0
+    assert np.isclose(law.filters.joint_velocity.bandwidth, 1.0 / 0.016666)
+    assert np.allclose(scenario.trajectory.at(0.0).x_d, [0.5, 0.1, 0.5])
+    velocity = ["controller.law=adaptive-inverse-dynamics-velocity"]  # the law that has a Q
+    law = Scenario.read(write(tmp_path, INTERFACE), velocity).controller.law
+    assert np.allclose(law.Q, np.eye(6))
+
+
+def test_basis_and_dynamic_belief_of_the_interface_are_accepted():
+    assert (
+        planar(
+            "belief.dynamic=[4.0, 0.5, 0.5]", 'unknown.basis="basis.csv"'
+        ).controller.dynamics.size
+        == 3
+    )
+
+
+def test_defaults(tmp_path):
+    scenario = Scenario.read(write(tmp_path, '[robot]\nsource = "ur5"'))
+    simulation, reference = scenario.tables.simulation, scenario.tables.reference
+    assert scenario.true.frame == "tool0" and scenario.true.task.name == "xyz"
+    assert scenario.true.model == scenario.believed.model == pa.load("ur5").model
+    assert scenario.controller.law.name == "separation"
+    bodies, joints = (part for part, _ in scenario.controller.adaptation_d.parts)
+    assert isinstance(bodies, pa.Natural) and isinstance(joints, pa.ExponentiatedGradient)
+    assert scenario.controller.kinematics.names == ("tool_x", "tool_y", "tool_z")
+    assert scenario.controller.dynamics.size == 60 + 18
+    assert (reference.kind, reference.radius, reference.period, reference.phase) == (
+        "circle",
+        0.1,
+        3.0,
+        0.0,
+    )
+    assert (simulation.duration, simulation.dt, simulation.mode, simulation.substeps) == (
+        10.0,
+        1e-3,
+        "sampled",
+        None,
+    )
+    assert (simulation.engine, simulation.delay, simulation.torque_limits, simulation.seed) == (
+        "pinocchio",
+        0.0,
+        None,
+        0,
+    )
+    assert np.array_equal(scenario.controller.limits.torque, scenario.true.model.effortLimit)
+    assert set(simulation.noise.model_dump().values()) == {0.0}
+
+
+def test_a_circle_without_centre_starts_at_the_true_initial_position(tmp_path):
+    scenario = scara(
+        tmp_path, "[truth]\ntool_translation = [0.1, 0.0, 0.05]\n[reference]\nphase = 0.8"
+    )
+    start = scenario.true.position(scenario.true.q0)
+    assert np.allclose(scenario.trajectory.at(0.0).x_d, start, atol=1e-12)
+    assert np.linalg.norm(start - scenario.believed.position(scenario.believed.q0)) > 0.1
+    assert np.isclose(
+        np.linalg.norm(scenario.trajectory.at(0.0).x_d - scenario.trajectory.at(1.5).x_d), 0.2
+    )
+
+
+def test_relative_waypoints_are_offsets_from_the_start(tmp_path):
+    points = "points = [[0.1, 0.0, 0.0], [0.1, 0.1, 0.0]]"
+    text = f'[reference]\nkind = "waypoints"\n{points}\nsegment = 0.5\n'
+    scenario = scara(tmp_path, text)
+    start = scenario.true.position(scenario.true.q0)
+    assert np.allclose(
+        scenario.trajectory.positions([0.0, 0.5, 1.0]) - start,
+        [[0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0]],
+        atol=1e-12,
+    )
+    absolute = scara(tmp_path, text + "relative = false")
+    assert np.allclose(
+        absolute.trajectory.positions([0.0, 0.5]), [[0.1, 0.0, 0.0], [0.1, 0.1, 0.0]], atol=1e-12
+    )
+
+
+def test_lissajous_starts_at_the_initial_position(tmp_path):
+    sizes = "amplitude = [0.1, 0.05, 0.0]\ncycles = [1, 2, 3]\nphase = [0.3, 0.0, 0.0]"
+    text = f'[reference]\nkind = "lissajous"\n{sizes}'
+    scenario = scara(tmp_path, text)
+    assert np.allclose(
+        scenario.trajectory.at(0.0).x_d, scenario.true.position(scenario.true.q0), atol=1e-12
+    )
+
+
+def test_hold_holds_the_initial_position_or_a_point(tmp_path):
+    scenario = scara(tmp_path, '[reference]\nkind = "hold"')
+    assert np.allclose(
+        scenario.trajectory.at(3.0).x_d, scenario.true.position(scenario.true.q0), atol=1e-12
+    )
+    scenario = scara(tmp_path, '[reference]\nkind = "hold"\ncenter = [0.4, 0.1, 0.3]')
+    assert np.allclose(scenario.trajectory.at(3.0).x_d, [0.4, 0.1, 0.3])
+
+
+def test_beliefs_are_the_initial_estimates():
+    rollout = planar(
+        "simulation.duration=0.01", "belief.kinematic=[1.3, 1.6]", "belief.dynamic=[3.9, 0.6, 0.7]"
+    ).run()
+    assert np.allclose(rollout.a_k[0], [1.3, 1.6])
+    assert np.allclose(rollout.a_d[0], [3.9, 0.6, 0.7])
+
+
+def test_belief_inertial_scale_is_the_initial_estimate(tmp_path):
+    scenario = scara(
+        tmp_path, "[belief]\ninertial_scale = { slide_joint = 0.5 }\n[simulation]\nduration = 0.002"
+    )
+    truth = pa.BodyDynamics(pa.load("scara")).initial
+    factors = np.repeat([1.0, 1.0, 0.5, 1.0], 10)
+    assert np.allclose(scenario.run().a_d[0, :40], factors * truth, atol=1e-12)
+
+
+def test_paths_are_relative_to_the_scenario_file(tmp_path, monkeypatch):
+    folder = tmp_path / "somewhere"
+    (folder / "robots").mkdir(parents=True)
+    (folder / "robots" / "arm.urdf").write_text(ARM4.read_text())
+    (folder / "scenario.toml").write_text('[robot]\nsource = "robots/arm.urdf"\nframe = "tip"')
+    monkeypatch.chdir(tmp_path)
+    assert Scenario.read("somewhere/scenario.toml").true.model.nv == 4
+
+
+# --- settings ---
+
+
+def test_settings_take_dotted_keys_and_toml_values():
+    scenario = planar(
+        "controller.Kv=[41.0, 42.0]",
+        "simulation.torque_limits=true",
+        "simulation.noise={ x = 1e-3 }",
+    )
+    assert np.allclose(np.diag(scenario.controller.law.K_v), [41.0, 42.0])
+    assert scenario.tables.simulation.torque_limits is True
+    assert scenario.tables.simulation.noise.x == 1e-3
+
+
+def test_settings_make_tables_that_are_missing_and_reach_into_inline_ones():
+    scenario = planar("truth.payload.mass=0.3", "truth.friction.viscous=0.1")
+    assert np.isclose(pin.computeTotalMass(scenario.true.model), 3.3)
+    assert np.allclose(scenario.true.friction.viscous, 0.1)
+
+
+def test_bare_words_are_strings():
+    assert (
+        planar("controller.adaptation=gradient", "title=A first try").tables.title == "A first try"
+    )
+
+
+def test_later_settings_win():
+    assert planar("simulation.seed=1", "simulation.seed=2").tables.simulation.seed == 2
+
+
+@pytest.mark.parametrize(
+    "setting", ["simulation.duration", "=3", "controller..Kv=3", "simulation.duration.x=3"]
+)
+def test_malformed_settings_are_refused(setting):
+    with pytest.raises(pa.ScenarioError, match="--set"):
+        planar(setting)
+
+
+# --- refusals ---
+
+
+@pytest.mark.parametrize(
+    ("setting", "key", "suggestion"),
+    [
+        ("contoller.Kv=3.0", "contoller", "controller"),
+        ("robot.sorce='ur5'", "robot.sorce", "source"),
+        ("truth.paylod=1", "truth.paylod", "payload"),
+        ("truth.payload={ mass = 1.0, con = [0, 0, 0] }", "truth.payload.con", "com"),
+        ("truth.friction={ viscos = 1.0 }", "truth.friction.viscos", "viscous"),
+        ("belief.dynamc=[1.0]", "belief.dynamc", "dynamic"),
+        ("unknown.kinematc=[]", "unknown.kinematc", "kinematic"),
+        ("controller.kv=3.0", "controller.kv", "Kv"),
+        ("controller.lamda=3.0", "controller.lamda", "lambda"),
+        ("reference.radus=1.0", "reference.radus", "radius"),
+        ("simulation.substep=1", "simulation.substep", "substeps"),
+    ],
+)
+def test_a_wrong_key_is_named_and_the_nearest_suggested(setting, key, suggestion):
+    with pytest.raises(pa.ScenarioError) as error:
+        planar(setting)
+    assert f"{key}: unknown key; allowed here: " in str(error.value)
+    assert f"Did you mean '{suggestion}'?" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("setting", "key"),
+    [
+        ("title=3", "title"),
+        ("robot.source=3", "robot.source"),
+        ("robot.q0=1.0", "robot.q0"),
+        ("robot.q0=[nan, 1.0]", "robot.q0"),
+        ("robot.gravity=[0.0, 0.0]", "robot.gravity"),
+        ("truth.tool_translation=[0.0, 0.0]", "truth.tool_translation"),
+        ("truth.payload={ com = [0.0, 0.0, 0.0] }", "truth.payload.mass"),
+        ("truth.payload.mass=-1.0", "truth.payload.mass"),
+        ("truth.payload={ mass = 1.0, inertia = [1.0] }", "truth.payload.inertia"),
+        ("truth.inertial_scale=-1.0", "truth.inertial_scale"),
+        ("truth.inertial_scale={ joint1 = -1.0 }", "truth.inertial_scale.joint1"),
+        ("truth.link_translation={ joint1 = [0.0, 0.0] }", "truth.link_translation.joint1"),
+        ("truth.friction.viscous=-1.0", "truth.friction.viscous"),
+        ("belief.inertial_scale=0.0", "belief.inertial_scale"),
+        ("belief.dynamic=3.0", "belief.dynamic"),
+        ("controller.Kv='a'", "controller.Kv"),
+        ("controller.alpha=[1.0]", "controller.alpha"),
+        ("reference.radius=-1.0", "reference.radius"),
+        ("reference.period=0.0", "reference.period"),
+        ("reference.phase=inf", "reference.phase"),
+        ("reference.plane='yz'", "reference.plane"),
+        ("reference.center=[1.0]", "reference.center"),
+        ("simulation.duration=-1.0", "simulation.duration"),
+        ("simulation.duration=inf", "simulation.duration"),
+        ("simulation.dt=0.0", "simulation.dt"),
+        ("simulation.dt=nan", "simulation.dt"),
+        ("simulation.substeps=0", "simulation.substeps"),
+        ("simulation.substeps=1.5", "simulation.substeps"),
+        ("simulation.noise.x=-1.0", "simulation.noise.x"),
+        ("simulation.delay=-1.0", "simulation.delay"),
+        ("simulation.torque_limits='maybe'", "simulation.torque_limits"),
+        ("simulation.seed=-1", "simulation.seed"),
+        # found when robot, controller and motion are built
+        ("robot.source=planr_2r", "robot.source"),
+        ("robot.frame=tp", "robot.frame"),
+        ("robot.q0=[1.0]", "robot.q0"),
+        ("robot.locked=['joint3']", "robot.locked"),
+        ("truth.inertial_scale={ joint3 = 1.0 }", "truth.inertial_scale"),
+        ("truth.link_translation={ joint3 = [0.0, 0.0, 0.0] }", "truth.link_translation"),
+        ("truth.friction.viscous=[1.0]", "truth.friction.viscous"),
+        (
+            "truth.payload={ mass = 1.0, inertia = [-1.0, 0.0, 1.0, 0.0, 0.0, 1.0] }",
+            "truth.payload.inertia",
+        ),
+        ("belief.inertial_scale={ joint3 = 1.0 }", "belief.inertial_scale"),
+        ("unknown.kinematic=['tol']", "unknown.kinematic"),
+        ("unknown.kinematic=['joint1']", "unknown.kinematic"),
+        ("unknown.dynamic=al", "unknown.dynamic"),
+        ("unknown.basis=bsis.csv", "unknown.basis"),
+        ("unknown.lmi=lm.csv", "unknown.lmi"),
+        ("controller.Kv=-1.0", "controller.Kv"),
+        ("controller.Kv=[40.0]", "controller.Kv"),
+        ("controller.alpha=100.0", "controller.alpha"),
+        ("controller.gamma_d=[1.0, 2.0, 3.0]", "controller.gamma_d"),
+        ("controller.gamma_k=[1.0]", "controller.gamma_k"),
+        ("controller.lambda=-1.0", "controller.lambda"),
+        ("controller.lambda_a=0.0", "controller.lambda_a"),
+        (
+            "reference={ kind = 'lissajous', amplitude = [0.1], cycles = [1.0, 2.0] }",
+            "reference.amplitude",
+        ),
+        ("reference={ kind = 'waypoints', points = [[0.1, 0.1, 0.1]] }", "reference.points"),
+        (
+            "reference={ kind = 'waypoints', relative = false, points = [[1, 1, 1], [1, 1, 2]] }",
+            "reference.points",
+        ),
+        # found when the run begins
+        ("belief.kinematic=[1.0]", "belief.kinematic"),
+        ("belief.dynamic=[1.0]", "belief.dynamic"),
+        ("belief.dynamic=[1.0, 5.0, 1.0]", "belief.dynamic"),
+    ],
+)
+def test_a_wrong_value_names_its_dotted_key(setting, key):
+    with pytest.raises(pa.InputError) as error:
+        planar("simulation.duration=0.002", setting).run()
+    assert key in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("setting", "suggestion"),
+    [
+        ("robot.source=planr_2r", "planar_2r"),
+        ("robot.frame=tp", "tip"),
+        ("robot.locked=['jont1']", "joint1"),
+        ("robot.task=xyzz", "xyz"),
+        ("truth.inertial_scale={ jont1 = 1.0 }", "joint1"),
+        ("truth.link_translation={ jont1 = [0.0, 0.0, 0.0] }", "joint1"),
+        ("unknown.kinematic=['tol']", "tool"),
+        ("controller.law=adaptive-invers-dynamics", "adaptive-inverse-dynamics"),
+        ("controller.adaptation=natrual", "natural"),
+        ("controller.acceleration=idel", "ideal"),
+        ("reference.kind=circel", "circle"),
+        ("reference.plane=zy", "yz"),
+        ("simulation.mode=sampld", "sampled"),
+        ("simulation.engine=pinochio", "pinocchio"),
+    ],
+)
+def test_a_misspelt_word_is_told_the_nearest(setting, suggestion):
+    with pytest.raises(pa.InputError, match=f"Did you mean '{suggestion}'"):
+        planar(setting)
+
+
+@pytest.mark.parametrize(
+    ("setting", "key", "allowed"),
+    [
+        ("robot.task=joint", "unknown.kinematic", "xyz"),
+        ("controller.law=slotine-li", "controller.law", 'task = "joint"'),
+        ("simulation.engine=bullet", "simulation.engine", "mujoco"),
+        ("controller.law=composite", "controller.law", "adaptive-jacobian"),
+        ("controller.law=adaptive-jacobean", "controller.law", "adaptive-jacobian"),
+    ],
+)
+def test_what_does_not_exist_or_fit_is_refused_and_the_alternatives_named(setting, key, allowed):
+    with pytest.raises(pa.InputError) as error:
+        planar(setting)
+    assert key in str(error.value)
+    assert allowed in str(error.value)
+
+
+def test_an_inequality_without_basis_is_refused(tmp_path):
+    (tmp_path / "lmi.csv").write_text("1, 0, 0, 1\n")
+    with pytest.raises(pa.InputError, match=r"unknown\.lmi.*basis"):
+        scara(tmp_path, '[unknown]\nlmi = "lmi.csv"')
+
+
+def test_a_basis_with_natural_adaptation_needs_an_inequality(tmp_path):
+    text = f'[robot]\nsource = "planar_2r"\n[unknown]\nbasis = "{PLANAR.parent / "basis.csv"}"'
+    with pytest.raises(pa.InputError, match=r"unknown\.lmi.*gradient"):
+        Scenario.read(write(tmp_path, text))
+
+
+def test_continuous_mode_refuses_noise_and_delay():
+    for setting in ("simulation.noise.q=1e-3", "simulation.delay=0.01"):
+        with pytest.raises(pa.InputError, match="sampled mode only"):
+            planar("simulation.mode=continuous", setting).run()
+
+
+@pytest.mark.parametrize("text", ["[robot\nsource = 'ur5'", "title = ", "\xff"])
+def test_files_that_are_no_toml_are_refused(tmp_path, text):
+    path = tmp_path / "scenario.toml"
+    path.write_bytes(text.encode("latin-1"))
+    with pytest.raises(pa.ScenarioError, match="not valid TOML"):
+        Scenario.read(path)
+
+
+def test_missing_files_and_tables_are_refused(tmp_path):
+    with pytest.raises(pa.ScenarioError, match="no such file"):
+        Scenario.read(tmp_path / "nothing.toml")
+    with pytest.raises(pa.ScenarioError, match="robot: this key is required"):
+        Scenario.read(write(tmp_path, 'title = "no robot"'))

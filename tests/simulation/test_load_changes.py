@@ -1,0 +1,533 @@
+"""The true robot changes during a run, and the controller may be told: loads, tools, friction."""
+
+import copy
+import re
+import warnings
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from pinadapt.description.catalogue import robots_folder
+from pinadapt.plants.plant import Plant
+from pinadapt.plots.figures import error_figure, parameter_figure
+from pinadapt.robot.succession import difference
+from pinadapt.scenario.scenario import Scenario
+from pinadapt.view.scene import motion_in_time
+from tests.support.chains import catalogue_robot, random_state
+from tests.support.loops import ARRAYS, circle_at_home
+from tests.support.paper import BASIS
+from tests.support.snapshots import snapshot, unchanged
+
+pytestmark = pytest.mark.slow
+
+CHANGES = robots_folder() / "panda" / "load_changes.toml"
+LIGHT = pa.Payload(0.4, [0.01, 0.0, 0.03], [2e-3, 0.0, 2e-3, 0.0, 0.0, 1e-3])
+HEAVY = pa.Payload(1.2, [0.0, 0.02, 0.05], [4e-3, 0.0, 5e-3, 0.0, 0.0, 3e-3])
+TOOL = [0.02, -0.01, 0.06]
+
+
+def arm(name="z1", **changes):
+    """Return an arm of the catalogue, changed."""
+    return catalogue_robot(name).changed(**changes)
+
+
+def told(controller, state, **news):
+    """Return the state after ``believe``, which must not have written to the one before."""
+    before = snapshot(state)
+    after = controller.believe(state, **news)
+    assert unchanged(state, before)
+    return after
+
+
+def started(controller, true, **start):
+    """Return the state that a controller starts from on a robot at rest."""
+    return controller.init(pa.PinocchioPlant(true).measure(), **start)
+
+
+# --- the plant ---
+
+
+@pytest.mark.parametrize("integrator", ["midpoint", "runge-kutta"])
+def test_a_plant_moves_as_the_robot_it_became_from_that_instant_to_the_bit(integrator):
+    first = arm(payload=LIGHT, viscous=0.2)
+    second = arm(payload=HEAVY, coulomb=0.3, tool_translation=TOOL)
+    plant = pa.PinocchioPlant(first, integrator=integrator)
+    unchanging, alone = (pa.PinocchioPlant(r, integrator=integrator) for r in (first, second))
+    tau = np.linspace(1.0, -1.0, plant.nv)
+    for _ in range(20):
+        plant.step(tau, 2e-3)
+        unchanging.step(tau, 2e-3)
+    before = plant.measure()
+    plant.become(second)
+    alone._q, alone._v, alone._t = before.q.copy(), before.v.copy(), before.t
+    assert np.array_equal(plant.measure().q, before.q) and plant.measure().t == before.t
+    assert not np.allclose(plant.measure().x, before.x)  # another tool is elsewhere
+    for _ in range(20):
+        for one, other in zip(plant.measure()[:4], alone.measure()[:4], strict=True):
+            assert np.array_equal(one, other)
+        assert np.array_equal(plant.acceleration(tau), alone.acceleration(tau))
+        plant.step(tau, 2e-3)
+        alone.step(tau, 2e-3)
+        unchanging.step(tau, 2e-3)
+    assert not np.allclose(plant.measure().q, unchanging.measure().q)
+    plant.reset()
+    assert plant.robot is first and np.array_equal(plant.measure().x, first.position(first.q0))
+
+
+class Bench(Plant):
+    """A plant that says nothing of becoming another robot."""
+
+    nv = 1
+
+    def reset(self):
+        """Do nothing."""
+
+    def measure(self):
+        """Return rest."""
+        return pa.Measurement(0.0, np.zeros(1), np.zeros(1))
+
+    def step(self, torque, dt):
+        """Do nothing."""
+
+
+def test_a_plant_that_cannot_change_says_so():
+    with pytest.raises(pa.InputError, match="changes: Bench cannot become"):
+        Bench().become(arm())
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        lambda: arm("ur5"),
+        lambda: pa.load("z1", task="xy"),
+        lambda: pa.load("z1", frame="link05"),
+        lambda: "z1",
+    ],
+)
+def test_another_chain_frame_or_task_cannot_take_its_place(other):
+    other = other()
+    with pytest.raises(pa.RobotError):
+        pa.PinocchioPlant(arm()).become(other)
+    with pytest.raises(pa.RobotError, match=re.escape("changes[1]")):
+        pa.Succession.of(arm(), {1.0: other})
+
+
+@pytest.mark.parametrize("changes", [{0.0: arm}, {-1.0: arm}, {np.inf: arm}, {"1": arm}, [1.0]])
+def test_times_are_positive_and_finite(changes):
+    for make in (lambda: pa.Succession.of(arm(), changes), lambda: pa.Events(None, changes)):
+        with pytest.raises(pa.InputError, match=r"times must be|expected a mapping"):
+            make()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"payload": LIGHT}, "+0.4 kg"),
+        ({"payload": HEAVY, "tool_translation": TOOL}, "+1.2 kg, tool"),
+        ({"viscous": 0.1, "armature": 0.7}, "friction, rotors"),
+        ({"link_translation": {"joint3": [0.0, 0.0, 0.01]}}, "links"),
+        ({}, "nothing"),
+    ],
+)
+def test_a_change_is_told_in_words(change, words):
+    assert difference(arm(), arm(**change)) == words
+
+
+# --- the loop ---
+
+
+def loop(changes=None, beliefs=None, **options):
+    """Return a short rollout of a z1 that carries a light load at first."""
+    true = arm(payload=LIGHT)
+    controller = pa.make_controller(arm(inertial_scale=0.9), joint="none")
+    options = {"duration": 0.06, "changes": changes, "beliefs": beliefs, **options}
+    return pa.simulate(true, controller, circle_at_home(true), **options)
+
+
+@pytest.mark.parametrize("mode", ["sampled", "continuous"])
+def test_a_run_is_the_same_until_the_change_and_another_after_it(mode):
+    plain = loop(mode=mode)
+    changed = loop({0.03: arm(payload=HEAVY)}, mode=mode)
+    idle = loop({0.03: arm(payload=LIGHT)}, mode=mode)  # the same robot once more
+    for name in ARRAYS:
+        assert np.array_equal(getattr(idle, name), getattr(plain, name)), name
+        assert np.array_equal(getattr(changed, name)[:31], getattr(plain, name)[:31]), name
+    assert not np.allclose(changed.q[32], plain.q[32], rtol=0.0, atol=1e-9)
+
+
+def test_a_change_between_two_samples_takes_effect_at_the_later_one():
+    at_sample, between = (loop({at: arm(payload=HEAVY)}) for at in (0.03, 0.0295))
+    assert np.array_equal(at_sample.q, between.q)
+    assert np.array_equal(at_sample.a_d_true, between.a_d_true)
+    assert at_sample.marks[0][0] == 0.03 and between.marks[0][0] == 0.0295
+
+
+def test_several_changes_come_in_order_of_their_time_and_a_new_tool_moves_the_tip():
+    robots = {0.04: arm(), 0.02: arm(payload=HEAVY, tool_translation=TOOL)}
+    rollout = loop(robots)
+    assert [words for _, words in rollout.marks] == ["+0.8 kg, tool", "-1.2 kg, tool"]
+    tips = np.array([arm().position(q) for q in rollout.q])
+    off = np.linalg.norm(rollout.x - tips, axis=1)
+    assert np.allclose(off[20:40], np.linalg.norm(TOOL)) and np.allclose(off[:20], 0.0)
+    assert np.allclose(off[40:], 0.0)
+
+
+def test_the_true_parameters_are_those_of_each_time():
+    rollout, plain = loop({0.03: arm(payload=HEAVY, tool_translation=TOOL)}), loop()
+    value = pa.BodyDynamics(arm()).value
+    assert plain.a_d_true.shape == (60,) and rollout.a_d_true.shape == (60, 60)
+    assert np.array_equal(rollout.a_d_true[29], plain.a_d_true)
+    assert np.array_equal(rollout.a_d_true[30], value(arm(payload=HEAVY)))
+    assert np.allclose(rollout.a_k_true[30] - rollout.a_k_true[29], TOOL)
+    assert np.isfinite(rollout.lyapunov).all()
+    assert loop({0.03: arm(link_translation={"joint3": [0.0, 0.0, 0.01]})}).a_d_true is None
+
+
+def test_v_falls_on_either_side_of_a_change_and_jumps_there():
+    """Continuous time, ideal acceleration: V never rises but where the truth does."""
+    rollout = loop({0.03: arm(payload=HEAVY)}, mode="continuous", acceleration="ideal")
+    rises = np.diff(rollout.lyapunov)
+    assert rises[29] > 0.1 * rollout.lyapunov[0]
+    assert np.delete(rises, 29).max() < 1e-9 * rollout.lyapunov[0]
+
+
+def test_what_never_happens_is_told():
+    with pytest.warns(UserWarning, match=re.escape("before what happens at [0.06, 2.0] s")):
+        loop({2.0: arm()}, {0.06: {"payload": None}})
+
+
+def test_a_plant_of_ones_own_is_changed_by_events():
+    true, heavy = arm(payload=LIGHT), arm(payload=HEAVY)
+    controller = pa.make_controller(arm(inertial_scale=0.9), joint="none")
+    plant, path = pa.PinocchioPlant(true), circle_at_home(true)
+    events = pa.Events({0.03: heavy}, {0.03: {"payload": HEAVY}})
+    for _ in range(2):  # a run begins with the first robot again
+        stream = list(pa.run(plant, controller, path, duration=0.06, events=events))
+        expected = loop({0.03: heavy}, {0.03: {"payload": HEAVY}})
+        assert np.array_equal([sample.truth.q for sample in stream], expected.q)
+        assert np.array_equal([sample.state.a_d for sample in stream], expected.a_d)
+
+
+# --- what a controller is told ---
+
+
+@pytest.mark.parametrize("dynamic", ["all", "payload", ["joint2", "joint6"]])
+def test_an_announced_load_is_exact_and_the_other_bodies_keep_what_they_learned(dynamic):
+    controller = pa.make_controller(arm(), joint="none", dynamic=dynamic)
+    state = started(controller, arm())
+    learned = state.a_d * np.linspace(1.0, 1.2, state.a_d.size // 10).repeat(10)
+    state = state._replace(dynamic=state.dynamic._replace(value=learned))
+    truth = pa.BodyDynamics(arm(), dynamic).value
+    after = told(controller, state, payload=HEAVY)
+    assert np.array_equal(after.a_d[-10:], truth(arm(payload=HEAVY))[-10:])
+    assert np.array_equal(after.a_d[:-10], learned[:-10])
+    assert np.array_equal(after.a_0, truth(arm(payload=HEAVY))) and after.load is HEAVY
+    again = told(controller, told(controller, after, payload=LIGHT), payload=None)
+    assert np.array_equal(again.a_d[-10:], truth(arm())[-10:]) and again.load is None
+    assert after.a_k is state.a_k and after.filters is state.filters and after.t == state.t
+
+
+def test_joints_keep_what_they_learned():
+    controller = pa.make_controller(arm(viscous=0.2), law="separation", joint="all")
+    state = started(controller, arm())
+    after = told(controller, state, payload=HEAVY)
+    assert np.array_equal(after.a_d[60:], state.a_d[60:]) and state.a_d.size == 78
+    assert np.allclose(after.a_d[:60], pa.BodyDynamics(arm()).value(arm(payload=HEAVY)))
+
+
+def test_a_believed_load_is_replaced_and_not_added_to():
+    controller = pa.make_controller(arm(), joint="none", payload=LIGHT)
+    state = started(controller, arm())
+    truth = pa.BodyDynamics(arm()).value
+    assert state.load is LIGHT and np.allclose(state.a_d, truth(arm(payload=LIGHT)))
+    assert np.allclose(told(controller, state, payload=HEAVY).a_d, truth(arm(payload=HEAVY)))
+    assert np.allclose(told(controller, state, payload=None).a_d, truth(arm()))
+
+
+LENGTHS = ["joint2", "joint3:length"]
+
+
+def lumped(**options):
+    """Return a controller of lumped parameters."""
+    options = {"law": "adaptive-jacobian", "adaptation": "gradient", "kinematic": LENGTHS} | options
+    return pa.make_controller(arm(), **options)
+
+
+@pytest.mark.parametrize("payload", [LIGHT, HEAVY])
+def test_lumped_parameters_move_by_the_loads_own_torque_at_the_estimated_lengths(payload):
+    controller, rng = lumped(), np.random.default_rng(4)
+    a_k = controller.kinematics.initial + 0.02 * rng.standard_normal(4)
+    state = started(controller, arm(), a_k=a_k)
+    learned = state.a_d * rng.uniform(0.8, 1.2, state.a_d.size)
+    state = state._replace(dynamic=state.dynamic._replace(value=learned))
+    state = told(controller, state, payload=LIGHT)
+    after = told(controller, state, payload=payload)
+    if payload is LIGHT:
+        assert np.allclose(after.a_d, state.a_d)
+    shift = a_k[:3] - controller.kinematics.initial[:3]
+    link = catalogue_robot("z1").model.jointPlacements[3].translation
+    stretch = (a_k[3] / controller.kinematics.initial[3] - 1.0) * link
+    lengths = {"link_translation": {"joint2": shift, "joint3": stretch}}
+    for _ in range(3):
+        q, v, a = random_state(arm(), rng)
+        torque = [
+            pin.rnea(robot.model, robot.model.createData(), q, v, a)
+            for robot in (arm(payload=LIGHT, **lengths), arm(payload=payload, **lengths))
+        ]
+        Y = controller.dynamics.regressor(q, v, a)
+        moved = Y @ (after.a_d - state.a_d)
+        assert np.allclose(moved, torque[1] - torque[0], rtol=1e-6, atol=1e-6)
+
+
+def planar(**options):
+    """Return a controller of Wang and Xie's arm with their three parameters."""
+    robot = catalogue_robot("planar_2r")
+    return robot, pa.make_controller(
+        robot, basis=BASIS, adaptation="gradient", joint="none", **options
+    )
+
+
+def test_a_basis_moves_by_the_difference_to_the_load_announced_last():
+    robot, controller = planar()
+    weight = pa.Payload(0.5, [0.0, 0.0, 0.0])
+    state = started(controller, robot, a_d=np.array([4.0, 0.9, 0.7]))
+    after = told(controller, state, payload=weight)
+    l1, l2 = 1.0, 1.2
+    expected = 0.5 * np.array([l1**2 + l2**2, l1 * l2, l2**2])
+    assert np.allclose(after.a_d - state.a_d, expected)
+    assert np.allclose(after.a_0 - state.a_0, expected)
+    assert np.allclose(told(controller, after, payload=weight).a_d, after.a_d)
+    assert np.allclose(told(controller, after, payload=None).a_d, state.a_d)
+
+
+def test_a_tool_is_told_by_its_translation_and_the_lengths_keep_theirs():
+    controller = lumped(kinematic=["tool", *LENGTHS])
+    state = started(controller, arm())
+    moved = state.a_k + 0.01
+    state = state._replace(kinematic=state.kinematic._replace(value=moved))
+    after = told(controller, state, tool_translation=TOOL)
+    assert np.allclose(after.a_k[:3], controller.kinematics.value(arm(tool_translation=TOOL))[:3])
+    assert np.array_equal(after.a_k[3:], moved[3:]) and after.a_d is state.a_d
+
+
+def hand_made():
+    """Return a controller put together without a description."""
+    made = pa.make_controller(arm(), law="separation")
+    parts = {"adaptation_k": made.adaptation_k, "adaptation_d": made.adaptation_d}
+    return pa.Controller(made.law, made.kinematics, made.dynamics, **parts)
+
+
+@pytest.mark.parametrize(
+    ("make", "news", "message"),
+    [
+        (lambda: pa.make_controller(arm(), dynamic=["joint2"]), {"payload": HEAVY}, "payload: the"),
+        (lambda: pa.make_controller(arm(), dynamic="none"), {"payload": HEAVY}, "payload: the 18"),
+        (lambda: lumped(dynamic=["joint2"]), {"payload": HEAVY}, "cannot express a load"),
+        (pa.make_controller, {"payload": 3.0}, "expected a Payload or None, got 3.0"),
+        (pa.make_controller, {"payload": pa.Payload(-1.0)}, "payload.mass: must be positive"),
+        (pa.make_controller, {"tool_translation": [1.0]}, "tool_translation: expected 3 numbers"),
+        (pa.make_controller, {"tool_translation": [9.0, 0.0, 0.0]}, "outside its box"),
+        (lumped, {"tool_translation": TOOL}, "tool_translation: the kinematic parameters"),
+        (hand_made, {"payload": HEAVY}, "put together without a description"),
+    ],
+)
+def test_what_the_parameters_cannot_express_is_refused(make, news, message):
+    controller = make(arm()) if make is pa.make_controller else make()
+    state = started(controller, arm())
+    with pytest.raises(pa.InputError, match=re.escape(message)):
+        told(controller, state, **news)
+    with pytest.raises(pa.InputError, match=re.escape(message)):  # before anything moves
+        pa.simulate(arm(), controller, circle_at_home(arm()), duration=0.01, beliefs={5e-3: news})
+
+
+def test_a_tool_of_unknown_length_is_told_along_its_direction_only():
+    panda = arm("panda")
+    controller = pa.make_controller(panda, kinematic="tool:length")
+    state = started(controller, panda)
+    longer = told(controller, state, tool_translation=[0.0, 0.0, 0.05])
+    assert np.allclose(longer.a_k - state.a_k, 0.05)
+    with pytest.raises(pa.ParameterError, match="cannot express this tool"):
+        told(controller, state, tool_translation=[0.01, 0.0, 0.05])
+
+
+def test_nothing_said_and_no_load_where_none_is_known_change_nothing():
+    controller = pa.make_controller(arm(), dynamic=["joint2"])
+    state = started(controller, arm())
+    assert controller.believe(state) is state
+    assert np.array_equal(told(controller, state, payload=None).a_d, state.a_d)
+
+
+def test_an_unknown_belief_is_refused_with_the_nearest():
+    with pytest.raises(pa.InputError, match=r"beliefs\[1\].*Did you mean 'payload'"):
+        loop(beliefs={1.0: {"paylod": None}})
+
+
+def test_a_copy_is_told_the_same():
+    controller = pa.make_controller(arm(), law="separation")
+    state, other = started(controller, arm()), copy.deepcopy(controller)
+    for news in ({"payload": HEAVY}, {"tool_translation": TOOL}):
+        ours, theirs = (c.believe(state, **news) for c in (controller, other))
+        assert np.array_equal(ours.flat(), theirs.flat())
+
+
+# --- the panda of the example, its changes sooner ---
+
+TOLD = (
+    "belief.change=[{ at = 3.0, payload = { mass = 0.0 } }, "
+    "{ at = 5.0, payload = { mass = 3.0, com = [0.0, 0.0, 0.05] } }]"
+)
+SOONER = (
+    "truth.change=[{ at = 5.0, payload = { mass = 3.0, com = [0.0, 0.0, 0.05] } }, "
+    "{ at = 3.0, payload = { mass = 0.0 } }]"
+)
+
+
+def panda(*settings):
+    """Return the example scenario with its changes after 3 and 5 of 7 seconds."""
+    return Scenario.read(CHANGES, [SOONER, "simulation.duration=7.0", *settings])
+
+
+@cache
+def ran(*settings):
+    """Return the rollout of the example."""
+    return panda(*settings).run()
+
+
+def test_untold_the_panda_is_back_within_a_fifth_of_a_second():
+    drop, lift = ran().transients
+    assert (drop.at, drop.what, lift.at, lift.what) == (3.0, "-1.5 kg", 5.0, "+3 kg")
+    assert 0.5e-3 < drop.worst < 2e-3 and drop.back < 0.2
+    assert 1.5e-3 < lift.worst < 4.5e-3 and 0.05 < lift.back < 0.3
+    assert ran().distance[-500:].max() < 0.3e-3
+
+
+def test_told_it_stays_within_a_fifth_of_a_millimetre():
+    for transient, untold in zip(ran(TOLD).transients, ran().transients, strict=True):
+        assert transient.what == f"{untold.what}, told"
+        assert transient.worst < 0.2e-3 < untold.worst and transient.back == 0.0
+
+
+def test_the_scenario_and_simulate_agree():
+    scenario = panda(TOLD, "simulation.duration=3.02")
+    described = pa.load("panda")
+    tool = [0.03, -0.02, 0.12]
+    inertia = [0.01, 0.0, 0.012, 0.0, 0.0, 0.004]
+    load = pa.Payload(1.5, [0.02, -0.01, 0.05], inertia)
+    true = described.changed(tool_translation=tool, payload=load)
+    controller = pa.make_controller(
+        described.changed(inertial_scale=0.7), law="separation", kinematic=["tool"]
+    )
+    heavy = pa.Payload(3.0, [0.0, 0.0, 0.05])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the second change does not happen
+        ours = pa.simulate(
+            true,
+            controller,
+            pa.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(true.position(true.q0)),
+            duration=3.02,
+            changes={
+                3.0: described.changed(tool_translation=tool),
+                5.0: described.changed(tool_translation=tool, payload=heavy),
+            },
+            beliefs={3.0: {"payload": None}, 5.0: {"payload": heavy}},
+        )
+        theirs = scenario.run()
+    for name in (*ARRAYS, "a_d_true", "a_k_true"):
+        assert np.array_equal(getattr(ours, name), getattr(theirs, name)), name
+    assert ours.marks == theirs.marks
+
+
+def test_changes_add_up_in_order_of_time_and_replace_whole_keys():
+    changes = (
+        "truth.change=[{ at = 4.0, payload = { mass = 0.0 } }, "
+        "{ at = 2.0, friction = { viscous = 0.3 }, payload = { mass = 2.0 } }, "
+        "{ at = 6.0, tool_translation = [0.0, 0.0, 0.1] }]"
+    )
+    scenario = Scenario.read(CHANGES, [changes])
+    robots = [scenario.true, *scenario.changes.values()]
+    assert list(scenario.changes) == [2.0, 4.0, 6.0]
+    words = [difference(*pair) for pair in pairwise(robots)]
+    assert words == ["+0.5 kg, friction", "-2 kg", "tool"]
+    assert np.allclose(robots[-1].friction.viscous, 0.3)
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ("truth.change=[{ at = 5.0, paylod = 1 }]", "change.0.paylod: unknown.*'payload'"),
+        ("truth.change=[{ at = 5.0, payload = { mas = 1.0 } }]", "payload.mas: unknown.*'mass'"),
+        ("truth.change=[{ payload = { mass = 1.0 } }]", "truth.change.0.at: this key is required"),
+        ("truth.change=[{ at = 0.0 }]", "truth.change.0.at: input should be greater than 0"),
+        ("truth.change=[{ at = inf }]", "truth.change.0.at: input should be a finite"),
+        ("truth.change=[{ at = 2.0 }, { at = 2.0 }]", "truth.change.1.at: there is another"),
+        (
+            "truth.change=[{ at = 2.0, inertial_scale = { joint1 = 2.0 } }]",
+            r"truth.change.0.inertial_scale: no joint.*'panda_joint1'",
+        ),
+        (
+            "truth.change=[{ at = 2.0, payload = { mass = 0.0, inertia = [1, 0, 1, 0, 0, 1] } }]",
+            "truth.change.0.payload.mass: must be positive",
+        ),
+        ("belief.change=[{ at = 5.0 }]", "belief.change.0: must name payload or tool_trans"),
+        ("belief.change=[{ at = 5.0, friction = 1 }]", "belief.change.0.friction: unknown key"),
+    ],
+)
+def test_changes_of_a_scenario_are_refused_by_name(setting, message):
+    with pytest.raises(pa.InputError, match=message):
+        Scenario.read(CHANGES, [setting])
+
+
+def test_a_belief_that_the_parameters_cannot_express_is_refused_before_the_run():
+    with pytest.raises(pa.ParameterError, match=r"belief.change.payload: the 31 dynamic"):
+        panda(TOLD, 'unknown.dynamic=["panda_joint2"]')
+    tool = "belief.change=[{ at = 1.0, tool_translation = [0.0, 0.0, 0.1] }]"
+    with pytest.raises(pa.ParameterError, match=r"belief.change.tool_translation: the kinematic"):
+        panda(tool, "unknown.kinematic=[]")
+
+
+# --- what is shown ---
+
+
+def test_plots_mark_the_changes_and_step_the_truth():
+    rollout = ran(TOLD)
+    for axes in (error_figure(rollout).axes, parameter_figure(rollout).axes):
+        assert [text.get_text() for text in axes[0].texts] == ["-1.5 kg, told", "+3 kg, told"]
+        for ax in axes:
+            marks = [line.get_xdata()[0] for line in ax.lines if line.get_linestyle() == ":"]
+            assert marks == [3.0, 5.0]
+    masses = parameter_figure(rollout).axes[1]
+    truth = [line for line in masses.lines if line.get_linestyle() == "--"][-1].get_ydata()
+    steps = np.flatnonzero(np.diff(truth))
+    assert list(steps) == [2999, 4999] and np.allclose(np.diff(truth)[steps], [-1.5, 3.0])
+
+
+def test_the_table_and_the_summary_tell_of_each_change(tmp_path):
+    rollout = ran()
+    assert "+3 kg at 5 s" in str(rollout) and "under 1 mm after" in str(rollout)
+    first, second = rollout.summary()["changes"]
+    assert first["what"] == "-1.5 kg" and second["max_error"] == rollout.distance[5000:].max()
+    late = rollout.distance[5000 + round(1e3 * second["time_back"]) :]
+    assert late.max() < 1e-3 < second["max_error"]
+    rollout.save(tmp_path)
+    arrays = np.load(tmp_path / "rollout.npz")
+    assert arrays["a_d_true"].shape == (7000, 91) and arrays["a_k_true"].shape == (7000, 3)
+    assert loop().summary()["changes"] == []
+
+
+def test_a_run_that_does_not_come_back_says_so():
+    rollout = loop({0.03: arm(payload=HEAVY, tool_translation=[0.0, 0.0, 0.1])})
+    (transient,) = rollout.transients
+    assert transient.back is None and transient.worst > 0.05
+    assert "not back under 1 mm" in str(rollout)
+
+
+def test_the_animation_shows_the_tool_of_each_time():
+    robots = pa.Succession.of(arm(), {1.0: arm(tool_translation=TOOL)})
+    t, q = np.array([0.0, 0.5, 1.0, 2.0]), np.tile(arm().q0, (4, 1))
+    motion = motion_in_time(robots, t, q)
+    expected = [robot.position(robot.q0) for robot in robots.robots]
+    assert np.allclose(motion.tip[:2], expected[0]) and np.allclose(motion.tip[2:], expected[1])

@@ -1,0 +1,360 @@
+"""The closed loop: both modes, noise, limits, divergence, and what a controller must not do."""
+
+from functools import cache
+from itertools import product
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from pinadapt.description.chain import effort_limits
+from tests.support.chains import catalogue_robot as load
+from tests.support.chains import robot_of
+from tests.support.loops import circle_at_home as circle
+from tests.support.loops import motion_at_home, run, same
+from tests.support.paper import BASIS
+from tests.support.snapshots import snapshot, unchanged
+
+pytestmark = pytest.mark.slow
+
+# --- modes, noise, delay, limits ---
+
+
+def test_zero_noise_is_no_noise():
+    assert same(run(noise={"q": 0.0, "v": 0.0, "x": 0.0}, seed=7), run())
+
+
+def test_noise_is_reproducible_by_its_seed():
+    noise = {"q": 1e-4, "v": 1e-3, "x": 1e-4}
+    first = run(noise=noise, seed=1)
+    assert same(first, run(noise=noise, seed=1))
+    assert not same(first, run(noise=noise, seed=2))
+
+
+def test_a_delay_reaches_the_loop():
+    prompt, late = run(duration=0.01), run(duration=0.01, delay=3e-3)
+    assert np.array_equal(prompt.tau[0], late.tau[0])
+    assert not np.array_equal(prompt.tau[2], late.tau[2])
+
+
+def test_torque_limits_clip():
+    hard = {"law": "adaptive-inverse-dynamics", "Kp": 4e4, "Kv": 400.0}
+    without = {"control": {**hard, "torque_limits": False}, "torque_limits": False}
+    free = run("ur5", noise={"v": 0.3}, **without)
+    clipped = run("ur5", control=hard, noise={"v": 0.3})
+    limits = effort_limits(load("ur5").model)
+    assert (np.abs(free.tau).max(axis=0) > limits).any()
+    assert (np.abs(clipped.tau) <= limits).all()
+    assert (clipped.tau == limits).any() and (clipped.tau == -limits).any()
+
+
+def test_limits_of_zero_do_not_take_the_torque_away():
+    model = load("ur5").model.copy()
+    model.effortLimit = np.zeros(6)
+    robot = pa.load(model, frame="tool0", q0=load("ur5").home_angles)
+    controller = pa.make_controller(robot)
+    runs = [
+        pa.simulate(robot, controller, circle(robot), duration=0.02, torque_limits=limits)
+        for limits in (True, False)
+    ]
+    assert same(*runs)
+    assert np.abs(runs[0].tau).max() > 10.0
+
+
+def test_continuous_and_sampled_agree_as_the_period_shrinks():
+    control = {"dt": 1e-3, "gamma_d": 1.0, "gamma_joint": 1.0}  # slow enough for Runge-Kutta
+    reference = run("planar_2r", control=control, duration=0.4, dt=1e-3, mode="continuous").x[-1]
+    errors = []
+    for dt in (1e-3, 5e-4, 2.5e-4):
+        rollout = run("planar_2r", control=control, duration=0.4 + dt, dt=dt)
+        assert np.isclose(rollout.t[-1], 0.4)
+        errors.append(np.linalg.norm(rollout.x[-1] - reference))
+    ratios = np.array(errors[:-1]) / np.array(errors[1:])
+    assert (ratios > 1.7).all() and (ratios < 2.3).all()  # first order in dt
+    assert errors[-1] < 1e-4
+
+
+def test_continuous_mode_converges_with_its_step():
+    ends = [
+        run("scara", duration=0.1, dt=dt, mode="continuous", control={"dt": 1e-3}).x[-1]
+        for dt in (2e-3, 1e-3, 5e-4)
+    ]
+    assert np.linalg.norm(ends[1] - ends[2]) < 0.2 * np.linalg.norm(ends[0] - ends[1])
+
+
+# --- the controller ---
+
+
+@cache  # none of it is written to
+def controlled(name, law, adaptation="natural"):
+    """Return a controller a few steps into its work, its state, measurement and desired motion."""
+    robot = robot_of(law, name)
+    controller = pa.make_controller(
+        robot.changed(inertial_scale=0.8), law=law, adaptation=adaptation
+    )
+    plant, desired = pa.PinocchioPlant(robot), motion_at_home(robot).at(0.1)
+    rng = np.random.default_rng(5)
+    v = 0.3 * rng.standard_normal(plant.nv)
+    q = plant.integrate(robot.q0, 0.05 * rng.standard_normal(plant.nv))
+    measurement = plant.measurement(q, v)
+    state = controller.init(measurement)
+    for _ in range(3):
+        state = controller.step(state, measurement, desired, 1e-3)[1]
+    return controller, state, measurement, desired
+
+
+@pytest.mark.parametrize(
+    ("law", "adaptation"), list(product(pa.LAWS, ["natural", "gradient", "none"]))
+)
+def test_step_is_pure(law, adaptation):
+    controller, state, measurement, desired = controlled("ur5", law, adaptation)
+    given = state, measurement, desired
+    before = [snapshot(record) for record in given]
+    tau, after = controller.step(state, measurement, desired, 1e-3)
+    kept = snapshot(after)
+    controller.step(after, measurement, desired, 1e-3)
+    again, state_again = controller.step(state, measurement, desired, 1e-3)
+    assert np.array_equal(tau, again) and unchanged(state_again, kept) and unchanged(after, kept)
+    assert all(unchanged(record, old) for record, old in zip(given, before, strict=True))
+
+
+FRAME_LAWS = {name: law for name, law in pa.LAWS.items() if not law.joint_space}
+MEASURED = [(law, field) for law in pa.LAWS for field in ("q", "v")]
+MEASURED += [(law, "x") for law in FRAME_LAWS]
+MEASURED += [(name, "xd") for name, law in FRAME_LAWS.items() if law.needs_task_velocity]
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+@pytest.mark.parametrize("adaptation", ["natural", "gradient"])
+@pytest.mark.parametrize(("law", "field"), MEASURED)
+def test_a_bad_measurement_raises_and_leaves_the_state_alone(law, adaptation, field, bad):
+    controller, state, measurement, desired = controlled("scara", law, adaptation)
+    tau, after = controller.step(state, measurement, desired, 1e-3)
+    before, expected = snapshot(state), snapshot(after)
+    spoilt = np.copy(getattr(measurement, field))
+    spoilt[-1 if field != "q" else 0] = bad
+    with pytest.raises(pa.MeasurementError, match=f"'{field}'") as error, np.errstate(all="ignore"):
+        controller.step(state, measurement._replace(**{field: spoilt}), desired, 1e-3)
+    assert error.value.field == field
+    assert unchanged(state, before)
+    tau_again, after_again = controller.step(
+        state, measurement, desired, 1e-3
+    )  # as if nothing had happened
+    assert np.array_equal(tau, tau_again) and unchanged(after_again, expected)
+
+
+def test_states_do_not_change_when_the_caller_reuses_its_buffers():
+    robot = load("ur5")
+    controller = pa.make_controller(robot)
+    q, v, x = robot.q0.copy(), np.full(6, 0.1), robot.position(robot.q0)
+    first = controller.init(pa.Measurement(0.0, q, v, x))
+    _, second = controller.step(first, pa.Measurement(0.0, q, v, x), circle(robot).at(0.0), 1e-3)
+    before = snapshot(first), snapshot(second)
+    for buffer in (q, v, x):
+        buffer += 1.0
+    assert unchanged(first, before[0]) and unchanged(second, before[1])
+
+
+def test_a_bad_first_measurement_is_refused():
+    robot = load("ur5")
+    controller = pa.make_controller(robot)
+    with pytest.raises(pa.MeasurementError, match="'x'"):
+        controller.init(pa.Measurement(0.0, robot.q0, np.zeros(6), np.full(3, np.nan)))
+
+
+@pytest.mark.parametrize("name", FRAME_LAWS)
+def test_a_task_velocity_that_no_sensor_gives_is_the_believed_one(name):
+    robot = load("ur5")
+    controller = pa.make_controller(robot.changed(tool_translation=[0.02, 0.0, 0.05]), law=name)
+    measurement = pa.PinocchioPlant(robot).measurement(robot.q0, np.linspace(0.1, 0.3, 6))
+    state, desired = controller.init(measurement), circle(robot).at(0.0)
+    xd_hat = controller.observe(state, measurement, desired).xd_hat
+    torques = [
+        controller.step(state, measurement._replace(xd=xd), desired, 1e-3)[0]
+        for xd in (None, xd_hat, measurement.xd)
+    ]
+    assert torques[0].tobytes() == torques[1].tobytes()
+    assert np.array_equal(torques[0], torques[2]) != FRAME_LAWS[name].needs_task_velocity
+
+
+# --- divergence ---
+
+LOST = {
+    "law": "adaptive-inverse-dynamics",
+    "adaptation": "gradient",
+    "gamma_d": 1.0,
+    "torque_limits": False,
+}
+
+
+def test_a_diverging_run_ends_its_stream_with_time_and_reason():
+    robot = load("panda")
+    believed = robot.changed(inertial_scale=0.8)
+    controller = pa.make_controller(believed, **LOST)
+    samples = []
+    with pytest.raises(pa.DivergedError, match=r"mass matrix|ran away|finite") as ended:
+        for sample in pa.run(pa.PinocchioPlant(robot), controller, circle(robot), duration=1.0):
+            samples.append(sample)
+    assert 0 < len(samples) < 1000
+    assert np.isclose(ended.value.time, samples[-1].t + 1e-3)
+    rollout = run("panda", control=LOST, duration=1.0, torque_limits=False)
+    assert rollout.reason == ended.value.reason and rollout.diverged == ended.value.time
+    assert np.array_equal(rollout.tau, [sample.torque for sample in samples])
+
+
+def test_a_diverged_run_is_a_partial_rollout():
+    rollout = run("panda", control=LOST, duration=1.0, torque_limits=False)
+    assert rollout.diverged is not None and 0.0 < rollout.diverged < 1.0
+    assert (
+        len(rollout.t) == len(rollout.tau) == len(rollout.a_d) == len(rollout.min_eig_M_hat) < 1000
+    )
+    assert np.isclose(rollout.t[-1] + 1e-3, rollout.diverged)
+    assert np.isfinite(rollout.q).all() and np.isfinite(rollout.tau).all()
+    assert f"at {rollout.diverged:.3f} s" in str(rollout) and "DIVERGED" in str(rollout)
+    assert rollout.summary()["diverged"] == rollout.diverged
+
+
+WILD = {  # loops that blow up in many ways: robot, law, gamma_d, Kv, options
+    "overflow, sampled": ("panda", "adaptive-inverse-dynamics", 10.0, 1e4, {}),
+    "lyapunov function": ("planar_2r", "adaptive-inverse-dynamics-velocity", 1e2, 1e4, {}),
+    "overflow, continuous": (
+        "planar_2r",
+        "adaptive-inverse-dynamics",
+        1e3,
+        None,
+        {"mode": "continuous", "acceleration": "ideal"},
+    ),
+    "watched matrices": (
+        "ur5",
+        "adaptive-inverse-dynamics-improved",
+        1e2,
+        1e3,
+        {"mode": "continuous", "acceleration": "ideal"},
+    ),
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "law", "gamma_d", "Kv", "options"), WILD.values(), ids=WILD.keys()
+)
+def test_divergence_is_a_result_and_no_error(name, law, gamma_d, Kv, options):
+    described = load(name)
+    true = described.changed(payload=pa.Payload(1.0, [0.0, 0.0, 0.05]))
+    controller = pa.make_controller(
+        described.changed(inertial_scale=0.5),
+        law=law,
+        gamma_d=gamma_d,
+        Kv=Kv,
+        guards=False,
+        torque_limits=False,
+    )
+    options = {"duration": 0.05, "dt": 2e-3, "torque_limits": False, **options}
+    rollout = pa.simulate(true, controller, circle(true, 0.1, 1.0), **options)
+    assert rollout.diverged is not None
+    assert np.isfinite(rollout.tau).all() and np.isfinite(rollout.q).all()
+    assert "DIVERGED" in str(rollout)
+
+
+@pytest.mark.parametrize(
+    "law", ["adaptive-inverse-dynamics", "adaptive-inverse-dynamics-improved", "adaptive-jacobian"]
+)
+def test_a_wild_rate_does_not_blow_up_between_two_samples(law):
+    described = load("ur5")
+    true = described.changed(payload=pa.Payload(1.0, [0.0, 0.0, 0.05]))
+    controller = pa.make_controller(described.changed(inertial_scale=0.5), law=law, gamma_d=1e3)
+    rollout = pa.simulate(true, controller, circle(true, 0.1, 1.0), duration=0.05, dt=2e-3)
+    assert rollout.diverged is None
+    assert rollout.min_eig_M_hat.min() > 0.0
+
+
+# --- refusals ---
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"duration": 0.0}, "duration"),
+        ({"dt": -1e-3}, "dt"),
+        ({"mode": "sampld"}, "Did you mean 'sampled'"),
+        ({"acceleration": "idel"}, "Did you mean 'ideal'"),
+        ({"substeps": 0}, "substeps"),
+        ({"noise": {"p": 1e-3}}, "'p'"),
+        ({"noise": {"q": -1e-3}}, r"noise\.q"),
+        ({"noise": {"x": np.nan}}, r"noise\.x"),
+        ({"delay": -1e-3}, "delay"),
+        ({"seed": -1}, "seed"),
+        ({"mode": "continuous", "noise": {"q": 1e-3}}, "sampled mode only"),
+        ({"mode": "continuous", "delay": 1e-3}, "sampled mode only"),
+        ({"acceleration": "ideal", "torque_limits": True}, "unclipped"),
+        ({"a_k": [0.0]}, r"belief\.kinematic"),
+        ({"a_k": [np.nan] * 2}, r"belief\.kinematic"),
+        ({"a_d": np.zeros(3)}, r"belief\.dynamic"),
+    ],
+)
+def test_impossible_runs_are_refused(options, words):
+    with pytest.raises(pa.InputError, match=words):
+        run(**{"duration": 0.002, **options})
+
+
+@pytest.mark.parametrize("true", ["planar_2r", "panda", "kinova"])
+def test_a_true_robot_of_another_shape_is_refused(true):
+    controller, robot = pa.make_controller(load("ur5")), load(true)
+    with pytest.raises(pa.InputError, match="differ"):
+        pa.simulate(robot, controller, circle(robot), duration=0.002)
+
+
+def test_a_motion_of_another_size_is_refused():
+    robot = load("ur5")
+    with pytest.raises(pa.InputError):
+        pa.simulate(robot, pa.make_controller(robot), pa.Hold([0.3, 0.2]), duration=0.002)
+
+
+INVERSE = {"law": "adaptive-inverse-dynamics"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (INVERSE | {"alpha": 40.0, "Kv": 40.0}, "alpha.*positive definite"),
+        (INVERSE | {"alpha": 30.0, "Kv": [40.0, 20.0, 40.0]}, "Take alpha below 20"),
+        ({"alpha": -1.0}, "alpha"),
+        ({"beta": 0.0}, "beta"),
+        ({"Kv": [1.0, 2.0, 3.0]}, "Kv.*6 numbers"),
+        ({"Kv": -1.0}, "Kv"),
+        (INVERSE | {"Kv": [1.0, 2.0]}, "Kv.*3 numbers"),
+        (INVERSE | {"Kv": [[40.0, 1.0, 0.0], [0.0, 40.0, 0.0], [0.0, 0.0, 40.0]]}, "Kv.*symmetric"),
+        (INVERSE | {"Kp": 0.0}, "Kp"),
+        (INVERSE | {"Kp": np.nan}, "Kp.*finite"),
+        ({"R_k": -1.0}, "R_k"),
+        ({"Q": -1.0, "law": "adaptive-inverse-dynamics-velocity"}, "Q"),
+        ({"Q": [1.0] * 3, "law": "adaptive-inverse-dynamics-velocity"}, "Q.*6 numbers"),
+        ({"kv": 40.0}, "Did you mean 'Kv'"),
+        ({"gamma_d": -1.0}, "gamma_d"),
+        ({"gamma_d": [1.0, 2.0]}, "gamma_d.*scalar"),
+        ({"gamma_d": [1.0, 2.0], "adaptation": "gradient"}, "gamma_d.*60 numbers"),
+        ({"gamma_d": 0.0, "adaptation": "gradient"}, "gamma_d.*positive"),
+        ({"gamma_k": [1.0]}, "gamma_k.*3 numbers"),
+        ({"gamma_k": 0.0}, "gamma_k.*positive"),
+        (INVERSE | {"lambda_": 0.0}, "lambda"),
+        (INVERSE | {"lambda_a": -1.0}, "lambda_a"),
+        ({"dt": 0.0}, "dt"),
+        ({"dt": -1e-3}, "dt"),
+        ({"law": "adaptive-invers-dynamics"}, "Did you mean 'adaptive-inverse-dynamics'"),
+        ({"adaptation": "natrual"}, "Did you mean 'natural'"),
+        ({"adaptation": "natrual", "law": "resolved-acceleration"}, "Did you mean 'natural'"),
+        ({"kinematic": ["tol"]}, "Did you mean 'tool'"),
+        ({"dynamic": "al"}, "Did you mean 'all'"),
+        ({"basis": np.ones((3, 2))}, "60 rows"),
+    ],
+)
+def test_impossible_controllers_are_refused(arguments, words):
+    with pytest.raises(pa.InputError, match=words):
+        pa.make_controller(load("ur5"), **arguments)
+
+
+def test_a_basis_with_natural_adaptation_needs_a_fitting_inequality():
+    robot = load("planar_2r")
+    with pytest.raises(pa.InputError, match="inequality"):
+        pa.make_controller(robot, basis=BASIS)
+    with pytest.raises(pa.InputError, match="1 coefficients"):
+        pa.make_controller(robot, basis=BASIS, lmi=[[[1.0]]])

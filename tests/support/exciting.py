@@ -1,0 +1,54 @@
+"""A motion that tells parameters apart, and when an estimate of them has become good."""
+
+import numpy as np
+
+import pinadapt as pa
+from tests.support.chains import catalogue_robot, random_state
+
+
+class Exciting(pa.Trajectory):
+    """Each joint at two frequencies of its own, from rest at home."""
+
+    def __init__(self, start, size=0.1):
+        n = len(start)
+        self._start, self._size = np.asarray(start), size
+        self._w = np.linspace(2.0, 5.0, n), np.linspace(7.0, 3.5, n)
+
+    def at(self, t):
+        x, xd, xdd = self._start.copy(), np.zeros(self._start.size), np.zeros(self._start.size)
+        for w in self._w:
+            x += self._size * (1.0 - np.cos(w * t))
+            xd += self._size * w * np.sin(w * t)
+            xdd += self._size * w * w * np.cos(w * t)
+        return pa.Desired(x, xd, xdd)
+
+    def shifted(self, by):
+        return Exciting(self._start + by, self._size)
+
+
+def time_to(share, controller, true, path, seconds):
+    """Return when the rms torque error over random states stays below a share of the first [s]."""
+    rollout = pa.simulate(true, controller, path, duration=seconds)
+    assert rollout.diverged is None
+    truth, rng = controller.dynamics.value(true), np.random.default_rng(4)
+    regressors = [controller.dynamics.regressor(*random_state(true, rng)) for _ in range(40)]
+    every = 10
+    wrong = np.array([np.vstack(regressors) @ (a - truth) for a in rollout.a_d[::every]])
+    above = np.flatnonzero(np.linalg.norm(wrong, axis=1) > share * np.linalg.norm(wrong[0]))
+    assert above[-1] < len(wrong) - 1  # reached at all
+    return every * 1e-3 * (above[-1] + 1)
+
+
+def panda_swung(adaptation, friction=False):
+    """Return controller, true robot and motion of a Panda whose load and inertias are unknown."""
+    robot = catalogue_robot("panda", task="joint")
+    true = robot.changed(payload=pa.Payload(1.5, [0.02, -0.01, 0.05]))
+    if friction:
+        true = true.changed(viscous=1.0, coulomb=0.5)
+    controller = pa.make_controller(
+        robot.changed(inertial_scale=0.8),
+        law="slotine-li",
+        adaptation=adaptation,
+        joint="all" if friction else "none",
+    )
+    return controller, true, Exciting(true.home_angles)

@@ -1,0 +1,65 @@
+"""What holds of believed kinematics at any estimate, against finite differences."""
+
+import numpy as np
+import pinocchio as pin
+
+import pinadapt as pa
+from pinadapt.models.translations import Translation
+from tests.support.chains import random_state
+from tests.support.differences import derivative
+
+
+def unknown_choices(robot: pa.Robot) -> list[list[str]]:
+    """Return four ways to declare translations unknown; one joint leaves only the tool's."""
+    joints = robot.joint_names[1:]
+    return [["tool"], ["lengths"], [*joints, "tool"], [*joints[:1], "tool:length"]]
+
+
+def check_kinematics(robot: pa.Robot, unknown: list[str | Translation]) -> None:
+    """J, Jdot_v, Y_k and others against finite differences at another than the own estimate."""
+    rng = np.random.default_rng(7)
+    believed = pa.FrameKinematics(robot, unknown)
+    q, v, a = random_state(robot, rng)
+    a_k = believed.initial + 0.2 * rng.standard_normal(believed.size)
+    a_k_rate = rng.standard_normal(believed.size)
+
+    def at(t, rate=0.0):
+        believed.update(
+            a_k + t * rate * a_k_rate,
+            pin.integrate(robot.model, q, v * t + a * (t * t / 2)),
+            v + a * t,
+        )
+        return believed
+
+    task, start = robot.task, at(0.0).x_hat
+    xd = derivative(
+        lambda t: task.error(at(t).x_hat, start)
+    )  # at its zero the error moves as x does
+    xdd, Jdot = derivative(lambda t: at(t).xd_hat), derivative(lambda t: at(t, rate=1.0).J)
+    Jdot_v = derivative(lambda t: at(t).J) @ v
+    now = at(0.0)
+    assert now.J.shape == (task.size, robot.model.nv)
+    assert np.allclose(now.J @ v, xd, atol=1e-8)
+    assert np.allclose(now.Y_k @ a_k + now.y_k0, now.J @ v, atol=1e-12)
+    assert np.array_equal(now.Y_p, now.Y_k[: task.positions]) and np.array_equal(
+        now.y_p0, now.y_k0[: task.positions]
+    )
+    assert np.allclose(now.Jdot_v, Jdot_v, atol=1e-7)
+    assert np.allclose(now.J @ a + now.Jdot_v, xdd, atol=1e-7)
+    assert np.allclose(now.jacobian_rate(a_k_rate), Jdot, atol=1e-7)
+    x, xdd_now = now.x_hat, now.J @ a + now.Jdot_v
+    position_regressor, acceleration_regressor = (
+        now.position_regressor(),
+        now.acceleration_regressor(a),
+    )
+    assert position_regressor.shape == (task.positions, now.size)
+    for regressor in (now.Y_k, acceleration_regressor):
+        assert regressor.shape == (task.size, now.size) and not regressor[task.positions :].any()
+    step = 0.1 * a_k_rate
+    now.update(a_k + step, q, v)
+    moved = task.error(now.x_hat, x)
+    assert np.allclose(
+        moved[: task.positions], position_regressor @ step, atol=1e-12
+    )  # affine: no truncation in a large step
+    assert np.abs(moved[task.positions :]).max(initial=0.0) <= 1e-12
+    assert np.allclose(now.J @ a + now.Jdot_v - xdd_now, acceleration_regressor @ step, atol=1e-11)

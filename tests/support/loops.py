@@ -1,0 +1,142 @@
+"""Short closed loops: true robots and paths, and V with the dV/dt that the law's proof claims."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import islice
+from typing import Any
+
+import numpy as np
+
+import pinadapt as pa
+from pinadapt.rollout.evaluation import truth_at
+from tests.support.chains import catalogue_robot
+from tests.support.differences import sampled_derivative
+
+ARRAYS = ("t", "q", "v", "tau", "x", "x_d", "error", "a_k", "a_d")  # of a rollout
+
+
+@dataclass(frozen=True, eq=False)
+class Energy:
+    """V along a run of N samples, the dV/dt of the proof, and the task error (m rows) meanwhile.
+
+    Attributes:
+        V: (N) the law's storage and that of the parameters.
+        rate: (N) dV/dt by the formulas of the law and of the adaptation.
+        numerical: (N - 4) dV/dt by differences of V, from the third sample to the last but two.
+        dx: (N, m) task error.
+        delta: (N, m) its drift beside the difference of velocities, zero but for rotations.
+    """
+
+    V: np.ndarray
+    rate: np.ndarray
+    numerical: np.ndarray
+    dx: np.ndarray
+    delta: np.ndarray
+
+    def mismatch(self, after: int = 0) -> float:
+        """Return the largest difference of the two dV/dt, relative to the largest dV/dt."""
+        return float(
+            np.abs(self.numerical - self.rate[2:-2])[after:].max() / np.abs(self.rate).max()
+        )
+
+    def largest_rise(self) -> float:
+        """Return V's largest rise between samples, relative to its first value."""
+        return float(np.diff(self.V).max() / self.V[0])
+
+
+def circle_at_home(robot, radius=0.05, period=2.0):
+    """Return a circle that starts at the robot's home."""
+    return pa.Circle(np.zeros(robot.task.size), radius, period).starting_at(
+        robot.position(robot.q0)
+    )
+
+
+def motion_at_home(robot):
+    """Return a motion that starts at the robot's home: of its frame a circle, of joints a swing."""
+    if isinstance(robot.task, pa.JointTask):
+        return pa.Sinusoid(robot.home_angles + 0.1, 0.1, 2.0)
+    return circle_at_home(robot)
+
+
+def run(name="planar_2r", *, truth=None, control=None, **options):
+    """Return a short rollout of an adaptive controller that believes the arm 20 % too light."""
+    described = catalogue_robot(name)
+    true = described.changed(**(truth or {}))
+    controller = pa.make_controller(described.changed(inertial_scale=0.8), **(control or {}))
+    return pa.simulate(true, controller, circle_at_home(true), **{"duration": 0.1, **options})
+
+
+def with_tool_and_load(robot: pa.Robot) -> pa.Robot:
+    """Return the robot with a tool 9 cm off its frame and a load of 1 kg."""
+    load = pa.Payload(1.0, [0.01, 0.0, 0.05], [0.01, 0.0, 0.01, 0.0, 0.0, 0.01])
+    return robot.changed(tool_translation=[0.03, -0.02, 0.08], payload=load)
+
+
+def circle_beside(
+    robot: pa.Robot, plane: str, by: Sequence[float] = (0.01, -0.01, 0.02)
+) -> pa.Trajectory:
+    """Return a circle of 5 cm in two seconds, starting beside home by an offset (3) [m]."""
+    return pa.Circle(np.zeros(3), 0.05, 2.0, plane).starting_at(
+        robot.position(robot.q0) + np.array(by)
+    )
+
+
+def check_holds_home(robot: pa.Robot) -> None:
+    """The default controller of a robot that is as believed stays at its home."""
+    rollout = pa.simulate(
+        robot, pa.make_controller(robot), pa.Hold(robot.position(robot.q0)), duration=0.02
+    )
+    assert rollout.diverged is None
+    assert rollout.distance.max() < 1e-3
+
+
+def energy_along(
+    true: pa.Robot,
+    controller: pa.Controller,
+    path: pa.Trajectory,
+    *,
+    seconds: float,
+    dt: float = 2e-4,
+    **start: Any,
+) -> Energy:
+    """Run the continuous loop with ideal acceleration from home at rest, and trace V.
+
+    The ideal acceleration is that of the unclipped torque: there are no torque limits.
+
+    Args:
+        true: the robot that is controlled.
+        controller: the controller, made for another.
+        path: the desired motion.
+        seconds: how long, N samples.
+        dt: integration step and time between samples [s].
+        start: initial estimates a_k, a_d instead of the believed ones.
+    """
+    plant, controller = pa.PinocchioPlant(true), controller.limited(None)
+    state = controller.init(plant.measure(), **start)
+    stream = pa.run_continuous(plant, controller, path, dt=dt, state=state, ideal_acceleration=True)
+    a_k, a_d = controller.kinematics.value(true), controller.dynamics.value(true)
+    V, rate, dx, delta = [], [], [], []
+    for sample in list(islice(stream, round(seconds / dt))):
+        signals, command = controller.command(sample.state, sample.measurement, sample.desired)
+        q, v = sample.measurement.q, sample.measurement.v
+        a = plant.acceleration_at(q, v, command.torque, command.feedthrough)
+        drives = controller.respond(signals, command, a)[1]
+        truth, law = truth_at(plant, sample, a_k, a_d), controller.law
+        V.append(law.storage(signals, truth) + controller.parameter_storage(sample.state, a_k, a_d))
+        learned = sum(
+            adaptation.dissipation(estimate, drive, true)
+            for adaptation, estimate, drive, true in (
+                (controller.adaptation_d, sample.state.dynamic, drives.dynamic, a_d),
+                (controller.adaptation_k, sample.state.kinematic, drives.kinematic, a_k),
+            )
+        )
+        rate.append(law.dissipation(signals, truth) + learned)
+        dx.append(signals.dx.copy())
+        delta.append(np.zeros_like(signals.dx) if signals.delta is None else signals.delta.copy())
+    V = np.array(V)
+    return Energy(V, np.array(rate), sampled_derivative(V, dt), np.array(dx), np.array(delta))
+
+
+def same(one, other):
+    """Tell whether two rollouts are equal to the last bit."""
+    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in ARRAYS)

@@ -1,0 +1,189 @@
+"""Pose tasks: position and orientation, and the two-row tasks beside them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import pinadapt as pa
+from pinadapt.tasks.registry import TASKS
+from pinadapt.tasks.rotation import matrix, quaternion, rotation_between, rotation_drift, turned
+from tests.support.chains import catalogue_robot, chains, each_size, random_state, seeded, seeds
+from tests.support.differences import derivative
+from tests.support.identities import check_kinematics, unknown_choices
+from tests.support.loops import energy_along, with_tool_and_load
+
+pytestmark = pytest.mark.slow
+
+POSE = TASKS["pose"]
+LAWS = [
+    "adaptive-inverse-dynamics",
+    "adaptive-inverse-dynamics-velocity",
+    "adaptive-jacobian",
+    "adaptive-inverse-dynamics-improved",
+]
+vectors = seeds.map(lambda seed: np.random.default_rng(seed).standard_normal((4, 3)))
+
+
+def pose_robot(name):
+    return catalogue_robot(name, task="pose")
+
+
+def swinging(start, by=(0.0,) * 6):
+    """Return a circle whose tool swings, beside a starting pose by an error (6)."""
+    path = pa.PoseTrajectory(
+        pa.Circle(np.zeros(3), 0.05, 2.0, "yz"), pa.Swing([0.3, -1.0, 0.5], 0.4, 1.5, phase=0.3)
+    )
+    return path.starting_at(POSE.moved(start, np.array(by)))
+
+
+# --- rotations ---
+
+
+@given(vectors, st.floats(0.0, 3.1))
+@seeded
+def test_error_is_the_logarithm_in_world_axes(some, angle):
+    phi = angle * some[0] / np.linalg.norm(some[0])
+    R_d = pin.exp3(some[1])
+    R = pin.exp3(phi) @ R_d
+    for sign in (1.0, -1.0):  # a quaternion and its negative are the same rotation
+        assert np.allclose(rotation_between(sign * quaternion(R), quaternion(R_d)), phi, atol=1e-12)
+    assert np.allclose(
+        rotation_between(quaternion(R), quaternion(R_d)), pin.log3(R @ R_d.T), atol=1e-9
+    )
+    assert np.allclose(matrix(turned(quaternion(R_d), phi)), R, atol=1e-14)
+
+
+@given(vectors, st.floats(0.0, 3.0))
+@seeded
+def test_drift_is_what_the_error_moves_beside_the_difference_of_velocities(some, angle):
+    phi = angle * some[0] / np.linalg.norm(some[0])
+    omega, omega_d = some[2:]
+    q_d = quaternion(pin.exp3(some[1]))
+    q = turned(q_d, phi)
+    rate = derivative(
+        lambda t: np.array(rotation_between(turned(q, t * omega), turned(q_d, t * omega_d)))
+    )
+    drift = np.array(rotation_drift(phi, omega, omega_d))
+    assert np.allclose(omega - omega_d + drift, rate, atol=1e-7)
+    assert abs(phi @ drift) < 1e-14  # on which dV/dt rests
+
+
+def test_drift_is_smooth_where_its_series_ends():
+    axis, omega, omega_d = (
+        np.array([0.6, 0.0, 0.8]),
+        np.array([0.3, -1.0, 0.2]),
+        np.array([1.0, 0.4, -0.7]),
+    )
+    below, above = (
+        np.array(rotation_drift(0.05 * (1.0 + e) * axis, omega, omega_d)) for e in (-1e-13, 1e-13)
+    )
+    assert np.abs(below - above).max() < 1e-12
+
+
+def test_half_a_turn_is_found_and_nothing_is_lost_below_it():
+    q_d = quaternion(pin.exp3(np.array([0.3, 0.2, -0.4])))
+    for angle in (np.pi - 1e-9, np.pi):
+        phi = np.array(rotation_between(turned(q_d, np.array([0.0, angle, 0.0])), q_d))
+        assert np.isclose(np.linalg.norm(phi), angle, atol=1e-12)
+    assert rotation_between(q_d, q_d) == (0.0, 0.0, 0.0)
+
+
+# --- kinematics ---
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "kinova"])
+@pytest.mark.parametrize("task", ["pose", "xz", "yz"])
+def test_identities_on_robots(name, task):
+    robot = replace(catalogue_robot(name), task=TASKS[task])
+    for unknown in unknown_choices(robot):
+        check_kinematics(robot, unknown)
+
+
+@each_size()
+@given(robot=chains)
+@seeded
+def test_identities_on_random_chains(robot):
+    check_kinematics(replace(robot, task=POSE), [*robot.joint_names[1:], "tool"])
+
+
+def test_plant_robot_and_belief_agree():
+    robot = pose_robot("kinova")
+    q, v, _ = random_state(robot, np.random.default_rng(4))
+    x, xd = pa.PinocchioPlant(robot).task_motion(q, v)
+    believed = pa.FrameKinematics(robot, ["tool"])
+    believed.update(believed.initial, q, v)
+    assert np.allclose(POSE.error(x, robot.position(q)), 0.0, atol=1e-12)
+    assert np.allclose(POSE.error(x, believed.x_hat), 0.0, atol=1e-12)
+    assert np.allclose(xd, believed.xd_hat, atol=1e-12)
+
+
+# --- trajectories ---
+
+
+@pytest.mark.parametrize(
+    "orientation",
+    [pa.Swing([1.0, 2.0, -0.5], 0.7, 1.3, 0.4), pa.FixedOrientation([0.6, 0.0, 0.8, 0.0])],
+)
+@pytest.mark.parametrize("t", [0.0, 0.3, 1.1])
+def test_pose_trajectories_are_twice_differentiated_exactly(orientation, t):
+    path = pa.PoseTrajectory(pa.Lissajous([0.5, 0.1, 0.4], 0.1, [1.0, 2.0, 3.0], 4.0), orientation)
+    start = np.array([0.3, -0.2, 0.5, *quaternion(pin.exp3(np.array([1.0, -2.0, 0.3])))])
+    moved = path.starting_at(start)
+    check_derivatives(path, t)
+    check_derivatives(moved, t)
+    assert np.allclose(POSE.error(moved.at(0.0).x_d, start), 0.0, atol=1e-14)
+
+
+def check_derivatives(motion, t):
+    """Velocity and acceleration of a pose trajectory against finite differences."""
+    now = motion.at(t)
+    velocity = derivative(lambda h: POSE.error(motion.at(t + h).x_d, now.x_d))
+    assert np.allclose(now.xd_d, velocity, atol=1e-9)
+    assert np.allclose(now.xdd_d, derivative(lambda h: motion.at(t + h).xd_d), atol=1e-8)
+    assert np.isclose(np.linalg.norm(now.x_d[3:]), 1.0)
+
+
+def test_swing_turns_the_tool_about_its_own_axis():
+    start = quaternion(pin.exp3(np.array([0.4, -1.0, 0.7])))
+    swing = pa.Swing([0.0, 0.0, 2.0], 0.3, 2.0, quaternion=start)
+    quarter = matrix(start).T @ matrix(swing.at(0.5)[0])
+    assert np.allclose(quarter, pin.exp3(np.array([0.0, 0.0, 0.3])), atol=1e-14)
+
+
+# --- the proofs ---
+
+
+def loop(name, law):
+    """Return truth, controller and a rotating reference that starts half a radian off."""
+    robot = pose_robot(name)
+    true = with_tool_and_load(robot)
+    controller = pa.make_controller(
+        robot.changed(inertial_scale=0.7),
+        law=law,
+        gamma_d=0.02 if law.endswith("improved") else 1.0,
+        **({} if law == "adaptive-jacobian" else {"R_k": np.diag([30.0, 50.0, 80.0])}),
+    )
+    return (
+        true,
+        controller,
+        swinging(true.position(true.q0), np.array([0.01, -0.01, 0.02, 0.3, -0.35, 0.2])),
+    )
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+@pytest.mark.parametrize("law", LAWS)
+def test_equality_along_the_trajectory(law, name):
+    true, controller, path = loop(name, law)
+    energy = energy_along(true, controller, path, seconds=0.06, dt=1e-4)
+    assert energy.mismatch() <= 1e-4
+    # The curvature of rotations is there to be seen.
+    assert (
+        np.linalg.norm(energy.delta, axis=1).min() > 0.05
+        and np.linalg.norm(energy.dx[-1, 3:]) > 0.2
+    )
+    assert (energy.rate <= 0.0).all() and np.abs(energy.rate).max() > 1e-4
+    assert energy.largest_rise() <= 1e-12

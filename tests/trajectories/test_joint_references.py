@@ -1,0 +1,85 @@
+"""References in joint space."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pinadapt.exceptions import ScenarioError
+from pinadapt.scenario.parts import trajectory_of
+from pinadapt.scenario.validation import check_tables
+from pinadapt.tasks.joint import JointTask
+from tests.support.chains import catalogue_robot
+
+
+def motion(**reference):
+    """Return the motion of a reference for the joints of the scara, and the robot."""
+    robot = catalogue_robot("scara")
+    robot = replace(robot, task=JointTask.of_chain(robot.model))
+    raw = {"robot": {"source": "scara", "task": "joint"}, "reference": reference}
+    return trajectory_of(check_tables(raw, "test").reference, robot), robot
+
+
+def test_a_sinusoid_starts_at_home_and_at_rest():
+    path, robot = motion(kind="sinusoid", amplitude=0.2, period=2.0)
+    assert np.allclose(path.at(0.0).x_d, robot.home_angles)
+    assert np.allclose(path.at(0.0).xd_d, 0.0)
+    assert np.allclose(path.at(1.0).x_d, robot.home_angles + 0.4)
+
+
+def test_each_joint_has_its_own_sinusoid():
+    center, amplitude, period = [0.1, 0.2, 0.0, 0.4], [0.1, 0.2, 0.05, 0.3], [1.0, 2.0, 3.0, 4.0]
+    phase = [0.0, 0.5, 1.0, -1.0]
+    path, _ = motion(
+        kind="sinusoid", center=center, amplitude=amplitude, period=period, phase=phase
+    )
+    for t in (0.0, 0.37):
+        angle = 2.0 * np.pi * t / np.array(period) + phase
+        assert np.allclose(path.at(t).x_d, center + amplitude * np.sin(angle))
+
+
+def test_a_fourier_series_starts_at_home_unless_its_center_is_given():
+    rows = {"cosine": [[0.1, -0.025]] * 4, "sine": [[0.2, -0.1]] * 4, "period": 5.0}
+    path, robot = motion(kind="fourier", **rows)
+    assert np.allclose(path.at(0.0).x_d, robot.home_angles)
+    assert np.allclose(path.at(0.0).xd_d, 0.0) and np.allclose(path.at(0.0).xdd_d, 0.0)
+    placed, _ = motion(kind="fourier", center=[0.1, 0.2, 0.0, 0.4], **rows)
+    assert np.allclose(placed.at(0.0).x_d, [0.175, 0.275, 0.075, 0.475])
+
+
+def test_other_references_of_joints():
+    held, robot = motion(kind="hold")
+    assert np.allclose(held.at(3.0).x_d, robot.home_angles)
+    path, _ = motion(kind="waypoints", points=[[0.1, 0.0, 0.02, 0.3]], segment=0.5)
+    assert np.allclose(path.at(0.5).x_d - robot.home_angles, [0.1, 0.0, 0.02, 0.3])
+
+
+@pytest.mark.parametrize(
+    ("reference", "where", "words"),
+    [
+        ({"kind": "circle"}, "reference.kind", "no plane for a circle"),
+        ({"kind": "hold", "center": [0.0]}, "reference.center", "4 coordinates, got 1"),
+        ({"kind": "sinusoid", "amplitude": [1.0, 2.0]}, "reference.amplitude", "4 numbers"),
+        ({"kind": "sinusoid", "amplitude": 1.0, "period": [1.0]}, "reference.period", "4 numbers"),
+        ({"kind": "fourier", "cosine": [[1.0]], "sine": [[1.0]]}, "reference.cosine", "for each"),
+        ({"kind": "hold", "orientation": {}}, "reference.orientation", "has no orientation"),
+    ],
+)
+def test_what_joints_cannot_follow_is_refused(reference, where, words):
+    with pytest.raises(ValueError, match=words) as refused:
+        motion(**reference)
+    assert refused.value.where == where
+
+
+@pytest.mark.parametrize(
+    ("reference", "key"),
+    [
+        ({"kind": "sinusoid"}, "reference.amplitude: this key is required"),
+        ({"kind": "sinusoid", "amplitude": 1.0, "period": 0.0}, "reference.period"),
+        ({"kind": "sinusoid", "amplitude": 1.0, "perod": 1.0}, "Did you mean 'period'"),
+        ({"kind": "sinusoit"}, "Did you mean 'sinusoid'"),
+    ],
+)
+def test_a_wrong_sinusoid_is_named(reference, key):
+    with pytest.raises(ScenarioError, match=key):
+        motion(**reference)

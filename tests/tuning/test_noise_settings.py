@@ -1,0 +1,350 @@
+"""What a controller does against noise of its sensors, and nothing where there is none."""
+
+import copy
+import math
+import pickle
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from pinadapt.sensing import SensorQuality
+from pinadapt.tuning.noise import Remedies, remedies, seen_noise
+from tests.support.chains import catalogue_robot
+from tests.support.drives import along
+from tests.support.loops import circle_at_home, with_tool_and_load
+
+pytestmark = pytest.mark.slow
+
+W, REACH = 20.0, 1.0
+COUNT = 2.0 * np.pi / 2**17  # [rad], of an encoder of 17 bits
+
+
+def made(**options):
+    """Return a UR5's controller."""
+    return pa.make_controller(catalogue_robot("ur5"), **options)
+
+
+# --- how much of it ---
+
+
+def test_perfect_sensors_ask_for_nothing():
+    assert remedies(SensorQuality(), W, REACH) == Remedies()
+    none = {"q": 0.0, "v": 0.0, "x": 0.0}
+    for options in ({}, {"noise": none}, {"encoder": 0.0}, {"camera": {"rate": 30.0}}):
+        controller = made(**options)
+        assert controller.law.lambda_s == math.inf
+        assert isinstance(controller.adaptation_d, pa.Stacked)  # no leak around it
+        assert controller.senses.low_pass is None
+        assert controller.senses.carrier.smoothing == math.inf
+    state = controller.init(pa.PinocchioPlant(catalogue_robot("ur5")).measure())
+    assert state.senses.v is None and state.filters.s_f.size == 0
+
+
+def test_each_channel_asks_for_its_own():
+    frames = made(noise={"x": 1e-3}, camera={"rate": 30.0})
+    assert math.isfinite(frames.senses.carrier.smoothing) and frames.senses.low_pass is None
+    assert frames.law.lambda_s == math.inf and not isinstance(frames.adaptation_d, pa.Leak)
+    joints = made(noise={"v": 0.02})
+    assert joints.senses.carrier.smoothing == math.inf
+    assert math.isfinite(joints.law.lambda_s) and isinstance(joints.adaptation_d, pa.Leak)
+    assert joints.senses.low_pass.bandwidth > joints.law.lambda_s > joints.motion.bandwidth
+
+
+def test_more_noise_asks_for_more():
+    sizes = np.geomspace(1e-6, 1.0, 25)
+    of_v = [remedies(SensorQuality(v=size), W, REACH) for size in sizes]
+    for name in ("velocity", "decorrelation", "mode"):
+        values = np.array([getattr(each, name) for each in of_v])
+        assert (np.diff(values) <= 0.0).all() and values[0] > values[-1] > 0.0, name
+    assert (np.diff([each.leak for each in of_v]) > 0.0).all()
+    assert of_v[0].mode == 1.0 and of_v[0].velocity > 50.0 * W  # next to nothing
+    of_x = [remedies(SensorQuality(x=size, rate=30.0), W, REACH).smoothing for size in sizes]
+    assert (np.diff(of_x) < 0.0).all()
+    faster = remedies(SensorQuality(x=1e-3, rate=100.0), W, REACH).smoothing
+    assert faster > remedies(SensorQuality(x=1e-3, rate=30.0), W, REACH).smoothing
+
+
+def test_smoothing_leaves_little_of_the_reach():
+    """The variance behind a low pass lambda of white frames is lambda / (2 rate) of theirs."""
+    for sigma in (1e-3, 1e-2):
+        smoothing = remedies(SensorQuality(x=sigma, rate=30.0), W, REACH).smoothing
+        assert sigma * math.sqrt(smoothing / 60.0) == pytest.approx(1.5e-4 * REACH)
+
+
+def test_an_encoder_is_the_noise_of_its_differences():
+    """Two roundings, each a twelfth of a count squared."""
+    deviation = COUNT / 1e-3 * math.sqrt(2.0 / 12.0)
+    by_count, by_noise = made(encoder=COUNT), made(noise={"v": deviation})
+    assert by_count.senses.quality.v == pytest.approx(deviation)
+    assert by_count.law.lambda_s == pytest.approx(by_noise.law.lambda_s)
+    q = np.random.default_rng(0).uniform(0.0, 1.0, 100_000)
+    rounding = np.round(q / COUNT) * COUNT - q
+    assert np.diff(rounding).std() / 1e-3 == pytest.approx(deviation, rel=0.02)
+
+
+# --- the leak ---
+
+
+def leaking(inner="natural", bandwidth=0.5):
+    """Return a leak around an adaptation of UR5's bodies, and their values."""
+    robot = catalogue_robot("ur5")
+    a = pa.BodyDynamics(robot).initial
+    adaptation = (
+        pa.Natural(5.0, pa.BodyInequality(robot.joint_names))
+        if inner == "natural"
+        else pa.Gradient(1.0, a.size)
+    )
+    return pa.Leak(adaptation, bandwidth), a
+
+
+def test_a_leak_alone_returns_to_the_start():
+    leak, a = leaking("gradient")
+    off, quiet = leak.init(a)._replace(value=1.3 * a), along(np.zeros(a.size))
+    after = leak.step(off, quiet, 0.7)
+    assert np.allclose(after.value, a + 0.3 * a * math.exp(-0.5 * 0.7), rtol=1e-12)
+    for _ in range(100):
+        after = leak.step(after, quiet, 0.5)
+    assert np.allclose(after.value, a, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("inner", ["natural", "gradient"])
+def test_estimates_stay_where_the_inner_adaptation_keeps_them(inner):
+    """However wild the drive is; and the start pulls them back from the cone's boundary."""
+    leak, a = leaking(inner, 20.0)
+    rng, estimate, left = np.random.default_rng(3), leak.init(a), 0
+    for _ in range(200):
+        estimate = leak.step(estimate, along(30.0 * rng.standard_normal(a.size)), 1e-2)
+        assert leak.contains(estimate.value)
+        left = max(left, np.linalg.norm(estimate.value - a))
+    assert left > 0.02 * np.linalg.norm(a)
+    assert np.array_equal(estimate.memory[0], a)  # it still knows where it started
+
+
+@pytest.mark.parametrize("inner", ["natural", "gradient"])
+def test_small_steps_follow_the_rate(inner):
+    leak, a = leaking(inner)
+    drive = along(np.random.default_rng(4).standard_normal(a.size))
+    estimate = leak.init(a)._replace(value=1.2 * a)
+    rate, misses = leak.rate(estimate, drive), []
+    for h in (1e-4, 5e-5):
+        misses.append(
+            np.abs((leak.step(estimate, drive, h).value - estimate.value) / h - rate.value)
+        )
+    assert misses[0].max() < 1e-2 * np.abs(rate.value).max()
+    assert misses[1].max() < 0.55 * misses[0].max()  # first order in h
+    assert not rate.memory[0].any()
+
+
+def test_without_a_drive_the_inner_adaptation_is_as_it_was():
+    """The leak adds -lambda (a - a_0) to the rates, and nothing to Gamma and V."""
+    leak, a = leaking()
+    drive = along(np.random.default_rng(5).standard_normal(a.size))
+    estimate = leak.init(a)._replace(value=1.1 * a)
+    inner = leak.inner.rate(pa.Estimate(1.1 * a), drive)
+    assert np.allclose(leak.rate(estimate, drive).value, inner.value - 0.5 * 0.1 * a, rtol=1e-12)
+    assert np.array_equal(leak.gain(a), leak.inner.gain(a)) and leak.name == "natural"
+    assert leak.divergence(a, 1.1 * a) == leak.inner.divergence(a, 1.1 * a)
+
+
+def test_a_leak_and_a_box_go_around_each_other():
+    leak, a = leaking("gradient", 5.0)
+    low, high = a - 0.01 * np.abs(a) - 1e-3, a + 0.01 * np.abs(a) + 1e-3
+    rng = np.random.default_rng(6)
+    for both in (
+        pa.BoxProjection(leak, low, high),
+        pa.Leak(pa.BoxProjection(leak.inner, low, high), 5.0),
+    ):
+        estimate, touched = both.init(a), 0
+        for _ in range(50):
+            estimate = both.step(estimate, along(30.0 * rng.standard_normal(a.size)), 1e-2)
+            assert ((low <= estimate.value) & (estimate.value <= high)).all()
+            touched += not np.array_equal(estimate.value, a)
+        assert touched and np.array_equal(estimate.memory[0], a)
+        for _ in range(400):
+            estimate = both.step(estimate, along(np.zeros(a.size)), 1e-2)
+        assert np.allclose(estimate.value, a, atol=1e-7)
+
+
+def test_leaks_and_their_states_can_be_copied():
+    controller, robot = made(noise={"v": 0.02}), catalogue_robot("ur5")
+    plant, path = pa.PinocchioPlant(robot), circle_at_home(robot)
+
+    def steps(controller, state):
+        for _ in range(5):
+            measurement = plant.measurement(robot.q0, np.full(6, 0.1), state.t + 1e-3)
+            torque, state = controller.step(state, measurement, path.at(state.t), 1e-3)
+        return torque, state
+
+    _, state = steps(controller, controller.init(plant.measure()))
+    torque, after = steps(controller, state)
+    for copied in (copy.deepcopy, lambda thing: pickle.loads(pickle.dumps(thing))):
+        again, same = steps(copied(controller), copied(state))
+        assert again.tobytes() == torque.tobytes() and same.a_d.tobytes() == after.a_d.tobytes()
+    assert np.array_equal(state.with_flat(state.flat()).dynamic.memory[0], state.dynamic.memory[0])
+
+
+def test_what_was_announced_is_what_estimates_leak_back_to():
+    """A load that the controller was told of is not forgotten again."""
+    load = pa.Payload(2.0, [0.0, 0.02, 0.05])
+    controller = made(noise={"v": 0.02})
+    state = controller.init(pa.PinocchioPlant(catalogue_robot("ur5")).measure())
+    told = controller.believe(state, payload=load)
+    for _ in range(100):
+        quiet = along(np.zeros(told.a_d.size))
+        dynamic = controller.adaptation_d.step(told.dynamic, quiet, 1.0)
+        told = told._replace(dynamic=dynamic)
+    loaded = pa.BodyDynamics(catalogue_robot("ur5").changed(payload=load)).initial
+    assert np.allclose(told.a_d[:60], loaded, atol=1e-9)
+
+
+@pytest.mark.parametrize("bandwidth", [0.0, -1.0, np.nan])
+def test_a_leak_that_is_none_is_refused(bandwidth):
+    with pytest.raises(pa.GainError, match="leak"):
+        leaking(bandwidth=bandwidth)
+
+
+# --- the regressor free of noise ---
+
+
+def driven(lambda_s, noise, count=400, seed=0):
+    """Return the mean of Y^T s (p) and the torques of an arm at rest whose v is white noise.
+
+    Each draw goes with its opposite, which leaves of the mean what is even in the noise.
+    """
+    robot = catalogue_robot("ur5")
+    controller = made(joint="none", guards=False, torque_limits=False)
+    controller.law = controller.law.decorrelated(lambda_s)
+    controller = pa.Controller(
+        controller.law,
+        controller.kinematics,
+        controller.dynamics,
+        adaptation_k=controller.adaptation_k,
+        adaptation_d=controller.adaptation_d,
+    )
+    plant, still = pa.PinocchioPlant(robot), np.zeros(3)
+    desired, mean, torques = pa.Desired(robot.position(robot.q0), still, still), 0.0, []
+    for sign in (1.0, -1.0):
+        rng = np.random.default_rng(seed)
+        state = controller.init(plant.measure(), adapting=False)
+        for k in range(count):
+            sample = plant.measurement(robot.q0, sign * noise * rng.standard_normal(6), 1e-3 * k)
+            signals, command = controller.command(state, sample, desired)
+            torque, drives = controller.respond(signals, command, np.zeros(6))
+            torques.append(torque)
+            if k >= count // 4:  # when the low pass has settled
+                mean = mean + drives.dynamic.gradient / (2.0 * (count - count // 4))
+            state = controller.step(state, sample, desired, 1e-3)[1]
+    return mean, np.array(torques)
+
+
+def test_white_noise_at_rest_drives_estimates_only_through_the_plain_regressor():
+    """E[Y^T s] = -alpha sigma^2 ... of the plain law; an eighth of it is left below lambda_s."""
+    plain, _ = driven(math.inf, 0.1)
+    free, _ = driven(40.0, 0.1)
+    moments = np.arange(60) % 10 < 4  # mass and first moments: what of the mean is not gravity
+    assert np.linalg.norm(plain) > 1e-2
+    assert np.linalg.norm(free) < 0.125 * np.linalg.norm(plain)
+    assert np.linalg.norm(free[moments]) < 0.5 * np.linalg.norm(plain[moments])
+    doubled, _ = driven(math.inf, 0.2)
+    assert np.linalg.norm(doubled) == pytest.approx(4.0 * np.linalg.norm(plain), rel=0.05)
+
+
+def test_where_the_low_pass_has_followed_the_torque_is_the_plain_one():
+    robot = catalogue_robot("panda")
+    plain = pa.make_controller(robot, torque_limits=False)
+    law = plain.law.decorrelated(40.0)
+    free = pa.make_controller(robot, law=law, torque_limits=False)
+    v = np.linspace(-0.3, 0.4, 7)
+    sample, desired = (
+        pa.PinocchioPlant(robot).measurement(robot.q0, v),
+        circle_at_home(robot).at(0.3),
+    )
+    torque = plain.command(plain.init(sample), sample, desired)[1].torque
+    start = free.init(sample)
+    s = law._reference_error(free.observe(start, sample, desired))
+    followed = start._replace(filters=start.filters._replace(s_f=s))
+    assert np.allclose(free.command(followed, sample, desired)[1].torque, torque, atol=1e-10)
+    behind = free.command(start, sample, desired)[1].torque
+    assert np.abs(behind - torque).max() > 1.0
+
+
+def test_a_wider_band_leaves_less_of_the_difference():
+    """In continuous time in proportion to 1 / lambda_s, once the low pass has left its start."""
+    robot, ends = catalogue_robot("ur5"), []
+    true, path = with_tool_and_load(robot), circle_at_home(with_tool_and_load(robot))
+    plain = made(torque_limits=False)
+    for lambda_s in (math.inf, 800.0, 200.0):
+        law = plain.law.decorrelated(lambda_s)
+        controller = pa.make_controller(robot, law=law, torque_limits=False, adaptation="none")
+        stream = pa.run_continuous(pa.PinocchioPlant(true), controller, path, dt=1e-3, duration=0.3)
+        ends.append(np.array([sample.torque for sample in stream])[150:])
+    wide, narrow = (np.abs(end - ends[0]).max() for end in ends[1:])
+    assert 0.0 < wide < 0.35 * narrow
+
+
+def test_a_decorrelation_that_is_none_is_refused():
+    for lambda_s in (0.0, -1.0, np.nan):
+        with pytest.raises(pa.GainError, match="lambda_s"):
+            made().law.decorrelated(lambda_s)
+
+
+# --- the low pass on v ---
+
+
+def test_the_velocity_filter_is_a_low_pass_of_gain_one():
+    controller, robot = made(noise={"v": 0.05}), catalogue_robot("ur5")
+    plant, still = pa.PinocchioPlant(robot), np.zeros(3)
+    bandwidth, v = controller.senses.low_pass.bandwidth, np.linspace(0.1, 0.4, 6)
+    desired = pa.Desired(robot.position(robot.q0), still, still)
+    state = controller.init(plant.measure(), adapting=False)
+    for k in range(1, 200):
+        sample = plant.measurement(robot.q0, v, 1e-3 * k)
+        seen = controller.observe(state, sample, desired).v
+        assert np.allclose(seen, v * (1.0 - math.exp(-bandwidth * 1e-3 * k)), rtol=1e-9)
+        state = controller.step(state, sample, desired, 1e-3)[1]
+    assert np.allclose(seen, v, rtol=1e-6)
+
+
+# --- all of it ---
+
+
+def norms_of_run(bits, **options):
+    """Return errors [m], and norms of the estimate, of a UR5 whose v is differenced from counts."""
+    robot = catalogue_robot("ur5")
+    true = with_tool_and_load(robot).changed(viscous=0.3, coulomb=0.5)
+    path = pa.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(true.position(true.q0))
+    count = {"encoder": 2.0 * np.pi / 2**bits}
+    controller = pa.make_controller(robot, **count)
+    rollout = pa.simulate(true, controller, path, record_every=10, **count, **options)
+    return rollout, np.linalg.norm(rollout.a_d, axis=1)
+
+
+def test_an_arm_with_differenced_encoders_of_17_bits_is_held():
+    rollout, norms = norms_of_run(17, duration=20.0)
+    assert rollout.diverged is None
+    assert rollout.distance[rollout.t > 15.0].max() < 5e-4
+    late = norms[rollout.t > 10.0]
+    assert late.max() < 1.05 * norms[rollout.t < 10.0].max() and np.ptp(late) < 0.1 * late.mean()
+
+
+# --- noise that the first samples show ---
+
+
+def test_samples_at_rest_show_their_noise():
+    rng, plant = np.random.default_rng(0), pa.PinocchioPlant(catalogue_robot("ur5"))
+    still = plant.measure()
+    samples = [
+        still._replace(
+            t=1e-3 * k,
+            v=2e-3 * rng.standard_normal(6),
+            x=still.x + 1e-3 * rng.standard_normal(3),
+        )
+        for k in range(2000)
+    ]
+    found = seen_noise(samples)
+    assert found["v"] == pytest.approx(2e-3, rel=0.1)
+    assert found["x"] == pytest.approx(1e-3, rel=0.1)
+    for refused in (samples[:3], [sample._replace(v=sample.v + 0.1) for sample in samples]):
+        with pytest.raises(pa.InputError, match="noise"):
+            seen_noise(refused)

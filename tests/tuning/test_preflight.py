@@ -1,0 +1,209 @@
+"""Default gains pass the check before a run; gains too fast for the period do not."""
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from pinadapt.tuning.preflight import Finding
+from pinadapt.zoo.case import zoo_case
+from tests.support.chains import catalogue_robot, robot_of
+
+pytestmark = pytest.mark.slow
+
+LAWS = [name for name, law in pa.LAWS.items() if law.adapts]
+FRAME_LAWS = [n for n in LAWS if pa.LAWS[n].learns_kinematics and not pa.LAWS[n].joint_space]
+ROBOTS = ["planar_2r", "scara", "ur5", "panda", "kinova", "talos_arm", "finger_edu"]
+
+
+@pytest.mark.parametrize("dt", [5e-4, 1e-3, 5e-3])
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("name", ROBOTS)
+def test_default_gains_pass(name, law, dt):
+    controller = pa.make_controller(
+        robot_of(law, name), law=law, joint=["viscous", "coulomb"], dt=dt
+    )
+    assert [str(finding) for finding in pa.preflight(controller, dt)] == []
+
+
+@pytest.mark.parametrize("dt", [4e-3, 1e-2])
+@pytest.mark.parametrize("name", ["panda", "ur5", "ur10", "xarm7", "kinova", "tiago_arm"])
+def test_default_gains_of_slow_loops_pass(name, dt):
+    controller = pa.make_controller(catalogue_robot(name), dt=dt)
+    assert controller.law.alpha * dt <= 0.075 + 1e-12
+    assert [str(finding) for finding in pa.preflight(controller, dt)] == []
+
+
+@pytest.mark.parametrize("name, dt, share", [("ur5", 4e-3, 0.004), ("panda", 1e-2, 0.05)])
+def test_slow_loops_hold(name, dt, share):
+    case = zoo_case(name)
+    controller = pa.make_controller(case.believed, dt=dt)
+    rollout = pa.simulate(case.true, controller, case.motion, duration=12.0, dt=dt)
+    assert rollout.diverged is None
+    assert rollout.distance[rollout.t > 9.0].max() < share * case.radius
+
+
+@pytest.mark.parametrize("name", ["panda", "xarm7", "ur10", "romeo_right_arm"])
+def test_default_gains_of_a_pose_pass_too_slowed_where_they_must_be(name):
+    robot = pa.load(name, task="pose")
+    controller, fast = (
+        pa.make_controller(robot, law="adaptive-jacobian", dt=dt) for dt in (1e-3, 1e-4)
+    )
+    assert [str(finding) for finding in pa.preflight(controller, 1e-3)] == []
+    share = controller.law.alpha / fast.law.alpha
+    assert 0.3 < share < 1.0
+    assert np.isclose(controller.law.lambda_, share * fast.law.lambda_)
+    filters, others = controller.law.filters, fast.law.filters
+    for slowed, other in zip(vars(filters).values(), vars(others).values(), strict=True):
+        assert np.isclose(slowed.bandwidth, share * other.bandwidth)
+    own = pa.make_controller(
+        robot, law="adaptive-jacobian", alpha=fast.law.alpha
+    )  # a gain that is given is kept
+    assert pa.preflight(own, 1e-3)[0].part == "task feedback"
+
+
+def loop(robot, controller, dt, **options):
+    start = robot.position(robot.q0)
+    return pa.simulate(
+        robot,
+        controller,
+        pa.Hold(start + np.array([0.01, 0.0, 0.0])),
+        duration=1.0,
+        dt=dt,
+        **options,
+    )
+
+
+@pytest.mark.parametrize("law", ["adaptive-inverse-dynamics", "adaptive-jacobian"])
+def test_the_longest_period_separates_loops_that_hold_from_loops_that_do_not(law):
+    """The advice has a margin of two: at the advised period the loop holds, not at longer."""
+    robot, dt = catalogue_robot("ur5"), 0.04
+    default = pa.make_controller(robot, law=law, adaptation="none")
+    gains = {
+        "Kp": 16.0 * default.law.K_P,
+        "Kv": 4.0 * default.law.K_v,
+        "alpha": 4.0 * default.law.alpha,
+    }  # four times the bandwidth
+    controller = pa.make_controller(robot, law=law, adaptation="none", dt=dt, **gains)
+    with pytest.warns(UserWarning, match="too long for the task feedback: take dt <= "):
+        assert loop(robot, controller, dt).diverged is not None
+    finding = pa.preflight(controller, dt)[0]
+    assert finding.longest < dt and max(finding.factors.values()) < 1.0
+    assert pa.preflight(controller, 0.99 * finding.longest) == []
+    held = loop(robot, controller, 0.99 * finding.longest)
+    assert held.diverged is None and held.distance[-1] < 5e-3
+    slower = pa.make_controller(
+        robot,
+        law=law,
+        adaptation="none",
+        dt=dt,
+        **{k: 0.99 * f * gains[k] for k, f in finding.factors.items()},
+    )
+    assert pa.preflight(slower, dt) == []
+
+
+def test_rates_that_are_too_fast_are_named():
+    robot = catalogue_robot("ur5")
+    law = "adaptive-inverse-dynamics"
+    rates = {"gamma_d": 1e5, "gamma_k": 200.0, "gamma_joint": 1e6}
+    fast = pa.make_controller(robot, law=law, joint="all", **rates)
+    parts = {finding.part: finding for finding in pa.preflight(fast, 1e-3)}
+    assert set(parts) == {"adaptation of the dynamics", "adaptation of the kinematics"}
+    finding = parts["adaptation of the kinematics"]
+    gamma_k = 0.99 * finding.factors["gamma_k"] * rates["gamma_k"]
+    slower = pa.make_controller(robot, law=law, gamma_k=gamma_k)
+    assert pa.preflight(slower, 1e-3) == []
+    assert "gamma_k by at most" in str(finding)
+
+
+def test_a_controller_put_together_by_hand_is_not_checked():
+    made = pa.make_controller(catalogue_robot("ur5"))
+    own = pa.Controller(
+        made.law,
+        made.kinematics,
+        made.dynamics,
+        adaptation_k=made.adaptation_k,
+        adaptation_d=made.adaptation_d,
+    )
+    assert pa.preflight(own, 1.0) == []
+    assert np.isfinite(pa.preflight(made, 1.0)[0].longest)
+
+
+@pytest.mark.parametrize("dt", [0.02, 0.03, 0.1, 0.5])
+@pytest.mark.parametrize("law", FRAME_LAWS)
+def test_every_factor_that_is_told_helps(law, dt):
+    """Where damping alone is too fast no factor is told that changes nothing."""
+    robot = catalogue_robot("panda")
+    controller = pa.make_controller(robot, law=law)
+    its = controller.law
+    symbols = {"Kv": "K_v", "Kp": "K_P"}
+    gains = {name: getattr(its, symbols.get(name, name)) for name in (*its.bandwidth_powers, "R_k")}
+    parts = getattr(controller.adaptation_d, "parts", [(controller.adaptation_d, None)])
+    gains |= dict(zip(("gamma_d", "gamma_joint"), (part.gamma for part, _ in parts), strict=False))
+    gains |= {
+        "gamma_k": controller.adaptation_k.gain(controller.kinematics.initial),
+    }
+    findings = pa.preflight(controller, dt)
+    for finding in findings:
+        factors = {name: 0.99 * factor for name, factor in finding.factors.items()}
+        factors |= {name: factor / 0.99 for name, factor in finding.factors.items() if factor > 1.0}
+        factors |= (
+            {"Kp": 0.99 * factors["Kp"]} if "Kp" in factors else {}
+        )  # the square of the bandwidth
+        slower = pa.make_controller(
+            robot, law=law, **{name: factors.get(name, 1.0) * gain for name, gain in gains.items()}
+        )
+        assert finding.part not in {
+            other.part for other in pa.preflight(slower, dt) if finding.factors
+        }
+    assert all(finding.factors for finding in findings if finding.part != "task feedback")
+    assert "task feedback" in {finding.part for finding in findings} or dt < 0.025
+
+
+def test_damping_that_no_gain_changes_is_told_without_factors():
+    """The null space's damping brakes a wrist of little inertia, whatever the task's gains are."""
+    robot, dt = catalogue_robot("panda"), 0.02
+    for share in (1.0, 1e-3):
+        default = pa.make_controller(robot, law="adaptive-jacobian").law
+        gains = {
+            "Kv": share * default.K_v,
+            "Kp": share**2 * default.K_P,
+            "alpha": share * default.alpha,
+        }
+        finding = pa.preflight(
+            pa.make_controller(
+                robot, law="adaptive-jacobian", adaptation="none", posture=14.0, **gains
+            ),
+            dt,
+        )[0]
+        assert finding.factors == {} and finding.longest < dt
+        assert str(finding).endswith(
+            "the null space's damping alone is too fast, smaller gains do not help."
+        )
+        again = pa.make_controller(robot, law="adaptive-jacobian", adaptation="none", **gains)
+        assert pa.preflight(again, 0.99 * finding.longest) == []
+
+
+def test_numbers_are_rounded_to_the_safe_side():
+    text = str(Finding("task feedback", 1e-3, 0.99962e-3, {"Kv": 0.9996, "Kp": 0.9992}))
+    assert "take dt <= 0.00099 s, or multiply Kv by at most 0.99, Kp by at most 0.99." in text
+
+
+def test_default_rates_are_lowered_to_what_the_period_bears():
+    """ANYmal C's leg, damped weakly in its heavy direction, has slower modes than usual."""
+    believed = zoo_case("anymal_c_lf_leg").believed
+    controller = pa.make_controller(believed, law="adaptive-jacobian", joint=["viscous", "coulomb"])
+    assert pa.preflight(controller, 1e-3) == []
+    bodies, joints = (part.gamma for part, _ in controller.adaptation_d.parts)
+    usual = {"gamma_d": 1.7 * bodies, "gamma_joint": 1.7 * joints}
+    faster = pa.make_controller(
+        believed, law="adaptive-jacobian", joint=["viscous", "coulomb"], **usual
+    )
+    assert [finding.part for finding in pa.preflight(faster, 1e-3)] == [
+        "adaptation of the dynamics"
+    ]
+    slow = pa.make_controller(
+        believed, law="adaptive-jacobian", joint=["viscous", "coulomb"], dt=1e-4
+    )
+    assert (
+        bodies < slow.adaptation_d.parts[0][0].gamma
+    )  # with a shorter period the usual rate is borne

@@ -1,0 +1,233 @@
+"""A run watched live: what a browser receives, that it never waits for one, and what is left."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from pinadapt.cli.main import main
+from pinadapt.description.catalogue import robots_folder
+from pinadapt.view import LiveView
+from pinadapt.view.live import Broadcast, Server
+from tests.support.streams import parted
+
+pytestmark = pytest.mark.slow
+
+PLANAR = str(robots_folder() / "planar_2r" / "wang_xie_2009.toml")
+
+
+@pytest.fixture(autouse=True)
+def no_display(monkeypatch):
+    """Open no browser."""
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+
+
+def loop(duration, changes=None):
+    """Return plant, controller, path and what a live view of them takes."""
+    robot = pa.load("planar_2r")
+    true = robot.changed(tool_translation=[0.1, 0.0, 0.0], payload=pa.Payload(0.5))
+    controller = pa.make_controller(robot, kinematic=["tool"])
+    start = true.position(true.q0)
+    path = pa.Circle(np.zeros(2), 0.2, 2.0).starting_at(start)
+    view = LiveView(true, controller, path, duration=duration, changes=changes, title="<two> & two")
+    return pa.PinocchioPlant(true), controller, path, view
+
+
+def watched(duration, **options):
+    """Run a loop with one reader; return what it received, the samples, and the view."""
+    plant, controller, path, view = loop(duration, **options)
+    received = []
+
+    def read():
+        received.append(urllib.request.urlopen(view.url + "messages", timeout=20).read())
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    with view:
+        samples = list(view.watch(pa.run(plant, controller, path, duration=duration)))
+    reader.join(20)
+    return received[0], samples, view
+
+
+def test_a_browser_receives_scene_motion_and_curves():
+    stream, samples, _ = watched(0.3)
+    commands, notes = parted(stream)
+    objects = {path for kind, path in commands if kind == "set_object"}
+    for part in (
+        "true/joint 2/tip",
+        "believed/joint 2/tip",
+        "paths/desired",
+        "paths/true/0",
+        "desired point",
+        "true/joint 2/load 0/0",
+    ):
+        assert f"/meshcat/{part}" in objects, part
+    last = samples[-1]
+    tip = np.array(commands["set_transform", "/meshcat/desired point"]["matrix"])
+    assert np.allclose(tip[12:14], last.desired.x_d, atol=1e-6)
+    believed = commands["set_transform", "/meshcat/believed/joint 2/tip"]["matrix"]
+    assert np.allclose(believed[12:14], last.state.a_k[:2], atol=1e-6)
+    readings = [note["reading"] for note in notes if "reading" in note]
+    assert len(readings) == 10 and readings[-1]["t"] == pytest.approx(last.t)
+    error = 1e3 * np.linalg.norm(last.truth.x - last.desired.x_d)
+    assert readings[-1]["values"][0] == pytest.approx(error, rel=1e-3)
+    assert readings[0]["values"][1:] == [pytest.approx(100.0), pytest.approx(100.0)]
+    assert notes[-1] == {"end": "the run has ended"}
+
+
+def test_the_samples_are_those_of_an_unwatched_run():
+    _, samples, _ = watched(0.05)
+    plant, controller, path, view = loop(0.05)
+    view.close()
+    plain = list(pa.run(plant, controller, path, duration=0.05))
+    assert all(np.array_equal(a.truth.q, b.truth.q) for a, b in zip(samples, plain, strict=True))
+
+
+def test_it_goes_no_faster_than_time():
+    import time
+
+    begun = time.perf_counter()
+    watched(0.4)
+    assert time.perf_counter() - begun > 0.36
+
+
+def test_nothing_is_left_when_it_ends():
+    before = set(threading.enumerate())
+    stream, _, view = watched(0.05)
+    assert stream
+    port = int(view.url.rsplit(":", 1)[1].strip("/"))
+    with pytest.raises(urllib.error.URLError):
+        urllib.request.urlopen(view.url, timeout=5)
+    with socket.socket() as free:
+        free.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        free.bind(("127.0.0.1", port))
+    left = [thread for thread in set(threading.enumerate()) - before if thread.is_alive()]
+    for thread in left:
+        thread.join(5)
+    assert not [thread for thread in left if thread.is_alive()]
+
+
+def test_the_page_is_whole_and_asks_no_other_host():
+    _, _, _, view = loop(0.1)
+    with view:
+        page = urllib.request.urlopen(view.url, timeout=10).read().decode()
+        with pytest.raises(urllib.error.HTTPError):
+            urllib.request.urlopen(view.url + "../../etc/passwd", timeout=10)
+    assert "&lt;two&gt; &amp; two" in page and "<two>" not in page
+    own = page.split('id="viewer"')[0] + page.rsplit("<script>", 1)[1]
+    assert "http:" not in own and "https:" not in own and 'src="' not in own
+
+
+def test_a_reader_that_comes_late_gets_what_is_in_force():
+    messages = Broadcast()
+    for k in range(3):
+        messages.keep("a", f"a{k}".encode())
+        messages.keep(("b", k), f"b{k}".encode())
+    messages.close()
+    framed = b"".join(messages.read())
+    assert framed == b"".join(len(m).to_bytes(4, "big") + m for m in (b"b0", b"b1", b"a2", b"b2"))
+
+
+def test_a_reader_that_takes_nothing_delays_nobody_for_long():
+    messages = Broadcast()
+    server = Server("page", messages)
+    port = int(server.url.rsplit(":", 1)[1].strip("/"))
+    with socket.create_connection(("127.0.0.1", port)) as idle:
+        idle.sendall(b"GET /messages HTTP/1.0\r\n\r\n")
+        assert messages.wait_for_reader(5.0)
+        for k in range(50):
+            messages.keep(k, bytes(1_000_000))
+        server.close()  # would hang here
+
+
+def test_a_run_that_diverges_says_so_on_the_page():
+    plant, controller, path, view = loop(1.0)
+
+    def diverging():
+        yield next(pa.run(plant, controller, path))
+        raise pa.DivergedError("lost", 0.25)
+
+    with view, pytest.raises(pa.DivergedError):
+        list(view.watch(diverging()))
+    _, notes = parted(b"".join(view._window.read()))
+    assert notes[-1] == {"end": "diverged at 0.25 s"}
+
+
+def test_a_load_is_shown_while_it_is_carried():
+    robot = pa.load("planar_2r")
+    loaded = robot.changed(payload=pa.Payload(2.0, com=[0.1, 0.0, 0.0]))
+    (load,) = loaded.loads
+    assert load.mass == 2.0 and not robot.loads and not robot.changed(inertial_scale=2.0).loads
+    controller = pa.make_controller(robot)
+    path = pa.Hold(robot.position(robot.q0))
+    view = LiveView(robot, controller, path, duration=0.1, changes={0.05: loaded})
+    with view:
+        list(view.watch(pa.run(pa.PinocchioPlant(robot), controller, path, duration=0.1)))
+    commands, _ = parted(b"".join(view._window.read()))
+    shown = commands["set_transform", "/meshcat/true/joint 2/load 1"]["matrix"]
+    assert shown[0] == pytest.approx(1.0)
+    assert ("set_object", "/meshcat/true/joint 2/load 1/0") in commands
+
+
+# --- the commands ---
+
+
+def test_run_live_prints_the_address_and_writes_as_ever(tmp_path, capsys):
+    assert (
+        main(["run", PLANAR, "--live", "--out", str(tmp_path), "--set", "simulation.duration=0.1"])
+        == 0
+    )
+    out, err = capsys.readouterr()
+    assert "live view: http://127.0.0.1:" in err and "live view" not in out
+    assert (tmp_path / "animation.html").is_file()
+
+
+def test_view_of_a_scenario_runs_it_and_writes_nothing(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["view", PLANAR, "--set", "simulation.duration=0.1"]) == 0
+    assert "live view: http" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_view_of_a_folder_names_its_animation(tmp_path, capsys):
+    (tmp_path / "animation.html").write_text("x")
+    assert main(["view", str(tmp_path)]) == 0
+    assert capsys.readouterr().out.strip() == (tmp_path / "animation.html").as_uri()
+
+
+def test_view_of_a_folder_without_one_is_refused(tmp_path, capsys):
+    assert main(["view", str(tmp_path)]) == 2
+    assert "animation.html" in capsys.readouterr().err
+
+
+def test_an_interrupted_live_run_ends_its_process_and_its_port():
+    source = str(Path(pa.__file__).parents[1])
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([source, *sys.path])}
+    process = subprocess.Popen(
+        [sys.executable, "-m", "pinadapt", "view", PLANAR],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+        # a shell lets what it starts in the background ignore Ctrl-C, and that is inherited
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    line = process.stderr.readline()
+    url = line.split()[-1]
+    assert url.startswith("http://127.0.0.1:")
+    assert urllib.request.urlopen(url, timeout=10).status == 200
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=30)
+    assert process.returncode == 130
+    with pytest.raises(urllib.error.URLError):
+        urllib.request.urlopen(url, timeout=5)

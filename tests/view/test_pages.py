@@ -1,0 +1,202 @@
+"""Animations and plots: how large, what they show, that they need nothing but a browser."""
+
+import base64
+import gzip
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from html import unescape
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib import pyplot
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+import pinadapt as pa
+from tests.support.chains import catalogue_robot
+from tests.support.loops import run
+from tests.support.streams import parted, sent
+
+pytestmark = pytest.mark.slow
+
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+
+
+def stream(animation):
+    """Return the messages of a page as they are in it."""
+    packed = re.search(r'id="messages">([^<]*)<', animation.html).group(1)
+    return gzip.decompress(base64.b64decode(packed))
+
+
+def messages(animation):
+    """Return the commands and notes of a page."""
+    return parted(stream(animation))
+
+
+@pytest.mark.parametrize(
+    ("name", "most"), [("planar_2r", 1.5), ("scara", 1.5), ("panda", 8.0), ("z1", 8.0)]
+)
+def test_pages_stay_small(name, most):
+    """As measured: 0.5, 0.5, 5.5 and 5.6 MB; the meshes of z1 are made lighter."""
+    animation = run(name, duration=0.1).animate()
+    assert len(animation.html.encode()) < 1e6 * most
+
+
+def test_long_runs_make_no_large_pages():
+    rollout = run(duration=4.0)
+    long = replace(rollout, t=25.0 * rollout.t)  # of the same motion, slowly
+    commands, _ = messages(long.animate())
+    clips = commands["set_animation", ""]["animations"]
+    assert max(len(track["keys"]) for clip in clips for track in clip["clip"]["tracks"]) <= 900
+    assert len(long.animate().html) < 1.5e6
+
+
+def test_a_page_shows_both_robots_paths_and_curves():
+    rollout = run("panda", duration=0.1)
+    commands, notes = messages(rollout.animate())
+    assert ("set_object", "/meshcat/paths/true") in commands
+    copies = [note["copy"] for note in notes if "copy" in note]
+    shapes = catalogue_robot("panda").visual.geometryObjects
+    assert sum(copy["ghost"] for copy in copies) == len(shapes)
+    readings = [note["reading"] for note in notes if "reading" in note]
+    assert readings[0]["t"] == 0.0 and readings[-1]["t"] == pytest.approx(rollout.t[-1])
+    assert readings[-1]["values"][0] == pytest.approx(1e3 * rollout.distance[-1], rel=1e-3)
+
+
+def test_equal_meshes_are_in_a_page_once():
+    robot = pa.load("a1_rr_leg")  # four like legs
+    shapes = [shape for shape in robot.visual.geometryObjects if shape.meshPath]
+    different = {(shape.meshPath, tuple(shape.meshColor)) for shape in shapes}
+    assert len(different) < len(shapes)
+    path = pa.Hold(robot.position(robot.q0))
+    rollout = pa.simulate(robot, pa.make_controller(robot), path, duration=0.01)
+    drawn, copied = set(), 0
+    for message in sent(stream(rollout.animate())):
+        if message.get("type") == "set_object":
+            drawn.add(message["path"])
+        if "copy" in message:  # of what is there already
+            assert message["copy"]["source"] in drawn
+            drawn.add(message["copy"]["target"])
+            copied += not message["copy"]["ghost"]
+    assert copied == len(shapes) - len(different)
+    everything = [path for path in drawn if "/true/" in path and "/shape" in path]
+    assert len(everything) == len(robot.visual.geometryObjects)
+
+
+def test_the_floor_is_where_the_base_stands():
+    """The planar arm's base is a cylinder from 0.09 m below its plane on, Panda's a mesh from 0."""
+    for name, floor in (("panda", 0.0), ("planar_2r", -0.09)):
+        commands, _ = messages(run(name, duration=0.01).animate())
+        assert commands["set_transform", "/Grid"]["matrix"][14] == pytest.approx(floor, abs=2e-3)
+
+
+def test_an_animation_shows_itself_in_a_notebook_without_a_server():
+    animation = run(duration=0.05).animate()
+    frame = animation._repr_html_()
+    assert unescape(re.search(r'srcdoc="([^"]*)"', frame).group(1)) == animation.html
+    assert "127.0.0.1" not in animation.html.split("<script>")[-1]
+    assert len(repr(animation)) < 80
+
+
+def test_a_rollout_from_another_process_has_nothing_to_animate():
+    import pickle
+
+    rollout = pickle.loads(pickle.dumps(run(duration=0.01)))
+    with pytest.raises(pa.InputError, match="another process"):
+        rollout.animate()
+    assert len(rollout.plot()) == 3
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+@pytest.mark.parametrize("name", ["planar_2r", "ur5"])
+def test_a_browser_shows_the_page_without_complaint(name, tmp_path):
+    page = run(name, duration=0.5).animate().save(tmp_path / "page.html")
+    done = subprocess.run(
+        [
+            CHROMIUM,
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--use-gl=angle",
+            "--use-angle=swiftshader",
+            "--enable-unsafe-swiftshader",
+            "--disable-quic",
+            "--no-first-run",
+            "--disable-background-networking",
+            "--host-resolver-rules=MAP * ~NOTFOUND",
+            f"--user-data-dir={tmp_path / 'profile'}",
+            "--virtual-time-budget=4000",
+            "--enable-logging=stderr",
+            "--dump-dom",
+            page.as_uri(),
+        ],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    harmless = "ColladaLoader: File version", "GL Driver Message"  # of the software renderer
+    said = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+    assert not [line for line in said if not any(words in line for words in harmless)]
+    assert re.search(r'id="time">t = \d\.\d s<', done.stdout)
+    assert re.search(r"<b>[\d.e-]+ mm</b>", done.stdout)
+
+
+# --- plots ---
+
+
+@pytest.mark.parametrize("name", ["planar_2r", "panda"])
+def test_legends_cover_no_curve_and_no_panel_is_without_one(name):
+    for figure in run(name, duration=0.05).plot():
+        FigureCanvasAgg(figure).draw()
+        for ax in figure.axes:
+            box = ax.get_legend().get_window_extent()
+            assert box.x0 >= ax.get_window_extent().x1 - 1.0
+            assert box.x1 <= figure.bbox.x1 + 1.0
+
+
+def test_torques_carry_the_names_and_the_limits_of_their_joints():
+    rollout = run("panda", duration=0.05)
+    torques, shares, _ = rollout.plot().torque.axes
+    named = [text.get_text() for text in torques.get_legend().get_texts()]
+    assert named[:7] == catalogue_robot("panda").joint_names
+    limits = [line for line in shares.lines if line.get_linestyle() == "-."]
+    assert [line.get_ydata()[0] for line in limits] == [-100.0, 100.0]
+    assert np.allclose(shares.lines[6].get_ydata(), 100.0 * rollout.tau[:, 6] / 12.0)
+    low, high = shares.get_ylim()
+    assert low < -100.0 and high > 100.0
+
+
+def test_no_two_curves_of_a_panel_look_alike():
+    for figure in run("panda", duration=0.05).plot():
+        for ax in figure.axes:
+            looks = [
+                (line.get_color(), line.get_marker())
+                for line in ax.lines
+                if line.get_marker() not in ("None", "")
+            ]
+            assert len(set(looks)) == len(looks)
+
+
+def test_every_parameter_is_in_a_panel():
+    rollout = run("panda", duration=0.02)
+    drawn = [
+        line.get_ydata()
+        for ax in rollout.plot().parameters.axes
+        for line in ax.lines
+        if line.get_linestyle() == "-"
+    ]
+    assert len(drawn) == rollout.a_k.shape[1] + rollout.a_d.shape[1]
+
+
+def test_figures_show_once_and_leave_nothing_open(monkeypatch):
+    import IPython.display
+
+    shown = []
+    monkeypatch.setattr(IPython.display, "display", lambda data, raw: shown.append(data))
+    figures = run(duration=0.02).plot()
+    figures._ipython_display_()
+    assert [list(data) for data in shown] == [["image/png"]] * 3
+    assert all(data["image/png"].startswith(b"\x89PNG") for data in shown)
+    assert pyplot.get_fignums() == [] and matplotlib.rcParams["font.size"] != 9

@@ -1,0 +1,192 @@
+"""The zoo: cases as stated, chains that converge untuned, and verdicts that name what failed."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from pinadapt.cli.main import main
+from pinadapt.cli.zoo import zoo_table
+from pinadapt.zoo.case import SWING, zoo_case
+from pinadapt.zoo.experiment import ZooRow, zoo_names, zoo_row
+from pinadapt.zoo.remarks import CONVERGED, last_error
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.mark.parametrize("name", ["ur5", "solo8_fl_leg", "allegro_left_thumb", "scara"])
+def test_a_case_is_wrong_as_stated(name):
+    case, robot = zoo_case(name), pa.load(name)
+    placements = [r.model.frames[r.frame_id].placement for r in (case.true, robot)]
+    np.testing.assert_allclose(
+        np.linalg.norm(placements[0].translation - placements[1].translation),
+        0.05 * robot.reach,
+        rtol=1e-9,
+    )
+    described = [body.mass for body in robot.model.inertias[1:]]
+    believed = np.array([body.mass for body in case.believed.model.inertias[1:]])
+    np.testing.assert_allclose(np.abs(believed / described - 1.0), 0.3)
+    load = sum(body.mass for body in case.true.model.inertias[1:]) - sum(described)
+    assert load == pytest.approx(min(0.1 * sum(described), described[-1]))
+    assert (case.true.friction.coulomb > 0.0).all() and not case.believed.friction.present
+    moved = case.true.position(case.true.q0) - robot.position(robot.q0)
+    assert np.linalg.norm(moved) == pytest.approx(
+        0.05 * robot.reach
+    )  # the task sees all of the tool
+    again, other = zoo_case(name), zoo_case(name, seed=1)
+    assert again.true.model.inertias[1].isApprox(case.true.model.inertias[1])
+    assert (other.true.friction.coulomb != case.true.friction.coulomb).all()
+
+
+@pytest.mark.parametrize("name", ["finger_edu", "a1_fl_leg"])
+def test_a_chain_converges_untuned(name):
+    row = zoo_row(name, "adaptive-jacobian")
+    assert row.verdict == CONVERGED
+    assert row.adapted <= 0.02 * row.radius and row.adapted <= 0.2 * row.unadapted
+    assert row.min_eig_M_hat > 0.0
+
+
+@pytest.mark.parametrize("name", ["finger_edu", "double_pendulum"])
+def test_a_chain_converges_under_the_default_law(name):
+    row = zoo_row(name, "separation")
+    assert row.verdict == CONVERGED
+    assert row.adapted <= 0.004 * row.radius and row.adapted <= 0.1 * row.unadapted
+    assert row.task == "position" and row.adapted_angle is None
+
+
+def test_a_pose_goes_round_with_the_tool_swinging_and_its_angles_are_told():
+    case = zoo_case("ur5", task="pose")
+    start, later = (case.motion.at(t).x_d for t in (0.0, 0.25 * case.period))
+    np.testing.assert_allclose(start, case.true.position(case.true.q0), atol=1e-12)
+    turned = pin.Quaternion(start[3:]).angularDistance(pin.Quaternion(later[3:]))
+    assert turned == pytest.approx(SWING)
+    row = ZooRow("ur5", 6, "separation", 0.1, task="pose", unadapted_angle=0.1, adapted_angle=1e-3)
+    assert "adapted [deg]" in zoo_table([row]) and "0.057" in zoo_table([row])
+    assert "[deg]" not in zoo_table([ZooRow("ur5")])
+
+
+def test_only_chains_that_can_have_a_pose_are_asked_for_one():
+    names = zoo_names("pose")
+    assert "panda" in names and "scara" not in names and set(names) < set(zoo_names())
+    row = zoo_row("scara", "separation", task="pose")
+    assert row.verdict.startswith("refused: ") and row.task == "pose"
+
+
+def test_efforts_that_do_not_hold_the_arm_are_not_those_of_its_motors():
+    """Springs hold up PR2's arms."""
+    assert not zoo_case("pr2_right_arm").bears_itself
+    assert zoo_case("panda").bears_itself
+
+
+def test_without_adaptation_the_end_of_a_shorter_run_is_that_of_the_whole():
+    """Whole turns are left out, so that the last of both runs is the same part of a turn."""
+    case = zoo_case("so101")
+    left_out = (case.duration - case.repeating) / case.period
+    assert left_out == round(left_out) > 0 and case.repeating >= 9.0
+    controller = pa.make_controller(
+        case.believed, law="adaptive-jacobian", joint=("viscous", "coulomb"), adaptation="none"
+    )
+    ends = [
+        last_error(
+            case,
+            pa.simulate(case.true, controller, case.motion, duration=duration, record_every=10),
+        )
+        for duration in (case.repeating, case.duration)
+    ]
+    assert ends[0] == pytest.approx(ends[1], rel=1e-6)
+
+
+def test_a_wrist_without_inertia_is_named(monkeypatch):
+    """With the tool learned too fast, damping through its estimate is too much for the wrist."""
+    monkeypatch.setattr(pa.AdaptiveJacobian, "kinematic_mode", 0.25)
+    monkeypatch.setattr("pinadapt.laws.posture.SHARE", 0.15)
+    row = zoo_row("tiago_arm", "adaptive-jacobian")
+    assert "1 kHz is too slow for arm_7_joint" in row.verdict
+    robot = pa.load("tiago_arm")
+    M = pin.crba(robot.model, robot.model.createData(), robot.q0)
+    assert M[-1, -1] < 1e-4  # kg m^2, what the description says of it
+
+
+def test_a_wrist_that_spins_away_is_named():
+    """Under law (11) the load turns TIAGo's wrist before it is learned."""
+    row = zoo_row("tiago_arm", "adaptive-inverse-dynamics")
+    assert (
+        "diverged" in row.verdict
+        and "arm_7_joint, believed to move 5.5e-06 kg m^2, bears" in row.verdict
+    )
+
+
+def test_a_chain_of_which_no_hypothesis_failed_says_how_far_it_came(monkeypatch):
+    monkeypatch.setattr("pinadapt.zoo.remarks.ACCURATE", 1e-9)
+    monkeypatch.setattr("pinadapt.zoo.case._LEAST_DURATION", 2.0)
+    assert "no hypothesis failed within" in zoo_row("finger_edu", "adaptive-jacobian").verdict
+
+
+def test_the_command_writes_rows_in_order_and_refuses_unknown_robots(tmp_path, capsys):
+    names = ["asr_twodof", "planar_2r"]
+    assert main(["zoo", "--robots", ",".join(names), "--out", str(tmp_path)]) == 0
+    rows = json.loads((tmp_path / "zoo.json").read_text())
+    assert [row["robot"] for row in rows] == names
+    assert [row["verdict"] for row in rows] == [CONVERGED] * 2
+    assert "2 of 2 converged" in capsys.readouterr().out
+    assert main(["zoo", "--robots", "pnda"]) == 2
+    assert "Did you mean 'panda'" in capsys.readouterr().err
+
+
+def test_what_cannot_run_is_a_row(monkeypatch):
+    def refuse(*arguments, **words):
+        raise pa.RobotError("no circle will do.")
+
+    monkeypatch.setattr("pinadapt.zoo.case.find_circle", refuse)
+    assert zoo_row("ur5", "adaptive-jacobian").verdict == "refused: no circle will do."
+
+
+def running(session):
+    """Yield the processes of a session that have not ended."""
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            fields = (folder / "stat").read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        if int(fields[3]) == session and fields[0] != "Z":
+            yield folder.name
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="counts processes in /proc")
+@pytest.mark.parametrize("how", ["terminal", "killed"])
+def test_a_zoo_that_is_stopped_leaves_its_finished_rows_and_no_process(how, tmp_path):
+    arguments = ["--robots", "scara,panda,kinova", "--processes", "3", "--task", "pose"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "pinadapt", "zoo", *arguments, "--out", str(tmp_path)],
+        env={**os.environ, "PYTHONPATH": str(Path(pa.__file__).parents[1])},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    while not (tmp_path / "zoo.json").exists() and process.poll() is None:
+        time.sleep(0.05)
+    assert len(list(running(process.pid))) >= 3
+    if how == "terminal":
+        os.killpg(process.pid, signal.SIGINT)  # as Ctrl-C does: all of its processes
+    else:
+        process.kill()
+    out, err = process.communicate(timeout=60)
+    rows = json.loads((tmp_path / "zoo.json").read_text())
+    assert [row["robot"] for row in rows] == ["scara"] and rows[0]["verdict"]  # refused at once
+    if how == "terminal":
+        assert process.returncode == 130 and "Traceback" not in err
+        assert all(row["robot"] in out for row in rows) and "have not run" in out
+    deadline = time.monotonic() + 30.0
+    while list(running(process.pid)) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not list(running(process.pid))
