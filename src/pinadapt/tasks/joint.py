@@ -15,19 +15,19 @@ from .task import RowGroup, Task
 class JointTask(Task):
     """x = q, one number a joint [rad or m]; the Jacobian is I, no kinematic parameter is unknown.
 
-    The error is that of ``pin.difference``: on the circle for continuous joints, whose
-    configuration has two numbers (cos, sin) and whose coordinate is the angle, any turn of it. The
-    task velocity is the joint velocity: no sensor of its own is needed for x or xd.
+    The error is that of ``pin.difference``. A continuous joint, which Pinocchio configures by (cos,
+    sin), has its angle as coordinate, with any number of whole turns; its error is within half a
+    turn. The task velocity is the joint velocity, so x and xd need no sensors of their own.
 
     Attributes:
-        continuous: of each joint, whether it turns without end.
+        continuous: for each joint, whether it turns without limits.
     """
 
     continuous: tuple[bool, ...]
 
     @classmethod
     def of_chain(cls, model: pin.Model) -> JointTask:
-        """Return the task of a chain of one-joint groups."""
+        """Return the task of a chain whose joints have one degree of freedom each."""
         joints = model.joints[1:]
         return cls(
             "joint",
@@ -37,12 +37,12 @@ class JointTask(Task):
 
     @property
     def positions(self) -> int:
-        """None: no translation moves a joint."""
+        """Zero: no row is a position of the frame."""
         return 0
 
     @property
     def groups(self) -> tuple[RowGroup, ...]:
-        """One group."""
+        """One group: the joints."""
         return (RowGroup("joints", "rad", slice(0, self.size)),)
 
     def of(self, q: np.ndarray) -> np.ndarray:
@@ -66,7 +66,7 @@ class JointTask(Task):
         return self.of(q), np.array(v, dtype=float)
 
     def measured(self, x: np.ndarray | None, q: np.ndarray) -> np.ndarray:
-        """Return the coordinates (m) of the measured q (nq), whatever else was measured."""
+        """Return the coordinates (m) of the measured q (nq); x is not used."""
         return self.of(q)
 
     def error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:

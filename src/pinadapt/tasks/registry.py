@@ -5,10 +5,9 @@ from __future__ import annotations
 import pinocchio as pin
 
 from ..exceptions import RobotError, did_you_mean
+from .frame import FrameTask, PoseTask, PositionTask
 from .joint import JointTask
-from .pose import PoseTask
-from .position import PositionTask
-from .task import FrameTask, Task
+from .task import Task
 
 
 def _positions(name: str, rows: slice) -> FrameTask:
@@ -28,17 +27,17 @@ JOINT = "joint"
 
 
 def task_named(name: str, model: pin.Model) -> Task:
-    """Return a task by its name, for a chain.
+    """Return a task of a chain by its name: one of ``TASKS``, or "joint".
 
     Raises:
-        RobotError: unknown name; the nearest is suggested.
+        RobotError: unknown name; the message suggests the nearest.
     """
     if name == JOINT:
         return JointTask.of_chain(model)
     if name not in TASKS:
         names = [*TASKS, JOINT]
         raise RobotError(
-            f"no task is called '{name}'; there are {names}.{did_you_mean(name, names)}",
+            f"no task is called '{name}'; choose from {names}.{did_you_mean(name, names)}",
             where="task",
         )
     return TASKS[name]

@@ -1,9 +1,9 @@
 """Rotations as unit quaternions xyzw and rotation vectors phi = log(R), world axes.
 
 T. Barfoot, *State Estimation for Robotics*, 2017, section 7.1: with Jl the left Jacobian of SO(3),
-a rotation E that turns at omega has d log(E)/dt = Jl^-1(phi) omega, Jl^-1(phi) = I - [phi]/2 + c
-[phi]^2, c = (1 - (t/2) cot(t/2)) / t^2, t = |phi|. Plain floats: for four numbers they are several
-times faster than arrays.
+a rotation E with angular velocity omega has d log(E)/dt = Jl^-1(phi) omega, Jl^-1(phi) = I -
+[phi]/2 + c [phi]^2, c = (1 - (t/2) cot(t/2)) / t^2, t = |phi|. Written in plain floats, which for
+four numbers are several times faster than arrays.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
-_SERIES = 0.05  # [rad] below which c is its series, right to 1e-14
+_SERIES = 0.05  # [rad] below which c is computed from its series, correct to 1e-14
 
 
 def quaternion(R: np.ndarray) -> np.ndarray:
@@ -55,7 +55,7 @@ def rotation_drift(
 ) -> tuple[float, float, float]:
     """Return dphi/dt - (omega - omega_d) (3) [rad/s] for exp(phi) = R R_d^T.
 
-    E = R R_d^T turns at omega - E omega_d, and Jl^-1 E is the transpose of Jl^-1, so that dphi/dt =
+    E = R R_d^T has the angular velocity omega - E omega_d, and Jl^-1 E is the transpose of Jl^-1, so that dphi/dt =
     Jl^-1 omega - Jl^-T omega_d and the difference is phi x (c phi x (omega - omega_d) - (omega +
     omega_d) / 2): orthogonal to phi, which is why phi^T dphi/dt = phi^T (omega - omega_d).
     """

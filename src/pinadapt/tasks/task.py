@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,8 +12,24 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 import pinocchio as pin
 
-Motion: TypeAlias = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""Coordinates x and task velocity (m) of a chain at q (nq) and v (nv)."""
+CoordinateMotion: TypeAlias = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Function of q (nq) and v (nv) that returns coordinates x and task velocity xd (m)."""
+
+
+class Display(NamedTuple):
+    """How a quantity is shown.
+
+    Attributes:
+        unit: written behind the number.
+        scale: factor of the SI value.
+    """
+
+    unit: str
+    scale: float
+
+
+DISPLAYS = {"m": Display("mm", 1e3), "rad": Display("deg", 180.0 / math.pi)}
+"""The units in which results are shown, by SI unit."""
 
 
 class RowGroup(NamedTuple):
@@ -20,7 +37,7 @@ class RowGroup(NamedTuple):
 
     Attributes:
         name: what they are together: "position", "rotation" or "joints".
-        unit: "m" or "rad"; joint coordinates of slides are in metres all the same.
+        unit: "m" or "rad"; among joints, which count as "rad", those of slides are in metres.
         rows: which rows.
     """
 
@@ -35,7 +52,7 @@ class Task(ABC):
 
     Attributes:
         name: as written in scenarios.
-        labels: one name a row of the error.
+        labels: a name for each row of the error.
     """
 
     name: str
@@ -48,18 +65,18 @@ class Task(ABC):
 
     @property
     def coordinates(self) -> int:
-        """How many numbers x has: m, but 7 for a pose."""
+        """Number of coordinates x: m, but 7 for a pose."""
         return self.size
 
     @property
     @abstractmethod
     def positions(self) -> int:
-        """How many rows, the first m_p, are positions of the frame, which translations move."""
+        """Number m_p of position rows, which come first; unknown translations affect these only."""
 
     @property
     @abstractmethod
     def groups(self) -> tuple[RowGroup, ...]:
-        """The rows by unit; the first group is what a run is judged by."""
+        """The rows by unit; the verdict on a run is about the first group."""
 
     @abstractmethod
     def at(self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray) -> np.ndarray:
@@ -71,21 +88,21 @@ class Task(ABC):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the coordinates x and the task velocity (m) at q (nq) and v (nv)."""
 
-    def motion_of(self, model: pin.Model, data: pin.Data, frame: int) -> Motion:
+    def motion_of(self, model: pin.Model, data: pin.Data, frame: int) -> CoordinateMotion:
         """Return ``motion`` of one chain, whose data is scratch, as a function of q and v."""
         return partial(self.motion, model, data, frame)
 
     def measured(self, x: np.ndarray | None, q: np.ndarray) -> np.ndarray:
-        """Return the coordinates x: the measured ones, or those that q (nq) tells by itself."""
+        """Return the coordinates x: the measured ones, or those that follow from q (nq) alone."""
         assert x is not None  # the controller refuses measurements without it
         return x
 
     def position(self, x: np.ndarray) -> np.ndarray:
-        """Return the positions (m_p) among coordinates x or among a velocity."""
+        """Return the position rows (m_p) of coordinates x or of a velocity."""
         return x[: self.positions]
 
     def error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
-        """Return dx (m), how far x is from x_d."""
+        """Return the error dx (m) of x from x_d."""
         return x - x_d
 
     def drift(self, dx: np.ndarray, xd: np.ndarray, xd_d: np.ndarray) -> np.ndarray | None:
@@ -93,61 +110,25 @@ class Task(ABC):
         return None
 
     def known_velocity(self, xd: np.ndarray | None, xd_hat: np.ndarray) -> np.ndarray:
-        """Return the velocity xd (m): measured, or xd_hat (m) where no sensor gives it."""
+        """Return the velocity xd (m): measured, or the estimate xd_hat (m) without a sensor for it."""
         return xd_hat if xd is None else xd
 
     def turn(self, x_hat: np.ndarray, x: np.ndarray) -> Any:
-        """Return what turns the believed orientation into the seen one; None without any."""
+        """Return the rotation from the estimated to the measured orientation; None without one."""
         return None
 
     def turn_between(self, turn: Any, before: Any, share: float) -> Any:
-        """Return a turn and an earlier one in one, with this share of the earlier."""
+        """Return the rotation on the way from ``turn`` to ``before``, at this share of the way."""
         return None
 
     def carried(self, x_hat: np.ndarray, epsilon: np.ndarray, turn: Any) -> np.ndarray:
-        """Return the coordinates that are epsilon (m_p) and ``turn`` away from believed ones."""
+        """Return estimated coordinates corrected by an error epsilon (m_p) [m] and a rotation."""
         return x_hat - epsilon
 
     def moved(self, x: np.ndarray, by: np.ndarray) -> np.ndarray:
-        """Return the coordinates whose error from x is ``by`` (m)."""
+        """Return the coordinates displaced from x by ``by`` (m), so that their error from x is that."""
         return x + by
 
     def flaw(self, x: np.ndarray) -> str | None:
         """Return what is wrong with finite coordinates x, or None."""
         return None
-
-
-@dataclass(frozen=True)
-class FrameTask(Task):
-    """Coordinates of the task frame, in world axes.
-
-    Attributes:
-        rows: selected rows of the LOCAL_WORLD_ALIGNED Jacobian, linear before angular.
-        place: selected rows of the frame's position.
-    """
-
-    rows: slice
-    place: slice
-
-    @abstractmethod
-    def of(self, placement: pin.SE3) -> np.ndarray:
-        """Return the coordinates x of a frame's placement in the world."""
-
-    @abstractmethod
-    def velocity_of(self, motion: pin.Motion) -> np.ndarray:
-        """Return the task velocity (m) of a frame's LOCAL_WORLD_ALIGNED motion."""
-
-    def at(self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray) -> np.ndarray:
-        """Return the coordinates x at configuration q (nq)."""
-        pin.forwardKinematics(model, data, q)
-        return self.of(pin.updateFramePlacement(model, data, frame))
-
-    def motion(
-        self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the coordinates x and the task velocity (m) at q (nq) and v (nv)."""
-        pin.forwardKinematics(model, data, q, v)
-        x = self.of(pin.updateFramePlacement(model, data, frame))
-        return x, self.velocity_of(
-            pin.getFrameVelocity(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
-        )

@@ -1,14 +1,17 @@
 """Desired motions: coordinates with their first two derivatives at any time."""
 
-from .circle import Circle as Circle
-from .fourier_series import FourierSeries as FourierSeries
-from .hold import Hold as Hold
-from .lissajous import Lissajous as Lissajous
-from .orientation import FixedOrientation as FixedOrientation
-from .orientation import Orientation as Orientation
-from .orientation import Swing as Swing
-from .pose_circle import PoseCircle as PoseCircle
-from .pose_trajectory import PoseTrajectory as PoseTrajectory
-from .sinusoid import Sinusoid as Sinusoid
+from .convert import TrajectoryLike as TrajectoryLike
+from .convert import as_trajectory as as_trajectory
+from .function import Function as Function
+from .periodic import Circle as Circle
+from .periodic import FourierSeries as FourierSeries
+from .periodic import Lissajous as Lissajous
+from .periodic import Sinusoid as Sinusoid
+from .pose import FixedOrientation as FixedOrientation
+from .pose import PoseCircle as PoseCircle
+from .pose import PoseTrajectory as PoseTrajectory
+from .pose import Swing as Swing
+from .spline import Spline as Spline
+from .trajectory import Hold as Hold
 from .trajectory import Trajectory as Trajectory
-from .waypoints import Waypoints as Waypoints
+from .trajectory import Waypoints as Waypoints

@@ -1,0 +1,223 @@
+"""Tasks of a frame of the robot: some or all coordinates of its position, or its pose."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy import empty
+
+from .._kernels import linear_algebra
+from .._kernels import models as kernels
+from .rotation import quaternion, rotation_between, rotation_drift, turned
+from .task import RowGroup, Task
+
+_LOOSEST = 0.02  # of the square of a quaternion's length
+
+
+@dataclass(frozen=True)
+class FrameTask(Task):
+    """Coordinates of the task frame, in world axes.
+
+    Attributes:
+        rows: rows of the LOCAL_WORLD_ALIGNED Jacobian, linear before angular.
+        place: rows of the frame's position.
+    """
+
+    rows: slice
+    place: slice
+
+    @abstractmethod
+    def of(self, placement: pin.SE3) -> np.ndarray:
+        """Return the coordinates x of a frame's placement in the world."""
+
+    @abstractmethod
+    def velocity_of(self, motion: pin.Motion) -> np.ndarray:
+        """Return the task velocity (m) of a frame's LOCAL_WORLD_ALIGNED motion."""
+
+    def at(self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray) -> np.ndarray:
+        """Return the coordinates x at configuration q (nq)."""
+        pin.forwardKinematics(model, data, q)
+        return self.of(pin.updateFramePlacement(model, data, frame))
+
+    def motion(
+        self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the coordinates x and the task velocity (m) at q (nq) and v (nv)."""
+        pin.forwardKinematics(model, data, q, v)
+        x = self.of(pin.updateFramePlacement(model, data, frame))
+        return x, self.velocity_of(
+            pin.getFrameVelocity(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+        )
+
+
+@dataclass(frozen=True)
+class PositionTask(FrameTask):
+    """Two or three coordinates (m) of the frame's position [m], in world axes."""
+
+    @property
+    def positions(self) -> int:
+        """All rows: m."""
+        return self.size
+
+    @property
+    def groups(self) -> tuple[RowGroup, ...]:
+        """One group: the position."""
+        return (RowGroup("position", "m", slice(0, self.size)),)
+
+    def of(self, placement: pin.SE3) -> np.ndarray:
+        """Return the coordinates x (m) of a frame's placement in the world."""
+        return np.array(placement.translation[self.place])
+
+    def velocity_of(self, motion: pin.Motion) -> np.ndarray:
+        """Return the task velocity (m) of a frame's LOCAL_WORLD_ALIGNED motion."""
+        return np.asarray(motion.vector[self.rows])
+
+    def motion_of(self, model: pin.Model, data: pin.Data, frame: int) -> PositionMotion:
+        """Return ``motion`` of one chain, with its data as scratch, as a function of q and v."""
+        return PositionMotion(self, model, data, frame)
+
+    def position(self, x: np.ndarray) -> np.ndarray:
+        """Return x itself."""
+        return x
+
+    def error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
+        """Return dx = x - x_d (m), both floats."""
+        dx = empty(x.size)
+        linear_algebra.subtract(x, x_d, dx)
+        return dx
+
+
+class PositionMotion:
+    """Position and velocity (m) of a frame of one chain, from views of Pinocchio's joint data."""
+
+    def __init__(self, task: PositionTask, model: pin.Model, data: pin.Data, frame: int) -> None:
+        """Take the task, the chain with its data as scratch, and the index of the frame."""
+        self._parts = task, model, data, frame
+        self._model, self._data = model, data
+        joint = model.frames[frame].parentJoint
+        placement, motion = data.oMi[joint], data.v[joint]
+        self._rows = np.arange(3)[task.place]
+        self._views = (  # live
+            placement.rotation,
+            placement.translation,
+            motion.linear,
+            motion.angular,
+            model.frames[frame].placement.translation,
+        )
+
+    def __call__(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the position x (m) [m] and the velocity xd (m) [m/s] at q (nq) and v (nv)."""
+        pin.forwardKinematics(self._model, self._data, q, v)
+        x, xd = empty(self._rows.size), empty(self._rows.size)
+        kernels.point_motion(*self._views, self._rows, x, xd)
+        return x, xd
+
+    def __reduce__(self) -> tuple[type[PositionMotion], tuple]:
+        """Copy by making it again: a copy of a view would not follow Pinocchio's data."""
+        return PositionMotion, self._parts
+
+
+@dataclass(frozen=True)
+class PoseTask(FrameTask):
+    """Position and orientation: 3 position rows, then 3 rotation rows, all in world axes.
+
+    x and x_d are 7 numbers: position [m] and unit quaternion xyzw of the frame (R_d: of the desired
+    frame). Velocities and accelerations are 6: linear [m/s], then angular [rad/s]. The error is dx
+    = (p - p_d, phi), phi = log(R R_d^T) [rad].
+
+    Proofs. The derivative of phi is not omega - omega_d, but the difference delta = dphi/dt -
+    (omega - omega_d) is known: it depends on phi, omega_d and omega = J_omega qd only. J_omega
+    contains no translation, so delta contains no estimate, and the laws cancel it in their closed
+    loops. In dV/dt it vanishes because phi^T delta = 0, provided that K multiplies phi by a scalar.
+    Gains on the rotation rows must therefore be multiples of the identity, without coupling to the
+    position rows; others are refused. V and dV/dt of each law then hold unchanged. Unknown
+    translations are learned from the position rows; the rotation rows of Y_k are zero.
+
+    Initial estimates. The inertia of a wrist may be a small part of its load's. Laws that command
+    M_hat v then command too little torque on the rotation rows until the load is learned: start
+    from an estimate with a load, rather too heavy than too light.
+
+    Region. phi jumps at |phi| = pi, half a turn off, so the proofs hold in |phi| < pi. Let V >= k
+    phi^T phi / 2. If V(0) < k pi^2 / 2, the loop stays inside because V does not grow.
+    """
+
+    @property
+    def coordinates(self) -> int:
+        """Seven: position and quaternion."""
+        return 7
+
+    @property
+    def positions(self) -> int:
+        """Three: the rotation rows follow."""
+        return 3
+
+    @property
+    def groups(self) -> tuple[RowGroup, ...]:
+        """Position, then rotation."""
+        return RowGroup("position", "m", slice(0, 3)), RowGroup("rotation", "rad", slice(3, 6))
+
+    def of(self, placement: pin.SE3) -> np.ndarray:
+        """Return position [m] and quaternion xyzw, of either sign, (7) of a frame's placement."""
+        return np.concatenate([placement.translation, quaternion(placement.rotation)])
+
+    def velocity_of(self, motion: pin.Motion) -> np.ndarray:
+        """Return linear and angular velocity (6) of a frame's LOCAL_WORLD_ALIGNED motion."""
+        return np.array(motion.vector)
+
+    def position(self, x: np.ndarray) -> np.ndarray:
+        """Return the positions (3) among coordinates x (7) or a velocity (6)."""
+        return x[:3]
+
+    def error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
+        """Return dx (6) = (p - p_d, phi); phi is NaN for quaternions off unit length by 1 %."""
+        dx = np.empty(6)
+        dx[:3] = x[:3] - x_d[:3]
+        q, q_d = x[3:].tolist(), x_d[3:].tolist()
+        dx[3:] = rotation_between(q, q_d) if _unit(q) and _unit(q_d) else np.nan
+        return dx
+
+    def drift(self, dx: np.ndarray, xd: np.ndarray, xd_d: np.ndarray) -> np.ndarray:
+        """Return delta (6): zeros, then dphi/dt - (omega - omega_d) [rad/s] of the orientation."""
+        delta = np.zeros(6)
+        delta[3:] = rotation_drift(dx[3:].tolist(), xd[3:].tolist(), xd_d[3:].tolist())
+        return delta
+
+    def known_velocity(self, xd: np.ndarray | None, xd_hat: np.ndarray) -> np.ndarray:
+        """Return the linear velocity, measured or estimated, and the estimated angular one (6)."""
+        return xd_hat if xd is None else np.concatenate([xd[:3], xd_hat[3:]])
+
+    def turn(self, x_hat: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Return R_hat^T R of an estimated and a measured pose, as a quaternion xyzw."""
+        return (_turning(x_hat[3:]).conjugate() * _turning(x[3:])).coeffs()
+
+    def turn_between(self, turn: np.ndarray, before: np.ndarray, share: float) -> np.ndarray:
+        """Return the rotation on the way from ``turn`` to ``before``, at this share of the way."""
+        return _turning(turn).slerp(share, _turning(before)).coeffs()
+
+    def carried(self, x_hat: np.ndarray, epsilon: np.ndarray, turn: np.ndarray) -> np.ndarray:
+        """Return the pose (7) at x_hat - epsilon (3) [m], rotated by ``turn`` about its own axes."""
+        orientation = (_turning(x_hat[3:]) * _turning(turn)).normalized()
+        return np.concatenate([x_hat[:3] - epsilon, orientation.coeffs()])
+
+    def moved(self, x: np.ndarray, by: np.ndarray) -> np.ndarray:
+        """Return the pose (7) displaced by by[:3] [m] and turned by by[3:] [rad] about world axes."""
+        return np.concatenate([x[:3] + by[:3], turned(x[3:], by[3:])])
+
+    def flaw(self, x: np.ndarray) -> str | None:
+        """Return what is wrong with a quaternion whose length is off 1 by over 1 %, or None."""
+        if _unit(x[3:].tolist()):
+            return None
+        return f"has a quaternion xyzw of length {np.linalg.norm(x[3:]):.4g} instead of 1"
+
+
+def _turning(q: np.ndarray) -> pin.Quaternion:
+    x, y, z, w = q.tolist()
+    return pin.Quaternion(w, x, y, z)
+
+
+def _unit(q: list[float]) -> bool:
+    x, y, z, w = q
+    return abs(x * x + y * y + z * z + w * w - 1.0) < _LOOSEST

@@ -1,0 +1,278 @@
+"""Motions that repeat themselves: circles, one sine for each coordinate, and Fourier series."""
+
+from __future__ import annotations
+
+import math
+from copy import copy
+from typing import TypeVar
+
+import numpy as np
+from numpy import empty
+from numpy.typing import ArrayLike
+
+from .._checks import numbers, positive, vector
+from .._compiled import compiled
+from ..exceptions import InputError
+from ..records import Desired
+from .trajectory import Trajectory, half_diagonal
+
+PLANES = ("xy", "yz", "xz")
+FROM_REST = -math.pi / 2.0  # [rad] phase of a sine that starts at rest, at its lowest
+
+_EXTENT_SAMPLES = 40  # of each period of the fastest harmonic
+
+_Motion = TypeVar("_Motion", bound="_Centered")
+
+
+class _Centered(Trajectory):
+    """A motion about a centre.
+
+    Attributes:
+        center: (m) [m or rad].
+    """
+
+    center: np.ndarray
+
+    def shifted(self: _Motion, by: ArrayLike) -> _Motion:
+        """Return the same motion displaced by (m) [m or rad]."""
+        moved = copy(self)
+        moved.center = self.center + by
+        return moved
+
+
+class Circle(_Centered):
+    """x_d = center + radius (cos(w t + phase) u_1 + sin(w t + phase) u_2), w = 2 pi / period.
+
+    Attributes:
+        center: (m) [m].
+        radius: [m].
+        period: of a turn [s].
+        plane: the two axes u_1, u_2.
+        phase: angle at time 0 [rad].
+    """
+
+    def __init__(
+        self, center: ArrayLike, radius: float, period: float, plane: str = "xy", phase: float = 0.0
+    ) -> None:
+        """Take centre (m) [m], radius [m], period [s], plane ("xy", "yz", "xz") and phase [rad].
+
+        Raises:
+            InputError: a centre that has not 2 or 3 coordinates, a plane that these do not span,
+                numbers that are not finite, or a radius or period that is not positive.
+        """
+        self.center = vector(center, None, "reference.center")
+        self.radius = positive(radius, "reference.radius")
+        self.period = positive(period, "reference.period")
+        self.phase = float(vector(phase, 1, "reference.phase")[0])
+        self.plane = plane
+        self._axes = self.radius * plane_axes(plane, self.center.size)
+        self._w = 2 * math.pi / self.period
+
+    @property
+    def extent(self) -> float:
+        """The radius [m]."""
+        return self.radius
+
+    def at(self, t: float) -> Desired:
+        """Return position, velocity and acceleration at time t [s]."""
+        m, w = self.center.size, self._w
+        x_d, xd_d, xdd_d = empty(m), empty(m), empty(m)
+        _turn(self.center, self._axes, w, w * t + self.phase, x_d, xd_d, xdd_d)
+        return Desired(x_d, xd_d, xdd_d)
+
+
+def plane_axes(plane: str, size: int) -> np.ndarray:
+    """Return the two unit vectors (2, m) of a plane named by its world axes.
+
+    Two coordinates have one plane, called "xy".
+
+    Raises:
+        InputError: an unknown plane, or one that the coordinates do not span.
+    """
+    if size not in (2, 3):
+        raise InputError(
+            f"a circle needs 2 or 3 coordinates, got {size}.", where="reference.center"
+        )
+    if not isinstance(plane, str) or plane not in PLANES or (size == 2 and plane != "xy"):
+        allowed = ["xy"] if size == 2 else list(PLANES)
+        raise InputError(f"must be one of {allowed}, got {plane!r}.", where="reference.plane")
+    return np.eye(size)[["xyz".index(axis) for axis in plane]]
+
+
+@compiled("void(f8[:], f8[:,:], f8, f8, f8[:], f8[:], f8[:])", fills=3)
+def _turn(
+    center: np.ndarray,
+    axes: np.ndarray,
+    w: float,
+    angle: float,
+    x_d: np.ndarray,
+    xd_d: np.ndarray,
+    xdd_d: np.ndarray,
+) -> None:
+    """Write center + axes^T (cos angle, sin angle) (m) and its derivatives at d(angle)/dt = w."""
+    c, s = math.cos(angle), math.sin(angle)
+    for i in range(len(center)):
+        out = c * axes[0, i] + s * axes[1, i]
+        x_d[i] = center[i] + out
+        xd_d[i] = w * (c * axes[1, i] - s * axes[0, i])
+        xdd_d[i] = -w * w * out
+
+
+class _Sines(_Centered):
+    """x_d,i = center_i + amplitude_i sin(w_i t + phase_i).
+
+    Attributes:
+        center, amplitude: (m) [m or rad].
+    """
+
+    amplitude: np.ndarray
+    _w: np.ndarray
+    _phase: np.ndarray
+
+    @property
+    def extent(self) -> float:
+        """Half the diagonal of the box that the amplitudes span [m or rad]."""
+        return float(np.linalg.norm(self.amplitude))
+
+    def at(self, t: float) -> Desired:
+        """Return position, velocity and acceleration at time t [s]."""
+        w, angle = self._w, self._w * t + self._phase
+        s, c = self.amplitude * np.sin(angle), self.amplitude * np.cos(angle)
+        return Desired(self.center + s, w * c, -w * w * s)
+
+
+class Lissajous(_Sines):
+    """x_d,i = center_i + amplitude_i sin(2 pi n_i t / period + phase_i): n_i cycles a period."""
+
+    def __init__(
+        self,
+        center: ArrayLike,
+        amplitude: ArrayLike,
+        cycles: ArrayLike,
+        period: float,
+        phase: ArrayLike = 0.0,
+    ) -> None:
+        """Take centre, amplitudes [m or rad], cycles n, phases [rad], each (m), and period [s].
+
+        Raises:
+            InputError: different sizes, numbers that are not finite, or a period not positive.
+        """
+        self.center = vector(center, None, "reference.center")
+        size = self.center.size
+        self.amplitude = vector(amplitude, size, "reference.amplitude")
+        turns = 2 * np.pi * vector(cycles, size, "reference.cycles")
+        self._w = turns / positive(period, "reference.period")
+        self._phase = vector(phase, size, "reference.phase")
+
+
+class Sinusoid(_Sines):
+    """x_d,i = center_i + amplitude_i sin(2 pi t / period_i + phase_i).
+
+    With the default phase it starts at rest at center - amplitude. Made for joint references, and
+    usable for any coordinates.
+    """
+
+    def __init__(
+        self,
+        center: ArrayLike,
+        amplitude: ArrayLike,
+        period: ArrayLike,
+        phase: ArrayLike = FROM_REST,
+    ) -> None:
+        """Take centres, amplitudes, periods and phases, each (m) or one number for all.
+
+        Args:
+            center: [rad or m].
+            amplitude: [rad or m], of either sign.
+            period: [s].
+            phase: [rad].
+
+        Raises:
+            InputError: different sizes, numbers that are not finite, or periods not positive.
+        """
+        given = {"center": center, "amplitude": amplitude, "period": period, "phase": phase}
+        size = max(vector(part, None, f"reference.{name}").size for name, part in given.items())
+        parts = {name: vector(part, size, f"reference.{name}") for name, part in given.items()}
+        for each in parts["period"]:
+            positive(each, "reference.period", error=InputError)
+        self.center, self.amplitude = parts["center"], parts["amplitude"]
+        self._w = 2.0 * math.pi / parts["period"]
+        self._phase = parts["phase"]
+
+
+class FourierSeries(_Centered):
+    """x_d,i = center_i + sum_k (cosine_ik cos(k w t) + sine_ik sin(k w t)), w = 2 pi / period.
+
+    The motion repeats itself and contains no frequency above K / period. It begins at rest where
+    sum k sine_ik = 0, and without acceleration where sum k^2 cosine_ik = 0. After J. Swevers,
+    C. Ganseman, D. Tukel, J. De Schutter, H. Van Brussel, *Optimal robot excitation and
+    identification*, IEEE Trans. Robotics and Automation 13 (1997). See ``excite``.
+
+    Attributes:
+        center: (m) mean [rad or m].
+        cosine, sine: (m, K) coefficients [rad or m], the slowest first.
+        period: [s].
+    """
+
+    def __init__(
+        self, center: ArrayLike, cosine: ArrayLike, sine: ArrayLike, period: float
+    ) -> None:
+        """Take means (m), coefficients (m, K) [rad or m], and the period [s].
+
+        Raises:
+            InputError: sizes that differ, numbers that are not finite, or a period not positive.
+        """
+        self.cosine = _table(cosine, "reference.cosine")
+        self.sine = _table(sine, "reference.sine")
+        if self.cosine.shape != self.sine.shape:
+            raise InputError(
+                f"expected as many as of cosines, {self.cosine.shape}, got {self.sine.shape}.",
+                where="reference.sine",
+            )
+        self.center = numbers(center, "reference.center")
+        if self.center.shape != (len(self.cosine),):
+            raise InputError(
+                f"expected {len(self.cosine)} numbers, one for each row of coefficients, got shape "
+                f"{self.center.shape}.",
+                where="reference.center",
+            )
+        self.period = positive(period, "reference.period")
+        self._w = 2.0 * math.pi / self.period * np.arange(1.0, self.cosine.shape[1] + 1.0)
+        # (2 K, 3 m): what cosines and sines of all angles add to position, velocity, acceleration
+        w = self._w[:, None]
+        A, B = self.cosine.T, self.sine.T
+        self._parts = np.block([[A, w * B, -w * w * A], [B, -w * A, -w * w * B]])
+
+    @property
+    def harmonics(self) -> int:
+        """Number K of harmonics."""
+        return len(self._w)
+
+    @property
+    def extent(self) -> float:
+        """Half the diagonal of the box around the motion [m or rad]."""
+        count = _EXTENT_SAMPLES * self.harmonics
+        return half_diagonal(self.positions(np.linspace(0.0, self.period, count, endpoint=False)))
+
+    def at(self, t: float) -> Desired:
+        """Return position, velocity and acceleration at time t [s]."""
+        angles = self._w * t
+        x, xd, xdd = (
+            np.concatenate([np.cos(angles), np.sin(angles)]).dot(self._parts).reshape(3, -1)
+        )
+        return Desired(self.center + x, xd, xdd)
+
+
+def _table(value: ArrayLike, name: str) -> np.ndarray:
+    """Return coefficients (m, K), a row for each coordinate.
+
+    Raises:
+        InputError: another shape, or none.
+    """
+    table = numbers(value, name)
+    if table.ndim != 2 or not table.size:
+        raise InputError(
+            f"expected a list of coefficients for each coordinate, got shape {table.shape}.",
+            where=name,
+        )
+    return table

@@ -1,0 +1,248 @@
+"""Orientations, and poses: a position and an orientation that move together."""
+
+from __future__ import annotations
+
+import math
+from copy import copy
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._checks import positive, vector
+from ..exceptions import InputError
+from ..records import Desired
+from ..tasks.rotation import matrix, rotation_between, turned
+from .convert import TrajectoryLike, as_trajectory, converted
+from .periodic import Circle
+from .trajectory import Trajectory
+
+UPRIGHT = (0.0, 0.0, 0.0, 1.0)
+
+
+class FixedOrientation(Trajectory):
+    """One orientation, held.
+
+    Attributes:
+        quaternion: xyzw (4).
+    """
+
+    def __init__(self, quaternion: ArrayLike = UPRIGHT) -> None:
+        """Take the unit quaternion xyzw (4).
+
+        Raises:
+            InputError: not a unit quaternion.
+        """
+        self.quaternion = unit_quaternion(quaternion, "reference.orientation.quaternion")
+        self._rest = np.zeros(3)
+
+    @property
+    def settles(self) -> float:
+        """Zero: it is at rest from the start."""
+        return 0.0
+
+    def shifted(self, by: ArrayLike) -> FixedOrientation:
+        """Return the orientation turned by the rotation vector (3) [rad], world axes."""
+        return FixedOrientation(turned(self.quaternion, np.asarray(by)))
+
+    def at(self, t: float) -> Desired:
+        """Return the quaternion xyzw (4), at rest."""
+        return Desired(self.quaternion, self._rest, self._rest)
+
+
+class Swing(Trajectory):
+    """R_d = R_0 exp(axis amplitude sin(w t + phase)), w = 2 pi / period, axis fixed in the tool.
+
+    Attributes:
+        axis: unit vector (3) in the tool's axes.
+        amplitude, phase: [rad].
+        period: [s].
+        quaternion: R_0 as xyzw (4).
+    """
+
+    def __init__(
+        self,
+        axis: ArrayLike,
+        amplitude: float,
+        period: float,
+        phase: float = 0.0,
+        quaternion: ArrayLike = UPRIGHT,
+    ) -> None:
+        """Take axis (3), amplitude and phase [rad], period [s], and R_0 as quaternion xyzw (4).
+
+        The axis is in the tool's axes, of any length.
+
+        Raises:
+            InputError: numbers that are not finite or of the wrong size, a period that is not
+                positive, an axis of length zero, or a quaternion that is not of length 1.
+        """
+        direction = vector(axis, 3, "reference.orientation.axis")
+        length = float(np.linalg.norm(direction))
+        if length < 1e-12:
+            raise InputError(
+                "an axis needs a direction, got zeros.", where="reference.orientation.axis"
+            )
+        self.axis = direction / length
+        self.amplitude = positive(amplitude, "reference.orientation.amplitude", zero=True)
+        self.period = positive(period, "reference.orientation.period")
+        self.phase = float(vector(phase, 1, "reference.orientation.phase")[0])
+        self.quaternion = unit_quaternion(quaternion, "reference.orientation.quaternion")
+
+    def shifted(self, by: ArrayLike) -> Swing:
+        """Return the same motion turned by the rotation vector (3) [rad], world axes."""
+        other = copy(self)
+        other.quaternion = turned(self.quaternion, np.asarray(by))
+        return other
+
+    def at(self, t: float) -> Desired:
+        """Return quaternion (4), angular velocity (3) and acceleration (3) at time t [s]."""
+        w = 2 * math.pi / self.period
+        angle = w * t + self.phase
+        s, c = self.amplitude * math.sin(angle), self.amplitude * math.cos(angle)
+        axis = matrix(self.quaternion) @ self.axis  # constant in world axes
+        return Desired(turned(self.quaternion, s * axis), w * c * axis, -w * w * s * axis)
+
+
+class PoseTrajectory(Trajectory):
+    """The desired motion of a pose task: a motion of three coordinates with any orientation.
+
+    x_d is position and quaternion xyzw (7); velocity and acceleration are linear before angular
+    (6). ``starting_at`` a pose displaces and turns the whole, so that neither a centre nor an
+    orientation needs to be known beforehand. A function that returns the whole pose needs no
+    PoseTrajectory, see ``as_trajectory``.
+
+    Attributes:
+        position: the motion of the position.
+        orientation: the motion of the orientation.
+    """
+
+    position: Trajectory
+    orientation: Trajectory
+
+    def __init__(
+        self, position: TrajectoryLike, orientation: TrajectoryLike | ArrayLike = UPRIGHT
+    ) -> None:
+        """Take the motion of the position (3) and that of the orientation.
+
+        Args:
+            position: whatever ``as_trajectory`` takes, of three coordinates [m].
+            orientation: a quaternion xyzw (4) to hold; ``FixedOrientation``, ``Swing``; or
+                whatever ``as_trajectory`` takes, with quaternions as positions, and angular
+                velocities [rad/s] and accelerations [rad/s^2] (3) in world axes.
+
+        Raises:
+            InputError: another number of coordinates, numbers that are not finite, or a quaternion
+                that is not of length 1.
+        """
+        self.position = as_trajectory(position)
+        size = self.position.at(0.0).x_d.size
+        if size != 3:
+            raise InputError(
+                f"a pose needs a motion of 3 coordinates, got {size}.", where="reference"
+            )
+        self.orientation = _orientation(orientation)
+
+    @property
+    def extent(self) -> float | None:
+        """That of the position [m]."""
+        return self.position.extent
+
+    @property
+    def settles(self) -> float | None:
+        """Time from which both are at rest [s], or None."""
+        place, turn = self.position.settles, self.orientation.settles
+        return None if place is None or turn is None else max(place, turn)
+
+    def shifted(self, by: ArrayLike) -> PoseTrajectory:
+        """Return the same motion displaced by by[:3] [m] and turned by by[3:] [rad], world axes."""
+        by = vector(by, 6, "by")
+        return type(self)(self.position.shifted(by[:3]), self.orientation.shifted(by[3:]))
+
+    def at(self, t: float) -> Desired:
+        """Return pose (7), velocity (6) and acceleration (6) at time t [s]."""
+        place, turn = self.position.at(t), self.orientation.at(t)
+        return Desired(*(np.concatenate(both) for both in zip(place, turn, strict=True)))
+
+
+class PoseCircle(PoseTrajectory):
+    """A pose trajectory whose position is a circle, with the numbers of that circle."""
+
+    position: Circle
+
+    def __init__(self, position: Circle, orientation: TrajectoryLike | ArrayLike = UPRIGHT) -> None:
+        """Take the circle (3 coordinates), and an orientation as in ``PoseTrajectory``.
+
+        Raises:
+            InputError: a circle in two coordinates, or a quaternion that is not of length 1.
+        """
+        super().__init__(position, orientation)
+
+    @property
+    def radius(self) -> float:
+        """Radius [m]."""
+        return self.position.radius
+
+    @property
+    def period(self) -> float:
+        """Period of a turn [s]."""
+        return self.position.period
+
+    @property
+    def plane(self) -> str:
+        """The two world axes that span it."""
+        return self.position.plane
+
+    @property
+    def phase(self) -> float:
+        """Angle at time 0, from the first of them [rad]."""
+        return self.position.phase
+
+
+def unit_quaternion(value: ArrayLike, name: str) -> np.ndarray:
+    """Return a quaternion xyzw (4), made exactly of unit length.
+
+    Raises:
+        InputError: not four finite numbers, or a length that differs from 1 by more than 1 %.
+    """
+    q = vector(value, 4, name, names=("x", "y", "z", "w"))
+    length = float(np.linalg.norm(q))
+    if abs(length - 1.0) > 0.01:
+        raise InputError(
+            f"a quaternion xyzw of length 1 is expected, got length {length:.4g}.", where=name
+        )
+    return q / length
+
+
+def _orientation(given: Any) -> Trajectory:
+    """Return the motion of an orientation.
+
+    Raises:
+        InputError: it has not the sizes of one, is not finite, or starts at no unit quaternion.
+    """
+    where = "reference.orientation"
+    if isinstance(given, Trajectory):
+        motion = given
+    elif callable(given) or hasattr(given, "at") or _is_samples(given):
+        motion = converted(given, _turn_between, quaternion=True)
+    else:
+        return FixedOrientation(given)
+    q, omega, alpha = as_trajectory(motion).at(0.0)
+    unit_quaternion(q, where)
+    if omega.shape != (3,) or alpha.shape != (3,):
+        raise InputError(
+            "expected an angular velocity and acceleration of 3 numbers each, got "
+            f"{omega.size} and {alpha.size}.",
+            where=where,
+        )
+    return motion
+
+
+def _is_samples(given: Any) -> bool:
+    return (isinstance(given, tuple) and len(given) == 2) or (
+        isinstance(given, np.ndarray) and given.ndim == 2
+    )
+
+
+def _turn_between(q: np.ndarray, q_0: np.ndarray) -> tuple[float, float, float]:
+    """Return phi (3) [rad] with exp(phi) R_0 = R."""
+    return rotation_between(q.tolist(), q_0.tolist())
