@@ -137,7 +137,6 @@ from .trajectories import FixedOrientation as FixedOrientation
 from .trajectories import FourierSeries as FourierSeries
 from .trajectories import Hold as Hold
 from .trajectories import Lissajous as Lissajous
-from .trajectories import Orientation as Orientation
 from .trajectories import PoseCircle as PoseCircle
 from .trajectories import PoseTrajectory as PoseTrajectory
 from .trajectories import Sinusoid as Sinusoid

@@ -180,9 +180,6 @@ class AbsoluteAngles(pa.Trajectory):
     def at(self, t):
         return pa.Desired(*(np.array([a[0], a[1] - a[0]]) for a in self.links.at(t)))
 
-    def shifted(self, by):
-        return AbsoluteAngles(self.links.shifted(np.array([by[0], by[0] + by[1]])))
-
 
 def test_direct_adaptation_of_the_composite_paper():
     """Slotine and Li, Automatica 25 (1989), direct part: numbers of an independent simulation.

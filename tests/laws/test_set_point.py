@@ -42,7 +42,7 @@ def beside_home(robot, by=0.02):
     """Return a set point a little off home, turned for a pose."""
     x = robot.position(robot.q0)
     if isinstance(robot.task, pa.PoseTask):
-        turned = pa.FixedOrientation(x[3:]).turned(np.array([0.1, -0.2, 0.05]))
+        turned = pa.FixedOrientation(x[3:]).shifted(np.array([0.1, -0.2, 0.05]))
         return pa.PoseTrajectory(pa.Hold(x[:3] + by), turned)
     return pa.Hold(x + by)
 
@@ -320,21 +320,18 @@ def test_the_mismatch_is_told_before_a_run():
 # --- what is refused ---
 
 
-class Step(pa.Trajectory):
-    """A motion of a user's own that does not say when it rests."""
+class Drift(pa.Trajectory):
+    """A motion of a user's own that never comes to rest, and does not say so."""
 
     def at(self, t):
-        return pa.Desired(np.full(3, 0.4), np.zeros(3), np.zeros(3))
-
-    def shifted(self, by):
-        return self
+        return pa.Desired(np.full(3, 0.4 + 0.01 * t), np.full(3, 0.01), np.zeros(3))
 
 
 @pytest.mark.parametrize("law", LAWS)
 def test_a_motion_that_goes_on_is_refused_before_anything_moves(law):
     robot = catalogue_robot("ur5")
     controller, plant = pa.make_controller(robot, law=law), pa.PinocchioPlant(robot)
-    for path in (circle_at_home(robot), Step()):
+    for path in (circle_at_home(robot), Drift()):
         for start in (
             lambda path: pa.simulate(robot, controller, path, duration=0.1),
             lambda path: next(pa.run(plant, controller, path)),
@@ -342,7 +339,7 @@ def test_a_motion_that_goes_on_is_refused_before_anything_moves(law):
         ):
             with pytest.raises(pa.InputError, match=r"does not come to rest.*hold.*separation"):
                 start(path)
-    assert pa.PoseTrajectory(Step()).settles is None
+    assert pa.PoseTrajectory(Drift()).settles is None
 
 
 def test_gains_that_break_a_hypothesis_are_refused():

@@ -79,9 +79,6 @@ class ArmPlant:
 class Path(pa.Trajectory):
     """q_d1 = pi/4 + 2 (1 - cos 3t), q_d2 = pi/6 + (1 - cos 5t)."""
 
-    def shifted(self, by):
-        raise NotImplementedError  # the paper's path starts where its arm does
-
     def at(self, t):
         w, size, start = np.array([3.0, 5.0]), np.array([2.0, 1.0]), np.pi / np.array([4.0, 6.0])
         c, s = np.cos(w * t), np.sin(w * t)

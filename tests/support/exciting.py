@@ -22,9 +22,6 @@ class Exciting(pa.Trajectory):
             xdd += self._size * w * w * np.cos(w * t)
         return pa.Desired(x, xd, xdd)
 
-    def shifted(self, by):
-        return Exciting(self._start + by, self._size)
-
 
 def time_to(share, controller, true, path, seconds):
     """Return when the rms torque error over random states stays below a share of the first [s]."""

@@ -15,7 +15,7 @@ from ..laws import LAWS
 from ..rollout.rollout import Rollout
 from ..scenario.scenario import Scenario
 from ..tasks.joint import JointTask
-from ..tasks.units import DISPLAYS
+from ..tasks.task import DISPLAYS
 from .outputs import RUN_FILES, check_place, write_run
 from .run import run_beside, unadapted
 from .status import DONE, INTERRUPTED, interrupted

@@ -10,7 +10,7 @@ import numpy as np
 from .._table import Sheet, Table
 from ..description.chain import effort_limits, position_limits, velocity_limits
 from ..information.information import Excitation
-from ..trajectories.fourier_series import FourierSeries
+from ..trajectories.periodic import FourierSeries
 from .allowance import Allowance
 
 

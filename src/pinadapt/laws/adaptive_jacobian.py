@@ -23,7 +23,7 @@ from ..models.typical_motion import (
     unit_mass,
 )
 from ..signals import Signals
-from ..tasks.pose import PoseTask
+from ..tasks.frame import PoseTask
 from ..tasks.task import Task
 from .feedback import Feedback, KinematicLoop
 from .gains import check_in_place, merged

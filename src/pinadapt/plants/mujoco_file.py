@@ -13,8 +13,7 @@ import pinocchio as pin
 
 from ..exceptions import InputError, did_you_mean
 from ..robot.robot import Robot
-from ..tasks.pose import PoseTask
-from ..tasks.task import FrameTask
+from ..tasks.frame import FrameTask, PoseTask
 from .mujoco_model import HARD, STIFF, MujocoChain, joint_axes, mujoco_module
 
 if TYPE_CHECKING:

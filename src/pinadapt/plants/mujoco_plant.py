@@ -13,7 +13,7 @@ from ..records import Measurement
 from ..robot.gravity import Compensation
 from ..robot.robot import Robot
 from ..robot.succession import check_successor
-from ..tasks.task import FrameTask
+from ..tasks.frame import FrameTask
 from .mujoco_file import Mjcf
 from .mujoco_model import chain_of, fastest_decay, mujoco_module, write_place, write_robot
 from .plant import LONGEST_STEP, SimulatedPlant

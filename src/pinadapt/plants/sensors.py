@@ -16,7 +16,8 @@ from ..exceptions import InputError, did_you_mean
 from ..records import Measurement
 from ..robot.robot import Robot
 from ..sensing import Camera
-from ..tasks.task import FrameTask, Task
+from ..tasks.frame import FrameTask
+from ..tasks.task import Task
 
 
 class SimulatedCamera:

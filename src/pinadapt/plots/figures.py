@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._files import whole_file
-from ..tasks.task import RowGroup
-from ..tasks.units import DISPLAYS
+from ..tasks.task import DISPLAYS, RowGroup
 from .backend import matplotlib
 from .style import (
     BLUE,

@@ -17,8 +17,9 @@ from ..description.chain import (
     reach,
 )
 from ..exceptions import RobotError
+from ..tasks.frame import FrameTask
 from ..tasks.registry import JOINT, task_named
-from ..tasks.task import FrameTask, Task
+from ..tasks.task import Task
 
 _NEARLY = 0.6  # of the best smallest singular value
 _DEGENERATE = 1e-6  # smallest over largest singular value of the task Jacobian

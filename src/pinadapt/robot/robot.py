@@ -30,7 +30,8 @@ from ..description.chain import (
 from ..description.urdf import Origin
 from ..description.urdf_writer import urdf_text
 from ..exceptions import RobotError
-from ..tasks.task import FrameTask, Task
+from ..tasks.frame import FrameTask
+from ..tasks.task import Task
 from . import changes
 from .changes import Friction
 from .home import MountingPlane

@@ -13,8 +13,8 @@ import pinocchio as pin
 from .._checks import arithmetic, instance, positive
 from ..description.chain import is_slide, position_limits, velocity_limits
 from ..exceptions import InputError, RobotError
-from ..trajectories.circle import Circle
-from ..trajectories.pose_circle import PoseCircle
+from ..trajectories.periodic import Circle
+from ..trajectories.pose import PoseCircle
 from .home import MountingPlane
 from .robot import Robot
 

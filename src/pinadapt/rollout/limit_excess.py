@@ -20,7 +20,7 @@ from ..description.chain import (
 )
 from ..robot.robot import Robot
 from ..tasks.joint import JointTask
-from ..tasks.units import DISPLAYS
+from ..tasks.task import DISPLAYS
 
 
 class JointMotion(NamedTuple):

@@ -13,7 +13,7 @@ from .._files import whole_file, write_text
 from .._table import Sheet, Table, number
 from .._version import __version__
 from ..robot.succession import EARLY
-from ..tasks.units import DISPLAYS
+from ..tasks.task import DISPLAYS
 
 if TYPE_CHECKING:
     from .rollout import Rollout

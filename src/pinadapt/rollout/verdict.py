@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..laws import DEFAULT, LAWS
-from ..tasks.units import DISPLAYS
+from ..tasks.task import DISPLAYS
 from .summary import CLOSE, extreme, window
 
 if TYPE_CHECKING:

@@ -11,17 +11,11 @@ import numpy as np
 from ..exceptions import ScenarioError
 from ..robot.changes import Payload
 from ..robot.robot import Robot
-from ..tasks.pose import PoseTask
+from ..tasks.frame import PoseTask
 from ..tasks.task import Task
-from ..trajectories.circle import Circle
-from ..trajectories.fourier_series import FourierSeries
-from ..trajectories.hold import Hold
-from ..trajectories.lissajous import Lissajous
-from ..trajectories.orientation import UPRIGHT, FixedOrientation, Orientation, Swing
-from ..trajectories.pose_trajectory import PoseTrajectory
-from ..trajectories.sinusoid import Sinusoid
-from ..trajectories.trajectory import Trajectory
-from ..trajectories.waypoints import Waypoints
+from ..trajectories.periodic import Circle, FourierSeries, Lissajous, Sinusoid
+from ..trajectories.pose import UPRIGHT, FixedOrientation, PoseTrajectory, Swing
+from ..trajectories.trajectory import Hold, Trajectory, Waypoints
 from .schema import (
     BeliefSection,
     CircleSection,
@@ -222,10 +216,10 @@ def _plane(reference: CircleSection, task: Task) -> str:
     return reference.plane or "xy"
 
 
-def _orientation(section: OrientationSection, start: np.ndarray) -> Orientation:
+def _orientation(section: OrientationSection, start: np.ndarray) -> Trajectory:
     """Return the desired orientation; without a quaternion it starts at the initial one (4)."""
     middle = UPRIGHT if section.quaternion is None else section.quaternion
-    motion: Orientation = FixedOrientation(middle)
+    motion: Trajectory = FixedOrientation(middle)
     if section.amplitude:
         motion = Swing(section.axis, section.amplitude, section.period, section.phase, middle)
     return motion.starting_at(start) if section.quaternion is None else motion

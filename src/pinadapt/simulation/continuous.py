@@ -12,15 +12,16 @@ from ..controller.state import ControllerState, Sample
 from ..exceptions import DivergedError, ImplausibleError, InputError
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..records import Desired, Measurement
+from ..trajectories.convert import TrajectoryLike
 from ..trajectories.trajectory import Trajectory
 from .loop import FASTEST, Events, lost, sample_indices, unusable
-from .prepare import check_settles
+from .prepare import usable_trajectory
 
 
 def run_continuous(
     plant: PinocchioPlant,
     controller: Controller,
-    trajectory: Trajectory,
+    trajectory: TrajectoryLike,
     *,
     dt: float,
     duration: float | None = None,
@@ -33,7 +34,7 @@ def run_continuous(
     Args:
         plant: the true robot, which starts from its home and from rest.
         controller: the controller.
-        trajectory: the desired motion.
+        trajectory: the desired motion, as in ``simulate``.
         dt: integration step [s].
         duration: s, whose end has a sample of its own; None for as long as samples are taken.
         state: the controller's initial state; None for its own at the first measurement.
@@ -47,7 +48,7 @@ def run_continuous(
         DivergedError: the loop diverged, at its ``time`` and for its ``reason``; all samples before
             were yielded.
     """
-    check_settles(controller, trajectory)
+    trajectory = usable_trajectory(controller, trajectory, duration)
     loop = _Loop(plant, controller, trajectory, ideal_acceleration, state)
     y = loop.start()
     for k in count() if duration is None else sample_indices(duration, dt, ends=True):

@@ -17,8 +17,8 @@ from ..plants.sensors import Sensors
 from ..records import Desired, Measurement, named
 from ..robot.robot import Robot
 from ..robot.succession import EARLY, in_time
-from ..trajectories.trajectory import Trajectory
-from .prepare import check_settles
+from ..trajectories.convert import TrajectoryLike
+from .prepare import usable_trajectory
 
 NEWS = ("payload", "tool_translation")
 
@@ -107,7 +107,7 @@ FASTEST = 1e4  # [rad/s or m/s]; beyond this norm of the joint velocities the lo
 def run(
     plant: Plant,
     controller: Controller,
-    trajectory: Trajectory,
+    trajectory: TrajectoryLike,
     *,
     dt: float = 1e-3,
     duration: float | None = None,
@@ -121,7 +121,7 @@ def run(
     Args:
         plant: what is driven; it is reset first.
         controller: the controller.
-        trajectory: the desired motion.
+        trajectory: the desired motion, as in ``simulate``.
         dt: controller period, for which each torque is held [s].
         duration: s; None for as long as samples are taken from the iterator.
         state: the controller's initial state; None for its own at the first measurement.
@@ -143,8 +143,7 @@ def run(
     instance(plant, Plant, "plant")
     if not hasattr(controller, "step") or not hasattr(controller, "init"):
         instance(controller, Controller, "controller")  # any other with these two will do
-    instance(trajectory, Trajectory, "trajectory")
-    check_settles(controller, trajectory)
+    trajectory = usable_trajectory(controller, trajectory, duration)
     instance(sensors, Sensors | None, "sensors")
     instance(events, Events | None, "events")
     plant.reset()
@@ -156,10 +155,10 @@ def run(
         if not truth.v.dot(truth.v) < FASTEST**2:  # also true for NaN
             raise DivergedError(f"the joint velocities exceed {FASTEST:g} rad/s or m/s.", truth.t)
         measurement = truth if sensors is None else sensors.measure(truth, given)
-        desired = trajectory.at(truth.t)
         if state is None:
             state = controller.init(measurement)
         try:
+            desired = trajectory.at(truth.t)
             if ideal_acceleration:
                 measurement = _accelerated(plant, controller, state, measurement, desired)
             started = perf_counter()

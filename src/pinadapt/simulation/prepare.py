@@ -20,7 +20,8 @@ from ..robot.home import conditioning
 from ..robot.motors import overloaded
 from ..robot.robot import Robot
 from ..sensing import Camera
-from ..tasks.task import FrameTask
+from ..tasks.frame import FrameTask
+from ..trajectories.convert import TrajectoryLike, as_trajectory
 from ..trajectories.trajectory import Trajectory
 from ..tuning.noise import sensor_quality
 from ..tuning.preflight import jacobian_finding, preflight
@@ -36,18 +37,18 @@ _SINGULAR = 1e-6
 def prepare(
     plant: SimulatedPlant,
     controller: Controller,
-    trajectory: Trajectory,
+    trajectory: TrajectoryLike,
     a_k: ArrayLike | None = None,
     a_d: ArrayLike | None = None,
+    duration: float | None = None,
 ) -> ControllerState:
     """Return the controller's initial state; check that plant, controller and motion match.
 
     Raises:
         InputError: they do not, or the initial estimates cannot be used.
     """
-    instance(trajectory, Trajectory, "trajectory")
-    _check_same_shape(plant.robot, controller, trajectory)
-    check_settles(controller, trajectory)
+    _check_same_shape(plant.robot, controller)
+    usable_trajectory(controller, trajectory, duration)
     _check_not_singular(plant.robot)
     if plant.described:
         _warn_of_box(plant.robot, controller)
@@ -105,21 +106,31 @@ def check_options(
     whole(seed, "seed", 0)
 
 
-def check_settles(controller: Any, trajectory: Trajectory) -> None:
-    """Refuse a motion that does not come to rest for a law that needs a set point.
+def usable_trajectory(
+    controller: Any, given: TrajectoryLike, duration: float | None = None
+) -> Trajectory:
+    """Return a motion as a ``Trajectory`` that suits the controller's task and law.
+
+    Args:
+        controller: a ``Controller``, or any object with ``init`` and ``step``, of whose task and
+            law nothing is known.
+        given: as ``as_trajectory`` takes it.
+        duration: of the run [s]; None for a run without end.
 
     Raises:
-        InputError: it does not.
+        InputError: it is no motion, has not the coordinates of the task, is not finite at its
+            start, or does not come to rest where the law is for a set point.
     """
-    law = getattr(controller, "law", None)
-    if law is None or not law.set_point or trajectory.settles is not None:
-        return
+    kinematics, law = getattr(controller, "kinematics", None), getattr(controller, "law", None)
+    trajectory = as_trajectory(given, None if kinematics is None else kinematics.task)
+    if law is None or not law.set_point or trajectory.at_rest_from(duration) is not None:
+        return trajectory
     raise InputError(
-        f"the law '{law.name}' is for a set point, and {type(trajectory).__name__} does not come "
+        f"the law '{law.name}' is for a set point, and this {type(given).__name__} does not come "
         "to rest.",
         where="reference.kind",
-        hint='Take "hold" or "waypoints" (Hold, Waypoints; a motion of your own states when it '
-        f"settles), or the law '{DEFAULT}', which follows motions.",
+        hint='Take "hold" or "waypoints" (Hold, Waypoints, or a motion of your own that ends at '
+        f"rest), or the law '{DEFAULT}', which follows motions.",
     )
 
 
@@ -157,23 +168,12 @@ def _warn_of_box(true: Robot, controller: Controller) -> None:
         )
 
 
-def _check_same_shape(true: Robot, controller: Controller, trajectory: Trajectory) -> None:
+def _check_same_shape(true: Robot, controller: Controller) -> None:
     kinematics = controller.kinematics
-    believed = kinematics.task
     ours = (true.joint_names, true.frame, true.task.name)
-    theirs = (kinematics.joint_names, kinematics.frame, believed.name)
+    theirs = (kinematics.joint_names, kinematics.frame, kinematics.task.name)
     if ours != theirs:
         raise InputError(
             f"the true robot (joints, frame, task: {ours}) and the controller's ({theirs}) differ.",
             hint="Make both from the same load(), the true one by .changed().",
-        )
-    size = trajectory.at(0.0).x_d.size
-    if size != believed.coordinates:
-        raise InputError(
-            f"the desired motion has {size} coordinates, "
-            f"the task '{believed.name}' {believed.coordinates}.",
-            where="trajectory",
-            hint="PoseTrajectory adds an orientation to a motion of three coordinates."
-            if (size, believed.name) == (3, "pose")
-            else None,
         )

@@ -30,7 +30,7 @@ from ..robot.robot import Robot
 from ..robot.succession import Succession
 from ..rollout.rollout import Rollout
 from ..sensing import Camera
-from ..trajectories.trajectory import Trajectory
+from ..trajectories.convert import TrajectoryLike, as_trajectory
 from .continuous import run_continuous
 from .loop import Events, run, sample_indices
 from .prepare import check_options, findings, prepare
@@ -129,7 +129,7 @@ def engine_of(engine: str | Mjcf | Engine) -> Engine:
 def simulate(
     true: Robot,
     controller: Controller,
-    trajectory: Trajectory,
+    trajectory: TrajectoryLike,
     *,
     duration: float = 10.0,
     dt: float = 1e-3,
@@ -158,7 +158,9 @@ def simulate(
         true: the true robot.
         controller: made for the believed robot; if for one that compensates gravity, so does the
             true one.
-        trajectory: the desired motion.
+        trajectory: the desired motion x_d(t) of the task's coordinates: a ``Trajectory``; any
+            object with ``at(t)``; a function of t; or times (N) [s] and positions (N, m). See
+            ``trajectories.as_trajectory``.
         duration: s.
         dt: controller period, or integration step in continuous mode [s].
         mode: "sampled" (torque held for dt) or "continuous" (one ODE, Runge-Kutta 4).
@@ -207,7 +209,8 @@ def simulate(
     )
     _check_plant(plant, mode, changes)
     indices = sample_indices(duration, dt, ends=mode == "continuous")
-    state = prepare(plant, controller, trajectory, a_k, a_d)
+    state = prepare(plant, controller, trajectory, a_k, a_d, duration)
+    trajectory = as_trajectory(trajectory, true.task)
     check_memory(controller, len(indices), record_every)
     robots = replace(Succession.of(true, changes), known=plant.described)
     events = Events(changes, beliefs)

@@ -198,12 +198,12 @@ class PoseTask(FrameTask):
         return _turning(turn).slerp(share, _turning(before)).coeffs()
 
     def carried(self, x_hat: np.ndarray, epsilon: np.ndarray, turn: np.ndarray) -> np.ndarray:
-        """Return the pose (7) at x_hat - epsilon (3) [m], rotated by ``turn`` about its own axes."""
+        """Return the pose (7) at x_hat - epsilon (3) [m], rotated by ``turn`` in its own axes."""
         orientation = (_turning(x_hat[3:]) * _turning(turn)).normalized()
         return np.concatenate([x_hat[:3] - epsilon, orientation.coeffs()])
 
     def moved(self, x: np.ndarray, by: np.ndarray) -> np.ndarray:
-        """Return the pose (7) displaced by by[:3] [m] and turned by by[3:] [rad] about world axes."""
+        """Return the pose (7) displaced by by[:3] [m] and turned by by[3:] [rad], world axes."""
         return np.concatenate([x[:3] + by[:3], turned(x[3:], by[3:])])
 
     def flaw(self, x: np.ndarray) -> str | None:

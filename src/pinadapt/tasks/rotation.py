@@ -55,9 +55,9 @@ def rotation_drift(
 ) -> tuple[float, float, float]:
     """Return dphi/dt - (omega - omega_d) (3) [rad/s] for exp(phi) = R R_d^T.
 
-    E = R R_d^T has the angular velocity omega - E omega_d, and Jl^-1 E is the transpose of Jl^-1, so that dphi/dt =
-    Jl^-1 omega - Jl^-T omega_d and the difference is phi x (c phi x (omega - omega_d) - (omega +
-    omega_d) / 2): orthogonal to phi, which is why phi^T dphi/dt = phi^T (omega - omega_d).
+    E = R R_d^T has the angular velocity omega - E omega_d, and Jl^-1 E is the transpose of Jl^-1,
+    so dphi/dt = Jl^-1 omega - Jl^-T omega_d. The difference is phi x (c phi x (omega - omega_d) -
+    (omega + omega_d) / 2). It is orthogonal to phi, so phi^T dphi/dt = phi^T (omega - omega_d).
     """
     x, y, z = phi
     c = _second_coefficient(math.sqrt(x * x + y * y + z * z))

@@ -110,7 +110,7 @@ class Task(ABC):
         return None
 
     def known_velocity(self, xd: np.ndarray | None, xd_hat: np.ndarray) -> np.ndarray:
-        """Return the velocity xd (m): measured, or the estimate xd_hat (m) without a sensor for it."""
+        """Return the velocity xd (m): the measured one, or else the estimate xd_hat (m)."""
         return xd_hat if xd is None else xd
 
     def turn(self, x_hat: np.ndarray, x: np.ndarray) -> Any:
@@ -126,7 +126,7 @@ class Task(ABC):
         return x_hat - epsilon
 
     def moved(self, x: np.ndarray, by: np.ndarray) -> np.ndarray:
-        """Return the coordinates displaced from x by ``by`` (m), so that their error from x is that."""
+        """Return the coordinates displaced from x by ``by`` (m), their error from x."""
         return x + by
 
     def flaw(self, x: np.ndarray) -> str | None:

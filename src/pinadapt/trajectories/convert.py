@@ -119,10 +119,19 @@ def _check_start(motion: Trajectory, task: Task | None) -> None:
     """Refuse a motion whose start does not suit the task.
 
     Raises:
-        InputError: no ``Desired``, another number of coordinates than the task's, numbers that are
-            not finite, or no unit quaternion.
+        InputError: ``at`` fails or returns no ``Desired``, another number of coordinates than the
+            task's, numbers that are not finite, or no unit quaternion.
     """
-    start = motion.at(0.0)
+    try:
+        start = motion.at(0.0)
+    except InputError:
+        raise
+    except Exception as reason:
+        raise InputError(
+            f"the desired motion failed at time 0: {type(reason).__name__}: {reason}",
+            where="trajectory",
+            hint="It must be callable with one argument, the time in s.",
+        ) from reason
     if not isinstance(start, Desired):
         raise InputError(
             f"at(0.0) of {type(motion).__name__} returned {shown(start)} instead of a Desired.",
@@ -145,6 +154,8 @@ def _check_start(motion: Trajectory, task: Task | None) -> None:
         if name != "x_d" and task is not None and size != rows:
             raise InputError(f"expected {rows} numbers, got {size}.", where=f"trajectory.{name}")
         if not np.isfinite(part).all():
-            raise InputError(f"at time 0 it is not finite: {part}.", where=f"trajectory.{name}")
+            raise InputError(
+                f"the desired motion is not finite at time 0: {part}.", where=f"trajectory.{name}"
+            )
         if name == "x_d" and task is not None and (flaw := task.flaw(part)):
-            raise InputError(f"at time 0 it {flaw}.", where="trajectory.x_d")
+            raise InputError(f"the desired motion {flaw} at time 0.", where="trajectory.x_d")

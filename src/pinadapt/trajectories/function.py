@@ -19,7 +19,10 @@ Difference: TypeAlias = Callable[[np.ndarray, np.ndarray], Any]
 # Five-point formulas at nodes t + (k - j) h, k = 0..4, for j nodes before t: h df/dt, h^2 d2f/dt2
 _WEIGHTS = {
     2: (np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12, np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12),
-    1: (np.array([-3.0, -10.0, 18.0, -6.0, 1.0]) / 12, np.array([11.0, -20.0, 6.0, 4.0, -1.0]) / 12),
+    1: (
+        np.array([-3.0, -10.0, 18.0, -6.0, 1.0]) / 12,
+        np.array([11.0, -20.0, 6.0, 4.0, -1.0]) / 12,
+    ),
     0: (
         np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) / 12,
         np.array([35.0, -104.0, 114.0, -56.0, 11.0]) / 12,
@@ -38,7 +41,7 @@ class Function(Trajectory):
 
     | frequency | velocity, acceleration | within 4 ms of time 0 |
     |---|---|---|
-    | 1 Hz | 9e-10, 3e-10 | 6e-9, 2e-6 |
+    | 1 Hz | 9e-10, 3e-10 | 5e-9, 2e-6 |
     | 5 Hz | 6e-7, 2e-7 | 4e-6, 3e-4 |
     | 20 Hz | 2e-4, 5e-5 | 1e-3, 2e-2 |
 
@@ -114,10 +117,12 @@ class Function(Trajectory):
 
 def _coordinates(value: Any, t: float) -> list[np.ndarray]:
     """Return [x_d] or [x_d, xd_d, xdd_d] of what a function returned, as new arrays of floats."""
-    several = isinstance(value, tuple | list | np.ndarray) and len(value) == 3
-    if several and all(isinstance(part, pin.SE3) or np.ndim(part) == 1 for part in value):
-        return [_vector(part, value, t) for part in value]
-    return [_vector(value, value, t)]
+    if isinstance(value, np.ndarray):
+        several = value.ndim == 2 and len(value) == 3
+    else:
+        several = isinstance(value, tuple | list) and len(value) == 3
+        several = several and all(isinstance(x, pin.SE3) or np.ndim(x) == 1 for x in value)
+    return [_vector(part, value, t) for part in (value if several else [value])]
 
 
 def _vector(part: Any, value: Any, t: float) -> np.ndarray:

@@ -87,9 +87,7 @@ class Spline(Trajectory):
         if not self._rotates:
             return Desired(u, ud, udd)
         q, omega, alpha = _rotation(u[-4:], ud[-4:], udd[-4:])
-        return Desired(
-            np.append(u[:-4], q), np.append(ud[:-4], omega), np.append(udd[:-4], alpha)
-        )
+        return Desired(np.append(u[:-4], q), np.append(ud[:-4], omega), np.append(udd[:-4], alpha))
 
 
 def _check(t: np.ndarray, x: np.ndarray, least: int) -> None:

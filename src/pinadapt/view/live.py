@@ -19,7 +19,7 @@ from ..controller.controller import Controller
 from ..exceptions import DivergedError
 from ..robot.robot import Robot
 from ..robot.succession import Succession
-from ..trajectories.trajectory import Trajectory
+from ..trajectories.convert import TrajectoryLike, as_trajectory
 from .page import Moment, Page, camera_for, curves_of, reading_of
 from .scene import Scene, desired_tip, motion_in_time, motion_of
 from .shapes import DESIRED, TRUE
@@ -193,7 +193,7 @@ class LiveView:
         self,
         true: Robot,
         controller: Controller,
-        trajectory: Trajectory,
+        trajectory: TrajectoryLike,
         *,
         duration: float,
         changes: Mapping[float, Robot] | None = None,
@@ -206,7 +206,7 @@ class LiveView:
         Args:
             true: the robot that is driven.
             controller: what drives it.
-            trajectory: the desired motion.
+            trajectory: the desired motion, as in ``simulate``.
             duration: of the run, or of what is shown of the desired path [s].
             changes: time [s] -> the true robot from then on.
             title: of the page.
@@ -227,7 +227,8 @@ class LiveView:
         self._traced: list[np.ndarray] = []
         here = motion_of(true, true.q0[None])
         t = np.linspace(0.0, duration, _DESIRED_POINTS)
-        path = desired_tip(true, np.array([trajectory.at(at).x_d for at in t]), here.tip[0])
+        x_d = as_trajectory(trajectory, true.task).positions(t)
+        path = desired_tip(true, x_d, here.tip[0])
         camera = camera_for(np.vstack([here.points, path]), path)
         self._scene = Scene(self._window, self._robots, controller.kinematics, camera.size)
         self._scene.add_point()

@@ -19,8 +19,7 @@ import numpy as np
 from ..controller.controller import Controller
 from ..exceptions import PinadaptError
 from ..robot.succession import Succession
-from ..tasks.task import RowGroup
-from ..tasks.units import DISPLAYS
+from ..tasks.task import DISPLAYS, RowGroup
 from .shapes import ghost
 from .window import Window, framed
 

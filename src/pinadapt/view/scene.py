@@ -16,7 +16,7 @@ from ..models.task_kinematics import TaskKinematics
 from ..models.translations import PlacedTranslations
 from ..robot.robot import Robot
 from ..robot.succession import Succession
-from ..tasks.task import FrameTask
+from ..tasks.frame import FrameTask
 from .shapes import (
     BELIEVED,
     BONES,

@@ -14,8 +14,7 @@ from ..robot.changes import Payload
 from ..robot.loading import load
 from ..robot.robot import Robot
 from ..robot.workspace import WorkspaceCircle, find_circle
-from ..trajectories.orientation import Swing
-from ..trajectories.pose_trajectory import PoseTrajectory
+from ..trajectories.pose import PoseTrajectory, Swing
 from ..trajectories.trajectory import Trajectory
 
 PERIOD = 1e-3  # [s] of the controller
