@@ -177,7 +177,7 @@ def test_wrong_links_are_no_obstacle():
     true = unlike(robot).changed(link_translation={"wrist_1_joint": [0.02, 0.0, 0.03]})
     goal = pa.Hold(true.position(true.q0) - 0.05)
     controller = pa.make_controller(robot, law=ROUGH, kinematic=["wrist_1_joint", "tool"])
-    assert not controller.dynamics.lumped  # natural adaptation, in spite of unknown lengths
+    assert controller.dynamics.per_body  # natural adaptation, in spite of unknown lengths
     rollout = pa.simulate(true, controller, goal, duration=4.0)
     assert rollout.distance[-400:].max() < 1e-3
 

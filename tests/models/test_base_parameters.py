@@ -56,7 +56,7 @@ def test_the_torque_is_that_of_the_base(name):
     base = pa.base_parameters(dynamics, robot)
     inertial = pa.base_parameters(dynamics.inertial, robot)
     # a rotor of the first joint, and of the second one here or there, is told from no inertia
-    assert inertial.size + 2 * robot.model.nv <= base.size <= inertial.size + dynamics.joint.size
+    assert inertial.size + 2 * robot.model.nv <= base.size <= inertial.size + dynamics.joints.size
     rng = np.random.default_rng(7)
     for _ in range(5):
         Y = dynamics.regressor(*random_state(robot, rng))

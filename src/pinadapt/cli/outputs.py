@@ -114,7 +114,7 @@ def _keep_learned(rollout: Rollout, folder: Path) -> None:
         return
     try:
         rollout.parameters().save(folder / "learned.json")
-        if not rollout.evaluated().controller.dynamics.lumped:
+        if rollout.evaluated().controller.dynamics.per_body:
             rollout.learned().save(folder / "learned.urdf")
     except InputError as reason:
         print(f"pinadapt: not all that was learned is written: {reason}", file=sys.stderr)

@@ -14,7 +14,6 @@ from .._checks import instance, numbers
 from .._files import write_text
 from .._version import __version__
 from ..exceptions import ParameterError, did_you_mean
-from ..models.dynamics import unit_of
 from ..models.translations import PlacedTranslations
 from ..robot.robot import Robot
 from .state import ControllerState
@@ -65,9 +64,8 @@ class LearnedParameters:
     def of(cls, controller: Controller, state: ControllerState) -> LearnedParameters:
         """Return the estimates in a state of a controller."""
         kinematics, dynamics = controller.kinematics, controller.dynamics
-        slides = kinematics.robot.slides
         units = {name: "m" for name in kinematics.names}
-        units |= {name: unit_of(name, slides) for name in dynamics.names}
+        units |= dict(zip(dynamics.names, dynamics.units, strict=True))
         return cls(
             kinematics.robot.name,
             dict(zip(kinematics.names, state.a_k.tolist(), strict=True)),

@@ -18,8 +18,7 @@ from ..description.chain import effort_limits
 from ..exceptions import ParameterError
 from ..information.information import BLOCK, Excitation, Information
 from ..models.base_parameters import base_parameters
-from ..models.dynamics import Dynamics, StackedDynamics, unit_of
-from ..models.joint_effects import without_joint_effects
+from ..models.dynamics import Dynamics
 from ..models.linear_algebra import independent_columns
 from ..models.task_kinematics import TaskKinematics
 from ..robot.robot import Robot
@@ -126,10 +125,10 @@ class Aim:
         self, q: np.ndarray, v: np.ndarray, a: np.ndarray, duration: float
     ) -> Excitation:
         """Return what N states (N, .), spread over a duration [s], tell of each parameter."""
-        rows, slides = duration / BLOCK, self._robot.slides
-        units: Mapping[str, str] = {name: "m" for name in self._kinematics.names} | {
-            name: unit_of(name, slides) for name in self._dynamics.names
-        }
+        rows, dynamics = duration / BLOCK, self._dynamics
+        units: Mapping[str, str] = {name: "m" for name in self._kinematics.names} | dict(
+            zip(dynamics.names, dynamics.units, strict=True)
+        )
         return Excitation(
             self._torque.information(self._torques(q, v, a), rows),
             self._place.information(self._places(q), rows),
@@ -167,15 +166,11 @@ def _torque_part(robot: Robot, dynamics: Dynamics) -> _Part:
 
 def _dynamic_prior(robot: Robot, dynamics: Dynamics) -> np.ndarray | None:
     """Return the covariance (p, p) of the dynamic parameters, or None where there is none."""
-    if not dynamics.size:
-        return np.zeros((0, 0))
-    if not isinstance(dynamics, StackedDynamics):
-        return prior_covariance(robot, dynamics)
-    inner, size = dynamics.inertial, dynamics.inertial.size
-    inertial = prior_covariance(without_joint_effects(robot), inner) if size else np.zeros((0, 0))
+    size = dynamics.inertial.size
+    inertial = prior_covariance(robot, dynamics) if size else np.zeros((0, 0))
     if inertial is None:
         return None
-    covariance = np.diag(np.concatenate([np.zeros(size), dynamics.joint.typical**2]))
+    covariance = np.diag(dynamics.typical**2)
     covariance[:size, :size] = inertial
     return covariance
 

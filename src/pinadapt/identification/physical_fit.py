@@ -21,8 +21,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..exceptions import ParameterError
-from ..models.bodies import BodyDynamics
-from ..models.dynamics import Dynamics, StackedDynamics
+from ..models.dynamics import Dynamics
 from ..models.pseudo_inertia import COEFFICIENTS, nearest_physical
 from ..models.regressor import PER_BODY
 from ..robot.robot import Robot
@@ -176,17 +175,16 @@ def physical_set(dynamics: Dynamics, robot: Robot) -> PhysicalSet:
     Raises:
         ParameterError: the parameters are not those of bodies and joints.
     """
-    inertial = dynamics.inertial if isinstance(dynamics, StackedDynamics) else dynamics
-    if not isinstance(inertial, BodyDynamics):
+    if not dynamics.per_body:
         raise ParameterError(
             "least squares in the physical cone are for parameters of bodies and joints.",
             where="identify",
             hint="An estimator takes any dynamics: see pinadapt.Estimator.",
         )
     least_mass, least_radius = _MASS * robot.mass / robot.model.nv, _RADIUS * robot.reach
+    inertial, rest = np.split(dynamics.initial, [dynamics.inertial.size])
     tens = [
         nearest_physical(pi, least_mass=least_mass, least_radius=least_radius)
-        for pi in inertial.initial.reshape(-1, PER_BODY)
+        for pi in inertial.reshape(-1, PER_BODY)
     ]
-    rest = dynamics.initial[inertial.size :]
     return PhysicalSet(len(tens), np.concatenate([*tens, rest]))

@@ -12,7 +12,7 @@ import pinocchio as pin
 from .._table import Sheet, Table
 from ..controller.controller import Controller
 from ..controller.state import ControllerState, Sample
-from ..models.dynamics import Dynamics, StackedDynamics
+from ..models.dynamics import Dynamics
 from .smoothing import measured_motion
 
 
@@ -183,7 +183,7 @@ def information_of(
     dynamics.load(a_d)
     nv = model.nv
     q, v, a, tau, period, smooth = measured_motion(model, samples)
-    reverses = dynamics.joint if smooth and isinstance(dynamics, StackedDynamics) else None
+    reverses = dynamics.joints if smooth else None
     size = max(1, round(BLOCK / period)) if period else 1
     blocks = len(q) // size if dynamics.size else 0
     W, r = np.zeros((blocks, nv, dynamics.size)), np.zeros((blocks, nv))

@@ -20,7 +20,6 @@ from ..controller.state import ControllerState, Sample
 from ..exceptions import ParameterError
 from ..models.bodies import ALL, BodyDynamics
 from ..models.dynamics import Dynamics, StackedDynamics
-from ..models.joint_effects import without_joint_effects
 from ..models.pseudo_inertia import COEFFICIENTS, ten_parameters
 from ..models.regressor import LABELS, PER_BODY
 from ..robot.changes import Payload
@@ -48,9 +47,7 @@ class ArmPrior:
         Raises:
             ParameterError: bodies without inertia, of which no share can be off.
         """
-        inertial = dynamics.inertial if isinstance(dynamics, StackedDynamics) else dynamics
-        mean = dynamics.value(robot)
-        covariance = prior_covariance(without_joint_effects(robot), inertial)
+        mean, covariance = dynamics.value(robot), prior_covariance(robot, dynamics)
         if covariance is None or mean is None:
             raise ParameterError(
                 "the description has bodies without inertia, so none of them can be known to a "
@@ -90,17 +87,14 @@ def whole_arm(controller: Controller) -> Dynamics:
         ParameterError: its parameters are lumped, or a basis of the user's own.
     """
     dynamics, robot = controller.dynamics, described(controller)
-    inertial = dynamics.inertial if isinstance(dynamics, StackedDynamics) else dynamics
-    if not isinstance(inertial, BodyDynamics):
+    if not dynamics.per_body:
         raise ParameterError(
             "no bodies follow from these parameters, so no arm can be told from its load.",
             where="arm",
             hint='Adapt bodies: dynamic = "all" or "payload".',
         )
-    if isinstance(dynamics, StackedDynamics):
-        bodies = BodyDynamics(without_joint_effects(robot), ALL)
-        return StackedDynamics(bodies, dynamics.joint)
-    return BodyDynamics(robot, ALL)
+    bodies, joints = BodyDynamics(dynamics.bare(robot), ALL), dynamics.joints
+    return bodies if joints is None else StackedDynamics(bodies, joints)
 
 
 def described(controller: Controller) -> Robot:

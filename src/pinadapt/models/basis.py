@@ -25,8 +25,6 @@ class BasisDynamics(InertialDynamics):
     contain unknown lengths are allowed when B is built so that Y B does not depend on them.
     """
 
-    lumped = True
-
     def __init__(self, robot: Robot, B: ArrayLike, names: tuple[str, ...] | None = None) -> None:
         """Take a basis B (10 n, p) for a believed robot of n joints; names default to a1, a2, ...
 

@@ -19,7 +19,7 @@ from ..robot.robot import Robot
 from .dynamics import Dynamics
 from .inertia_memory import inertia_memory
 from .pseudo_inertia import with_bodies
-from .regressor import LABELS, PER_BODY, Momentum, Regressor, inertial_parameters
+from .regressor import LABELS, PER_BODY, UNITS, Momentum, Regressor, inertial_parameters
 
 _ONE_KILOGRAM = np.eye(PER_BODY)[0]  # at the joint
 
@@ -209,6 +209,8 @@ class BodyDynamics(InertialDynamics):
         bodies: indices of the adapted bodies, from 0, in order.
     """
 
+    per_body = True
+
     def __init__(self, robot: Robot, unknown: str | Sequence[str] = ALL) -> None:
         """Choose bodies: "all", "payload", "none" or the names of the joints that move them.
 
@@ -228,6 +230,11 @@ class BodyDynamics(InertialDynamics):
         self._complete = self.size == PER_BODY * robot.model.nv
         self._placements = [placement.copy() for placement in robot.model.jointPlacements]
         self.initial = self._pi[self._columns].copy()
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """One unit a parameter."""
+        return UNITS * len(self.bodies)
 
     def expand(self, a_d: np.ndarray) -> np.ndarray:
         """Return pi (10 n): a_d for the adapted bodies, the believed parameters for the others."""

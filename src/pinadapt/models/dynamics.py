@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -12,57 +12,61 @@ from ..exceptions import InputError, ParameterError
 from ..robot.robot import Robot
 from .joint_effects import JointEffects, without_joint_effects
 from .linear_algebra import independent_columns
-from .regressor import LABELS, Momentum, Regressor
+from .regressor import Momentum, Regressor
 from .translations import Translation
-
-_INERTIAL = ("kg", *("kg m",) * 3, *("kg m^2",) * 6)
-# Kind of a joint's coefficient -> unit where it turns, and where it slides.
-_JOINT = {
-    "armature": ("kg m^2", "kg"),
-    "viscous": ("N m s/rad", "N s/m"),
-    "coulomb": ("N m", "N"),
-}
-
-
-def unit_of(name: str, slides: Mapping[str, bool]) -> str:
-    """Return the unit of a parameter "joint.label"; empty for one of a user's or a lumped basis.
-
-    Args:
-        name: of the parameter.
-        slides: joint name -> whether it is prismatic.
-    """
-    joint, _, label = name.rpartition(".")
-    if label in _JOINT:
-        return _JOINT[label][slides.get(joint, False)]
-    return dict(zip(LABELS, _INERTIAL, strict=True)).get(label, "")
-
 
 _NEGLIGIBLE = 1e-8  # share of a torque that counts as rounding; true shares lie far above
 
 
 class Dynamics(ABC):
-    """The believed dynamics of a chain at the current estimate of its unknown parameters.
+    """The estimated dynamics of a chain, linear in its unknown parameters.
 
     The torque is affine in the parameters, M a + C v + g = Y(q, v, a) a_d + tau_0(q, v, a), Wang
     and Xie (2009), equation (7); tau_0 holds the bodies that are not adapted and the rotor inertias
     of ``model.armature``. n: joints, p: number of parameters. ``load`` an estimate, then evaluate
     at it.
 
+    The parameters stand in two blocks: first ``inertial``, those of bodies, then ``joints``, the
+    coefficients of rotors and friction. Most dynamics have the first block alone.
+
     Attributes:
         names: one name a parameter.
         size: p.
-        initial: (p) values in the believed robot's own description.
+        initial: (p) values in the description of the nominal robot.
         bodies: indices from 0 of the bodies whose inertias are unknown.
+        per_body: whether the inertial parameters are the ten of each of ``bodies``, one body after
+            the other, so that bodies follow from them; else they are combinations of such.
         translations: the unknown translations of joints that the parameters cover.
-        lumped: whether they are lumped, so that no bodies follow from them.
+        joints: the block of the joints' coefficients; None: rotors are as described, and there is
+            no friction.
     """
 
     names: tuple[str, ...]
     size: int
     initial: np.ndarray
     bodies: Sequence[int] = ()
+    per_body: bool = False
     translations: Sequence[Translation] = ()
-    lumped: bool = False
+    joints: JointEffects | None = None
+
+    @property
+    def inertial(self) -> Dynamics:
+        """The block of the inertial parameters, as dynamics of the robot that ``bare`` returns."""
+        return self
+
+    def bare(self, robot: Robot) -> Robot:
+        """Return a robot without what the block ``joints`` states of it."""
+        return robot
+
+    @property
+    def typical(self) -> np.ndarray:
+        """Values (p) to be expected: ``initial``, and typical coefficients of the joints."""
+        return self.initial
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """One unit a parameter; empty for combinations of parameters."""
+        return ("",) * self.size
 
     @abstractmethod
     def load(self, a_d: np.ndarray) -> None:
@@ -191,53 +195,72 @@ class StackedDynamics(Dynamics):
     joints' columns take v_r and a_r, so that viscous and Coulomb friction only add to the
     dissipation.
 
-    Attributes:
-        inertial, joint: the two blocks.
     """
 
-    def __init__(self, inertial: Dynamics, joint: JointEffects) -> None:
+    joints: JointEffects
+
+    def __init__(self, inertial: Dynamics, joints: JointEffects) -> None:
         """Stack the two blocks."""
-        self.inertial, self.joint = inertial, joint
-        self.names = (*inertial.names, *joint.names)
-        self.size = inertial.size + joint.size
-        self.initial = np.concatenate([inertial.initial, joint.initial])
-        self.bodies, self.translations = inertial.bodies, inertial.translations
-        self.lumped = inertial.lumped
+        self._inertial, self.joints = inertial, joints
+        self.names = (*inertial.names, *joints.names)
+        self.size = inertial.size + joints.size
+        self.initial = np.concatenate([inertial.initial, joints.initial])
+        self.bodies, self.per_body = inertial.bodies, inertial.per_body
+        self.translations = inertial.translations
+
+    @property
+    def inertial(self) -> Dynamics:
+        """The block of the inertial parameters, as dynamics of a robot without joint effects."""
+        return self._inertial
+
+    def bare(self, robot: Robot) -> Robot:
+        """Return a robot without rotors and friction."""
+        return without_joint_effects(robot)
+
+    @property
+    def typical(self) -> np.ndarray:
+        """Values (p) to be expected: typical coefficients of the joints."""
+        return np.concatenate([self._inertial.typical, self.joints.typical])
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """One unit a parameter."""
+        return (*self._inertial.units, *self.joints.units)
 
     def load(self, a_d: np.ndarray) -> None:
         """Give each block its part of the estimate a_d (p)."""
-        self.inertial.load(a_d[: self.inertial.size])
-        self.joint.load(a_d[self.inertial.size :])
+        self._inertial.load(a_d[: self._inertial.size])
+        self.joints.load(a_d[self._inertial.size :])
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return M a + C v + g + friction (n)."""
-        return self.joint.torque(v, a, self.inertial.torque(q, v, a))
+        return self.joints.torque(v, a, self._inertial.torque(q, v, a))
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return M (n, n), rotors included."""
-        M = self.inertial.mass_matrix(q)
-        M.flat[:: len(M) + 1] += self.joint.armature
+        M = self._inertial.mass_matrix(q)
+        M.flat[:: len(M) + 1] += self.joints.armature
         return M
 
     def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y (n, p)."""
-        return self.joint.regressor(v, a, self.inertial.regressor(q, v, a))
+        return self.joints.regressor(v, a, self._inertial.regressor(q, v, a))
 
     def slotine_li(
         self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return Y_r (n, p) and the torque it gives (n), known parts included."""
-        Y, tau = self.inertial.slotine_li(q, v, v_r, a_r)
-        return self.joint.regressor(v_r, a_r, Y), self.joint.torque(v_r, a_r, tau)
+        Y, tau = self._inertial.slotine_li(q, v, v_r, a_r)
+        return self.joints.regressor(v_r, a_r, Y), self.joints.torque(v_r, a_r, tau)
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:
         """Return the torque as rate of the momentum and a rest, rotors in the one, friction not."""
-        return self.joint.momentum(v, self.inertial.momentum(q, v))
+        return self.joints.momentum(v, self._inertial.momentum(q, v))
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the parameters (p) of any robot with this chain, None where a block has none."""
-        inertial, joint = self.inertial.value(without_joint_effects(robot)), self.joint.value(robot)
-        return None if inertial is None or joint is None else np.concatenate([inertial, joint])
+        inertial, joints = self._inertial.value(self.bare(robot)), self.joints.value(robot)
+        return None if inertial is None or joints is None else np.concatenate([inertial, joints])
 
     def robot(self, a_d: np.ndarray, believed: Robot) -> Robot:
         """Return the believed robot with the bodies and joints that a_d (p) states.
@@ -245,11 +268,11 @@ class StackedDynamics(Dynamics):
         Raises:
             ParameterError: as the inertial block.
         """
-        size = self.inertial.size
-        return self.joint.robot(a_d[size:], self.inertial.robot(a_d[:size], believed))
+        size = self._inertial.size
+        return self.joints.robot(a_d[size:], self._inertial.robot(a_d[:size], believed))
 
     def moved(self, a_d: np.ndarray, before: Robot, after: Robot) -> np.ndarray | None:
         """Return the estimate (p) once another load is announced; the joints keep theirs."""
-        size, bare = self.inertial.size, (without_joint_effects(robot) for robot in (before, after))
-        inertial = self.inertial.moved(a_d[:size], *bare)
+        size, bare = self._inertial.size, (self.bare(robot) for robot in (before, after))
+        inertial = self._inertial.moved(a_d[:size], *bare)
         return None if inertial is None else np.concatenate([inertial, a_d[size:]])

@@ -15,7 +15,13 @@ from ..exceptions import ParameterError, did_you_mean
 from ..robot.robot import Robot
 from .regressor import Momentum
 
-KINDS = ("armature", "viscous", "coulomb")
+# Kind of coefficient -> its unit at a revolute joint, and at a prismatic one.
+_UNITS = {
+    "armature": ("kg m^2", "kg"),
+    "viscous": ("N m s/rad", "N s/m"),
+    "coulomb": ("N m", "N"),
+}
+KINDS = tuple(_UNITS)
 ALL, NONE = "all", "none"
 _SAMPLES, _SPEED = (
     100,
@@ -58,6 +64,7 @@ class JointEffects:
             tenth of a typical one, because an estimate kept positive by its own metric cannot leave
             zero.
         typical: (p) coefficients to be expected, which say how fast each may be learned.
+        units: one unit a parameter.
         armature: (n) at the loaded estimate [kg m^2 or kg].
     """
 
@@ -79,6 +86,9 @@ class JointEffects:
             )
         self.names = tuple(f"{joint}.{kind}" for kind in kinds for joint in robot.joint_names)
         self.size = len(self.names)
+        self.units = tuple(
+            _UNITS[kind][slides] for kind in kinds for slides in robot.slides.values()
+        )
         self.initial = self._values[self._unknown].ravel()
         self.typical = expected_coefficients(robot, typical)[self._unknown].ravel()
         self._kinds = np.array(self._unknown, dtype=np.int64)

@@ -263,8 +263,6 @@ class LumpedDynamics(InertialDynamics):
         translations: the unknown joint translations; a tool's has no part in the dynamics.
     """
 
-    lumped = True
-
     def __init__(
         self,
         robot: Robot,

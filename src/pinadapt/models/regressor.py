@@ -17,6 +17,7 @@ from .._kernels.models import PER_BODY
 from .linear_algebra import live_array
 
 LABELS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+UNITS = ("kg", *("kg m",) * 3, *("kg m^2",) * 6)
 
 
 class Regressor:

@@ -56,7 +56,7 @@ _LEAST_RADIUS = 1e-3  # [m] of gyration, for bodies that a description leaves wi
 
 
 def prior_covariance(robot: Robot, dynamics: Dynamics) -> np.ndarray | None:
-    """Return E[da da^T] (p, p) of the errors of a believed robot's parameters.
+    """Return E[da da^T] (p, p) of the errors of a robot's inertial parameters.
 
     None where plausible truths have no value in them.
 
@@ -64,6 +64,7 @@ def prior_covariance(robot: Robot, dynamics: Dynamics) -> np.ndarray | None:
     body is 0.09 times the inverse of the metric of natural adaptation at the believed body: as a
     constant gain it knows no frames and units either.
     """
+    robot, dynamics = dynamics.bare(robot), dynamics.inertial
     believed, deviations = dynamics.value(robot), []
     for true in plausible(robot, dynamics, _SAMPLES_PER_PARAMETER * dynamics.size):
         value = dynamics.value(true)

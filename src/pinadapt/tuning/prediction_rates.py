@@ -12,7 +12,6 @@ from .._checks import positive
 from ..adaptation.adaptation import Adaptation
 from ..adaptation.composite import Composite, CompositeMemory
 from ..adaptation.least_squares import LeastSquares
-from ..models.dynamics import StackedDynamics
 from ..models.typical_motion import TypicalMotion
 
 # of the bandwidth
@@ -87,13 +86,10 @@ def _given(rates: Mapping[str, Any], name: str, default: float) -> float:
 
 
 def _start(adaptation: Adaptation, motion: TypicalMotion) -> np.ndarray:
-    """Return the initial estimate (p), coefficients of the joints as large as is typical."""
-    start, dynamics = motion.dynamics.initial.copy(), motion.dynamics
-    if isinstance(dynamics, StackedDynamics) and dynamics.joint.size:
-        start[dynamics.inertial.size :] = dynamics.joint.typical
+    """Return the typical parameters (p), moved into the adaptation's domain."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # bodies moved into the cone are told of at the start
-        return adaptation.validate(start)
+        return adaptation.validate(motion.dynamics.typical)
 
 
 def typical_torques(adaptation: Adaptation, motion: TypicalMotion) -> np.ndarray:

@@ -19,9 +19,7 @@ from ..adaptation.projections import BoxProjection, MassMatrixProjection
 from ..adaptation.stacked import Stacked
 from ..exceptions import InputError, ParameterError, did_you_mean
 from ..laws.law import Law
-from ..models.bodies import BodyDynamics
-from ..models.dynamics import Dynamics, StackedDynamics
-from ..models.joint_effects import without_joint_effects
+from ..models.dynamics import Dynamics
 from ..models.typical_motion import TypicalMotion
 from ..robot.robot import Robot
 from ..sensing import SensorQuality
@@ -248,23 +246,21 @@ def _tracking_adaptation(
     lmi: ArrayLike | MatrixInequality | None,
 ) -> Adaptation:
     """Return how the dynamic estimate follows the tracking error at a bandwidth w [rad/s]."""
-    dynamics = motion.dynamics
-    effects, stacked = law.parameter_effects(motion), isinstance(dynamics, StackedDynamics)
-    inertial = dynamics.inertial if isinstance(dynamics, StackedDynamics) else dynamics
-    carrier = without_joint_effects(motion.robot) if stacked else motion.robot
+    dynamics, effects = motion.dynamics, law.parameter_effects(motion)
+    inertial, joints = dynamics.inertial, dynamics.joints
     own = [Phi[:, : inertial.size] for Phi in effects]
     mode, gamma_d = law.adaptation_mode * w, rates.get("gamma_d")
-    adaptation = _inertial_adaptation(kind, carrier, inertial, own, mode, gamma_d, lmi)
-    if not isinstance(dynamics, StackedDynamics) or not dynamics.joint.size:
+    bare = dynamics.bare(motion.robot)
+    adaptation = _inertial_adaptation(kind, bare, inertial, own, mode, gamma_d, lmi)
+    if joints is None or not joints.size:
         return adaptation
-    typical = dynamics.joint.typical
-    gamma_joint = rates.get("gamma_joint")
+    typical, gamma_joint = joints.typical, rates.get("gamma_joint")
     if gamma_joint is None:
         own = [Phi[:, inertial.size :] for Phi in effects]
         unit = ExponentiatedGradient(1.0, typical)
         gamma_joint = rate_for(law.joint_mode * w, own, unit, typical)
-    joints = ExponentiatedGradient(gamma_joint, typical)
-    return Stacked([(adaptation, inertial.size), (joints, typical.size)])
+    of_joints = ExponentiatedGradient(gamma_joint, typical)
+    return Stacked([(adaptation, inertial.size), (of_joints, joints.size)])
 
 
 def _inertial_adaptation(
@@ -302,7 +298,7 @@ def _shares(believed: Robot, dynamics: Dynamics, unit: Natural) -> np.ndarray | 
     hundredth of the reach thick.
     """
     last = believed.model.nv - 1
-    if not isinstance(dynamics, BodyDynamics) or last not in dynamics.bodies:
+    if not dynamics.per_body or last not in dynamics.bodies:
         return None
     shares = np.ones(len(dynamics.bodies))
     index = list(dynamics.bodies).index(last)
@@ -318,7 +314,7 @@ def _cone(
 ) -> MatrixInequality:
     """Return the bodies' cone, or the user's inequality for a basis."""
     cone: MatrixInequality
-    if isinstance(dynamics, BodyDynamics):
+    if dynamics.per_body:
         names = [believed.joint_names[body] for body in dynamics.bodies]
         mass = pin.computeTotalMass(believed.model) / believed.model.nv
         cone = BodyInequality(names, least_mass=1e-3 * mass, least_radius=1e-2 * believed.reach)

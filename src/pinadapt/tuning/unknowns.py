@@ -151,11 +151,10 @@ def warn_of_unused_gains(
         given: gains as users write them; None is not given.
     """
     kind, kind_k = kinds
-    stacked = isinstance(dynamics, StackedDynamics)
-    joint = dynamics.joint.size if isinstance(dynamics, StackedDynamics) else 0
+    inertial = dynamics.inertial.size
     rates = {
-        "gamma_d": kind not in ("none", "custom") and dynamics.size > joint,
-        "gamma_joint": kind not in ("none", "custom") and stacked and joint > 0,
+        "gamma_d": kind not in ("none", "custom") and inertial > 0,
+        "gamma_joint": kind not in ("none", "custom") and dynamics.size > inertial,
         "gamma_k": kind_k not in ("none", "custom")
         and law.learns_kinematics
         and kinematics.size > 0,
