@@ -105,7 +105,7 @@ from .models import TypicalMotion as TypicalMotion
 from .models import base_parameters as base_parameters
 from .plants import ElasticPlant as ElasticPlant
 from .plants import JointElasticity as JointElasticity
-from .plants import Mjcf as Mjcf
+from .plants import MujocoFile as MujocoFile
 from .plants import MujocoPlant as MujocoPlant
 from .plants import PinocchioPlant as PinocchioPlant
 from .plants import Plant as Plant

@@ -7,8 +7,8 @@ import pytest
 import pinadapt as pa
 from pinadapt._toml import read_toml
 from pinadapt.cli.main import main
+from pinadapt.description.chain import is_physical
 from pinadapt.description.missing_inertia import _as_it_is, _hull
-from pinadapt.models.pseudo_inertia import is_physical
 from pinadapt.scenario.scenario import Scenario
 
 CORNERS = np.array([[0, 0, 0], [0.3, 0, 0], [0, 0.2, 0], [0, 0, 0.1]])

@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
-from pinadapt.description.urdf_writer import is_physical
+from pinadapt.description.chain import is_physical
 from tests.support.chains import catalogue_robot, random_model, random_state
 
 pytestmark = pytest.mark.slow

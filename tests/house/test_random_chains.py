@@ -6,8 +6,7 @@ import numpy as np
 import pinocchio as pin
 from hypothesis import given, settings
 
-from pinadapt.description.chain import check_joints, check_mass_matrix, is_slide
-from pinadapt.models.pseudo_inertia import is_physical
+from pinadapt.description.chain import check_joints, check_mass_matrix, is_physical, is_slide
 from tests.support.chains import SIZES, chains, each_size, seeded
 
 

@@ -5,7 +5,8 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.adaptation.natural import BodyInequality
-from pinadapt.models.pseudo_inertia import is_physical, pseudo_inertia, ten_parameters
+from pinadapt.description.chain import is_physical
+from pinadapt.models.pseudo_inertia import pseudo_inertia, ten_parameters
 from pinadapt.tuning import defaults as prior
 from pinadapt.tuning.defaults import (
     bandwidth,

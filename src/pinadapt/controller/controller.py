@@ -24,7 +24,7 @@ from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
 from ..records import Desired, Measurement, named
 from ..robot.changes import Payload
-from ..robot.gravity import Compensation
+from ..robot.motors import Compensation
 from ..robot.robot import Robot
 from ..signals import OpenSignals, Signals
 from .belief import Belief, informed

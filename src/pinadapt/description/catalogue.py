@@ -94,18 +94,6 @@ class CatalogueEntry:
         return model
 
 
-def robots_folder() -> Path:
-    """Return the folder of our own robots: inside the package, or beside ``src`` in a checkout."""
-    package = Path(__file__).resolve().parents[1]
-    for folder in (package / "robots", package.parents[1] / "robots"):
-        if (folder / "catalogue.toml").is_file():
-            return folder
-    raise RobotError(
-        "the folder 'robots' with catalogue.toml is missing from this installation.",
-        where=str(package),
-    )
-
-
 @cache
 def catalogue() -> Mapping[str, CatalogueEntry]:
     """Return all robots of the catalogue by name."""
@@ -145,27 +133,25 @@ def catalogue_entry(name: str) -> CatalogueEntry:
     return catalogue()[name]
 
 
-def _loaders() -> Any:
-    from example_robot_data import robots_loader  # here, because a user's own URDF needs none
+def robots_folder() -> Path:
+    """Return the folder of our own robots: inside the package, or beside ``src`` in a checkout."""
+    package = Path(__file__).resolve().parents[1]
+    for folder in (package / "robots", package.parents[1] / "robots"):
+        if (folder / "catalogue.toml").is_file():
+            return folder
+    raise RobotError(
+        "the folder 'robots' with catalogue.toml is missing from this installation.",
+        where=str(package),
+    )
 
-    return robots_loader
+
+# example-robot-data
 
 
 @cache
 def example_path(origin: str) -> Path:
     """Return the URDF file of a loader."""
     return _folder(origin) / _file(origin)
-
-
-def _file(origin: str) -> Path:
-    kind = _loaders().ROBOTS[origin]
-    return Path(kind.path, kind.urdf_subpath, kind.urdf_filename)
-
-
-def _folder(origin: str) -> Path:
-    """Return the folder of all robots."""
-    loaders = _loaders()
-    return Path(loaders.ROBOTS[origin].model_path or loaders.getModelPath(str(_file(origin))))
 
 
 @cache
@@ -200,6 +186,23 @@ def example_visual(origin: str) -> pin.GeometryModel:
     model, file = example_robot(origin)[0], str(example_path(origin))
     packages = [str(_folder(origin) / ".." / "..")]
     return pin.buildGeomFromUrdf(model, file, pin.GeometryType.VISUAL, package_dirs=packages)
+
+
+def _loaders() -> Any:
+    from example_robot_data import robots_loader  # here, because a user's own URDF needs none
+
+    return robots_loader
+
+
+def _folder(origin: str) -> Path:
+    """Return the folder of all robots."""
+    loaders = _loaders()
+    return Path(loaders.ROBOTS[origin].model_path or loaders.getModelPath(str(_file(origin))))
+
+
+def _file(origin: str) -> Path:
+    kind = _loaders().ROBOTS[origin]
+    return Path(kind.path, kind.urdf_subpath, kind.urdf_filename)
 
 
 def _is_special(origin: str) -> bool:

@@ -26,6 +26,8 @@ from .xml_file import read_xml
 Source: TypeAlias = "str | Path | pin.Model | RobotWrapper"
 Geometry: TypeAlias = Callable[[pin.GeometryType], "pin.GeometryModel | None"]
 
+_INSTALL = 'Install it: pip install "pinadapt[descriptions]".'
+
 
 @dataclass(frozen=True)
 class Description:
@@ -117,6 +119,15 @@ def _from_object(source: pin.Model | RobotWrapper) -> Description:
     return Description(str(source.model.name), source.model, geometry, q_reference)
 
 
+def _given(visual: Any, collision: Any, kind: pin.GeometryType) -> Any:
+    """Return a geometry that has been read before."""
+    return visual if kind == pin.GeometryType.VISUAL else collision
+
+
+def _none(kind: pin.GeometryType) -> None:
+    """Return nothing: a bare model has no geometry."""
+
+
 def _from_file(
     path: Path, xacro: XacroArguments, packages: Mapping[str, str] | None = None
 ) -> Description:
@@ -172,16 +183,7 @@ def _from_catalogue(name: str) -> Description:
     )
 
 
-def _given(visual: Any, collision: Any, kind: pin.GeometryType) -> Any:
-    """Return a geometry that has been read before."""
-    return visual if kind == pin.GeometryType.VISUAL else collision
-
-
-def _none(kind: pin.GeometryType) -> None:
-    """Return nothing: a bare model has no geometry."""
-
-
-_INSTALL = 'Install it: pip install "pinadapt[descriptions]".'
+# The package robot_descriptions
 
 
 @dataclass(frozen=True)

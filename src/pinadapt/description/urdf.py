@@ -17,13 +17,32 @@ from ..exceptions import RobotError
 from .xacro import WHERE_PACKAGES_ARE, Packages, XacroArguments, expand, is_xacro
 from .xml_file import parse_xml, read_xml, xml_text
 
+_DEEPEST = 3200  # links in one row, of those that a stack of 8 MB bears
+_BOUNDED = ("revolute", "prismatic")
+_NEEDED = ("effort", "velocity")
+_SHOWN = 3  # missing meshes in a warning
+_HINT = "Numbers are written with a point, lists with spaces between their numbers."
+# element -> attribute -> how many numbers it holds
+_NUMBERS: dict[str, dict[str, int]] = {
+    "origin": {"xyz": 3, "rpy": 3},
+    "axis": {"xyz": 3},
+    "mass": {"value": 1},
+    "inertia": {"ixx": 1, "ixy": 1, "ixz": 1, "iyy": 1, "iyz": 1, "izz": 1},
+    "limit": {"lower": 1, "upper": 1, "effort": 1, "velocity": 1},
+    "dynamics": {"damping": 1, "friction": 1, "armature": 1},
+    "mimic": {"multiplier": 1, "offset": 1},
+    "box": {"size": 3},
+    "sphere": {"radius": 1},
+    "cylinder": {"radius": 1, "length": 1},
+    "capsule": {"radius": 1, "length": 1},
+    "mesh": {"scale": 3},
+}
+_REQUIRED = {"mass", "inertia"}
+
 
 def is_path(source: str | Path) -> bool:
     """Tell whether a source is the path of a file; other text is a name."""
     return isinstance(source, Path) or "/" in source or source.endswith((".urdf", ".xml", ".xacro"))
-
-
-_DEEPEST = 3200  # links in one row, of those that a stack of 8 MB bears
 
 
 @dataclass(frozen=True)
@@ -102,6 +121,54 @@ class Urdf:
             if joint.find("mimic") is not None
         )
 
+    def armatures(self) -> dict[str, float]:
+        """Return joint name -> rotor inertia [kg m^2 or kg], of joints that state one.
+
+        It is the attribute ``armature`` of <dynamics>, which ``Robot.urdf`` writes.
+        """
+        return {
+            joint.get("name", ""): float(dynamics.get("armature", "nan"))
+            for joint in parse_xml(self.text, str(self.path)).findall("joint")
+            for dynamics in joint.findall("dynamics")
+            if "armature" in dynamics.attrib
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Origin:
+    """The URDF behind a robot.
+
+    Attributes:
+        source: the URDF, or the path of one that is read when it is asked for.
+        model: the chain as loaded, before anything of it was changed; never written to.
+    """
+
+    source: Urdf | Path
+    model: pin.Model
+
+    @property
+    def urdf(self) -> Urdf:
+        """The URDF.
+
+        Raises:
+            RobotError: its file is gone, or no longer one.
+        """
+        return self.source if isinstance(self.source, Urdf) else Urdf.read(self.source)
+
+
+def read_urdf(path: Path) -> pin.Model:
+    """Build the model of a URDF file.
+
+    Raises:
+        RobotError: as ``Urdf``.
+    """
+    return Urdf.read(path).model()
+
+
+def mimic_joints(path: Path) -> frozenset[str]:
+    """Return the names of the joints of a URDF file that mimic another."""
+    return Urdf.read(path).mimics()
+
 
 def _check_depth(root: ElementTree.Element, where: str) -> None:
     """Refuse links on links on links, for which Pinocchio's recursion has no stack.
@@ -123,36 +190,7 @@ def _check_depth(root: ElementTree.Element, where: str) -> None:
     raise RobotError(f"more than {_DEEPEST} links in one row.", where=where)
 
 
-def read_urdf(path: Path) -> pin.Model:
-    """Build the model of a URDF file.
-
-    Raises:
-        RobotError: as ``Urdf``.
-    """
-    return Urdf.read(path).model()
-
-
-def mimic_joints(path: Path) -> frozenset[str]:
-    """Return the names of the joints of a URDF file that mimic another."""
-    return Urdf.read(path).mimics()
-
-
-# element -> attribute -> how many numbers it holds
-_NUMBERS: dict[str, dict[str, int]] = {
-    "origin": {"xyz": 3, "rpy": 3},
-    "axis": {"xyz": 3},
-    "mass": {"value": 1},
-    "inertia": {"ixx": 1, "ixy": 1, "ixz": 1, "iyy": 1, "iyz": 1, "izz": 1},
-    "limit": {"lower": 1, "upper": 1, "effort": 1, "velocity": 1},
-    "dynamics": {"damping": 1, "friction": 1, "armature": 1},
-    "mimic": {"multiplier": 1, "offset": 1},
-    "box": {"size": 3},
-    "sphere": {"radius": 1},
-    "cylinder": {"radius": 1, "length": 1},
-    "capsule": {"radius": 1, "length": 1},
-    "mesh": {"scale": 3},
-}
-_REQUIRED = {"mass", "inertia"}
+# Numbers
 
 
 def check_urdf_numbers(root: ElementTree.Element, where: str) -> None:
@@ -167,9 +205,6 @@ def check_urdf_numbers(root: ElementTree.Element, where: str) -> None:
             for element in part.iter():
                 for flaw in _flaws(element):
                     raise RobotError(f"{owner}, <{element.tag}>: {flaw}.", where=where, hint=_HINT)
-
-
-_HINT = "Numbers are written with a point, lists with spaces between their numbers."
 
 
 def _flaws(element: ElementTree.Element) -> Iterator[str]:
@@ -202,8 +237,7 @@ def _number(word: str) -> float | None:
         return None
 
 
-_BOUNDED = ("revolute", "prismatic")
-_NEEDED = ("effort", "velocity")
+# Gaps
 
 
 def fill_urdf_gaps(root: ElementTree.Element, where: str) -> None:
@@ -241,7 +275,7 @@ def _fill_parents(root: ElementTree.Element) -> list[str]:
     return [f"no link is called {', '.join(sorted(named))}: added, without a body"] if named else []
 
 
-_SHOWN = 3  # missing meshes in a warning
+# Meshes
 
 
 def keep_readable_meshes(
@@ -284,25 +318,3 @@ def _flaw(mesh: ElementTree.Element, packages: Packages, loader: coal.MeshLoader
     except Exception as error:  # of any kind: they come from a parser of many formats
         return str(error).strip().splitlines()[-1]
     return None
-
-
-@dataclass(frozen=True, eq=False)
-class Origin:
-    """The URDF behind a robot.
-
-    Attributes:
-        source: the URDF, or the path of one that is read when it is asked for.
-        model: the chain as loaded, before anything of it was changed; never written to.
-    """
-
-    source: Urdf | Path
-    model: pin.Model
-
-    @property
-    def urdf(self) -> Urdf:
-        """The URDF.
-
-        Raises:
-            RobotError: its file is gone, or no longer one.
-        """
-        return self.source if isinstance(self.source, Urdf) else Urdf.read(self.source)

@@ -1,60 +1,111 @@
-"""A robot as URDF: the text it was read from with the numbers in which it differs."""
+"""Writing a robot as URDF: the text it was read from, with the numbers in which it differs."""
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
 from .._version import __version__
 from ..exceptions import RobotError
-from .chain import effort_limits, frame_id, is_slide, links_of, position_limits, velocity_limits
+from .chain import (
+    effort_limits,
+    frame_id,
+    is_physical,
+    is_slide,
+    links_of,
+    position_limits,
+    velocity_limits,
+)
 from .urdf import Origin
 from .xacro import Packages
 from .xml_file import parse_xml, xml_text
 
-if TYPE_CHECKING:
-    from ..robot.robot import Robot
+_MOVED = 1e-12  # [m] below which a translation counts as unchanged
+_SAME = 1e-9  # relative difference of inertias that counts as rounding
+_HALVINGS = 30  # of the inertia that the other links of a body keep, before none is left
+_UNLIMITED = 1e9  # [rad or m], written for a joint without position limits
+_ENTRIES = {
+    **{"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2)},
+    **{"iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)},
+}
 
-_MOVED = 1e-12  # [m] below which a translation is as described
+
+@dataclass(frozen=True, eq=False)
+class WrittenChain:
+    """The data of a robot that a URDF holds.
+
+    Attributes:
+        name: of the robot.
+        model: Pinocchio model of the chain.
+        frame: name of the task frame.
+        viscous, coulomb: (nv) joint friction [N m s/rad or N s/m], [N m or N].
+        origin: the URDF that the robot was read from, or None.
+    """
+
+    name: str
+    model: pin.Model
+    frame: str
+    viscous: np.ndarray
+    coulomb: np.ndarray
+    origin: Origin | None = None
+
+    @property
+    def joint_names(self) -> list[str]:
+        """Names of the joints, from the base."""
+        return [str(name) for name in self.model.names[1:]]
+
+    @property
+    def tip(self) -> pin.Frame:
+        """The task frame."""
+        return self.model.frames[frame_id(self.model, self.frame)]
 
 
-def urdf_text(robot: Robot, *, shapes: bool = True) -> str:
+def urdf_text(chain: WrittenChain, *, shapes: bool = True) -> str:
     """Return the text of a URDF that Pinocchio and MuJoCo read; see ``Robot.urdf``.
 
     Raises:
         RobotError: a changed body that no distribution of mass has, or a source that is gone.
     """
-    if robot.origin is None:
-        root, changed = chain_as_urdf(robot), "everything: it comes from no URDF"
+    if chain.origin is None:
+        root, changed = chain_as_urdf(chain), "everything: it comes from no URDF"
     else:
-        edited = _Edited(robot, robot.origin)
+        edited = _Edited(chain, chain.origin)
         root, changed = edited.root, _in_words(edited.changes())
     for link in () if shapes else root.iter("link"):
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             link.remove(shape)
     note = f" Written by pinadapt {__version__}. Changed: {changed}. "
-    if robot.model.armature.any():
+    if chain.model.armature.any():
         note += (
             "URDF has no place for rotor inertias: the attribute armature [kg m^2 or kg] of "
             "dynamics, which Pinocchio and MuJoCo skip, is read by pinadapt alone. "
         )
     root.insert(0, ElementTree.Comment(note.replace("--", "- -")))
     ElementTree.indent(root)
-    return xml_text(root, robot.name) + "\n"
+    return xml_text(root, chain.name) + "\n"
+
+
+def _in_words(changes: list[tuple[str, str]]) -> str:
+    """Return changes in words, those of one kind together."""
+    kinds = dict.fromkeys(kind for kind, _ in changes)
+    named = {kind: ", ".join(name for other, name in changes if other == kind) for kind in kinds}
+    return "; ".join(f"{kind} of {names}" for kind, names in named.items()) or "nothing"
+
+
+# Editing the URDF of the origin
 
 
 class _Edited:
     """The URDF of an origin, on the way to be that of another robot with the same chain."""
 
-    def __init__(self, robot: Robot, origin: Origin) -> None:
+    def __init__(self, chain: WrittenChain, origin: Origin) -> None:
         urdf = origin.urdf
         self.root = parse_xml(urdf.text, str(urdf.path))
-        self.robot, self.described = robot, origin.model
+        self.chain, self.described = chain, origin.model
         self.packages = urdf.packages
         self.links = {link.get("name", ""): link for link in self.root.findall("link")}
         self.joints = {joint.get("name", ""): joint for joint in self.root.findall("joint")}
@@ -74,8 +125,8 @@ class _Edited:
     def _place_joints(self) -> list[tuple[str, str]]:
         changed = []
         pairs = zip(
-            self.robot.joint_names,
-            self.robot.model.jointPlacements[1:],
+            self.chain.joint_names,
+            self.chain.model.jointPlacements[1:],
             self.described.jointPlacements[1:],
             strict=True,
         )
@@ -87,7 +138,7 @@ class _Edited:
 
     def _place_tool(self) -> list[tuple[str, str]]:
         """Move the task frame by its own fixed joint, or by a new one where it is no last link."""
-        name, frame = self.robot.frame, self.robot.model.frames[self.robot.frame_id]
+        name, frame = self.chain.frame, self.chain.tip
         before = self.described.frames[frame_id(self.described, name)]
         if np.abs(frame.placement.translation - before.placement.translation).max() <= _MOVED:
             return []
@@ -100,7 +151,7 @@ class _Edited:
             self.placed[tip] = int(frame.parentJoint), frame.placement.copy()
             return [("placement", name)]
         new = f"{name}_learned" if name in self.links else name
-        carrier = _end(self.joints[self.robot.joint_names[-1]], "child")
+        carrier = _end(self.joints[self.chain.joint_names[-1]], "child")
         ElementTree.SubElement(self.root, "link", name=new)
         fixed = ElementTree.SubElement(self.root, "joint", name=f"{new}_fixed", type="fixed")
         ElementTree.SubElement(fixed, "parent", link=carrier)
@@ -112,7 +163,7 @@ class _Edited:
 
     def _fill_bodies(self) -> list[tuple[str, str]]:
         changed = []
-        for joint, name in enumerate(self.robot.joint_names, 1):
+        for joint, name in enumerate(self.chain.joint_names, 1):
             main = _end(self.joints[name], "child")
             rigid = {
                 link: Link(self.links[link], placement)
@@ -120,18 +171,18 @@ class _Edited:
                 if carrier == joint
             }
             others = [part for link, part in rigid.items() if link != main]
-            ten = np.array(self.robot.model.inertias[joint].toDynamicParameters())
+            ten = np.array(self.chain.model.inertias[joint].toDynamicParameters())
             if distribute(ten, rigid[main], others, name):
                 changed.append(("inertia", main))
         return changed
 
     def _write_joint_effects(self) -> list[tuple[str, str]]:
-        robot, changed = self.robot, []
+        chain, changed = self.chain, []
         rows = zip(
-            robot.joint_names,
-            robot.friction.viscous,
-            robot.friction.coulomb,
-            np.where(robot.model.armature == self.described.armature, 0.0, robot.model.armature),
+            chain.joint_names,
+            chain.viscous,
+            chain.coulomb,
+            np.where(chain.model.armature == self.described.armature, 0.0, chain.model.armature),
             strict=True,
         )
         for name, *numbers in rows:
@@ -166,116 +217,7 @@ def find_files(root: ElementTree.Element, packages: Packages) -> None:
         ElementTree.SubElement(extension, "compiler", strippath="false")
 
 
-def _in_words(changes: list[tuple[str, str]]) -> str:
-    """Return changes in words, those of one kind together."""
-    kinds = dict.fromkeys(kind for kind, _ in changes)
-    named = {kind: ", ".join(name for other, name in changes if other == kind) for kind in kinds}
-    return "; ".join(f"{kind} of {names}" for kind, names in named.items()) or "nothing"
-
-
-def _end(joint: ElementTree.Element, end: str) -> str:
-    """Return the name of the link at an end of a joint, "parent" or "child"."""
-    element = joint.find(end)
-    return "" if element is None else element.get("link", "")
-
-
-_UNLIMITED = 1e9  # [rad or m]
-
-
-def chain_as_urdf(robot: Robot) -> ElementTree.Element:
-    """Return the root element of a URDF of the chain alone, without anything to draw.
-
-    A joint without a limit of speed or effort has zero there, as is usual; one without a limit of
-    position has 1e9.
-    """
-    model, root = robot.model, ElementTree.Element("robot", name=robot.name)
-    taken = {robot.frame}
-    names = [_free("base", taken)]
-    ElementTree.SubElement(root, "link", name=names[0])
-    for joint, name in enumerate(robot.joint_names, 1):
-        names.append(_free(links_of(model, joint)[0], taken))
-        link = ElementTree.SubElement(root, "link", name=names[-1])
-        Link(link, pin.SE3.Identity()).write(model.inertias[joint].toDynamicParameters())
-        element = _joint(root, name, _kind(model, joint), names[-2], names[-1])
-        _place(element, model.jointPlacements[joint])
-        ElementTree.SubElement(element, "axis", xyz=words(_axis(model, joint)))
-    _write_limits(root, robot)
-    frame = model.frames[robot.frame_id]
-    ElementTree.SubElement(root, "link", name=robot.frame)
-    tip = _joint(root, f"{robot.frame}_fixed", "fixed", names[-1], robot.frame)
-    _place(tip, frame.placement)
-    return root
-
-
-def _write_limits(root: ElementTree.Element, robot: Robot) -> None:
-    """Write limits, friction and rotor inertias of all joints."""
-    lower, upper = position_limits(robot.model)
-    efforts, speeds = effort_limits(robot.model), velocity_limits(robot.model)
-    for i, joint in enumerate(root.findall("joint")):
-        limit = {"effort": _or_zero(efforts[i]), "velocity": _or_zero(speeds[i])}
-        if joint.get("type") != "continuous":
-            limit["lower"] = words([np.clip(lower[i], -_UNLIMITED, _UNLIMITED)])
-            limit["upper"] = words([np.clip(upper[i], -_UNLIMITED, _UNLIMITED)])
-        ElementTree.SubElement(joint, "limit", limit)
-        effects = {
-            "damping": words([robot.friction.viscous[i]]),
-            "friction": words([robot.friction.coulomb[i]]),
-        }
-        if robot.model.armature[i]:
-            effects["armature"] = words([robot.model.armature[i]])
-        ElementTree.SubElement(joint, "dynamics", effects)
-
-
-def _joint(
-    root: ElementTree.Element, name: str, kind: str, parent: str, child: str
-) -> ElementTree.Element:
-    joint = ElementTree.SubElement(root, "joint", name=name, type=kind)
-    ElementTree.SubElement(joint, "parent", link=parent)
-    ElementTree.SubElement(joint, "child", link=child)
-    return joint
-
-
-def _place(joint: ElementTree.Element, placement: pin.SE3) -> None:
-    at = {
-        "xyz": words(placement.translation),
-        "rpy": words(pin.rpy.matrixToRpy(placement.rotation)),
-    }
-    ElementTree.SubElement(joint, "origin", at)
-
-
-def _kind(model: pin.Model, joint: int) -> str:
-    if is_slide(model.joints[joint]):
-        return "prismatic"
-    return "continuous" if model.joints[joint].nq == 2 else "revolute"
-
-
-def _axis(model: pin.Model, joint: int) -> np.ndarray:
-    """Return the axis (3) of a joint in its own axes."""
-    part = model.joints[joint]
-    scratch = part.createData()
-    part.calc(scratch, pin.neutral(model))
-    S = np.asarray(scratch.S).reshape(6)
-    return S[:3] if is_slide(part) else S[3:]
-
-
-def _or_zero(limit: float) -> str:
-    return words([limit if np.isfinite(limit) else 0.0])
-
-
-def _free(name: str, taken: set[str]) -> str:
-    """Return a name that is not taken, and take it."""
-    while name in taken:
-        name += "_body"
-    taken.add(name)
-    return name
-
-
-_HALVINGS = 30  # of what the other links keep, before there is nothing left to take
-_SAME = 1e-9  # relative difference of inertias that is rounding
-_ENTRIES = {
-    **{"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2)},
-    **{"iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)},
-}
+# Inertia of the links of one body
 
 
 @dataclass(frozen=True, eq=False)
@@ -346,13 +288,98 @@ def distribute(ten: np.ndarray, main: Link, others: Sequence[Link], body: str) -
     )
 
 
-def is_physical(ten: np.ndarray) -> bool:
-    """Tell whether ten parameters (10) are a body's: their pseudo-inertia is positive definite."""
-    if ten[0] <= 0.0:
-        return False
-    P = pin.PseudoInertia.FromDynamicParameters(ten).toMatrix()
-    scale = np.sqrt(np.maximum(np.diag(P), np.finfo(float).tiny))
-    return bool(np.linalg.eigvalsh(P / np.outer(scale, scale))[0] > _SAME)
+# Writing a chain that comes from no URDF
+
+
+def chain_as_urdf(chain: WrittenChain) -> ElementTree.Element:
+    """Return the root element of a URDF of the chain alone, without anything to draw.
+
+    A joint without a limit of speed or effort has zero there, as is usual; one without a limit of
+    position has 1e9.
+    """
+    model, root = chain.model, ElementTree.Element("robot", name=chain.name)
+    taken = {chain.frame}
+    names = [_free("base", taken)]
+    ElementTree.SubElement(root, "link", name=names[0])
+    for joint, name in enumerate(chain.joint_names, 1):
+        names.append(_free(links_of(model, joint)[0], taken))
+        link = ElementTree.SubElement(root, "link", name=names[-1])
+        Link(link, pin.SE3.Identity()).write(model.inertias[joint].toDynamicParameters())
+        element = _joint(root, name, _kind(model, joint), names[-2], names[-1])
+        _place(element, model.jointPlacements[joint])
+        ElementTree.SubElement(element, "axis", xyz=words(_axis(model, joint)))
+    _write_limits(root, chain)
+    frame = chain.tip
+    ElementTree.SubElement(root, "link", name=chain.frame)
+    tip = _joint(root, f"{chain.frame}_fixed", "fixed", names[-1], chain.frame)
+    _place(tip, frame.placement)
+    return root
+
+
+def _write_limits(root: ElementTree.Element, chain: WrittenChain) -> None:
+    """Write limits, friction and rotor inertias of all joints."""
+    lower, upper = position_limits(chain.model)
+    efforts, speeds = effort_limits(chain.model), velocity_limits(chain.model)
+    for i, joint in enumerate(root.findall("joint")):
+        limit = {"effort": _or_zero(efforts[i]), "velocity": _or_zero(speeds[i])}
+        if joint.get("type") != "continuous":
+            limit["lower"] = words([np.clip(lower[i], -_UNLIMITED, _UNLIMITED)])
+            limit["upper"] = words([np.clip(upper[i], -_UNLIMITED, _UNLIMITED)])
+        ElementTree.SubElement(joint, "limit", limit)
+        effects = {
+            "damping": words([chain.viscous[i]]),
+            "friction": words([chain.coulomb[i]]),
+        }
+        if chain.model.armature[i]:
+            effects["armature"] = words([chain.model.armature[i]])
+        ElementTree.SubElement(joint, "dynamics", effects)
+
+
+def _joint(
+    root: ElementTree.Element, name: str, kind: str, parent: str, child: str
+) -> ElementTree.Element:
+    joint = ElementTree.SubElement(root, "joint", name=name, type=kind)
+    ElementTree.SubElement(joint, "parent", link=parent)
+    ElementTree.SubElement(joint, "child", link=child)
+    return joint
+
+
+def _place(joint: ElementTree.Element, placement: pin.SE3) -> None:
+    at = {
+        "xyz": words(placement.translation),
+        "rpy": words(pin.rpy.matrixToRpy(placement.rotation)),
+    }
+    ElementTree.SubElement(joint, "origin", at)
+
+
+def _kind(model: pin.Model, joint: int) -> str:
+    if is_slide(model.joints[joint]):
+        return "prismatic"
+    return "continuous" if model.joints[joint].nq == 2 else "revolute"
+
+
+def _axis(model: pin.Model, joint: int) -> np.ndarray:
+    """Return the axis (3) of a joint in its own axes."""
+    part = model.joints[joint]
+    scratch = part.createData()
+    part.calc(scratch, pin.neutral(model))
+    S = np.asarray(scratch.S).reshape(6)
+    return S[:3] if is_slide(part) else S[3:]
+
+
+def _or_zero(limit: float) -> str:
+    return words([limit if np.isfinite(limit) else 0.0])
+
+
+def _free(name: str, taken: set[str]) -> str:
+    """Return a name that is not taken, and take it."""
+    while name in taken:
+        name += "_body"
+    taken.add(name)
+    return name
+
+
+# XML elements
 
 
 def placement_of_element(element: ElementTree.Element) -> pin.SE3:
@@ -361,6 +388,12 @@ def placement_of_element(element: ElementTree.Element) -> pin.SE3:
     given = {} if origin is None else origin.attrib
     xyz, rpy = (np.array([float(w) for w in given.get(k, "0 0 0").split()]) for k in ("xyz", "rpy"))
     return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
+
+
+def _end(joint: ElementTree.Element, end: str) -> str:
+    """Return the name of the link at an end of a joint, "parent" or "child"."""
+    element = joint.find(end)
+    return "" if element is None else element.get("link", "")
 
 
 def child(element: ElementTree.Element, tag: str) -> ElementTree.Element:

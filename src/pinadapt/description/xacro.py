@@ -21,7 +21,17 @@ from ..exceptions import RobotError, did_you_mean
 
 XacroArguments: TypeAlias = "Mapping[str, str | float | bool]"
 
+WHERE_PACKAGES_ARE = (
+    "Packages are looked for in the folders above the file, beside these, and in the folders of "
+    "ROS_PACKAGE_PATH."
+)
+
 _ARGUMENT = re.compile(r"""\$\(arg\s+([^)\s]+)\s*\)|<xacro:arg\s[^>]*?\bname\s*=\s*["']([^"']+)""")
+_UNDEFINED = (
+    "Give it: load(..., xacro={name: value}), in a scenario robot.xacro = { name = value }, "
+    "`init --xacro name=value`."
+)
+_DEPTH = 4  # folders above a description whose neighbours are searched
 
 
 def is_xacro(path: Path, root: ElementTree.Element) -> bool:
@@ -107,12 +117,6 @@ def _refusal(error: Exception, path: Path, file: str | Path) -> RobotError:
     )
 
 
-_UNDEFINED = (
-    "Give it: load(..., xacro={name: value}), in a scenario robot.xacro = { name = value }, "
-    "`init --xacro name=value`."
-)
-
-
 def _check_known(given: Mapping[str, str], path: Path, files: list[Path]) -> None:
     """Refuse arguments that no file asks for."""
     known = {
@@ -129,12 +133,7 @@ def _check_known(given: Mapping[str, str], path: Path, files: list[Path]) -> Non
             )
 
 
-WHERE_PACKAGES_ARE = (
-    "Packages are looked for in the folders above the file, beside these, and in the folders of "
-    "ROS_PACKAGE_PATH."
-)
-
-_DEPTH = 4  # folders above a description whose neighbours are searched
+# Packages
 
 
 @dataclass(frozen=True)

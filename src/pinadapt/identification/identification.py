@@ -23,8 +23,8 @@ from ..information.payload import PayloadEstimate, payload_estimate
 from ..logs.log import Log
 from ..logs.read import read_log
 from ..models.translations import FIRST, PlacedTranslations
-from ..robot.gravity import Compensation, compensation_of
 from ..robot.loading import load
+from ..robot.motors import Compensation, compensation_of
 from ..robot.robot import Robot
 from ..rollout.rollout import Rollout
 from ..simulation.simulate import Progress, watched

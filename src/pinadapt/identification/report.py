@@ -14,7 +14,7 @@ from .._version import __version__
 from ..exceptions import ParameterError
 from ..information.information import Information, known_to
 from ..information.payload import PayloadEstimate
-from ..robot.gravity import Gravity
+from ..robot.motors import Gravity
 from .motion import CUTOFF
 
 if TYPE_CHECKING:

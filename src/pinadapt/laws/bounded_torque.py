@@ -13,13 +13,12 @@ from .._checks import numbers
 from ..adaptation.adaptation import Adaptation
 from ..adaptation.projections import GravityProjection
 from ..bibliography import DIXON
-from ..description.chain import position_bounds
+from ..description.chain import jacobian_bounds, position_bounds
 from ..exceptions import GainError
 from ..models.dynamics import Dynamics
 from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
 from ..robot.changes import Payload
-from ..robot.gravity import levers
 from ..robot.robot import Robot
 from ..signals import Signals
 from .approximate_jacobian import ApproximateJacobian, SetPointCommand, joint_damping
@@ -47,9 +46,9 @@ class BoundedTorque(ApproximateJacobian):
     Adaptation:   da_d/dt = -Gamma_d Z^T y, y = qd + weight K_v^-1 J_hat^T K_P s(dx), projected onto
                   |Z_i a_d + g_0,i| <= G_i at the measured q; see ``GravityProjection``.
     Bound:        |tau_i| <= G_i + l_i |K_P w| + d_i = b_i at every q, qd, x and estimate: l_i
-                  bounds column i of J_hat over all configurations (``robot.levers``), the norm is
-                  of the rows of the position, and rotations and joints count by their own. d is
-                  what the given bound b, gravity's share G and the spring leave.
+                  bounds column i of J_hat over all configurations, see ``jacobian_bounds``, the
+                  norm is of the rows of the position, and rotations and joints count by their own.
+                  d is what the given bound b, gravity's share G and the spring leave.
     Closed loop:  M qdd + C qd = Z da_d - J_hat^T K_P s - K_v qd tanh(r) / r - f(qd).
     V:            that of ``ApproximateJacobian``, dV/dt as well with K_v qd tanh(r) / r in place of
                   K_v qd, an equality but where the projection acts, which lowers V.
@@ -190,7 +189,8 @@ def _levers(kinematics: TaskKinematics) -> tuple[np.ndarray, np.ndarray]:
     n = kinematics.nv
     if not kinematics.positions:
         return np.zeros(n), np.ones(n)
-    linear, angular = levers(kinematics.robot)
+    robot = kinematics.robot
+    linear, angular = jacobian_bounds(robot.model, robot.frame_id)
     if not np.isfinite(linear).all():
         names = [kinematics.joint_names[i] for i in np.flatnonzero(~np.isfinite(linear))]
         raise GainError(

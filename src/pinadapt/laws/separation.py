@@ -20,7 +20,6 @@ from ..exceptions import GainError
 from ..filters.position_observer import PositionObserver
 from ..models.typical_motion import TypicalMotion, joint_inertia, unit_mass
 from ..robot.changes import Payload
-from ..robot.gravity import Inertia
 from ..robot.robot import Robot
 from ..signals import Signals
 from ..tasks.task import Task
@@ -166,7 +165,7 @@ class Separation(Law):
         return cls(
             motion.kinematics.task,
             posture,
-            M_0=Inertia(motion.robot),
+            M_0=NominalInertia(motion.robot),
             Y_fast=_FAST * float(Y_fast) or math.inf,
             **gains,
         )
@@ -274,6 +273,22 @@ class Separation(Law):
     def kinematic_loop(self) -> KinematicLoop:
         """Return the coupling of observation and prediction."""
         return KinematicLoop(self.c, self.beta, self.R_k)
+
+
+class NominalInertia:
+    """M(q) (nv, nv) of the nominal robot; the adaptation does not change it."""
+
+    def __init__(self, robot: Robot) -> None:
+        """Take the robot."""
+        self._robot, self._data = robot.undrawn(), robot.model.createData()
+
+    def __call__(self, q: np.ndarray) -> np.ndarray:
+        """Return M(q) (nv, nv) at a configuration q (nq); the next call writes to it."""
+        return np.asarray(pin.crba(self._robot.model, self._data, q))
+
+    def __reduce__(self) -> tuple[type[NominalInertia], tuple[Robot]]:
+        """Copy and pickle the robot alone."""
+        return NominalInertia, (self._robot,)
 
 
 def _damping(robot: Robot, w: float) -> np.ndarray:

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
+from ..description.chain import is_physical
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from .regressor import PER_BODY
@@ -44,15 +45,6 @@ def ten_parameters(P: np.ndarray) -> np.ndarray:
     """Return the ten parameters (10) of a body with pseudo-inertia P (4, 4)."""
     xx, yy, zz = P[0, 0], P[1, 1], P[2, 2]
     return np.array([P[3, 3], *P[:3, 3], yy + zz, -P[0, 1], xx + zz, -P[0, 2], -P[1, 2], xx + yy])
-
-
-def is_physical(pi: np.ndarray) -> bool:
-    """Tell whether the ten parameters pi (10) are physical: P positive definite."""
-    P = pseudo_inertia(pi)
-    scale = np.sqrt(np.maximum(np.diag(P), 0.0))
-    if not (scale > 0.0).all():
-        return False
-    return bool(np.linalg.eigvalsh(P / np.outer(scale, scale))[0] > 1e-9)
 
 
 def nearest_physical(pi: np.ndarray, *, least_mass: float, least_radius: float) -> np.ndarray:

@@ -13,7 +13,7 @@ from ..bibliography import SPONG
 from ..exceptions import RobotError
 from ..records import Measurement
 from ..robot.changes import Friction
-from ..robot.gravity import Compensation
+from ..robot.motors import Compensation
 from ..robot.robot import Robot
 from ..robot.succession import check_successor
 from .plant import SimulatedPlant

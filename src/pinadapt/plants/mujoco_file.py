@@ -26,7 +26,7 @@ _FRAME = "pinadapt task frame"
 
 
 @dataclass(frozen=True)
-class Mjcf:
+class MujocoFile:
     """A MuJoCo model file of the real robot, as far as it has to be matched with a description.
 
     Lengths, inertias, friction, stops, contacts and everything else are the file's. The joints of

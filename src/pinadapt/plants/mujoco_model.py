@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import coal
 import numpy as np
 import pinocchio as pin
 
@@ -92,11 +93,11 @@ def mujoco_module() -> ModuleType:
     return mujoco
 
 
-def chain_of(robot: Robot, draw: Callable[[Any, Any, Robot], None] | None = None) -> MujocoChain:
+def chain_of(robot: Robot, *, drawn: bool = False) -> MujocoChain:
     """Return a model with a body and a joint for each joint of a robot, and its frame as a site.
 
     Names are those of the description. Nothing collides, and there are no actuators. The numbers
-    come later, by ``write_robot``. What the robot looks like is up to ``draw``.
+    come later, by ``write_robot``. With ``drawn`` it has the robot's visual geometry.
     """
     mj, chain = mujoco_module(), robot.model
     spec = mj.MjSpec()
@@ -115,8 +116,8 @@ def chain_of(robot: Robot, draw: Callable[[Any, Any, Robot], None] | None = None
         )
         bodies.append(body)
     carrier = bodies[chain.frames[robot.frame_id].parentJoint]
-    if draw is not None:
-        draw(spec, bodies, robot)
+    if drawn:
+        _draw(spec, bodies, robot)
     carrier.add_site(name=robot.frame, **_SITE)
     return MujocoChain(spec.compile(), tuple(range(chain.nv)), 0, 0)
 
@@ -128,6 +129,50 @@ def _stops(robot: Robot, joint: int) -> dict[str, Any]:
         return {"limited": False}
     limits = [float(lower), float(upper)]
     return {"limited": True, "range": limits, "solref_limit": STIFF, "solimp_limit": HARD}
+
+
+def _draw(spec: Any, bodies: Sequence[Any], robot: Robot) -> None:
+    """Hang a robot's visual geometry on the bodies (one a joint, the world first) of a model.
+
+    Nothing of it collides or weighs. Meshes go by their vertices, in whatever format their files
+    are; shapes that MuJoCo has not are left out.
+    """
+    if robot.visual is None:
+        return
+    for shape in robot.visual.geometryObjects:
+        form = _form(spec, str(shape.name), shape.geometry)
+        if form is None:
+            continue
+        geom = bodies[shape.parentJoint].add_geom(
+            name=str(shape.name), mass=0.0, contype=0, conaffinity=0, group=2, **form
+        )
+        geom.rgba = shape.meshColor
+        write_place(shape.placement, geom.pos, geom.quat)
+
+
+def _form(spec: Any, name: str, geometry: Any) -> dict[str, Any] | None:
+    """Return what MuJoCo calls a geometry, its mesh added to the model; None where it has none."""
+    mj = mujoco_module()
+    kinds = mj.mjtGeom
+    if isinstance(geometry, coal.Box):
+        return {"type": kinds.mjGEOM_BOX, "size": list(geometry.halfSide)}
+    if isinstance(geometry, coal.Sphere):
+        return {"type": kinds.mjGEOM_SPHERE, "size": [geometry.radius, 0.0, 0.0]}
+    if isinstance(geometry, coal.Cylinder | coal.Capsule):
+        round_ends = isinstance(geometry, coal.Capsule)
+        kind = kinds.mjGEOM_CAPSULE if round_ends else kinds.mjGEOM_CYLINDER
+        return {"type": kind, "size": [geometry.radius, geometry.halfLength, 0.0]}
+    if not isinstance(geometry, coal.BVHModelBase) or geometry.num_tris < 4:
+        return None
+    triangles = (geometry.tri_indices(i) for i in range(geometry.num_tris))
+    corners = np.array([[t[0], t[1], t[2]] for t in triangles])
+    spec.add_mesh(
+        name=name,
+        uservert=np.array(geometry.vertices()).ravel().tolist(),
+        userface=corners.ravel().tolist(),
+        inertia=mj.mjtMeshInertia.mjMESH_INERTIA_SHELL,  # it need not be closed
+    )
+    return {"type": kinds.mjGEOM_MESH, "meshname": name}
 
 
 def write_robot(model: mujoco.MjModel, robot: Robot) -> None:

@@ -2,68 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
-
 import numpy as np
 
 from ..description.chain import configuration_from_angles
 from ..exceptions import DivergedError, InputError, did_you_mean
 from ..records import Measurement
-from ..robot.gravity import Compensation
+from ..robot.motors import Compensation
 from ..robot.robot import Robot
 from ..robot.succession import check_successor
 from ..tasks.frame import FrameTask
-from .mujoco_file import Mjcf
-from .mujoco_model import chain_of, fastest_decay, mujoco_module, write_place, write_robot
+from .mujoco_file import MujocoFile
+from .mujoco_model import chain_of, fastest_decay, mujoco_module, write_robot
 from .plant import LONGEST_STEP, SimulatedPlant
-
-
-def draw(spec: Any, bodies: Sequence[Any], robot: Robot) -> None:
-    """Hang a robot's visual geometry on the bodies (one a joint, the world first) of a model.
-
-    Nothing of it collides or weighs. Meshes go by their vertices, in whatever format their files
-    are; shapes that MuJoCo has not are left out.
-    """
-    if robot.visual is None:
-        return
-    for shape in robot.visual.geometryObjects:
-        form = _form(spec, str(shape.name), shape.geometry)
-        if form is None:
-            continue
-        geom = bodies[shape.parentJoint].add_geom(
-            name=str(shape.name), mass=0.0, contype=0, conaffinity=0, group=2, **form
-        )
-        geom.rgba = shape.meshColor
-        write_place(shape.placement, geom.pos, geom.quat)
-
-
-def _form(spec: Any, name: str, geometry: Any) -> dict[str, Any] | None:
-    """Return what MuJoCo calls a geometry, its mesh added to the model; None where it has none."""
-    import coal  # of Pinocchio's, needed by nothing else here
-
-    mj = mujoco_module()
-    kinds = mj.mjtGeom
-    if isinstance(geometry, coal.Box):
-        return {"type": kinds.mjGEOM_BOX, "size": list(geometry.halfSide)}
-    if isinstance(geometry, coal.Sphere):
-        return {"type": kinds.mjGEOM_SPHERE, "size": [geometry.radius, 0.0, 0.0]}
-    if isinstance(geometry, coal.Cylinder | coal.Capsule):
-        round_ends = isinstance(geometry, coal.Capsule)
-        kind = kinds.mjGEOM_CAPSULE if round_ends else kinds.mjGEOM_CYLINDER
-        return {"type": kind, "size": [geometry.radius, geometry.halfLength, 0.0]}
-    if not isinstance(geometry, coal.BVHModelBase) or geometry.num_tris < 4:
-        return None
-    triangles = (geometry.tri_indices(i) for i in range(geometry.num_tris))
-    corners = np.array([[t[0], t[1], t[2]] for t in triangles])
-    spec.add_mesh(
-        name=name,
-        uservert=np.array(geometry.vertices()).ravel().tolist(),
-        userface=corners.ravel().tolist(),
-        inertia=mj.mjtMeshInertia.mjMESH_INERTIA_SHELL,  # it need not be closed
-    )
-    return {"type": kinds.mjGEOM_MESH, "meshname": name}
-
 
 INTEGRATORS = {
     "runge-kutta": "mjINT_RK4",
@@ -79,8 +29,8 @@ class MujocoPlant(SimulatedPlant):
     Made from a robot alone it is that robot: its chain, inertias, rotor inertias, viscous friction,
     and the stops of its joint limits. Coulomb friction is MuJoCo's frictionloss, as soft as the
     smoothed sign of ``Friction``: it grows with the speed at the same slope, then is full. Made
-    with an ``Mjcf``, it is whatever that file says; the robot tells which joints, frame and task
-    are meant, and where they start.
+    with a ``MujocoFile``, it is whatever that file says; the robot tells which joints, frame and
+    task are meant, and where they start.
 
     q, v, x and xd are read from MuJoCo; torques go to ``qfrc_applied``, past any actuator.
 
@@ -93,7 +43,7 @@ class MujocoPlant(SimulatedPlant):
         self,
         robot: Robot,
         *,
-        mjcf: Mjcf | None = None,
+        mjcf: MujocoFile | None = None,
         torque_limits: np.ndarray | None = None,
         compensation: Compensation | None = None,
         substeps: int | None = None,
@@ -127,9 +77,7 @@ class MujocoPlant(SimulatedPlant):
                 where="integrator",
             )
         self._first, self.described = robot, mjcf is None
-        self._chain = (
-            chain_of(robot, draw if drawn else None) if mjcf is None else mjcf.match(robot)
-        )
+        self._chain = chain_of(robot, drawn=drawn) if mjcf is None else mjcf.match(robot)
         self.model = self._chain.model
         self.data = mj.MjData(self.model)
         joints = list(self._chain.joints)

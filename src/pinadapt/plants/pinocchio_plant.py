@@ -12,7 +12,7 @@ from .._checks import word
 from .._compiled import compile_all, compiled
 from ..exceptions import DivergedError
 from ..records import Measurement, named
-from ..robot.gravity import Compensation
+from ..robot.motors import Compensation
 from ..robot.robot import Robot
 from ..robot.succession import check_successor
 from .plant import SimulatedPlant

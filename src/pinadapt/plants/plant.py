@@ -13,7 +13,7 @@ from .._checks import instance, whole
 from .._kernels import watch as kernels
 from ..exceptions import InputError
 from ..records import Measurement
-from ..robot.gravity import Compensation, compensation_of
+from ..robot.motors import Compensation, compensation_of
 from ..robot.motors import torque_limits as limits_of
 from ..robot.robot import Robot
 

@@ -2,8 +2,8 @@
 
 from .changes import Friction as Friction
 from .changes import Payload as Payload
-from .gravity import Gravity as Gravity
 from .loading import load as load
+from .motors import Gravity as Gravity
 from .motors import torque_limits as torque_limits
 from .robot import Robot as Robot
 from .succession import Succession as Succession

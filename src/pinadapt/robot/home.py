@@ -1,10 +1,9 @@
-"""A starting configuration away from singularities, where none is given."""
+"""The home configuration: away from singularities, joint limits and the mounting plane."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 import pinocchio as pin
@@ -17,15 +16,15 @@ from ..description.chain import (
     reach,
 )
 from ..exceptions import RobotError
-from ..tasks.frame import FrameTask
-from ..tasks.registry import JOINT, task_named
-from ..tasks.task import Task
 
+_SAMPLES, _REFINEMENTS = 500, (0.2, 0.1, 0.05)
+_DIGITS = 4  # of a searched home [rad or m], so that it can be read and written
 _NEARLY = 0.6  # of the best smallest singular value
 _DEGENERATE = 1e-6  # smallest over largest singular value of the task Jacobian
 _OFF_LIMITS, _FAR_OFF = 0.05, 0.2  # parts of a joint's range
-_SAMPLES, _REFINEMENTS = 500, (0.2, 0.1, 0.05)
-_DIGITS = 4  # of a searched home [rad or m], so that it can be read and written
+_ROOM = 0.05  # of the reach, between the mounting plane and every joint
+_HEIGHT_SAMPLES = 10  # poses that show which heights change
+_STILL = 1e-6  # [m] by which a height that changes varies at least
 
 
 def conditioning(
@@ -110,12 +109,6 @@ def home_inside_limits(model: pin.Model, candidates: Iterable[np.ndarray]) -> np
     return configuration_from_angles(model, np.mean(position_bounds(model), axis=0))
 
 
-def _inner(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
-    """Return middle and half width (nv) of four fifths of the bounds."""
-    lower, upper = position_bounds(model)
-    return (lower + upper) / 2, 0.8 * (upper - lower) / 2
-
-
 def _samples(model: pin.Model, rng: np.random.Generator) -> np.ndarray:
     """Return seeded samples of the angles (., nv) inside four fifths of the bounds."""
     middle, half = _inner(model)
@@ -136,19 +129,18 @@ def _refined(
     return np.asarray(best)
 
 
+def _inner(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
+    """Return middle and half width (nv) of four fifths of the bounds."""
+    lower, upper = position_bounds(model)
+    return (lower + upper) / 2, 0.8 * (upper - lower) / 2
+
+
 def _margin(limits: tuple[np.ndarray, np.ndarray], angles: np.ndarray) -> float:
     """Return the distance to the nearest limit, in parts of that joint's range; inf for none."""
     lower, upper = limits
     limited = np.isfinite(lower)
     low, high, at = lower[limited], upper[limited], angles[limited]
     return float(np.min(np.minimum(at - low, high - at) / (high - low), initial=np.inf))
-
-
-_ROOM = 0.05  # of the reach, between the plane and every joint
-_HEIGHT_SAMPLES, _STILL = (
-    10,
-    1e-6,
-)  # poses that tell what moves up and down, and by how much [m] at least
 
 
 @dataclass(frozen=True)
@@ -214,108 +206,3 @@ def _level(model: pin.Model) -> float:
         if frame.type == pin.FrameType.JOINT and frame.parentJoint == 1:
             return float(model.frames[frame.parentFrame].placement.translation[2])
     return 0.0
-
-
-Made = TypeVar("Made")
-
-_LARGEST = "xyz"
-_PLANES = ("xy", "xz", "yz")
-_MOST_TRIED = 8  # ends of chains
-
-
-def choose_frames(model: pin.Model, ends: Sequence[str], task: str | None) -> list[str]:
-    """Return the task frames to be tried, the likeliest first: ends of chains, see ``end_links``.
-
-    For a task of the joints it is the model's last frame where no chain of two joints ends.
-
-    Raises:
-        RobotError: no end for a task of the frame.
-    """
-    if ends:
-        return list(ends[:_MOST_TRIED])
-    if task == JOINT:
-        return [str(model.frames[-1].name)]
-    raise RobotError(
-        "no link is moved by two independent joints or more.",
-        where=str(model.name),
-        hint='Name a frame, or take task = "joint".',
-    )
-
-
-def first_able(frames: Sequence[str], make: Callable[[str], Made]) -> Made:
-    """Return what is made of the first of the frames whose chain is able to do the task.
-
-    Raises:
-        RobotError: of the first frame, where none is able; any other one at once.
-    """
-    refused: list[RobotError] = []
-    for frame in frames:
-        try:
-            return make(frame)
-        except RobotError as error:
-            if error.where != "task":
-                raise
-            refused.append(error)
-    raise refused[0]
-
-
-def choose_task(
-    model: pin.Model,
-    frame: int,
-    task: str | None,
-    poses: Sequence[np.ndarray],
-    plane: MountingPlane | None,
-) -> tuple[Task, np.ndarray]:
-    """Return the task and a home pose (nq) for it.
-
-    Without a name the task is "xyz", or the best conditioned plane where the chain cannot do that.
-
-    Args:
-        model: of the chain.
-        frame: the task frame.
-        task: its name, or None.
-        poses: (nq) the description's own, taken as home if they suit.
-        plane: which the home pose stays off, or None.
-
-    Raises:
-        RobotError: unknown task, too few joints, or a degenerate task Jacobian.
-    """
-    if task is not None:
-        return _with_home(model, frame, task, poses, plane)
-    found, refused = [], None
-    for name in (_LARGEST, *_PLANES):
-        try:
-            found.append(_with_home(model, frame, name, poses, plane))
-        except RobotError as error:
-            refused = error
-        if name == _LARGEST and found:
-            return found[0]
-    if not found:
-        assert refused is not None  # one way or the other
-        raise refused
-    return max(found, key=lambda both: _conditioning(model, frame, *both))
-
-
-def _with_home(
-    model: pin.Model,
-    frame: int,
-    name: str,
-    poses: Sequence[np.ndarray],
-    plane: MountingPlane | None,
-) -> tuple[Task, np.ndarray]:
-    task = task_named(name, model)
-    if model.nv < task.size:
-        raise RobotError(
-            f"task '{name}' has {task.size} coordinates, the chain to "
-            f"'{model.frames[frame].name}' only {model.nv} joints.",
-            where="task",
-            hint="Take a frame further out, or a smaller task.",
-        )
-    if isinstance(task, FrameTask):
-        return task, find_home(model, frame, task.rows, poses, plane)
-    return task, home_inside_limits(model, poses)
-
-
-def _conditioning(model: pin.Model, frame: int, task: Task, home: np.ndarray) -> float:
-    assert isinstance(task, FrameTask)  # a plane
-    return conditioning(model, model.createData(), frame, task.rows, home)[1]

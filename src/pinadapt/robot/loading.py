@@ -1,13 +1,13 @@
-"""From any description to one chain with a task."""
+"""Loading: from any description of a robot to one chain with a task and a home pose."""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -27,107 +27,25 @@ from ..description.chain import (
 from ..description.description import Description, Source, describe
 from ..description.urdf import Origin
 from ..description.xacro import XacroArguments
-from ..description.xml_file import parse_xml
 from ..exceptions import RobotError
+from ..tasks.frame import FrameTask
+from ..tasks.registry import JOINT, task_named
+from ..tasks.task import Task
 from . import changes
 from .changes import Friction
-from .home import MountingPlane, choose_frames, choose_task, first_able
+from .home import MountingPlane, conditioning, find_home, home_inside_limits
 from .robot import Robot, Visual
 
-if TYPE_CHECKING:
-    from .robot import Robot
-
 _ENDS = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
+_MOST_TRIED = 8  # ends of chains that are tried as task frames
+_LARGEST, _PLANES = "xyz", ("xy", "xz", "yz")
+# Words in the name of a frame: of a tool or a foot, of a finger, of a sensor.
 _TOOLS = (
-    "tcp",
-    "tool",
-    "tip",
-    "ee",
-    "end",
-    "flange",
-    "foot",
-    "sole",
-    "toe",
-    "contact",
-    "grasp",
-    "pinch",
-    "attach",
-)  # of names that say "work here"
+    *("tcp", "tool", "tip", "ee", "end", "flange", "foot", "sole", "toe"),
+    *("contact", "grasp", "pinch", "attach"),
+)
 _FINGER = re.compile(r"finger|thumb|(^|[^a-z])jaw")
-_SENSOR = re.compile(
-    r"camera|optical|lidar|laser|sensor|acceler|(^|[^a-z])(imu|lens|range|gyro)"
-)  # in names of what lies further out, but is not what works
-
-
-def end_links(model: pin.Model, mimics: Collection[str] = ()) -> list[str]:
-    """Return the ends of chains that two or more joints can move, the likeliest task frame first.
-
-    An end is an outermost link or operational frame, or a palm: a link that carries several joints,
-    with fewer behind it than before it. Those named like a tool or a foot come first, fingers and
-    then sensors last, palms before the others; those with more joints before them lead, but of
-    fingers the one that moves least. What lies behind mimic joints or joints of several degrees of
-    freedom is left out; a floating base counts as welded.
-    """
-    parents = {frame.parentFrame for frame in model.frames}
-    carried = Counter(f.parentFrame for f in model.frames if f.type == pin.FrameType.JOINT)
-    before = cache(partial(_independent_joints, model, frozenset(mimics)))
-    depth = cache(partial(_joints_behind, model))
-    found = []
-    for index, frame in enumerate(model.frames):
-        if frame.type not in _ENDS:
-            continue
-        joint = int(frame.parentJoint)
-        palm = carried[index] >= 2 and depth(joint) < len(model.supports[joint]) - 1
-        if (palm or index not in parents) and before(joint) >= 2:
-            found.append((*_rank(str(frame.name), palm, before(joint)), index))
-    return [str(model.frames[index].name) for *_, index in sorted(found)]
-
-
-def _rank(name: str, palm: bool, joints: int) -> tuple[int, bool, int]:
-    """Return what sorts an end with this number of joints before it; the likeliest is least."""
-    name = name.lower()
-    tool = any(word.startswith(_TOOLS) for word in re.split(r"[^a-z0-9]+", name))
-    if _SENSOR.search(name):
-        return 3, not tool, -joints
-    if _FINGER.search(name) and not palm:
-        return 2, not tool, joints
-    return 0 if tool else 1, not palm, -joints
-
-
-def _joints_behind(model: pin.Model, joint: int) -> int:
-    """Return the length of the longest chain of joints behind a joint."""
-    before = len(model.supports[joint])
-    return max((len(model.supports[j]) for j in model.subtrees[joint]), default=before) - before
-
-
-def _independent_joints(model: pin.Model, mimics: Collection[str], joint: int) -> int:
-    """Return how many joints move what a joint carries, 0 where one of them is not supported."""
-    joints = [j for j in model.supports[joint] if j > 0 and not is_free_flyer(model.joints[j])]
-    try:
-        check_joints(model, joints)
-    except RobotError:
-        return 0
-    return 0 if any(str(model.names[joint]) in mimics for joint in joints) else len(joints)
-
-
-def described_effects(robot: Robot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return rotor inertias, viscous and Coulomb friction (nv) of a robot's description.
-
-    The rotor inertia is the model's, or that of the attribute ``armature`` of a URDF's <dynamics>,
-    which ``Robot.urdf`` writes.
-    """
-    model = robot.model
-    armature = np.array(model.armature, dtype=float)
-    if robot.origin is not None:
-        root = parse_xml(robot.origin.urdf.text, robot.name)
-        stated = {
-            joint.get("name", ""): float(dynamics.get("armature", "nan"))
-            for joint in root.findall("joint")
-            for dynamics in joint.findall("dynamics")
-        }
-        given = np.array([stated.get(name, np.nan) for name in robot.joint_names])
-        armature = np.where(np.isnan(given), armature, given)
-    return armature, np.array(model.damping), np.array(model.friction)
+_SENSOR = re.compile(r"camera|optical|lidar|laser|sensor|acceler|(^|[^a-z])(imu|lens|range|gyro)")
 
 
 @arithmetic("robot", RobotError)
@@ -191,8 +109,7 @@ def load(
     robot = first_able(frames, lambda name: _cut_out(found, name, ends, wanted))
     if not flag(joint_effects, "joint_effects"):
         return robot
-    armature, viscous, coulomb = described_effects(robot)
-    return robot.changed(armature=armature, viscous=viscous, coulomb=coulomb)
+    return _with_joint_effects(robot)
 
 
 @dataclass(frozen=True)
@@ -287,3 +204,171 @@ def _reference_poses(found: Description, model: pin.Model, keep: Sequence[int]) 
         found.q_reference[j.idx_q : j.idx_q + j.nq] for j in (found.model.joints[k] for k in keep)
     ]
     return [np.concatenate(parts), pin.neutral(model)]
+
+
+def _with_joint_effects(robot: Robot) -> Robot:
+    """Return a robot with the rotor inertias and the friction that its description states."""
+    model = robot.model
+    stated = {} if robot.origin is None else robot.origin.urdf.armatures()
+    armature = [
+        stated.get(name, float(rotor))
+        for name, rotor in zip(robot.joint_names, model.armature, strict=True)
+    ]
+    return robot.changed(
+        armature=armature, viscous=np.array(model.damping), coulomb=np.array(model.friction)
+    )
+
+
+# The choice of a frame
+
+
+def choose_frames(model: pin.Model, ends: Sequence[str], task: str | None) -> list[str]:
+    """Return the task frames to be tried, the likeliest first: ends of chains, see ``end_links``.
+
+    For a task of the joints it is the model's last frame where no chain of two joints ends.
+
+    Raises:
+        RobotError: no end for a task of the frame.
+    """
+    if ends:
+        return list(ends[:_MOST_TRIED])
+    if task == JOINT:
+        return [str(model.frames[-1].name)]
+    raise RobotError(
+        "no link is moved by two independent joints or more.",
+        where=str(model.name),
+        hint='Name a frame, or take task = "joint".',
+    )
+
+
+def first_able(frames: Sequence[str], make: Callable[[str], Robot]) -> Robot:
+    """Return what is made of the first of the frames whose chain is able to do the task.
+
+    Raises:
+        RobotError: of the first frame, where none is able; any other one at once.
+    """
+    refused: list[RobotError] = []
+    for frame in frames:
+        try:
+            return make(frame)
+        except RobotError as error:
+            if error.where != "task":
+                raise
+            refused.append(error)
+    raise refused[0]
+
+
+def end_links(model: pin.Model, mimics: Collection[str] = ()) -> list[str]:
+    """Return the ends of chains that two or more joints can move, the likeliest task frame first.
+
+    An end is an outermost link or operational frame, or a palm: a link that carries several joints,
+    with fewer behind it than before it. Those named like a tool or a foot come first, fingers and
+    then sensors last, palms before the others; those with more joints before them lead, but of
+    fingers the one that moves least. What lies behind mimic joints or joints of several degrees of
+    freedom is left out; a floating base counts as welded.
+    """
+    parents = {frame.parentFrame for frame in model.frames}
+    carried = Counter(f.parentFrame for f in model.frames if f.type == pin.FrameType.JOINT)
+    before = cache(partial(_independent_joints, model, frozenset(mimics)))
+    depth = cache(partial(_joints_behind, model))
+    found = []
+    for index, frame in enumerate(model.frames):
+        if frame.type not in _ENDS:
+            continue
+        joint = int(frame.parentJoint)
+        palm = carried[index] >= 2 and depth(joint) < len(model.supports[joint]) - 1
+        if (palm or index not in parents) and before(joint) >= 2:
+            found.append((*_rank(str(frame.name), palm, before(joint)), index))
+    return [str(model.frames[index].name) for *_, index in sorted(found)]
+
+
+def _rank(name: str, palm: bool, joints: int) -> tuple[int, bool, int]:
+    """Return what sorts an end with this number of joints before it; the likeliest is least."""
+    name = name.lower()
+    tool = any(word.startswith(_TOOLS) for word in re.split(r"[^a-z0-9]+", name))
+    if _SENSOR.search(name):
+        return 3, not tool, -joints
+    if _FINGER.search(name) and not palm:
+        return 2, not tool, joints
+    return 0 if tool else 1, not palm, -joints
+
+
+def _joints_behind(model: pin.Model, joint: int) -> int:
+    """Return the length of the longest chain of joints behind a joint."""
+    before = len(model.supports[joint])
+    return max((len(model.supports[j]) for j in model.subtrees[joint]), default=before) - before
+
+
+def _independent_joints(model: pin.Model, mimics: Collection[str], joint: int) -> int:
+    """Return how many joints move what a joint carries, 0 where one of them is not supported."""
+    joints = [j for j in model.supports[joint] if j > 0 and not is_free_flyer(model.joints[j])]
+    try:
+        check_joints(model, joints)
+    except RobotError:
+        return 0
+    return 0 if any(str(model.names[joint]) in mimics for joint in joints) else len(joints)
+
+
+# The choice of a task
+
+
+def choose_task(
+    model: pin.Model,
+    frame: int,
+    task: str | None,
+    poses: Sequence[np.ndarray],
+    plane: MountingPlane | None,
+) -> tuple[Task, np.ndarray]:
+    """Return the task and a home pose (nq) for it.
+
+    Without a name the task is "xyz", or the best conditioned plane where the chain cannot do that.
+
+    Args:
+        model: of the chain.
+        frame: the task frame.
+        task: its name, or None.
+        poses: (nq) the description's own, taken as home if they suit.
+        plane: which the home pose stays off, or None.
+
+    Raises:
+        RobotError: unknown task, too few joints, or a degenerate task Jacobian.
+    """
+    if task is not None:
+        return _with_home(model, frame, task, poses, plane)
+    found, refused = [], None
+    for name in (_LARGEST, *_PLANES):
+        try:
+            found.append(_with_home(model, frame, name, poses, plane))
+        except RobotError as error:
+            refused = error
+        if name == _LARGEST and found:
+            return found[0]
+    if not found:
+        assert refused is not None  # one way or the other
+        raise refused
+    return max(found, key=lambda both: _conditioning(model, frame, *both))
+
+
+def _with_home(
+    model: pin.Model,
+    frame: int,
+    name: str,
+    poses: Sequence[np.ndarray],
+    plane: MountingPlane | None,
+) -> tuple[Task, np.ndarray]:
+    task = task_named(name, model)
+    if model.nv < task.size:
+        raise RobotError(
+            f"task '{name}' has {task.size} coordinates, the chain to "
+            f"'{model.frames[frame].name}' only {model.nv} joints.",
+            where="task",
+            hint="Take a frame further out, or a smaller task.",
+        )
+    if isinstance(task, FrameTask):
+        return task, find_home(model, frame, task.rows, poses, plane)
+    return task, home_inside_limits(model, poses)
+
+
+def _conditioning(model: pin.Model, frame: int, task: Task, home: np.ndarray) -> float:
+    assert isinstance(task, FrameTask)  # a plane
+    return conditioning(model, model.createData(), frame, task.rows, home)[1]

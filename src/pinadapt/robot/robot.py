@@ -28,7 +28,7 @@ from ..description.chain import (
     warn_beyond_limits,
 )
 from ..description.urdf import Origin
-from ..description.urdf_writer import urdf_text
+from ..description.urdf_writer import WrittenChain, urdf_text
 from ..exceptions import RobotError
 from ..tasks.frame import FrameTask
 from ..tasks.task import Task
@@ -39,72 +39,6 @@ from .home import MountingPlane
 _HEADER = ("joint", "home", "lower", "upper", "speed", "effort", "units")
 _UNITS = ("rad, rad/s, N m", "m, m/s, N")
 _SHOWN = 6  # names of other ends
-
-
-def robot_sheet(robot: Robot) -> Sheet:
-    """Return what a robot is, and its joints with home and limits; a dash where there is none."""
-    words = [
-        ("frame", robot.frame + (", its floating base welded" if robot.welded else "")),
-        ("task", robot.task.name),
-        ("moving mass", f"{robot.mass:.4g} kg"),
-        ("reach", f"{robot.reach:.4g} m"),
-    ]
-    if robot.ends:
-        words.append(("other ends", names_shown(robot.ends)))
-    if robot.locked:
-        words.append(("locked joints", names_shown(robot.locked)))
-    joints = Table(_joint_rows(robot), _HEADER)
-    return Sheet(f"{robot.name}, {robot.model.nv} joints", [Table(words), joints])
-
-
-def names_shown(names: tuple[str, ...], shown: int = _SHOWN) -> str:
-    """Return the first names, and how many more there are."""
-    more = f" and {len(names) - shown} more" if len(names) > shown else ""
-    return ", ".join(names[:shown]) + more
-
-
-def _joint_rows(robot: Robot) -> list[tuple[str, ...]]:
-    model = robot.model
-    lower, upper = position_limits(model)
-    columns = (robot.home_angles, lower, upper, velocity_limits(model), effort_limits(robot.model))
-    numbers = np.column_stack(columns)
-    return [
-        (name, *map(_shown, row), _UNITS[is_slide(joint)])
-        for name, row, joint in zip(robot.joint_names, numbers, model.joints[1:], strict=True)
-    ]
-
-
-def _shown(value: float) -> str:
-    return f"{value:.4g}" if np.isfinite(value) else "-"
-
-
-@dataclass(frozen=True, eq=False)
-class Visual:
-    """The visual geometry of a chain, read from its meshes when it is first drawn.
-
-    Attributes:
-        read: returns the geometry of the whole robot, or None.
-        whole: model of the whole robot.
-        keep: indices of the chain's joints in it.
-        q_reference: (nq) where the other joints are locked.
-    """
-
-    read: Callable[[], pin.GeometryModel | None]
-    whole: pin.Model
-    keep: tuple[int, ...]
-    q_reference: np.ndarray
-
-    @cached_property
-    def geometry(self) -> pin.GeometryModel | None:
-        """The geometry of the chain, or None where there is none."""
-        visual = self.read()
-        if visual is None:
-            return None
-        return reduce_visual(self.whole, visual, self.keep, self.q_reference)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Copy without the meshes, which are read again where they are needed."""
-        return type(self), (self.read, self.whole, self.keep, self.q_reference)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -291,7 +225,15 @@ class Robot:
         Raises:
             RobotError: a changed body that no distribution of mass has, or a source that is gone.
         """
-        return urdf_text(self, shapes=flag(shapes, "shapes"))
+        chain = WrittenChain(
+            self.name,
+            self.model,
+            self.frame,
+            self.friction.viscous,
+            self.friction.coulomb,
+            self.origin,
+        )
+        return urdf_text(chain, shapes=flag(shapes, "shapes"))
 
     def save(self, path: Path | str, *, shapes: bool = True) -> None:
         """Write ``urdf`` to a file, whole or not at all; its folder is made if it is missing.
@@ -320,3 +262,69 @@ class Robot:
         if (numbers < 0.0).any():
             raise RobotError(f"must not be negative, got {numbers.tolist()}.", where=where)
         return numbers
+
+
+@dataclass(frozen=True, eq=False)
+class Visual:
+    """The visual geometry of a chain, read from its meshes when it is first drawn.
+
+    Attributes:
+        read: returns the geometry of the whole robot, or None.
+        whole: model of the whole robot.
+        keep: indices of the chain's joints in it.
+        q_reference: (nq) where the other joints are locked.
+    """
+
+    read: Callable[[], pin.GeometryModel | None]
+    whole: pin.Model
+    keep: tuple[int, ...]
+    q_reference: np.ndarray
+
+    @cached_property
+    def geometry(self) -> pin.GeometryModel | None:
+        """The geometry of the chain, or None where there is none."""
+        visual = self.read()
+        if visual is None:
+            return None
+        return reduce_visual(self.whole, visual, self.keep, self.q_reference)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copy without the meshes, which are read again where they are needed."""
+        return type(self), (self.read, self.whole, self.keep, self.q_reference)
+
+
+def robot_sheet(robot: Robot) -> Sheet:
+    """Return what a robot is, and its joints with home and limits; a dash where there is none."""
+    words = [
+        ("frame", robot.frame + (", its floating base welded" if robot.welded else "")),
+        ("task", robot.task.name),
+        ("moving mass", f"{robot.mass:.4g} kg"),
+        ("reach", f"{robot.reach:.4g} m"),
+    ]
+    if robot.ends:
+        words.append(("other ends", names_shown(robot.ends)))
+    if robot.locked:
+        words.append(("locked joints", names_shown(robot.locked)))
+    joints = Table(_joint_rows(robot), _HEADER)
+    return Sheet(f"{robot.name}, {robot.model.nv} joints", [Table(words), joints])
+
+
+def names_shown(names: tuple[str, ...], shown: int = _SHOWN) -> str:
+    """Return the first names, and how many more there are."""
+    more = f" and {len(names) - shown} more" if len(names) > shown else ""
+    return ", ".join(names[:shown]) + more
+
+
+def _joint_rows(robot: Robot) -> list[tuple[str, ...]]:
+    model = robot.model
+    lower, upper = position_limits(model)
+    columns = (robot.home_angles, lower, upper, velocity_limits(model), effort_limits(robot.model))
+    numbers = np.column_stack(columns)
+    return [
+        (name, *map(_shown, row), _UNITS[is_slide(joint)])
+        for name, row, joint in zip(robot.joint_names, numbers, model.joints[1:], strict=True)
+    ]
+
+
+def _shown(value: float) -> str:
+    return f"{value:.4g}" if np.isfinite(value) else "-"

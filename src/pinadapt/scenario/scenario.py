@@ -15,11 +15,10 @@ from ..description.urdf import is_path
 from ..exceptions import ScenarioError
 from ..models.basis import read_matrix
 from ..plants.elastic_plant import JointElasticity
-from ..plants.mujoco_file import Mjcf
+from ..plants.mujoco_file import MujocoFile
 from ..robot.changes import Payload
-from ..robot.gravity import compensation_of
 from ..robot.loading import load
-from ..robot.motors import torque_limits
+from ..robot.motors import compensation_of, torque_limits
 from ..robot.robot import Robot
 from ..rollout.rollout import Rollout
 from ..simulation.loop import Events
@@ -55,7 +54,7 @@ class Scenario:
     trajectory: Trajectory
     changes: Mapping[float, Robot]
     beliefs: Mapping[float, Mapping[str, Any]]
-    engine: str | Mjcf | JointElasticity = "pinocchio"
+    engine: str | MujocoFile | JointElasticity = "pinocchio"
     start: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -109,7 +108,7 @@ class Scenario:
             InputError: initial estimates or a motion of the wrong size, estimates outside the cone,
                 or an engine that is not installed or whose model does not match the robot.
         """
-        if isinstance(self.engine, Mjcf) and self.tables.truth != TruthSection():
+        if isinstance(self.engine, MujocoFile) and self.tables.truth != TruthSection():
             raise ScenarioError(
                 "the model file of simulation.engine says what the real robot is.",
                 where="truth",
@@ -207,7 +206,7 @@ def _noise(simulation: SimulationSection) -> dict[str, Any] | None:
     return noise if any(noise.values()) else None
 
 
-def _engine(simulation: SimulationSection, folder: Path) -> str | Mjcf | JointElasticity:
+def _engine(simulation: SimulationSection, folder: Path) -> str | MujocoFile | JointElasticity:
     """Return the engine's name, or the model file or the springs in its place.
 
     Raises:
@@ -222,7 +221,7 @@ def _engine(simulation: SimulationSection, folder: Path) -> str | Mjcf | JointEl
     if isinstance(simulation.engine, str):
         return simulation.engine
     named = simulation.engine.model_dump(exclude={"mjcf"})
-    return Mjcf(folder / simulation.engine.mjcf, **named)
+    return MujocoFile(folder / simulation.engine.mjcf, **named)
 
 
 def _camera(simulation: SimulationSection) -> dict[str, float | None] | None:

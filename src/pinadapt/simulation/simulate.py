@@ -20,7 +20,7 @@ from .._checks import instance
 from ..controller.controller import Controller
 from ..controller.state import Sample
 from ..exceptions import InputError, Interrupted, did_you_mean
-from ..plants.mujoco_file import Mjcf
+from ..plants.mujoco_file import MujocoFile
 from ..plants.mujoco_plant import MujocoPlant
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..plants.plant import Engine, SimulatedPlant
@@ -107,19 +107,19 @@ def _on_terminal() -> bool:
 ENGINES: dict[str, Engine] = {"pinocchio": PinocchioPlant, "mujoco": MujocoPlant}
 
 
-def engine_of(engine: str | Mjcf | Engine) -> Engine:
+def engine_of(engine: str | MujocoFile | Engine) -> Engine:
     """Return what makes plants: a named engine's, MuJoCo's for a model file, or one as it is.
 
     Raises:
         InputError: no engine has that name, or it is none of these.
     """
-    if isinstance(engine, Mjcf):
+    if isinstance(engine, MujocoFile):
         return partial(MujocoPlant, mjcf=engine)
     if callable(engine):
         return engine
     if not isinstance(engine, str) or engine not in ENGINES:
         raise InputError(
-            f"must be one of {list(ENGINES)}, a Mjcf, or what makes a plant, got {engine!r}."
+            f"must be one of {list(ENGINES)}, a MujocoFile, or what makes a plant, got {engine!r}."
             f"{did_you_mean(str(engine), ENGINES)}",
             where="engine",
         )
@@ -134,7 +134,7 @@ def simulate(
     duration: float = 10.0,
     dt: float = 1e-3,
     mode: str = "sampled",
-    engine: str | Mjcf | Engine = "pinocchio",
+    engine: str | MujocoFile | Engine = "pinocchio",
     substeps: int | None = None,
     record_every: int = 1,
     acceleration: str = "filtered",
@@ -164,8 +164,8 @@ def simulate(
         duration: s.
         dt: controller period, or integration step in continuous mode [s].
         mode: "sampled" (torque held for dt) or "continuous" (one ODE, Runge-Kutta 4).
-        engine: what simulates: "pinocchio", "mujoco", a ``Mjcf``, which MuJoCo simulates in place
-            of the true robot, or what makes a ``SimulatedPlant``, such as a class of them.
+        engine: what simulates: "pinocchio", "mujoco", a ``MujocoFile``, which MuJoCo simulates in
+            place of the true robot, or what makes a ``SimulatedPlant``, such as a class of them.
         substeps: integration steps a period, sampled mode; None: as many as the plant needs.
         record_every: keep one sample of so many; the loop itself runs at every one.
         acceleration: "filtered", or "ideal": the plant's own, for checking theory.

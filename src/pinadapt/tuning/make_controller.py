@@ -27,7 +27,7 @@ from ..models.late_frames import Carrier
 from ..models.typical_motion import TypicalMotion
 from ..records import Measurement
 from ..robot.changes import Payload
-from ..robot.gravity import Compensation, compensation_of
+from ..robot.motors import Compensation, compensation_of
 from ..robot.robot import Robot
 from ..sensing import Camera, SensorQuality
 from ..tasks.joint import JointTask
