@@ -12,6 +12,10 @@ $(VENV)/installed: pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit("pinadapt needs Python >= 3.10; try make PYTHON=python3.12") if sys.version_info < (3, 10) else None'
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
+	$(BIN)/python -m pip install --quiet -e .
+	touch $@
+
+$(VENV)/dev: $(VENV)/installed
 	$(BIN)/python -m pip install --quiet -e '.[dev]'
 	touch $@
 
@@ -27,7 +31,7 @@ $(VENV)/notebooks: $(VENV)/installed
 notebook: $(VENV)/notebooks
 	$(BIN)/jupyter-lab --notebook-dir notebooks
 
-strip: $(VENV)/installed
+strip: $(VENV)/dev
 	$(STRIP) notebooks/*.ipynb
 
 check: lint
@@ -36,18 +40,18 @@ check: lint
 test: lint
 	$(BIN)/python -m pytest -n 2
 
-lint: $(VENV)/installed
+lint: $(VENV)/dev
 	$(BIN)/ruff format --check src tests benchmarks notebooks docs
 	$(BIN)/ruff check src tests benchmarks notebooks docs
 	$(BIN)/mypy
 	$(STRIP) --verify notebooks/*.ipynb
 
-bench: $(VENV)/installed
+bench: $(VENV)/dev
 	$(BIN)/python -m benchmarks.control_step
 	$(BIN)/python -m benchmarks.simulated_sample
 	$(BIN)/python -m benchmarks.growth
 
-$(VENV)/docs: $(VENV)/installed
+$(VENV)/docs: $(VENV)/dev
 	$(BIN)/python -m pip install --quiet -e '.[docs]'
 	touch $@
 
@@ -55,7 +59,7 @@ docs: $(VENV)/docs
 	$(BIN)/python docs/gallery.py
 	$(BIN)/sphinx-build -W --keep-going --fresh-env docs build/site
 
-picture: $(VENV)/installed
+picture: $(VENV)/dev
 	$(BIN)/python docs/moving_picture.py
 
 clean:

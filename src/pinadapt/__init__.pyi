@@ -112,7 +112,6 @@ from .plants import Plant as Plant
 from .plants import Sensors as Sensors
 from .records import Desired as Desired
 from .records import Measurement as Measurement
-from .reference import Reference as Reference
 from .robot import Friction as Friction
 from .robot import Gravity as Gravity
 from .robot import Payload as Payload

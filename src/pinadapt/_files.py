@@ -1,28 +1,57 @@
-"""Files that are whole or not there at all, and folders that hold those of one run only."""
+"""Reading TOML, and writing files completely or not at all."""
 
 from __future__ import annotations
 
 import os
 import shutil
+import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
-from .exceptions import InputError
+from .exceptions import InputError, ScenarioError
 
-UNFINISHED = ".unfinished-"  # begins the name of a folder in which outputs are being written
-_FORGOTTEN = 3600.0  # [s] after which such a folder is that of a process that was killed
-_PROBE = bytes(4096)
+if sys.version_info >= (3, 11):
+    import tomllib as toml
+else:
+    import tomli as toml
+
+UNFINISHED = ".unfinished-"  # prefix of files and folders that are being written
+_ABANDONED = 3600.0  # [s]; an older one was left by a process that was killed
+_PROBE = bytes(4096)  # written as a test
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Return the contents of a TOML file.
+
+    Raises:
+        ScenarioError: there is no such file, or it is not TOML; the message has line and column.
+    """
+    if not path.is_file():
+        raise ScenarioError("no such file.", where=str(path))
+    try:
+        return toml.loads(
+            path.read_text(encoding="utf-8-sig")
+        )  # some editors write a byte order mark
+    except UnicodeDecodeError as error:
+        raise ScenarioError(
+            f"not valid TOML: {error}", where=str(path), hint="Save the file as UTF-8."
+        ) from error
+    except ValueError as error:  # a TOML error, or an integer with too many digits
+        raise ScenarioError(f"not valid TOML: {error}", where=str(path)) from error
+    except RecursionError as error:
+        raise ScenarioError("not valid TOML: nested too deeply.", where=str(path)) from error
 
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[BinaryIO]:
-    """Open a file beside ``path``, in a folder made if missing; it is moved there once it is whole.
+    """Open a temporary file beside ``path`` and rename it to ``path`` once it is complete.
 
-    Where the writing fails nothing is left of it, and what stood at ``path`` stays.
+    Missing folders are created. If writing fails, the temporary file is removed and an existing
+    file at ``path`` stays unchanged.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     beside = path.with_name(f"{UNFINISHED}{os.getpid()}-{path.name}")
@@ -36,19 +65,19 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a whole file in UTF-8; half surrogates, which UTF-8 has not, become question marks."""
+    """Write a file in UTF-8, completely or not at all; lone surrogates become question marks."""
     with whole_file(path) as file:
         file.write(text.encode("utf-8", errors="replace"))
 
 
 @contextmanager
 def one_run(folder: Path, names: Sequence[str]) -> Iterator[Path]:
-    """Yield a new folder inside of ``folder``; what it holds then takes the place of ``names``.
+    """Yield a temporary folder whose files finally replace the files ``names`` of ``folder``.
 
-    All files of these names in ``folder`` go before the first new one comes, so that those of two
-    runs never stand beside each other, even if the process is killed in between. The last name goes
-    first and comes last: where it is, all are. What was written whole is moved also where the
-    writing fails; where nothing was, the old files stay.
+    All old files are removed before the first new one is moved in, so files of two runs are never
+    mixed, even if the process is killed. The last name is removed first and moved last: if it
+    exists, all of them do. Complete files are moved even if writing fails later; if there is none,
+    the old files stay.
     """
     folder.mkdir(parents=True, exist_ok=True)
     beside = Path(tempfile.mkdtemp(prefix=UNFINISHED, dir=folder))
@@ -65,10 +94,10 @@ def one_run(folder: Path, names: Sequence[str]) -> Iterator[Path]:
 
 
 def check_writable(folder: Path, names: Sequence[str] = ()) -> None:
-    """See whether files can be written into a folder, which may be missing.
+    """Check that files can be written into a folder, which need not exist.
 
     Raises:
-        InputError: they cannot, or one of ``names`` is taken by a folder.
+        InputError: they cannot be written, or one of ``names`` is a folder.
     """
     missing = not folder.is_dir()
     try:
@@ -81,17 +110,19 @@ def check_writable(folder: Path, names: Sequence[str] = ()) -> None:
     except OSError as error:
         reason = error.strerror or str(error)
         raise InputError(
-            f"cannot be written: {reason}.", where=str(folder), hint="--out takes another place."
+            f"cannot be written: {reason}.",
+            where=str(folder),
+            hint="Choose another folder by --out.",
         ) from error
     if taken:
         raise InputError(
-            "is a folder; a file of this name is to be written.", where=str(folder / taken[0])
+            "is a folder, but a file of this name has to be written.", where=str(folder / taken[0])
         )
 
 
 def _tidy(folder: Path) -> None:
-    """Remove what killed processes have left in a folder."""
+    """Remove what killed processes left in a folder."""
     for left in folder.glob(f"{UNFINISHED}*"):
         with suppress(OSError):
-            if time.time() - left.stat().st_mtime > _FORGOTTEN:
+            if time.time() - left.stat().st_mtime > _ABANDONED:
                 shutil.rmtree(left) if left.is_dir() else left.unlink()

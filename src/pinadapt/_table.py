@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 
 class Table(NamedTuple):
-    """Rows of words; with a header the columns between first and last are numbers, flush right.
+    """A table of texts; with a header, columns between the first and the last are right-aligned.
 
     Attributes:
-        rows: one text a cell.
-        header: one word a column, or empty for none.
+        rows: the cells of each row.
+        header: a title for each column; empty: no header.
     """
 
     rows: Sequence[Sequence[str]]
@@ -25,7 +25,7 @@ class Table(NamedTuple):
         return columns(self.header, self.rows)
 
     def html(self) -> str:
-        """Return the table as HTML, everything in it escaped."""
+        """Return the table as HTML; every cell is escaped."""
         kinds = _sides(self.header or ("", ""))
         head = [_html_row("th", self.header, kinds)] if self.header else []
         rows = [_html_row("td", row, kinds) for row in self.rows]
@@ -33,12 +33,12 @@ class Table(NamedTuple):
 
 
 class Sheet(NamedTuple):
-    """Tables under one title.
+    """Tables below a common title.
 
     Attributes:
         title: one line.
-        tables: from the top.
-        note: a line below them, or none.
+        tables: from top to bottom.
+        note: a line below the tables; empty: no note.
     """
 
     title: str
@@ -52,19 +52,19 @@ class Sheet(NamedTuple):
         return "\n\n".join([head, *others, *filter(None, [self.note])])
 
     def html(self) -> str:
-        """Return the sheet as HTML without scripts, styles or anything to be fetched."""
+        """Return the sheet as HTML, without scripts, style sheets or external resources."""
         tables = "".join(table.html() for table in self.tables)
         note = f"<div>{escape(self.note)}</div>" if self.note else ""
         return f"<div><strong>{escape(self.title)}</strong>{tables}{note}</div>"
 
 
 def columns(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table: first and last column flush left, for words, the others flush right."""
+    """Return a table as text: first and last column left-aligned, the others right-aligned."""
     return _drawn([header, *rows], _sides(header), header=True)
 
 
 def _sides(header: Sequence[str]) -> str:
-    """Return an l or r for each column."""
+    """Return the alignment of each column: l or r."""
     return f"l{'r' * (len(header) - 2)}l"
 
 
@@ -78,8 +78,8 @@ def _html_row(kind: str, cells: Sequence[str], sides: str) -> str:
 
 
 def _drawn(rows: Sequence[Sequence[str]], sides: str, *, header: bool) -> str:
-    """Return rows without borders; ``sides`` has an l or r a column."""
-    from texttable import Texttable  # here, because the library is imported without it
+    """Return rows as text without borders; ``sides`` has an l or r for each column."""
+    from texttable import Texttable  # here, because `import pinadapt` does not need it
 
     table = Texttable(max_width=0)
     table.set_deco(Texttable.HEADER).set_chars(["-", "|", "+", "-"])
@@ -89,5 +89,5 @@ def _drawn(rows: Sequence[Sequence[str]], sides: str, *, header: bool) -> str:
 
 
 def number(value: float | None, unit: str = "", *, scale: float = 1.0, digits: int = 3) -> str:
-    """Return a scaled number with its unit, or a dash for none."""
+    """Return ``value * scale`` with its unit, or a dash for None."""
     return "-" if value is None else f"{value * scale:.{digits}f} {unit}".rstrip()

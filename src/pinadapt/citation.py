@@ -1,23 +1,87 @@
-"""What to cite for a controller."""
+"""What to cite for a controller, from the BibTeX file ``references.bib``."""
 
 from __future__ import annotations
 
+import re
+from functools import cache
+from importlib.resources import files
+from inspect import cleandoc
+
 from ._checks import instance
-from .bibliography import PINADAPT, PINOCCHIO
 from .controller.controller import Controller
+from .exceptions import InputError, did_you_mean
+
+SOFTWARE = ("Carpentier2019", "pinadapt")  # keys of Pinocchio and of this library
+
+_HEAD = re.compile(r"^[ \t]*@\w+\s*(\{)\s*([^\s,{}]+)\s*,", re.MULTILINE)
 
 
 def citation(controller: Controller) -> str:
     """Return the BibTeX entries of what a controller uses, each once.
 
-    In this order: the sources of its law, of both adaptations with what is wrapped around them, of
-    Pinocchio, and of this library. A law or an adaptation of your own names its sources as
-    ``sources``, a tuple of ``Reference``.
+    The order is: sources of the law, sources of both adaptations with their wrappers, Pinocchio,
+    this library. ``Law.sources`` and ``Adaptation.sources`` are tuples of keys of
+    ``references.bib``; a law or an adaptation of your own may also give a whole BibTeX entry
+    (``"@article{Me2026, ...}"``).
 
     Raises:
-        InputError: what is given is no controller.
+        InputError: the argument is not a controller, or a source is neither a known key nor a
+            BibTeX entry.
     """
     instance(controller, Controller, "citation")
     adaptations = controller.adaptation_d.references() + controller.adaptation_k.references()
-    used = (*controller.law.sources, *adaptations, PINOCCHIO, PINADAPT)
-    return "\n".join(entry.bibtex() for entry in {entry.key: entry for entry in used}.values())
+    entries: dict[str, str] = {}
+    for source in (*controller.law.sources, *adaptations, *SOFTWARE):
+        entries |= _entries_of(source)
+    return "\n".join(entries.values())
+
+
+@cache
+def references() -> dict[str, str]:
+    """Return all entries of ``references.bib`` by key."""
+    return parse_bibtex((files(__package__) / "references.bib").read_text(encoding="utf-8"))
+
+
+def parse_bibtex(text: str) -> dict[str, str]:
+    """Return the entries of a BibTeX text by key, each as it is written and with a newline.
+
+    An entry starts a line with ``@kind{key,`` and ends at the matching brace. As in BibTeX, all
+    text between entries is a comment.
+
+    Raises:
+        InputError: an entry without its closing brace, or a key that is used twice.
+    """
+    entries: dict[str, str] = {}
+    position = 0
+    while head := _HEAD.search(text, position):
+        key, position = head[2], _closing_brace(text, head.start(1)) + 1
+        if position == 0:
+            raise InputError(f"the entry '{key}' has no closing brace.", where="BibTeX")
+        if key in entries:
+            raise InputError(f"two entries have the key '{key}'.", where="BibTeX")
+        entries[key] = f"{text[head.start() : position].strip()}\n"
+    return entries
+
+
+def _entries_of(source: str) -> dict[str, str]:
+    """Return the entry that a key refers to, or the entries of a BibTeX text."""
+    if source in references():
+        return {source: references()[source]}
+    entries = parse_bibtex(cleandoc(source))
+    if not entries:
+        raise InputError(
+            f"there is no entry '{source}' in references.bib.{did_you_mean(source, references())}",
+            where="sources",
+            hint='Give the BibTeX entry itself: sources = ("@article{key, ...}",).',
+        )
+    return entries
+
+
+def _closing_brace(text: str, opening: int) -> int:
+    """Return the index of the brace that closes the one at ``opening``, or -1."""
+    depth = 0
+    for brace in re.compile(r"[{}]").finditer(text, opening):
+        depth += 1 if brace[0] == "{" else -1
+        if depth == 0:
+            return brace.start()
+    return -1

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt._toml import read_toml
+from pinadapt._files import read_toml
 from pinadapt.cli.main import main
 from pinadapt.description.xacro import Packages
 from pinadapt.scenario.scenario import Scenario

@@ -1,11 +1,14 @@
-"""Every controller knows what to cite: entries are complete, and each once."""
+"""What a controller says to cite: complete BibTeX entries, each once."""
 
+import ast
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import pinadapt as pa
+from pinadapt.citation import SOFTWARE, parse_bibtex, references
 from pinadapt.cli.main import main
 from pinadapt.description.catalogue import robots_folder
 
@@ -39,7 +42,7 @@ def controller(law, **options):
 @pytest.mark.parametrize("law", pa.LAWS)
 def test_the_entries_of_a_law_are_complete_and_of_its_docstring(law):
     cited = entries(pa.citation(controller(law)))
-    sources = [source.key for source in pa.LAWS[law].sources]
+    sources = list(pa.LAWS[law].sources)
     assert sources and list(cited)[: len(sources)] == sources
     assert list(cited)[-2:] == ["Carpentier2019", "pinadapt"]
     for kind, fields in cited.values():
@@ -68,20 +71,73 @@ def test_what_is_wrapped_around_an_adaptation_is_cited_with_it():
     assert "IoannouSun1996" not in pa.citation(controller("separation", kinematic_box=False))
 
 
-def test_own_sources_are_cited():
-    thesis = pa.Reference(
-        "Me2026",
-        {"author": "Me, My", "title": "RLS for SCARA robots", "school": "Mine", "year": "2026"},
-        "phdthesis",
+class Own(pa.Gradient):
+    """An adaptation with a source of its own, and one of the library."""
+
+    sources = (
+        """
+        @phdthesis{Me2026,
+          author = {Me, My},
+          title  = {{RLS} for {SCARA} robots},
+          school = {Mine},
+          year   = {2026},
+        }
+        """,
+        "IoannouSun1996",
     )
 
-    class Own(pa.Gradient):
-        sources = (thesis,)
 
-    robot = pa.load("ur5")
-    own = pa.make_controller(robot, adaptation=Own(1e-3, 60), joint="none")
-    kind, fields = entries(pa.citation(own))["Me2026"]
+def test_own_entries_are_cited_as_they_are_written():
+    own = controller("separation", adaptation=Own(1e-3, 60), joint="none")
+    found = entries(pa.citation(own))
+    kind, fields = found["Me2026"]
     assert kind == "phdthesis" and fields["title"] == "{RLS} for {SCARA} robots"
+    assert list(found).index("IoannouSun1996") == list(found).index("Me2026") + 1
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        ("IoannouSun1995", r"no entry 'IoannouSun1995' in references.bib. Did you mean 'Ioan"),
+        ("@book{Me2026, title = {Mine}", "'Me2026' has no closing brace"),
+        ("@book{Me2026, title = {Mine}}\n@book{Me2026, title = {Mine}}", "two entries have"),
+    ],
+)
+def test_sources_that_cannot_be_cited_are_refused(source, words):
+    own = Own(1e-3, 60)
+    own.sources = (source,)
+    with pytest.raises(pa.InputError, match=words):
+        pa.citation(controller("separation", adaptation=own, joint="none"))
+
+
+def sources_in_code():
+    """Yield the strings that the package assigns to ``sources``, of classes and of objects."""
+    for path in Path(pa.__file__).parent.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Assign | ast.AnnAssign):
+                targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+                if any(re.search(r"\bsources$", ast.unparse(target)) for target in targets):
+                    constants = (c for c in ast.walk(node.value) if isinstance(c, ast.Constant))
+                    yield from (constant.value for constant in constants)
+
+
+def test_every_source_is_an_entry_and_every_entry_is_a_source():
+    assert {*sources_in_code(), *SOFTWARE} == set(references())
+
+
+def test_the_file_is_plain_bibtex():
+    """Each entry is complete by a second reader, and nothing but comments stands between them."""
+    text = (Path(pa.__file__).parent / "references.bib").read_text(encoding="utf-8")
+    read = entries(text[text.index("\n@") + 1 :])
+    assert list(read) == list(references())
+    assert all(set(fields) >= REQUIRED[kind] for kind, fields in read.values())
+    assert "".join(references().values()).count("\n@") == len(read) - 1
+
+
+def test_entries_of_any_layout_are_read():
+    text = 'by hand @home\n @Book { a:1 , title={{T} {{U}}} }\n@misc{b, note = "c"}@misc{no,}'
+    found = {"a:1": "@Book { a:1 , title={{T} {{U}}} }\n", "b": '@misc{b, note = "c"}\n'}
+    assert parse_bibtex(text) == found and parse_bibtex("") == {}
 
 
 @pytest.mark.parametrize("thing", ["separation", None, np.zeros(3)])

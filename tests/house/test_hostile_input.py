@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pinadapt as pa
-from pinadapt._toml import read_toml
+from pinadapt._files import read_toml
 from pinadapt.cli.main import main
 from pinadapt.scenario.scenario import Scenario
 from pinadapt.scenario.validation import check_tables
@@ -59,7 +59,7 @@ def refused(folder, capsys, text, *settings):
         (f"simulation.substeps={HUGE}", "simulation.substeps: input should be less"),
         ("simulation.substeps=1000000000", "simulation.substeps: must be at most 100000"),
         (f"simulation.duration={HUGE}", "simulation.duration: input should be a valid number"),
-        (f"simulation.seed={'9' * 5000}", "--set: a value too long"),
+        (f"simulation.seed={'9' * 5000}", "--set: the value is too long"),
         ("simulation.noise.q=1e308", "simulation.noise.q: is too large"),
         ("simulation.camera.rate=1e-308", "simulation.camera.rate: is too small"),
         ("truth.inertial_scale=1e-308", "truth.inertial_scale: is too small"),
@@ -69,7 +69,7 @@ def refused(folder, capsys, text, *settings):
         ('simulation.duration="0.02"', "simulation.duration: .* number, got '0.02'"),
         ("truth.payload.com=[true,0.0,0.0]", "truth.payload.com.0: .* got True"),
         ("controller.watch=1", "controller.watch: .* boolean, got 1"),
-        ("title=" + "[" * 50_000, "--set: a value too long or nested too deeply"),
+        ("title=" + "[" * 50_000, "--set: the value is too long or nested too deeply"),
         ("title." + ".".join(["a"] * 3000) + "=1", "title: input should be a valid string"),
     ],
 )

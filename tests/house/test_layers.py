@@ -22,9 +22,9 @@ def module_of(path):
 
 # A folder, or a file beside the folders, may import those of the layers before its own, and itself.
 LAYERS = [
-    {"exceptions", "_borrowed", "_version", "reference"},
-    {"_compiled", "bibliography"},
-    {"_checks", "_files", "_kernels", "_table", "_toml"},
+    {"exceptions", "_borrowed", "_version"},
+    {"_compiled"},
+    {"_checks", "_files", "_kernels", "_table"},
     {"records", "sensing", "tasks"},
     {"trajectories"},
     {"description"},

@@ -293,5 +293,5 @@ def test_a_bag_that_cannot_be_used_says_why(tmp_path, robot, log):
 def test_bags_need_a_package_and_say_which(tmp_path, robot, monkeypatch):
     (tmp_path / "a.bag").write_bytes(b"")
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
-    with pytest.raises(pa.LogError, match=re.escape("pip install pinadapt[bags]")):
+    with pytest.raises(pa.LogError, match=re.escape('pip install "pinadapt[bags]"')):
         pa.read_log(tmp_path / "a.bag", robot)

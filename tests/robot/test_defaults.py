@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
-from pinadapt._toml import read_toml
+from pinadapt._files import read_toml
 from pinadapt.cli.main import main
 from pinadapt.description.catalogue import example_path
 from pinadapt.description.chain import position_limits

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._checks import instance
-from ..reference import Reference
 
 
 class Estimate(NamedTuple):
@@ -176,14 +175,14 @@ class Adaptation(ABC):
 
     Attributes:
         name: as written in scenarios.
-        sources: where it was published.
+        sources: keys of ``references.bib``, or BibTeX entries of your own; see ``citation``.
         prediction: bandwidth [1/s] of the low pass through which the dynamic estimate wants torque
             and regressor, whose prediction error it then finds in its drives without a weight; None
             where it learns from nothing but what the law drives it with.
     """
 
     name: str = "custom"
-    sources: tuple[Reference, ...] = ()
+    sources: tuple[str, ...] = ()
     prediction: float | None = None
 
     def init(self, value: np.ndarray) -> Estimate:
@@ -236,7 +235,7 @@ class Adaptation(ABC):
         error = estimate.value - truth
         return float(error @ np.linalg.solve(self.metric(estimate), change))
 
-    def references(self) -> tuple[Reference, ...]:
+    def references(self) -> tuple[str, ...]:
         """Return the sources of this adaptation and of those inside it."""
         return self.sources
 
@@ -320,7 +319,7 @@ class Wrapper(Adaptation):
         """Return the inner adaptation's Gamma (p, p) at an estimate with its memory."""
         return self.inner.metric(estimate)
 
-    def references(self) -> tuple[Reference, ...]:
+    def references(self) -> tuple[str, ...]:
         """Return the sources of this wrapper and of the inner adaptation."""
         return self.sources + self.inner.references()
 

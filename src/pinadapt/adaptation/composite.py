@@ -9,9 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import numbers, positive
-from ..bibliography import FORTESCUE_KERSHENBAUM_YDSTIE, KREISSELMEIER, PAN_YU, SLOTINE_LI_COMPOSITE
 from ..exceptions import GainError
-from ..reference import Reference
 from .adaptation import Adaptation, Drive, Estimate, Wrapper
 from .least_squares import DecayWeight, checked_weight, weight_of
 
@@ -40,7 +38,7 @@ class Composite(Wrapper):
         prediction: bandwidth of the low pass [1/s].
     """
 
-    sources: tuple[Reference, ...] = (SLOTINE_LI_COMPOSITE,)
+    sources: tuple[str, ...] = ("SlotineLi1989",)
 
     def __init__(
         self,
@@ -157,7 +155,7 @@ class CompositeMemory(Wrapper):
         forgetting: [1/s] at an innovation as large as expected; zero never forgets.
     """
 
-    sources = (KREISSELMEIER, PAN_YU, FORTESCUE_KERSHENBAUM_YDSTIE)
+    sources = ("Kreisselmeier1977", "PanYu2018", "FortescueKershenbaumYdstie1981")
 
     def __init__(
         self,

@@ -8,7 +8,6 @@ from numpy.typing import ArrayLike
 
 from .._checks import definite_matrix, positive, vector, whole
 from .._kernels import adaptation as kernels
-from ..bibliography import BOFFI_SLOTINE
 from ..exceptions import GainError, ParameterError
 from ..records import named
 from .adaptation import Adaptation, Drive, Estimate
@@ -82,7 +81,7 @@ class ExponentiatedGradient(Adaptation):
     """
 
     name = "natural"
-    sources = (BOFFI_SLOTINE,)
+    sources = ("BoffiSlotine2021",)
 
     def __init__(self, gamma: float, scale: ArrayLike, name: str = "gamma_joint") -> None:
         """Take the gain and the scales (p).

@@ -8,9 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import definite_matrix, flag, numbers, positive, whole
-from ..bibliography import SALGADO_GOODWIN_MIDDLETON, SLOTINE_LI_COMPOSITE
 from ..exceptions import GainError
-from ..reference import Reference
 from .adaptation import Adaptation, Drive, Estimate
 
 
@@ -94,7 +92,7 @@ class LeastSquares(Adaptation):
     """
 
     name = "least-squares"
-    sources: tuple[Reference, ...] = (SLOTINE_LI_COMPOSITE,)
+    sources: tuple[str, ...] = ("SlotineLi1989",)
 
     def __init__(
         self,
@@ -132,7 +130,7 @@ class LeastSquares(Adaptation):
         self.forgetting = positive(forgetting, "forgetting", zero=True)
         self.directional = flag(directional, "directional")
         if self.directional:
-            self.sources = (*self.sources, SALGADO_GOODWIN_MIDDLETON)
+            self.sources = (*self.sources, "SalgadoGoodwinMiddleton1988")
         self._constant = None if weight is None else checked_weight(weight)
         self._decay = None if rate is None else DecayWeight(rate, floor)
         if bandwidth is not None and weight is None and rate is None:

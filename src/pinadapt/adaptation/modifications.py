@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import numbers, positive
-from ..bibliography import IOANNOU_KOKOTOVIC, IOANNOU_SUN, NARENDRA_ANNASWAMY, PETERSON_NARENDRA
 from ..exceptions import GainError
 from .adaptation import Adaptation, Drive, Estimate, Wrapper
 
@@ -34,7 +33,7 @@ class Leak(Wrapper):
         bandwidth: lambda [1/s].
     """
 
-    sources = (IOANNOU_KOKOTOVIC,)
+    sources = ("IoannouKokotovic1984",)
 
     def __init__(self, inner: Adaptation, bandwidth: float) -> None:
         """Take the adaptation to wrap, any, and lambda [1/s].
@@ -136,7 +135,7 @@ class ErrorLeak(Leak):
         size: (k) or a number, in units of the drive's e; |e| is the root mean square of e over it.
     """
 
-    sources = (NARENDRA_ANNASWAMY,)
+    sources = ("NarendraAnnaswamy1987",)
 
     def __init__(self, inner: Adaptation, bandwidth: float, size: ArrayLike) -> None:
         """Take the adaptation to wrap, any, lambda [1/s] and the error's size.
@@ -177,7 +176,7 @@ class DeadZone(Wrapper):
         residual: (l) or a number, in units of the prediction error; None: no zone for that.
     """
 
-    sources = (PETERSON_NARENDRA,)
+    sources = ("PetersonNarendra1982",)
 
     def __init__(
         self, inner: Adaptation, size: ArrayLike | None, residual: ArrayLike | None = None
@@ -240,7 +239,7 @@ class Normalised(Wrapper):
         size: c, the tr(Y Gamma Y^T) at which the adaptation is half as fast.
     """
 
-    sources = (IOANNOU_SUN,)
+    sources = ("IoannouSun1996",)
 
     def __init__(self, inner: Adaptation, size: float) -> None:
         """Take the adaptation to wrap, any, and the size of its regressors.

@@ -18,7 +18,6 @@ from numpy.typing import ArrayLike
 
 from .._checks import instance, numbers, positive, vector, whole
 from .._kernels import adaptation as kernels
-from ..bibliography import LEE_KWON_PARK, WENSING_SLOTINE
 from ..exceptions import InputError, ParameterError
 from ..models.basis import read_matrix
 from ..models.pseudo_inertia import COEFFICIENTS, nearest_physical, unphysical_bodies
@@ -226,7 +225,7 @@ class Natural(Adaptation):
     """
 
     name = "natural"
-    sources = (LEE_KWON_PARK, WENSING_SLOTINE)
+    sources = ("LeeKwonPark2018", "WensingSlotine2020")
 
     def __init__(
         self,

@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike
 
 from .._checks import vector
 from .._kernels import adaptation as kernels
-from ..bibliography import DIXON, IOANNOU_SUN
 from ..exceptions import DivergedError, GainError, InputError, ParameterError
 from ..models.bodies import InertialModel
 from ..models.dynamics import Dynamics
@@ -38,7 +37,7 @@ class BoxProjection(Wrapper):
         low, high: (p) the box.
     """
 
-    sources = (IOANNOU_SUN,)
+    sources = ("IoannouSun1996",)
 
     def __init__(
         self,
@@ -248,7 +247,7 @@ class GravityProjection(Wrapper):
         bound: (n) G [N m or N].
     """
 
-    sources = (DIXON,)
+    sources = ("Dixon2007",)
 
     def __init__(self, inner: Adaptation, dynamics: Dynamics, bound: np.ndarray) -> None:
         """Take the adaptation, the dynamics whose parameters it moves, and G (n) [N m or N].

@@ -11,7 +11,6 @@ from numpy import concatenate
 from .._checks import instance, whole
 from ..exceptions import InputError
 from ..records import named
-from ..reference import Reference
 from .adaptation import Adaptation, Drive, Estimate
 
 
@@ -119,7 +118,7 @@ class Stacked(Adaptation):
             Gamma[block, block] = part.metric(own)
         return Gamma
 
-    def references(self) -> tuple[Reference, ...]:
+    def references(self) -> tuple[str, ...]:
         """Return the sources of all parts, in their order."""
         return tuple(source for part, _ in self.parts for source in part.references())
 

@@ -6,8 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from .._files import check_writable, write_text
-from .._toml import read_toml
+from .._files import check_writable, read_toml, write_text
 from ..description.urdf import is_path
 from ..exceptions import InputError
 from ..excitation.exciting_motion import ExcitingMotion

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from ..adaptation.adaptation import Drive, Drives
-from ..bibliography import WANG_XIE
 from ..signals import Signals
 from .estimated_velocity import AccelerationCommand, EstimatedVelocityLaw
 from .inertia import solve_inertia
@@ -29,7 +28,7 @@ class AdaptiveInverseDynamics(EstimatedVelocityLaw):
     """
 
     name = "adaptive-inverse-dynamics"
-    sources = (WANG_XIE,)
+    sources = ("WangXie2009",)
     inverts_estimate = True
 
     def command(self, s: Signals, believed: Believed) -> AccelerationCommand:

@@ -8,8 +8,6 @@ from typing import ClassVar
 import numpy as np
 
 from ..adaptation.adaptation import Drive, Drives
-from ..bibliography import SPONG_ORTEGA, WANG_XIE
-from ..reference import Reference
 from ..signals import Signals
 from .estimated_velocity import AccelerationCommand, EstimatedVelocityLaw
 from .inertia import solve_inertia
@@ -45,7 +43,7 @@ class AdaptiveInverseDynamicsImproved(EstimatedVelocityLaw):
     """
 
     name = "adaptive-inverse-dynamics-improved"
-    sources: ClassVar[tuple[Reference, ...]] = (WANG_XIE, SPONG_ORTEGA)
+    sources: ClassVar[tuple[str, ...]] = ("WangXie2009", "SpongOrtega1990")
 
     def command(self, s: Signals, believed: Believed) -> ImprovedCommand:
         """Return M_0 v + C_hat qd + g_hat, (32), with feedthrough M_hat - M_0, (34)."""

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from ..adaptation.adaptation import Drive, Drives
-from ..bibliography import WANG_XIE
 from ..signals import Signals
 from .acceleration_law import AccelerationLaw
 from .gains import check_margin, task_gain
@@ -55,7 +54,7 @@ class AdaptiveInverseDynamicsVelocity(AccelerationLaw):
     Q: Any = field(default=None, kw_only=True)
 
     name = "adaptive-inverse-dynamics-velocity"
-    sources = (WANG_XIE,)
+    sources = ("WangXie2009",)
     inverts_estimate = True
     needs_task_velocity = True
 

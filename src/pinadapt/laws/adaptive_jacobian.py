@@ -12,7 +12,6 @@ from numpy import empty
 
 from .._kernels import feedback as kernels
 from ..adaptation.adaptation import Drive, Drives
-from ..bibliography import CHEAH_LIU_SLOTINE
 from ..filters.low_pass import LowPass
 from ..filters.motion_filters import MotionFilters
 from ..models.typical_motion import (
@@ -95,7 +94,7 @@ class AdaptiveJacobian(Law):
     lambda_: float = 10.0
 
     name = "adaptive-jacobian"
-    sources = (CHEAH_LIU_SLOTINE,)
+    sources = ("CheahLiuSlotine2006",)
     needs_task_velocity = True
     velocity_error = True
     units = ("N s/m, for rotations N m s/rad", "N/m, for rotations N m/rad")

@@ -11,11 +11,9 @@ import numpy as np
 
 from .._checks import definite_matrix
 from ..adaptation.adaptation import Drive, Drives
-from ..bibliography import CHEAH_HIRANO_KAWAMURA_ARIMOTO, CHEAH_KAWAMURA_ARIMOTO
 from ..exceptions import GainError
 from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion, unit_mass
-from ..reference import Reference
 from ..signals import Signals
 from ..tasks.task import Task
 from .adaptive_jacobian import felt_by_task
@@ -93,9 +91,9 @@ class ApproximateJacobian(Law):
     weight: float = _WEIGHT
 
     name = "approximate-jacobian"
-    sources: ClassVar[tuple[Reference, ...]] = (
-        CHEAH_KAWAMURA_ARIMOTO,
-        CHEAH_HIRANO_KAWAMURA_ARIMOTO,
+    sources: ClassVar[tuple[str, ...]] = (
+        "CheahKawamuraArimoto1999",
+        "CheahHiranoKawamuraArimoto2003",
     )
     set_point = True
     learns_kinematics = False

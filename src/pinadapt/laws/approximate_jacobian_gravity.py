@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..bibliography import YAZAREL_CHEAH
 from .approximate_jacobian import ApproximateJacobian
 
 
@@ -35,5 +34,5 @@ class ApproximateJacobianGravity(ApproximateJacobian):
     """
 
     name = "approximate-jacobian-gravity"
-    sources = (YAZAREL_CHEAH,)
+    sources = ("YazarelCheah2002",)
     approximate_regressor = True

@@ -12,7 +12,6 @@ import pinocchio as pin
 from .._checks import numbers
 from ..adaptation.adaptation import Adaptation
 from ..adaptation.projections import GravityProjection
-from ..bibliography import DIXON
 from ..description.chain import jacobian_bounds, position_bounds
 from ..exceptions import GainError
 from ..models.dynamics import Dynamics
@@ -77,7 +76,7 @@ class BoundedTorque(ApproximateJacobian):
     pace: float = 1.0
 
     name = "bounded-torque"
-    sources = (DIXON,)
+    sources = ("Dixon2007",)
 
     def __post_init__(self) -> None:
         """Turn gains into matrices.

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from ..bibliography import LUH_WALKER_PAUL, MARKIEWICZ
 from .resolved_acceleration import ResolvedAcceleration
 
 
@@ -27,6 +26,6 @@ class ComputedTorque(ResolvedAcceleration):
     posture: Any = None
 
     name = "computed-torque"
-    sources = (MARKIEWICZ, LUH_WALKER_PAUL)
+    sources = ("Markiewicz1973", "LuhWalkerPaul1980")
     joint_space = True
     units = ("1/s", "1/s^2")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from ..bibliography import CRAIG_HSU_SASTRY
 from .adaptive_inverse_dynamics_velocity import AdaptiveInverseDynamicsVelocity
 
 
@@ -31,6 +30,6 @@ class Craig(AdaptiveInverseDynamicsVelocity):
     posture: Any = None
 
     name = "craig"
-    sources = (CRAIG_HSU_SASTRY,)
+    sources = ("CraigHsuSastry1987",)
     joint_space = True
     units = ("1/s", "1/s^2")

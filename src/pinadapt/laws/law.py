@@ -16,7 +16,6 @@ from ..filters.filters import Filters, NoFilters
 from ..models.dynamics import Dynamics
 from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
-from ..reference import Reference
 from ..robot.changes import Friction
 from ..signals import Signals
 from .feedback import Feedback, KinematicLoop, SetPointLoop
@@ -135,7 +134,7 @@ class Law(ABC):
         prediction_mode: rate at which adaptations that predict the torque let that error decay.
         units: of velocity and position gain, for people.
         pace: share of the bandwidth that the law's own gains use; default rates follow it.
-        sources: where it was published.
+        sources: keys of ``references.bib``, or BibTeX entries of your own; see ``citation``.
     """
 
     name: ClassVar[str]
@@ -157,7 +156,7 @@ class Law(ABC):
     kinematic_mode: ClassVar[float] = 0.15
     prediction_mode: ClassVar[float] = 0.5
     units: ClassVar[tuple[str, str]] = ("", "")
-    sources: ClassVar[tuple[Reference, ...]] = ()
+    sources: ClassVar[tuple[str, ...]] = ()
     pace: float = 1.0
 
     @abstractmethod

@@ -9,7 +9,6 @@ import numpy as np
 import pinocchio as pin
 
 from ..adaptation.adaptation import Drive, Drives
-from ..bibliography import MIDDLETON_GOODWIN
 from ..filters.filters import Filters, NoFilters
 from ..signals import Signals
 from .acceleration_law import AccelerationLaw
@@ -65,7 +64,7 @@ class MiddletonGoodwin(AccelerationLaw):
     posture: Any = None
 
     name = "middleton-goodwin"
-    sources = (MIDDLETON_GOODWIN,)
+    sources = ("MiddletonGoodwin1988",)
     joint_space = True
     needs_acceleration = False
     inverts_estimate = True

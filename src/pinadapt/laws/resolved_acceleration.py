@@ -7,8 +7,6 @@ from typing import ClassVar
 import numpy as np
 
 from ..adaptation.adaptation import Drive, Drives
-from ..bibliography import LUH_WALKER_PAUL
-from ..reference import Reference
 from ..signals import Signals
 from .estimated_velocity import EstimatedVelocityLaw
 from .law import Believed, Command
@@ -30,7 +28,7 @@ class ResolvedAcceleration(EstimatedVelocityLaw):
     """
 
     name = "resolved-acceleration"
-    sources: ClassVar[tuple[Reference, ...]] = (LUH_WALKER_PAUL,)
+    sources: ClassVar[tuple[str, ...]] = ("LuhWalkerPaul1980",)
     adapts = False
     needs_acceleration = False
 

@@ -15,7 +15,6 @@ from numpy import empty
 from .._checks import definite_matrix, positive
 from .._kernels import feedback as kernels
 from ..adaptation.adaptation import Drive, Drives
-from ..bibliography import WANG
 from ..exceptions import GainError
 from ..filters.position_observer import PositionObserver
 from ..models.typical_motion import TypicalMotion, joint_inertia, unit_mass
@@ -114,7 +113,7 @@ class Separation(Law):
     Y_fast: float = math.inf
 
     name = "separation"
-    sources = (WANG,)
+    sources = ("Wang2017",)
     needs_prediction = True
     velocity_error = True
     joint_effects = "all"

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from ..bibliography import SLOTINE_LI
 from ..exceptions import GainError
 from ..models.typical_motion import TypicalMotion, joint_inertia
 from ..signals import Signals
@@ -42,7 +41,7 @@ class SlotineLi(AdaptiveJacobian):
     K_P: Any = None
 
     name = "slotine-li"
-    sources = (SLOTINE_LI,)
+    sources = ("SlotineLi1987",)
     joint_space = True
     bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0}
     units = ("N m s/rad", "")

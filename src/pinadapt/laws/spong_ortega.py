@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from ..bibliography import SPONG_ORTEGA
 from .adaptive_inverse_dynamics_improved import AdaptiveInverseDynamicsImproved
 
 
@@ -29,6 +28,6 @@ class SpongOrtega(AdaptiveInverseDynamicsImproved):
     posture: Any = None
 
     name = "spong-ortega"
-    sources = (SPONG_ORTEGA,)
+    sources = ("SpongOrtega1990",)
     joint_space = True
     units = ("1/s", "1/s^2")

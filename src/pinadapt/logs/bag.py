@@ -15,7 +15,7 @@ from .log import Log
 
 SUFFIXES = (".bag", ".mcap", ".db3")
 _JOINTS = "sensor_msgs/msg/JointState"
-_EXTRA = "`pip install pinadapt[bags]`"
+_INSTALL = 'Install it: pip install "pinadapt[bags]".'
 
 
 def _position(part: Any) -> list[float]:
@@ -101,7 +101,7 @@ def _opened(path: Path) -> Iterator[Any]:
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
         raise LogError(
-            f"a bag needs the package rosbags: {error}.", where=str(path), hint=_EXTRA
+            f"a bag needs the package rosbags: {error}.", where=str(path), hint=_INSTALL
         ) from error
     store = Stores.ROS1_NOETIC if path.suffix.lower() == ".bag" else Stores.ROS2_HUMBLE
     try:

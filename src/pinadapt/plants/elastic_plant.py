@@ -9,7 +9,6 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._checks import vector, word
-from ..bibliography import SPONG
 from ..exceptions import RobotError
 from ..records import Measurement
 from ..robot.changes import Friction
@@ -35,7 +34,7 @@ class JointElasticity:
     damping: ArrayLike = 0.0
     encoders: str = "motor"
 
-    sources = (SPONG,)
+    sources = ("Spong1987",)
 
     def __post_init__(self) -> None:
         """Refuse an unknown side.

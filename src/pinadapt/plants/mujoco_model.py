@@ -88,7 +88,7 @@ def mujoco_module() -> ModuleType:
         raise InputError(
             "MuJoCo is not installed.",
             where="engine",
-            hint='Install it by: pip install "pinadapt[mujoco]"',
+            hint='Install it: pip install "pinadapt[mujoco]".',
         ) from error
     return mujoco
 

@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from .._checks import LARGEST, SMALLEST, shown
-from .._toml import parse_toml_value, read_toml
+from .._files import read_toml, toml
 from ..exceptions import InputError, ScenarioError, did_you_mean
 from .schema import REFERENCES, ScenarioTables, allowed_keys
 
@@ -79,7 +79,17 @@ def _apply(raw: dict[str, Any], setting: str) -> None:
         table = table.setdefault(part, {})
         if not isinstance(table, dict):
             raise ScenarioError(f"'{part}' in '{key}' is not a table.", where="--set")
-    table[parts[-1]] = parse_toml_value(text.strip())
+    table[parts[-1]] = _value(text.strip())
+
+
+def _value(text: str) -> Any:
+    """Return the value of a TOML expression; text that is not TOML is taken as a string."""
+    try:
+        return toml.loads(f"value = {text}")["value"]
+    except toml.TOMLDecodeError:
+        return text
+    except (ValueError, RecursionError) as error:
+        raise ScenarioError("the value is too long or nested too deeply.", where="--set") from error
 
 
 def _explain(error: ValidationError, raw: dict[str, Any]) -> str:

@@ -1,0 +1,73 @@
+"""Dependencies: each is used and has a reason, and each import is of one of them."""
+
+import ast
+import re
+import sys
+
+import pytest
+
+from pinadapt._files import toml
+from tests.support.paths import ROOT
+
+TEXT = (ROOT / "pyproject.toml").read_text()
+PROJECT = toml.loads(TEXT)["project"]
+EXTRAS = PROJECT["optional-dependencies"]
+OPTIONAL = ("mujoco", "bags", "descriptions")  # extras whose packages the library imports
+PROVIDED = {
+    "pin": {"pinocchio", "coal"},
+    "example_robot_data_loaders": {"example_robot_data"},
+    "meshcat": {"meshcat", "umsgpack", "IPython"},  # it requires the others
+    "numba": {"numba", "llvmlite"},
+}
+
+
+def modules(requirements):
+    """Return the modules that packages provide."""
+    names = [re.match(r"[\w-]+", line)[0].replace("-", "_") for line in requirements]
+    return set().union(*(PROVIDED.get(name, {name}) for name in names))
+
+
+def imported():
+    """Return the modules of other projects that the library imports, at any place."""
+    found = set()
+    for path in (ROOT / "src").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                found |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                found.add(node.module.partition(".")[0])
+            elif isinstance(node, ast.Call) and "import_module" in ast.unparse(node.func):
+                found |= {a.value for a in node.args if isinstance(a, ast.Constant)}
+    return {name for name in found - {"pinadapt", "tomllib"} if name not in sys.stdlib_module_names}
+
+
+def test_what_is_imported_is_declared():
+    declared = modules(PROJECT["dependencies"] + [line for e in OPTIONAL for line in EXTRAS[e]])
+    assert imported() <= declared
+
+
+def test_what_is_declared_is_imported():
+    for name in modules(PROJECT["dependencies"]) - {"llvmlite", "IPython"}:
+        assert name in imported()
+
+
+def test_every_dependency_has_a_reason():
+    lines = [line for line in TEXT.splitlines() if re.match(r' +"[\w-]+(\[\w+\])?[>="]', line)]
+    assert len(lines) > 30
+    plain = ("numpy", "pytest>=", "ruff", "mypy", "pinadapt[")
+    for line in lines:
+        assert re.search(r'",? +# \w', line) or line.strip().startswith(
+            tuple(f'"{p}' for p in plain)
+        )
+
+
+@pytest.mark.parametrize("folder", ["src", "docs", "README.md"])
+def test_every_extra_that_is_named_exists(folder):
+    paths = [p for p in (ROOT / folder).rglob("*") if p.suffix in (".py", ".md")]
+    for path in paths or [ROOT / folder]:
+        for names in re.findall(r"pinadapt\[([\w,]+)\]", path.read_text()):
+            assert set(names.split(",")) <= set(EXTRAS), path
+
+
+def test_the_tests_have_the_packages_of_the_extras_that_need_no_network():
+    assert {"pinadapt[mujoco]", "pinadapt[bags]"} <= set(EXTRAS["dev"])
