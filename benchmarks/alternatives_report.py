@@ -31,9 +31,9 @@ def report(rows: Sequence[Row]) -> str:
         own = [row for row in wrong if row["sensors"] == sensors]
         parts.append(f"**Error, rms / largest [mm], {title}**\n\n{errors(own)}")
         parts.append(f"**Start and torque, medians, {title}**\n\n{costs(own)}")
-    parts.append(f"**Gains found, in bandwidths**\n\n{gains(wrong)}")
+    parts.append(f"**Gains found, in units of the bandwidth**\n\n{gains(wrong)}")
     informed = [row for row in rows if row["informed"]]
-    parts.append(f"**Error, rms / largest [mm], with the truth believed**\n\n{known(informed)}")
+    parts.append(f"**Error, rms / largest [mm], with the true model**\n\n{known(informed)}")
     return "\n\n".join(parts)
 
 
