@@ -108,7 +108,9 @@ CONTENDERS = {
     "computed torque, observer, task integral": Contender(
         observed_torque, {"k_o": (1.0, 3.0), "k_x": _OUTER}
     ),
-    "the same, frames compensated": Contender(carried, {"k_o": (1.0, 3.0), "k_x": _OUTER}, ("camera",)),
+    "the same, frames compensated": Contender(
+        carried, {"k_o": (1.0, 3.0), "k_x": _OUTER}, ("camera",)
+    ),
     "pinadapt, not adapted": Contender(unadapted),
     DEFAULT: Contender(adapted),
 }
