@@ -9,7 +9,7 @@ import numpy as np
 
 from .adaptation.adaptation import Estimate
 from .models.late_frames import Sensed
-from .models.linear_algebra import RightInverse
+from .models.right_inverse import RightInverse
 
 
 @dataclass(slots=True, eq=False)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import pinadapt as pa
 from pinadapt.controller.limits import make_box
-from pinadapt.models.linear_algebra import RightInverse
+from pinadapt.models.right_inverse import RightInverse
 from pinadapt.models.typical_motion import felt_mass
 from pinadapt.scenario.scenario import Scenario
 from tests.support.chains import catalogue_robot as load

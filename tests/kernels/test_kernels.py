@@ -21,7 +21,7 @@ from pinadapt._kernels import (
     posture,
     watch,
 )
-from pinadapt.models.linear_algebra import live_array
+from pinadapt.models.regressor import live_array
 
 _compiled.compile_all()
 LAYOUTS = {

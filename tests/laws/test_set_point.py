@@ -366,7 +366,7 @@ def test_bounds_that_cannot_be_are_refused():
         pa.make_controller(robot, law=BOUNDED, Kp=1e5)
     with pytest.raises(pa.GainError, match="a positive number or 7 of them"):
         pa.make_controller(robot, law=BOUNDED, gravity=[1.0, 2.0])
-    with pytest.raises(pa.InputError, match="memory, in which nothing is projected"):
+    with pytest.raises(pa.InputError, match="updates its gain"):
         pa.make_controller(robot, law=BOUNDED, adaptation="least-squares")
     # a slide without limits, carried by a revolute joint
     model = pin.Model()

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 
 import pinadapt as pa
-from pinadapt.models.dynamics import identifiable
+from pinadapt.models.basis import identifiable
 from pinadapt.models.regressor import Regressor, inertial_parameters
 from tests.support.chains import catalogue_robot, chains, each_size, random_state, seeded
 from tests.support.differences import derivative

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.models.linear_algebra import RightInverse
+from pinadapt.models.right_inverse import RightInverse
 from pinadapt.plots.figures import draw_errors
 from pinadapt.rollout.summary import COMPUTED, RECORDED, WATCHED
 from tests.support.chains import catalogue_robot as load

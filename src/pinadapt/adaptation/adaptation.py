@@ -176,6 +176,7 @@ class Adaptation(ABC):
     Attributes:
         name: as written in scenarios.
         sources: keys of ``references.bib``, or BibTeX entries of your own; see ``citation``.
+        updates_gain: whether Gamma is part of the memory, as the gain of least squares is.
         prediction: bandwidth [1/s] of the low pass through which the dynamic estimate wants torque
             and regressor, whose prediction error it then finds in its drives without a weight; None
             where it learns from nothing but what the law drives it with.
@@ -183,6 +184,7 @@ class Adaptation(ABC):
 
     name: str = "custom"
     sources: tuple[str, ...] = ()
+    updates_gain: bool = False
     prediction: float | None = None
 
     def init(self, value: np.ndarray) -> Estimate:
@@ -205,7 +207,7 @@ class Adaptation(ABC):
         """Return the value (p) to use at q (nq): as given, or closer to every possible truth."""
         return estimate.value
 
-    def told(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
+    def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
         """Return the estimate at a value (p) that was announced, as if begun at ``start`` (p)."""
         return estimate._replace(value=value)
 
@@ -265,6 +267,7 @@ class Wrapper(Adaptation):
     def __init__(self, inner: Adaptation) -> None:
         """Take the adaptation to wrap, any."""
         self.inner = instance(inner, Adaptation, "inner")
+        self.updates_gain = inner.updates_gain
         self.name, self.prediction = inner.name, inner.prediction
 
     def init(self, value: np.ndarray) -> Estimate:
@@ -283,9 +286,9 @@ class Wrapper(Adaptation):
         """Return the value (p) that the inner adaptation uses at q (nq)."""
         return self.inner.project(estimate, q)
 
-    def told(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
+    def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
         """Return what the inner adaptation makes of an announced value (p)."""
-        return self.inner.told(estimate, value, start)
+        return self.inner.reset_to(estimate, value, start)
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates."""

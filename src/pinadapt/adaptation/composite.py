@@ -192,9 +192,9 @@ class CompositeMemory(Wrapper):
         """Return the inner adaptation's start, with nothing remembered."""
         return self._remembering_nothing(self.inner.init(value))
 
-    def told(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
+    def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
         """Return what the inner adaptation makes of an announced value (p); memory begins anew."""
-        return self._remembering_nothing(self.inner.told(self._inner(estimate), value, start))
+        return self._remembering_nothing(self.inner.reset_to(self._inner(estimate), value, start))
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates under both, and dA/dt and db/dt."""

@@ -93,6 +93,7 @@ class LeastSquares(Adaptation):
 
     name = "least-squares"
     sources: tuple[str, ...] = ("SlotineLi1989",)
+    updates_gain = True
 
     def __init__(
         self,
@@ -140,7 +141,7 @@ class LeastSquares(Adaptation):
         """Return the estimate to start from, with P(0)."""
         return Estimate(super().init(value).value, (self.P_0.copy(),))
 
-    def told(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
+    def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
         """Return the estimate at an announced value (p), with P(0) again."""
         return Estimate(value, (self.P_0.copy(),))
 

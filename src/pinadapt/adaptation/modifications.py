@@ -53,10 +53,10 @@ class Leak(Wrapper):
         estimate = self.inner.init(value)
         return Estimate(estimate.value, (estimate.value.copy(), *estimate.memory))
 
-    def told(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
+    def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
         """Return what the inner adaptation makes of an announced value (p); leak to ``start``."""
-        told = self.inner.told(self._inner(estimate), value, start)
-        return Estimate(told.value, (start.copy(), *told.memory))
+        inner = self.inner.reset_to(self._inner(estimate), value, start)
+        return Estimate(inner.value, (start.copy(), *inner.memory))
 
     def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:
         """Return the value (p) that the inner adaptation uses at q (nq)."""

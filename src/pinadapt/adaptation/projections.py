@@ -15,7 +15,6 @@ from ..models.dynamics import Dynamics
 from ..robot.robot import Robot
 from .adaptation import Adaptation, Drive, Estimate, Wrapper
 from .gradient import Gradient
-from .least_squares import LeastSquares
 
 _HALVINGS = 60
 
@@ -257,9 +256,9 @@ class GravityProjection(Wrapper):
             InputError: least squares.
         """
         super().__init__(inner)
-        if _remembers(inner):
+        if inner.updates_gain:
             raise InputError(
-                f"the metric of '{inner.name}' is memory, in which nothing is projected.",
+                f"'{inner.name}' updates its gain, in whose metric gravity is not projected.",
                 where="adaptation",
                 hint='Take "natural-composite" or "composite".',
             )
@@ -290,10 +289,3 @@ class GravityProjection(Wrapper):
             drive = Drive(Z[i : i + 1], e)
             kept = self.inner.step(estimate._replace(value=kept), drive, excess / effect).value
         return kept
-
-
-def _remembers(adaptation: Adaptation) -> bool:
-    """Tell whether the metric of an adaptation changes with what it remembers."""
-    while isinstance(adaptation, Wrapper):
-        adaptation = adaptation.inner
-    return isinstance(adaptation, LeastSquares)

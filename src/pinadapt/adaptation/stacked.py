@@ -41,6 +41,7 @@ class Stacked(Adaptation):
         self._size, self.name = int(ends[-1]), parts[0][0].name
         self._forgetful = ((),) * len(parts)
         self.prediction = next((p.prediction for p, _ in self.parts if p.prediction), None)
+        self.updates_gain = any(part.updates_gain for part, _ in self.parts)
         self._projects = any(type(p).project is not Adaptation.project for p, _ in self.parts)
 
     def init(self, value: np.ndarray) -> Estimate:
@@ -65,10 +66,11 @@ class Stacked(Adaptation):
         same = (kept is own.value for kept, (_, _, own) in zip(blocks, split, strict=True))
         return value if all(same) else np.concatenate(blocks)
 
-    def told(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
+    def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
         """Return what each block's adaptation makes of an announced value (p)."""
         return self._joined(
-            part.told(own, value[block], start[block]) for part, block, own in self._split(estimate)
+            part.reset_to(own, value[block], start[block])
+            for part, block, own in self._split(estimate)
         )
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:

@@ -63,7 +63,7 @@ def informed(
         return state
     a_k = _with_tool(controller.kinematics, belief.unloaded, state.a_k, tool_translation)
     a_k = controller.adaptation_k.validate(a_k)
-    return state._replace(kinematic=controller.adaptation_k.told(state.kinematic, a_k, a_k))
+    return state._replace(kinematic=controller.adaptation_k.reset_to(state.kinematic, a_k, a_k))
 
 
 def _loaded(
@@ -81,7 +81,7 @@ def _loaded(
         a_d, a_0 = (controller.dynamics.moved(a, before, after) for a in (state.a_d, state.a_0))
         if a_d is not None and a_0 is not None:
             value, start = validate(a_d), validate(a_0)
-            dynamic = controller.adaptation_d.told(state.dynamic, value, start)
+            dynamic = controller.adaptation_d.reset_to(state.dynamic, value, start)
             return state._replace(dynamic=dynamic, a_0=start, load=load)
     raise ParameterError(
         f"the {controller.dynamics.size} dynamic parameters cannot express a load on the last "

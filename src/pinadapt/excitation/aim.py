@@ -17,9 +17,8 @@ import pinocchio as pin
 from ..description.chain import effort_limits
 from ..exceptions import ParameterError
 from ..information.information import BLOCK, Excitation, Information
-from ..models.base_parameters import base_parameters
+from ..models.base_parameters import base_parameters, independent_columns
 from ..models.dynamics import Dynamics
-from ..models.linear_algebra import independent_columns
 from ..models.task_kinematics import TaskKinematics
 from ..robot.robot import Robot
 from ..tuning.defaults import prior_covariance

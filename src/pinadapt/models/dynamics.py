@@ -6,16 +6,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
 import numpy as np
-import pinocchio as pin
 
 from ..exceptions import InputError, ParameterError
 from ..robot.robot import Robot
 from .joint_effects import JointEffects, without_joint_effects
-from .linear_algebra import independent_columns
-from .regressor import Momentum, Regressor
+from .regressor import Momentum
 from .translations import Translation
-
-_NEGLIGIBLE = 1e-8  # share of a torque that counts as rounding; true shares lie far above
 
 
 class Dynamics(ABC):
@@ -140,51 +136,6 @@ class Dynamics(ABC):
         """
         old, new = self.value(before), self.value(after)
         return None if old is None or new is None else a_d + (new - old)
-
-
-def equivalent_parameters(
-    regressor: Regressor, B: np.ndarray, robot: Robot, *, samples: int = 60
-) -> np.ndarray | None:
-    """Return the a (p) with Y B a equal to a robot's torque at random states, or None.
-
-    Args:
-        regressor: of the believed chain, with its own placements.
-        B: (10 n, p) basis of the parameters.
-        robot: whose dynamics (without friction and rotors) are to be matched.
-        samples: number of random states.
-    """
-    Y, tau = _random_motion(regressor, robot, samples)
-    Y = Y @ B
-    a_d = np.linalg.lstsq(Y, tau, rcond=None)[0]
-    residual = np.linalg.norm(Y @ a_d - tau)
-    return np.asarray(a_d) if residual <= _NEGLIGIBLE * np.linalg.norm(tau) else None
-
-
-def identifiable(regressor: Regressor, B: np.ndarray, robot: Robot, *, samples: int = 60) -> int:
-    """Return how many parameters a of pi = B a (10 n, p) the torque can tell apart: rank of Y B.
-
-    Columns that are zero but for the rounding of Y, whose sizes are at most ``|Y| |B_j|``, are left
-    out before; see ``independent_columns``.
-    """
-    Y = _random_motion(regressor, robot, samples)[0]
-    largest = np.linalg.norm(Y, axis=0).max() * np.linalg.norm(B, axis=0)
-    return len(independent_columns(Y @ B, largest)[0])
-
-
-def _random_motion(
-    regressor: Regressor, robot: Robot, samples: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return Y (samples n, 10 n) and torque (samples n) without rotors at seeded states."""
-    model, rng = robot.model.copy(), np.random.default_rng(0)
-    model.armature = np.zeros(model.nv)
-    data = model.createData()
-    rows, torques = [], []
-    for _ in range(samples):
-        q = pin.integrate(model, pin.neutral(model), rng.uniform(-2.0, 2.0, model.nv))
-        v, a = rng.standard_normal((2, model.nv))
-        rows.append(regressor(q, v, a))
-        torques.append(pin.rnea(model, data, q, v, a))
-    return np.vstack(rows), np.concatenate(torques)
 
 
 class StackedDynamics(Dynamics):

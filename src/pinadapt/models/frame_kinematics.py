@@ -18,7 +18,8 @@ from .._kernels import models as kernels
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from .base_parameters import base_parameters
-from .linear_algebra import RightInverse, live_array
+from .regressor import live_array
+from .right_inverse import RightInverse
 from .task_kinematics import TaskKinematics
 from .translations import PlacedTranslations, Translation, placement_of, unknown_translations
 

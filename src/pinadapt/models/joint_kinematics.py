@@ -11,7 +11,7 @@ import pinocchio as pin
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from ..tasks.joint import JointTask
-from .linear_algebra import RightInverse
+from .right_inverse import RightInverse
 from .task_kinematics import TaskKinematics
 from .translations import Translation
 

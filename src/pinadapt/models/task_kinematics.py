@@ -9,7 +9,7 @@ import numpy as np
 
 from ..robot.robot import Robot
 from ..tasks.task import Task
-from .linear_algebra import RightInverse
+from .right_inverse import RightInverse
 from .translations import Translation
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy import empty
 
@@ -105,52 +103,3 @@ class RightInverse:
         halves = np.diag(U.T @ Jdot @ self.J.T @ U)  # d(sigma_i^2)/dt / 2
         ratios = 1.0 / (sigma * sigma * np.sum(1.0 / (sigma * sigma)))  # (s / sigma_i)^2
         return float(-halves.dot(ratios * ratios))
-
-
-_NEGLIGIBLE = 1e-8  # share of a column that counts as rounding; true shares lie far above
-
-
-def independent_columns(
-    W: np.ndarray, largest: np.ndarray | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the columns (b) of W (N, p) that do not depend on those before them, and R (b, p).
-
-    W = W[:, chosen] R. Columns count by their directions, so that units do not matter; those that
-    are zero but for the rounding of sizes ``largest`` (p), by default the largest column's, are no
-    columns.
-    """
-    sizes = np.linalg.norm(W, axis=0)
-    floor = _NEGLIGIBLE * (sizes.max(initial=0.0) if largest is None else largest)
-    Q, chosen = np.zeros((len(W), 0)), []
-    for j in np.flatnonzero(sizes > floor):
-        left = W[:, j] / sizes[j]
-        for _ in range(2):  # twice is enough
-            left = left - Q @ (Q.T @ left)
-        length = np.linalg.norm(left)
-        if length > _NEGLIGIBLE:
-            Q = np.column_stack([Q, left / length])
-            chosen.append(int(j))
-    units = W / np.where(sizes > floor, sizes, 1.0) * (sizes > floor)
-    R = np.linalg.lstsq(units[:, chosen], units, rcond=None)[0]
-    R[np.abs(R) < _NEGLIGIBLE] = 0.0
-    R *= sizes / sizes[chosen][:, None]
-    R[:, chosen] = np.eye(len(chosen))
-    return np.array(chosen, dtype=int), R
-
-
-def live_array(views: Sequence[np.ndarray]) -> np.ndarray:
-    """Return one live array (N, ...) over N views of one shape that lie at equal distances.
-
-    Pinocchio keeps placements and motions of all joints in vectors, and gives out a view on each;
-    a kernel takes them together. The array is valid as long as the model or data is.
-
-    Raises:
-        ValueError: the views lie elsewhere.
-    """
-    places = np.array([view.__array_interface__["data"][0] for view in views])
-    first, distance = views[0], int(places[1] - places[0]) if len(views) > 1 else 0
-    if (np.diff(places) != distance).any() or any(v.strides != first.strides for v in views):
-        raise ValueError("these views are not neighbours in memory.")
-    return np.lib.stride_tricks.as_strided(
-        first, (len(views), *first.shape), (distance, *first.strides), writeable=False
-    )
