@@ -24,7 +24,8 @@ def test_the_quickstart_runs(tmp_path, monkeypatch, capsys):
     for block in blocks("quickstart"):
         if "while True" not in block:  # the loop of an arm, see below
             exec(block, scope)
-    assert scope["rollout"].summary()["max_error_last"] < 1e-3
+    for name in ("rollout", "wave", "legs"):
+        assert scope[name].summary()["max_error_last"] < 1e-3
     assert (tmp_path / "out" / "error.png").is_file()
     assert "@article" in capsys.readouterr().out
 

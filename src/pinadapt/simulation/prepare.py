@@ -126,8 +126,7 @@ def usable_trajectory(
     if law is None or not law.set_point or trajectory.at_rest_from(duration) is not None:
         return trajectory
     raise InputError(
-        f"the law '{law.name}' is for a set point, and this {type(given).__name__} does not come "
-        "to rest.",
+        f"the law '{law.name}' is for a set point, and the desired motion does not come to rest.",
         where="reference.kind",
         hint='Take "hold" or "waypoints" (Hold, Waypoints, or a motion of your own that ends at '
         f"rest), or the law '{DEFAULT}', which follows motions.",

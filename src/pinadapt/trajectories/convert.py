@@ -52,7 +52,7 @@ def as_trajectory(given: TrajectoryLike, task: Task | None = None) -> Trajectory
     elif task is None:
         motion = converted(given)
     else:
-        motion = converted(given, task.error, task.coordinates > task.size, _turns(task))
+        motion = converted(given, _difference(task), task.coordinates > task.size, _turns(task))
     _check_start(motion, task)
     return motion
 
@@ -95,6 +95,14 @@ def converted(
     return Spline(t, x, quaternion=quaternion)
 
 
+def _difference(task: Task) -> Difference:
+    """Return ``task.error``, of vectors that have not the task's size their difference.
+
+    The look at the start refuses the latter, by their size.
+    """
+    return lambda x, x_0: task.error(x, x_0) if x.size == task.coordinates else x - x_0
+
+
 def _turns(task: Task) -> tuple[bool, ...]:
     return task.continuous if isinstance(task, JointTask) else ()
 
@@ -108,7 +116,7 @@ def _number(given: Any, name: str) -> float | None:
 def _hint(given: Any) -> str:
     if isinstance(given, type):
         return f"This is the class {given.__name__}; give an object of it."
-    if isinstance(given, Desired) or np.ndim(given) == 1:
+    if isinstance(given, Desired) or (isinstance(given, np.ndarray) and given.ndim == 1):
         return "Hold(x_d) stays at a point."
     return (
         "Give an object with at(t), a function t -> x_d, or a pair (t, x) of times and positions."

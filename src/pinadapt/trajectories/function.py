@@ -35,20 +35,20 @@ class Function(Trajectory):
     """x_d = f(t) for a function f that returns x_d, or x_d and its two derivatives.
 
     Where f returns x_d alone, velocity and acceleration are five-point differences with a step of
-    h = 2 ms. f is called five times at each t, within 2 h of it and never before time 0 (which
-    makes the first 2 h one-sided), and should have two continuous derivatives. Errors, of a sine
+    h = 2 ms: f is called at t and at four times within 2 h of it, near time 0 within 4 h after it,
+    as f is not called before time 0. f should have two continuous derivatives. Errors for a sine,
     in parts of the largest velocity and of the largest acceleration:
 
-    | frequency | velocity, acceleration | within 4 ms of time 0 |
+    | frequency | velocity, acceleration | in the first 4 ms |
     |---|---|---|
     | 1 Hz | 9e-10, 3e-10 | 5e-9, 2e-6 |
     | 5 Hz | 6e-7, 2e-7 | 4e-6, 3e-4 |
     | 20 Hz | 2e-4, 5e-5 | 1e-3, 2e-2 |
 
-    The step balances these, h^4, against noise of f, which counts 1.5/h in velocities and
-    5.3/h^2 in accelerations: rounding of numbers near 1 gives 1e-9 m/s^2, noise of 1e-9 m (or
-    measured data, or numbers of single precision, 6e-8) gives 1e-3 m/s^2. For such an f take a
-    longer step, or samples of it in a ``Spline``.
+    They grow with h^4. Noise of f is multiplied by up to 1.5/h in the velocity and 5.4/h^2 in the
+    acceleration (in the first 4 ms by up to 27/h^2): rounding of numbers near 1 gives less than
+    2e-9 m/s^2, but noise of 1e-9 m gives 1.3e-3 m/s^2. For a noisy f take a longer step, or samples
+    of it in a ``Spline``. A function that returns the derivatives too is exact, and called once.
     """
 
     def __init__(

@@ -1,0 +1,536 @@
+"""What users have of a motion: objects with at(t), functions of time, and samples."""
+
+import itertools
+import math
+import re
+import warnings
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from pinadapt.tasks.joint import JointTask
+from pinadapt.tasks.registry import TASKS
+from pinadapt.trajectories import Function, Spline, as_trajectory
+from tests.support.chains import catalogue_robot
+from tests.support.differences import derivative
+
+XY, XYZ, POSE = TASKS["xy"], TASKS["xyz"], TASKS["pose"]
+CIRCLE = pa.Circle([0.5, 0.1, 0.4], 0.1, 3.0, plane="yz")
+SWING = pa.Swing([1.0, 2.0, -0.5], 0.7, 1.3, 0.4, quaternion=[0.6, 0.0, 0.8, 0.0])
+MOVING_POSE = pa.PoseTrajectory(CIRCLE, SWING)
+
+
+class Path:
+    """A user's class, which knows nothing of the library."""
+
+    def __init__(self, motion, returns=tuple):
+        """Take what it follows, and how it says so."""
+        self._motion, self._returns = motion, returns
+
+    def at(self, t):
+        return self._returns(self._motion.at(t))
+
+
+def position(desired):
+    return desired.x_d
+
+
+def close(one, other, velocity, acceleration):
+    """Tell whether two motions are the same within 1e-12 and two tolerances."""
+    return all(
+        np.allclose(a, b, rtol=0.0, atol=atol)
+        for a, b, atol in zip(one, other, (1e-12, velocity, acceleration), strict=True)
+    )
+
+
+# --- functions ---
+
+
+def errors_of(frequency, times):
+    """Return the largest errors of velocity and acceleration of sines, in the docstring's units."""
+    w, phases = 2.0 * math.pi * frequency, np.linspace(0.0, math.pi, 50)
+    motion = Function(lambda t: np.sin(w * t + phases))
+    v, a = [], []
+    for t in times:
+        desired = motion.at(float(t))
+        v.append(np.abs(desired.xd_d / w - np.cos(w * t + phases)).max())
+        a.append(np.abs(desired.xdd_d / w**2 + np.sin(w * t + phases)).max())
+    return max(v), max(a)
+
+
+def test_the_errors_of_differences_are_those_of_the_docstring():
+    rows = re.findall(r"\| (\d+) Hz \| (\S+), (\S+) \| (\S+), (\S+) \|", Function.__doc__)
+    assert len(rows) == 3
+    for row in rows:
+        frequency, *stated = (float(number) for number in row)
+        within = errors_of(frequency, np.linspace(0.004, 3.0, 301))
+        at_start = errors_of(frequency, np.linspace(0.0, 0.00399, 40))
+        for found, bound in zip((*within, *at_start), stated, strict=True):
+            assert 0.5 * bound < found <= bound
+
+
+@pytest.mark.parametrize("t", [0.0, 0.003, 0.5])
+def test_noise_of_a_function_counts_as_the_docstring_says(t):
+    """Of all the signs that five errors of 1e-9 can have, the worst."""
+    h, e = 2e-3, 1e-9
+    speed, acceleration = 0.0, 0.0
+    for signs in itertools.product([-e, e], repeat=5):
+        now = Function(lambda t, signs=signs: np.array([signs[round(t / h) % 5]])).at(t)
+        speed, acceleration = max(speed, now.xd_d[0]), max(acceleration, now.xdd_d[0])
+    if t == 0.5:
+        assert 0.9 * 1.5 * e / h < speed <= 1.5 * e / h + 1e-15
+        assert 0.9 * 5.4 * e / h**2 < acceleration <= 5.4 * e / h**2
+    assert acceleration <= 27.0 * e / h**2
+
+
+def test_rounding_is_below_what_the_docstring_says():
+    motion = Function(lambda t: np.array([math.sin(t), math.cos(t)]))
+    for t in np.linspace(0.0, 10.0, 301):
+        off = motion.at(t).xdd_d + motion.at(t).x_d
+        assert np.abs(off).max() < 2e-9 or t < 0.004
+
+
+def test_a_function_is_not_asked_before_time_0_nor_far_ahead():
+    asked = []
+
+    def f(t):
+        asked.append(t)
+        return np.array([math.sqrt(1.0 + t)])
+
+    for t in [*np.linspace(0.0, 0.005, 101), 0.002, 0.004, 1.0]:
+        asked.clear()
+        Function(f).at(float(t))
+        assert len(asked) == 5 and asked[0] == t
+        assert min(asked) >= 0.0 and max(np.abs(np.array(asked) - t)) <= 0.008 + 1e-15
+
+
+@pytest.mark.parametrize("t", [0.0, 0.003, 0.4, 2.7])
+@pytest.mark.parametrize("returns", [tuple, list, pa.Desired._make, np.array])
+def test_a_function_may_return_its_derivatives(returns, t):
+    motion = as_trajectory(lambda t: returns(CIRCLE.at(t)), XYZ)
+    assert close(motion.at(t), CIRCLE.at(t), 0.0, 0.0)
+
+
+@pytest.mark.parametrize("returns", [position, lambda desired: tuple(desired.x_d.tolist())])
+@pytest.mark.parametrize("t", [0.4, 2.7])
+def test_a_function_of_positions_is_differentiated(returns, t):
+    for given in (lambda t: returns(CIRCLE.at(t)), Path(CIRCLE, returns)):
+        assert close(as_trajectory(given, XYZ).at(t), CIRCLE.at(t), 1e-9, 1e-8)
+
+
+def test_one_coordinate_may_be_a_plain_number():
+    now = as_trajectory(lambda t: 0.3 * math.sin(t)).at(1.0)
+    assert now.x_d.shape == (1,) and now.xd_d[0] == pytest.approx(0.3 * math.cos(1.0), abs=1e-9)
+
+
+def test_a_function_may_use_one_array_for_all_it_returns():
+    buffer = np.zeros(3)
+
+    def f(t):
+        buffer[:] = CIRCLE.at(t).x_d
+        return buffer
+
+    motion = as_trajectory(f, XYZ)
+    before = motion.at(0.4)
+    assert close(before, CIRCLE.at(0.4), 1e-9, 1e-8)
+    motion.at(1.0)
+    assert close(before, CIRCLE.at(0.4), 1e-9, 1e-8)
+
+
+def flipped(x, t):
+    """Return a pose whose quaternion changes its sign now and then."""
+    return np.append(x[:3], x[3:] if int(100 * t) % 2 else -x[3:])
+
+
+def as_se3(x, _):
+    return pin.XYZQUATToSE3(x)
+
+
+@pytest.mark.parametrize("returns", [lambda x, t: x, flipped, as_se3])
+@pytest.mark.parametrize("t", [0.0, 0.399, 0.4, 2.7])
+def test_poses_are_differentiated_as_rotations(returns, t):
+    now = as_trajectory(lambda t: returns(MOVING_POSE.at(t).x_d, t), POSE).at(t)
+    exact = MOVING_POSE.at(t)
+    assert np.allclose(POSE.error(now.x_d, exact.x_d), 0.0, atol=1e-12)
+    assert np.allclose(now.xd_d, exact.xd_d, atol=1e-7 if t else 1e-6)
+    assert np.allclose(now.xdd_d, exact.xdd_d, atol=1e-6 if t else 1e-3)
+
+
+def test_seven_joints_are_no_pose():
+    robot = catalogue_robot("panda", task="joint")
+    swing = pa.Sinusoid(robot.home_angles, 0.1, np.linspace(1.0, 3.0, 7))
+    motion = as_trajectory(lambda t: swing.at(t).x_d, robot.task)
+    assert close(motion.at(0.7), swing.at(0.7), 1e-8, 1e-7)
+
+
+def test_joints_that_turn_without_end_may_jump_by_whole_turns():
+    task = JointTask("joint", ("a", "b"), (True, False))
+    turning = pa.Sinusoid([3.0, 0.0], [1.0, 1.0], 2.0)
+
+    def wrapped(t):
+        x = turning.at(t).x_d
+        return np.array([math.remainder(x[0], 2.0 * math.pi), x[1]])
+
+    times = np.linspace(0.0, 2.0, 201)
+    jumps = np.abs(np.diff([wrapped(t)[0] for t in times])).max()
+    assert jumps > 6.0
+    samples = as_trajectory((times, [wrapped(t) for t in times]), task)
+    for t in np.linspace(0.1, 1.9, 50):
+        now = as_trajectory(wrapped, task).at(t)
+        assert np.allclose(now.xd_d, turning.at(t).xd_d, atol=1e-8)
+        assert np.allclose(samples.at(t).xd_d, turning.at(t).xd_d, atol=1e-5)
+
+
+# --- samples ---
+
+
+def sampled(motion, end, count):
+    """Return times and positions."""
+    t = np.linspace(0.0, end, count)
+    return t, motion.positions(t)
+
+
+UNEVEN = np.array([0.0, 0.3, 0.4, 1.1, 1.5, 2.5, 2.6])
+POINTS = np.random.default_rng(1).uniform(-0.3, 0.3, (7, 3))
+
+
+@pytest.mark.parametrize("given", [(UNEVEN, POINTS), np.column_stack([UNEVEN, POINTS])])
+def test_samples_are_passed_smoothly_and_the_ends_are_at_rest(given):
+    motion = as_trajectory(given, XYZ)
+    for t, x in zip(UNEVEN, POINTS, strict=True):
+        assert np.allclose(motion.at(t).x_d, x, atol=1e-12)
+    for t in (*np.linspace(0.01, 2.59, 40), *UNEVEN[1:-1]):
+        now = motion.at(t)
+        assert np.allclose(now.xd_d, derivative(lambda h, t=t: motion.at(t + h).x_d), atol=1e-8)
+        assert np.allclose(now.xdd_d, derivative(lambda h, t=t: motion.at(t + h).xd_d), atol=1e-6)
+    for t, x in ((-1.0, POINTS[0]), (0.0, POINTS[0]), (2.6, POINTS[-1]), (9.0, POINTS[-1])):
+        assert close(motion.at(t), (x, np.zeros(3), np.zeros(3)), 1e-10, 1e-9)
+    assert motion.settles == 2.6
+    assert motion.extent == pytest.approx(0.5 * np.linalg.norm(np.ptp(POINTS, axis=0)))
+
+
+def test_two_samples_make_a_minimum_jerk_motion():
+    points = np.array([[0.0, 0.1, 0.2], [0.3, -0.2, 0.5]])
+    spline, jerk = Spline([0.0, 0.8], points), pa.Waypoints(points, 0.8)
+    for t in np.linspace(0.0, 1.0, 21):
+        assert close(spline.at(t), jerk.at(t), 1e-12, 1e-11)
+
+
+def test_free_ends_have_the_speed_of_the_samples():
+    free = Spline(*sampled(CIRCLE, 3.0, 101), ends="free")
+    for t in np.linspace(0.0, 3.0, 31):
+        assert close(free.at(t), CIRCLE.at(t), 1e-5, 1e-3) or np.allclose(
+            free.at(t).x_d, CIRCLE.at(t).x_d, atol=1e-9
+        )
+        assert np.allclose(free.at(t).xd_d, CIRCLE.at(t).xd_d, atol=1e-6)
+    assert not free.at(3.1).xd_d.any() and np.allclose(free.at(3.1).x_d, CIRCLE.at(3.0).x_d)
+
+
+def test_samples_that_move_at_an_end_are_warned_of():
+    with pytest.warns(UserWarning, match=r"0\.209 /s at their first.*ends=\"free\""):
+        as_trajectory(sampled(CIRCLE, 3.0, 301), XYZ)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        as_trajectory(sampled(pa.Sinusoid([0.0, 0.0], 0.1, 2.0), 2.0, 301), XY)
+        as_trajectory(sampled(pa.Waypoints([[0.0, 0.0], [0.1, 0.2]], 1.0), 1.5, 301), XY)
+        as_trajectory((UNEVEN, POINTS), XYZ)
+        Spline(*sampled(CIRCLE, 3.0, 301), ends="free")
+
+
+@pytest.mark.parametrize("signs", [1.0, np.resize([1.0, -1.0, -1.0], (301, 1))])
+def test_sampled_poses_turn_as_smoothly_as_they_move(signs):
+    t, x = sampled(MOVING_POSE, 2.6, 301)
+    x[:, 3:] *= signs
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # it moves at its ends
+        motion = as_trajectory((t, x), POSE)
+    assert motion.extent == pytest.approx(0.5 * np.linalg.norm(np.ptp(x[:, :3], axis=0)))
+    for at in np.linspace(0.5, 2.0, 40):
+        now, exact = motion.at(at), MOVING_POSE.at(at)
+        assert np.allclose(POSE.error(now.x_d, exact.x_d), 0.0, atol=1e-9)
+        assert np.allclose(now.xd_d, exact.xd_d, atol=1e-6)
+        assert np.allclose(now.xdd_d, exact.xdd_d, atol=1e-3)
+        assert np.linalg.norm(now.x_d[3:]) == pytest.approx(1.0, abs=1e-14)
+
+
+def test_few_poses_are_passed_with_velocities_that_are_their_derivatives():
+    rng = np.random.default_rng(3)
+    q = np.array([pin.Quaternion(pin.exp3(rng.uniform(-1.5, 1.5, 3))).coeffs() for _ in UNEVEN])
+    motion = as_trajectory((UNEVEN, np.hstack([POINTS, q])), POSE)
+    for k, t in enumerate(UNEVEN):
+        assert np.allclose(POSE.error(motion.at(t).x_d, np.append(POINTS[k], q[k])), 0.0, atol=1e-9)
+    for t in np.linspace(0.01, 2.59, 40):
+        now = motion.at(t)
+        turn = derivative(lambda h, t=t, now=now: POSE.error(motion.at(t + h).x_d, now.x_d))
+        assert np.allclose(now.xd_d, turn, atol=1e-7)
+        assert np.allclose(now.xdd_d, derivative(lambda h, t=t: motion.at(t + h).xd_d), atol=1e-5)
+
+
+# --- orientations ---
+
+
+@pytest.mark.parametrize(
+    "orientation",
+    [
+        lambda t: SWING.at(t).x_d,
+        lambda t: tuple(SWING.at(t)),
+        Path(SWING),
+        Path(SWING, position),
+    ],
+)
+def test_an_orientation_may_be_a_function_or_an_object(orientation):
+    motion = pa.PoseTrajectory(lambda t: CIRCLE.at(t).x_d, orientation)
+    for t in (0.4, 2.7):
+        assert close(motion.at(t), MOVING_POSE.at(t), 1e-7, 1e-6)
+    start = np.array([0.3, -0.2, 0.5, 0.0, 1.0, 0.0, 0.0])
+    moved, exact = motion.starting_at(start), MOVING_POSE.starting_at(start)
+    assert np.allclose(POSE.error(moved.at(0.0).x_d, start), 0.0, atol=1e-14)
+    assert np.allclose(POSE.error(moved.at(0.7).x_d, exact.at(0.7).x_d), 0.0, atol=1e-12)
+    assert np.allclose(moved.at(0.7).xd_d, exact.at(0.7).xd_d, atol=1e-7)
+
+
+def test_an_orientation_may_be_sampled():
+    q = np.array([[0.0, 0.0, 0.0, 1.0], [0.6, 0.0, 0.0, 0.8]])
+    motion = pa.PoseTrajectory(([0.0, 2.0], POINTS[:2]), ([0.0, 1.0], q))
+    assert np.allclose(motion.at(5.0).x_d, [*POINTS[1], *q[1]])
+    assert motion.settles == 2.0 and not motion.at(5.0).xd_d.any()
+
+
+@pytest.mark.parametrize(
+    ("orientation", "words"),
+    [
+        (lambda t: [0.0, 0.0, 0.0], r"expected 4 numbers"),
+        (lambda t: [0.0, 0.0, 0.0, 2.0], "length 2"),
+        (lambda t: ([0.0, 0.0, 0.0, 1.0], [0.0] * 4, [0.0] * 4), "3 numbers each"),
+        (CIRCLE, r"expected 4 numbers"),
+        (([0.0, 1.0], [[0.0, 0.0, 0.0, 2.0]] * 2), "row 0 has a quaternion xyzw of length 2"),
+        ("up", "expected 4 numbers"),
+    ],
+)
+def test_orientations_that_are_none_are_refused(orientation, words):
+    with pytest.raises(pa.InputError, match=words):
+        pa.PoseTrajectory(CIRCLE, orientation)
+
+
+# --- what the library computes for them ---
+
+
+class Own(pa.Trajectory):
+    """A user's subclass, which has ``at`` alone."""
+
+    def __init__(self, motion):
+        """Take what it follows."""
+        self._motion = motion
+
+    def at(self, t):
+        return self._motion.at(t)
+
+
+@pytest.mark.parametrize("motion", [CIRCLE, SWING, MOVING_POSE], ids=["position", "turn", "pose"])
+def test_a_subclass_needs_at_alone(motion):
+    own, m = Own(motion), motion.at(0.0).xd_d.size
+    assert own.extent is None and own.settles is None
+    by = np.linspace(-0.3, 0.4, m)
+    for t in (0.0, 0.7):
+        assert close(own.shifted(by).at(t), motion.shifted(by).at(t), 1e-12, 1e-12)
+        twice = own.shifted(by).shifted(-0.5 * by)
+        assert close(twice.at(t), motion.shifted(by).shifted(-0.5 * by).at(t), 1e-12, 1e-12)
+    start = motion.shifted(by).at(0.0).x_d
+    assert close(own.starting_at(start).at(0.7), motion.starting_at(start).at(0.7), 1e-12, 1e-12)
+
+
+def test_what_an_object_says_of_itself_is_taken():
+    class Known(Path):
+        extent, settles = 0.25, 3.0
+
+    class Odd(Path):
+        def extent(self):
+            return 0.25
+
+    known, odd = as_trajectory(Known(CIRCLE)), as_trajectory(Odd(CIRCLE))
+    assert (known.extent, known.settles) == (0.25, 3.0) and odd.extent is None
+    assert known.shifted(np.ones(3)).extent == 0.25 and known.shifted(np.ones(3)).settles == 3.0
+
+
+@pytest.mark.parametrize(
+    ("f", "duration", "rests"),
+    [
+        (lambda t: np.array([0.4, 0.1]), None, 0.0),
+        (lambda t: np.array([0.4, min(t, 1.0) ** 3]), 10.0, pytest.approx(1.0, abs=0.04)),
+        (lambda t: np.array([0.4, min(t, 9.8) ** 3]), 10.0, None),
+        (lambda t: np.array([0.4, 0.01 * t]), 10.0, None),
+        (lambda t: np.array([0.4, math.sin(t)]), None, None),
+    ],
+)
+def test_whether_a_motion_comes_to_rest_is_seen_from_what_it_does(f, duration, rests):
+    assert as_trajectory(f).at_rest_from(duration) == rests
+
+
+@pytest.mark.parametrize("law", ["approximate-jacobian", "bounded-torque"])
+def test_a_set_point_may_be_a_constant_function(law):
+    robot = catalogue_robot("planar_2r")
+    controller, x = pa.make_controller(robot, law=law), robot.position(robot.q0)
+    rollout = pa.simulate(robot, controller, lambda t: x, duration=0.05)
+    same = pa.simulate(robot, controller, pa.Hold(x), duration=0.05)
+    assert np.array_equal(rollout.tau, same.tau)
+    with pytest.raises(pa.InputError, match=r"the desired motion does not come to rest"):
+        pa.simulate(robot, controller, lambda t: x + 0.01 * t, duration=0.05)
+
+
+# --- wherever a motion is taken ---
+
+
+@pytest.fixture(scope="module")
+def loop():
+    """Return robot, controller and a circle."""
+    robot = catalogue_robot("planar_2r")
+    circle = pa.Circle(np.zeros(2), 0.1, 2.0).starting_at(robot.position(robot.q0))
+    return robot, pa.make_controller(robot.changed(inertial_scale=0.8)), circle
+
+
+GIVEN = {
+    "function": lambda circle: lambda t: circle.at(t).x_d,
+    "with derivatives": lambda circle: lambda t: tuple(circle.at(t)),
+    "object": Path,
+    "subclass": Own,
+    "samples": lambda circle: Spline(*sampled(circle, 0.5, 501), ends="free"),
+}
+
+
+@pytest.mark.parametrize("given", GIVEN.values(), ids=GIVEN.keys())
+@pytest.mark.parametrize("mode", ["sampled", "continuous"])
+def test_a_run_is_the_same_however_its_motion_is_given(given, mode, loop):
+    robot, controller, circle = loop
+    one = pa.simulate(robot, controller, circle, duration=0.3, mode=mode)
+    other = pa.simulate(robot, controller, given(circle), duration=0.3, mode=mode)
+    assert np.allclose(one.q, other.q, atol=1e-6) and np.ptp(one.q) > 1e-2
+    assert np.allclose(one.a_d, other.a_d, atol=1e-4)
+    if isinstance(given(circle), Spline):
+        return
+    moved = 0.5 * np.linalg.norm(np.ptp(one.x_d, axis=0))
+    assert other.extent == pytest.approx(moved) and one.extent == 0.1
+
+
+def test_joints_follow_samples_and_functions():
+    robot = catalogue_robot("panda", task="joint")
+    controller, q, t = pa.make_controller(robot), robot.home_angles, np.array([0.0, 0.2, 0.4])
+    bend = np.array([0.0, 0.05, 0.02])
+    path = as_trajectory((t, q + bend[:, None]), robot.task)
+    for given in ((t, q + bend[:, None]), lambda t: path.at(t).x_d):
+        rollout = pa.simulate(robot, controller, given, duration=0.5)
+        assert rollout.diverged is None and np.abs(rollout.error).max() < 1e-3
+        assert np.ptp(rollout.q, axis=0) == pytest.approx(np.full(7, 0.05), abs=1e-3)
+
+
+def test_streams_and_live_views_take_them_too(loop):
+    from pinadapt.view.live import LiveView
+
+    robot, controller, circle = loop
+    plant, f = pa.PinocchioPlant(robot), lambda t: circle.at(t).x_d
+    for stream in (
+        pa.run(plant, controller, f, duration=0.01),
+        pa.run_continuous(plant, controller, f, dt=1e-3, duration=0.01),
+    ):
+        assert np.allclose(list(stream)[5].desired.x_d, circle.at(0.005).x_d)
+    with LiveView(robot, controller, f, duration=0.1, browser=False) as view:
+        assert view.url.startswith("http")
+
+
+# --- what is refused, before anything moves ---
+
+REFUSED = {
+    "nothing": (None, "expected a trajectory, got None.*function t -> x_d"),
+    "a class": (pa.Circle, "expected a trajectory.*the class Circle; give an object of it"),
+    "one instant": (pa.Hold([0.1, 0.2]).at(0.0), r"Hold\(x_d\)"),
+    "one point": (np.array([0.1, 0.2]), r"Hold\(x_d\)"),
+    "text": ("circle", "expected a trajectory"),
+    "three arrays": (([0.0, 1.0], [[0.0, 0.0]] * 2, [[0.0, 0.0]] * 2), r"pair \(t, x\)"),
+    "a function of two": (lambda t, u: [0.0, 0.0], "failed at time 0: TypeError.*one argument"),
+    "a function that fails": (lambda t: 1.0 / t, "failed at time 0: ZeroDivisionError"),
+    "no coordinates": (lambda t: "here", "expected coordinates.*at t = 0 s, got 'here'"),
+    "nothing returned": (lambda t: None, "expected coordinates.*got None"),
+    "complex numbers": (lambda t: np.array([1j, 0.0]), "expected coordinates"),
+    "too many": (lambda t: [0.0] * 3, "3 coordinates, the task 'xy' 2"),
+    "too few in an object": (Path(pa.Hold([0.1])), "1 coordinates, the task 'xy' 2"),
+    "too few in a subclass": (Own(pa.Hold([0.1])), "1 coordinates, the task 'xy' 2"),
+    "ragged": (lambda t: ([0.0, 0.0], [0.0], [0.0, 0.0]), r"trajectory\.xd_d: expected 2 .*got 1"),
+    "no numbers": (lambda t: [np.nan, 0.0], r"trajectory\.x_d: .*not finite at time 0"),
+    "infinite speed": (
+        lambda t: ([0.0, 0.0], [np.inf, 0.0], [0.0, 0.0]),
+        r"trajectory\.xd_d: .*not finite at time 0",
+    ),
+    "sizes that vary": (lambda t: [0.0] * (2 if t == 0.0 else 3), "returned 2 coordinates before"),
+    "unequal lengths": (([0.0, 1.0], [[0.0, 0.0]] * 3), r"shapes \(2,\) and \(3, 2\)"),
+    "times back": (([0.0, 2.0, 1.0], [[0.0, 0.0]] * 3), r"t\[2\] = 1 s follows 2 s.*Sort"),
+    "times twice": (([0.0, 1.0, 1.0], [[0.0, 0.0]] * 3), r"t\[2\] = 1 s follows 1 s"),
+    "times nan": (([0.0, np.nan], [[0.0, 0.0]] * 2), r"trajectory\.t: .*finite"),
+    "one time": (([0.0], [[0.0, 0.0]]), "at least 2 samples, got 1"),
+    "positions nan": (([0.0, 1.0], [[0.0, 0.0], [np.nan, 0.0]]), r"trajectory\.x: .*finite"),
+    "positions of a joint": (([0.0, 1.0], [0.0, 0.1]), "1 coordinates, the task 'xy' 2"),
+}
+
+
+@pytest.mark.parametrize(("given", "words"), REFUSED.values(), ids=REFUSED.keys())
+def test_what_is_no_motion_is_refused(given, words, loop):
+    robot, controller, _ = loop
+    plant = pa.PinocchioPlant(robot)
+    for start in (
+        lambda: pa.simulate(robot, controller, given, duration=0.01),
+        lambda: next(pa.run(plant, controller, given)),
+        lambda: next(pa.run_continuous(plant, controller, given, dt=1e-3)),
+    ):
+        with pytest.raises(pa.InputError, match=words):
+            start()
+
+
+def test_what_is_no_desired_is_refused_of_a_subclass(loop):
+    class Wrong(pa.Trajectory):
+        def at(self, t):
+            return [0.1, 0.2]
+
+    with pytest.raises(pa.InputError, match=r"at\(0\.0\) of Wrong returned .*Desired\(x_d, xd_d"):
+        pa.simulate(*loop[:2], Wrong(), duration=0.01)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (lambda t: [0.0, 0.0, 0.5], "PoseTrajectory adds an orientation"),
+        (lambda t: [0.0, 0.0, 0.5, 0.0, 0.0, 0.0, 2.0], "quaternion xyzw of length 2"),
+        (([0.0, 1.0], [[0.0, 0.0, 0.5, 0.0, 0.0, 0.0, 2.0]] * 2), "row 0 has a quaternion"),
+        (([0.0, 1.0], [[0.0, 0.0, 0.5]] * 2), "end in a quaternion|PoseTrajectory"),
+    ],
+)
+def test_what_is_no_pose_is_refused(given, words):
+    with pytest.raises(pa.InputError, match=words):
+        as_trajectory(given, POSE)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"ends": "clamped"}, r"ends: must be one of \['rest', 'free'\]"),
+        ({"ends": "free"}, "at least 6 samples"),
+    ],
+)
+def test_splines_with_impossible_ends_are_refused(options, words):
+    with pytest.raises(pa.InputError, match=words):
+        Spline([0.0, 1.0, 2.0], [0.0, 1.0, 0.5], **options)
+
+
+def test_a_step_must_be_positive():
+    with pytest.raises(pa.InputError, match="step: must be positive"):
+        Function(lambda t: [0.0], step=0.0)
+
+
+@pytest.mark.parametrize("mode", ["sampled", "continuous"])
+def test_a_function_that_fails_later_ends_the_run_with_what_ran(mode, loop):
+    robot, controller, circle = loop
+
+    def f(t):
+        return circle.at(t).x_d if t < 0.03 else "lost"
+
+    rollout = pa.simulate(robot, controller, f, duration=0.1, mode=mode)
+    assert 0.02 < rollout.diverged <= 0.03 and "got 'lost'" in rollout.reason
