@@ -84,7 +84,7 @@ def test_positions_alone_do(name="ur5"):
     log = replace(recorded(name, noisy=True), v=None)
     found = pa.identify(log, catalogue_robot(name))
     load = found.payload()
-    assert found.smooth and found.torque_errors.gain > 10.0
+    assert found.smoothed and found.torque_errors.gain > 10.0
     assert load.mass == pytest.approx(LOAD.mass, rel=0.02)
     assert np.linalg.norm(found.online_held_out) < np.linalg.norm(
         found.torque_errors.described_held_out
@@ -176,7 +176,7 @@ def test_what_was_not_moved_is_not_told_apart_and_stays_as_described():
 def test_the_report_says_what_and_how_well():
     text = identified("panda").report()
     for words in (
-        "62 combinations of 91 told apart",
+        "62 identifiable combinations of 91",
         "held out: described",
         "panda_joint7",
         "mass",

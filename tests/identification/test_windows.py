@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.identification.fits import windows_of
-from pinadapt.identification.motion import motion_of
+from pinadapt.identification.fits import CUTOFF, windows_of
+from pinadapt.information.measured_motion import motion_of_log
 from tests.support.chains import catalogue_robot
 from tests.support.recorded import recorded, torques, true_robot
 
@@ -18,7 +18,7 @@ def windows(name, log, held=False):
     """Return the windows of a log, and the parameters of the true robot."""
     robot = catalogue_robot(name)
     dynamics = pa.make_estimator(robot).controller.dynamics
-    found = windows_of(motion_of(log, robot), dynamics, log.period, held=held)
+    found = windows_of(motion_of_log(robot, log, cutoff=CUTOFF), dynamics, log.period, held=held)
     return found, dynamics.value(true_robot(name))
 
 
@@ -41,7 +41,7 @@ def test_the_error_is_that_of_friction_alone(dt):
     a = np.gradient(v, dt, axis=0, edge_order=2)
     log = replace(log, tau=torques(smooth, q, v, a))
     dynamics = pa.make_estimator(robot).controller.dynamics
-    found = windows_of(motion_of(log, robot), dynamics, dt, held=False)
+    found = windows_of(motion_of_log(robot, log, cutoff=CUTOFF), dynamics, dt, held=False)
     assert missed(found, dynamics.value(smooth)) < 20.0 * dt**2  # that of the acceleration here
 
 
@@ -83,5 +83,6 @@ def test_velocities_come_from_positions_where_there_are_none(name):
 
 def test_noisy_velocities_are_not_taken():
     robot = catalogue_robot("ur5")
-    assert motion_of(recorded("ur5", noisy=True, dt=2e-3), robot).smooth
-    assert not motion_of(recorded("ur5"), robot).smooth
+    noisy = recorded("ur5", noisy=True, dt=2e-3)
+    assert motion_of_log(robot, noisy, cutoff=CUTOFF).smoothed
+    assert not motion_of_log(robot, recorded("ur5"), cutoff=CUTOFF).smoothed

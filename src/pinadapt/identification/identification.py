@@ -1,11 +1,10 @@
-"""What was learned from a recorded motion."""
+"""Identification of a robot from a recorded motion: ``identify``, and its result."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +12,10 @@ import numpy as np
 
 from .._checks import instance, positive
 from .._table import Sheet
-from ..adaptation.adaptation import Adaptation, Estimate
+from ..adaptation.adaptation import Adaptation
 from ..controller.estimator import Estimator
-from ..controller.learned import LearnedParameters
-from ..controller.state import ControllerState
 from ..exceptions import InputError, LogError, ParameterError
-from ..information.information import Excitation, Information
-from ..information.payload import PayloadEstimate, payload_estimate
+from ..information.measured_motion import motion_of_log
 from ..logs.log import Log
 from ..logs.read import read_log
 from ..models.translations import FIRST, PlacedTranslations
@@ -31,10 +27,10 @@ from ..simulation.simulate import Progress, watched
 from ..tasks.joint import JointTask
 from ..tuning.make_controller import make_estimator
 from ..tuning.unknowns import Words
-from . import report as words
+from . import report
 from .fits import (
+    CUTOFF,
     Frames,
-    PositionRows,
     Windows,
     frames_of,
     position_fit,
@@ -42,156 +38,27 @@ from .fits import (
     torque_fit,
     windows_of,
 )
-from .motion import motion_of
-from .online import OnlineEstimates, estimate_online, measurements
+from .identified_model import IdentifiedModel
+from .online import estimate_online, measurements
 from .physical_fit import physical_set
-from .report import Errors, columns_rms
 
-
-def log_of(source: Any, robot: Robot, **options: Any) -> Log:
-    """Return the checked log of a path, a ``Log``, or a ``Rollout``, for a robot.
-
-    Of a rollout what its sensors said, since the last change of its robot, and the torques that
-    were held.
-
-    Raises:
-        LogError: as ``read_log``.
-    """
-    return read_log(_recorded(source) if isinstance(source, Rollout) else source, robot, **options)
-
-
-def _recorded(rollout: Rollout) -> Log:
-    since = max((at for at, what in rollout.marks if what != "told"), default=-np.inf)
-    evaluation, framed = rollout.evaluation, rollout.task.positions > 0
-    x = rollout.x if framed else None
-    if evaluation is None or not evaluation.samples:
-        log = Log(rollout.t, rollout.q, rollout.tau, rollout.v, x=x, held=True, source="rollout")
-        return log.after(since)
-    measured = [sample.measurement for sample in evaluation.samples]
-    seen = [part for part in measured if framed and part.x is not None]
-    return Log(
-        np.array([part.t for part in measured]),
-        np.array([part.q for part in measured]),
-        rollout.tau,
-        np.array([part.v for part in measured]),
-        x=np.array([part.x for part in seen]) if seen else None,
-        x_time=np.array([part.t if part.x_time is None else part.x_time for part in seen]),
-        held=True,
-        source="rollout",
-    ).after(since)
+_FEWEST = 4  # windows, both in the fitted and in the held-out part
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Identification:
-    """What a log told of a robot; ``print`` shows a report.
+class Identification(IdentifiedModel):
+    """A robot identified from a log; ``print`` shows a report.
 
-    Attributes:
-        log: the motion, its columns in the order of the joints.
-        described: the robot as described.
-        estimator: that learned online; its ``controller`` has models and names.
-        windows: rows of the torque, low-passed.
-        rows: rows of the positions.
-        split: time [s] from which on the log was held out once.
-        smooth: whether velocities were taken from the positions.
-        dynamic: the dynamic parameters from the whole log, and what is known of them.
-        kinematic: the translations from the whole log, likewise.
-        before_split: (p_d) the dynamic parameters from what was not held out.
-        position_before_split: (p_k) the translations from it.
-        online: the estimates in time.
+    The estimates and their errors are those of ``IdentifiedModel``.
     """
-
-    log: Log
-    described: Robot
-    estimator: Estimator
-    windows: Windows
-    rows: PositionRows
-    split: float
-    smooth: bool
-    dynamic: Information
-    kinematic: Information
-    before_split: np.ndarray
-    position_before_split: np.ndarray
-    online: OnlineEstimates
-
-    @property
-    def state(self) -> ControllerState:
-        """The state of a controller with these estimates; see ``Controller.learned``."""
-        return self.online.state._replace(
-            dynamic=Estimate(self.dynamic.estimate), kinematic=Estimate(self.kinematic.estimate)
-        )
-
-    @property
-    def robot(self) -> Robot:
-        """The robot as learned; ``robot.save("learned.urdf")`` writes it.
-
-        Raises:
-            ParameterError: a body is on the border of what is physical.
-        """
-        learned = self.estimator.learned(self.state)
-        return replace(learned, drawn=self.described.drawn, task=self.described.task)
-
-    def parameters(self) -> LearnedParameters:
-        """Return the estimates by name, from which a controller can start."""
-        return LearnedParameters.of(self.estimator.controller, self.state)
-
-    def payload(self) -> PayloadEstimate:
-        """Return the load that explains best what was learned of all bodies.
-
-        Raises:
-            ParameterError: the last body is not among the parameters.
-        """
-        return payload_estimate(self.estimator.controller, self.dynamic)
-
-    def excitation(self) -> Excitation:
-        """Return which combinations of the parameters the motion could tell apart."""
-        return Excitation(self.dynamic, self.kinematic, self.parameters().units)
-
-    @cached_property
-    def described_parameters(self) -> np.ndarray:
-        """The dynamic parameters (p_d) of the description, its friction and rotors included."""
-        value = self.estimator.controller.dynamics.value(self.described)
-        return self.estimator.controller.dynamics.initial if value is None else value
-
-    @cached_property
-    def torque_errors(self) -> Errors:
-        """Errors of the low-passed torques of the joints (n) [N m or N]."""
-        last = self.windows.between(self.split, np.inf)
-        return Errors(
-            columns_rms(self.windows.tau),
-            columns_rms(self.windows.residual(self.described_parameters)),
-            columns_rms(self.windows.residual(self.dynamic.estimate)),
-            columns_rms(last.residual(self.described_parameters)),
-            columns_rms(last.residual(self.before_split)),
-        )
-
-    @cached_property
-    def online_held_out(self) -> np.ndarray:
-        """Errors (n) of the held-out torques by the online estimate of before [N m or N]."""
-        last = self.windows.between(self.split, np.inf)
-        return columns_rms(last.residual(self.online.at(self.split)))
-
-    @cached_property
-    def position_errors(self) -> Errors | None:
-        """Errors of the positions (m) [m], or None where none were learned from."""
-        rows, start = self.rows, self.estimator.controller.kinematics.initial
-        if not len(rows.t) or not self.kinematic.names:
-            return None
-        last = rows.split(self.split)[1]
-        return Errors(
-            columns_rms(rows.r - rows.r.mean(axis=0)),
-            columns_rms(rows.r),
-            columns_rms(rows.r - rows.W @ (self.kinematic.estimate - start)),
-            columns_rms(last.r),
-            columns_rms(last.r - last.W @ (self.position_before_split - start)),
-        )
 
     @property
     def verdict(self) -> str:
-        """What it came to, in one line."""
-        return words.verdict(self)
+        """The result in one line."""
+        return report.verdict(self)
 
     def report(self) -> str:
-        """Return what was learned, how well it predicts, and what the motion left open."""
+        """Return the estimates, their prediction errors, and what is not identifiable."""
         return str(self._sheet())
 
     def __repr__(self) -> str:
@@ -202,23 +69,24 @@ class Identification:
         return self._sheet().html()
 
     def _sheet(self) -> Sheet:
-        return words.sheet(self)
+        return report.sheet(self)
 
     def summary(self) -> dict[str, Any]:
-        """Return the numbers of ``summary.json``; None where no finite number is to be had."""
-        return words.summary(self)
+        """Return the numbers of ``summary.json``; None stands for what is not finite."""
+        return report.summary(self)
 
     def save(self, folder: Path | str) -> None:
         """Write ``learned.urdf``, ``learned.json``, ``estimates.npz`` and ``summary.json``.
 
         Raises:
-            ParameterError: no URDF can have the estimates; the other files are written.
+            ParameterError: a body on the border of what is physical, which no URDF can describe;
+                the other files are written.
             OSError: they cannot be written.
         """
-        words.save(self, Path(folder))
+        report.save(self, Path(folder))
 
     def plot(self, folder: Path | str | None = None) -> Any:
-        """Draw torques before and after, and the online estimates in time.
+        """Draw measured and predicted torques, and the online estimates in time.
 
         Args:
             folder: into which to write ``torque.png`` and ``parameters.png``.
@@ -227,12 +95,7 @@ class Identification:
             The paths of the files; without a folder the two pictures, which show themselves in
             Jupyter.
         """
-        from .pictures import draw, pictures_of
-
-        return pictures_of(self) if folder is None else draw(self, Path(folder))
-
-
-_FEWEST = 4  # windows, learned from and held out
+        return report.pictures_of(self) if folder is None else report.draw(self, Path(folder))
 
 
 def identify(
@@ -305,7 +168,7 @@ def identify(
     if not (dynamics.size or kinematics.size):
         raise InputError("nothing is unknown, so nothing can be learned.", where="identify")
     physical = physical_set(dynamics, seen)
-    motion = motion_of(found, seen)
+    motion = motion_of_log(seen, found, cutoff=CUTOFF)
     split = float(motion.t[-1] - share * (motion.t[-1] - motion.t[0]))
     rows = position_rows(kinematics, motion, frames)
     located = position_fit(kinematics, rows)
@@ -322,7 +185,7 @@ def identify(
         windows=windows,
         rows=rows,
         split=split,
-        smooth=motion.smooth,
+        smoothed=motion.smoothed,
         dynamic=torque_fit(dynamics, physical, windows),
         kinematic=located,
         before_split=torque_fit(dynamics, physical, first).estimate,
@@ -385,3 +248,36 @@ def _check(windows: Windows, first: Windows, log: Log) -> None:
             where=log.source,
             hint="Record longer, without pauses between samples.",
         )
+
+
+def log_of(source: Any, robot: Robot, **options: Any) -> Log:
+    """Return the checked log of a path, a ``Log``, or a ``Rollout``, for a robot.
+
+    Of a rollout what its sensors said, since the last change of its robot, and the torques that
+    were held.
+
+    Raises:
+        LogError: as ``read_log``.
+    """
+    return read_log(_recorded(source) if isinstance(source, Rollout) else source, robot, **options)
+
+
+def _recorded(rollout: Rollout) -> Log:
+    since = max((at for at, what in rollout.marks if what != "told"), default=-np.inf)
+    evaluation, framed = rollout.evaluation, rollout.task.positions > 0
+    x = rollout.x if framed else None
+    if evaluation is None or not evaluation.samples:
+        log = Log(rollout.t, rollout.q, rollout.tau, rollout.v, x=x, held=True, source="rollout")
+        return log.after(since)
+    measured = [sample.measurement for sample in evaluation.samples]
+    seen = [part for part in measured if framed and part.x is not None]
+    return Log(
+        np.array([part.t for part in measured]),
+        np.array([part.q for part in measured]),
+        rollout.tau,
+        np.array([part.v for part in measured]),
+        x=np.array([part.x for part in seen]) if seen else None,
+        x_time=np.array([part.t if part.x_time is None else part.x_time for part in seen]),
+        held=True,
+        source="rollout",
+    ).after(since)

@@ -15,8 +15,8 @@ from ..exceptions import LogError, MeasurementError
 from ..logs.log import Log
 from ..records import Measurement
 from ..robot.robot import Robot
-from .fits import Frames
-from .motion import CUTOFF
+from .fits import CUTOFF, Frames
+
 
 _RATE = 2.0 * math.pi * CUTOFF  # [1/s] of the causal low pass
 _SETTLED = 10.0 / _RATE  # [s]

@@ -1,9 +1,11 @@
-"""What was identified, in words, tables and files."""
+"""The report of an identification: verdict, tables, ``summary.json``, files and pictures."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -12,58 +14,14 @@ from .._files import whole_file, write_text
 from .._table import Sheet, Table
 from .._version import __version__
 from ..exceptions import ParameterError
-from ..information.information import Information, known_to
+from ..information.information import Information, identifiable, known_to
 from ..information.payload import PayloadEstimate
 from ..robot.motors import Gravity
-from .motion import CUTOFF
+from .fits import CUTOFF
+from .identified_model import IdentifiedModel, rms
 
 if TYPE_CHECKING:
-    from .identification import Identification
-
-
-class Errors(NamedTuple):
-    """Root mean squares of n joints or m coordinates; held out: of what was not learned from.
-
-    Attributes:
-        size: (n) of what is predicted, less its mean where that says nothing; [N m, N or m].
-        described: (n) error of the description, of all.
-        learned: (n) error of the estimate from all, of all.
-        described_held_out: (n) error of the description, held out.
-        learned_held_out: (n) error of the estimate from the first part, held out.
-    """
-
-    size: np.ndarray
-    described: np.ndarray
-    learned: np.ndarray
-    described_held_out: np.ndarray
-    learned_held_out: np.ndarray
-
-    @property
-    def gain(self) -> float | None:
-        """How many times less the held-out error is, of all together; None where nothing was."""
-        before, after = rms(self.described_held_out), rms(self.learned_held_out)
-        return None if not np.isfinite(before) or not after > 0.0 else before / after
-
-    def summary(self) -> dict[str, list[float] | float | None]:
-        """Return all numbers for a file; None where there are none."""
-        rows: dict[str, list[float] | float | None] = {
-            name: part.tolist() if np.isfinite(part).all() else None
-            for name, part in self._asdict().items()
-        }
-        return rows | {"gain": self.gain}
-
-
-def rms(values: np.ndarray) -> float:
-    """Return the root mean square of all numbers; NaN of none."""
-    return float(np.sqrt(np.mean(np.square(values)))) if np.size(values) else np.nan
-
-
-def columns_rms(values: np.ndarray) -> np.ndarray:
-    """Return the root mean square of each column of (N, n); NaN of none."""
-    if not len(values):
-        return np.full(values.shape[1], np.nan)
-    return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
-
+    from ..plots.style import Picture
 
 FILES = (
     "estimates.npz",
@@ -78,7 +36,7 @@ _RIGHT = 1e-3  # of the torques, by which a description that is right already ma
 _GRAVITY = 0.7  # share of the error that is left with gravity added where a log leaves it out
 
 
-def verdict(found: Identification) -> str:
+def verdict(found: IdentifiedModel) -> str:
     """Return what it came to, in one line."""
     if not found.dynamic.names:
         errors = found.position_errors
@@ -106,7 +64,7 @@ def verdict(found: Identification) -> str:
     return f"{words}, which is hardly better. Are these torques those of the joints?"
 
 
-def leaves_gravity_out(found: Identification) -> bool:
+def leaves_gravity_out(found: IdentifiedModel) -> bool:
     """Tell whether the description predicts the torques much better with gravity added to them."""
     windows, robot = found.windows, found.described
     gravity, q = Gravity(robot), found.log.configurations(robot)
@@ -118,7 +76,7 @@ def leaves_gravity_out(found: Identification) -> bool:
     return bool(rms(left + added) < _GRAVITY * rms(left))
 
 
-def sheet(found: Identification) -> Sheet:
+def sheet(found: IdentifiedModel) -> Sheet:
     """Return the whole report."""
     title = f"{found.described.name}, identified from {found.log.source}"
     tables = [Table(_overview(found))]
@@ -133,14 +91,14 @@ def sheet(found: Identification) -> Sheet:
         (found.dynamic, found.described_parameters),
     )
     tables += [_parameter_table(part, before, units) for part, before in parts if part.names]
-    return Sheet(title, tables, found.verdict)
+    return Sheet(title, tables, verdict(found))
 
 
-def _overview(found: Identification) -> list[tuple[str, str]]:
+def _overview(found: IdentifiedModel) -> list[tuple[str, str]]:
     """Return what was given, and how much of it could be used."""
     log, online = found.log, found.online
     velocities = "as measured"
-    if found.smooth:
+    if found.smoothed:
         missing = "which has none" if log.v is None else "whose own are not those of the positions"
         velocities = f"from the positions of the log, {missing}: zero phase, {CUTOFF:g} Hz"
     rows = [
@@ -165,7 +123,7 @@ def _overview(found: Identification) -> list[tuple[str, str]]:
     return rows
 
 
-def _torque_table(found: Identification) -> Table:
+def _torque_table(found: IdentifiedModel) -> Table:
     """Return errors of the torque, a row a joint."""
     errors, online = found.torque_errors, found.online_held_out
     header = (
@@ -195,7 +153,7 @@ def _torque_table(found: Identification) -> Table:
     return Table(rows, header)
 
 
-def _payload(found: Identification) -> PayloadEstimate | None:
+def _payload(found: IdentifiedModel) -> PayloadEstimate | None:
     """Return the load, or None where the last body was not among the parameters."""
     try:
         return found.payload()
@@ -213,7 +171,7 @@ def _load_table(load: PayloadEstimate) -> Table:
     return Table(rows, ("load", "value", "known to", "unit"))
 
 
-def _parameter_table(part: Information, before: np.ndarray, units: Any) -> Table:
+def _parameter_table(part: Information, before: np.ndarray, units: Mapping[str, str]) -> Table:
     """Return the parameters that were told apart, and which were not."""
     told = np.isfinite(part.deviations)
     rows = [
@@ -230,19 +188,19 @@ def _parameter_table(part: Information, before: np.ndarray, units: Any) -> Table
     return Table(rows, ("parameter", "described", "learned", "known to", "unit"))
 
 
-def summary(found: Identification) -> dict[str, Any]:
+def summary(found: IdentifiedModel) -> dict[str, Any]:
     """Return the numbers of ``summary.json``; None where no finite number is to be had."""
     load, positions = _payload(found), found.position_errors
     held_out = found.online_held_out
     return {
-        "verdict": found.verdict,
+        "verdict": verdict(found),
         "log": found.log.source,
         "robot": found.described.name,
         "joint_names": found.described.joint_names,
         "samples": len(found.log.t),
         "duration": found.log.duration,
         "period": found.log.period,
-        "velocities_from_positions": found.smooth,
+        "velocities_from_positions": found.smoothed,
         "windows": len(found.windows.t),
         "held_out_from": found.split,
         "torque": found.torque_errors.summary() if found.dynamic.names else None,
@@ -284,7 +242,7 @@ def _load_summary(load: PayloadEstimate) -> dict[str, Any]:
     }
 
 
-def save(found: Identification, folder: Path) -> None:
+def save(found: IdentifiedModel, folder: Path) -> None:
     """Write arrays, numbers and the robot as learned into a folder, each file whole."""
     arrays: dict[str, Any] = {
         "t": found.online.t,
@@ -302,5 +260,63 @@ def save(found: Identification, folder: Path) -> None:
     with whole_file(folder / "estimates.npz") as file:
         np.savez_compressed(file, **arrays)
     found.parameters().save(folder / "learned.json")
-    write_text(folder / "summary.json", json.dumps(found.summary(), indent=2) + "\n")
+    write_text(folder / "summary.json", json.dumps(summary(found), indent=2) + "\n")
     found.robot.save(folder / "learned.urdf")
+
+
+class Pictures(NamedTuple):
+    """What an identification shows; in Jupyter each picture shows itself.
+
+    Attributes:
+        torque: of each joint as measured, and as predicted by the description and by what was
+            learned before the part that is held out.
+        parameters: the online estimates in time, those of the whole log dashed.
+    """
+
+    torque: Picture
+    parameters: Picture
+
+
+def pictures_of(found: IdentifiedModel) -> Pictures:
+    """Draw what was identified."""
+    from ..plots.backend import matplotlib  # here, because matplotlib is slow to import
+    from ..plots.figures import parameter_figure, prediction_figure
+    from ..plots.style import RC
+
+    windows, title = found.windows, f"{found.described.name}, {Path(found.log.source).name}"
+    before, after = (windows.residual(a) for a in (found.described_parameters, found.before_split))
+    online = SimpleNamespace(
+        title=title,
+        law="identified online",
+        adaptation=found.estimator.controller.adaptation_d.name,
+        t=found.online.t,
+        a_k=found.online.a_k,
+        a_d=found.online.a_d,
+        a_k_true=found.kinematic.estimate,
+        a_d_true=found.dynamic.estimate,
+        kinematic_names=found.kinematic.names,
+        dynamic_names=found.dynamic.names,
+        marks=(),
+        diverged=None,
+        interrupted=None,
+    )
+    with matplotlib.rc_context(RC):
+        torque = prediction_figure(
+            title,
+            found.described.joint_names,
+            windows.t,
+            windows.tau,
+            {"described": windows.tau - before, "learned until then": windows.tau - after},
+            found.split,
+        )
+        return Pictures(torque, parameter_figure(online, "dashed: whole log"))
+
+
+def draw(found: IdentifiedModel, folder: Path) -> list[Path]:
+    """Write ``torque.png`` and ``parameters.png``, each whole; return their paths."""
+    paths = []
+    for name, picture in pictures_of(found)._asdict().items():
+        paths.append(folder / f"{name}.png")
+        with whole_file(paths[-1]) as file:
+            file.write(picture.png(dpi=130))
+    return paths

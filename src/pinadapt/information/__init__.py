@@ -1,4 +1,4 @@
-"""Which parameters a motion can tell apart, and how well; a payload from what was learned."""
+"""Which parameters a motion can identify, and how well; the load in what was identified."""
 
 from .information import Excitation as Excitation
 from .information import Information as Information

@@ -1,4 +1,9 @@
-"""How exciting a motion was: what it could tell apart, and how well each estimate is known."""
+"""Which parameters a motion can identify, and how well: the information matrix of its data.
+
+Measured signals are linear in the unknown parameters a, y = W a + noise, with the covariance S of
+the noise. Then H = W^T S^-1 W is the information matrix, its inverse the covariance of the
+least-squares estimate, and its null space what the motion does not excite.
+"""
 
 from __future__ import annotations
 
@@ -13,103 +18,42 @@ from .._table import Sheet, Table
 from ..controller.controller import Controller
 from ..controller.state import ControllerState, Sample
 from ..models.dynamics import Dynamics
-from .smoothing import measured_motion
+from .measured_motion import motion_of_samples
 
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Excitation:
-    """What the data of a run tell of all parameters; ``print`` shows a table.
-
-    Attributes:
-        dynamic: of torque and motion about the dynamic parameters.
-        kinematic: of measured positions about the kinematic parameters.
-        units: name of a parameter -> its unit.
-    """
-
-    dynamic: Information
-    kinematic: Information
-    units: Mapping[str, str]
-
-    def __repr__(self) -> str:
-        """Return spectrum and rank of both, and each estimate with what it is known to."""
-        return str(self._sheet())
-
-    def _repr_html_(self) -> str:
-        return self._sheet().html()
-
-    def _sheet(self) -> Sheet:
-        parts = {"kinematic": self.kinematic, "dynamic": self.dynamic}
-        words = [
-            row
-            for name, part in parts.items()
-            if part.names
-            for row in (
-                (f"{name} parameters", f"{part.rank} combinations of {len(part.names)} told apart"),
-                (f"{name} conditioning", _conditioning(part)),
-            )
-        ]
-        tables = [Table(words or [("nothing", "was adapted")])]
-        for part in parts.values():
-            if part.names:
-                tables.append(
-                    Table(self._rows(part), ("parameter", "estimate", "known to", "unit"))
-                )
-        return Sheet("Excitation", tables)
-
-    def _rows(self, part: Information) -> list[tuple[str, ...]]:
-        return [
-            (name, f"{value:.4g}", known_to(deviation), self.units.get(name, ""))
-            for name, value, deviation in zip(
-                part.names, part.estimate, part.deviations, strict=True
-            )
-        ]
-
-
-def known_to(deviation: float) -> str:
-    """Return an uncertainty in words: a number, or that there is none."""
-    return f"+- {deviation:.2g}" if np.isfinite(deviation) else "not told apart"
-
-
-def _conditioning(part: Information) -> str:
-    """Return the largest over the smallest excited eigenvalue of the scaled information."""
-    if not part.rank:
-        return "nothing was excited"
-    return f"{part.spectrum[0] / part.spectrum[part.rank - 1]:.2g}, of {part.rows} rows"
-
-
-BLOCK = 0.05  # [s] over which rows of the torque are averaged, so that they are independent
-_OPEN = 1e-10  # share of the largest eigenvalue below which a direction was not excited
-_APART = 1e-3  # share of a direction that may lie among those not excited
-_SILENT = 1e-8  # share of the largest size below which a parameter does not show
-_FLOOR = 1e-9  # least noise, as a share of what is measured
+BLOCK = 0.05  # [s] over which rows of the torque are averaged, so that their noise is independent
+_CUTOFF = 30.0  # [Hz] for noisy positions; averages over a block are at half (-6 dB) at 12 Hz
+_UNEXCITED = 1e-10  # share of the largest eigenvalue up to which a direction was not excited
+_OUTSIDE = 1e-3  # share of a gradient that may lie along directions that were not excited
+_INVISIBLE = 1e-8  # share of the largest scale up to which a parameter has no effect
+_LEAST_NOISE = 1e-9  # share of the size of a signal
 
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """N rows about p parameters, at an estimate of them.
+    """What N rows of data say about p parameters, linearised at an estimate of them.
 
     Attributes:
         names: of the parameters (p).
         estimate: (p) at which the residuals were taken.
-        H: (p, p) information matrix, in units of one over those of the parameters, twice.
-        pull: (p) W^T S^-1 r of the residuals r = y - W a: zero where the estimate is the best.
-        noise: (n) standard deviation of what no parameters explain, one a measured signal.
+        H: (p, p) information matrix W^T S^-1 W, in units of 1 / (parameter unit)^2.
+        score: (p) W^T S^-1 r of the residuals r = y - W a: zero at the least-squares estimate.
+        noise: (n) standard deviation of the residual of each measured signal, in its unit.
         rows: N.
     """
 
     names: tuple[str, ...]
     estimate: np.ndarray
     H: np.ndarray
-    pull: np.ndarray
+    score: np.ndarray
     noise: np.ndarray
     rows: int
 
     @cached_property
     def scale(self) -> np.ndarray:
-        """Size (p) by which each parameter shows, the largest one's where it does not."""
+        """Scale (p) of each parameter's effect, sqrt(H_ii); the largest one if it has no effect."""
         sizes = np.sqrt(np.diag(self.H))
         largest = sizes.max(initial=0.0) or 1.0
-        return np.where(sizes > _SILENT * largest, sizes, largest)
+        return np.where(sizes > _INVISIBLE * largest, sizes, largest)
 
     @cached_property
     def _eigen(self) -> tuple[np.ndarray, np.ndarray]:
@@ -118,73 +62,94 @@ class Information:
 
     @property
     def spectrum(self) -> np.ndarray:
-        """Eigenvalues (p) of H scaled to a unit diagonal, descending: all one is the best."""
+        """Eigenvalues (p) of H scaled to a unit diagonal, descending; all ones are the best."""
         return self._eigen[0]
 
     @property
     def rank(self) -> int:
-        """How many combinations of the parameters the motion could tell apart."""
+        """Number of identifiable combinations of the parameters."""
         values = self.spectrum
-        return int(np.count_nonzero(values > _OPEN * values.max(initial=0.0)))
+        return int(np.count_nonzero(values > _UNEXCITED * values.max(initial=0.0)))
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """Covariance (p, p) of the best estimate, in the directions that were excited."""
+        """Covariance (p, p) of the least-squares estimate within the excited directions."""
         values, vectors = self._eigen
-        kept = vectors[:, : self.rank]
-        scaled = (kept / values[: self.rank]) @ kept.T
+        excited = vectors[:, : self.rank]
+        scaled = (excited / values[: self.rank]) @ excited.T
         return np.asarray(scaled / np.outer(self.scale, self.scale))
 
     @cached_property
     def correction(self) -> np.ndarray:
-        """What the data would still have the estimate (p) move by, without what they leave open."""
-        return self.covariance @ self.pull
+        """Step (p) from the estimate to the least-squares one, within the excited directions."""
+        return self.covariance @ self.score
+
+    @cached_property
+    def equations(self) -> tuple[np.ndarray, np.ndarray]:
+        """R (p, p) and c (p), the p equations R d = c for a step d that stand for all rows.
+
+        H = R^T R and, within the excited directions, score = R^T c.
+        """
+        values, vectors = self._eigen
+        roots = np.sqrt(np.maximum(values, 0.0))
+        c = np.zeros(len(values))
+        excited = slice(self.rank)
+        c[excited] = vectors[:, excited].T @ (self.score / self.scale) / roots[excited]
+        return roots[:, None] * vectors.T * self.scale, c
 
     def refined(self) -> Information:
         """Return the information at the least-squares estimate from all rows."""
-        best, still = self.estimate + self.correction, np.zeros_like(self.pull)
-        return Information(self.names, best, self.H, still, self.noise, self.rows)
+        best = self.estimate + self.correction
+        return replace(self, estimate=best, score=np.zeros_like(self.score))
 
     def deviation(self, gradient: np.ndarray) -> np.ndarray:
-        """Return how uncertain quantities are whose gradients are the rows of a matrix (k, p).
+        """Return the uncertainty (k) of quantities whose gradients are the rows of (k, p).
 
-        The root of the variance and of the square of what the data would still have it move by;
-        infinite where the quantity moves along what was not excited.
+        The root of variance plus squared correction; infinite for a quantity that changes along a
+        direction that was not excited.
         """
-        kept, scaled = self._eigen[1][:, : self.rank], gradient / self.scale
-        outside = np.linalg.norm(scaled - scaled @ kept @ kept.T, axis=1)
+        excited, scaled = self._eigen[1][:, : self.rank], gradient / self.scale
+        outside = np.linalg.norm(scaled - scaled @ excited @ excited.T, axis=1)
         variance = np.einsum("ki,ij,kj->k", gradient, self.covariance, gradient)
         total = np.sqrt(np.maximum(variance, 0.0) + (gradient @ self.correction) ** 2)
-        return np.where(outside <= _APART * np.linalg.norm(scaled, axis=1), total, np.inf)
+        return np.where(outside <= _OUTSIDE * np.linalg.norm(scaled, axis=1), total, np.inf)
 
     @cached_property
     def deviations(self) -> np.ndarray:
-        """How uncertain each parameter of the estimate is (p); infinite where it is left open."""
+        """Uncertainty (p) of each parameter's estimate; infinite where it is not identifiable."""
         return self.deviation(np.eye(len(self.names)))
 
 
 def torque_information(
     controller: Controller, samples: Sequence[Sample], state: ControllerState
 ) -> Information:
-    """Return what measured motion and torque tell of the dynamic parameters at a state."""
-    return information_of(
+    """Return what measured motion and torque say about the dynamic parameters at a state."""
+    return dynamic_information(
         controller.dynamics, controller.kinematics.robot.model, samples, state.a_d
     )
 
 
-def information_of(
+def dynamic_information(
     dynamics: Dynamics, model: pin.Model, samples: Sequence[Sample], a_d: np.ndarray
 ) -> Information:
-    """Return what measured motion and torque of a chain tell of parameters, at a_d (p).
+    """Return what measured motion and torque of a chain say about dynamic parameters.
 
-    Torques of a joint whose dry friction is unknown are left out while it may reverse unseen: the
-    jitter that noise makes it do then decides what friction is, which would bias all parameters.
+    With noisy sensors, torques of a joint whose dry friction is unknown are left out while its
+    velocity may change sign within the noise: the sign of the friction is then random, which would
+    bias all parameters.
+
+    Args:
+        dynamics: of p parameters.
+        model: of the chain.
+        samples: of a run, at a constant rate.
+        a_d: (p) at which the residuals are taken.
     """
     dynamics.load(a_d)
     nv = model.nv
-    q, v, a, tau, period, smooth = measured_motion(model, samples)
+    motion = motion_of_samples(model, samples, cutoff=_CUTOFF)
+    _, q, v, a, tau, smooth = motion
     reverses = dynamics.joints if smooth else None
-    size = max(1, round(BLOCK / period)) if period else 1
+    size = max(1, round(BLOCK / motion.period)) if motion.period else 1
     blocks = len(q) // size if dynamics.size else 0
     W, r = np.zeros((blocks, nv, dynamics.size)), np.zeros((blocks, nv))
     kept = np.ones((blocks, nv), dtype=bool)
@@ -200,24 +165,27 @@ def information_of(
 def position_information(
     controller: Controller, samples: Sequence[Sample], state: ControllerState
 ) -> Information:
-    """Return what measured positions tell of the kinematic parameters at a state."""
+    """Return what measured positions of the frame say about the kinematic parameters at a state.
+
+    A late frame is compared with the configuration at the time when it was taken.
+    """
     kinematics, m = controller.kinematics, controller.kinematics.positions
     times = np.array([sample.t for sample in samples])
     W, r, last = [], [], None
     for k, sample in enumerate(samples if kinematics.size else ()):
-        t, q, v, x, seen, *_ = sample.measurement
-        if x is None or (seen is not None and seen == last):
+        t, q, v, x, taken, *_ = sample.measurement
+        if x is None or (taken is not None and taken == last):
             continue
-        last = seen
-        if seen is not None and seen < t:
-            k = max(int(np.searchsorted(times, seen, side="right")) - 1, 0)
-            share = (seen - times[k]) / (times[k + 1] - times[k])
-            now, then = samples[k].measurement, samples[k + 1].measurement
-            q = kinematics.between(now.q, then.q, float(np.clip(share, 0.0, 1.0)))
+        last = taken
+        if taken is not None and taken < t:
+            k = max(int(np.searchsorted(times, taken, side="right")) - 1, 0)
+            share = (taken - times[k]) / (times[k + 1] - times[k])
+            before, after = samples[k].measurement, samples[k + 1].measurement
+            q = kinematics.between(before.q, after.q, float(np.clip(share, 0.0, 1.0)))
         kinematics.update(state.a_k, q, v)
-        believed, X_k = kinematics.prediction()
+        position, X_k = kinematics.prediction()
         W.append(X_k)
-        r.append(np.asarray(x)[:m] - believed)
+        r.append(np.asarray(x)[:m] - position)
     shape = len(W), m
     return _information(
         kinematics.names,
@@ -236,20 +204,20 @@ def _information(
     level: np.ndarray,
     kept: np.ndarray | None = None,
 ) -> Information:
-    """Return the information of rows W (N, n, p) with residuals r (N, n), zero but where ``kept``.
+    """Return the information of rows W (N, n, p) with residuals r (N, n), zero where not ``kept``.
 
-    The noise of each signal is what the best parameters leave, found twice: once with signals that
-    count by their ``level`` (n), once with their noise.
+    The noise of each signal is its residual at the least-squares estimate. It is found in two
+    rounds: signals are weighted by their ``level`` (n) in the first, by their noise in the second.
     """
-    there = np.full(r.shape[1], len(r)) if kept is None else kept.sum(axis=0)
-    count, floor = int(there.sum()), _FLOOR * np.maximum(level, np.finfo(float).tiny)
+    counts = np.full(r.shape[1], len(r)) if kept is None else kept.sum(axis=0)
+    count, least = int(counts.sum()), _LEAST_NOISE * np.maximum(level, np.finfo(float).tiny)
     noise = np.maximum(level, np.finfo(float).tiny)
     found = _weighted(names, a, W, r, noise)
     for _ in range(2 if count else 0):
-        left = r - W @ found.correction
+        residual = r - W @ found.correction
         degrees = max(1.0 - found.rank / count, 1.0 / count)
-        size = np.sum(left**2, axis=0) / np.maximum(there, 1)
-        noise = np.where(there > 0, np.maximum(np.sqrt(size / degrees), floor), noise)
+        variance = np.sum(residual**2, axis=0) / np.maximum(counts, 1)
+        noise = np.where(counts > 0, np.maximum(np.sqrt(variance / degrees), least), noise)
         found = _weighted(names, a, W, r, noise)
     return replace(found, rows=count)
 
@@ -261,3 +229,73 @@ def _weighted(
     return Information(
         tuple(names), a, rows.T @ rows, rows.T @ (r / noise).ravel(), noise, len(rows)
     )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Excitation:
+    """What the data of a run say about all parameters; ``print`` shows a table.
+
+    Attributes:
+        dynamic: of motion and torque about the dynamic parameters.
+        kinematic: of measured positions about the kinematic parameters.
+        units: name of a parameter -> its unit.
+    """
+
+    dynamic: Information
+    kinematic: Information
+    units: Mapping[str, str]
+
+    def __repr__(self) -> str:
+        """Return rank and conditioning of both, and each estimate with its uncertainty."""
+        return str(self._sheet())
+
+    def _repr_html_(self) -> str:
+        return self._sheet().html()
+
+    def _sheet(self) -> Sheet:
+        return Sheet("Excitation", self.tables())
+
+    def tables(self) -> list[Table]:
+        """Return an overview, then a table of the kinematic and one of the dynamic parameters."""
+        parts = {"kinematic": self.kinematic, "dynamic": self.dynamic}
+        overview = [
+            row
+            for name, part in parts.items()
+            if part.names
+            for row in (
+                (f"{name} parameters", identifiable(part)),
+                (f"{name} conditioning", _conditioning(part)),
+            )
+        ]
+        tables = [Table(overview or [("nothing", "was adapted")])]
+        for part in parts.values():
+            if part.names:
+                tables.append(
+                    Table(self._rows(part), ("parameter", "estimate", "known to", "unit"))
+                )
+        return tables
+
+    def _rows(self, part: Information) -> list[tuple[str, ...]]:
+        return [
+            (name, f"{value:.4g}", known_to(deviation), self.units.get(name, ""))
+            for name, value, deviation in zip(
+                part.names, part.estimate, part.deviations, strict=True
+            )
+        ]
+
+
+def known_to(deviation: float) -> str:
+    """Return an uncertainty in words: its number, or that there is none."""
+    return f"+- {deviation:.2g}" if np.isfinite(deviation) else "not identifiable"
+
+
+def identifiable(part: Information) -> str:
+    """Return in words how many combinations of parameters are identifiable."""
+    return f"{part.rank} identifiable combinations of {len(part.names)}"
+
+
+def _conditioning(part: Information) -> str:
+    """Return the ratio of the largest to the smallest excited eigenvalue of the scaled H."""
+    if not part.rank:
+        return "nothing was excited"
+    return f"{part.spectrum[0] / part.spectrum[part.rank - 1]:.2g}, from {part.rows} rows"

@@ -1,8 +1,8 @@
-"""The three pictures of a run: error, parameters, torque."""
+"""The pictures of a run: error, parameters, torque; and predicted torques of a log."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,6 +28,7 @@ from .style import (
     shade,
 )
 
+_ONE_COLUMN = 4  # joints
 _NORMS = {"position": "|x - x_d|", "rotation": r"$|\phi|$", "joints": "|q - q_d|"}
 
 
@@ -200,6 +201,47 @@ def _eigenvalue(ax: Any, run: Drawable) -> None:
     ax.set_ylabel("smallest eigenvalue")
     shade(ax, run.t, run.damping > 0.0, BLUE, r"$\hat J$ damped")
     legend(ax)
+
+
+def prediction_figure(
+    title: str,
+    joint_names: Sequence[str],
+    t: np.ndarray,
+    tau: np.ndarray,
+    predicted: Mapping[str, np.ndarray],
+    split: float,
+) -> Picture:
+    """Return one panel a joint: its torque, and as several parameters predict it.
+
+    Args:
+        title: of the figure.
+        joint_names: n of them.
+        t: (N) times [s].
+        tau: (N, n) measured [N m or N].
+        predicted: words -> (N, n) [N m or N].
+        split: time from which on samples were held out [s].
+    """
+    n = len(joint_names)
+    columns = 1 if n <= _ONE_COLUMN else 2
+    rows = -(-n // columns)
+    figure = Picture(figsize=(5.5 * columns + 1.5, 1.7 * rows + 0.8), layout="constrained")
+    axes = np.atleast_1d(figure.subplots(rows, columns, sharex=True)).ravel()
+    for j, name in enumerate(joint_names):
+        ax = axes[j]
+        ax.plot(t, tau[:, j], color="0.7", lw=3.0, label="measured")
+        for k, (words, values) in enumerate(predicted.items()):
+            curve(ax, t, values[:, j], len(predicted) - 1 - k, k, words)
+        shade(ax, t, t >= split, RED, "held out")
+        ax.set_title(literal(name), fontsize=8)
+        ax.set_ylabel("N m or N")
+    for ax in axes[max(n - columns, 0) : n]:
+        ax.set_xlabel("time [s]")
+        ax.tick_params(labelbottom=True)
+    for ax in axes[n:]:
+        ax.set_visible(False)
+    legend(axes[columns - 1])
+    figure.suptitle(literal(f"{title}: torques, low-passed"), fontsize=10)
+    return figure
 
 
 class Figures(NamedTuple):

@@ -1,4 +1,4 @@
-"""What a run leaves behind: samples, arrays and a table."""
+"""The record of a run, and what follows from it: verdict, summary, what was learned."""
 
+from .recording import Transient as Transient
 from .rollout import Rollout as Rollout
-from .summary import Transient as Transient

@@ -1,76 +1,31 @@
-"""How a run bears what happens during it."""
+"""The numbers of a run as ``summary.json``, ``rollout.npz`` and printed tables show them."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from .._files import whole_file, write_text
 from .._table import Sheet, Table, number
 from .._version import __version__
-from ..robot.succession import EARLY
 from ..tasks.task import DISPLAYS
+from .recording import CLOSE, Recording, Transient, extreme, window
+from .verdict import error_share, verdict
 
-if TYPE_CHECKING:
-    from .rollout import Rollout
-
-CLOSE = 1e-3  # [m or rad] error below which a run counts as back
-
-
-class Transient(NamedTuple):
-    """The error norm, ``Rollout.distance``, from one mark of a run to the next.
-
-    Attributes:
-        at: time of the mark [s].
-        what: its words.
-        worst: largest error until the next mark or the end [m or rad].
-        back: time from the mark after which the error stays below ``CLOSE`` [s], zero where it
-            never leaves, None where it has not come back by then.
-    """
-
-    at: float
-    what: str
-    worst: float
-    back: float | None
-
-
-def transients(rollout: Rollout) -> list[Transient]:
-    """Return one a mark of a rollout that has samples after it."""
-    ends = np.searchsorted(rollout.t, [at - EARLY for at, _ in rollout.marks] + [np.inf])
-    distance, found = rollout.distance, []
-    for (at, what), first, last in zip(rollout.marks, ends, ends[1:], strict=False):
-        if first == last:
-            continue
-        far = np.flatnonzero(~(distance[first:last] < CLOSE))  # NaN is far
-        back: float | None = 0.0
-        if far.size:
-            after = first + far[-1] + 1
-            back = round(float(rollout.t[after] - at), 6) if after < last else None
-        found.append(Transient(at, what, float(distance[first:last].max()), back))
-    return found
-
-
-# Of ``rollout.npz``.
+# The arrays of ``rollout.npz``.
 RECORDED = ("t", "q", "v", "tau", "x", "x_d", "a_k", "a_d", "saturated")
 COMPUTED = ("error", "a_k_true", "a_d_true", "lyapunov")
 WATCHED = ("min_eig_M_hat", "min_singular_J_hat", "damping", "damping_share")
 
 
-def window(values: np.ndarray, first: bool) -> np.ndarray:
-    """Return the first or last 10 % of the values, at least one where there is one."""
-    count = max(1, len(values) // 10)
-    return values[:count] if first else values[-count:]
-
-
-def summary(rollout: Rollout) -> dict[str, Any]:
+def summary(rollout: Recording) -> dict[str, Any]:
     """Return the numbers of ``summary.json``; None where no finite number is to be had."""
     return {
-        "verdict": rollout.verdict,
-        "error_share": rollout.error_share,
+        "verdict": verdict(rollout),
+        "error_share": error_share(rollout),
         "title": rollout.title,
         "law": rollout.law,
         "adaptation": rollout.adaptation,
@@ -120,7 +75,7 @@ def _transient(transient: Transient) -> dict[str, Any]:
     }
 
 
-def brief(rollout: Rollout) -> Sheet:
+def brief(rollout: Recording) -> Sheet:
     """Return robot, law, duration and the largest errors."""
     numbers, unit = _errors(rollout.distance, "error"), DISPLAYS[rollout.task.groups[0].unit]
     first, last = (
@@ -136,7 +91,7 @@ def brief(rollout: Rollout) -> Sheet:
     return Sheet(rollout.title, [Table([*rows, *_ended_early(rollout)])])
 
 
-def sheet(rollout: Rollout) -> Sheet:
+def sheet(rollout: Recording) -> Sheet:
     """Return a table of what matters, and one of the joints beyond their limits if there are."""
     numbers, (group, *more) = summary(rollout), rollout.task.groups
     sizes = f"{len(rollout.kinematic_names)} kinematic, {len(rollout.dynamic_names)} dynamic"
@@ -177,7 +132,7 @@ def _error_rows(
     return rows
 
 
-def _largest_torque(rollout: Rollout) -> str:
+def _largest_torque(rollout: Recording) -> str:
     """Return the largest torque or force and the joint that gave it."""
     tau = np.where(np.isfinite(rollout.tau), np.abs(rollout.tau), -1.0)
     if not tau.size or tau.max() < 0.0:
@@ -192,7 +147,7 @@ def _ends(lyapunov: np.ndarray | None) -> str:
     return "undefined" if lyapunov is None else f"{lyapunov[0]:.4g} -> {lyapunov[1]:.4g}"
 
 
-def _remarks(rollout: Rollout, numbers: dict[str, Any]) -> list[tuple[str, str]]:
+def _remarks(rollout: Recording, numbers: dict[str, Any]) -> list[tuple[str, str]]:
     """Return the rows that only some runs have."""
     rows = _change_rows(numbers["changes"], rollout.task.groups[0].unit)
     if numbers["max_damping"]:
@@ -206,7 +161,7 @@ def _remarks(rollout: Rollout, numbers: dict[str, Any]) -> list[tuple[str, str]]
     return rows + _ended_early(rollout)
 
 
-def _ended_early(rollout: Rollout) -> list[tuple[str, str]]:
+def _ended_early(rollout: Recording) -> list[tuple[str, str]]:
     """Return a row where the run was interrupted or diverged."""
     rows = []
     if rollout.interrupted is not None:
@@ -232,7 +187,7 @@ def _change_rows(changes: list[dict[str, Any]], unit: str) -> list[tuple[str, st
     return rows
 
 
-def save(rollout: Rollout, folder: Path) -> None:
+def save(rollout: Recording, folder: Path) -> None:
     """Write ``rollout.npz`` and ``summary.json`` into a folder, which is made if it is missing.
 
     Each is whole or not there. What was recorded is written at once, and again with what is
@@ -243,12 +198,6 @@ def save(rollout: Rollout, folder: Path) -> None:
         with whole_file(folder / "rollout.npz") as file:
             np.savez_compressed(file, **{name: a for name, a in arrays.items() if a is not None})
     write_text(folder / "summary.json", json.dumps(summary(rollout), indent=2) + "\n")
-
-
-def extreme(of: Callable[[np.ndarray], float], values: np.ndarray) -> float | None:
-    """Return a number made of the finite values, or None where there is none."""
-    finite = values[np.isfinite(values)]
-    return float(of(finite)) if finite.size else None
 
 
 def _rms(values: np.ndarray) -> float:

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ..laws import DEFAULT, LAWS
 from ..tasks.task import DISPLAYS
-from .summary import CLOSE, extreme, window
-
-if TYPE_CHECKING:
-    from .rollout import Rollout
+from .recording import CLOSE, Recording, extreme, window
 
 ACCURATE, ROUGH = 0.02, 0.2  # errors of the last 10 % in parts of the path's extent
 BETTER = 0.2  # of the unadapted error; what is above it is hardly due to the adaptation
@@ -25,13 +20,13 @@ _MOTION = "desired"  # begins the reason of a loop that its desired motion ended
 _FALLING = 0.7  # the error of the last third of a run in parts of the second's
 
 
-def error_share(rollout: Rollout) -> float | None:
+def error_share(rollout: Recording) -> float | None:
     """Return the largest error of the last 10 % in parts of the path's extent; None for a point."""
     error = extreme(np.max, window(rollout.distance, False))
     return error / rollout.extent if error is not None and rollout.extent else None
 
 
-def grade(rollout: Rollout) -> str:
+def grade(rollout: Recording) -> str:
     """Return the verdict in a few words."""
     if rollout.diverged is not None:
         return f"diverged at {rollout.diverged:.3f} s"
@@ -43,14 +38,14 @@ def grade(rollout: Rollout) -> str:
     return FOLLOWS if worst <= ACCURATE else ROUGHLY if worst <= ROUGH else LOST
 
 
-def verdict(rollout: Rollout) -> str:
+def verdict(rollout: Recording) -> str:
     """Return the verdict in one line."""
     reason = str(rollout.reason or "").rstrip(".")
     parts = (reason, _error(rollout), _beyond(rollout), _advice(rollout))
     return f"{grade(rollout)}: {'; '.join(part for part in parts if part)}."
 
 
-def _worst(rollout: Rollout) -> float | None:
+def _worst(rollout: Recording) -> float | None:
     """Return the largest error of the last 10 %, of position or orientation, in parts of either."""
     error = extreme(np.max, window(rollout.distance, False))
     if error is None or rollout.angle is None:
@@ -59,7 +54,7 @@ def _worst(rollout: Rollout) -> float | None:
     return None if angle is None else max(error / (rollout.extent or _POINT), angle / TURN)
 
 
-def _error(rollout: Rollout) -> str:
+def _error(rollout: Recording) -> str:
     """Return the error in the last 10 %, as it is, as a share, and beside the unadapted one."""
     error = extreme(np.max, window(rollout.distance, False))
     if error is None:
@@ -92,13 +87,13 @@ def _short(value: float, digits: int = 3) -> str:
     return f"{value:.0f}" if whole else f"{value:.{digits}g}"
 
 
-def _beyond(rollout: Rollout) -> str:
+def _beyond(rollout: Recording) -> str:
     """Return which joints went beyond which limits, if the description states any."""
     limits = rollout.limits
     return limits.words() if limits.exceeded else "joint limits kept" if limits.stated else ""
 
 
-def _advice(rollout: Rollout) -> str:
+def _advice(rollout: Recording) -> str:
     """Return what likeliest helps where a run went badly, or nothing."""
     if rollout.interrupted is not None or grade(rollout) == FOLLOWS:
         return ""
@@ -135,7 +130,7 @@ def _set_point() -> str:
     )
 
 
-def _relief(rollout: Rollout) -> str:
+def _relief(rollout: Recording) -> str:
     """Return what helps motors at their limit."""
     return (
         f"the motors were at their limit {rollout.saturated.mean():.0%} of the time: try a "

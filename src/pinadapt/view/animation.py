@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
 from .._checks import positive
 from .._files import write_text
+from ..controller.controller import Controller
+from ..robot.succession import Succession
 from .page import Curve, Messages, Moment, Page, camera_for, curves_of, reading_of
 from .scene import Scene, desired_tip, motion_in_time, motion_of
 from .shapes import DESIRED, TRUE
 from .window import Keyframes
-
-if TYPE_CHECKING:
-    from ..rollout.rollout import Rollout
 
 _MOST_FRAMES = 900  # longer rollouts get fewer frames a second
 _LINE_RATE = 60.0  # [1/s] samples of the paths
@@ -54,7 +53,49 @@ class Animation:
         return f"<Animation of {len(self.html) / 1e6:.1f} MB, .save(path) writes it>"
 
 
-def animation_of(rollout: Rollout, *, frames_per_second: float = 30.0) -> Animation:
+class Animatable(Protocol):
+    """What is animated of a run of N samples, as ``Rollout`` has it; see there for shapes."""
+
+    @property
+    def title(self) -> str:
+        """Of the page."""
+
+    @property
+    def t(self) -> np.ndarray:
+        """Time (N) [s]."""
+
+    @property
+    def q(self) -> np.ndarray:
+        """True configurations (N, nq)."""
+
+    @property
+    def x(self) -> np.ndarray:
+        """True task coordinates (N, .)."""
+
+    @property
+    def x_d(self) -> np.ndarray:
+        """Desired task coordinates (N, .)."""
+
+    @property
+    def a_k(self) -> np.ndarray:
+        """Kinematic estimates (N, p_k)."""
+
+    @property
+    def a_d(self) -> np.ndarray:
+        """Dynamic estimates (N, p_d)."""
+
+    @property
+    def marks(self) -> tuple[tuple[float, str], ...]:
+        """Time [s] and words of events during the run."""
+
+
+def animation_of(
+    rollout: Animatable,
+    robots: Succession,
+    controller: Controller,
+    *,
+    frames_per_second: float = 30.0,
+) -> Animation:
     """Return the animation of a rollout; with one sample or none the picture is still.
 
     The true robot moves along ``rollout.q``. The believed robot is a ghost at the same measured q,
@@ -63,15 +104,15 @@ def animation_of(rollout: Rollout, *, frames_per_second: float = 30.0) -> Animat
 
     Args:
         rollout: the run.
+        robots: the true robot, and what it became.
+        controller: that ran.
         frames_per_second: of the animation, at most one a sample.
 
     Raises:
         InputError: frames_per_second is not positive.
-        PinadaptError: meshcat's viewer cannot be used, or the rollout has left its process.
+        PinadaptError: meshcat's viewer cannot be used.
     """
     rate = positive(frames_per_second, "frames_per_second")
-    evaluation = rollout.evaluated()
-    robots, controller = evaluation.true, evaluation.controller
     true, kinematics = robots.robots[0], controller.kinematics
     some = len(rollout.t) > 0
     t, q = (rollout.t, rollout.q) if some else (np.zeros(1), true.q0[None])
@@ -91,23 +132,24 @@ def animation_of(rollout: Rollout, *, frames_per_second: float = 30.0) -> Animat
         scene.add_path("desired", desired, DESIRED, 0.004)
         scene.add_path("true", traced, TRUE, 0.005)
         window.note("reveal", reveal=scene.root["paths"]["true"].path.lower())
-    curves = _curves(rollout, window)
+    curves = _curves(rollout, robots, controller, window)
     keys.play(scene.root)
     title, end = rollout.title or true.name, float(t[-1] - t[0])
     page = Page(title, scene.legend, camera, curves, end, rollout.marks)
     return Animation(page.html(window.packed()))
 
 
-def _curves(rollout: Rollout, window: Messages) -> list[Curve]:
+def _curves(
+    rollout: Animatable, robots: Succession, controller: Controller, window: Messages
+) -> list[Curve]:
     """Return the curves of a rollout, and put their numbers into a window."""
     if not len(rollout.t):
         return []
-    evaluation = rollout.evaluated()
     t = rollout.t
     readings = np.unique(np.linspace(0, len(t) - 1, _MOST_READINGS).astype(int))
     arrays = rollout.x, rollout.x_d, rollout.a_k, rollout.a_d
     moments = [Moment(t[k], *(array[k] for array in arrays)) for k in readings]
-    curves = curves_of(evaluation.true, evaluation.controller)
+    curves = curves_of(robots, controller)
     for moment in moments:
         window.note(("reading", moment.t), reading=reading_of(curves, moment))
     return curves

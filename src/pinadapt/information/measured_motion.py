@@ -1,0 +1,170 @@
+"""Measured motion, from samples of a run or from a log, smoothed where the sensors are noisy.
+
+A measured velocity is used as it is where it agrees with the measured positions. Where it does not,
+or where there is none, positions pass a Butterworth low pass of order four, once forwards and once
+backwards so that nothing is delayed, and velocity and acceleration are its derivatives.
+
+Torques are never filtered. Whoever compares them with the motion averages both over a window, in
+which the noise of the torque is independent. The cutoff is chosen there, well above the band of the
+window, so that the low pass removes nothing that is compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ..controller.state import Sample
+from ..logs.log import Log
+from ..robot.robot import Robot
+
+_ORDER = 4
+_SETTLING = 0.1  # [s] left out at both ends, where the low pass has data on one side only
+_FASTEST = 0.4  # of the sampling rate: the highest cutoff
+_SHORTEST = 10.0 * _SETTLING  # [s] of a run that is smoothed
+
+# Relative difference, root mean square, up to which measured velocities are those of the positions.
+# Those of a run are differentiated. Those of a log are not, and trapezoids over its longer periods
+# differ by themselves, at 50 Hz by about 1e-3.
+_RUN_TOLERANCE, _LOG_TOLERANCE = 1e-3, 5e-3
+
+
+class MeasuredMotion(NamedTuple):
+    """Measured motion and torque at N instants.
+
+    Attributes:
+        t: (N) times [s].
+        q: (N, nq) configurations.
+        v, a: (N, n) velocities and accelerations [rad/s, rad/s^2 or m].
+        tau: (N, n) torques of the joints [N m or N].
+        smoothed: whether q passed the low pass, and v and a are its derivatives.
+    """
+
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    tau: np.ndarray
+    smoothed: bool
+
+    @property
+    def period(self) -> float:
+        """Mean time between the instants [s], zero for fewer than two."""
+        return float(self.t[-1] - self.t[0]) / (len(self.t) - 1) if len(self.t) > 1 else 0.0
+
+
+def motion_of_samples(
+    model: pin.Model, samples: Sequence[Sample], *, cutoff: float
+) -> MeasuredMotion:
+    """Return the motion measured in samples of a constant rate, halfway between them.
+
+    There the mean of both velocities and their difference over the period are exact to the square
+    of the period for torques that are held.
+
+    Args:
+        model: of the chain.
+        samples: of a run.
+        cutoff: of the low pass [Hz]. Noisy runs that are shorter than a second or sampled at less
+            than 2.5 times the cutoff are not smoothed.
+    """
+    t = np.array([sample.t for sample in samples])
+    measured = [sample.measurement for sample in samples]
+    steps = len(samples) - 1
+    if steps < 2 or t[-1] <= t[0]:
+        none = np.zeros((0, model.nv))
+        return MeasuredMotion(np.zeros(0), np.zeros((0, model.nq)), none, none, none, False)
+    period = float(t[-1] - t[0]) / steps
+    halfway = t[:-1] + 0.5 * period
+    q = np.array([one.q for one in measured])
+    v = np.array([one.v for one in measured])
+    tau = np.array([_torque(*both) for both in pairwise(samples)])
+    moved = _differences(model, q)
+    mean = 0.5 * (v[:-1] + v[1:])
+    long_enough = t[-1] - t[0] > _SHORTEST and cutoff * period < _FASTEST
+    if _agree(moved / period, mean, _RUN_TOLERANCE) or not long_enough:
+        middle = [
+            pin.integrate(model, start, 0.5 * part)
+            for start, part in zip(q[:-1], moved, strict=True)
+        ]
+        a = np.diff(v, axis=0) / period
+        return MeasuredMotion(halfway, np.array(middle), mean, a, tau, False)
+    travelled = np.cumsum(moved, axis=0) - 0.5 * moved
+    return _smoothed(model, q[0], halfway, travelled, tau, period, cutoff)
+
+
+def _torque(sample: Sample, after: Sample) -> np.ndarray:
+    """Return the torque (n) between two samples: measured, or else as it was commanded."""
+    measured = after.measurement.tau
+    return sample.torque if measured is None else np.asarray(measured, dtype=float)
+
+
+def motion_of_log(robot: Robot, log: Log, *, cutoff: float) -> MeasuredMotion:
+    """Return the motion in a log at its own times, without samples that are not finite.
+
+    Args:
+        robot: whose joints were recorded.
+        log: of at least two finite samples.
+        cutoff: of the low pass [Hz], at most 0.4 times the sampling rate.
+    """
+    model, q = robot.model, log.configurations(robot)
+    finite = np.isfinite(q).all(axis=1) & np.isfinite(log.tau).all(axis=1)
+    if log.v is not None:
+        finite &= np.isfinite(log.v).all(axis=1)
+    t, q, tau = log.t[finite], q[finite], log.tau[finite]
+    moved, steps = _differences(model, q), np.diff(t)
+    if log.v is not None:
+        v = log.v[finite]
+        near = steps < 1.5 * log.period  # no sample is missing in between
+        mean = 0.5 * (v[:-1] + v[1:])
+        if _agree((moved / steps[:, None])[near], mean[near], _LOG_TOLERANCE):
+            return MeasuredMotion(t, q, v, np.gradient(v, t, axis=0), tau, False)
+    travelled = np.vstack([np.zeros(model.nv), np.cumsum(moved, axis=0)])
+    return _smoothed(model, q[0], t, travelled, tau, log.period, cutoff)
+
+
+def _differences(model: pin.Model, q: np.ndarray) -> np.ndarray:
+    """Return how far the joints moved (N - 1, n) between configurations (N, nq) [rad or m]."""
+    return np.array([pin.difference(model, *ends) for ends in pairwise(q)])
+
+
+def _agree(rates: np.ndarray, v: np.ndarray, tolerance: float) -> bool:
+    """Tell whether measured velocities (N, n) are the rates of the positions."""
+    return bool(np.linalg.norm(rates - v) <= tolerance * np.linalg.norm(v))
+
+
+def _smoothed(
+    model: pin.Model,
+    start: np.ndarray,
+    t: np.ndarray,
+    travelled: np.ndarray,
+    tau: np.ndarray,
+    period: float,
+    cutoff: float,
+) -> MeasuredMotion:
+    """Return the motion without what is faster than the cutoff [Hz], and without its ends.
+
+    ``travelled`` (N, n) counts from the configuration ``start`` (nq). Times may be uneven: the low
+    pass runs at even ones, ``period`` apart, and its output is interpolated.
+    """
+    from scipy.signal import butter, sosfiltfilt  # here, because scipy is slow to import
+
+    even = np.linspace(t[0], t[-1], max(round((t[-1] - t[0]) / period) + 1, 2))
+    step = even[1] - even[0]
+    low_pass = butter(_ORDER, min(cutoff, _FASTEST / step), fs=1.0 / step, output="sos")
+    path = sosfiltfilt(low_pass, _at(even, t, travelled), axis=0)
+    v = np.gradient(path, step, axis=0)
+    a = np.gradient(v, step, axis=0)
+    settled = (t >= t[0] + _SETTLING) & (t <= t[-1] - _SETTLING)
+    t, tau = t[settled], tau[settled]
+    path, v, a = (_at(t, even, part) for part in (path, v, a))
+    q = np.array([pin.integrate(model, start, part) for part in path])
+    return MeasuredMotion(t, q, v, a, tau, True)
+
+
+def _at(t: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return values (N, n) at times (N), interpolated at others (K): (K, n)."""
+    return np.column_stack([np.interp(t, times, column) for column in values.T])

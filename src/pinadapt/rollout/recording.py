@@ -1,0 +1,243 @@
+"""What was recorded of a run, and the quantities that are computed from the record."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..exceptions import InputError
+from ..robot.succession import EARLY
+from ..tasks.task import Task
+from .evaluation import Evaluation
+from .limit_excess import LimitExcess
+
+CLOSE = 1e-3  # [m or rad] error below which a run has recovered from an event
+_TENTH = 10  # parts of a run, of which errors are stated for the first and the last
+
+
+class Transient(NamedTuple):
+    """The error norm, ``Recording.distance``, from one mark of a run to the next.
+
+    Attributes:
+        at: time of the mark [s].
+        what: its words.
+        worst: largest error until the next mark or the end [m or rad].
+        back: time from the mark after which the error stays below ``CLOSE`` [s]; zero where it
+            never exceeds that, None where it does not come back before the next mark or the end.
+    """
+
+    at: float
+    what: str
+    worst: float
+    back: float | None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Recording:
+    """A closed loop over N samples, in SI units and world axes.
+
+    The fields were recorded. The properties are computed from them when they are first read.
+
+    Attributes:
+        title, robot, law, adaptation: names of what ran.
+        task: the controlled coordinates.
+        joint_names: one name a joint.
+        kinematic_names, dynamic_names: one name a parameter.
+        t: (N) time [s].
+        q, v, tau: (N, nq), (N, nv), (N, nv) true configuration and velocity, torque given by the
+            motors.
+        x, x_d: (N, .) true and desired task coordinates.
+        a_k, a_d: (N, p_k), (N, p_d) estimates.
+        saturated: (N) whether a torque was at its limit.
+        diverged: time [s] at which the loop diverged, or None; the arrays end there.
+        reason: why it diverged, or None.
+        wall_time: seconds for the whole run.
+        step_time: mean seconds of one controller step; zero in continuous mode, which has no steps.
+        evaluation: what the properties are computed by; None once the rollout was copied to another
+            process, with all of them computed.
+        marks: time [s] and a few words for each change of the true robot and each announcement to
+            the controller.
+        interrupted: time [s] at which somebody stopped the run, or None; the arrays end there.
+        path_extent: radius of the desired circle, half the diagonal of another path [m or rad],
+            zero for a point; None where the motion does not say.
+        unadapted: largest error in the last 10 % of the same loop without adaptation [m or rad],
+            or None where it is not known.
+    """
+
+    title: str
+    robot: str
+    law: str
+    adaptation: str
+    task: Task
+    joint_names: tuple[str, ...]
+    kinematic_names: tuple[str, ...]
+    dynamic_names: tuple[str, ...]
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    tau: np.ndarray
+    x: np.ndarray
+    x_d: np.ndarray
+    a_k: np.ndarray
+    a_d: np.ndarray
+    saturated: np.ndarray
+    diverged: float | None
+    reason: str | None
+    wall_time: float
+    step_time: float
+    evaluation: Evaluation | None
+    marks: tuple[tuple[float, str], ...] = ()
+    interrupted: float | None = None
+    path_extent: float | None = None
+    unadapted: float | None = None
+
+    @cached_property
+    def error(self) -> np.ndarray:
+        """Task error (N, m), x relative to x_d: [m], for orientations and joints [rad]."""
+        rows = [self.task.error(*both) for both in zip(self.x, self.x_d, strict=True)]
+        return np.array(rows).reshape(len(rows), self.task.size)
+
+    @property
+    def duration(self) -> float:
+        """Time [s] from the first sample to one period after the last."""
+        return float(self.t[-1] - self.t[0] + np.diff(self.t[-2:]).sum()) if len(self.t) else 0.0
+
+    @property
+    def distance(self) -> np.ndarray:
+        """Norm of the error in the task's first group of rows (N): position [m] or joints [rad]."""
+        return np.linalg.norm(self.error[:, self.task.groups[0].rows], axis=1)
+
+    @property
+    def angle(self) -> np.ndarray | None:
+        """Angle between true and desired orientation (N) [rad], or None for tasks without one."""
+        if len(self.task.groups) == 1:
+            return None
+        return np.linalg.norm(self.error[:, self.task.groups[1].rows], axis=1)
+
+    @property
+    def extent(self) -> float:
+        """The path's extent [m or rad]: as its motion says, or half the diagonal of what ran."""
+        if self.path_extent is not None or not len(self.t):
+            return self.path_extent or 0.0
+        return 0.5 * float(np.linalg.norm(np.ptp(self.x_d[:, self.task.groups[0].rows], axis=0)))
+
+    def window(self, first: bool) -> np.ndarray:
+        """Return the error norms ``distance`` (>= 1) in the first or last 10 % of the samples."""
+        return window(self.distance, first)
+
+    @property
+    def transients(self) -> list[Transient]:
+        """The error after each of the marks that has samples after it."""
+        ends = np.searchsorted(self.t, [at - EARLY for at, _ in self.marks] + [np.inf])
+        distance, found = self.distance, []
+        for (at, what), first, last in zip(self.marks, ends, ends[1:], strict=False):
+            if first == last:
+                continue
+            far = np.flatnonzero(~(distance[first:last] < CLOSE))  # NaN is far
+            back: float | None = 0.0
+            if far.size:
+                after = first + far[-1] + 1
+                back = round(float(self.t[after] - at), 6) if after < last else None
+            found.append(Transient(at, what, float(distance[first:last].max()), back))
+        return found
+
+    @cached_property
+    def a_k_true(self) -> np.ndarray | None:
+        """The true kinematic parameters (p_k) [m], or None where no value of them is the truth.
+
+        Of each sample (N, p_k) where the true robot changes during the run.
+        """
+        return self.evaluated().a_k_true
+
+    @cached_property
+    def a_d_true(self) -> np.ndarray | None:
+        """The true dynamic parameters (p_d), or None where no value of them is the truth.
+
+        Of each sample (N, p_d) where the true robot changes during the run.
+        """
+        return self.evaluated().a_d_true
+
+    @cached_property
+    def kinematic_base(self) -> int:
+        """Number of combinations of the kinematic parameters that motion can identify."""
+        return self.evaluated().controller.kinematics.base()
+
+    @cached_property
+    def lyapunov(self) -> np.ndarray | None:
+        """V(t) (N), or None where undefined; it jumps where the true robot changes."""
+        return self.evaluated().lyapunov
+
+    @cached_property
+    def lyapunov_ends(self) -> np.ndarray | None:
+        """V of the first and the last sample (2), or None where undefined."""
+        evaluation = self.evaluated()
+        return evaluation.storage([evaluation.samples[k] for k in (0, -1)]) if len(self.t) else None
+
+    @cached_property
+    def min_eig_M_hat(self) -> np.ndarray:
+        """Smallest eigenvalue (N) of the estimated mass matrix."""
+        return self.evaluated().smallest_eigenvalues
+
+    @cached_property
+    def min_singular_J_hat(self) -> np.ndarray:
+        """Smallest singular value (N) of the estimated Jacobian."""
+        return self.evaluated().smallest_singular_values
+
+    @cached_property
+    def damping(self) -> np.ndarray:
+        """The mu^2 (N) of the estimated Jacobian's ``RightInverse``, zero where that is exact."""
+        return self.evaluated().damping
+
+    @property
+    def damping_share(self) -> np.ndarray:
+        """The largest share (N) of a task motion that damping takes, mu^2 / (s_min^2 + mu^2)."""
+        whole = self.min_singular_J_hat**2 + self.damping
+        return self.damping / np.maximum(whole, np.finfo(float).tiny)
+
+    @cached_property
+    def limits(self) -> LimitExcess:
+        """How far motion and desired motion of each joint exceeded the description's limits."""
+        return self.evaluated().limits
+
+    @cached_property
+    def effort_limits(self) -> np.ndarray:
+        """Effort limits (nv) of the description [N m or N], infinite where it has none."""
+        return self.evaluated().effort_limits
+
+    def evaluated(self) -> Evaluation:
+        """Return what the properties are computed by: robots, controller and samples.
+
+        Raises:
+            InputError: the rollout was copied to another process and has only the numbers left.
+        """
+        if self.evaluation is None:
+            raise InputError(
+                "a rollout that was copied to another process has its numbers, but no robots.",
+                where="rollout",
+                hint="Animate it where it ran.",
+            )
+        return self.evaluation
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Compute every property and leave out what they are computed from."""
+        for kind in type(self).__mro__:
+            for name, attribute in vars(kind).items():
+                if isinstance(attribute, cached_property):
+                    getattr(self, name)
+        return {**self.__dict__, "evaluation": None}
+
+
+def window(values: np.ndarray, first: bool) -> np.ndarray:
+    """Return the first or last 10 % of the values, at least one where there is one."""
+    count = max(1, len(values) // _TENTH)
+    return values[:count] if first else values[-count:]
+
+
+def extreme(of: Callable[[np.ndarray], float], values: np.ndarray) -> float | None:
+    """Return a number computed from the finite values, or None where there is none."""
+    finite = values[np.isfinite(values)]
+    return float(of(finite)) if finite.size else None
