@@ -17,7 +17,6 @@ from ..records import Measurement
 from ..robot.robot import Robot
 from .fits import CUTOFF, Frames
 
-
 _RATE = 2.0 * math.pi * CUTOFF  # [1/s] of the causal low pass
 _SETTLED = 10.0 / _RATE  # [s]
 _SAME = 1e-9  # [s] between times that are taken for one

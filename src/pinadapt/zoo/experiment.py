@@ -18,8 +18,8 @@ import numpy as np
 from ..controller.controller import Controller
 from ..description.catalogue import catalogue, catalogue_entry
 from ..exceptions import PinadaptError
-from ..rollout.rollout import Rollout
 from ..rollout.recording import extreme
+from ..rollout.rollout import Rollout
 from ..simulation.simulate import simulate
 from ..tuning.make_controller import make_controller
 from .case import PERIOD, ZooCase, zoo_case

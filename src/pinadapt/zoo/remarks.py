@@ -9,8 +9,8 @@ from ..controller.controller import Controller
 from ..laws.acceleration_law import AccelerationLaw
 from ..laws.law import Law
 from ..laws.separation import Separation
-from ..rollout.rollout import Rollout
 from ..rollout.recording import extreme
+from ..rollout.rollout import Rollout
 from ..rollout.verdict import ACCURATE, BETTER
 from ..tuning.preflight import lightest_joint
 from .case import PERIOD, SWING, ZooCase
