@@ -99,7 +99,7 @@ def test_an_arm_that_is_not_as_described_shows():
 
 def test_a_load_needs_the_last_body():
     rollout = run("ur5", 0.1, dynamic="none")
-    with pytest.raises(pa.ParameterError, match="no load was learned"):
+    with pytest.raises(pa.ParameterError, match="no estimate of a load"):
         rollout.payload()
 
 
@@ -142,7 +142,7 @@ def test_the_sheet_names_every_parameter():
     rollout = run("scara")
     text = str(rollout.excitation())
     assert all(name in text for name in (*rollout.dynamic_names, *rollout.kinematic_names))
-    assert "told apart" in text and "<table>" in rollout.excitation()._repr_html_()
+    assert "identifiable combinations" in text and "<table>" in rollout.excitation()._repr_html_()
 
 
 def test_only_what_was_measured_since_the_last_change_counts():

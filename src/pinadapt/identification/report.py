@@ -114,8 +114,7 @@ def _overview(found: IdentifiedModel) -> list[tuple[str, str]]:
         rows.append(("not believed", f"{online.refused} samples online, the first {online.reason}"))
     for name, part in (("kinematic", found.kinematic), ("dynamic", found.dynamic)):
         if part.names:
-            told = f"{part.rank} combinations of {len(part.names)} told apart"
-            rows.append((f"{name} parameters", told))
+            rows.append((f"{name} parameters", identifiable(part)))
     if (errors := found.position_errors) is not None:
         before, after = rms(errors.described_held_out), rms(errors.learned_held_out)
         words = f"{1e3 * before:.4g} -> {1e3 * after:.4g} mm (rms)"
