@@ -14,7 +14,7 @@ from .._files import whole_file, write_text
 from .._table import Sheet, Table
 from .._version import __version__
 from ..exceptions import ParameterError
-from ..information.information import Information, known_to
+from ..information.information import Information, identifiable, known_to
 from ..information.payload import PayloadEstimate
 from ..robot.motors import Gravity
 from .fits import CUTOFF
