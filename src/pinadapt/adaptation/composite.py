@@ -1,4 +1,7 @@
-"""Composite adaptation: the tracking error and the prediction error of the torque together."""
+"""Composite adaptation: tracking error and prediction error of the torque together.
+
+``Composite`` uses the prediction error of the present, ``CompositeMemory`` that of all past data.
+"""
 
 from __future__ import annotations
 
@@ -13,28 +16,29 @@ from ..exceptions import GainError
 from .adaptation import Adaptation, Drive, Estimate, Wrapper
 from .least_squares import DecayWeight, checked_weight, weight_of
 
-_NAMES = {"gradient": "composite", "natural": "natural-composite"}
+# name of the inner adaptation -> name of the wrapped one
+_COMPOSITE = {"gradient": "composite", "natural": "natural-composite"}
+_WITH_MEMORY = {"gradient": "composite-memory", "natural": "natural-memory"}
 
 
 class Composite(Wrapper):
-    """da/dt = -Gamma (Y^T e + W^T R r), Gamma that of any adaptation, r = W a - y.
+    """da/dt = -Gamma (Y^T e + W^T R r), r = W a - y, Gamma that of any adaptation.
 
-    W and y are regressor and torque of the joints through a low pass; see ``FilteredRegressor``.
-    With the true parameters W a = y, so r = W da whatever the tracking error is, and learning goes
-    on where that has died out.
+    W and y are the filtered regressor and torque of the joints; see ``FilteredRegressor``. For the
+    true parameters W a = y, hence r = W da for any tracking error, and adaptation continues when
+    the tracking error has vanished.
 
-    V:          as without the prediction error; dV/dt gains -r^T R r <= 0, an equality, for every
-                R >= 0, which may change with time, in whatever metric the adaptation has. Of a
-                natural one the estimate stays in its cone.
-    Weight:     constant, as published, or R = rate (W Gamma W^T + diag(floor))^-1: then dr/dt =
-                -rate r + (what W changes), on every joint at the same rate and in no units; the
-                floor keeps joints that hardly move from being heard.
+    V:          dV/dt changes by -r^T R r <= 0, an equality for every R >= 0, which may change with
+                time, in the metric of any inner adaptation. Under natural adaptation the estimate
+                stays in its cone.
+    Weight:     constant, as published, or R = rate (W Gamma W^T + diag(floor))^-1; see
+                ``DecayWeight``.
 
     J.-J. Slotine, W. Li, *Composite adaptive control of robot manipulators*, Automatica 25 (1989)
-    509-519, with a constant Gamma; on natural adaptation the same gradient in its metric.
+    509-519, with a constant Gamma; with natural adaptation it is the same gradient in its metric.
 
     Attributes:
-        inner: the adaptation that it wraps, of all dynamic parameters.
+        inner: the wrapped adaptation, of all dynamic parameters.
         prediction: bandwidth of the low pass [1/s].
     """
 
@@ -49,23 +53,23 @@ class Composite(Wrapper):
         rate: float | None = None,
         floor: ArrayLike = 0.0,
     ) -> None:
-        """Take the adaptation to wrap, and the low pass with a weight or a rate.
+        """Wrap an adaptation; the prediction error has either a weight or a rate.
 
         Args:
             inner: any adaptation.
             bandwidth: of the low pass [1/s].
             weight: R, a number, n numbers or (n, n), in 1 / (N m)^2 or 1 / N^2.
             rate: [1/s] at which the prediction error decays, instead of a weight.
-            floor: a positive number or n of them in units of W Gamma W^T, with a rate.
+            floor: with a rate: a positive number or n of them, in units of W Gamma W^T.
 
         Raises:
-            GainError: neither weight nor rate or both of them, or gains that are not positive.
+            GainError: neither or both of weight and rate, or gains that are not positive.
         """
         super().__init__(inner)
-        self.name = _NAMES.get(inner.name, inner.name)
+        self.name = _COMPOSITE.get(inner.name, inner.name)
         self.prediction = positive(bandwidth, "prediction_filter")
         if (weight is None) == (rate is None):
-            raise GainError("give either a weight or a rate.", where="prediction_rate")
+            raise GainError("expected either a weight or a rate.", where="prediction_rate")
         self._constant = None if weight is None else checked_weight(weight)
         self._decay = None if rate is None else DecayWeight(rate, floor)
 
@@ -77,11 +81,11 @@ class Composite(Wrapper):
         return self._decay.at(W.dot(self.inner.gain_times(value, W.T)))
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
-        """Return the inner adaptation's rates under both errors."""
+        """Return the inner adaptation's rates under tracking and prediction error."""
         return self.inner.rate(estimate, self._weighted(estimate, drive))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
-        """Return the inner adaptation's estimate after dt [s] under both errors."""
+        """Return the inner adaptation's estimate after dt [s] under both errors, held."""
         return self.inner.step(estimate, self._weighted(estimate, drive), dt)
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
@@ -93,20 +97,17 @@ class Composite(Wrapper):
         return own + self.inner.dissipation(estimate, weighted, truth)
 
     def _weighted(self, estimate: Estimate, drive: Drive) -> Drive:
-        """Return the drive with its weight; the drive itself where nothing is predicted."""
+        """Return the drive with its weight R; unchanged without a prediction error."""
         W = drive.W
         return drive if W is None else drive.weighted(self.weight(estimate.value, W))
 
 
-_MEMORY_NAMES = {"gradient": "composite-memory", "natural": "natural-memory"}
-
-
 class _Recalled(NamedTuple):
-    """What the memory says to an estimate.
+    """Effect of the memory on an estimate.
 
     Attributes:
-        pull: (p) H da, by which it moves the estimate.
-        fading: rate at which it is forgotten now [1/s].
+        pull: (p) H da, the gradient that the memory adds.
+        fading: mu, the rate at which it is forgotten now [1/s].
     """
 
     pull: np.ndarray
@@ -116,42 +117,44 @@ class _Recalled(NamedTuple):
 class CompositeMemory(Wrapper):
     """da/dt = -Gamma (Y^T e + rho H da), H = A (I + Gamma A)^-1, Gamma that of any adaptation.
 
-    A and b are what regressor W and torque y of the joints, through a low pass, have told until
-    now, weighted by R = bandwidth diag(noise)^-2:
+    A and b accumulate the information in the filtered regressor W and torque y of the joints,
+    weighted by R = bandwidth diag(noise)^-2:
 
         dA/dt = W^T R W - mu A,     db/dt = W^T R y - mu b,     A(0) = 0, b(0) = 0.
 
-    With the true parameters W a = y and so b = A a: A a_hat - b = A da needs no parameter that is
-    not known, and H da = (I + A Gamma)^-1 (A a_hat - b). Composite adaptation hears one instant,
-    n combinations of the parameters; this hears all that the motion has told apart.
+    For the true parameters W a = y and hence b = A a. So A da = A a_hat - b contains only known
+    quantities, and H da = (I + A Gamma)^-1 (A a_hat - b). Composite adaptation uses the n
+    combinations of parameters that W shows at one instant; this uses all those that the motion has
+    excited so far.
 
-    V:          as without the memory; dV/dt gains -rho da^T H da, an equality, for whatever mu >= 0
-                and R >= 0 do with time, in whatever metric the adaptation has. H is symmetric and
-                never negative: H^-1 = A^-1 + Gamma where A is invertible. Of a natural adaptation
+    V:          dV/dt changes by -rho da^T H da, an equality for all mu >= 0 and R >= 0, which may
+                change with time, in the metric of any inner adaptation. H is symmetric and positive
+                semidefinite: H^-1 = A^-1 + Gamma where A is invertible. Under natural adaptation
                 the estimate stays in its cone.
-    Rate:       with what is told of a direction far beyond the metric, Gamma A >> 1, its error
-                decays as exp(-rho t), all such directions alike; A need not be complete for that,
-                and no excitation need go on. As rho H Gamma <= rho, no step is too long for it.
+    Rate:       errors in directions with much information, Gamma A >> 1, decay as exp(-rho t). A
+                need not have full rank for that, and excitation need not persist. The eigenvalues
+                of rho Gamma H are at most rho, so a step is stable for every period below 2 / rho.
     Fading:     1 / mu = 1 / (forgetting d) + 1 / bandwidth, d the normalised innovation of least
-                squares, r_m^T (S + diag(noise)^2)^-1 r_m / n: r_m is what the memory's own
-                estimate, a_hat - Gamma H da, predicts wrongly of the torque now, S = W (Gamma^-1 +
-                A)^-1 W^T what it may miss for having seen too little, Gamma taken for the
-                covariance of da. So it forgets what is contradicted, as after a change of the load,
-                never faster than the low pass lets new torques in, and else keeps all, however
-                long.
+                squares, d = r_m^T (S + diag(noise)^2)^-1 r_m / n. r_m is the prediction error of
+                the memory's own estimate a_hat - Gamma H da; S = W (Gamma^-1 + A)^-1 W^T is the
+                part of its covariance that comes from too little data, with Gamma for the
+                covariance of da. So data are forgotten when new ones contradict them, for example
+                after a change of the load, at most at the bandwidth of the low pass; otherwise they
+                are kept.
 
     G. Kreisselmeier, *Adaptive observers with exponential rate of convergence*, IEEE TAC 22 (1977)
-    2-8, has the integrals; Y. Pan and H. Yu, *Composite learning robot control with guaranteed
-    parameter convergence*, Automatica 89 (2018) 398-406, such a memory beside the tracking error;
-    T. Fortescue, L. Kershenbaum and B. Ydstie, *Implementation of self-tuning regulators with
-    variable forgetting factors*, Automatica 17 (1981) 831-835, forget by the innovation. H in place
-    of a constant gain on A a_hat - b, and any metric, are ours: A is too stiff for a constant one.
+    2-8 (the integrals); Y. Pan, H. Yu, *Composite learning robot control with guaranteed parameter
+    convergence*, Automatica 89 (2018) 398-406 (such a memory beside the tracking error);
+    T. Fortescue, L. Kershenbaum, B. Ydstie, *Implementation of self-tuning regulators with variable
+    forgetting factors*, Automatica 17 (1981) 831-835 (forgetting by the innovation). New here are
+    any metric, and H in place of a constant gain on A a_hat - b, for which A is too stiff.
 
     Attributes:
-        inner: the adaptation that it wraps, of all dynamic parameters.
-        prediction: bandwidth of the low pass [1/s]; noise counts as independent after its inverse.
+        inner: the wrapped adaptation, of all dynamic parameters.
+        prediction: bandwidth of the low pass [1/s]; its inverse is the correlation time assumed for
+            the noise.
         speed: rho [1/s].
-        noise: (n) or one, standard deviation of the torques [N m or N].
+        noise: standard deviation of the torques, one number or (n) [N m or N].
         forgetting: [1/s] at an innovation as large as expected; zero never forgets.
     """
 
@@ -166,20 +169,20 @@ class CompositeMemory(Wrapper):
         noise: ArrayLike,
         forgetting: float = 0.0,
     ) -> None:
-        """Take the adaptation to wrap, any, and the gains.
+        """Wrap an adaptation with a memory.
 
         Args:
-            inner: whose metric it moves in.
+            inner: any adaptation, whose metric is used.
             bandwidth: of the low pass on torque and regressor [1/s].
             rate: rho [1/s].
-            noise: of the torques, a number or n of them [N m or N].
-            forgetting: [1/s].
+            noise: standard deviation of the torques, one number or n [N m or N].
+            forgetting: rate of fading at an innovation as large as expected [1/s].
 
         Raises:
             GainError: gains that are not positive.
         """
         super().__init__(inner)
-        self.name = _MEMORY_NAMES.get(inner.name, inner.name)
+        self.name = _WITH_MEMORY.get(inner.name, inner.name)
         self.prediction = positive(bandwidth, "prediction_filter")
         self.speed = positive(rate, "prediction_rate")
         self.noise = numbers(noise, "noise", error=GainError)
@@ -189,28 +192,28 @@ class CompositeMemory(Wrapper):
         self._variance = self.noise * self.noise
 
     def init(self, value: np.ndarray) -> Estimate:
-        """Return the inner adaptation's start, with nothing remembered."""
-        return self._remembering_nothing(self.inner.init(value))
+        """Return the inner adaptation's start, with an empty memory."""
+        return self._with_empty_memory(self.inner.init(value))
 
     def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
-        """Return what the inner adaptation makes of an announced value (p); memory begins anew."""
-        return self._remembering_nothing(self.inner.reset_to(self._inner(estimate), value, start))
+        """Return the inner adaptation's estimate at an announced value (p), with empty memory."""
+        return self._with_empty_memory(self.inner.reset_to(self._inner(estimate), value, start))
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
-        """Return the inner adaptation's rates under both, and dA/dt and db/dt."""
+        """Return the inner adaptation's rates under drive and memory, dA/dt and db/dt."""
         A, b = estimate.memory[:2]
-        fading, A_told, b_told, total = self._parts(estimate, drive)
+        fading, A_new, b_new, total = self._parts(estimate, drive)
         rate = self.inner.rate(self._inner(estimate), total)
-        return Estimate(rate.value, (A_told - fading * A, b_told - fading * b, *rate.memory))
+        return Estimate(rate.value, (A_new - fading * A, b_new - fading * b, *rate.memory))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
-        """Return the estimate after dt [s] with the drive held; it fades by its own solution."""
+        """Return the estimate after dt [s] with the drive held; fading is integrated exactly."""
         A, b = estimate.memory[:2]
-        fading, A_told, b_told, total = self._parts(estimate, drive)
+        fading, A_new, b_new, total = self._parts(estimate, drive)
         after, kept = self.inner.step(self._inner(estimate), total, dt), math.exp(-fading * dt)
-        A_told *= dt
-        A_told += kept * A
-        return Estimate(after.value, (A_told, kept * b + dt * b_told, *after.memory))
+        A_new *= dt
+        A_new += kept * A
+        return Estimate(after.value, (A_new, kept * b + dt * b_new, *after.memory))
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return -rho da^T H da, and what the inner adaptation adds to dV/dt."""
@@ -233,9 +236,9 @@ class CompositeMemory(Wrapper):
     def _parts(
         self, estimate: Estimate, drive: Drive
     ) -> tuple[float, np.ndarray, np.ndarray, Drive]:
-        """Return mu, what of dA/dt and db/dt is told now, and the drive with the memory's pull.
+        """Return mu [1/s], W^T R W (p, p), W^T R y (p), and the drive with rho H da added.
 
-        Without a prediction nothing is told and nothing pulls.
+        Zeros and the drive itself where it has no prediction error.
         """
         value, (A, b) = estimate.value, estimate.memory[:2]
         W, residual = drive.W, drive.residual
@@ -249,7 +252,10 @@ class CompositeMemory(Wrapper):
     def _recalled(
         self, value: np.ndarray, A: np.ndarray, b: np.ndarray, W: np.ndarray, residual: np.ndarray
     ) -> _Recalled:
-        """Return what the memory says at W (n, p) and residual (n)."""
+        """Return H da and mu at a value (p), memory A, b and prediction error W (n, p), r (n).
+
+        One factorisation of I + A Gamma serves H da and S.
+        """
         n, p = W.shape
         sides = np.empty((p, p + n))
         sides[:, :p], sides[:, p:] = A, W.T
@@ -263,15 +269,16 @@ class CompositeMemory(Wrapper):
         S = W_Gamma.dot(solved[:, 1:])
         S.flat[:: n + 1] += self._variance
         size = float(innovation.dot(np.linalg.solve(0.5 * (S + S.T), innovation)))
-        doubted = self.forgetting * max(size, 0.0) / n
-        return _Recalled(pull, doubted / (1.0 + doubted / self.prediction))
+        fading = self.forgetting * max(size, 0.0) / n  # forgetting d
+        return _Recalled(pull, fading / (1.0 + fading / self.prediction))
 
     @staticmethod
-    def _remembering_nothing(estimate: Estimate) -> Estimate:
+    def _with_empty_memory(estimate: Estimate) -> Estimate:
+        """Return the inner adaptation's estimate with A = 0 and b = 0."""
         p = estimate.value.size
         return Estimate(estimate.value, (np.zeros((p, p)), np.zeros(p), *estimate.memory))
 
     @staticmethod
     def _inner(estimate: Estimate) -> Estimate:
-        """Return the estimate with what the inner adaptation remembers."""
+        """Return the estimate with the inner adaptation's own memory."""
         return Estimate(estimate.value, estimate.memory[2:])

@@ -1,4 +1,4 @@
-"""Gradient adaptation with a constant gain matrix, as published by Wang and Xie."""
+"""Gradient adaptation with a constant gain, and its multiplicative form for positive parameters."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ from .adaptation import Adaptation, Drive, Estimate
 
 
 class Gradient(Adaptation):
-    """da/dt = -Gamma g, with V's part (a - a_true)^T Gamma^-1 (a - a_true) / 2.
+    """da/dt = -Gamma g, as in Wang and Xie (2009), equations (18) and (19).
+
+    The adaptation's part of V is (a - a_true)^T Gamma^-1 (a - a_true) / 2.
 
     Attributes:
         Gamma: (p, p) constant, symmetric, positive definite.
@@ -23,10 +25,10 @@ class Gradient(Adaptation):
     name = "gradient"
 
     def __init__(self, Gamma: ArrayLike, size: int, name: str = "Gamma") -> None:
-        """Take a scalar, p numbers or a matrix, for p = ``size`` parameters.
+        """Choose Gamma: a number, p numbers or a matrix (p, p), for p = ``size`` parameters.
 
         Raises:
-            GainError: not positive definite, or of another size.
+            GainError: Gamma is not positive definite, or of another size.
         """
         self.Gamma = np.ascontiguousarray(definite_matrix(Gamma, whole(size, "size", 0), name))
         self._information = np.linalg.inv(self.Gamma)
@@ -58,25 +60,27 @@ class Gradient(Adaptation):
         return self.Gamma.dot(X)
 
 
-_LARGEST_STEP = 0.02
+_LARGEST_STEP = 0.02  # relative change of an estimate in one step
 
 
 class ExponentiatedGradient(Adaptation):
-    """da/dt = -gamma c a g, with scales c.
+    """da/dt = -gamma c a g with scales c, entry by entry: estimates stay positive.
 
-    Its part of V is the sum of (a_true log(a_true / a) + a - a_true) / c over gamma.
+    The adaptation's part of V is the sum of (a_true log(a_true / a) + a - a_true) / (c gamma). It
+    is the natural gradient of the relative entropy. A step is a+ = a exp(-gamma dt c g), positive
+    for every dt, and limited to a change of two per cent, as for bodies.
 
-    The natural gradient of the relative entropy; N. Boffi and J.-J. Slotine, *Implicit
-    regularization and momentum algorithms in nonlinearly parameterized adaptive control and
-    prediction*, Neural Computation 33 (2021), allow any Bregman divergence. An estimate stays
-    positive for every step length, a+ = a exp(-gamma dt c g). The log-det metric of bodies would
-    give da/dt = -gamma a^2 g, positive too, but learns a hundred times slower from a hundredth of
-    the truth, and its V is undefined where the truth is zero, as friction may be. One sample
-    changes an estimate by at most two per cent, as for bodies.
+    The log-det metric of bodies would give da/dt = -gamma a^2 g. That is positive too, but from a
+    hundredth of the truth it learns a hundred times more slowly, and its V is undefined where the
+    truth is zero, as friction may be.
+
+    N. Boffi, J.-J. Slotine, *Implicit regularization and momentum algorithms in nonlinearly
+    parameterized adaptive control and prediction*, Neural Computation 33 (2021), for any Bregman
+    divergence.
 
     Attributes:
-        gamma: the one gain.
-        scale: (p) c, typical sizes of the coefficients: where a = c the rate is that of the log-det
+        gamma: the gain.
+        scale: (p) c, typical sizes of the parameters; where a = c the rate is that of the log-det
             metric.
     """
 
@@ -84,7 +88,7 @@ class ExponentiatedGradient(Adaptation):
     sources = ("BoffiSlotine2021",)
 
     def __init__(self, gamma: float, scale: ArrayLike, name: str = "gamma_joint") -> None:
-        """Take the gain and the scales (p).
+        """Choose the gain and the scales (p); ``name`` is the gain's, for messages.
 
         Raises:
             GainError: one of them is not positive.
@@ -95,21 +99,20 @@ class ExponentiatedGradient(Adaptation):
             raise GainError(f"scales must be positive, got {self.scale.tolist()}.", where=name)
 
     def validate(self, value: np.ndarray) -> np.ndarray:
-        """Return the initial value (p) if all of it is positive.
+        """Return the initial value (p) if all its entries are positive.
 
         Raises:
-            ParameterError: it is not.
+            ParameterError: they are not.
         """
         if not self.contains(value):
             raise ParameterError(
-                "the initial estimates of the joints' coefficients must be positive, got "
-                f"{value.tolist()}.",
+                f"the initial joint coefficients must be positive, got {value.tolist()}.",
                 where="belief.dynamic",
             )
         return value
 
     def contains(self, value: np.ndarray) -> bool:
-        """Tell whether all of a value (p) is positive."""
+        """Tell whether all entries of a value (p) are positive."""
         return bool((value > 0.0).all())
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
@@ -128,9 +131,9 @@ class ExponentiatedGradient(Adaptation):
         return np.asarray((self.gamma * self.scale * value)[:, None] * X)
 
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
-        """Return the relative entropy from the truth, in scales, over gamma.
+        """Return the sum of (a_true log(a_true / a) + a - a_true) / (c gamma).
 
-        None where an estimate is not positive or a truth negative.
+        None where a value is not positive or a true one negative.
         """
         if not (self.contains(value) and (truth >= 0.0).all()):
             return None

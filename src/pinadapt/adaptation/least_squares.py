@@ -1,4 +1,4 @@
-"""Least squares on the prediction error, with a gain that forgets and stays bounded."""
+"""Least squares on the prediction error, with bounded-gain forgetting."""
 
 from __future__ import annotations
 
@@ -29,18 +29,19 @@ def weight_of(checked: np.ndarray, n: int) -> np.ndarray:
 
 
 class DecayWeight:
-    """R = rate (W Gamma W^T + diag(floor))^-1, with which dr/dt = -rate r + (what W changes).
+    """R = rate (W Gamma W^T + diag(floor))^-1: the prediction error r decays at one rate.
 
-    Every row of the error decays at the same rate and in no units; the floor keeps rows that hardly
-    move from being heard, and where the gain Gamma falls it becomes the constant weight of noise.
+    With it dr/dt = -rate r + (terms in dW/dt): every row of the error decays at the same rate,
+    whatever its units. The floor limits the weight of rows with little excitation; where the gain
+    Gamma has become small, R tends to the constant weight rate diag(floor)^-1.
 
     Attributes:
         rate: [1/s].
-        floor: one positive number, or one a row, in units of W Gamma W^T.
+        floor: a positive number, or one a row, in units of W Gamma W^T.
     """
 
     def __init__(self, rate: float, floor: ArrayLike) -> None:
-        """Take rate and floor.
+        """Choose rate [1/s] and floor.
 
         Raises:
             GainError: one of them is not positive.
@@ -48,7 +49,7 @@ class DecayWeight:
         self.rate = positive(rate, "prediction_rate")
         self.floor = numbers(floor, "floor", error=GainError)
         if not (self.floor > 0.0).all():
-            raise GainError("must be positive: at rest nothing else bounds R.", where="floor")
+            raise GainError("must be positive; at rest only it bounds the weight.", where="floor")
 
     def at(self, S: np.ndarray) -> np.ndarray:
         """Return R (n, n) where W Gamma W^T is S (n, n)."""
@@ -59,34 +60,38 @@ class DecayWeight:
 
 
 class LeastSquares(Adaptation):
-    """da/dt = -P (Y^T e + W^T R r), dP^-1/dt = W^T R W - (what is forgotten), r = W a - y.
+    """da/dt = -P (Y^T e + W^T R r), dP^-1/dt = W^T R W - F, r = W a - y, F the forgetting.
 
-    The gain P falls where the motion tells of the parameters, and forgets, by default lambda P^-1,
-    lambda(t) = lambda_0 (1 - |P|), |P| the largest eigenvalue of P relative to P(0). That is the
-    bounded-gain forgetting of J.-J. Slotine and W. Li, *Composite adaptive control of robot
-    manipulators*, Automatica 25 (1989) 509-519, whose k_0 is 1 in these units. Where a motion tells
-    nothing of some combination, |P| stays 1 and nothing is forgotten at all. With ``directional``
-    each direction forgets by itself: lambda_0 (P^-1 - P(0)^-1), an exponential resetting in the
-    manner of M. Salgado, G. Goodwin, R. Middleton, *Modified least squares algorithm incorporating
-    exponential resetting and forgetting*, Int. J. Control 47 (1988) 477-491. Both keep P <= P(0),
-    so estimates follow parameters that change.
+    The gain P decreases in directions that the motion excites, and recovers by forgetting:
 
-    V's part is da^T P^-1 da / 2; dV/dt gains -r^T R r / 2 - da^T (what is forgotten) da / 2 <= 0,
-    an equality for every R >= 0, which may change with time. Of a drive that has a weight R_0
-    already the law's dV/dt counts -r^T R_0 r; then it gains -r^T (R - R_0) r + r^T R r / 2 and the
-    rest. With a motion that tells of all parameters P^-1 is bounded and what is forgotten is not
-    zero: then tracking and parameter errors vanish exponentially.
+        F = lambda P^-1, lambda(t) = lambda_0 (1 - |P|)         bounded-gain forgetting (default)
+        F = lambda_0 (P^-1 - P(0)^-1)                           directional
 
-    A step is that of recursive least squares, P+ = (P^-1 + dt W^T R W)^-1 and a+ = a - dt P+ g,
-    then the forgetting by its own solution: P stays positive definite and bounded for any dt.
+    |P| is the largest eigenvalue of P relative to P(0). The first is that of Slotine and Li (1989),
+    whose k_0 is 1 in these units; if the motion leaves one combination of parameters unexcited,
+    |P| = 1 and nothing is forgotten. The second is an exponential resetting in the manner of
+    Salgado, Goodwin and Middleton (1988), in which each direction forgets on its own. Both keep
+    P <= P(0), so that estimates can follow parameters that change.
 
-    Nothing keeps bodies physical or coefficients positive. A step takes an eigenvalue problem of
-    the number of parameters, so some tenths of a millisecond for ninety.
+    V:          the adaptation's part is da^T P^-1 da / 2. dV/dt changes by
+                -r^T R r / 2 - da^T F da / 2 <= 0, an equality for every R >= 0, which may change
+                with time. If the drive already has a weight R_0, so that the law's dV/dt contains
+                -r^T R_0 r, it changes by -r^T (R - R_0) r + r^T R r / 2 - da^T F da / 2. Under
+                persistent excitation of all parameters P^-1 is bounded and F does not vanish; then
+                tracking and parameter errors converge to zero exponentially.
+    Step:       recursive least squares, P+ = (P^-1 + dt W^T R W)^-1 and a+ = a - dt P+ g, then the
+                forgetting by its exact solution. P stays positive definite and bounded for any dt.
+    Limits:     bodies may become unphysical, and coefficients negative. A step solves an eigenvalue
+                problem of size p, which takes some tenths of a millisecond for p = 90.
+
+    J.-J. Slotine, W. Li, *Composite adaptive control of robot manipulators*, Automatica 25 (1989)
+    509-519; M. Salgado, G. Goodwin, R. Middleton, *Modified least squares algorithm incorporating
+    exponential resetting and forgetting*, Int. J. Control 47 (1988) 477-491.
 
     Attributes:
         P_0: (p, p) the gain at the start, symmetric, positive definite.
         forgetting: lambda_0 [1/s].
-        directional: whether each direction forgets by itself.
+        directional: whether each direction forgets on its own.
         prediction: bandwidth of the low pass [1/s]; None where the law itself predicts, as laws do
             the position or velocity of the frame.
     """
@@ -107,19 +112,20 @@ class LeastSquares(Adaptation):
         forgetting: float = 1.0,
         directional: bool = False,
     ) -> None:
-        """Take P(0) as a scalar, p numbers or a matrix, for p = ``size`` parameters.
+        """Choose gain, weight and forgetting for p = ``size`` parameters.
 
         Args:
-            P_0: the gain at the start, which is also its bound.
+            P_0: the gain at the start, which is also its bound: a number, p numbers or (p, p).
             size: p.
-            bandwidth: of the low pass on torque and regressor [1/s]; None: the law predicts.
-            weight: R, a number, n numbers or (n, n), in 1/s over the square of the predicted unit;
-                None for the law's.
-            rate: [1/s] at which the prediction error decays, in place of a weight, R = rate (W P
-                W^T + diag(floor))^-1: error and gain fall together, no faster, until the floor.
-            floor: one or n positive numbers in units of W P W^T, with a rate: the noise.
+            bandwidth: of the low pass on torque and regressor [1/s]; None: the law's drive has a
+                prediction error.
+            weight: R, a number, l numbers or (l, l), in 1/s over the square of the predicted unit;
+                None: that of the law's drive.
+            rate: [1/s] at which the prediction error decays, instead of a weight: see
+                ``DecayWeight``, with Gamma = P.
+            floor: with a rate: a positive number or l of them, in units of W P W^T.
             forgetting: lambda_0 [1/s]; zero forgets nothing.
-            directional: whether each direction forgets by itself.
+            directional: whether each direction forgets on its own.
 
         Raises:
             GainError: gains that are not positive (definite), or of another size.
@@ -135,7 +141,9 @@ class LeastSquares(Adaptation):
         self._constant = None if weight is None else checked_weight(weight)
         self._decay = None if rate is None else DecayWeight(rate, floor)
         if bandwidth is not None and weight is None and rate is None:
-            raise GainError("the torque's prediction needs a weight or a rate.", where="weight")
+            raise GainError(
+                "the prediction error of the torque needs a weight or a rate.", where="weight"
+            )
 
     def init(self, value: np.ndarray) -> Estimate:
         """Return the estimate to start from, with P(0)."""
@@ -146,7 +154,7 @@ class LeastSquares(Adaptation):
         return Estimate(value, (self.P_0.copy(),))
 
     def weight(self, drive: Drive, P: np.ndarray) -> np.ndarray:
-        """Return R (l, l) for a drive that predicts, at the gain P (p, p)."""
+        """Return R (l, l) for a drive with a prediction error, at the gain P (p, p)."""
         W = drive.W
         assert W is not None
         if self._decay is not None:
@@ -160,16 +168,16 @@ class LeastSquares(Adaptation):
         if not np.isfinite(P).all() or not P.size:
             return math.inf if P.size else 0.0
         largest = float(np.linalg.eigvalsh(self._whiten @ P @ self._whiten.T)[-1])
-        return min(largest, 1.0)  # more is rounding
+        return min(largest, 1.0)  # above one is rounding
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
-        """Return da/dt (p) and dP/dt; without a prediction P rests."""
+        """Return da/dt (p) and dP/dt, which is zero without a prediction error."""
         P, W = self._gain(estimate), drive.W
         if W is None:
             return Estimate(-P.dot(drive.gradient), (np.zeros(P.shape),))
         R, P_W = self.weight(drive, P), P.dot(W.T)
         learned = P_W.dot(R).dot(P_W.T)
-        return Estimate(-P.dot(drive.weighted(R).gradient), (self._forgotten(P) - learned,))
+        return Estimate(-P.dot(drive.weighted(R).gradient), (self._recovery(P) - learned,))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
@@ -178,9 +186,9 @@ class LeastSquares(Adaptation):
             return Estimate(estimate.value - dt * P.dot(drive.gradient), (P,))
         R = self.weight(drive, P)
         drive = drive.weighted(R)
-        P_W = P.dot(W.T)  # (P^-1 + dt W^T R W)^-1 by the matrix inversion lemma, R singular or not
-        seen = np.linalg.solve(np.eye(len(R)) + dt * R.dot(W.dot(P_W)), dt * R)
-        after = P - P_W.dot(seen).dot(P_W.T)
+        P_W = P.dot(W.T)  # (P^-1 + dt W^T R W)^-1 by the matrix inversion lemma, for R >= 0
+        inner = np.linalg.solve(np.eye(len(R)) + dt * R.dot(W.dot(P_W)), dt * R)
+        after = P - P_W.dot(inner).dot(P_W.T)
         after = 0.5 * (after + after.T)
         value = estimate.value - dt * after.dot(drive.gradient)
         return Estimate(value, (self._after_forgetting(P, after, dt),))
@@ -194,10 +202,7 @@ class LeastSquares(Adaptation):
         return self._energy(self._gain(estimate), estimate.value - truth)
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
-        """Return -r^T (R - R_0) r + r^T R r / 2 - da^T (what is forgotten) da / 2.
-
-        R_0 is the weight by which the law counts the prediction error, if it does.
-        """
+        """Return -r^T (R - R_0) r + r^T R r / 2 - da^T F da / 2, R_0 the weight of the drive."""
         if drive.W is None:
             return 0.0
         P, error = self._gain(estimate), estimate.value - truth
@@ -205,7 +210,7 @@ class LeastSquares(Adaptation):
         beyond = R if drive.weight is None else R - drive.weight
         learned = predicted @ beyond @ drive.residual - 0.5 * predicted @ R @ predicted
         in_P = np.linalg.solve(P, error)
-        return float(-learned - 0.5 * in_P @ self._forgotten(P) @ in_P)
+        return float(-learned - 0.5 * in_P @ self._recovery(P) @ in_P)
 
     def gain(self, value: np.ndarray) -> np.ndarray:
         """Return P(0) (p, p)."""
@@ -219,21 +224,28 @@ class LeastSquares(Adaptation):
         """Return P (p, p)."""
         return estimate.memory[0] if estimate.memory else self.P_0
 
-    def _forgotten(self, P: np.ndarray) -> np.ndarray:
-        """Return the part (p, p) of dP/dt by which the gain P (p, p) recovers."""
+    def _recovery(self, P: np.ndarray) -> np.ndarray:
+        """Return P F P (p, p), the part of dP/dt by which forgetting restores the gain P (p, p)."""
         if self.directional:
             return self.forgetting * (P - P @ self._prior @ P)
         return self.forgetting * (1.0 - self.size(P)) * P
 
     def _after_forgetting(self, P: np.ndarray, after: np.ndarray, dt: float) -> np.ndarray:
-        """Return the gain (p, p) ``after`` learning, from P, that has recovered for dt [s]."""
+        """Return the gain (p, p) after dt [s] of forgetting.
+
+        Args:
+            P: (p, p) before the step.
+            after: (p, p) updated by the prediction error.
+            dt: [s].
+        """
         rest = math.exp(-self.forgetting * dt)
         if self.directional:  # P^-1 - P(0)^-1 decays
-            left = np.linalg.inv(rest * np.linalg.inv(after) + (1.0 - rest) * self._prior)
-            return np.asarray(0.5 * (left + left.T))
+            mixed = np.linalg.inv(rest * np.linalg.inv(after) + (1.0 - rest) * self._prior)
+            return np.asarray(0.5 * (mixed + mixed.T))
         size = self.size(P)  # d|P|/dt = lambda_0 (1 - |P|) |P|
         return after / (size + (1.0 - size) * rest)
 
     @staticmethod
     def _energy(P: np.ndarray, error: np.ndarray) -> float:
+        """Return da^T P^-1 da / 2."""
         return float(0.5 * error @ np.linalg.solve(P, error))

@@ -1,7 +1,7 @@
 """Natural adaptation: the gradient in the log-det metric of a cone of positive definite matrices.
 
-T. Lee, J. Kwon, F. C. Park, *A natural adaptive control law for robot manipulators*, IROS 2018; P.
-M. Wensing and J.-J. Slotine, *Beyond convexity - contraction and global convergence of gradient
+T. Lee, J. Kwon, F. C. Park, *A natural adaptive control law for robot manipulators*, IROS 2018;
+P. M. Wensing, J.-J. Slotine, *Beyond convexity - contraction and global convergence of gradient
 descent*, PLoS ONE 2020.
 """
 
@@ -27,26 +27,31 @@ from .adaptation import Adaptation, Drive, Estimate
 
 
 class MatrixInequality:
-    """The set of a with P_b(a) = F_0 + sum_i a_{b,i} F_i positive definite in k equal blocks b.
+    """Linear matrix inequality: the set of a with P_b(a) = F_0 + sum_i a_{b,i} F_i > 0 for k b.
 
-    A user's own inequality has one block; the bodies of a robot are k blocks of the same
-    pseudo-inertia.
+    The blocks b share the matrices F. A user's own inequality has one block; the pseudo-inertias of
+    a robot's bodies are k blocks.
 
     Attributes:
         F: (p, n, n) coefficient matrices of one block, symmetric and linearly independent.
         blocks: k.
         complete: whether the F_i span all symmetric matrices, p = n (n + 1) / 2.
-        tables: F_0 (n, n), and the e entries on and below the diagonals where F_i or D_i is not
-            zero: their i, row and column (e, 3), then F_i and D_i there, both (e). The D_i are the
-            dual basis in the span of F, tr(D_i F_j) = delta_ij.
+        tables: F_0 (n, n); index i, row and column (e, 3) of the e entries on and below the
+            diagonals where F_i or D_i is not zero; F_i (e) and D_i (e) there. The D_i are the dual
+            basis in the span of F, tr(D_i F_j) = delta_ij.
     """
 
     def __init__(self, F: ArrayLike, *, offset: ArrayLike | None = None, blocks: int = 1) -> None:
-        """Take the matrices (p, n, n) of a block, the constant F_0 (n, n) or None, and k.
+        """Make the inequality of ``blocks`` blocks.
+
+        Args:
+            F: (p, n, n) coefficient matrices of a block.
+            offset: (n, n) the constant F_0; None: zero.
+            blocks: k.
 
         Raises:
-            ParameterError: wrong shape, asymmetric or linearly dependent coefficients, or
-                incomplete ones in many blocks.
+            ParameterError: wrong shape; matrices that are not symmetric or linearly dependent; or
+                several blocks whose matrices do not span all symmetric ones.
         """
         self.F = numbers(F, "LMI", error=ParameterError)
         if self.F.ndim != 3 or self.F.shape[1] != self.F.shape[2] or not self.F.size:
@@ -74,23 +79,13 @@ class MatrixInequality:
                 f"the offset must be a symmetric {self._n} x {self._n} matrix.", where="LMI"
             )
         self._flat = flat
-        self._dual = np.linalg.solve(
-            flat @ flat.T, flat
-        )  # rows D_i in the span of F with tr(D_i F_j) = delta_ij
+        self._dual = np.linalg.solve(flat @ flat.T, flat)  # rows D_i
         self._dual_T = np.ascontiguousarray(self._dual.T)
         self.tables = self._tables()
 
-    def _tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        D = self._dual.reshape(self.F.shape)
-        D = np.where(np.abs(D) > 1e-15 * np.abs(D).max(), D, 0.0)
-        entries = np.argwhere(np.tril((self.F != 0.0) | (D != 0.0)))
-        at = tuple(entries.T)
-        F_0 = np.zeros(self.F.shape[1:]) if self._offset is None else self._offset
-        return F_0, np.ascontiguousarray(entries, dtype=np.int64), self.F[at], D[at]
-
     @classmethod
     def from_file(cls, path: Path) -> MatrixInequality:
-        """Read F from a CSV file: a row for each parameter, its matrix written row by row.
+        """Read F from a CSV file: one row a parameter, the n x n entries of its matrix row by row.
 
         Raises:
             ParameterError: no such file, or rows that are not square matrices.
@@ -114,23 +109,23 @@ class MatrixInequality:
         return P if self._offset is None else P + self._offset
 
     def components(self, P: np.ndarray) -> np.ndarray:
-        """Return the coordinates (k p) of changes of P (k, n, n), which no offset changes.
+        """Return the coordinates (k p) of a change of P (k, n, n), which has no offset.
 
-        Of several changes (l, k, n, n) the l k p coordinates one after the other.
+        For l changes (l, k, n, n) the result holds their coordinates one after the other (l k p).
         """
         return P.reshape(-1, self._n * self._n).dot(self._dual_T).ravel()
 
     def covectors(self, g: np.ndarray) -> np.ndarray:
-        """Return the symmetric L (k, n, n) with tr(L P(da)) = g . da for every da.
+        """Return the symmetric L (k, n, n) with tr(L P(da)) = g . da for every da, g (k p).
 
-        Of several g (l, k p) those (l k, n, n) of one after the other.
+        For l gradients (l, k p) the result holds their L one after the other (l k, n, n).
         """
         return g.reshape(-1, self._p).dot(self._dual).reshape(-1, self._n, self._n)
 
     def metric_inverses(self, P: np.ndarray) -> np.ndarray:
-        """Return a block (p, p) for each P (k, n, n): column i is P L P, tr(L P(da)) = da_i.
+        """Return the inverse metric of -log det (k, p, p) at P (k, n, n); complete sets only.
 
-        Complete only; the inverse of the metric of -log det.
+        Column i holds the coordinates of P L P with tr(L P(da)) = da_i.
         """
         moved = P[:, None] @ self._dual.reshape(self.F.shape) @ P[:, None]
         return moved.reshape(len(P), self._p, -1).dot(self._dual_T)
@@ -140,16 +135,17 @@ class MatrixInequality:
         return bool((np.linalg.eigvalsh(self.matrices(a)) > 0.0).all())
 
     def follow_geodesic(self, a: np.ndarray, g: np.ndarray, h: float) -> np.ndarray:
-        """Return the parameters (k p) of P+ = exp(-h P L) P, tr(L P(da)) = g . da; complete only.
+        """Return the parameters (k p) of P+ = exp(-h P L) P, tr(L P(da)) = g . da.
 
-        The step is cut where it is longer than ``LARGEST_STEP`` in the log-det metric.
+        For complete sets only. A step longer than ``LARGEST_STEP`` in the log-det metric is
+        shortened to that length.
         """
         after = empty(a.size)
         kernels.follow_geodesic(a, g, h, *self.tables, after)
         return after
 
     def validate(self, a: np.ndarray) -> np.ndarray:
-        """Return ``a`` if it lies inside.
+        """Return the initial estimate a (k p) if it satisfies the inequality.
 
         Raises:
             ParameterError: it does not.
@@ -163,6 +159,15 @@ class MatrixInequality:
             )
         return a
 
+    def _tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return the attribute ``tables``, for the kernel of ``follow_geodesic``."""
+        D = self._dual.reshape(self.F.shape)
+        D = np.where(np.abs(D) > 1e-15 * np.abs(D).max(), D, 0.0)
+        entries = np.argwhere(np.tril((self.F != 0.0) | (D != 0.0)))
+        at = tuple(entries.T)
+        F_0 = np.zeros(self.F.shape[1:]) if self._offset is None else self._offset
+        return F_0, np.ascontiguousarray(entries, dtype=np.int64), self.F[at], D[at]
+
 
 class BodyInequality(MatrixInequality):
     """Physical inertial parameters: the pseudo-inertia of each body is positive definite."""
@@ -170,13 +175,13 @@ class BodyInequality(MatrixInequality):
     def __init__(
         self, names: Sequence[str], *, least_mass: float = 1e-6, least_radius: float = 1e-3
     ) -> None:
-        """Take one name a body, and how far inside unphysical bodies are moved.
+        """Make the inequality of as many bodies as there are names.
 
         Args:
             names: of the bodies, for messages.
-            least_mass: kg.
-            least_radius: m; the second moment about the centre of mass becomes at least mass times
-                its square.
+            least_mass: of bodies that ``validate`` makes physical [kg].
+            least_radius: of these [m]: their second moment about the centre of mass becomes at
+                least mass times radius squared.
         """
         super().__init__(COEFFICIENTS, blocks=len(names))
         self._names = tuple(names)
@@ -189,7 +194,7 @@ class BodyInequality(MatrixInequality):
         return after
 
     def validate(self, a: np.ndarray) -> np.ndarray:
-        """Return ``a`` with unphysical bodies moved inside the cone; a warning names them."""
+        """Return a (10 k) with unphysical bodies made physical; a warning names them."""
         names = unphysical_bodies(a, self._names)
         if not names:
             return a
@@ -206,22 +211,23 @@ class BodyInequality(MatrixInequality):
 
 
 class Natural(Adaptation):
-    """dP/dt = -gamma P L P, with tr(L P(da)) = g . da.
+    """dP/dt = -gamma P L P for each P = P_b(a), with L such that tr(L P(da)) = g . da.
 
-    Its part of V is the sum of log|P| / |P_true| + tr(P^-1 P_true) - n over gamma. Bodies may have
-    shares c: dP/dt = -gamma c P L P, and c divides their term.
+    The adaptation's part of V is the sum over the matrices of
+    (log|P| - log|P_true| + tr(P^-1 P_true) - n) / gamma. Matrices may have relative rates c:
+    dP/dt = -gamma c P L P, and their terms of V are divided by c.
 
-    The estimate stays inside the cone for every step length: in a complete cone it moves along the
-    geodesic P+ = S exp(-h gamma S^T L S) S^T, P = S S^T; in others by a step that never leaves the
-    Dikin ellipsoid of log det. One sample moves it by at most 0.02 in the log-det metric, so by two
-    per cent in any direction (at 1 kHz, 20 a second): a sampled signal that asks for more, at a
-    start far from the path for example, is no longer the one of the continuous-time proof, and
-    following it would blow the estimate up between two measurements. ``rate`` is not limited.
+    The estimate stays inside the cone for every step length. In a complete cone it moves along the
+    geodesic P+ = S exp(-h gamma S^T L S) S^T, P = S S^T, in others by a step inside the Dikin
+    ellipsoid of log det. One step is limited to 0.02 in the log-det metric, which is two per cent
+    in any direction. Longer steps occur for example at a start far from the path, where a sampled
+    gradient is a poor approximation of the continuous-time law; without the limit the estimate
+    could diverge between two measurements. ``rate`` is not limited.
 
     Attributes:
-        cone: where the parameters live.
-        gamma: the one gain.
-        shares: (k) relative rates, one a matrix of the cone, or None where all are one.
+        cone: the set of the parameters.
+        gamma: the gain.
+        shares: (k) relative rates c, one a matrix of the cone, or None where all are one.
     """
 
     name = "natural"
@@ -235,11 +241,17 @@ class Natural(Adaptation):
         *,
         shares: ArrayLike | None = None,
     ) -> None:
-        """Take the gain, the cone, and relative rates of its matrices.
+        """Choose gain, cone, and relative rates of its matrices.
+
+        Args:
+            gamma: the gain.
+            cone: the set of the parameters.
+            name: of the gain, for messages.
+            shares: (k) relative rates of the cone's matrices; None: all one.
 
         Raises:
-            GainError: gamma not positive.
-            InputError: no cone, or shares that are not positive, one for each of its matrices.
+            GainError: gamma is not positive.
+            InputError: not a cone, or shares that are not k positive numbers.
         """
         self.gamma = positive(gamma, name)
         self.cone = instance(cone, MatrixInequality, "cone")
@@ -277,7 +289,7 @@ class Natural(Adaptation):
         return Estimate(a + step * min(1.0, kernels.LARGEST_STEP / length if length else 1.0))
 
     def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:
-        """Return Gamma X (p, l), Gamma made of one block a matrix of the cone."""
+        """Return Gamma X (p, l); Gamma is block-diagonal, one block a matrix of the cone."""
         cone = self.cone
         P, X = cone.matrices(value), self._scaled(X.T).T
         if not cone.complete:
@@ -300,7 +312,7 @@ class Natural(Adaptation):
         return float(np.sum(terms if self.shares is None else terms / self.shares) / self.gamma)
 
     def _scaled(self, g: np.ndarray) -> np.ndarray:
-        """Return gradients (..., p) with the shares of their bodies."""
+        """Return gradients (..., p) multiplied by the shares of their matrices."""
         return g if self._scale is None else g * self._scale
 
     def _metric(self, P: np.ndarray) -> np.ndarray:

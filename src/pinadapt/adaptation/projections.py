@@ -1,4 +1,10 @@
-"""Estimates kept in a box."""
+"""Projections: estimates kept in a convex set that contains the truth.
+
+``BoxProjection`` keeps every parameter between bounds, ``MassMatrixProjection`` keeps the estimated
+mass matrix positive definite, ``GravityProjection`` bounds the estimated gravity torque. Each wraps
+any adaptation and projects in its metric Gamma^-1. A projection onto a convex set that contains the
+true parameters never increases V.
+"""
 
 from __future__ import annotations
 
@@ -16,20 +22,29 @@ from ..robot.robot import Robot
 from .adaptation import Adaptation, Drive, Estimate, Wrapper
 from .gradient import Gradient
 
-_HALVINGS = 60
+_HALVINGS = 60  # bisections of the way to the nearest point of the box
+_LEAST_RATIO = 0.10  # of M_hat to M_0: where the projection acts,
+_RESTORED_RATIO = 0.12  # and the ratio that it restores
+_CUTTING_ROUNDS = 50  # rounds of cutting half-spaces out of the set of positive mass matrices
+_GRAVITY_ROUNDS = 200
+_GRAVITY_TOLERANCE = 1e-9  # of the bound
+_LOST = "the estimated mass matrix could not be kept positive definite."
 
 
 class BoxProjection(Wrapper):
     """Any adaptation whose estimate stays in low <= a <= high, by projection in its own metric.
 
-    A rate that points out of the box is replaced by the nearest one that does not, an estimate
-    outside by the nearest one inside, both in the metric Gamma^-1 of the inner adaptation at its
-    estimate, with its memory: of least squares in that of P^-1 as it is by then (P. Ioannou and J.
-    Sun, *Robust Adaptive Control*, 1996, section 4.4). That adds
-    (a - a_true)^T Gamma^-1 (change) <= 0 to dV/dt for every a_true in the box: V falls at least as
-    fast as without it. For a truth outside the box nothing is proved. A diagonal Gamma projects
-    each entry by itself. Where the nearest point of the box is outside of the inner adaptation's
-    domain, the estimate goes towards it as far as both allow.
+    A rate that points out of the box is replaced by the nearest one that does not, and an estimate
+    outside by the nearest one inside. Both are nearest in the metric Gamma^-1 of the inner
+    adaptation at its estimate and memory; for least squares that is the current P^-1. This adds
+    (a - a_true)^T Gamma^-1 (change) <= 0 to dV/dt for every a_true in the box, so that V decreases
+    at least as fast as without the projection. For a truth outside the box nothing is proved.
+
+    With a diagonal Gamma each entry is projected on its own. Where the nearest point of the box is
+    outside the inner adaptation's domain, the estimate moves towards it as far as the domain
+    allows.
+
+    P. Ioannou, J. Sun, *Robust Adaptive Control*, 1996, section 4.4.
 
     Attributes:
         inner: the adaptation inside the box.
@@ -47,7 +62,14 @@ class BoxProjection(Wrapper):
         names: Sequence[str] = (),
         where: str = "box",
     ) -> None:
-        """Take the adaptation, the box (p) and (p), and for messages the names of its entries.
+        """Wrap an adaptation with a box.
+
+        Args:
+            inner: the adaptation inside the box.
+            low: (p) lower bounds.
+            high: (p) upper bounds.
+            names: of the parameters, for messages.
+            where: of the box in the user's input, for messages.
 
         Raises:
             ParameterError: bounds of the wrong size, not finite, or crossed.
@@ -60,8 +82,9 @@ class BoxProjection(Wrapper):
         self.high = vector(high, size, where, names=self._names, error=ParameterError)
         bounds = zip(self._names, self.low, self.high, strict=True)
         if empty := [name for name, a, b in bounds if not a < b]:
-            what = f"the lower bounds of {empty} are not below the upper ones."
-            raise ParameterError(what, where=where)
+            raise ParameterError(
+                f"the lower bounds of {empty} are not below the upper bounds.", where=where
+            )
 
     def validate(self, value: np.ndarray) -> np.ndarray:
         """Return the initial value (p) if it lies in the box.
@@ -76,7 +99,7 @@ class BoxProjection(Wrapper):
                     f"the initial estimate {name} = {a:.4g} is outside its box "
                     f"[{low:.4g}, {high:.4g}].",
                     where=self._where,
-                    hint="Start inside, or give a wider box.",
+                    hint="Start inside the box, or give a wider one.",
                 )
         return value
 
@@ -86,7 +109,7 @@ class BoxProjection(Wrapper):
         return bool(inside) and self.inner.contains(value)
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
-        """Return the rates, of which the value's does not point out of the box at its boundary."""
+        """Return the inner rates; on the boundary the value's does not point out of the box."""
         rate, a = self.inner.rate(estimate, drive), estimate.value
         if kernels.inside(a, self.low, self.high):
             return rate
@@ -94,16 +117,16 @@ class BoxProjection(Wrapper):
         return rate._replace(value=self._nearest(rate.value, low, high, estimate))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
-        """Return the estimate after dt [s]; its value is inside the box for any dt."""
+        """Return the estimate after dt [s]; its value is in the box for any dt."""
         after = self.inner.step(estimate, drive, dt)
         if kernels.inside(after.value, self.low, self.high):
             return after
-        now = after._replace(value=estimate.value)  # the gain that V has by then
-        nearest = self._nearest(after.value, self.low, self.high, now)
+        updated = after._replace(value=estimate.value)  # with the gain that V has after the step
+        nearest = self._nearest(after.value, self.low, self.high, updated)
         return after._replace(value=self._within_domain(estimate.value, nearest))
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
-        """Return what the inner adaptation adds to dV/dt, less what the walls take off."""
+        """Return what the inner adaptation and the projection add to dV/dt."""
         own = self.inner.dissipation(estimate, drive, truth)
         if kernels.inside(estimate.value, self.low, self.high):
             return own
@@ -113,15 +136,15 @@ class BoxProjection(Wrapper):
     def _nearest(
         self, x: np.ndarray, low: np.ndarray, high: np.ndarray, at: Estimate
     ) -> np.ndarray:
-        """Return the point (p) of low <= . <= high nearest to x in the metric Gamma^-1 there."""
+        """Return the point (p) of low <= . <= high nearest to x in the metric at an estimate."""
         clipped = np.minimum(np.maximum(x, low), high)
         Gamma = self.inner.metric(at)
         if not np.isfinite(x).all() or (Gamma == np.diag(np.diag(Gamma))).all():
             return clipped
-        from scipy.optimize import lsq_linear  # slow to import, and seldom needed
+        from scipy.optimize import lsq_linear  # here, because scipy is slow to import
 
         root = np.linalg.cholesky(np.linalg.inv(Gamma)).T  # Gamma^-1 = root^T root
-        # bounded variable least squares, exact up to rounding; its result is clipped against that
+        # bounded-variable least squares, exact up to rounding, which the clip below removes
         y = lsq_linear(root, root.dot(x), bounds=(low, high), method="bvls", tol=1e-14).x
         return np.minimum(np.maximum(y, low), high)
 
@@ -136,52 +159,48 @@ class BoxProjection(Wrapper):
         return a
 
 
-_LEAST = 0.10  # of the believed mass matrix: where the projection acts ...
-_RESTORED = 0.12  # ... and how far it goes
-_MASS_MATRIX_ROUNDS = 50
-_LOST = "the estimated mass matrix could not be kept positive definite."
-
-
 class MassMatrixProjection(Wrapper):
     """Any adaptation, projected onto {a : M_hat(q; a) >= 0.1 M_0(q)} at the measured q.
 
-    M_0 is the believed robot's mass matrix. M_hat is affine in a, so the set is convex, and it
-    contains the truth for every q as long as the true robot has in every direction at least 12 % of
-    the believed inertia. It is cut out of half-spaces u^T M_hat(q; a) u >= 0.12 u^T M_0(q) u: each
-    eigenvalue of M_hat below 0.1 relative to M_0 gives one by its eigenvector u, and the estimate
-    becomes the point nearest to it, in the inner adaptation's metric Gamma^-1 at the estimate with
-    its memory, that satisfies all of them, until no such eigenvalue is left. The nearest point of a
-    convex set is nearer to all points of that set, the truth among them, so the projection can only
-    lower V; and M_hat stays invertible with a margin that knows no units.
+    M_0 is the mass matrix of the nominal robot. M_hat is affine in a, so the set is convex. It
+    contains the truth for every q if the true robot has in every direction at least 12 % of the
+    nominal inertia. M_hat stays invertible with a margin that does not depend on units.
 
-    No cone of physical bodies is needed, only that the torque is affine in a: for bodies, a basis
-    or lumped parameters.
+    The set is approached by cutting planes. Each eigenvalue of M_hat below 0.1 relative to M_0
+    gives, with its eigenvector u, the half-space u^T M_hat(q; a) u >= 0.12 u^T M_0(q) u. The
+    estimate becomes the nearest point that satisfies all of them, in the inner adaptation's metric
+    Gamma^-1 at the estimate and its memory, and this repeats until no such eigenvalue remains. The
+    projection onto a convex set reduces the distance to all points of that set, the truth among
+    them, so it can only decrease V.
+
+    It needs no physical bodies, only a torque that is affine in a: the parameters may be those of
+    bodies, a user's basis, or lumped ones.
     """
 
     def __init__(self, inner: Adaptation, dynamics: Dynamics, robot: Robot) -> None:
-        """Take the adaptation, the dynamics whose parameters it moves, and the believed robot."""
+        """Wrap the adaptation of the parameters of ``dynamics``; ``robot`` is the nominal one."""
         super().__init__(inner)
         self.name = "projected" if inner.name == Gradient.name else inner.name
-        self._dynamics, self._believed = dynamics, InertialModel(robot.model)
+        self._dynamics, self._nominal = dynamics, InertialModel(robot.model)
         self._zero = np.zeros(robot.model.nv)
 
     def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:
-        """Return the value (p) itself, or projected where M_hat(q; a) is not positive enough.
+        """Return the value (p), projected where M_hat(q; a) has eigenvalues below the bound.
 
         Raises:
-            DivergedError: no parameters give a positive mass matrix, or the value is not finite.
+            DivergedError: no parameters satisfy the bound, or the value is not finite.
         """
         from scipy.linalg import eigh  # here, because scipy is slow to import
         from scipy.linalg.lapack import dpotrf
 
-        value, M_0, root = estimate.value, self._believed.mass_matrix(q), None
+        value, M_0, root = estimate.value, self._nominal.mass_matrix(q), None
         kept = value
         cuts: list[np.ndarray] = []
         bounds: list[float] = []
-        for _ in range(_MASS_MATRIX_ROUNDS):
+        for _ in range(_CUTTING_ROUNDS):
             self._dynamics.load(kept)
             M = self._dynamics.mass_matrix(q)
-            if dpotrf(M - _LEAST * M_0)[1] == 0:
+            if dpotrf(M - _LEAST_RATIO * M_0)[1] == 0:
                 return self.inner.project(estimate._replace(value=kept), q)
             if not np.isfinite(M).all():
                 break
@@ -189,10 +208,10 @@ class MassMatrixProjection(Wrapper):
             ratios, vectors = eigh(M, M_0)
             rest = self._dynamics.regressor(q, self._zero, self._zero)
             for ratio, u in zip(ratios, vectors.T, strict=True):
-                if ratio < _LEAST:  # u^T M_0 u = 1, and u^T M_hat u = c a + known
+                if ratio < _LEAST_RATIO:  # u^T M_0 u = 1 and u^T M_hat u = c a + known part
                     c = u.dot(self._dynamics.regressor(q, self._zero, u) - rest)
                     cuts.append(c.dot(root))
-                    bounds.append(_RESTORED - ratio + c.dot(kept - value))
+                    bounds.append(_RESTORED_RATIO - ratio + c.dot(kept - value))
             kept = value + root.dot(_least_move(np.array(cuts), np.array(bounds)))
         raise DivergedError(_LOST)
 
@@ -200,13 +219,13 @@ class MassMatrixProjection(Wrapper):
 def _least_move(G: np.ndarray, h: np.ndarray) -> np.ndarray:
     """Return the shortest x (p) with G x >= h, G (k, p).
 
-    Least distance programming by nonnegative least squares: C. Lawson and R. Hanson, *Solving Least
-    Squares Problems*, 1974, chapter 23. The rows are scaled to one.
+    Least distance programming by nonnegative least squares: C. Lawson, R. Hanson, *Solving Least
+    Squares Problems*, 1974, chapter 23. The rows are scaled to unit length.
 
     Raises:
-        DivergedError: there is none.
+        DivergedError: no x satisfies the inequalities.
     """
-    from scipy.optimize import nnls  # slow to import, and seldom needed
+    from scipy.optimize import nnls  # here, because scipy is slow to import
 
     scale = np.linalg.norm(G, axis=1)
     if not (scale > 0.0).all():
@@ -216,30 +235,28 @@ def _least_move(G: np.ndarray, h: np.ndarray) -> np.ndarray:
     target = np.append(np.zeros(G.shape[1]), 1.0)
     try:
         residual = E @ nnls(E, target)[0] - target
-    except RuntimeError as error:  # its iterations did not end
+    except RuntimeError as error:  # too many iterations
         raise DivergedError(_LOST) from error
     if residual[-1] > -1e-12:
         raise DivergedError(_LOST)
     return np.asarray(-size * residual[:-1] / residual[-1])
 
 
-_GRAVITY_ROUNDS = 200
-_TOLERANCE = 1e-9  # of the bound
-
-
 class GravityProjection(Wrapper):
-    """Any adaptation, kept where |g_i(q; a)| <= G_i for each joint i at the measured q.
+    """Any adaptation, projected onto {a : |g_i(q; a)| <= G_i for each joint i} at the measured q.
 
-    A slab {a : -G_i <= Z_i(q) a + g_0,i(q) <= G_i} is convex and holds the truth wherever the true
-    gravity torque is within G. An estimate beyond one of its faces moves back to it along the
-    adaptation's own flow under the drive Z_i^T e, e the sign of the excess: da/dt = -Gamma(a) Z_i^T
-    e lowers the adaptation's part of V, dD/dt = -e (Z_i a - Z_i a_true) <= 0, as long as the truth
-    is on the other side of the face. With a constant Gamma that is the projection in the metric
-    Gamma^-1; natural adaptation stays in its cone. The length of the flow is found by Newton's
-    iteration, the faces are taken in turn.
+    The slab {a : -G_i <= Z_i(q) a + g_0,i(q) <= G_i} is convex, and contains the truth if the true
+    gravity torque is within G. An estimate outside one of its faces moves back to the face along
+    the adaptation's own flow under the drive Z_i^T e, e the sign of the excess:
+    da/dt = -Gamma(a) Z_i^T e decreases the adaptation's part of V,
+    dD/dt = -e (Z_i a - Z_i a_true) <= 0, since the truth is on the other side of the face. With a
+    constant Gamma this is the projection in the metric Gamma^-1; natural adaptation stays in its
+    cone. Newton's iteration gives the length of the flow; the most violated face comes first.
 
-    For an adaptation whose metric is memory, as that of least squares, dD/dt is another: it is
-    refused.
+    An adaptation that updates its gain, such as least squares, has another dD/dt and is refused.
+
+    After W. Dixon, *Adaptive regulation of amplitude limited robot manipulators with uncertain
+    kinematics and dynamics*, IEEE TAC 52 (2007) 488-493.
 
     Attributes:
         inner: the adaptation that it wraps.
@@ -249,18 +266,19 @@ class GravityProjection(Wrapper):
     sources = ("Dixon2007",)
 
     def __init__(self, inner: Adaptation, dynamics: Dynamics, bound: np.ndarray) -> None:
-        """Take the adaptation, the dynamics whose parameters it moves, and G (n) [N m or N].
+        """Wrap the adaptation of the parameters of ``dynamics`` with the bound G (n) [N m or N].
 
         Raises:
             GainError: bounds that are not positive.
-            InputError: least squares.
+            InputError: an adaptation that updates its gain, such as least squares.
         """
         super().__init__(inner)
         if inner.updates_gain:
             raise InputError(
-                f"'{inner.name}' updates its gain, in whose metric gravity is not projected.",
+                f"'{inner.name}' updates its gain, for which the bound on gravity torques has no "
+                "projection.",
                 where="adaptation",
-                hint='Take "natural-composite" or "composite".',
+                hint='Use adaptation = "natural-composite" or "composite".',
             )
         self.bound = vector(bound, None, "gravity", error=GainError)
         if not (self.bound > 0.0).all():
@@ -268,14 +286,14 @@ class GravityProjection(Wrapper):
         self._dynamics, self._rest = dynamics, np.zeros(self.bound.size)
 
     def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:
-        """Return the value (p) itself, or moved to where the gravity torque at q is bounded."""
+        """Return the value (p), moved where its gravity torque at q exceeds the bound."""
         kept = self.inner.project(estimate, q)
         self._dynamics.load(kept)
         gravity = self._dynamics.torque(q, self._rest, self._rest)
         if (np.abs(gravity) <= self.bound).all():
             return kept
         Z = self._dynamics.regressor(q, self._rest, self._rest)
-        known, within = gravity - Z.dot(kept), self.bound * (1.0 - _TOLERANCE)
+        known, within = gravity - Z.dot(kept), self.bound * (1.0 - _GRAVITY_TOLERANCE)
         for _ in range(_GRAVITY_ROUNDS):
             gravity = Z.dot(kept) + known
             i = int(np.argmax(np.abs(gravity) / self.bound))

@@ -1,4 +1,4 @@
-"""Several adaptations side by side, each for its own part of the estimate."""
+"""Several adaptations side by side, each of its own block of the estimate."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from .adaptation import Adaptation, Drive, Estimate
 
 
 class Stacked(Adaptation):
-    """Adaptations of consecutive blocks of one estimate; V's part is the sum of theirs.
+    """Adaptations of consecutive blocks of one estimate; its part of V is the sum of theirs.
 
     Attributes:
         parts: the adaptations, in the order of their blocks.
     """
 
     def __init__(self, parts: Sequence[tuple[Adaptation, int]]) -> None:
-        """Take adaptations with the sizes of their blocks; the first one gives the name.
+        """Stack pairs of an adaptation and the size of its block; the first gives the name.
 
         Raises:
-            InputError: none, or what is no adaptation with a size.
+            InputError: no pair, or something that is not a pair of adaptation and size.
         """
         for given in instance(parts, Sequence, "parts"):
             part, size = given if isinstance(given, tuple) and len(given) == 2 else (given, 0)
@@ -45,11 +45,11 @@ class Stacked(Adaptation):
         self._projects = any(type(p).project is not Adaptation.project for p, _ in self.parts)
 
     def init(self, value: np.ndarray) -> Estimate:
-        """Return the start of all blocks; the memory is one memory a block."""
+        """Return the estimate to start from; its memory holds one memory a block."""
         return self._joined(part.init(value[block]) for part, block in self.parts)
 
     def validate(self, value: np.ndarray) -> np.ndarray:
-        """Return the initial value (p), each block as its adaptation has it."""
+        """Return the initial value (p), each block validated by its adaptation."""
         return np.concatenate([part.validate(value[block]) for part, block in self.parts])
 
     def contains(self, value: np.ndarray) -> bool:
@@ -57,7 +57,7 @@ class Stacked(Adaptation):
         return all(part.contains(value[block]) for part, block in self.parts)
 
     def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:
-        """Return the value (p) to use at q (nq), each block as its adaptation projects it."""
+        """Return the value (p) to use at q (nq), each block projected by its adaptation."""
         value = estimate.value
         if not self._projects:
             return value
@@ -67,7 +67,7 @@ class Stacked(Adaptation):
         return value if all(same) else np.concatenate(blocks)
 
     def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
-        """Return what each block's adaptation makes of an announced value (p)."""
+        """Return the estimate with each block reset by its adaptation to an announced value."""
         return self._joined(
             part.reset_to(own, value[block], start[block])
             for part, block, own in self._split(estimate)
@@ -104,7 +104,7 @@ class Stacked(Adaptation):
         return float(sum(known)) if len(known) == len(parts) else None
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
-        """Return the sum of what the blocks add to dV/dt."""
+        """Return the sum of what the blocks' adaptations add to dV/dt."""
         blocks = self._split(estimate)
         return float(sum(p.dissipation(own, drive.columns(b), truth[b]) for p, b, own in blocks))
 
