@@ -60,7 +60,7 @@ def test_three_thousand_fixed_links_are_a_robot_like_another(tmp_path):
 
 
 def test_a_row_that_is_too_long_for_the_stack_is_refused(tmp_path):
-    with pytest.raises(pa.RobotError, match="more than 3200 links in one row"):
+    with pytest.raises(pa.RobotError, match="more than 3200 links in one chain"):
         pa.load(with_links(tmp_path / "deep.urdf", 6000))
 
 

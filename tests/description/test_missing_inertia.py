@@ -71,7 +71,7 @@ def bodies(robot):
 
 @pytest.mark.parametrize("kind", ["collision", "visual"])
 def test_the_mass_is_shared_by_volume_with_the_base(tmp_path, kind):
-    with pytest.warns(UserWarning, match=r"30 kg spread .* upper .*as rods or balls.* wrist"):
+    with pytest.warns(UserWarning, match=r"30 kg distributed .* upper .*; rods or balls.* wrist"):
         robot = pa.load(arm(tmp_path, kind=kind), frame="tip", mass=30)
     density = 30 / sum(VOLUMES.values())
     for link, body in bodies(robot).items():
@@ -150,7 +150,7 @@ def test_what_is_described_stays_and_counts(tmp_path):
 @pytest.mark.parametrize(
     ("mass", "words"),
     [
-        (12, "12 kg is the whole robot's, of which 12 kg are described already"),
+        (12, "12 kg is given for the whole robot, but the description already contains 12 kg"),
         (0.0, "must be positive"),
         (np.nan, "must be positive"),
         (True, "expected a number"),
@@ -178,14 +178,16 @@ def test_without_a_mass_the_refusal_names_the_links_and_suggests_it(tmp_path, ca
 def test_a_mass_matrix_that_is_singular_otherwise_names_the_joint(tmp_path):
     point = '<inertial><mass value="1"/><inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/>'
     inertials = dict.fromkeys(STEPS, HEAVY) | {"hand": f"{point}</inertial>"}
-    with pytest.raises(pa.RobotError, match="nothing resists joint 'to_hand', which moves 'hand'"):
+    with pytest.raises(
+        pa.RobotError, match="joint 'to_hand', which moves 'hand', moves without inertia"
+    ):
         pa.load(arm(tmp_path, inertials=inertials), frame="tip")
 
 
 def test_init_tells_it_and_its_file_runs(tmp_path, capsys):
     file = tmp_path / "bare.toml"
     assert main(["init", str(arm(tmp_path)), "--mass", "30", "--out", str(file)]) == 0
-    assert "30 kg spread" in capsys.readouterr().err
+    assert "30 kg distributed" in capsys.readouterr().err
     text = file.read_text()
     assert read_toml(file)["robot"]["mass"] == 30.0
     assert "# What the whole robot weighs [kg]. These links are described without inertia" in text

@@ -69,14 +69,14 @@ def test_what_an_equality_couples_is_no_independent_joint(tmp_path):
 
 def test_loops_are_taken_as_open_and_told(tmp_path):
     loop = '<equality><connect body1="tip" body2="base" anchor="0 0 0"/></equality></mujoco>'
-    with pytest.warns(UserWarning, match="1 loops closed by <equality> are taken as open"):
+    with pytest.warns(UserWarning, match="1 kinematic loops closed by <equality> are opened"):
         pa.load(mjcf(tmp_path, MJCF.replace("</mujoco>", loop)), frame="tip")
 
 
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("<asset>", '<include file="x.xml"/><asset>', "<include> is not read by Pinocchio"),
+        ("<asset>", '<include file="x.xml"/><asset>', "Pinocchio does not read <include>"),
         ('<body name="tip"', "<body", "a <body> has no name"),
         ('mass="2" diag', 'mass="1,5" diag', 'mass="1,5" is not numbers'),
         ('size="0.03"/></body>', 'size="nan"/></body>', 'size="nan" is not a number'),
@@ -88,7 +88,7 @@ def test_loops_are_taken_as_open_and_told(tmp_path):
         ('type="box"', 'type="brick"', "Pinocchio cannot read this MJCF"),
     ],
 )
-def test_what_pinocchio_would_skip_is_refused(tmp_path, old, new, words):
+def test_what_pinocchio_would_ignore_is_refused(tmp_path, old, new, words):
     assert old in MJCF
     path = mjcf(tmp_path, MJCF.replace(old, new))
     with pytest.raises(pa.RobotError) as error:

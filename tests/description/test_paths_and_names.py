@@ -46,7 +46,7 @@ def test_a_mesh_that_is_missing_is_told_and_found_where_the_warning_says(
     )
     with pytest.warns(
         UserWarning,
-        match=r"arm4.urdf: .*package://mine/meshes/link1.stl.* folders of ROS_PACKAGE_PATH",
+        match=r"arm4.urdf: .*package://mine/meshes/link1.stl.* ROS_PACKAGE_PATH",
     ):
         assert not pa.load(arm, frame="tip").visual.geometryObjects
     mesh = tmp_path / "there" / "mine" / "meshes" / "link1.stl"

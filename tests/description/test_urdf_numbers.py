@@ -26,7 +26,7 @@ from tests.support.paths import ARM4
         ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 nan"/>', "joint 'joint1', <axis>"),
         ('lower="-3"', 'lower="-3 rad"', "joint 'joint1', <limit>: lower=\"-3 rad\""),
         ('lower="-3"', 'lower="nan"', "joint 'joint1', <limit>"),
-        ('lower="-3"', 'lower="-inf"', "is not finite. Numbers"),
+        ('lower="-3"', 'lower="-inf"', "is not finite. Write"),
     ],
 )
 def test_unreadable_numbers_are_refused(tmp_path, old, new, words, capsys):

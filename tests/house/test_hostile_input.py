@@ -267,7 +267,7 @@ def test_init_refuses_a_circle_that_takes_forever(tmp_path, capsys):
     file = tmp_path / "slow.urdf"
     file.write_text(re.sub(r'velocity="[^"]*"', 'velocity="1e-300"', URDF))
     assert main(["init", str(file), "--out", str(tmp_path / "slow.toml")]) == 2
-    assert "a circle takes" in capsys.readouterr().err
+    assert "one circle takes" in capsys.readouterr().err
     assert not (tmp_path / "slow.toml").exists()
 
 

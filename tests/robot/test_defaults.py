@@ -137,7 +137,7 @@ def test_a_floating_base_of_a_file_is_welded_and_of_an_object_refused(tmp_path):
     path = tmp_path / "floating.urdf"
     path.write_text(text)
     robot = pa.load(path)
-    assert robot.welded and robot.model.nv == 4 and "floating base welded" in repr(robot)
+    assert robot.welded and robot.model.nv == 4 and "floating base fixed" in repr(robot)
     assert robot.locked == ("finger1_joint", "finger2_joint")
     with pytest.raises(pa.RobotError, match="floating"):
         pa.load(path, weld_root=False)

@@ -204,7 +204,7 @@ REFUSED = [
     (lambda: pa.load("no/such/robot.urdf"), ["no/such/robot.urdf", "no such file"]),
     (lambda: pa.load("ur55"), ["'ur55'", "Did you mean 'ur5'?"]),
     (lambda: pa.load("scara", frame="tol"), ["'tol'", "Did you mean 'tool'?"]),
-    (lambda: pa.load("scara", frame="base"), ["'base'", "no moving joint"]),
+    (lambda: pa.load("scara", frame="base"), ["'base'", "no joint moves"]),
     (
         lambda: pa.load("scara", frame="inner_arm"),
         ["'xyz' has 3 coordinates", "'inner_arm'", "1 joint"],

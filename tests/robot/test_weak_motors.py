@@ -62,6 +62,6 @@ def test_a_load_that_the_motors_cannot_hold_is_told_before_the_run(tmp_path):
     told = overloaded(heavy, effort_limits(heavy.model))
     assert "shoulder (" in told and "elbow (" in told and "roll" not in told and "N m" in told
     controller, path = pa.make_controller(robot), pa.Hold(heavy.position(heavy.q0))
-    with pytest.warns(UserWarning, match="cannot hold the real robot at its home pose: shoulder"):
+    with pytest.warns(UserWarning, match="cannot hold the true robot at its home pose: shoulder"):
         rollout = pa.simulate(heavy, controller, path, duration=0.5)
     assert "motors were at their limit" in rollout.verdict

@@ -1,4 +1,4 @@
-"""From any description of a robot to a Pinocchio model: URDF, xacro, MJCF, names, the catalogue."""
+"""From a robot description (URDF, xacro, MJCF or a name) to a Pinocchio model, and back to URDF."""
 
 from .catalogue import CatalogueEntry as CatalogueEntry
 from .catalogue import catalogue as catalogue

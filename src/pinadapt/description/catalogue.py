@@ -1,4 +1,4 @@
-"""The catalogue of robots: those of our own folder ``robots/`` and of example-robot-data."""
+"""The catalogue of example robots: the folder ``robots/`` and the package example-robot-data."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .urdf import Urdf, mimic_joints
 
 @dataclass(frozen=True)
 class CatalogueEntry:
-    """A robot of the catalogue: an arm, or one limb of a larger robot whose root is welded.
+    """A robot of the catalogue: an arm, or one limb of a larger robot whose base is fixed.
 
     Attributes:
         name: name in the catalogue.
@@ -28,12 +28,12 @@ class CatalogueEntry:
         joints: number of joints of the chain.
         task: default task.
         origin: "pinadapt", or the name of the loader in example-robot-data.
-        path: URDF file for our own robots, None for example-robot-data's.
-        first: the limb's first joint, or None for the base's; the joints before it are locked.
-        tip: (3) [m] where the frame lies in the axes of ``link``, for links that have no frame at
-            their end, or None.
-        link: the link that carries the frame; the frame itself where there is no tip.
-        q0: home pose, one angle a joint [rad or m], or None for a searched one.
+        path: URDF file in ``robots/``; None for robots of example-robot-data.
+        first: first joint of the limb; the joints before it are locked. None: the first of all.
+        tip: (3) [m] origin of the frame in the axes of ``link``, where the description has no frame
+            at the end of that link; else None.
+        link: the link that carries the frame; equal to ``frame`` if there is no ``tip``.
+        q0: home pose, one value per joint [rad or m], or None if it is searched.
         about: a remark.
     """
 
@@ -50,7 +50,7 @@ class CatalogueEntry:
     about: str
 
     def load(self) -> tuple[pin.Model, np.ndarray, frozenset[str]]:
-        """Return the whole model, a reference configuration (nq) and the mimic joints."""
+        """Return the whole model, a reference configuration (nq) and the names of mimic joints."""
         if self.path is not None:
             urdf = Urdf.read(self.path)
             model = urdf.model()
@@ -59,7 +59,7 @@ class CatalogueEntry:
         return self._with_tip(model), q_reference, example_mimics(self.origin)
 
     def geometry(self, kind: pin.GeometryType) -> pin.GeometryModel | None:
-        """Return the visual or collision geometry of the whole robot, None where it has none."""
+        """Return the visual or collision geometry of the whole robot, or None if it has none."""
         if self.path is not None:
             return Urdf.read(self.path).geometry(kind)
         return example_visual(self.origin) if kind == pin.GeometryType.VISUAL else None
@@ -96,7 +96,7 @@ class CatalogueEntry:
 
 @cache
 def catalogue() -> Mapping[str, CatalogueEntry]:
-    """Return all robots of the catalogue by name."""
+    """Return the catalogue: name -> entry."""
     folder = robots_folder()
     entries = {}
     for name, row in read_toml(folder / "catalogue.toml").items():
@@ -120,28 +120,29 @@ def catalogue_entry(name: str) -> CatalogueEntry:
     """Return one robot of the catalogue.
 
     Raises:
-        RobotError: unknown name; the nearest is suggested.
+        RobotError: unknown name; the closest one is suggested.
     """
     if name not in catalogue():
         raise RobotError(
-            f"'{name}' is neither a robot of the catalogue nor a file of one."
+            f"'{name}' is neither a robot of the catalogue nor the path of a robot file."
             f"{did_you_mean(name, catalogue())}",
             where="source",
-            hint="See `pinadapt robots`; files end in .urdf, .xacro or .xml, names of the package "
-            "robot_descriptions in _description.",
+            hint="`pinadapt robots` lists the catalogue. Files end in .urdf, .xacro or .xml; names "
+            "of the package robot_descriptions end in _description.",
         )
     return catalogue()[name]
 
 
 def robots_folder() -> Path:
-    """Return the folder of our own robots: inside the package, or beside ``src`` in a checkout."""
+    """Return the folder ``robots``: inside the package, or beside ``src`` in a checkout."""
     package = Path(__file__).resolve().parents[1]
     for folder in (package / "robots", package.parents[1] / "robots"):
         if (folder / "catalogue.toml").is_file():
             return folder
     raise RobotError(
-        "the folder 'robots' with catalogue.toml is missing from this installation.",
+        "the folder 'robots' with the file catalogue.toml is missing from this installation.",
         where=str(package),
+        hint="Install pinadapt again.",
     )
 
 
@@ -150,19 +151,19 @@ def robots_folder() -> Path:
 
 @cache
 def example_path(origin: str) -> Path:
-    """Return the URDF file of a loader."""
+    """Return the URDF file that a loader of example-robot-data reads."""
     return _folder(origin) / _file(origin)
 
 
 @cache
 def example_mimics(origin: str) -> frozenset[str]:
-    """Return the names of the joints that mimic another."""
+    """Return the names of the joints of a loader's robot that mimic another joint."""
     return mimic_joints(example_path(origin))
 
 
 @cache
 def example_robot(origin: str) -> tuple[pin.Model, np.ndarray]:
-    """Return a robot's model as its loader makes it and its pose (nq); neither is to be written."""
+    """Return the model and the reference pose (nq) of a loader; callers must not change them."""
     loaders, kind = _loaders(), _loaders().ROBOTS[origin]
     if _is_special(origin):
         whole = _whole(origin)
@@ -178,9 +179,9 @@ def example_robot(origin: str) -> tuple[pin.Model, np.ndarray]:
     return model, q0
 
 
-@lru_cache(maxsize=8)  # meshes take up to 200 MB a robot
+@lru_cache(maxsize=8)  # the meshes of a robot take up to 200 MB
 def example_visual(origin: str) -> pin.GeometryModel:
-    """Read the visual geometry of a robot; not to be written."""
+    """Return the visual geometry of a loader's robot; callers must not change it."""
     if _is_special(origin):
         return _whole(origin).visual_model
     model, file = example_robot(origin)[0], str(example_path(origin))
@@ -189,13 +190,13 @@ def example_visual(origin: str) -> pin.GeometryModel:
 
 
 def _loaders() -> Any:
-    from example_robot_data import robots_loader  # here, because a user's own URDF needs none
+    from example_robot_data import robots_loader  # slow to import; a user's URDF does not need it
 
     return robots_loader
 
 
 def _folder(origin: str) -> Path:
-    """Return the folder of all robots."""
+    """Return the folder that holds the robots of example-robot-data."""
     loaders = _loaders()
     return Path(loaders.ROBOTS[origin].model_path or loaders.getModelPath(str(_file(origin))))
 
@@ -206,7 +207,7 @@ def _file(origin: str) -> Path:
 
 
 def _is_special(origin: str) -> bool:
-    """Tell whether a loader changes the model after reading it."""
+    """Return whether a loader changes the model after reading it."""
     loaders = _loaders()
     return loaders.ROBOTS[origin].__init__ is not loaders.RobotLoader.__init__
 

@@ -1,4 +1,4 @@
-"""The open chain between the base of a Pinocchio model and one frame: joints, limits, checks."""
+"""The open chain from the base of a Pinocchio model to one frame: joints, limits, checks."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ _REGULAR = 1e-10  # smallest eigenvalue of a scaled mass matrix
 
 
 def frame_id(model: pin.Model, name: str) -> int:
-    """Return the index of the frame ``name``; where a link and a joint share it, of the link.
+    """Return the index of a frame; if a link and a joint share the name, that of the link.
 
     Raises:
-        RobotError: no frame has that name; the nearest one is suggested.
+        RobotError: no frame has that name; the closest one is suggested.
     """
     found = [i for i, frame in enumerate(model.frames) if frame.name == name]
     if not found:
         names = [frame.name for frame in model.frames]
         raise RobotError(
-            f"no frame of '{model.name}' is called '{name}'.{did_you_mean(name, names)}",
+            f"'{model.name}' has no frame '{name}'.{did_you_mean(name, names)}",
             where="frame",
         )
     links = [i for i in found if model.frames[i].type == pin.FrameType.BODY]
@@ -43,7 +43,7 @@ def frame_id(model: pin.Model, name: str) -> int:
 
 
 def links_of(model: pin.Model, joint: int) -> list[str]:
-    """Return the names of the links that move with a joint, or its own where it has none."""
+    """Return the names of the links that a joint moves, or the joint's own name if none."""
     links = [
         str(frame.name)
         for frame in model.frames
@@ -53,7 +53,7 @@ def links_of(model: pin.Model, joint: int) -> list[str]:
 
 
 def massless_joints(model: pin.Model) -> list[int]:
-    """Return the indices of the joints whose bodies have no mass."""
+    """Return the indices of the joints that move a body without mass."""
     return [i for i in range(1, model.njoints) if model.inertias[i].mass <= 0.0]
 
 
@@ -73,22 +73,22 @@ def is_physical(pi: np.ndarray) -> bool:
 
 
 def chain_joints(model: pin.Model, frame: int) -> list[int]:
-    """Return the indices of the joints between the base and a frame, in order from the base."""
+    """Return the indices of the joints from the base to a frame, in this order."""
     return [int(joint) for joint in model.supports[model.frames[frame].parentJoint] if joint > 0]
 
 
 def is_slide(joint: pin.JointModel) -> bool:
-    """Tell whether a joint is prismatic."""
+    """Return whether a joint is prismatic."""
     return bool(joint.shortname().startswith("JointModelP"))
 
 
 def joint_unit(joint: pin.JointModel) -> str:
-    """Return the unit of a joint's coordinate."""
+    """Return the unit of a joint coordinate."""
     return "m" if is_slide(joint) else "rad"
 
 
 def is_free_flyer(joint: pin.JointModel) -> bool:
-    """Tell whether a joint is the six-dof one of a floating base."""
+    """Return whether a joint is the free-flyer of a floating base."""
     return bool(joint.shortname() == "JointModelFreeFlyer")
 
 
@@ -96,14 +96,14 @@ def is_free_flyer(joint: pin.JointModel) -> bool:
 
 
 def reduce_to_chain(model: pin.Model, keep: Sequence[int], q_reference: np.ndarray) -> pin.Model:
-    """Lock every joint but ``keep`` at ``q_reference`` (nq of the whole), on a copy."""
+    """Return a copy with all joints but ``keep`` locked at ``q_reference`` (nq of the whole)."""
     return _reduced(model, [], keep, q_reference)[0]
 
 
 def reduce_visual(
     model: pin.Model, visual: pin.GeometryModel, keep: Sequence[int], q_reference: np.ndarray
 ) -> pin.GeometryModel:
-    """Return the visual geometry of a chain from that of the whole model."""
+    """Return the visual geometry of the chain, given that of the whole model."""
     return _reduced(model, [visual], keep, q_reference)[1][0]
 
 
@@ -122,7 +122,10 @@ def _reduced(
 
 
 def _rename_links(model: pin.Model, *, mark: bool) -> None:
-    """Mark links that share a frame's name, which buildReducedModel refuses; or unmark them."""
+    """Mark links that share their name with another frame, or remove the marks.
+
+    ``pin.buildReducedModel`` refuses duplicate frame names.
+    """
     names = [frame.name for frame in model.frames]
     times = Counter(names)
     for frame, name in zip(model.frames, names, strict=True):
@@ -136,12 +139,12 @@ def _rename_links(model: pin.Model, *, mark: bool) -> None:
 
 
 def configuration_from_angles(model: pin.Model, angles: np.ndarray) -> np.ndarray:
-    """Turn one number a joint [rad or m] (nv) into a configuration (nq)."""
+    """Return the configuration (nq) of joint positions (nv) [rad or m]."""
     return np.asarray(pin.integrate(model, pin.neutral(model), np.asarray(angles, dtype=float)))
 
 
 def angles_from_configuration(model: pin.Model, q: np.ndarray) -> np.ndarray:
-    """Turn a configuration (nq) into one number a joint [rad or m] (nv)."""
+    """Return the joint positions (nv) [rad or m] of a configuration (nq)."""
     return np.asarray(pin.difference(model, pin.neutral(model), q))
 
 
@@ -149,10 +152,10 @@ def angles_from_configuration(model: pin.Model, q: np.ndarray) -> np.ndarray:
 
 
 def position_limits(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
-    """Return lower and upper joint limits (nv) [rad or m], infinite where there are none.
+    """Return lower and upper joint limits (nv) [rad or m]; +-inf for joints without limits.
 
-    URDFs say "no limit" with 0, 1.8e308 or infinity: any empty or wider-than-two-turns range counts
-    as absent.
+    URDF files write 0, 1.8e308 or infinity for "no limit". A range that is empty or wider than two
+    turns therefore counts as no limit.
     """
     lower, upper = np.full(model.nv, -np.inf), np.full(model.nv, np.inf)
     for joint in model.joints[1:]:
@@ -167,26 +170,26 @@ def position_limits(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
 
 
 def position_bounds(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
-    """Return joint bounds (nv) [rad or m]; an absent limit becomes half a turn or one metre."""
+    """Return finite bounds (nv) [rad or m]: the limits, else half a turn or 1 m to each side."""
     lower, upper = position_limits(model)
     half = np.array([1.0 if is_slide(joint) else np.pi for joint in model.joints[1:]])
     return np.where(np.isfinite(lower), lower, -half), np.where(np.isfinite(upper), upper, half)
 
 
 def effort_limits(model: pin.Model) -> np.ndarray:
-    """Return the effort limits (nv) [N m or N]; 0, 1.8e308 and inf in a URDF mean none: inf."""
+    """Return the effort limits (nv) [N m or N]; inf if the description has 0, 1.8e308 or inf."""
     limits = np.array(model.effortLimit, dtype=float)
     return np.where((limits > 0.0) & (limits < _NO_LIMIT), limits, np.inf)
 
 
 def velocity_limits(model: pin.Model) -> np.ndarray:
-    """Return speed limits (nv) [rad/s or m/s]; 0, 1.8e308 and inf in a URDF mean none: inf."""
+    """Return the velocity limits (nv) [rad/s or m/s]; inf if it has 0, 1.8e308 or inf."""
     limits = np.array(model.velocityLimit, dtype=float)
     return np.where((limits > 0.0) & (limits < _NO_LIMIT), limits, np.inf)
 
 
 def warn_beyond_limits(model: pin.Model, angles: np.ndarray) -> None:
-    """Warn of joints of a home pose (nv) [rad or m] that are outside their limits."""
+    """Warn if joint positions (nv) [rad or m] of a home pose are outside the joint limits."""
     lower, upper = position_limits(model)
     outside = [
         f"joint '{model.names[joint.id]}' at {angles[i]:.6g} {joint_unit(joint)}, limits "
@@ -199,9 +202,10 @@ def warn_beyond_limits(model: pin.Model, angles: np.ndarray) -> None:
 
 
 def reach(model: pin.Model, frame: int) -> float:
-    """Return the length [m] of the stretched chain from first joint to frame, slides extended.
+    """Return the length [m] of the stretched chain from its first joint to a frame.
 
-    A slide without limits, such as a mobile base, adds nothing, unless there is nothing else.
+    Prismatic joints count with their stroke. One without limits, such as a mobile base, counts
+    only if the chain has no other extent: then with 2 m.
     """
     lower, upper = position_limits(model)
     slides = [joint.idx_v for joint in model.joints[1:] if is_slide(joint)]
@@ -243,25 +247,25 @@ def jacobian_bounds(model: pin.Model, frame: int) -> tuple[np.ndarray, np.ndarra
 
 
 def check_names(model: pin.Model) -> None:
-    """Refuse a joint that is called as Pinocchio calls the world.
+    """Refuse a joint with the name that Pinocchio gives to the fixed world.
 
     Raises:
-        RobotError: there is one.
+        RobotError: there is such a joint.
     """
     if _WORLD in list(model.names)[1:]:
         raise RobotError(
-            f"a joint is called '{_WORLD}', which is the name of the fixed world.",
+            f"a joint is called '{_WORLD}', which is the name of the fixed world in Pinocchio.",
             where=model.name,
-            hint="Give it another name in the description.",
+            hint="Rename the joint in the description.",
         )
 
 
 def check_numbers(model: pin.Model) -> None:
-    """Refuse models with numbers that no robot has.
+    """Refuse impossible numbers.
 
     Raises:
-        RobotError: non-finite placements, inertias or gravity, or a negative mass; the joint is
-            named.
+        RobotError: a placement, inertia or gravity that is not finite or too large, or a negative
+            mass; the joint is named.
     """
     for name, placement, body in zip(
         model.names, model.jointPlacements, model.inertias, strict=True
@@ -269,13 +273,13 @@ def check_numbers(model: pin.Model) -> None:
         for part in (placement.homogeneous, body.toDynamicParameters()):
             if not (np.abs(part) <= LARGEST).all():  # also true for NaN
                 raise RobotError(
-                    f"the placement of joint '{name}' or the inertia it moves is not finite, or "
-                    f"has numbers over {LARGEST:g}.",
+                    f"the placement of joint '{name}', or the inertia of the body it moves, has a "
+                    f"number that is not finite or exceeds {LARGEST:g}.",
                     where=model.name,
                 )
         if body.mass < 0.0:
             raise RobotError(
-                f"the body moved by joint '{name}' has a negative mass, {body.mass} kg.",
+                f"the body that joint '{name}' moves has a negative mass, {body.mass} kg.",
                 where=model.name,
             )
     if not (np.abs(model.gravity.linear) <= LARGEST).all():
@@ -283,43 +287,43 @@ def check_numbers(model: pin.Model) -> None:
 
 
 def check_joints(model: pin.Model, joints: Sequence[int]) -> None:
-    """Refuse joints for which the regressor identities do not hold.
+    """Refuse joints that the control laws do not cover.
 
     Raises:
-        RobotError: a free-flyer, a mimic joint, or any joint that is not revolute or prismatic.
+        RobotError: a free-flyer, a mimic joint, or a joint that is neither revolute nor prismatic.
     """
     for joint in joints:
         kind, name = model.joints[joint].shortname(), model.names[joint]
         if is_free_flyer(model.joints[joint]):
             raise RobotError(
-                f"joint '{name}' makes the base floating; the laws hold for fixed-base chains.",
+                f"joint '{name}' makes the base floating; the control laws are for fixed-base "
+                "chains.",
                 where=model.name,
-                hint="Weld it (weld_root=True, in a scenario robot.weld_root = true) to use one "
-                "limb as a fixed-base arm.",
+                hint="To use one limb as a fixed-base arm, fix the base: load(..., "
+                "weld_root=True), in a scenario robot.weld_root = true.",
             )
         if "Mimic" in kind:
             raise RobotError(
-                f"joint '{name}' mimics another joint, which laws for independent joints do not "
-                "cover.",
+                f"joint '{name}' mimics another joint; the control laws need independent joints.",
                 where=model.name,
-                hint="Lock it, or choose a frame before it.",
+                hint="Lock it with `locked`, or choose a frame before it.",
             )
         if not kind.startswith(_SUPPORTED) or model.joints[joint].nv != 1:
             raise RobotError(
                 f"joint '{name}' is of type {kind.removeprefix('JointModel')}; "
                 "only revolute, continuous and prismatic joints are supported.",
                 where=model.name,
-                hint="Lock it, or choose a frame before it.",
+                hint="Lock it with `locked`, or choose a frame before it.",
             )
 
 
 def check_position_limits(model: pin.Model) -> None:
-    """Refuse joints whose lower limit is above the upper one.
+    """Refuse a lower joint limit above the upper one.
 
-    Taking them as no limits would let an arm run into the stops that somebody meant to state.
+    Ignoring such limits would let an arm run into its stops.
 
     Raises:
-        RobotError: there is one; the joint and both numbers are named.
+        RobotError: there is one; the message names the joint and both numbers.
     """
     for name, joint in zip(model.names[1:], model.joints[1:], strict=True):
         if joint.nq == 1:
@@ -327,19 +331,20 @@ def check_position_limits(model: pin.Model) -> None:
             high = float(model.upperPositionLimit[joint.idx_q])
             if low > high:
                 raise RobotError(
-                    f"the lower limit of joint '{name}', {low:g}, is above its upper one, "
+                    f"the lower limit of joint '{name}', {low:g}, is above its upper limit, "
                     f"{high:g}.",
                     where=model.name,
-                    hint="Exchange them in the description, or make both 0 for no limit.",
+                    hint="Swap them in the description, or set both to 0 for no limit.",
                 )
 
 
 def check_mass_matrix(model: pin.Model, configurations: Sequence[np.ndarray]) -> None:
-    """Refuse models whose mass matrix is singular or not positive definite.
+    """Refuse a mass matrix that is singular or not positive definite.
 
     Raises:
-        RobotError: M(q) has a relative eigenvalue below 1e-10 at one of the configurations; the
-            joints that move without effort are named, and the moving links without mass.
+        RobotError: M(q), scaled to a unit diagonal, has an eigenvalue below 1e-10 at one of the
+            configurations (nq). The message names the moving links without mass, or else a joint
+            that moves without inertia.
     """
     data = model.createData()
     for q in configurations:
@@ -354,15 +359,15 @@ def check_mass_matrix(model: pin.Model, configurations: Sequence[np.ndarray]) ->
         blame = (
             f"these links have no mass: {links}"
             if massless
-            else f"nothing resists joint '{model.names[free + 1]}', which moves "
-            f"'{links_of(model, free + 1)[0]}'"
+            else f"joint '{model.names[free + 1]}', which moves '{links_of(model, free + 1)[0]}', "
+            "moves without inertia"
         )
         raise RobotError(
             f"the mass matrix is singular or indefinite; {blame}.",
             where=model.name,
-            hint="Say what the whole robot weighs, and they get a share by their shapes: "
-            "`init --mass KG`, robot.mass in a scenario, load(..., mass=KG). Or give each an "
-            "<inertial>, or lock the joint."
+            hint="State the mass of the whole robot, and these links get a share by their shapes: "
+            "load(..., mass=KG), `init --mass KG`, in a scenario robot.mass. Or give each of them "
+            "an <inertial>, or lock the joint."
             if massless
             else "Give every moving link a positive mass and inertia, or lock the joint.",
         )

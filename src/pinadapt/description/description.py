@@ -1,4 +1,4 @@
-"""A whole robot as it is described, before a chain is cut out of it."""
+"""A whole robot as described by a name, a file or an object, before one chain is selected."""
 
 from __future__ import annotations
 
@@ -31,20 +31,20 @@ _INSTALL = 'Install it: pip install "pinadapt[descriptions]".'
 
 @dataclass(frozen=True)
 class Description:
-    """A whole robot.
+    """A whole robot with all its joints.
 
     Attributes:
         name: of the robot.
-        model: of all its joints.
-        geometry: reads its visual or collision geometry.
-        q_reference: (nq) a pose of it.
-        mimics: joints that follow another.
-        frame: task frame that is known for it, or None.
-        task: task that is known for it, or None.
+        model: Pinocchio model of all its joints.
+        geometry: function that reads the visual or collision geometry.
+        q_reference: (nq) reference configuration.
+        mimics: names of mimic joints.
+        frame: default task frame, or None.
+        task: default task, or None.
         locked: joints to lock.
-        weld_root: whether to fix a floating base in any case.
-        from_file: whether it comes from a file, where nobody floats a base on purpose.
-        urdf: the URDF it was read from, or its path; None where there is none.
+        weld_root: whether a floating base is always fixed.
+        from_file: whether it comes from a file; a floating base in a file is fixed by default.
+        urdf: the URDF it was read from, or the path of one; None if there is none.
     """
 
     name: str
@@ -61,23 +61,23 @@ class Description:
 
     @property
     def visual(self) -> Callable[[], pin.GeometryModel | None]:
-        """What reads the geometry to draw."""
+        """Function that reads the visual geometry."""
         return partial(self.geometry, pin.GeometryType.VISUAL)
 
 
 def describe(
     source: Source, *, xacro: XacroArguments | None = None, mass: float | None = None
 ) -> Description:
-    """Find the whole robot behind a name, a path or an object.
+    """Return the whole robot that a name, a path or an object describes.
 
     Args:
-        source: as ``load``.
+        source: see ``load``.
         xacro: arguments of a xacro file.
-        mass: what the whole robot weighs [kg], for bodies that are described without inertia.
+        mass: mass of the whole robot [kg]; bodies without inertia get a share of it.
 
     Raises:
-        RobotError: it cannot be found or read, has numbers that no robot has, or is no xacro file
-            where arguments are given.
+        RobotError: the source is not found, cannot be read or has impossible numbers, or xacro
+            arguments are given for another kind of source.
     """
     if not isinstance(xacro or {}, Mapping):
         raise RobotError(f"expected a mapping from names to values, got {xacro!r}.", where="xacro")
@@ -94,9 +94,10 @@ def _find(source: Source, xacro: XacroArguments) -> Description:
         return _from_object(source)
     if not isinstance(source, str | Path):
         raise RobotError(
-            "expected a name of the catalogue, the path of a file, a pin.Model or a RobotWrapper, "
-            f"got {shown(source)}.",
+            "expected a name, the path of a file, a pin.Model or a RobotWrapper, got "
+            f"{shown(source)}.",
             where="source",
+            hint="`pinadapt robots` lists the names.",
         )
     if is_path(source):
         return _from_file(Path(source).expanduser(), xacro)
@@ -106,7 +107,7 @@ def _find(source: Source, xacro: XacroArguments) -> Description:
         found = _from_file(named.path, {**named.xacro, **xacro}, named.packages)
         return replace(found, name=name)
     if xacro:
-        raise RobotError(f"'{name}' is no xacro file and takes no arguments.", where="xacro")
+        raise RobotError(f"'{name}' is not a xacro file; it takes no arguments.", where="xacro")
     return _from_catalogue(name)
 
 
@@ -120,12 +121,12 @@ def _from_object(source: pin.Model | RobotWrapper) -> Description:
 
 
 def _given(visual: Any, collision: Any, kind: pin.GeometryType) -> Any:
-    """Return a geometry that has been read before."""
+    """Return one of two geometries that are already in memory."""
     return visual if kind == pin.GeometryType.VISUAL else collision
 
 
 def _none(kind: pin.GeometryType) -> None:
-    """Return nothing: a bare model has no geometry."""
+    """Return None: a bare model has no geometry."""
 
 
 def _from_file(
@@ -188,12 +189,12 @@ def _from_catalogue(name: str) -> Description:
 
 @dataclass(frozen=True)
 class NamedDescription:
-    """Where a description lies.
+    """The files of a description of the package robot_descriptions.
 
     Attributes:
-        path: its URDF, xacro or MJCF file.
-        xacro: arguments that its xacro file needs.
-        packages: folders of packages by name.
+        path: URDF, xacro or MJCF file.
+        xacro: arguments of the xacro file, name -> text.
+        packages: package name -> folder.
     """
 
     path: Path
@@ -202,21 +203,21 @@ class NamedDescription:
 
 
 def is_description_name(source: str) -> bool:
-    """Tell whether a name is one of the package, such as ``iiwa14_description``."""
+    """Return whether a name is one of robot_descriptions, such as ``iiwa14_description``."""
     return source.endswith("_description")
 
 
 def named_description(name: str) -> NamedDescription:
-    """Return a description of the package robot_descriptions, fetched where it is not yet.
+    """Return a description of the package robot_descriptions, downloaded at its first use.
 
     Raises:
-        RobotError: the package is missing, has no such description, or could not fetch it.
+        RobotError: the package is not installed, has no such description, or cannot download it.
     """
     try:
         package = import_module("robot_descriptions")
     except ImportError as error:
         raise RobotError(
-            f"'{name}' is a name of the package robot_descriptions, which is not installed.",
+            f"the package robot_descriptions, needed for '{name}', is not installed.",
             where="source",
             hint=_INSTALL,
         ) from error
@@ -233,8 +234,8 @@ def named_description(name: str) -> NamedDescription:
         raise RobotError(
             f"robot_descriptions could not fetch '{name}': {reason}.",
             where="source",
-            hint="It clones from GitHub at the first use, with git: try again online, or set "
-            "ROBOT_DESCRIPTIONS_CACHE to a folder that holds it already.",
+            hint="At its first use a description is cloned from GitHub with git: try again online, "
+            "or set ROBOT_DESCRIPTIONS_CACHE to a folder that already contains it.",
         ) from error
     for kind in ("URDF_PATH", "XACRO_PATH", "MJCF_PATH"):
         if hasattr(module, kind):
@@ -243,4 +244,4 @@ def named_description(name: str) -> NamedDescription:
                 getattr(module, "XACRO_ARGS", {}) if kind == "XACRO_PATH" else {},
                 getattr(module, "XACRO_PACKAGE_PATHS", {}),
             )
-    raise RobotError(f"'{name}' has neither a URDF, nor a xacro, nor an MJCF.", where="source")
+    raise RobotError(f"'{name}' has no URDF, xacro or MJCF file.", where="source")

@@ -1,12 +1,12 @@
-"""Inertias for bodies that are described without: solids of one density, or rods.
+"""Inertia for bodies that the description leaves without: solids of one common density.
 
-A body is all that moves with one joint. Where the description gives it no mass, it gets the volume
-of its collision shapes, else of its visual ones: boxes, cylinders, spheres, capsules and closed
-meshes as they are; where neither are all such, the convex hulls of meshes. A body without shapes is
-a rod from its joint to the furthest point where something is fixed to it, or a ball where that is
-no length. What the
-robot weighs, less what is described, is spread over all of it with one density, so every inertia is
-that of a solid and physically consistent.
+A body is everything that moves with one joint. A body without mass is modelled by its shapes: the
+collision shapes if they are all solids (boxes, cylinders, spheres, capsules, closed meshes), else
+the visual shapes if those are; else the collision or visual shapes with the convex hull of each
+mesh. A body without shapes is a rod from its joint to the furthest frame or joint fixed to the
+body, or a ball if that distance is zero. The mass of the robot minus the described mass is
+distributed with one density over these volumes. Every inertia is that of a solid and therefore
+physically consistent.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from .._checks import positive
 from ..exceptions import RobotError
 from .chain import links_of, massless_joints
 
-_SLENDER = 0.05  # radius of rods and balls in parts of the longest rod
-_LEAST = 0.1  # [m] taken for the longest rod where there is none
+_SLENDER = 0.05  # radius of rods and balls, relative to the longest rod
+_LEAST = 0.1  # [m] length of the longest rod if all are zero
 
 
 def with_inertias(
@@ -32,14 +32,20 @@ def with_inertias(
     mass: float,
     name: str,
 ) -> pin.Model:
-    """Return a copy in which all bodies have inertia and the whole robot weighs ``mass`` [kg].
+    """Return a copy of a model in which all bodies have inertia and the robot has a given mass.
 
-    The base weighs too: where it is described without mass, its shapes get their share, which
-    moves nothing. One warning tells what was given.
+    The base counts as well: if it is described without mass, its shapes get their share, which does
+    not affect the motion. A warning states the masses that were assigned.
+
+    Args:
+        model: of the whole robot.
+        geometry: reads the visual or collision geometry.
+        mass: of the whole robot [kg].
+        name: of the robot, for messages.
 
     Raises:
-        RobotError: a mass that is not positive and finite, or is no more than what is described;
-            or no body lacks one.
+        RobotError: the mass is not positive and finite, or not above the described mass; or every
+            body has a mass already.
     """
     lacking = massless_joints(model)
     described = sum(body.mass for body in model.inertias)
@@ -53,7 +59,7 @@ def with_inertias(
         heavy = pin.Inertia(density * solid.mass, solid.lever, density * solid.inertia)
         if joint > 0:
             model.inertias[joint] = heavy
-    warnings.warn(_told(model, solids, rods, mass - described, density, name), stacklevel=3)
+    warnings.warn(_summary(model, solids, rods, mass - described, density, name), stacklevel=3)
     return model
 
 
@@ -61,19 +67,21 @@ def _check(mass: float, described: float, lacking: Sequence[int], name: str) -> 
     positive(mass, "mass", error=RobotError)
     if not lacking:
         raise RobotError(
-            f"every body of '{name}' is described with its mass, {described:.4g} kg in all.",
+            f"every body of '{name}' has a mass in the description already, {described:.4g} kg in "
+            "total.",
             where="mass",
-            hint="Leave mass out; inertial_scale changes described masses.",
+            hint="Leave mass out. Robot.changed(inertial_scale=...) scales the described masses.",
         )
     if mass <= described:
         raise RobotError(
-            f"{mass:g} kg is the whole robot's, of which {described:.4g} kg are described already; "
-            "nothing is left for the bodies without.",
+            f"{mass:g} kg is given for the whole robot, but the description already contains "
+            f"{described:.4g} kg; nothing is left for the bodies without mass.",
             where="mass",
+            hint="Give the mass of the whole robot, its base included.",
         )
 
 
-def _told(
+def _summary(
     model: pin.Model,
     solids: dict[int, pin.Inertia],
     rods: dict[int, pin.Inertia],
@@ -81,16 +89,16 @@ def _told(
     density: float,
     name: str,
 ) -> str:
-    """Return what was given to which body."""
+    """Return which body got which mass [kg]."""
 
     def each(joints: dict[int, pin.Inertia]) -> str:
         return ", ".join(
             f"{links_of(model, i)[0]} {density * solid.mass:.3g}" for i, solid in joints.items()
         )
 
-    parts = [f"{spread:.4g} kg spread over bodies that are described without inertia [kg]"]
-    parts += [f"as the solids of their shapes {each(solids)}"] if solids else []
-    parts += [f"as rods or balls, for they have no shape, {each(rods)}"] if rods else []
+    parts = [f"{spread:.4g} kg distributed over the bodies without inertia [kg]"]
+    parts += [f"solids of their shapes: {each(solids)}"] if solids else []
+    parts += [f"rods or balls, as they have no shapes: {each(rods)}"] if rods else []
     return f"{name}: {'; '.join(parts)}."
 
 
@@ -99,7 +107,7 @@ def _solids(
     geometry: Callable[[pin.GeometryType], pin.GeometryModel | None],
     joints: Sequence[int],
 ) -> dict[int, pin.Inertia]:
-    """Return the bodies of joints as solids of 1 kg/m^3, those that have a shape with a volume."""
+    """Return joint -> its body as a solid of 1 kg/m^3, for bodies with a shape of some volume."""
     found: dict[int, pin.Inertia] = {}
     read = [geometry(pin.GeometryType.COLLISION), geometry(pin.GeometryType.VISUAL)]
     for solid, wanted in ((_as_it_is, all), (_hull, any)):
@@ -114,7 +122,7 @@ def _solids(
 
 
 def _as_it_is(shape: coal.CollisionGeometry) -> pin.Inertia | None:
-    """Return a shape as a solid of 1 kg/m^3, or None: a mesh that is open, flat or inside out."""
+    """Return a shape as a solid of 1 kg/m^3; None for a mesh that is open, flat or inside out."""
     if isinstance(shape, coal.BVHModelBase) and not _is_closed(shape):
         return None
     return _filled(shape)
@@ -131,7 +139,7 @@ def _hull(shape: coal.CollisionGeometry) -> pin.Inertia | None:
 
 
 def _filled(shape: coal.CollisionGeometry) -> pin.Inertia | None:
-    """Return a solid of 1 kg/m^3, or None where a shape has no volume."""
+    """Return a shape as a solid of 1 kg/m^3, or None if it has no volume."""
     volume = shape.computeVolume()
     moments = np.asarray(shape.computeMomentofInertiaRelatedToCOM())
     if not (np.isfinite(volume) and volume > 0.0 and np.linalg.eigvalsh(moments)[0] > 0.0):
@@ -140,15 +148,15 @@ def _filled(shape: coal.CollisionGeometry) -> pin.Inertia | None:
 
 
 def _is_flat(vertices: np.ndarray) -> bool:
-    """Tell whether points (N, 3) lie in a plane, so that no hull of them has a volume."""
+    """Return whether points (N, 3) lie in a plane, so that their convex hull has no volume."""
     extents = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
     return len(vertices) < 4 or bool(extents[2] <= 1e-6 * extents[0])
 
 
 def _is_closed(mesh: coal.BVHModelBase) -> bool:
-    """Tell whether the triangles of a mesh close: each edge is run once each way.
+    """Return whether a mesh is closed: each edge belongs to two triangles, in opposite directions.
 
-    Formats such as STL repeat the vertices of each triangle; equal ones are taken as one.
+    Formats such as STL repeat the vertices of each triangle; equal vertices are merged first.
     """
     vertices = np.asarray(mesh.vertices())
     grain = 1e-6 * np.ptp(vertices, axis=0).max()
@@ -162,21 +170,24 @@ def _is_closed(mesh: coal.BVHModelBase) -> bool:
 
 
 def _rods(model: pin.Model, joints: Sequence[int]) -> dict[int, pin.Inertia]:
-    """Return bodies of joints as rods or balls of 1 kg/m^3, all of one radius."""
+    """Return joint -> its body as a rod or ball of 1 kg/m^3, all with the same radius."""
     ends = {joint: _furthest(model, joint) for joint in range(1, model.njoints)}
     longest = max(map(np.linalg.norm, ends.values()), default=0.0) or _LEAST
     return {joint: _rod(ends[joint], _SLENDER * float(longest)) for joint in joints}
 
 
 def _furthest(model: pin.Model, joint: int) -> np.ndarray:
-    """Return the furthest joint or frame (3) [m] on a body, from its joint and in its axes."""
+    """Return the position (3) [m] of the joint or frame on a body furthest from its joint.
+
+    It is in the axes of that joint.
+    """
     fixed = [f.placement.translation for f in model.frames if f.parentJoint == joint]
     carried = [model.jointPlacements[child].translation for child in model.children[joint]]
     return np.array(max([np.zeros(3), *fixed, *carried], key=np.linalg.norm))
 
 
 def _rod(end: np.ndarray, radius: float) -> pin.Inertia:
-    """Return a cylinder of 1 kg/m^3 from the origin to ``end`` (3) [m], or a ball."""
+    """Return a cylinder of 1 kg/m^3 from the origin to ``end`` (3) [m]; a ball if it is short."""
     length = float(np.linalg.norm(end))
     if length <= radius:
         ball = coal.Sphere(radius)

@@ -1,4 +1,4 @@
-"""Reading an MJCF file, MuJoCo's format, as far as Pinocchio reads it."""
+"""Reading an MJCF file, the format of MuJoCo, with Pinocchio."""
 
 from __future__ import annotations
 
@@ -16,10 +16,13 @@ from ..exceptions import RobotError
 from .urdf import flaw_of_numbers
 from .xml_file import read_xml, xml_text
 
-_COMPILED = "MuJoCo writes what it compiled as one plain file: mujoco.mj_saveLastXML(path, model)."
-# Pinocchio skips these without a word, and the robot would be another one.
+_COMPILED = (
+    "Let MuJoCo write the compiled model as one plain file: mujoco.mj_saveLastXML(path, model)."
+)
+# Pinocchio ignores these elements without an error; the model would be wrong.
 _SKIPPED = ("include", "attach", "replicate", "composite", "flexcomp", "frame", "plugin")
-_NO_INERTIA = ("mesh", "ellipsoid", "hfield", "sdf")  # shapes whose inertia it does not compute
+# Pinocchio does not compute the inertia of these shapes.
+_NO_INERTIA = ("mesh", "ellipsoid", "hfield", "sdf")
 _NUMBERS = (
     *("pos", "quat", "euler", "axisangle", "xyaxes", "zaxis", "axis", "range", "ref", "fromto"),
     *("size", "mass", "density", "diaginertia", "fullinertia", "armature", "gravity", "qpos"),
@@ -29,11 +32,11 @@ _NUMBERS = (
 
 @dataclass(frozen=True)
 class Mjcf:
-    """An MJCF file that Pinocchio reads whole.
+    """An MJCF file of which Pinocchio ignores nothing that changes the model.
 
     Attributes:
         path: the file.
-        coupled: joints that an equality makes follow others.
+        coupled: names of joints that an <equality> couples to others.
         gravity: (3) [m/s^2] in world axes.
     """
 
@@ -46,14 +49,15 @@ class Mjcf:
         """Check the root element of a file.
 
         Raises:
-            RobotError: something in it that Pinocchio would skip, or a number that nobody reads.
+            RobotError: an element that Pinocchio would ignore, or text in place of a number.
         """
         for flaw in _flaws(root):
             raise RobotError(flaw, where=str(path), hint=_COMPILED)
         loops = [element.tag for kind in ("connect", "weld") for element in root.iter(kind)]
         if loops:
             warnings.warn(
-                f"{path}: {len(loops)} loops closed by <equality> are taken as open.", stacklevel=3
+                f"{path}: {len(loops)} kinematic loops closed by <equality> are opened.",
+                stacklevel=3,
             )
         coupled = (joint.get("joint1", "") for joint in root.findall("equality/joint"))
         texts = [option.get("gravity", "") for option in root.findall("option")]
@@ -74,7 +78,7 @@ class Mjcf:
         return model
 
     def geometry(self, kind: pin.GeometryType) -> pin.GeometryModel:
-        """Read the visual or collision geometry; shapes whose mesh is missing are left out.
+        """Return the visual or collision geometry, without shapes whose mesh file is missing.
 
         Raises:
             RobotError: Pinocchio cannot read it.
@@ -90,20 +94,22 @@ class Mjcf:
                 raise _unreadable(error, self.path) from error
 
     def mimics(self) -> frozenset[str]:
-        """Return the names of the joints that follow another."""
+        """Return the names of the joints that are coupled to another joint."""
         return self.coupled
 
 
 def _unreadable(error: Exception, path: Path) -> RobotError:
     lines = [line for line in str(error).splitlines() if line.strip()] or [type(error).__name__]
-    said = lines[-1].removeprefix("message: ").rstrip(".")
-    return RobotError(f"Pinocchio cannot read this MJCF: {said}.", where=str(path), hint=_COMPILED)
+    reason = lines[-1].removeprefix("message: ").rstrip(".")
+    return RobotError(
+        f"Pinocchio cannot read this MJCF file: {reason}.", where=str(path), hint=_COMPILED
+    )
 
 
 def _leave_out_missing_meshes(root: ElementTree.Element, path: Path) -> None:
-    """Write into an MJCF the whole path of each file, and take out shapes whose mesh is missing.
+    """Make all file paths in an MJCF absolute, and remove shapes whose mesh file is missing.
 
-    One warning tells which are missing.
+    A warning lists the missing files.
     """
     compiler = root.find("compiler")
     options = {} if compiler is None else compiler.attrib
@@ -124,21 +130,21 @@ def _leave_out_missing_meshes(root: ElementTree.Element, path: Path) -> None:
             body.remove(geom)
     if missing:
         files = ", ".join(missing.values())
-        warnings.warn(f"{path}: not drawn, for these meshes do not exist: {files}.", stacklevel=3)
+        warnings.warn(f"{path}: not drawn, as these mesh files are missing: {files}.", stacklevel=3)
 
 
 def keyframe(model: pin.Model) -> np.ndarray:
-    """Return the configuration (nq) of the keyframe "home", or of the first, or the neutral one."""
+    """Return the configuration (nq) of the keyframe "home", else of the first, else the neutral."""
     poses = {pose.key(): pose.data() for pose in model.referenceConfigurations}
     first = next(iter(poses.values()), pin.neutral(model))
     return np.array(poses.get("home", first))
 
 
 def _flaws(root: ElementTree.Element) -> Iterator[str]:
-    """Yield what would make Pinocchio read another robot."""
+    """Yield what Pinocchio would ignore or misread."""
     for element in root.iter():
         if element.tag in _SKIPPED:
-            yield f"<{element.tag}> is not read by Pinocchio."
+            yield f"Pinocchio does not read <{element.tag}>."
         for name in _NUMBERS:
             text = element.get(name)
             flaw = text is not None and flaw_of_numbers(text)
@@ -146,12 +152,12 @@ def _flaws(root: ElementTree.Element) -> Iterator[str]:
                 yield f"<{element.tag}> '{element.get('name', '')}': {name}=\"{text}\" {flaw}."
     for body in root.iter("body"):
         if not body.get("name"):
-            yield "a <body> has no name; Pinocchio skips such bodies and all that they carry."
+            yield "a <body> has no name; Pinocchio ignores such bodies and all that they carry."
         shapes = [geom for geom in body.findall("geom") if _has_no_inertia(geom)]
         if body.find("inertial") is None and shapes:
             yield (
-                f"body '{body.get('name')}' has no <inertial>, and Pinocchio does not compute that "
-                "of its shapes."
+                f"body '{body.get('name')}' has no <inertial>, and Pinocchio does not compute the "
+                "inertia of its shapes."
             )
 
 

@@ -1,4 +1,4 @@
-"""Reading a URDF file, or the xacro file of one."""
+"""Reading a URDF file, or a xacro file that expands to one."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from ..exceptions import RobotError
 from .xacro import WHERE_PACKAGES_ARE, Packages, XacroArguments, expand, is_xacro
 from .xml_file import parse_xml, read_xml, xml_text
 
-_DEEPEST = 3200  # links in one row, of those that a stack of 8 MB bears
+_DEEPEST = 3200  # links in one chain; the recursion of Pinocchio needs more stack than 8 MB beyond
 _BOUNDED = ("revolute", "prismatic")
-_NEEDED = ("effort", "velocity")
-_SHOWN = 3  # missing meshes in a warning
-_HINT = "Numbers are written with a point, lists with spaces between their numbers."
-# element -> attribute -> how many numbers it holds
+_LIMITS = ("effort", "velocity")  # attributes of <limit> that URDF requires
+_SHOWN = 3  # unreadable meshes that a warning lists
+_HINT = "Write numbers with a decimal point, and separate several numbers by spaces."
+# element -> attribute -> count of its numbers
 _NUMBERS: dict[str, dict[str, int]] = {
     "origin": {"xyz": 3, "rpy": 3},
     "axis": {"xyz": 3},
@@ -41,17 +41,17 @@ _REQUIRED = {"mass", "inertia"}
 
 
 def is_path(source: str | Path) -> bool:
-    """Tell whether a source is the path of a file; other text is a name."""
+    """Return whether a source is the path of a file, and not a name."""
     return isinstance(source, Path) or "/" in source or source.endswith((".urdf", ".xml", ".xacro"))
 
 
 @dataclass(frozen=True)
 class Urdf:
-    """A URDF, with its numbers checked.
+    """A URDF with checked numbers.
 
     Attributes:
         path: the file it was read from.
-        text: the URDF without comments; of a xacro file, what became of it.
+        text: the URDF without comments; of a xacro file, its expansion.
         packages: where its meshes are searched.
     """
 
@@ -66,20 +66,25 @@ class Urdf:
         xacro: XacroArguments | None = None,
         named: Mapping[str, str] | None = None,
     ) -> Urdf:
-        """Read a file; ``xacro`` are its arguments, ``named`` folders of packages.
+        """Read a file.
+
+        Args:
+            path: of a URDF or xacro file.
+            xacro: arguments of the xacro file.
+            named: package name -> folder.
 
         Raises:
-            RobotError: no such file, not XML, no URDF, a xacro that cannot be expanded, arguments
-                for a file that takes none, a number that cannot be read, or too many links.
+            RobotError: no such file, not XML, not a URDF, a xacro file that cannot be expanded,
+                arguments for a URDF, a number that cannot be read, or too many links.
         """
         root, packages = read_xml(path), Packages(path.parent, named or {})
         if is_xacro(path, root):
             root = parse_xml(expand(path, xacro or {}, packages), str(path))
         elif xacro:
-            raise RobotError("takes no arguments: it is a URDF, not a xacro file.", where=str(path))
+            raise RobotError("a URDF takes no xacro arguments.", where=str(path))
         if root.tag != "robot":
             raise RobotError(
-                f"the root element is <{root.tag}>, a URDF has <robot>.", where=str(path)
+                f"the root element is <{root.tag}>; that of a URDF is <robot>.", where=str(path)
             )
         check_urdf_numbers(root, str(path))
         fill_urdf_gaps(root, str(path))
@@ -90,20 +95,20 @@ class Urdf:
         """Build the model.
 
         Raises:
-            RobotError: it is no valid URDF.
+            RobotError: it is not a valid URDF.
         """
         try:
             return pin.buildModelFromXML(self.text)
         except Exception as error:
             raise RobotError(
-                "this XML is not a valid URDF; the messages of the parser stand above.",
+                "not a valid URDF; the parser of Pinocchio has printed the reason above.",
                 where=str(self.path),
-                hint="Every joint needs a parent and child that exist, revolute and prismatic ones "
-                "also <limit>.",
+                hint="Check that every joint has a parent and a child link that exist, and that "
+                "revolute and prismatic joints have a <limit>.",
             ) from error
 
     def geometry(self, kind: pin.GeometryType) -> pin.GeometryModel:
-        """Read the visual or collision geometry; shapes whose mesh is missing are left out."""
+        """Return the visual or collision geometry, without shapes whose mesh cannot be read."""
         root, loader = parse_xml(self.text, str(self.path)), coal.CachedMeshLoader()
         other = "collision" if kind == pin.GeometryType.VISUAL else "visual"
         for link in root.iter("link"):
@@ -114,7 +119,7 @@ class Urdf:
         return pin.buildGeomFromUrdfString(self.model(), text, kind, mesh_loader=loader)
 
     def mimics(self) -> frozenset[str]:
-        """Return the names of the joints that mimic another; Pinocchio makes them independent."""
+        """Return the names of the mimic joints, which Pinocchio treats as independent."""
         return frozenset(
             joint.get("name", "")
             for joint in parse_xml(self.text, str(self.path)).iter("joint")
@@ -122,7 +127,7 @@ class Urdf:
         )
 
     def armatures(self) -> dict[str, float]:
-        """Return joint name -> rotor inertia [kg m^2 or kg], of joints that state one.
+        """Return joint name -> rotor inertia [kg m^2 or kg], for joints that state it.
 
         It is the attribute ``armature`` of <dynamics>, which ``Robot.urdf`` writes.
         """
@@ -136,11 +141,11 @@ class Urdf:
 
 @dataclass(frozen=True, eq=False)
 class Origin:
-    """The URDF behind a robot.
+    """The URDF that a robot was read from.
 
     Attributes:
-        source: the URDF, or the path of one that is read when it is asked for.
-        model: the chain as loaded, before anything of it was changed; never written to.
+        source: the URDF, or the path of one that is read on demand.
+        model: Pinocchio model of the chain as loaded, before any change; read only.
     """
 
     source: Urdf | Path
@@ -151,7 +156,7 @@ class Origin:
         """The URDF.
 
         Raises:
-            RobotError: its file is gone, or no longer one.
+            RobotError: the file is missing or not a URDF any more.
         """
         return self.source if isinstance(self.source, Urdf) else Urdf.read(self.source)
 
@@ -166,15 +171,15 @@ def read_urdf(path: Path) -> pin.Model:
 
 
 def mimic_joints(path: Path) -> frozenset[str]:
-    """Return the names of the joints of a URDF file that mimic another."""
+    """Return the names of the mimic joints of a URDF file."""
     return Urdf.read(path).mimics()
 
 
 def _check_depth(root: ElementTree.Element, where: str) -> None:
-    """Refuse links on links on links, for which Pinocchio's recursion has no stack.
+    """Refuse chains of links that are too long for the recursion of Pinocchio.
 
     Raises:
-        RobotError: more of them than _DEEPEST in one row.
+        RobotError: more than 3200 links in one chain.
     """
     below: dict[str, list[str]] = {}
     for joint in root.findall("joint"):
@@ -187,7 +192,7 @@ def _check_depth(root: ElementTree.Element, where: str) -> None:
         row = [child for link in row for child in below.pop(link, ())]
         if not row:
             return
-    raise RobotError(f"more than {_DEEPEST} links in one row.", where=where)
+    raise RobotError(f"more than {_DEEPEST} links in one chain.", where=where)
 
 
 # Numbers
@@ -197,7 +202,7 @@ def check_urdf_numbers(root: ElementTree.Element, where: str) -> None:
     """Refuse numbers of links and joints that cannot be read, are not finite, or are missing.
 
     Raises:
-        RobotError: the first of them; the link or joint, the element and its text are named.
+        RobotError: there is one; the message names the link or joint, the element and its text.
     """
     for part in root:
         if part.tag in ("link", "joint"):
@@ -219,7 +224,7 @@ def _flaws(element: ElementTree.Element) -> Iterator[str]:
 
 
 def flaw_of_numbers(text: str, count: int | None = None) -> str | None:
-    """Return what is wrong with a text of ``count`` numbers, or of any, or None."""
+    """Return what is wrong with a text of numbers, ``count`` of them if given, or None."""
     numbers = [_number(word) for word in text.split()]
     readable = [number for number in numbers if number is not None]
     if len(readable) < len(numbers) or len(numbers) != (count or len(numbers)) or not numbers:
@@ -230,7 +235,7 @@ def flaw_of_numbers(text: str, count: int | None = None) -> str | None:
 
 
 def _number(word: str) -> float | None:
-    """Return a number as a C program reads it, or None."""
+    """Return the number that a C parser reads from a word, or None."""
     try:
         return None if "_" in word or not word.isascii() else float(word)
     except ValueError:
@@ -241,14 +246,14 @@ def _number(word: str) -> float | None:
 
 
 def fill_urdf_gaps(root: ElementTree.Element, where: str) -> None:
-    """Add limits of zero, which mean none, and links that only carry others; warn of them.
+    """Add what URDF requires but many files omit, and warn about it.
 
-    Written are ``effort`` and ``velocity`` of revolute and prismatic joints, their whole ``limit``,
-    and links that joints name as parents but nothing defines, such as "world".
+    These are effort and velocity limits of revolute and prismatic joints, added as 0, which means
+    no limit; and links that a joint names as its parent but that are not defined, such as "world".
     """
-    told = [*_fill_limits(root), *_fill_parents(root)]
-    if told:
-        warnings.warn(f"{where}: {'; '.join(told)}.", stacklevel=4)
+    added = [*_fill_limits(root), *_fill_parents(root)]
+    if added:
+        warnings.warn(f"{where}: {'; '.join(added)}.", stacklevel=4)
 
 
 def _fill_limits(root: ElementTree.Element) -> list[str]:
@@ -259,11 +264,13 @@ def _fill_limits(root: ElementTree.Element) -> list[str]:
             continue
         if limit is None:
             limit = ElementTree.SubElement(joint, "limit")
-        missing = [name for name in _NEEDED if name not in limit.attrib]
+        missing = [name for name in _LIMITS if name not in limit.attrib]
         if missing:
             limit.attrib.update(dict.fromkeys(missing, "0"))
             open_joints.append(f"{joint.get('name', '')} ({', '.join(missing)})")
-    return [f"no limit is stated for {', '.join(open_joints)}"] if open_joints else []
+    return (
+        [f"taken as unlimited, no limit is stated: {', '.join(open_joints)}"] if open_joints else []
+    )
 
 
 def _fill_parents(root: ElementTree.Element) -> list[str]:
@@ -272,7 +279,9 @@ def _fill_parents(root: ElementTree.Element) -> list[str]:
     named = {end.get("link", "") for end in ends if end is not None} - known - {""}
     for name in sorted(named):
         ElementTree.SubElement(root, "link", name=name)
-    return [f"no link is called {', '.join(sorted(named))}: added, without a body"] if named else []
+    return (
+        [f"missing parent link added without a body: {', '.join(sorted(named))}"] if named else []
+    )
 
 
 # Meshes
@@ -281,9 +290,9 @@ def _fill_parents(root: ElementTree.Element) -> list[str]:
 def keep_readable_meshes(
     root: ElementTree.Element, packages: Packages, loader: coal.MeshLoader, where: str
 ) -> None:
-    """Write into a URDF the path of each mesh, and take out the shapes whose mesh is unreadable.
+    """Make the mesh paths in a URDF absolute, and remove shapes whose mesh cannot be read.
 
-    Meshes are read by ``loader``, which keeps them. One warning tells which are missing.
+    ``loader`` reads the meshes and keeps them in memory. A warning lists the unreadable ones.
     """
     missing: dict[str, str] = {}
     for link in root.iter("link"):
@@ -297,17 +306,17 @@ def keep_readable_meshes(
                 missing[name] = flaw
                 link.remove(shape)
     if missing:
-        told = "; ".join(f"{name}: {flaw}" for name, flaw in list(missing.items())[:_SHOWN])
+        listed = "; ".join(f"{name}: {flaw}" for name, flaw in list(missing.items())[:_SHOWN])
         more = f"; and {len(missing) - _SHOWN} more" if len(missing) > _SHOWN else ""
         warnings.warn(
-            f"{where}: not drawn, for their meshes cannot be read: {told}{more}. "
+            f"{where}: shapes not drawn, as their meshes cannot be read: {listed}{more}. "
             f"{WHERE_PACKAGES_ARE}",
             stacklevel=2,
         )
 
 
 def _flaw(mesh: ElementTree.Element, packages: Packages, loader: coal.MeshLoader) -> str | None:
-    """Write the path of a mesh into its element, or return why it cannot be read."""
+    """Make the path of a mesh absolute, or return why the mesh cannot be read."""
     file = packages.file(mesh.get("filename", ""))
     if file is None:
         return "no such file"
@@ -315,6 +324,6 @@ def _flaw(mesh: ElementTree.Element, packages: Packages, loader: coal.MeshLoader
     try:
         scale = np.array([float(word) for word in mesh.get("scale", "1 1 1").split()])
         loader.load(str(file), scale)
-    except Exception as error:  # of any kind: they come from a parser of many formats
+    except Exception as error:  # the parser of many formats raises errors of any kind
         return str(error).strip().splitlines()[-1]
     return None

@@ -1,4 +1,4 @@
-"""Writing a robot as URDF: the text it was read from, with the numbers in which it differs."""
+"""Writing a robot as URDF: the text that it was read from, with the changed numbers."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from .xml_file import parse_xml, xml_text
 
 _MOVED = 1e-12  # [m] below which a translation counts as unchanged
 _SAME = 1e-9  # relative difference of inertias that counts as rounding
-_HALVINGS = 30  # of the inertia that the other links of a body keep, before none is left
+_HALVINGS = 30  # how often the inertia kept by the other links of a body is halved at most
 _UNLIMITED = 1e9  # [rad or m], written for a joint without position limits
 _ENTRIES = {
     **{"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2)},
@@ -68,29 +68,29 @@ def urdf_text(chain: WrittenChain, *, shapes: bool = True) -> str:
     """Return the text of a URDF that Pinocchio and MuJoCo read; see ``Robot.urdf``.
 
     Raises:
-        RobotError: a changed body that no distribution of mass has, or a source that is gone.
+        RobotError: a changed body without a physical inertia, or a source file that is missing.
     """
     if chain.origin is None:
-        root, changed = chain_as_urdf(chain), "everything: it comes from no URDF"
+        root, changed = chain_as_urdf(chain), "everything, as it was not read from a URDF"
     else:
         edited = _Edited(chain, chain.origin)
-        root, changed = edited.root, _in_words(edited.changes())
+        root, changed = edited.root, _change_text(edited.changes())
     for link in () if shapes else root.iter("link"):
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             link.remove(shape)
     note = f" Written by pinadapt {__version__}. Changed: {changed}. "
     if chain.model.armature.any():
         note += (
-            "URDF has no place for rotor inertias: the attribute armature [kg m^2 or kg] of "
-            "dynamics, which Pinocchio and MuJoCo skip, is read by pinadapt alone. "
+            "URDF does not define rotor inertias: the attribute armature [kg m^2 or kg] of "
+            "dynamics is read by pinadapt only; Pinocchio and MuJoCo ignore it. "
         )
     root.insert(0, ElementTree.Comment(note.replace("--", "- -")))
     ElementTree.indent(root)
     return xml_text(root, chain.name) + "\n"
 
 
-def _in_words(changes: list[tuple[str, str]]) -> str:
-    """Return changes in words, those of one kind together."""
+def _change_text(changes: list[tuple[str, str]]) -> str:
+    """Return a text of the changes, grouped by kind."""
     kinds = dict.fromkeys(kind for kind, _ in changes)
     named = {kind: ", ".join(name for other, name in changes if other == kind) for kind in kinds}
     return "; ".join(f"{kind} of {names}" for kind, names in named.items()) or "nothing"
@@ -100,7 +100,7 @@ def _in_words(changes: list[tuple[str, str]]) -> str:
 
 
 class _Edited:
-    """The URDF of an origin, on the way to be that of another robot with the same chain."""
+    """The URDF of an origin while it is changed into that of a robot with the same joints."""
 
     def __init__(self, chain: WrittenChain, origin: Origin) -> None:
         urdf = origin.urdf
@@ -116,10 +116,10 @@ class _Edited:
         }
 
     def changes(self) -> list[tuple[str, str]]:
-        """Write everything that differs; return what did, as a kind and a name each."""
+        """Write everything that differs; return the kind and the name of each change."""
         changed = [*self._place_joints(), *self._place_tool(), *self._fill_bodies()]
         changed += self._write_joint_effects()
-        find_files(self.root, self.packages)
+        _find_files(self.root, self.packages)
         return changed
 
     def _place_joints(self) -> list[tuple[str, str]]:
@@ -137,7 +137,10 @@ class _Edited:
         return changed
 
     def _place_tool(self) -> list[tuple[str, str]]:
-        """Move the task frame by its own fixed joint, or by a new one where it is no last link."""
+        """Move the task frame.
+
+        If it is a last link on a fixed joint, that joint is moved; else a new link is added.
+        """
         name, frame = self.chain.frame, self.chain.tip
         before = self.described.frames[frame_id(self.described, name)]
         if np.abs(frame.placement.translation - before.placement.translation).max() <= _MOVED:
@@ -157,7 +160,7 @@ class _Edited:
         ElementTree.SubElement(fixed, "parent", link=carrier)
         ElementTree.SubElement(fixed, "child", link=new)
         local = self.placed[carrier][1].actInv(frame.placement)
-        at = {"xyz": words(local.translation), "rpy": words(pin.rpy.matrixToRpy(local.rotation))}
+        at = {"xyz": digits(local.translation), "rpy": digits(pin.rpy.matrixToRpy(local.rotation))}
         ElementTree.SubElement(fixed, "origin", at)
         return [("task frame, a new link", new)]
 
@@ -190,22 +193,22 @@ class _Edited:
                 dynamics = self.joints[name].find("dynamics")
                 old = 0.0 if dynamics is None else float(dynamics.get(attribute, "0"))
                 if number and number != old:
-                    child(self.joints[name], "dynamics").set(attribute, words([number]))
+                    child(self.joints[name], "dynamics").set(attribute, digits([number]))
                     changed.append((attribute, name))
         return changed
 
     def _set_origin(self, joint: ElementTree.Element, placement: pin.SE3) -> None:
-        """Move a joint to a translation in the axes of the moving joint before it; not turn it."""
+        """Set the translation of a joint, given in the axes of the moving joint before it."""
         local = self.placed[_end(joint, "parent")][1].actInv(placement)
         described = placement_of_element(joint)
         assert np.allclose(described.rotation, local.rotation, atol=1e-6)
-        child(joint, "origin").set("xyz", words(local.translation))
+        child(joint, "origin").set("xyz", digits(local.translation))
 
 
-def find_files(root: ElementTree.Element, packages: Packages) -> None:
-    """Write the whole path of each mesh and texture that is found, so that the text may move.
+def _find_files(root: ElementTree.Element, packages: Packages) -> None:
+    """Make the paths of meshes and textures absolute, so that the URDF can be stored anywhere.
 
-    MuJoCo is told by its own element to take such paths as they are.
+    An element for MuJoCo makes it accept absolute paths.
     """
     named = [e for tag in ("mesh", "texture") for e in root.iter(tag) if e.get("filename")]
     for element in named:
@@ -217,23 +220,23 @@ def find_files(root: ElementTree.Element, packages: Packages) -> None:
         ElementTree.SubElement(extension, "compiler", strippath="false")
 
 
-# Inertia of the links of one body
+# Inertia of the links that form one rigid body
 
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """A link of a body.
+    """One of the links that form a rigid body.
 
     Attributes:
-        element: of the URDF.
-        placement: of the link in the axes of the body's joint.
+        element: its element in the URDF.
+        placement: its placement in the axes of the joint that moves the body.
     """
 
     element: ElementTree.Element
     placement: pin.SE3
 
     def read(self) -> np.ndarray:
-        """Return its ten parameters (10) about the body's joint, zeros where it has no inertia."""
+        """Return its ten inertial parameters (10) at the joint; zeros if it has no inertia."""
         inertial = self.element.find("inertial")
         if inertial is None:
             return np.zeros(10)
@@ -248,26 +251,33 @@ class Link:
         return np.array((self.placement * at).act(body).toDynamicParameters())
 
     def write(self, ten: np.ndarray) -> None:
-        """Give it ten parameters (10) about the body's joint."""
+        """Set its ten inertial parameters (10), given at the joint."""
         body = self.placement.actInv(pin.Inertia.FromDynamicParameters(ten))
         inertial = self.element.find("inertial")
         if inertial is None:
             inertial = ElementTree.SubElement(self.element, "inertial")
-        child(inertial, "origin").attrib.update(xyz=words(body.lever), rpy="0 0 0")
-        child(inertial, "mass").set("value", words([body.mass]))
+        child(inertial, "origin").attrib.update(xyz=digits(body.lever), rpy="0 0 0")
+        child(inertial, "mass").set("value", digits([body.mass]))
         inertia = child(inertial, "inertia")
         for name, (i, j) in _ENTRIES.items():
-            inertia.set(name, words([body.inertia[i, j]]))
+            inertia.set(name, digits([body.inertia[i, j]]))
 
 
 def distribute(ten: np.ndarray, main: Link, others: Sequence[Link], body: str) -> bool:
-    """Give the links of one rigid body the ten parameters (10) of the whole; return if it changed.
+    """Distribute ten inertial parameters (10) over the links of a body; return if they changed.
 
-    The main link takes what the others leave. Where that would not be physical, the others keep
-    half of their inertia, or a quarter, and so on, until it is: the whole is, so it will.
+    The main link takes the total minus the inertia of the others. If that is not physical, the
+    others keep only half of their inertia, then a quarter and so on. As the total is physical, this
+    ends.
+
+    Args:
+        ten: inertial parameters of the whole body, at its joint.
+        main: the link that takes the difference.
+        others: the other links of the body.
+        body: name of the joint, for messages.
 
     Raises:
-        RobotError: the whole is not physical.
+        RobotError: the total is not physical.
     """
     kept = [(link, link.read()) for link in others]
     rest = sum((part for _, part in kept), np.zeros(10))
@@ -282,9 +292,10 @@ def distribute(ten: np.ndarray, main: Link, others: Sequence[Link], body: str) -
                     link.write(share * part)
             return True
     raise RobotError(
-        f"the body moved by joint '{body}' has an inertia that no distribution of mass has.",
+        f"the inertia of the body that joint '{body}' moves is not physical: no distribution of "
+        "mass has it.",
         where="urdf",
-        hint='Adaptation "natural" keeps bodies physical.',
+        hint='The adaptation "natural" keeps all bodies physical.',
     )
 
 
@@ -292,10 +303,10 @@ def distribute(ten: np.ndarray, main: Link, others: Sequence[Link], body: str) -
 
 
 def chain_as_urdf(chain: WrittenChain) -> ElementTree.Element:
-    """Return the root element of a URDF of the chain alone, without anything to draw.
+    """Return the root element of a URDF of the chain alone, without shapes.
 
-    A joint without a limit of speed or effort has zero there, as is usual; one without a limit of
-    position has 1e9.
+    For a joint without velocity or effort limit, 0 is written, as is usual; without position
+    limits, 1e9.
     """
     model, root = chain.model, ElementTree.Element("robot", name=chain.name)
     taken = {chain.frame}
@@ -307,7 +318,7 @@ def chain_as_urdf(chain: WrittenChain) -> ElementTree.Element:
         Link(link, pin.SE3.Identity()).write(model.inertias[joint].toDynamicParameters())
         element = _joint(root, name, _kind(model, joint), names[-2], names[-1])
         _place(element, model.jointPlacements[joint])
-        ElementTree.SubElement(element, "axis", xyz=words(_axis(model, joint)))
+        ElementTree.SubElement(element, "axis", xyz=digits(_axis(model, joint)))
     _write_limits(root, chain)
     frame = chain.tip
     ElementTree.SubElement(root, "link", name=chain.frame)
@@ -323,15 +334,15 @@ def _write_limits(root: ElementTree.Element, chain: WrittenChain) -> None:
     for i, joint in enumerate(root.findall("joint")):
         limit = {"effort": _or_zero(efforts[i]), "velocity": _or_zero(speeds[i])}
         if joint.get("type") != "continuous":
-            limit["lower"] = words([np.clip(lower[i], -_UNLIMITED, _UNLIMITED)])
-            limit["upper"] = words([np.clip(upper[i], -_UNLIMITED, _UNLIMITED)])
+            limit["lower"] = digits([np.clip(lower[i], -_UNLIMITED, _UNLIMITED)])
+            limit["upper"] = digits([np.clip(upper[i], -_UNLIMITED, _UNLIMITED)])
         ElementTree.SubElement(joint, "limit", limit)
         effects = {
-            "damping": words([chain.viscous[i]]),
-            "friction": words([chain.coulomb[i]]),
+            "damping": digits([chain.viscous[i]]),
+            "friction": digits([chain.coulomb[i]]),
         }
         if chain.model.armature[i]:
-            effects["armature"] = words([chain.model.armature[i]])
+            effects["armature"] = digits([chain.model.armature[i]])
         ElementTree.SubElement(joint, "dynamics", effects)
 
 
@@ -346,8 +357,8 @@ def _joint(
 
 def _place(joint: ElementTree.Element, placement: pin.SE3) -> None:
     at = {
-        "xyz": words(placement.translation),
-        "rpy": words(pin.rpy.matrixToRpy(placement.rotation)),
+        "xyz": digits(placement.translation),
+        "rpy": digits(pin.rpy.matrixToRpy(placement.rotation)),
     }
     ElementTree.SubElement(joint, "origin", at)
 
@@ -359,7 +370,7 @@ def _kind(model: pin.Model, joint: int) -> str:
 
 
 def _axis(model: pin.Model, joint: int) -> np.ndarray:
-    """Return the axis (3) of a joint in its own axes."""
+    """Return the axis (3) of a joint in the joint frame."""
     part = model.joints[joint]
     scratch = part.createData()
     part.calc(scratch, pin.neutral(model))
@@ -368,11 +379,11 @@ def _axis(model: pin.Model, joint: int) -> np.ndarray:
 
 
 def _or_zero(limit: float) -> str:
-    return words([limit if np.isfinite(limit) else 0.0])
+    return digits([limit if np.isfinite(limit) else 0.0])
 
 
 def _free(name: str, taken: set[str]) -> str:
-    """Return a name that is not taken, and take it."""
+    """Return a name that is not taken, and add it to those taken."""
     while name in taken:
         name += "_body"
     taken.add(name)
@@ -397,11 +408,11 @@ def _end(joint: ElementTree.Element, end: str) -> str:
 
 
 def child(element: ElementTree.Element, tag: str) -> ElementTree.Element:
-    """Return the child of an element with a tag, made where it is missing."""
+    """Return the child element with a tag; it is added if missing."""
     found = element.find(tag)
     return ElementTree.SubElement(element, tag) if found is None else found
 
 
-def words(numbers: Sequence[float] | np.ndarray) -> str:
-    """Return numbers as a URDF has them, to the last bit."""
+def digits(numbers: Sequence[float] | np.ndarray) -> str:
+    """Return numbers as text, with all digits."""
     return " ".join(repr(float(number)) for number in numbers)

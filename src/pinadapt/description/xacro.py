@@ -1,4 +1,4 @@
-"""Expanding a xacro file with arguments, without ROS."""
+"""Expanding a xacro file without ROS, and finding the packages that a description refers to."""
 
 from __future__ import annotations
 
@@ -22,55 +22,56 @@ from ..exceptions import RobotError, did_you_mean
 XacroArguments: TypeAlias = "Mapping[str, str | float | bool]"
 
 WHERE_PACKAGES_ARE = (
-    "Packages are looked for in the folders above the file, beside these, and in the folders of "
+    "Packages are searched in the folders above the file, in the folders next to these, and in "
     "ROS_PACKAGE_PATH."
 )
 
 _ARGUMENT = re.compile(r"""\$\(arg\s+([^)\s]+)\s*\)|<xacro:arg\s[^>]*?\bname\s*=\s*["']([^"']+)""")
 _UNDEFINED = (
-    "Give it: load(..., xacro={name: value}), in a scenario robot.xacro = { name = value }, "
+    "Give a value: load(..., xacro={name: value}), in a scenario robot.xacro = { name = value }, "
     "`init --xacro name=value`."
 )
-_DEPTH = 4  # folders above a description whose neighbours are searched
+_DEPTH = 4  # folders above a description in which packages are searched
 
 
 def is_xacro(path: Path, root: ElementTree.Element) -> bool:
-    """Tell whether a file needs expanding: by its name, or by an element of xacro in it."""
+    """Return whether a file has to be expanded: by its name, or as it has a xacro element."""
     return path.suffix == ".xacro" or any("xacro}" in str(element.tag) for element in root.iter())
 
 
 def expand(path: Path, arguments: XacroArguments, packages: Packages) -> str:
-    """Return the URDF that a xacro file makes of its arguments.
+    """Return the URDF that a xacro file and its arguments give.
 
-    ``$(find package)`` is searched as the packages of meshes are. What xacro says is a warning.
+    ``$(find package)`` searches the same packages as meshes. Messages of xacro become warnings.
 
     Raises:
-        RobotError: the file or one it includes cannot be expanded, or has no such argument.
+        RobotError: the file or one that it includes cannot be expanded, or an argument is unknown.
     """
-    import xacro  # here, because a plain URDF needs none
+    import xacro  # slow to import; a plain URDF does not need it
 
     given = {name: _word(value) for name, value in arguments.items()}
-    said = io.StringIO()
+    messages = io.StringIO()
     xacro.all_includes.clear()
     try:
-        with _without_ros(packages), contextlib.redirect_stderr(said):
+        with _without_ros(packages), contextlib.redirect_stderr(messages):
             text: str = xacro.process_file(str(path), mappings=dict(given)).toxml()
     except Exception as error:
         raise _refusal(error, path, [path, *(xacro.filestack or [])][-1]) from error
-    if said.getvalue().strip():
-        warnings.warn(f"{path}: xacro says: {' '.join(said.getvalue().split())}", stacklevel=2)
+    if messages.getvalue().strip():
+        text_of_all = " ".join(messages.getvalue().split())
+        warnings.warn(f"{path}: message of xacro: {text_of_all}", stacklevel=2)
     _check_known(given, path, [path, *map(Path, xacro.all_includes)])
     return text
 
 
 def _word(value: str | float | bool) -> str:
-    """Return an argument as xacro expects it."""
+    """Return an argument as text for xacro."""
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 @contextlib.contextmanager
 def _without_ros(packages: Packages) -> Iterator[None]:
-    """Let xacro search packages where meshes are searched, and read each file at once."""
+    """Make xacro search the given packages, and parse each file in one piece, which is faster."""
     from unittest.mock import patch  # here, as it is slow to import
 
     import xacro
@@ -81,10 +82,10 @@ def _without_ros(packages: Packages) -> Iterator[None]:
     def find(name: str) -> str:
         folder = packages.find(name)
         if folder is None:
-            raise RobotError(f"package '{name}' was not found.", hint=WHERE_PACKAGES_ARE)
+            raise RobotError(f"package '{name}' is not found.", hint=WHERE_PACKAGES_ARE)
         return str(folder)
 
-    def parse_at_once(given: Any, filename: str | None = None) -> Any:
+    def parse_whole(given: Any, filename: str | None = None) -> Any:
         if given is None and filename is not None and Path(filename).is_file():
             given = minidom.parseString(Path(filename).read_bytes())
         return parse(given, filename)
@@ -92,13 +93,13 @@ def _without_ros(packages: Packages) -> Iterator[None]:
     with (
         patch.object(substitution_args, "_eval_find", find),
         patch.dict(substitution_args._eval_dict, {"find": find}),
-        patch.object(xacro, "parse", parse_at_once),
+        patch.object(xacro, "parse", parse_whole),
     ):
         yield
 
 
 def _refusal(error: Exception, path: Path, file: str | Path) -> RobotError:
-    """Return what is wrong with a xacro file, in the innermost file that it was found in."""
+    """Return the error of a xacro file, with the innermost file that it occurred in."""
     inner: BaseException | None = error
     while inner is not None and not isinstance(inner, RobotError):
         inner = getattr(inner, "exc", None) or inner.__cause__
@@ -108,17 +109,17 @@ def _refusal(error: Exception, path: Path, file: str | Path) -> RobotError:
     if isinstance(error, ExpatError):
         reason = f"not well-formed XML ({reason})"
     if isinstance(error, RecursionError):
-        reason = "its macros or elements are nested too deeply"
+        reason = "macros or elements are nested too deeply"
     inside = f" in {file}" if str(file) != str(path) else ""
     return RobotError(
-        f"xacro cannot expand it{inside}: {reason.rstrip('.')}.",
+        f"xacro cannot expand this file; error{inside}: {reason.rstrip('.')}.",
         where=str(path),
         hint=_UNDEFINED if "Undefined substitution argument" in reason else None,
     )
 
 
 def _check_known(given: Mapping[str, str], path: Path, files: list[Path]) -> None:
-    """Refuse arguments that no file asks for."""
+    """Refuse arguments that no file declares or uses."""
     known = {
         first or second
         for file in files
@@ -127,7 +128,7 @@ def _check_known(given: Mapping[str, str], path: Path, files: list[Path]) -> Non
     for name in given:
         if name not in known:
             raise RobotError(
-                f"there is no xacro argument '{name}'.{did_you_mean(name, known)}",
+                f"the file has no xacro argument '{name}'.{did_you_mean(name, known)}",
                 where=str(path),
                 hint=f"Its arguments: {', '.join(sorted(known)) or 'none'}.",
             )
@@ -138,12 +139,13 @@ def _check_known(given: Mapping[str, str], path: Path, files: list[Path]) -> Non
 
 @dataclass(frozen=True)
 class Packages:
-    """The packages that a description can see.
+    """The packages that a description can refer to.
 
-    In this order: those given by name; folders above the description, and folders in these; folders
-    of ROS_PACKAGE_PATH and share folders of AMENT_PREFIX_PATH. A folder is a package by its name,
-    or by the name in its package.xml. Last, near the description, a folder of the same name but for
-    a last word such as ``_support`` or ``_description``.
+    They are searched in this order: packages given by name; the folders above the description and
+    the folders in these; ROS_PACKAGE_PATH and the share folders of AMENT_PREFIX_PATH. A package is
+    found by the name of its folder, then by the name in its package.xml. Last, near the
+    description, folders match whose names differ by an ending such as ``_support`` or
+    ``_description`` only.
 
     Attributes:
         folder: of the description.
@@ -168,9 +170,9 @@ class Packages:
         return self._by_manifest.get(name) or self._by_stem.get(_stem(name))
 
     def file(self, name: str) -> Path | None:
-        """Return the file behind ``package://``, ``model://``, ``file://`` or a path, or None.
+        """Return the file of a ``package://``, ``model://`` or ``file://`` URI or path, or None.
 
-        A relative path starts at the description's folder, or at one above it.
+        A relative path starts at the folder of the description, or at one above it.
         """
         scheme, mark, rest = name.partition("://")
         if mark and scheme in ("package", "model"):
@@ -188,7 +190,7 @@ class Packages:
 
     @cached_property
     def _near(self) -> list[Path]:
-        """The folders above the description, and all folders in the nearest of them."""
+        """The folders above the description, and all folders in the four nearest of them."""
         return [*self._above, *(folder for up in self._above[:_DEPTH] for folder in _inside(up))]
 
     @cached_property
@@ -207,7 +209,7 @@ def _existing(path: Path) -> Path | None:
 
 
 def _inside(folder: Path) -> Iterator[Path]:
-    """Yield the folders in a folder; none where it cannot be read."""
+    """Yield the folders in a folder; none if it cannot be read."""
     try:
         yield from sorted(Path(entry.path) for entry in os.scandir(folder) if entry.is_dir())
     except OSError:
@@ -215,7 +217,7 @@ def _inside(folder: Path) -> Iterator[Path]:
 
 
 def _ros_folders() -> list[Path]:
-    """Return the folders that ROS 1 and ROS 2 say they keep packages in."""
+    """Return the folders of packages that the environment variables of ROS 1 and ROS 2 list."""
     first = os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)
     second = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
     return [Path(text) for text in first if text] + [Path(t, "share") for t in second if t]
@@ -230,7 +232,7 @@ def _manifest_name(folder: Path) -> str | None:
 
 
 def _stem(name: str) -> str:
-    """Return a name without its last word."""
+    """Return a package name without an ending such as ``_description``."""
     for word in ("_support", "_description", "_descriptions"):
         name = name.removesuffix(word)
     return name

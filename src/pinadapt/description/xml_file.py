@@ -1,4 +1,4 @@
-"""Reading an XML file, in time that grows with its size only."""
+"""Reading and writing XML files."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ _UNBOUND = errors.codes[errors.XML_ERROR_UNBOUND_PREFIX]
 
 
 def read_xml(path: Path) -> ElementTree.Element:
-    """Return the root of an XML file, without its comments.
+    """Return the root element of an XML file, without its comments.
 
     Raises:
         RobotError: no such file, or not well-formed XML.
     """
     if not path.is_file():
-        raise RobotError("no such file.", where=str(path), hint=_others(path))
+        raise RobotError("no such file.", where=str(path), hint=_neighbours(path))
     try:
         return parse_xml(path.read_bytes(), str(path))
     except OSError as error:
@@ -26,9 +26,10 @@ def read_xml(path: Path) -> ElementTree.Element:
 
 
 def parse_xml(text: bytes | str, where: str) -> ElementTree.Element:
-    """Return the root of an XML document, without its comments.
+    """Return the root element of an XML document, without its comments.
 
-    The document is handed over whole: expat begins a long comment again with every piece it gets.
+    The parser gets the document in one piece: in several, expat takes a time that is quadratic in
+    the length of a comment.
 
     Raises:
         RobotError: not well-formed XML.
@@ -51,9 +52,9 @@ def _malformed(error: Exception, where: str) -> RobotError:
 
 
 def _without_namespaces(text: bytes | str) -> ElementTree.Element:
-    """Return the root of a document that uses prefixes without saying what they are.
+    """Return the root element of a document that uses undeclared namespace prefixes.
 
-    Readers of URDFs take them for part of the name, and so does this.
+    As in other URDF parsers, a prefix is part of the name.
     """
     builder, parser = ElementTree.TreeBuilder(), ParserCreate()
     parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
@@ -74,9 +75,9 @@ def xml_text(root: ElementTree.Element, where: str) -> str:
         raise RobotError("its elements are nested too deeply.", where=where) from error
 
 
-def _others(path: Path) -> str | None:
-    """Return which descriptions lie where one is missing."""
+def _neighbours(path: Path) -> str | None:
+    """Return which URDF and xacro files are in the folder of a missing one, or None."""
     if not path.parent.is_dir():
         return None
     near = sorted(str(other) for end in ("urdf", "xacro") for other in path.parent.glob(f"*.{end}"))
-    return f"URDF files there: {near}." if near else None
+    return f"Robot files in that folder: {near}." if near else None

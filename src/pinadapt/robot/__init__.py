@@ -1,4 +1,4 @@
-"""Robots: a chain with a task, what it can reach and carry, and how it may change."""
+"""Robots: an open chain with a task and a home pose, its motors, and how it may change."""
 
 from .changes import Friction as Friction
 from .changes import Payload as Payload

@@ -1,4 +1,4 @@
-"""How far a real robot differs from its description: functions that change a model in place."""
+"""Changes of a robot: payload, friction, and functions that change a Pinocchio model in place."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Payload:
 
     Attributes:
         mass: kg.
-        com: (3) centre of mass from the URDF's frame origin, in the frame's axes [m].
+        com: (3) centre of mass relative to the task frame as described, in its axes [m].
         inertia: (6) Ixx Ixy Iyy Ixz Iyz Izz about the centre of mass, in the frame's axes [kg m^2].
     """
 
@@ -29,10 +29,10 @@ class Payload:
     inertia: ArrayLike = (0.0,) * 6
 
     def spatial_inertia(self) -> pin.Inertia:
-        """Return the load as a Pinocchio inertia in the frame's axes.
+        """Return the load as a Pinocchio inertia in the task frame.
 
         Raises:
-            RobotError: a mass that is not positive, an inertia that is negative, or wrong sizes.
+            RobotError: a mass that is not positive, an unphysical inertia, or wrong sizes.
         """
         mass = positive(self.mass, "payload.mass", error=RobotError)
         com = vector(self.com, 3, "payload.com", error=RobotError)
@@ -41,31 +41,36 @@ class Payload:
         second_moment = 0.5 * np.trace(matrix) * np.eye(3) - matrix
         if np.linalg.eigvalsh(second_moment)[0] < -1e-12:
             raise RobotError(
-                "no distribution of mass has this inertia: each principal moment is at most the "
-                "sum of the other two.",
+                "not physical: a principal moment of inertia exceeds the sum of the other two.",
                 where="payload.inertia",
             )
         return pin.Inertia(mass, com, matrix)
 
 
 def joint_id(model: pin.Model, name: str, where: str, words: Sequence[str] = ()) -> int:
-    """Return the index of a joint of the chain; ``words`` were allowed in its place.
+    """Return the index of a joint of the chain, given its name.
+
+    Args:
+        model: of the chain.
+        name: of the joint.
+        where: the argument that is checked, for the message.
+        words: other values that this argument may have, for the message.
 
     Raises:
-        RobotError: unknown name; the nearest is suggested.
+        RobotError: unknown name; the closest one is suggested.
     """
     names = [str(other) for other in model.names[1:]]
     if name not in names:
-        also = f", or one of the words {list(words)}" if words else ""
+        also = f", or {list(words)}" if words else ""
         guess = did_you_mean(name, [*words, *names])
         raise RobotError(
-            f"no joint of the chain is called '{name}'; it has {names}{also}.{guess}", where=where
+            f"the chain has no joint '{name}'; expected one of {names}{also}.{guess}", where=where
         )
     return names.index(name) + 1
 
 
 def scale_inertias(model: pin.Model, scale: float | Mapping[str, float]) -> None:
-    """Multiply mass and inertia of all bodies, or of the bodies moved by the named joints.
+    """Multiply mass and inertia of all bodies, or of those that the named joints move.
 
     Raises:
         RobotError: unknown joint or a factor that is not positive.
@@ -79,7 +84,7 @@ def scale_inertias(model: pin.Model, scale: float | Mapping[str, float]) -> None
         body = model.inertias[joint]
         if factor == 1.0:
             continue
-        if body.mass:  # the ten parameters take any body, physical or not, but one without mass
+        if body.mass:  # FromDynamicParameters divides by the mass
             model.inertias[joint] = pin.Inertia.FromDynamicParameters(
                 factor * body.toDynamicParameters()
             )
@@ -88,7 +93,7 @@ def scale_inertias(model: pin.Model, scale: float | Mapping[str, float]) -> None
 
 
 def attach_payload(model: pin.Model, frame: int, payload: Payload) -> pin.Inertia:
-    """Fix a load to the body that carries the frame; return it in the axes of that body's joint."""
+    """Add a load to the body that carries a frame; return it in the axes of the body's joint."""
     instance(payload, Payload, "payload", RobotError)
     carrier = model.frames[frame]
     load = carrier.placement.act(payload.spatial_inertia())
@@ -97,14 +102,14 @@ def attach_payload(model: pin.Model, frame: int, payload: Payload) -> pin.Inerti
 
 
 def shift_tool(model: pin.Model, frame: int, translation: ArrayLike) -> None:
-    """Move the frame's origin by a translation (3) [m] in the frame's own axes."""
+    """Move the origin of a frame by a translation (3) [m] in the axes of the frame."""
     placement = model.frames[frame].placement
     shift = vector(translation, 3, "tool_translation", error=RobotError)
     placement.translation = placement.translation + placement.rotation @ shift
 
 
 def shift_joints(model: pin.Model, translations: Mapping[str, ArrayLike] | None) -> None:
-    """Add a translation (3) [m], in parent axes, to the placement of each named joint.
+    """Add translations (3) [m], in parent axes, to the placements of the named joints.
 
     Raises:
         RobotError: unknown joint or wrong sizes.
@@ -131,22 +136,21 @@ class Friction:
     threshold: float = 0.01
 
     def __post_init__(self) -> None:
-        """Refuse what is no friction.
+        """Check the coefficients.
 
         Raises:
-            RobotError: negative coefficients, not one of each a joint, or a threshold that is not
-                positive.
+            RobotError: negative coefficients, different sizes, or a threshold that is not positive.
         """
         for name in ("viscous", "coulomb"):
             given = numbers(getattr(self, name), f"friction.{name}", error=RobotError)
             if given.ndim != 1 or (given < 0.0).any():
                 raise RobotError(
-                    f"expected one number a joint, none of them negative, got {given.tolist()}.",
+                    f"expected one non-negative number per joint, got {given.tolist()}.",
                     where=f"friction.{name}",
                 )
             object.__setattr__(self, name, given)
         if self.viscous.size != self.coulomb.size:
-            raise RobotError("viscous and coulomb differ in size.", where="friction")
+            raise RobotError("viscous and coulomb have different sizes.", where="friction")
         threshold = positive(self.threshold, "friction.threshold", error=RobotError)
         object.__setattr__(self, "threshold", threshold)
 
@@ -157,10 +161,10 @@ class Friction:
 
     @classmethod
     def none(cls, nv: int) -> Friction:
-        """Return no friction at nv joints."""
+        """Return zero friction at nv joints."""
         joints = whole(nv, "friction", 0, RobotError)
         return cls(np.zeros(joints), np.zeros(joints))
 
     def torque(self, v: np.ndarray) -> np.ndarray:
-        """Return the torque (nv) that friction takes at joint velocity v (nv)."""
+        """Return the friction torque tau_f (nv) [N m or N] at joint velocity v (nv)."""
         return self.viscous * v + self.coulomb * np.tanh(v / self.threshold)

@@ -1,4 +1,4 @@
-"""The home configuration: away from singularities, joint limits and the mounting plane."""
+"""The search for a home pose: away from singularities, joint limits and the mounting plane."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from ..description.chain import (
 from ..exceptions import RobotError
 
 _SAMPLES, _REFINEMENTS = 500, (0.2, 0.1, 0.05)
-_DIGITS = 4  # of a searched home [rad or m], so that it can be read and written
-_NEARLY = 0.6  # of the best smallest singular value
+_DIGITS = 4  # decimals of a searched home pose [rad or m]
+_NEARLY = 0.6  # least conditioning of a given pose, relative to the best one
 _DEGENERATE = 1e-6  # smallest over largest singular value of the task Jacobian
-_OFF_LIMITS, _FAR_OFF = 0.05, 0.2  # parts of a joint's range
-_ROOM = 0.05  # of the reach, between the mounting plane and every joint
-_HEIGHT_SAMPLES = 10  # poses that show which heights change
-_STILL = 1e-6  # [m] by which a height that changes varies at least
+_OFF_LIMITS, _FAR_OFF = 0.05, 0.2  # distances from a joint limit, relative to the joint's range
+_ROOM = 0.05  # distance of the chain from the mounting plane, relative to the reach
+_HEIGHT_SAMPLES = 10  # random poses that show which heights vary
+_STILL = 1e-6  # [m], largest variation of a constant height
 
 
 def conditioning(
     model: pin.Model, data: pin.Data, frame: int, rows: slice, q: np.ndarray
 ) -> tuple[float, float]:
-    """Return the task Jacobian's smallest singular value at q, and its ratio to the largest."""
+    """Return the smallest singular value of the task Jacobian, and its ratio to the largest."""
     J = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL_WORLD_ALIGNED)[rows]
     singular = np.linalg.svd(J, compute_uv=False)
     return float(singular[-1]), float(singular[-1] / max(singular[0], np.finfo(float).tiny))
@@ -43,22 +43,24 @@ def find_home(
     candidates: Iterable[np.ndarray],
     plane: MountingPlane | None = None,
 ) -> np.ndarray:
-    """Return the first well-conditioned candidate (nq) off the limits, or the best pose.
+    """Return the first acceptable candidate (nq), else the best pose of a random search.
 
-    The best pose found among seeded samples inside the limits, and samples around the best of them,
-    has the largest smallest singular value of the task Jacobian times how far it is from the
-    limits, up to a fifth of each joint's range. A candidate needs three fifths of its singular
-    value and a twentieth of each range. All keep off the plane where the chain can.
+    The search takes seeded samples inside the joint limits, then samples around the best of them.
+    It maximises the smallest singular value of the task Jacobian. Within a fifth of a joint's range
+    from a limit, this value is reduced in proportion to the distance from the limit. A candidate is
+    acceptable if it has 60 % of the singular value of the best pose and a distance of 5 % of each
+    joint's range from the limits. All poses stay on their side of the mounting plane if the chain
+    can.
 
     Args:
         model: of the chain.
-        frame: the task frame.
-        rows: of its Jacobian that the task takes.
-        candidates: (nq) taken if they will do, in this order.
-        plane: that the chain is mounted on, or None.
+        frame: index of the task frame.
+        rows: rows of the frame's Jacobian that belong to the task.
+        candidates: (nq) poses that are preferred, in this order.
+        plane: the mounting plane, or None.
 
     Raises:
-        RobotError: the task Jacobian is degenerate in all of them.
+        RobotError: the task Jacobian is singular in all poses.
     """
     data, limits = model.createData(), position_limits(model)
     rng = np.random.default_rng(0)
@@ -70,7 +72,7 @@ def find_home(
         return plane is None or plane.distance(model, data, frame, q) >= room
 
     def quality(angles: np.ndarray) -> float:
-        """Return the smallest singular value of the Jacobian at angles (nv), less near a limit."""
+        """Return the smallest singular value at angles (nv), reduced near a limit."""
         q = configuration_from_angles(model, angles)
         if not off_plane(q):
             return 0.0
@@ -84,10 +86,10 @@ def find_home(
     if ratio < _DEGENERATE:
         raise RobotError(
             f"the chain to frame '{model.frames[frame].name}' cannot move all coordinates of the "
-            "task in any posture.",
+            "task: the task Jacobian is singular in every pose.",
             where="task",
-            hint="Take another task, or a frame further out; where there is none, give the "
-            "description a link there.",
+            hint="Choose another task or a frame further from the base; if there is none, add a "
+            "link to the description.",
         )
     for q in candidates:
         off_limits = _margin(limits, angles_from_configuration(model, q)) >= _OFF_LIMITS
@@ -101,7 +103,7 @@ def find_home(
 
 
 def home_inside_limits(model: pin.Model, candidates: Iterable[np.ndarray]) -> np.ndarray:
-    """Return the first candidate (nq) inside the joint limits, or the middle between them."""
+    """Return the first candidate (nq) inside the joint limits, else the middle of the limits."""
     limits = position_limits(model)
     for q in candidates:
         if _margin(limits, angles_from_configuration(model, q)) >= 0.0:
@@ -110,7 +112,7 @@ def home_inside_limits(model: pin.Model, candidates: Iterable[np.ndarray]) -> np
 
 
 def _samples(model: pin.Model, rng: np.random.Generator) -> np.ndarray:
-    """Return seeded samples of the angles (., nv) inside four fifths of the bounds."""
+    """Return random joint positions (., nv) in the middle 80 % of the joint bounds."""
     middle, half = _inner(model)
     return np.asarray(middle + half * rng.uniform(-1.0, 1.0, (_SAMPLES, model.nv)))
 
@@ -121,7 +123,7 @@ def _refined(
     best: np.ndarray,
     quality: Callable[[np.ndarray], float],
 ) -> np.ndarray:
-    """Return the angles (nv) of highest quality among the best until now and samples around it."""
+    """Return the joint positions (nv) of highest quality around the best so far."""
     middle, half = _inner(model)
     for size in _REFINEMENTS:
         around = best + size * half * rng.standard_normal((_SAMPLES // 10, model.nv))
@@ -130,13 +132,13 @@ def _refined(
 
 
 def _inner(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
-    """Return middle and half width (nv) of four fifths of the bounds."""
+    """Return middle and half width (nv) of the middle 80 % of the joint bounds."""
     lower, upper = position_bounds(model)
     return (lower + upper) / 2, 0.8 * (upper - lower) / 2
 
 
 def _margin(limits: tuple[np.ndarray, np.ndarray], angles: np.ndarray) -> float:
-    """Return the distance to the nearest limit, in parts of that joint's range; inf for none."""
+    """Return the least distance from a joint limit, relative to the joint's range; inf if none."""
     lower, upper = limits
     limited = np.isfinite(lower)
     low, high, at = lower[limited], upper[limited], angles[limited]
@@ -145,15 +147,17 @@ def _margin(limits: tuple[np.ndarray, np.ndarray], angles: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class MountingPlane:
-    """The horizontal plane (xy of the root) through the link that carries a chain's first joint.
+    """The horizontal plane through the link that carries the first joint of a chain.
 
-    Arms stand on it, legs and arms on a ceiling hang from it: the chain belongs on the side on
-    which its description shows it.
+    Arms usually stand on it; legs, and arms on a ceiling, hang from it. The chain should stay on
+    the side on which the reference pose of the description has it. Horizontal is the xy plane of
+    the root.
 
     Attributes:
-        level: its height above the root [m].
-        side: 1 for a chain above it, -1 for one below.
-        movable: which of the second joint, those after it and the frame change their height.
+        level: height of the plane above the root [m].
+        side: 1 for a chain above the plane, -1 for one below.
+        movable: indices of the points whose height varies, in the list of the second joint, all
+            joints after it and the task frame.
     """
 
     level: float
@@ -162,9 +166,9 @@ class MountingPlane:
 
     @classmethod
     def of(cls, model: pin.Model, frame: int, shown: np.ndarray) -> MountingPlane | None:
-        """Return that of a chain to a frame, as the configuration ``shown`` (nq) has it.
+        """Return the plane of a chain, with the side that the reference pose ``shown`` (nq) is on.
 
-        None where all of the chain moves horizontally.
+        None if the whole chain moves horizontally.
         """
         data, rng = model.createData(), np.random.default_rng(0)
         samples = rng.uniform(-1.0, 1.0, (_HEIGHT_SAMPLES, model.nv))
@@ -179,14 +183,14 @@ class MountingPlane:
         return cls(level, 1.0 if above else -1.0, tuple(movable.tolist()))
 
     def distance(self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray) -> float:
-        """Return how far [m] the chain stays from the plane at q (nq); negative beyond it."""
+        """Return the distance [m] of the chain from the plane; negative on the wrong side."""
         heights = _heights(model, data, frame, q)[list(self.movable)]
         return float(np.min(self.side * (heights - self.level)))
 
     def room(self, model: pin.Model, frame: int, configurations: Iterable[np.ndarray]) -> float:
-        """Return the distance [m] to be kept: a twentieth of the reach, less where there is less.
+        """Return the distance [m] to keep: 5 % of the reach, at most half of what is possible.
 
-        Where none of the configurations (nq) is on the right side it is minus infinity.
+        It is minus infinity if none of the configurations (nq) is on the right side.
         """
         data = model.createData()
         most = max(self.distance(model, data, frame, q) for q in configurations)
@@ -194,14 +198,14 @@ class MountingPlane:
 
 
 def _heights(model: pin.Model, data: pin.Data, frame: int, q: np.ndarray) -> np.ndarray:
-    """Return the heights above the root [m] of the second joint, those after it and the frame."""
+    """Return the heights [m] above the root of the second joint, those after it and the frame."""
     pin.forwardKinematics(model, data, q)
     placements = [*data.oMi[2:], pin.updateFramePlacement(model, data, frame)]
     return np.array([placement.translation[2] for placement in placements])
 
 
 def _level(model: pin.Model) -> float:
-    """Return the height of the origin of the link that carries the first joint [m]."""
+    """Return the height [m] of the origin of the link that carries the first joint."""
     for frame in model.frames:
         if frame.type == pin.FrameType.JOINT and frame.parentJoint == 1:
             return float(model.frames[frame.parentFrame].placement.translation[2])

@@ -1,4 +1,4 @@
-"""Loading: from any description of a robot to one chain with a task and a home pose."""
+"""Loading a robot: from any description to one chain with a task and a home pose."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ from .home import MountingPlane, conditioning, find_home, home_inside_limits
 from .robot import Robot, Visual
 
 _ENDS = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
-_MOST_TRIED = 8  # ends of chains that are tried as task frames
+_MOST_TRIED = 8  # ends of chains that are tried as the task frame
 _LARGEST, _PLANES = "xyz", ("xy", "xz", "yz")
-# Words in the name of a frame: of a tool or a foot, of a finger, of a sensor.
+# Words in names of frames: tools and feet, fingers, sensors.
 _TOOLS = (
     *("tcp", "tool", "tip", "ee", "end", "flange", "foot", "sole", "toe"),
     *("contact", "grasp", "pinch", "attach"),
@@ -62,39 +62,38 @@ def load(
     mass: float | None = None,
     joint_effects: bool = False,
 ) -> Robot:
-    """Load any robot and keep the chain from its base to one frame.
+    """Load a robot as the open chain from its base to one frame.
 
-    What is not given is chosen, for every source and by everybody (``pinadapt init`` as well) in
-    the same way; ``print(robot)`` shows what was, and the other ends of chains.
+    Arguments that are not given are chosen by the same rules for every source. ``print(robot)``
+    shows the choice, and the other frames at which a chain could end.
 
     Args:
-        source: path of a URDF, xacro or MJCF file, catalogue name, name of the package
-            robot_descriptions, ``pin.Model`` or ``RobotWrapper``; never written to.
-        frame: task frame, by default the catalogue's, else the end of a chain that looks most like
-            a tool, see ``end_links``.
-        task: "xy", "xz", "yz", "xyz" or "pose" of the frame, or "joint", the joints themselves; by
-            default the catalogue's, else "xyz", or the best conditioned plane where the chain
-            cannot do that.
-        locked: joints of the chain to lock as well; joints off the chain always are.
-        q0: home pose, one number a remaining joint (nv) [rad or m]; by default the catalogue's, the
-            description's own where it is well conditioned, else a well-conditioned one; inside the
-            limits, and off the plane that the chain is mounted on, see ``MountingPlane``. Of a
-            joint task the description's own inside the limits, else their middle.
-        gravity: (3) [m/s^2] in world axes, by default the model's.
-        weld_root: fix a floating base where the reference configuration has it, or refuse it; by
-            default that of a file is fixed, that of an object refused, which has it on purpose.
-            Robots of the catalogue are always fixed.
+        source: path of a URDF, xacro or MJCF file, name in the catalogue or in the package
+            robot_descriptions, ``pin.Model`` or ``RobotWrapper``; it is not changed.
+        frame: task frame; default: that of the catalogue, else the end of a chain that looks most
+            like a tool, see ``end_links``.
+        task: "xy", "xz", "yz", "xyz" or "pose" of the frame, or "joint" for the joint positions;
+            default: that of the catalogue, else "xyz", or the best conditioned plane if the chain
+            cannot move its frame in all of xyz.
+        locked: joints of the chain to lock at the reference configuration of the description.
+            Joints off the chain are always locked.
+        q0: home pose, one value per joint of the chain (nv) [rad or m]; default: that of the
+            catalogue, else the reference configuration of the description if it is well
+            conditioned, else a searched pose, see ``find_home``. For a joint task: the reference
+            configuration if it is inside the joint limits, else their middle.
+        gravity: (3) [m/s^2] in world axes; default: that of the model.
+        weld_root: True fixes a floating base at the reference configuration, False refuses it;
+            default: True for files, False for objects. In the catalogue, bases are always fixed.
         xacro: arguments of a xacro file, name -> text, number or bool.
-        mass: what the whole robot weighs [kg], its base included, where bodies are described
-            without mass: these get what the others leave of it; see ``missing_inertia``.
-        joint_effects: believe the damping, friction and rotor inertia that the description states
-            of its joints; by default friction is none, as most descriptions only hold a place
-            for it.
+        mass: mass of the whole robot, its base included [kg]; bodies that are described without
+            mass share what the other bodies leave, see ``missing_inertia``.
+        joint_effects: take damping, friction and rotor inertia of the joints from the description.
+            By default friction is zero, as most descriptions contain placeholder values.
 
     Raises:
         RobotError: missing file, bad XML, unknown frame or joint, floating base, mimic or
-            unsupported joints, crossed limits, a singular mass matrix, too few joints for the task,
-            wrong sizes or NaN.
+            unsupported joints, a lower joint limit above the upper one, a singular mass matrix, too
+            few joints for the task, wrong sizes or NaN.
     """
     for given, where in ((frame, "frame"), (task, "task")):
         instance(given, str | None, where, RobotError)
@@ -106,7 +105,7 @@ def load(
     )
     ends, known = end_links(found.model, found.mimics), frame or found.frame
     frames = [known] if known else choose_frames(found.model, ends, task)
-    robot = first_able(frames, lambda name: _cut_out(found, name, ends, wanted))
+    robot = _first_able(frames, lambda name: _cut_out(found, name, ends, wanted))
     if not flag(joint_effects, "joint_effects"):
         return robot
     return _with_joint_effects(robot)
@@ -114,7 +113,7 @@ def load(
 
 @dataclass(frozen=True)
 class _Wanted:
-    """What a user asks of a chain, whatever its frame; as in ``load``."""
+    """The arguments of ``load`` that apply to any frame."""
 
     task: str | None
     locked: Sequence[str]
@@ -124,7 +123,7 @@ class _Wanted:
 
 
 def _cut_out(found: Description, name: str, ends: Sequence[str], wanted: _Wanted) -> Robot:
-    """Return the chain from the base to a frame."""
+    """Return the robot whose chain ends at a frame."""
     keep = _kept_joints(found, name, wanted.locked, wanted.weld_root)
     model = reduce_to_chain(found.model, keep, found.q_reference)
     check_position_limits(model)
@@ -160,7 +159,7 @@ def _cut_out(found: Description, name: str, ends: Sequence[str], wanted: _Wanted
 def _kept_joints(
     found: Description, frame: str, locked: Sequence[str], weld_root: bool
 ) -> list[int]:
-    """Return the joints from base to frame that are not locked; refuse the unsupported ones."""
+    """Return the joints from base to frame that are not locked; unsupported ones are refused."""
     chain = chain_joints(found.model, frame_id(found.model, frame))
     if weld_root:
         chain = [j for j in chain if not is_free_flyer(found.model.joints[j])]
@@ -171,25 +170,27 @@ def _kept_joints(
     mimics = [str(found.model.names[j]) for j in keep if str(found.model.names[j]) in found.mimics]
     if mimics:
         raise RobotError(
-            f"joints {mimics} mimic other joints, which laws for independent joints do not cover.",
+            f"joints {mimics} mimic other joints; the control laws need independent joints.",
             where=found.name,
-            hint="Lock them, or choose a frame before them.",
+            hint="Lock them with `locked`, or choose a frame before them.",
         )
     if not keep:
         raise RobotError(
-            f"no moving joint lies between the base and frame '{frame}'.", where=found.name
+            f"no joint moves frame '{frame}' relative to the base.",
+            where=found.name,
+            hint="Choose a frame further from the base, or lock fewer joints.",
         )
     return keep
 
 
 def _floats(model: pin.Model, frame: str) -> bool:
-    """Tell whether a floating joint lies between the base and a frame."""
+    """Return whether a free-flyer lies between the base and a frame."""
     joints = chain_joints(model, frame_id(model, frame))
     return any(is_free_flyer(model.joints[joint]) for joint in joints)
 
 
 def _off_chain(model: pin.Model, keep: Sequence[int]) -> tuple[str, ...]:
-    """Return the names of the joints that are not kept, but for a floating one."""
+    """Return the names of the joints that are not kept, without free-flyers."""
     kept = set(keep)
     return tuple(
         str(model.names[joint])
@@ -199,7 +200,7 @@ def _off_chain(model: pin.Model, keep: Sequence[int]) -> tuple[str, ...]:
 
 
 def _reference_poses(found: Description, model: pin.Model, keep: Sequence[int]) -> list[Any]:
-    """Return the description's poses of the chain (nq): its reference and the neutral one."""
+    """Return the reference and the neutral pose (nq) of the chain."""
     parts = [
         found.q_reference[j.idx_q : j.idx_q + j.nq] for j in (found.model.joints[k] for k in keep)
     ]
@@ -207,7 +208,7 @@ def _reference_poses(found: Description, model: pin.Model, keep: Sequence[int]) 
 
 
 def _with_joint_effects(robot: Robot) -> Robot:
-    """Return a robot with the rotor inertias and the friction that its description states."""
+    """Return a robot with the rotor inertias and the friction of its description."""
     model = robot.model
     stated = {} if robot.origin is None else robot.origin.urdf.armatures()
     armature = [
@@ -223,12 +224,12 @@ def _with_joint_effects(robot: Robot) -> Robot:
 
 
 def choose_frames(model: pin.Model, ends: Sequence[str], task: str | None) -> list[str]:
-    """Return the task frames to be tried, the likeliest first: ends of chains, see ``end_links``.
+    """Return the task frames to try, best candidate first: the ends of chains, see ``end_links``.
 
-    For a task of the joints it is the model's last frame where no chain of two joints ends.
+    For a joint task this is the last frame of the model if no chain has two joints.
 
     Raises:
-        RobotError: no end for a task of the frame.
+        RobotError: a task of the frame, and no chain has two joints.
     """
     if ends:
         return list(ends[:_MOST_TRIED])
@@ -237,15 +238,15 @@ def choose_frames(model: pin.Model, ends: Sequence[str], task: str | None) -> li
     raise RobotError(
         "no link is moved by two independent joints or more.",
         where=str(model.name),
-        hint='Name a frame, or take task = "joint".',
+        hint='Name a frame, or choose task="joint".',
     )
 
 
-def first_able(frames: Sequence[str], make: Callable[[str], Robot]) -> Robot:
-    """Return what is made of the first of the frames whose chain is able to do the task.
+def _first_able(frames: Sequence[str], make: Callable[[str], Robot]) -> Robot:
+    """Return the robot of the first frame whose chain is able to do the task.
 
     Raises:
-        RobotError: of the first frame, where none is able; any other one at once.
+        RobotError: no chain is able, then the error of the first frame; or any other error.
     """
     refused: list[RobotError] = []
     for frame in frames:
@@ -259,13 +260,13 @@ def first_able(frames: Sequence[str], make: Callable[[str], Robot]) -> Robot:
 
 
 def end_links(model: pin.Model, mimics: Collection[str] = ()) -> list[str]:
-    """Return the ends of chains that two or more joints can move, the likeliest task frame first.
+    """Return the ends of chains of two or more joints, the best candidate for a task frame first.
 
     An end is an outermost link or operational frame, or a palm: a link that carries several joints,
-    with fewer behind it than before it. Those named like a tool or a foot come first, fingers and
-    then sensors last, palms before the others; those with more joints before them lead, but of
-    fingers the one that moves least. What lies behind mimic joints or joints of several degrees of
-    freedom is left out; a floating base counts as welded.
+    with shorter chains behind it than before it. The order is: names of a tool or a foot, palms,
+    other names, fingers, sensors. Among equals, the frame with more joints before it comes first;
+    among fingers, the one with fewer. Frames behind mimic joints or joints with several degrees of
+    freedom are left out. A floating base counts as fixed.
     """
     parents = {frame.parentFrame for frame in model.frames}
     carried = Counter(f.parentFrame for f in model.frames if f.type == pin.FrameType.JOINT)
@@ -283,7 +284,7 @@ def end_links(model: pin.Model, mimics: Collection[str] = ()) -> list[str]:
 
 
 def _rank(name: str, palm: bool, joints: int) -> tuple[int, bool, int]:
-    """Return what sorts an end with this number of joints before it; the likeliest is least."""
+    """Return the sort key of an end with this number of joints before it; the best is least."""
     name = name.lower()
     tool = any(word.startswith(_TOOLS) for word in re.split(r"[^a-z0-9]+", name))
     if _SENSOR.search(name):
@@ -300,7 +301,7 @@ def _joints_behind(model: pin.Model, joint: int) -> int:
 
 
 def _independent_joints(model: pin.Model, mimics: Collection[str], joint: int) -> int:
-    """Return how many joints move what a joint carries, 0 where one of them is not supported."""
+    """Return how many joints move the body of a joint, 0 if one of them is not supported."""
     joints = [j for j in model.supports[joint] if j > 0 and not is_free_flyer(model.joints[j])]
     try:
         check_joints(model, joints)
@@ -321,17 +322,17 @@ def choose_task(
 ) -> tuple[Task, np.ndarray]:
     """Return the task and a home pose (nq) for it.
 
-    Without a name the task is "xyz", or the best conditioned plane where the chain cannot do that.
+    By default the task is "xyz", or the best conditioned plane if the chain cannot do "xyz".
 
     Args:
         model: of the chain.
-        frame: the task frame.
-        task: its name, or None.
-        poses: (nq) the description's own, taken as home if they suit.
-        plane: which the home pose stays off, or None.
+        frame: index of the task frame.
+        task: name of the task, or None.
+        poses: (nq) poses of the description, preferred as home.
+        plane: the mounting plane, from which the home pose keeps a distance, or None.
 
     Raises:
-        RobotError: unknown task, too few joints, or a degenerate task Jacobian.
+        RobotError: unknown task, too few joints, or a task Jacobian that is always singular.
     """
     if task is not None:
         return _with_home(model, frame, task, poses, plane)
@@ -344,7 +345,7 @@ def choose_task(
         if name == _LARGEST and found:
             return found[0]
     if not found:
-        assert refused is not None  # one way or the other
+        assert refused is not None  # as nothing was found
         raise refused
     return max(found, key=lambda both: _conditioning(model, frame, *both))
 
@@ -359,10 +360,10 @@ def _with_home(
     task = task_named(name, model)
     if model.nv < task.size:
         raise RobotError(
-            f"task '{name}' has {task.size} coordinates, the chain to "
-            f"'{model.frames[frame].name}' only {model.nv} joints.",
+            f"task '{name}' has {task.size} coordinates, but the chain to "
+            f"'{model.frames[frame].name}' has only {model.nv} joints.",
             where="task",
-            hint="Take a frame further out, or a smaller task.",
+            hint="Choose a frame further from the base, or a task with fewer coordinates.",
         )
     if isinstance(task, FrameTask):
         return task, find_home(model, frame, task.rows, poses, plane)

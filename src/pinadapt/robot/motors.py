@@ -1,4 +1,4 @@
-"""What the motors of a robot can give, and what an arm adds to the torque by itself."""
+"""Motors: their torque limits, and the gravity torque that some arms add by themselves."""
 
 from __future__ import annotations
 
@@ -15,16 +15,21 @@ from ..exceptions import GainError, InputError, did_you_mean
 from .robot import Robot
 
 Compensation: TypeAlias = Callable[[np.ndarray], np.ndarray]
-"""The torque (nv) [N m or N] that an arm adds to what is sent to it, of a configuration q (nq)."""
+"""Function of a configuration q (nq): torque (nv) [N m or N] that the arm adds to the command."""
 
 NOMINAL = "nominal"
 
 
 def torque_limits(robot: Robot, limits: ArrayLike | bool | None) -> np.ndarray | None:
-    """Return torque limits (nv) [N m or N]: the description's for True, as given, or None.
+    """Return torque limits (nv) [N m or N], or None if no joint has one.
+
+    Args:
+        robot: read only.
+        limits: a number or (nv) [N m or N]; True for the effort limits of the description; False or
+            None for no limits.
 
     Raises:
-        GainError: of the wrong size, or not positive.
+        GainError: wrong size, or limits that are not positive.
     """
     if limits is None or limits is False:
         return None
@@ -36,7 +41,8 @@ def torque_limits(robot: Robot, limits: ArrayLike | bool | None) -> np.ndarray |
     )
     if bounds.shape not in ((), (n,)):
         raise GainError(
-            f"expected True or {n} numbers, got shape {bounds.shape}.", where="torque_limits"
+            f"expected True, a number or {n} numbers, got shape {bounds.shape}.",
+            where="torque_limits",
         )
     bounds = np.broadcast_to(bounds, n).copy()
     if not (bounds > 0.0).all():  # also true for NaN
@@ -45,11 +51,11 @@ def torque_limits(robot: Robot, limits: ArrayLike | bool | None) -> np.ndarray |
 
 
 def overloaded(robot: Robot, limits: np.ndarray) -> str | None:
-    """Return in words which joints cannot hold the robot at home with these limits (nv), or None.
+    """Return a message if the motors cannot hold a robot at its home pose against gravity, or None.
 
     Args:
-        robot: the real one, with its load.
-        limits: of the motors [N m or N].
+        robot: the true robot with its load.
+        limits: (nv) torque limits of the motors [N m or N].
     """
     weight = np.abs(pin.computeGeneralizedGravity(robot.model, robot.model.createData(), robot.q0))
     short = [
@@ -62,16 +68,16 @@ def overloaded(robot: Robot, limits: np.ndarray) -> str | None:
     if not short:
         return None
     return (
-        f"the motors cannot hold the real robot at its home pose: {', '.join(short)}. Take a "
-        "lighter load, or another home pose."
+        f"the motors cannot hold the true robot at its home pose: {', '.join(short)}. Choose a "
+        "lighter load or another home pose."
     )
 
 
 class Gravity:
-    """g(q) of a robot as described: its torque (nv) [N m or N] at rest at a configuration (nq)."""
+    """g(q) of a robot: the torque (nv) [N m or N] that holds it at rest at a configuration (nq)."""
 
     def __init__(self, robot: Robot) -> None:
-        """Take the robot, without whatever load or tool it is not known to carry."""
+        """Take the nominal robot, without unknown loads or tools."""
         instance(robot, Robot, "robot")
         self._robot, self._data = robot, robot.model.createData()
 
@@ -80,16 +86,20 @@ class Gravity:
         return np.array(pin.computeGeneralizedGravity(self._robot.model, self._data, q))
 
     def __reduce__(self) -> tuple[type[Gravity], tuple[Robot]]:
-        """Copy and pickle the robot alone."""
+        """Pickle the robot only."""
         return Gravity, (self._robot.undrawn(),)
 
 
 def compensation_of(robot: Robot, given: Compensation | str | None) -> Compensation | None:
-    """Return what an arm adds to the torques sent to it, or None: "nominal" is the robot's gravity.
+    """Return the compensation that an arm adds to the torque command, or None for none.
+
+    Args:
+        robot: the nominal robot.
+        given: a function of q (nq), "nominal" for the gravity torque of ``robot``, or None.
 
     Raises:
-        InputError: another word, no callable, or one that does not return nv finite numbers at
-            home.
+        InputError: another word, not callable, or a function that does not return nv finite numbers
+            at the home pose.
     """
     if given is None:
         return None
@@ -107,7 +117,7 @@ def compensation_of(robot: Robot, given: Compensation | str | None) -> Compensat
     n = robot.model.nv
     if home.shape != (n,) or home.dtype.kind not in "fiu" or not np.isfinite(home).all():
         raise InputError(
-            f"expected a callable that returns {n} torques, got {home!r} at home.",
+            f"expected a function that returns {n} torques, got {home!r} at the home pose.",
             where="compensated",
         )
     return given

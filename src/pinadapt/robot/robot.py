@@ -1,4 +1,4 @@
-"""A robot as the library sees it: one open chain, one task frame, one starting pose."""
+"""A robot: one open chain with a task frame and a home pose."""
 
 from __future__ import annotations
 
@@ -38,31 +38,30 @@ from .home import MountingPlane
 
 _HEADER = ("joint", "home", "lower", "upper", "speed", "effort", "units")
 _UNITS = ("rad, rad/s, N m", "m, m/s, N")
-_SHOWN = 6  # names of other ends
+_SHOWN = 6  # names in a list that is printed
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Robot:
     """An open chain of revolute, continuous and prismatic joints that carries a task frame.
 
-    Immutable by convention: whoever needs to change the model takes ``model.copy()``. ``print``
-    shows it.
+    Immutable by convention: to change the model, take ``model.copy()``. ``print`` shows a table.
 
     Attributes:
-        name: catalogue name or the model's own.
-        model: Pinocchio model of the chain alone, everything off the chain locked into it.
+        name: name in the catalogue, or of the model.
+        model: Pinocchio model of the chain; all other joints of the description are locked in it.
         frame: name of the task frame.
         task: the controlled coordinates of that frame.
         q0: (nq) home configuration.
-        friction: joint friction, of the real robot or as believed; descriptions have none.
-        drawn: its visual geometry, not read yet, or None.
-        ends: other frames of the description at which its chain might end, the likeliest first.
-        locked: joints of the description that are not of the chain.
-        welded: whether the base floats in the description.
+        friction: joint friction; zero unless stated, as descriptions rarely have measured values.
+        drawn: the visual geometry, read on demand, or None.
+        ends: other frames of the description at which the chain could end, best candidate first.
+        locked: joints of the description that are not part of the chain.
+        welded: whether the description has a floating base, which is fixed here.
         mounting: the plane that the chain is mounted on; None for a floating base and for robots of
-            the catalogue, whose homes are stated or searched without one.
-        loads: what it carries since it was loaded, in the axes of the last joint; the model has it.
-        origin: the URDF it was read from, with the chain as that has it, or None.
+            the catalogue.
+        loads: loads added with ``changed``, in the axes of the last joint; the model contains them.
+        origin: the URDF that the robot was read from, or None.
     """
 
     name: str
@@ -81,7 +80,7 @@ class Robot:
 
     @property
     def visual(self) -> pin.GeometryModel | None:
-        """The geometry to draw, read when it is first asked for, or None."""
+        """The visual geometry of the chain, read at first use, or None."""
         return None if self.drawn is None else self.drawn.geometry
 
     @cached_property
@@ -96,44 +95,45 @@ class Robot:
 
     @property
     def slides(self) -> dict[str, bool]:
-        """Joint name -> whether it is prismatic."""
+        """Joint name -> whether the joint is prismatic."""
         joints = self.model.joints[1:]
         return {name: is_slide(j) for name, j in zip(self.joint_names, joints, strict=True)}
 
     @property
     def home_angles(self) -> np.ndarray:
-        """The home configuration as one number a joint (nv) [rad or m]."""
+        """The home pose as joint positions (nv) [rad or m]."""
         return angles_from_configuration(self.model, self.q0)
 
     @cached_property
     def reach(self) -> float:
-        """Length [m] of the stretched chain from its first joint to the frame, slides extended."""
+        """Length [m] of the stretched chain from its first joint to the task frame."""
         return reach(self.model, self.frame_id)
 
     @property
     def mass(self) -> float:
-        """Mass [kg] of all that the joints move."""
+        """Mass [kg] of all moving bodies."""
         return float(pin.computeTotalMass(self.model))
 
     @property
     def frame_task(self) -> FrameTask:
-        """The task as one of the frame, which has rows of its Jacobian.
+        """The task, if it is one of the frame.
 
         Raises:
-            RobotError: it is one of the joints.
+            RobotError: the task is the joint task.
         """
         if not isinstance(self.task, FrameTask):
             raise RobotError(
-                f"this needs a task of the frame; the task is '{self.task.name}'.",
+                f"the task is '{self.task.name}'; this needs a task of the frame.",
                 where="task",
                 hint='Load the robot with task = "xyz".',
             )
         return self.task
 
     def position(self, q: np.ndarray) -> np.ndarray:
-        """Return the task coordinates x of this description at configuration q (nq), in world axes.
+        """Return the task coordinates x at configuration q (nq), in world axes.
 
-        Positions (m) [m]; for a pose position and quaternion xyzw (7).
+        They are a position (m) [m], for a pose position and quaternion xyzw (7), for the joint task
+        joint positions (nv) [rad or m].
 
         Raises:
             RobotError: not nq finite numbers.
@@ -142,7 +142,7 @@ class Robot:
         return self.task.at(self.model, self.model.createData(), self.frame_id, q)
 
     def placement(self, q: np.ndarray) -> pin.SE3:
-        """Return the placement of the described task frame at q (nq), in world axes.
+        """Return the placement of the task frame at configuration q (nq), in world axes.
 
         Raises:
             RobotError: not nq finite numbers.
@@ -152,9 +152,9 @@ class Robot:
         return data.oMf[self.frame_id].copy()
 
     def at(self, q0: ArrayLike) -> Robot:
-        """Return this robot with another home pose, given as one number a joint (nv) [rad or m].
+        """Return this robot with another home pose q0, joint positions (nv) [rad or m].
 
-        A joint outside its limits is warned of.
+        Positions outside the joint limits cause a warning.
 
         Raises:
             RobotError: wrong size or non-finite numbers.
@@ -174,21 +174,20 @@ class Robot:
         viscous: ArrayLike | None = None,
         coulomb: ArrayLike | None = None,
     ) -> Robot:
-        """Return another robot that differs from this one as stated; the models share nothing.
+        """Return a robot with the stated changes; the models share no data.
 
         Args:
             inertial_scale: factor on mass and inertia of all bodies, or joint name -> factor.
-            payload: load fixed to the last body; placed from this robot's frame, before the tool
-                moves it.
-            tool_translation: (3) [m] added to the frame's origin, in the frame's axes.
-            link_translation: joint name -> (3) [m] added to that joint's placement, parent axes.
-            armature: rotor inertia as the joint feels it, number or (nv) [kg m^2 or kg]; default:
-                as it is.
-            viscous: friction, number or (nv) [N m s/rad or N s/m]; default: as it is.
-            coulomb: friction, number or (nv) [N m or N]; default: as it is.
+            payload: load fixed to the last body, relative to the task frame of this robot, before
+                ``tool_translation`` is applied.
+            tool_translation: (3) [m] added to the origin of the task frame, in the frame's axes.
+            link_translation: joint name -> (3) [m] added to the joint placement, in parent axes.
+            armature: rotor inertia at the joint, number or (nv) [kg m^2 or kg]; None: unchanged.
+            viscous: friction, number or (nv) [N m s/rad or N s/m]; None: unchanged.
+            coulomb: friction, number or (nv) [N m or N]; None: unchanged.
 
         Raises:
-            RobotError: unknown joints, wrong sizes, factors or masses that are not positive.
+            RobotError: unknown joints, wrong sizes, or factors or masses that are not positive.
         """
         model = self.model.copy()
         changes.scale_inertias(model, inertial_scale)
@@ -208,22 +207,25 @@ class Robot:
     def urdf(self, *, shapes: bool = True) -> str:
         """Return this robot as a URDF that Pinocchio and MuJoCo read.
 
-        Where it was read from a URDF, from a file, a xacro or the catalogue, that text, without its
-        comments, with the numbers in which this robot differs: inertias of the links of changed
-        bodies, placements of moved joints and of the task frame, damping and friction of joints. A
-        first comment names them. Paths of meshes that are found are written whole. The first link
-        of a body takes what changed; the others, fixed to it or locked, keep theirs where that
-        leaves a physical rest, else a share. The frame is moved by its own fixed joint where it
-        is a last link, else it is a new link, which the comment names. Of any other source the
-        chain alone is written. Gravity and where the base stands have no place in a URDF; a rotor
-        inertia is an attribute ``armature`` that only ``load(..., joint_effects=True)`` reads.
+        If the robot was read from a URDF (a file, a xacro file or the catalogue), this is its text
+        without comments and with the changed numbers: inertias of links, placements of joints and
+        of the task frame, joint damping and friction. A first comment lists the changes. Paths of
+        meshes are made absolute. For any other source only the chain is written, without shapes.
+
+        A changed inertia is written to the first link of the body. The other links that are fixed
+        or locked to it keep their inertia as long as that of the first link remains physical, else
+        a part of it. A moved task frame is written as its own fixed joint if it is a last link,
+        else as a new link, named in the comment.
+
+        A URDF does not contain gravity or the placement of the base. Rotor inertias are written as
+        an attribute ``armature`` that only ``load(..., joint_effects=True)`` reads.
 
         Args:
-            shapes: with the visual and collision shapes of the description; MuJoCo refuses those
-                whose meshes are neither STL nor OBJ.
+            shapes: whether to write the visual and collision shapes of the description; MuJoCo
+                refuses meshes other than STL and OBJ.
 
         Raises:
-            RobotError: a changed body that no distribution of mass has, or a source that is gone.
+            RobotError: a changed body without a physical inertia, or a source file that is missing.
         """
         chain = WrittenChain(
             self.name,
@@ -236,7 +238,7 @@ class Robot:
         return urdf_text(chain, shapes=flag(shapes, "shapes"))
 
     def save(self, path: Path | str, *, shapes: bool = True) -> None:
-        """Write ``urdf`` to a file, whole or not at all; its folder is made if it is missing.
+        """Write the text of ``urdf`` to a file, completely or not at all; its folder is created.
 
         Raises:
             RobotError: as ``urdf``.
@@ -244,18 +246,18 @@ class Robot:
         write_text(Path(path), self.urdf(shapes=shapes))
 
     def undrawn(self) -> Robot:
-        """Return this robot without the geometry to draw, which no controller needs."""
+        """Return this robot without its visual geometry, which controllers do not need."""
         return replace(self, drawn=None)
 
     def __repr__(self) -> str:
-        """Return a table: frame, task, size, other ends, and the joints with their limits."""
+        """Return a table of the frame, task, mass, reach and the joints with their limits."""
         return str(robot_sheet(self))
 
     def _repr_html_(self) -> str:
         return robot_sheet(self).html()
 
     def _coefficients(self, given: ArrayLike | None, where: str, default: np.ndarray) -> np.ndarray:
-        """Return coefficients (nv), one a joint, or refuse negative ones."""
+        """Return coefficients (nv), one per joint; negative ones are refused."""
         if given is None:
             return np.array(default, dtype=float)
         numbers = vector(given, self.model.nv, where, names=self.joint_names, error=RobotError)
@@ -266,13 +268,13 @@ class Robot:
 
 @dataclass(frozen=True, eq=False)
 class Visual:
-    """The visual geometry of a chain, read from its meshes when it is first drawn.
+    """The visual geometry of a chain, read from its files at first use.
 
     Attributes:
-        read: returns the geometry of the whole robot, or None.
-        whole: model of the whole robot.
-        keep: indices of the chain's joints in it.
-        q_reference: (nq) where the other joints are locked.
+        read: function that returns the visual geometry of the whole robot, or None.
+        whole: Pinocchio model of the whole robot.
+        keep: indices of the joints of the chain in that model.
+        q_reference: (nq) configuration at which the other joints are locked.
     """
 
     read: Callable[[], pin.GeometryModel | None]
@@ -282,21 +284,21 @@ class Visual:
 
     @cached_property
     def geometry(self) -> pin.GeometryModel | None:
-        """The geometry of the chain, or None where there is none."""
+        """The visual geometry of the chain, or None."""
         visual = self.read()
         if visual is None:
             return None
         return reduce_visual(self.whole, visual, self.keep, self.q_reference)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Copy without the meshes, which are read again where they are needed."""
+        """Pickle without the meshes; the copy reads them again on demand."""
         return type(self), (self.read, self.whole, self.keep, self.q_reference)
 
 
 def robot_sheet(robot: Robot) -> Sheet:
-    """Return what a robot is, and its joints with home and limits; a dash where there is none."""
+    """Return the tables of a robot: its data, and its joints with home and limits."""
     words = [
-        ("frame", robot.frame + (", its floating base welded" if robot.welded else "")),
+        ("frame", robot.frame + (", floating base fixed" if robot.welded else "")),
         ("task", robot.task.name),
         ("moving mass", f"{robot.mass:.4g} kg"),
         ("reach", f"{robot.reach:.4g} m"),
@@ -310,7 +312,7 @@ def robot_sheet(robot: Robot) -> Sheet:
 
 
 def names_shown(names: tuple[str, ...], shown: int = _SHOWN) -> str:
-    """Return the first names, and how many more there are."""
+    """Return the first names as text, and how many more there are."""
     more = f" and {len(names) - shown} more" if len(names) > shown else ""
     return ", ".join(names[:shown]) + more
 

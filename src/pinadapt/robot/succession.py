@@ -1,4 +1,4 @@
-"""A robot that changes with time: a load picked up or put down, a tool exchanged."""
+"""A robot that changes over time: a load is picked up or put down, a tool is exchanged."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from .._checks import LARGEST, instance, mapping, shown
 from ..exceptions import InputError, RobotError
 from .robot import Robot
 
-EARLY = 1e-6  # [s] by which the clock of many added periods may be off
+EARLY = 1e-6  # [s], tolerance for the rounding error of a time that is a sum of periods
 
 
 @dataclass(frozen=True, eq=False)
 class Succession:
-    """Robots with one chain that follow each other: the same one, changed at some times.
+    """A robot whose parameters change at given times.
 
     Attributes:
-        robots: the first one from the start on, each other one from its time on.
-        times: of the changes [s], ascending, one less than there are robots.
-        known: whether their parameters are the true ones; else only joints, frame and limits are.
+        robots: the first from the start, each other one from its time on; all have the same chain.
+        times: times of the changes [s], ascending, one less than there are robots.
+        known: whether the parameters are the true ones; if not, only joints, frame and limits are.
     """
 
     robots: tuple[Robot, ...]
@@ -32,11 +32,15 @@ class Succession:
 
     @classmethod
     def of(cls, first: Robot, changes: Mapping[float, Robot] | None = None) -> Succession:
-        """Return a robot that becomes those of ``changes``, each at its time [s], in any order.
+        """Return the succession of a first robot and its changes.
+
+        Args:
+            first: the robot from the start on.
+            changes: time [s] -> robot from then on, in any order.
 
         Raises:
             InputError: a time that is not positive and finite.
-            RobotError: a robot with another chain, frame or task than the first one.
+            RobotError: a robot with another chain, frame or task than the first.
         """
         instance(first, Robot, "robot")
         changes = in_time(changes, "changes")
@@ -46,16 +50,16 @@ class Succession:
 
     @property
     def name(self) -> str:
-        """The first robot's name."""
+        """Name of the first robot."""
         return self.robots[0].name
 
     def index(self, t: ArrayLike) -> np.ndarray:
-        """Return which of the robots there is at each time t (N) [s]."""
+        """Return the index of the robot at each time t (N) [s]."""
         return np.searchsorted(np.array(self.times), np.asarray(t) + EARLY, side="right")
 
     @property
     def words(self) -> tuple[tuple[float, str], ...]:
-        """Each change's time [s] and, in a few words, what it changes."""
+        """Time [s] and short description of each change."""
         pairs = zip(self.robots, self.robots[1:], strict=False)
         return tuple(
             (time, difference(*pair)) for time, pair in zip(self.times, pairs, strict=True)
@@ -63,10 +67,10 @@ class Succession:
 
 
 def in_time(changes: Mapping[float, Any] | None, where: str) -> dict[float, Any]:
-    """Return what happens at given times [s], sorted.
+    """Return events by their time [s], sorted.
 
     Raises:
-        InputError: no mapping, or a time that is not positive and finite.
+        InputError: not a mapping, or a time that is not positive and finite.
     """
     given = mapping(changes, where)
     for time in given:
@@ -79,20 +83,20 @@ def in_time(changes: Mapping[float, Any] | None, where: str) -> dict[float, Any]
 
 
 def check_successor(before: Robot, after: Robot, where: str) -> None:
-    """Refuse a robot that cannot take another one's place while it moves.
+    """Refuse a robot that cannot replace another one during a motion.
 
     Raises:
-        RobotError: no robot, or one with another chain, frame or task.
+        RobotError: not a robot, or one with another chain, frame or task.
     """
     if not isinstance(after, Robot):
         raise RobotError(f"expected a Robot, got {after!r}.", where=where)
     ours, theirs = _chain(before), _chain(after)
     if ours != theirs:
         raise RobotError(
-            f"the robot before (joints, their kinds, frame, task: {ours}) and after ({theirs}) "
-            "differ in what cannot change while it moves.",
+            "joints, joint types, frame and task cannot change during a motion; they are "
+            f"{ours} before and {theirs} after.",
             where=where,
-            hint="Make both from the same load(), by .changed().",
+            hint="Derive both robots from the same load() with .changed().",
         )
 
 
@@ -102,7 +106,7 @@ def _chain(robot: Robot) -> tuple[Any, ...]:
 
 
 def difference(before: Robot, after: Robot) -> str:
-    """Return in a few words how two robots with one chain differ, masses in kg."""
+    """Return a short text of how two robots with the same chain differ, masses in kg."""
     ours, theirs = _parts(before), _parts(after)
     words = [part for part in ours if not np.allclose(ours[part], theirs[part], 1e-9, 1e-12)]
     mass = float((theirs["inertias"] - ours["inertias"])[:, 0].sum())

@@ -1,4 +1,4 @@
-"""A circle that a robot can follow inside its limits, also with an unknown tool."""
+"""The largest circle that a robot can follow inside its joint limits, with an unknown tool too."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ from ..trajectories.pose import PoseCircle
 from .home import MountingPlane
 from .robot import Robot
 
-_RATIO, _SIZES = 0.8, 18  # the radii tried: geometric, down to two per cent of the largest
+_RATIO, _SIZES = 0.8, 18  # radii tried: a geometric sequence down to 2 % of the largest
 _PHASES = (0.0, pi / 2, pi, -pi / 2)
 _STEPS, _TURNS = 40, 1.5
-_LEAST_SINGULAR = 0.5  # of the smallest singular value at home
-_LIMIT_MARGIN = 0.05  # of a joint's range
+_LEAST_SINGULAR = 0.5  # relative to the smallest singular value at home
+_LIMIT_MARGIN = 0.05  # distance from joint limits, relative to the joint's range
 _PERIOD = 3.0  # [s]
-_LONGEST = 3600.0  # [s] of a turn
+_LONGEST = 3600.0  # [s], longest period
 _JOINT_SPEED, _SLIDE_SPEED = 1.5, 0.75  # [rad/s], [m/s]
-_SPEED_SHARE = 0.8  # of the description's own speed limit
-_RETURN = 4.0  # [rad/s] at which the null space goes home, as under the laws
-_TRACKED = 0.05  # of the radius, and of a radian: the errors left to the inverse kinematics
+_SPEED_SHARE = 0.8  # of the velocity limits in the description
+_RETURN = 4.0  # [rad/s], bandwidth of the return to the home pose in the null space, as in the laws
+_TRACKED = 0.05  # [radii] and [rad], largest errors of the inverse kinematics
 
 
 @dataclass(frozen=True)
 class WorkspaceCircle:
-    """A circle through the home position, as ``find_circle`` finds it.
+    """A circle through the home position, found by ``find_circle``.
 
     Attributes:
-        plane: the two world axes that span it; those of the task where it has two.
-        phase: angle at which home lies on it, from the first of them [rad].
+        plane: the two world axes that span it; those of the task if it has two coordinates.
+        phase: angle of the home position on the circle, from the first axis [rad].
         radius: [m].
-        period: of a turn [s].
-        least_singular: smallest singular value of the task Jacobian on the way, in parts of the one
-            at home.
+        period: time of one revolution [s].
+        least_singular: smallest singular value of the task Jacobian along the circle, relative to
+            that at home.
     """
 
     plane: str
@@ -51,13 +51,13 @@ class WorkspaceCircle:
     least_singular: float
 
     def motion(self, size: int) -> Circle:
-        """Return the circle around zero in two or three coordinates; two are the plane."""
+        """Return the circle around the origin in two or three coordinates; two are its plane."""
         plane = self.plane if size == 3 else "xy"
         return Circle(np.zeros(size), self.radius, self.period, plane, self.phase)
 
 
 def rounded_down(number: float) -> float:
-    """Return a positive number rounded down to two digits."""
+    """Return a positive number rounded down to two significant digits."""
     unit = 10.0 ** (floor(log10(number)) - 1)
     return float(f"{floor(number / unit + 1e-9) * unit:.2g}")
 
@@ -66,20 +66,20 @@ def rounded_down(number: float) -> float:
 def reachable_circle(
     robot: Robot, *, largest: float = 0.1, tool_error: float = 0.05
 ) -> Circle | PoseCircle:
-    """Return the circle that ``find_circle`` finds, as a motion that starts at the robot's home.
+    """Return a circle that the robot can follow, as a motion that starts at its home position.
 
-    It is ready to be tracked; for a robot with another tool at the same home, take
-    ``reachable_circle(robot).starting_at(true.position(true.q0))``. Of a pose task the position is
-    the circle and the orientation is held.
+    It is the circle of ``find_circle``. For a true robot with another tool, start it where that one
+    is: ``reachable_circle(robot).starting_at(true.position(true.q0))``. For a pose task the
+    position follows the circle and the orientation is constant.
 
     Args:
-        robot: any robot with a task of its frame; only read.
-        largest: largest radius, in parts of the reach.
-        tool_error: how far the tool may be from where it is described, in parts of the reach.
+        robot: any robot with a task of its frame; read only.
+        largest: largest radius, relative to the reach.
+        tool_error: largest error of the described tool position, relative to the reach.
 
     Raises:
-        RobotError: no circle will do; home lies at a limit or at a singularity. Or the task is one
-            of the joints.
+        RobotError: there is no such circle, as the home pose is at a limit or a singularity; or the
+            task is the joint task.
     """
     task, start = robot.frame_task, robot.position(robot.q0)
     circle = find_circle(robot, largest=largest, tool_error=tool_error).motion(task.positions)
@@ -88,29 +88,31 @@ def reachable_circle(
 
 
 def find_circle(robot: Robot, *, largest: float = 0.1, tool_error: float = 0.05) -> WorkspaceCircle:
-    """Return the largest circle through home that the robot can follow with room to spare.
+    """Return the largest circle through the home position that the robot can follow safely.
 
-    Radii are tried from the largest downwards, each four fifths of the last; planes and sides of
-    home in the order of the conditioning they keep. A circle will do if inverse kinematics from
-    home, whose null space returns home as under the laws, keeps a twentieth of each joint's range
-    between it and its limits (less where home itself is nearer) and half of the smallest singular
-    value that the task Jacobian has at home. This is asked with the tool as described and with one
-    moved by the tool error to either side along each axis of the frame, of the Jacobians of both.
-    Where home is off the plane that the chain is mounted on, so is all of the way.
+    Radii are tried in descending order, each 0.8 times the last, planes and centres in the order of
+    their conditioning. Inverse kinematics, with a return to the home pose in the null space as in
+    the control laws, follows each circle from home. A circle is accepted if all joints keep a
+    distance of 5 % of their range from the limits (less if the home pose is closer) and the
+    smallest singular value of the task Jacobian stays above half of its value at home. This is
+    required with the tool as described and with a tool displaced by the tool error in both
+    directions along each axis of the frame; singular values are those of both Jacobians. If the
+    home pose is on the right side of the mounting plane, so is the whole motion.
 
-    The period is 3 s, above a reach of L = 1 m 3 sqrt(L) s, and longer where joints would exceed
-    1.5 rad/s, slides 0.75 m/s, or either four fifths of the speed that the description allows.
+    The period is 3 s, or 3 sqrt(L) s for a reach of L > 1 m. It is longer if joints would exceed
+    1.5 rad/s, slides 0.75 m/s, or either of them 80 % of the velocity limits in the description.
 
-    A pose goes round with the orientation it has at home. Its singular values are in metres per
-    radian: the rotation rows of the Jacobian count times the reach.
+    For a pose task the orientation is that at home. The rotational rows of its Jacobian are
+    multiplied by the reach, so that all singular values have the unit m/rad.
 
     Args:
-        robot: any robot, whatever its task; only read.
-        largest: largest radius, in parts of the reach.
-        tool_error: how far the tool may be from where it is described, in parts of the reach.
+        robot: any robot with a task of its frame; read only.
+        largest: largest radius, relative to the reach.
+        tool_error: largest error of the described tool position, relative to the reach.
 
     Raises:
-        RobotError: no circle will do; home lies at a limit or at a singularity.
+        RobotError: there is no such circle, as the home pose is at a limit or a singularity; or the
+            task is the joint task.
     """
     instance(robot, Robot, "robot")
     for given, where in ((largest, "largest"), (tool_error, "tool_error")):
@@ -139,24 +141,24 @@ def find_circle(robot: Robot, *, largest: float = 0.1, tool_error: float = 0.05)
 
 @dataclass(frozen=True)
 class _Path:
-    """A circle that starts at home."""
+    """A circle that starts at the home position."""
 
     plane: str
     phase: float
     radius: float
 
     def offset(self, angle: float) -> dict[str, float]:
-        """Return how far from home it is after an angle, axis by axis [m]."""
+        """Return axis -> displacement [m] from the home position after an angle [rad]."""
         along = cos(angle + self.phase) - cos(self.phase), sin(angle + self.phase) - sin(self.phase)
         return {axis: self.radius * part for axis, part in zip(self.plane, along, strict=True)}
 
 
 @dataclass(frozen=True)
 class _Run:
-    """What following a path took.
+    """The result of following a circle.
 
     Attributes:
-        speeds: (nv) largest joint speeds [rad or m per rad of the circle].
+        speeds: (nv) largest joint velocities [rad or m per rad of the circle].
         least_singular: as in ``WorkspaceCircle``.
     """
 
@@ -165,12 +167,12 @@ class _Run:
 
 
 class _Follower:
-    """Damped least squares from home, for a tool moved by a shift (3) [m] in the frame's axes."""
+    """Inverse kinematics by damped least squares, for a tool displaced by a shift (3) [m]."""
 
     def __init__(self, robot: Robot, shift: np.ndarray) -> None:
         self._task, self._q0 = robot.frame_task, robot.q0
         m = robot.frame_task.positions
-        self._arms = np.repeat([1.0, robot.reach], [m, robot.frame_task.size - m])  # [m] a radian
+        self._arms = np.repeat([1.0, robot.reach], [m, robot.frame_task.size - m])  # [m/rad]
         self._model = robot.model.copy()
         self._described = robot.frame_id
         frame = self._model.frames[self._described]
@@ -185,7 +187,7 @@ class _Follower:
         self._home = self._singular(self._jacobian(self._described))
 
     def follow(self, path: _Path) -> _Run | None:
-        """Return what it takes to follow a path, or None where a limit or a singularity forbids."""
+        """Follow a circle; return None if it comes too close to a limit or a singularity."""
         model, data, task, q = self._model, self._data, self._task, self._q0
         home_share = 1.0 - exp(-_RETURN * _PERIOD / _STEPS)
         damping = (0.01 * self._home) ** 2 * np.eye(task.size)
@@ -217,7 +219,7 @@ class _Follower:
         return _Run(speeds * _STEPS / (2 * pi), least / self._home)
 
     def _clear(self, plane: MountingPlane | None, q: np.ndarray) -> bool:
-        """Tell whether the chain is on its side of a plane, or there is none."""
+        """Return whether the chain is on its side of the mounting plane, if there is one."""
         return plane is None or plane.distance(self._model, self._data, self._tool, q) >= 0.0
 
     def _offset(self, path: _Path, step: int) -> np.ndarray:
@@ -235,7 +237,7 @@ class _Follower:
 
 
 def _shifts(size: float) -> list[np.ndarray]:
-    """Return no shift, then one of the size to either side along each axis."""
+    """Return shifts (3) of the tool: zero, then both directions along each axis."""
     return [np.zeros(3), *(size * side * axis for side in (1.0, -1.0) for axis in np.eye(3))]
 
 
@@ -247,7 +249,7 @@ def _while_found(runs: Iterable[_Run | None]) -> Iterator[_Run]:
 
 
 def _allowed(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lowest and highest configuration (nq) to be used."""
+    """Return the lower and upper bounds (nq) of the configurations that are allowed."""
     model, q0 = robot.model, robot.q0
     lower, upper = position_limits(model)
     low, high = np.full(model.nq, -np.inf), np.full(model.nq, np.inf)
@@ -261,7 +263,7 @@ def _allowed(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _circle(robot: Robot, path: _Path, runs: list[_Run], length: float) -> WorkspaceCircle:
-    """Return the circle of a path that all runs could follow, at a speed that suits them all."""
+    """Return the circle with a period at which no run exceeds the velocity limits."""
     speeds = np.max([run.speeds for run in runs], axis=0)
     allowed = np.array(
         [_SLIDE_SPEED if is_slide(joint) else _JOINT_SPEED for joint in robot.model.joints[1:]]
@@ -270,10 +272,10 @@ def _circle(robot: Robot, path: _Path, runs: list[_Run], length: float) -> Works
     period = max(_PERIOD * sqrt(max(length, 1.0)), float(np.max(2 * pi * speeds / allowed)))
     if period > _LONGEST:
         raise RobotError(
-            f"at the speed limits of its joints, {velocity_limits(robot.model).tolist()} rad/s or "
-            f"m/s, a circle takes {period:.3g} s.",
+            f"the velocity limits {velocity_limits(robot.model).tolist()} rad/s or m/s are too "
+            f"low: one circle takes {period:.3g} s.",
             where=robot.name,
-            hint="Correct them in the description; 0 means no limit.",
+            hint="Correct the limits in the description; 0 means no limit.",
         )
     least = min(run.least_singular for run in runs)
     return WorkspaceCircle(path.plane, path.phase, path.radius, ceil(10 * period) / 10, least)
