@@ -24,6 +24,7 @@ extensions = [
     "rooms",
     "docstrings",
     "links",
+    "executed",
 ]
 source_suffix = {".rst": "restructuredtext", ".md": "myst-nb", ".ipynb": "myst-nb"}
 exclude_patterns = ["_ext", "robots/README.md"]
@@ -40,7 +41,8 @@ myst_enable_extensions = ["amsmath", "dollarmath", "substitution"]
 myst_heading_anchors = 3
 math_numfig = False
 
-# Notebooks are stored without outputs, so each is run here, where it stands.
+# Notebooks are stored without outputs. Those that the tests have run are shown as they came out,
+# see _ext/executed.py; others are run here, where they stand.
 nb_execution_mode = "auto"
 nb_execution_timeout = 600
 nb_execution_raise_on_error = True

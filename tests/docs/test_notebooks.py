@@ -7,6 +7,7 @@ import pytest
 from tests.support.paths import ROOT
 
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+EXECUTED = ROOT / "build" / "notebooks"
 KERNEL = {"kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"}}
 
 # nbformat is imported where it is used: it takes seconds, and every process collects this file.
@@ -25,20 +26,40 @@ PRINTED = {
 }
 ANIMATED = ("01_quickstart", "04_tool_load_camera", "08_your_own_urdf")
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem),
-]
+# Clears what a notebook left, so that the next one finds what it would find in a kernel of its own.
+CLEARED = "%reset -f"
+
+by_name = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+
+
+@pytest.fixture(scope="module")
+def run():
+    """Return a function that runs a notebook, all of them in one kernel: it starts only once."""
+    from jupyter_client import AsyncKernelManager
+    from nbclient import NotebookClient
+    from nbclient.util import run_sync
+    from nbformat import v4
+
+    kernel = AsyncKernelManager(kernel_name="python3")
+
+    def executed(notebook):
+        clear = v4.new_notebook(cells=[v4.new_code_cell(CLEARED)])
+        for each in (clear, notebook):
+            where = {"metadata": {"path": str(NOTEBOOKS[0].parent)}}
+            NotebookClient(each, km=kernel, timeout=300, resources=where).execute()
+
+    yield executed
+    run_sync(kernel.shutdown_kernel)(now=True)
 
 
 @pytest.mark.slow
-def test_notebook_runs(path):
+@by_name
+def test_notebook_runs_and_prints_what_its_text_says(path, run):
+    """The site shows the outputs, which are written to build/notebooks; see docs/_ext/executed."""
     import nbformat
-    from nbclient import NotebookClient
 
     notebook = nbformat.read(path, as_version=4)
-    folder = {"metadata": {"path": str(path.parent)}}
-    NotebookClient(notebook, timeout=300, resources=folder).execute()
+    run(notebook)
     outputs = [o for cell in notebook.cells for o in cell.get("outputs", [])]
     assert not [o.text for o in outputs if o.get("name") == "stderr"]  # no warnings either
     printed = "".join(o.text for o in outputs if o.get("name") == "stdout")
@@ -47,6 +68,8 @@ def test_notebook_runs(path):
     assert drawn == [cell.id for cell in notebook.cells if draws(cell)] != []
     pages = [page for cell in notebook.cells for page in shown(cell, "text/html")]
     assert any("<iframe" in page for page in pages) == (path.stem in ANIMATED)
+    EXECUTED.mkdir(parents=True, exist_ok=True)
+    nbformat.write(notebook, EXECUTED / path.name)
 
 
 def shown(cell, kind):
@@ -61,6 +84,7 @@ def draws(cell):
     return cell.cell_type == "code" and written
 
 
+@by_name
 def test_notebook_is_stripped(path):
     """Should this fail, ``make strip`` helps."""
     import nbformat
@@ -76,6 +100,7 @@ def test_notebook_is_stripped(path):
             assert cell.outputs == [] and cell.execution_count is None
 
 
+@by_name
 def test_notebook_has_one_title_and_says_what_to_change(path):
     import nbformat
 

@@ -1,9 +1,10 @@
 """What stands around the code agrees with it: site, citation file, changes, workflow, hooks."""
 
 import json
+import os
 import re
-import subprocess
-import sys
+from importlib.util import module_from_spec, spec_from_file_location
+from types import SimpleNamespace
 
 import pytest
 
@@ -84,17 +85,50 @@ def test_the_hooks_run_what_lint_runs():
         assert run in lint
 
 
+def extension(name):
+    """Return a module of docs/_ext."""
+    spec = spec_from_file_location(name, DOCS / "_ext" / f"{name}.py")
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_an_executed_notebook_is_shown_and_not_run_again_unless_something_is_newer(
+    tmp_path, monkeypatch
+):
+    executed, config = extension("executed"), SimpleNamespace()
+    monkeypatch.setattr(executed, "ROOT", tmp_path)
+    paths = [
+        tmp_path / name for name in ("src/a.py", "notebooks/b.ipynb", "build/notebooks/b.ipynb")
+    ]
+    for time, path in enumerate(paths):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(path.parent.name)
+        os.utime(path, (time, time))
+
+    def shown():
+        source = ["without outputs"]
+        executed.take_outputs(None, "notebooks/b", source)
+        executed.leave_out(None, config)
+        assert config.nb_execution_excludepatterns == (
+            ["notebooks/b.ipynb"] if source != ["without outputs"] else []
+        )
+        return source
+
+    assert shown() == ["notebooks"]
+    for path in paths[:2]:
+        os.utime(path, (3, 3))
+        assert shown() == ["without outputs"]
+        os.utime(path, (0, 0))
+    paths[2].unlink()
+    assert shown() == ["without outputs"]
+
+
 def to_rst(docstring):
     """Return a docstring as the site reads it."""
-    script = (
-        "import sys; sys.path.insert(0, sys.argv[1]); from docstrings import to_rst;"
-        "lines = sys.stdin.read().split('\\n'); to_rst(None, '', '', None, None, lines);"
-        "sys.stdout.write('\\n'.join(lines))"
-    )
-    command = [sys.executable, "-c", script, str(DOCS / "_ext")]
-    return subprocess.run(
-        command, input=docstring, text=True, capture_output=True, check=True
-    ).stdout
+    lines = docstring.split("\n")
+    extension("docstrings").to_rst(None, "", "", None, None, lines)
+    return "\n".join(lines)
 
 
 def test_formulas_in_docstrings_are_no_markup():
