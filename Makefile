@@ -35,10 +35,10 @@ strip: $(VENV)/dev
 	$(STRIP) notebooks/*.ipynb
 
 check: lint
-	$(BIN)/python -m pytest -n 2 -m "not slow"
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow"
 
 test: lint
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 lint: $(VENV)/dev
 	$(BIN)/ruff format --check src tests benchmarks notebooks docs

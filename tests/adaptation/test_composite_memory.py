@@ -167,7 +167,7 @@ def circling(name, friction=False):
     return robot, true, path
 
 
-@pytest.mark.parametrize("name", ["panda", "ur5", "z1"])
+@pytest.mark.parametrize("name", ["panda", "z1"])
 def test_ignorance_costs_nothing_after_four_seconds(name):
     """Tool, load and inertias unknown; the loop that knows them is left with a micrometre."""
     robot, true, path = circling(name)

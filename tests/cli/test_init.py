@@ -30,9 +30,7 @@ def written(folder, source, *options):
         (ARM4, "tip", "xyz"),
         ("solo8_fl_leg", "FL_FOOT", "xz"),
         ("allegro_left_thumb", "link_15.0_tip", "xyz"),
-        ("kinova", "j2s6s200_end_effector", "xyz"),
         (example_path("double_pendulum_simple"), "link3", "yz"),
-        (example_path("ur10"), "ee_link", "xyz"),
     ],
     ids=lambda value: Path(value).stem if isinstance(value, Path) else None,
 )

@@ -44,6 +44,8 @@ def test_only_the_path_differs_for_another_robot(path, task, tmp_path, monkeypat
     monkeypatch.chdir(tmp_path)
     lines, count = re.subn(r'pa\.load\(".*?"\)', f"pa.load({str(path)!r})", LINES)
     assert count == 1 and lines.count("panda") == 0
+    if task != "yz":  # pictures are drawn alike: of one robot suffices
+        lines = lines.replace('rollout.plot("out")', "")
     scope = executed(lines)
     rollout, circle = scope["rollout"], scope["circle"]
     assert scope["robot"].task.name == task

@@ -24,7 +24,9 @@ pytestmark = pytest.mark.slow
 
 ROBOTS = ["planar_2r", "ur5", "panda", "mixed", "scara", "kinova"]
 PAIRS = [(law, name) for law in pa.LAWS for name in ROBOTS]
-ADAPTING = [(law, name) for law, name in PAIRS if pa.LAWS[law].adapts]
+# As many joints as coordinates, more of them, and a chain with a slide and a wheel.
+THREE = [(law, name) for law in pa.LAWS for name in ("planar_2r", "panda", "mixed")]
+ADAPTING = [(law, name) for law in pa.LAWS if pa.LAWS[law].adapts for name in ("ur5", "mixed")]
 STEP = 1e-4  # [s] of the continuous loops
 
 # While V is tested, the hypotheses must hold that adaptation can destroy: M_hat invertible, and
@@ -126,7 +128,7 @@ def coriolis(robot, q, u, w):
     return 0.5 * (both - one - other)
 
 
-@pytest.mark.parametrize(("law", "name"), PAIRS)
+@pytest.mark.parametrize(("law", "name"), THREE)
 def test_an_exact_model_gives_the_nominal_error_dynamics(law, name):
     """Accelerations as commanded, or M ds/dt + C s + the torque of the feedback = 0.
 
@@ -158,7 +160,7 @@ def test_an_exact_model_gives_the_nominal_error_dynamics(law, name):
         assert np.abs(missing).max() <= 1e-5 * np.abs(inertial).max()
 
 
-@pytest.mark.parametrize(("law", "name"), PAIRS)
+@pytest.mark.parametrize(("law", "name"), THREE)
 def test_the_true_parameters_are_an_equilibrium(law, name):
     """Begun on the path and right, errors stay at rounding and estimates where they are."""
     true = real(robot_of(law, name))

@@ -139,7 +139,7 @@ def test_an_unknown_load_is_tracked(law):
             loaded(robot),
             pa.make_controller(believed, law=law, adaptation=kind),
             path,
-            duration=6.0,
+            duration=4.0,
         )
         for kind in ("natural", "none")
     ]
@@ -203,8 +203,6 @@ def test_direct_adaptation_of_the_composite_paper():
     rollout = pa.simulate(true, controller, path, **run)
     assert np.allclose(worst(rollout, T), [[5.04, 1.15], [0.81, 1.15], [0.15, 0.07]], atol=6e-3)
     assert np.allclose(rollout.a_d[-1], [0.1458, 0.0369, 0.0295, 0.0241], atol=6e-5)
-    alone = pa.simulate(true, pa.make_controller(true, adaptation="none", **options), path, **run)
-    assert np.allclose(worst(alone, T), [[13.5, 7.8], [12.5, 5.8], [9.2, 2.8]], atol=6e-2)
 
 
 PERIODS = [2.0 * np.pi / 3.0, 2.0 * np.pi / 5.0]

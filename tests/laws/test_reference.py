@@ -89,7 +89,7 @@ def test_natural_adaptation_is_stable_at_every_sampling_period(dt):
     """Law (11) with the published filter; the published adaptation makes M_hat singular."""
     natural = controller("adaptive-inverse-dynamics", "natural", gamma_d=1.0)
     rollout = pa.simulate(
-        catalogue_robot("planar_2r"), natural, CIRCLE, duration=4.0, dt=dt, **WRONG
+        catalogue_robot("planar_2r"), natural, CIRCLE, duration=2.5, dt=dt, **WRONG
     )
     assert rollout.diverged is None
     assert rollout.distance[rollout.t >= 1.0].max() < 0.01

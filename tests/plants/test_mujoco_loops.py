@@ -13,6 +13,7 @@ ROBOTS = ROOT / "robots"
 SHIPPED = ("panda/tool_and_load.toml", "panda/pose.toml", "ur5/unknown_lengths.toml")
 ENGINES = ("pinocchio", "mujoco")
 SOONER = "truth.change=[{at=0.4, payload={mass=0.0}}, {at=0.7, payload={mass=3.0}}]"
+SHORTER = "simulation.duration=6.0"
 LINE = 'reference={kind="lissajous", amplitude=[0.0, 0.15, 0.0], cycles=[1, 1, 1], period=4.0}'
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::UserWarning")]
@@ -29,7 +30,7 @@ def run(name, engine, *settings):
 @pytest.mark.parametrize("name", SHIPPED)
 def test_the_error_that_is_left_is_within_a_tenth_of_that_in_pinocchio(name):
     """All of the scenario: the Panda's has dry friction, whose laws are not quite the same."""
-    ours, theirs = (run(name, engine)[1] for engine in ENGINES)
+    ours, theirs = (run(name, engine, SHORTER)[1] for engine in ENGINES)
     one, other = (rollout.summary()["max_error_last"] for rollout in (ours, theirs))
     assert other < 0.5e-3 and np.isclose(one, other, rtol=0.1)
     assert ours.limits.verdict() == theirs.limits.verdict()
@@ -54,7 +55,7 @@ def test_without_dry_friction_the_paths_are_the_same_to_a_micrometre(name, setti
 @pytest.mark.parametrize("name", SHIPPED)
 def test_rotors_and_damping_that_the_controller_does_not_know_are_withstood(name):
     friction = f"truth.friction={{viscous=1.0, coulomb={0.5 if 'tool' in name else 0.0}}}"
-    _, rollout = run(name, "mujoco", "truth.armature=0.1", friction)
+    _, rollout = run(name, "mujoco", SHORTER, "truth.armature=0.1", friction)
     assert rollout.summary()["max_error_last"] < 0.5e-3
 
 

@@ -72,7 +72,7 @@ def test_panda_learns_tool_and_load_and_tracks_its_pose(law, scale):
     robot = pose_robot()
     true = robot.changed(tool_translation=[0.03, -0.02, 0.12], payload=LOAD)
     controller = pa.make_controller(robot.changed(inertial_scale=scale), law=law)
-    rollout = pa.simulate(true, controller, circle(true), duration=10.0, substeps=1)
+    rollout = pa.simulate(true, controller, circle(true), duration=6.0, substeps=1)
     summary = rollout.summary()
     assert summary["diverged"] is None
     assert summary["max_error_last"] < 1e-3

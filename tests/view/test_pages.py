@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 from dataclasses import replace
+from functools import cache
 from html import unescape
 
 import matplotlib
@@ -35,12 +36,19 @@ def messages(animation):
     return parted(stream(animation))
 
 
+@cache
+def animated(name):
+    """Return a short rollout and its animation."""
+    rollout = run(name, duration=0.1)
+    return rollout, rollout.animate()
+
+
 @pytest.mark.parametrize(
     ("name", "most"), [("planar_2r", 1.5), ("scara", 1.5), ("panda", 8.0), ("z1", 8.0)]
 )
 def test_pages_stay_small(name, most):
     """As measured: 0.5, 0.5, 5.5 and 5.6 MB; the meshes of z1 are made lighter."""
-    animation = run(name, duration=0.1).animate()
+    _, animation = animated(name)
     assert len(animation.html.encode()) < 1e6 * most
 
 
@@ -54,8 +62,8 @@ def test_long_runs_make_no_large_pages():
 
 
 def test_a_page_shows_both_robots_paths_and_curves():
-    rollout = run("panda", duration=0.1)
-    commands, notes = messages(rollout.animate())
+    rollout, animation = animated("panda")
+    commands, notes = messages(animation)
     assert ("set_object", "/meshcat/paths/true") in commands
     copies = [note["copy"] for note in notes if "copy" in note]
     shapes = catalogue_robot("panda").visual.geometryObjects
@@ -88,12 +96,12 @@ def test_equal_meshes_are_in_a_page_once():
 def test_the_floor_is_where_the_base_stands():
     """The planar arm's base is a cylinder from 0.09 m below its plane on, Panda's a mesh from 0."""
     for name, floor in (("panda", 0.0), ("planar_2r", -0.09)):
-        commands, _ = messages(run(name, duration=0.01).animate())
+        commands, _ = messages(animated(name)[1])
         assert commands["set_transform", "/Grid"]["matrix"][14] == pytest.approx(floor, abs=2e-3)
 
 
 def test_an_animation_shows_itself_in_a_notebook_without_a_server():
-    animation = run(duration=0.05).animate()
+    _, animation = animated("planar_2r")
     frame = animation._repr_html_()
     assert unescape(re.search(r'srcdoc="([^"]*)"', frame).group(1)) == animation.html
     assert "127.0.0.1" not in animation.html.split("<script>")[-1]
