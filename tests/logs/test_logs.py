@@ -9,6 +9,7 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.logs import FORMATS
+from pinadapt.logs.formats import Format
 from tests.support.chains import catalogue_robot
 from tests.support.recorded import recorded
 
@@ -141,15 +142,15 @@ def flawed(log, robot):
         "too short": replace(log, t=1e-3 * log.t),
         "samples are 4 s apart": replace(log, t=1e3 * log.t),
         "all torques are zero": replace(log, tau=0.0 * log.tau),
-        "In other units": replace(log, tau=far),
-        "In degrees": replace(log, q=np.degrees(log.q), v=None),
-        "in degrees a second": replace(log, v=np.degrees(log.v)),
-        "with the other sign": replace(log, v=-log.v),
+        "Are these other units": replace(log, tau=far),
+        "Are these degrees": replace(log, q=np.degrees(log.q), v=None),
+        "the velocities look like degrees a second": replace(log, v=np.degrees(log.v)),
+        "the sign is wrong": replace(log, v=-log.v),
         "only 0%": replace(log, tau=np.nan * log.tau),
-        "joint 'elbow_joint' is not in it": replace(
+        "joint 'elbow_joint' is missing": replace(
             log, joints=tuple(name.replace("elbow", "knee") for name in robot.joint_names)
         ),
-        "5 columns, and ur5 has 6": replace(log, q=log.q[:, :5], joints=()),
+        "5 columns, but ur5 has 6": replace(log, q=log.q[:, :5], joints=()),
     }
 
 
@@ -164,10 +165,10 @@ def test_a_file_that_cannot_be_read_is_refused(tmp_path, robot, log):
     good = write_csv(tmp_path / "good.csv", columns_of(log, range(6))).read_text().splitlines()
     files = {
         "no such file": None,
-        "is no log that can be read": ("a.xyz", "1"),
+        "is not a log of a known format": ("a.xyz", "1"),
         "is empty": ("a.csv", "\n"),
         "no header": ("a.csv", "\n".join(good[1:])),
-        "line 3: 'one' in column 'q1' is no number": (
+        "line 3: 'one' in column 'q1' is not a number": (
             "a.csv",
             "\n".join([*good[:2], re.sub(r"^([^,]*),([^,]*),[^,]*", r"\1,\2,one", good[2])]),
         ),
@@ -192,6 +193,29 @@ def test_a_wrong_column_is_named_with_the_nearest(tmp_path, robot, log):
         pa.read_log(path, robot, columns={"tau": [f"tua{j}" for j in range(6)]})
     with pytest.raises(pa.LogError, match="no signal 'torque'"):
         pa.read_log(path, robot, columns={"torque": "tau*"})
+
+
+def test_a_format_is_one_class_and_one_entry_of_the_registry(tmp_path, robot, log, monkeypatch):
+    class Memory(Format):
+        """A file whose contents are somewhere else."""
+
+        suffixes = (".memory",)
+
+        def accepts(self, path):
+            return path.suffix in self.suffixes
+
+        def read(self, path, selection):
+            assert list(selection.joints) == robot.joint_names
+            return log
+
+    path = tmp_path / "a.memory"
+    path.touch()
+    with pytest.raises(pa.LogError, match="known format"):
+        pa.read_log(path, robot)
+    monkeypatch.setitem(FORMATS, "memory", Memory())
+    assert same(pa.read_log(path, robot), log)
+    with pytest.raises(pa.LogError, match=r"\.memory"):
+        pa.read_log(tmp_path, robot)
 
 
 def test_every_format_says_what_it_reads():
@@ -280,10 +304,10 @@ def test_a_bag_that_cannot_be_used_says_why(tmp_path, robot, log):
     write_bag(tmp_path / "other", "mcap", log, [f"other{j}" for j in range(6)])
     (tmp_path / "broken.bag").write_bytes(b"no bag")
     for words, name, options in (
-        ("no topic of it.*'/joint_states'", "a", {"topic": "/joint_state"}),
+        ("not a topic of it.*'/joint_states'", "a", {"topic": "/joint_state"}),
         ("of type sensor_msgs/msg/JointState", "a", {"pose_topic": "/joint_states"}),
         ("have no effort", "weak", {}),
-        ("joint 'shoulder_pan_joint'; seen are", "other", {}),
+        ("joint 'shoulder_pan_joint'; there are", "other", {}),
         ("cannot be read", "broken.bag", {}),
     ):
         with pytest.raises(pa.LogError, match=words):

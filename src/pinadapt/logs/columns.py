@@ -1,4 +1,4 @@
-"""From named columns to signals: t, q, v, tau and x."""
+"""The signals t, q, v, tau and x of a log, found among named columns."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ SIGNALS = ("t", "q", "v", "tau", "x", "x_time")
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """Whose motion is wanted, and where in a file it is.
+class Selection:
+    """Which joints to read from a file, and where it has them.
 
     Attributes:
         joints: names of the robot's joints.
@@ -30,7 +30,7 @@ class Wanted:
     pose_topic: str | None = None
 
 
-# Names of a signal, the likeliest first; compared without case.
+# Usual names of each signal, the likeliest first; case is ignored.
 _NAMES = {
     "t": ("t", "time", "timestamp", "stamp", "times", "time_s", "%time"),
     "q": ("q", "position", "pos", "joint_position", "joint_positions", "actual_q", "angle"),
@@ -59,25 +59,25 @@ _NAMES = {
     "x_time": ("x_time", "t_x", "camera_time"),
 }
 _FRAMES = (("x", "y", "z", "qx", "qy", "qz", "qw"), ("x", "y", "z"), ("px", "py", "pz"))
-_JOINED = ("", "_", ".", "/", "[", " ")
+_SEPARATORS = ("", "_", ".", "/", "[", " ")
 
 
-def log_of_columns(table: Mapping[str, np.ndarray], wanted: Wanted, source: str) -> Log:
+def log_of_columns(table: Mapping[str, np.ndarray], selection: Selection, source: str) -> Log:
     """Return the log in a table of columns (N) or arrays (N, n) by name.
 
     Joints are found by their names (``q_elbow``, ``elbow.position``, for q also ``elbow`` alone) or
     by their index from 0 or 1 (``q0``, ``tau[3]``).
 
     Raises:
-        LogError: a signal that is needed has no columns, or a name of ``wanted.columns`` is none.
+        LogError: a signal that is needed has no columns, or a name of ``selection.columns`` does not exist.
     """
-    columns = _Columns(table, wanted, source)
-    t, q, tau = columns.single("t"), columns.of_joints("q"), columns.of_joints("tau")
-    v, x = columns.of_joints("v"), columns.of_frame()
+    finder = _SignalFinder(table, selection, source)
+    t, q, tau = finder.single("t"), finder.of_joints("q"), finder.of_joints("tau")
+    v, x = finder.of_joints("v"), finder.of_frame()
     for signal, found in (("t", t), ("q", q), ("tau", tau)):
         if found is None:
-            raise columns.missing(signal)
-    x_time = columns.single("x_time")
+            raise finder.missing(signal)
+    x_time = finder.single("x_time")
     return Log(t, q, tau, v, _joints(table), x, x_time, source=source)  # type: ignore[arg-type]
 
 
@@ -89,13 +89,13 @@ def _joints(table: Mapping[str, np.ndarray]) -> tuple[str, ...]:
     return ()
 
 
-class _Columns:
-    """Looks for signals among named columns."""
+class _SignalFinder:
+    """Finds signals among named columns."""
 
-    def __init__(self, table: Mapping[str, np.ndarray], wanted: Wanted, source: str) -> None:
-        self._table, self._wanted, self._source = table, wanted, source
+    def __init__(self, table: Mapping[str, np.ndarray], selection: Selection, source: str) -> None:
+        self._table, self._selection, self._source = table, selection, source
         self._known = {name.strip().lower(): name for name in reversed(list(table))}
-        for signal in wanted.columns:
+        for signal in selection.columns:
             if signal not in SIGNALS:
                 raise LogError(
                     f"there is no signal '{signal}'; there are {list(SIGNALS)}."
@@ -105,9 +105,9 @@ class _Columns:
 
     def single(self, signal: str) -> np.ndarray | None:
         """Return a signal of one column (N), None where there is none."""
-        told = self._told(signal)
-        if told is not None and len(told) == 1:
-            return told[0].reshape(-1)
+        named = self._named(signal)
+        if named is not None and len(named) == 1:
+            return named[0].reshape(-1)
         for name in _NAMES[signal]:
             if name in self._known:
                 return self._table[self._known[name]].reshape(-1)
@@ -115,14 +115,14 @@ class _Columns:
 
     def of_joints(self, signal: str) -> np.ndarray | None:
         """Return a signal of the joints (N, n), None where there is none."""
-        told = self._told(signal)
-        if told is not None:
-            return _stacked(told)
+        named = self._named(signal)
+        if named is not None:
+            return _stacked(named)
         for name in _NAMES[signal]:
             array = self._table.get(self._known.get(name, ""))
             if array is not None and array.ndim == 2:
                 return array
-        joints = self._wanted.joints
+        joints = self._selection.joints
         for labels in (joints, *(_indices(len(joints), first) for first in (0, 1))):
             found = [self._of_joint(signal, label, labels is joints) for label in labels]
             if all(column is not None for column in found):
@@ -130,7 +130,7 @@ class _Columns:
             if any(column is not None for column in found) and labels is joints:
                 lacking = labels[[column is None for column in found].index(True)]
                 raise LogError(
-                    f"no column has {signal} of joint '{lacking}', others are there; columns: "
+                    f"no column has {signal} of joint '{lacking}', though of others; there are "
                     f"{list(self._table)}.",
                     where=self._source,
                     hint=f"--columns {signal}=NAME,NAME,... names them in the robot's order.",
@@ -141,9 +141,9 @@ class _Columns:
 
     def of_frame(self) -> np.ndarray | None:
         """Return coordinates of the frame (N, m), None where there are none."""
-        told = self._told("x")
-        if told is not None:
-            return _stacked(told)
+        named = self._named("x")
+        if named is not None:
+            return _stacked(named)
         for name in _NAMES["x"]:
             array = self._table.get(self._known.get(name, ""))
             if array is not None and array.ndim == 2:
@@ -157,18 +157,20 @@ class _Columns:
     def missing(self, signal: str) -> LogError:
         """Return the error of a signal that has no columns."""
         what = {"t": "times", "q": "joint positions", "tau": "joint torques"}[signal]
-        torque = " Without torques no dynamics can be learned." if signal == "tau" else ""
+        torque = (
+            " Without torques no dynamic parameters can be estimated." if signal == "tau" else ""
+        )
         return LogError(
             f"no {what} found among the columns {list(self._table)}.{torque}",
             where=self._source,
-            hint=f"Name them like {_NAMES[signal][0]}, {', '.join(_NAMES[signal][1:3])}, or say "
-            f"which they are: --columns {signal}=NAME"
+            hint=f"Name them like {_NAMES[signal][0]}, {', '.join(_NAMES[signal][1:3])}, or name "
+            f"them: --columns {signal}=NAME"
             f"{'' if signal == 't' else ',NAME,...'}.",
         )
 
-    def _told(self, signal: str) -> list[np.ndarray] | None:
+    def _named(self, signal: str) -> list[np.ndarray] | None:
         """Return the columns that the user named for a signal."""
-        names = self._wanted.columns.get(signal)
+        names = self._selection.columns.get(signal)
         if names is None:
             return None
         if len(names) == 1 and "*" in names[0]:
@@ -183,8 +185,8 @@ class _Columns:
         return [self._table[name] for name in names]
 
     def _of_pattern(self, pattern: str) -> list[str]:
-        """Return the names that a pattern stands for, by the joints' names or by indices."""
-        joints = self._wanted.joints
+        """Return the columns that match a pattern, by the joints' names or by indices."""
+        joints = self._selection.joints
         filled = [
             [pattern.replace("*", label) for label in labels]
             for labels in (joints, _indices(len(joints), 0), _indices(len(joints), 1))
@@ -208,8 +210,8 @@ def _indices(count: int, first: int) -> list[str]:
 
 
 def _forms(name: str, label: str, named: bool) -> Iterator[str]:
-    """Yield how a signal and a joint may be written together, ``q_elbow`` or ``elbow.q``."""
-    for mark in _JOINED:
+    """Yield possible names of a signal of a joint, such as ``q_elbow`` or ``elbow.q``."""
+    for mark in _SEPARATORS:
         closing = "]" if mark == "[" else ""
         yield f"{name}{mark}{label}{closing}"
         if named and mark not in ("", "["):

@@ -1,18 +1,31 @@
-"""A recorded motion of a robot's joints, with the torques of its motors."""
+"""A recorded motion of a robot's joints with the torques of its motors, and checks of it."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
 
 from .._checks import instance
-from ..description.chain import configuration_from_angles
+from ..description.chain import configuration_from_angles, effort_limits, is_slide
 from ..exceptions import LogError, did_you_mean
 from ..robot.robot import Robot
 
-_EPOCH = 1e6  # [s] beyond which times are of a clock on the wall
+_EPOCH = 1e6  # [s] beyond which times count from an epoch such as 1970
+_SHORTEST, _FEWEST = 1.0, 100  # [s] and samples
+_SLOWEST = 0.2  # [s] between samples, beyond which inertia has no visible effect
+_MEASURED = 0.5  # share of the samples that must be finite
+_TURNS = 4.0 * math.pi  # [rad] beyond which a joint without limits hardly turns
+_BEYOND, _RANGE = 0.5, 0.25  # beyond a limit by more than calibration: [rad], or share of the range
+_OUTSIDE = 0.5  # share of the samples there
+_TOO_STRONG = 5.0  # times the effort limit, root mean square
+_MOVING = 0.02  # [rad/s or m/s] root mean square of a velocity that can be compared
+_AVERAGED = 25  # samples over which velocities are averaged before they are compared
+_FACTORS = (0.5, 2.0)  # between which a velocity agrees with the positions
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,13 +36,13 @@ class Log:
         t: (N) times [s], ascending.
         q: (N, n) one number a joint, or (N, nq) configurations as Pinocchio has them.
         tau: (N, n) torques of the joints.
-        v: (N, n) velocities, or None: they are taken from q.
-        joints: (n) names of the columns, or none: the robot's, in its order.
+        v: (N, n) velocities, or None: they are computed from q.
+        joints: (n) names of the columns; none: those of the robot, in its order.
         x: (M, m) position of the frame in world axes, for a pose with a quaternion xyzw; or None.
         x_time: (M) times of x [s]; None: t.
         held: whether tau[k] was held from t[k] until the next sample, as a controller's command is;
-            else it was measured at t[k].
-        source: where it is from, for messages.
+            otherwise it was measured at t[k].
+        source: file or other origin, for messages.
     """
 
     t: np.ndarray
@@ -43,10 +56,10 @@ class Log:
     source: str = "log"
 
     def __post_init__(self) -> None:
-        """Turn everything into arrays of floats whose sizes fit.
+        """Convert everything to arrays of floats and check their sizes.
 
         Raises:
-            LogError: they do not.
+            LogError: not numbers, or sizes that do not match.
         """
         for name, dimensions in (("t", 1), ("q", 2), ("tau", 2), ("v", 2), ("x", 2), ("x_time", 1)):
             given = getattr(self, name)
@@ -67,7 +80,7 @@ class Log:
 
     @property
     def duration(self) -> float:
-        """From the first sample to the last [s]."""
+        """Time from the first sample to the last [s]."""
         return float(self.t[-1] - self.t[0]) if len(self.t) else 0.0
 
     @property
@@ -76,7 +89,7 @@ class Log:
         return float(np.median(np.diff(self.t))) if len(self.t) > 1 else 0.0
 
     def frames(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return times (k) and coordinates (k, m) of the frames that are finite."""
+        """Return times (k) [s] and coordinates (k, m) of the frames that are finite."""
         if self.x is None:
             return np.zeros(0), np.zeros((0, 0))
         times = self.t if self.x_time is None else self.x_time
@@ -100,7 +113,7 @@ class Log:
         for name, part, sizes in parts:
             if part is not None and part.shape[1] not in sizes:
                 raise LogError(
-                    f"{part.shape[1]} columns, and {robot.name} has {n} joints: {names}.",
+                    f"{part.shape[1]} columns, but {robot.name} has {n} joints: {names}.",
                     where=self._at(name),
                     hint="Name columns after joints, or choose the frame and locked "
                     "joints so that these are its joints.",
@@ -117,8 +130,8 @@ class Log:
             found[k] = configuration_from_angles(model, self.q[k])
         return found
 
-    def of_its_own_clock(self) -> Log:
-        """Return the log with times from its first sample on, where they count from 1970 or so."""
+    def from_zero(self) -> Log:
+        """Return the log with times from its first sample, where they count from an epoch."""
         if not len(self.t) or not self.t[0] > _EPOCH:
             return self
         x_time = None if self.x_time is None else self.x_time - self.t[0]
@@ -138,10 +151,10 @@ class Log:
     def _column(self, joint: str) -> int:
         if joint not in self.joints:
             raise LogError(
-                f"the robot's joint '{joint}' is not in it; there are {list(self.joints)}."
+                f"the robot's joint '{joint}' is missing; there are {list(self.joints)}."
                 f"{did_you_mean(joint, self.joints)}",
                 where=self.source,
-                hint="Lock what did not move (--lock), choose another frame, or rename columns.",
+                hint="Lock joints that did not move (--lock), choose another frame, or rename columns.",
             )
         return self.joints.index(joint)
 
@@ -154,6 +167,154 @@ class Log:
         except (TypeError, ValueError) as error:
             raise LogError(f"expected numbers: {error}.", where=self._at(name)) from error
         if array.ndim != dimensions:
-            shape = "one number a sample" if dimensions == 1 else "a row of numbers a sample"
+            shape = "one number per sample" if dimensions == 1 else "a row of numbers per sample"
             raise LogError(f"expected {shape}, got shape {array.shape}.", where=self._at(name))
         return array
+
+
+def check(log: Log, robot: Robot) -> None:
+    """Raise an error for a log from which no parameters can be estimated.
+
+    Raises:
+        LogError: times that do not ascend, too few or too short a time, more than half of a signal
+            not finite, torques that are all zero, or numbers that look like other units.
+    """
+    for part in (_check_times, _check_finite, _check_degrees, _check_velocities, _check_torques):
+        part(log, robot)
+
+
+def _check_times(log: Log, robot: Robot) -> None:
+    where = f"{log.source}: t"
+    if not np.isfinite(log.t).all():
+        row = int(np.flatnonzero(~np.isfinite(log.t))[0])
+        raise LogError(f"sample {row} has no time.", where=where)
+    steps = np.diff(log.t)
+    if (steps <= 0.0).any():
+        row = int(np.flatnonzero(steps <= 0.0)[0]) + 1
+        raise LogError(
+            f"times must ascend; sample {row} is at {log.t[row]:.6g} s, the one before at "
+            f"{log.t[row - 1]:.6g} s. There are {np.count_nonzero(steps <= 0.0)} such samples.",
+            where=where,
+            hint="Sort the rows, remove repeated ones, or name another column: --columns t=NAME.",
+        )
+    if len(log.t) < _FEWEST or log.duration < _SHORTEST:
+        raise LogError(
+            f"{len(log.t)} samples over {log.duration:.3g} s are too short; at least {_FEWEST} and "
+            f"{_SHORTEST:g} s are needed.",
+            where=where,
+            hint="Times are in seconds." if log.duration < 0.1 else None,
+        )
+    if log.period > _SLOWEST:
+        raise LogError(
+            f"samples are {log.period:.4g} s apart, too far for inertia to have a visible effect.",
+            where=where,
+            hint="Times must be in seconds, not milliseconds. Otherwise record at 20 Hz or more.",
+        )
+
+
+def _check_finite(log: Log, robot: Robot) -> None:
+    for name, part in (("q", log.q), ("tau", log.tau)):
+        share = np.isfinite(part).mean(axis=0)
+        if (share < _MEASURED).any():
+            joint = int(np.argmin(share)) if part.shape[1] == robot.model.nv else 0
+            raise LogError(
+                f"only {share.min():.0%} of the samples of {robot.joint_names[joint]} are numbers.",
+                where=f"{log.source}: {name}",
+            )
+
+
+def _check_degrees(log: Log, robot: Robot) -> None:
+    """Refuse positions far outside of the limits, which are often in degrees."""
+    if log.q.shape[1] != robot.model.nv:
+        return
+    for j, low, high in _revolute(robot):
+        q = log.q[np.isfinite(log.q[:, j]), j]
+        margin = max(_BEYOND, _RANGE * (high - low))
+        outside = np.mean((q < low - margin) | (q > high + margin))
+        if outside > _OUTSIDE:
+            raise LogError(
+                f"{robot.joint_names[j]} is at {q.min():.4g} to {q.max():.4g}, and its limits are "
+                f"{low:.4g} and {high:.4g} rad. Are these degrees?",
+                where=f"{log.source}: q",
+                hint="--degrees reads angles in degrees. Columns without joint names must be in the "
+                "robot's order.",
+            )
+
+
+def _revolute(robot: Robot) -> Iterator[tuple[int, float, float]]:
+    """Yield index and limits [rad] of the revolute joints."""
+    model: pin.Model = robot.model
+    for j, joint in enumerate(model.joints[1:]):
+        if is_slide(joint):
+            continue
+        bounds = (-_TURNS, _TURNS)
+        if joint.nq == 1:
+            low = float(model.lowerPositionLimit[joint.idx_q])
+            high = float(model.upperPositionLimit[joint.idx_q])
+            if -1e3 < low < high < 1e3:
+                bounds = (low, high)
+        yield j, *bounds
+
+
+def _check_velocities(log: Log, robot: Robot) -> None:
+    """Refuse velocities that disagree with the positions: other units, signs or columns."""
+    if log.v is None:
+        return
+    q, travelled = log.configurations(robot), []
+    for before, after in pairwise(q):
+        travelled.append(pin.difference(robot.model, before, after))
+    rates = np.array(travelled) / np.diff(log.t)[:, None]
+    for j, name in enumerate(robot.joint_names):
+        mean = 0.5 * (log.v[1:, j] + log.v[:-1, j])
+        both = np.isfinite(mean) & np.isfinite(rates[:, j])
+        seen, own = mean[both], rates[both, j]
+        if not len(own) or _rms(own) < _MOVING or _rms(_averages(own)) < _MOVING:
+            continue
+        own, seen = _averages(own), _averages(seen)
+        factor = float(own @ seen / max(own @ own, 1e-300))
+        if not _FACTORS[0] < factor < _FACTORS[1]:
+            raise LogError(
+                f"the velocity of {name} is {factor:.3g} times the rate of its positions"
+                f"{_guess(factor)}.",
+                where=f"{log.source}: v",
+                hint="Convert both to rad and rad/s (m and m/s), or leave velocities out: they are "
+                "then computed from the positions.",
+            )
+
+
+def _guess(factor: float) -> str:
+    if abs(factor - math.degrees(1.0)) < 6.0:
+        return "; the velocities look like degrees a second"
+    if abs(factor - math.radians(1.0)) < 2e-3:
+        return "; the positions look like degrees"
+    return "; the sign is wrong" if abs(factor + 1.0) < 0.2 else ""
+
+
+def _check_torques(log: Log, robot: Robot) -> None:
+    finite = np.isfinite(log.tau)
+    squares = np.where(finite, log.tau, 0.0) ** 2
+    sizes = np.sqrt(squares.sum(axis=0) / finite.sum(axis=0))
+    if not sizes.any():
+        raise LogError(
+            "all torques are zero; without torques no dynamic parameters can be estimated.",
+            where=f"{log.source}: tau",
+            hint="Record the efforts of the motors.",
+        )
+    limits = effort_limits(robot.model)
+    if (sizes > _TOO_STRONG * limits).any():
+        joint = int(np.argmax(sizes / limits))
+        raise LogError(
+            f"{robot.joint_names[joint]} gives {sizes[joint]:.4g} on average, and its limit is "
+            f"{limits[joint]:g} N m or N. Are these other units?",
+            where=f"{log.source}: tau",
+            hint="Torques must be those of the joints, after the gears, in N m or N.",
+        )
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
+
+
+def _averages(values: np.ndarray) -> np.ndarray:
+    """Return running averages, in which differenced encoders are not noisy."""
+    return np.convolve(values, np.full(_AVERAGED, 1.0 / _AVERAGED), mode="same")

@@ -1,11 +1,10 @@
-"""From any file or folder to a log; one registry of formats."""
+"""``read_log``: from any file or folder to a checked log; the registry of formats."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
@@ -13,28 +12,18 @@ from .._checks import instance, name_list
 from ..description.chain import is_slide
 from ..exceptions import LogError
 from ..robot.robot import Robot
-from . import bag, csv, npz, rollout
-from .check import check
-from .columns import Wanted
-from .log import Log
+from .bag import Bag
+from .columns import Selection
+from .formats import Csv, Format, Npz, RolloutFile
+from .log import Log, check
 
-
-class Format(Protocol):
-    """A kind of file: a module with these two functions."""
-
-    def accepts(self, path: Path) -> bool:
-        """Tell whether a path looks like one, without reading all of it."""
-
-    def read(self, path: Path, wanted: Wanted) -> Log:
-        """Return the log of a path.
-
-        Raises:
-            LogError: it cannot be read.
-        """
-
-
-# The first one that accepts a path reads it.
-FORMATS: Mapping[str, Format] = {"rollout": rollout, "npz": npz, "csv": csv, "bag": bag}
+# The first format that accepts a path reads it.
+FORMATS: Mapping[str, Format] = {
+    "rollout": RolloutFile(),
+    "npz": Npz(),
+    "csv": Csv(),
+    "bag": Bag(),
+}
 
 
 def read_log(
@@ -52,46 +41,47 @@ def read_log(
 
     Args:
         source: a folder or ``rollout.npz`` that `pinadapt run` has written; an npz or CSV file with
-            t, q, tau and, if there are, v and x, by joints' names or indices; a bag of ROS 1 or 2
+            t, q, tau and optionally v and x, by the joints' names or indices; a bag of ROS 1 or 2
             or MCAP (extra ``bags``); or a ``Log``.
         robot: whose motion it is.
         columns: signal (t, q, v, tau, x, x_time) -> names of its columns in the robot's order, or
-            one with a ``*`` for each joint's name or index, where they are not found by themselves.
+            one with a ``*`` for each joint's name or index, for columns of unusual names.
         degrees: whether angles and their velocities are in degrees.
         topic: of a bag's joint states, where there are several.
         pose_topic: of the frame's position: PointStamped, PoseStamped or TransformStamped.
 
     Raises:
-        LogError: no such file, of no known kind, a missing signal or joint, or numbers that cannot
-            be; see ``check``.
+        LogError: no such file, an unknown format, a missing signal or joint, or impossible numbers;
+            see ``check``.
     """
     instance(robot, Robot, "robot")
     if not isinstance(source, Log):
         named = {key: name_list(names, "columns") for key, names in (columns or {}).items()}
-        wanted = Wanted(robot.joint_names, named, topic, pose_topic)
-        source = _read(Path(instance(source, Path | str, "log")), wanted)
-    log = source.of(robot).of_its_own_clock()
+        selection = Selection(robot.joint_names, named, topic, pose_topic)
+        source = _read(Path(instance(source, Path | str, "log")), selection)
+    log = source.of(robot).from_zero()
     if degrees:
-        log = _radians(log, robot)
+        log = _in_radians(log, robot)
     check(log, robot)
     return log
 
 
-def _read(path: Path, wanted: Wanted) -> Log:
+def _read(path: Path, selection: Selection) -> Log:
     if not path.exists():
         raise LogError("there is no such file or folder.", where=str(path))
     for kind in FORMATS.values():
         if kind.accepts(path):
-            return kind.read(path, wanted)
-    folder = "a folder of `pinadapt run` holds rollout.npz, one of a bag metadata.yaml"
+            return kind.read(path, selection)
+    known = ", ".join(suffix for kind in FORMATS.values() for suffix in kind.suffixes)
     raise LogError(
-        "is no log that can be read.",
+        "is not a log of a known format.",
         where=str(path),
-        hint=f"Known are .npz, {', '.join(csv.SUFFIXES)}, {', '.join(bag.SUFFIXES)}; {folder}.",
+        hint=f"Known are {known}, folders of `pinadapt run`, which have a rollout.npz, and those "
+        "of bags, which have a metadata.yaml.",
     )
 
 
-def _radians(log: Log, robot: Robot) -> Log:
+def _in_radians(log: Log, robot: Robot) -> Log:
     """Return a log whose angles were in degrees."""
     if log.q.shape[1] != robot.model.nv:
         return log
