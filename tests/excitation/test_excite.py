@@ -76,11 +76,11 @@ def test_joints_stay_above_the_plane_that_the_arm_is_mounted_on():
 @pytest.mark.parametrize("name", ROBOTS)
 def test_it_tells_what_any_motion_can_and_more_than_random_ones(name):
     motion = excited(name)
-    assert (motion.excitation.dynamic.rank, 0) == motion.most
+    assert (motion.excitation.dynamic.rank, 0) == motion.identifiable
     found, _ = search(name)
     rng, shape = np.random.default_rng(5), (catalogue_robot(name).model.nv, 4)
-    others = [-found._untold(found.inside(rng.standard_normal(shape))) for _ in range(5)]
-    assert motion.told > np.max(others) + 1.0  # nat
+    others = [-found._negative_gain(found.inside(rng.standard_normal(shape))) for _ in range(5)]
+    assert motion.information_gain > np.max(others) + 1.0  # nat
 
 
 @pytest.mark.parametrize("kinematic", [(), ("tool",)])
@@ -105,7 +105,7 @@ def test_any_chain_can_be_excited():
     motion = pa.excite(robot, duration=4.0, excursion=0.4)
     path = motion.trajectory.positions(np.linspace(0.0, 4.0, 200)) - robot.home_angles
     assert np.abs(path).max() <= 0.4 + 1e-6
-    assert motion.excitation.dynamic.rank == motion.most[0] > 10
+    assert motion.excitation.dynamic.rank == motion.identifiable[0] > 10
 
 
 def test_what_a_controller_adapts_is_excited():
@@ -114,7 +114,7 @@ def test_what_a_controller_adapts_is_excited():
     motion = pa.excite(controller, duration=4.0)
     assert motion.excitation.dynamic.names == controller.dynamics.names
     assert motion.excitation.kinematic.names == controller.kinematics.names
-    assert motion.excitation.kinematic.rank == motion.most[1] > 0
+    assert motion.excitation.kinematic.rank == motion.identifiable[1] > 0
     text = str(motion)
     assert "known to" in text and "of velocity" in text and "<table>" in motion._repr_html_()
 
@@ -151,7 +151,7 @@ def test_where_the_base_stands_shows_in_positions():
         kinematic=["base", "tool"],
         duration=4.0,
     )
-    assert motion.most == (0, 4)  # of six; heights do not show in the plane
+    assert motion.identifiable == (0, 4)  # of six; heights do not show in the plane
     assert motion.excitation.kinematic.rank == 4
 
 

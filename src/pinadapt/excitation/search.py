@@ -95,7 +95,7 @@ def excite(
         aim.excitation(q, v, a, duration),
         LimitUse.of(allowed, angles, q, v, a),
         (aim.dynamic, aim.kinematic),
-        aim.told(q, v, a, duration),
+        aim.information_gain(q, v, a, duration),
     )
 
 
@@ -146,7 +146,7 @@ class _Search:
 
         rng, shape = np.random.default_rng(seed), (len(self._home), self._basis.size)
         starts = [self.inside(rng.standard_normal(shape)) for _ in range(_STARTS)]
-        first = min(starts, key=self._untold)
+        first = min(starts, key=self._negative_gain)
         size, steps = np.abs(first).max(), iter(iterations)
 
         def cost(z: np.ndarray) -> tuple[float, np.ndarray]:
@@ -189,8 +189,8 @@ class _Search:
     def _excess(self, theta: np.ndarray) -> np.ndarray:
         return self._allowed.excess(*self.states(theta))
 
-    def _untold(self, theta: np.ndarray) -> float:
-        return -self._aim.told(*self.states(theta)[1:], self._basis.period)
+    def _negative_gain(self, theta: np.ndarray) -> float:
+        return -self._aim.information_gain(*self.states(theta)[1:], self._basis.period)
 
     def _cost(self, theta: np.ndarray) -> tuple[float, np.ndarray]:
         """Return the nats that a motion does not tell, with those for what is not allowed.
@@ -205,8 +205,8 @@ class _Search:
         states = np.concatenate([now[None], now + shifts]).transpose(1, 0, 2, 3)
         angles, v, a = states.reshape(3, -1, n)
         q = configurations(self._allowed.robot, angles)
-        told, more = self._aim.told_and_slopes(q, v, a, self._basis.period, count)
+        gain, more = self._aim.gain_and_changes(q, v, a, self._basis.period, count)
         beyond = _PENALTY / count * np.sum(self._allowed.excess(angles, q, v, a) ** 2, axis=1)
         beyond = beyond.reshape(1 + 3 * n, count)
         slopes = (beyond[1:] - beyond[0] - more.reshape(3 * n, count)) / _STEP
-        return float(beyond[0].sum()) - told, self._basis.gathered(slopes.reshape(3, n, count))
+        return float(beyond[0].sum()) - gain, self._basis.derivative(slopes.reshape(3, n, count))

@@ -69,7 +69,7 @@ def log_of_columns(table: Mapping[str, np.ndarray], selection: Selection, source
     by their index from 0 or 1 (``q0``, ``tau[3]``).
 
     Raises:
-        LogError: a signal that is needed has no columns, or a name of ``selection.columns`` does not exist.
+        LogError: a needed signal has no columns, or a name in ``selection.columns`` is unknown.
     """
     finder = _SignalFinder(table, selection, source)
     t, q, tau = finder.single("t"), finder.of_joints("q"), finder.of_joints("tau")

@@ -106,7 +106,7 @@ class Npz(Format):
         return path.is_file() and path.suffix.lower() in self.suffixes
 
     def read(self, path: Path, selection: Selection) -> Log:
-        """Return the log in an archive: t (N), q (N, n), tau (N, n), also v, x, x_time, joint_names.
+        """Return the log in an archive: t (N), q, tau (N, n), also v, x, x_time, joint_names.
 
         Raises:
             LogError: it cannot be read, or lacks a signal.

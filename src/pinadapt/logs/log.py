@@ -154,7 +154,8 @@ class Log:
                 f"the robot's joint '{joint}' is missing; there are {list(self.joints)}."
                 f"{did_you_mean(joint, self.joints)}",
                 where=self.source,
-                hint="Lock joints that did not move (--lock), choose another frame, or rename columns.",
+                hint="Lock joints that did not move (--lock), choose another frame, or rename "
+                "columns.",
             )
         return self.joints.index(joint)
 
@@ -236,8 +237,8 @@ def _check_degrees(log: Log, robot: Robot) -> None:
                 f"{robot.joint_names[j]} is at {q.min():.4g} to {q.max():.4g}, and its limits are "
                 f"{low:.4g} and {high:.4g} rad. Are these degrees?",
                 where=f"{log.source}: q",
-                hint="--degrees reads angles in degrees. Columns without joint names must be in the "
-                "robot's order.",
+                hint="--degrees reads angles in degrees. Columns without joint names must be in "
+                "the robot's order.",
             )
 
 
