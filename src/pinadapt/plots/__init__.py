@@ -1,4 +1,4 @@
-"""Pictures of a run."""
+"""Figures of a run."""
 
 from .figures import Figures as Figures
 from .figures import draw_all as draw_all

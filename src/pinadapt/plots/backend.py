@@ -1,4 +1,4 @@
-"""Matplotlib, imported whatever the environment says: pictures in files need no backend."""
+"""Import of matplotlib that tolerates an unknown MPLBACKEND: image files need no backend."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sys
 
 try:
     import matplotlib
-except ValueError:  # MPLBACKEND names none that there is
+except ValueError:  # MPLBACKEND names an unknown backend
     _named = os.environ.pop("MPLBACKEND", "")
     for _half in [name for name in sys.modules if name.partition(".")[0] == "matplotlib"]:
         del sys.modules[_half]

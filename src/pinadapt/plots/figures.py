@@ -1,4 +1,4 @@
-"""The pictures of a run: error, parameters, torque; and predicted torques of a log."""
+"""The figures of a run: error, parameters, torque; and the predicted torques of a log."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ _NORMS = {"position": "|x - x_d|", "rotation": r"$|\phi|$", "joints": "|q - q_d|
 
 
 def error_figure(run: Drawable) -> Picture:
-    """Return the task error, each coordinate and its norm, and V(t) where it is known."""
+    """Return the figure of the task error, by coordinate and as norm, and of V(t) where known."""
     figure, axes = draw_errors(run)
     finish(figure, axes, run)
     return figure
 
 
 def draw_errors(run: Drawable) -> tuple[Picture, Any]:
-    """Return figure and axes: each group of rows by component and norm, and V(t) where known."""
+    """Return the error figure and its axes: two panels per group of rows, and V(t) where known."""
     groups = run.task.groups
     panels = 2 * len(groups) + (run.lyapunov is not None)
     figure = Picture(figsize=(9, 1.0 + 2.0 * panels), layout="constrained")
@@ -71,7 +71,7 @@ def _components(
 
 
 def _symbol(name: str) -> str:
-    """Return the label of a row, rotation vectors with their Greek letter."""
+    """Return the label of an error row; rotation rows get their Greek letter."""
     letter, _, axis = name.partition("_")
     return rf"$\phi_{axis}$" if letter == "phi" else literal(name)
 
@@ -85,7 +85,7 @@ def _norm(ax: Any, t: np.ndarray, values: np.ndarray, label: str) -> None:
     legend(ax)
 
 
-_MOST_NAMED = 9  # more curves than this share colours: one a body, and a marker a component
+_MOST_NAMED = 9  # with more curves, each body has one colour and each component one marker
 
 _KINDS = {
     "mass [kg]": "m",
@@ -105,9 +105,11 @@ class _Panel(NamedTuple):
 
 
 def parameter_figure(run: Drawable, dashed: str = "dashed: truth") -> Picture:
-    """Return the estimates over time, the truth dashed; many dynamic parameters by kind.
+    """Return the figure of the estimates; more than nine dynamic ones get a panel for each kind.
 
-    ``dashed`` says what else the dashed lines are.
+    Args:
+        run: the run.
+        dashed: legend of the dashed lines, drawn at ``a_k_true`` and ``a_d_true``.
     """
     panels = [_Panel("kinematic [m]", run.a_k, run.a_k_true, run.kinematic_names)]
     if run.a_d.shape[1] <= _MOST_NAMED:
@@ -127,7 +129,7 @@ def parameter_figure(run: Drawable, dashed: str = "dashed: truth") -> Picture:
 
 
 def _by_kind(run: Drawable) -> list[_Panel]:
-    """Split the parameters of bodies and joints by what they are; what is left in one panel."""
+    """Return a panel for each kind of parameter, and one for parameters of no known kind."""
     kinds = [_kind(name) for name in run.dynamic_names]
     panels = []
     for label in dict.fromkeys(kinds):
@@ -147,7 +149,7 @@ def _kind(name: str) -> str:
 
 
 def _draw(ax: Any, t: np.ndarray, panel: _Panel, dashed: str) -> None:
-    """Draw the estimates of a panel, the truth dashed."""
+    """Draw the estimates of a panel, and the true values dashed."""
     many = len(panel.names) > _MOST_NAMED
     owners = [name.rpartition(".")[0] or name for name in panel.names]
     parts = [name.rpartition(".")[2].lstrip("mcI") for name in panel.names]
@@ -167,10 +169,10 @@ def _draw(ax: Any, t: np.ndarray, panel: _Panel, dashed: str) -> None:
 
 
 def torque_figure(run: Drawable) -> Picture:
-    """Return the motor torques, their shares of the limits, and an eigenvalue.
+    """Return the figure of the motor torques, their shares of the limits, and an eigenvalue.
 
-    Limits are the description's, the eigenvalue is the smallest of the estimated mass matrix.
-    Shaded where a torque is at its limit, and where the inverse Jacobian is damped.
+    The limits are those of the description. The eigenvalue is the smallest of the estimated mass
+    matrix. Shading marks a torque at its limit, and a damped inverse of the Jacobian.
     """
     bounds = run.effort_limits
     limited = np.flatnonzero(np.isfinite(bounds))
@@ -211,15 +213,15 @@ def prediction_figure(
     predicted: Mapping[str, np.ndarray],
     split: float,
 ) -> Picture:
-    """Return one panel a joint: its torque, and as several parameters predict it.
+    """Return a figure with a panel per joint: measured torque, and predictions of it.
 
     Args:
         title: of the figure.
-        joint_names: n of them.
+        joint_names: (n) names.
         t: (N) times [s].
         tau: (N, n) measured [N m or N].
-        predicted: words -> (N, n) [N m or N].
-        split: time from which on samples were held out [s].
+        predicted: label -> (N, n) [N m or N].
+        split: time from which on the samples were held out [s].
     """
     n = len(joint_names)
     columns = 1 if n <= _ONE_COLUMN else 2
@@ -245,12 +247,12 @@ def prediction_figure(
 
 
 class Figures(NamedTuple):
-    """The pictures of a run; they show themselves in Jupyter, each once.
+    """The figures of a run; Jupyter displays each once.
 
     Attributes:
-        error: the task error, each coordinate and its norm, and V(t) where it is known.
-        parameters: the estimates, and their truth.
-        torque: the motor torques, and the smallest eigenvalue of the estimated mass matrix.
+        error: task error, by coordinate and as norm, and V(t) where it is known.
+        parameters: estimates, and true values where they are known.
+        torque: motor torques, and the smallest eigenvalue of the estimated mass matrix.
     """
 
     error: Picture
@@ -259,14 +261,14 @@ class Figures(NamedTuple):
 
     @classmethod
     def of(cls, run: Drawable) -> Figures:
-        """Draw a run."""
+        """Draw the figures of a run."""
         with matplotlib.rc_context(RC):
             return cls(error_figure(run), parameter_figure(run), torque_figure(run))
 
     def save(self, folder: Path) -> list[Path]:
         """Write ``error.png``, ``parameters.png``, ``torque.png`` into a folder; return paths.
 
-        Each is whole or not there.
+        No file is left incomplete.
         """
         paths = []
         for name, figure in self._asdict().items():
@@ -276,13 +278,13 @@ class Figures(NamedTuple):
         return paths
 
     def _ipython_display_(self) -> None:
-        """Show one picture below the other."""
-        from IPython.display import display  # which runs the notebook that calls this
+        """Display the figures one below the other."""
+        from IPython.display import display  # installed where a notebook runs
 
         for figure in self:
             display({"image/png": figure.png()}, raw=True)
 
 
 def draw_all(run: Drawable, folder: Path) -> list[Path]:
-    """Draw the pictures of a run into a folder; return their paths."""
+    """Write the figures of a run into a folder; return their paths."""
     return Figures.of(run).save(folder)

@@ -1,4 +1,4 @@
-"""How pictures look: told apart in print and by colour-blind readers, legends beside the curves."""
+"""Style of the figures: colours and markers for print and colour-blind readers, and legends."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from .backend import Figure, FigureCanvasAgg, Line2D, matplotlib
 
 
 def literal(text: str) -> str:
-    """Return a text that matplotlib draws as it is.
+    """Return a text that matplotlib draws literally.
 
-    It would take what stands between two dollars for mathematics, leave a label that begins with an
-    underscore out of the legend, and fail at half surrogates.
+    Otherwise matplotlib reads text between two dollar signs as mathematics, leaves labels that
+    begin with an underscore out of legends, and fails at unpaired surrogates.
     """
     shown = text.encode("utf-8", errors="replace").decode("utf-8").replace("$", r"\$")
     return f" {shown}" if shown.startswith("_") else shown
 
 
-# Okabe and Ito's palette, dark enough on white, and two of Tol's muted ones.
+# The colours of Okabe and Ito that are dark enough on white, and two of Tol's muted palette.
 COLOURS = (
     "#0072B2",
     "#D55E00",
@@ -48,20 +48,20 @@ _MARKS = 9  # markers on a curve
 
 
 def colour(index: int) -> str:
-    """Return the colour of the curve of an index, from 0."""
+    """Return the colour of curve ``index``, counted from 0."""
     return COLOURS[index % len(COLOURS)]
 
 
 def curve(
     ax: Any, t: np.ndarray, values: np.ndarray, hue: int, marker: int, label: str | None = None
 ) -> None:
-    """Draw one curve (N) in a colour, with a few of a marker, so that two are never alike."""
+    """Draw a curve (N) with a colour and a few markers, which together identify it."""
     step = max(1, len(t) // _MARKS)
     ax.plot(
         t,
         values,
         color=colour(hue),
-        ls="-",  # whatever cycle a user has set
+        ls="-",  # also where a user has set a cycle of line styles
         lw=1.0,
         marker=MARKERS[marker % len(MARKERS)],
         markevery=((marker + 1) * step // 10, step),
@@ -71,13 +71,13 @@ def curve(
 
 
 def marker_key(marker: int, label: str) -> Line2D:
-    """Return what explains a marker in a legend."""
+    """Return the legend entry of a marker."""
     shape = MARKERS[marker % len(MARKERS)]
     return Line2D([], [], color="gray", ls="", marker=shape, markersize=4.0, label=label)
 
 
 def legend(ax: Any, *, title: str | None = None, more: Sequence[Line2D] = ()) -> None:
-    """Put a legend beside a panel, where it covers no curve."""
+    """Put a legend beside a panel, where it does not cover curves."""
     handles = [*ax.get_legend_handles_labels()[0], *more]
     if handles:
         ax.legend(
@@ -93,7 +93,7 @@ def legend(ax: Any, *, title: str | None = None, more: Sequence[Line2D] = ()) ->
 
 
 def shade(ax: Any, t: np.ndarray, where: np.ndarray, hue: str, label: str | None = None) -> None:
-    """Shade the samples (N) where something holds."""
+    """Shade the times t (N) at which ``where`` (N) is true."""
     if where.any():
         ax.fill_between(
             t,
@@ -109,7 +109,7 @@ def shade(ax: Any, t: np.ndarray, where: np.ndarray, hue: str, label: str | None
 
 
 def finish(figure: Any, axes: Any, run: Drawable) -> None:
-    """Label time, mark what happened during the run, and head the figure."""
+    """Label the time axis, mark the events of the run, and add the title."""
     axes[-1].set_xlabel("time [s]")
     for at, what in run.marks:
         if len(run.t) and at <= run.t[-1]:
@@ -121,7 +121,7 @@ def finish(figure: Any, axes: Any, run: Drawable) -> None:
 
 
 def _mark(axes: Any, at: float, what: str) -> None:
-    """Draw a vertical line through all panels, its words above the first."""
+    """Draw a vertical line through all panels, with a text above the first."""
     for ax in axes:
         ax.axvline(at, color="black", ls=":", lw=0.9)
     above = axes[0].get_xaxis_transform()
@@ -129,28 +129,30 @@ def _mark(axes: Any, at: float, what: str) -> None:
 
 
 class Picture(Figure):
-    """A figure that pyplot does not know: it shows once, and goes with its last reference."""
+    """A figure outside of pyplot: shown only on request, and freed with its last reference."""
 
     def png(self, dpi: int = 100) -> bytes:
         """Return the picture as a PNG file."""
         FigureCanvasAgg(self)
         buffer = BytesIO()
         with matplotlib.rc_context({"text.usetex": False}), warnings.catch_warnings():
-            warnings.filterwarnings("ignore", message="Glyph")  # a sign the font has not is a box
+            warnings.filterwarnings(
+                "ignore", message="Glyph"
+            )  # characters that are not in the font are drawn as boxes
             self.savefig(buffer, format="png", dpi=dpi)
         return buffer.getvalue()
 
     def _repr_png_(self) -> bytes:
-        """Return the picture as Jupyter shows it."""
+        """Return the picture for Jupyter."""
         return self.png()
 
 
 class Drawable(Protocol):
-    """A run of N samples, as ``Rollout`` has it; see there for shapes and units."""
+    """What the figures need of a run of N samples; ``Rollout`` has it."""
 
     @property
     def title(self) -> str:
-        """Of the figures."""
+        """Title of the figures."""
 
     @property
     def law(self) -> str:
@@ -166,19 +168,19 @@ class Drawable(Protocol):
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """One name a joint."""
+        """Name of each joint."""
 
     @property
     def effort_limits(self) -> np.ndarray:
-        """The description's effort limits (nv), infinite where it has none."""
+        """Effort limits of the description (nv) [N m or N], infinite for none."""
 
     @property
     def kinematic_names(self) -> tuple[str, ...]:
-        """One name a kinematic parameter."""
+        """Name of each kinematic parameter."""
 
     @property
     def dynamic_names(self) -> tuple[str, ...]:
-        """One name a dynamic parameter."""
+        """Name of each dynamic parameter."""
 
     @property
     def t(self) -> np.ndarray:
@@ -186,15 +188,15 @@ class Drawable(Protocol):
 
     @property
     def error(self) -> np.ndarray:
-        """Task error (N, m)."""
+        """Task error (N, m) [m or rad]."""
 
     @property
     def tau(self) -> np.ndarray:
-        """Torques of the motors (N, nv)."""
+        """Motor torques (N, nv) [N m or N]."""
 
     @property
     def a_k(self) -> np.ndarray:
-        """Kinematic estimates (N, p_k)."""
+        """Kinematic estimates (N, p_k) [m]."""
 
     @property
     def a_d(self) -> np.ndarray:
@@ -202,15 +204,15 @@ class Drawable(Protocol):
 
     @property
     def a_k_true(self) -> np.ndarray | None:
-        """Their truth (p_k), or that of each time (N, p_k)."""
+        """True kinematic parameters (p_k), or at each sample (N, p_k); None: unknown."""
 
     @property
     def a_d_true(self) -> np.ndarray | None:
-        """Their truth (p_d), or that of each time (N, p_d)."""
+        """True dynamic parameters (p_d), or at each sample (N, p_d); None: unknown."""
 
     @property
     def lyapunov(self) -> np.ndarray | None:
-        """V (N)."""
+        """Lyapunov function V (N); None: unknown."""
 
     @property
     def min_eig_M_hat(self) -> np.ndarray:
@@ -218,7 +220,7 @@ class Drawable(Protocol):
 
     @property
     def damping(self) -> np.ndarray:
-        """The mu^2 of the estimated Jacobian's right inverse (N)."""
+        """Damping mu^2 of the right inverse of the estimated Jacobian (N)."""
 
     @property
     def saturated(self) -> np.ndarray:
@@ -226,12 +228,12 @@ class Drawable(Protocol):
 
     @property
     def marks(self) -> tuple[tuple[float, str], ...]:
-        """Time [s] and words of what happened during the run."""
+        """Time [s] and description of each event during the run."""
 
     @property
     def interrupted(self) -> float | None:
-        """Time at which somebody stopped the run [s]."""
+        """Time at which the run was interrupted [s]; None: it was not."""
 
     @property
     def diverged(self) -> float | None:
-        """Time of divergence [s]."""
+        """Time of divergence [s]; None: it did not diverge."""

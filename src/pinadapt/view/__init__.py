@@ -1,4 +1,4 @@
-"""Pictures that move: a rollout as a web page, a run watched live."""
+"""Animations: a rollout as a web page, and a run shown while it goes on."""
 
 from .animation import Animation as Animation
 from .animation import animation_of as animation_of

@@ -1,4 +1,4 @@
-"""A rollout as a web page: the true robot, the believed one as a ghost, and what they follow."""
+"""A rollout as a web page: the true robot, the estimated one as a ghost, and the desired path."""
 
 from __future__ import annotations
 
@@ -12,53 +12,53 @@ from .._checks import positive
 from .._files import write_text
 from ..controller.controller import Controller
 from ..robot.succession import Succession
-from .page import Curve, Messages, Moment, Page, camera_for, curves_of, reading_of
+from .page import Curve, Messages, Moment, Page, curves_of, reading_of, viewpoint_for
 from .scene import Scene, desired_tip, motion_in_time, motion_of
 from .shapes import DESIRED, TRUE
 from .window import Keyframes
 
-_MOST_FRAMES = 900  # longer rollouts get fewer frames a second
+_MOST_FRAMES = 900  # longer rollouts get fewer frames per second
 _LINE_RATE = 60.0  # [1/s] samples of the paths
 _MOST_POINTS = 2000  # of a path
 _MOST_READINGS = 500  # of the curves
 
 
 class Animation:
-    """A page that shows a rollout in real time, over and over; it shows itself in Jupyter.
+    """A page that shows a rollout in real time and repeats it; Jupyter displays it.
 
-    It holds everything that it needs: no server, no network.
+    The page contains everything it needs and works without a server or network.
 
     Attributes:
-        html: the whole page.
-        height: in a notebook [pixels].
+        html: the page.
+        height: of the frame in a notebook [pixels].
     """
 
     def __init__(self, html: str, height: int = 480) -> None:
-        """Take a page."""
+        """Take the page, and its height in a notebook [pixels]."""
         self.html, self.height = html, height
 
     def save(self, path: Path | str) -> Path:
-        """Write the page to a file, whose folder is made if it is missing; return its path."""
+        """Write the page to a file and return its path; a missing folder is made."""
         path = Path(path)
         write_text(path, self.html)
         return path
 
     def _repr_html_(self) -> str:
-        """Return a frame that holds the page, apart from the notebook around it."""
+        """Return a frame that contains the page and separates it from the notebook."""
         style = f"width: 100%; height: {self.height}px; border: none"
         return f'<iframe srcdoc="{escape(self.html)}" style="{style}"></iframe>'
 
     def __repr__(self) -> str:
-        """Return the size: a page is too long to print."""
+        """Return the size, as the page is too long to print."""
         return f"<Animation of {len(self.html) / 1e6:.1f} MB, .save(path) writes it>"
 
 
 class Animatable(Protocol):
-    """What is animated of a run of N samples, as ``Rollout`` has it; see there for shapes."""
+    """What the animation needs of a run of N samples; ``Rollout`` has it."""
 
     @property
     def title(self) -> str:
-        """Of the page."""
+        """Title of the page."""
 
     @property
     def t(self) -> np.ndarray:
@@ -78,7 +78,7 @@ class Animatable(Protocol):
 
     @property
     def a_k(self) -> np.ndarray:
-        """Kinematic estimates (N, p_k)."""
+        """Kinematic estimates (N, p_k) [m]."""
 
     @property
     def a_d(self) -> np.ndarray:
@@ -86,7 +86,7 @@ class Animatable(Protocol):
 
     @property
     def marks(self) -> tuple[tuple[float, str], ...]:
-        """Time [s] and words of events during the run."""
+        """Time [s] and description of each event during the run."""
 
 
 def animation_of(
@@ -96,17 +96,16 @@ def animation_of(
     *,
     frames_per_second: float = 30.0,
 ) -> Animation:
-    """Return the animation of a rollout; with one sample or none the picture is still.
+    """Return the animation of a rollout; with fewer than two samples it does not move.
 
-    The true robot moves along ``rollout.q``. The believed robot is a ghost at the same measured q,
-    its unknown translations at the estimate of that moment. Curves show the error and how far the
-    estimates are off.
+    The true robot moves along ``rollout.q``. The estimated robot is a ghost at the same q, with the
+    translations that are estimated at that moment. Curves show the errors of task and estimates.
 
     Args:
         rollout: the run.
-        robots: the true robot, and what it became.
-        controller: that ran.
-        frames_per_second: of the animation, at most one a sample.
+        robots: the true robot, and what it changed to.
+        controller: the controller of the run.
+        frames_per_second: of the animation; there is at most one frame per sample.
 
     Raises:
         InputError: frames_per_second is not positive.
@@ -119,13 +118,13 @@ def animation_of(
     a_k = rollout.a_k if some else np.asarray(kinematics.initial)[None]
     frames, line = _samples(t, rate, _MOST_FRAMES), _samples(t, _LINE_RATE, _MOST_POINTS)
     truth = motion_in_time(robots, t[frames], q[frames])
-    belief = motion_of(kinematics.robot, q[frames], kinematics, a_k[frames])
+    estimated = motion_of(kinematics.robot, q[frames], kinematics, a_k[frames])
     traced = motion_in_time(robots, t[line], q[line]).tip
     desired = desired_tip(true, rollout.x_d[line], traced) if some else traced
-    camera = camera_for(np.vstack([truth.points, desired]), desired)
+    viewpoint = viewpoint_for(np.vstack([truth.points, desired]), desired)
     window, keys = Messages(), Keyframes(t[frames])
-    scene = Scene(window, robots, kinematics, camera.size)
-    scene.place(t[frames], truth, belief, keys)
+    scene = Scene(window, robots, kinematics, viewpoint.size)
+    scene.place(t[frames], truth, estimated, keys)
     if some:
         scene.add_point()
         scene.move_point(desired[np.searchsorted(line, frames).clip(max=len(line) - 1)], keys)
@@ -135,14 +134,14 @@ def animation_of(
     curves = _curves(rollout, robots, controller, window)
     keys.play(scene.root)
     title, end = rollout.title or true.name, float(t[-1] - t[0])
-    page = Page(title, scene.legend, camera, curves, end, rollout.marks)
+    page = Page(title, scene.legend, viewpoint, curves, end, rollout.marks)
     return Animation(page.html(window.packed()))
 
 
 def _curves(
     rollout: Animatable, robots: Succession, controller: Controller, window: Messages
 ) -> list[Curve]:
-    """Return the curves of a rollout, and put their numbers into a window."""
+    """Return the curves of a rollout, and send their values to a window."""
     if not len(rollout.t):
         return []
     t = rollout.t
@@ -156,6 +155,6 @@ def _curves(
 
 
 def _samples(t: np.ndarray, rate: float, most: int) -> np.ndarray:
-    """Return the indices of about ``rate`` samples a second, first and last among them."""
+    """Return the indices of about ``rate`` samples per second, with the first and the last."""
     wanted = int(np.clip(np.ceil((t[-1] - t[0]) * rate), 0, most - 1)) + 1
     return np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], wanted)))

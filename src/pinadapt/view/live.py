@@ -1,4 +1,4 @@
-"""A run watched in a browser while it goes on, at most in real time."""
+"""A run shown in a browser while it goes on, at most in real time."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ..exceptions import DivergedError
 from ..robot.robot import Robot
 from ..robot.succession import Succession
 from ..trajectories.convert import TrajectoryLike, as_trajectory
-from .page import Moment, Page, camera_for, curves_of, reading_of
+from .page import Moment, Page, curves_of, reading_of, viewpoint_for
 from .scene import Scene, desired_tip, motion_in_time, motion_of
 from .shapes import DESIRED, TRUE
 from .window import Poses, Window, framed
@@ -30,36 +30,36 @@ if TYPE_CHECKING:
 
 
 def open_in_browser(address: str) -> bool:
-    """Open an address where there is a display; return whether that was asked of a browser."""
+    """Open an address in a browser if there is a display; return whether one was started."""
     return _has_display() and webbrowser.open(address)
 
 
 def _has_display() -> bool:
-    """Return whether a browser would have a window; without one it would take the terminal."""
+    """Return whether there is a display; without one a text browser would take the terminal."""
     if sys.platform.startswith("linux"):
         return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
     return True
 
 
-_PATIENCE = 2.0  # [s] for browsers to read the rest when everything ends
+_PATIENCE = 2.0  # [s] for browsers to read the last messages before the server stops
 
 
 class Broadcast(Window):
-    """Keeps the latest message of each key, in the order of their arrival, until it is closed.
+    """Keeps the latest message of each key, in order of arrival, and hands them to browsers.
 
-    A browser that comes late gets the whole scene, one that is slow leaves out what was replaced
-    meanwhile.
+    A browser that connects late gets the whole scene. A slow one skips messages that have been
+    replaced meanwhile.
     """
 
     def __init__(self) -> None:
-        """Start empty."""
+        """Make a window without messages."""
         self._latest: dict[Any, tuple[int, bytes]] = {}
         self._count = self._readers = 0
         self._closed = False
         self._changed = Condition()
 
     def keep(self, key: Any, message: bytes) -> None:
-        """Keep a message in place of an older one of the same key."""
+        """Store a message in place of an older one with the same key."""
         with self._changed:
             self._latest.pop(key, None)
             self._count += 1
@@ -67,7 +67,7 @@ class Broadcast(Window):
             self._changed.notify_all()
 
     def read(self) -> Iterator[bytes]:
-        """Yield the messages so far, framed, and what comes, until everything is closed."""
+        """Yield the messages so far, framed, and then new ones until the window is closed."""
         seen, closed = 0, False
         with self._changed:
             self._readers += 1
@@ -87,12 +87,12 @@ class Broadcast(Window):
                 self._changed.notify_all()
 
     def wait_for_reader(self, timeout: float) -> bool:
-        """Wait until somebody reads, at most so long [s]; return whether somebody does."""
+        """Wait up to ``timeout`` [s] for a browser to read; return whether one does."""
         with self._changed:
             return self._changed.wait_for(lambda: self._readers > 0, timeout)
 
     def close(self) -> None:
-        """Let all readers read the rest and end."""
+        """Let all browsers read the remaining messages, then end their streams."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
@@ -108,14 +108,14 @@ class Broadcast(Window):
 
 
 class Server:
-    """Serves one page and its messages to this machine alone.
+    """Serves one page and its messages, to this machine only.
 
     Attributes:
         url: of the page.
     """
 
     def __init__(self, page: str, messages: Broadcast, port: int = 0) -> None:
-        """Start; port 0 is any free one."""
+        """Start the server; port 0 takes any free port."""
         self._messages = messages
 
         class Handler(_Handler):
@@ -128,7 +128,7 @@ class Server:
         self._thread.start()
 
     def close(self) -> None:
-        """Let browsers read the rest, and stop; the port is free afterwards."""
+        """Let browsers read the remaining messages, stop, and free the port."""
         self._messages.close()
         self._http.shutdown()
         self._thread.join()
@@ -138,10 +138,10 @@ class Server:
 class _Handler(BaseHTTPRequestHandler):
     content: bytes
     source: Broadcast
-    timeout = _PATIENCE  # of a browser that takes nothing
+    timeout = _PATIENCE  # for a browser that does not read
 
     def do_GET(self) -> None:
-        """Answer with the page, or with the messages as they come."""
+        """Send the page, or the messages as they arrive."""
         if self.path == "/":
             self._begin("text/html; charset=utf-8")
             self._give(iter([self.content]))
@@ -158,26 +158,26 @@ class _Handler(BaseHTTPRequestHandler):
         self.end_headers()
 
     def _give(self, parts: Iterator[bytes]) -> None:
-        with suppress(OSError):  # the browser has gone
+        with suppress(OSError):  # the browser has disconnected
             for part in parts:
                 self.wfile.write(part)
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Say nothing."""
+        """Log nothing."""
 
 
 _RATE = 30.0  # [1/s] frames
-_PIECE = 30  # frames of the traced path that are drawn as one
-_ARRIVAL = 10.0  # [s] for a browser that was opened to show the page
+_PIECE = 30  # frames of the traced path that are drawn as one object
+_ARRIVAL = 10.0  # [s] to wait for the browser that was opened
 _DESIRED_POINTS = 600
 
 
 class LiveView:
-    """A page that shows a run as it goes on; close it, or use it in a ``with`` statement.
+    """A page that shows a run while it goes on; close it, or use it in a ``with`` statement.
 
-    The server is a thread of this process and answers this machine alone. Where there is a display
-    a browser is opened; the address is told on standard error in any case, and browsers may come
-    and go at any time.
+    The server is a thread of this process and answers this machine only. If there is a display, a
+    browser is opened. The address is printed to standard error, and browsers may connect and leave
+    at any time.
 
     ```
     with LiveView(true, controller, trajectory, duration=10.0) as view:
@@ -204,18 +204,18 @@ class LiveView:
         """Draw the scene and start its server.
 
         Args:
-            true: the robot that is driven.
-            controller: what drives it.
+            true: the true robot.
+            controller: its controller.
             trajectory: the desired motion, as in ``simulate``.
-            duration: of the run, or of what is shown of the desired path [s].
+            duration: of the run [s]; the desired path is drawn for this time.
             changes: time [s] -> the true robot from then on.
             title: of the page.
-            browser: whether to open one where there is a display.
-            port: of the server, 0 for any free one.
+            browser: whether to open a browser if there is a display.
+            port: of the server; 0 takes any free port.
 
         Raises:
             PinadaptError: meshcat's viewer cannot be used.
-            OSError: the port cannot be had.
+            OSError: the port is not available.
         """
         self._robots, self._controller = Succession.of(true, changes), controller
         self._curves = curves_of(self._robots, controller)
@@ -229,11 +229,11 @@ class LiveView:
         t = np.linspace(0.0, duration, _DESIRED_POINTS)
         x_d = as_trajectory(trajectory, true.task).positions(t)
         path = desired_tip(true, x_d, here.tip[0])
-        camera = camera_for(np.vstack([here.points, path]), path)
-        self._scene = Scene(self._window, self._robots, controller.kinematics, camera.size)
+        viewpoint = viewpoint_for(np.vstack([here.points, path]), path)
+        self._scene = Scene(self._window, self._robots, controller.kinematics, viewpoint.size)
         self._scene.add_point()
         self._scene.add_path("desired", path, DESIRED, 0.004)
-        page = Page(title or true.name, self._scene.legend, camera, self._curves, duration)
+        page = Page(title or true.name, self._scene.legend, viewpoint, self._curves, duration)
         self._server = Server(page.html(), self._window, port)
         self.url = self._server.url
         print(f"live view: {self.url}", file=sys.stderr, flush=True)
@@ -241,7 +241,7 @@ class LiveView:
             self._window.wait_for_reader(_ARRIVAL)
 
     def watch(self, samples: Iterable[Sample]) -> Iterator[Sample]:
-        """Yield the samples of a run as they come, at most in real time, and show them."""
+        """Yield the samples of a run, at most in real time, and show them."""
         try:
             for sample in samples:
                 self._last = sample
@@ -256,7 +256,7 @@ class LiveView:
             raise
 
     def show(self, sample: Sample) -> None:
-        """Show one sample, not before its time."""
+        """Show one sample; wait until its time has come."""
         now = perf_counter()
         if self._started is None:
             self._started = now - sample.t
@@ -271,8 +271,8 @@ class LiveView:
         t = np.array([sample.t])
         truth = motion_in_time(self._robots, t, q[None])
         kinematics = self._controller.kinematics
-        belief = motion_of(kinematics.robot, q[None], kinematics, a_k[None])
-        self._scene.place(t, truth, belief, self._poses)
+        estimated = motion_of(kinematics.robot, q[None], kinematics, a_k[None])
+        self._scene.place(t, truth, estimated, self._poses)
         desired = desired_tip(self._robots.robots[0], sample.desired.x_d[None], truth.tip)
         self._scene.move_point(desired, self._poses)
         self._trace(truth.tip[0])
@@ -281,10 +281,7 @@ class LiveView:
         self._window.note(("reading", sample.t), reading=reading_of(self._curves, moment))
 
     def close(self) -> None:
-        """Show the last sample, let browsers read the rest, and end the server.
-
-        The page stays as it is.
-        """
+        """Show the last sample and stop the server; open pages stay as they are."""
         if self._last is not None:
             self._draw(self._last)
         self._window.note("end", end=self._end)
@@ -306,7 +303,7 @@ class LiveView:
         self.close()
 
     def _trace(self, tip: np.ndarray) -> None:
-        """Draw the traced path up to a point (3) [m], the last piece of it anew."""
+        """Extend the traced path to a point (3) [m]; its last piece is drawn again."""
         self._traced.append(tip)
         first = (len(self._traced) - 2) // _PIECE * _PIECE
         piece = np.array(self._traced[max(first, 0) :])

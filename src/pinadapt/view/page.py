@@ -1,4 +1,4 @@
-"""One web page: meshcat's viewer, what it shows, curves, and a legend."""
+"""One web page: meshcat's viewer with a scene, a legend, and curves over time."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from .window import Window, framed
 
 
 class Moment(NamedTuple):
-    """What the curves are read from.
+    """What the curves are computed from.
 
     Attributes:
         t: time [s].
@@ -45,8 +45,8 @@ class Curve:
     """One number over time.
 
     Attributes:
-        label, unit: of the number.
-        read: returns it at a moment.
+        label, unit: shown with the number.
+        read: returns the number at a moment; None where there is none.
     """
 
     label: str
@@ -54,12 +54,12 @@ class Curve:
     read: Callable[[Moment], float | None]
 
     def settings(self) -> dict[str, str]:
-        """Return what the page needs to know."""
+        """Return label and unit for the page."""
         return {"label": self.label, "unit": self.unit}
 
 
 def curves_of(robots: Succession, controller: Controller) -> list[Curve]:
-    """Return the curves of a loop: errors, and estimates where their truth is known."""
+    """Return the curves of a loop: task errors, and errors of the estimates where known."""
     task = robots.robots[0].task
     curves = [_error(task, group) for group in task.groups]
     truths = [controller.kinematics.value(robot) for robot in robots.robots]
@@ -72,7 +72,7 @@ def curves_of(robots: Succession, controller: Controller) -> list[Curve]:
 
 
 def reading_of(curves: Sequence[Curve], moment: Moment) -> dict[str, Any]:
-    """Return the numbers of a moment for the page; None for what is not finite."""
+    """Return time and values of the curves at a moment; None for values that are not finite."""
     values = [curve.read(moment) for curve in curves]
     finite = [v if v is not None and np.isfinite(v) else None for v in map(_rounded, values)]
     return {"t": round(float(moment.t), 4), "values": finite}
@@ -95,11 +95,11 @@ def _translations(robots: Succession, truths: list[Any]) -> Curve:
     def read(moment: Moment) -> float:
         return 1e3 * float(np.linalg.norm(moment.a_k - truths[int(robots.index(moment.t))]))
 
-    return Curve("tool and length estimates off by", "mm", read)
+    return Curve("error of tool and length estimates", "mm", read)
 
 
 def _parameters(robots: Succession, truths: list[Any], controller: Controller) -> Curve:
-    """Return the curve of the dynamic parameters' part of V, as a share of the first one read."""
+    """Return the curve of the dynamic parameters' part of V, in % of its first value."""
     first: list[float] = []
 
     def read(moment: Moment) -> float | None:
@@ -111,15 +111,15 @@ def _parameters(robots: Succession, truths: list[Any], controller: Controller) -
         del first[1:]
         return 100.0 * left / first[0] if first[0] > 0.0 else None
 
-    return Curve("dynamic estimates off by", "% of the start", read)
+    return Curve("error of dynamic estimates", "% of the start", read)
 
 
 @dataclass(frozen=True, eq=False)
-class Camera:
-    """A box to look at, and from where.
+class Viewpoint:
+    """Where the scene is seen from.
 
     Attributes:
-        target: (3) centre of the box [m], world axes.
+        target: (3) centre of the box that is in the picture [m], world axes.
         direction: (3) unit vector from the centre towards the eye, world axes.
         box: (3) half the box's extent to the right, upwards and towards the eye [m].
     """
@@ -134,11 +134,11 @@ class Camera:
         return float(self.box[:2].max())
 
 
-def camera_for(points: np.ndarray, path: np.ndarray) -> Camera:
-    """Choose a view of a robot from its front, a little aside, that shows the path well.
+def viewpoint_for(points: np.ndarray, path: np.ndarray) -> Viewpoint:
+    """Return a view from the front and somewhat from the side, chosen to show the path well.
 
     Args:
-        points: (N, 3) what has to be in the picture [m].
+        points: (N, 3) points that must be in the picture [m].
         path: (M, 3) the tool's path [m].
     """
     right, up, direction = _axes(path)
@@ -146,13 +146,12 @@ def camera_for(points: np.ndarray, path: np.ndarray) -> Camera:
     low, high = seen.min(axis=0), seen.max(axis=0)
     target = np.stack([right, up, direction], axis=1) @ (0.5 * (low + high))
     half = 0.5 * (high - low)
-    return Camera(
-        target, direction, half + 0.2 * max(float(half.max()), 1e-3)
-    )  # bodies are thicker than their joints
+    margin = 0.2 * max(float(half.max()), 1e-3)  # bodies extend beyond the joints' origins
+    return Viewpoint(target, direction, half + margin)
 
 
 def _axes(path: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return unit vectors (3) to the right, up and to the eye, from the plane of the path."""
+    """Return unit vectors (3) to the right, upwards and to the eye, chosen by the path's plane."""
     centre = path.mean(axis=0)
     normal = np.linalg.svd(path - centre)[2][-1] if len(path) > 2 else np.array([0.0, 0.0, 1.0])
     front = centre[:2] if np.linalg.norm(centre[:2]) > 1e-6 else np.array([1.0, 0.0])
@@ -168,10 +167,10 @@ def _axes(path: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 class Messages(Window):
-    """Keeps all messages, for one page that holds them."""
+    """Keeps all messages, for a page that contains them."""
 
     def __init__(self) -> None:
-        """Start empty."""
+        """Make a window without messages."""
         self._messages: list[bytes] = []
 
     def keep(self, key: Any, message: bytes) -> None:
@@ -179,7 +178,7 @@ class Messages(Window):
         self._messages.append(message)
 
     def packed(self) -> str:
-        """Return everything as the page unpacks it."""
+        """Return all messages, compressed, as text for the page."""
         return _packed(b"".join(framed(message) for message in self._messages))
 
 
@@ -190,32 +189,32 @@ class Page:
     Attributes:
         title: shown above the legend.
         legend: text -> colour.
-        camera: from where to look.
-        curves: what is drawn over time.
+        viewpoint: where the scene is seen from.
+        curves: drawn over time.
         duration: of the whole run [s].
-        marks: time [s] and words of what happens during it.
+        marks: time [s] and description of each event.
     """
 
     title: str
     legend: Mapping[str, int]
-    camera: Camera
+    viewpoint: Viewpoint
     curves: Sequence[Curve]
     duration: float
     marks: Sequence[tuple[float, str]] = ()
 
     def html(self, messages: str | None = None) -> str:
-        """Return the page that holds its messages, or that reads them from its server.
+        """Return the page with these messages in it; None: it reads them from its server.
 
         Raises:
-            PinadaptError: meshcat's viewer is missing or speaks another language.
+            PinadaptError: meshcat's viewer is missing, or of another version.
         """
-        camera = {
-            "target": self.camera.target.tolist(),
-            "direction": self.camera.direction.tolist(),
-            "box": self.camera.box.tolist(),
+        viewpoint = {
+            "target": self.viewpoint.target.tolist(),
+            "direction": self.viewpoint.direction.tolist(),
+            "box": self.viewpoint.box.tolist(),
         }
         settings = {
-            "camera": camera,
+            "viewpoint": viewpoint,
             "ghost": ghost().lower({}),
             "curves": [curve.settings() for curve in self.curves],
             "duration": self.duration,
@@ -241,7 +240,7 @@ def _packed(data: bytes) -> str:
 
 
 def _viewer() -> str:
-    """Return meshcat's viewer for browsers, packed."""
+    """Return meshcat's viewer for browsers, compressed, as text."""
     path = Path(meshcat.__file__).parent / "viewer" / "dist" / "main.min.js"
     try:
         source = path.read_bytes()
@@ -250,5 +249,7 @@ def _viewer() -> str:
             f"meshcat's viewer cannot be read: {reason}. Reinstall meshcat (0.3.2 or later)."
         ) from reason
     if b"handle_command_bytearray" not in source:
-        raise PinadaptError(f"the viewer in {path} is of an unknown kind. Install meshcat 0.3.2.")
+        raise PinadaptError(
+            f"the viewer in {path} is of an unknown version. Install meshcat 0.3.2."
+        )
     return _packed(source)

@@ -1,4 +1,4 @@
-"""What is drawn of a run: the true robot, the ghost of the believed one, paths, loads, a floor."""
+"""What is drawn of a run: true robot, ghost of the estimated one, paths, loads, and a floor."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from ..robot.robot import Robot
 from ..robot.succession import Succession
 from ..tasks.frame import FrameTask
 from .shapes import (
-    BELIEVED,
     BONES,
     DESIRED,
+    ESTIMATED,
     LOAD,
     TRUE,
     draw_shapes,
@@ -34,15 +34,15 @@ from .window import Node, Poses, Window
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
-    """A chain of n joints at F moments.
+class ChainMotion:
+    """Where a chain of n joints is at F moments.
 
     Attributes:
         joints: (F, n + 1, 4, 4) placements of the universe and the joints [m], world axes.
-        origins: (F, n + 1, 3) each joint's origin [m], axes of its parent joint.
-        tool: (F, 3) the task frame's origin [m], axes of the joint that carries it.
+        origins: (F, n + 1, 3) origin of each joint [m], in the axes of its parent joint.
+        tool: (F, 3) origin of the task frame [m], in the axes of the joint that carries it.
         parents: (n + 1) parent joint of each joint.
-        last: the joint that carries the tool.
+        last: index of the joint that carries the tool.
     """
 
     joints: np.ndarray
@@ -68,14 +68,14 @@ def motion_of(
     q: np.ndarray,
     kinematics: TaskKinematics | None = None,
     a_k: np.ndarray | None = None,
-) -> Motion:
-    """Place a robot's joints along q; the robot is only read.
+) -> ChainMotion:
+    """Return where the joints of a robot are at configurations q. The robot is not changed.
 
     Args:
-        robot: whose description to use.
+        robot: the robot.
         q: (F, nq) configurations.
-        kinematics: its unknown translations, or None.
-        a_k: (F, p) their values at each moment [m], or None to keep the description's own.
+        kinematics: has the unknown translations of this robot; None: it has none.
+        a_k: (F, p) their values at each moment [m]; None: those of the description.
     """
     model = robot.model.copy()
     data = model.createData()
@@ -92,13 +92,13 @@ def motion_of(
         origins.append([placement.translation.copy() for placement in data.liMi])
         tool.append(frame.placement.translation.copy())
     parents = tuple(int(parent) for parent in model.parents)
-    return Motion(
+    return ChainMotion(
         np.array(joints), np.array(origins), np.array(tool), parents, int(frame.parentJoint)
     )
 
 
-def motion_in_time(robots: Succession, t: np.ndarray, q: np.ndarray) -> Motion:
-    """Place the joints of a robot that changes along q (F, nq) at the times t (F) [s]."""
+def motion_in_time(robots: Succession, t: np.ndarray, q: np.ndarray) -> ChainMotion:
+    """Return where the joints of a robot that changes are, at q (F, nq) and times t (F) [s]."""
     which = robots.index(t)
     motions = [motion_of(robots.robots[k], q[which == k]) for k in np.unique(which)]
     parts = zip(*((motion.joints, motion.origins, motion.tool) for motion in motions), strict=True)
@@ -107,12 +107,12 @@ def motion_in_time(robots: Succession, t: np.ndarray, q: np.ndarray) -> Motion:
 
 
 def desired_tip(true: Robot, x_d: np.ndarray, tip: np.ndarray) -> np.ndarray:
-    """Return where the tool should be (L, 3) [m] at x_d (L, .); coordinates off the task as in tip.
+    """Return the desired positions of the tool (L, 3) [m], world axes.
 
     Args:
-        true: the robot whose task x_d belongs to.
+        true: the robot; x_d are coordinates of its task.
         x_d: (L, .) desired coordinates.
-        tip: (L, 3) or (3) where the tool is [m].
+        tip: (L, 3) or (3) actual positions of the tool [m], for coordinates outside of the task.
     """
     if isinstance(true.task, FrameTask):
         path = np.array(np.broadcast_to(tip, (len(x_d), 3)))
@@ -124,27 +124,27 @@ def desired_tip(true: Robot, x_d: np.ndarray, tip: np.ndarray) -> np.ndarray:
 _STEEL = 7850.0  # [kg/m^3]
 
 
-class Figure:
-    """How one robot is drawn, below one node: first what there is, then where it is.
+class DrawnRobot:
+    """One robot in the scene, below one node: its shapes are added once and then moved.
 
     Attributes:
         node: the robot's root in the scene.
-        robot: whose joints and shapes these are.
-        size: a length of the whole scene, to which thicknesses are relative [m].
+        robot: the robot.
+        size: length of the scene that thicknesses are multiplied by [m].
     """
 
     def __init__(self, node: Node, robot: Robot, size: float) -> None:
-        """Draw nothing yet."""
+        """Take the root node, the robot, and the size of the scene [m]; draw nothing yet."""
         self.node, self.robot, self.size = node, robot, size
         self._last = int(robot.model.frames[robot.frame_id].parentJoint)
         self._rods: list[tuple[Node, int | None, float]] = []
 
     def joint(self, index: int) -> Node:
-        """Return the node that moves with a joint; 0 is the base."""
+        """Return the node that moves with a joint; joint 0 is the base."""
         return self.node[f"joint {index}"]
 
-    def place(self, motion: Motion, poses: Poses) -> None:
-        """Move everything to where the motion has it."""
+    def place(self, motion: ChainMotion, poses: Poses) -> None:
+        """Move all nodes to their places in a motion."""
         for index in range(motion.joints.shape[1]):
             poses.move_rigidly(self.joint(index), motion.joints[:, index])
         for node, end, radius in self._rods:
@@ -153,11 +153,11 @@ class Figure:
         poses.move(self.joint(self._last)["tip"], motion.tool)
 
     def add_visuals(self, visual: pin.GeometryModel) -> None:
-        """Draw the shapes of a description, in their own colours."""
+        """Draw the shapes of the description in their own colours."""
         draw_shapes(self.node, visual, self.robot.model)
 
-    def share_visuals(self, other: Figure, visual: pin.GeometryModel, window: Window) -> None:
-        """Draw the shapes of another figure, in the ghost's material; the page holds them once."""
+    def share_visuals(self, other: DrawnRobot, visual: pin.GeometryModel, window: Window) -> None:
+        """Draw the shapes of another robot as a ghost; the page stores them only once."""
         for index, shape in enumerate(visual.geometryObjects):
             place = self._shape(index, shape)
             place.set_transform(scaled_placement(shape))
@@ -166,7 +166,7 @@ class Figure:
     def stick_figure(
         self, material: Material, thickness: float, joints: Iterable[int] | None = None
     ) -> None:
-        """Draw a sphere at each of the joints, by default all, and a rod to it from its parent."""
+        """Draw a sphere at each joint, and a rod to it from its parent; None: at all joints."""
         ball = Sphere(1.6 * thickness * self.size)
         parents = [int(parent) for parent in self.robot.model.parents]
         for index in range(len(parents)) if joints is None else joints:
@@ -175,17 +175,17 @@ class Figure:
                 self._rod(self.joint(parents[index])[f"rod {index}"], index, material, thickness)
 
     def tool(self, material: Material, thickness: float) -> None:
-        """Draw a rod from the last joint to the tool, and a sphere there."""
+        """Draw a rod from the last joint to the tool, and a sphere at the tool."""
         carrier = self.joint(self._last)
         self._rod(carrier["tool"], None, material, thickness)
         carrier["tip"].set_object(Sphere(2.4 * thickness * self.size), material)
 
     def load(self, number: int) -> Node:
-        """Return the node of the loads of a robot, one of those that follow each other."""
+        """Return the node of the loads of the robot of this number in the succession."""
         return self.joint(self._last)[f"load {number}"]
 
     def add_loads(self, number: int, loads: Iterable[pin.Inertia], material: Material) -> None:
-        """Draw each load (axes of the last joint) as a ball of steel of its mass."""
+        """Draw each load (in axes of the last joint) as a steel ball of the same mass."""
         for k, load in enumerate(loads):
             ball = self.load(number)[f"{k}"]
             ball.set_object(Sphere(float(np.cbrt(0.75 / np.pi * load.mass / _STEEL))), material)
@@ -201,15 +201,16 @@ class Figure:
         self._rods.append((node, index, thickness * self.size))
 
 
-_HIDDEN = 1e-4  # scale of a load that is not there
+_HIDDEN = 1e-4  # scale of a load that is not carried at the moment
 
 
 class Scene:
-    """True robots that follow each other, the believed one, and the point that they follow.
+    """The true robot, the estimated one, and the desired point with its path.
 
-    The true robot is drawn in its own colours. The believed robot is a translucent ghost, visible
-    where it differs. Each has a rod from its last joint to its tool. The desired path is green, the
-    true tool and its path are red, loads are orange balls. All in world axes.
+    The true robot, which may change during the run, has its own colours. The estimated robot is a
+    translucent ghost, visible where it differs. Each has a rod from its last joint to its tool. The
+    desired path is green, the true tool and its path are red, loads are orange balls. All lengths
+    are in world axes.
     """
 
     def __init__(
@@ -218,16 +219,16 @@ class Scene:
         """Draw everything that does not depend on the motion.
 
         Args:
-            window: takes what is drawn.
-            robots: the true robot, and what it becomes.
-            kinematics: of the believed robot.
+            window: receives what is drawn.
+            robots: the true robot, and what it changes to.
+            kinematics: of the estimated robot.
             size: half the larger side of the picture [m].
         """
         self.window, self.size, self.robots = window, size, robots
         self.root = meshcat.Visualizer(window=window)
-        true, believed = robots.robots[0], kinematics.robot
-        self._solid = Figure(self.root["true"], true, size)
-        self._ghost = Figure(self.root["believed"], believed, size)
+        true, estimated = robots.robots[0], kinematics.robot
+        self._solid = DrawnRobot(self.root["true"], true, size)
+        self._ghost = DrawnRobot(self.root["estimated"], estimated, size)
         visual = true.visual
         if visual is not None and len(visual.geometryObjects) > 0:
             self._solid.add_visuals(visual)
@@ -244,18 +245,20 @@ class Scene:
 
     @property
     def legend(self) -> dict[str, int]:
-        """Text -> colour of what there is."""
+        """Text -> colour, for what is drawn."""
         legend = {
             "true tool and its path": TRUE,
-            "believed tool, and robot where it differs": BELIEVED,
+            "estimated tool, and robot where it differs": ESTIMATED,
             "desired point and path": DESIRED,
         }
         return legend | ({"load": LOAD} if any(r.loads for r in self.robots.robots) else {})
 
-    def place(self, t: np.ndarray, truth: Motion, belief: Motion, poses: Poses) -> None:
-        """Move both robots, and show what the true one carries at the times t (F) [s]."""
+    def place(
+        self, t: np.ndarray, truth: ChainMotion, estimated: ChainMotion, poses: Poses
+    ) -> None:
+        """Move both robots, and show the loads of the true one at the times t (F) [s]."""
         self._solid.place(truth, poses)
-        self._ghost.place(belief, poses)
+        self._ghost.place(estimated, poses)
         carrying = self.robots.index(t)
         if len(self.robots.robots) > 1:
             for number in range(len(self.robots.robots)):
@@ -272,16 +275,16 @@ class Scene:
         poses.move(self.root["desired point"], desired)
 
     def add_path(self, name: str, points: np.ndarray, colour: int, radius: float) -> None:
-        """Draw a path (L, 3) [m], nothing of less than two points."""
+        """Draw a path (L, 3) [m]; fewer than two points are not drawn."""
         if len(points) > 1:
             self.root["paths"][name].set_object(tube(points, radius * self.size), solid(colour))
 
     def _surroundings(self, floor: float) -> None:
-        """Draw a floor at a height [m], and the sky."""
+        """Draw a floor at this height [m], and the background."""
         wanted = self.size / 8.0
         decade = 10.0 ** np.floor(np.log10(wanted))
         spacing = decade * max(step for step in (1.0, 2.0, 5.0) if step * decade <= wanted)
-        # the viewer's own lines are 0.5 m apart
+        # the viewer draws its lines 0.5 m apart
         grid = np.diag([2.0 * spacing, 2.0 * spacing, 1.0, 1.0])
         grid[2, 3] = floor
         self.root["/Grid"].set_transform(grid)
@@ -293,7 +296,7 @@ class Scene:
 
 
 def _uncertain(true: Robot, kinematics: TaskKinematics) -> list[int]:
-    """Return the joints whose origin, seen from their parent, may not be where it truly is."""
+    """Return the joints whose estimated origin in the parent's axes may differ from the true."""
     unknown = {part.joint for part in kinematics.translations if part.joint is not None}
     pairs = zip(true.model.jointPlacements, kinematics.robot.model.jointPlacements, strict=True)
     differ = {
@@ -305,7 +308,7 @@ def _uncertain(true: Robot, kinematics: TaskKinematics) -> list[int]:
 
 
 def _lowest(robot: Robot) -> float:
-    """Return the height of the lowest point of what is fixed to the world [m], of nothing zero."""
+    """Return the height of the lowest point of the base's shapes [m], zero without any."""
     shapes = [] if robot.visual is None else robot.visual.geometryObjects
     lowest = [_bottom(shape) for shape in shapes if shape.parentJoint == 0]
     return min(lowest, default=0.0)

@@ -1,4 +1,4 @@
-"""Colours, materials and the few shapes that are not in a robot's description."""
+"""Colours, materials, the shapes of a robot's description, and those drawn beside them."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from pinocchio.visualize.meshcat_visualizer import DaeMeshGeometry
 
 from .window import Node, Window
 
-# From the palette of Okabe and Ito, which colour-blind readers tell apart.
-TRUE, BELIEVED, DESIRED, LOAD, BONES = 0xD55E00, 0x0072B2, 0x009E73, 0xE69F00, 0x5A6472
+# From the palette of Okabe and Ito, which colour-blind readers can distinguish.
+TRUE, ESTIMATED, DESIRED, LOAD, BONES = 0xD55E00, 0x0072B2, 0x009E73, 0xE69F00, 0x5A6472
 _SIDES = 8  # of a tube
 
 
@@ -29,8 +29,8 @@ def solid(colour: int) -> MeshLambertMaterial:
     return MeshLambertMaterial(color=colour, emissive=colour, emissiveIntensity=0.35)
 
 
-def ghost(opacity: float = 0.4, colour: int = BELIEVED) -> MeshLambertMaterial:
-    """Return a translucent material that is hidden where it coincides with a solid one."""
+def ghost(opacity: float = 0.4, colour: int = ESTIMATED) -> MeshLambertMaterial:
+    """Return a translucent material, hidden where a solid one is at the same place."""
     behind: dict[str, Any] = {
         "depthWrite": False,
         "polygonOffset": True,
@@ -43,7 +43,7 @@ def ghost(opacity: float = 0.4, colour: int = BELIEVED) -> MeshLambertMaterial:
 
 
 def tube(points: np.ndarray, radius: float) -> TriangularMeshGeometry:
-    """Return a tube along points (N >= 2, 3) [m], one prism a step, in the order of the path."""
+    """Return a tube along points (N, 3) [m], N >= 2: one prism per step, in order of the path."""
     steps = np.diff(points, axis=0)
     along = steps / np.maximum(np.linalg.norm(steps, axis=1, keepdims=True), 1e-12)
     aside = np.cross(along, np.where(np.abs(along[:, :1]) < 0.7, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]))
@@ -65,12 +65,14 @@ def tube(points: np.ndarray, radius: float) -> TriangularMeshGeometry:
 
 
 def rod(ends: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return position, quaternion, scale (F, 3 or 4): a unit cylinder from 0 to ends (F, 3) [m]."""
+    """Return position (F, 3), quaternion xyzw (F, 4) and scale (F, 3) of rods from 0 to ends.
+
+    A unit cylinder, placed so, is a rod from the origin to ``ends`` (F, 3) [m].
+    """
     lengths = np.maximum(np.linalg.norm(ends, axis=1, keepdims=True), 1e-9)
     x, y, z = (ends / lengths).T
-    quaternion = np.stack(
-        [z, np.zeros_like(x), -x, 1.0 + y + 1e-9], axis=1
-    )  # turns y into (x, y, z), xyzw
+    # rotates the y axis, along which the cylinder lies, to (x, y, z)
+    quaternion = np.stack([z, np.zeros_like(x), -x, 1.0 + y + 1e-9], axis=1)
     quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
     return (
         0.5 * ends,
@@ -83,10 +85,10 @@ _MESHES = "meshes"
 
 
 class Artist(MeshcatVisualizer):
-    """Pinocchio's, without its trust in every file that a Collada mesh names as an image."""
+    """Pinocchio's visualizer, but Collada meshes only read images from the robot's folder."""
 
     def loadMeshFromFile(self, shape: pin.GeometryObject) -> Any:  # Pinocchio's name
-        """Return a mesh, without the images that are missing or not the robot's."""
+        """Return a mesh, without images that are missing or outside of the robot's folder."""
         path = Path(shape.meshPath)
         strange = strange_images(path) if path.suffix.lower() == ".dae" else []
         if not strange:
@@ -96,17 +98,18 @@ class Artist(MeshcatVisualizer):
             f"{robot_folder(path)}. The mesh is drawn without them.",
             stacklevel=2,
         )
-        mesh = DaeMeshGeometry(str(path), {Path(name) for name in strange})  # which are not read
+        # meshcat does not read the images that it is given here
+        mesh = DaeMeshGeometry(str(path), {Path(name) for name in strange})
         for name in strange:
             mesh.dae_raw = mesh.dae_raw.replace(f">{name}<", "><")
         return mesh
 
 
 def robot_folder(mesh: Path) -> Path:
-    """Return the folder of a mesh's robot, links followed.
+    """Return the folder of the robot that a mesh belongs to, with symbolic links resolved.
 
-    That is its ROS package; else the folder that holds the nearest folder called "meshes" above it;
-    else its own folder.
+    That is the mesh's ROS package; else the parent of the nearest folder above it that is called
+    "meshes"; else the mesh's own folder.
     """
     folders = mesh.resolve().parents
     for folder in folders:
@@ -116,9 +119,9 @@ def robot_folder(mesh: Path) -> Path:
 
 
 def strange_images(mesh: Path) -> list[str]:
-    """Return the images of a Collada mesh that are no files inside of its robot's folder.
+    """Return the images of a Collada mesh that are not files inside of its robot's folder.
 
-    Links are followed; a URL is no file.
+    Symbolic links are resolved; a URL is not a file.
     """
     here, folder = mesh.parent, robot_folder(mesh)
     strange = set()
@@ -133,12 +136,12 @@ def strange_images(mesh: Path) -> list[str]:
     return sorted(strange)
 
 
-BUDGET = 4.6e6  # [bytes] roughly packed; a page takes up to four thirds of that in its text
-_TRIANGLE = 25.0  # [bytes] of one, packed
+BUDGET = 4.6e6  # [bytes] of all shapes, compressed; as text in a page they take 4/3 of it
+_TRIANGLE = 25.0  # [bytes] of a triangle, compressed
 
 
 class _Tray(Window):
-    """Messages by the number of the shape that they draw."""
+    """Keeps messages by the number of the shape that they draw."""
 
     def __init__(self) -> None:
         self.shape = 0
@@ -149,7 +152,7 @@ class _Tray(Window):
 
 
 def draw_shapes(root: Node, visual: pin.GeometryModel, model: pin.Model) -> None:
-    """Draw each shape k at ``joint i/shape k`` below a node, its joint i."""
+    """Draw each shape k of joint i at ``joint i/shape k`` below a node."""
     visual, tray = visual.copy(), _Tray()
     artist = Artist(model, None, visual)
     artist.initViewer(viewer=meshcat.Visualizer.view_into(tray, root.path))
@@ -175,12 +178,12 @@ def draw_shapes(root: Node, visual: pin.GeometryModel, model: pin.Model) -> None
 
 
 def scaled_placement(shape: pin.GeometryObject) -> np.ndarray:
-    """Return where a shape is, in its joint's axes, with its scale (4, 4) [m]."""
+    """Return the placement of a shape in its joint's axes, times its scale (4, 4) [m]."""
     return np.asarray(shape.placement.homogeneous @ np.diag([*shape.meshScale, 1.0]))
 
 
 def _fit(root: Node, tray: _Tray, shapes: list[pin.GeometryObject]) -> None:
-    """Make the heaviest meshes lighter until all fit."""
+    """Simplify the largest meshes until all messages are within the budget."""
     weights = {number: _weight(message) for number, (_, message) in tray.messages.items()}
     excess = sum(weights.values()) - BUDGET
     most = int(BUDGET / (_TRIANGLE * max(len(weights), 1)))
@@ -196,12 +199,12 @@ def _fit(root: Node, tray: _Tray, shapes: list[pin.GeometryObject]) -> None:
 
 
 def _weight(message: bytes) -> int:
-    """Return roughly how much of a page a message takes [bytes]."""
+    """Return about how many bytes a message takes in a page."""
     return len(gzip.compress(message, compresslevel=1))
 
 
 def _lighter(shape: pin.GeometryObject, most: int) -> TriangularMeshGeometry:
-    """Return the triangles of a mesh before its scale, about so many at most."""
+    """Return the unscaled triangles of a mesh, simplified to at most about ``most``."""
     mesh = shape.geometry
     vertices = np.array(mesh.vertices(), dtype=np.float32) / np.asarray(shape.meshScale)
     corners = (mesh.tri_indices(k) for k in range(mesh.num_tris))

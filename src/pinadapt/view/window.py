@@ -1,7 +1,7 @@
-"""What stands in for the window of a ``meshcat.Visualizer``: messages, in their order.
+"""Windows for ``meshcat.Visualizer`` that collect its messages instead of starting a server.
 
-A message is a command of meshcat, in its own wire format, or a note to the page, in JSON, which
-alone begins with a brace. No server is started.
+A message is a meshcat command in its wire format, or a note to the page in JSON. Only a note begins
+with a brace, which tells the two apart.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from scipy.spatial.transform import Rotation
 
 Node: TypeAlias = meshcat.Visualizer
 
-_STILL = 1e-9  # [m, or 1] what moves less needs no keyframes
-_FINENESS = 2.0**14  # steps in a metre, or in 1: numbers with few digits compress well
+_STILL = 1e-9  # [m or 1] values that change by less get no keyframes
+_FINENESS = 2.0**14  # steps per metre, or per 1: rounded numbers compress well
 
 
 class Poses:
-    """Nodes are placed at once, where they are at the first of the moments given."""
+    """Places nodes without animation, at the first of the given poses."""
 
     def move(
         self,
@@ -32,13 +32,13 @@ class Poses:
         quaternion: np.ndarray | None = None,
         scale: np.ndarray | None = None,
     ) -> None:
-        """Place a node in its parent's axes at every moment.
+        """Place a node in its parent's axes.
 
         Args:
-            node: what to move.
-            position: (F, 3) [m].
-            quaternion: (F, 4) xyzw, or None not to turn it.
-            scale: (F, 3), or None not to stretch it.
+            node: the node.
+            position: (F, 3) [m], one for each of F moments.
+            quaternion: (F, 4) xyzw; None for no rotation.
+            scale: (F, 3); None for no scaling.
         """
         first = np.eye(4)
         if quaternion is not None:
@@ -54,10 +54,10 @@ class Poses:
 
 
 class Keyframes(Poses):
-    """The moments at which nodes are placed; between them the viewer interpolates."""
+    """Places nodes at several moments; the viewer interpolates between them."""
 
     def __init__(self, t: np.ndarray) -> None:
-        """Choose the moments t (F) [s], from the first on."""
+        """Take the moments t (F) [s]; the animation starts at the first."""
         self._times = (t - t[0]).tolist()
         self._animation = Animation()
 
@@ -75,43 +75,42 @@ class Keyframes(Poses):
         self._add(node, "scale", "vector3", scale)
 
     def play(self, root: Node) -> None:
-        """Let everything run in real time, again and again; nothing happens where nothing moves."""
+        """Play the animation in real time and repeat it; do nothing if no node moves."""
         if self._animation.clips:
             root.set_animation(self._animation, play=True, repetitions=float("inf"))
 
     def _add(self, node: Node, name: str, kind: str, values: np.ndarray | None) -> None:
         if values is None or np.ptp(values, axis=0).max() < _STILL:
             return
-        clip = self._animation.clips.setdefault(
-            node.path, AnimationClip(fps=1)
-        )  # one frame a second: times are seconds
+        # one frame per second, so that frame numbers are times in seconds
+        clip = self._animation.clips.setdefault(node.path, AnimationClip(fps=1))
         rounded = np.round(values * _FINENESS) / _FINENESS
         clip.tracks[name] = AnimationTrack(name, kind, list(self._times), rounded.tolist())
 
 
 class Window(ABC):
-    """Takes what ``meshcat.Visualizer(window=...)`` sends, and notes to the page."""
+    """Receives the commands of ``meshcat.Visualizer(window=...)``, and notes to the page."""
 
     def send(self, command: Any) -> None:
-        """Take a meshcat command."""
+        """Receive a meshcat command."""
         lowered = command.lower()
         key = lowered["type"], lowered["path"], lowered.get("property")
         self.keep(key, umsgpack.packb(lowered, force_float_precision="single"))
 
     def note(self, key: Any, **content: Any) -> None:
-        """Take a note; the names in it say what the page does, see ``page.html``."""
+        """Add a note to the page, with keys that the function ``note`` of ``page.html`` handles."""
         self.keep(("note", key), json.dumps(content, allow_nan=False).encode())
 
     def copy(self, source: Node, target: Node, *, as_ghost: bool = False) -> None:
-        """Show the object of one node at another one as well, perhaps in the ghost's material."""
+        """Draw the object of one node at another node too, on request in the ghost's material."""
         paths = {"source": source.path.lower(), "target": target.path.lower()}
         self.note(paths["target"], copy={**paths, "ghost": as_ghost})
 
     @abstractmethod
     def keep(self, key: Any, message: bytes) -> None:
-        """Keep a message; ``key`` is the same for one that takes the place of another."""
+        """Store a message; one with the same ``key`` as an earlier message replaces it."""
 
 
 def framed(message: bytes) -> bytes:
-    """Return a message with its length before it, as the page reads them."""
+    """Return a message preceded by its length in 4 bytes, as the page reads it."""
     return len(message).to_bytes(4, "big") + message
