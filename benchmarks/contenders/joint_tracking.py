@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 import pinadapt as pa
+from pinadapt.models import Sensed
 
 from .believed_robot import BelievedRobot
 from .inverse_kinematics import InverseKinematics
@@ -64,8 +65,8 @@ class JointTracking(pa.Law):
     def _inverse_kinematics(self) -> InverseKinematics:
         return InverseKinematics(self.believed, self.w)
 
-    def _start(self, measurement: pa.Measurement) -> Integrals:
-        q, x = measurement.q, measurement.x
+    def _start(self, sensed: Sensed) -> Integrals:
+        q, x = sensed.q, sensed.x
         assert x is not None  # every controller asks for it at first
         shift = x - self.believed.position(q) if self.k_x else np.zeros(x.size)
         return Integrals(q.copy(), shift, np.zeros(q.size))
@@ -73,7 +74,7 @@ class JointTracking(pa.Law):
     def _reference_velocity(self, s: pa.Signals) -> np.ndarray:
         """Return qd_r (n)."""
         q_r, shift, _ = s.filtered
-        x_d = s.sensed.x - s.dx
+        x_d = s.x - s.dx
         return self._inverse_kinematics.rate(q_r, x_d - shift, s.xd_d - self.k_x * s.dx)
 
     def _rates(self, s: pa.Signals) -> Integrals:
@@ -82,17 +83,12 @@ class JointTracking(pa.Law):
         full = (np.abs(z) >= self.believed.limits) & (z * z_rate > 0.0)
         return Integrals(self._reference_velocity(s), self.k_x * s.dx, np.where(full, 0.0, z_rate))
 
-    def command(self, s: pa.Signals, believed: pa.Believed) -> pa.Command:
-        """Return the torque."""
+    def command(self, s: pa.Signals, model: pa.EstimatedModel) -> pa.Command:
+        """Return the torque; nothing drives the estimates."""
         q_r, _, z = s.filtered
         feedback = self.K_P * (s.q - q_r) + self.K_D * (s.v - self._reference_velocity(s))
-        return pa.Command(self.believed.gravity(s.q) - feedback - z)
-
-    def drives(
-        self, s: pa.Signals, believed: pa.Believed, command: pa.Command, a: np.ndarray
-    ) -> pa.Drives:
-        """Return drives without any part."""
-        return pa.Drives(pa.Drive(np.zeros((0, s.a_d.size)), None), pa.Drive(s.Y_k, None))
+        torque = self.believed.gravity(s.q) - feedback - z
+        return pa.Command(torque, pa.Drives.none(s.a_d.size, s.a_k.size))
 
     def storage(self, s: pa.Signals, truth: pa.Truth) -> float:
         """Refuse: with a wrong model no V is known."""

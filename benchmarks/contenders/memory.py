@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import pinadapt as pa
+from pinadapt.models import Sensed
 
 
 @dataclass(frozen=True, eq=False)
@@ -14,20 +15,18 @@ class Memory(pa.Filters):
     """Named tuples of arrays that move by Euler's rule.
 
     Attributes:
-        start: from the first measurement to the memory.
+        start: from the first sample to the memory.
         rates: from the signals to its rates, of the same type.
     """
 
-    start: Callable[[pa.Measurement], Any]
+    start: Callable[[Sensed], Any]
     rates: Callable[[pa.Signals], Any]
 
-    def init(self, measurement: pa.Measurement, kinematics: pa.TaskKinematics) -> Any:
+    def init(self, sensed: Sensed, kinematics: pa.TaskKinematics) -> Any:
         """Return the memory at the first sample."""
-        return self.start(measurement)
+        return self.start(sensed)
 
-    def observe(
-        self, state: Any, measurement: pa.Measurement, kinematics: pa.TaskKinematics
-    ) -> Any:
+    def observe(self, state: Any, sensed: Sensed, kinematics: pa.TaskKinematics) -> Any:
         """Return the memory itself."""
         return state
 

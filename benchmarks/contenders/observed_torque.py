@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 import pinadapt as pa
+from pinadapt.models import Sensed
 
 from .believed_robot import BelievedRobot
 from .memory import Memory
@@ -55,8 +56,8 @@ class ObservedTorque(pa.ResolvedAcceleration):
         """Integral and observer."""
         return Memory(self._start, self._rates)
 
-    def _start(self, measurement: pa.Measurement) -> Integrals:
-        q, v, x = measurement.q, measurement.v, measurement.x
+    def _start(self, sensed: Sensed) -> Integrals:
+        q, v, x = sensed.q, sensed.v, sensed.x
         assert x is not None  # every controller asks for it at first
         offset = np.zeros(x.size) if self.seen else x - self.believed.position(q)
         return Integrals(offset, self.believed.momentum(q, v))
@@ -75,11 +76,11 @@ class ObservedTorque(pa.ResolvedAcceleration):
         """Return the torque (n) within the efforts, which the observer counts on."""
         error = s.dx
         if not self.seen:
-            error = s.dx + self.believed.position(s.q) - s.sensed.x
-        shifted = replace(s, dx=error + s.filtered.shift)
+            error = s.dx + self.believed.position(s.q) - s.x
+        shifted = s._replace(dx=error + s.filtered.shift)
         a = self.commanded_acceleration(shifted, np.zeros(s.a_k.size))
         return self.believed.limited(self.believed.torque(s.q, s.v, a) - self.disturbance(s))
 
-    def command(self, s: pa.Signals, believed: pa.Believed) -> pa.Command:
-        """Return the torque."""
-        return pa.Command(self._torque(s))
+    def command(self, s: pa.Signals, model: pa.EstimatedModel) -> pa.Command:
+        """Return the torque; nothing drives the estimates."""
+        return pa.Command(self._torque(s), pa.Drives.none(s.a_d.size, s.a_k.size))

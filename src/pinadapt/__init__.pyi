@@ -68,11 +68,11 @@ from .laws import AdaptiveInverseDynamicsVelocity as AdaptiveInverseDynamicsVelo
 from .laws import AdaptiveJacobian as AdaptiveJacobian
 from .laws import ApproximateJacobian as ApproximateJacobian
 from .laws import ApproximateJacobianGravity as ApproximateJacobianGravity
-from .laws import Believed as Believed
 from .laws import BoundedTorque as BoundedTorque
 from .laws import Command as Command
 from .laws import ComputedTorque as ComputedTorque
 from .laws import Craig as Craig
+from .laws import EstimatedModel as EstimatedModel
 from .laws import Feedback as Feedback
 from .laws import KinematicLoop as KinematicLoop
 from .laws import Law as Law

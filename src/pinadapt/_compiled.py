@@ -1,36 +1,37 @@
 """Compiled kernels: the small-matrix algebra of a control step, in loops.
 
 A numpy call on a 3 x 7 matrix spends its microsecond on the call, and a control step would need
-over a hundred of them. A kernel is a plain function of float arrays that states one formula; numba
-compiles it for one signature, whose arrays may have any memory layout unless it says otherwise.
-Arithmetic stays IEEE: nothing is reordered, a division by zero gives inf, and NaN comes through.
-The machine code is kept on disk beside the source, or in the user's cache where that cannot be
-written, or nowhere; a damaged file is replaced. Arrays are borrowed, see ``_borrowed``, or where
-they cannot be held as numba does by default. Kernels fill arrays that their caller has made,
-because numba is slow at returning arrays, and do not call each other, because the copy on disk
-would not see the other change. They do not check the sizes of their arrays: callers pass what numpy
-or Pinocchio made or checked.
+over a hundred of them. A kernel is a plain function of float arrays that computes one formula;
+numba compiles it for one signature, whose arrays may have any memory layout unless it says
+otherwise. Arithmetic stays IEEE: nothing is reordered, a division by zero gives inf, and NaN
+propagates. The machine code is cached beside the source, or in the user's cache where that cannot
+be written, or not at all; a damaged cache file is replaced.
+
+Kernels fill arrays that their caller has made, because numba is slow at returning arrays, and do
+not call each other, because the cache on disk would not notice a change of the other. They check
+neither the sizes nor the types of their arrays: callers pass arrays of floats that numpy or
+Pinocchio made, or that were checked, see ``controller.inputs``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cache
 from typing import Any, TypeVar
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-kernels: dict[str, Any] = {}  # by module and name, once compiled, with their dispatcher
+kernels: dict[str, Any] = {}  # numba's dispatchers, by module and name, once compiled
 _waiting: list[tuple[Callable[..., Any], str, int]] = []
 
 
 def compiled(signature: str, fills: int = 1) -> Callable[[Function], Function]:
     """Make a function of a module a kernel with a signature as in numba: "void(f8[:,:], f8[:])".
 
-    The last ``fills`` arguments are the arrays that it fills; the others it only reads, so they may
-    be read-only. Its name stands for plain Python until ``compile_all``, and from then on for the
-    machine code itself, with nothing in between; so call a kernel by its name in its own module.
+    The last ``fills`` arguments are the arrays that it fills; it only reads the others, so they may
+    be read-only. Until ``compile_all`` its name means the Python function, and from then on the
+    entry point of the machine code, which has no dispatch by argument types; so call a kernel by
+    its name in its own module.
     """
 
     def register(function: Function) -> Function:
@@ -53,39 +54,18 @@ def compile_all() -> None:
 
 
 def _machine_code(function: Callable[..., Any], signature: str, fills: int) -> Any:
-    """Return numba's dispatcher of a kernel, of arrays that it borrows where that can be."""
-    from numba import types  # here, because most imports need no compiler
-
-    borrowed = _borrowed_array()
-    if borrowed is not None:
-        with suppress(Exception):  # of a numba whose inside is another one
-            return _compile(function, signature, fills, borrowed)
-    return _compile(function, signature, fills, types.Array)
-
-
-@cache
-def _borrowed_array() -> Any:
-    """Return the type of borrowed arrays; None where numpy or numba is not as it assumes."""
-    try:
-        from . import _borrowed
-    except (ImportError, AttributeError):
-        return None
-    return _borrowed.Borrowed if _borrowed.layout_holds() else None
-
-
-def _compile(function: Callable[..., Any], signature: str, fills: int, array: Any) -> Any:
-    from numba import njit, types
+    """Return numba's dispatcher of a kernel, compiled for its one signature."""
+    from numba import njit, types  # here, because most imports need no compiler
     from numba.core.sigutils import normalize_signature
 
     arguments, result = normalize_signature(signature)
     read = len(arguments) - fills
-    kinds = [
-        array(kind.dtype, kind.ndim, kind.layout, readonly=i < read)
-        if isinstance(kind, types.Array)
-        else kind
-        for i, kind in enumerate(arguments)
-    ]
-    typed = result(*kinds)
+    typed = result(
+        *(
+            kind.copy(readonly=True) if isinstance(kind, types.Array) and i < read else kind
+            for i, kind in enumerate(arguments)
+        )
+    )
     try:
         return njit(typed, cache=True, error_model="numpy")(function)
     except Exception:  # a cache that cannot be written, or a damaged one: any error of unpickling

@@ -243,7 +243,9 @@ def test_words_and_gains():
         robot, adaptation="natural-composite", prediction_filter=25.0, prediction_rate=3.0
     )
     assert made.adaptation_d.name == "natural-composite"
-    assert made.adaptation_d.prediction == 25.0 and plain.adaptation_d.prediction is None
+    assert (
+        made.adaptation_d.torque_bandwidth == 25.0 and plain.adaptation_d.torque_bandwidth is None
+    )
     assert "SlotineLi1989" in pa.citation(made) and "SlotineLi1989" not in pa.citation(plain)
     forgetful = pa.make_controller(robot, adaptation="least-squares", forgetting=2.5)
     assert forgetful.adaptation_d.forgetting == 2.5
@@ -264,7 +266,7 @@ def test_a_scenario_names_them_and_their_gains():
     gains = ["controller.gamma_d=0.1", "controller.prediction_filter=12.0"]
     adaptation = Scenario.read(planar, [*words, *gains]).controller.adaptation_d
     assert adaptation.name == "least-squares"
-    assert (adaptation.forgetting, adaptation.prediction) == (2.0, 12.0)
+    assert (adaptation.forgetting, adaptation.torque_bandwidth) == (2.0, 12.0)
     with pytest.raises(pa.ScenarioError, match="natural-composite"):
         Scenario.read(planar, ['controller.adaptation="natural-composit"'])
 

@@ -262,7 +262,7 @@ def test_words_gains_and_sources():
         prediction_rate=3.0, forgetting=0.5,
     )  # fmt: skip
     adaptation = made.adaptation_d
-    assert (adaptation.name, adaptation.prediction) == ("natural-memory", 25.0)
+    assert (adaptation.name, adaptation.torque_bandwidth) == ("natural-memory", 25.0)
     assert (adaptation.speed, adaptation.forgetting) == (3.0, 0.5)
     assert "PanYu2018" in pa.citation(made) and "LeeKwonPark2018" in pa.citation(made)
     lumped = pa.make_controller(robot, kinematic="lengths", adaptation="composite-memory")

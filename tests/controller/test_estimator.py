@@ -46,7 +46,7 @@ def test_torque_and_position_come_to_be_predicted(name, adaptation, share):
     start, late = states[0], states[-200:]
 
     def missed(state):
-        W, y, _ = state.prediction
+        W, y, _ = state.torque_filter
         return [np.linalg.norm(W @ a_d - y) for a_d in (start.a_d, state.a_d)]
 
     first, last = (np.mean(missed) for missed in zip(*map(missed, late), strict=True))
@@ -65,13 +65,13 @@ def test_it_is_given_what_the_filtered_regressor_gives():
     estimator = pa.make_estimator(catalogue_robot("ur5"), dt=4e-3)
     states = learned(estimator, measurements)
     controller = estimator.controller
-    regressor = pa.FilteredRegressor(controller.dynamics, controller.adaptation_d.prediction)
+    regressor = pa.FilteredRegressor(controller.dynamics, controller.adaptation_d.torque_bandwidth)
     t, q, v = (np.array([m[i] for m in measurements]) for i in range(3))
     held = np.array([m.tau for m in measurements[1:]] + [measurements[-1].tau])
     W, y = regressor.along(t, q, v, held)
     for k in (1, 7, -1):
-        assert np.allclose(states[k].prediction.W, W[k], atol=1e-9)
-        assert np.allclose(states[k].prediction.y, y[k], atol=1e-9)
+        assert np.allclose(states[k].torque_filter.W, W[k], atol=1e-9)
+        assert np.allclose(states[k].torque_filter.y, y[k], atol=1e-9)
 
 
 def test_steps_are_pure():
@@ -119,7 +119,7 @@ def test_after_a_pause_the_filters_start_anew_and_the_estimates_stay():
     before = learned(estimator, measurements[:150])[-1]
     after = estimator.step(before, measurements[250])
     assert np.array_equal(after.a_d, before.a_d) and np.array_equal(after.a_k, before.a_k)
-    assert not after.prediction.W.any() and not after.prediction.y.any()
+    assert not after.torque_filter.W.any() and not after.torque_filter.y.any()
     assert not np.array_equal(estimator.step(after, measurements[251]).a_d, before.a_d)
 
 

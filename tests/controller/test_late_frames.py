@@ -115,7 +115,7 @@ def test_prediction_error_of_a_late_frame_is_that_of_todays_estimate(stream):
     task, seen, moved = stream.robot.task, 0, 0.0
     for k, s in stream.signals(FRAMES, count=130):
         taken = max((t for at, t in FRAMES.items() if at <= k), default=0.0)
-        expected = stream.controller.kinematics.predicted(stream.q(taken))
+        expected = stream.controller.kinematics.at(stream.q(taken))
         X_k, x_hat = expected[1], task.position(expected[0])
         assert np.abs(s.X_k - X_k).max() <= 1e-12
         assert np.abs(s.epsilon - X_k @ (s.a_k - stream.a_k)).max() <= 1e-12
@@ -128,16 +128,16 @@ def test_prediction_error_of_a_late_frame_is_that_of_todays_estimate(stream):
 def test_with_the_true_parameters_frames_are_carried_to_the_true_position(stream):
     task = stream.robot.task
     for k, s in stream.signals(FRAMES, count=130, a_k=stream.a_k, adapting=False):
-        assert np.abs(task.error(s.sensed.x, stream.x(k * DT))).max() <= 1e-12
+        assert np.abs(task.error(s.x, stream.x(k * DT))).max() <= 1e-12
 
 
 def test_the_carried_position_is_off_by_the_change_of_the_regressor_alone(stream):
     """x_carried - x = (X_k(q) - X_k(q_c)) da_k, which is not nothing."""
     kinematics, task, off = stream.controller.kinematics, stream.robot.task, 0.0
     for k, s in stream.signals(FRAMES, count=100):
-        here = kinematics.predicted(stream.q(k * DT))[1]
+        here = kinematics.at(stream.q(k * DT))[1]
         expected = (here - s.X_k) @ (s.a_k - stream.a_k)
-        x, true = (task.position(x) for x in (s.sensed.x, stream.x(k * DT)))
+        x, true = (task.position(x) for x in (s.x, stream.x(k * DT)))
         assert np.abs(x - true - expected).max() <= 1e-12
         off = max(off, np.abs(expected).max())
     assert off > 1e-5
@@ -152,7 +152,7 @@ def test_frames_of_every_sample_are_taken_as_they_are(stream):
     torques, state = stream.torques(fresh, 20)
     same, end = plain.torques(fresh, 20)
     assert torques.tobytes() == same.tobytes() and state.a_d.tobytes() == end.a_d.tobytes()
-    assert state.senses.frame is None
+    assert state.sensed.frame is None
 
 
 # --- lost, repeated, out of order ---
@@ -194,13 +194,17 @@ def test_an_arm_that_is_blind_too_long_is_refused_until_it_sees_again(panda):
     assert unchanged(state, before)
     seen = panda.sample(last + 1, last * DT)
     _, after = panda.controller.step(state, seen, panda.desired, DT)
-    assert after.senses.frame.t == pytest.approx(last * DT)
+    assert after.sensed.frame.t == pytest.approx(last * DT)
 
 
 def test_history_stays_bounded(panda):
     """By the age of the last frame: its delay and the time to the next one."""
     frames = {k: (k - 60) * DT for k in range(60, 1500, 33)}
-    lengths = [len(s.sensed.history) for _, s in panda.signals(frames, count=1500)]
+    state, lengths = panda.start(), []
+    for k in range(1500):
+        sample = panda.sample(k, frames.get(k))
+        _, state = panda.controller.step(state, sample, panda.desired, DT)
+        lengths.append(len(state.sensed.history))
     assert max(lengths[150:]) == 60 + 33 and min(lengths[150:]) == 60 + 1
 
 
@@ -225,7 +229,7 @@ def test_a_state_can_be_copied_between_two_frames(name, smoothing):
     stream = STREAMS[name](noise=smoothing)
     torques, _ = stream.torques(FRAMES, 60)
     _, state = stream.torques(FRAMES, 35)
-    assert state.senses.frame is not None
+    assert state.sensed.frame is not None
     for copied in (copy.deepcopy(state), pickle.loads(pickle.dumps(state))):
         rest, _ = stream.torques(FRAMES, 25, copied, 35)
         assert rest.tobytes() == torques[35:].tobytes()
@@ -235,7 +239,7 @@ def test_frames_that_are_not_carried_are_taken_for_now(panda):
     held = STREAMS["panda"](carry=False)
     for k, s in held.signals({5: 0.0, 30: 25 * DT}, count=60):
         x = held.x(25 * DT if k >= 30 else 0.0)
-        assert np.array_equal(s.sensed.x, x)
+        assert np.array_equal(s.x, x)
         assert np.abs(s.epsilon - (held.controller.kinematics.x_hat - x)).max() <= 1e-15
 
 
@@ -267,7 +271,7 @@ def test_smoothing_does_not_lag_behind_the_arm(panda):
     smooth = STREAMS["panda"](noise={"x": 1e-3})
     assert smooth.controller.senses.carrier.smoothing < 60.0
     for k, s in smooth.signals(FRAMES, count=130, a_k=smooth.a_k, adapting=False):
-        assert np.abs(s.sensed.x - smooth.x(k * DT)).max() <= 1e-12
+        assert np.abs(s.x - smooth.x(k * DT)).max() <= 1e-12
 
 
 # --- closed loops ---

@@ -53,7 +53,7 @@ def test_what_is_not_adapted_is_as_believed():
     assert not learned.friction.present and not learned.model.armature.any()
 
 
-def test_the_panda_that_was_learned_predicts_torques_and_tool(tmp_path):
+def test_the_panda_that_was_learned_learns_from_torques_and_tool(tmp_path):
     described = catalogue_robot("panda")
     true = described.changed(
         payload=pa.Payload(1.5, (0.02, -0.01, 0.05), (0.01, 0.0, 0.012, 0.0, 0.0, 0.004)),

@@ -165,12 +165,11 @@ def saturating(law, monkeypatch=None, **options):
     limits = spare * np.maximum(hold, 0.3 * hold.max())
     if monkeypatch is not None:
 
-        def winding(self, signals, command, a):
-            torque = command.at(a)
-            drives = self.law.drives(signals, self._believed, command, a)
-            return np.clip(torque, -limits, limits), drives
+        def winding(self, s, model):
+            command = self.law.command(s, model)
+            return np.clip(command.at(s.a), -limits, limits), command.drives
 
-        monkeypatch.setattr(pa.Controller, "respond", winding)
+        monkeypatch.setattr(pa.Controller, "_respond", winding)
     believed = robot.changed(inertial_scale=0.8)
     slow = {"alpha": 5.0, "lambda_": 10.0, "lambda_a": 1 / 60, "posture": 4.0}
     if law == "adaptive-jacobian":
@@ -229,12 +228,12 @@ def moving(law):
 def test_a_saturated_sample_teaches_nothing_of_the_dynamics(law):
     controller, measurement, desired = moving(law)
     state = controller.init(measurement)
-    signals, command = controller.command(state, measurement, desired)
-    free, drives = controller.respond(signals, command, np.full(6, 0.3))
+    signals = controller.observe(state, measurement, desired)._replace(a=np.full(6, 0.3))
+    free, drives = controller.respond(state, signals)
     tight = controller.limited(0.5 * np.abs(free))
-    clipped, rest = tight.respond(signals, command, np.full(6, 0.3))
+    clipped, rest = tight.respond(state, signals)
     assert np.allclose(clipped, 0.5 * free)
-    tracking = controller.law.adapts and not controller.law.predicts_torque
+    tracking = controller.law.adapts and not controller.law.learns_from_torque
     assert drives.dynamic.gradient.any() == tracking
     assert not rest.dynamic.gradient.any()
     assert rest.dynamic.gradient.shape == state.a_d.shape
@@ -261,11 +260,11 @@ def test_a_saturated_sample_teaches_by_prediction_alone(law):
         q = pin.integrate(robot.model, robot.q0, 1e-2 * k * measurement.v)
         measurement = plant.measurement(q, measurement.v, measurement.t)
         state = controller.step(state, measurement, desired, 1e-2)[1]
-    signals, command = controller.command(state.adapt(), measurement, desired)
-    a = controller.acceleration(signals, measurement)
-    free, drives = controller.respond(signals, command, a)
+    state = state.adapt()
+    signals = controller.observe(state, measurement, desired)
+    free, drives = controller.respond(state, signals)
     tight = controller.limited(0.5 * np.abs(free))
-    g_k, h_k = drives.kinematic.gradient, tight.respond(signals, command, a)[1].kinematic.gradient
+    g_k, h_k = drives.kinematic.gradient, tight.respond(state, signals)[1].kinematic.gradient
     R_k = controller.law.R_k
     if law == "adaptive-inverse-dynamics-velocity":
         expected = signals.Y_k.T @ R_k @ (signals.J @ measurement.v - measurement.xd)

@@ -1,7 +1,6 @@
 """A user's own laws and adaptations, and ours given as objects, in place of their names."""
 
 import copy
-import dataclasses
 import pickle
 import re
 
@@ -249,12 +248,10 @@ def test_a_run_whose_estimates_rest_is_the_one_of_no_adaptation(mode):
 
 def all_of(signals):
     """Return what signals hold, and what their inverse and filters hold."""
-    parts = dataclasses.fields(signals)
-    own = [part.name for part in parts if part.name not in ("inverse", "filtered")]
+    own = [name for name in signals._fields if name not in ("inverse", "filtered")]
     assert len(own) == 21
     filtered, inverse = signals.filtered, signals.inverse
-    names = getattr(filtered, "_fields", None) or ("W_k", "y", "a")
-    parts = *(getattr(filtered, name) for name in names), inverse.J, inverse.gram_inverse
+    parts = *filtered, inverse.J, inverse.gram_inverse
     return (*(getattr(signals, name) for name in own), *parts)
 
 
@@ -289,21 +286,16 @@ def test_signals_are_frozen_and_can_be_copied():
     before = snapshot(all_of(signals))
     assert type(signals) is pa.Signals and not hasattr(signals, "__dict__")
     for name in ("dx", "adapting", "inverse", "another"):
-        with pytest.raises(dataclasses.FrozenInstanceError, match=name):
+        with pytest.raises(AttributeError):
             setattr(signals, name, 0.0)
-        with pytest.raises(dataclasses.FrozenInstanceError, match=name):
+        with pytest.raises(AttributeError):
             delattr(signals, name)
     pickled = pickle.loads(pickle.dumps(signals))
     for alike in (copy.copy(signals), copy.deepcopy(signals), pickled, signals):
         assert type(alike) is pa.Signals and unchanged(all_of(alike), before)
-    other = dataclasses.replace(signals, dx=2.0 * signals.dx)
+    other = signals._replace(dx=2.0 * signals.dx)
     assert type(other) is pa.Signals and other.q is signals.q
     assert (other.dx == 2.0 * signals.dx).all() and unchanged(all_of(signals), before)
-    values = [getattr(signals, part.name) for part in dataclasses.fields(signals)]
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        pa.Signals(*values).dx = signals.dx
-    with pytest.raises(TypeError):
-        pa.Signals(*values[1:])
 
 
 def test_signals_do_not_share_the_callers_buffers():

@@ -22,7 +22,7 @@ def module_of(path):
 
 # A folder, or a file beside the folders, may import those of the layers before its own, and itself.
 LAYERS = [
-    {"exceptions", "_borrowed", "_version"},
+    {"exceptions", "_version"},
     {"_compiled"},
     {"_checks", "_files", "_kernels", "_table"},
     {"records", "sensing", "tasks"},

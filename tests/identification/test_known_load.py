@@ -84,7 +84,7 @@ def torques(robot, motion):
     )
 
 
-def test_the_urdf_of_two_runs_predicts_torques_and_places_the_tool(tmp_path):
+def test_the_urdf_of_two_runs_learns_from_torques_and_places_the_tool(tmp_path):
     """Bodies, rotors and friction from the exciting motion; the tool, of no joint, from x."""
     described = pa.load("panda", task="joint")
     changes = {

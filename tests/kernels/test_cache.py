@@ -75,18 +75,6 @@ def test_a_damaged_file_is_replaced(run):
     )
 
 
-def test_another_version_of_borrowing_does_not_find_the_file(run):
-    run(
-        """
-        assert (hits(), hits()) == (0, 1)
-        from pinadapt import _borrowed
-        _borrowed._SOURCE = "another"
-        assert (hits(), hits()) == (0, 1)
-        """,
-        cache="cache",
-    )
-
-
 def test_a_file_that_cannot_be_written_is_done_without(run):
     run(
         """

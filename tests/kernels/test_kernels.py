@@ -10,17 +10,7 @@ import pytest
 
 import pinadapt as pa
 from pinadapt import _compiled
-from pinadapt._kernels import (
-    adaptation,
-    feedback,
-    filters,
-    inputs,
-    joints,
-    linear_algebra,
-    models,
-    posture,
-    watch,
-)
+from pinadapt._kernels import adaptation, checks, laws, linear_algebra, models
 from pinadapt.models.regressor import live_array
 
 _compiled.compile_all()
@@ -67,17 +57,14 @@ def test_kernels_have_one_specialisation_each():
         assert len(dispatcher.signatures) == 1 and dispatcher.__doc__
 
 
-def test_kernels_hold_no_array_and_take_nothing_else(rng):
+def test_kernels_hold_no_array_and_refuse_what_is_none(rng):
     a, low, high = rng.standard_normal(3), -np.full(3, 9.0), np.full(3, 9.0)
     before = [sys.getrefcount(x) for x in (a, low, high)]
     assert all(adaptation.inside(a, low, high) for _ in range(3))
     assert [sys.getrefcount(x) for x in (a, low, high)] == before
-    others = [1.0, 2.0, 3.0], a[:, None], a.astype(np.float32), a.astype(np.int64), a.astype(">f8")
-    for wrong in (None, 1.0, *others):
+    for wrong in (None, 1.0, [1.0, 2.0, 3.0], a.astype(np.float32)):
         with pytest.raises(TypeError):
             adaptation.inside(wrong, low, high)
-        with pytest.raises(TypeError):
-            adaptation.inside(a, low, wrong)
     alike = a.view(type("Own", (np.ndarray,), {})), pickle.loads(pickle.dumps(a))
     for right in (*alike, a):
         assert adaptation.inside(right, low, high) and not adaptation.inside(high, low, right)
@@ -123,15 +110,6 @@ def test_descent(rng, laid):
     assert close(after, -Gamma @ g)
     adaptation.descend(a, NAN * g, Gamma, 0.1, after)
     assert np.isnan(after).all()
-
-
-def test_fit():
-    sizes = np.array([20, 2, 8, 7, 5, 3])
-    right = [np.zeros(k) for k in (20, 20, 2, 8, 7, 5, 5, 3, 3)]
-    assert inputs.fit(*right, sizes)
-    for i, array in enumerate(right):
-        for other in (np.zeros(array.size + 1), array[1:]):
-            assert not inputs.fit(*right[:i], other, *right[i + 1 :], sizes)
 
 
 def test_inside(rng):
@@ -182,25 +160,25 @@ def test_law_algebra(m, m_p, p, rng, laid):
     dx, xd, xd_d, xdd, Jdot_v = (laid(row) for row in rng.standard_normal((5, m)))
     a_k, rate, y = rng.standard_normal(p), rng.standard_normal(p), rng.standard_normal(m_p)
     e, error, residual, g_k = filled(m), filled(m), filled(m_p), filled(p)
-    feedback.kinematic_drive(K_P, dx, 5.0, xd, xd_d, Y_k, W_k, R_k, a_k, y, e, error, residual, g_k)
+    laws.kinematic_drive(K_P, dx, 5.0, xd, xd_d, Y_k, W_k, R_k, a_k, y, e, error, residual, g_k)
     dxd = xd - xd_d
     assert close(e, dxd + 5.0 * dx) and close(error, -K_P @ dx - 5.0 * dxd)
     assert close(residual, W_k @ a_k - y)
     assert close(g_k, W_k.T @ R_k @ (W_k @ a_k - y) - Y_k.T @ (K_P @ dx + 5.0 * dxd), 1e-11)
     J, G, v = laid(rng.standard_normal((m, 7))), laid(rng.standard_normal((m, m))), filled(7)
     (qd, q), own, offset = rng.standard_normal((2, 7)), laid(resting(rng, 7)), filled(7)
-    posture.posture_offset(q, own, offset)
-    feedback.commanded_acceleration(
+    laws.posture_offset(q, own, offset)
+    laws.commanded_acceleration(
         xdd, K_v, xd, xd_d, K_P, dx, Jdot_v, Y_k, rate, J, G, qd, q, own, 4.0, v
     )
     u, psi = xdd - K_v @ dxd - K_P @ dx - (Jdot_v + Y_k @ rate), -8.0 * qd - 16.0 * offset
     assert close(v, psi + J.T @ G @ (u - J @ psi), 1e-10)
     none = np.zeros((4, 0))  # a posture that is not asked for is not read
-    feedback.commanded_acceleration(
+    laws.commanded_acceleration(
         xdd, K_v, xd, xd_d, K_P, dx, Jdot_v, Y_k, rate, J, G, qd, q, none, 0.0, v
     )
     assert close(v, J.T @ G @ u, 1e-10)
-    feedback.commanded_acceleration(
+    laws.commanded_acceleration(
         NAN * xdd, K_v, xd, xd_d, K_P, dx, Jdot_v, Y_k, rate, J, G, qd, q, own, 4.0, v
     )
     assert np.isnan(v).all()
@@ -269,11 +247,11 @@ def test_observation_drive(m, rng, laid):
     dx_o, epsilon = (laid(row) for row in rng.standard_normal((2, m)))
     error, gradient = filled(m), filled(4)
     for Y_fast, sigma in ((np.inf, 1.0), (0.5 * np.linalg.norm(Y_k), 0.25)):
-        feedback.observation_drive(Y_k, dx_o, 0.7, Y_fast, X_k, epsilon, R, error, gradient)
+        laws.observation_drive(Y_k, dx_o, 0.7, Y_fast, X_k, epsilon, R, error, gradient)
         assert close(error, sigma * 0.7 * dx_o)
         assert close(gradient, sigma * 0.7 * Y_k[:m].T @ dx_o + X_k.T @ (R @ epsilon))
     still = np.zeros((6, 4))
-    feedback.observation_drive(still, dx_o, 0.7, 1.0, X_k, epsilon, R, error, gradient)
+    laws.observation_drive(still, dx_o, 0.7, 1.0, X_k, epsilon, R, error, gradient)
     assert close(error, 0.7 * dx_o) and close(gradient, X_k.T @ (R @ epsilon))
 
 
@@ -282,22 +260,22 @@ def test_posture(rng, laid):
     (q, v), own = map(laid, rng.standard_normal((2, 200))), resting(rng, 200)
     own[1, ::7], own[2, ::7] = -np.inf, np.inf
     own, (offset, psi, rate, after) = laid(own), (filled(200) for _ in range(4))
-    posture.posture_offset(q, own, offset)
+    laws.posture_offset(q, own, offset)
     rest, low, high, _ = own
     d = q - rest
     beyond = np.where(d > high, (d - high) ** 2, 0.0) - np.where(d < low, (d - low) ** 2, 0.0)
     assert close(offset, d + 2.0 * beyond / 0.3) and beyond.min() < 0.0 < beyond.max()
-    posture.posture_velocity(q, own, v, 4.0, psi, rate)
+    laws.posture_velocity(q, own, v, 4.0, psi, rate)
     assert close(psi, -4.0 * offset)
-    posture.posture_offset(q + 1e-7 * v, own, after)
-    posture.posture_offset(q - 1e-7 * v, own, offset)
+    laws.posture_offset(q + 1e-7 * v, own, after)
+    laws.posture_offset(q - 1e-7 * v, own, offset)
     assert close(rate, -4.0 * (after - offset) / 2e-7, 1e-5)
 
 
 def test_damping(rng, laid):
     feedforward, v, v_r = map(laid, rng.standard_normal((3, 5)))
     K_D, error, torque = laid(rng.standard_normal((5, 5))), filled(5), filled(5)
-    feedback.subtract_damping(feedforward, K_D, v, v_r, error, torque)
+    laws.subtract_damping(feedforward, K_D, v, v_r, error, torque)
     assert close(error, v - v_r) and close(torque, feedforward - K_D @ error)
 
 
@@ -305,7 +283,7 @@ def test_borne_damping(rng, laid):
     feedforward, v, v_r = map(laid, rng.standard_normal((3, 5)))
     D, M = (laid(root @ root.T + np.eye(5)) for root in rng.standard_normal((2, 5, 5)))
     error, torque = filled(5), filled(5)
-    feedback.subtract_borne_damping(feedforward, D, M, 0.3, v, v_r, error, torque)
+    laws.subtract_borne_damping(feedforward, D, M, 0.3, v, v_r, error, torque)
     borne = np.linalg.inv(np.linalg.inv(D) + 0.3 * np.linalg.inv(M))
     assert close(error, v - v_r) and close(torque, feedforward - borne @ error, 1e-9)
 
@@ -323,9 +301,9 @@ def test_polarisation(rng, laid):
 def test_carry(rng, laid):
     memory, xd_hat, x = map(laid, rng.standard_normal((3, 3)))
     memory[2], dx_o, after = 0.03, filled(2), filled(3)
-    filters.observed(memory, xd_hat, x[:2], dx_o)
+    laws.observed(memory, xd_hat, x[:2], dx_o)
     assert close(dx_o, (memory + 0.03 * xd_hat - x)[:2])
-    filters.carry(memory, xd_hat, dx_o, 7.0, 0.1, after)
+    laws.carry(memory, xd_hat, dx_o, 7.0, 0.1, after)
     assert close(after[:2], (memory + 0.08 * xd_hat)[:2] - (1.0 - np.exp(-0.7)) * dx_o)
     assert close(after[2], 0.05)
 
@@ -335,7 +313,7 @@ def test_reference(observed, rng, laid):
     xd_d, dx, xdd_d, xd, dx_o = (laid(row) for row in rng.standard_normal((5, 3)))
     dx_o[observed:] = 0.0
     u, ud = filled(3), filled(3)
-    feedback.reference(xd_d, dx, xdd_d, xd, dx_o[:observed], 5.0, 7.0, u, ud)
+    laws.reference(xd_d, dx, xdd_d, xd, dx_o[:observed], 5.0, 7.0, u, ud)
     assert close(u, xd_d - 5.0 * (dx + dx_o))
     assert close(ud, xdd_d - 5.0 * (xd - xd_d - 7.0 * dx_o))
 
@@ -356,7 +334,7 @@ def test_task_force(rng, laid):
     xd, xd_d, dx = map(laid, rng.standard_normal((3, 3)))
     feedforward, v, v_r = map(laid, rng.standard_normal((3, 7)))
     error, torque = filled(7), filled(7)
-    feedback.subtract_task_force(J, K_v, xd, xd_d, K_P, dx, feedforward, v, v_r, error, torque)
+    laws.subtract_task_force(J, K_v, xd, xd_d, K_P, dx, feedforward, v, v_r, error, torque)
     assert close(torque, feedforward - J.T @ (K_v @ (xd - xd_d) + K_P @ dx))
     assert close(error, v - v_r)
 
@@ -367,14 +345,14 @@ def test_joint_effects(threshold, rng, laid):
     inertial, values = laid(rng.standard_normal(5)), laid(rng.standard_normal((3, 5)))
     v, a = laid(rng.standard_normal((2, 5)))
     tau, Y, told = filled(5), filled(5, 4 + 15), filled(3, 5)
-    joints.take_coefficients(laid(values[::2].ravel()), np.array([0, 2]), told)
+    models.take_coefficients(laid(values[::2].ravel()), np.array([0, 2]), told)
     assert np.array_equal(told[::2], values[::2]) and np.isnan(told[1]).all()
-    joints.joint_torque(values, v, a, threshold, inertial, tau)
+    models.joint_torque(values, v, a, threshold, inertial, tau)
     assert close(tau, inertial + values[0] * a + values[1] * v + values[2] * np.tanh(v / threshold))
     columns, kinds = laid(rng.standard_normal((5, 4))), np.array([0, 1, 2])
-    joints.joint_columns(columns, kinds, v, a, threshold, Y)
+    models.joint_columns(columns, kinds, v, a, threshold, Y)
     assert close(Y[:, :4], columns) and close(Y[:, 4:] @ values.ravel(), tau - inertial)
-    joints.joint_columns(columns, kinds[::2], v, a, threshold, Y[:, :14])
+    models.joint_columns(columns, kinds[::2], v, a, threshold, Y[:, :14])
     assert close(Y[:, 4:14] @ values[::2].ravel(), tau - inertial - values[1] * v)
 
 
@@ -477,7 +455,7 @@ def test_predictions(place, rng, laid):
     pin.framesForwardKinematics(model, data, q)
     parents, x, X = np.array([7, 2]), filled(len(place)), filled(len(place), 2)
     R, o = (laid(part) for part in arrays_of(data)[:2])
-    models.predict(R, o, laid(lever), np.array(place), parents, B, x, X)
+    models.positions_at(R, o, laid(lever), np.array(place), parents, B, x, X)
     assert close(x, data.oMf[frame].translation[place])
     for column, parent, b in zip(X.T, parents, B.T, strict=True):
         assert close(column, (R[parent] @ b)[place])
@@ -511,15 +489,10 @@ def test_columns(rng, laid):
 def test_inertias(lightest, rng, laid):
     pi, ballast = rng.standard_normal(30), rng.standard_normal(30)
     pi[::10], ballast[::10] = [3.0, lightest, 4.0], 1.0
-    tens, memory = filled(3, 10), filled(3, 10)
+    tens = filled(3, 10)
     expected = 1.0 - 2.0 * lightest if lightest < 1e-6 else 0.0
     assert models.take(laid(pi), laid(ballast), tens) == expected
     assert close(tens.ravel(), pi + expected * ballast)
-    assert models.write_inertias(laid(pi), laid(ballast), memory) == expected
-    for ten, row in zip(tens, memory, strict=True):
-        body = pin.Inertia.FromDynamicParameters(ten)
-        lower = body.inertia[[0, 1, 1, 2, 2, 2], [0, 0, 1, 0, 1, 2]]
-        assert close(row, np.r_[body.mass, body.lever, lower], 1e-9)
 
 
 def test_filters(rng, laid):
@@ -528,21 +501,21 @@ def test_filters(rng, laid):
     )
     d, seen = x - x_hat + X @ a_k, (x_hat, a_k, x)
     W, y, a = filled(3, 5), filled(3), filled(7)
-    assert not filters.filtered_rates(low[1:], X, *seen, 4.0, v, 60.0, W, y, a)
-    assert not filters.filtered_rates(low, X[:, 1:], *seen, 4.0, v, 60.0, W, y, a)
+    assert not laws.filtered_rates(low[1:], X, *seen, 4.0, v, 60.0, W, y, a)
+    assert not laws.filtered_rates(low, X[:, 1:], *seen, 4.0, v, 60.0, W, y, a)
     assert np.isnan(W).all() and np.isnan(y).all() and np.isnan(a).all()
-    assert filters.filtered_rates(low, X, *seen, 4.0, v, 60.0, W, y, a)
+    assert laws.filtered_rates(low, X, *seen, 4.0, v, 60.0, W, y, a)
     assert close(W.ravel(), 4.0 * (X.ravel() - low[:15])) and close(y, 4.0 * (d - low[15:18]))
     assert close(a, 60.0 * (v - low[18:]))
     after, share = filled(25), 1.0 - np.exp(-np.repeat([0.04, 0.6], [18, 7]))
-    filters.advance(low, W, y, a, 4.0, 60.0, 1e-2, after)
+    laws.advance(low, W, y, a, 4.0, 60.0, 1e-2, after)
     assert close(after, low + share * (np.r_[X.ravel(), d, v] - low))
 
 
 def test_size_of_estimates(rng):
     a_d, a_k, torque = rng.standard_normal(70), rng.standard_normal(3), rng.standard_normal(7)
-    assert close(watch.size_of_estimates(a_d, a_k, torque), a_d @ a_d + a_k @ a_k)
+    assert close(checks.size_of_estimates(a_d, a_k, torque), a_d @ a_d + a_k @ a_k)
     for flaw in (NAN, np.inf, 1e200):
-        assert np.isnan(watch.size_of_estimates(a_d, a_k, np.r_[torque, flaw]))
-    assert np.isnan(watch.size_of_estimates(np.r_[a_d, NAN], a_k, torque))
-    assert np.isinf(watch.size_of_estimates(a_d, np.r_[a_k, np.inf], torque))
+        assert np.isnan(checks.size_of_estimates(a_d, a_k, np.r_[torque, flaw]))
+    assert np.isnan(checks.size_of_estimates(np.r_[a_d, NAN], a_k, torque))
+    assert np.isinf(checks.size_of_estimates(a_d, np.r_[a_k, np.inf], torque))

@@ -84,7 +84,7 @@ def test_dv_dt_is_what_the_proof_says(law, name):
     controller = controller_of(law, believed, **rates)
     energy = energy_along(true, controller, beside(true, law), seconds=0.04)
     # a weight that follows the filtered regressor rises from zero within a few samples
-    assert energy.mismatch(after=20 if pa.LAWS[law].predicts_torque else 0) <= 1e-4
+    assert energy.mismatch(after=20 if pa.LAWS[law].learns_from_torque else 0) <= 1e-4
     assert np.abs(energy.rate).max() > 1e-4  # something moved
     assert (energy.rate <= 0.0).all() and energy.largest_rise() <= 1e-12
 
@@ -148,7 +148,9 @@ def test_an_exact_model_gives_the_nominal_error_dynamics(law, name):
             missing = commanded_acceleration(controller.law, s, a, s.Jdot_v)
             assert np.abs(missing).max() <= 1e-9 * (1.0 + np.abs(s.J @ a).max())
             continue
-        error = v if controller.law.set_point else controller.respond(s, command, a)[1].dynamic.e
+        error = v
+        if not controller.law.set_point:
+            error = controller.respond(sample.state, s._replace(a=a))[1].dynamic.e
         feedback = next(f for kind, f in NOMINAL.items() if isinstance(controller.law, kind))
         errors.append(error)
         torques.append(coriolis(true, q, v, error) + feedback(controller.law, s, error))
@@ -186,7 +188,7 @@ def test_the_order_in_which_parameters_are_named_does_not_matter(law, name):
     robot = robot_of(law, name)
     joints = robot.joint_names[-2:]
     tools = [] if joint_space(robot) else ["tool"]
-    if pa.LAWS[law].needs_prediction and tools:  # learns from positions, in which the base shows
+    if pa.LAWS[law].uses_position_error and tools:  # learns from positions, in which the base shows
         tools = ["tool", "base"]
     torques, estimates = [], []
     for flip in (1, -1):

@@ -88,8 +88,9 @@ def test_torques_and_gradients_are_the_published_ones(name):
 
     def respond(law, **gains):
         controller = pa.make_controller(robot, law=law, torque_limits=False, **gains)
-        s, command = controller.command(controller.init(measurement), measurement, desired)
-        torque, drives = controller.respond(s, command, measurement.a)
+        state = controller.init(measurement)
+        s = controller.observe(state, measurement, desired)
+        torque, drives = controller.respond(state, s)
         Y = controller.dynamics.regressor(q, v, measurement.a)
         return torque, drives.dynamic.gradient, Y
 

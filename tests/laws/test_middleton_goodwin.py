@@ -36,8 +36,8 @@ def loop(name, adaptation):
 def zeta(controller, s):
     """Return M_hat^-1 (W a_d - y) / lambda."""
     controller.dynamics.load(s.a_d)
-    M, W, y = controller.dynamics.mass_matrix(s.q), s.predicted.W, s.predicted.y
-    return np.linalg.solve(M, W @ s.a_d - y) / controller.adaptation_d.prediction
+    M, W, y = controller.dynamics.mass_matrix(s.q), s.filtered_torque.W, s.filtered_torque.y
+    return np.linalg.solve(M, W @ s.a_d - y) / controller.adaptation_d.torque_bandwidth
 
 
 @pytest.mark.parametrize(("name", "adaptation"), LOOPS)
@@ -54,7 +54,7 @@ def test_the_error_is_driven_by_the_prediction_error_alone(name, adaptation):
     """d/dt (ed - zeta) = -K_v ed - K_P e + lambda zeta, with the estimate on its way."""
     true, controller, path = loop(name, adaptation)
     controller, dt = controller.limited(None), 2e-4
-    law, rate = controller.law, controller.adaptation_d.prediction
+    law, rate = controller.law, controller.adaptation_d.torque_bandwidth
     left, right, size = [], [], 0.0
     for sample in islice(pa.run_continuous(pa.PinocchioPlant(true), controller, path, dt=dt), 80):
         s, _ = controller.command(sample.state, sample.measurement, sample.desired)

@@ -89,7 +89,7 @@ def test_an_approximate_regressor_leaves_a_known_rest():
         truth = pa.Truth(np.zeros(3), a, M, C, true.friction)
         left = gravity(true.model, q) - dynamics.regressor(q, rest, rest) @ a
         V.append(law.storage(signals, truth) + controller.parameter_storage(s.state, None, a))
-        rate.append(law.dissipation(signals, truth) - command.y @ left)
+        rate.append(law.dissipation(signals, truth) - command.drives.dynamic.e @ left)
         assert np.abs(left).max() < 0.5
     V, rate = np.array(V), np.array(rate)
     numerical = (8.0 * (V[3:-1] - V[1:-3]) - (V[4:] - V[:-4])) / (12.0 * dt)
@@ -110,8 +110,7 @@ def test_a_known_robot_gets_its_gravity_and_a_spring(law, name, task):
         if task != "pose"
         else pa.PoseTrajectory(pa.Hold(at.x[:3]), at.x[3:]).at(0.0)
     )
-    signals, command = controller.command(state, at, there)
-    torque, drives = controller.respond(signals, command, np.zeros(robot.model.nv))
+    torque, drives = controller.respond(state, controller.observe(state, at, there))
     assert np.allclose(torque, g, atol=1e-9)  # at rest in the set point nothing else acts
     assert not np.abs(drives.dynamic.gradient).max(initial=0.0) > 1e-12
 

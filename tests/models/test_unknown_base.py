@@ -33,7 +33,7 @@ def test_velocities_do_not_see_it_and_positions_do(name):
     assert kinematics.names[:3] == ("base_x", "base_y", "base_z")
     assert not kinematics.Y_k[:, :3].any()
     assert error[:3] == pytest.approx(MOVED)
-    X_k = kinematics.position_regressor()
+    X_k = kinematics.X_k
     assert X_k[:, :3] == pytest.approx(np.eye(3)[:m])
     assert X_k @ error == pytest.approx(true.position(q) - robot.position(q), abs=1e-12)
 

@@ -49,7 +49,7 @@ def check_kinematics(robot: pa.Robot, unknown: list[str | Translation]) -> None:
     assert np.allclose(now.jacobian_rate(a_k_rate), Jdot, atol=1e-7)
     x, xdd_now = now.x_hat, now.J @ a + now.Jdot_v
     position_regressor, acceleration_regressor = (
-        now.position_regressor(),
+        now.X_k,
         now.acceleration_regressor(a),
     )
     assert position_regressor.shape == (task.positions, now.size)

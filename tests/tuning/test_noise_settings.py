@@ -38,7 +38,7 @@ def test_perfect_sensors_ask_for_nothing():
         assert controller.senses.low_pass is None
         assert controller.senses.carrier.smoothing == math.inf
     state = controller.init(pa.PinocchioPlant(catalogue_robot("ur5")).measure())
-    assert state.senses.v is None and state.filters.s_f.size == 0
+    assert state.filters.s_f.size == 0
 
 
 def test_each_channel_asks_for_its_own():
@@ -229,8 +229,7 @@ def driven(lambda_s, noise, count=400, seed=0):
         state = controller.init(plant.measure(), adapting=False)
         for k in range(count):
             sample = plant.measurement(robot.q0, sign * noise * rng.standard_normal(6), 1e-3 * k)
-            signals, command = controller.command(state, sample, desired)
-            torque, drives = controller.respond(signals, command, np.zeros(6))
+            torque, drives = controller.respond(state, controller.observe(state, sample, desired))
             torques.append(torque)
             if k >= count // 4:  # when the low pass has settled
                 mean = mean + drives.dynamic.gradient / (2.0 * (count - count // 4))

@@ -1,6 +1,8 @@
-"""Columns of regressors and parameters of bodies."""
+"""Algebra of the models: parameters of bodies and joints, regressors, kinematics of the frame."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
@@ -177,33 +179,6 @@ def take_columns(Y: np.ndarray, columns: np.ndarray, chosen: np.ndarray) -> None
             chosen[i, j] = Y[i, columns[j]]
 
 
-@compiled("f8(f8[:], f8[:], f8[:,:])")
-def write_inertias(pi: np.ndarray, ballast: np.ndarray, memory: np.ndarray) -> float:
-    """Write pi (10 n) and c times the ballast (10 n) as pin.Inertia keeps them (n, 10); return c.
-
-    mass m, c = mc / m, and the inertia about it, I_O - m (c^T c 1 - c c^T), as xx xy yy xz yz zz.
-    """
-    bodies = len(memory)
-    lightest = pi[0]
-    for b in range(bodies):
-        lightest = min(lightest, pi[PER_BODY * b])
-    c = 1.0 - 2.0 * lightest if lightest < _LEAST_MASS else 0.0
-    ten = np.empty(PER_BODY)
-    for b in range(bodies):
-        for i in range(PER_BODY):
-            ten[i] = pi[PER_BODY * b + i] + c * ballast[PER_BODY * b + i]
-        m = ten[0]
-        x, y, z = ten[1] / m, ten[2] / m, ten[3] / m
-        memory[b, 0], memory[b, 1], memory[b, 2], memory[b, 3] = m, x, y, z
-        memory[b, 4] = ten[4] - m * (y * y + z * z)
-        memory[b, 5] = ten[5] + m * x * y
-        memory[b, 6] = ten[6] - m * (x * x + z * z)
-        memory[b, 7] = ten[7] + m * x * z
-        memory[b, 8] = ten[8] + m * y * z
-        memory[b, 9] = ten[9] - m * (x * x + y * y)
-    return c
-
-
 @compiled("void(f8[:], i8[:], f8[:,:], f8[:,:,:], f8[:,:], i8[:], i8[:], f8[:,:])")
 def add_translation_rates(
     a_k_rate: np.ndarray,
@@ -243,7 +218,7 @@ def add_translation_rates(
     "void(f8[:,:,:], f8[:,:], f8[:], i8[:], i8[:], f8[:,:], f8[:], f8[:,:])",
     fills=2,
 )
-def predict(
+def positions_at(
     R: np.ndarray,
     o: np.ndarray,
     lever: np.ndarray,
@@ -267,3 +242,117 @@ def predict(
             p = parent[j]
             X_k[i, j] = R[p, r, 0] * directions[0, j] + R[p, r, 1] * directions[1, j]
             X_k[i, j] += R[p, r, 2] * directions[2, j]
+
+
+@compiled("void(f8[:], i8[:], f8[:,:])")
+def take_coefficients(a: np.ndarray, kinds: np.ndarray, values: np.ndarray) -> None:
+    """Write a, one row a kind after the other, into the rows ``kinds`` of the values (3, n)."""
+    n = values.shape[1]
+    for k in range(len(kinds)):
+        for i in range(n):
+            values[kinds[k], i] = a[k * n + i]
+
+
+@compiled("void(f8[:,:], f8[:], f8[:], f8, f8[:], f8[:])")
+def joint_torque(
+    values: np.ndarray,
+    v: np.ndarray,
+    a: np.ndarray,
+    threshold: float,
+    inertial: np.ndarray,
+    tau: np.ndarray,
+) -> None:
+    """Write inertial + armature a + viscous v + coulomb tanh(v / threshold) (n)."""
+    for i in range(len(tau)):
+        friction = values[1, i] * v[i] + values[2, i] * math.tanh(v[i] / threshold)
+        tau[i] = inertial[i] + values[0, i] * a[i] + friction
+
+
+@compiled("void(f8[:,:], i8[:], f8[:], f8[:], f8, f8[:,:])")
+def joint_columns(
+    inertial: np.ndarray,
+    kinds: np.ndarray,
+    v: np.ndarray,
+    a: np.ndarray,
+    threshold: float,
+    Y: np.ndarray,
+) -> None:
+    """Write [inertial, diag of each kind] (n, p); kinds 0, 1, 2: a, v, tanh(v / threshold)."""
+    n, p = inertial.shape
+    for i in range(n):
+        for j in range(p):
+            Y[i, j] = inertial[i, j]
+        for j in range(p, Y.shape[1]):
+            Y[i, j] = 0.0
+        for k in range(len(kinds)):
+            if kinds[k] == 0:
+                x = a[i]
+            elif kinds[k] == 1:
+                x = v[i]
+            else:
+                x = math.tanh(v[i] / threshold)
+            Y[i, p + k * n + i] = x
+
+
+@compiled(
+    "void(f8[:,:,:], f8[:,:], f8[:,:], f8[:,:], f8[:,:], i8[:], i8[:], f8[:], f8[:,:], f8[:,:])",
+    fills=2,
+)
+def momentum_columns(
+    R: np.ndarray,
+    o: np.ndarray,
+    V: np.ndarray,
+    J: np.ndarray,
+    Jdot: np.ndarray,
+    bodies: np.ndarray,
+    columns: np.ndarray,
+    gravity: np.ndarray,
+    Y_M: np.ndarray,
+    Y_0: np.ndarray,
+) -> None:
+    """Write the regressors (n, 10 N) of J_i^T h and of -dJ_i^T h + weight, h the momenta of bodies.
+
+    Of the N bodies, R (N, 3, 3) and o (N, 3) are rotations and origins, V (N, 6) velocities, linear
+    before angular, in their own axes. J and Jdot (6, n) are the joints' axes as motions at the
+    world's origin. Joint coordinate ``columns[k]`` moves body ``bodies[k]``; gravity (3) in world
+    axes. With the row s = (l, r) in the body's axes and its velocity (v, w), s^T h = m l^T v +
+    mc^T (l x w + v x r) + r^T I w.
+    """
+    for i in range(Y_M.shape[0]):
+        for j in range(Y_M.shape[1]):
+            Y_M[i, j] = Y_0[i, j] = 0.0
+    s, d, g = np.empty(6), np.empty(6), np.empty(3)
+    for k in range(len(bodies)):
+        b, c = bodies[k], columns[k]
+        for t in range(3):  # axes of the body; the linear part at its origin
+            s[t] = s[t + 3] = d[t] = d[t + 3] = g[t] = 0.0
+            for e in range(3):
+                f, h = (e + 1) % 3, (e + 2) % 3
+                s[t] += R[b, e, t] * (J[e, c] + J[f + 3, c] * o[b, h] - J[h + 3, c] * o[b, f])
+                s[t + 3] += R[b, e, t] * J[e + 3, c]
+                rate = Jdot[e, c] + Jdot[f + 3, c] * o[b, h] - Jdot[h + 3, c] * o[b, f]
+                d[t] += R[b, e, t] * rate
+                d[t + 3] += R[b, e, t] * Jdot[e + 3, c]
+                g[t] -= R[b, e, t] * gravity[e]
+        v, w, i = V[b, :3], V[b, 3:], 10 * b
+        Y_M[c, i] = s[0] * v[0] + s[1] * v[1] + s[2] * v[2]
+        Y_0[c, i] = s[0] * g[0] + s[1] * g[1] + s[2] * g[2]
+        Y_0[c, i] -= d[0] * v[0] + d[1] * v[1] + d[2] * v[2]
+        for t in range(3):
+            f, h = (t + 1) % 3, (t + 2) % 3
+            Y_M[c, i + 1 + t] = s[f] * w[h] - s[h] * w[f] + v[f] * s[h + 3] - v[h] * s[f + 3]
+            Y_0[c, i + 1 + t] = (
+                g[f] * s[h + 3]
+                - g[h] * s[f + 3]
+                - (d[f] * w[h] - d[h] * w[f] + v[f] * d[h + 3] - v[h] * d[f + 3])
+            )
+        j = i + 4
+        for t in range(3):  # xx, xy, yy, xz, yz, zz
+            for e in range(t + 1):
+                if e == t:
+                    Y_M[c, j] = s[t + 3] * w[t]
+                    Y_0[c, j] = -d[t + 3] * w[t]
+                else:
+                    Y_M[c, j] = s[t + 3] * w[e] + s[e + 3] * w[t]
+                    Y_0[c, j] = -d[t + 3] * w[e] - d[e + 3] * w[t]
+                j += 1

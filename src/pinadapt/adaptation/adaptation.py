@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,7 +36,8 @@ class Drive:
         e: (k) tracking error, in the coordinates of Y's rows; None where it is to be disregarded.
         W: (l, p) regressor of the prediction, or None for no prediction.
         residual: (l) predicted minus measured, r.
-        weight: (l, l) R; None where it is left to the adaptation, see ``Adaptation.prediction``.
+        weight: (l, l) R; None where it is left to the adaptation, see
+            ``Adaptation.torque_bandwidth``.
         gradient: (p) g = Y^T e + W^T R r.
         observed: whether e is the error of an observer, which holds whatever the torque is; then
             Y^T e stays where the tracking error is dropped.
@@ -72,8 +73,8 @@ class Drive:
             return self
         return Drive(self.Y, None, self.W, self.residual, self.weight)
 
-    def predicting(self, W: np.ndarray, residual: np.ndarray) -> Drive:
-        """Return the drive with a prediction error, for its adaptation to weigh: as yet by zero."""
+    def with_prediction_error(self, W: np.ndarray, residual: np.ndarray) -> Drive:
+        """Return the drive with a prediction error, which its adaptation is to weigh."""
         return Drive(self.Y, self.e, W, residual, None, self.gradient)
 
     def weighted(self, weight: np.ndarray) -> Drive:
@@ -103,47 +104,16 @@ class Drive:
 
     def columns(self, block: slice) -> Drive:
         """Return the drive of a block of the parameters."""
-        return _Columns(self, block)
+        W = None if self.W is None else self.W[:, block]
+        gradient = self.gradient[block]
+        return Drive(
+            self.Y[:, block], self.e, W, self.residual, self.weight, gradient, self.observed
+        )
 
-
-class _Columns(Drive):
-    """The drive of a block of the parameters; most adaptations read no more than its gradient."""
-
-    __slots__ = ("_block", "_whole")
-
-    def __init__(self, whole: Drive, block: slice) -> None:
-        """Take the whole drive and the block."""
-        self._whole, self._block, self.gradient = whole, block, whole.gradient[block]
-
-    @property
-    def e(self) -> np.ndarray | None:  # type: ignore[override]
-        """The tracking error (k) of the whole, or None."""
-        return self._whole.e
-
-    @property
-    def residual(self) -> np.ndarray | None:  # type: ignore[override]
-        """The prediction error (l) of the whole, or None."""
-        return self._whole.residual
-
-    @property
-    def weight(self) -> np.ndarray | None:  # type: ignore[override]
-        """The weight (l, l) of the whole's prediction, or None."""
-        return self._whole.weight
-
-    @property
-    def observed(self) -> bool:  # type: ignore[override]
-        """Whether e is the error of an observer."""
-        return self._whole.observed
-
-    @property
-    def Y(self) -> np.ndarray:  # type: ignore[override]
-        """Columns (k, p) of the regressor of the tracking error."""
-        return self._whole.Y[:, self._block]
-
-    @property
-    def W(self) -> np.ndarray | None:  # type: ignore[override]
-        """Columns (l, p) of the regressor of the prediction, or None."""
-        return None if self._whole.W is None else self._whole.W[:, self._block]
+    @classmethod
+    def none(cls, size: int) -> Drive:
+        """Return a drive that moves none of ``size`` parameters."""
+        return cls(np.zeros((0, size)), None, gradient=np.zeros(size))
 
 
 @dataclass(slots=True, eq=False)
@@ -152,11 +122,16 @@ class Drives:
 
     Attributes:
         dynamic: of the dynamic parameters.
-        kinematic: of the kinematic parameters.
+        kinematic: of the kinematic parameters; by default for none, as in joint space.
     """
 
     dynamic: Drive
-    kinematic: Drive
+    kinematic: Drive = field(default_factory=lambda: Drive.none(0))
+
+    @classmethod
+    def none(cls, p_d: int, p_k: int) -> Drives:
+        """Return drives that move none of p_d dynamic and p_k kinematic parameters."""
+        return cls(Drive.none(p_d), Drive.none(p_k))
 
     def without_tracking(self) -> Drives:
         """Return what of both holds whatever the torque is."""
@@ -177,15 +152,15 @@ class Adaptation(ABC):
         name: as written in scenarios.
         sources: keys of ``references.bib``, or BibTeX entries of your own; see ``citation``.
         updates_gain: whether Gamma is part of the memory, as the gain of least squares is.
-        prediction: bandwidth [1/s] of the low pass through which the dynamic estimate wants torque
-            and regressor, whose prediction error it then finds in its drives without a weight; None
-            where it learns from nothing but what the law drives it with.
+        torque_bandwidth: bandwidth [1/s] of the low pass on torque and regressor whose prediction
+            error the dynamic estimate learns from; its drives then hold that error without a
+            weight. None where it learns from the law's drives alone.
     """
 
     name: str = "custom"
     sources: tuple[str, ...] = ()
     updates_gain: bool = False
-    prediction: float | None = None
+    torque_bandwidth: float | None = None
 
     def init(self, value: np.ndarray) -> Estimate:
         """Return the estimate to start from, ``validate(value)`` with an empty memory."""
@@ -268,7 +243,7 @@ class Wrapper(Adaptation):
         """Take the adaptation to wrap, any."""
         self.inner = instance(inner, Adaptation, "inner")
         self.updates_gain = inner.updates_gain
-        self.name, self.prediction = inner.name, inner.prediction
+        self.name, self.torque_bandwidth = inner.name, inner.torque_bandwidth
 
     def init(self, value: np.ndarray) -> Estimate:
         """Return the inner adaptation's start, with the value that this one validates."""

@@ -39,7 +39,7 @@ class Composite(Wrapper):
 
     Attributes:
         inner: the wrapped adaptation, of all dynamic parameters.
-        prediction: bandwidth of the low pass [1/s].
+        torque_bandwidth: bandwidth of the low pass [1/s].
     """
 
     sources: tuple[str, ...] = ("SlotineLi1989",)
@@ -67,7 +67,7 @@ class Composite(Wrapper):
         """
         super().__init__(inner)
         self.name = _COMPOSITE.get(inner.name, inner.name)
-        self.prediction = positive(bandwidth, "prediction_filter")
+        self.torque_bandwidth = positive(bandwidth, "prediction_filter")
         if (weight is None) == (rate is None):
             raise GainError("expected either a weight or a rate.", where="prediction_rate")
         self._constant = None if weight is None else checked_weight(weight)
@@ -151,8 +151,8 @@ class CompositeMemory(Wrapper):
 
     Attributes:
         inner: the wrapped adaptation, of all dynamic parameters.
-        prediction: bandwidth of the low pass [1/s]; its inverse is the correlation time assumed for
-            the noise.
+        torque_bandwidth: bandwidth of the low pass [1/s]; its inverse is the correlation time
+            assumed for the noise.
         speed: rho [1/s].
         noise: standard deviation of the torques, one number or (n) [N m or N].
         forgetting: [1/s] at an innovation as large as expected; zero never forgets.
@@ -183,7 +183,7 @@ class CompositeMemory(Wrapper):
         """
         super().__init__(inner)
         self.name = _WITH_MEMORY.get(inner.name, inner.name)
-        self.prediction = positive(bandwidth, "prediction_filter")
+        self.torque_bandwidth = positive(bandwidth, "prediction_filter")
         self.speed = positive(rate, "prediction_rate")
         self.noise = numbers(noise, "noise", error=GainError)
         if self.noise.ndim > 1 or not (self.noise > 0.0).all():
@@ -245,7 +245,7 @@ class CompositeMemory(Wrapper):
         if W is None or residual is None:
             return 0.0, np.zeros(A.shape), np.zeros(b.size), drive
         pull, fading = self._recalled(value, A, b, W, residual)
-        weighted = (W.T * (self.prediction / self._variance)).dot  # W^T R
+        weighted = (W.T * (self.torque_bandwidth / self._variance)).dot  # W^T R
         total = Drive(drive.Y, drive.e, gradient=drive.gradient + self.speed * pull)
         return fading, weighted(W), weighted(W.dot(value) - residual), total
 
@@ -270,7 +270,7 @@ class CompositeMemory(Wrapper):
         S.flat[:: n + 1] += self._variance
         size = float(innovation.dot(np.linalg.solve(0.5 * (S + S.T), innovation)))
         fading = self.forgetting * max(size, 0.0) / n  # forgetting d
-        return _Recalled(pull, fading / (1.0 + fading / self.prediction))
+        return _Recalled(pull, fading / (1.0 + fading / self.torque_bandwidth))
 
     @staticmethod
     def _with_empty_memory(estimate: Estimate) -> Estimate:

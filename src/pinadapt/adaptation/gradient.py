@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike
 from .._checks import definite_matrix, positive, vector, whole
 from .._kernels import adaptation as kernels
 from ..exceptions import GainError, ParameterError
-from ..records import named
 from .adaptation import Adaptation, Drive, Estimate
 
 
@@ -37,14 +36,14 @@ class Gradient(Adaptation):
         """Return -Gamma g (p)."""
         rate = empty(estimate.value.size)
         kernels.descent(drive.gradient, self.Gamma, rate)
-        return named(Estimate, (rate, ()))
+        return Estimate(rate)
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
         a = estimate.value
         after = empty(a.size)
         kernels.descend(a, drive.gradient, self.Gamma, dt, after)
-        return named(Estimate, (after, ()))
+        return Estimate(after)
 
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float:
         """Return half the squared Gamma^-1 norm of the parameter error."""
@@ -124,7 +123,7 @@ class ExponentiatedGradient(Adaptation):
         a = estimate.value
         after = np.empty(a.size)
         kernels.exponentiate(a, drive.gradient, self.scale, self.gamma * dt, _LARGEST_STEP, after)
-        return named(Estimate, (after, ()))
+        return Estimate(after)
 
     def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:
         """Return Gamma X (p, l), Gamma = gamma diag(c a)."""

@@ -92,8 +92,8 @@ class LeastSquares(Adaptation):
         P_0: (p, p) the gain at the start, symmetric, positive definite.
         forgetting: lambda_0 [1/s].
         directional: whether each direction forgets on its own.
-        prediction: bandwidth of the low pass [1/s]; None where the law itself predicts, as laws do
-            the position or velocity of the frame.
+        torque_bandwidth: bandwidth of the low pass [1/s]; None where the law's own drive has the
+            prediction error, of the position or velocity of the frame.
     """
 
     name = "least-squares"
@@ -133,7 +133,9 @@ class LeastSquares(Adaptation):
         self.P_0 = np.ascontiguousarray(definite_matrix(P_0, whole(size, "size", 0), "gamma_d"))
         self._whiten = np.linalg.inv(np.linalg.cholesky(self.P_0))
         self._prior = self._whiten.T @ self._whiten  # P(0)^-1
-        self.prediction = None if bandwidth is None else positive(bandwidth, "prediction_filter")
+        self.torque_bandwidth = (
+            None if bandwidth is None else positive(bandwidth, "prediction_filter")
+        )
         self.forgetting = positive(forgetting, "forgetting", zero=True)
         self.directional = flag(directional, "directional")
         if self.directional:

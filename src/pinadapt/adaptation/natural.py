@@ -22,7 +22,6 @@ from ..exceptions import InputError, ParameterError
 from ..models.basis import read_matrix
 from ..models.pseudo_inertia import COEFFICIENTS, nearest_physical, unphysical_bodies
 from ..models.regressor import PER_BODY
-from ..records import named
 from .adaptation import Adaptation, Drive, Estimate
 
 
@@ -282,7 +281,7 @@ class Natural(Adaptation):
         """Return the estimate after dt [s] with the drive held; inside the cone for any dt."""
         a, g = estimate.value, self._scaled(drive.gradient)
         if self.cone.complete:
-            return named(Estimate, (self.cone.follow_geodesic(a, g, self.gamma * dt), ()))
+            return Estimate(self.cone.follow_geodesic(a, g, self.gamma * dt))
         metric = self._metric(self.cone.matrices(a)[0])
         step = (-self.gamma * dt) * np.linalg.solve(metric, g)
         length = np.sqrt(step @ metric @ step)

@@ -10,7 +10,6 @@ from numpy import concatenate
 
 from .._checks import instance, whole
 from ..exceptions import InputError
-from ..records import named
 from .adaptation import Adaptation, Drive, Estimate
 
 
@@ -40,7 +39,9 @@ class Stacked(Adaptation):
         ]
         self._size, self.name = int(ends[-1]), parts[0][0].name
         self._forgetful = ((),) * len(parts)
-        self.prediction = next((p.prediction for p, _ in self.parts if p.prediction), None)
+        self.torque_bandwidth = next(
+            (p.torque_bandwidth for p, _ in self.parts if p.torque_bandwidth), None
+        )
         self.updates_gain = any(part.updates_gain for part, _ in self.parts)
         self._projects = any(type(p).project is not Adaptation.project for p, _ in self.parts)
 
@@ -82,13 +83,13 @@ class Stacked(Adaptation):
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
         value, own = estimate.value, estimate.memory or self._forgetful
+        drives = [drive.columns(block) for _, block in self.parts]
         values, memories = [], []
-        for k, (part, block) in enumerate(self.parts):
-            before = named(Estimate, (value[block], own[k]))
-            after, kept = part.step(before, drive.columns(block), dt)
+        for (part, block), memory, its_drive in zip(self.parts, own, drives, strict=True):
+            after, kept = part.step(Estimate(value[block], memory), its_drive, dt)
             values.append(after)
             memories.append(kept)
-        return named(Estimate, (concatenate(values), tuple(memories)))
+        return Estimate(concatenate(values), tuple(memories))
 
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
         """Return the sum of the blocks' parts of V, or None where one is undefined."""

@@ -3,9 +3,9 @@
 from .belief import Belief as Belief
 from .controller import Controller as Controller
 from .estimator import Estimator as Estimator
-from .guards import Guards as Guards
 from .learned import LearnedParameters as LearnedParameters
 from .limits import Limits as Limits
-from .senses import Senses as Senses
+from .sensing import Guards as Guards
+from .sensing import Senses as Senses
 from .state import ControllerState as ControllerState
 from .state import Sample as Sample

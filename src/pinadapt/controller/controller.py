@@ -6,37 +6,35 @@ import copy
 import math
 from dataclasses import replace
 from types import EllipsisType
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy import empty
 from numpy.typing import ArrayLike
 
 from .._compiled import compile_all
-from .._kernels import watch as kernels
+from .._kernels import checks as kernels
 from ..adaptation.adaptation import Adaptation, Drives, Estimate
 from ..exceptions import DivergedError
-from ..filters.filtered_regressor import FilteredRegressor
-from ..laws.law import Believed, Command, Law
+from ..filters.torque_filter import FilteredRegressor
+from ..laws.law import Command, EstimatedModel, Law
 from ..models.dynamics import Dynamics
-from ..models.late_frames import prediction
+from ..models.late_frames import Sensed
+from ..models.right_inverse import RightInverse
 from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
-from ..records import Desired, Measurement, named
+from ..records import Desired, Measurement
 from ..robot.changes import Payload
 from ..robot.motors import Compensation
 from ..robot.robot import Robot
-from ..signals import OpenSignals, Signals
+from ..signals import Signals
 from .belief import Belief, informed
 from .controller_sheet import controller_sheet
-from .guards import Guards
 from .inputs import InputCheck, initial_estimate
 from .learned import learned_robot
 from .limits import Limits
-from .senses import Senses
+from .sensing import Guards, Senses
 from .state import ControllerState
-
-_EMPTY = np.zeros(0)
 
 
 class Controller:
@@ -84,13 +82,10 @@ class Controller:
         self.senses = Senses(everything) if senses is None else senses
         self.motion, self.period, self.belief = motion, period, belief
         self.compensation = compensation
-        self._check = InputCheck(kinematics, dynamics.size)
-        self._filters, self._predicts = law.filters, law.needs_prediction
-        bandwidth = adaptation_d.prediction
-        self._predictor = None if bandwidth is None else FilteredRegressor(dynamics, bandwidth)
-        self._believed = Believed(
-            kinematics, dynamics, adaptation_k, adaptation_d, self.limits.watch
-        )
+        self._inputs = InputCheck(kinematics, dynamics.size)
+        self._filters = law.filters
+        bandwidth = adaptation_d.torque_bandwidth
+        self._torque_filter = None if bandwidth is None else FilteredRegressor(dynamics, bandwidth)
         compile_all()
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -133,24 +128,26 @@ class Controller:
             InputError: no measurement.
             ParameterError: estimates of the wrong size, non-finite, or outside of their domain.
         """
-        measurement = self._check.first(measurement)
+        measurement = self._inputs.first(measurement)
         kinematics, dynamics = self.kinematics, self.dynamics
         a_k = initial_estimate(a_k, kinematics.initial, "belief.kinematic", kinematics.names)
         dynamic = self.adaptation_d.init(
             initial_estimate(a_d, dynamics.initial, "belief.dynamic", dynamics.names)
         )
+        sensed = self.senses.init(measurement, kinematics)
+        torque_filter = self._torque_filter
         return ControllerState(
             t=measurement.t,
             dynamic=dynamic,
             kinematic=self.adaptation_k.init(a_k),
             a_0=dynamic.value.copy(),
-            filters=self._filters.init(measurement, kinematics),
+            filters=self._filters.init(sensed, kinematics),
             adapting=adapting,
             load=None if self.belief is None else self.belief.load,
-            senses=self.senses.init(measurement, kinematics),
-            prediction=()
-            if self._predictor is None
-            else self._predictor.init(measurement.q, measurement.v),
+            sensed=sensed,
+            torque_filter=()
+            if torque_filter is None
+            else torque_filter.init(measurement.q, measurement.v),
         )
 
     def believe(
@@ -206,156 +203,172 @@ class Controller:
             DivergedError: torque or estimates went wrong, see ``watch``, or the law met a
                 singularity.
         """
-        measurement, desired = self._check.sample(state, measurement, desired)
-        elapsed = self.senses.guards.elapsed(state.t, measurement.t, dt, self.period)
         try:
-            s = self._signals(state, measurement, desired)
-            command = self.law.command(s, self._asked(state, elapsed))
-            torque, drives = self.respond(s, command, self.acceleration(s, measurement))
-            dynamic, kinematic = state.dynamic, state.kinematic
-            if s.a_d is not dynamic.value:  # projected
-                dynamic = dynamic._replace(value=s.a_d)
+            s, sensed, elapsed = self._observe(state, measurement, desired, dt)
+            model = self._model(state, s, elapsed)
+            torque, drives = self._respond(s, model)
+            dynamic, kinematic = model.dynamic, model.kinematic
             if s.adapting:
                 dynamic = self.adaptation_d.step(dynamic, drives.dynamic, elapsed)
                 kinematic = self.adaptation_k.step(kinematic, drives.kinematic, elapsed)
             filters = self._filters.step(state.filters, s, elapsed)
-            memory = state.prediction
-            if self._predictor is not None:
-                memory = self._predictor.step(s.predicted, self._given(s, torque), elapsed)
-            self.watch(torque, dynamic.value, kinematic.value)
+            torque_filter = state.torque_filter
+            if self._torque_filter is not None:
+                given = torque if self.compensation is None else torque + self.compensation(s.q)
+                torque_filter = self._torque_filter.step(s.filtered_torque, given, elapsed)
+            size = kernels.size_of_estimates(dynamic.value, kinematic.value, torque)
+            if not size < self.limits.estimate**2:
+                raise self._divergence(size)
         except (DivergedError, np.linalg.LinAlgError) as error:
             # a signal that is not finite is the likelier cause
-            self._check.finite(measurement, desired)
+            self._inputs.finite(*self._inputs.sample(state, measurement, desired))
             raise DivergedError(str(error)) from error
-        adapting, load = state.adapting, state.load
-        after = s.t, dynamic, kinematic, s.a_0, filters, adapting, load, s.sensed, memory
-        return torque, named(ControllerState, after)
+        return torque, ControllerState(
+            s.t, dynamic, kinematic, s.a_0, filters, state.adapting, state.load, sensed,
+            torque_filter,
+        )  # fmt: skip
+
+    def observe(
+        self, state: ControllerState, measurement: Measurement, desired: Desired
+    ) -> Signals:
+        """Return what the law uses: measurements, references, and the model at the estimates.
+
+        Raises:
+            MeasurementError, InputError: as ``step``.
+        """
+        s = self._observe(state, measurement, desired)[0]
+        return s._replace(xd_d=s.xd_d.copy(), xdd_d=s.xdd_d.copy())
 
     def command(
         self, state: ControllerState, measurement: Measurement, desired: Desired
     ) -> tuple[Signals, Command]:
-        """Return what the law sees and its command, torque still affine in the acceleration.
+        """Return what the law uses, and its command: torque without limits, and drives.
 
         Raises:
             MeasurementError, InputError: as ``step``.
         """
         s = self.observe(state, measurement, desired)
-        return s, self.law.command(s, self._asked(state, None))
+        return s, self.law.command(s, self._model(state, s, None))
 
-    def _asked(self, state: ControllerState, dt: float | None) -> Believed:
-        """Return the believed robot, to be asked for a command that is held for dt [s], or None."""
-        believed = self._believed
-        believed.adaptation_d, believed.memory = self.adaptation_d, state.dynamic.memory
-        believed.dt = dt
-        return believed
+    def respond(
+        self, state: ControllerState, s: Signals, dt: float | None = None
+    ) -> tuple[np.ndarray, Drives]:
+        """Return the torque (n) to send for signals of ``observe`` [N m or N], and the drives.
 
-    def respond(self, s: Signals, command: Command, a: np.ndarray) -> tuple[np.ndarray, Drives]:
-        """Return the torque (n) to send at joint acceleration a (n), and the drives.
-
-        Limits are those of the motors, which give what is sent and what the arm adds.
-
-        While a motor saturates, the tracking error tells of the lost torque as much as of the
-        parameters, and following it winds the estimates up. They then learn only from what holds
-        whatever the torque is, the prediction errors.
+        Args:
+            state: of which the signals are.
+            s: the signals; ``s.a`` may be replaced by another acceleration.
+            dt: time for which the torque is held [s]; None in an integration in continuous time.
         """
-        torque, limits, added = command.at(a), self.limits.torque, self.compensation
-        drives = self.law.drives(s, self._believed, command, a)
-        if s.predicted is not None:
-            W, y, _ = s.predicted
-            drives = Drives(drives.dynamic.predicting(W, W.dot(s.a_d) - y), drives.kinematic)
+        return self._respond(s, self._model(state, s, dt))
+
+    def _respond(self, s: Signals, model: EstimatedModel) -> tuple[np.ndarray, Drives]:
+        """Return the torque (n) to send, within the limits of the motors, and the drives.
+
+        The limits hold for the torque of the motors with the compensation that the arm adds.
+
+        While a motor saturates, the tracking error shows the missing torque as well as the errors
+        of the parameters, and would wind the estimates up. They then learn only from what holds
+        for any torque, the prediction errors.
+        """
+        command, limits = self.law.command(s, model), self.limits.torque
+        torque, drives = np.asarray(command.at(s.a), dtype=float), command.drives
+        self._inputs.command(torque, drives)
+        if s.filtered_torque is not None:
+            W, residual = s.filtered_torque.W, s.filtered_torque.error(s.a_d)
+            drives = Drives(drives.dynamic.with_prediction_error(W, residual), drives.kinematic)
         if limits is not None:
             held = empty(torque.size)
             if kernels.hold(torque, limits, held):
                 torque, drives = held, drives.without_tracking()
-        return (torque if added is None else torque - added(s.q)), drives
+        return (torque if self.compensation is None else torque - self.compensation(s.q)), drives
 
-    def observe(
-        self, state: ControllerState, measurement: Measurement, desired: Desired
-    ) -> Signals:
-        """Evaluate the believed robot at the current estimates; return what the law may see.
+    def _model(self, state: ControllerState, s: Signals, dt: float | None) -> EstimatedModel:
+        """Return the model at the estimates, for a torque that is held for dt [s], or None."""
+        dynamic = state.dynamic
+        if s.a_d is not dynamic.value:  # projected
+            dynamic = dynamic._replace(value=s.a_d)
+        return EstimatedModel(
+            self.kinematics, self.dynamics, self.adaptation_k, self.adaptation_d,
+            state.kinematic, dynamic, dt, self.limits.watch,
+        )  # fmt: skip
 
-        Raises:
-            MeasurementError, InputError: as ``step``.
+    def _observe(
+        self,
+        state: ControllerState,
+        measurement: Measurement,
+        desired: Desired,
+        dt: float | EllipsisType = ...,
+    ) -> tuple[Signals, Sensed, float]:
+        """Return the signals of a sample, what is kept of the sensors, and the elapsed time [s].
+
+        The models are evaluated at the estimates. The references of the signals are those given.
+        Without a period dt [s] the time is not checked.
         """
-        measurement, desired = self._check.sample(state, measurement, desired)
-        q, v = measurement.q.copy(), measurement.v.copy()
-        own = Desired(*(part.copy() for part in desired))
-        return self._signals(state, measurement._replace(q=q, v=v), own)
-
-    def _signals(
-        self, state: ControllerState, measurement: Measurement, desired: Desired
-    ) -> Signals:
-        """Return ``observe`` of what was checked and stays what it is."""
-        t_before, dynamic, kinematic, a_0, filters, adapting, _, before, memory = state
-        t, q, v, x, _, xd, _, _ = measurement
-        x_d, xd_d, xdd_d = desired
-        senses, kinematics, a_k = self.senses, self.kinematics, kinematic.value
-        task = kinematics.task
-        if senses.low_pass is not None:
-            v = senses.velocity(before, v, t - t_before)
-            measurement = measurement._replace(v=v)
-        kinematics.update(a_k, q, v)
-        still = senses.guards.look(v, x, desired, kinematics)
-        a_d = self.adaptation_d.project(dynamic, q)
-        self.dynamics.load(a_d)
-        sensed = senses.carrier.see(before, t_before, measurement, kinematics, a_k)
-        if senses.low_pass is not None:
-            sensed = sensed._replace(v=v)
-        if sensed.frame is not None or x is None:
-            measurement = measurement._replace(x=sensed.x)
-        dx, xd_hat = task.error(task.measured(sensed.x, q), x_d), kinematics.xd_hat
-        epsilon, X_k = _EMPTY, _EMPTY
-        if self._predicts:
-            epsilon, X_k = prediction(sensed, kinematics, a_k)
-        s = OpenSignals(
-            t,
-            q,
-            v,
-            task.known_velocity(xd, xd_hat),
-            xd_d,
-            xdd_d,
-            dx,
-            xd_hat,
-            task.drift(dx, xd_hat, xd_d),
-            kinematic,
-            a_k,
-            a_d,
-            a_0,
-            kinematics.J,
-            kinematics.Jdot_v,
-            kinematics.Y_k,
-            kinematics.right_inverse(self.limits.singular),
-            self._filters.observe(filters, measurement, kinematics),
-            adapting and not (still and np.abs(dx).max() < senses.guards.near),
-            sensed,
-            epsilon,
-            X_k,
-            None
-            if self._predictor is None
-            else self._predictor.observe(memory, q, v, self._check.torque(measurement.tau)),
+        measurement, desired = self._inputs.sample(state, measurement, desired)
+        senses, kinematics, dynamics = self.senses, self.kinematics, self.dynamics
+        task, a_k, (x_d, xd_d, xdd_d) = kinematics.task, state.kinematic.value, desired
+        elapsed = 0.0
+        if not isinstance(dt, EllipsisType):
+            elapsed = senses.guards.elapsed(state.t, measurement.t, dt, self.period)
+        sensed, still = senses.read(state.sensed, state.t, measurement, desired, kinematics, a_k)
+        a_d = self.adaptation_d.project(state.dynamic, sensed.q)
+        dynamics.load(a_d)
+        assert sensed.x is not None  # the first sample had one
+        dx, xd, xd_hat = task.error(sensed.x, x_d), measurement.xd, kinematics.xd_hat
+        delta = task.drift(dx, xd_hat, xd_d)
+        inverse = RightInverse(kinematics.J, self.limits.singular)
+        filtered = self._filters.observe(state.filters, sensed, kinematics)
+        a: Any = measurement.a
+        if a is None:
+            a = self._filters.acceleration(filtered)
+        filtered_torque = None
+        if self._torque_filter is not None:
+            tau = self._inputs.torque(measurement.tau)
+            filtered_torque = self._torque_filter.observe(
+                state.torque_filter, sensed.q, sensed.v, tau
+            )
+        signals = Signals(
+            t=measurement.t,
+            q=sensed.q,
+            v=sensed.v,
+            a=a,
+            x=sensed.x,
+            xd=xd_hat if xd is None else task.known_velocity(xd, xd_hat),
+            xd_d=xd_d,
+            xdd_d=xdd_d,
+            dx=dx,
+            xd_hat=xd_hat,
+            delta=delta,
+            a_k=a_k,
+            a_d=a_d,
+            a_0=state.a_0,
+            adapting=state.adapting and not (still and np.abs(dx).max() < senses.guards.near),
+            J=kinematics.J,
+            Jdot_v=kinematics.Jdot_v,
+            Y_k=kinematics.Y_k,
+            inverse=inverse,
+            epsilon=sensed.epsilon,
+            X_k=sensed.X_k,
+            filtered=filtered,
+            filtered_torque=filtered_torque,
         )
-        s.__class__ = Signals  # closed from now on
-        return cast(Signals, s)
-
-    def acceleration(self, s: Signals, measurement: Measurement) -> np.ndarray:
-        """Return the joint acceleration (n): the measured one if there is one, else filtered."""
-        if measurement.a is not None:
-            return np.asarray(measurement.a, dtype=float)
-        return self._filters.acceleration(s.filtered)  # type: ignore[return-value]
+        return signals, sensed, elapsed
 
     def rate(
         self, state: ControllerState, s: Signals, drives: Drives, torque: np.ndarray
     ) -> ControllerState:
-        """Return d(state)/dt from what the law saw and its drives, to integrate as an ODE.
+        """Return d(state)/dt for the signals and the drives, to integrate as an ODE.
 
         Args:
             state: now.
-            s: what the law saw.
-            drives: as ``respond`` has them.
-            torque: (n) that the joints see [N m or N].
+            s: what the law used.
+            drives: as ``respond`` returned them.
+            torque: (n) of the joints [N m or N].
         """
         if not s.adapting:
             drives = Drives(drives.dynamic.still(), drives.kinematic.still())
+        torque_filter = self._torque_filter
         return ControllerState(
             t=1.0,
             dynamic=self.adaptation_d.rate(Estimate(s.a_d, state.dynamic.memory), drives.dynamic),
@@ -363,28 +376,30 @@ class Controller:
             a_0=np.zeros(state.a_0.size),
             filters=self._filters.rate(state.filters, s),
             adapting=state.adapting,
-            prediction=() if self._predictor is None else self._predictor.rate(s.predicted, torque),
+            torque_filter=()
+            if torque_filter is None
+            else torque_filter.rate(s.filtered_torque, torque),
         )
 
-    def _given(self, s: Signals, torque: np.ndarray) -> np.ndarray:
-        """Return the torque (n) that the joints see when the motors are sent one (n)."""
-        return torque if self.compensation is None else torque + self.compensation(s.q)
-
     def watch(self, torque: np.ndarray, a_d: np.ndarray, a_k: np.ndarray) -> None:
-        """Refuse a torque (n) or estimates that went wrong.
+        """Refuse a torque (n) or estimates that diverged.
 
         Raises:
             DivergedError: they are not finite, or the estimates are larger than any robot's.
         """
         size = kernels.size_of_estimates(a_d, a_k, torque)
+        if not size < self.limits.estimate**2:
+            raise self._divergence(size)
+
+    def _divergence(self, size: float) -> DivergedError:
+        """Return the error for estimates of this squared norm."""
         if not size < math.inf:
-            raise DivergedError("the torque or the estimates are no longer finite.")
-        if size > self.limits.estimate**2:
-            raise DivergedError(
-                f"the estimates ran away: their norm is {math.sqrt(size):.3g}. Try smaller gamma_d "
-                "and gamma_k, natural adaptation, or a start nearer to the truth; watch = false "
-                "does not end the run."
-            )
+            return DivergedError("the torque or the estimates are no longer finite.")
+        return DivergedError(
+            f"the estimates diverged: their norm is {math.sqrt(size):.3g}. Try smaller gamma_d "
+            "and gamma_k, natural adaptation, or a start nearer to the truth; watch = false "
+            "does not end the run."
+        )
 
     def parameter_storage(
         self, state: ControllerState, a_k_true: np.ndarray, a_d_true: np.ndarray

@@ -10,8 +10,8 @@ import numpy as np
 from .._checks import instance
 from ..adaptation.adaptation import Drive, Estimate
 from ..exceptions import GainError, ImplausibleError, MeasurementError
-from ..filters.filtered_regressor import FilteredRegressor, FilteredTorque
-from ..models.late_frames import Sensed, prediction
+from ..filters.torque_filter import FilteredRegressor, FilteredTorque
+from ..models.late_frames import Sensed
 from ..records import Desired, Measurement
 from ..robot.robot import Robot
 from .controller import Controller
@@ -55,7 +55,7 @@ class Estimator:
         """
         self.controller = instance(controller, Controller, "controller")
         self._kinematics = kinematics = controller.kinematics
-        bandwidth = controller.adaptation_d.prediction
+        bandwidth = controller.adaptation_d.torque_bandwidth
         if controller.dynamics.size and bandwidth is None:
             raise GainError(
                 f"the adaptation '{controller.adaptation_d.name}' learns from tracking errors "
@@ -63,7 +63,7 @@ class Estimator:
                 where="adaptation",
                 hint='Take "natural-memory", "natural-composite" or "least-squares".',
             )
-        if kinematics.size and not controller.law.needs_prediction:
+        if kinematics.size and not controller.law.uses_position_error:
             raise GainError(
                 f"the law '{controller.law.name}' weighs no prediction error of positions.",
                 where="law",
@@ -71,11 +71,12 @@ class Estimator:
             )
         loop = controller.law.kinematic_loop()
         self._R_k = None if loop is None else loop.weight
-        self._predictor = (
+        self._torque_filter = (
             FilteredRegressor(controller.dynamics, bandwidth) if bandwidth is not None else None
         )
-        self._carrier = replace(controller.senses.carrier, blind=math.inf)
-        self._check = InputCheck(kinematics, controller.dynamics.size)
+        senses = controller.senses
+        self._senses = replace(senses, carrier=replace(senses.carrier, blind=math.inf))
+        self._inputs = InputCheck(kinematics, controller.dynamics.size)
         rest = np.zeros(kinematics.task.size)
         self._nowhere = Desired(rest, rest, rest)
 
@@ -109,8 +110,8 @@ class Estimator:
             a_0=dynamic.value.copy(),
             filters=(),
             load=None if parts.belief is None else parts.belief.load,
-            senses=parts.senses.init(sample, kinematics),
-            prediction=self._anew(sample),
+            sensed=parts.senses.init(sample, kinematics),
+            torque_filter=self._anew(sample.q, sample.v),
         )
 
     def step(self, state: ControllerState, measurement: Measurement) -> ControllerState:
@@ -129,30 +130,25 @@ class Estimator:
             InputError: the state is that of another controller.
             DivergedError: the estimates ran away.
         """
-        self._check.state(state)
-        sample, parts, kinematics = self._checked(measurement), self.controller, self._kinematics
+        self._inputs.state(state)
+        sample, parts = self._checked(measurement), self.controller
         elapsed = sample.t - state.t
         if elapsed <= 0.0:
             raise ImplausibleError("t", sample.t, f"is not after the last sample's, {state.t:g} s")
-        if parts.senses.low_pass is not None:
-            v = parts.senses.velocity(state.senses, sample.v, elapsed)
-            sample = sample._replace(v=v)
-        kinematics.update(state.a_k, sample.q, sample.v)
-        still = parts.senses.guards.look(sample.v, sample.x, self._nowhere, kinematics)
-        senses = self._seen(state, sample)
-        if parts.senses.low_pass is not None:
-            senses = senses._replace(v=sample.v)
+        sensed, still = self._senses.read(
+            state.sensed, state.t, sample, self._nowhere, self._kinematics, state.a_k
+        )
         dynamic, kinematic = state.dynamic, state.kinematic
-        predicted = self._predicted(state, sample, elapsed)
+        filtered = self._filtered(state, sensed, sample.tau, elapsed)
         paused = elapsed > _PAUSE * parts.period
         if state.adapting and not still and not paused:
-            if isinstance(predicted, FilteredTorque):
-                dynamic = self._learned(dynamic, predicted, sample, elapsed)
-            kinematic = self._located(kinematic, senses, elapsed)
+            if isinstance(filtered, FilteredTorque):
+                dynamic = self._dynamic_step(dynamic, filtered, sample.q, elapsed)
+            kinematic = self._kinematic_step(kinematic, sensed, elapsed)
             torque = np.zeros(0) if sample.tau is None else sample.tau
             parts.watch(torque, dynamic.value, kinematic.value)
         return state._replace(
-            t=sample.t, dynamic=dynamic, kinematic=kinematic, senses=senses, prediction=predicted
+            t=sample.t, dynamic=dynamic, kinematic=kinematic, sensed=sensed, torque_filter=filtered
         )
 
     def learned(self, state: ControllerState) -> Robot:
@@ -165,51 +161,43 @@ class Estimator:
 
     def _checked(self, given: Measurement) -> Measurement:
         """Return a measurement as arrays of finite floats, with a torque where one is needed."""
-        measurement = self._check.measurement(given)
-        self._check.finite(measurement)
-        if self._predictor is None:
+        measurement = self._inputs.measurement(given)
+        self._inputs.finite(measurement)
+        if self._torque_filter is None:
             return measurement
-        tau = self._check.torque(measurement.tau)
+        tau = self._inputs.torque(measurement.tau)
         if tau is None:
             raise MeasurementError("tau", None, "is missing, and without it no dynamics show")
         return measurement._replace(tau=tau)
 
-    def _anew(self, sample: Measurement) -> FilteredTorque | tuple[()]:
-        """Return filters that begin at a sample."""
-        if self._predictor is None:
+    def _anew(self, q: np.ndarray, v: np.ndarray) -> FilteredTorque | tuple[()]:
+        """Return the output of filters that begin at q (nq), v (n)."""
+        if self._torque_filter is None:
             return ()
-        q, v = sample.q, sample.v
-        return self._predictor.observe(self._predictor.init(q, v), q, v)
+        return self._torque_filter.observe(self._torque_filter.init(q, v), q, v)
 
-    def _predicted(
-        self, state: ControllerState, sample: Measurement, elapsed: float
+    def _filtered(
+        self, state: ControllerState, sensed: Sensed, tau: np.ndarray | None, elapsed: float
     ) -> FilteredTorque | tuple[()]:
         """Return filtered regressor and torque at a sample."""
-        tau = sample.tau
-        if self._predictor is None or tau is None or elapsed > _PAUSE * self.controller.period:
-            return self._anew(sample)
-        memory = self._predictor.step(state.prediction, tau, elapsed)
-        return self._predictor.observe(memory, sample.q, sample.v, tau)
+        q, v = sensed.q, sensed.v
+        if self._torque_filter is None or tau is None or elapsed > _PAUSE * self.controller.period:
+            return self._anew(q, v)
+        memory = self._torque_filter.step(state.torque_filter, tau, elapsed)
+        return self._torque_filter.observe(memory, q, v, tau)
 
-    def _seen(self, state: ControllerState, sample: Measurement) -> Sensed:
-        """Return what is known of the task frame, from the first time on that it was seen."""
-        if state.senses.x is None:
-            return self.controller.senses.init(sample, self._kinematics)
-        return self._carrier.see(state.senses, state.t, sample, self._kinematics, state.a_k)
-
-    def _learned(
-        self, dynamic: Estimate, predicted: FilteredTorque, sample: Measurement, elapsed: float
+    def _dynamic_step(
+        self, dynamic: Estimate, filtered: FilteredTorque, q: np.ndarray, elapsed: float
     ) -> Estimate:
-        """Return the dynamic estimate after the prediction error of the torque."""
-        adaptation = self.controller.adaptation_d
-        a_d = adaptation.project(dynamic, sample.q)
-        drive = Drive(predicted.W, None, predicted.W, predicted.W.dot(a_d) - predicted.y)
+        """Return the dynamic estimate after a step by the prediction error of the torque."""
+        adaptation, W = self.controller.adaptation_d, filtered.W
+        a_d = adaptation.project(dynamic, q)
+        drive = Drive(W, None, W, filtered.error(a_d))
         return adaptation.step(dynamic._replace(value=a_d), drive, elapsed)
 
-    def _located(self, kinematic: Estimate, senses: Sensed, elapsed: float) -> Estimate:
-        """Return the kinematic estimate after the prediction error of the position."""
-        if not kinematic.value.size or senses.x is None:
+    def _kinematic_step(self, kinematic: Estimate, sensed: Sensed, elapsed: float) -> Estimate:
+        """Return the kinematic estimate after a step by the prediction error of the position."""
+        if not kinematic.value.size or sensed.x is None:
             return kinematic
-        epsilon, X_k = prediction(senses, self._kinematics, kinematic.value)
-        drive = Drive(X_k, None, X_k, epsilon, self._R_k)
+        drive = Drive(sensed.X_k, None, sensed.X_k, sensed.epsilon, self._R_k)
         return self.controller.adaptation_k.step(kinematic, drive, elapsed)

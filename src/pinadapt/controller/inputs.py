@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from .._checks import numbers
-from .._kernels import inputs as kernels
+from ..adaptation.adaptation import Drives
 from ..exceptions import InputError, MeasurementError, ParameterError
 from ..models.task_kinematics import TaskKinematics
 from ..records import Desired, Measurement
@@ -32,8 +32,6 @@ class InputCheck:
         self._q, self._v = (kinematics.nq,), (kinematics.nv,)
         self._x, self._m = (task.coordinates,), (task.size,)
         self._a_k, self._a_d = (kinematics.size,), (dynamic_size,)
-        sizes = self._a_d, self._a_k, self._q, self._v, self._x, self._m
-        self._sizes = np.array(sizes, dtype=np.int64).ravel()
 
     def sample(
         self, state: ControllerState, measurement: Measurement, desired: Desired
@@ -48,13 +46,23 @@ class InputCheck:
         try:
             t, q, v, x, x_time, xd, a, _ = measurement
             x_d, xd_d, xdd_d = desired
-            a_d, a_k = state.dynamic.value, state.kinematic.value
-            where = x_d if x is None else x
+            a_d, a_k, a_0 = state.dynamic.value, state.kinematic.value, state.a_0
             fits = (
                 state.__class__ is ControllerState
-                and kernels.fit(a_d, state.a_0, a_k, q, v, where, x_d, xd_d, xdd_d, self._sizes)
+                and a_d.shape == a_0.shape == self._a_d
+                and a_k.shape == self._a_k
+                and q.shape == self._q
+                and v.shape == self._v
+                and x_d.shape == self._x
+                and xd_d.shape == xdd_d.shape == self._m
+                and a_d.dtype is a_0.dtype is a_k.dtype is q.dtype is v.dtype is _FLOAT
+                and x_d.dtype is xd_d.dtype is xdd_d.dtype is _FLOAT
+                and q.__class__ is v.__class__ is np.ndarray
+                and x_d.__class__ is xd_d.__class__ is xdd_d.__class__ is np.ndarray
+                and (x is None or (x.shape == self._x and x.dtype is _FLOAT))
+                and (x is None or x.__class__ is np.ndarray)
                 and (x_time is None or (x_time.__class__ is float and x_time - x_time == 0.0))
-                and (xd is None or (xd.dtype is _FLOAT and xd.shape == self._m))
+                and (xd is None or (xd.shape == self._m and xd.dtype is _FLOAT))
                 and a is None
                 and t.__class__ is float
                 and t - t == 0.0
@@ -79,6 +87,13 @@ class InputCheck:
             or given.a_0.shape != self._a_d
         ):
             raise InputError("the state is that of another controller.", where="state")
+        for estimate in (given.kinematic.value, given.dynamic.value, given.a_0):
+            if estimate.dtype.kind != "f" or estimate.dtype.itemsize != _FLOAT.itemsize:
+                raise InputError(
+                    f"expected estimates of floats, got an array of {estimate.dtype}.",
+                    where="state",
+                    hint="An adaptation of your own must return arrays of floats.",
+                )
 
     def measurement(self, given: Measurement) -> Measurement:
         """Return the measurement as arrays of floats.
@@ -134,6 +149,25 @@ class InputCheck:
             _array(x_d, self._x, "x_d", InputError),
             _array(xd_d, self._m, "xd_d", InputError),
             _array(xdd_d, self._m, "xdd_d", InputError),
+        )
+
+    def command(self, torque: np.ndarray, drives: Drives) -> None:
+        """Refuse what a law of a user's own returns in other sizes, before kernels take it.
+
+        Raises:
+            InputError: the torque or a gradient of the drives has not the size it must have.
+        """
+        g_d, g_k = drives.dynamic.gradient, drives.kinematic.gradient
+        if torque.shape == self._v and g_d.shape == self._a_d and g_k.shape == self._a_k:
+            return
+        found = (
+            ("torque", torque, self._v),
+            ("drives.dynamic.gradient", g_d, self._a_d),
+            ("drives.kinematic.gradient", g_k, self._a_k),
+        )
+        name, given, size = next(each for each in found if each[1].shape != each[2])
+        raise InputError(
+            f"expected {size[0]} numbers, got shape {given.shape}.", where=f"the law's {name}"
         )
 
     def finite(self, measurement: Measurement, desired: Desired | None = None) -> None:

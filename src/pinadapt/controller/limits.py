@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from .._checks import numbers, positive, vector
 from ..exceptions import GainError, ParameterError
 from ..models.dynamics import Dynamics
+from ..models.right_inverse import RightInverse
 from ..models.task_kinematics import TaskKinematics
 from ..models.translations import FIRST
 from ..robot.motors import torque_limits
@@ -67,7 +68,7 @@ def make_limits(
             f"must be a fraction of home's, below 1, got {fraction:g}.", where="damping"
         )
     kinematics.update(kinematics.initial, believed.q0, np.zeros(believed.model.nv))
-    s_home = kinematics.right_inverse(1.0).conditioning  # damped, so that no home is refused
+    s_home = RightInverse(kinematics.J, 1.0).conditioning  # damped, so that no home is refused
     size = (
         float(np.linalg.norm(dynamics.initial))
         + sum(body.mass for body in believed.model.inertias)

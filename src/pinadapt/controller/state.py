@@ -11,7 +11,7 @@ from ..models.late_frames import Sensed
 from ..records import Desired, Measurement
 from ..robot.changes import Payload
 
-_NOTHING = Sensed(None, np.zeros(0))
+_NOTHING = Sensed(np.zeros(0), np.zeros(0))
 
 
 class ControllerState(NamedTuple):
@@ -25,8 +25,9 @@ class ControllerState(NamedTuple):
         filters: state of the law's filters; see ``Law.filters``.
         adapting: whether the estimates move; they rest until told to with ``adapt``.
         load: what the robot is believed to carry on top of its description, as last announced.
-        senses: what was last seen of the task frame, and the filtered joint velocity.
-        prediction: what the filters of the torque remember, where the adaptation predicts it.
+        sensed: what the sensors said at the last sample, see ``Sensed``.
+        torque_filter: state of the low pass of torque and regressor, where the adaptation uses
+            their prediction error.
     """
 
     t: float
@@ -36,8 +37,8 @@ class ControllerState(NamedTuple):
     filters: Any
     adapting: bool = True
     load: Payload | None = None
-    senses: Sensed = _NOTHING
-    prediction: Any = ()
+    sensed: Sensed = _NOTHING
+    torque_filter: Any = ()
 
     @property
     def a_d(self) -> np.ndarray:
@@ -55,14 +56,14 @@ class ControllerState(NamedTuple):
 
     def flat(self) -> np.ndarray:
         """Return what moves, estimates and filters with their memories, as one array."""
-        moving = (*self[1:5], self.prediction)
+        moving = (*self[1:5], self.torque_filter)
         return np.concatenate([part.ravel() for part in _leaves(moving)])
 
     def with_flat(self, values: np.ndarray) -> ControllerState:
         """Return the state whose ``flat`` is ``values``."""
-        parts, used = _filled((*self[1:5], self.prediction), values, 0)
+        parts, used = _filled((*self[1:5], self.torque_filter), values, 0)
         assert used == values.size
-        names = ("dynamic", "kinematic", "a_0", "filters", "prediction")
+        names = ("dynamic", "kinematic", "a_0", "filters", "torque_filter")
         return self._replace(**dict(zip(names, parts, strict=True)))
 
 

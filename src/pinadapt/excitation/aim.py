@@ -158,7 +158,7 @@ class Aim:
         if not kinematics.size:
             return np.zeros((len(q), kinematics.positions, 0))
         kinematics.update(kinematics.initial, q[0], np.zeros(kinematics.nv))
-        return np.array([kinematics.predicted(each)[1] for each in q])
+        return np.array([kinematics.at(each)[1] for each in q])
 
 
 def _torque_part(robot: Robot, dynamics: Dynamics) -> _Part:
@@ -194,7 +194,7 @@ def _position_part(robot: Robot, kinematics: TaskKinematics) -> _Part:
     for _ in range(_SAMPLES if size else 0):
         q = pin.integrate(robot.model, robot.q0, rng.uniform(-np.pi, np.pi, robot.model.nv))
         kinematics.update(kinematics.initial, q, np.zeros(robot.model.nv))
-        rows.append(kinematics.prediction()[1])
+        rows.append(kinematics.X_k)
     chosen, R = independent_columns(np.vstack(rows))
     root = _TRANSLATION_PRIOR * robot.reach * _root(R @ R.T)
     noise = np.full(m, _POSITION_NOISE * robot.reach)

@@ -1,12 +1,12 @@
-"""Filters: memory that measurements drive."""
+"""Filters: memory driven by measurements."""
 
-from .filtered_regressor import FilteredRegressor as FilteredRegressor
-from .filtered_regressor import FilteredTorque as FilteredTorque
-from .filtered_regressor import TorqueFilterState as TorqueFilterState
+from .filters import FilteredMotion as FilteredMotion
 from .filters import Filters as Filters
+from .filters import LowPass as LowPass
+from .filters import MotionFilters as MotionFilters
+from .filters import MotionState as MotionState
 from .filters import NoFilters as NoFilters
-from .low_pass import LowPass as LowPass
-from .motion_filters import FilteredMotion as FilteredMotion
-from .motion_filters import MotionFilters as MotionFilters
-from .motion_filters import MotionState as MotionState
-from .position_observer import PositionObserver as PositionObserver
+from .filters import PositionObserver as PositionObserver
+from .torque_filter import FilteredRegressor as FilteredRegressor
+from .torque_filter import FilteredTorque as FilteredTorque
+from .torque_filter import TorqueFilterState as TorqueFilterState

@@ -277,7 +277,7 @@ def position_rows(
         share = (time - motion.t[k]) / (motion.t[k + 1] - motion.t[k])
         q = kinematics.between(motion.q[k], motion.q[k + 1], float(share))
         kinematics.update(kinematics.initial, q, still)
-        position, X_k = kinematics.prediction()
+        position, X_k = kinematics.p_hat, kinematics.X_k
         t.append(time)
         W.append(X_k)
         r.append(x[:m] - position)

@@ -183,7 +183,7 @@ def position_information(
             before, after = samples[k].measurement, samples[k + 1].measurement
             q = kinematics.between(before.q, after.q, float(np.clip(share, 0.0, 1.0)))
         kinematics.update(state.a_k, q, v)
-        position, X_k = kinematics.prediction()
+        position, X_k = kinematics.p_hat, kinematics.X_k
         W.append(X_k)
         r.append(np.asarray(x)[:m] - position)
     shape = len(W), m

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from ..adaptation.adaptation import Drive, Drives
 from ..signals import Signals
-from .estimated_velocity import AccelerationCommand, EstimatedVelocityLaw
-from .inertia import solve_inertia
-from .law import Believed
+from .acceleration_law import EstimatedVelocityLaw
+from .law import Command, EstimatedModel
 
 
 class AdaptiveInverseDynamics(EstimatedVelocityLaw):
@@ -31,19 +28,13 @@ class AdaptiveInverseDynamics(EstimatedVelocityLaw):
     sources = ("WangXie2009",)
     inverts_estimate = True
 
-    def command(self, s: Signals, believed: Believed) -> AccelerationCommand:
-        """Return M_hat v + C_hat qd + g_hat, (11)."""
+    def command(self, s: Signals, model: EstimatedModel) -> Command:
+        """Return tau, (11), with the drives of both estimates, (18) and (19)."""
         e, kinematic = self.errors(s)
-        v = self.commanded_acceleration(s, believed.kinematic_rate(s, kinematic))
-        return AccelerationCommand(
-            believed.dynamics.torque(s.q, s.v, v), None, kinematic, e
-        )  # (11)
-
-    def drives(
-        self, s: Signals, believed: Believed, command: AccelerationCommand, a: np.ndarray
-    ) -> Drives:
-        """Return g_d = Phi^T e = Y^T M_hat^-1 J_hat^T e, (18), and g_k, (19)."""
-        M_hat = believed.dynamics.mass_matrix(s.q)
-        error = solve_inertia(M_hat, s.J, command.e, believed.watch)  # M_hat^-1 J_hat^T e
-        Y = believed.dynamics.regressor(s.q, s.v, a)
-        return Drives(Drive(Y, error), command.kinematic)  # (18), (19)
+        v = self.commanded_acceleration(s, model.kinematic_rate(s, kinematic))
+        # M_hat v + C_hat qd + g_hat (11)
+        torque = model.dynamics.torque(s.q, s.v, v)
+        # Phi^T e = Y^T M_hat^-1 J_hat^T e (18)
+        error = model.solve(model.dynamics.mass_matrix(s.q), s.J, e)
+        dynamic = Drive(model.dynamics.regressor(s.q, s.v, s.a), error)
+        return Command(torque, Drives(dynamic, kinematic))

@@ -1,28 +1,16 @@
-"""Adaptive inverse dynamics that never inverts an estimate that moves."""
+"""Adaptive inverse dynamics that never inverts a moving estimate; Spong and Ortega's law."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ..adaptation.adaptation import Drive, Drives
 from ..signals import Signals
-from .estimated_velocity import AccelerationCommand, EstimatedVelocityLaw
-from .inertia import solve_inertia
-from .law import Believed
-
-
-@dataclass(slots=True, eq=False)
-class ImprovedCommand(AccelerationCommand):
-    """A command with what it took.
-
-    Attributes:
-        M_0: (n, n) mass matrix at the initial estimate.
-    """
-
-    M_0: np.ndarray = None  # type: ignore[assignment]  # always given
+from .acceleration_law import EstimatedVelocityLaw
+from .law import Command, EstimatedModel
 
 
 class AdaptiveInverseDynamicsImproved(EstimatedVelocityLaw):
@@ -45,21 +33,42 @@ class AdaptiveInverseDynamicsImproved(EstimatedVelocityLaw):
     name = "adaptive-inverse-dynamics-improved"
     sources: ClassVar[tuple[str, ...]] = ("WangXie2009", "SpongOrtega1990")
 
-    def command(self, s: Signals, believed: Believed) -> ImprovedCommand:
-        """Return M_0 v + C_hat qd + g_hat, (32), with feedthrough M_hat - M_0, (34)."""
-        (e, kinematic), dynamics = self.errors(s), believed.dynamics
-        v = self.commanded_acceleration(s, believed.kinematic_rate(s, kinematic))
+    def command(self, s: Signals, model: EstimatedModel) -> Command:
+        """Return tau, (32) with (34), and the drives of both estimates, (36) and (37)."""
+        (e, kinematic), dynamics = self.errors(s), model.dynamics
+        v = self.commanded_acceleration(s, model.kinematic_rate(s, kinematic))
         dynamics.load(s.a_0)
         M_0 = dynamics.mass_matrix(s.q)
         dynamics.load(s.a_d)
-        bias = dynamics.torque(s.q, s.v, np.zeros(s.v.size))  # C_hat qd + g_hat
-        delta = dynamics.mass_matrix(s.q) - M_0  # (34)
-        return ImprovedCommand(M_0.dot(v) + bias, delta, kinematic, e, M_0)  # (32)
+        # M_0 v + C_hat qd + g_hat (32), and delta = (M_hat - M_0) qdd (34)
+        torque = M_0.dot(v) + dynamics.torque(s.q, s.v, np.zeros(s.v.size))
+        feedthrough = dynamics.mass_matrix(s.q) - M_0
+        # Phi_1^T e = Y^T M_0^-1 J_hat^T e (36)
+        error = model.solve(M_0, s.J, e)
+        dynamic = Drive(dynamics.regressor(s.q, s.v, s.a), error)
+        return Command(torque, Drives(dynamic, kinematic), feedthrough)
 
-    def drives(
-        self, s: Signals, believed: Believed, command: ImprovedCommand, a: np.ndarray
-    ) -> Drives:
-        """Return g_d = Phi_1^T e = Y^T M_0^-1 J_hat^T e, (36), and g_k, (37)."""
-        error = solve_inertia(command.M_0, s.J, command.e, believed.watch)  # M_0^-1 J_hat^T e
-        Y = believed.dynamics.regressor(s.q, s.v, a)
-        return Drives(Drive(Y, error), command.kinematic)  # (36), (37)
+
+@dataclass(frozen=True, eq=False)
+class SpongOrtega(AdaptiveInverseDynamicsImproved):
+    """Adaptive inverse dynamics of rigid robots: M. Spong, R. Ortega, IEEE TAC 35 (1990) 92-95.
+
+    The improved adaptive inverse dynamics on a joint task, x = q and J = I. B^T P xi is here
+    ed + alpha e, as the Lyapunov equation gives for Q = diag(2 alpha K_P, 2 (K_v - alpha I)).
+
+    Law:          tau = M_0 (qdd_d - K_v ed - K_P e) + C_hat qd + g_hat + (M_hat - M_0) qdd, M_0(q)
+                  from the initial estimate, e = q - q_d on the manifold.
+    Adaptation:   da_d/dt = -Gamma_d (M_0^-1 Y)^T (ed + alpha e).
+    Closed loop:  edd + K_v ed + K_P e = M_0^-1 Y da_d.
+    V:            |ed + alpha e|^2 / 2 + e^T (K_P + alpha K_v - alpha^2 I) e / 2 + D_d(a_d),
+                  dV/dt = -ed^T (K_v - alpha I) ed - alpha e^T K_P e.
+    Assumptions:  constant parameters; kinematics known; joint acceleration known and fed back, so
+                  M + M_0 - M_hat must stay invertible; K_v - alpha I > 0.
+    """
+
+    posture: Any = None
+
+    name = "spong-ortega"
+    sources = ("SpongOrtega1990",)
+    joint_space = True
+    units = ("1/s", "1/s^2")

@@ -1,4 +1,4 @@
-"""Adaptive inverse dynamics with measured task velocity."""
+"""Adaptive inverse dynamics with measured task velocity; the law of Craig, Hsu and Sastry."""
 
 from __future__ import annotations
 
@@ -12,19 +12,7 @@ from ..adaptation.adaptation import Drive, Drives
 from ..signals import Signals
 from .acceleration_law import AccelerationLaw
 from .gains import check_margin, task_gain
-from .inertia import solve_inertia
-from .law import Believed, Command, Truth
-
-
-@dataclass(slots=True, eq=False)
-class VelocityCommand(Command):
-    """A command with what it took.
-
-    Attributes:
-        xi: (2 m) the state (dx, dxd) of the linear closed loop.
-    """
-
-    xi: np.ndarray = None  # type: ignore[assignment]  # always given
+from .law import Command, EstimatedModel, Truth
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,29 +81,24 @@ class AdaptiveInverseDynamicsVelocity(AccelerationLaw):
     def _xi(self, s: Signals) -> np.ndarray:
         return np.concatenate([s.dx, s.xd - s.xd_d])
 
-    def command(self, s: Signals, believed: Believed) -> VelocityCommand:
-        """Return M_hat v + C_hat qd + g_hat, (25)."""
-        xi = self._xi(s)
+    def command(self, s: Signals, model: EstimatedModel) -> Command:
+        """Return tau, (25), with the drives of both estimates, (29) and (30)."""
+        xi, dynamics, m_p = self._xi(s), model.dynamics, self.task.positions
         dx, dxd = xi[: s.dx.size], xi[s.dx.size :]
         u = s.xdd_d - self.K_v.dot(dxd) - self.K_P.dot(dx) - s.Jdot_v
         if s.delta is not None:
             u -= self._turning.dot(s.delta)
         psi = None if s.inverse.unique else self.posture.acceleration(s.q, s.v)
-        torque = believed.dynamics.torque(s.q, s.v, s.inverse.solve(u, psi))
-        return VelocityCommand(torque, None, xi)  # (25)
-
-    def drives(
-        self, s: Signals, believed: Believed, command: VelocityCommand, a: np.ndarray
-    ) -> Drives:
-        """Return g_d, (29), and g_k, (30)."""
-        z, dynamics = self._B_T_P.dot(command.xi), believed.dynamics
-        M_hat = dynamics.mass_matrix(s.q)
-        error = solve_inertia(M_hat, s.J, z, believed.watch)  # M_hat^-1 J_hat^T B^T P xi
-        dynamic = Drive(dynamics.regressor(s.q, s.v, a), error)  # (29)
-        m = self.task.positions
-        residual = (s.xd_hat - s.xd)[:m]  # Y_k a_k - xd
-        Y_bar = believed.kinematics.acceleration_regressor(a)  # (27)
-        return Drives(dynamic, Drive(Y_bar, -z, s.Y_k[:m], residual, self.R_k))  # (30)
+        # M_hat J_hat^+ u + C_hat qd + g_hat (25)
+        torque = dynamics.torque(s.q, s.v, s.inverse.solve(u, psi))
+        # Phi^T B^T P xi = Y^T M_hat^-1 J_hat^T B^T P xi (29)
+        z = self._B_T_P.dot(xi)
+        error = model.solve(dynamics.mass_matrix(s.q), s.J, z)
+        dynamic = Drive(dynamics.regressor(s.q, s.v, s.a), error)
+        # -Ybar_k^T B^T P xi + Y_k^T R_k (Y_k a_k - xd) (30), Ybar_k of (27)
+        Y_bar, residual = model.kinematics.acceleration_regressor(s.a), (s.xd_hat - s.xd)[:m_p]
+        kinematic = Drive(Y_bar, -z, s.Y_k[:m_p], residual, self.R_k)
+        return Command(torque, Drives(dynamic, kinematic))
 
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return xi^T P xi / 2."""
@@ -127,3 +110,30 @@ class AdaptiveInverseDynamicsVelocity(AccelerationLaw):
         xi, Y_p = self._xi(s), s.Y_k[: self.task.positions]
         prediction = Y_p @ (s.a_k - truth.a_k)
         return float(-0.5 * xi @ (self.Q @ xi) - prediction @ (self.R_k @ prediction))
+
+
+@dataclass(frozen=True, eq=False)
+class Craig(AdaptiveInverseDynamicsVelocity):
+    """Adaptive computed torque.
+
+    J. Craig, P. Hsu, S. Sastry, *Adaptive control of mechanical manipulators*, IJRR 6(2) (1987)
+    16-28.
+
+    Adaptive inverse dynamics with task velocity on a joint task, x = q and J = I; its velocity is
+    the measured one of the joints.
+
+    Law:          tau = M_hat (qdd_d - K_v ed - K_P e) + C_hat qd + g_hat, e = q - q_d on the
+                  manifold.
+    Adaptation:   da_d/dt = -Gamma_d (M_hat^-1 Y)^T B^T P xi, xi = (e, ed), A^T P + P A = -Q.
+    Closed loop:  dxi/dt = A xi + B M_hat^-1 Y da_d.
+    V:            xi^T P xi / 2 + D_d(a_d), dV/dt = -xi^T Q xi / 2.
+    Assumptions:  constant parameters; kinematics known; M_hat invertible, which natural adaptation
+                  guarantees; joint acceleration known.
+    """
+
+    posture: Any = None
+
+    name = "craig"
+    sources = ("CraigHsuSastry1987",)
+    joint_space = True
+    units = ("1/s", "1/s^2")

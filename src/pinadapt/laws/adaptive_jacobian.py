@@ -10,10 +10,9 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy import empty
 
-from .._kernels import feedback as kernels
+from .._kernels import laws as kernels
 from ..adaptation.adaptation import Drive, Drives
-from ..filters.low_pass import LowPass
-from ..filters.motion_filters import MotionFilters
+from ..filters.filters import LowPass, MotionFilters
 from ..models.typical_motion import (
     TypicalMotion,
     felt_inertia,
@@ -24,25 +23,13 @@ from ..models.typical_motion import (
 from ..signals import Signals
 from ..tasks.frame import PoseTask
 from ..tasks.task import Task
-from .feedback import Feedback, KinematicLoop
 from .gains import check_in_place, merged
-from .law import Believed, Command, Law, Truth
+from .law import Command, EstimatedModel, Feedback, KinematicLoop, Law, Truth
 from .posture import Posture
 
 Own = TypeVar("Own", bound="AdaptiveJacobian")
 _ERROR_RATE = 0.25  # alpha in bandwidths
 _NOTHING = np.zeros(0)
-
-
-@dataclass(slots=True, eq=False)
-class PassivityCommand(Command):
-    """A command with what it took.
-
-    Attributes:
-        dynamic, kinematic: drives of both estimates.
-    """
-
-    drives: Drives = None  # type: ignore[assignment]  # always given
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,18 +145,19 @@ class AdaptiveJacobian(Law):
         """Return qd_r (n)."""
         return s.inverse.solve(s.xd_d - self.alpha * s.dx, self.posture.null_motion(s)[0])
 
-    def command(self, s: Signals, believed: Believed) -> PassivityCommand:
-        """Return the torque, with the drives, which are known by then."""
+    def command(self, s: Signals, model: EstimatedModel) -> Command:
+        """Return the torque and the drives of both estimates."""
         kinematic = self._kinematic_drive(s)
-        Jdot = believed.kinematics.jacobian_rate(believed.kinematic_rate(s, kinematic))
+        Jdot = model.kinematics.jacobian_rate(model.kinematic_rate(s, kinematic))
         qd_r, qdd_r = self._reference(s, Jdot)
-        Y_r, feedforward = believed.dynamics.slotine_li(s.q, s.v, qd_r, qdd_r)
+        # tau = Y_r a_d - J_hat^T (K_v dxd_hat + K_P dx) - N D N s, s = qd - qd_r
+        Y_r, feedforward = model.dynamics.slotine_li(s.q, s.v, qd_r, qdd_r)
         error, torque = empty(qd_r.size), empty(qd_r.size)
         kernels.subtract_task_force(
             s.J, self.K_v, s.xd_hat, s.xd_d, self.K_P, s.dx, feedforward, s.v, qd_r, error, torque
         )
         s.inverse.subtract_null_damping(self.posture.damping, error, torque)
-        return PassivityCommand(torque, None, Drives(Drive(Y_r, error), kinematic))
+        return Command(torque, Drives(Drive(Y_r, error), kinematic))
 
     def _kinematic_drive(self, s: Signals) -> Drive:
         """Return the drive of g_k = -Y_k^T (K_P + alpha K_v) dx + W_k^T R_k (W_k a_k - y)."""
@@ -181,12 +169,6 @@ class AdaptiveJacobian(Law):
             e, error, residual, g_k,
         )  # fmt: skip
         return Drive(s.Y_k, error, W_k, residual, self.R_k, g_k)
-
-    def drives(
-        self, s: Signals, believed: Believed, command: PassivityCommand, a: np.ndarray
-    ) -> Drives:
-        """Return g_d = Y_r^T s and g_k."""
-        return command.drives
 
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return s^T M s / 2 + dx^T (K_P + alpha K_v) dx / 2, M the true mass matrix."""

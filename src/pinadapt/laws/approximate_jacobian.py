@@ -1,4 +1,4 @@
-"""Set-point control with a Jacobian that is wrong and stays so."""
+"""Set-point control with an approximate Jacobian that is not adapted."""
 
 from __future__ import annotations
 
@@ -17,26 +17,14 @@ from ..models.typical_motion import TypicalMotion, unit_mass
 from ..signals import Signals
 from ..tasks.task import Task
 from .adaptive_jacobian import felt_by_task
-from .feedback import Feedback, SetPointLoop
 from .gains import check_in_place, merged
-from .law import Believed, Command, Law, Truth
+from .law import Command, EstimatedModel, Feedback, Law, SetPointLoop, Truth
 from .saturation import Saturation
 
 Own = TypeVar("Own", bound="ApproximateJacobian")
 _WIDTH, _TURN = 0.05, 0.1  # of the reach; [rad]
 _NULL = 0.5  # in bandwidths, the slowest mode that is damped critically
 _WEIGHT = 0.6  # at which the largest error of the Jacobian is borne
-
-
-@dataclass(slots=True, eq=False)
-class SetPointCommand(Command):
-    """A command with what it took.
-
-    Attributes:
-        y: (n) the error that drives the estimate [rad/s or m/s].
-    """
-
-    y: np.ndarray = None  # type: ignore[assignment]  # always given
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,21 +141,15 @@ class ApproximateJacobian(Law):
             "weight": _WEIGHT,
         }
 
-    def command(self, s: Signals, believed: Believed) -> SetPointCommand:
-        """Return the torque, with what drives the estimate."""
-        rest = np.zeros(s.v.size)
-        pull = self._pull(s)
-        gravity = believed.dynamics.torque(s.q, rest, rest)
+    def command(self, s: Signals, model: EstimatedModel) -> Command:
+        """Return the torque and the drive Z^T y; the kinematic estimate is not adapted."""
+        rest, pull = np.zeros(s.v.size), self._pull(s)
+        # tau = Z a_d + g_0 - J_hat^T K_P s(dx) - K_v qd
+        torque = model.dynamics.torque(s.q, rest, rest) - pull - self.brake(s.v)
+        # Z^T y, y = qd + weight K_v^-1 J_hat^T K_P s(dx)
         y = s.v + self.weight * self._compliance.dot(pull)
-        return SetPointCommand(gravity - pull - self.brake(s.v), None, y)
-
-    def drives(
-        self, s: Signals, believed: Believed, command: SetPointCommand, a: np.ndarray
-    ) -> Drives:
-        """Return g_d = Z^T y; the kinematic estimate rests."""
-        rest = np.zeros(s.v.size)
-        Z = believed.dynamics.regressor(s.q, rest, rest)
-        return Drives(Drive(Z, command.y), Drive(s.Y_k, None))
+        dynamic = Drive(model.dynamics.regressor(s.q, rest, rest), y)
+        return Command(torque, Drives(dynamic, Drive.none(s.a_k.size)))
 
     def brake(self, v: np.ndarray) -> np.ndarray:
         """Return the damping torque K_v qd (n) [N m or N] at joint velocity v (n)."""
@@ -245,3 +227,34 @@ def default_width(motion: TypicalMotion) -> np.ndarray:
     """Return the default width (m) of the saturation [m or rad]."""
     p, m = motion.kinematics.task.positions, motion.kinematics.task.size
     return np.repeat([_WIDTH * motion.robot.reach, _TURN], [p, m - p])
+
+
+@dataclass(frozen=True, eq=False)
+class ApproximateJacobianGravity(ApproximateJacobian):
+    """Set point with approximate Jacobian and gravity regressor, as link lengths are wrong.
+
+    After H. Yazarel, C. Cheah, IEEE TAC 47 (2002) 1580-1585, whose law could not be recovered
+    exactly. The torque is that of ``ApproximateJacobian`` with Z_hat, the regressor at the believed
+    lengths, in place of Z: unknown lengths are not lumped with the inertias, and any adaptation
+    does, natural included. What follows is proved for this form.
+
+    Law:          tau = Z_hat(q) a_d + g_0(q) - J_hat^T K_P s(dx) - K_v qd.
+    Adaptation:   da_d/dt = -Gamma_d Z_hat^T y, y = qd + weight K_v^-1 J_hat^T K_P s(dx).
+    Closed loop:  M qdd + C qd = Z_hat (a_d - a) - r - J_hat^T K_P s - K_v qd - f(qd), with any a,
+                  and r(q) = g(q) - Z_hat(q) a - g_0(q), what the approximate regressor leaves.
+    V:            that of ``ApproximateJacobian`` with D_d(a_d) from a; dV/dt = that of
+                  ``ApproximateJacobian`` - y^T r, an equality; ``dissipation`` returns the first
+                  part, as it knows no r.
+    Convergence:  take an a for which r vanishes where the arm is to rest, Z_hat a + g_0 = g there.
+                  Then |r| <= nu |F|, F = J_hat^T K_P s, in the metric K_v^-1, nu the smaller the
+                  stiffer K_P, and dV/dt <= -(1 - mu) |qd|^2 + (weight + mismatch + nu) |qd| |F| -
+                  weight (1 - nu) |F|^2: nu counts as an error of the Jacobian does.
+    Assumptions:  those of ``ApproximateJacobian`` but for the exact regressor; gravity at the set
+                  point in the range of Z_hat, which the ten parameters of all bodies span but for
+                  vertical axes, where both are zero; those of the last body alone do not.
+                  Redundant arms: locally, as the set point does not fix where they rest.
+    """
+
+    name = "approximate-jacobian-gravity"
+    sources = ("YazarelCheah2002",)
+    approximate_regressor = True

@@ -20,8 +20,8 @@ from ..models.typical_motion import TypicalMotion
 from ..robot.changes import Payload
 from ..robot.robot import Robot
 from ..signals import Signals
-from .approximate_jacobian import ApproximateJacobian, SetPointCommand, joint_damping
-from .law import Believed
+from .approximate_jacobian import ApproximateJacobian, joint_damping
+from .law import Command, EstimatedModel
 
 _LEAST, _SPRING = 0.1, 0.5  # share of the bound left to the feedback; of that to the spring
 _HEAVIER = 1.3  # bodies, for what gravity may ask
@@ -67,13 +67,13 @@ class BoundedTorque(ApproximateJacobian):
         kinematics, K_v, K_P, width, weight: as ``ApproximateJacobian``.
         bound: (n) b [N m or N].
         gravity: (n) G [N m or N].
-        pace: share of the bandwidth for which the bound leaves torque.
+        bandwidth_share: share of the bandwidth for which the bound leaves torque.
     """
 
     _: KW_ONLY
     bound: Any
     gravity: Any
-    pace: float = 1.0
+    bandwidth_share: float = 1.0
 
     name = "bounded-torque"
     sources = ("Dixon2007",)
@@ -131,7 +131,7 @@ class BoundedTorque(ApproximateJacobian):
             "Kv": joint_damping(motion, K_P, pace * share * motion.bandwidth),
             "bound": bound,
             "gravity": gravity,
-            "pace": pace,
+            "bandwidth_share": pace,
         }
 
     def brake(self, v: np.ndarray) -> np.ndarray:
@@ -140,14 +140,14 @@ class BoundedTorque(ApproximateJacobian):
         r = float(np.abs(asked / self.brake_limit).max())
         return asked * (np.tanh(r) / r) if r > 0.0 else asked
 
-    def command(self, s: Signals, believed: Believed) -> SetPointCommand:
-        """Return the torque, with what drives the estimate.
+    def command(self, s: Signals, model: EstimatedModel) -> Command:
+        """Return the torque and the drives.
 
-        Clipping does nothing but where no ``GravityProjection`` keeps the estimate.
+        The torque is clipped for estimates that no ``GravityProjection`` keeps in their bounds;
+        otherwise clipping changes nothing.
         """
-        command = super().command(s, believed)
-        np.clip(command.torque, -self.bound, self.bound, out=command.torque)
-        return command
+        command = super().command(s, model)
+        return command._replace(torque=np.clip(command.torque, -self.bound, self.bound))
 
     def guarded(self, adaptation: Adaptation, dynamics: Dynamics) -> Adaptation:
         """Return the adaptation with a projection that keeps gravity within its share.

@@ -10,79 +10,103 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from .._kernels import linear_algebra as kernels
 from ..adaptation.adaptation import Adaptation, Drive, Drives, Estimate
-from ..exceptions import InputError
+from ..exceptions import DivergedError, InputError
 from ..filters.filters import Filters, NoFilters
 from ..models.dynamics import Dynamics
 from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
 from ..robot.changes import Friction
 from ..signals import Signals
-from .feedback import Feedback, KinematicLoop, SetPointLoop
 
 
-@dataclass(slots=True, eq=False)
-class Command:
-    """A torque, affine in the joint acceleration where the law measures it.
+class Command(NamedTuple):
+    """What a law returns: the torque, and the drives of both estimates.
 
-    The torque at joint acceleration a is torque + feedthrough @ a. A law may subclass it for what
-    it wants back when it adapts, so that nothing is computed twice.
+    The torque is affine in the joint acceleration a: torque + feedthrough @ a.
 
     Attributes:
-        torque: (n) N m or N.
-        feedthrough: (n, n) or None for zero.
+        torque: (n) the part that does not depend on the acceleration [N m or N].
+        drives: what moves the estimates.
+        feedthrough: (n, n) factor of the acceleration [kg m^2 or kg], or None for zero.
     """
 
     torque: np.ndarray
+    drives: Drives
     feedthrough: np.ndarray | None = None
 
     def at(self, a: np.ndarray | None) -> np.ndarray:
-        """Return the torque (n) at joint acceleration a (n)."""
+        """Return the torque (n) [N m or N] at joint acceleration a (n) [rad/s^2 or m/s^2]."""
         return self.torque if self.feedthrough is None else self.torque + self.feedthrough @ a
 
 
 @dataclass(slots=True, eq=False)
-class Believed:
-    """The believed robot, to be asked while a command is worked out.
+class EstimatedModel:
+    """The model at the current estimates, for a law to evaluate while it computes its command.
 
     Attributes:
         kinematics: evaluated at the signals' q, v and a_k.
         dynamics: with a_d loaded; a law that loads another estimate loads a_d again.
-        adaptation: how the kinematic estimate moves.
-        adaptation_d: how the dynamic estimate moves.
-        watch: whether an M_hat that is not positive definite ends the run of a law that inverts it.
-        memory: what it remembers.
-        dt: [s] over which the torque will be held; None where the loop is one differential
-            equation.
+        adaptation_k, adaptation_d: how the kinematic and the dynamic estimate move.
+        kinematic, dynamic: the estimates with the memory of their adaptations.
+        dt: time for which the torque will be held [s]; None where the loop is integrated as one
+            differential equation.
+        stop_on_divergence: whether an M_hat that is not positive definite ends the run.
     """
 
     kinematics: TaskKinematics
     dynamics: Dynamics
-    adaptation: Adaptation
+    adaptation_k: Adaptation
     adaptation_d: Adaptation
-    watch: bool = True
-    memory: tuple = ()
+    kinematic: Estimate
+    dynamic: Estimate
     dt: float | None = None
+    stop_on_divergence: bool = True
 
     @property
-    def prediction(self) -> float:
-        """Bandwidth of the low pass behind ``Signals.predicted`` [1/s], infinite for none."""
-        return self.adaptation_d.prediction or math.inf
+    def torque_bandwidth(self) -> float:
+        """Bandwidth of the low pass of ``Signals.filtered_torque`` [1/s], infinite for none."""
+        return self.adaptation_d.torque_bandwidth or math.inf
 
     def kinematic_rate(self, s: Signals, drive: Drive) -> np.ndarray:
-        """Return the rate of a_k (p_k) under a drive, by the chosen adaptation."""
+        """Return da_k/dt (p_k) under a drive, zero while the estimates are held."""
         if s.adapting:
-            return self.adaptation.rate(s.kinematic, drive).value
+            return self.adaptation_k.rate(self.kinematic, drive).value
         return np.zeros(s.a_k.size)
 
     def dynamic_rate(self, s: Signals, drive: Drive) -> np.ndarray:
-        """Return the rate of a_d (p_d) under a drive, its mean over the period that begins."""
-        estimate = Estimate(s.a_d, self.memory)
+        """Return da_d/dt (p_d) under a drive, its mean over dt; zero while they are held."""
         if not s.adapting:
             return np.zeros(s.a_d.size)
         if self.dt is None:
-            return self.adaptation_d.rate(estimate, drive).value
-        return (self.adaptation_d.step(estimate, drive, self.dt).value - s.a_d) / self.dt
+            return self.adaptation_d.rate(self.dynamic, drive).value
+        return (self.adaptation_d.step(self.dynamic, drive, self.dt).value - s.a_d) / self.dt
+
+    def solve(self, M: np.ndarray, J: np.ndarray, e: np.ndarray) -> np.ndarray:
+        """Return M^-1 J^T e (n) for an estimated mass matrix M (n, n), J (m, n), e (m).
+
+        Raises:
+            DivergedError: M is not positive definite, as every mass matrix is; without
+                ``stop_on_divergence`` only if M is singular.
+        """
+        if self.stop_on_divergence:
+            solution = np.empty(len(M))
+            solved = kernels.solve_definite(M, J, e, solution)
+        else:
+            from scipy.linalg.lapack import dgesv  # slow to import, and seldom needed
+
+            _, _, solution, info = dgesv(M.T, e.dot(J))  # M.T is in LAPACK's column order
+            solved = info == 0
+        if not solved:
+            became = "is no longer positive definite" if self.stop_on_divergence else "is singular"
+            raise DivergedError(
+                f"the estimated mass matrix {became}, and this law inverts it. Natural and "
+                "projected adaptation keep it positive definite; with plain gradient adaptation "
+                "try a smaller gamma_d, or the law 'separation' or 'adaptive-jacobian', which "
+                "invert no mass matrix."
+            )
+        return solution
 
 
 class Truth(NamedTuple):
@@ -102,53 +126,101 @@ class Truth(NamedTuple):
     friction: Friction
 
 
+class Feedback(NamedTuple):
+    """The linearised feedback of a law at one state: d^2 x/dt^2 = -S x - (D + N) dx/dt.
+
+    x is the task error, or the error of the joints in coordinates of unit mass, M^1/2 v; each law
+    states which. Default rates and the check before a run use it.
+
+    Attributes:
+        S: stiffness [1/s^2].
+        D: damping by the gains [1/s].
+        N: damping that does not depend on the gains, such as that of the posture [1/s].
+        E: damping of the error that drives the adaptation [1/s].
+    """
+
+    S: np.ndarray
+    D: np.ndarray
+    N: np.ndarray
+    E: np.ndarray
+
+
+class SetPointLoop(NamedTuple):
+    """A law linearised at rest in a set point: tau = g - stiffness dq - damping qd.
+
+    Attributes:
+        stiffness: (n, n) [N m/rad or N/m], not symmetric where the estimated Jacobian is wrong.
+        damping: (n, n) [N m s/rad or N s/m].
+        drive: (n, n) dy/dq of the error y that drives the estimate with qd [1/s].
+    """
+
+    stiffness: np.ndarray
+    damping: np.ndarray
+    drive: np.ndarray
+
+
+class KinematicLoop(NamedTuple):
+    """The coupling of kinematic estimate and task error: de/dt = -damping e + w a, and back.
+
+    Attributes:
+        stiffness: k with w^2 = k eig(Y_p Gamma_k Y_p^T).
+        damping: [1/s].
+        weight: (m_p, m_p) R_k, weight of the prediction error.
+    """
+
+    stiffness: float
+    damping: float
+    weight: np.ndarray
+
+
 class Law(ABC):
     """A control law: torque, drives of the estimates, and the Lyapunov function that proves it.
 
-    A law is an immutable object with its gains, made for one task. A new one is one file with one
-    subclass; the four abstract methods are all that a controller and the proof need. To be made by
-    name, with default gains and rates and with a check before the run, it also states ``tuned``,
+    A law is an immutable object with its gains, made for one task. A new law is one file with one
+    subclass; the three abstract methods are all that a controller and the proof need. To be made by
+    name, with default gains and rates and a check before the run, it also states ``tuned``,
     ``parameter_effects``, ``feedback`` and ``kinematic_loop``.
 
     Attributes:
         name: as written in scenarios.
         adapts: whether it uses estimates that move.
-        needs_task_velocity: whether it uses ``Signals.xd``, which is J_hat v where no sensor gives
-            it.
-        needs_prediction: whether it uses ``Signals.epsilon``.
-        needs_acceleration: whether it uses the joint acceleration.
+        needs_task_velocity: whether it uses ``Signals.xd``, which is J_hat v where no sensor
+            measures it.
+        uses_position_error: whether ``Signals.epsilon`` drives its kinematic estimate, so that it
+            learns from positions; else it learns from velocities.
         velocity_error: whether the error of the joint velocity drives the dynamic estimate.
         inverts_estimate: whether it needs M_hat^-1 at the moving estimate.
-        joint_space: whether it is a law for joint tasks only.
+        joint_space: whether it is for joint tasks only.
         set_point: whether it needs a desired motion that comes to rest, see ``Trajectory.settles``.
         learns_kinematics: whether it moves the kinematic estimate.
-        approximate_regressor: whether its proof bears a regressor at the believed lengths.
-        predicts_torque: whether the dynamic estimate has no other drive than the prediction of the
-            torque.
+        approximate_regressor: whether its proof allows a regressor at the nominal lengths.
+        learns_from_torque: whether nothing but the prediction error of the torque moves its dynamic
+            estimate.
         joint_effects: joint coefficients that are unknown by default: "all" or "none".
-        bandwidth_powers: gains of the feedback, by the names that users write, with the powers of
-            the bandwidth that they go with.
-        adaptation_mode: fastest mode of the inertias' adaptation by default, in bandwidths.
-        joint_mode: the same of the joints' coefficients.
-        kinematic_mode: the same of the translations.
-        prediction_mode: rate at which adaptations that predict the torque let that error decay.
-        units: of velocity and position gain, for people.
-        pace: share of the bandwidth that the law's own gains use; default rates follow it.
+        bandwidth_powers: gains of the feedback, by the names that users write, with the power of
+            the bandwidth to which each is proportional.
+        adaptation_mode: default of the fastest mode of the adaptation of inertias, in bandwidths.
+        joint_mode: the same for the coefficients of the joints.
+        kinematic_mode: the same for the translations.
+        prediction_mode: default rate at which the prediction error of the torque decays, in
+            bandwidths, for adaptations that use it.
+        units: of velocity and position gain, as printed.
+        bandwidth_share: share of the bandwidth that the law's own gains use; default rates follow
+            it.
         sources: keys of ``references.bib``, or BibTeX entries of your own; see ``citation``.
     """
 
     name: ClassVar[str]
     adapts: ClassVar[bool] = True
     needs_task_velocity: ClassVar[bool] = False
-    needs_prediction: ClassVar[bool] = False
-    needs_acceleration: ClassVar[bool] = False
+    uses_position_error: ClassVar[bool] = False
     velocity_error: ClassVar[bool] = False
     inverts_estimate: ClassVar[bool] = False
     joint_space: ClassVar[bool] = False
     set_point: ClassVar[bool] = False
     learns_kinematics: ClassVar[bool] = True
     approximate_regressor: ClassVar[bool] = False
-    predicts_torque: ClassVar[bool] = False
+    learns_from_torque: ClassVar[bool] = False
     joint_effects: ClassVar[str] = "none"
     bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0, "Kp": 2.0}
     adaptation_mode: ClassVar[float] = 2.0
@@ -157,15 +229,15 @@ class Law(ABC):
     prediction_mode: ClassVar[float] = 0.5
     units: ClassVar[tuple[str, str]] = ("", "")
     sources: ClassVar[tuple[str, ...]] = ()
-    pace: float = 1.0
+    bandwidth_share: float = 1.0
 
     @abstractmethod
-    def command(self, s: Signals, believed: Believed) -> Command:
-        """Return the torque for the signals of one instant."""
+    def command(self, s: Signals, model: EstimatedModel) -> Command:
+        """Return the torque and the drives of the estimates for the signals of one instant.
 
-    @abstractmethod
-    def drives(self, s: Signals, believed: Believed, command: Any, a: np.ndarray) -> Drives:
-        """Return what moves the estimates, given the command and the joint acceleration a (n)."""
+        The torque may depend on the acceleration ``s.a`` through ``Command.feedthrough`` only; the
+        drives may depend on it in any way.
+        """
 
     @abstractmethod
     def storage(self, s: Signals, truth: Truth) -> float:
@@ -185,13 +257,13 @@ class Law(ABC):
 
     @classmethod
     def tuned(cls, motion: TypicalMotion, dt: float, share: float = 1.0, **given: Any) -> Law:
-        """Return the law with default gains for a believed robot at the period dt [s].
+        """Return the law with default gains for a model at the period dt [s].
 
         Args:
-            motion: the believed robot, and the bandwidth of the feedback.
+            motion: the model along a typical motion, and the bandwidth of the feedback.
             dt: sampling period [s].
             share: of the bandwidth, where all of it is too fast for dt.
-            given: gains to take instead of the defaults, by name.
+            given: gains in place of the defaults, by name.
 
         Raises:
             GainError: a gain that the law does not have, or that breaks a hypothesis of its proof.
@@ -201,24 +273,24 @@ class Law(ABC):
         )
 
     def with_prediction_weight(self, weight: float) -> Law:
-        """Return the law with this default weight R_k of the kinematic prediction error."""
+        """Return the law with this weight R_k of the kinematic prediction error."""
         return self
 
     def decorrelated(self, bandwidth: float) -> Law:
-        """Return the law with its regressor free of the noise of v above a bandwidth [1/s].
+        """Return the law with a regressor free of the noise of v above a bandwidth [1/s].
 
-        A law that cannot is returned as it is.
+        The law itself where it has no such form.
         """
         return self
 
     def guarded(self, adaptation: Adaptation, dynamics: Dynamics) -> Adaptation:
-        """Return an adaptation of the dynamics with what the law's proof needs around it."""
+        """Return the adaptation of the dynamics, wrapped in what the law's proof needs."""
         return adaptation
 
     def mismatch(self, J_hat: np.ndarray, J: np.ndarray) -> tuple[float, float] | None:
-        """Return how wrong J_hat (m, n) is beside the true J (m, n), and how wrong it may be.
+        """Return the error of J_hat (m, n) beside the true J (m, n), and the largest one allowed.
 
-        None for a law that bears any, or learns it.
+        None for a law that tolerates any error of J_hat or adapts to it.
         """
         return None
 

@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ..adaptation.adaptation import Drive, Drives
+from ..adaptation.adaptation import Drives
 from ..filters.filters import Filters, NoFilters
 from ..signals import Signals
 from .acceleration_law import AccelerationLaw
-from .inertia import solve_inertia
-from .law import Believed, Command, Truth
+from .law import Command, EstimatedModel, Truth
 
 _STEP = 1e-6  # [rad or m] of the difference along the motion
 
@@ -66,9 +65,8 @@ class MiddletonGoodwin(AccelerationLaw):
     name = "middleton-goodwin"
     sources = ("MiddletonGoodwin1988",)
     joint_space = True
-    needs_acceleration = False
     inverts_estimate = True
-    predicts_torque = True
+    learns_from_torque = True
     prediction_mode = 4.0
 
     @property
@@ -76,48 +74,38 @@ class MiddletonGoodwin(AccelerationLaw):
         """None of its own: those of the prediction are the controller's."""
         return NoFilters()
 
-    def command(self, s: Signals, believed: Believed) -> Command:
-        """Return the modified computed torque."""
+    def command(self, s: Signals, model: EstimatedModel) -> Command:
+        """Return the modified computed torque; the controller adds the prediction error."""
+        drives = Drives.none(s.a_d.size, s.a_k.size)
         u = s.xdd_d - self.K_v.dot(s.dxd_hat) - self.K_P.dot(s.dx)
-        torque = believed.dynamics.torque(s.q, s.v, u)
-        if s.predicted is None:
-            return Command(torque)
-        W, y, lambda_ = s.predicted.W, s.predicted.y, believed.prediction
-        a_rate = believed.dynamic_rate(s, self._drive(s).predicting(W, W.dot(s.a_d) - y))
-        M = believed.dynamics.mass_matrix(s.q)
-        zeta = solve_inertia(M, s.J, W.dot(s.a_d) - y, believed.watch) / lambda_
-        return Command(torque + W.dot(a_rate) / lambda_ - self._turned(s, believed, a_rate, zeta))
+        torque = model.dynamics.torque(s.q, s.v, u)  # M_hat u + C_hat qd + g_hat
+        if s.filtered_torque is None:
+            return Command(torque, drives)
+        W, lambda_ = s.filtered_torque.W, model.torque_bandwidth
+        epsilon = s.filtered_torque.error(s.a_d)  # W a_d - y
+        a_rate = model.dynamic_rate(s, drives.dynamic.with_prediction_error(W, epsilon))
+        zeta = model.solve(model.dynamics.mass_matrix(s.q), s.J, epsilon) / lambda_
+        # + W (da_d/dt) / lambda - (dM_hat/dt) zeta
+        torque = torque + W.dot(a_rate) / lambda_ - self._mass_rate_times(s, model, a_rate, zeta)
+        return Command(torque, drives)
 
-    def _turned(
-        self, s: Signals, believed: Believed, a_rate: np.ndarray, z: np.ndarray
+    def _mass_rate_times(
+        self, s: Signals, model: EstimatedModel, a_rate: np.ndarray, z: np.ndarray
     ) -> np.ndarray:
-        """Return (dM_hat/dt) z (n): of the motion by a central difference, of the estimate exact.
+        """Return (dM_hat/dt) z (n): a central difference along the motion, exact in the estimate.
 
-        M_hat(q; a) z is Y(q, 0, z) a - Y(q, 0, 0) a but for what is known.
+        M_hat(q; a) z is Y(q, 0, z) a - Y(q, 0, 0) a plus a part that does not depend on a.
         """
-        dynamics, rest, model = (
-            believed.dynamics,
-            np.zeros(s.v.size),
-            believed.kinematics.robot.model,
-        )
+        dynamics, rest, chain = model.dynamics, np.zeros(s.v.size), model.kinematics.robot.model
         speed = float(np.abs(s.v).max())
-        learned = (dynamics.regressor(s.q, rest, z) - dynamics.regressor(s.q, rest, rest)).dot(
-            a_rate
-        )
+        Y = dynamics.regressor(s.q, rest, z) - dynamics.regressor(s.q, rest, rest)
+        of_estimate = Y.dot(a_rate)
         if not speed > 0.0:
-            return np.asarray(learned)
+            return np.asarray(of_estimate)
         h = _STEP / speed
-        ahead = dynamics.mass_matrix(pin.integrate(model, s.q, h * s.v)).dot(z)
-        behind = dynamics.mass_matrix(pin.integrate(model, s.q, -h * s.v)).dot(z)
-        return np.asarray((ahead - behind) / (2.0 * h) + learned)
-
-    def _drive(self, s: Signals) -> Drive:
-        """Return a drive without a tracking part."""
-        return Drive(np.zeros((0, s.a_d.size)), None)
-
-    def drives(self, s: Signals, believed: Believed, command: Command, a: np.ndarray) -> Drives:
-        """Return drives without any part: the controller adds the prediction error."""
-        return Drives(self._drive(s), Drive(s.Y_k, None))
+        ahead = dynamics.mass_matrix(pin.integrate(chain, s.q, h * s.v)).dot(z)
+        behind = dynamics.mass_matrix(pin.integrate(chain, s.q, -h * s.v)).dot(z)
+        return np.asarray((ahead - behind) / (2.0 * h) + of_estimate)
 
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return zero: V is of the parameters alone."""

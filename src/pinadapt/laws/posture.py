@@ -11,7 +11,7 @@ from numpy import empty
 from numpy.typing import ArrayLike
 
 from .._checks import instance, numbers, positive, vector
-from .._kernels import posture as kernels
+from .._kernels import laws as kernels
 from ..description.chain import position_limits
 from ..exceptions import GainError, did_you_mean
 from ..robot.robot import Robot

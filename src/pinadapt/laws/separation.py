@@ -13,18 +13,17 @@ import pinocchio as pin
 from numpy import empty
 
 from .._checks import definite_matrix, positive
-from .._kernels import feedback as kernels
+from .._kernels import laws as kernels
 from ..adaptation.adaptation import Drive, Drives
 from ..exceptions import GainError
-from ..filters.position_observer import PositionObserver
+from ..filters.filters import PositionObserver
 from ..models.typical_motion import TypicalMotion, joint_inertia, unit_mass
 from ..robot.changes import Payload
 from ..robot.robot import Robot
 from ..signals import Signals
 from ..tasks.task import Task
-from .feedback import Feedback, KinematicLoop
 from .gains import check_in_place, merged
-from .law import Believed, Command, Law, Truth
+from .law import Command, EstimatedModel, Feedback, KinematicLoop, Law, Truth
 from .posture import Posture
 
 _DAMPING, _STEP = 3.0, 0.5  # K_v in bandwidths times inertia; at most this times inertia / dt
@@ -32,17 +31,6 @@ _LOAD, _ARM = 0.1, 0.05  # load believed for K_D: of the robot's mass, of its re
 _OBSERVER = 1.0  # beta in bandwidths
 _FAST = 0.5  # Y_fast in parts of the largest norm of a typical motion
 _TINY = 1e-300
-
-
-@dataclass(slots=True, eq=False)
-class SeparationCommand(Command):
-    """A command with what it took.
-
-    Attributes:
-        drives: of both estimates.
-    """
-
-    drives: Drives = None  # type: ignore[assignment]  # always given
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +102,7 @@ class Separation(Law):
 
     name = "separation"
     sources = ("Wang2017",)
-    needs_prediction = True
+    uses_position_error = True
     velocity_error = True
     joint_effects = "all"
     bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0, "lag": -1.0}
@@ -202,24 +190,24 @@ class Separation(Law):
             s.v - s.inverse.solve(self._reference(s)[0], self.posture.null_motion(s)[0])
         )
 
-    def command(self, s: Signals, believed: Believed) -> SeparationCommand:
-        """Return Y a_d - K_D s, with the drives, which are known by then."""
+    def command(self, s: Signals, model: EstimatedModel) -> Command:
+        """Return tau = Y a_d - K_D s, and the drives of both estimates."""
         kinematic = self._kinematic_drive(s)
-        Jdot = believed.kinematics.jacobian_rate(believed.kinematic_rate(s, kinematic))
+        Jdot = model.kinematics.jacobian_rate(model.kinematic_rate(s, kinematic))
         (u, ud), (psi, psid) = self._reference(s), self.posture.null_motion(s)
         qd_r, qdd_r = s.inverse.solve_with_rate(u, psi, ud, psid, Jdot)
         v, error, torque = s.v, empty(qd_r.size), empty(qd_r.size)
         if s.filtered.s_f.size:  # decorrelated
             noise = v - qd_r - s.filtered.s_f
             v, qdd_r = v - noise, qdd_r + self.alpha * (noise - s.inverse.null(noise))
-        Y, feedforward = believed.dynamics.slotine_li(s.q, v, qd_r, qdd_r)
+        Y, feedforward = model.dynamics.slotine_li(s.q, v, qd_r, qdd_r)
         if self.M_0 is None or not self.lag:
             kernels.subtract_damping(feedforward, self.K_v, s.v, qd_r, error, torque)
         else:
             kernels.subtract_borne_damping(
                 feedforward, self.K_v, self.M_0(s.q), self.lag, s.v, qd_r, error, torque
             )
-        return SeparationCommand(torque, None, Drives(Drive(Y, error), kinematic))
+        return Command(torque, Drives(Drive(Y, error), kinematic))
 
     def _kinematic_drive(self, s: Signals) -> Drive:
         """Return the drive of g_k = sigma c Y_k^T dx_o + X_k^T R epsilon."""
@@ -234,12 +222,6 @@ class Separation(Law):
     def sigma(self, s: Signals) -> float:
         """Return the share of c that counts at this speed."""
         return min(1.0, self.Y_fast**2 / max(float(np.vdot(s.Y_k, s.Y_k)), _TINY))
-
-    def drives(
-        self, s: Signals, believed: Believed, command: SeparationCommand, a: np.ndarray
-    ) -> Drives:
-        """Return g_d = Y^T s and g_k."""
-        return command.drives
 
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return s^T M s / 2 + sigma c dx_o^T dx_o / 2, M the true mass matrix."""

@@ -17,7 +17,6 @@ from ..exceptions import ParameterError
 from ..robot.changes import joint_id
 from ..robot.robot import Robot
 from .dynamics import Dynamics
-from .inertia_memory import inertia_memory
 from .pseudo_inertia import with_bodies
 from .regressor import LABELS, PER_BODY, UNITS, Momentum, Regressor, inertial_parameters
 
@@ -38,9 +37,9 @@ class InertialModel:
         """Copy a chain's model."""
         self._model, self._ballast_model = model.copy(), model.copy()
         self._data, self._ballast_data = self._model.createData(), self._ballast_model.createData()
-        self._memory = inertia_memory(self._model)
         self._inertias, self._tens = self._model.inertias, np.zeros((model.nv, PER_BODY))
         self._bodies = list(enumerate(self._tens, 1))  # joint and live row of ten parameters
+        self._pi, self._written = inertial_parameters(model), True
         slides = any(is_slide(joint) for joint in model.joints[1:])
         self._ballast = np.tile(_ONE_KILOGRAM, model.nv) if slides else _unfelt_ballast(model)
         for joint, ten in enumerate(self._ballast.reshape(-1, PER_BODY), 1):
@@ -63,15 +62,19 @@ class InertialModel:
                 f"expected {self._ballast.size} numbers, got {pi.size}.",
                 where="inertial parameters",
             )
-        if self._memory is not None:
-            self._c = kernels.write_inertias(pi, self._ballast, self._memory)
-            return
-        self._c = kernels.take(pi, self._ballast, self._tens)
+        self._pi, self._written = pi.copy(), False
+
+    def _write(self) -> None:
+        """Write the parameters into the model, when a torque or a mass matrix is asked for."""
+        self._c = kernels.take(self._pi, self._ballast, self._tens)
         for joint, ten in self._bodies:
             self._inertias[joint] = pin.Inertia.FromDynamicParameters(ten)
+        self._written = True
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return M a + C v + g (n) [N m or N], rotors included."""
+        if not self._written:
+            self._write()
         tau = pin.rnea(self._model, self._data, q, v, a)
         if self._felt and self._c:
             tau -= self._c * pin.rnea(self._ballast_model, self._ballast_data, q, v, a)
@@ -79,6 +82,8 @@ class InertialModel:
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return M (n, n), rotors included."""
+        if not self._written:
+            self._write()
         M = pin.crba(self._model, self._data, q)
         if self._felt and self._c:
             M = M - self._c * pin.crba(self._ballast_model, self._ballast_data, q)

@@ -19,7 +19,6 @@ from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from .base_parameters import base_parameters
 from .regressor import live_array
-from .right_inverse import RightInverse
 from .task_kinematics import TaskKinematics
 from .translations import PlacedTranslations, Translation, placement_of, unknown_translations
 
@@ -62,7 +61,7 @@ class FrameKinematics(TaskKinematics):
         self._dw = [self._data.a[i].angular for i in self._parents]
         # The same of all joints, the last of which carries the frame, and their axes.
         self._rotations, self._origins = _placements(self._data)
-        self._pasts = _placements(self._past)
+        self._past_placements = _placements(self._past)
         self._velocities, self._accelerations = _motions(self._data.v), _motions(self._data.a)
         self._axes = self._data.J.reshape(6, self.nv)
         self._lever = placement_of(self._model, self._frame, None).translation
@@ -114,11 +113,12 @@ class FrameKinematics(TaskKinematics):
         J = self.J = empty((m, self.nv))
         Jdot_v, xd_hat = self.Jdot_v, self.xd_hat = empty(m), empty(m)
         Y_k = self.Y_k = empty((m, self.size))
-        x_hat, X_k = self._prediction = empty(self.positions), empty((self.positions, self.size))
+        p_hat, X_k = empty(self.positions), empty((self.positions, self.size))
+        self.p_hat, self.X_k = p_hat, X_k
         kernels.frame_motion(
             self._rotations, self._origins, self._velocities, self._accelerations, self._axes,
             self._lever, v, self._row_numbers, self._parent_of, self._placed.directions,
-            J, Jdot_v, xd_hat, Y_k, x_hat, X_k,
+            J, Jdot_v, xd_hat, Y_k, p_hat, X_k,
         )  # fmt: skip
         self.a_k, self._q, self._v = a_k, q, v
 
@@ -143,10 +143,6 @@ class FrameKinematics(TaskKinematics):
         placement = pin.updateFramePlacement(self._model, self._data, self._frame)
         return self._task.of(placement)
 
-    def right_inverse(self, threshold: float) -> RightInverse:
-        """Return that of J at the last update, damped below the threshold s_0."""
-        return RightInverse(self.J, threshold)
-
     def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
         """Return Ybar_k (m, p) of Wang and Xie (27), xddot = Ybar_k(q, v, a) a_k + known part."""
         pin.forwardKinematics(self._model, self._data, self._q, self._v, a)
@@ -156,36 +152,25 @@ class FrameKinematics(TaskKinematics):
             blocks.append(pin.skew(dw) + W.dot(W))
         return self._padded(self._stack(blocks))
 
-    def position_regressor(self) -> np.ndarray:
-        """Return dx/da_k (m_p, p), x = (this) a_k + known part."""
-        return self._prediction[1]
+    def at(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the task coordinates at another q (nq), and X_k (m_p, p) there, by the estimate.
 
-    def prediction(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the believed positions (m_p) at the last update, and dx/da_k (m_p, p)."""
-        return self._prediction
-
-    def predicted(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the believed task coordinates at another q (nq), and dx/da_k (m_p, p) there."""
+        Of the last update; its attributes stay.
+        """
         pin.forwardKinematics(self._model, self._past, q)
         placement = pin.updateFramePlacement(self._model, self._past, self._frame)
-        return self._task.of(placement), self._predicted(*self._pasts)[1]
+        p_hat, X_k = empty(self.positions), empty((self.positions, self.size))
+        kernels.positions_at(
+            *self._past_placements, self._lever, self._place_numbers, self._parent_of,
+            self._placed.directions, p_hat, X_k,
+        )  # fmt: skip
+        return self._task.of(placement), X_k
 
     def between(self, q_0: np.ndarray, q_1: np.ndarray, share: float) -> np.ndarray:
         """Return the configuration (nq) at a share of the way from q_0 to q_1."""
         if self.nq == self.nv:
             return q_0 + share * (q_1 - q_0)
         return np.asarray(pin.interpolate(self._model, q_0, q_1, share))
-
-    def _predicted(
-        self, rotations: np.ndarray, origins: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return positions (m_p) and dx/da_k (m_p, p) for placements of the joints."""
-        x, X_k = empty(self.positions), empty((self.positions, self.size))
-        kernels.predict(
-            rotations, origins, self._lever, self._place_numbers, self._parent_of,
-            self._placed.directions, x, X_k,
-        )  # fmt: skip
-        return x, X_k
 
     def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
         """Return dJ/dt (m, nv) of the motion, and of the estimate at a_k_rate (p) [m/s].

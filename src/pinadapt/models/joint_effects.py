@@ -9,7 +9,7 @@ import pinocchio as pin
 from numpy import empty
 
 from .._checks import name_list
-from .._kernels import joints as kernels
+from .._kernels import models as kernels
 from ..description.chain import effort_limits
 from ..exceptions import ParameterError, did_you_mean
 from ..robot.robot import Robot

@@ -11,7 +11,6 @@ import pinocchio as pin
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from ..tasks.joint import JointTask
-from .right_inverse import RightInverse
 from .task_kinematics import TaskKinematics
 from .translations import Translation
 
@@ -45,7 +44,7 @@ class JointKinematics(TaskKinematics):
         self.initial = self.a_k = np.zeros(0)
         self.J, self.Jdot_v, self._no_rate = np.eye(n), np.zeros(n), np.zeros((n, n))
         self.Y_k, self.last_joint = np.zeros((n, 0)), np.zeros(0)
-        self._inverse = RightInverse(self.J)
+        self.p_hat, self.X_k = np.zeros(0), np.zeros((0, 0))
         self._q, self.xd_hat = robot.q0, np.zeros(n)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -61,29 +60,17 @@ class JointKinematics(TaskKinematics):
         """Joint coordinates (nv) at the last update [rad or m]."""
         return self.task.of(self._q)
 
-    def predicted(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def at(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return joint coordinates (nv) [rad or m], and (0, 0)."""
-        return self.task.of(q), self.position_regressor()
+        return self.task.of(q), self.X_k
 
     def between(self, q_0: np.ndarray, q_1: np.ndarray, share: float) -> np.ndarray:
         """Return the configuration (nq) at a share of the way from q_0 to q_1."""
         return np.asarray(pin.interpolate(self.robot.model, q_0, q_1, share))
 
-    def right_inverse(self, threshold: float) -> RightInverse:
-        """Return the identity, undamped."""
-        return self._inverse
-
     def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
         """Return zero (nv, nv)."""
         return self._no_rate
-
-    def position_regressor(self) -> np.ndarray:
-        """Return (0, 0)."""
-        return self.Y_k[:0]
-
-    def prediction(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return (0) and (0, 0)."""
-        return self.initial, self.Y_k[:0]
 
     def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
         """Return (nv, 0)."""

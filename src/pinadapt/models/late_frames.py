@@ -19,10 +19,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..exceptions import ImplausibleError, MeasurementError
-from ..records import Measurement, named
 from .task_kinematics import TaskKinematics
 
 _SAME = 1e-9  # [s] between times that are taken for one
+_EMPTY, _NO_COLUMNS = np.zeros(0), np.zeros((0, 0))
 
 
 class Frame(NamedTuple):
@@ -44,32 +44,36 @@ class Frame(NamedTuple):
 
 
 class Sensed(NamedTuple):
-    """What the sensors told until now, kept for the next sample.
+    """What the sensors say at a sample, kept for the next one; m_p positions, p parameters.
 
     Attributes:
-        x: the task frame's coordinates, measured or carried on; None for a task that q tells by
-            itself.
         q: (nq) the configuration.
+        v: (n) the joint velocity, filtered where there is a filter [rad/s or m/s].
+        x: the task coordinates now: measured, predicted from the last frame, or of a joint task
+            those of q. None before the first frame.
+        epsilon: (m_p) prediction error of the last seen position [m]; empty before the first frame.
+        X_k: (m_p, p) its regressor, dx/da_k at the configuration where it was seen.
         frame: the last frame of the camera; None where it is x itself, of this sample.
         history: (t, q) of the samples since the last frame was taken, oldest first.
-        v: (n) the filtered joint velocity [rad/s or m/s]; None without a filter.
     """
 
-    x: np.ndarray | None
     q: np.ndarray
+    v: np.ndarray
+    x: np.ndarray | None = None
+    epsilon: np.ndarray = _EMPTY
+    X_k: np.ndarray = _NO_COLUMNS
     frame: Frame | None = None
     history: tuple[tuple[float, np.ndarray], ...] = ()
-    v: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
 class Carrier:
-    """Carries the frames of a camera on to now.
+    """Predicts the position now from the last frame of a camera.
 
     Attributes:
         smoothing: bandwidth of the low pass on the frames' prediction error [1/s]; infinite: none.
-        carry: whether frames are carried on by the believed kinematics; else the last one is taken
-            for now.
+        carry: whether the estimated kinematics predict the motion since the last frame; else the
+            last frame is taken for the present position.
         blind: how long the loop may run without a new frame [s].
     """
 
@@ -77,44 +81,42 @@ class Carrier:
     carry: bool = True
     blind: float = 1.0
 
-    def init(self, measurement: Measurement, kinematics: TaskKinematics) -> Sensed:
-        """Return what the first sample shows, as of an arm that has stood there before."""
-        x = measurement.x if kinematics.positions else None
-        return Sensed(None if x is None else x.copy(), measurement.q.copy())
-
     def see(
         self,
         before: Sensed,
         t_before: float,
-        measurement: Measurement,
+        t: float,
+        q: np.ndarray,
+        v: np.ndarray,
+        x: np.ndarray | None,
+        x_time: float | None,
         kinematics: TaskKinematics,
-        a_k: np.ndarray,
     ) -> Sensed:
         """Return what is known at a sample, to which the kinematics are updated.
 
         Args:
-            before: what was known at the sample before, at ``t_before`` [s].
-            t_before: see there.
-            measurement: the sample.
-            kinematics: the believed kinematics.
-            a_k: (p) their estimate [m].
+            before: what was known at the sample before.
+            t_before: time of that sample [s].
+            t: time of this sample [s].
+            q: (nq) its configuration.
+            v: (n) its joint velocity [rad/s or m/s].
+            x: measured coordinates, or None where none arrived.
+            x_time: when they were taken [s]; None: t.
+            kinematics: the estimated kinematics.
 
         Raises:
             MeasurementError: the frame was taken later than the sample.
             ImplausibleError: the last one is too old.
         """
-        t, q, _, x, x_time, _, _, _ = measurement
-        if before.x is None:
-            return before
-        if not self.carry:
-            return Sensed(before.x if x is None else x.copy(), q.copy())
-        if x is not None and (x_time is None or x_time == t) and self.smoothing == math.inf:
-            return named(Sensed, (x.copy(), q.copy(), None, (), None))
+        if not self.carry or before.x is None:
+            x = before.x if x is None else x.copy()
+            if x is None:
+                return Sensed(q, v)
+            return Sensed(q, v, x, kinematics.p_hat - x[: kinematics.positions], kinematics.X_k)
         frame, history = before.frame, before.history
-        if frame is None:  # the last sample saw the frame itself
+        if frame is None:  # the sample before saw the frame itself
             history = ((t_before, before.q),)
-            frame = self._frame(t_before, before.q, before.x, kinematics, a_k, None)
-        q = q.copy()
+            frame = self._frame(t_before, before.q, before.x, kinematics, None)
         history = (*history, (t, q))
         taken = t if x_time is None else x_time
         if x is not None and taken > frame.t + _SAME:
@@ -122,12 +124,12 @@ class Carrier:
                 raise MeasurementError("x_time", x_time, f"is later than the sample's own, {t:g} s")
             history = _since(history, taken)
             q_c = _at(history, taken, kinematics)
-            frame = self._frame(taken, q_c, x, kinematics, a_k, frame)
+            frame = self._frame(taken, q_c, x, kinematics, frame)
         elif t - frame.t > self.blind:
             raise ImplausibleError("x", None, f"has not been seen for {t - frame.t:.3g} s")
-        epsilon = frame.X_k.dot(a_k) + frame.b_smooth
-        x = kinematics.task.carried(kinematics.x_hat, epsilon, frame.turn)
-        return Sensed(x, q, frame, history)
+        moving = frame.X_k.dot(kinematics.a_k)
+        x = kinematics.task.carried(kinematics.x_hat, moving + frame.b_smooth, frame.turn)
+        return Sensed(q, v, x, moving + frame.b, frame.X_k, frame, history)
 
     def _frame(
         self,
@@ -135,11 +137,10 @@ class Carrier:
         q: np.ndarray,
         x: np.ndarray,
         kinematics: TaskKinematics,
-        a_k: np.ndarray,
         before: Frame | None,
     ) -> Frame:
         """Return what a frame x, taken at time t [s] and configuration q (nq), tells."""
-        task, (x_hat, X_k) = kinematics.task, kinematics.predicted(q)
+        task, a_k, (x_hat, X_k) = kinematics.task, kinematics.a_k, kinematics.at(q)
         moving = X_k.dot(a_k)
         b = task.position(x_hat) - task.position(x) - moving
         b_smooth, turn = b, task.turn(x_hat, x)
@@ -149,20 +150,6 @@ class Carrier:
             b_smooth = rest * (was - moving) + (1.0 - rest) * b
             turn = task.turn_between(turn, before.turn, rest)
         return Frame(t, X_k, b, b_smooth, turn)
-
-
-def prediction(
-    sensed: Sensed, kinematics: TaskKinematics, a_k: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return epsilon (m_p), the last frame's prediction error, and its X_k (m_p, p).
-
-    The noise of the frame is in it, with a mean of zero.
-    """
-    frame = sensed.frame
-    if frame is not None:
-        return frame.X_k.dot(a_k) + frame.b, frame.X_k
-    x_hat, X_k = kinematics.prediction()
-    return (x_hat if sensed.x is None else x_hat - kinematics.task.position(sensed.x)), X_k
 
 
 def _since(

@@ -13,7 +13,6 @@ from numpy import empty
 from .._checks import instance
 from .._compiled import compile_all
 from .._kernels import models as kernels
-from .._kernels import momentum as momentum_kernels
 from .._kernels.models import PER_BODY
 
 LABELS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
@@ -149,7 +148,7 @@ class MomentumRegressor:
         data, shape = self._data, (6, self._model.nv)
         pin.computeJointJacobiansTimeVariation(self._model, data, q, v)
         Y_M, Y_0 = np.empty(self._shape), np.empty(self._shape)
-        momentum_kernels.momentum_columns(
+        kernels.momentum_columns(
             self._rotations, self._origins, self._velocities, data.J.reshape(shape),
             data.dJ.reshape(shape), self._bodies, self._columns, self._gravity, Y_M, Y_0,
         )  # fmt: skip

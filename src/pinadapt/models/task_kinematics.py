@@ -9,7 +9,6 @@ import numpy as np
 
 from ..robot.robot import Robot
 from ..tasks.task import Task
-from .right_inverse import RightInverse
 from .translations import Translation
 
 
@@ -33,7 +32,9 @@ class TaskKinematics(ABC):
         translations: what the parameters are, in their order.
         a_k: (p) the estimate of the last update.
         last_joint: (m_p) live position of the joint that carries the frame, at the last update [m].
-        xd_hat: (m) believed velocity J v.
+        p_hat: (m_p) estimated positions [m].
+        X_k: (m_p, p) dx/da_k of the positions: p_hat = X_k a_k + known part.
+        xd_hat: (m) estimated task velocity J v.
         J: (m, nv) Jacobian at the estimate.
         Jdot_v: (m) dJ/dt v with the estimate held constant.
         Y_k: (m, p) kinematic regressor, J v = Y_k a_k + known part: Wang and Xie (2009), (2).
@@ -52,6 +53,8 @@ class TaskKinematics(ABC):
     a_k: np.ndarray
     translations: Sequence[Translation] = ()
     last_joint: np.ndarray
+    p_hat: np.ndarray
+    X_k: np.ndarray
     xd_hat: np.ndarray
     J: np.ndarray
     Jdot_v: np.ndarray
@@ -72,10 +75,10 @@ class TaskKinematics(ABC):
         """Believed task coordinates at the last update."""
 
     @abstractmethod
-    def predicted(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return what the last estimate predicts at another configuration q (nq).
+    def at(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the task coordinates at another q (nq), and X_k (m_p, p) there, by the estimate.
 
-        The task coordinates, and dx/da_k (m_p, p) of their positions there.
+        Of the last update; its attributes stay.
         """
 
     @abstractmethod
@@ -83,20 +86,8 @@ class TaskKinematics(ABC):
         """Return the configuration (nq) at a share of the way from q_0 to q_1."""
 
     @abstractmethod
-    def right_inverse(self, threshold: float) -> RightInverse:
-        """Return that of J at the last update, damped below the threshold s_0."""
-
-    @abstractmethod
     def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
         """Return dJ/dt (m, nv) while the estimate moves at a_k_rate (p)."""
-
-    @abstractmethod
-    def position_regressor(self) -> np.ndarray:
-        """Return dx/da_k (m_p, p) of the positions at the last update."""
-
-    @abstractmethod
-    def prediction(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the believed positions (m_p) at the last update, and dx/da_k (m_p, p)."""
 
     @abstractmethod
     def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:

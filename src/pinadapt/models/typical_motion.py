@@ -87,7 +87,7 @@ class TypicalMotion:
     @cached_property
     def position_regressors(self) -> list[np.ndarray]:
         """X_k = dx/da_k (m_p, p_k) at each state."""
-        return [self.kinematics.predicted(q)[1] for q in self.states.q]
+        return [self.kinematics.at(q)[1] for q in self.states.q]
 
     @cached_property
     def regressors(self) -> list[np.ndarray]:

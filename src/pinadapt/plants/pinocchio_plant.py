@@ -11,7 +11,7 @@ from numpy import empty
 from .._checks import word
 from .._compiled import compile_all, compiled
 from ..exceptions import DivergedError
-from ..records import Measurement, named
+from ..records import Measurement
 from ..robot.motors import Compensation
 from ..robot.robot import Robot
 from ..robot.succession import check_successor
@@ -264,7 +264,7 @@ class PinocchioPlant(SimulatedPlant):
     def measurement(self, q: np.ndarray, v: np.ndarray, t: float = 0.0) -> Measurement:
         """Return what perfect sensors say at configuration q (nq), velocity v (nv), time t [s]."""
         x, xd = self._motion(q, v)
-        return named(Measurement, (t, q, v, x, None, xd, None, None))
+        return Measurement(t, q, v, x, None, xd, None, None)
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return the true M(q) (nv, nv)."""

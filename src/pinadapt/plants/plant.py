@@ -10,7 +10,7 @@ from typing import TypeAlias
 import numpy as np
 
 from .._checks import instance, whole
-from .._kernels import watch as kernels
+from .._kernels import checks as kernels
 from ..exceptions import InputError
 from ..records import Measurement
 from ..robot.motors import Compensation, compensation_of

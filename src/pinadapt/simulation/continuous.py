@@ -146,13 +146,15 @@ class _Loop:
         self.measurement, self.desired = plant.measurement(q, v, t), self._trajectory.at(t)
         if not np.isfinite(np.concatenate(self.desired)).all():
             raise InputError(f"the motion is not finite: {self.desired}.", where="desired")
-        signals, command = controller.command(self.state, self.measurement, self.desired)
         if self._ideal:
-            a_law = plant.acceleration_at(q, v, command.torque, command.feedthrough)
+            signals, command = controller.command(self.state, self.measurement, self.desired)
+            a = plant.acceleration_at(q, v, command.torque, command.feedthrough)
+            tau, drives = controller.respond(self.state, signals._replace(a=a))
+            self.torque = plant.motors_at(q, tau)
         else:
-            a_law = controller.acceleration(signals, self.measurement)
-        tau, drives = controller.respond(signals, command, a_law)
-        self.torque = plant.motors_at(q, tau)
-        a = a_law if self._ideal else plant.acceleration_at(q, v, self.torque)
+            signals = controller.observe(self.state, self.measurement, self.desired)
+            tau, drives = controller.respond(self.state, signals)
+            self.torque = plant.motors_at(q, tau)
+            a = plant.acceleration_at(q, v, self.torque)
         rate = controller.rate(self.state, signals, drives, self.torque)
         return np.concatenate([v, a, rate.flat()])

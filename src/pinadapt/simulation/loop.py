@@ -14,7 +14,7 @@ from ..controller.state import ControllerState, Sample
 from ..exceptions import DivergedError, ImplausibleError, InputError, did_you_mean
 from ..plants.plant import Plant
 from ..plants.sensors import Sensors
-from ..records import Desired, Measurement, named
+from ..records import Desired, Measurement
 from ..robot.robot import Robot
 from ..robot.succession import EARLY, in_time
 from ..trajectories.convert import TrajectoryLike
@@ -171,7 +171,7 @@ def run(
         except InputError as error:
             raise unusable(error, truth.t) from error
         given = plant.motors(torque)
-        yield named(Sample, (truth.t, measurement, desired, state, given, truth, step_time))
+        yield Sample(truth.t, measurement, desired, state, given, truth, step_time)
         plant.step(torque, dt)
         state = after
         if events is not None:

@@ -16,11 +16,10 @@ from ..adaptation.natural import MatrixInequality
 from ..controller.belief import Belief
 from ..controller.controller import Controller
 from ..controller.estimator import Estimator
-from ..controller.guards import Guards, make_guards
 from ..controller.limits import make_box, make_limits
-from ..controller.senses import Senses
+from ..controller.sensing import Guards, Senses, make_guards
 from ..exceptions import InputError, did_you_mean
-from ..filters.low_pass import LowPass
+from ..filters.filters import LowPass
 from ..laws import DEFAULT, LAWS
 from ..laws.law import Law
 from ..models.late_frames import Carrier
@@ -307,7 +306,7 @@ def _kind(adaptation: str | Adaptation, law: type[Law], where: str, kinds: tuple
     kind = adaptation if isinstance(adaptation, str) else "custom"
     if not law.adapts:
         return "none"
-    return predicting_kind(kind, law.name) if law.predicts_torque else kind
+    return predicting_kind(kind, law.name) if law.learns_from_torque else kind
 
 
 def _tuned(
@@ -320,17 +319,17 @@ def _tuned(
     if isinstance(law, Law):
         if given := [name for name, gain in gains.items() if gain is not None]:
             raise InputError(f"a law given as an object has its gains; got {given}.", where="gains")
-        return law, motion.bandwidth * law.pace
+        return law, motion.bandwidth * law.bandwidth_share
     chosen = LAWS[law]
     tuned = chosen.tuned(motion, dt, **gains)
     if any(gains.get(name) is not None for name in ("Kv", "Kp", "alpha")):
-        return tuned, motion.bandwidth * tuned.pace
+        return tuned, motion.bandwidth * tuned.bandwidth_share
     share = stable_share_of_feedback(
         lambda share: chosen.tuned(motion, dt, share, **gains).feedback(motion), dt
     )
     if share != 1.0:
         tuned = chosen.tuned(motion, dt, share, **gains)
-    return tuned, share * motion.bandwidth * tuned.pace
+    return tuned, share * motion.bandwidth * tuned.bandwidth_share
 
 
 def make_estimator(

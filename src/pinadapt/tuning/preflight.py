@@ -21,8 +21,7 @@ import pinocchio as pin
 from .._checks import arithmetic, instance, positive
 from ..controller.controller import Controller
 from ..laws.acceleration_law import AccelerationLaw
-from ..laws.feedback import Feedback
-from ..laws.law import Law
+from ..laws.law import Feedback, Law
 from ..models.frame_kinematics import FrameKinematics
 from ..models.typical_motion import TypicalMotion
 from ..robot.robot import Robot
@@ -220,7 +219,7 @@ def _parts(controller: Controller) -> list[tuple[str, dict[str, float], Radius]]
     if loop is not None and Gamma_k.any():
         speed = frequency(motion.kinematic_regressors, Gamma_k)
         mode = speed * loop.stiffness**0.5
-        if controller.law.needs_prediction:
+        if controller.law.uses_position_error:
             speed = frequency(motion.position_regressors, Gamma_k)
         decay = speed**2 * float(np.linalg.eigvalsh(loop.weight)[-1])
         radius = partial(_kinematic_radius, mode, loop.damping, decay)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..controller.controller import Controller
-from ..laws.feedback import Feedback
+from ..laws.law import Feedback
 from ..robot.workspace import rounded_down
 from ..sensing import SensorQuality
 from .defaults import frequency

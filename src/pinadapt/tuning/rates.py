@@ -72,11 +72,11 @@ def kinematic_least_squares(
     if rates.get("R_k") is not None and rate is None:
         return LeastSquares(P_0, size, **options)
     rate = _RATE * bandwidth if rate is None else positive(rate, "kinematic_rate")
-    seen = motion.position_regressors if law.needs_prediction else motion.kinematic_regressors
+    seen = motion.position_regressors if law.uses_position_error else motion.kinematic_regressors
     squares = [np.einsum("ij,jk,ik->i", X, P_0, X) for X in seen]
     typical = float(np.mean(squares)) if squares else 0.0
     # noise of the predicted against what the prior makes of it, white over a second
-    spread = quality.x if law.needs_prediction else quality.x * _velocity_filter(law, bandwidth)
+    spread = quality.x if law.uses_position_error else quality.x * _velocity_filter(law, bandwidth)
     off = _PRIOR * motion.robot.reach * math.sqrt(typical / np.mean(np.diag(P_0)))
     noise = rate * (spread / off) ** 2 / quality.rate if spread and off else 0.0
     floor = typical * max(noise, _FINEST**2)
@@ -201,7 +201,7 @@ def prediction_weight(
         bandwidth: w [rad/s].
         noise: largest rate that the camera's noise allows [1/s].
     """
-    seen = motion.position_regressors if law.needs_prediction else motion.kinematic_regressors
+    seen = motion.position_regressors if law.uses_position_error else motion.kinematic_regressors
     rate = frequency(seen, adaptation.gain(motion.kinematics.initial)) ** 2
     return min(PREDICTION_RATE * bandwidth, noise) / rate if rate > 0.0 else 1.0
 

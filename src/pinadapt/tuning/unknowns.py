@@ -40,7 +40,7 @@ def believed_kinematics(believed: Robot, unknown: Words | None, law: type[Law]) 
     if isinstance(believed.task, JointTask):
         return JointKinematics(believed, () if unknown is None else unknown)
     kinematics = FrameKinematics(believed, (TOOL,) if unknown is None else unknown)
-    if not law.needs_prediction and any(p.joint == FIRST for p in kinematics.translations):
+    if not law.uses_position_error and any(p.joint == FIRST for p in kinematics.translations):
         raise ParameterError(
             f"the law '{law.name}' learns from velocities, in which '{BASE}' does not show.",
             where="unknown.kinematic",

@@ -10,7 +10,7 @@ import numpy as np
 from .._checks import instance, numbers
 from ..exceptions import InputError
 from ..models.dynamics import Dynamics
-from .low_pass import LowPass
+from .filters import LowPass
 
 
 class TorqueFilterState(NamedTuple):
@@ -43,6 +43,10 @@ class FilteredTorque(NamedTuple):
     W: np.ndarray
     y: np.ndarray
     state: TorqueFilterState
+
+    def error(self, a_d: np.ndarray) -> np.ndarray:
+        """Return the prediction error W a_d - y (n) [N m or N] of an estimate a_d (p)."""
+        return np.asarray(self.W.dot(a_d) - self.y)
 
 
 class FilteredRegressor:

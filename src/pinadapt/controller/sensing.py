@@ -1,21 +1,23 @@
-"""What a controller does not believe of its sensors, and when there is nothing to learn."""
+"""What a controller makes of a sample: plausibility, filtered velocity, position of now."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from .._checks import shown
-from .._kernels import guards as kernels
+from .._kernels import checks as kernels
 from ..description.chain import is_slide, velocity_limits
 from ..exceptions import ImplausibleError, InputError, did_you_mean
+from ..filters.filters import LowPass
+from ..models.late_frames import Carrier, Sensed
 from ..models.task_kinematics import TaskKinematics
 from ..models.translations import FIRST
-from ..records import Desired
+from ..records import Desired, Measurement
 from ..robot.robot import Robot
 from ..sensing import SensorQuality
 
@@ -25,6 +27,7 @@ _FAST = 10.0  # of the description's velocity limits
 _SLOW, _NEAR = 1e-3, 1e-4  # [1/s] and share, of a radian or the reach, of an arm that rests
 _NOISE = 4.0  # standard deviations
 _NOTHING = np.zeros(0)
+_PERFECT = SensorQuality()
 _MISSED = 1.5  # periods after which a sample was dropped
 _LATEST = 10.0  # periods that one step may bridge
 
@@ -121,6 +124,69 @@ def _unfit(dt: Any, period: float) -> InputError:
         where="dt",
         hint="After a longer pause start anew with `init`, from the last estimates.",
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Senses:
+    """From a measurement to joint velocity and task position of now.
+
+    Attributes:
+        guards: what is refused as implausible, and when the arm rests.
+        carrier: how frames of a camera become the coordinates of now.
+        low_pass: on the measured joint velocity, or None.
+        quality: of the sensors for which all this is made.
+    """
+
+    guards: Guards
+    carrier: Carrier = field(default_factory=Carrier)
+    low_pass: LowPass | None = None
+    quality: SensorQuality = _PERFECT
+
+    def init(self, measurement: Measurement, kinematics: TaskKinematics) -> Sensed:
+        """Return what is kept of the first sample."""
+        _, q, v, x, *_ = measurement
+        if not kinematics.positions:  # a joint task
+            return Sensed(q.copy(), v.copy(), kinematics.task.measured(None, q))
+        return Sensed(q.copy(), v.copy(), None if x is None else x.copy())
+
+    def read(
+        self,
+        before: Sensed,
+        t_before: float,
+        measurement: Measurement,
+        desired: Desired,
+        kinematics: TaskKinematics,
+        a_k: np.ndarray,
+    ) -> tuple[Sensed, bool]:
+        """Return what is known at a sample, and whether joints and reference are at rest.
+
+        The kinematics are updated to the sample. Nothing returned shares memory with it.
+
+        Args:
+            before: what was known at the sample before.
+            t_before: time of that sample [s].
+            measurement: the sample.
+            desired: the desired motion.
+            kinematics: the estimated kinematics.
+            a_k: (p_k) their estimate [m].
+
+        Raises:
+            ImplausibleError: see ``Guards.look``, or the last frame of the camera is too old.
+            MeasurementError: a frame was taken later than the sample.
+        """
+        t, q, v, x, x_time, _, _, _ = measurement
+        q, v = q.copy(), v.copy()
+        if self.low_pass is not None:
+            v = self.low_pass.advance(before.v, v, t - t_before)
+        kinematics.update(a_k, q, v)
+        still = self.guards.look(v, x, desired, kinematics)
+        if not kinematics.positions:  # a joint task
+            return Sensed(q, v, kinematics.x_hat, kinematics.p_hat, kinematics.X_k), still
+        late = x_time is not None and x_time != t
+        if x is None or late or self.carrier.smoothing < math.inf:
+            return self.carrier.see(before, t_before, t, q, v, x, x_time, kinematics), still
+        x = x.copy()
+        return Sensed(q, v, x, kinematics.p_hat - x[: kinematics.positions], kinematics.X_k), still
 
 
 def make_guards(
