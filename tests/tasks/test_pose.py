@@ -59,7 +59,7 @@ def test_error_is_the_logarithm_in_world_axes(some, angle):
 
 @given(vectors, st.floats(0.0, 3.0))
 @seeded
-def test_drift_is_what_the_error_moves_beside_the_difference_of_velocities(some, angle):
+def test_drift_is_the_rate_of_the_error_less_the_difference_of_velocities(some, angle):
     phi = angle * some[0] / np.linalg.norm(some[0])
     omega, omega_d = some[2:]
     q_d = quaternion(pin.exp3(some[1]))
@@ -72,7 +72,7 @@ def test_drift_is_what_the_error_moves_beside_the_difference_of_velocities(some,
     assert abs(phi @ drift) < 1e-14  # on which dV/dt rests
 
 
-def test_drift_is_smooth_where_its_series_ends():
+def test_drift_is_continuous_where_it_switches_from_its_series():
     axis, omega, omega_d = (
         np.array([0.6, 0.0, 0.8]),
         np.array([0.3, -1.0, 0.2]),
@@ -84,7 +84,7 @@ def test_drift_is_smooth_where_its_series_ends():
     assert np.abs(below - above).max() < 1e-12
 
 
-def test_half_a_turn_is_found_and_nothing_is_lost_below_it():
+def test_rotation_vectors_are_accurate_up_to_half_a_turn():
     q_d = quaternion(pin.exp3(np.array([0.3, 0.2, -0.4])))
     for angle in (np.pi - 1e-9, np.pi):
         phi = np.array(rotation_between(turned(q_d, np.array([0.0, angle, 0.0])), q_d))
@@ -110,7 +110,7 @@ def test_identities_on_random_chains(robot):
     check_kinematics(replace(robot, task=POSE), [*robot.joint_names[1:], "tool"])
 
 
-def test_plant_robot_and_belief_agree():
+def test_plant_robot_and_estimated_kinematics_agree():
     robot = pose_robot("kinova")
     q, v, _ = random_state(robot, np.random.default_rng(4))
     x, xd = pa.PinocchioPlant(robot).task_motion(q, v)
@@ -129,7 +129,7 @@ def test_plant_robot_and_belief_agree():
     [pa.Swing([1.0, 2.0, -0.5], 0.7, 1.3, 0.4), pa.FixedOrientation([0.6, 0.0, 0.8, 0.0])],
 )
 @pytest.mark.parametrize("t", [0.0, 0.3, 1.1])
-def test_pose_trajectories_are_twice_differentiated_exactly(orientation, t):
+def test_derivatives_of_pose_trajectories_are_exact(orientation, t):
     path = pa.PoseTrajectory(pa.Lissajous([0.5, 0.1, 0.4], 0.1, [1.0, 2.0, 3.0], 4.0), orientation)
     start = np.array([0.3, -0.2, 0.5, *quaternion(pin.exp3(np.array([1.0, -2.0, 0.3])))])
     moved = path.starting_at(start)

@@ -39,7 +39,7 @@ def short(*settings):
 
 
 @pytest.mark.parametrize(("angle", "duration"), [(0.5, 1.5), (2.5, 2.0)])
-def test_with_the_truth_known_position_and_orientation_go_to_zero(angle, duration):
+def test_errors_of_position_and_orientation_vanish_with_true_parameters(angle, duration):
     robot = pose_robot()
     start = POSE.moved(robot.position(robot.q0), np.array([0.02, -0.01, 0.03, 0.0, 0.0, 0.0]))
     tool_z = matrix(start[3:])[:, 2]
@@ -80,7 +80,7 @@ def test_panda_learns_tool_and_load_and_tracks_its_pose(law, scale):
     assert rollout.min_eig_M_hat.min() > 0.0
 
 
-def test_unadapted_the_pose_is_far_off():
+def test_without_adaptation_the_pose_error_is_large():
     robot = pose_robot()
     true = robot.changed(tool_translation=[0.03, -0.02, 0.12], payload=LOAD)
     believed, law = robot.changed(inertial_scale=0.7), "adaptive-inverse-dynamics"
@@ -89,7 +89,7 @@ def test_unadapted_the_pose_is_far_off():
     assert summary["max_error_last"] > 0.01 and summary["max_angle_last"] > np.radians(1.0)
 
 
-def test_a_guess_of_its_load_helps_a_light_wrist():
+def test_an_initial_guess_of_the_load_helps_a_light_wrist():
     """UR10's last body has 5e-4 kg m^2, the load far more; a guess 60 % too heavy helps."""
     robot = pose_robot("ur10")
     load = pa.Payload(0.5, [0.02, -0.01, 0.05], [0.002, 0.0, 0.002, 0.0, 0.0, 0.002])
@@ -129,7 +129,7 @@ def test_either_sign_of_the_measured_quaternion_gives_the_same_torque():
 
 
 @pytest.mark.parametrize("bad", [np.zeros(4), np.full(4, 0.6), np.array([np.nan, 0.0, 0.0, 1.0])])
-def test_a_quaternion_that_is_none_is_refused_and_the_state_kept(bad):
+def test_an_invalid_quaternion_raises_an_error_and_leaves_the_state(bad):
     robot = pose_robot()
     controller, desired = pa.make_controller(robot), circle(robot).at(0.2)
     x = np.concatenate([robot.position(robot.q0)[:3], bad])
@@ -161,7 +161,7 @@ def test_a_tracker_needs_no_angular_velocity():
     assert np.array_equal(*torques)
 
 
-def test_default_gains_of_the_energy_based_law_are_numbers_on_either_block():
+def test_default_gains_of_the_passivity_based_law_are_scalar_on_each_block():
     robot = pose_robot()
     law = pa.make_controller(robot, law="adaptive-jacobian").law
     alone = pa.make_controller(catalogue_robot("panda"), law="adaptive-jacobian").law
@@ -201,7 +201,7 @@ def test_gains_that_break_the_proof_on_rotations_are_refused(gains):
         pa.make_controller(pose_robot(), **{"law": "adaptive-inverse-dynamics", **gains})
 
 
-def test_gains_that_differ_between_position_and_rotation_are_welcome():
+def test_gains_may_differ_between_position_and_rotation():
     place = np.array([[400.0, 50.0, 0.0], [50.0, 300.0, 0.0], [0.0, 0.0, 500.0]])
     whole = np.zeros((6, 6))
     whole[:3, :3], whole[3:, 3:] = place, 900.0 * np.eye(3)
@@ -242,7 +242,7 @@ def test_gains_that_differ_between_position_and_rotation_are_welcome():
         ),
     ],
 )
-def test_impossible_poses_are_refused(make, words):
+def test_invalid_pose_arguments_raise_errors(make, words):
     with pytest.raises(pa.InputError, match=words):
         make()
 
@@ -259,7 +259,7 @@ def test_scenario_swings_from_the_initial_pose():
     assert np.allclose(pin.log3(turn), [0.0, 0.3, 0.0], atol=1e-12)
 
 
-def test_a_scenario_may_believe_in_a_load():
+def test_a_scenario_may_start_from_an_estimated_load():
     guess = "belief.payload={ mass = 0.8, com = [0.0, 0.0, 0.04] }"
     believed, without = short(guess).believed, short().believed
     assert np.isclose(
@@ -269,7 +269,7 @@ def test_a_scenario_may_believe_in_a_load():
         short("belief.payload={ mass = 0.8, inertia = [1.0, 0.0, 0.1, 0.0, 0.0, 0.1] }")
 
 
-def test_scenario_orientation_is_held_where_nothing_is_said_of_it():
+def test_scenarios_hold_the_initial_orientation_by_default():
     scenario = Scenario.read(SCENARIO, ["reference={ kind = 'hold', center = [0.4, 0.1, 0.5] }"])
     desired, start = scenario.trajectory.at(1.0), scenario.true.position(scenario.true.q0)
     assert np.allclose(desired.x_d[:3], [0.4, 0.1, 0.5]) and not desired.xd_d.any()
@@ -304,7 +304,7 @@ def test_rollout_summary_table_plots_and_page_of_a_pose(tmp_path):
     assert page.stat().st_size > 100_000
 
 
-def test_rollouts_without_orientation_say_nothing_of_angles():
+def test_rollouts_without_orientation_have_no_angle_errors():
     robot = catalogue_robot("planar_2r")
     path = pa.Hold(robot.position(robot.q0))
     rollout = pa.simulate(robot, pa.make_controller(robot), path, duration=0.01)

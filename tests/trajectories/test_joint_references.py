@@ -47,7 +47,7 @@ def test_a_fourier_series_starts_at_home_unless_its_center_is_given():
     assert np.allclose(placed.at(0.0).x_d, [0.175, 0.275, 0.075, 0.475])
 
 
-def test_other_references_of_joints():
+def test_hold_and_waypoints_as_joint_references():
     held, robot = motion(kind="hold")
     assert np.allclose(held.at(3.0).x_d, robot.home_angles)
     path, _ = motion(kind="waypoints", points=[[0.1, 0.0, 0.02, 0.3]], segment=0.5)
@@ -65,7 +65,7 @@ def test_other_references_of_joints():
         ({"kind": "hold", "orientation": {}}, "reference.orientation", "has no orientation"),
     ],
 )
-def test_what_joints_cannot_follow_is_refused(reference, where, words):
+def test_references_that_do_not_suit_joints_raise_errors(reference, where, words):
     with pytest.raises(ValueError, match=words) as refused:
         motion(**reference)
     assert refused.value.where == where
@@ -80,6 +80,6 @@ def test_what_joints_cannot_follow_is_refused(reference, where, words):
         ({"kind": "sinusoit"}, "Did you mean 'sinusoid'"),
     ],
 )
-def test_a_wrong_sinusoid_is_named(reference, key):
+def test_errors_name_the_wrong_key_of_a_sinusoid(reference, key):
     with pytest.raises(ScenarioError, match=key):
         motion(**reference)

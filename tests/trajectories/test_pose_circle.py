@@ -1,4 +1,4 @@
-"""A circle that a pose task can follow without turning, and its scenario of `init`."""
+"""The circle that a pose task can follow at constant orientation, and its scenario of `init`."""
 
 import math
 
@@ -43,7 +43,7 @@ def followed(robot, circle, turns=1.2, steps=600):
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "kinova", "talos_left_leg"])
-def test_the_circle_can_be_followed_without_turning_also_with_a_longer_tool(name):
+def test_the_circle_can_be_followed_at_constant_orientation_also_with_a_longer_tool(name):
     robot = pa.load(name, task="pose")
     circle = pa.reachable_circle(robot)
     length = robot.reach
@@ -62,7 +62,7 @@ def test_the_circle_can_be_followed_without_turning_also_with_a_longer_tool(name
         assert np.abs(speeds).max() < 1.65
 
 
-def test_holding_the_orientation_asks_for_more_than_the_position_alone():
+def test_circles_are_smaller_where_the_orientation_must_be_held():
     """With little room for the wrist, circles as a pose are smaller than those of the tip."""
     robot = pa.load("ur5", task="pose")
     robot.model.lowerPositionLimit[3:] = robot.home_angles[3:] - 0.1
@@ -86,7 +86,7 @@ def test_init_writes_a_pose_scenario_that_runs(source, tmp_path):
     assert rollout.angle[-400:].max() < 0.01
 
 
-def test_init_names_pose_and_refuses_it_for_short_chains(tmp_path, capsys):
+def test_init_offers_pose_and_refuses_it_for_short_chains(tmp_path, capsys):
     file = tmp_path / "arm.toml"
     assert main(["init", "ur5", "--out", str(file)]) == 0
     assert "or pose" in file.read_text()

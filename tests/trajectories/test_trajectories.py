@@ -36,7 +36,7 @@ def test_velocity_and_acceleration_are_the_derivatives(motion, t):
 
 
 @motions
-def test_starting_at_moves_the_start_and_nothing_else(motion):
+def test_starting_at_displaces_the_motion_without_changing_it(motion):
     start = np.linspace(-0.2, 0.6, motion.at(0.0).x_d.size)
     before, moved = motion.at(0.37), motion.starting_at(start)
     assert np.allclose(moved.at(0.0).x_d, start, atol=1e-15)
@@ -48,12 +48,12 @@ def test_starting_at_moves_the_start_and_nothing_else(motion):
 
 
 @motions
-def test_positions_are_those_of_each_time(motion):
+def test_positions_are_x_d_at_each_time(motion):
     times = np.array([0.0, 0.4, 2.1])
     assert np.array_equal(motion.positions(times), [motion.at(t).x_d for t in times])
 
 
-def test_circle_turns_from_its_planes_first_axis_to_the_second():
+def test_a_circle_starts_on_the_first_axis_of_its_plane_and_turns_to_the_second():
     circle = pa.Circle([0.5, 0.1, 0.4], 0.1, 2.0, plane="yz")
     assert np.allclose(circle.at(0.0).x_d, [0.5, 0.2, 0.4])
     assert np.allclose(circle.at(0.5).x_d, [0.5, 0.1, 0.5])
@@ -62,12 +62,12 @@ def test_circle_turns_from_its_planes_first_axis_to_the_second():
     assert np.allclose(later.at(0.0).x_d, circle.at(0.5).x_d)
 
 
-def test_lissajous_is_one_sine_a_coordinate():
+def test_a_lissajous_figure_has_one_sine_per_coordinate():
     figure = pa.Lissajous([1.0, 2.0], [0.1, 0.2], [1.0, 2.0], 4.0)
     assert np.allclose(figure.at(0.5).x_d, [1.0 + 0.1 * math.sin(math.pi / 4), 2.0 + 0.2])
 
 
-def test_sinusoids_are_those_of_the_literature():
+def test_sinusoids_reproduce_references_from_the_literature():
     """Two-joint references in common use, at a time of no symmetry."""
     t, degrees = 0.23, np.radians([30.0, 45.0])
     first = pa.Sinusoid(degrees, degrees, 1.0).at(t)
@@ -98,13 +98,13 @@ def test_a_fourier_series_is_the_sum_of_its_harmonics():
         ([0.0, 0.0], [[0.1]], [[0.1]], "reference.center"),
     ],
 )
-def test_a_fourier_series_needs_a_row_a_coordinate(center, cosine, sine, where):
+def test_a_fourier_series_needs_one_row_of_coefficients_per_coordinate(center, cosine, sine, where):
     with pytest.raises(pa.InputError) as refused:
         pa.FourierSeries(center, cosine, sine, 1.0)
     assert refused.value.where == where
 
 
-def test_sinusoids_start_where_they_are_told_at_rest_or_at_speed():
+def test_sinusoids_start_at_rest_or_at_full_speed_depending_on_phase():
     rest = pa.Sinusoid([0.8, 0.3], 0.5, np.pi / 2)
     speed = pa.Sinusoid([0.3, -0.2], 0.5, np.pi / 2, phase=0.0)
     assert np.allclose([rest.at(0.0).x_d, speed.at(0.0).x_d], [[0.3, -0.2]] * 2)
@@ -112,7 +112,7 @@ def test_sinusoids_start_where_they_are_told_at_rest_or_at_speed():
     assert np.isclose(rest.at(np.pi / 4).x_d[0], 0.3 + 2 * 0.5)  # half a period: twice as far
 
 
-def test_waypoints_rest_in_every_point_and_hold_the_last():
+def test_waypoints_stop_at_every_point_and_hold_the_last():
     points = np.array([[0.0, 0.0], [0.1, 0.3], [0.4, -0.2]])
     motion = pa.Waypoints(points, 0.8)
     for t, point in [(0.0, points[0]), (0.8, points[1]), (1.6, points[2]), (9.0, points[2])]:
@@ -158,7 +158,7 @@ def test_waypoints_rest_in_every_point_and_hold_the_last():
         (lambda: pa.LowPass(np.nan), "lambda"),
     ],
 )
-def test_impossible_signals_are_refused(make, words):
+def test_invalid_arguments_raise_input_errors(make, words):
     with pytest.raises(pa.InputError, match=words):
         make()
 
@@ -167,7 +167,7 @@ STATE, INPUT = np.array([1.0, -0.5, 2.0]), np.array([0.2, 0.3, -1.0])
 
 
 @pytest.mark.parametrize("dt", [1e-3, 0.05, 2.0])
-def test_low_pass_advance_is_what_fine_euler_steps_tend_to(dt):
+def test_low_pass_advance_agrees_with_fine_euler_steps(dt):
     steps, low_pass, state = 20_000, pa.LowPass(10.0), STATE
     for _ in range(steps):
         state = state + dt / steps * low_pass.rate(state, INPUT)
@@ -175,7 +175,7 @@ def test_low_pass_advance_is_what_fine_euler_steps_tend_to(dt):
     assert np.allclose(low_pass.advance(STATE, INPUT, dt), state, atol=bound)
 
 
-def test_low_pass_advance_does_not_depend_on_how_time_is_cut():
+def test_two_low_pass_steps_equal_one_of_the_same_total_time():
     low_pass = pa.LowPass(10.0)
     halfway = low_pass.advance(STATE, INPUT, 0.03)
     assert np.allclose(

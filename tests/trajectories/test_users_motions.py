@@ -1,4 +1,4 @@
-"""What users have of a motion: objects with at(t), functions of time, and samples."""
+"""Motions given by users: objects with at(t), functions of time, and samples."""
 
 import itertools
 import math
@@ -23,7 +23,7 @@ MOVING_POSE = pa.PoseTrajectory(CIRCLE, SWING)
 
 
 class Path:
-    """A user's class, which knows nothing of the library."""
+    """A class of a user that does not depend on the library."""
 
     def __init__(self, motion, returns=tuple):
         """Take what it follows, and how it says so."""
@@ -60,7 +60,7 @@ def errors_of(frequency, times):
     return max(v), max(a)
 
 
-def test_the_errors_of_differences_are_those_of_the_docstring():
+def test_errors_of_finite_differences_agree_with_the_docstring():
     rows = re.findall(r"\| (\d+) Hz \| (\S+), (\S+) \| (\S+), (\S+) \|", Function.__doc__)
     assert len(rows) == 3
     for row in rows:
@@ -72,8 +72,8 @@ def test_the_errors_of_differences_are_those_of_the_docstring():
 
 
 @pytest.mark.parametrize("t", [0.0, 0.003, 0.5])
-def test_noise_of_a_function_counts_as_the_docstring_says(t):
-    """Of all the signs that five errors of 1e-9 can have, the worst."""
+def test_amplification_of_noise_agrees_with_the_docstring(t):
+    """The worst case over all signs of five errors of 1e-9."""
     h, e = 2e-3, 1e-9
     speed, acceleration = 0.0, 0.0
     for signs in itertools.product([-e, e], repeat=5):
@@ -85,14 +85,14 @@ def test_noise_of_a_function_counts_as_the_docstring_says(t):
     assert acceleration <= 27.0 * e / h**2
 
 
-def test_rounding_is_below_what_the_docstring_says():
+def test_rounding_errors_are_below_the_bound_in_the_docstring():
     motion = Function(lambda t: np.array([math.sin(t), math.cos(t)]))
     for t in np.linspace(0.0, 10.0, 301):
         off = motion.at(t).xdd_d + motion.at(t).x_d
         assert np.abs(off).max() < 2e-9 or t < 0.004
 
 
-def test_a_function_is_not_asked_before_time_0_nor_far_ahead():
+def test_a_function_is_called_near_t_and_never_before_time_0():
     asked = []
 
     def f(t):
@@ -125,7 +125,7 @@ def test_one_coordinate_may_be_a_plain_number():
     assert now.x_d.shape == (1,) and now.xd_d[0] == pytest.approx(0.3 * math.cos(1.0), abs=1e-9)
 
 
-def test_a_function_may_use_one_array_for_all_it_returns():
+def test_a_function_may_return_the_same_array_each_time():
     buffer = np.zeros(3)
 
     def f(t):
@@ -140,7 +140,7 @@ def test_a_function_may_use_one_array_for_all_it_returns():
 
 
 def flipped(x, t):
-    """Return a pose whose quaternion changes its sign now and then."""
+    """Return a pose whose quaternion often changes its sign."""
     return np.append(x[:3], x[3:] if int(100 * t) % 2 else -x[3:])
 
 
@@ -158,14 +158,14 @@ def test_poses_are_differentiated_as_rotations(returns, t):
     assert np.allclose(now.xdd_d, exact.xdd_d, atol=1e-6 if t else 1e-3)
 
 
-def test_seven_joints_are_no_pose():
+def test_seven_joint_angles_are_not_taken_for_a_pose():
     robot = catalogue_robot("panda", task="joint")
     swing = pa.Sinusoid(robot.home_angles, 0.1, np.linspace(1.0, 3.0, 7))
     motion = as_trajectory(lambda t: swing.at(t).x_d, robot.task)
     assert close(motion.at(0.7), swing.at(0.7), 1e-8, 1e-7)
 
 
-def test_joints_that_turn_without_end_may_jump_by_whole_turns():
+def test_angles_of_continuous_joints_may_jump_by_whole_turns():
     task = JointTask("joint", ("a", "b"), (True, False))
     turning = pa.Sinusoid([3.0, 0.0], [1.0, 1.0], 2.0)
 
@@ -197,7 +197,7 @@ POINTS = np.random.default_rng(1).uniform(-0.3, 0.3, (7, 3))
 
 
 @pytest.mark.parametrize("given", [(UNEVEN, POINTS), np.column_stack([UNEVEN, POINTS])])
-def test_samples_are_passed_smoothly_and_the_ends_are_at_rest(given):
+def test_splines_pass_through_the_samples_smoothly_and_are_at_rest_at_the_ends(given):
     motion = as_trajectory(given, XYZ)
     for t, x in zip(UNEVEN, POINTS, strict=True):
         assert np.allclose(motion.at(t).x_d, x, atol=1e-12)
@@ -211,14 +211,14 @@ def test_samples_are_passed_smoothly_and_the_ends_are_at_rest(given):
     assert motion.extent == pytest.approx(0.5 * np.linalg.norm(np.ptp(POINTS, axis=0)))
 
 
-def test_two_samples_make_a_minimum_jerk_motion():
+def test_a_spline_through_two_samples_is_a_minimum_jerk_motion():
     points = np.array([[0.0, 0.1, 0.2], [0.3, -0.2, 0.5]])
     spline, jerk = Spline([0.0, 0.8], points), pa.Waypoints(points, 0.8)
     for t in np.linspace(0.0, 1.0, 21):
         assert close(spline.at(t), jerk.at(t), 1e-12, 1e-11)
 
 
-def test_free_ends_have_the_speed_of_the_samples():
+def test_splines_with_free_ends_have_the_speed_of_the_samples():
     free = Spline(*sampled(CIRCLE, 3.0, 101), ends="free")
     for t in np.linspace(0.0, 3.0, 31):
         assert close(free.at(t), CIRCLE.at(t), 1e-5, 1e-3) or np.allclose(
@@ -228,7 +228,7 @@ def test_free_ends_have_the_speed_of_the_samples():
     assert not free.at(3.1).xd_d.any() and np.allclose(free.at(3.1).x_d, CIRCLE.at(3.0).x_d)
 
 
-def test_samples_that_move_at_an_end_are_warned_of():
+def test_a_warning_says_that_samples_move_at_their_ends():
     with pytest.warns(UserWarning, match=r"0\.209 /s at their first.*ends=\"free\""):
         as_trajectory(sampled(CIRCLE, 3.0, 301), XYZ)
     with warnings.catch_warnings():
@@ -240,7 +240,7 @@ def test_samples_that_move_at_an_end_are_warned_of():
 
 
 @pytest.mark.parametrize("signs", [1.0, np.resize([1.0, -1.0, -1.0], (301, 1))])
-def test_sampled_poses_turn_as_smoothly_as_they_move(signs):
+def test_sampled_poses_have_the_derivatives_of_the_sampled_motion(signs):
     t, x = sampled(MOVING_POSE, 2.6, 301)
     x[:, 3:] *= signs
     with warnings.catch_warnings():
@@ -255,7 +255,7 @@ def test_sampled_poses_turn_as_smoothly_as_they_move(signs):
         assert np.linalg.norm(now.x_d[3:]) == pytest.approx(1.0, abs=1e-14)
 
 
-def test_few_poses_are_passed_with_velocities_that_are_their_derivatives():
+def test_splines_of_few_poses_pass_through_them_with_consistent_derivatives():
     rng = np.random.default_rng(3)
     q = np.array([pin.Quaternion(pin.exp3(rng.uniform(-1.5, 1.5, 3))).coeffs() for _ in UNEVEN])
     motion = as_trajectory((UNEVEN, np.hstack([POINTS, q])), POSE)
@@ -309,7 +309,7 @@ def test_an_orientation_may_be_sampled():
         ("up", "expected 4 numbers"),
     ],
 )
-def test_orientations_that_are_none_are_refused(orientation, words):
+def test_invalid_orientations_raise_input_errors(orientation, words):
     with pytest.raises(pa.InputError, match=words):
         pa.PoseTrajectory(CIRCLE, orientation)
 
@@ -329,7 +329,7 @@ class Own(pa.Trajectory):
 
 
 @pytest.mark.parametrize("motion", [CIRCLE, SWING, MOVING_POSE], ids=["position", "turn", "pose"])
-def test_a_subclass_needs_at_alone(motion):
+def test_a_subclass_needs_no_method_but_at(motion):
     own, m = Own(motion), motion.at(0.0).xd_d.size
     assert own.extent is None and own.settles is None
     by = np.linspace(-0.3, 0.4, m)
@@ -341,7 +341,7 @@ def test_a_subclass_needs_at_alone(motion):
     assert close(own.starting_at(start).at(0.7), motion.starting_at(start).at(0.7), 1e-12, 1e-12)
 
 
-def test_what_an_object_says_of_itself_is_taken():
+def test_extent_and_settles_of_an_object_are_used():
     class Known(Path):
         extent, settles = 0.25, 3.0
 
@@ -364,7 +364,7 @@ def test_what_an_object_says_of_itself_is_taken():
         (lambda t: np.array([0.4, math.sin(t)]), None, None),
     ],
 )
-def test_whether_a_motion_comes_to_rest_is_seen_from_what_it_does(f, duration, rests):
+def test_the_time_of_rest_is_found_by_sampling_the_motion(f, duration, rests):
     assert as_trajectory(f).at_rest_from(duration) == rests
 
 
@@ -424,7 +424,7 @@ def test_joints_follow_samples_and_functions():
         assert np.ptp(rollout.q, axis=0) == pytest.approx(np.full(7, 0.05), abs=1e-3)
 
 
-def test_streams_and_live_views_take_them_too(loop):
+def test_run_and_live_view_accept_functions(loop):
     from pinadapt.view.live import LiveView
 
     robot, controller, circle = loop
@@ -473,7 +473,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("given", "words"), REFUSED.values(), ids=REFUSED.keys())
-def test_what_is_no_motion_is_refused(given, words, loop):
+def test_invalid_motions_raise_input_errors_before_the_run(given, words, loop):
     robot, controller, _ = loop
     plant = pa.PinocchioPlant(robot)
     for start in (
@@ -485,7 +485,7 @@ def test_what_is_no_motion_is_refused(given, words, loop):
             start()
 
 
-def test_what_is_no_desired_is_refused_of_a_subclass(loop):
+def test_a_subclass_that_returns_no_desired_is_refused(loop):
     class Wrong(pa.Trajectory):
         def at(self, t):
             return [0.1, 0.2]
@@ -503,7 +503,7 @@ def test_what_is_no_desired_is_refused_of_a_subclass(loop):
         (([0.0, 1.0], [[0.0, 0.0, 0.5]] * 2), "end in a quaternion|PoseTrajectory"),
     ],
 )
-def test_what_is_no_pose_is_refused(given, words):
+def test_invalid_poses_raise_input_errors(given, words):
     with pytest.raises(pa.InputError, match=words):
         as_trajectory(given, POSE)
 
@@ -515,7 +515,7 @@ def test_what_is_no_pose_is_refused(given, words):
         ({"ends": "free"}, "at least 6 samples"),
     ],
 )
-def test_splines_with_impossible_ends_are_refused(options, words):
+def test_splines_with_invalid_ends_raise_input_errors(options, words):
     with pytest.raises(pa.InputError, match=words):
         Spline([0.0, 1.0, 2.0], [0.0, 1.0, 0.5], **options)
 
@@ -526,7 +526,7 @@ def test_a_step_must_be_positive():
 
 
 @pytest.mark.parametrize("mode", ["sampled", "continuous"])
-def test_a_function_that_fails_later_ends_the_run_with_what_ran(mode, loop):
+def test_a_function_that_fails_during_a_run_ends_it_with_the_rollout_so_far(mode, loop):
     robot, controller, circle = loop
 
     def f(t):

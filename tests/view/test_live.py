@@ -1,4 +1,4 @@
-"""A run watched live: what a browser receives, that it never waits for one, and what is left."""
+"""Live views: what a browser receives, timing, and the end of the server."""
 
 import os
 import signal
@@ -85,7 +85,7 @@ def test_a_browser_receives_scene_motion_and_curves():
     assert notes[-1] == {"end": "the run has ended"}
 
 
-def test_the_samples_are_those_of_an_unwatched_run():
+def test_live_view_does_not_change_the_samples():
     _, samples, _ = watched(0.05)
     plant, controller, path, view = loop(0.05)
     view.close()
@@ -93,7 +93,7 @@ def test_the_samples_are_those_of_an_unwatched_run():
     assert all(np.array_equal(a.truth.q, b.truth.q) for a, b in zip(samples, plain, strict=True))
 
 
-def test_it_goes_no_faster_than_time():
+def test_live_view_runs_at_most_in_real_time():
     import time
 
     begun = time.perf_counter()
@@ -101,7 +101,7 @@ def test_it_goes_no_faster_than_time():
     assert time.perf_counter() - begun > 0.36
 
 
-def test_nothing_is_left_when_it_ends():
+def test_closing_a_live_view_leaves_no_thread_or_port():
     before = set(threading.enumerate())
     stream, _, view = watched(0.05)
     assert stream
@@ -117,7 +117,7 @@ def test_nothing_is_left_when_it_ends():
     assert not [thread for thread in left if thread.is_alive()]
 
 
-def test_the_page_is_whole_and_asks_no_other_host():
+def test_the_page_is_self_contained():
     _, _, _, view = loop(0.1)
     with view:
         page = urllib.request.urlopen(view.url, timeout=10).read().decode()
@@ -128,7 +128,7 @@ def test_the_page_is_whole_and_asks_no_other_host():
     assert "http:" not in own and "https:" not in own and 'src="' not in own
 
 
-def test_a_reader_that_comes_late_gets_what_is_in_force():
+def test_a_late_reader_gets_the_latest_messages():
     messages = Broadcast()
     for k in range(3):
         messages.keep("a", f"a{k}".encode())
@@ -138,7 +138,7 @@ def test_a_reader_that_comes_late_gets_what_is_in_force():
     assert framed == b"".join(len(m).to_bytes(4, "big") + m for m in (b"b0", b"b1", b"a2", b"b2"))
 
 
-def test_a_reader_that_takes_nothing_delays_nobody_for_long():
+def test_a_reader_that_does_not_read_does_not_block_closing():
     messages = Broadcast()
     server = Server("page", messages)
     port = int(server.url.rsplit(":", 1)[1].strip("/"))
@@ -150,7 +150,7 @@ def test_a_reader_that_takes_nothing_delays_nobody_for_long():
         server.close()  # would hang here
 
 
-def test_a_run_that_diverges_says_so_on_the_page():
+def test_the_page_says_that_a_run_diverged():
     plant, controller, path, view = loop(1.0)
 
     def diverging():
@@ -182,7 +182,7 @@ def test_a_load_is_shown_while_it_is_carried():
 # --- the commands ---
 
 
-def test_run_live_prints_the_address_and_writes_as_ever(tmp_path, capsys):
+def test_run_live_prints_the_address_and_writes_the_usual_files(tmp_path, capsys):
     assert (
         main(["run", PLANAR, "--live", "--out", str(tmp_path), "--set", "simulation.duration=0.1"])
         == 0
@@ -210,7 +210,7 @@ def test_view_of_a_folder_without_one_is_refused(tmp_path, capsys):
     assert "animation.html" in capsys.readouterr().err
 
 
-def test_an_interrupted_live_run_ends_its_process_and_its_port():
+def test_an_interrupted_live_run_ends_its_process_and_frees_its_port():
     source = str(Path(pa.__file__).parents[1])
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([source, *sys.path])}
     process = subprocess.Popen(

@@ -1,4 +1,4 @@
-"""Animations and plots: how large, what they show, that they need nothing but a browser."""
+"""Animations and figures: their size, what they show, and that pages are self-contained."""
 
 import base64
 import gzip
@@ -47,12 +47,12 @@ def animated(name):
     ("name", "most"), [("planar_2r", 1.5), ("scara", 1.5), ("panda", 8.0), ("z1", 8.0)]
 )
 def test_pages_stay_small(name, most):
-    """As measured: 0.5, 0.5, 5.5 and 5.6 MB; the meshes of z1 are made lighter."""
+    """Measured: 0.5, 0.5, 5.5 and 5.6 MB; the meshes of z1 are simplified."""
     _, animation = animated(name)
     assert len(animation.html.encode()) < 1e6 * most
 
 
-def test_long_runs_make_no_large_pages():
+def test_pages_of_long_runs_stay_small():
     rollout = run(duration=4.0)
     long = replace(rollout, t=25.0 * rollout.t)  # of the same motion, slowly
     commands, _ = messages(long.animate())
@@ -73,7 +73,7 @@ def test_a_page_shows_both_robots_paths_and_curves():
     assert readings[-1]["values"][0] == pytest.approx(1e3 * rollout.distance[-1], rel=1e-3)
 
 
-def test_equal_meshes_are_in_a_page_once():
+def test_a_page_contains_equal_meshes_once():
     robot = pa.load("a1_rr_leg")  # four like legs
     shapes = [shape for shape in robot.visual.geometryObjects if shape.meshPath]
     different = {(shape.meshPath, tuple(shape.meshColor)) for shape in shapes}
@@ -93,14 +93,14 @@ def test_equal_meshes_are_in_a_page_once():
     assert len(everything) == len(robot.visual.geometryObjects)
 
 
-def test_the_floor_is_where_the_base_stands():
-    """The planar arm's base is a cylinder from 0.09 m below its plane on, Panda's a mesh from 0."""
+def test_the_floor_is_at_the_lowest_point_of_the_base():
+    """The planar arm's base ends 0.09 m below its plane of motion, Panda's at 0."""
     for name, floor in (("panda", 0.0), ("planar_2r", -0.09)):
         commands, _ = messages(animated(name)[1])
         assert commands["set_transform", "/Grid"]["matrix"][14] == pytest.approx(floor, abs=2e-3)
 
 
-def test_an_animation_shows_itself_in_a_notebook_without_a_server():
+def test_notebooks_display_an_animation_without_a_server():
     _, animation = animated("planar_2r")
     frame = animation._repr_html_()
     assert unescape(re.search(r'srcdoc="([^"]*)"', frame).group(1)) == animation.html
@@ -108,7 +108,7 @@ def test_an_animation_shows_itself_in_a_notebook_without_a_server():
     assert len(repr(animation)) < 80
 
 
-def test_a_rollout_from_another_process_has_nothing_to_animate():
+def test_a_rollout_from_another_process_cannot_be_animated():
     import pickle
 
     rollout = pickle.loads(pickle.dumps(run(duration=0.01)))
@@ -119,7 +119,7 @@ def test_a_rollout_from_another_process_has_nothing_to_animate():
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 @pytest.mark.parametrize("name", ["planar_2r", "ur5"])
-def test_a_browser_shows_the_page_without_complaint(name, tmp_path):
+def test_a_browser_shows_the_page_without_errors(name, tmp_path):
     page = run(name, duration=0.5).animate().save(tmp_path / "page.html")
     done = subprocess.run(
         [
@@ -155,7 +155,7 @@ def test_a_browser_shows_the_page_without_complaint(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["planar_2r", "panda"])
-def test_legends_cover_no_curve_and_no_panel_is_without_one(name):
+def test_every_panel_has_a_legend_that_covers_no_curve(name):
     for figure in run(name, duration=0.05).plot():
         FigureCanvasAgg(figure).draw()
         for ax in figure.axes:
@@ -164,7 +164,7 @@ def test_legends_cover_no_curve_and_no_panel_is_without_one(name):
             assert box.x1 <= figure.bbox.x1 + 1.0
 
 
-def test_torques_carry_the_names_and_the_limits_of_their_joints():
+def test_torque_legends_have_names_and_limits_of_joints():
     rollout = run("panda", duration=0.05)
     torques, shares, _ = rollout.plot().torque.axes
     named = [text.get_text() for text in torques.get_legend().get_texts()]
@@ -176,7 +176,7 @@ def test_torques_carry_the_names_and_the_limits_of_their_joints():
     assert low < -100.0 and high > 100.0
 
 
-def test_no_two_curves_of_a_panel_look_alike():
+def test_curves_of_a_panel_differ_in_colour_or_marker():
     for figure in run("panda", duration=0.05).plot():
         for ax in figure.axes:
             looks = [
@@ -198,7 +198,7 @@ def test_every_parameter_is_in_a_panel():
     assert len(drawn) == rollout.a_k.shape[1] + rollout.a_d.shape[1]
 
 
-def test_figures_show_once_and_leave_nothing_open(monkeypatch):
+def test_figures_are_displayed_once_and_not_kept_open(monkeypatch):
     import IPython.display
 
     shown = []
