@@ -92,7 +92,7 @@ def test_a_task_of_the_joints_needs_no_frame(path):
 
 
 def test_the_adapting_controller_tracks_a_robot_that_nobody_described(tmp_path):
-    """A heavier hand, a longer tool: the file has them, and no truth is told of them."""
+    """A heavier hand, a longer tool: the file has them, and no true parameters are reported."""
     robot = load("panda")
     real = robot.changed(tool_translation=[0.02, 0.0, 0.05], inertial_scale=1.2)
     heavy = {"inside": FINGER.format(mass=1.0, inertia=1e-3), "stand": STAND}
@@ -142,8 +142,8 @@ def test_a_files_robot_does_not_change(path):
     [
         ({"joints": {}}, r"'panda_joint1' is not in .*own\.xml.*Did you mean 'joint1'"),
         ({"joints": {**TABLE, "panda_jont1": "x"}}, "Did you mean 'panda_joint1'"),
-        ({"joints": {**TABLE, "panda_joint1": "joint2"}}, r"two joints .* \['joint2'\]"),
-        ({"joints": {**TABLE, "panda_joint1": "finger"}}, "'finger' .* different kinds"),
+        ({"joints": {**TABLE, "panda_joint1": "joint2"}}, r"several joints .* \['joint2'\]"),
+        ({"joints": {**TABLE, "panda_joint1": "finger"}}, "'finger' .* different types"),
         (
             {"joints": {**TABLE, "panda_joint2": "joint4", "panda_joint4": "joint2"}},
             "'joint4' .* 'panda_joint2' .* different axes",
@@ -155,12 +155,12 @@ def test_a_files_robot_does_not_change(path):
         ({"base": "stnd"}, "Did you mean 'stand'"),
     ],
 )
-def test_what_does_not_match_is_told_by_name(path, options, words):
+def test_what_does_not_match_is_named(path, options, words):
     with pytest.raises(pa.InputError, match=words):
         pa.MujocoPlant(load("panda"), mjcf=pa.MujocoFile(path, **{**MATCH, **options}))
 
 
-def test_parallel_joints_that_are_mixed_up_are_told(tmp_path):
+def test_mixed_up_parallel_joints_are_refused(tmp_path):
     own, mixed = own_file(load("ur5"), tmp_path / "own.xml"), ("shoulder_lift_joint", "elbow_joint")
     table = dict(zip(mixed, reversed(mixed), strict=True))
     with pytest.raises(pa.InputError, match=r"'shoulder_lift_joint' .* does not come after"):
@@ -179,7 +179,7 @@ def test_a_frame_turned_otherwise_matters_to_a_pose_alone(tmp_path):
     frame.placement = frame.placement * pin.SE3(pin.rpy.rpyToMatrix(1.0, 0.0, 0.0), np.zeros(3))
     mjcf = pa.MujocoFile(own_file(real, tmp_path / "own.xml"), frame="flange")
     pa.MujocoPlant(load("ur5"), mjcf=mjcf)
-    with pytest.raises(pa.InputError, match="turned by 57 degrees"):
+    with pytest.raises(pa.InputError, match="rotated by 57 degrees"):
         pa.MujocoPlant(load("ur5", task="pose"), mjcf=mjcf)
 
 

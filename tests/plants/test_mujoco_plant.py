@@ -271,7 +271,7 @@ def test_a_joint_task_runs_too_and_v_is_known():
         ({"engine": "mujco"}, "Did you mean 'mujoco'"),
         ({"engine": 3}, "pinocchio"),
         ({"engine": "mujoco", "mode": "continuous"}, "MujocoPlant moves in samples"),
-        ({"engine": "mujoco", "acceleration": "ideal"}, "does not tell the acceleration"),
+        ({"engine": "mujoco", "acceleration": "ideal"}, "does not provide the acceleration"),
         ({"engine": partial(pa.MujocoPlant, integrator="rk4")}, "runge-kutta"),
         ({"engine": "mujoco", "substeps": 0}, "at least 1"),
     ],

@@ -64,7 +64,7 @@ def test_a_loop_runs_on_a_plant_of_ones_own():
 
 
 def test_a_plant_that_cannot_tell_its_acceleration_says_so():
-    with pytest.raises(pa.InputError, match="Pendulum does not tell the acceleration"):
+    with pytest.raises(pa.InputError, match="Pendulum does not provide the acceleration"):
         Pendulum().acceleration(np.zeros(1))
 
 

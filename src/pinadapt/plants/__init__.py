@@ -1,4 +1,4 @@
-"""What is controlled: the true robot, and the sensors that see it."""
+"""Plants: the simulated robots that a controller drives, and their simulated sensors."""
 
 from .elastic_plant import ElasticPlant as ElasticPlant
 from .elastic_plant import JointElasticity as JointElasticity

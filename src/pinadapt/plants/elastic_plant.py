@@ -1,4 +1,4 @@
-"""A robot with elastic joints: motors that move the links through springs."""
+"""A robot with elastic joints: its motors move the links through springs."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ ENCODERS = ("motor", "link")
 
 @dataclass(frozen=True, eq=False)
 class JointElasticity:
-    """Springs between motors and links; as ``engine`` of a simulation it makes an elastic robot.
+    """Springs between motors and links; as ``engine`` of a simulation it gives an ``ElasticPlant``.
 
     Attributes:
-        stiffness: K, a number or one a joint [N m/rad or N/m].
-        damping: D of the springs, a number or one a joint [N m s/rad or N s/m].
-        encoders: what q and qd tell, of the "motor" (behind its gear) or of the "link".
+        stiffness: K, a number or one per joint [N m/rad or N/m].
+        damping: D of the springs, a number or one per joint [N m s/rad or N s/m].
+        encoders: what q and qd are measured at: "motor" (after the gear) or "link".
     """
 
     stiffness: ArrayLike
@@ -37,10 +37,10 @@ class JointElasticity:
     sources = ("Spong1987",)
 
     def __post_init__(self) -> None:
-        """Refuse an unknown side.
+        """Check the place of the encoders.
 
         Raises:
-            InputError: encoders of neither side.
+            InputError: neither "motor" nor "link".
         """
         word(self.encoders, ENCODERS, "elasticity.encoders")
 
@@ -52,7 +52,7 @@ class JointElasticity:
         compensation: Compensation | None = None,
         substeps: int | None = None,
     ) -> ElasticPlant:
-        """Return the robot with these springs; see ``ElasticPlant``."""
+        """Return the plant of a robot with these springs; see ``ElasticPlant``."""
         return ElasticPlant(
             robot,
             self,
@@ -65,17 +65,18 @@ class JointElasticity:
 class ElasticPlant(SimulatedPlant):
     """M a + C v + g = K d + D (w - v), B dw/dt = tau - K d - D (w - v) - f(w), dd/dt = w - v.
 
-    v is the velocity of the links, w that of the motors behind their gears, d by how far the motors
-    are ahead; B is the armature of the robot and f its friction, both of the motors. M is that of
-    the links alone. M. Spong, *Modeling and control of elastic joint robots*, J. Dyn. Syst. Meas.
-    Control 109 (1987) 310-319. For K to infinity it is the robot that ``PinocchioPlant`` moves.
+    v is the velocity of the links, w that of the motors after their gears, d the deflection of the
+    springs: motor minus link position. B is the armature of the robot and f its friction, both at
+    the motors. M is the mass matrix of the links alone. M. Spong, *Modeling and control of elastic
+    joint robots*, J. Dyn. Syst. Meas. Control 109 (1987) 310-319. For infinite K the motion is that
+    of ``PinocchioPlant``.
 
-    It starts with the links at home, at rest, and the springs loaded by gravity. x and xd are those
-    of the links whatever the encoders tell.
+    The links start at the home pose at rest, with the springs loaded by gravity. x and xd are those
+    of the links, whatever the encoders measure.
 
-    A step is the implicit midpoint rule in d, v and w with M, C v + g and the friction's secant at
-    the middle: second order, without energy of its own, stable for any stiffness. The friction is
-    weighed as in ``FittedMidpoint``, so it never makes a motor faster.
+    A step is the implicit midpoint rule in d, v and w, with M, C v + g and the secant of the
+    friction at the midpoint: of second order, without numerical energy gain, stable for any
+    stiffness. Friction is weighted as in ``FittedMidpoint``, so it never accelerates a motor.
 
     Attributes:
         elasticity: the springs.
@@ -90,11 +91,12 @@ class ElasticPlant(SimulatedPlant):
         compensation: Compensation | None = None,
         substeps: int | None = None,
     ) -> None:
-        """Take the robot, its springs, and what its motors do.
+        """Take the robot, its springs and the properties of its motors.
 
         Raises:
-            InputError: springs that cannot be, or limits of another size.
-            RobotError: a motor without inertia.
+            InputError: springs or limits of a wrong size.
+            RobotError: a stiffness that is not positive, a negative damping, or a motor without
+                inertia.
         """
         super().__init__(
             robot, torque_limits=torque_limits, compensation=compensation, substeps=substeps
@@ -105,7 +107,7 @@ class ElasticPlant(SimulatedPlant):
         self._D = vector(elasticity.damping, self.nv, "elasticity.damping", names=names)
         if not (self._K > 0.0).all() or not (self._D >= 0.0).all():
             raise RobotError(
-                "expected a positive stiffness and a damping that is not negative, got "
+                "expected positive stiffness and non-negative damping, got "
                 f"{self._K.tolist()} and {self._D.tolist()}.",
                 where="elasticity",
             )
@@ -114,7 +116,7 @@ class ElasticPlant(SimulatedPlant):
         self.reset()
 
     def reset(self) -> None:
-        """Go home, at rest, at time 0, as the first robot, with the springs loaded by gravity."""
+        """Return to the first robot at its home pose at rest, springs loaded by gravity, time 0."""
         if self.robot is not self._first:
             self._take(self._first)
         self._t, self._links, self._v = 0.0, self.robot.q0, np.zeros(self.nv)
@@ -122,7 +124,7 @@ class ElasticPlant(SimulatedPlant):
         self._d, self._w = gravity / self._K, np.zeros(self.nv)
 
     def become(self, robot: Robot) -> None:
-        """Be another robot from now on, in the same state; the springs stay.
+        """Replace the robot in the same state; the springs stay.
 
         Raises:
             RobotError: it has another chain, frame or task, or a motor without inertia.
@@ -131,14 +133,14 @@ class ElasticPlant(SimulatedPlant):
         self._take(robot)
 
     def _take(self, robot: Robot) -> None:
-        """Copy what moves; the rotors are those of the motors."""
+        """Copy the model of a robot; its rotor inertias become those of the motors."""
         rotors = np.array(robot.model.armature)
         if not (rotors > 0.0).all():
             raise RobotError(
-                "elastic joints need motors with inertia, got the armature "
-                f"{rotors.tolist()} kg m^2.",
+                f"elastic joints need motors with inertia, got the armature {rotors.tolist()} kg "
+                "m^2.",
                 where="armature",
-                hint="Robot.changed(armature=...), or truth.armature.",
+                hint="Set it with Robot.changed(armature=...), in a scenario truth.armature.",
             )
         self.robot, self._B, self._friction = robot, rotors, robot.friction
         self._model = robot.model.copy()
@@ -146,24 +148,24 @@ class ElasticPlant(SimulatedPlant):
         self._data = self._model.createData()
 
     def motors(self, torque: np.ndarray) -> np.ndarray:
-        """Return the torque (nv) that the motors give now when asked for one (nv)."""
-        return self.motors_at(self._seen(), torque)
+        """Return the torque (nv) that the motors apply now for a commanded one (nv) [N m or N]."""
+        return self.motors_at(self._measured_q(), torque)
 
-    def _seen(self) -> np.ndarray:
-        """Return the configuration (nq) that the encoders tell."""
+    def _measured_q(self) -> np.ndarray:
+        """Return the configuration (nq) that the encoders measure."""
         if self.elasticity.encoders == "link":
             return self._links
         return np.asarray(pin.integrate(self._model, self._links, self._d))
 
     def measure(self) -> Measurement:
-        """Return what perfect sensors say now."""
+        """Return what ideal sensors measure now."""
         robot, model = self.robot, self._model
         x, xd = robot.task.motion(model, self._data, robot.frame_id, self._links, self._v)
         v = self._v if self.elasticity.encoders == "link" else self._w
-        return Measurement(self._t, self._seen(), v, x, None, xd)
+        return Measurement(self._t, self._measured_q(), v, x, None, xd)
 
     def step(self, torque: np.ndarray, dt: float) -> None:
-        """Hold what the motors give now, asked for a torque (nv) [N m or N], for dt [s]."""
+        """Command a torque (nv) [N m or N], and hold what the motors apply now for dt [s]."""
         tau, count = self.motors(torque), self.steps_in(dt)
         h = dt / count
         for _ in range(count):
@@ -177,7 +179,7 @@ class ElasticPlant(SimulatedPlant):
         self._t += dt
 
     def energy(self) -> float:
-        """Return kinetic energy of links and motors, of gravity, and of the springs [J]."""
+        """Return the kinetic and potential energy of links, motors and springs [J]."""
         model, data = self._model, self._data
         links = pin.computeKineticEnergy(model, data, self._links, self._v)
         height = pin.computePotentialEnergy(model, data, self._links)
@@ -187,14 +189,14 @@ class ElasticPlant(SimulatedPlant):
     def _means(
         self, q: np.ndarray, v: np.ndarray, w: np.ndarray, tau: np.ndarray, h: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the mean velocities of links and motors (nv) over h [s] from the present state.
+        """Return the mean velocities (nv) of links and motors over h [s] from the current state.
 
-        M, C v + g and the friction's secant are those at q, v and w.
+        M, C v + g and the secant of the friction are evaluated at q, v and w.
         """
         M = pin.crba(self._model, self._data, q)
         bias = pin.nonLinearEffects(self._model, self._data, q, v)
         F, inertia = _secant(self._friction, w), 2.0 / h * self._B
-        theta = _weight(h * F / self._B)
+        theta = _theta(h * F / self._B)
         S = 0.5 * h * self._K + self._D
         E = inertia + S + 2.0 * theta * F
         pull = self._K * self._d
@@ -207,12 +209,12 @@ class ElasticPlant(SimulatedPlant):
 
 
 def _secant(friction: Friction, w: np.ndarray) -> np.ndarray:
-    """Return f(w) / w (nv), positive, also at rest."""
+    """Return f(w) / w (nv), which is positive at rest too."""
     x = np.maximum(np.abs(w) / friction.threshold, 1e-6)
     return np.asarray(friction.viscous + friction.coulomb / friction.threshold * np.tanh(x) / x)
 
 
-def _weight(z: np.ndarray) -> np.ndarray:
-    """Return 1 / (1 - exp(-z)) - 1 / z (nv), as in ``FittedMidpoint``."""
+def _theta(z: np.ndarray) -> np.ndarray:
+    """Return theta = 1 / (1 - exp(-z)) - 1 / z (nv) of ``FittedMidpoint``."""
     safe = np.maximum(z, 1e-3)
     return np.where(z < 1e-3, 0.5 + z / 12.0, -1.0 / np.expm1(-safe) - 1.0 / safe)

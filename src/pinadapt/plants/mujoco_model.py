@@ -1,4 +1,4 @@
-"""A robot's chain as a MuJoCo model: the same joints, bodies, inertias, friction and stops."""
+"""The chain of a robot as a MuJoCo model: joints, bodies, inertias, friction, joint limits."""
 
 from __future__ import annotations
 
@@ -17,29 +17,29 @@ from ..robot.robot import Robot
 if TYPE_CHECKING:
     import mujoco
 
-# MuJoCo's constraints are springs and dampers: time constant [s] and damping ratio, and the share
-# of the ideal force that they give. These stop a joint within about a milliradian or millimetre
-# at 1 rad/s or m/s.
+# Constraints in MuJoCo are spring-dampers with a time constant [s] and a damping ratio (solref),
+# and a share of the ideal force (solimp). With these values a joint at 1 rad/s or 1 m/s exceeds
+# its limit by about 1 mrad or 1 mm.
 STIFF = [0.004, 1.0]
 HARD = [0.99, 0.999, 0.001, 0.5, 2.0]
 
-# MuJoCo takes short cuts with what is compiled at the origin or in the axes of its body, and with
-# sites at its centre of mass; [m] and quaternions wxyz that are none of these.
+# The compiler of MuJoCo simplifies what is at the origin, in the axes or at the centre of mass of
+# its body, which must not happen here. These positions [m] and quaternions wxyz are others.
 _MASS = {"ipos": [0.1, 0.2, 0.3], "iquat": [0.5, 0.5, 0.5, 0.5]}
 _SITE = {"pos": [0.3, 0.1, 0.2], "quat": [0.5, -0.5, 0.5, 0.5]}
 
-_FASTEST = 0.002  # [s]; MuJoCo takes no time constant below two of its steps
-_SOFTEST = 0.1  # share of the ideal force
+_FASTEST = 0.002  # [s], least time constant: MuJoCo needs two of its steps
+_SOFTEST = 0.1  # least share of the ideal force
 
 
 class MujocoChain(NamedTuple):
-    """Where a robot's chain is found in a MuJoCo model.
+    """A MuJoCo model, and which of its parts are the chain of a robot.
 
     Attributes:
         model: the ``mujoco.MjModel``.
-        joints: ids of the chain's joints, in the robot's order.
+        joints: ids of the joints of the chain, in the order of the robot.
         site: id of the site that is the task frame.
-        base: id of the body in whose axes the task coordinates are, 0 for the world.
+        base: id of the body in whose axes the task coordinates are given, 0 for the world.
     """
 
     model: mujoco.MjModel
@@ -48,7 +48,7 @@ class MujocoChain(NamedTuple):
     base: int
 
     def at(self, angles: np.ndarray) -> mujoco.MjData:
-        """Return new data with the chain at these joint positions (nv), its bodies placed."""
+        """Return new data with the kinematics at joint positions (nv) [rad or m]."""
         mj = mujoco_module()
         data = mj.MjData(self.model)
         data.qpos[self.model.jnt_qposadr[list(self.joints)]] = angles
@@ -56,28 +56,28 @@ class MujocoChain(NamedTuple):
         return data
 
     def placement(self, data: mujoco.MjData) -> pin.SE3:
-        """Return the task frame's placement in the base."""
+        """Return the placement of the task frame in the base."""
         frame = pin.SE3(data.site_xmat[self.site].reshape(3, 3), data.site_xpos[self.site])
         if not self.base:
             return frame
-        return self._stand(data).actInv(frame)
+        return self._base_placement(data).actInv(frame)
 
     def velocity(self, data: mujoco.MjData) -> pin.Motion:
-        """Return the task frame's velocity, of its origin, in the axes of the base."""
+        """Return the velocity of the task frame at its origin, in the axes of the base."""
         mj, twist = mujoco_module(), np.empty(6)
         kind = mj.mjtObj.mjOBJ_SITE
         mj.mj_objectVelocity(self.model, data, kind, self.site, twist, 0)
         if self.base:
-            turn = self._stand(data).rotation.T
+            turn = self._base_placement(data).rotation.T
             return pin.Motion(turn @ twist[3:], turn @ twist[:3])
         return pin.Motion(twist[3:], twist[:3])
 
-    def _stand(self, data: mujoco.MjData) -> pin.SE3:
+    def _base_placement(self, data: mujoco.MjData) -> pin.SE3:
         return pin.SE3(data.xmat[self.base].reshape(3, 3), data.xpos[self.base])
 
 
 def mujoco_module() -> ModuleType:
-    """Return MuJoCo, imported when it is first needed.
+    """Return the module mujoco, imported at first use.
 
     Raises:
         InputError: it is not installed.
@@ -96,8 +96,8 @@ def mujoco_module() -> ModuleType:
 def chain_of(robot: Robot, *, drawn: bool = False) -> MujocoChain:
     """Return a model with a body and a joint for each joint of a robot, and its frame as a site.
 
-    Names are those of the description. Nothing collides, and there are no actuators. The numbers
-    come later, by ``write_robot``. With ``drawn`` it has the robot's visual geometry.
+    Names are those of the robot. There are no collisions and no actuators. ``write_robot`` writes
+    the numbers. With ``drawn`` the model has the visual geometry of the robot.
     """
     mj, chain = mujoco_module(), robot.model
     spec = mj.MjSpec()
@@ -112,7 +112,7 @@ def chain_of(robot: Robot, *, drawn: bool = False) -> MujocoChain:
             name=name,
             type=mj.mjtJoint.mjJNT_SLIDE if slides else mj.mjtJoint.mjJNT_HINGE,
             axis=axis,
-            **_stops(robot, chain.joints[i].idx_v),
+            **_limits(robot, chain.joints[i].idx_v),
         )
         bodies.append(body)
     carrier = bodies[chain.frames[robot.frame_id].parentJoint]
@@ -122,8 +122,8 @@ def chain_of(robot: Robot, *, drawn: bool = False) -> MujocoChain:
     return MujocoChain(spec.compile(), tuple(range(chain.nv)), 0, 0)
 
 
-def _stops(robot: Robot, joint: int) -> dict[str, Any]:
-    """Return the stops of a joint as MuJoCo names them; none where the description has none."""
+def _limits(robot: Robot, joint: int) -> dict[str, Any]:
+    """Return the position limits of a joint as arguments for MuJoCo."""
     lower, upper = (bounds[joint] for bounds in position_limits(robot.model))
     if not np.isfinite([lower, upper]).all():
         return {"limited": False}
@@ -132,10 +132,15 @@ def _stops(robot: Robot, joint: int) -> dict[str, Any]:
 
 
 def _draw(spec: Any, bodies: Sequence[Any], robot: Robot) -> None:
-    """Hang a robot's visual geometry on the bodies (one a joint, the world first) of a model.
+    """Add the visual geometry of a robot to the bodies of a model, without mass and collisions.
 
-    Nothing of it collides or weighs. Meshes go by their vertices, in whatever format their files
-    are; shapes that MuJoCo has not are left out.
+    Meshes are passed as vertices, so that files may have any format. Shapes that MuJoCo does not
+    have are left out.
+
+    Args:
+        spec: the ``mujoco.MjSpec``.
+        bodies: the world, then one body per joint.
+        robot: read only.
     """
     if robot.visual is None:
         return
@@ -151,7 +156,7 @@ def _draw(spec: Any, bodies: Sequence[Any], robot: Robot) -> None:
 
 
 def _form(spec: Any, name: str, geometry: Any) -> dict[str, Any] | None:
-    """Return what MuJoCo calls a geometry, its mesh added to the model; None where it has none."""
+    """Return a shape as arguments for MuJoCo, or None; a mesh is added to the model."""
     mj = mujoco_module()
     kinds = mj.mjtGeom
     if isinstance(geometry, coal.Box):
@@ -170,16 +175,16 @@ def _form(spec: Any, name: str, geometry: Any) -> dict[str, Any] | None:
         name=name,
         uservert=np.array(geometry.vertices()).ravel().tolist(),
         userface=corners.ravel().tolist(),
-        inertia=mj.mjtMeshInertia.mjMESH_INERTIA_SHELL,  # it need not be closed
+        inertia=mj.mjtMeshInertia.mjMESH_INERTIA_SHELL,  # the mesh may be open
     )
     return {"type": kinds.mjGEOM_MESH, "meshname": name}
 
 
 def write_robot(model: mujoco.MjModel, robot: Robot) -> None:
-    """Write a robot's lengths, inertias, friction, rotors and gravity into the model of its chain.
+    """Write lengths, inertias, friction, rotor inertias and gravity of a robot into its model.
 
-    The compiled model takes what the compiler would refuse: bodies without mass between others, and
-    inertias that no body has, as many descriptions do.
+    They are written after compilation, as the compiler refuses what many descriptions have: bodies
+    without mass, and inertias that are not physical.
     """
     mj, chain = mujoco_module(), robot.model
     for i in range(1, chain.njoints):
@@ -201,11 +206,12 @@ def write_robot(model: mujoco.MjModel, robot: Robot) -> None:
 
 
 def _soften(model: mujoco.MjModel, robot: Robot) -> None:
-    """Let Coulomb friction grow with the speed as that of ``Friction`` does, before it is full.
+    """Give Coulomb friction the slope of ``Friction`` at low velocity.
 
-    Below its bound f, MuJoCo's friction of a joint that moves steadily is b v / R, with
-    b = 2 / (d T), R = A (1 - d) / d, A the joint's inverse inertia, T the time constant and d the
-    share of the ideal force. It is to be f v / threshold, so T (1 - d) = 2 threshold / (A f).
+    Below its bound f, the friction torque of MuJoCo at a constant velocity v is b v / R, with
+    b = 2 / (d T) and R = A (1 - d) / d, where A is the inverse inertia of the joint, T the time
+    constant and d the share of the ideal force. It should be f v / threshold, hence
+    T (1 - d) = 2 threshold / (A f).
     """
     friction = robot.friction
     for i in np.flatnonzero(friction.coulomb):
@@ -217,9 +223,9 @@ def _soften(model: mujoco.MjModel, robot: Robot) -> None:
 
 
 def joint_axes(robot: Robot, q: np.ndarray | None = None) -> list[tuple[np.ndarray, bool]]:
-    """Return each joint's axis (3) and whether it slides.
+    """Return the axis (3) of each joint, and whether the joint is prismatic.
 
-    The axes are in the joints' own frames, or at a configuration q (nq) in world axes.
+    Axes are given in the joint frames; with a configuration q (nq), in world axes.
     """
     model, data = robot.model, robot.model.createData()
     where = pin.LOCAL if q is None else pin.LOCAL_WORLD_ALIGNED
@@ -233,7 +239,7 @@ def joint_axes(robot: Robot, q: np.ndarray | None = None) -> list[tuple[np.ndarr
 
 
 def fastest_decay(robot: Robot) -> float:
-    """Return the largest rate [1/s] at which viscous friction stops a motion at home."""
+    """Return the largest decay rate [1/s] of a motion by viscous friction at the home pose."""
     M = pin.crba(robot.model, robot.model.createData(), robot.q0)
     rates = np.linalg.eigvals(np.linalg.solve(M, np.diag(robot.friction.viscous)))
     return float(np.abs(rates).max())

@@ -1,4 +1,4 @@
-"""A robot simulated by MuJoCo."""
+"""A robot simulated with MuJoCo."""
 
 from __future__ import annotations
 
@@ -24,19 +24,20 @@ INTEGRATORS = {
 
 
 class MujocoPlant(SimulatedPlant):
-    """A robot that moves as MuJoCo says, from its home and from rest.
+    """A robot simulated with MuJoCo, from its home pose at rest.
 
-    Made from a robot alone it is that robot: its chain, inertias, rotor inertias, viscous friction,
-    and the stops of its joint limits. Coulomb friction is MuJoCo's frictionloss, as soft as the
-    smoothed sign of ``Friction``: it grows with the speed at the same slope, then is full. Made
-    with a ``MujocoFile``, it is whatever that file says; the robot tells which joints, frame and
-    task are meant, and where they start.
+    Without a file, the MuJoCo model has the chain, inertias, rotor inertias, viscous friction and
+    joint limits of the robot. Coulomb friction becomes frictionloss, softened to match
+    ``Friction``: it increases with the velocity at the same slope up to its full value. With a
+    ``MujocoFile``, all parameters are those of the file; the robot defines joints, frame, task and
+    home pose.
 
-    q, v, x and xd are read from MuJoCo; torques go to ``qfrc_applied``, past any actuator.
+    q, v, x and xd are read from MuJoCo. Torques are written to ``qfrc_applied``; actuators are not
+    used.
 
     Attributes:
         model: the ``mujoco.MjModel``.
-        data: its ``mujoco.MjData``; both may be looked at in MuJoCo's viewer.
+        data: its ``mujoco.MjData``; both can be shown in the viewer of MuJoCo.
     """
 
     def __init__(
@@ -50,21 +51,21 @@ class MujocoPlant(SimulatedPlant):
         integrator: str | None = None,
         drawn: bool = False,
     ) -> None:
-        """Make the model.
+        """Build the MuJoCo model.
 
         Args:
-            robot: the true robot, or the description that a file is matched with.
-            mjcf: the file that says what moves; None: the robot does.
-            torque_limits: (nv) bounds the motors clip at [N m or N], or None.
-            compensation: what the arm's own electronics add to the torque asked for, of q (nq).
-            substeps: integration steps in each ``step``.
-            integrator: one of ``INTEGRATORS``; None: the file's, or "runge-kutta" without any.
-            drawn: give the model the robot's visual geometry, for MuJoCo's viewer. Reading its
-                meshes takes seconds. A file has its own.
+            robot: the true robot, or the description that the file is matched with.
+            mjcf: model file to simulate in place of the robot, or None.
+            torque_limits: (nv) limits of the motor torques [N m or N], or None.
+            compensation: function of q (nq): torque that the arm adds to the command, or None.
+            substeps: integration steps per ``step``; None: chosen.
+            integrator: one of ``INTEGRATORS``; None: that of the file, "runge-kutta" without one.
+            drawn: add the visual geometry of the robot for the viewer of MuJoCo, which takes
+                seconds; files have their own.
 
         Raises:
             InputError: MuJoCo is not installed, unknown integrator, less than one substep, or a
-                file that does not fit the robot.
+                file that does not match the robot.
         """
         super().__init__(
             robot, torque_limits=torque_limits, compensation=compensation, substeps=substeps
@@ -90,7 +91,10 @@ class MujocoPlant(SimulatedPlant):
         self.reset()
 
     def reset(self) -> None:
-        """Go home, at rest, at time 0, as the first robot; the rest as the file has it."""
+        """Return to the first robot, at its home pose at rest, at time 0.
+
+        Everything else in a file returns to its initial state.
+        """
         if self.robot is not self._first:
             self._take(self._first)
         mujoco_module().mj_resetData(self.model, self.data)
@@ -99,15 +103,15 @@ class MujocoPlant(SimulatedPlant):
         self._read()
 
     def become(self, robot: Robot) -> None:
-        """Be another robot from now on, at the same q, v and time; the motors keep their limits.
+        """Replace the robot at the same q, v and time; the torque limits stay.
 
         Raises:
-            InputError: what moves is a file's, which does not change.
+            InputError: the plant simulates a file, which cannot change.
             RobotError: it has another chain, frame or task.
         """
         if not self.described:
             raise InputError(
-                "the robot of a MuJoCo file cannot become another one while it moves.",
+                "the robot of a MuJoCo file cannot become another one during a motion.",
                 where="changes",
             )
         check_successor(self.robot, robot, "robot")
@@ -115,7 +119,7 @@ class MujocoPlant(SimulatedPlant):
         self._read()
 
     def measure(self) -> Measurement:
-        """Return what perfect sensors say now."""
+        """Return what ideal sensors measure now."""
         task = self.robot.task
         if isinstance(task, FrameTask):
             x = task.of(self._chain.placement(self.data))
@@ -125,13 +129,13 @@ class MujocoPlant(SimulatedPlant):
         return Measurement(self._t, self._q, self._v, x, None, xd)
 
     def step(self, torque: np.ndarray, dt: float) -> None:
-        """Hold what the motors give now, asked for a torque (nv) [N m or N], for dt [s].
+        """Command a torque (nv) [N m or N], and hold what the motors apply now for dt [s].
 
         Raises:
             DivergedError: the torque is not finite.
         """
         count, tau = self.steps_in(dt), self.motors(torque)
-        if not np.isfinite(tau).all():  # MuJoCo would write a file about it
+        if not np.isfinite(tau).all():  # MuJoCo would write a log file
             raise DivergedError("the torque is not finite.", self._t)
         self.data.qfrc_applied[self._dofs] = tau
         self.model.opt.timestep = dt / count
@@ -140,7 +144,7 @@ class MujocoPlant(SimulatedPlant):
         self._read()
 
     def _take(self, robot: Robot) -> None:
-        """Move as a robot, unless a file says how."""
+        """Write the parameters of a robot into the model, unless it comes from a file."""
         self.robot = robot
         if not self.described:
             self.longest_step = min(LONGEST_STEP, self.model.opt.timestep)
@@ -151,7 +155,7 @@ class MujocoPlant(SimulatedPlant):
         self.longest_step = 1.0 / max(1.0 / LONGEST_STEP, stiffest)
 
     def _read(self) -> None:
-        """Read q and v, and bring what depends on them up to date."""
+        """Read q and v, and update what depends on them."""
         mj, model, data = mujoco_module(), self.model, self.data
         angles, self._v = data.qpos[self._qpos], data.qvel[self._dofs]
         chain = self.robot.model

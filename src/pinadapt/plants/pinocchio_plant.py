@@ -1,4 +1,4 @@
-"""A robot simulated by Pinocchio."""
+"""A robot simulated with Pinocchio."""
 
 from __future__ import annotations
 
@@ -19,29 +19,30 @@ from .plant import SimulatedPlant
 
 
 class FittedMidpoint:
-    """Second order in the step h, two forward dynamics a step, stable for any friction.
+    """Integrator of second order in the step h, stable for any friction.
 
-    Friction is stiff: near rest tau_f = viscous v + coulomb tanh(v / threshold) has the slope
-    coulomb / threshold, and a light wrist comes to rest within microseconds. Written with its
-    secant, tau_f = D(v) v with D_i = viscous_i + coulomb_i tanh(v_i / threshold) / v_i, even and
-    bounded, it is taken implicitly. Both stages start at v and solve, D at the best known velocity,
+    It evaluates the forward dynamics twice per step. Friction is stiff: near rest,
+    tau_f = viscous v + coulomb tanh(v / threshold) has the slope coulomb / threshold, and a light
+    wrist stops within microseconds. Therefore friction is written with its secant, tau_f = D(v) v,
+    D_i = viscous_i + coulomb_i tanh(v_i / threshold) / v_i, which is even and bounded, and is
+    integrated implicitly. Both stages start from v and solve, with D at the latest velocity,
 
-        (M + theta h D) a = tau - C v - g - D v,
+        (M + theta h D) a = tau - C v - g - D v.
 
-    which the articulated-body algorithm does when theta h D is added to the rotor inertias: first
-    with h / 2 at the start, which gives the state at the middle, then with h there. The step ends
-    at v + h a, and q moves with v + theta h a.
+    The articulated-body algorithm does so if theta h D is added to the rotor inertias. The first
+    stage takes h / 2 at the start and gives the state at the midpoint; the second takes h with the
+    terms at the midpoint. The step ends at v + h a, and q moves with v + theta h a.
 
-    theta_i = 1 / (1 - exp(-z_i)) - 1 / z_i, z_i = h D_i / M_ii, fits the exponential decay of one
-    joint under viscous friction exactly (W. Liniger, R. A. Willoughby, *Efficient integration
+    theta_i = 1 / (1 - exp(-z_i)) - 1 / z_i, z_i = h D_i / M_ii, reproduces the exponential decay of
+    one joint under viscous friction exactly (W. Liniger, R. A. Willoughby, *Efficient integration
     methods for stiff systems of ordinary differential equations*, SIAM J. Numer. Anal. 7 (1970)
-    47-66). It is 1/2 + z_i / 12 for small z_i, hence the second order, and tends to 1 for large
-    ones, hence L-stability. As theta_i >= 1/2 always, friction alone never makes the velocity grow,
-    whatever couples the joints, so that M_ii may be that of the home configuration.
+    47-66). For small z_i it is 1/2 + z_i / 12, hence the second order; for large z_i it tends to 1,
+    hence L-stability. As theta_i >= 1/2, friction alone never increases the velocity, for any
+    coupling of the joints, so M_ii may be taken at the home configuration.
     """
 
     def __init__(self, robot: Robot) -> None:
-        """Copy the model; its rotor inertias are scratch from then on."""
+        """Copy the model; the rotor inertias of the copy are overwritten in every step."""
         self._robot = robot
         self._model = robot.model.copy()
         self._data = self._model.createData()
@@ -69,19 +70,19 @@ class FittedMidpoint:
         return integrate(model, q, way), after
 
     def __reduce__(self) -> tuple[type[FittedMidpoint], tuple[Robot]]:
-        """Pickle the robot alone: a copied view would no longer be one."""
+        """Pickle the robot only, as a view of the model's memory cannot be copied."""
         return FittedMidpoint, (self._robot,)
 
     def _free(
         self, q: np.ndarray, v: np.ndarray, start: np.ndarray, tau: np.ndarray, h: float
     ) -> np.ndarray:
-        """Return a (nv) of a robot without friction."""
+        """Return the acceleration a (nv) without friction."""
         return pin.aba(self._model, self._data, q, v, tau)
 
     def _damped(
         self, q: np.ndarray, v: np.ndarray, start: np.ndarray, tau: np.ndarray, h: float
     ) -> np.ndarray:
-        """Return a (nv), terms at q, v, for a step of h [s] that begins at velocity ``start``."""
+        """Return a (nv) with terms at q and v, for a step of h [s] from velocity ``start``."""
         _fit(*self._constants, h, v, start, tau, *self._fitted)
         return pin.aba(self._model, self._data, q, v, self._drive)
 
@@ -118,17 +119,18 @@ def _fit(
 def _moved(
     v: np.ndarray, a: np.ndarray, theta: np.ndarray, h: float, after: np.ndarray, way: np.ndarray
 ) -> None:
-    """Write the velocity v + h a after h [s] and the way h (v + theta h a) until then (nv)."""
+    """Write the velocity v + h a (nv) after h [s] and the displacement h (v + theta h a) (nv)."""
     for i in range(len(v)):
         after[i] = v[i] + h * a[i]
         way[i] = h * (v[i] + theta[i] * (h * a[i]))
 
 
 class RungeKutta:
-    """Fourth order in the step h, four forward dynamics a step, explicit.
+    """The classical Runge-Kutta method of fourth order in the step h.
 
-    Stable only while h times the decay rate of the friction, coulomb / (threshold M_ii) near rest,
-    is below 2.8; see ``FittedMidpoint``.
+    It evaluates the forward dynamics four times per step. It is explicit: stable only if h times
+    the decay rate of the friction, coulomb / (threshold M_ii) near rest, is below 2.8; see
+    ``FittedMidpoint``.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -147,8 +149,8 @@ class RungeKutta:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return q (nq) and v (nv) after h [s] under a held torque tau (nv).
 
-        One-joint groups commute, so averaging the tangent steps is exact for revolute, continuous
-        and prismatic joints.
+        Averaging the tangent steps is exact: the group of each revolute, continuous or prismatic
+        joint is commutative.
         """
         model, half, integrate = self._model, 0.5 * h, pin.integrate
         a1 = self.acceleration(q, v, tau)
@@ -169,10 +171,10 @@ INTEGRATORS: dict[str, type[FittedMidpoint] | type[RungeKutta]] = {
 
 
 class PinocchioPlant(SimulatedPlant):
-    """A robot that moves as its true model says, from its home and from rest.
+    """A robot simulated with Pinocchio, from its home pose at rest.
 
-    ``measure``, ``step`` and ``acceleration`` are of the plant's own state; the methods that take q
-    and v are pure.
+    ``measure``, ``step`` and ``acceleration`` use the state of the plant; methods that take q and v
+    do not depend on it.
     """
 
     def __init__(
@@ -184,7 +186,14 @@ class PinocchioPlant(SimulatedPlant):
         substeps: int | None = None,
         integrator: str = "midpoint",
     ) -> None:
-        """Copy the true robot's model; the integrator is "midpoint" or "runge-kutta".
+        """Copy the model of the true robot.
+
+        Args:
+            robot: the true robot.
+            torque_limits: (nv) limits of the motor torques [N m or N], or None.
+            compensation: function of q (nq): torque that the arm adds to the command, or None.
+            substeps: integration steps per ``step``; None: chosen.
+            integrator: "midpoint", see ``FittedMidpoint``, or "runge-kutta".
 
         Raises:
             InputError: unknown integrator, or less than one substep.
@@ -198,13 +207,13 @@ class PinocchioPlant(SimulatedPlant):
         self.reset()
 
     def reset(self) -> None:
-        """Go home, at rest, at time 0, as the first robot."""
+        """Return to the first robot, at its home pose at rest, at time 0."""
         if self.robot is not self._first:
             self._take(self._first)
         self._t, self._q, self._v = 0.0, self.robot.q0, np.zeros(self.nv)
 
     def become(self, robot: Robot) -> None:
-        """Be another robot from now on, at the same q, v and time; the motors keep their limits.
+        """Replace the robot at the same q, v and time; the torque limits stay.
 
         Raises:
             RobotError: it has another chain, frame or task.
@@ -213,18 +222,18 @@ class PinocchioPlant(SimulatedPlant):
         self._take(robot)
 
     def _take(self, robot: Robot) -> None:
-        """Copy what moves."""
+        """Copy the model of a robot."""
         self.robot, self._model = robot, robot.model.copy()
         self._data = self._model.createData()
         self._motion = robot.task.motion_of(self._model, self._data, robot.frame_id)
         self._integrate = self._integrator(robot)
 
     def measure(self) -> Measurement:
-        """Return what perfect sensors say now."""
+        """Return what ideal sensors measure now."""
         return self.measurement(self._q, self._v, self._t)
 
     def step(self, torque: np.ndarray, dt: float) -> None:
-        """Hold what the motors give now, asked for a torque (nv) [N m or N], for dt [s]."""
+        """Command a torque (nv) [N m or N], and hold what the motors apply now for dt [s]."""
         tau, q, v = self.motors(torque), self._q, self._v
         count = self.steps_in(dt)
         for _ in range(count):
@@ -262,7 +271,7 @@ class PinocchioPlant(SimulatedPlant):
         return self._motion(q, v)
 
     def measurement(self, q: np.ndarray, v: np.ndarray, t: float = 0.0) -> Measurement:
-        """Return what perfect sensors say at configuration q (nq), velocity v (nv), time t [s]."""
+        """Return what ideal sensors measure at q (nq), v (nv) and time t [s]."""
         x, xd = self._motion(q, v)
         return Measurement(t, q, v, x, None, xd, None, None)
 

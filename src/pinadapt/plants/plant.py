@@ -1,4 +1,4 @@
-"""What a controller drives: a robot in a simulator, or one on a bench."""
+"""What a controller drives: a simulated robot, or a real one."""
 
 from __future__ import annotations
 
@@ -19,9 +19,7 @@ from ..robot.robot import Robot
 
 
 class Plant(ABC):
-    """A robot in time: it is measured, and its motors are asked for a torque for a while.
-
-    A closed loop needs no more than this; no controller ever sees inside.
+    """A robot that can be measured and moved: the interface that a closed loop needs.
 
     Attributes:
         nv: number of joints.
@@ -31,66 +29,66 @@ class Plant(ABC):
 
     @abstractmethod
     def reset(self) -> None:
-        """Go back to the initial state and time."""
+        """Return to the initial state and to time 0."""
 
     @abstractmethod
     def measure(self) -> Measurement:
-        """Return q, v, the task coordinates x and velocity xd as they are now, with their time."""
+        """Return the current q, v, task coordinates x and task velocity xd, with their time."""
 
     @abstractmethod
     def step(self, torque: np.ndarray, dt: float) -> None:
-        """Ask the motors for a torque (nv) [N m or N] for dt [s]; see ``motors``."""
+        """Command a torque (nv) [N m or N] and hold it for dt [s]; see ``motors``."""
 
     def become(self, robot: Robot) -> None:
-        """Be another robot from now on, at the same q, v and time, until the next ``reset``.
+        """Replace the robot at the same q, v and time, until the next ``reset``.
 
-        Loads, tools and friction may differ from those before, the joints may not.
+        Loads, tools, lengths and friction may differ, the joints may not.
 
         Raises:
-            InputError: this plant cannot be changed while it moves.
+            InputError: this plant cannot be changed during a motion.
             RobotError: the robot has another chain, frame or task.
         """
         raise InputError(
-            f"{type(self).__name__} cannot become another robot while it moves.", where="changes"
+            f"{type(self).__name__} cannot become another robot during a motion.", where="changes"
         )
 
     def motors(self, torque: np.ndarray) -> np.ndarray:
-        """Return the torque (nv) that the motors give now when asked for one (nv) [N m or N]."""
+        """Return the torque (nv) that the motors apply now for a commanded one (nv) [N m or N]."""
         return torque
 
     def acceleration(self, torque: np.ndarray, feedthrough: np.ndarray | None = None) -> np.ndarray:
         """Return the joint acceleration a (nv) that torque + feedthrough @ a causes now.
 
-        Only the ideal acceleration of a theory's check asks for it.
+        It is needed only for runs with ``acceleration="ideal"``, which verify proofs.
 
         Raises:
-            InputError: this plant cannot tell.
+            InputError: this plant does not provide it.
         """
         raise InputError(
-            f"{type(self).__name__} does not tell the acceleration that a torque would cause.",
+            f"{type(self).__name__} does not provide the acceleration that a torque would cause.",
             where="acceleration",
-            hint='Take acceleration = "filtered".',
+            hint='Choose acceleration = "filtered".',
         )
 
 
 _MOST_SUBSTEPS = 100_000
-LONGEST_STEP = 1e-3  # [s]; integration errors stay below a thousandth of the tracking error
+LONGEST_STEP = 1e-3  # [s]; integration errors stay below 0.1 % of the tracking error
 
 
 class SimulatedPlant(Plant):
-    """A robot that starts from its home and from rest, with motors that give what they can.
+    """A simulated robot that starts at its home pose at rest, with limited motor torques.
 
     Attributes:
-        robot: the true robot as it is now; ``reset`` brings back the first one.
+        robot: the true robot as it is now; ``reset`` restores the first one.
         nv: number of joints.
-        torque_limits: (nv) bounds the motors clip at [N m or N], infinite where there is none, or
-            None.
-        compensation: what the arm's own electronics add to the torque asked for, of q (nq), or None
-            for nothing; the motors clip the sum.
-        substeps: integration steps in each ``step``; None for as many as ``longest_step`` asks.
-        longest_step: bound of an integration step [s] where ``substeps`` does not tell.
-        described: whether what moves is ``robot`` to the last number; if not, it has its joints and
-            its frame, and nobody knows its parameters.
+        torque_limits: (nv) limits of the motor torques [N m or N], infinite for unlimited joints;
+            or None.
+        compensation: function of q (nq): torque that the arm itself adds to the command; or None.
+            The limits apply to the sum.
+        substeps: integration steps per ``step``; None: as many as ``longest_step`` requires.
+        longest_step: largest integration step [s] if ``substeps`` is None.
+        described: whether the simulated parameters are those of ``robot``. If not, only joints and
+            frame are, and the true parameters are unknown.
     """
 
     robot: Robot
@@ -106,11 +104,11 @@ class SimulatedPlant(Plant):
         compensation: Compensation | None = None,
         substeps: int | None = None,
     ) -> None:
-        """Take the robot whose joints move, and what its motors do.
+        """Take the robot and the properties of its motors; see the attributes.
 
         Raises:
-            InputError: no robot, limits or compensation of another size, or a number of substeps
-                that nobody can wait for.
+            InputError: not a robot, limits or compensation of a wrong size, or more than 100000
+                substeps.
         """
         instance(robot, Robot, "robot")
         if substeps is not None and whole(substeps, "substeps", 1) > _MOST_SUBSTEPS:
@@ -120,15 +118,15 @@ class SimulatedPlant(Plant):
         self.nv = int(robot.model.nv)
 
     def steps_in(self, dt: float) -> int:
-        """Return how many integration steps make dt [s]."""
+        """Return the number of integration steps in dt [s]."""
         return self.substeps or ceil(dt / self.longest_step - 1e-9)
 
     def motors(self, torque: np.ndarray) -> np.ndarray:
-        """Return the torque (nv) that the motors give now when asked for one (nv)."""
+        """Return the torque (nv) that the motors apply now for a commanded one (nv) [N m or N]."""
         return self.motors_at(self._q, torque)
 
     def motors_at(self, q: np.ndarray, torque: np.ndarray) -> np.ndarray:
-        """Return the torque (nv) that the motors give at q (nq) when asked for one (nv)."""
+        """Return the torque (nv) that the motors apply at q (nq) for a commanded one (nv)."""
         torque, limits = np.asarray(torque, dtype=float), self.torque_limits
         if self.compensation is not None:
             torque = torque + self.compensation(q)
@@ -140,4 +138,4 @@ class SimulatedPlant(Plant):
 
 
 Engine: TypeAlias = Callable[..., SimulatedPlant]
-"""What makes a plant of a true robot: called with it, torque_limits, compensation, substeps."""
+"""Function of a true robot, torque_limits, compensation and substeps that returns its plant."""
