@@ -98,9 +98,9 @@ def test_a_file_is_refused(text, words, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ("", "there is no number in this file"),
-        ("# nothing\n", "there is no number in this file"),
-        ("a,b\n", "not a table of numbers"),
+        ("", "the file contains no numbers"),
+        ("# nothing\n", "the file contains no numbers"),
+        ("a,b\n", "expected numbers separated by commas"),
         ("nan,nan\n", "must be finite"),
         ("1e308\n", "is too large"),
     ],

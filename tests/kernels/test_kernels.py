@@ -467,7 +467,7 @@ def test_live_arrays_move_with_the_data(rng):
     pin.computeJointJacobians(model, data, q)
     assert np.array_equal(live, [oMi.translation for oMi in data.oMi]) and live.any()
     assert not live.flags.writeable
-    with pytest.raises(ValueError, match="neighbours"):
+    with pytest.raises(ValueError, match="equal distances"):
         live_array([np.zeros(3), np.zeros((2, 3)).T[0], np.zeros(3)])
 
 

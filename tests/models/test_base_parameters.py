@@ -69,7 +69,7 @@ def test_a_base_is_shown_by_name():
     base = pa.base_parameters(pa.BodyDynamics(robot), robot)
     assert base.names[0] == "shoulder_pan_joint.Izz"
     text = repr(base)
-    assert text.startswith("36 combinations of 60 parameters")
+    assert text.startswith("36 identifiable combinations of 60 parameters")
     assert "shoulder_pan_joint.Izz + " in text and "without effect: shoulder_pan_joint.m" in text
     assert "<table>" in base._repr_html_()
     with pytest.raises(pa.ParameterError, match="expected 60 numbers"):

@@ -176,5 +176,5 @@ def test_dynamics_without_a_momentum_say_so():
     class Silent(ArmDynamics):
         momentum = pa.Dynamics.momentum
 
-    with pytest.raises(pa.InputError, match="Silent does not state the momentum"):
+    with pytest.raises(pa.InputError, match="Silent does not implement momentum"):
         pa.FilteredRegressor(Silent(), 10.0).init(np.zeros(2), np.zeros(2))

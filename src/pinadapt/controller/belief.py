@@ -78,7 +78,7 @@ def _loaded(
     estimated = [_at_lengths(robot, controller.kinematics, state.a_k) for robot in described]
     validate = controller.adaptation_d.validate
     for before, after in (estimated, described):
-        a_d, a_0 = (controller.dynamics.moved(a, before, after) for a in (state.a_d, state.a_0))
+        a_d, a_0 = (controller.dynamics.with_load(a, before, after) for a in (state.a_d, state.a_0))
         if a_d is not None and a_0 is not None:
             value, start = validate(a_d), validate(a_0)
             dynamic = controller.adaptation_d.reset_to(state.dynamic, value, start)

@@ -1,10 +1,11 @@
-"""The combinations of parameters that motion can identify, by name with their regrouping.
+"""Base parameters: the combinations of parameters that motion can identify.
 
-The columns of a stacked regressor W over random states are independent but for what no motion tells
-apart. Taken in the order of the parameters, from the base to the tip, a column that depends on
-those before it is regrouped into them: W = W_b [1 R], so that W a = W_b (a_b + R a_rest). It is the
-numerical base of Gautier, *Numerical calculation of the base inertial parameters of robots*,
-J. Robotic Systems 8 (1991), by orthogonalisation, for any parameters in which motion is linear.
+Columns of the stacked regressor W over random states are linearly dependent exactly where no
+motion can distinguish their parameters. In the order of the parameters, from base to tip, a column
+that depends on those before it is regrouped into them: W = W_b [1 R], W a = W_b (a_b + R a_rest).
+
+M. Gautier, *Numerical calculation of the base inertial parameters of robots*, J. Robotic Systems 8
+(1991), here by orthogonalisation and for any linear parameters.
 """
 
 from __future__ import annotations
@@ -24,13 +25,13 @@ from .task_kinematics import TaskKinematics
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BaseParameters:
-    """b combinations of p parameters; ``print`` shows them as sums.
+    """b identifiable combinations of p parameters; ``print`` shows them as sums.
 
     Attributes:
         parameters: names of the parameters (p).
-        chosen: (b) index of the parameter that leads each combination.
-        regrouping: (b, p) what each combination is of all parameters; one at its leading one.
-        without_effect: names of the parameters that no motion shows.
+        chosen: (b) index of the leading parameter of each combination.
+        regrouping: (b, p) coefficients of the combinations, one at the leading parameter.
+        without_effect: names of the parameters that have no effect in any motion.
     """
 
     parameters: tuple[str, ...]
@@ -49,10 +50,10 @@ class BaseParameters:
         return tuple(self.parameters[index] for index in self.chosen)
 
     def values(self, a: np.ndarray) -> np.ndarray:
-        """Return the combinations (b) of parameters a (p).
+        """Return the values (b) of the combinations for parameters a (p).
 
         Raises:
-            ParameterError: not p finite numbers.
+            ParameterError: a is not p finite numbers.
         """
         a = numbers(a, "a", error=ParameterError)
         if a.shape != (len(self.parameters),):
@@ -80,7 +81,7 @@ class BaseParameters:
 
     def _sheet(self) -> Sheet:
         rows = [(str(i + 1), self.expression(i)) for i in range(self.size)]
-        title = f"{self.size} combinations of {len(self.parameters)} parameters"
+        title = f"{self.size} identifiable combinations of {len(self.parameters)} parameters"
         note = ", ".join(self.without_effect)
         return Sheet(
             title, [Table(rows or [("", "none")])], f"without effect: {note}" if note else ""
@@ -90,16 +91,16 @@ class BaseParameters:
 def base_parameters(
     model: Dynamics | TaskKinematics, robot: Robot, *, samples: int = 60
 ) -> BaseParameters:
-    """Return which combinations of the parameters of a model any motion can identify.
+    """Return the identifiable combinations of the parameters of a model.
 
     Args:
-        model: ``controller.dynamics``, whose rows are of the torque, or ``controller.kinematics``,
-            whose rows are of the velocity of the frame's position.
-        robot: with the chain it was made for.
-        samples: number of random states, seeded.
+        model: ``controller.dynamics``, identified from the torque, or ``controller.kinematics``,
+            identified from the velocity of the task frame.
+        robot: with the chain that the model was made for.
+        samples: number of seeded random states.
 
     Raises:
-        ParameterError: it is neither.
+        ParameterError: the model is neither of them.
     """
     instance(model, Dynamics | TaskKinematics, "model", ParameterError)
     rng, rows = np.random.default_rng(0), [np.zeros((0, model.size))]
@@ -128,16 +129,19 @@ def independent_columns(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the columns (b) of W (N, p) that do not depend on those before them, and R (b, p).
 
-    W = W[:, chosen] R. Columns count by their directions, so that units do not matter; those that
-    are zero but for the rounding of sizes ``largest`` (p), by default the largest column's, are no
-    columns.
+    W = W[:, chosen] R. Columns are compared by direction, so that units do not matter.
+
+    Args:
+        W: (N, p).
+        largest: (p) sizes of the columns of whose rounding W may consist; a column below 1e-8 of
+            that is zero. None: the largest column of W.
     """
     sizes = np.linalg.norm(W, axis=0)
     floor = _NEGLIGIBLE * (sizes.max(initial=0.0) if largest is None else largest)
     Q, chosen = np.zeros((len(W), 0)), []
     for j in np.flatnonzero(sizes > floor):
         left = W[:, j] / sizes[j]
-        for _ in range(2):  # twice is enough
+        for _ in range(2):  # the second pass removes rounding
             left = left - Q @ (Q.T @ left)
         length = np.linalg.norm(left)
         if length > _NEGLIGIBLE:

@@ -22,18 +22,21 @@ _NEGLIGIBLE = 1e-8  # share of a torque that counts as rounding; true shares lie
 
 
 class BasisDynamics(InertialDynamics):
-    """Parameters a with pi = B a: the torque is Y B a; pi stacks the ten parameters a body.
+    """Parameters a with pi = B a, so that the torque is Y B a; pi stacks ten parameters a body.
 
-    pi need not be physical, nor even have masses. Lumped parameters that
-    contain unknown lengths are allowed when B is built so that Y B does not depend on them.
+    pi need not be physical, and masses may be zero or negative. Lumped parameters with unknown
+    lengths are allowed if B is such that Y B does not depend on the lengths.
+
+    Attributes:
+        B: (10 n, p) the basis.
     """
 
     def __init__(self, robot: Robot, B: ArrayLike, names: tuple[str, ...] | None = None) -> None:
-        """Take a basis B (10 n, p) for a believed robot of n joints; names default to a1, a2, ...
+        """Use a basis B (10 n, p) for a nominal robot of n joints; default names are a1, a2, ...
 
         Raises:
-            ParameterError: wrong shape, non-finite entries, or columns that the dynamics cannot
-                tell apart.
+            ParameterError: wrong shape, entries that are not finite, columns that cannot be
+                identified separately, or a basis that does not contain the nominal robot.
         """
         super().__init__(robot)
         rows = PER_BODY * robot.model.nv
@@ -48,14 +51,14 @@ class BasisDynamics(InertialDynamics):
         self.names = names or tuple(f"a{i + 1}" for i in range(self.size))
         if identifiable(self._regressor, self.B, robot) < self.size:
             raise ParameterError(
-                "the dynamics cannot tell all columns of the basis apart.",
+                "not all columns of the basis can be identified: Y B has dependent columns.",
                 where="unknown.basis",
-                hint="Remove combinations of parameters that cause no torque, or lump them.",
+                hint="Remove parameters without effect on the torque, and lump dependent ones.",
             )
         initial = equivalent_parameters(self._regressor, self.B, robot)
         if initial is None:
             raise ParameterError(
-                "the basis cannot represent the robot's own dynamics: no a gives Y B a = rnea.",
+                "the basis cannot represent the robot's dynamics: no a gives Y B a = rnea.",
                 where="unknown.basis",
                 hint="Check the order of the rows: m, mcx, mcy, mcz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz "
                 "about each joint.",
@@ -76,23 +79,24 @@ class BasisDynamics(InertialDynamics):
         return product
 
     def value(self, robot: Robot) -> np.ndarray | None:
-        """Return the a that reproduces a robot's dynamics as placed here, or None if none does."""
-        return (
-            equivalent_parameters(self._regressor, self.B, robot)
-            if self.shares_the_rest(robot)
-            else None
-        )
+        """Return the a (p) that reproduces a robot's torque with this chain's placements.
+
+        None if there is none.
+        """
+        if not self.differs_only_in_bodies(robot):
+            return None
+        return equivalent_parameters(self._regressor, self.B, robot)
 
 
 def equivalent_parameters(
     regressor: Regressor, B: np.ndarray, robot: Robot, *, samples: int = 60
 ) -> np.ndarray | None:
-    """Return the a (p) with Y B a equal to a robot's torque at random states, or None.
+    """Return the a (p) for which Y B a is a robot's torque; None if there is none.
 
     Args:
-        regressor: of the believed chain, with its own placements.
+        regressor: Y of the nominal chain.
         B: (10 n, p) basis of the parameters.
-        robot: whose dynamics (without friction and rotors) are to be matched.
+        robot: whose torque is matched, without friction and rotors.
         samples: number of random states.
     """
     Y, tau = _random_motion(regressor, robot, samples)
@@ -103,10 +107,10 @@ def equivalent_parameters(
 
 
 def identifiable(regressor: Regressor, B: np.ndarray, robot: Robot, *, samples: int = 60) -> int:
-    """Return how many parameters a of pi = B a (10 n, p) the torque can tell apart: rank of Y B.
+    """Return the number of identifiable parameters a of pi = B a, B (10 n, p): the rank of Y B.
 
-    Columns that are zero but for the rounding of Y, whose sizes are at most ``|Y| |B_j|``, are left
-    out before; see ``independent_columns``.
+    Columns of Y B that are zero up to the rounding of Y, of size at most |Y| |B_j|, do not count;
+    see ``independent_columns``.
     """
     Y = _random_motion(regressor, robot, samples)[0]
     largest = np.linalg.norm(Y, axis=0).max() * np.linalg.norm(B, axis=0)
@@ -116,7 +120,7 @@ def identifiable(regressor: Regressor, B: np.ndarray, robot: Robot, *, samples: 
 def _random_motion(
     regressor: Regressor, robot: Robot, samples: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return Y (samples n, 10 n) and torque (samples n) without rotors at seeded states."""
+    """Return Y (samples n, 10 n) and torque (samples n) without rotors at seeded random states."""
     model, rng = robot.model.copy(), np.random.default_rng(0)
     model.armature = np.zeros(model.nv)
     data = model.createData()
@@ -130,7 +134,7 @@ def _random_motion(
 
 
 def read_matrix(path: Path) -> np.ndarray:
-    """Return the matrix in a CSV file; lines that begin with # are comments.
+    """Return the matrix in a CSV file; lines that start with # are comments.
 
     Raises:
         ParameterError: no such file, or entries that are not numbers.
@@ -139,12 +143,12 @@ def read_matrix(path: Path) -> np.ndarray:
         raise ParameterError("no such file.", where=str(path))
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of an empty file, which is refused below
+            warnings.simplefilter("ignore")  # about an empty file, refused below
             matrix = np.loadtxt(path, delimiter=",", ndmin=2, encoding="utf-8-sig")
     except ValueError as error:
         raise ParameterError(
-            f"not a table of numbers separated by commas: {error}", where=str(path)
+            f"expected numbers separated by commas: {error}", where=str(path)
         ) from error
     if not matrix.size:
-        raise ParameterError("there is no number in this file.", where=str(path))
+        raise ParameterError("the file contains no numbers.", where=str(path))
     return numbers(matrix, str(path), error=ParameterError)

@@ -1,4 +1,4 @@
-"""Unknown inertial parameters of whole bodies: ten a body, for all or some of them."""
+"""Dynamics in the inertial parameters of bodies: ten a body, for all or some of them."""
 
 from __future__ import annotations
 
@@ -109,16 +109,16 @@ def _unfelt_ballast(model: pin.Model) -> np.ndarray:
 
 
 class InertialDynamics(Dynamics):
-    """Parameters a_d with pi (10 n), the stack of ten parameters a body, affine in a_d.
+    """Dynamics in parameters a_d in which pi (10 n) is affine, pi the ten parameters of each body.
 
     Torque and mass matrix come from Pinocchio's RNEA and CRBA on a private model, the regressor
-    from its joint torque regressor. Subclasses say how pi follows from a_d and what that does to
-    the regressor's columns.
+    from its joint torque regressor. Subclasses define how pi follows from a_d (``expand``) and how
+    the regressor of a_d follows from that of pi (``reduce``).
     """
 
     def __init__(self, robot: Robot) -> None:
-        """Copy what is believed of the robot."""
-        self._believed = InertialModel(robot.model)
+        """Copy the model of a nominal robot."""
+        self._model = InertialModel(robot.model)
         self._regressor = Regressor(robot.model)
         self._armature = np.array(robot.model.armature)
         self._rotors = bool(self._armature.any())
@@ -126,12 +126,12 @@ class InertialDynamics(Dynamics):
         self._gravity = np.array(robot.model.gravity.linear)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Load the estimate into a copied model, whose own one is scratch."""
+        """Restore from a copy, whose model has to load the estimate again."""
         self.__dict__.update(state)
-        self._believed.load(self._pi)
+        self._model.load(self._pi)
 
-    def shares_the_rest(self, robot: Robot) -> bool:
-        """Tell whether rotors and gravity are as believed and the joints free of friction."""
+    def differs_only_in_bodies(self, robot: Robot) -> bool:
+        """Tell whether a robot has the nominal rotors and gravity, and no friction."""
         rotors = np.allclose(robot.model.armature, self._armature)
         return (
             not robot.friction.present
@@ -141,7 +141,7 @@ class InertialDynamics(Dynamics):
 
     @abstractmethod
     def expand(self, a_d: np.ndarray) -> np.ndarray:
-        """Return pi (10 n) at parameters a_d (p)."""
+        """Return pi (10 n) of the parameters a_d (p)."""
 
     @abstractmethod
     def reduce(self, Y: np.ndarray) -> np.ndarray:
@@ -150,15 +150,15 @@ class InertialDynamics(Dynamics):
     def load(self, a_d: np.ndarray) -> None:
         """Write the estimate a_d (p) into the private model."""
         self._pi = self.expand(a_d)
-        self._believed.load(self._pi)
+        self._model.load(self._pi)
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return M a + C v + g (n) by RNEA."""
-        return self._believed.torque(q, v, a)
+        return self._model.torque(q, v, a)
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return M (n, n) by CRBA."""
-        return self._believed.mass_matrix(q)
+        return self._model.mass_matrix(q)
 
     def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y (n, p)."""
@@ -167,14 +167,14 @@ class InertialDynamics(Dynamics):
     def slotine_li(
         self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return Y_r (n, p) and the torque it gives (n), known bodies and rotors included."""
+        """Return Y_r (n, p) and the torque M a_r + C v_r + g (n), with known bodies and rotors."""
         Y, tau = self._regressor.slotine_li_torque(self._pi, q, v, v_r, a_r)
         return self.reduce(Y), tau + self._armature * a_r if self._rotors else tau
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:
-        """Return the torque as rate of the momentum and a rest, known bodies and rotors included.
+        """Return the torque as the rate of a momentum and a rest, with known bodies and rotors.
 
-        See ``MomentumRegressor`` for its source.
+        See ``MomentumRegressor`` for the source.
         """
         Y_M, Y_0 = self._regressor.momentum(q, v)
         p_0, known = self._armature * v, self._known
@@ -184,7 +184,7 @@ class InertialDynamics(Dynamics):
 
     @cached_property
     def _known(self) -> np.ndarray:
-        """The part of pi (10 n) that no parameter changes."""
+        """The part of pi (10 n) that does not depend on a_d."""
         return self.expand(np.zeros(self.size))
 
 
@@ -192,7 +192,11 @@ ALL, PAYLOAD, NONE = "all", "payload", "none"
 
 
 def chosen_bodies(robot: Robot, unknown: str | Sequence[str]) -> list[int]:
-    """Turn "all", "payload" (last body), "none" or joint names into indices of bodies, from 0.
+    """Return the indices, from 0, of the bodies that a user's words name.
+
+    Args:
+        robot: with the bodies.
+        unknown: "all", "payload" (the last body), "none", or names of the joints that move them.
 
     Raises:
         RobotError: unknown joint.
@@ -208,10 +212,10 @@ def chosen_bodies(robot: Robot, unknown: str | Sequence[str]) -> list[int]:
 
 
 class BodyDynamics(InertialDynamics):
-    """The ten inertial parameters [m, mc, I about the joint] of chosen bodies.
+    """Dynamics in the ten inertial parameters [m, mc, I about the joint] of chosen bodies.
 
     Attributes:
-        bodies: indices of the adapted bodies, from 0, in order.
+        bodies: indices of the adapted bodies, from 0, ascending.
     """
 
     per_body = True
@@ -242,7 +246,7 @@ class BodyDynamics(InertialDynamics):
         return UNITS * len(self.bodies)
 
     def expand(self, a_d: np.ndarray) -> np.ndarray:
-        """Return pi (10 n): a_d for the adapted bodies, the believed parameters for the others."""
+        """Return pi (10 n): a_d for the adapted bodies, nominal parameters for the others."""
         if self._complete:
             return a_d
         pi = self._pi.copy()
@@ -254,29 +258,29 @@ class BodyDynamics(InertialDynamics):
         return Y if self._complete else Y[:, self._columns]
 
     def value(self, robot: Robot) -> np.ndarray | None:
-        """Return the ten parameters of each adapted body; None when anything else differs."""
+        """Return the ten parameters of each adapted body; None if anything else differs."""
         pi, known = inertial_parameters(robot.model), np.ones(len(self._pi), dtype=bool)
         known[self._columns] = False
         same = np.allclose(pi[known], self._pi[known], rtol=1e-9, atol=1e-12)
-        same = same and self.shares_the_rest(robot)
+        same = same and self.differs_only_in_bodies(robot)
         pairs = list(zip(self._placements, robot.model.jointPlacements, strict=True))
-        base, true_base = pairs[1]  # where it stands no torque tells, only how it is turned
+        base, true_base = pairs[1]  # the torque depends on the rotation of the base alone
         same = same and np.allclose(base.rotation, true_base.rotation, atol=1e-9)
         same = same and all(ours.isApprox(theirs, 1e-9) for ours, theirs in pairs[2:])
         return pi[self._columns] if same else None
 
-    def robot(self, a_d: np.ndarray, believed: Robot) -> Robot:
-        """Return the believed robot with the bodies that a_d (p) states.
+    def robot(self, a_d: np.ndarray, nominal: Robot) -> Robot:
+        """Return the nominal robot with the bodies of the parameters a_d (p).
 
         Raises:
-            ParameterError: some are not physical.
+            ParameterError: some of the bodies are not physical.
         """
-        return with_bodies(believed, dict(zip(self.bodies, a_d.reshape(-1, PER_BODY), strict=True)))
+        return with_bodies(nominal, dict(zip(self.bodies, a_d.reshape(-1, PER_BODY), strict=True)))
 
-    def moved(self, a_d: np.ndarray, before: Robot, after: Robot) -> np.ndarray | None:
-        """Return the estimate (p) with the described last body and its load in its last body.
+    def with_load(self, a_d: np.ndarray, before: Robot, after: Robot) -> np.ndarray | None:
+        """Return the estimate (p) whose last body is the nominal one with the new load.
 
-        What was learned there may hold the load until now, announced or not, and goes with it.
+        The estimate of the last body is replaced, because it may contain the previous load.
         """
         described = self.value(after)
         if described is None or self._last not in self.bodies:

@@ -1,4 +1,4 @@
-"""What every choice of unknown dynamic parameters offers to the laws."""
+"""Dynamics that are linear in unknown parameters: what every choice of them offers to the laws."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from .translations import Translation
 
 
 class Dynamics(ABC):
-    """The estimated dynamics of a chain, linear in its unknown parameters.
+    """The estimated dynamics of a chain of n joints with p unknown parameters a_d.
 
-    The torque is affine in the parameters, M a + C v + g = Y(q, v, a) a_d + tau_0(q, v, a), Wang
-    and Xie (2009), equation (7); tau_0 holds the bodies that are not adapted and the rotor inertias
-    of ``model.armature``. n: joints, p: number of parameters. ``load`` an estimate, then evaluate
-    at it.
+    The torque is affine in the parameters: M a + C v + g = Y(q, v, a) a_d + tau_0(q, v, a), Wang
+    and Xie (2009), equation (7). tau_0 is the torque of the bodies that are not adapted and of the
+    rotor inertias ``model.armature``. ``load`` sets the estimate at which torque and mass matrix
+    are evaluated.
 
-    The parameters stand in two blocks: first ``inertial``, those of bodies, then ``joints``, the
-    coefficients of rotors and friction. Most dynamics have the first block alone.
+    The parameters stand in two blocks: first ``inertial``, the parameters of bodies, then
+    ``joints``, the coefficients of rotors and friction. The second block may be missing.
 
     Attributes:
         names: one name a parameter.
         size: p.
-        initial: (p) values in the description of the nominal robot.
-        bodies: indices from 0 of the bodies whose inertias are unknown.
+        initial: (p) the values of the nominal robot.
+        bodies: indices from 0 of the bodies with unknown inertias.
         per_body: whether the inertial parameters are the ten of each of ``bodies``, one body after
-            the other, so that bodies follow from them; else they are combinations of such.
-        translations: the unknown translations of joints that the parameters cover.
-        joints: the block of the joints' coefficients; None: rotors are as described, and there is
-            no friction.
+            the other. Otherwise they are combinations, from which no bodies follow.
+        translations: the unknown joint translations that the parameters contain.
+        joints: the block of the joints' coefficients. None: rotors are as described, and friction
+            is zero.
     """
 
     names: tuple[str, ...]
@@ -47,21 +47,21 @@ class Dynamics(ABC):
 
     @property
     def inertial(self) -> Dynamics:
-        """The block of the inertial parameters, as dynamics of the robot that ``bare`` returns."""
+        """The block of the inertial parameters: the dynamics of the robot without ``joints``."""
         return self
 
     def bare(self, robot: Robot) -> Robot:
-        """Return a robot without what the block ``joints`` states of it."""
+        """Return a robot without the effects that belong to the block ``joints``."""
         return robot
 
     @property
     def typical(self) -> np.ndarray:
-        """Values (p) to be expected: ``initial``, and typical coefficients of the joints."""
+        """Typical values (p): ``initial``, but typical coefficients of the joints."""
         return self.initial
 
     @property
     def units(self) -> tuple[str, ...]:
-        """One unit a parameter; empty for combinations of parameters."""
+        """One unit a parameter, empty for combinations of parameters."""
         return ("",) * self.size
 
     @abstractmethod
@@ -86,72 +86,72 @@ class Dynamics(ABC):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return Y_r (n, p) of Slotine and Li, and M a_r + C(q, v) v_r + g (n) at the estimate.
 
-        C is the matrix of Christoffel symbols, so that dM/dt - 2 C is skew-symmetric.
+        C is the matrix of Christoffel symbols, for which dM/dt - 2 C is skew-symmetric.
         """
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:
-        """Return the torque as rate of the momentum and a rest, in which there is no acceleration.
+        """Return the torque as the rate of a momentum and a rest, both without acceleration.
 
-        M a + C v + g = d/dt (Y_M a_d + p_0) + Y_0 a_d + tau_0, whatever estimate is loaded.
+        M a + C v + g = d/dt (Y_M a_d + p_0) + Y_0 a_d + tau_0. It does not depend on the loaded
+        estimate.
 
         Raises:
-            InputError: these dynamics do not state it.
+            InputError: the subclass does not implement it.
         """
         raise InputError(
-            f"{type(self).__name__} does not state the momentum, from which the prediction of the "
-            "torque comes.",
+            f"{type(self).__name__} does not implement momentum(), which the prediction error of "
+            "the torque needs.",
             where="adaptation",
-            hint="Override Dynamics.momentum, or take an adaptation that does not predict.",
+            hint="Implement it, or use an adaptation without the prediction error of the torque.",
         )
 
     @abstractmethod
     def value(self, robot: Robot) -> np.ndarray | None:
-        """Return the parameters (p) of any robot with this chain, None when none reproduce it."""
+        """Return the parameters (p) of a robot with the same chain; None if none reproduce it."""
 
-    def robot(self, a_d: np.ndarray, believed: Robot) -> Robot:
-        """Return the believed robot with the parameters a_d (p) in place of its own.
+    def robot(self, a_d: np.ndarray, nominal: Robot) -> Robot:
+        """Return the nominal robot with the parameters a_d (p) in place of its own.
 
         Raises:
-            ParameterError: no bodies have these parameters.
+            ParameterError: the parameters do not determine bodies, or the bodies are not physical.
         """
         if not self.size:
-            return believed
+            return nominal
         raise ParameterError(
-            f"no bodies follow from the {self.size} parameters, which are lumped.",
+            f"the {self.size} parameters are combinations, from which no bodies follow.",
             where="learned",
-            hint="Their values can be kept, see LearnedParameters.",
+            hint="Save their values instead: see LearnedParameters.",
         )
 
-    def moved(self, a_d: np.ndarray, before: Robot, after: Robot) -> np.ndarray | None:
-        """Return an estimate (p) once the last body is announced to carry another load.
+    def with_load(self, a_d: np.ndarray, before: Robot, after: Robot) -> np.ndarray | None:
+        """Return the estimate (p) after an announced change of the load on the last body.
 
         Args:
-            a_d: (p) the estimate until now.
-            before: the robot as described, with the load it was announced to carry until now.
-            after: the same with the load it carries from now on.
+            a_d: (p) the estimate before the change.
+            before: the nominal robot with the load announced before.
+            after: the nominal robot with the new load.
 
         Returns:
-            The estimate moved by the difference of the two, exact as the parameters are affine in
-            the inertias; None where they cannot express the load.
+            The estimate plus the difference of the two robots' parameters, which is exact because
+            the parameters are affine in the inertias. None if they cannot express the load.
         """
         old, new = self.value(before), self.value(after)
         return None if old is None or new is None else a_d + (new - old)
 
 
 class StackedDynamics(Dynamics):
-    """Inertial parameters (of bodies, a basis, ...) followed by those of the joints.
+    """Inertial parameters (of bodies, a basis, lumped) followed by the joints' coefficients.
 
-    The inertial block must be made for the robot ``without_joint_effects``; all rotors and friction
-    are in the joint block, whose coefficients are adapted or known. In the Slotine-Li regressor the
-    joints' columns take v_r and a_r, so that viscous and Coulomb friction only add to the
+    The inertial block must be made for the robot ``without_joint_effects``: all rotors and friction
+    are in the joint block, where their coefficients are adapted or known. In the Slotine-Li
+    regressor the joints' columns take v_r and a_r; viscous and Coulomb friction then only add
     dissipation.
-
     """
 
     joints: JointEffects
 
     def __init__(self, inertial: Dynamics, joints: JointEffects) -> None:
-        """Stack the two blocks."""
+        """Stack the two blocks, made for the same chain."""
         self._inertial, self.joints = inertial, joints
         self.names = (*inertial.names, *joints.names)
         self.size = inertial.size + joints.size
@@ -161,7 +161,7 @@ class StackedDynamics(Dynamics):
 
     @property
     def inertial(self) -> Dynamics:
-        """The block of the inertial parameters, as dynamics of a robot without joint effects."""
+        """The block of the inertial parameters: the dynamics without rotors and friction."""
         return self._inertial
 
     def bare(self, robot: Robot) -> Robot:
@@ -170,7 +170,7 @@ class StackedDynamics(Dynamics):
 
     @property
     def typical(self) -> np.ndarray:
-        """Values (p) to be expected: typical coefficients of the joints."""
+        """Typical values (p) of both blocks."""
         return np.concatenate([self._inertial.typical, self.joints.typical])
 
     @property
@@ -179,7 +179,7 @@ class StackedDynamics(Dynamics):
         return (*self._inertial.units, *self.joints.units)
 
     def load(self, a_d: np.ndarray) -> None:
-        """Give each block its part of the estimate a_d (p)."""
+        """Make a_d (p) the estimate, each block with its part."""
         self._inertial.load(a_d[: self._inertial.size])
         self.joints.load(a_d[self._inertial.size :])
 
@@ -200,30 +200,30 @@ class StackedDynamics(Dynamics):
     def slotine_li(
         self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return Y_r (n, p) and the torque it gives (n), known parts included."""
+        """Return Y_r (n, p) and the torque M a_r + C v_r + g + friction (n) at the estimate."""
         Y, tau = self._inertial.slotine_li(q, v, v_r, a_r)
         return self.joints.regressor(v_r, a_r, Y), self.joints.torque(v_r, a_r, tau)
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:
-        """Return the torque as rate of the momentum and a rest, rotors in the one, friction not."""
+        """Return momentum, with that of the rotors, and the rest of the torque, with friction."""
         return self.joints.momentum(v, self._inertial.momentum(q, v))
 
     def value(self, robot: Robot) -> np.ndarray | None:
-        """Return the parameters (p) of any robot with this chain, None where a block has none."""
+        """Return the parameters (p) of a robot with the same chain; None if a block has none."""
         inertial, joints = self._inertial.value(self.bare(robot)), self.joints.value(robot)
         return None if inertial is None or joints is None else np.concatenate([inertial, joints])
 
-    def robot(self, a_d: np.ndarray, believed: Robot) -> Robot:
-        """Return the believed robot with the bodies and joints that a_d (p) states.
+    def robot(self, a_d: np.ndarray, nominal: Robot) -> Robot:
+        """Return the nominal robot with the bodies and joints of the parameters a_d (p).
 
         Raises:
             ParameterError: as the inertial block.
         """
         size = self._inertial.size
-        return self.joints.robot(a_d[size:], self._inertial.robot(a_d[:size], believed))
+        return self.joints.robot(a_d[size:], self._inertial.robot(a_d[:size], nominal))
 
-    def moved(self, a_d: np.ndarray, before: Robot, after: Robot) -> np.ndarray | None:
-        """Return the estimate (p) once another load is announced; the joints keep theirs."""
+    def with_load(self, a_d: np.ndarray, before: Robot, after: Robot) -> np.ndarray | None:
+        """Return the estimate (p) after an announced change of load; that of the joints stays."""
         size, bare = self._inertial.size, (self.bare(robot) for robot in (before, after))
-        inertial = self._inertial.moved(a_d[:size], *bare)
+        inertial = self._inertial.with_load(a_d[:size], *bare)
         return None if inertial is None else np.concatenate([inertial, a_d[size:]])

@@ -1,4 +1,4 @@
-"""What the joints themselves add to the dynamics: rotor inertia, viscous and Coulomb friction."""
+"""Effects of the joints on the dynamics: rotor inertia, viscous and Coulomb friction."""
 
 from __future__ import annotations
 
@@ -23,20 +23,22 @@ _UNITS = {
 }
 KINDS = tuple(_UNITS)
 ALL, NONE = "all", "none"
-_SAMPLES, _SPEED = (
-    100,
-    0.5,
-)  # random states; typical joint speed and acceleration [rad/s, rad/s^2 or m]
-_OF_EFFORT, _BRAKING = 0.02, 50.0  # friction of a motor; [rad/s^2 or m/s^2] by friction
-_SLIDING = 3.0  # thresholds, at which the smoothed sign is 0.995
-_START = 0.1  # share of a typical coefficient from which an unknown one starts
+_SAMPLES = 100  # random states
+_SPEED = 0.5  # typical joint speed and acceleration [rad/s, rad/s^2, or in m]
+_OF_EFFORT = 0.02  # Coulomb friction of a motor, as a share of its effort limit,
+_BRAKING = 50.0  # and the largest deceleration that it causes [rad/s^2 or m/s^2]
+_SLIDING = 3.0  # thresholds of speed at which the smoothed sign is 0.995
+_START = 0.1  # initial value of an unknown coefficient, as a share of the typical one
 
 
 def chosen_kinds(unknown: str | Sequence[str]) -> tuple[str, ...]:
-    """Turn "all", "none" or some of "armature", "viscous", "coulomb" into kinds, in that order.
+    """Return the kinds of coefficients that a user's words name, in the order of ``KINDS``.
+
+    Args:
+        unknown: "all", "none", or some of "armature", "viscous" and "coulomb".
 
     Raises:
-        ParameterError: another word; the nearest is suggested.
+        ParameterError: another word; the message suggests the nearest one.
     """
     chosen = name_list(unknown, "unknown.joint", ParameterError)
     if len(chosen) == 1:
@@ -54,25 +56,24 @@ def chosen_kinds(unknown: str | Sequence[str]) -> tuple[str, ...]:
 class JointEffects:
     """tau = diag(armature) a + diag(viscous) v + diag(coulomb) tanh(v / threshold).
 
-    The coefficients of the unknown kinds are parameters, one a joint; those of the other kinds are
-    as believed and compensated as such. n: joints, p: unknown kinds times n.
+    The coefficients of the unknown kinds are parameters, one a joint. Those of the other kinds have
+    their nominal values. n: joints, p: n times the number of unknown kinds.
 
     Attributes:
         names: one name a parameter.
         size: p.
-        initial: (p) believed values; an unknown coefficient that is believed zero starts from a
-            tenth of a typical one, because an estimate kept positive by its own metric cannot leave
-            zero.
-        typical: (p) coefficients to be expected, which say how fast each may be learned.
+        initial: (p) nominal values. An unknown coefficient with the nominal value zero starts from
+            a tenth of the typical one: an estimate kept positive by its metric cannot leave zero.
+        typical: (p) typical coefficients, the scales of their adaptation.
         units: one unit a parameter.
         armature: (n) at the loaded estimate [kg m^2 or kg].
     """
 
     def __init__(self, robot: Robot, unknown: str | Sequence[str] = ALL) -> None:
-        """Choose the unknown kinds: "all", "none", or of "armature", "viscous", "coulomb".
+        """Choose the unknown kinds, as ``chosen_kinds``.
 
         Raises:
-            ParameterError: another word.
+            ParameterError: as ``chosen_kinds``.
         """
         kinds = chosen_kinds(unknown)
         n = robot.model.nv
@@ -104,13 +105,13 @@ class JointEffects:
         kernels.take_coefficients(a, self._kinds, self._values)
 
     def torque(self, v: np.ndarray, a: np.ndarray, inertial: np.ndarray) -> np.ndarray:
-        """Return the torque (n) [N m or N] at the loaded estimate, added to an inertial one (n)."""
+        """Return the torque (n) [N m or N] at the loaded estimate plus an inertial torque (n)."""
         tau = empty(self._n)
         kernels.joint_torque(self._values, v, a, self._threshold, inertial, tau)
         return tau
 
     def regressor(self, v: np.ndarray, a: np.ndarray, inertial: np.ndarray) -> np.ndarray:
-        """Return an inertial regressor (n, p_b) with that of the unknown coefficients beside it."""
+        """Return (n, p_b + p): an inertial regressor (n, p_b), then the unknown coefficients'."""
         if not self.size:
             return inertial
         Y = empty((self._n, inertial.shape[1] + self.size))
@@ -118,25 +119,25 @@ class JointEffects:
         return Y
 
     def sliding(self, v: np.ndarray) -> np.ndarray:
-        """Tell of joints (n) whether noise of v (n) leaves the sign of their dry friction alone.
+        """Tell for each joint (n) whether noise of v (n) cannot change the sign of its friction.
 
-        That is, whether they move at several thresholds, or their dry friction is not unknown.
+        That is, whether it moves faster than three thresholds, or its Coulomb friction is known.
         """
         if KINDS.index("coulomb") not in self._unknown:
             return np.ones(self._n, dtype=bool)
         return np.abs(v) > _SLIDING * self._threshold
 
-    def robot(self, a: np.ndarray, believed: Robot) -> Robot:
-        """Return the believed robot with joints of the coefficients a (p)."""
-        values = coefficients(believed)
+    def robot(self, a: np.ndarray, nominal: Robot) -> Robot:
+        """Return the nominal robot with the coefficients a (p)."""
+        values = coefficients(nominal)
         values[self._unknown] = a.reshape(len(self._unknown), self._n)
         armature, viscous, coulomb = values
-        return believed.changed(armature=armature, viscous=viscous, coulomb=coulomb)
+        return nominal.changed(armature=armature, viscous=viscous, coulomb=coulomb)
 
     def momentum(self, v: np.ndarray, inertial: Momentum) -> Momentum:
-        """Return an inertial momentum and rest with those of the coefficients beside them.
+        """Return an inertial momentum and rest with those of the joints added.
 
-        Rotors have the momentum diag(armature) v; friction, which has none, is left of the torque.
+        Rotors have the momentum diag(armature) v. Friction has none and belongs to the rest.
         """
         known, zero = self._values.copy(), np.zeros(self._n)
         known[self._unknown] = 0.0
@@ -147,23 +148,18 @@ class JointEffects:
         return Momentum(Y_M, Y_0, p_0, tau_0)
 
     def value(self, robot: Robot) -> np.ndarray | None:
-        """Return the coefficients (p) of any robot; None if those of a known kind differ."""
-        true, known = (
-            coefficients(robot),
-            [kind for kind in range(len(KINDS)) if kind not in self._unknown],
-        )
-        same = (
-            np.allclose(true[known], self._values[known])
-            and robot.friction.threshold == self._threshold
-        )
+        """Return the coefficients (p) of a robot; None if those of a known kind differ."""
+        true = coefficients(robot)
+        known = [kind for kind in range(len(KINDS)) if kind not in self._unknown]
+        same = np.allclose(true[known], self._values[known])
+        same = same and robot.friction.threshold == self._threshold
         return true[self._unknown].ravel() if same else None
 
 
 def coefficients(robot: Robot) -> np.ndarray:
     """Return armature, viscous and Coulomb coefficients (3, n) of a robot."""
-    return np.array(
-        [robot.model.armature, robot.friction.viscous, robot.friction.coulomb], dtype=float
-    )
+    friction = robot.friction
+    return np.array([robot.model.armature, friction.viscous, friction.coulomb], dtype=float)
 
 
 def without_joint_effects(robot: Robot) -> Robot:
@@ -172,12 +168,12 @@ def without_joint_effects(robot: Robot) -> Robot:
 
 
 def typical_coefficients(robot: Robot) -> np.ndarray:
-    """Return typical armature, viscous and Coulomb coefficients (3, n) for the size of a robot.
+    """Return typical armature, viscous and Coulomb coefficients (3, n) for a robot of this size.
 
-    Rotors add half of what the joint moves at home. Coulomb friction is a tenth of the joint's
-    typical torque, viscous friction as much at a typical speed; the torque is the root mean square
-    over seeded states around home, and at least that of the joints further out, because motors do
-    not grow towards the tip.
+    The rotor inertia is half the inertia that the joint moves at home. Coulomb friction is a tenth
+    of the joint's typical torque, viscous friction as much at a typical speed. The typical torque
+    is the root mean square over seeded states around home, but at least that of the joints further
+    out, since motors do not become larger towards the tip.
     """
     model, data, rng = robot.model, robot.model.createData(), np.random.default_rng(0)
     torques = []
@@ -191,10 +187,11 @@ def typical_coefficients(robot: Robot) -> np.ndarray:
 
 
 def expected_coefficients(robot: Robot, typical: np.ndarray) -> np.ndarray:
-    """Return typical coefficients (3, n), with the friction of the motors that turn light joints.
+    """Return typical coefficients (3, n), with the friction of large motors at light joints.
 
-    A motor's Coulomb friction is about a fiftieth of its effort limit, whatever little it moves;
-    here at most what brakes the joint's inertia at home at 50 rad/s^2 (or m/s^2).
+    A motor's Coulomb friction is about a fiftieth of its effort limit, however light its load. It
+    is limited to the friction that decelerates the joint's inertia at home at 50 rad/s^2 (or
+    m/s^2).
     """
     inertia = np.diag(pin.crba(robot.model, robot.model.createData(), robot.q0))
     efforts = effort_limits(robot.model)

@@ -1,4 +1,12 @@
-"""Unknown lengths and inertias together: lumped parameters in which the torque is linear."""
+"""Unknown lengths and inertias together: lumped parameters in which the torque is linear.
+
+Lengths multiply inertias, so that with unknown lengths the regressor of ten parameters a body
+depends on the lengths. But the torque of a chain is a polynomial of degree two in its lengths, and
+by superposition of chains with fixed random lengths (here: virtual chains, or nodes) it is linear
+in lumped parameters whose regressor contains no unknown lengths. ``lumped_basis`` finds a base of
+these parameters, ``LumpedRegressor`` and ``LumpedModel`` evaluate it, and ``LumpedDynamics`` is the
+choice of unknowns for a controller.
+"""
 
 from __future__ import annotations
 
@@ -18,18 +26,19 @@ from .bodies import ALL, InertialDynamics, InertialModel, chosen_bodies
 from .regressor import LABELS, PER_BODY, Regressor
 from .translations import LENGTHS, PlacedTranslations, Translation, unknown_translations
 
-_DEPENDENT = 1e-8  # relative rest of a dependent column; it is below 1e-12, others' above 1e-4
-_DEAD = 1e-12  # relative size of columns that are zero but for rounding
-_UNEVENTFUL = 2  # random nodes in a row that must bring nothing new
+_DEPENDENT = 1e-8  # relative residual of dependent columns: below 1e-12; of others: above 1e-4
+_ZERO = 1e-12  # relative size of columns that are zero up to rounding
+_REPEATS = 2  # random nodes in a row that must add no column before the search ends
+_NEGLIGIBLE = 1e-8  # relative residual of a dependent entry
 
 
 @dataclass(frozen=True, eq=False)
 class LumpedBasis:
-    """The base found for one chain and one choice of unknown lengths.
+    """The base of lumped parameters of one chain and one choice of unknown lengths.
 
     Attributes:
-        models: one virtual chain a node; its inertias do not matter, it has no rotors.
-        columns: for each node, which of the 10 n columns of its regressor belong to the base.
+        models: one virtual chain a node, without rotors; its inertias are not used.
+        columns: for each node, the columns of its regressor (n, 10 n) that belong to the base.
         states: (q, v, a) at which the base was found.
     """
 
@@ -46,15 +55,15 @@ class LumpedBasis:
 
     @property
     def weights(self) -> np.ndarray:
-        """Size (p) of each parameter's column over the states: it makes parameters comparable."""
+        """Size (p) of each parameter's column over the states, for comparison of parameters."""
         return np.asarray(np.linalg.norm(self._R, axis=0))
 
     def fit(self, model: pin.Model, *, tolerance: float = 1e-8) -> np.ndarray | None:
-        """Return the lumped vector of a model without rotors, or None if it has none.
+        """Return the lumped vector (p) of a model without rotors; None if it has none.
 
         Args:
             model: any chain with these joints.
-            tolerance: relative residual of the torque up to which a match counts as exact.
+            tolerance: relative residual of the torque below which a fit counts as exact.
         """
         from scipy.linalg import solve_triangular
 
@@ -72,7 +81,7 @@ class LumpedBasis:
 
 
 def lumped_basis(model: pin.Model, translations: Sequence[Translation]) -> LumpedBasis:
-    """Return the base of a chain's dynamics for unknown translations; found once a process."""
+    """Return the base of a chain's dynamics for unknown translations; results are cached."""
     bare = model.copy()
     bare.armature, bare.name = np.zeros(model.nv), ""
     for joint in range(1, model.njoints):
@@ -91,10 +100,10 @@ _Part = tuple[int, tuple[tuple[float, ...], ...], tuple[float, ...]]  # joint, d
 
 @lru_cache(maxsize=32)
 def _find(description: str, parts: tuple[_Part, ...]) -> LumpedBasis:
-    """Take random nodes, and of each the columns that the nodes before do not span.
+    """Return the base: of each random node the columns outside the span of the nodes before.
 
-    The search ends when further nodes bring nothing: a node drawn at random lies in the span only
-    if, but for a set of measure zero, all do.
+    The search ends when further nodes add no column. A random node lies in the span with
+    probability one only if all nodes do.
     """
     model, rng = pin.Model(), np.random.default_rng(0)
     model.loadFromString(description)
@@ -104,8 +113,8 @@ def _find(description: str, parts: tuple[_Part, ...]) -> LumpedBasis:
         for joint, directions, offset in parts
     ]
     models, kept, Y_kept, Q = [], [], [], np.zeros((len(states) * model.nv, 0))
-    uneventful = 0
-    while uneventful < _UNEVENTFUL:
+    without_news = 0
+    while without_news < _REPEATS:
         node = model.copy()
         placed = PlacedTranslations(node, 0, translations)
         placed.write(rng.uniform(-1.0, 1.0, placed.size))
@@ -113,9 +122,9 @@ def _find(description: str, parts: tuple[_Part, ...]) -> LumpedBasis:
         Y = np.vstack([regressor(*state) for state in states])
         columns, directions = _independent(Y, Q)
         if not len(columns):
-            uneventful += 1
+            without_news += 1
             continue
-        uneventful, Q = 0, np.hstack([Q, directions])
+        without_news, Q = 0, np.hstack([Q, directions])
         models.append(node)
         kept.append(columns)
         Y_kept.append(Y[:, columns])
@@ -123,24 +132,24 @@ def _find(description: str, parts: tuple[_Part, ...]) -> LumpedBasis:
 
 
 def _independent(Y: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the columns of Y independent of Q and each other, and what they add to Q."""
+    """Return the columns of Y independent of Q and of each other, and their directions."""
     from scipy.linalg import qr  # here, because scipy is slow to import
 
     norms = np.linalg.norm(Y, axis=0)
-    alive = np.flatnonzero(norms > _DEAD * norms.max())
-    rest = Y[:, alive] / norms[alive]
-    for _ in range(2):  # the second time removes what rounding left
+    nonzero = np.flatnonzero(norms > _ZERO * norms.max())
+    rest = Y[:, nonzero] / norms[nonzero]
+    for _ in range(2):  # the second pass removes rounding
         rest = rest - Q @ (Q.T @ rest)
     directions, R, order = qr(rest, mode="economic", pivoting=True)
     rank = int(np.count_nonzero(np.abs(np.diag(R)) > _DEPENDENT))
-    chosen = np.argsort(alive[order[:rank]])
-    return alive[order[:rank]][chosen], directions[:, :rank]
+    chosen = np.argsort(nonzero[order[:rank]])
+    return nonzero[order[:rank]][chosen], directions[:, :rank]
 
 
 def _random_states(
     model: pin.Model, rng: np.random.Generator
 ) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], ...]:
-    """Return more than enough (q, v, a) for the largest base that a chain of n joints can have."""
+    """Return enough states (q, v, a) for the largest base of a chain of n joints."""
     n, neutral = model.nv, pin.neutral(model)
     return tuple(
         (pin.integrate(model, neutral, rng.uniform(-2.0, 2.0, n)), *rng.standard_normal((2, n)))
@@ -149,10 +158,10 @@ def _random_states(
 
 
 class LumpedRegressor(Regressor):
-    """Y (n, p) of the lumped vector, side by side the base columns of every virtual chain."""
+    """Y (n, p) of the lumped vector: the base columns of all virtual chains side by side."""
 
     def __init__(self, found: LumpedBasis) -> None:
-        """Prepare one regressor a node."""
+        """Make one regressor a node."""
         self._found = found
         self._parts = [
             (Regressor(model), slice(int(first), int(last)), columns.astype(np.int64))
@@ -166,7 +175,7 @@ class LumpedRegressor(Regressor):
         self._shape = (found.models[0].nv, found.size)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Copy by what it was made from: Pinocchio's data is scratch."""
+        """Copy by the arguments: Pinocchio's data is scratch."""
         return LumpedRegressor, (self._found,)
 
     def __call__(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
@@ -202,12 +211,12 @@ class LumpedRegressor(Regressor):
 
 
 class LumpedModel(InertialModel):
-    """Torque and mass matrix of the virtual chains together, rotors of the real chain included."""
+    """Torque and mass matrix: the sum over the virtual chains, plus the rotors of the real one."""
 
     def __init__(
         self, found: LumpedBasis, regressor: LumpedRegressor, armature: np.ndarray
     ) -> None:
-        """Prepare one model a node."""
+        """Make one model a node."""
         self._found = found
         self._regressor, self._armature, self._rotors = regressor, armature, np.diag(armature)
         self._nodes = [InertialModel(model) for model in found.models]
@@ -219,7 +228,7 @@ class LumpedModel(InertialModel):
         self._a, self._loaded = np.full(found.size, np.nan), False
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Copy by what it was made from: Pinocchio's data is scratch."""
+        """Copy by the arguments: Pinocchio's data is scratch."""
         return LumpedModel, (self._found, self._regressor, self._armature)
 
     def load(self, pi: np.ndarray) -> None:
@@ -228,12 +237,12 @@ class LumpedModel(InertialModel):
         self._a = pi.copy()
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Return M a + C v + g (n) [N m or N], by the regressor, which is the quickest way."""
+        """Return M a + C v + g (n) [N m or N], by the regressor, the fastest way."""
         return self._regressor(q, v, a).dot(self._a) + self._armature * a
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
-        """Return M (n, n), the sum of the virtual chains' by CRBA."""
-        if not self._loaded:  # not every law asks for it
+        """Return M (n, n), the sum of the virtual chains' mass matrices by CRBA."""
+        if not self._loaded:  # written only now, since not every law uses M
             self._pi.put(self._where, self._a)
             for node, pi in zip(self._nodes, self._pi, strict=True):
                 node.load(pi)
@@ -244,23 +253,16 @@ class LumpedModel(InertialModel):
         return M
 
 
-_NEGLIGIBLE = 1e-8  # relative size of what is left of a dependent entry
-
-
 class LumpedDynamics(InertialDynamics):
-    """Products of lengths and inertial parameters in which the torque of any chain is linear.
+    """Dynamics in products of lengths and inertial parameters, for unknown lengths of any chain.
 
-    Lengths multiply inertias, so where lengths are unknown the ten parameters a body are too few:
-    their regressor contains the lengths. The torque of a chain is a polynomial of degree two in its
-    lengths; its coefficients, regrouped to a base, are parameters of a regressor that contains none
-    (see ``superposition``). Bodies whose inertias are known still contribute products of known
-    inertias and unknown lengths; with ``unknown`` bodies chosen, the parameters are the smallest
-    set of entries that determines the whole lumped vector, which is affine in them.
-
-    The generalisation of a_2 = m_2 l_1 l_c2 of Wang and Xie (2009), section 5.
+    The parameters generalise a_2 = m_2 l_1 l_c2 of Wang and Xie (2009), section 5. Bodies with
+    known inertias contribute products of known inertias and unknown lengths. If only some bodies
+    are ``unknown``, the parameters are the smallest set of entries that determines the whole lumped
+    vector, which is affine in them.
 
     Attributes:
-        translations: the unknown joint translations; a tool's has no part in the dynamics.
+        translations: the unknown joint translations; the tool's has no effect on the dynamics.
     """
 
     def __init__(
@@ -269,10 +271,16 @@ class LumpedDynamics(InertialDynamics):
         lengths: str | Sequence[str | Translation] = LENGTHS,
         unknown: str | Sequence[str] = ALL,
     ) -> None:
-        """Take a believed robot, unknown translations as ``FrameKinematics`` does, and bodies.
+        """Choose the unknown translations and bodies of a nominal robot.
+
+        Args:
+            robot: the nominal robot.
+            lengths: as ``unknown_translations``.
+            unknown: bodies with unknown inertias, as ``chosen_bodies``.
 
         Raises:
-            ParameterError: no joint's translation among the unknown.
+            ParameterError: no joint translation is unknown, or their directions and offsets exclude
+                the nominal robot.
             RobotError: unknown joint.
         """
         super().__init__(robot)
@@ -281,13 +289,13 @@ class LumpedDynamics(InertialDynamics):
         ]
         if not self.translations:
             raise ParameterError(
-                "no joint's translation is unknown, so nothing has to be lumped.",
+                "no joint translation is unknown, so nothing has to be lumped.",
                 where="unknown.kinematic",
                 hint="Use BodyDynamics.",
             )
         self._found = lumped_basis(robot.model, self.translations)
         self._regressor = LumpedRegressor(self._found)
-        self._believed = LumpedModel(self._found, self._regressor, self._armature)
+        self._model = LumpedModel(self._found, self._regressor, self._armature)
         names = [
             f"{robot.joint_names[column // PER_BODY]}.{LABELS[column % PER_BODY]}#{node}"
             for node, columns in enumerate(self._found.columns, 1)
@@ -296,7 +304,9 @@ class LumpedDynamics(InertialDynamics):
         whole = self._found.fit(robot.model)
         if whole is None:
             raise ParameterError(
-                "the directions and offsets do not contain the believed robot's own placements."
+                "the directions and offsets do not contain the placements of the nominal robot.",
+                where="unknown.kinematic",
+                hint="Use an offset on the line or plane of the nominal translation.",
             )
         self._B, self._rest, rows = None, np.zeros(len(whole)), np.arange(len(whole))
         self.bodies = chosen_bodies(robot, unknown)
@@ -318,18 +328,16 @@ class LumpedDynamics(InertialDynamics):
         return Y if self._B is None else Y.dot(self._B)
 
     def value(self, robot: Robot) -> np.ndarray | None:
-        """Return the lumped vector (p) of a robot; None when more than lengths, inertias differ."""
-        whole = self._found.fit(robot.model) if self.shares_the_rest(robot) else None
+        """Return the parameters (p) of a robot; None if more than lengths and inertias differ."""
+        whole = self._found.fit(robot.model) if self.differs_only_in_bodies(robot) else None
         if whole is None:
             return None
         a_d, weights = whole[self._rows], self._found.weights
-        missed = (self.expand(a_d) - whole) * weights
-        return (
-            a_d if np.linalg.norm(missed) <= _NEGLIGIBLE * np.linalg.norm(whole * weights) else None
-        )
+        residual = np.linalg.norm((self.expand(a_d) - whole) * weights)
+        return a_d if residual <= _NEGLIGIBLE * np.linalg.norm(whole * weights) else None
 
     def _possible(self, robot: Robot, whole: np.ndarray) -> np.ndarray:
-        """Return lumped vectors (N, p) at random lengths and inertias, the believed one first."""
+        """Return lumped vectors (N, P) at random lengths and inertias, the nominal one first."""
         rng, model = np.random.default_rng(1), robot.model.copy()
         placed = PlacedTranslations(model, robot.frame_id, self.translations)
         samples = [whole]
@@ -344,6 +352,7 @@ class LumpedDynamics(InertialDynamics):
 
 
 def _random_inertia(rng: np.random.Generator) -> pin.Inertia:
+    """Return an inertia with ten random parameters, not necessarily physical."""
     ten = rng.standard_normal(PER_BODY)
     ten[0] = 1.0 + abs(ten[0])
     return pin.Inertia.FromDynamicParameters(ten)
@@ -352,10 +361,9 @@ def _random_inertia(rng: np.random.Generator) -> pin.Inertia:
 def _affine_hull(
     samples: np.ndarray, weights: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return B (P, p), b (P), rows (p): sample = B sample[rows] + b of all samples (N, P).
+    """Return B (P, p), b (P) and rows (p) with sample = B sample[rows] + b for all samples (N, P).
 
-    p is the least possible. The weights (P) make the entries comparable, so that rounding can be
-    told from change.
+    p is the smallest possible. The weights (P) scale the entries, so that rounding is small in all.
     """
     from scipy.linalg import qr  # here, because scipy is slow to import
 

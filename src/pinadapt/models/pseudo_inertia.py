@@ -1,7 +1,7 @@
-"""The pseudo-inertia of a body: its ten parameters as a matrix, definite iff physical.
+"""The pseudo-inertia of a body: a matrix linear in its ten parameters.
 
-P = [[Sigma, mc], [mc^T, m]], Sigma = tr(I)/2 1 - I (Wensing, Kim, Slotine 2018). The map is linear
-both ways.
+P = [[Sigma, mc], [mc^T, m]], Sigma = tr(I)/2 1 - I. A body is physical, so that a mass distribution
+has its parameters, if and only if P is positive definite (Wensing, Kim, Slotine 2018).
 """
 
 from __future__ import annotations
@@ -48,10 +48,10 @@ def ten_parameters(P: np.ndarray) -> np.ndarray:
 
 
 def nearest_physical(pi: np.ndarray, *, least_mass: float, least_radius: float) -> np.ndarray:
-    """Return ten parameters (10) inside the cone, those of pi where they already are well inside.
+    """Return ten physical parameters (10) close to pi (10), or pi if it has the margins below.
 
-    The mass is raised to ``least_mass`` [kg] and the eigenvalues of the second moment about the
-    centre of mass to mass times ``least_radius`` squared [m]; the centre of mass is kept.
+    The mass becomes at least ``least_mass`` [kg], the eigenvalues of the second moment about the
+    centre of mass at least mass times ``least_radius`` squared [m]. The centre of mass is kept.
     """
     m = max(float(pi[0]), least_mass)
     c = pi[1:4] / pi[0] if pi[0] > 0.0 else np.zeros(3)
@@ -64,7 +64,7 @@ def nearest_physical(pi: np.ndarray, *, least_mass: float, least_radius: float) 
 
 
 def unphysical_bodies(a_d: np.ndarray, names: Sequence[str]) -> list[str]:
-    """Return the names of the bodies whose parameters, stacked in a_d (10 k), are not physical."""
+    """Return the names of the bodies with unphysical parameters, stacked in a_d (10 k)."""
     return [
         name
         for name, pi in zip(names, a_d.reshape(-1, PER_BODY), strict=True)
@@ -73,18 +73,18 @@ def unphysical_bodies(a_d: np.ndarray, names: Sequence[str]) -> list[str]:
 
 
 def with_bodies(robot: Robot, tens: Mapping[int, np.ndarray]) -> Robot:
-    """Return a robot with other bodies: index from 0 -> ten parameters (10).
+    """Return a robot with bodies replaced: index from 0 -> ten parameters (10).
 
     Raises:
-        ParameterError: some are not physical.
+        ParameterError: some of them are not physical.
     """
     names = [robot.joint_names[body] for body in tens]
     stacked = np.concatenate([np.zeros(0), *tens.values()])
     if unphysical := unphysical_bodies(stacked, names):
         raise ParameterError(
-            f"the bodies moved by {unphysical} have inertias that no distribution of mass has.",
+            f"the bodies moved by {unphysical} have inertias that no mass distribution has.",
             where="learned",
-            hint='Adaptation "natural" keeps bodies physical; "gradient" tracks without.',
+            hint='Adaptation "natural" keeps bodies physical; "gradient" does not.',
         )
     model = robot.model.copy()
     for body, ten in tens.items():

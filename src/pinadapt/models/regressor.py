@@ -1,4 +1,8 @@
-"""The regressor of all ten parameters of every body, from Pinocchio, and its Slotine-Li form."""
+"""Regressors of the ten parameters of every body: of the torque, of Slotine and Li, of the momentum.
+
+All come from Pinocchio. n: joints, pi (10 n): the stacked ``Inertia.toDynamicParameters`` of the
+bodies, in the order of ``LABELS``.
+"""
 
 from __future__ import annotations
 
@@ -20,14 +24,13 @@ UNITS = ("kg", *("kg m",) * 3, *("kg m^2",) * 6)
 
 
 class Regressor:
-    """Y (n, 10 n): M a + C v + g = Y pi, pi the stacked ``toDynamicParameters`` of the bodies.
+    """Y (n, 10 n) with M a + C v + g = Y pi, without rotor inertias and friction.
 
-    It leaves out rotor inertias (``model.armature``) and friction. It contains the placements of
-    the joints, which must be the true ones.
+    It depends on the placements of the joints in the model.
     """
 
     def __init__(self, model: pin.Model) -> None:
-        """Copy a chain's model; its inertias do not matter."""
+        """Copy a chain's model; its inertias are not used."""
         self._model, self._weightless = model.copy(), model.copy()
         self._weightless.gravity.linear = np.zeros(3)
         self._data = self._model.createData()  # scratch for both
@@ -35,7 +38,7 @@ class Regressor:
         self._shape = (model.nv, PER_BODY * model.nv)  # Pinocchio returns a single row as a vector
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Copy by what it was made from: Pinocchio's data is scratch."""
+        """Copy by the arguments: Pinocchio's data is scratch."""
         return Regressor, (self._model,)
 
     def __call__(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
@@ -48,8 +51,8 @@ class Regressor:
     ) -> np.ndarray:
         """Return Y (n, 10 n) with M a_r + C(q, v) v_r + g = Y pi, C the Christoffel matrix.
 
-        C(q, u) w is bilinear and symmetric in u and w, so polarisation gives it in two calls:
-        Y(q, (v + v_r)/2, a_r) - Y0(q, (v - v_r)/2, 0), Y0 without gravity.
+        C(q, u) w is bilinear and symmetric in u and w; polarisation gives it by two regressors,
+        Y = Y(q, (v + v_r)/2, a_r) - Y0(q, (v - v_r)/2, 0), Y0 without gravity.
         """
         return self.slotine_li_torque(np.zeros(self._shape[1]), q, v, v_r, a_r)[0]
 
@@ -76,7 +79,7 @@ class Regressor:
 
 
 def inertial_parameters(model: pin.Model) -> np.ndarray:
-    """Return pi (10 n), the stacked ten parameters of all moving bodies."""
+    """Return pi (10 n) of a model."""
     return np.concatenate([inertia.toDynamicParameters() for inertia in model.inertias[1:]])
 
 
@@ -84,10 +87,10 @@ class Momentum(NamedTuple):
     """tau = d/dt (Y_M a + p_0) + Y_0 a + tau_0, affine in the parameters a (p) of n joints.
 
     Attributes:
-        Y_M: (n, p) of the momentum M v, rotors included.
-        Y_0: (n, p) of g - C^T v + friction.
+        Y_M: (n, p) regressor of the momentum M v, with rotors.
+        Y_0: (n, p) regressor of the rest, g - C^T v + friction.
         p_0: (n) known part of the momentum [N m s or N s].
-        tau_0: (n) known part of what is left [N m or N].
+        tau_0: (n) known part of the rest [N m or N].
     """
 
     Y_M: np.ndarray
@@ -97,30 +100,30 @@ class Momentum(NamedTuple):
 
 
 class MomentumRegressor:
-    """Y_M and Y_0 (nv, 10 N) with M a + C v + g = d/dt (Y_M pi) + Y_0 pi, exact, without a.
+    """Y_M and Y_0 (nv, 10 N) with M a + C v + g = d/dt (Y_M pi) + Y_0 pi, without acceleration.
 
-    pi stacks the ``toDynamicParameters`` of the N moving bodies, as in Pinocchio's joint torque
-    regressor. Y_M pi = M v is the momentum, Y_0 pi = g - C^T v, C with dM/dt = C + C^T. Coordinate
-    i feels the momentum H_i of all that it moves: with J_i its axis as a motion in world axes, the
-    torque is J_i^T (dH_i/dt + weight), hence
+    pi stacks the ten parameters of the N moving bodies. Y_M pi = M v is the momentum and
+    Y_0 pi = g - C^T v, with dM/dt = C + C^T. Let H_i be the spatial momentum of all bodies that
+    coordinate i moves, and J_i its axis, both in world axes. The torque is
+    J_i^T (dH_i/dt + weight), hence
 
         (M v)_i = J_i^T H_i,        (C^T v)_i = (dJ_i/dt)^T H_i.
 
-    J and dJ/dt come from ``pin.computeJointJacobiansTimeVariation``; H is linear in pi. There is no
-    difference quotient in it, and the cost is about that of one torque regressor. Any model will
-    do, trees and floating bases among them; rotor inertias and friction are left out.
+    J and dJ/dt come from ``pin.computeJointJacobiansTimeVariation``; H is linear in pi. The result
+    is exact, without finite differences, and costs about one torque regressor. The model may be any
+    tree, also with a floating base; rotor inertias and friction are left out.
 
-    Source: the momentum form M a + C v + g = d/dt (M v) - C^T v + g of J.-J. Slotine and W. Li,
-    *Composite adaptive control of robot manipulators*, Automatica 25 (1989) 509-519, and P. Hsu, M.
-    Bodson, S. Sastry, B. Paden, *Adaptive identification and control for manipulators without using
-    joint accelerations*, ICRA 1987.
+    The momentum form M a + C v + g = d/dt (M v) - C^T v + g is that of J.-J. Slotine, W. Li,
+    *Composite adaptive control of robot manipulators*, Automatica 25 (1989) 509-519, and P. Hsu,
+    M. Bodson, S. Sastry, B. Paden, *Adaptive identification and control for manipulators without
+    using joint accelerations*, ICRA 1987.
     """
 
     def __init__(self, model: pin.Model) -> None:
-        """Copy a model; its inertias do not matter.
+        """Copy a model; its inertias are not used.
 
         Raises:
-            InputError: no model of Pinocchio.
+            InputError: not a Pinocchio model.
         """
         self._model = instance(model, pin.Model, "model").copy()
         compile_all()
@@ -140,7 +143,7 @@ class MomentumRegressor:
         self._shape = (model.nv, PER_BODY * (model.njoints - 1))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Copy by what it was made from: Pinocchio's data is scratch."""
+        """Copy by the arguments: Pinocchio's data is scratch."""
         return MomentumRegressor, (self._model,)
 
     def __call__(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -156,18 +159,18 @@ class MomentumRegressor:
 
 
 def live_array(views: Sequence[np.ndarray]) -> np.ndarray:
-    """Return one live array (N, ...) over N views of one shape that lie at equal distances.
+    """Return one array (N, ...) that shares the memory of N views at equal distances.
 
-    Pinocchio keeps placements and motions of all joints in vectors, and gives out a view on each;
-    a kernel takes them together. The array is valid as long as the model or data is.
+    Pinocchio stores placements and motions of all joints in contiguous vectors and returns a view
+    of each; a kernel reads them as one array. It is valid as long as the model or data exists.
 
     Raises:
-        ValueError: the views lie elsewhere.
+        ValueError: the views are not at equal distances in memory.
     """
     places = np.array([view.__array_interface__["data"][0] for view in views])
     first, distance = views[0], int(places[1] - places[0]) if len(views) > 1 else 0
     if (np.diff(places) != distance).any() or any(v.strides != first.strides for v in views):
-        raise ValueError("these views are not neighbours in memory.")
+        raise ValueError("the views are not at equal distances in memory.")
     return np.lib.stride_tricks.as_strided(
         first, (len(views), *first.shape), (distance, *first.strides), writeable=False
     )

@@ -1,4 +1,4 @@
-"""A right inverse of the believed Jacobian, damped near its singularities, and its null space."""
+"""The right inverse of the estimated Jacobian, damped near singularities, and its null space."""
 
 from __future__ import annotations
 
@@ -10,50 +10,51 @@ from ..exceptions import DivergedError
 
 
 class RightInverse:
-    """J^+ = J^T (J J^T + mu^2 I)^-1 of a Jacobian J (m, n), m <= n; mu = 0 where that is exact.
+    """J^+ = J^T (J J^T + mu^2 I)^-1 of a Jacobian J (m, n), m <= n; mu = 0 away from singularities.
 
-    Null-space motion psi enters as J^+ u + (I - J^+ J) psi. Undamped, J times it is u: the task
-    does not feel psi. Damped, J times it is u - mu^2 (J J^T + mu^2 I)^-1 (u - J psi): the task is
-    missed by at most the share mu^2 / (s_min^2 + mu^2) of u - J psi, and (17) of Wang and Xie holds
-    up to that.
+    A null-space velocity psi enters as r = J^+ u + (I - J^+ J) psi. Without damping J r = u: psi
+    has no effect on the task. With damping J r = u - mu^2 (J J^T + mu^2 I)^-1 (u - J psi): the task
+    velocity is off by at most the share mu^2 / (s_min^2 + mu^2) of u - J psi, and (17) of Wang and
+    Xie holds up to that.
 
-    Damping begins where s = tr((J J^T)^-1)^(-1/2) falls below a threshold s_0. As s^-2 is the sum
-    of all sigma_i^-2, s is at most the smallest singular value, and at least that over sqrt(m); the
-    solution needs (J J^T)^-1 anyway. The form of mu is that of damped least squares (Y. Nakamura,
-    H. Hanafusa, ASME J. Dyn. Syst. Meas. Control 108 (1986) 163-171; S. Chiaverini, IEEE T. Robot.
-    Autom. 13 (1997) 398-410), mu^2 = mu_max^2 (1 - (s / s_0)^2), with mu_max^2 = s_0^2 / 2, the
-    least for which |J^+| <= 1 / s_0 always.
+    Damping starts where s = tr((J J^T)^-1)^(-1/2) falls below a threshold s_0. Since s^-2 is the
+    sum of all sigma_i^-2, s is at most the smallest singular value, and at least that over sqrt(m);
+    it costs nothing, as the solution needs (J J^T)^-1 anyway. mu^2 = mu_max^2 (1 - (s / s_0)^2) as
+    in damped least squares, with mu_max^2 = s_0^2 / 2, the smallest value that ensures
+    |J^+| <= 1 / s_0.
+
+    Y. Nakamura, H. Hanafusa, ASME J. Dyn. Syst. Meas. Control 108 (1986) 163-171; S. Chiaverini,
+    IEEE T. Robot. Autom. 13 (1997) 398-410.
 
     Attributes:
         J: the Jacobian (m, n).
         gram_inverse: (J J^T + mu^2 I)^-1 (m, m).
         damping: mu^2.
         conditioning: s.
-        unique: whether J^+ is the inverse itself, so that there is no null space: J square and not
-            damped.
+        unique: whether J^+ is the inverse, so that there is no null space: J square, no damping.
     """
 
     __slots__ = ("J", "conditioning", "damping", "gram_inverse", "unique")
 
     def __init__(self, J: np.ndarray, threshold: float = 0.0) -> None:
-        """Take the Jacobian (m, n) and s_0, zero for no damping.
+        """Invert the Jacobian (m, n); ``threshold`` is s_0, zero for no damping.
 
         Raises:
-            DivergedError: J lost rank and is not damped, or is not finite.
+            DivergedError: J has lost rank without damping, or is not finite.
         """
         m, n = J.shape
         self.J, self.gram_inverse = J, empty((m, m))
         self.conditioning, self.damping, lost = kernels.invert_gram(J, threshold, self.gram_inverse)
         if lost:
             raise DivergedError(
-                "the believed Jacobian lost rank: the arm is at a singularity of the estimated "
-                "kinematics. Keep the path away from the workspace's edge, start nearer to the "
-                "true kinematics, or damp the inverse (damping = 0.2)."
+                "the estimated Jacobian lost rank: the arm is at a singularity of the estimated "
+                "kinematics. Keep the path away from the edge of the workspace, start with better "
+                "kinematics, or damp the inverse (damping = 0.2)."
             )
         self.unique = m == n and not self.damping
 
     def solve(self, u: np.ndarray, psi: np.ndarray | None) -> np.ndarray:
-        """Return J^+ u + (I - J^+ J) psi (n), u (m), psi (n) or None where J^+ is unique."""
+        """Return J^+ u + (I - J^+ J) psi (n), u (m), psi (n), or None where J^+ is unique."""
         if psi is None:
             return self.gram_inverse.dot(u).dot(self.J)
         u, psi = np.asarray(u, dtype=float), np.asarray(psi, dtype=float)
@@ -69,10 +70,10 @@ class RightInverse:
         psid: np.ndarray | None,
         Jdot: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return r = ``solve(u, psi)`` and dr/dt (n) while u, psi, J move at ud, psid, Jdot.
+        """Return r = ``solve(u, psi)`` and dr/dt (n), where u, psi and J change at ud, psid, Jdot.
 
-        With y = (J J^T + mu^2 I)^-1 (u - J psi), which makes r = psi + J^T y, the rate is
-        J^+ (ud - Jdot r - y d(mu^2)/dt) + (I - J^+ J) (psid + Jdot^T y).
+        With y = (J J^T + mu^2 I)^-1 (u - J psi), so that r = psi + J^T y,
+        dr/dt = J^+ (ud - Jdot r - y d(mu^2)/dt) + (I - J^+ J) (psid + Jdot^T y).
         """
         if psi is None or psid is None:
             r = self.solve(u, None)
@@ -85,14 +86,14 @@ class RightInverse:
         return r, rate
 
     def null(self, z: np.ndarray) -> np.ndarray:
-        """Return (I - J^+ J) z (n); undamped, the orthogonal projection onto the null space."""
+        """Return (I - J^+ J) z (n), without damping the projection onto the null space."""
         null = np.zeros(z.size)
         if not self.unique:
             kernels.null_space(self.J, self.gram_inverse, np.asarray(z, dtype=float), null)
         return null
 
     def subtract_null_damping(self, D: np.ndarray, z: np.ndarray, torque: np.ndarray) -> None:
-        """Take N diag(D) N z (n) off a torque (n) in place, N = I - J^+ J; all are floats."""
+        """Subtract N diag(D) N z (n) from a torque (n) in place, N = I - J^+ J; float arrays."""
         if not self.unique:
             kernels.subtract_null_space_damping(self.J, self.gram_inverse, D, z, torque)
 
