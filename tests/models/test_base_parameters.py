@@ -81,4 +81,4 @@ def test_a_base_is_shown_by_name():
 def test_nothing_unknown_has_an_empty_base():
     robot = catalogue_robot("scara")
     base = pa.base_parameters(pa.FrameKinematics(robot, []), robot)
-    assert base.size == 0 and "0 combinations" in str(base)
+    assert base.size == 0 and "0 identifiable combinations" in str(base)

@@ -1,4 +1,4 @@
-"""Regressors of the ten parameters of every body: of the torque, of Slotine and Li, of the momentum.
+"""Regressors of the ten parameters of every body: torque, Slotine and Li, momentum.
 
 All come from Pinocchio. n: joints, pi (10 n): the stacked ``Inertia.toDynamicParameters`` of the
 bodies, in the order of ``LABELS``.

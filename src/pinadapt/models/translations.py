@@ -1,4 +1,4 @@
-"""Unknown translations of a chain: of the tool, of joint placements, or of lengths."""
+"""Unknown translations of a chain: of the tool, of joint placements, or lengths along them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ..robot.robot import Robot
 TOOL = "tool"
 LENGTHS = "lengths"
 BASE = "base"
-FIRST = 1  # the joint whose placement tells where the base stands
+FIRST = 1  # the joint whose placement is the position of the base
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,11 +28,10 @@ class Translation:
 
     Attributes:
         name: "tool", or the joint's name.
-        joint: index of the joint whose placement it is, or None for the task frame's own.
-        directions: (3, k) columns in the parent joint's axes; the identity for a wholly unknown
-            translation.
+        joint: index of the joint whose placement it is; None: the placement of the task frame.
+        directions: (3, k) in the axes of the parent joint; the identity if all of it is unknown.
         offset: (3) known part [m], parent axes.
-        labels: one name for each of the k parameters.
+        labels: one name a parameter (k).
     """
 
     name: str
@@ -48,7 +47,7 @@ class Translation:
 
     @cached_property
     def whole(self) -> bool:
-        """Whether the parameters are the translation itself."""
+        """Whether the parameters are the translation: no offset, directions the identity."""
         return bool(
             self.directions.shape == (3, 3)
             and (self.directions == np.eye(3)).all()
@@ -60,21 +59,24 @@ class Translation:
         return theta if self.whole else self.offset + self.directions.dot(theta)
 
     def parameters(self, translation: np.ndarray) -> np.ndarray:
-        """Return the theta (k) whose translation is nearest to a given one (3) [m]."""
+        """Return the theta (k) whose translation is nearest to the given one (3) [m].
+
+        For orthonormal directions.
+        """
         return np.asarray(self.directions.T @ (translation - self.offset))
 
 
 class PlacedTranslations:
-    """The unknown translations of one model, to be written there at any parameters theta (p).
+    """The unknown translations of one model, read from and written to its placements.
 
     Attributes:
-        windows: where each translation's parameters stand in theta.
+        windows: the slice of each translation's parameters in theta (p).
         size: p.
-        directions: (3, p) what each parameter moves its translation by, parent axes.
+        directions: (3, p) the directions of all translations side by side, parent axes.
     """
 
     def __init__(self, model: pin.Model, frame: int, translations: Sequence[Translation]) -> None:
-        """Take a model, the index of its task frame, and what is unknown there."""
+        """Use a model, the index of its task frame, and its unknown translations."""
         sizes = [part.size for part in translations]
         ends = np.cumsum([0, *sizes]).tolist()
         self.windows = [slice(first, last) for first, last in pairwise(ends)]
@@ -82,7 +84,7 @@ class PlacedTranslations:
         self.directions = np.concatenate(
             [np.zeros((3, 0)), *(part.directions for part in translations)], axis=1
         )
-        self._model = model  # which the live views need
+        self._model = model  # owns the memory of the views
         self._parts = list(translations)
         self._live = [placement_of(model, frame, part.joint).translation for part in translations]
         offsets = [np.array(part.offset, dtype=float) for part in translations]
@@ -90,13 +92,13 @@ class PlacedTranslations:
         self._places = list(zip(ends[:-1], directions, offsets, self._live, strict=True))
 
     def read(self) -> np.ndarray:
-        """Return the parameters (p) of the model as it is."""
+        """Return the parameters (p) of the model's placements."""
         pairs = zip(self._parts, self._live, strict=True)
         values = [part.parameters(translation) for part, translation in pairs]
         return np.concatenate([np.zeros(0), *values])
 
     def write(self, theta: np.ndarray) -> None:
-        """Make theta (p), floats, the parameters of the model."""
+        """Write the placements of the parameters theta (p, floats) into the model."""
         for first, directions, offset, translation in self._places:
             kernels.place(theta, first, directions, offset, translation)
 
@@ -104,17 +106,17 @@ class PlacedTranslations:
 def unknown_translations(
     robot: Robot, unknown: str | Sequence[str | Translation]
 ) -> list[Translation]:
-    """Turn a user's words into translations; ready-made translations pass through.
+    """Return the translations that a user's words name; Translation objects pass unchanged.
 
     Args:
-        robot: the believed robot; its placements give the directions of lengths.
-        unknown: "tool" or joint names (whole translations), "tool:length" or "joint:length" (along
-            its direction), "lengths" (every link's length, one a link, tool included), "base" (of
-            the first joint, so where the base stands in the camera's frame).
+        robot: the nominal robot, whose placements define the directions of lengths.
+        unknown: "tool" or joint names (whole translations); "tool:length" or "joint:length" (a
+            length along the nominal direction); "lengths" (one length a link, tool included);
+            "base" (the translation of the first joint: the base in the camera's frame).
 
     Raises:
-        ParameterError: a word twice, a translation that does not move the frame, or a length
-            without direction.
+        ParameterError: a word twice, a translation without effect on the frame, or a length of
+            zero, which has no direction.
         RobotError: unknown joint.
     """
     words: list[str | Translation] = []
@@ -130,17 +132,17 @@ def unknown_translations(
     ]
     names = [part.name for part in parts]
     if len(set(names)) != len(names):
-        raise ParameterError(f"a translation is named twice in {names}.", where="unknown.kinematic")
+        raise ParameterError(f"a translation occurs twice in {names}.", where="unknown.kinematic")
     return parts
 
 
 def placement_of(model: pin.Model, frame: int, joint: int | None) -> pin.SE3:
-    """Return the live placement of a joint, or of the frame where ``joint`` is None."""
+    """Return the placement of a joint, or of the frame where ``joint`` is None, as a view."""
     return model.frames[frame].placement if joint is None else model.jointPlacements[joint]
 
 
 def _all_lengths(robot: Robot) -> list[str]:
-    """Return "name:length" for every translation after the first joint that has a direction."""
+    """Return "name:length" for every nonzero translation after the first joint."""
     links = [*((name, i) for i, name in enumerate(robot.joint_names, 1) if i > 1), (TOOL, None)]
     return [
         f"{name}:length"
@@ -150,13 +152,14 @@ def _all_lengths(robot: Robot) -> list[str]:
 
 
 def _translation(robot: Robot, word: str) -> Translation:
+    """Return the translation that one word names; see ``unknown_translations``."""
     if word == BASE:
         axes = tuple(f"{BASE}_{axis}" for axis in "xyz")
         return Translation(BASE, FIRST, np.eye(3), np.zeros(3), axes)
     name, _, kind = word.partition(":")
     if kind not in ("", "length"):
         raise ParameterError(
-            f"'{word}' must be a name, or a name followed by ':length'.", where="unknown.kinematic"
+            f"expected a name, or a name with ':length', got '{word}'.", where="unknown.kinematic"
         )
     joint = (
         None
@@ -167,7 +170,7 @@ def _translation(robot: Robot, word: str) -> Translation:
         raise ParameterError(
             f"the placement of the first joint, '{name}', has no effect on the frame's velocity.",
             where="unknown.kinematic",
-            hint=f"Say '{BASE}' to have it learned from x itself, by the law 'separation'.",
+            hint=f"Use '{BASE}' to adapt it from the measured position, with the law 'separation'.",
         )
     nominal = placement_of(robot.model, robot.frame_id, joint).translation.copy()
     if kind == "":
@@ -177,6 +180,8 @@ def _translation(robot: Robot, word: str) -> Translation:
     length = np.linalg.norm(nominal)
     if length < 1e-9:
         raise ParameterError(
-            f"'{name}' has no length whose direction could be kept.", where="unknown.kinematic"
+            f"the translation of '{name}' is zero, so its length has no direction.",
+            where="unknown.kinematic",
+            hint=f"Use '{name}' for the whole translation.",
         )
     return Translation(name, joint, (nominal / length)[:, None], np.zeros(3), (f"{name}_length",))

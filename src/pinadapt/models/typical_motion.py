@@ -1,4 +1,4 @@
-"""The believed robot at seeded states of a typical motion, where defaults and checks look at it."""
+"""The nominal robot at seeded states of a typical motion, for default gains and checks."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from .dynamics import Dynamics
 from .task_kinematics import TaskKinematics
 
 _SAMPLES = 30
-_SPREAD = 0.3  # [rad or m] around home
-_SPEED, _ERROR = 1.0 / 6.0, 0.01  # of the reach: task speed [1/s], error the feedback reacts to
-_TURN = 1.0  # [rad] what takes the place of the reach for rotations and joints
+_SPREAD = 0.3  # of the configurations around home [rad or m]
+_SPEED = 1.0 / 6.0  # task speed, of the reach [1/s]
+_ERROR = 0.01  # task error, of the reach
+_TURN = 1.0  # length in place of the reach for rotations and joints [rad]
 
 
 class States(NamedTuple):
-    """N states.
+    """N states of motion.
 
     Attributes:
         q: (N, nq).
@@ -33,13 +34,14 @@ class States(NamedTuple):
 
 
 class TypicalMotion:
-    """Motion around home in which everything is evaluated once, at the initial estimates.
+    """Typical motion around home, with the models evaluated at the initial estimates.
 
-    Each task coordinate moves at a sixth of the reach a second, rotations and joints at a sixth of
-    a radian, and is accelerated by the feedback of one per cent of that length.
+    Task coordinates have a typical speed of a sixth of the reach per second (rotations and joints
+    of a sixth of a radian per second), and the acceleration with which the feedback reacts to an
+    error of one per cent of the reach. Everything is computed once, on first use.
 
     Attributes:
-        robot: the believed robot.
+        robot: the nominal robot.
         kinematics, dynamics: its models.
         bandwidth: of the feedback [rad/s].
         efforts: (n) limits of the motors [N m or N], infinite where there is none.
@@ -53,7 +55,7 @@ class TypicalMotion:
         bandwidth: float,
         efforts: np.ndarray | None = None,
     ) -> None:
-        """Take the believed robot, its models, the bandwidth [rad/s] and the motors' limits."""
+        """Use the nominal robot, its models, the bandwidth [rad/s] and the limits of the motors."""
         self.efforts = np.full(robot.model.nv, np.inf) if efforts is None else efforts
         self.robot, self.bandwidth = robot.undrawn(), bandwidth
         self.kinematics, self.dynamics = kinematics, dynamics
@@ -102,18 +104,19 @@ class TypicalMotion:
 
     @cached_property
     def acceleration_effects(self) -> list[np.ndarray]:
-        """Phi = J M_hat^-1 Y (m, p_d), how parameter errors accelerate the task."""
+        """Phi = J M_hat^-1 Y (m, p_d): task acceleration by parameter errors, at each state."""
         triples = zip(self.jacobians, self.mass_matrices, self.regressors, strict=True)
         return [J @ np.linalg.solve(M, Y) for J, M, Y in triples]
 
     @cached_property
     def momentum_effects(self) -> list[np.ndarray]:
-        """Phi = M_hat^-1/2 Y (n, p_d), the same for the joints in coordinates of unit mass."""
+        """Phi = M_hat^-1/2 Y (n, p_d): joint acceleration by them, in coordinates of unit mass."""
         pairs = zip(self.mass_matrices, self.regressors, strict=True)
         return [unit_mass(M) @ Y for M, Y in pairs]
 
     @cached_property
     def _kinematic(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """J (m, n) and Y_p (m_p, p_k) at each state."""
         found = []
         for q, v, _ in zip(*self.states, strict=True):
             self.kinematics.update(self.kinematics.initial, q, v)
@@ -122,30 +125,30 @@ class TypicalMotion:
 
 
 def unit_mass(M: np.ndarray) -> np.ndarray:
-    """Return M^-1/2 (n, n) up to a rotation: W with W M W^T = 1, M a believed mass matrix."""
+    """Return W (n, n) with W M W^T = 1 for a mass matrix M: M^-1/2 up to a rotation."""
     eigenvalues, vectors = np.linalg.eigh(M)
     return np.asarray((vectors / np.sqrt(np.abs(eigenvalues))).T)
 
 
 def felt_mass(robot: Robot) -> float:
-    """Return the mean mass [kg] felt at the frame at home, 1 / mean eigenvalue of J M^-1 J^T."""
+    """Return the effective mass [kg] at the frame at home, 1 / mean eigenvalue of J M^-1 J^T."""
     m = robot.task.positions
     return float(1.0 / np.mean(np.linalg.eigvalsh(_mobility(robot)[:m, :m])))
 
 
-def felt_inertia(robot: Robot, fastest: float) -> float:
-    """Return the mean inertia [kg m^2] against turning the frame of a pose task in place at home.
+def felt_inertia(robot: Robot, largest: float) -> float:
+    """Return the mean effective inertia [kg m^2] of a pose task's frame in rotation at home.
 
-    At most the inertia that damping at the rate ``fastest`` [1/s] stands for on the axis that turns
-    most easily.
+    At most ``largest`` times the effective inertia of the axis that rotates most easily. That
+    bounds the rate at which a damping proportional to the result acts on that axis.
     """
     mobility = _mobility(robot)
     in_place = np.linalg.inv(mobility)[3:, 3:]
-    return float(min(np.trace(in_place) / 3.0, fastest / np.linalg.eigvalsh(mobility[3:, 3:])[-1]))
+    return float(min(np.trace(in_place) / 3.0, largest / np.linalg.eigvalsh(mobility[3:, 3:])[-1]))
 
 
 def joint_inertia(robot: Robot) -> np.ndarray:
-    """Return what each joint moves at home (n) [kg m^2 or kg], the diagonal of M."""
+    """Return the inertia that each joint moves at home (n) [kg m^2 or kg], the diagonal of M."""
     return np.diag(pin.crba(robot.model, robot.model.createData(), robot.q0)).copy()
 
 
