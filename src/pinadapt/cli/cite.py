@@ -1,4 +1,4 @@
-"""``pinadapt cite``: what to cite for a scenario."""
+"""``pinadapt cite``: the BibTeX entries for a scenario."""
 
 from __future__ import annotations
 
@@ -6,6 +6,12 @@ import argparse
 
 from ..citation import citation
 from ..scenario.scenario import Scenario
+from .arguments import add_scenario
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    add_scenario(parser)
 
 
 def cite(options: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""``pinadapt compare``: the laws side by side."""
+"""``pinadapt compare``: several laws on one scenario."""
 
 from __future__ import annotations
 
@@ -16,24 +16,38 @@ from ..rollout.rollout import Rollout
 from ..scenario.scenario import Scenario
 from ..tasks.joint import JointTask
 from ..tasks.task import DISPLAYS
+from .arguments import add_out, add_scenario, add_unadapted, names
 from .outputs import RUN_FILES, check_place, write_run
 from .run import run_beside, unadapted
 from .status import DONE, INTERRUPTED, interrupted
 
 TABLE = "compare.json"
-_ERRORS = 7  # columns up to those of the error
+_ERRORS = 7  # number of columns up to the errors
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    add_scenario(parser)
+    add_out(parser, "out/ and the scenario's name and -compare")
+    parser.add_argument(
+        "--laws",
+        type=names,
+        metavar="A,B",
+        help=f"names among {', '.join(LAWS)} (default: all that fit the task)",
+    )
+    add_unadapted(parser)
 
 
 def compare(options: argparse.Namespace) -> int:
     """Run a scenario under several laws, print one table, write outputs and ``compare.json``.
 
-    A law that diverges is a result, shown in the table, not a failure of the comparison.
+    A law that diverges is a row of the table, not a failure of the command.
     """
     folder = options.out or Path("out") / f"{options.scenario.stem}-compare"
-    # All scenarios are built, and so checked, before the first one runs.
+    # Building the scenarios checks them all before the first one runs.
     laws = options.laws or _laws(Scenario.read(options.scenario, options.set))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UnusedGainWarning)  # one set of gains serves all laws
+        warnings.simplefilter("ignore", UnusedGainWarning)  # all laws get the same set of gains
         pairs = [_scenarios(options, law) for law in laws]
     check_writable(folder, [TABLE])
     folders = [check_place(folder / law) for law in laws]
@@ -55,7 +69,7 @@ def compare(options: argparse.Namespace) -> int:
 
 
 def _scenarios(options: argparse.Namespace, law: str) -> tuple[Scenario, Scenario | None]:
-    """Return the scenario under a law, and where asked for the same without adaptation."""
+    """Return the scenario with a law, and with ``--unadapted`` the same without adaptation."""
     setting = f'controller.law="{law}"'
     adapted = Scenario.read(options.scenario, [*options.set, setting])
     beside = options.unadapted and adapted.controller.law.adapts
@@ -63,14 +77,14 @@ def _scenarios(options: argparse.Namespace, law: str) -> tuple[Scenario, Scenari
 
 
 def _clear(folder: Path) -> None:
-    """Remove what an earlier comparison has left: its table, and the runs of all its laws."""
+    """Remove the table and the runs of an earlier comparison."""
     (folder / TABLE).unlink(missing_ok=True)
     for file in (folder / law / name for law in LAWS for name in reversed(RUN_FILES)):
         file.unlink(missing_ok=True)
 
 
 def _laws(scenario: Scenario) -> list[str]:
-    """Return the names of the laws made for the scenario's task and motion."""
+    """Return the names of the laws for the scenario's kind of task and motion."""
     joints = isinstance(scenario.true.task, JointTask)
     rests = scenario.trajectory.settles is not None
     return [
@@ -81,7 +95,7 @@ def _laws(scenario: Scenario) -> list[str]:
 
 
 def comparison_table(rollouts: Sequence[Rollout]) -> str:
-    """Return one row a rollout; poses get a column for their angle."""
+    """Return a table with a row for each rollout, and for poses a column with the angle."""
     if not rollouts:
         return "nothing has run"
     shown = DISPLAYS[rollouts[0].task.groups[0].unit]
@@ -110,14 +124,14 @@ def comparison_table(rollouts: Sequence[Rollout]) -> str:
 def _with_column(
     header: tuple[str, ...], rows: list[list[str]], name: str, cells: Sequence[str]
 ) -> tuple[tuple[str, ...], list[list[str]]]:
-    """Return a table with a further column after those of the error."""
+    """Return header and rows with a column inserted after the errors."""
     head, tail = header[:_ERRORS], header[_ERRORS:]
     wider = [[*row[:_ERRORS], cell, *row[_ERRORS:]] for row, cell in zip(rows, cells, strict=True)]
     return (*head, name, *tail), wider
 
 
 def _angle(rollout: Rollout) -> str:
-    """Return the largest angle of a pose in the last 10 %, a dash for tasks without orientation."""
+    """Return the largest orientation error in the last 10 % [deg], or a dash for positions."""
     return number(rollout.summary().get("max_angle_last"), scale=DISPLAYS["rad"].scale, digits=3)
 
 

@@ -1,4 +1,4 @@
-"""``pinadapt demo``: two showcases, with report and animation."""
+"""``pinadapt demo``: two showcases with reports and animations."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import argparse
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from ..adaptation.adaptation import Frozen
 from ..description.catalogue import robots_folder
 from ..exceptions import UnusedGainWarning
 from ..rollout.rollout import Rollout
 from ..scenario.scenario import Scenario
+from .arguments import add_out
 from .compare import comparison_table
 from .outputs import check_place, run_scenario, write_run
 from .status import interrupted, status_of
@@ -50,14 +52,19 @@ SHOWCASE: tuple[tuple[str, str, Sequence[str]], ...] = (
 )
 
 
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    add_out(parser, Path("out/demo"))
+
+
 def demo(options: argparse.Namespace) -> int:
-    """Run the showcases, print one table, write everything; return 3 if one diverged, else 0."""
+    """Run the showcases, print one table, write all outputs; return 3 if one diverged, else 0."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UnusedGainWarning)  # laws share a file
+        warnings.simplefilter("ignore", UnusedGainWarning)  # all laws use the gains of one file
         scenarios = [Scenario.read(robots_folder() / file, given) for _, file, given in SHOWCASE]
     folders = [check_place(options.out / name) for name, _, _ in SHOWCASE]
     rollouts: list[Rollout] = []
-    unadapted: dict[tuple[str, str], float | None] = {}  # of a file under a law
+    unadapted: dict[tuple[str, str], float | None] = {}  # (file, law) -> last error
     try:
         for scenario, folder, (_, file, _) in zip(scenarios, folders, SHOWCASE, strict=True):
             rollout = run_scenario(scenario)

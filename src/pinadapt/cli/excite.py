@@ -1,4 +1,4 @@
-"""``pinadapt excite``: a motion that tells unknown parameters apart."""
+"""``pinadapt excite``: a motion that excites unknown parameters."""
 
 from __future__ import annotations
 
@@ -17,16 +17,52 @@ from ..robot.robot import Robot
 from ..scenario.exciting_scenario import exciting_tables, exciting_text, scenario_of_robot
 from ..scenario.scenario import Scenario
 from ..scenario.validation import check_tables
+from .arguments import add_out_file, add_seed, names
 from .outputs import warn_of_findings
 
 _SCENARIO = ".toml"
 
 
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    parser.add_argument(
+        "source",
+        metavar="ROBOT|SCENARIO.toml",
+        help="a robot as for `init`, or a scenario with its robot and its table [unknown]",
+    )
+    parser.add_argument(
+        "--unknown",
+        type=names,
+        metavar="A,B",
+        help="unknown bodies: all, payload (the last body), none or joint names; and tool, base "
+        "(default: all)",
+    )
+    parser.add_argument(
+        "--joint",
+        type=names,
+        metavar="A,B",
+        help="unknown joint coefficients: armature, viscous, coulomb, all or none (default: all)",
+    )
+    parser.add_argument(
+        "--frame",
+        metavar="LINK",
+        help="end of the chain (default: the likeliest link at the robot's end)",
+    )
+    for option, default, unit, text in (
+        ("duration", 10.0, "S", "duration of the motion (default: %(default)s)"),
+        ("excursion", None, "RAD", "largest distance of a joint from home (default: pi/2)"),
+        ("load", None, "KG", "heaviest load to allow for (default: a tenth of the robot's mass)"),
+    ):
+        parser.add_argument(f"--{option}", type=float, default=default, metavar=unit, help=text)
+    add_seed(parser, "the search")
+    add_out_file(parser, "the robot's name and _excited.toml")
+
+
 def excite(options: argparse.Namespace) -> int:
-    """Find an exciting motion for a robot or a scenario, print it, and write a scenario of it.
+    """Find an exciting motion for a robot or a scenario, print it and write a scenario with it.
 
     Raises:
-        InputError: the file exists and is not to be overwritten, or no such motion can be found.
+        InputError: the file exists and --force is not given, or no motion was found.
     """
     source = str(options.source)
     out = options.out or Path(f"{_name(source)}_excited{_SCENARIO}")
@@ -34,7 +70,7 @@ def excite(options: argparse.Namespace) -> int:
         raise InputError(
             "exists already.",
             where=str(out),
-            hint="--force overwrites it, --out FILE takes another name.",
+            hint="Overwrite it by --force, or choose another file by --out.",
         )
     check_writable(out.parent, [out.name])
     tables, motion = _of_scenario(options) if _is_scenario(source) else _of_robot(options)
@@ -49,7 +85,7 @@ def excite(options: argparse.Namespace) -> int:
 
 
 def _of_scenario(options: argparse.Namespace) -> tuple[dict[str, Any], ExcitingMotion]:
-    """Return the tables of a scenario, and a motion for what is unknown in it."""
+    """Return the tables of a scenario and a motion for its unknown parameters."""
     if options.unknown or options.joint:
         raise InputError(
             "the table [unknown] of the scenario says what is unknown.",
@@ -60,7 +96,7 @@ def _of_scenario(options: argparse.Namespace) -> tuple[dict[str, Any], ExcitingM
 
 
 def _of_robot(options: argparse.Namespace) -> tuple[dict[str, Any], ExcitingMotion]:
-    """Return the tables of a scenario of a robot, and a motion for what is said to be unknown."""
+    """Return tables of a scenario for a robot and a motion for the given unknown parameters."""
     robot: Robot = load(options.source, frame=options.frame)
     unknown, joint = options.unknown or ["all"], options.joint or ["all"]
     kinematic = [name for name in unknown if name in (TOOL, BASE)]
@@ -76,7 +112,7 @@ def _of_robot(options: argparse.Namespace) -> tuple[dict[str, Any], ExcitingMoti
 
 
 def _found(options: argparse.Namespace) -> dict[str, Any]:
-    """Return how to find it."""
+    """Return the options of the search."""
     return {
         "duration": options.duration,
         "excursion": options.excursion,
@@ -94,5 +130,5 @@ def _is_scenario(source: str) -> bool:
 
 
 def _name(source: str) -> str:
-    """Return what a robot or a scenario is called."""
+    """Return the name of a robot or a scenario."""
     return Path(source.removesuffix(".xacro")).stem if is_path(source) else source

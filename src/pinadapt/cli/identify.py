@@ -1,4 +1,4 @@
-"""``pinadapt identify``: the parameters of a robot from a recorded motion."""
+"""``pinadapt identify``: estimate a robot's parameters from a recorded motion."""
 
 from __future__ import annotations
 
@@ -16,16 +16,94 @@ from ..identification.report import FILES
 from ..robot.loading import load
 from ..robot.robot import Robot
 from ..scenario.scenario import Scenario
+from .arguments import add_description, add_out, assignment, names
 from .outputs import RUN_FILES, steps_bar
 from .status import DONE
 
 _SCENARIO = ".toml"
 
 
-def identify(options: argparse.Namespace) -> int:
-    """Learn a robot from a log, write its outputs, print the report, its verdict last.
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    parser.add_argument(
+        "log",
+        type=Path,
+        metavar="LOG",
+        help="npz, CSV, ROS bag or MCAP, or a folder that `pinadapt run` wrote; rad, m, N m, N, s",
+    )
+    parser.add_argument(
+        "--robot",
+        required=True,
+        metavar="ROBOT",
+        help="URDF, xacro or MJCF file, a name as for `init`, or a scenario: its initial model",
+    )
+    parser.add_argument("--frame", metavar="LINK", help="task frame (default: as for `init`)")
+    parser.add_argument("--task", metavar="TASK", help="xyz, xy, xz, yz, pose or joint")
+    for option, what in (
+        ("--lock", "joints that did not move (default: those off the chain)"),
+        (
+            "--kinematic",
+            "unknown translations: tool, base, joint names (default: tool if x is recorded)",
+        ),
+        ("--dynamic", "unknown bodies: all, payload, none or joint names (default: all)"),
+        (
+            "--joint",
+            "unknown joint coefficients: all, none, armature, viscous, coulomb (default: all)",
+        ),
+    ):
+        parser.add_argument(option, type=names, metavar="A,B", help=what)
+    parser.add_argument(
+        "--adaptation",
+        choices=(
+            "natural-memory",
+            "natural-composite",
+            "composite-memory",
+            "composite",
+            "least-squares",
+        ),
+        default="natural-memory",
+        help="adaptation of the online estimator (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--compensated",
+        choices=("nominal",),
+        help="the arm compensates gravity itself; the log's torques do not contain it",
+    )
+    parser.add_argument(
+        "--columns",
+        type=_signal,
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="SIGNAL=NAME,...",
+        help="columns of t, q, v, tau, x or x_time, in the robot's order; or one name in which * "
+        "stands for the joint's name or index",
+    )
+    parser.add_argument("--degrees", action="store_true", help="angles are in degrees")
+    parser.add_argument("--topic", metavar="NAME", help="topic of a bag's joint states")
+    parser.add_argument(
+        "--pose-topic",
+        metavar="NAME",
+        help="topic of a bag's PointStamped, PoseStamped or TransformStamped messages",
+    )
+    add_description(parser)
+    add_out(parser, "out/ and the log's name and -identified")
 
-    Nothing is written before all is learned.
+
+def _signal(text: str) -> tuple[str, list[str]]:
+    """Return a signal and the names of its columns.
+
+    Raises:
+        ArgumentTypeError: the equals sign or the names are missing.
+    """
+    name, columns = assignment(text)
+    return name, names(columns)
+
+
+def identify(options: argparse.Namespace) -> int:
+    """Estimate a robot's parameters from a log, write the outputs and print report and verdict.
+
+    Nothing is written before the estimation is complete.
     """
     folder = options.out or Path("out") / f"{options.log.stem or 'log'}-identified"
     _check_place(folder, options.log)
@@ -46,16 +124,16 @@ def identify(options: argparse.Namespace) -> int:
     try:
         _write(found, folder)
     finally:
-        print(found.report())  # what the disk does not keep, the terminal shows
+        print(found.report())  # even if it could not be written
     print(f"\nwritten to {folder}")
     return DONE
 
 
 def _check_place(folder: Path, log: Path) -> None:
-    """Refuse a folder that cannot be written, or that holds the run to be read.
+    """Refuse a folder that is not writable or that contains a run, perhaps the log itself.
 
     Raises:
-        InputError: it is such a folder.
+        InputError: the folder is refused.
     """
     check_writable(folder, FILES)
     if any((folder / name).is_file() for name in set(RUN_FILES) - set(FILES)):
@@ -67,7 +145,7 @@ def _check_place(folder: Path, log: Path) -> None:
 
 
 def _believed(options: argparse.Namespace) -> tuple[Robot, dict[str, Any]]:
-    """Return the robot as described, of a scenario as believed, and what that says is unknown."""
+    """Return the robot, for a scenario its initial model and what [unknown] says."""
     chosen = {name: getattr(options, name) for name in ("frame", "task", "mass")}
     chosen |= {"locked": options.lock or (), "xacro": dict(options.xacro) or None}
     if Path(options.robot).suffix != _SCENARIO:
@@ -81,16 +159,16 @@ def _believed(options: argparse.Namespace) -> tuple[Robot, dict[str, Any]]:
 
 
 def _words(given: str | list[str]) -> str | list[str]:
-    """Return one word as it is: "all" is no list of joints."""
+    """Return a single word instead of a list of one: "all" is not the name of a joint."""
     return given[0] if isinstance(given, list) and len(given) == 1 else given
 
 
 def _write(found: Identification, folder: Path) -> None:
-    """Let the files take the place of those of an earlier identification."""
+    """Replace the files of an earlier identification by those of this one."""
     steps: list[Callable[[Path], object]] = [found.plot, found.save]
     with one_run(folder, FILES) as beside:
         for step in steps_bar(steps, "identify: outputs"):
             try:
                 step(beside)
             except ParameterError as reason:
-                print(f"pinadapt: not all that was learned is written: {reason}", file=sys.stderr)
+                print(f"pinadapt: some results were not written: {reason}", file=sys.stderr)

@@ -7,16 +7,47 @@ from pathlib import Path
 
 from .._files import check_writable, write_text
 from ..exceptions import InputError
+from ..laws import DEFAULT, LAWS
 from ..scenario.scenario import Scenario
 from ..scenario.template import Template, scenario_text
+from .arguments import add_description, add_out_file
 from .outputs import warn_of_findings
 
 
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    parser.add_argument(
+        "source",
+        metavar="ROBOT",
+        help="URDF, xacro or MJCF file, a name from `pinadapt robots`, or a name from the package "
+        "robot_descriptions",
+    )
+    parser.add_argument(
+        "--frame",
+        metavar="LINK",
+        help="task frame (default: the likeliest link at the robot's end)",
+    )
+    parser.add_argument(
+        "--task",
+        metavar="TASK",
+        help="xyz, xy, xz, yz or pose (default: xyz, or a plane if the chain is planar)",
+    )
+    parser.add_argument(
+        "--law",
+        choices=[name for name, law in LAWS.items() if law.adapts and not law.joint_space],
+        default=DEFAULT,
+        metavar="NAME",
+        help="an adaptive law for a frame: %(choices)s (default: %(default)s)",
+    )
+    add_description(parser)
+    add_out_file(parser, "the robot's name and .toml")
+
+
 def init(options: argparse.Namespace) -> int:
-    """Write a scenario that runs as it is for any description or name of a robot, and check it.
+    """Write a scenario for a robot description or a robot's name, ready to run, and check it.
 
     Raises:
-        InputError: the file exists and is not to be overwritten, or the robot cannot be used.
+        InputError: the file exists and --force is not given, or the robot cannot be used.
     """
     template = Template.of(
         options.source,
@@ -31,7 +62,7 @@ def init(options: argparse.Namespace) -> int:
         raise InputError(
             "exists already.",
             where=str(file),
-            hint="--force overwrites it, --out FILE takes another name.",
+            hint="Overwrite it by --force, or choose another file by --out.",
         )
     check_writable(file.parent, [file.name])
     write_text(file, scenario_text(template, file.parent))

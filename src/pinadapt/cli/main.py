@@ -6,28 +6,46 @@ import argparse
 import io
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
+from .._version import __version__
 from ..exceptions import InputError, PinadaptError
-from .arguments import parser
 from .status import DIVERGED, DONE, INTERRUPTED, REFUSED, stopped_by_signals
+
+# Each command is a module of this folder: its ``arguments(parser)`` adds the arguments, and its
+# function of the same name runs the command and returns the exit status.
+_COMMANDS = {
+    "demo": "run two showcase scenarios and write reports and animations",
+    "init": "write a scenario for a URDF, xacro or MJCF file or a named robot",
+    "excite": "find a motion that excites the unknown parameters of a robot",
+    "run": "run a scenario",
+    "view": "show a finished run, or run a scenario and show it live",
+    "compare": "run several laws on one scenario",
+    "identify": "estimate a robot's parameters from a recorded motion, without control",
+    "cite": "print the BibTeX entries of what a scenario uses",
+    "robots": "list the robots of the catalogue",
+    "zoo": "run the robots of the catalogue with wrong models and default gains, with and without "
+    "adaptation, and print one table",
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status.
 
-    0: done, 2: the input was refused, or the outputs could not all be written, 3: the closed loop
-    diverged, 130: interrupted.
+    0: done; 2: the input was refused, or some outputs could not be written; 3: the closed loop
+    diverged; 130: interrupted.
     """
-    _degrade_what_cannot_be_shown()
-    options = _options(arguments)
+    _replace_unprintable_characters()
     shown, warnings.showwarning = warnings.showwarning, _show_warning
     try:
         with stopped_by_signals():
-            return _command(options.command)(options)
+            options = _options(arguments)
+            status: int = getattr(_module(options.command), options.command)(options)
+            return status
     except InputError as error:
         print(f"pinadapt: {error}", file=sys.stderr)
         return REFUSED
@@ -37,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("pinadapt: interrupted.", file=sys.stderr)
         return INTERRUPTED
-    except BrokenPipeError:  # the reader of the output has ended
+    except BrokenPipeError:  # whoever reads the output has closed it
         sys.stderr.close()
         return DONE
     except OSError as error:  # outputs that cannot be written
@@ -47,32 +65,58 @@ def main(arguments: Sequence[str] | None = None) -> int:
         warnings.showwarning = shown
 
 
-def _degrade_what_cannot_be_shown() -> None:
-    """Let a terminal without UTF-8 show a question mark for what it does not know."""
+def _replace_unprintable_characters() -> None:
+    """Let a terminal without UTF-8 show question marks instead of raising an error."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
 
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
-    """Return the parsed arguments; in ``--set key=value scenario.toml`` the file is no setting."""
-    commands = parser()
-    options = commands.parse_args(arguments)
+    """Return the parsed arguments.
+
+    In ``--set key=value scenario.toml`` argparse takes the file for a setting; it is moved.
+    """
+    parser = argparse.ArgumentParser(
+        prog="pinadapt", description="Adaptive control of robots whose model is wrong."
+    )
+    parser.add_argument("--version", action="version", version=f"pinadapt {__version__}")
+    commands = parser.add_subparsers(
+        required=True, dest="command", metavar="COMMAND", parser_class=_CommandParser
+    )
+    for name, text in _COMMANDS.items():
+        commands.add_parser(name, help=text, description=text).command = name
+    options = parser.parse_args(arguments)
     if getattr(options, "scenario", options) is None:
         files = [text for text in options.set if "=" not in text]
         if len(files) != 1:
-            commands.error("exactly one SCENARIO.toml is required")
+            parser.error("exactly one SCENARIO.toml is required")
         options.scenario = Path(files[0])
         options.set.remove(files[0])
     return options
 
 
-def _command(name: str) -> Callable[[argparse.Namespace], int]:
-    """Return the function of a command; the modules of the others are not imported."""
-    command: Callable[[argparse.Namespace], int] = getattr(
-        import_module(f".{name}", __package__), name
-    )
-    return command
+class _CommandParser(argparse.ArgumentParser):
+    """The parser of a command, which imports the command's module only if it is chosen.
+
+    Attributes:
+        command: its name; None once its arguments have been added.
+    """
+
+    command: str | None = None
+
+    def parse_known_args(  # type: ignore[override]  # of several overloads
+        self, args: Sequence[str] | None = None, namespace: Any = None
+    ) -> tuple[Any, list[str]]:
+        """Return options and remaining arguments, as the base class."""
+        if self.command is not None:
+            name, self.command = self.command, None
+            _module(name).arguments(self)
+        return super().parse_known_args(args, namespace)
+
+
+def _module(command: str) -> ModuleType:
+    return import_module(f".{command}", __package__)
 
 
 def _show_warning(

@@ -1,4 +1,4 @@
-"""The files of a run: of one run only, whole, and somewhere even where the disk is full."""
+"""Output files of a run: complete, never mixed with another run's, rescued from a full disk."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ Item = TypeVar("Item")
 
 
 def rows_bar(rows: Iterable[Item], total: int) -> Iterable[Item]:
-    """Return the rows of the zoo with a bar over them, when standard error is a terminal."""
+    """Return the rows of the zoo, with a progress bar if standard error is a terminal."""
     return _bar(rows, total, "zoo", "robot")
 
 
 def steps_bar(steps: Sequence[Item], name: str) -> Iterable[Item]:
-    """Return the steps of some work with a bar over them, when standard error is a terminal."""
+    """Return the steps of some work, with a progress bar if standard error is a terminal."""
     return _bar(steps, len(steps), name, "step")
 
 
@@ -58,29 +58,29 @@ RUN_FILES = (
 
 
 def check_place(folder: Path) -> Path:
-    """Return a folder in which the files of a run can be written.
+    """Return the folder after a check that the files of a run can be written to it.
 
     Raises:
-        InputError: they cannot.
+        InputError: they cannot be written.
     """
     check_writable(folder, RUN_FILES)
     return folder
 
 
 def run_scenario(scenario: Scenario, *, live: bool = False) -> Rollout:
-    """Return the rollout of a scenario, as far as it ran where it was interrupted."""
+    """Return the rollout of a scenario; if it is interrupted, the part that was simulated."""
     try:
         return scenario.run(view=live)
     except Interrupted as stop:
-        print(f"pinadapt: {stop}; what ran is written.", file=sys.stderr)
+        print(f"pinadapt: {stop}; the outputs end there.", file=sys.stderr)
         return stop.rollout
 
 
 def write_run(rollout: Rollout, folder: Path, *, html: bool) -> None:
-    """Let the files of a run take the place of those of an earlier one, the animation if asked for.
+    """Replace the files of an earlier run by those of this one; ``html``: with the animation.
 
     Raises:
-        OSError: some could not be written; its message says which folder has the others.
+        OSError: some could not be written; the message names the folder with the others.
     """
     steps: list[Callable[[Path], object]] = [
         rollout.save,
@@ -109,7 +109,7 @@ def _animate(rollout: Rollout, folder: Path) -> None:
 
 
 def _keep_learned(rollout: Rollout, folder: Path) -> None:
-    """Write what was learned, if anything, as numbers and, where bodies have them, as a URDF."""
+    """Write the learned parameters, if any: as JSON and, if they are those of bodies, as URDF."""
     if not (rollout.kinematic_names or rollout.dynamic_names):
         return
     try:
@@ -117,11 +117,11 @@ def _keep_learned(rollout: Rollout, folder: Path) -> None:
         if rollout.evaluated().controller.dynamics.per_body:
             rollout.learned().save(folder / "learned.urdf")
     except InputError as reason:
-        print(f"pinadapt: not all that was learned is written: {reason}", file=sys.stderr)
+        print(f"pinadapt: some learned parameters were not written: {reason}", file=sys.stderr)
 
 
 def _rescued(rollout: Rollout) -> Path | None:
-    """Save a rollout where temporary files go and return the folder, or None if that fails too."""
+    """Save a rollout to a temporary folder and return it, or None if that fails too."""
     try:
         folder = Path(tempfile.mkdtemp(prefix="pinadapt-"))
         rollout.save(folder)

@@ -8,8 +8,12 @@ from .._table import columns
 from ..description.catalogue import CatalogueEntry, catalogue
 
 
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add nothing: the command has no arguments."""
+
+
 def robots(options: argparse.Namespace) -> int:
-    """Print the catalogue: name, joints, task, frame, origin of the model, and a remark."""
+    """Print the catalogue: name, number of joints, task, frame, source of the model, remark."""
     print(
         columns(
             ("name", "joints", "task", "frame", "from", "about"),

@@ -1,4 +1,4 @@
-"""``pinadapt run``: one scenario from file to report."""
+"""``pinadapt run``: run a scenario and write its outputs."""
 
 from __future__ import annotations
 
@@ -9,12 +9,24 @@ from pathlib import Path
 from ..rollout.rollout import Rollout
 from ..rollout.summary import sheet
 from ..scenario.scenario import Scenario
+from .arguments import add_out, add_scenario, add_unadapted
 from .outputs import check_place, run_scenario, write_run
 from .status import status_of
 
 
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    add_scenario(parser)
+    add_out(parser, "out/ and the scenario's name")
+    parser.add_argument("--no-html", action="store_true", help="write no animation")
+    parser.add_argument(
+        "--live", action="store_true", help="show the run in a browser, at most in real time"
+    )
+    add_unadapted(parser)
+
+
 def run(options: argparse.Namespace) -> int:
-    """Run a scenario, write its outputs, print its table and in the last line its verdict.
+    """Run a scenario, write its outputs, print its table and, as the last line, its verdict.
 
     Return 3 if the loop diverged, 130 if it was interrupted, else 0.
     """
@@ -25,22 +37,22 @@ def run(options: argparse.Namespace) -> int:
     try:
         write_run(rollout, folder, html=not options.no_html)
     finally:
-        print(sheet(rollout))  # what the disk does not keep, the terminal shows
+        print(sheet(rollout))  # even if it could not be written
     print(f"\nwritten to {folder}\n\n{rollout.verdict}")
     return status_of(rollout)
 
 
 def unadapted(options: argparse.Namespace, *settings: str) -> Scenario:
-    """Return the scenario of the options with further settings, and without adaptation."""
+    """Return the scenario of the options with further settings and without adaptation."""
     return Scenario.read(
         options.scenario, [*options.set, *settings, 'controller.adaptation="none"']
     )
 
 
 def run_beside(scenario: Scenario, without: Scenario | None, *, live: bool = False) -> Rollout:
-    """Return the rollout of a scenario, which knows the error of the same loop unadapted, if given.
+    """Return the rollout of a scenario, with the error of the unadapted scenario if one is given.
 
-    The latter runs first; if it is interrupted, it is the one that is returned.
+    The unadapted one runs first; if it is interrupted, its rollout is returned.
     """
     if without is None:
         return run_scenario(scenario, live=live)

@@ -1,4 +1,4 @@
-"""Exit statuses."""
+"""Exit statuses, and signals that end a command."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ DONE, REFUSED, DIVERGED, INTERRUPTED = 0, 2, 3, 130
 
 
 def status_of(*rollouts: Rollout) -> int:
-    """Return the status of a command that ran these."""
+    """Return the exit status of a command that ran these rollouts."""
     if interrupted(rollouts):
         return INTERRUPTED
     return DONE if all(rollout.diverged is None for rollout in rollouts) else DIVERGED
 
 
 def interrupted(rollouts: Sequence[Rollout]) -> bool:
-    """Tell whether the last of some rollouts was interrupted, so that none is to follow."""
+    """Tell whether the last rollout was interrupted, so that no other should start."""
     return bool(rollouts) and rollouts[-1].interrupted is not None
 
 
@@ -33,9 +33,9 @@ _ENDING = [
 
 @contextmanager
 def stopped_by_signals() -> Iterator[None]:
-    """Let a request to end, or a terminal that is closed, stop the work as Ctrl-C does.
+    """Let SIGTERM, or the SIGHUP of a closed terminal, stop the work as Ctrl-C does.
 
-    A signal that somebody has decided about, ``nohup`` for example, is left as it is.
+    Signals that already have a handler, for example by ``nohup``, are left unchanged.
     """
     before = {}
     if threading.current_thread() is threading.main_thread():

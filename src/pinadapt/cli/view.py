@@ -1,4 +1,4 @@
-"""``pinadapt view``: a finished run, or one watched live."""
+"""``pinadapt view``: show a finished run, or run a scenario live."""
 
 from __future__ import annotations
 
@@ -8,18 +8,32 @@ from pathlib import Path
 from ..exceptions import InputError
 from ..scenario.scenario import Scenario
 from ..view.live import open_in_browser
+from .arguments import add_settings
 from .outputs import run_scenario
 from .status import status_of
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    parser.add_argument(
+        "scenario",
+        type=Path,
+        nargs="?",
+        metavar="DIR|SCENARIO.toml",
+        help="a folder that `pinadapt run` wrote, or a scenario to run and watch; nothing is "
+        "written",
+    )
+    add_settings(parser)
 
 
 def view(options: argparse.Namespace) -> int:
     """Show the animation in a folder, or run a scenario live and print its table.
 
-    Without a display the address of what there is to see is all that is printed. Return 3 if the
+    The address of the page is printed; without a display, nothing else happens. Return 3 if the
     loop diverged, else 0.
 
     Raises:
-        InputError: the folder holds no animation, or the scenario cannot be used.
+        InputError: the folder contains no animation, or the scenario cannot be used.
     """
     if options.scenario.is_dir():
         return _show(options.scenario)
@@ -35,7 +49,7 @@ def _show(folder: Path) -> int:
         raise InputError(
             "holds no animation.html.",
             where=str(folder),
-            hint="`pinadapt run` writes one, unless it is told --no-html.",
+            hint="`pinadapt run` writes one unless --no-html is given.",
         )
     address = page.resolve().as_uri()
     print(address)

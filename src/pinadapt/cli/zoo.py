@@ -1,4 +1,4 @@
-"""``pinadapt zoo``: every chain of the catalogue, untuned, with and without adaptation."""
+"""``pinadapt zoo``: the robots of the catalogue with default gains, adapted and not."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from pathlib import Path
 from .._files import check_writable, write_text
 from .._table import columns, number
 from ..description.catalogue import catalogue_entry
+from ..laws import DEFAULT, LAWS
 from ..zoo.experiment import POSE, ZooRow, run_zoo, zoo_names
 from ..zoo.remarks import CONVERGED
+from .arguments import add_out, add_seed, names, positive
 from .outputs import rows_bar
 from .status import DONE, INTERRUPTED
 
@@ -21,8 +23,44 @@ TABLE = "zoo.json"
 _DEGREES = 180.0 / math.pi
 
 
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    parser.add_argument(
+        "--robots",
+        type=names,
+        metavar="A,B",
+        help="names from `pinadapt robots` (default: all that fit the task)",
+    )
+    parser.add_argument(
+        "--law",
+        choices=[
+            name
+            for name, law in LAWS.items()
+            if law.adapts and not (law.joint_space or law.set_point)
+        ],
+        default=DEFAULT,
+        metavar="NAME",
+        help="an adaptive law: %(choices)s (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--task",
+        choices=("position", "pose"),
+        default="position",
+        help="position: a circle; pose: a circle with a swinging tool, for chains of six and more "
+        "joints (default: %(default)s)",
+    )
+    add_seed(parser, "friction, tools and model errors")
+    parser.add_argument(
+        "--processes",
+        type=positive,
+        metavar="N",
+        help="number of processes (default: one per core)",
+    )
+    add_out(parser, Path("out/zoo"))
+
+
 def zoo(options: argparse.Namespace) -> int:
-    """Run the zoo, print one table and write ``zoo.json``; a chain that fails is a row."""
+    """Run the zoo, print one table and write ``zoo.json``; a failure is a row of the table."""
     names = (
         [catalogue_entry(name).name for name in options.robots]
         if options.robots
@@ -55,7 +93,7 @@ def zoo(options: argparse.Namespace) -> int:
 
 
 def zoo_table(rows: Sequence[ZooRow]) -> str:
-    """Return one line a chain; errors are the largest of the last 10 %, of poses in two units."""
+    """Return a row for each robot; errors are the largest of the last 10 % of the duration."""
     pose = any(row.task == POSE for row in rows)
     header = (
         "robot",

@@ -1,3 +1,3 @@
-"""Scenario files: one TOML file says everything about a run."""
+"""Scenario files: one TOML file defines a whole run."""
 
 from .scenario import Scenario as Scenario

@@ -1,4 +1,4 @@
-"""A scenario whose joints follow an exciting motion."""
+"""A scenario in which the joints follow an exciting motion."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ _OF_TRANSLATIONS = (
     ("belief", "learned"),
     ("controller", "gamma_k"),
 )
-_HEADER = "A motion made to tell the unknown parameters apart, by `pinadapt excite`."
+_HEADER = "A motion that excites the unknown parameters, found by `pinadapt excite`."
 
 
 def scenario_of_robot(
     source: str, robot: Robot, dynamic: Sequence[str], joint: Sequence[str]
 ) -> dict[str, Any]:
-    """Return the tables of a scenario of a robot, from the working directory, without a motion.
+    """Return the tables of a scenario for a robot, without a motion.
 
     Args:
-        source: a path or a name.
-        robot: that was loaded from it.
-        dynamic: unknown bodies.
-        joint: unknown coefficients of the joints.
+        source: a path, relative to the working directory, or a name.
+        robot: the robot loaded from it.
+        dynamic: unknown bodies, as in [unknown].
+        joint: unknown joint coefficients, as in [unknown].
     """
     return {
         "title": f"{robot.name}, an exciting motion",
@@ -55,14 +55,16 @@ def scenario_of_robot(
 def exciting_tables(
     tables: Mapping[str, Any], motion: ExcitingMotion, source_folder: Path, folder: Path
 ) -> dict[str, Any]:
-    """Return given tables with joints that follow a motion; nothing else is changed.
+    """Return the tables of a scenario with joints that follow a motion.
+
+    Task, reference and duration are replaced. Keys of unknown translations are removed, as these
+    do not influence the joints. Everything else stays.
 
     Args:
-        tables: of a scenario. Task and motion are replaced, and what it says of unknown
-            translations, which do not show in joints, goes.
-        motion: to follow.
-        source_folder: where relative paths in the tables start.
-        folder: where they are to start.
+        tables: the scenario.
+        motion: the motion to follow.
+        source_folder: folder to which paths in ``tables`` are relative.
+        folder: folder to which paths in the result are relative.
     """
     whole: dict[str, Any] = {
         key: dict(table) if isinstance(table, Mapping) else table for key, table in tables.items()
@@ -78,7 +80,7 @@ def exciting_tables(
 
 
 def exciting_text(tables: Mapping[str, Any]) -> str:
-    """Return tables as the text of a file."""
+    """Return tables as TOML text."""
     document = tomlkit.document()
     document.add(tomlkit.comment(_HEADER))
     for key, value in tables.items():
@@ -93,7 +95,7 @@ def exciting_text(tables: Mapping[str, Any]) -> str:
 def _move(
     tables: MutableMapping[str, Any], path: Sequence[str], source_folder: Path, folder: Path
 ) -> None:
-    """Let a relative path in the tables start at another folder."""
+    """Make the path at a key relative to another folder; absolute paths stay."""
     table: Any = tables
     for key in path[:-1]:
         table = table.get(key) if isinstance(table, Mapping) else None
@@ -105,5 +107,5 @@ def _move(
 
 
 def _words(names: Sequence[str]) -> str | list[str]:
-    """Return one of the words, or a list of names."""
+    """Return a single word, or a list of names."""
     return names[0] if len(names) == 1 else list(names)

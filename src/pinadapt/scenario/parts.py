@@ -1,4 +1,4 @@
-"""From the [truth] and [belief] tables to robots, at the start and as they change."""
+"""Robots, changes and the desired motion from the tables of a scenario."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from .validation import prefix_errors
 
 
 def true_robot(described: Robot, truth: TruthKeys) -> Robot:
-    """Return the described robot as the keys of [truth] change it.
+    """Return the true robot: the described one with the changes of [truth].
 
     Raises:
         InputError: keys that do not fit the robot.
@@ -51,7 +51,7 @@ def true_robot(described: Robot, truth: TruthKeys) -> Robot:
 
 
 def believed_robot(described: Robot, belief: BeliefSection) -> Robot:
-    """Return the described robot as [belief] changes it, without the guess of its load.
+    """Return the initial model: the described robot with the changes of [belief], without payload.
 
     Raises:
         InputError: keys that do not fit the robot.
@@ -65,14 +65,14 @@ def believed_robot(described: Robot, belief: BeliefSection) -> Robot:
 
 
 def payload_of(section: PayloadSection | None) -> Payload | None:
-    """Return the load of a table, or None for none."""
+    """Return the payload of a table, or None if there is none."""
     if section is None or not (section.mass or any(section.inertia)):
         return None
     return Payload(**section.model_dump())
 
 
 def true_changes(described: Robot, truth: TruthSection) -> dict[float, Robot]:
-    """Return the true robot from the time [s] of each [[truth.change]] on.
+    """Return the true robot after each [[truth.change]], by its time [s].
 
     A change replaces the keys that it names; the others are those of the change before it in time,
     and of [truth] before the first.

@@ -1,4 +1,4 @@
-"""What a scenario file may say, key by key."""
+"""The keys of a scenario file: types, bounds and defaults."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class RobotSection(Section):
 
 
 class PayloadSection(Section):
-    """[truth] payload: a load on the last body; a mass of zero is none."""
+    """[truth] payload: a load on the last body; none if the mass and the inertia are zero."""
 
     mass: NotNegative
     com: Vector3 = [0.0, 0.0, 0.0]
@@ -48,14 +48,14 @@ class PayloadSection(Section):
 
 
 class FrictionSection(Section):
-    """Friction of the joints, each a number or one per joint."""
+    """Joint friction: viscous [N m s/rad] and Coulomb [N m], each a number or one per joint."""
 
     viscous: NotNegative | list[NotNegative] = 0.0
     coulomb: NotNegative | list[NotNegative] = 0.0
 
 
 class TruthKeys(Section):
-    """What [truth] and its changes may say."""
+    """Keys of [truth] and of its changes."""
 
     tool_translation: Vector3 | None = None
     payload: PayloadSection | None = None
@@ -66,13 +66,13 @@ class TruthKeys(Section):
 
 
 class TruthChange(TruthKeys):
-    """[[truth.change]]: keys of [truth] that are replaced from a time on; the others stay."""
+    """[[truth.change]]: keys of [truth] that change at the time ``at`` [s]; the others stay."""
 
     at: Positive
 
 
 class TruthSection(TruthKeys):
-    """[truth]: how the real robot differs from the URDF."""
+    """[truth]: differences between the true robot and its description."""
 
     change: list[TruthChange] = []
 
@@ -86,7 +86,7 @@ class BeliefChange(Section):
 
 
 class BeliefSection(Section):
-    """[belief]: the initial estimates; ``payload`` is a guess of the load, added after scaling."""
+    """[belief]: the initial estimates; ``payload`` is added after scaling."""
 
     inertial_scale: Positive | dict[str, Positive] = 1.0
     friction: FrictionSection = FrictionSection()
@@ -111,14 +111,14 @@ class UnknownSection(Section):
 
 
 class PostureSection(Section):
-    """What redundant joints do: the pose they return to, and how fast."""
+    """Posture of redundant joints: the pose they return to, and how fast [rad/s]."""
 
     rest: list[Number] | None = None
     frequency: Positive | None = None
 
 
 class GuardsSection(Section):
-    """What is not believed of the sensors, and whether estimates rest with the arm."""
+    """Plausibility checks of sensors, and whether estimates are held while the arm is at rest."""
 
     position: bool = True
     velocity: bool = True
@@ -175,7 +175,7 @@ class ControllerSection(Section):
 class OrientationSection(Section):
     """[reference] orientation of a pose: a quaternion xyzw, about which the tool may swing.
 
-    Without a quaternion it starts as it is.
+    Without a quaternion it is the initial orientation.
     """
 
     quaternion: Annotated[list[Number], Field(min_length=4, max_length=4)] | None = None
@@ -186,7 +186,7 @@ class OrientationSection(Section):
 
 
 class ReferenceSection(Section):
-    """[reference]: what all kinds of it may say."""
+    """[reference]: keys of every kind."""
 
     orientation: OrientationSection | None = None
 
@@ -214,9 +214,9 @@ class LissajousSection(ReferenceSection):
 
 
 class SinusoidSection(ReferenceSection):
-    """[reference] kind = "sinusoid": center + amplitude sin(2 pi t / period + phase), a joint each.
+    """[reference] kind = "sinusoid": center + amplitude sin(2 pi t / period + phase) per joint.
 
-    Numbers hold for all coordinates. The default phase starts at rest.
+    A number applies to all coordinates. With the default phase the motion starts at rest.
     """
 
     kind: Literal["sinusoid"]
@@ -227,9 +227,9 @@ class SinusoidSection(ReferenceSection):
 
 
 class FourierSection(ReferenceSection):
-    """[reference] kind = "fourier": a Fourier series a coordinate, as `pinadapt excite` writes it.
+    """[reference] kind = "fourier": Fourier series, as `pinadapt excite` writes them.
 
-    Rows of coefficients are those of a coordinate, the slowest harmonic first.
+    Each row has the coefficients of one coordinate, the slowest harmonic first.
     """
 
     kind: Literal["fourier"]
@@ -240,7 +240,7 @@ class FourierSection(ReferenceSection):
 
 
 class WaypointsSection(ReferenceSection):
-    """[reference] kind = "waypoints": minimum jerk from point to point.
+    """[reference] kind = "waypoints": minimum-jerk motions from point to point.
 
     The points are offsets from the start unless ``relative`` is false.
     """
@@ -290,7 +290,7 @@ class NoiseSection(Section):
 
 
 class CameraSection(Section):
-    """[simulation] camera: frames a second, their delay [s], and the share that is lost."""
+    """[simulation] camera: frames per second, their delay [s], and the fraction of lost frames."""
 
     rate: Positive | None = None
     delay: NotNegative = 0.0
@@ -298,7 +298,7 @@ class CameraSection(Section):
 
 
 class MjcfSection(Section):
-    """[simulation] engine: a MuJoCo model of the real robot, and how it matches the description."""
+    """[simulation] engine: a MuJoCo model of the true robot and its names for joints and frames."""
 
     mjcf: str
     joints: dict[str, str] = {}
@@ -315,7 +315,7 @@ class ElasticitySection(Section):
 
 
 class SimulationSection(Section):
-    """[simulation]: how long, how fine, how real."""
+    """[simulation]: duration, sampling, engine, sensors and actuators."""
 
     duration: Positive = 10.0
     dt: Positive = 1e-3

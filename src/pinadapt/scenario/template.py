@@ -1,4 +1,4 @@
-"""A scenario chosen for a robot: frame, task, home, tool, load, and a circle it can follow."""
+"""A new scenario for a robot: frame, task, home, tool, load, and a circle that it can follow."""
 
 from __future__ import annotations
 
@@ -35,23 +35,23 @@ from ..tuning.make_controller import make_controller
 from .schema import SimulationSection
 
 _MEANINGS = {
-    "alpha": "of the position error in the velocity to follow [1/s]",
-    "beta": "observer of the position [1/s]",
-    "lag": "by which Kv gives way to the inertia of what moves together [s]",
+    "alpha": "gain of the position error in the reference velocity [1/s]",
+    "beta": "gain of the position observer [1/s]",
+    "lag": "limits the damping rates to 1 / lag [s]",
     "R_k": "weight of the tool's prediction error",
     "lambda_": "velocity filter [1/s]",
     "lambda_a": "acceleration filter [s]",
-    "width": "beyond which the position feedback saturates [m, for rotations rad]",
-    "bound": "no torque beyond it [N m or N]",
-    "gravity": "what of it gravity may ask for [N m or N]",
+    "width": "position error at which the feedback saturates [m, for rotations rad]",
+    "bound": "largest torque [N m or N]",
+    "gravity": "part of the bound reserved for gravity [N m or N]",
 }
 
 
 def default_gains(controller: Controller) -> Iterable[tuple[str, str, str]]:
-    """Return key, value as written and meaning with unit of each gain that was chosen."""
+    """Return key, value as written, and meaning with unit of each default gain."""
     law: Any = controller.law
     velocity, position = law.units
-    if _diagonal(law.K_v):  # a whole matrix is not for a comment
+    if _diagonal(law.K_v):  # a full matrix is too long for a comment
         yield "Kv", _gain(law.K_v), f"velocity gain [{velocity}]"
     if hasattr(law, "K_P"):
         yield "Kp", _gain(law.K_P), f"position gain [{position}]"
@@ -68,12 +68,12 @@ def default_gains(controller: Controller) -> Iterable[tuple[str, str, str]]:
 
 
 def _diagonal(gain: np.ndarray) -> bool:
-    """Tell whether a gain (n, n) has no entries beside its diagonal."""
+    """Tell whether a gain (n, n) is diagonal."""
     return bool((np.diag(np.diag(gain)) == gain).all())
 
 
 def _parts(adaptation: Adaptation) -> tuple[Natural, ExponentiatedGradient | None]:
-    """Return what moves bodies and joints in the default adaptation of a law."""
+    """Return the adaptations of bodies and of joint coefficients in a default adaptation."""
     while isinstance(adaptation, Wrapper):
         adaptation = adaptation.inner
     parts = (
@@ -87,7 +87,7 @@ def _parts(adaptation: Adaptation) -> tuple[Natural, ExponentiatedGradient | Non
 
 
 def _gain(gain: float | np.ndarray) -> str:
-    """Return a gain as written: a number, or a list or a diagonal whose entries differ."""
+    """Return a gain as text: a number if all entries are equal, else a list."""
     numbers = np.asarray(gain)
     values = [three_digits(x) for x in (np.diag(numbers) if numbers.ndim == 2 else numbers.flat)]
     return str(values[0]) if len(set(values)) == 1 else str(values)
@@ -98,8 +98,8 @@ def three_digits(number: float) -> float:
     return float(f"{number:.3g}")
 
 
-_TOOL = 0.05  # unknown tool, in parts of the reach
-_LOAD = 0.05  # unknown load, in parts of the moving mass
+_TOOL = 0.05  # length of the unknown tool, relative to the reach
+_LOAD = 0.05  # mass of the unknown load, relative to the moving mass
 
 
 @dataclass(frozen=True)
@@ -107,13 +107,13 @@ class Template:
     """A scenario to be written.
 
     Attributes:
-        source: a path or a name.
-        robot: as described, at the home pose that is written.
-        circle: one it can follow.
+        source: a path or a name of a robot.
+        robot: the robot as described, at its home pose.
+        circle: a circle that it can follow.
         xacro: arguments of a xacro file.
-        mass: what the whole robot weighs [kg], where links are described without inertia.
-        massless: these links, one for each such body.
-        law: of the controller.
+        mass: total mass of the robot [kg], if links are described without inertia; else None.
+        massless: names of these links, one for each such body.
+        law: name of the control law.
     """
 
     source: str
@@ -135,7 +135,7 @@ class Template:
         mass: float | None = None,
         law: str = DEFAULT,
     ) -> Template:
-        """Take what ``load`` chooses where it is not given, and a circle.
+        """Load a robot, with the choices of ``load`` for what is not given, and find a circle.
 
         Raises:
             RobotError: as ``load`` and ``find_circle``.
@@ -149,19 +149,19 @@ class Template:
 
     @property
     def name(self) -> str:
-        """Name for the file and the title."""
+        """Name of the file, and the title."""
         if not is_path(self.source):
             return self.source
         return Path(self.source.removesuffix(".xacro")).stem
 
     @property
     def tool_share(self) -> float:
-        """Length of the unknown tool in parts of the reach."""
+        """Length of the unknown tool, relative to the reach."""
         return _TOOL
 
     @property
     def load_share(self) -> float:
-        """Mass of the unknown load in parts of the moving mass."""
+        """Mass of the unknown load, relative to the moving mass."""
         return _LOAD
 
     @cached_property
@@ -177,14 +177,14 @@ class Template:
 
     @cached_property
     def controller(self) -> Controller:
-        """The controller with default gains, for the robot as it is believed."""
+        """The controller with default gains for the robot as described."""
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # what matters of it is written into the file
+            warnings.simplefilter("ignore")  # the file itself contains what matters
             return make_controller(self.robot, law=self.law, dt=SimulationSection().dt)
 
     @property
     def rests(self) -> bool:
-        """Whether the law is for a set point: the opposite point of the circle."""
+        """Whether the law regulates to a set point; it is the opposite point of the circle."""
         return LAWS[self.law].set_point
 
 
@@ -195,7 +195,7 @@ def _ball(mass: float, gyration: float, com: np.ndarray) -> Payload:
 
 
 def _further_out(robot: Robot) -> np.ndarray:
-    """Return a tool (3) [m], in the frame's axes, that lengthens the arm as the task sees it."""
+    """Return a tool (3) [m], in the frame's axes, that lengthens the arm in task coordinates."""
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, robot.q0)
     frame, seen = data.oMf[robot.frame_id], np.zeros(3)
@@ -210,12 +210,12 @@ def _further_out(robot: Robot) -> np.ndarray:
     return np.round(tool, 3 - int(np.floor(np.log10(length))))
 
 
-_WIDTH = 98  # of a comment
-_SHOWN = 12  # names in a comment
+_WIDTH = 98  # largest width of a comment
+_SHOWN = 12  # largest number of names in a comment
 
 
 def scenario_text(template: Template, folder: Path) -> str:
-    """Return the scenario file for a folder; a relative URDF path is made relative to it."""
+    """Return the text of a scenario file in a folder; a relative robot path is adjusted to it."""
     blocks = [tomlkit.dumps({"title": template.name})]
     for name, remark, table in _sections(template, folder):
         head = "".join(comment.as_string() for comment in _comments(remark))
@@ -224,7 +224,7 @@ def scenario_text(template: Template, folder: Path) -> str:
 
 
 def _sections(template: Template, folder: Path) -> Iterable[tuple[str, str, Table | None]]:
-    """Return name, remark before it, and content of each table; a remark may stand alone."""
+    """Return name, preceding comment and content of each table."""
     yield "robot", "", _robot(template, folder)
     yield (
         "truth",
@@ -248,31 +248,31 @@ def _sections(template: Template, folder: Path) -> Iterable[tuple[str, str, Tabl
 
 
 _TRUTH = (
-    "How the simulated robot differs from its description, which the controller is not told. Here: "
-    "a tool {tool:g} % of the reach longer [m, frame's axes], in its end a ball of {load:g} % of "
-    "the mass [kg; com m from the described frame; Ixx Ixy Iyy Ixz Iyz Izz kg m^2]. Put what you "
-    "expect of your robot."
+    "Differences between the simulated robot and its description, which the controller does not "
+    "know. Here: a tool longer by {tool:g} % of the reach [m, frame's axes], with a ball of "
+    "{load:g} % of the mass at its end [kg; com in m from the described frame; Ixx Ixy Iyy Ixz Iyz "
+    "Izz in kg m^2]. Replace them by what you expect of your robot."
 )
 _MASS = (
-    "What the whole robot weighs [kg]. These links are described without inertia: {links}. What "
-    "the others leave of this mass is spread over them with one density: solids of their shapes, "
-    "rods to the next joint where they have none."
+    "Total mass of the robot [kg]. These links are described without inertia: {links}. The mass "
+    "that the other links leave is distributed over them with one density: as solids of their "
+    "shapes, or as rods to the next joint if they have no shape."
 )
 _UNKNOWN = (
     "What the controller adapts: the tool's translation, all inertial parameters of every body, "
     "rotor inertia and friction of every joint."
 )
 _GRAVITY = (
-    "What the controller adapts: the inertial parameters of every body, as far as gravity shows "
-    "them. It does not learn the tool."
+    "What the controller adapts: the inertial parameters of every body, as far as gravity depends "
+    "on them. It does not adapt the tool."
 )
 _SET_POINT = (
-    "The way to a set point that the arm reaches inside its joint limits, as an offset from the "
-    'tool\'s first position [m], in so many seconds; without points, kind = "hold" stays there.'
+    "A set point that the arm can reach within its joint limits, as an offset from the tool's "
+    'initial position [m], and the duration of the way to it [s]; kind = "hold" stays at the start.'
 )
 _REFERENCE = (
-    "A circle through the tool's first position, which the arm follows inside its joint limits and "
-    "away from singularities, also with a tool 5 % of its reach off."
+    "A circle through the tool's initial position. The arm can follow it within its joint limits "
+    "and away from singularities, even with a tool error of 5 % of its reach."
 )
 
 
@@ -287,7 +287,7 @@ def _robot(template: Template, folder: Path) -> Table:
         table["mass"] = template.mass
     _remark(
         table,
-        f"Other ends of chains: {_names(robot.ends)}; any link of the robot can be named.",
+        f"Other ends of chains: {_names(robot.ends)}; any link of the robot is allowed.",
     )
     table["frame"] = robot.frame
     _remark(
@@ -299,12 +299,12 @@ def _robot(template: Template, folder: Path) -> Table:
     if robot.welded:
         _remark(
             table,
-            "The base floats in the description: it is fixed, and the chain is used as an arm.",
+            "The base floats in the description; here it is fixed, and the chain is an arm.",
         )
         table["weld_root"] = True
     _remark(
         table,
-        "Joints of the chain to lock as well. Locked anyway, for they are not on it: "
+        "Further joints of the chain to lock. Always locked, because they are not on the chain: "
         f"{_names(robot.locked)}.",
     )
     table["locked"] = []
@@ -318,9 +318,9 @@ def _robot(template: Template, folder: Path) -> Table:
 def _truth(template: Template) -> Table:
     table = _filled({"tool_translation": _numbers(template.tool)})
     table["payload"] = _payload(template.load)
-    _option(table, "inertial_scale = 1.3", "every mass and inertia 30 % above its description", 45)
+    _option(table, "inertial_scale = 1.3", "every mass and inertia 30 % larger than described", 45)
     friction = "friction = { viscous = 0.1, coulomb = 0.05 }"
-    _option(table, friction, "[N m s/rad, N m], or one number a joint", 45)
+    _option(table, friction, "[N m s/rad, N m], numbers or lists with one per joint", 45)
     return table
 
 
@@ -329,13 +329,12 @@ def _controller(template: Template) -> Table:
     table = _filled({"law": controller.law.name, "adaptation": "natural"})
     _remark(
         table,
-        'Other adaptations learn from the torque as well, and faster: "natural-memory", which '
-        'keeps every body physical too, and "least-squares", which does not.',
+        'Other adaptations also use the measured torque and converge faster: "natural-memory", '
+        'which keeps every body physical as well, and "least-squares", which does not.',
     )
     _remark(
         table,
-        "These gains are chosen for this robot, law and sampling period; take the # away to set "
-        "your own.",
+        "Default gains for this robot, law and sampling period; remove the # to set your own.",
     )
     for key, value, meaning in default_gains(controller):
         _option(table, f"{key} = {value}", meaning, 20)
@@ -356,7 +355,7 @@ def _reference(template: Template) -> Table:
 
 
 def _way(template: Template) -> Table:
-    """Return the way across the circle."""
+    """Return the motion to the opposite point of the circle."""
     circle, task = template.circle, template.robot.task
     motion = circle.motion(task.positions)
     across = motion.at(0.5 * circle.period).x_d - motion.at(0.0).x_d
@@ -367,7 +366,7 @@ def _way(template: Template) -> Table:
 def _simulation(template: Template) -> Table:
     duration = float(ceil(max(20.0 if template.rests else 10.0, 2 * template.circle.period)))
     table = _filled({"duration": duration, "dt": SimulationSection().dt})
-    meaning = "let the torque exceed the description's effort limits"
+    meaning = "ignore the effort limits of the description"
     _option(table, "torque_limits = false", meaning, 45)
     return table
 
@@ -391,7 +390,7 @@ def _inline(values: Mapping[str, object]) -> InlineTable:
 
 
 def _source(source: str, folder: Path) -> str:
-    """Return a source as it is found from a folder."""
+    """Return a source with a path relative to a folder."""
     if not is_path(source) or Path(source).is_absolute():
         return source
     parent = os.path.relpath(Path(source).resolve().parent, folder.resolve())
@@ -399,7 +398,7 @@ def _source(source: str, folder: Path) -> str:
 
 
 def _option(table: Table, setting: str, meaning: str, width: int) -> None:
-    """Add a key that is commented out, with its meaning behind it."""
+    """Add a key that is commented out, followed by its meaning."""
     table.add(tomlkit.comment(f"{setting:<{width}} # {meaning}"))
 
 
@@ -409,7 +408,7 @@ def _remark(table: Table, text: str) -> None:
 
 
 def _comments(text: str) -> list[Comment]:
-    """Return the lines of a comment; what cannot be printed becomes a space."""
+    """Return the lines of a comment; unprintable characters become spaces."""
     printable = "".join(letter if letter.isprintable() else " " for letter in text)
     lines = textwrap.wrap(printable, _WIDTH, break_long_words=False, break_on_hyphens=False)
     return [tomlkit.comment(line) for line in lines]

@@ -1,4 +1,4 @@
-"""Errors of the library, told with the scenario's dotted keys."""
+"""Reading and checking scenario files; errors name the dotted key and the nearest allowed one."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from .schema import REFERENCES, ScenarioTables, allowed_keys
 
 @contextmanager
 def prefix_errors(key: str) -> Iterator[None]:
-    """Put a section or dotted key in front of an error's place, unless it stands there.
+    """Prefix the place of errors raised inside with a section or dotted key.
 
     Raises:
-        InputError: of the kind raised inside.
+        InputError: the error raised inside, with its own type.
     """
     try:
         yield
@@ -31,7 +31,10 @@ def prefix_errors(key: str) -> Iterator[None]:
             raise
         inside = allowed_keys((*key.split("."), ""), {})
         if head not in inside and head in allowed_keys(("simulation", ""), {}):
-            key, inside = "simulation", [head]  # a controller is told of its sensors and limits
+            key, inside = (
+                "simulation",
+                [head],
+            )  # sensors and limits of the controller are keys of [simulation]
         joint = "." if head in inside else ": "
         raise type(error)(
             error.what, where=f"{key}{joint}{place}" if place else key, hint=error.hint
@@ -42,7 +45,7 @@ def read_tables(path: Path, settings: Sequence[str] = ()) -> ScenarioTables:
     """Return the checked tables of a scenario file after applying ``key=value`` settings.
 
     Raises:
-        ScenarioError: no such file, not TOML, or a key or value that is not allowed.
+        ScenarioError: the file is missing or not TOML, or a key or value is not allowed.
     """
     raw = read_toml(path)
     for setting in settings:
@@ -54,8 +57,8 @@ def check_tables(raw: Mapping[str, Any], where: str) -> ScenarioTables:
     """Return checked tables from raw ones.
 
     Raises:
-        ScenarioError: a key or value that is not allowed; the message names it, says what is, and
-            suggests the nearest.
+        ScenarioError: a key or value is not allowed; the message says which are and suggests the
+            nearest.
     """
     raw = dict(raw)
     if isinstance(raw.get("reference"), dict):
@@ -93,7 +96,7 @@ def _value(text: str) -> Any:
 
 
 def _explain(error: ValidationError, raw: dict[str, Any]) -> str:
-    """Turn the first problem of each key into a sentence."""
+    """Return one sentence for each key with a problem."""
     sentences: dict[str, list[str]] = {}
     for problem in error.errors(include_url=False):
         location = tuple(part for part in problem["loc"] if part not in REFERENCES)
@@ -106,7 +109,7 @@ def _explain(error: ValidationError, raw: dict[str, Any]) -> str:
 
 
 def _dotted(location: tuple[Any, ...]) -> str:
-    """Return a path of keys without the names that a union of types adds to it."""
+    """Return a dotted key, without the names that pydantic adds for unions of types."""
     names = [
         str(part)
         for part in location
@@ -120,7 +123,7 @@ _TYPES = {"float", "constrained-float", "int", "str", "dict", "bool", "list"}
 
 
 def _message(problem: Any) -> str:
-    """Return what is wrong; bounds of what can be computed with are told as such."""
+    """Return what is wrong with a value; limits of floating-point range are named as such."""
     bounds = problem.get("ctx", {})
     if LARGEST in (bounds.get("le"), -bounds.get("ge", 0.0)):
         return f"is too large to compute with, over {LARGEST:g}"

@@ -1,4 +1,4 @@
-"""The zoo: every chain of the catalogue, wrongly modelled, under the same untuned controller."""
+"""The zoo: every robot of the catalogue with a wrong model and a controller with default gains."""
 
 from .case import ZooCase as ZooCase
 from .case import zoo_case as zoo_case

@@ -1,4 +1,4 @@
-"""A chain of the catalogue with a wrong model of all of it, and a motion to follow."""
+"""A robot of the catalogue, a wrong model of it, and a motion to follow."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from ..robot.workspace import WorkspaceCircle, find_circle
 from ..trajectories.pose import PoseTrajectory, Swing
 from ..trajectories.trajectory import Trajectory
 
-PERIOD = 1e-3  # [s] of the controller
-INERTIA_ERROR = 0.3  # each body is believed this much too light or too heavy
-TOOL_ERROR = 0.05  # of the reach
-LOAD = 0.1  # of the chain's mass, or the last body's own if that is less
-FRICTION = 0.5  # of what is typical for the robot's size, times 0.5 to 1.5
-SWING = 0.2  # [rad] to either side, of the tool of a pose task
-_AROUND, _SAMPLES = 0.3, 30  # [rad or m] from home, poses
-_TURNS = 4.0
-_SETTLED = 9.0  # [s]
-_LEAST_DURATION = 30.0  # [s]; of the shortest circles, 3 s, the last tenth is a whole turn
+PERIOD = 1e-3  # [s], sampling period of the controller
+INERTIA_ERROR = 0.3  # relative, of the mass and inertia of each body of the model
+TOOL_ERROR = 0.05  # relative to the reach
+LOAD = 0.1  # relative to the chain's mass, but at most the last body's mass
+FRICTION = 0.5  # relative to typical friction of a robot of this size, times 0.5 to 1.5
+SWING = 0.2  # [rad], amplitude of the tool's rotation in a pose task
+_AROUND, _SAMPLES = 0.3, 30  # [rad or m] largest distance from home, number of poses
+_TURNS = 4.0  # least number of turns of a run
+_SETTLED = 9.0  # [s] after which a run without adaptation repeats itself
+_LEAST_DURATION = 30.0  # [s]; its last 10 % is a whole turn of the fastest circle, 3 s
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,11 +34,13 @@ class ZooCase:
     """One robot of the zoo.
 
     Attributes:
-        true, believed: the real robot and what is believed of it.
-        motion: the desired one, a circle from the true initial position, in a pose task with the
-            tool swinging.
-        radius, period: of the circle [m], [s].
-        duration: of the run [s].
+        true: the true robot.
+        believed: the initial model.
+        motion: the desired motion: a circle from the true initial position; in a pose task the tool
+            swings.
+        radius: radius of the circle [m].
+        period: period of the circle [s].
+        duration: duration of the run [s].
     """
 
     true: Robot
@@ -50,9 +52,10 @@ class ZooCase:
 
     @property
     def bears_itself(self) -> bool:
-        """Whether the efforts of the description hold the real robot up around home.
+        """Whether the effort limits of the description suffice to hold the true robot near home.
 
-        Those of PR2's arms, which springs hold up, and of Bravo 7 under water do not.
+        They do not for PR2's arms, which have counterbalance springs, and for the underwater arm
+        Bravo 7.
         """
         model, rng = self.true.model, np.random.default_rng(0)
         data, efforts = model.createData(), effort_limits(self.true.model)
@@ -64,28 +67,28 @@ class ZooCase:
 
     @property
     def repeating(self) -> float:
-        """Duration [s] of a run without adaptation that ends as one of ``duration`` would.
+        """Duration [s] of a run without adaptation that ends like one of ``duration``.
 
-        With constant estimates the loop forgets its start within seconds and repeats itself turn by
-        turn: whole turns are left out.
+        With constant estimates the loop becomes periodic within seconds, so whole turns are
+        omitted.
         """
         least = max(_SETTLED, 2.0 * self.period)
         return self.duration - self.period * max(0, (self.duration - least) // self.period)
 
 
 def zoo_case(name: str, seed: int = 0, task: str | None = None) -> ZooCase:
-    """Return the case of a chain of the catalogue, reproducible by name, seed and task.
+    """Return the case of a robot of the catalogue; it depends on name, seed and task only.
 
-    The real robot has friction, a tool moved by 5 % of the reach in a random direction of the task,
-    and a load there; each body is believed 30 % too light or too heavy.
+    The true robot has friction, a tool displaced by 5 % of the reach in a random direction of the
+    task, and a load at the tool. In the model each body is 30 % too light or too heavy.
 
     Args:
-        name: in the catalogue.
-        seed: of tool, friction and errors.
-        task: as in ``load``, by default the catalogue's.
+        name: name in the catalogue.
+        seed: seed of tool, friction and model errors.
+        task: as in ``load``; None: the catalogue's.
 
     Raises:
-        RobotError: the chain cannot be loaded with that task, or no circle is in its reach.
+        RobotError: the robot cannot be loaded with that task, or it cannot reach any circle.
     """
     robot = load(name, task=task)
     rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
@@ -116,9 +119,9 @@ def zoo_case(name: str, seed: int = 0, task: str | None = None) -> ZooCase:
 
 
 def _motion(robot: Robot, found: WorkspaceCircle, rng: np.random.Generator) -> Trajectory:
-    """Return the circle through the robot's home, in the task's own coordinates.
+    """Return the circle through the robot's home position, in task coordinates.
 
-    In a pose task the tool swings once a turn about a random axis.
+    In a pose task the tool swings once per turn about a random axis.
     """
     motion: Trajectory = found.motion(robot.task.positions)
     if robot.task.size > robot.task.positions:
@@ -127,9 +130,9 @@ def _motion(robot: Robot, found: WorkspaceCircle, rng: np.random.Generator) -> T
 
 
 def _tool(robot: Robot, rng: np.random.Generator) -> np.ndarray:
-    """Return a translation (3) [m] in the frame's axes that the task sees at home.
+    """Return a random tool translation (3) [m], in the frame's axes.
 
-    It is 5 % of the reach long.
+    At home it lies in the task's directions. Its length is 5 % of the reach.
     """
     m = robot.task.positions
     direction = np.zeros(3)

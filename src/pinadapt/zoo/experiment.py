@@ -1,4 +1,4 @@
-"""Run the zoo: each chain with and without adaptation."""
+"""Run the zoo: each robot with and without adaptation, in parallel processes."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ from .remarks import last_angle, last_error, verdict
 
 @contextmanager
 def workers(processes: int | None) -> Iterator[ProcessPoolExecutor]:
-    """Yield a pool of new processes, by default one a core.
+    """Yield a pool of new processes, by default one per core.
 
-    Each listens to a pipe whose other end is here. It closes when this process ends, killed or not,
-    or when the work is broken off, and then they end too, in the middle of whatever they do.
+    Each waits for the end of a pipe to this process. The pipe closes when this process ends, even
+    if it is killed, or when the work is cancelled; then all workers end at once.
     """
     context = get_context("spawn")
     listen, alive = context.Pipe(duplex=False)
@@ -50,10 +50,7 @@ def workers(processes: int | None) -> Iterator[ProcessPoolExecutor]:
 
 @contextmanager
 def deaf() -> Iterator[None]:
-    """Let processes that are started meanwhile never see Ctrl-C, which is for this one to decide.
-
-    It reaches this process afterwards.
-    """
+    """Let processes that are started inside ignore Ctrl-C; this process receives it afterwards."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -77,7 +74,7 @@ def _wait(pipe: Connection) -> None:
 
 
 POSITION, POSE = "position", "pose"
-_LEAST_JOINTS = 6  # of a chain that controls a pose
+_LEAST_JOINTS = 6  # for a pose task
 _RECORD_EVERY = 10
 _UNKNOWN = "all"  # the real joints have friction, of which nothing is believed
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
@@ -85,20 +82,21 @@ _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 @dataclass(frozen=True)
 class ZooRow:
-    """What came out for one chain; None where nothing did.
+    """The result for one robot; None where there is none.
 
     Attributes:
         robot: name in the catalogue.
         joints: number of joints.
-        law: the law that ran.
+        law: name of the law.
         task: "position" or "pose".
-        radius: of the circle [m].
-        unadapted, adapted: largest error in the last 10 % of the duration, estimates frozen and
-            adapted [m].
-        unadapted_angle, adapted_angle: the same of a pose's orientation [rad].
+        radius: radius of the circle [m].
+        unadapted: largest error in the last 10 % of the duration with frozen estimates [m].
+        adapted: largest error in the last 10 % of the duration with adaptation [m].
+        unadapted_angle: as ``unadapted``, for the orientation of a pose [rad].
+        adapted_angle: as ``adapted``, for the orientation of a pose [rad].
         min_eig_M_hat: smallest eigenvalue of the estimated mass matrix over the adapted run.
         min_singular_J_hat: smallest singular value of the estimated Jacobian over the adapted run.
-        verdict: "converged", or which hypothesis failed.
+        verdict: "converged", or which hypothesis of the proof failed.
     """
 
     robot: str
@@ -116,15 +114,15 @@ class ZooRow:
 
 
 def zoo_names(task: str = POSITION) -> list[str]:
-    """Return the chains of the catalogue that can have a task, "position" or "pose"."""
+    """Return the names of the robots of the catalogue for a task, "position" or "pose"."""
     least = _LEAST_JOINTS if task == POSE else 0
     return [name for name, entry in catalogue().items() if entry.joints >= least]
 
 
 def zoo_row(name: str, law: str, seed: int = 0, task: str = POSITION) -> ZooRow:
-    """Run one chain of the catalogue; whatever fails is told in the verdict."""
+    """Run one robot of the catalogue; the verdict says whether and why it failed."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the verdict tells of bodies that are not physical
+        warnings.simplefilter("ignore")  # the verdict reports bodies that are not physical
         try:
             return _row(name, law, seed, task)
         except (PinadaptError, ArithmeticError, ValueError) as error:
@@ -160,22 +158,22 @@ def run_zoo(
     processes: int | None = None,
     task: str = POSITION,
 ) -> Generator[ZooRow, None, None]:
-    """Run many chains over processes and yield their rows as they come.
+    """Run robots in parallel processes and yield their rows as they finish.
 
-    Those with most joints start first, so that no process is left alone with a long one.
+    Robots with most joints start first, so that the processes finish at about the same time.
 
     Args:
-        names: of chains in the catalogue.
-        law: a name of ``pinadapt.LAWS``.
-        seed: of the cases.
-        processes: how many at once, by default one a core.
-        task: "position", or "pose" for chains of six and more joints.
+        names: names in the catalogue.
+        law: name of a law.
+        seed: seed of the cases.
+        processes: number of processes; None: one per core.
+        task: "position", or "pose" for robots with six and more joints.
 
     Raises:
-        RobotError: a name that is not in the catalogue.
+        RobotError: a name is not in the catalogue.
     """
     longest_first = sorted(names, key=lambda name: -catalogue_entry(name).joints)
-    for variable in _THREADS:  # small matrices gain nothing from threads
+    for variable in _THREADS:  # threads do not speed up small matrices
         os.environ.setdefault(variable, "1")
     with workers(processes) as pool:
         with deaf():

@@ -1,4 +1,4 @@
-"""Did a chain of the zoo converge, and if not, which hypothesis of the proof failed?"""
+"""Whether a robot of the zoo converged, and if not, which hypothesis of the proof failed."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from ..tuning.preflight import lightest_joint
 from .case import PERIOD, SWING, ZooCase
 
 CONVERGED = "converged"
-_SINGULAR = 0.2  # of the first smallest singular value
+_SINGULAR = 0.2  # relative to the smallest singular value at the start
 
 
 def last_error(case: ZooCase, rollout: Rollout) -> float | None:
-    """Return the largest error in the last of a run [m], or None where none is finite.
+    """Return the largest error at the end of a run [m], or None if none is finite.
 
-    The last is 10 % of the case's duration, however long the run was.
+    The end is 10 % of the case's duration, however long the run itself was.
     """
     return _last(case, rollout, rollout.distance)
 
 
 def last_angle(case: ZooCase, rollout: Rollout) -> float | None:
-    """Return the same of the orientation [rad], None too for tasks without one."""
+    """Return the largest orientation error at the end [rad]; None without an orientation."""
     return None if rollout.angle is None else _last(case, rollout, rollout.angle)
 
 
@@ -38,7 +38,7 @@ def _last(case: ZooCase, rollout: Rollout, errors: np.ndarray) -> float | None:
 
 
 def verdict(case: ZooCase, controller: Controller, adapted: Rollout, unadapted: Rollout) -> str:
-    """Say whether a chain converged, and if not, which hypothesis likeliest failed."""
+    """Return "converged", or the hypotheses that most likely failed."""
     error, without = last_error(case, adapted), last_error(case, unadapted)
     accurate = error is not None and error <= ACCURATE * case.radius
     if (angle := last_angle(case, adapted)) is not None:
@@ -76,7 +76,7 @@ def _near_singularity(case: ZooCase, controller: Controller, rollout: Rollout) -
 
 
 def _slow(case: ZooCase, rollout: Rollout) -> str:
-    """Say how far a run came of which no hypothesis failed: theory promises no time to converge."""
+    """Return how far a run without a failed hypothesis came; theory bounds no convergence time."""
     before, last = (part.max() for part in np.array_split(rollout.distance, 3)[1:])
     return (
         f"no hypothesis failed within {case.duration:g} s; "
@@ -85,23 +85,23 @@ def _slow(case: ZooCase, rollout: Rollout) -> str:
 
 
 def _light(case: ZooCase, controller: Controller, rollout: Rollout) -> str | None:
-    """Say which joint is believed too light for an unknown load, if the law can lose one."""
-    assert controller.motion is not None  # make_controller gives one
+    """Return which joint the model has too light for an unknown load, if the law can diverge."""
+    assert controller.motion is not None  # make_controller sets it
     light = lightest_joint(controller.motion, controller.law)
     if light is None:
         return None
     return (
-        f"{light.joint}, believed to move {light.inertia:.2g} kg m^2, "
-        f"bears unknown loads up to {light.load:.2g} kg only"
+        f"{light.joint}, which moves {light.inertia:.2g} kg m^2 in the model, "
+        f"tolerates unknown loads up to {light.load:.2g} kg only"
     )
 
 
 def _too_fast(case: ZooCase, controller: Controller, rollout: Rollout) -> str | None:
-    """Say which joint's real inertia is too small for the sampling period, if one was.
+    """Return which joint's true inertia is too small for the sampling period, if any is.
 
-    The damping torque is -D qd, D = J_hat^T K_v J_hat, or M_hat J_hat^+ K_v J_hat for laws that
-    command accelerations, or K_D + alpha M_hat J_hat^+ J_hat for the separation law; held over a
-    period it is stable while no eigenvalue of M^-1 D dt exceeds two.
+    The damping torque is -D qd with D = J_hat^T K_v J_hat, or M_hat J_hat^+ K_v J_hat for laws that
+    command accelerations, or K_D + alpha M_hat J_hat^+ J_hat for the separation law. Held over a
+    period dt it is stable as long as no eigenvalue of M^-1 D dt exceeds 2.
     """
     model, data, law = case.true.model, case.true.model.createData(), controller.law
     if not hasattr(law, "K_v"):
@@ -121,8 +121,8 @@ def _too_fast(case: ZooCase, controller: Controller, rollout: Rollout) -> str | 
 
 
 def _damping(law: Law, J: np.ndarray, M: np.ndarray) -> np.ndarray:
-    """Return D (n, n) of the torque -D qd that a law with the gain K_v takes off, at J and M."""
-    K_v = np.asarray(law.K_v)  # type: ignore[attr-defined]  # the laws that come here have it
+    """Return D (n, n) of the damping torque -D qd of a law with gain K_v, at J and M."""
+    K_v = np.asarray(law.K_v)  # type: ignore[attr-defined]  # _too_fast has checked it
     if isinstance(law, Separation):
         return np.asarray(K_v + law.alpha * M @ np.linalg.pinv(J) @ J)
     return np.asarray(
