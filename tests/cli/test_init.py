@@ -148,7 +148,7 @@ def test_an_existing_file_is_kept_unless_forced(tmp_path, capsys):
     file = written(tmp_path, ARM4)
     file.write_text("mine")
     assert main(["init", str(ARM4), "--out", str(file)]) == 2
-    assert "exists already. --force" in capsys.readouterr().err
+    assert "exists already. Overwrite it by --force" in capsys.readouterr().err
     assert file.read_text() == "mine"
     assert main(["init", str(ARM4), "--out", str(file), "--force"]) == 0
     assert "[reference]" in file.read_text()
