@@ -1,4 +1,4 @@
-"""What users have of a motion, made a ``Trajectory`` and checked before anything moves."""
+"""Conversion of users' motions to a ``Trajectory``, and their check before a run."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .trajectory import Trajectory
 
 
 class HasAt(Protocol):
-    """An object that knows where it should be: ``at(t)`` returns x_d, or all three of Desired."""
+    """An object with ``at(t)``, which returns x_d, or x_d with its two derivatives."""
 
     def at(self, t: float) -> Any:
         """Return x_d, or (x_d, xd_d, xdd_d), at time t [s]."""
@@ -33,19 +33,19 @@ TrajectoryLike: TypeAlias = (
 
 
 def as_trajectory(given: TrajectoryLike, task: Task | None = None) -> Trajectory:
-    """Return a user's motion as a ``Trajectory``, after a look at its start.
+    """Return a user's motion as a ``Trajectory``; its value at time 0 is checked.
 
     Args:
         given: a ``Trajectory``, as it is; any object with ``at(t)``, or a function of t [s], that
             returns x_d, or (x_d, xd_d, xdd_d), see ``Function``; times (N) [s] and positions
             (N, m) as a pair, or as one array (N, 1 + m) with the times first, see ``Spline``.
-        task: whose coordinates these are. Positions of joints that turn without end may then jump
-            by whole turns, and coordinates of a pose are position and quaternion (7), or
-            ``pin.SE3`` where a function returns them. None: plain vectors.
+        task: the task of these coordinates. Angles of continuous joints may jump by whole turns;
+            coordinates of a pose are position and quaternion xyzw (7), and a function may return
+            ``pin.SE3`` instead. None: plain vectors.
 
     Raises:
-        InputError: anything else, numbers that are not finite or of another size than the task's,
-            or times that do not increase.
+        InputError: another kind of object, a wrong number of coordinates, numbers that are not
+            finite, or times that do not increase.
     """
     if isinstance(given, Trajectory):
         motion = given
@@ -63,16 +63,16 @@ def converted(
     quaternion: bool = False,
     turning: tuple[bool, ...] = (),
 ) -> Trajectory:
-    """Return what is not yet a ``Trajectory`` as one.
+    """Return a motion that is not yet a ``Trajectory`` as one, without a check of its start.
 
     Args:
         given: as in ``as_trajectory``.
         difference: (x, x_0) -> (m), how far coordinates are from others.
         quaternion: whether the last four coordinates are a quaternion.
-        turning: of each coordinate, whether it is an angle of any number of turns.
+        turning: for each coordinate, whether it is the angle of a continuous joint.
 
     Raises:
-        InputError: it is no motion.
+        InputError: another kind of object, or samples that do not make a spline.
     """
     if not isinstance(given, type):
         if callable(at := getattr(given, "at", None)):
@@ -96,9 +96,9 @@ def converted(
 
 
 def _difference(task: Task) -> Difference:
-    """Return ``task.error``, of vectors that have not the task's size their difference.
+    """Return ``task.error``, or plain differences for vectors of another size.
 
-    The look at the start refuses the latter, by their size.
+    The check of the start then refuses that size with a clear message.
     """
     return lambda x, x_0: task.error(x, x_0) if x.size == task.coordinates else x - x_0
 
@@ -108,7 +108,7 @@ def _turns(task: Task) -> tuple[bool, ...]:
 
 
 def _number(given: Any, name: str) -> float | None:
-    """Return an attribute that is a number, None where there is no such."""
+    """Return an attribute if it is a number, else None."""
     value = getattr(given, name, None)
     return float(value) if isinstance(value, Real) else None
 
@@ -124,7 +124,7 @@ def _hint(given: Any) -> str:
 
 
 def _check_start(motion: Trajectory, task: Task | None) -> None:
-    """Refuse a motion whose start does not suit the task.
+    """Check that the start of a motion suits the task.
 
     Raises:
         InputError: ``at`` fails or returns no ``Desired``, another number of coordinates than the

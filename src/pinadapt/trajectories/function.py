@@ -1,4 +1,4 @@
-"""A motion given as a function of time, differentiated where the function does not do so."""
+"""A motion given as a function of time, with numerical derivatives if it returns none."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ STEP = 2e-3  # [s]
 class Function(Trajectory):
     """x_d = f(t) for a function f that returns x_d, or x_d and its two derivatives.
 
-    Where f returns x_d alone, velocity and acceleration are five-point differences with a step of
-    h = 2 ms: f is called at t and at four times within 2 h of it, near time 0 within 4 h after it,
-    as f is not called before time 0. f should have two continuous derivatives. Errors for a sine,
-    in parts of the largest velocity and of the largest acceleration:
+    If f returns x_d alone, velocity and acceleration are five-point differences with a step of h =
+    2 ms. f is called at t and at four more times within 2 h of it; near time 0 within 4 h after it,
+    as f is never called before time 0. f must have two continuous derivatives. Relative errors for
+    a sine, with respect to the amplitudes of velocity and acceleration:
 
     | frequency | velocity, acceleration | in the first 4 ms |
     |---|---|---|
@@ -45,10 +45,11 @@ class Function(Trajectory):
     | 5 Hz | 6e-7, 2e-7 | 4e-6, 3e-4 |
     | 20 Hz | 2e-4, 5e-5 | 1e-3, 2e-2 |
 
-    They grow with h^4. Noise of f is multiplied by up to 1.5/h in the velocity and 5.4/h^2 in the
-    acceleration (in the first 4 ms by up to 27/h^2): rounding of numbers near 1 gives less than
-    2e-9 m/s^2, but noise of 1e-9 m gives 1.3e-3 m/s^2. For a noisy f take a longer step, or samples
-    of it in a ``Spline``. A function that returns the derivatives too is exact, and called once.
+    They grow with h^4, for the acceleration in the first 4 ms with h^3. Noise of f is multiplied by
+    up to 1.5/h in the velocity and 5.4/h^2 in the acceleration, 27/h^2 in the first 4 ms. Rounding
+    of numbers near 1 gives less than 2e-9 m/s^2, but noise of 1e-9 m gives 1.3e-3 m/s^2. For a
+    noisy f take a longer step, or samples of it in a ``Spline``. A function that returns the
+    derivatives too is not differentiated, and called once.
     """
 
     def __init__(

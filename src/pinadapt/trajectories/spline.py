@@ -15,20 +15,20 @@ from .trajectory import Trajectory, half_diagonal
 ENDS = ("rest", "free")
 
 _DEGREE = 5
-_MANY, _SUDDEN = 8, 10.0  # samples that show a speed; acceleration at an end, in those elsewhere
+_MANY, _SUDDEN = 8, 10.0  # a warning needs so many samples, and such a ratio of accelerations
 
 
 class Spline(Trajectory):
     """The spline of degree five through positions at given times; four continuous derivatives.
 
-    With ``ends="rest"`` it starts and ends without velocity and acceleration, so that the first
-    position is held before and the last after it without a jump of either; through two positions it
-    is the minimum-jerk motion. With ``ends="free"`` the samples alone decide how fast it starts and
-    ends (not-a-knot), for samples of a motion that is under way: velocity and acceleration jump to
-    zero where it ends.
+    Before the first time and after the last one the motion rests at the first and last position.
+    With ``ends="rest"`` velocity and acceleration are zero at both ends, so they are continuous
+    there; through two positions this is the minimum-jerk motion. With ``ends="free"`` velocity and
+    acceleration at the ends follow from the samples (not-a-knot conditions) and jump to zero
+    beyond them. This suits samples of a motion that is already under way.
 
-    Quaternions are interpolated as four numbers of either sign and divided by their length. That
-    passes through every sample and is as smooth as the rest.
+    Quaternions are interpolated as four numbers, after their signs are made consistent, and divided
+    by their length. The orientation passes through every sample and is as smooth as the position.
 
     Attributes:
         t: (N) times [s].
@@ -91,7 +91,7 @@ class Spline(Trajectory):
 
 
 def _check(t: np.ndarray, x: np.ndarray, least: int) -> None:
-    """Refuse times and positions that do not make a spline.
+    """Check times and positions.
 
     Raises:
         InputError: sizes that do not match, too few samples, or times that do not increase.
@@ -114,7 +114,7 @@ def _check(t: np.ndarray, x: np.ndarray, least: int) -> None:
 
 
 def _continuous(q: np.ndarray) -> np.ndarray:
-    """Return quaternions (N, 4) of length 1, each with the sign that is nearer to the one before.
+    """Return quaternions (N, 4) of length 1, each with the sign nearer to the previous one.
 
     Raises:
         InputError: one of another length, by more than 1 %.
@@ -152,7 +152,11 @@ def _rotation(u: np.ndarray, ud: np.ndarray, udd: np.ndarray) -> tuple[np.ndarra
 
 
 def _warn_of_speed(t: np.ndarray, x: np.ndarray) -> None:
-    """Warn where samples move at an end at a speed that the spline has to reach from rest."""
+    """Warn if the samples move at an end, where the spline is at rest.
+
+    The test: reaching the end speed within one interval takes ten times the largest acceleration of
+    the samples (second differences).
+    """
     if len(t) < _MANY:
         return
     steps = np.diff(t)

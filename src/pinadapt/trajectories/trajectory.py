@@ -13,8 +13,8 @@ from ..exceptions import InputError
 from ..records import Desired
 from ..tasks.rotation import rotation_between, turned
 
-_HORIZON = 60.0  # [s] looked at where a run has no end
-_LOOKS, _RESTING = 400, 20  # instants looked at, and how many of the last must be at rest
+_HORIZON = 60.0  # [s] of a run without end that is checked
+_LOOKS, _RESTING = 400, 20  # instants that are checked, and how many of the last are at rest
 _AT_REST = 1e-6  # speed and acceleration, in SI units
 
 
@@ -25,8 +25,8 @@ class Trajectory(ABC):
     in a quaternion xyzw, x_d has one more than the velocity: of a pose 7 and 6, of an orientation 4
     and 3, rotations in world axes.
 
-    ``at`` says where the motion is at its own time and how fast, so another time law s(t) on the
-    same path is x_d(s(t)), with velocity x_d' ds/dt and acceleration x_d'' (ds/dt)^2 + x_d'
+    ``at`` gives derivatives with respect to its own argument. The same path with another time law
+    s(t) is therefore x_d(s(t)), with velocity x_d' ds/dt and acceleration x_d'' (ds/dt)^2 + x_d'
     d^2s/dt^2.
     """
 
@@ -36,22 +36,22 @@ class Trajectory(ABC):
 
     @property
     def extent(self) -> float | None:
-        """Radius of a circle, half the diagonal of another path [m or rad], zero for a point.
+        """Radius of a circle, or half the diagonal of the box around another path [m or rad].
 
-        None where the class does not know; a rollout then measures the path that was run.
+        None if the class does not know it; a rollout then measures the path that was run.
         """
         return None
 
     @property
     def settles(self) -> float | None:
-        """Time from which it is at rest [s]; None where it never is, or the class does not know."""
+        """Time from which the motion is at rest [s]; None: never, or the class does not know it."""
         return None
 
     def at_rest_from(self, duration: float | None = None) -> float | None:
-        """Return ``settles``, or what the motion shows within a duration [s]; None: it goes on.
+        """Return the time from which the motion is at rest [s]; None if it does not come to rest.
 
-        Without ``settles``, velocity and acceleration are looked at at 400 instants of the
-        duration, a minute for None. At rest means at rest in at least the last 5 % of it.
+        That is ``settles`` if it is known. Otherwise velocity and acceleration are evaluated at 400
+        instants of the duration [s], of one minute for None, and must vanish in its last 5 %.
         """
         if self.settles is not None:
             return self.settles
