@@ -1,4 +1,4 @@
-"""A robot is learned from what was recorded of it, and what it carries is found."""
+"""A robot and its load are identified from a recorded motion."""
 
 import json
 import re
@@ -21,12 +21,12 @@ pytestmark = pytest.mark.slow
 
 @cache
 def identified(name, noisy=True, **options):
-    """Return what was learned of a robot's log."""
+    """Return the identification of a robot's log."""
     return pa.identify(recorded(name, noisy=noisy, dt=2e-3), catalogue_robot(name), **options)
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5"])
-def test_load_tool_and_friction_are_found_in_noise_and_known_as_well_as_stated(name):
+def test_errors_of_load_tool_and_friction_match_the_stated_uncertainty(name):
     found, true = identified(name), true_robot(name)
     load = found.payload()
     assert load.mass == pytest.approx(LOAD.mass, rel=0.02)
@@ -35,14 +35,14 @@ def test_load_tool_and_friction_are_found_in_noise_and_known_as_well_as_stated(n
     assert (np.abs(load.com - LOAD.com) < 4.0 * load.com_known_to).all()
     parts = found.estimator.controller
     for part, model in ((found.dynamic, parts.dynamics), (found.kinematic, parts.kinematics)):
-        told = np.isfinite(part.deviations)
-        off = np.abs(part.estimate - model.value(true))[told] / part.deviations[told]
+        known = np.isfinite(part.deviations)
+        off = np.abs(part.estimate - model.value(true))[known] / part.deviations[known]
         assert off.max() < 4.5 and np.sqrt(np.mean(off**2)) < 2.0
     assert np.linalg.norm(found.kinematic.estimate - parts.kinematics.value(true)) < 1e-4
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5"])
-def test_torques_that_were_held_out_are_predicted_down_to_their_noise(name):
+def test_held_out_torques_are_predicted_to_their_noise(name):
     found = identified(name)
     errors, true = found.torque_errors, found.estimator.controller.dynamics.value(true_robot(name))
     noise = np.sqrt(np.mean(found.windows.residual(true) ** 2, axis=0))
@@ -65,7 +65,7 @@ def test_the_learned_robot_is_physical_and_predicts_another_motion(tmp_path):
     assert np.allclose(learned.position(true.q0), true.position(true.q0), atol=1e-4)
 
 
-def test_a_run_of_ones_own_is_a_log(tmp_path):
+def test_a_rollout_is_a_log(tmp_path):
     robot, true = catalogue_robot("ur5"), true_robot("ur5")
     path = pa.Lissajous(robot.position(robot.q0), [0.12, 0.15, 0.12], [3, 4, 5], 6.0)
     rollout = pa.simulate(true, pa.make_controller(robot), path, duration=4.5)
@@ -80,7 +80,7 @@ def test_a_run_of_ones_own_is_a_log(tmp_path):
     assert np.allclose(mine.x, found.log.x) and mine.held
 
 
-def test_positions_alone_do(name="ur5"):
+def test_velocities_are_not_needed(name="ur5"):
     log = replace(recorded(name, noisy=True), v=None)
     found = pa.identify(log, catalogue_robot(name))
     load = found.payload()
@@ -94,7 +94,7 @@ def test_positions_alone_do(name="ur5"):
     assert "causal" in found.report()
 
 
-def test_without_positions_of_the_frame_the_rest_is_learned():
+def test_dynamics_are_identified_without_positions_of_the_frame():
     log = recorded("ur5", seen=False)
     found = pa.identify(log, catalogue_robot("ur5"))
     assert found.torque_errors.gain > 100.0 and not found.kinematic.names
@@ -103,7 +103,7 @@ def test_without_positions_of_the_frame_the_rest_is_learned():
         pa.identify(log, catalogue_robot("ur5"), kinematic="tool")
 
 
-def test_translations_alone_are_learned_from_frames_alone():
+def test_translations_are_identified_from_frames_alone():
     found = pa.identify(recorded("panda"), catalogue_robot("panda"), dynamic="none", joint="none")
     true = found.estimator.controller.kinematics.value(true_robot("panda"))
     assert np.allclose(found.kinematic.estimate, true, atol=1e-6)
@@ -116,7 +116,7 @@ def test_positions_in_other_units_are_refused():
         pa.identify(replace(log, x=1e3 * log.x), catalogue_robot("ur5"))
 
 
-def test_lengths_are_learned_and_then_what_turns_at_them():
+def test_inertias_are_identified_at_the_identified_lengths():
     described, true = catalogue_robot("ur5"), true_robot("ur5")
     wrong = described.changed(link_translation={"elbow_joint": (0.0, 0.0, 0.02)})
     found = pa.identify(recorded("ur5"), wrong, kinematic=["elbow_joint", "tool"])
@@ -126,39 +126,47 @@ def test_lengths_are_learned_and_then_what_turns_at_them():
 
 
 @pytest.mark.parametrize("name", ["kinova", "scara"])
-def test_continuous_and_prismatic_joints_do(name):
+def test_continuous_and_prismatic_joints_are_identified(name):
     found = pa.identify(recorded(name), catalogue_robot(name))
     assert found.torque_errors.gain > 30.0 and "WORSE" not in found.verdict
 
 
-def test_nan_is_left_out_and_told():
+def test_samples_with_nan_are_left_out_and_counted():
     log = recorded("ur5", noisy=True)
     q, tau = log.q.copy(), log.tau.copy()
     q[150:155, 2], tau[500, :] = np.nan, np.inf
     tau[500, 1] = np.nan
     found = pa.identify(replace(log, q=q, tau=tau), catalogue_robot("ur5"))
-    assert found.online.refused == 6 and "6 samples online" in found.report()
+    assert found.online.refused == 6 and "refused online" in found.report()
     assert np.isfinite(found.online.a_d).all() and np.isfinite(found.dynamic.estimate).all()
     assert found.payload().mass == pytest.approx(LOAD.mass, rel=0.02)
 
 
-def test_torques_without_gravity_are_noticed_and_made_whole():
+def test_signals_that_are_never_finite_together_are_refused():
+    log = recorded("ur5", duration=1.5)
+    q, tau = log.q.copy(), log.tau.copy()
+    q[::2], tau[1::2] = np.nan, np.nan
+    with pytest.raises(pa.LogError, match="fewer than two samples"):
+        pa.identify(replace(log, q=q, tau=tau), catalogue_robot("ur5"))
+
+
+def test_torques_without_gravity_are_detected_and_compensated():
     robot, log = catalogue_robot("ur5"), recorded("ur5")
     gravity = pa.Gravity(robot)
     left_out = replace(log, tau=log.tau - np.array([gravity(q) for q in log.q]))
     plain = pa.identify(left_out, robot, dynamic="none", joint="viscous", kinematic=())
-    assert "gravity were left out" in plain.verdict
+    assert "seem to lack gravity" in plain.verdict
     whole = pa.identify(left_out, robot, compensated="nominal")
     assert whole.torque_errors.gain > 100.0
 
 
-def test_a_description_that_is_right_is_told_so():
+def test_a_correct_description_is_reported():
     log, true = recorded("ur5"), true_robot("ur5")
     found = pa.identify(log, true, dynamic="payload", joint="none", kinematic=())
-    assert "was right already" in found.verdict and "WORSE" not in found.verdict
+    assert "already correct" in found.verdict and "WORSE" not in found.verdict
 
 
-def test_what_was_not_moved_is_not_told_apart_and_stays_as_described():
+def test_a_joint_that_does_not_move_is_not_identifiable_and_stays_as_described():
     log, robot = recorded("ur5"), catalogue_robot("ur5")
     _, q, v, a = motion("ur5")
     still = np.arange(6) == 5
@@ -170,10 +178,10 @@ def test_what_was_not_moved_is_not_told_apart_and_stays_as_described():
     assert np.isinf(found.dynamic.deviations[friction])
     start = found.estimator.controller.dynamics.initial[friction]
     assert found.dynamic.estimate[friction] == pytest.approx(start, rel=1e-3)
-    assert "only told apart in combinations" in found.report()
+    assert "only combinations identifiable" in found.report()
 
 
-def test_the_report_says_what_and_how_well():
+def test_the_report_lists_estimates_and_errors():
     text = identified("panda").report()
     for words in (
         "62 identifiable combinations of 91",
@@ -203,17 +211,17 @@ def as_csv(path, log, robot):
 
 
 class Arm:
-    """A robot that somebody else drives."""
+    """A robot that another controller drives."""
 
     def __init__(self, log):
-        """Take what its sensors say."""
+        """Take its measurements."""
         self.rows = [
             pa.Measurement(t, q, v, tau=tau)
             for t, q, v, tau in zip(log.t.tolist(), log.q, log.v, log.tau, strict=True)
         ]
 
     def enabled(self):
-        """Tell whether there is more."""
+        """Tell whether there is another sample."""
         return bool(self.rows)
 
     def read(self):
@@ -236,7 +244,7 @@ def test_the_code_of_the_page_runs(tmp_path, monkeypatch):
     assert len(scope["numbers"].dynamic) == 78
 
 
-def test_the_command_writes_what_it_learned(tmp_path, capsys):
+def test_the_command_writes_its_files(tmp_path, capsys):
     robot = catalogue_robot("ur5")
     log = as_csv(tmp_path / "log.csv", recorded("ur5", duration=4.0), robot)
     out = tmp_path / "out"
@@ -245,8 +253,8 @@ def test_the_command_writes_what_it_learned(tmp_path, capsys):
         == 0
     )
     assert sorted(file.name for file in out.iterdir()) == sorted(FILES)
-    told, summary = capsys.readouterr().out, json.loads((out / "summary.json").read_text())
-    assert summary["verdict"] in told and summary["torque"]["gain"] > 100.0
+    printed, summary = capsys.readouterr().out, json.loads((out / "summary.json").read_text())
+    assert summary["verdict"] in printed and summary["torque"]["gain"] > 100.0
     assert summary["payload"]["mass"] == pytest.approx(LOAD.mass, rel=1e-2)
     learned = pa.LearnedParameters.load(out / "learned.json")
     controller = pa.make_controller(

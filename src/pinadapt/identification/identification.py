@@ -114,12 +114,12 @@ def identify(
     pose_topic: str | None = None,
     progress: Progress | bool | None = None,
 ) -> Identification:
-    """Learn a robot from a motion that was recorded, whoever moved it.
+    """Identify a robot from a recorded motion, whatever controller moved it.
 
-    Twice: online, sample by sample, by an ``Estimator`` as it would have run beside the controller;
-    and offline, by least squares over the whole log in the physical cone, see ``physical_fit``.
-    The latter is the result, translations first, then what turns and rubs at the lengths found. The
-    last quarter is held out once, to see what the rest predicts of it.
+    The result is the least-squares estimate over the whole log in the physical cone, see
+    ``physical_fit``: translations first, then bodies, rotors and friction at the lengths found. An
+    ``Estimator`` also runs through the log sample by sample, as it would on the robot. The last
+    quarter of the log is held out once, to measure how well the rest predicts it.
 
     Args:
         log: a file, folder or ``Log``, see ``read_log``; or a rollout.
@@ -130,9 +130,9 @@ def identify(
         joint: unknown coefficients of the joints: "all", "none", or some of "armature", "viscous",
             "coulomb".
         adaptation: of the estimator: one that predicts the torque, by name or as an object.
-        compensated: what the arm adds to the torques in the log, where these leave it out:
-            "nominal" for gravity as described, or a callable of q (nq) that returns it (n).
-        held_out: share of the log.
+        compensated: torque that the arm adds by itself and the log leaves out: "nominal" for the
+            description's gravity, or a callable of q (nq) that returns the torque (n).
+        held_out: share of the log that is held out, at most a half.
         columns: signal -> its columns in the file; see ``read_log``.
         degrees: whether angles are in degrees.
         topic: of a bag's joint states.
@@ -142,7 +142,7 @@ def identify(
     Raises:
         LogError: a log that cannot be used.
         RobotError: a robot that cannot be loaded.
-        InputError: unknown words, or nothing to learn.
+        InputError: unknown words, or nothing is unknown.
     """
     described = robot if isinstance(robot, Robot) else load(robot)
     share = positive(held_out, "held_out", error=InputError)
@@ -152,7 +152,7 @@ def identify(
         log, described, columns=columns, degrees=degrees, topic=topic, pose_topic=pose_topic
     )
     found = _compensated(found, described, compensated)
-    frames, seen = _seen(found, described, kinematic)
+    frames, nominal = _frames_and_task(found, described, kinematic)
     options: dict[str, Any] = {
         "adaptation": adaptation,
         "kinematic": kinematic,
@@ -162,22 +162,24 @@ def identify(
         "regressor": "nominal",
     }
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message=".*nominal regressor")  # no loop to prove
-        estimator = make_estimator(seen, **options)
+        warnings.filterwarnings("ignore", message=".*nominal regressor")  # there is no loop
+        estimator = make_estimator(nominal, **options)
     dynamics, kinematics = estimator.controller.dynamics, estimator.controller.kinematics
     if not (dynamics.size or kinematics.size):
-        raise InputError("nothing is unknown, so nothing can be learned.", where="identify")
-    physical = physical_set(dynamics, seen)
-    motion = motion_of_log(seen, found, cutoff=CUTOFF)
+        raise InputError("nothing is unknown, so there is nothing to identify.", where="identify")
+    physical = physical_set(dynamics, nominal)
+    motion = motion_of_log(nominal, found, cutoff=CUTOFF)
     split = float(motion.t[-1] - share * (motion.t[-1] - motion.t[0]))
     rows = position_rows(kinematics, motion, frames)
     located = position_fit(kinematics, rows)
-    placed = _placed(estimator, seen, located.estimate, options)
+    placed = _placed(estimator, nominal, located.estimate, options)
     windows = windows_of(motion, placed.controller.dynamics, found.period, held=found.held)
     first = windows.between(-np.inf, split)
     _check(windows, first, found)
     steps = watched(range(len(found.t)), progress, "online")
-    samples = (sample for sample, _ in zip(measurements(found, seen, frames), steps, strict=False))
+    samples = (
+        sample for sample, _ in zip(measurements(found, nominal, frames), steps, strict=False)
+    )
     return Identification(
         log=found,
         described=described,
@@ -197,7 +199,7 @@ def identify(
 def _placed(
     estimator: Estimator, robot: Robot, a_k: np.ndarray, options: Mapping[str, Any]
 ) -> Estimator:
-    """Return an estimator whose bodies are where the translations of joints were found to be."""
+    """Return an estimator for the robot with the estimated translations of its joints."""
     kinematics = estimator.controller.kinematics
     if all(part.joint in (None, FIRST) for part in kinematics.translations):
         return estimator
@@ -209,7 +211,7 @@ def _placed(
 
 
 def _compensated(log: Log, robot: Robot, compensated: Compensation | str | None) -> Log:
-    """Return a log with the torques of the joints, where the arm adds some by itself."""
+    """Return a log whose torques include what the arm adds by itself."""
     added = compensation_of(robot, compensated)
     if added is None:
         return log
@@ -219,16 +221,16 @@ def _compensated(log: Log, robot: Robot, compensated: Compensation | str | None)
     return replace(log, tau=tau)
 
 
-def _seen(log: Log, robot: Robot, kinematic: Words | None) -> tuple[Frames, Robot]:
-    """Return the frames of a log, and the robot with a task of which they tell."""
+def _frames_and_task(log: Log, robot: Robot, kinematic: Words | None) -> tuple[Frames, Robot]:
+    """Return the frames of a log and the robot; with a joint task if there are no frames."""
     instance(kinematic, str | Sequence | None, "kinematic")
-    unseen = log.x is None or robot.task.positions == 0
-    frames = Frames(np.zeros(0), np.zeros((0, 0))) if unseen else frames_of(log, robot)
+    without = log.x is None or robot.task.positions == 0
+    frames = Frames(np.zeros(0), np.zeros((0, 0))) if without else frames_of(log, robot)
     if len(frames.t):
         return frames, robot
     if kinematic:
         raise ParameterError(
-            "the log has no positions of the task frame, so no translations can be learned.",
+            "the log has no positions of the task frame, so no translations can be identified.",
             where="kinematic",
             hint="Record x (a bag: --pose-topic), and load the robot with a task of the frame.",
         )
@@ -236,25 +238,25 @@ def _seen(log: Log, robot: Robot, kinematic: Words | None) -> tuple[Frames, Robo
 
 
 def _check(windows: Windows, first: Windows, log: Log) -> None:
-    """Refuse a log that is in pieces.
+    """Check that there are enough windows to fit and to hold out.
 
     Raises:
-        LogError: it is.
+        LogError: there are not.
     """
     if min(len(first.t), len(windows.t) - len(first.t)) < _FEWEST:
         raise LogError(
-            f"only {len(windows.t)} windows of {windows.length:.2g} s have no hole in them, "
-            f"{len(first.t)} of them before what is held out.",
+            f"only {len(windows.t)} windows of {windows.length:.2g} s have no gap, "
+            f"{len(first.t)} of them before the held-out part.",
             where=log.source,
-            hint="Record longer, without pauses between samples.",
+            hint="Record longer, without gaps between samples.",
         )
 
 
 def log_of(source: Any, robot: Robot, **options: Any) -> Log:
     """Return the checked log of a path, a ``Log``, or a ``Rollout``, for a robot.
 
-    Of a rollout what its sensors said, since the last change of its robot, and the torques that
-    were held.
+    The log of a rollout has its measurements since the last change of its robot, and the torques
+    held in between.
 
     Raises:
         LogError: as ``read_log``.
@@ -263,21 +265,22 @@ def log_of(source: Any, robot: Robot, **options: Any) -> Log:
 
 
 def _recorded(rollout: Rollout) -> Log:
-    since = max((at for at, what in rollout.marks if what != "told"), default=-np.inf)
+    """Return the log of a rollout: its measurements, or the true motion if these are not kept."""
+    since = max((at for at, what in rollout.marks if what != "announced"), default=-np.inf)
     evaluation, framed = rollout.evaluation, rollout.task.positions > 0
     x = rollout.x if framed else None
     if evaluation is None or not evaluation.samples:
         log = Log(rollout.t, rollout.q, rollout.tau, rollout.v, x=x, held=True, source="rollout")
         return log.after(since)
     measured = [sample.measurement for sample in evaluation.samples]
-    seen = [part for part in measured if framed and part.x is not None]
+    frames = [part for part in measured if framed and part.x is not None]
     return Log(
         np.array([part.t for part in measured]),
         np.array([part.q for part in measured]),
         rollout.tau,
         np.array([part.v for part in measured]),
-        x=np.array([part.x for part in seen]) if seen else None,
-        x_time=np.array([part.t if part.x_time is None else part.x_time for part in seen]),
+        x=np.array([part.x for part in frames]) if frames else None,
+        x_time=np.array([part.t if part.x_time is None else part.x_time for part in frames]),
         held=True,
         source="rollout",
     ).after(since)

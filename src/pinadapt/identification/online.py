@@ -1,4 +1,4 @@
-"""The estimates in time, as an estimator beside the controller would have had them."""
+"""Online estimates from a log, sample by sample, as an estimator on the robot computes them."""
 
 from __future__ import annotations
 
@@ -17,75 +17,23 @@ from ..records import Measurement
 from ..robot.robot import Robot
 from .fits import CUTOFF, Frames
 
+_KEPT = 2000  # estimates that are stored
 _RATE = 2.0 * math.pi * CUTOFF  # [1/s] of the causal low pass
 _SETTLED = 10.0 / _RATE  # [s]
-_SAME = 1e-9  # [s] between times that are taken for one
-
-
-def measurements(log: Log, robot: Robot, frames: Frames) -> Iterator[Measurement]:
-    """Yield a sample at a time: q, v, the mean torque since the last one, and x where one came.
-
-    Where the log has no velocities, positions and torques pass a causal low pass, whose rate is the
-    velocity. They then belong together, 11 ms late, and so do the frames.
-    """
-    q, v, tau = log.configurations(robot), log.v, log.tau
-    before = np.where(np.isfinite(tau[:-1]), tau[:-1], tau[1:])
-    mean = np.vstack([tau[:1], tau[:-1] if log.held else 0.5 * (tau[1:] + before)])
-    late = 0.0 if v is not None else 1.0 / _RATE
-    passed = _Causal(robot.model)
-    seen, taken = 0, frames.t + late
-    for k, t in enumerate(log.t.tolist()):
-        x, x_time = None, None
-        while seen < len(taken) and taken[seen] <= t + _SAME:
-            x, x_time = frames.x[seen], min(float(taken[seen]), t)
-            seen += 1
-        x_time = None if x_time is None or abs(x_time - t) <= _SAME else x_time
-        if v is not None:
-            yield Measurement(t, q[k], v[k], x, x_time, tau=mean[k])
-            continue
-        slow, rate, torque = passed.step(t, q[k], mean[k])
-        if t >= log.t[0] + _SETTLED:
-            yield Measurement(t, slow, rate, x, x_time, tau=torque)
-
-
-class _Causal:
-    """Positions and torques through one first-order low pass each, and the rate of the former."""
-
-    def __init__(self, model: pin.Model) -> None:
-        self._model = model
-        self._memory: tuple[float, np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None = None
-
-    def step(
-        self, t: float, q: np.ndarray, tau: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return q, v and tau of the low pass at t [s]; a sample that is not finite as it is."""
-        if not (np.isfinite(q).all() and np.isfinite(tau).all()):
-            return q, np.full(self._model.nv, np.nan), tau
-        t_0, q_0, tau_0, slow, torque = self._memory or (t, q, tau, q, tau)
-        lag = pin.difference(self._model, slow, q_0)
-        way, x = pin.difference(self._model, q_0, q), _RATE * (t - t_0)
-        share = -math.expm1(-x)
-        late = 1.0 - share / x if x > 0.0 else 0.0  # of what changed over the step, linearly
-        slow = pin.integrate(self._model, slow, share * lag + late * way)
-        torque = torque + share * (tau_0 - torque) + late * (tau - tau_0)
-        self._memory = t, q, tau, slow, torque
-        return slow, _RATE * pin.difference(self._model, slow, q), torque
-
-
-_KEPT = 2000  # estimates that are kept
+_SAME = 1e-9  # [s] up to which two times are the same
 
 
 @dataclass(frozen=True, eq=False)
 class OnlineEstimates:
-    """What an estimator had learned in time.
+    """Estimates in time.
 
     Attributes:
         t: (K) times [s].
         a_k: (K, p_k) kinematic estimates [m].
         a_d: (K, p_d) dynamic estimates.
         state: at the end.
-        refused: how many samples could not be believed.
-        reason: why the first of them, or None.
+        refused: number of samples that were refused.
+        reason: why the first of them was, or None.
     """
 
     t: np.ndarray
@@ -96,23 +44,23 @@ class OnlineEstimates:
     reason: str | None
 
     def at(self, t: float) -> np.ndarray:
-        """Return the dynamic estimate (p_d) that was kept last before a time [s]."""
+        """Return the last stored dynamic estimate (p_d) before a time [s]."""
         return np.asarray(self.a_d[max(int(np.searchsorted(self.t, t, side="right")) - 1, 0)])
 
 
 def estimate_online(
     estimator: Estimator, samples: Iterable[Measurement], count: int
 ) -> OnlineEstimates:
-    """Return what an estimator learns of at most ``count`` samples, one at a time.
+    """Return the estimates of an estimator over at most ``count`` measurements.
 
-    Samples that cannot be believed are left out, as a robot's loop would.
+    Measurements that the estimator refuses are skipped, as in the loop of a robot.
 
     Raises:
-        LogError: none of them could be believed.
-        DivergedError: the estimates ran away.
+        LogError: all of them were refused.
+        DivergedError: the estimates diverged.
     """
     state: ControllerState | None = None
-    kept: list[ControllerState] = []
+    stored: list[ControllerState] = []
     refused, reason, every = 0, None, max(1, count // _KEPT)
     for k, sample in enumerate(samples):
         try:
@@ -122,10 +70,10 @@ def estimate_online(
             reason = reason or f"at {sample.t:g} s '{error.field}' {error.flaw}"
             continue
         if k % every == 0:
-            kept.append(state)
+            stored.append(state)
     if state is None:
-        raise LogError(f"no sample can be believed: {reason}.", where="log")
-    return OnlineEstimates(*_stacked([*kept, state]), state=state, refused=refused, reason=reason)
+        raise LogError(f"the estimator refuses every sample: {reason}.", where="log")
+    return OnlineEstimates(*_stacked([*stored, state]), state=state, refused=refused, reason=reason)
 
 
 def _stacked(states: Sequence[ControllerState]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -134,3 +82,53 @@ def _stacked(states: Sequence[ControllerState]) -> tuple[np.ndarray, np.ndarray,
         np.array([state.a_k for state in states]),
         np.array([state.a_d for state in states]),
     )
+
+
+def measurements(log: Log, robot: Robot, frames: Frames) -> Iterator[Measurement]:
+    """Yield one measurement a sample: q, v, the mean torque since the last one, x if there is one.
+
+    If the log has no velocities, positions and torques pass the same causal low pass, and the
+    velocity is the rate of its output. It delays all of them, and the frames, by 11 ms.
+    """
+    q, v, tau = log.configurations(robot), log.v, log.tau
+    before = np.where(np.isfinite(tau[:-1]), tau[:-1], tau[1:])
+    mean = np.vstack([tau[:1], tau[:-1] if log.held else 0.5 * (tau[1:] + before)])
+    delay = 0.0 if v is not None else 1.0 / _RATE
+    low_pass = _CausalLowPass(robot.model)
+    count, taken = 0, frames.t + delay
+    for k, t in enumerate(log.t.tolist()):
+        x, x_time = None, None
+        while count < len(taken) and taken[count] <= t + _SAME:
+            x, x_time = frames.x[count], min(float(taken[count]), t)
+            count += 1
+        x_time = None if x_time is None or abs(x_time - t) <= _SAME else x_time
+        if v is not None:
+            yield Measurement(t, q[k], v[k], x, x_time, tau=mean[k])
+            continue
+        position, velocity, torque = low_pass.step(t, q[k], mean[k])
+        if t >= log.t[0] + _SETTLED:
+            yield Measurement(t, position, velocity, x, x_time, tau=torque)
+
+
+class _CausalLowPass:
+    """Positions and torques through a first-order low pass, exact for linear changes in between."""
+
+    def __init__(self, model: pin.Model) -> None:
+        self._model = model
+        self._memory: tuple[float, np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None = None
+
+    def step(
+        self, t: float, q: np.ndarray, tau: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return q, v and tau after the low pass; v is NaN if the sample is not finite."""
+        if not (np.isfinite(q).all() and np.isfinite(tau).all()):
+            return q, np.full(self._model.nv, np.nan), tau
+        t_0, q_0, tau_0, slow, torque = self._memory or (t, q, tau, q, tau)
+        lag = pin.difference(self._model, slow, q_0)
+        change, x = pin.difference(self._model, q_0, q), _RATE * (t - t_0)
+        share = -math.expm1(-x)
+        ramp = 1.0 - share / x if x > 0.0 else 0.0  # of the change over the step
+        slow = pin.integrate(self._model, slow, share * lag + ramp * change)
+        torque = torque + share * (tau_0 - torque) + ramp * (tau - tau_0)
+        self._memory = t, q, tau, slow, torque
+        return slow, _RATE * pin.difference(self._model, slow, q), torque

@@ -1,4 +1,4 @@
-"""Least squares in the physical cone, drawn to the description where the motion tells nothing.
+"""Least squares in the physical cone, regularised towards the description.
 
     minimise  |S^-1/2 (W a - y)|^2 / 2 + gamma (sum_b D(P_b, P_b0) + sum_j w_j D(c_j, c_j0)),
 
@@ -6,12 +6,13 @@ P_b the pseudo-inertia of body b, c_j > 0 the coefficients of the joints, and
 
     D(P, P_0) = tr(P_0^-1 P) - log det(P_0^-1 P) - dim P
 
-the Bregman divergence of -log det: no coordinates, units or frames enter it, it is infinite on the
-border of the cone, so the estimate is always physical, and it is convex, so there is one minimum.
-It is the entropic divergence between two mass distributions of T. Lee, P. M. Wensing, F. C. Park,
-*Geometric robot dynamic identification: a convex programming approach*, IEEE Trans. Robotics 36
-(2020) 348-365. The whole is self-concordant, so Newton's method with a line search finds it; gamma
-comes down to its value in steps of ten, from where the description outweighs the rows.
+the Bregman divergence of -log det. It does not depend on coordinates, units or frames. It is
+infinite on the border of the cone, so the estimate is always physical, and it is convex, so there
+is one minimum. It is the entropic divergence between two mass distributions of T. Lee, P. M.
+Wensing, F. C. Park, *Geometric robot dynamic identification: a convex programming approach*, IEEE
+Trans. Robotics 36 (2020) 348-365. The objective is self-concordant, so Newton's method with a line
+search finds the minimum. gamma falls to its value in steps of ten, from where the description
+outweighs the rows.
 """
 
 from __future__ import annotations
@@ -26,23 +27,24 @@ from ..models.pseudo_inertia import COEFFICIENTS, nearest_physical
 from ..models.regressor import PER_BODY
 from ..robot.robot import Robot
 
-GAMMA = 1e-4  # a description tells a ten-thousandth of what one row does
+GAMMA = 1e-4  # weight of the description, relative to one row
 _FALL = 10.0  # of gamma, from one value to the next
 _STEPS = 50
 _DECREMENT = 1e-8  # squared, of Newton's step in units of gamma
 _BACK, _LEAST = 0.5, 1e-12
 _INSIDE = 0.9  # of the way to the border of the cone
+_MASS, _RADIUS = 1e-3, 1e-2  # least ones: share of the mean mass, of the reach
 
 
 @dataclass(frozen=True, eq=False)
 class PhysicalSet:
-    """Bodies by their ten parameters, then positive coefficients, and where they are drawn to.
+    """The physical parameters, of bodies and then of joints, and the centre of the regularisation.
 
     Attributes:
-        bodies: how many.
-        center: (p) inside of the set.
-        weights: (p - 10 k) w of the coefficients, positive; by default ones. D grows with c / c_0,
-            so a coefficient that may be many times what it is described as has a small one.
+        bodies: number of bodies, of ten parameters each.
+        center: (p) inside the set.
+        weights: (p - 10 k) w of the positive coefficients of the joints, by default ones. D grows
+            with c / c_0, so a coefficient that may be many times its description needs a small w.
     """
 
     bodies: int
@@ -59,7 +61,7 @@ class PhysicalSet:
         return a[PER_BODY * self.bodies :]
 
     def divergence(self, a: np.ndarray) -> float:
-        """Return the sum of D from the centre to a (p); infinite outside of the set."""
+        """Return the sum of w D from the centre to a (p); infinite outside the set."""
         P, P_0, c = self.matrices(a), self.matrices(self.center), self.coefficients(a)
         try:
             L = np.linalg.cholesky(P)
@@ -75,7 +77,7 @@ class PhysicalSet:
         return float(of_bodies.sum() + of_joints.sum())
 
     def local(self, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return T (p, p) and h (p): at a + T u, D is h . u + |u|^2 / 2 more, to second order."""
+        """Return T (p, p), h (p) of D(a + T u) - D(a) = h . u + |u|^2 / 2, to second order in u."""
         P, P_0 = self.matrices(a), self.matrices(self.center)
         T, h = np.zeros((a.size, a.size)), np.zeros(a.size)
         for b in range(self.bodies):
@@ -93,10 +95,34 @@ class PhysicalSet:
         return T, h
 
 
+def physical_set(dynamics: Dynamics, robot: Robot) -> PhysicalSet:
+    """Return the physical parameters of a model, centred at the description.
+
+    A body without mass, or with a radius of gyration below a hundredth of the reach, is enlarged to
+    these values: a centre must be inside the cone, not on its border.
+
+    Raises:
+        ParameterError: the parameters are not those of bodies and joints.
+    """
+    if not dynamics.per_body:
+        raise ParameterError(
+            "least squares in the physical cone need parameters of bodies and joints.",
+            where="identify",
+            hint="An estimator takes any dynamics: see pinadapt.Estimator.",
+        )
+    least_mass, least_radius = _MASS * robot.mass / robot.model.nv, _RADIUS * robot.reach
+    inertial, rest = np.split(dynamics.initial, [dynamics.inertial.size])
+    tens = [
+        nearest_physical(pi, least_mass=least_mass, least_radius=least_radius)
+        for pi in inertial.reshape(-1, PER_BODY)
+    ]
+    return PhysicalSet(len(tens), np.concatenate([*tens, rest]))
+
+
 def physical_fit(
     A: np.ndarray, b: np.ndarray, physical: PhysicalSet, *, gamma: float = GAMMA
 ) -> np.ndarray:
-    """Return the minimum (p) of |A a - b|^2 / 2 + gamma D(a), A (k, p) and b (k) whitened rows."""
+    """Return the minimiser (p) of |A a - b|^2 / 2 + gamma D(a), A (k, p) and b (k) whitened."""
     R, z = _square(A, b)
     a = physical.center
     weight = max(gamma, float(np.linalg.norm(R @ physical.local(a)[0], 2) ** 2))
@@ -108,7 +134,7 @@ def physical_fit(
 
 
 def _square(A: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return p rows that stand for all of A a = b, by QR."""
+    """Return p equations equivalent to A a = b in least squares, by QR."""
     if len(A) <= A.shape[1]:
         return A, b
     R = np.asarray(np.linalg.qr(np.column_stack([A, b]), mode="r"))
@@ -118,7 +144,7 @@ def _square(A: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _newton(
     R: np.ndarray, z: np.ndarray, physical: PhysicalSet, a: np.ndarray, gamma: float
 ) -> np.ndarray:
-    """Return the minimum of |R a - z|^2 / 2 + gamma D(a) from a start inside."""
+    """Return the minimum of |R a - z|^2 / 2 + gamma D(a), from a start inside the set."""
     root, value = np.sqrt(gamma), _value(R, z, physical, a, gamma)
     for _ in range(_STEPS):
         T, h = physical.local(a)
@@ -134,13 +160,13 @@ def _newton(
                 break
             share *= _BACK
         else:
-            return a  # nothing but rounding is left
+            return a  # rounding prevents further progress
         a, value = a + share * step, after
     return a
 
 
 def _share_inside(step: np.ndarray, physical: PhysicalSet, a: np.ndarray) -> float:
-    """Return which share of a step, at most one, stays clear of the border of the set."""
+    """Return the share of a step, at most one, that stays inside the set with a margin."""
     largest = 0.0
     if physical.bodies:
         P, change = physical.matrices(a), physical.matrices(step)
@@ -161,30 +187,3 @@ def _value(
         if np.isinf(divergence)
         else float(0.5 * np.sum((R @ a - z) ** 2)) + gamma * divergence
     )
-
-
-_MASS, _RADIUS = 1e-3, 1e-2  # least ones: of the mean body's, of the reach
-
-
-def physical_set(dynamics: Dynamics, robot: Robot) -> PhysicalSet:
-    """Return the physical parameters, their centre at the description.
-
-    Bodies that are described without mass or thinner than a hundredth of the reach are taken to be
-    thicker, as no mass distribution can be drawn to what is on the border of all of them.
-
-    Raises:
-        ParameterError: the parameters are not those of bodies and joints.
-    """
-    if not dynamics.per_body:
-        raise ParameterError(
-            "least squares in the physical cone are for parameters of bodies and joints.",
-            where="identify",
-            hint="An estimator takes any dynamics: see pinadapt.Estimator.",
-        )
-    least_mass, least_radius = _MASS * robot.mass / robot.model.nv, _RADIUS * robot.reach
-    inertial, rest = np.split(dynamics.initial, [dynamics.inertial.size])
-    tens = [
-        nearest_physical(pi, least_mass=least_mass, least_radius=least_radius)
-        for pi in inertial.reshape(-1, PER_BODY)
-    ]
-    return PhysicalSet(len(tens), np.concatenate([*tens, rest]))

@@ -31,13 +31,13 @@ FILES = (
     "learned.urdf",
     "summary.json",
 )
-_HARDLY = 2.0  # times better than the description is hardly better
-_RIGHT = 1e-3  # of the torques, by which a description that is right already may be off
-_GRAVITY = 0.7  # share of the error that is left with gravity added where a log leaves it out
+_HARDLY = 2.0  # gain up to which the estimate is hardly better than the description
+_RIGHT = 1e-3  # share of the torques up to which a description is correct
+_GRAVITY = 0.7  # share of the error left when gravity is added to a log without it
 
 
 def verdict(found: IdentifiedModel) -> str:
-    """Return what it came to, in one line."""
+    """Return the result in one line."""
     if not found.dynamic.names:
         errors = found.position_errors
         assert errors is not None  # else nothing was unknown
@@ -53,19 +53,19 @@ def verdict(found: IdentifiedModel) -> str:
     if gain >= _HARDLY:
         return words + "."
     if max(before, after) < _RIGHT * rms(errors.size):
-        return f"{words}. The description was right already, to a thousandth of the torques."
+        return f"{words}. The description was already correct to 0.1 % of the torques."
     if leaves_gravity_out(found):
         return (
-            f"{words}. These torques look as if gravity were left out of them: say so "
-            '(compensated = "nominal").'
+            f"{words}. These torques seem to lack gravity; if the arm compensates it, set "
+            'compensated = "nominal".'
         )
     if gain < 1.0:
-        return f"{words}: WORSE. What was learned of the first part does not hold for the last."
-    return f"{words}, which is hardly better. Are these torques those of the joints?"
+        return f"{words}: WORSE. The estimate from the first part does not predict the last."
+    return f"{words}, hardly better than the description. Are these the joints' torques?"
 
 
 def leaves_gravity_out(found: IdentifiedModel) -> bool:
-    """Tell whether the description predicts the torques much better with gravity added to them."""
+    """Tell whether the description predicts the torques much better with gravity added."""
     windows, robot = found.windows, found.described
     gravity, q = Gravity(robot), found.log.configurations(robot)
     near = np.searchsorted(found.log.t, windows.t).clip(0, len(found.log.t) - 1)
@@ -95,23 +95,23 @@ def sheet(found: IdentifiedModel) -> Sheet:
 
 
 def _overview(found: IdentifiedModel) -> list[tuple[str, str]]:
-    """Return what was given, and how much of it could be used."""
+    """Return the input, how it was processed, and how many combinations are identifiable."""
     log, online = found.log, found.online
     velocities = "as measured"
     if found.smoothed:
-        missing = "which has none" if log.v is None else "whose own are not those of the positions"
-        velocities = f"from the positions of the log, {missing}: zero phase, {CUTOFF:g} Hz"
+        reason = "none in the log" if log.v is None else "disagree with the positions"
+        velocities = f"{reason}; computed from the positions (zero-phase, {CUTOFF:g} Hz)"
     rows = [
         ("log", f"{len(log.t)} samples, {log.duration:.4g} s, every {1e3 * log.period:.4g} ms"),
         ("velocities", velocities),
         ("torques", "held until the next sample" if log.held else "measured at each sample"),
-        ("rows", f"{len(found.windows.t)} windows of {found.windows.length:.2g} s"),
+        ("torque rows", f"{len(found.windows.t)} windows of {found.windows.length:.2g} s"),
         ("held out", f"from {found.split:.4g} s on"),
     ]
     if found.log.v is None:
-        rows.append(("online", f"velocities by a causal low pass, {CUTOFF:g} Hz"))
+        rows.append(("online", f"velocities from a causal low pass, {CUTOFF:g} Hz"))
     if online.refused:
-        rows.append(("not believed", f"{online.refused} samples online, the first {online.reason}"))
+        rows.append(("refused online", f"{online.refused} samples, the first {online.reason}"))
     for name, part in (("kinematic", found.kinematic), ("dynamic", found.dynamic)):
         if part.names:
             rows.append((f"{name} parameters", identifiable(part)))
@@ -123,7 +123,7 @@ def _overview(found: IdentifiedModel) -> list[tuple[str, str]]:
 
 
 def _torque_table(found: IdentifiedModel) -> Table:
-    """Return errors of the torque, a row a joint."""
+    """Return errors of the torque, one row for each joint."""
     errors, online = found.torque_errors, found.online_held_out
     header = (
         "joint",
@@ -161,34 +161,35 @@ def _payload(found: IdentifiedModel) -> PayloadEstimate | None:
 
 
 def _load_table(load: PayloadEstimate) -> Table:
-    rows = [("mass", f"{load.mass:.4g}", known_to(load.mass_known_to), "kg")]
-    rows += [
-        (f"centre {axis}", f"{1e3 * value:.2f}", known_to(1e3 * known), "mm")
-        for axis, value, known in zip("xyz", load.com, load.com_known_to, strict=True)
-    ]
-    rows.append(("explains", f"{load.explained:.2%}", "", "of what was learned of bodies"))
+    rows = [*load.rows(), ("accounts for", f"{load.explained:.2%}", "", "of the change")]
     return Table(rows, ("load", "value", "known to", "unit"))
 
 
 def _parameter_table(part: Information, before: np.ndarray, units: Mapping[str, str]) -> Table:
-    """Return the parameters that were told apart, and which were not."""
-    told = np.isfinite(part.deviations)
+    """Return the identifiable parameters, and how many others there are."""
+    identified = np.isfinite(part.deviations)
     rows = [
         (name, f"{first:.4g}", f"{value:.4g}", known_to(deviation), units.get(name, ""))
-        for name, first, value, deviation, known in zip(
-            part.names, before, part.estimate, part.deviations, told, strict=True
+        for name, first, value, deviation, shown in zip(
+            part.names, before, part.estimate, part.deviations, identified, strict=True
         )
-        if known
+        if shown
     ]
-    if not told.all():
+    if not identified.all():
         rows.append(
-            (f"{np.count_nonzero(~told)} others", "", "", "", "only told apart in combinations")
+            (
+                f"{np.count_nonzero(~identified)} others",
+                "",
+                "",
+                "",
+                "only combinations identifiable",
+            )
         )
     return Table(rows, ("parameter", "described", "learned", "known to", "unit"))
 
 
 def summary(found: IdentifiedModel) -> dict[str, Any]:
-    """Return the numbers of ``summary.json``; None where no finite number is to be had."""
+    """Return the numbers of ``summary.json``; None stands for what is not finite."""
     load, positions = _payload(found), found.position_errors
     held_out = found.online_held_out
     return {
@@ -205,8 +206,8 @@ def summary(found: IdentifiedModel) -> dict[str, Any]:
         "torque": found.torque_errors.summary() if found.dynamic.names else None,
         "torque_online_held_out": held_out.tolist() if np.isfinite(held_out).all() else None,
         "position": None if positions is None else positions.summary(),
-        "dynamic_told_apart": found.dynamic.rank,
-        "kinematic_told_apart": found.kinematic.rank,
+        "dynamic_identifiable": found.dynamic.rank,
+        "kinematic_identifiable": found.kinematic.rank,
         "dynamic": _values(found.dynamic),
         "kinematic": _values(found.kinematic),
         "payload": None if load is None else _load_summary(load),
@@ -242,7 +243,7 @@ def _load_summary(load: PayloadEstimate) -> dict[str, Any]:
 
 
 def save(found: IdentifiedModel, folder: Path) -> None:
-    """Write arrays, numbers and the robot as learned into a folder, each file whole."""
+    """Write arrays, numbers and the identified robot into a folder, each file atomically."""
     arrays: dict[str, Any] = {
         "t": found.online.t,
         "a_k": found.online.a_k,
@@ -264,12 +265,12 @@ def save(found: IdentifiedModel, folder: Path) -> None:
 
 
 class Pictures(NamedTuple):
-    """What an identification shows; in Jupyter each picture shows itself.
+    """The pictures of an identification; in Jupyter each shows itself.
 
     Attributes:
-        torque: of each joint as measured, and as predicted by the description and by what was
-            learned before the part that is held out.
-        parameters: the online estimates in time, those of the whole log dashed.
+        torque: of each joint as measured, and as predicted by the description and by the estimate
+            from the log before the held-out part.
+        parameters: the online estimates in time; dashed: the estimates from the whole log.
     """
 
     torque: Picture
@@ -277,7 +278,7 @@ class Pictures(NamedTuple):
 
 
 def pictures_of(found: IdentifiedModel) -> Pictures:
-    """Draw what was identified."""
+    """Draw both pictures."""
     from ..plots.backend import matplotlib  # here, because matplotlib is slow to import
     from ..plots.figures import parameter_figure, prediction_figure
     from ..plots.style import RC
@@ -305,14 +306,14 @@ def pictures_of(found: IdentifiedModel) -> Pictures:
             found.described.joint_names,
             windows.t,
             windows.tau,
-            {"described": windows.tau - before, "learned until then": windows.tau - after},
+            {"described": windows.tau - before, "learned before": windows.tau - after},
             found.split,
         )
         return Pictures(torque, parameter_figure(online, "dashed: whole log"))
 
 
 def draw(found: IdentifiedModel, folder: Path) -> list[Path]:
-    """Write ``torque.png`` and ``parameters.png``, each whole; return their paths."""
+    """Write ``torque.png`` and ``parameters.png``; return their paths."""
     paths = []
     for name, picture in pictures_of(found)._asdict().items():
         paths.append(folder / f"{name}.png")

@@ -19,6 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..controller.state import Sample
+from ..exceptions import LogError
 from ..logs.log import Log
 from ..robot.robot import Robot
 
@@ -107,13 +108,22 @@ def motion_of_log(robot: Robot, log: Log, *, cutoff: float) -> MeasuredMotion:
 
     Args:
         robot: whose joints were recorded.
-        log: of at least two finite samples.
-        cutoff: of the low pass [Hz], at most 0.4 times the sampling rate.
+        log: of the motion.
+        cutoff: of the low pass [Hz]; at most 0.4 times the sampling rate is taken.
+
+    Raises:
+        LogError: fewer than two samples are finite.
     """
     model, q = robot.model, log.configurations(robot)
     finite = np.isfinite(q).all(axis=1) & np.isfinite(log.tau).all(axis=1)
     if log.v is not None:
         finite &= np.isfinite(log.v).all(axis=1)
+    if np.count_nonzero(finite) < 2:
+        raise LogError(
+            "fewer than two samples have all signals finite.",
+            where=log.source,
+            hint="Record all joints at the same times, or interpolate.",
+        )
     t, q, tau = log.t[finite], q[finite], log.tau[finite]
     moved, steps = _differences(model, q), np.diff(t)
     if log.v is not None:

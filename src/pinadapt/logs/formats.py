@@ -47,6 +47,7 @@ class RolloutFile(Format):
     """The folder of a run of ``pinadapt run``, or its ``rollout.npz``."""
 
     _FILE, _SUMMARY = "rollout.npz", "summary.json"
+    _ANNOUNCEMENTS = ("announced", "told")  # events that left the robot as it was; now, formerly
     _ARRAYS = frozenset({"t", "q", "v", "tau", "x", "x_d", "saturated"})
 
     def accepts(self, path: Path) -> bool:
@@ -83,7 +84,8 @@ class RolloutFile(Format):
             held=True,
             source=str(path),
         )
-        changes = [change["at"] for change in about.get("changes", ()) if change["what"] != "told"]
+        events = about.get("changes", ())
+        changes = [event["at"] for event in events if event["what"] not in self._ANNOUNCEMENTS]
         since = max((at for at in changes if at <= log.t[-1]), default=-np.inf)
         return log.after(since)
 

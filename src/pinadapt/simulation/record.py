@@ -121,7 +121,7 @@ def _marks(robots: Succession, told: Iterable[float]) -> tuple[tuple[float, str]
     """Return when something happened [s] and what, in order."""
     words = {time: [what] for time, what in robots.words}
     for time in told:
-        words.setdefault(time, []).append("told")
+        words.setdefault(time, []).append("announced")
     return tuple((time, ", ".join(words[time])) for time in sorted(words))
 
 
