@@ -11,7 +11,7 @@ from pinadapt.cli.main import main
 from pinadapt.description.chain import configuration_from_angles, position_limits, velocity_limits
 from pinadapt.excitation.allowance import Allowance
 from pinadapt.excitation.exciting_motion import RestToRest
-from pinadapt.excitation.search import _asked, _Search
+from pinadapt.excitation.search import _nominal_and_aim, _Search
 from pinadapt.scenario.scenario import Scenario
 from tests.support.chains import catalogue_robot, random_robot
 
@@ -28,7 +28,7 @@ def excited(name, **options):
 
 def search(name, kinematic=()):
     """Return a search for motions of a robot, and some of its coefficients."""
-    robot, aim = _asked(catalogue_robot(name), "payload", "all", kinematic)
+    robot, aim = _nominal_and_aim(catalogue_robot(name), "payload", "all", kinematic)
     found = _Search(aim, Allowance.of(robot, None, None), RestToRest(3, 6.0, 48))
     theta = np.random.default_rng(1).standard_normal((robot.model.nv, 4))
     return found, found.inside(theta)

@@ -312,7 +312,7 @@ def test_the_mismatch_is_told_before_a_run():
     with pytest.warns(UserWarning, match=r"believed wrong by .* of itself at home"):
         goal = pa.Hold(wrong.position(wrong.q0) + 0.05)
         rollout = pa.simulate(wrong, controller, goal, duration=2.0)
-    assert rollout.grade != "follows" and "does not learn the kinematics" in rollout.verdict
+    assert rollout.grade != "follows" and "does not adapt the kinematics" in rollout.verdict
     learning = pa.make_controller(robot)
     assert jacobian_finding(learning, wrong) is None
 

@@ -1,4 +1,4 @@
-"""Motions made to tell unknown parameters apart."""
+"""Motions that identify unknown parameters as well as the limits of a robot allow."""
 
 from .exciting_motion import ExcitingMotion as ExcitingMotion
 from .exciting_motion import LimitUse as LimitUse

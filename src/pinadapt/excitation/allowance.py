@@ -1,4 +1,4 @@
-"""Where a motion may go: limits of the description with a margin, and off the mounting plane."""
+"""What an exciting motion may use: the description's limits with a margin, above the mounting."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ from ..robot.robot import Robot
 
 _MARGIN = 0.05  # of a joint's range, at both ends
 _SPEED, _EFFORT = 0.8, 0.8  # shares of the description's limits
-_FAST_TURN, _FAST_SLIDE = 2.5, 1.0  # [rad/s, m/s] at most, whatever a description allows
-_TURN, _SLIDE = 0.5 * np.pi, 0.5  # [rad, m] from home
-_LOAD, _HALVINGS = 0.1, 6  # of the robot's mass
-_ROOM = 0.05  # of the reach, off the mounting plane
+_FASTEST_TURN, _FASTEST_SLIDE = 2.5, 1.0  # [rad/s, m/s] even if a description allows more
+_TURN, _SLIDE = 0.5 * np.pi, 0.5  # [rad, m] default excursion from home
+_LOAD, _HALVINGS = 0.1, 6  # default load as a share of the robot's mass, and how often halved
+_CLEARANCE = 0.05  # of the reach, above the mounting plane
 
 
 @dataclass(frozen=True, eq=False)
 class Allowance:
-    """What a motion of the joints may use.
+    """The ranges of position, velocity and effort that a motion of the joints may use.
 
     Attributes:
-        robot: whose joints move.
-        low, high: (n) angles or ways [rad or m].
+        robot: the nominal robot.
+        low, high: (n) angles or displacements [rad or m].
         speed: (n) [rad/s or m/s].
         effort: (n) [N m or N], infinite where the description has none.
-        load: the heaviest that it may carry [kg].
-        loaded: the model of the robot with it.
-        plane: that it is mounted on, or None where it moves along it or starts beyond it.
-        room: distance to be kept from it [m].
+        load: mass of the heaviest load that it may carry [kg].
+        loaded: the model of the robot with this load.
+        plane: that the robot is mounted on; None if it moves along the plane or starts behind it.
+        margin: smallest allowed distance from the plane [m].
     """
 
     robot: Robot
@@ -52,28 +52,30 @@ class Allowance:
     load: float
     loaded: pin.Model
     plane: MountingPlane | None
-    room: float
+    margin: float
 
     @classmethod
     def of(cls, robot: Robot, excursion: ArrayLike | None, load: float | None) -> Allowance:
-        """Take a robot, how far its joints may go from home, and its heaviest load [kg].
+        """Return the allowance of a robot for an excursion from home and a heaviest load [kg].
 
         Raises:
-            InputError: numbers that cannot be.
-            RobotError: a home outside the limits, or a load that the motors cannot hold there.
+            InputError: an excursion or load that is not a positive number.
+            RobotError: home is outside the limits, or the motors cannot hold the load there.
         """
         slides = np.array([is_slide(joint) for joint in robot.model.joints[1:]])
         low, high = _range(robot, slides, excursion)
         speed = np.minimum(
-            _SPEED * velocity_limits(robot.model), np.where(slides, _FAST_SLIDE, _FAST_TURN)
+            _SPEED * velocity_limits(robot.model), np.where(slides, _FASTEST_SLIDE, _FASTEST_TURN)
         )
-        mass = _bearable(robot) if load is None else positive(load, "load", zero=True)
+        mass = _default_load(robot) if load is None else positive(load, "load", zero=True)
         _check_held(robot, mass)
-        plane, room = _off_plane(robot)
-        return cls(robot, low, high, speed, _effort(robot), mass, _loaded(robot, mass), plane, room)
+        plane, margin = _mounting(robot)
+        return cls(
+            robot, low, high, speed, _effort(robot), mass, _loaded(robot, mass), plane, margin
+        )
 
     def torques(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Return the torques (N, 2, n) of a motion, without load and with the heaviest one."""
+        """Return the torques (N, 2, n) of a motion without load and with the heaviest one."""
         models = [(model, model.createData()) for model in (self.robot.model, self.loaded)]
         return np.array(
             [
@@ -83,17 +85,17 @@ class Allowance:
         )
 
     def clearance(self, q: np.ndarray) -> float:
-        """Return the least distance of configurations (N, nq) from the plane [m]; inf for none."""
+        """Return the smallest distance of configurations (N, nq) from the plane [m], or inf."""
         return float(np.min(self._distances(q), initial=np.inf))
 
     def excess(self, angles: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Return how far N states are beyond what is allowed, in parts of it (N, .), from 0 up."""
+        """Return by how much N states exceed each allowance, relative to it (N, .); zero within."""
         middle, half = 0.5 * (self.low + self.high), 0.5 * (self.high - self.low)
         parts = [np.abs(angles - middle) / half, np.abs(v) / self.speed]
         if np.isfinite(self.effort).any():
             parts.append((np.abs(self.torques(q, v, a)) / self.effort).reshape(len(q), -1))
         if self.plane is not None:
-            parts.append(2.0 - self._distances(q)[:, None] / self.room)
+            parts.append(2.0 - self._distances(q)[:, None] / self.margin)
         return np.maximum(np.hstack(parts) - 1.0, 0.0)
 
     def _distances(self, q: np.ndarray) -> np.ndarray:
@@ -109,23 +111,23 @@ class Allowance:
 def _range(
     robot: Robot, slides: np.ndarray, excursion: ArrayLike | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the least and largest angles or ways (n) [rad or m].
+    """Return the lowest and highest angles or displacements (n) [rad or m].
 
     Raises:
-        InputError: an excursion that cannot be.
-        RobotError: a home outside the limits.
+        InputError: an excursion that is not positive or has a wrong size.
+        RobotError: home is outside the limits.
     """
     home, (lower, upper) = robot.home_angles, position_limits(robot.model)
     _check_home(robot, lower, upper)
-    away = np.where(slides, _SLIDE, _TURN)
+    reach = np.where(slides, _SLIDE, _TURN)
     if excursion is not None:
-        away = vector(excursion, robot.model.nv, "excursion", names=robot.joint_names)
-        for each in away:
+        reach = vector(excursion, robot.model.nv, "excursion", names=robot.joint_names)
+        for each in reach:
             positive(each, "excursion", error=InputError)
     margin = np.where(np.isfinite(lower), _MARGIN * (upper - lower), 0.0)
     low = lower + np.minimum(margin, 0.5 * (home - lower))
     high = upper - np.minimum(margin, 0.5 * (upper - home))
-    return np.maximum(low, home - away), np.minimum(high, home + away)
+    return np.maximum(low, home - reach), np.minimum(high, home + reach)
 
 
 def _effort(robot: Robot) -> np.ndarray:
@@ -148,17 +150,17 @@ def _at_home(robot: Robot, mass: float) -> np.ndarray:
     return np.asarray(np.abs(torques).max(axis=0))
 
 
-def _bearable(robot: Robot) -> float:
-    """Return a load [kg]: a tenth of the robot's mass, halved until it is held at home, or none."""
+def _default_load(robot: Robot) -> float:
+    """Return a tenth of the robot's mass [kg], halved until the motors hold it at home, or zero."""
     loads = [_LOAD * robot.mass / 2**halvings for halvings in range(_HALVINGS)]
     return next((mass for mass in loads if (_at_home(robot, mass) < _effort(robot)).all()), 0.0)
 
 
 def _check_held(robot: Robot, mass: float) -> None:
-    """Refuse a load [kg] that the motors cannot hold at home within their share.
+    """Check that the motors can hold a load [kg] at home with the effort that they may use.
 
     Raises:
-        RobotError: the joint and both torques are named.
+        RobotError: they cannot; names the joint and both torques.
     """
     needs = zip(robot.joint_names, _at_home(robot, mass), _effort(robot), strict=True)
     for name, torque, effort in needs:
@@ -173,31 +175,31 @@ def _check_held(robot: Robot, mass: float) -> None:
             )
 
 
-def _off_plane(robot: Robot) -> tuple[MountingPlane | None, float]:
-    """Return the plane that a robot is mounted on, and how far to keep off it [m].
+def _mounting(robot: Robot) -> tuple[MountingPlane | None, float]:
+    """Return the plane that a robot is mounted on, and the distance to keep from it [m].
 
-    None where all of it moves along the plane, or home is beyond it.
+    None if the robot moves along the plane, or home is behind it.
     """
     plane = MountingPlane.of(robot.model, robot.frame_id, robot.q0)
     if plane is None:
         return None, 0.0
-    there = plane.distance(robot.model, robot.model.createData(), robot.frame_id, robot.q0)
-    return (plane, min(_ROOM * robot.reach, 0.5 * there)) if there > 0.0 else (None, 0.0)
+    distance = plane.distance(robot.model, robot.model.createData(), robot.frame_id, robot.q0)
+    return (plane, min(_CLEARANCE * robot.reach, 0.5 * distance)) if distance > 0.0 else (None, 0.0)
 
 
 def _check_home(robot: Robot, lower: np.ndarray, upper: np.ndarray) -> None:
-    """Refuse a home outside the limits.
+    """Check that home is inside the limits.
 
     Raises:
-        RobotError: the joint is named.
+        RobotError: it is not; names the joint.
     """
     for name, angle, low, high in zip(
         robot.joint_names, robot.home_angles, lower, upper, strict=True
     ):
         if not low < angle < high:
             raise RobotError(
-                f"home has joint '{name}' at {angle:.4g}, limits {low:.4g} to {high:.4g}: a motion "
-                "from there and back cannot keep inside.",
+                f"home has joint '{name}' at {angle:.4g}, not inside its limits {low:.4g} to "
+                f"{high:.4g}, so no motion from there can keep them.",
                 where="q0",
                 hint="Take another home pose, Robot.at or robot.q0.",
             )

@@ -1,4 +1,4 @@
-"""Finding a motion inside the limits that tells unknown parameters apart."""
+"""The search for the exciting motion of largest information gain within all limits."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from .aim import Aim
 from .allowance import Allowance, configurations
 from .exciting_motion import ExcitingMotion, LimitUse, RestToRest
 
-_FASTEST = 0.5  # [Hz] of the harmonics, where the duration leaves that many
+_FASTEST = 0.5  # [Hz] of the harmonics, unless the duration is too short
 _FEWEST, _MOST = 3, 8  # harmonics
-_PER_HARMONIC, _FINE = 16, 60  # instants of the search, and of the last check
+_PER_HARMONIC, _FINE = 16, 60  # instants per harmonic, in the search and in the last check
 _STARTS, _ITERATIONS = 24, 60
-_PENALTY = 200.0  # nats for being all of an allowance beyond it, on the mean
-_STEP = 1e-6  # [rad or m, and per s or s^2] of derivatives
-_SCALES = 20  # halvings of the interval of the last check
+_PENALTY = 200.0  # [nat] for exceeding an allowance by its own size at all instants
+_STEP = 1e-6  # of numerical derivatives [rad or m, and per s or s^2]
+_BISECTIONS = 20  # in the last check
 
 
 def excite(
@@ -47,17 +47,19 @@ def excite(
     seed: int = 0,
     progress: Progress | bool | None = None,
 ) -> ExcitingMotion:
-    """Find a motion of the joints that tells unknown parameters apart, within all limits.
+    """Find a motion of the joints that identifies unknown parameters, within all limits.
 
-    A Fourier series a joint, from rest at home and back (Swevers and others, 1997), of largest
-    expected information on the base parameters (see ``Aim``), found by quasi-Newton steps from the
-    best of some random series. It keeps a twentieth of each joint's range off its ends, four fifths
-    of the limits of velocity and effort, the latter with and without a load, and joints and frame
-    off the horizontal plane that the robot is mounted on. Collisions with itself are not looked at:
-    a smaller ``excursion`` avoids them.
+    The motion is a Fourier series for each joint, from rest at home and back (Swevers and others,
+    1997), with the largest expected information gain about the base parameters (see ``Aim``). It is
+    found by quasi-Newton steps from the best of some random series.
+
+    It stays away from the ends of each joint's range by a twentieth of it, uses at most four fifths
+    of the velocity and effort limits, the latter with and without a load, and keeps joints and
+    frame above the horizontal plane that the robot is mounted on. Collisions of the robot with
+    itself are not checked: a smaller ``excursion`` avoids them.
 
     Args:
-        robot: believed, of any task, at its home; or a controller, whose unknowns are taken.
+        robot: nominal, of any task, at its home; or a controller, whose unknowns are taken.
         dynamic: unknown bodies: "all", "payload" (the last one), "none", or joint names.
         joint: unknown coefficients of the joints: "all", "none", or some of "armature", "viscous",
             "coulomb".
@@ -65,24 +67,24 @@ def excite(
         duration: of the motion, and period of the series [s].
         harmonics: of the series, at least 2; by default as many as stay within half a hertz, from 3
             to 8.
-        excursion: how far joints may go from home, one or one a joint [rad or m]; by default a
+        excursion: how far joints may move from home, one or one a joint [rad or m]; by default a
             quarter of a turn and half a metre.
-        load: the heaviest at the frame that the motors are to bear [kg]; by default a tenth of the
-            robot's mass, or what of it is held at home.
+        load: mass of the heaviest load at the frame [kg]; by default a tenth of the robot's mass,
+            halved until the motors hold it at home.
         seed: of the random series.
         progress: as in ``simulate``.
 
     Raises:
-        InputError: nothing is unknown, no motion shows it, or numbers that cannot be.
-        RobotError: home is outside the limits, or the arm or its load cannot be held there.
+        InputError: nothing is unknown, no motion identifies it, or impossible numbers.
+        RobotError: home is outside the limits, or the motors cannot hold arm and load there.
     """
     compile_all()
-    believed, aim = _asked(robot, dynamic, joint, kinematic)
+    nominal, aim = _nominal_and_aim(robot, dynamic, joint, kinematic)
     duration = positive(duration, "duration", error=InputError)
     if harmonics is None:
         harmonics = min(max(round(_FASTEST * duration), _FEWEST), _MOST)
     harmonics = whole(harmonics, "harmonics", 2)
-    allowed = Allowance.of(believed, excursion, load)
+    allowed = Allowance.of(nominal, excursion, load)
     search = _Search(aim, allowed, RestToRest(harmonics, duration, _PER_HARMONIC * harmonics))
     theta = search.best(whole(seed, "seed", 0), watched(range(_ITERATIONS), progress, "excite"))
     fine = RestToRest(harmonics, duration, _FINE * harmonics)
@@ -90,7 +92,7 @@ def excite(
     theta = check.inside(theta)
     angles, q, v, a = check.states(theta)
     return ExcitingMotion(
-        fine.series(believed.home_angles, theta),
+        fine.series(nominal.home_angles, theta),
         duration,
         aim.excitation(q, v, a, duration),
         LimitUse.of(allowed, angles, q, v, a),
@@ -99,38 +101,38 @@ def excite(
     )
 
 
-def _asked(
+def _nominal_and_aim(
     given: Robot | Controller,
     dynamic: str | Sequence[str],
     joint: str | Sequence[str],
     kinematic: str | Sequence[str | Translation],
 ) -> tuple[Robot, Aim]:
-    """Return the believed robot, and what is unknown of it.
+    """Return the nominal robot and its unknown parameters.
 
     Raises:
-        InputError: words that cannot be used, or nothing that a motion would show.
+        InputError: unknown words, or no parameter that a motion identifies.
     """
     instance(given, Robot | Controller, "robot")
     if isinstance(given, Controller):
-        believed = given.kinematics.robot if given.belief is None else given.belief.unloaded
-        return believed, Aim(believed, given.dynamics, given.kinematics)
-    believed = given.undrawn()
-    dynamics = believed_dynamics(believed, dynamic, joint, None, None, ())
+        nominal = given.kinematics.robot if given.belief is None else given.belief.unloaded
+        return nominal, Aim(nominal, given.dynamics, given.kinematics)
+    nominal = given.undrawn()
+    dynamics = believed_dynamics(nominal, dynamic, joint, None, None, ())
     kinematics: TaskKinematics
     if not len(kinematic):
-        kinematics = JointKinematics(replace(believed, task=JointTask.of_chain(believed.model)), ())
+        kinematics = JointKinematics(replace(nominal, task=JointTask.of_chain(nominal.model)), ())
     else:
-        seen = isinstance(believed.task, JointTask)
-        framed = replace(believed, task=TASKS["xyz"]) if seen else believed
+        in_joints = isinstance(nominal.task, JointTask)
+        framed = replace(nominal, task=TASKS["xyz"]) if in_joints else nominal
         kinematics = FrameKinematics(framed, kinematic)
-    return believed, Aim(believed, dynamics, kinematics)
+    return nominal, Aim(nominal, dynamics, kinematics)
 
 
 class _Search:
-    """Coefficients theta (n, size) of motions, seen at the instants of a period."""
+    """Motions of coefficients theta (n, size), evaluated at the instants of a period."""
 
     def __init__(self, aim: Aim, allowed: Allowance, basis: RestToRest) -> None:
-        """Take what is to be told, what is allowed, and the motions."""
+        """Take the unknown parameters, the allowance, and the family of motions."""
         self._aim, self._allowed, self._basis = aim, allowed, basis
         self._home = allowed.robot.home_angles
 
@@ -141,7 +143,7 @@ class _Search:
         return angles, configurations(self._allowed.robot, angles), v, a
 
     def best(self, seed: int, iterations: Iterable[int]) -> np.ndarray:
-        """Return the coefficients that tell most, nearly inside of what is allowed."""
+        """Return the coefficients of largest gain, nearly within the allowance."""
         from scipy.optimize import minimize  # here, because scipy is slow to import
 
         rng, shape = np.random.default_rng(seed), (len(self._home), self._basis.size)
@@ -162,20 +164,20 @@ class _Search:
             callback=lambda _: next(steps, None),
             options={"maxiter": _ITERATIONS},
         )
-        for _ in steps:  # the bar ends
+        for _ in steps:  # complete the progress bar
             pass
         return np.asarray(size * found.x.reshape(shape))
 
     def inside(self, theta: np.ndarray) -> np.ndarray:
-        """Return the largest multiple of theta, up to itself, whose motion keeps all limits.
+        """Return theta times the largest factor up to one whose motion keeps all limits.
 
         Raises:
-            RobotError: not even a small one does.
+            RobotError: no factor does.
         """
         if not self._excess(theta).any():
             return theta
         low, high = 0.0, 1.0
-        for _ in range(_SCALES):
+        for _ in range(_BISECTIONS):
             middle = 0.5 * (low + high)
             low, high = (low, middle) if self._excess(middle * theta).any() else (middle, high)
         if not low:
@@ -193,10 +195,10 @@ class _Search:
         return -self._aim.information_gain(*self.states(theta)[1:], self._basis.period)
 
     def _cost(self, theta: np.ndarray) -> tuple[float, np.ndarray]:
-        """Return the nats that a motion does not tell, with those for what is not allowed.
+        """Return the penalty for exceeded allowances minus the gain [nat], and its derivative.
 
-        And the derivative (n, size), by differences in the states, of which there are fewer than
-        coefficients in all of them.
+        The derivative (n, size) is by differences in the 3 n states of each instant, fewer than the
+        coefficients.
         """
         way, v, a = self._basis.motion(theta)
         now = np.stack([self._home + way, v, a])  # (3, N, n)

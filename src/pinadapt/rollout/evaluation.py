@@ -1,4 +1,4 @@
-"""What a recorded run tells of the belief: V(t), the estimated mass matrix and Jacobian."""
+"""Quantities of a recorded run: V(t), and the estimated mass matrix and Jacobian."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from .limit_excess import LimitExcess, motion_of_plant, motion_of_reference
 
 
 class Evaluation:
-    """Quantities of N recorded samples, each computed when it is first asked for and then kept.
+    """Quantities of N recorded samples, each computed at its first use and then stored.
 
     Attributes:
-        controller: the controller that ran; its private models are used as scratch.
-        true: the robot that was driven, and what it became.
+        controller: that ran; its private models are overwritten by the computations.
+        true: the robot that was driven, and the ones that it became during the run.
         samples: what was recorded (N).
     """
 
     def __init__(self, controller: Controller, true: Succession, samples: Sequence[Sample]) -> None:
-        """Keep what the quantities are computed from."""
+        """Take what the quantities are computed from."""
         self.controller, self.true, self.samples = controller, true, samples
 
     @property
@@ -39,7 +39,7 @@ class Evaluation:
             ParameterError: there is no sample, or its estimates are not finite.
         """
         if not self.samples:
-            raise ParameterError("nothing ran, so nothing was learned.", where="rollout")
+            raise ParameterError("the run has no sample, so there is no estimate.", where="rollout")
         state = self.samples[-1].state
         if not (np.isfinite(state.a_d).all() and np.isfinite(state.a_k).all()):
             raise ParameterError("the last estimates are not finite.", where="rollout")
@@ -73,17 +73,17 @@ class Evaluation:
         return known if len(known) == len(values) else None
 
     def _in_time(self, values: list[np.ndarray] | None) -> np.ndarray | None:
-        """Return a value (p) that holds throughout, or those of all samples (N, p)."""
+        """Return the one value (p), or those of all samples (N, p) where there are several."""
         if values is None or len(values) == 1:
             return None if values is None else values[0]
         return np.array(values)[self._phases(self.samples)]
 
     def _phases(self, samples: Sequence[Sample]) -> np.ndarray:
-        """Return which of the true robots each of the samples (k) saw."""
+        """Return the index of the true robot at each of the samples (k)."""
         return self.true.index(np.array([sample.t for sample in samples]))
 
     @cached_property
-    @np.errstate(all="ignore")  # a loop that diverges overflows on its way
+    @np.errstate(all="ignore")  # a loop that diverges overflows
     def smallest_eigenvalues(self) -> np.ndarray:
         """Smallest eigenvalue (N) of the estimated mass matrix; NaN where that is not finite."""
         dynamics, project, M = self.controller.dynamics, self.controller.adaptation_d.project, []
@@ -123,7 +123,7 @@ class Evaluation:
 
     @cached_property
     def limits(self) -> LimitExcess:
-        """How far the true robot, and the reference of its joints, went beyond their limits."""
+        """By how much the true robot, and the reference of its joints, exceed their limits."""
         true, samples = self.true.robots[0], self.samples
         return LimitExcess.of(
             true, motion_of_plant(true, samples), motion_of_reference(true, samples)
@@ -139,11 +139,8 @@ class Evaluation:
         """Return V at some of the samples (k), or None where it is undefined for one of them."""
         if self._true_k is None or self._true_d is None or not samples:
             return None
-        plants, law, V = (
-            [PinocchioPlant(robot) for robot in self.true.robots],
-            self.controller.law,
-            [],
-        )
+        plants = [PinocchioPlant(robot) for robot in self.true.robots]
+        law, V = self.controller.law, []
         for sample, k in zip(samples, self._phases(samples), strict=True):
             plant, a_k, a_d = plants[k], self._true_k[k], self._true_d[k]
             parts = self.controller.parameter_storage(sample.state, a_k, a_d)
@@ -157,7 +154,7 @@ class Evaluation:
 def truth_at(
     plant: PinocchioPlant, sample: Sample, a_k_true: np.ndarray, a_d_true: np.ndarray
 ) -> Truth:
-    """Return what a law's V needs to know of the true robot at one sample."""
+    """Return the quantities of the true robot at one sample on which a law's V depends."""
     q, v = sample.measurement.q, sample.measurement.v
     M, C = plant.mass_matrix(q), plant.coriolis_matrix(q, v)
     return Truth(a_k_true, a_d_true, M, C, plant.robot.friction)

@@ -1,4 +1,4 @@
-"""How far a run, and what was asked of it, went beyond the limits of the robot's description."""
+"""By how much actual and desired motion exceed the limits of the robot's description."""
 
 from __future__ import annotations
 
@@ -22,55 +22,13 @@ from ..robot.robot import Robot
 from ..tasks.joint import JointTask
 from ..tasks.task import DISPLAYS
 
-
-class JointMotion(NamedTuple):
-    """N samples of a chain.
-
-    Attributes:
-        q: (N, nv) one number a joint [rad or m]; of continuous joints it means nothing.
-        v: (N, nv) velocities [rad/s or m/s].
-        tau: (N, nv) torques at the joints [N m or N].
-    """
-
-    q: np.ndarray
-    v: np.ndarray
-    tau: np.ndarray
-
-
-def motion_of_plant(true: Robot, samples: Sequence[Sample]) -> JointMotion:
-    """Return how the true robot moved, and the torques that its motors gave."""
-    numbers = [joint.idx_q for joint in true.model.joints[1:]]
-    return _stacked(true, [(s.truth.q[numbers], s.truth.v, s.torque) for s in samples])
-
-
-def motion_of_reference(true: Robot, samples: Sequence[Sample]) -> JointMotion | None:
-    """Return the desired joint motion, and the torques that the true robot needs to follow it.
-
-    None for tasks of the frame: which joints follow its path is the controller's choice wherever
-    the arm is redundant, and a matter of branches elsewhere.
-    """
-    if not isinstance(true.task, JointTask):
-        return None
-    model, data, rows = true.model, true.model.createData(), []
-    for x_d, xd_d, xdd_d in (sample.desired for sample in samples):
-        q = configuration_from_angles(model, x_d)
-        rows.append((x_d, xd_d, pin.rnea(model, data, q, xd_d, xdd_d)))
-    motion = _stacked(true, rows)
-    return motion._replace(tau=motion.tau + true.friction.torque(motion.v))
-
-
-def _stacked(robot: Robot, rows: Sequence[tuple[np.ndarray, ...]]) -> JointMotion:
-    stack = np.array(rows, dtype=float).reshape(len(rows), 3, robot.model.nv)
-    return JointMotion(*stack.swapaxes(0, 1))
-
-
-_NOTHING = "-"
-_SHOWN = 3  # excesses in one line
+_NONE = "-"
+_SHOWN = 3  # excesses in the one-line text
 _HEADER = ("beyond limits", "position", "velocity", "effort", "of")
 
 
 class Excess(NamedTuple):
-    """The largest excess of each joint; zero where it stays within its limit, or has none.
+    """The largest excess of each joint; zero within the limit or without one.
 
     Attributes:
         position: (nv) [rad or m].
@@ -89,15 +47,15 @@ class Excess(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LimitExcess:
-    """How far joints went beyond the limits of the description; ``print`` shows those that did.
+    """By how much joints exceed the limits of the description; ``print`` shows those that do.
 
     Attributes:
         joints: names of the joints.
         slides: of each joint, whether it is prismatic.
         stated: whether the description states any limit.
-        plant: of the true robot at the recorded samples, with the torques that its motors gave.
+        plant: of the true robot at the recorded samples, with the torques of its motors.
         reference: of the desired motion, with the torques that the true robot needs to follow it;
-            None for tasks of the frame, whose reference is no joint motion.
+            None for tasks of the frame, whose reference is not a joint motion.
     """
 
     joints: tuple[str, ...]
@@ -120,7 +78,7 @@ class LimitExcess:
 
     @property
     def exceeded(self) -> bool:
-        """Whether any joint went beyond a limit, or was asked to."""
+        """Whether the motion or the desired motion of any joint exceeds a limit."""
         return any(np.any(excess) for excess in self._motions().values())
 
     def summary(self) -> dict[str, dict[str, dict[str, float]] | None]:
@@ -144,18 +102,18 @@ class LimitExcess:
         return f"exceeded at {', '.join(counts)} of {len(self.joints)} joints"
 
     def words(self) -> str:
-        """Return in one line which joints went how far beyond which limit, or were asked to."""
+        """Return in one line which joints exceed which limit by how much."""
         found = [
-            f"{joint} {kind} by {value}{'' if motion == 'plant' else ' (asked for)'}"
+            f"{joint} {kind} by {value}{'' if motion == 'plant' else ' (desired)'}"
             for joint, *values, motion in self.rows()
             for kind, value in zip(Excess._fields, values, strict=True)
-            if value != _NOTHING
+            if value != _NONE
         ]
         more = f" and {len(found) - _SHOWN} more" if len(found) > _SHOWN else ""
         return f"beyond limits: {', '.join(found[:_SHOWN])}{more}"
 
     def rows(self) -> Iterator[tuple[str, ...]]:
-        """Yield joint, excess of position, velocity and effort, and of what, of joints with any."""
+        """Yield joint, excess of position, velocity and effort, and motion, where there is any."""
         for motion, excess in self._motions().items():
             for i in np.flatnonzero(np.any(excess, axis=0)).tolist():
                 shown = [self._shown(i, kind, value) for kind, value in excess.of(i).items()]
@@ -163,7 +121,7 @@ class LimitExcess:
 
     @property
     def table(self) -> Table:
-        """The joints beyond a limit, one a row."""
+        """The joints beyond a limit, one in each row."""
         return Table(list(self.rows()), _HEADER)
 
     def __str__(self) -> str:
@@ -171,14 +129,14 @@ class LimitExcess:
         return str(self.table) if self.exceeded else f"joint limits: {self.verdict()}"
 
     def _motions(self) -> dict[str, Excess]:
-        """Return what there is of plant and reference."""
+        """Return the excess of plant and, if there is one, of the reference."""
         both = {"plant": self.plant, "reference": self.reference}
         return {motion: excess for motion, excess in both.items() if excess is not None}
 
     def _shown(self, joint: int, kind: str, value: float) -> str:
-        """Return one number with its unit, or a dash for none."""
+        """Return one number with its unit, a dash for zero."""
         if not value:
-            return _NOTHING
+            return _NONE
         slide = self.slides[joint]
         if kind == "effort":
             return f"{value:.4g} {'N' if slide else 'N m'}"
@@ -186,8 +144,49 @@ class LimitExcess:
         return f"{value * shown.scale:.4g} {shown.unit}{'/s' if kind == 'velocity' else ''}"
 
 
+class JointMotion(NamedTuple):
+    """Motion and torques of the joints of a chain at N samples.
+
+    Attributes:
+        q: (N, nv) one number a joint [rad or m]; meaningless for continuous joints.
+        v: (N, nv) velocities [rad/s or m/s].
+        tau: (N, nv) torques at the joints [N m or N].
+    """
+
+    q: np.ndarray
+    v: np.ndarray
+    tau: np.ndarray
+
+
+def motion_of_plant(true: Robot, samples: Sequence[Sample]) -> JointMotion:
+    """Return the motion of the true robot and the torques of its motors."""
+    numbers = [joint.idx_q for joint in true.model.joints[1:]]
+    return _stacked(true, [(s.truth.q[numbers], s.truth.v, s.torque) for s in samples])
+
+
+def motion_of_reference(true: Robot, samples: Sequence[Sample]) -> JointMotion | None:
+    """Return the desired joint motion, and the torques that the true robot needs to follow it.
+
+    None for tasks of the frame, because several joint motions follow the same path: the arm may be
+    redundant, and its inverse kinematics have several branches.
+    """
+    if not isinstance(true.task, JointTask):
+        return None
+    model, data, rows = true.model, true.model.createData(), []
+    for x_d, xd_d, xdd_d in (sample.desired for sample in samples):
+        q = configuration_from_angles(model, x_d)
+        rows.append((x_d, xd_d, pin.rnea(model, data, q, xd_d, xdd_d)))
+    motion = _stacked(true, rows)
+    return motion._replace(tau=motion.tau + true.friction.torque(motion.v))
+
+
+def _stacked(robot: Robot, rows: Sequence[tuple[np.ndarray, ...]]) -> JointMotion:
+    stack = np.array(rows, dtype=float).reshape(len(rows), 3, robot.model.nv)
+    return JointMotion(*stack.swapaxes(0, 1))
+
+
 class _Limits(NamedTuple):
-    """The limits of a description, one a joint, infinite where it states none."""
+    """The limits of a description for each joint, infinite where it states none."""
 
     lower: np.ndarray
     upper: np.ndarray
@@ -203,7 +202,7 @@ class _Limits(NamedTuple):
     def stated(self) -> bool:
         return bool(np.isfinite(np.concatenate(self)).any())
 
-    @np.errstate(invalid="ignore")  # infinite less infinite is no excess
+    @np.errstate(invalid="ignore")  # inf - inf is no excess
     def excess(self, motion: JointMotion) -> Excess:
         return Excess(
             _largest(np.maximum(motion.q - self.upper, self.lower - motion.q)),

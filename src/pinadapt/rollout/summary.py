@@ -22,7 +22,7 @@ WATCHED = ("min_eig_M_hat", "min_singular_J_hat", "damping", "damping_share")
 
 
 def summary(rollout: Recording) -> dict[str, Any]:
-    """Return the numbers of ``summary.json``; None where no finite number is to be had."""
+    """Return the numbers of ``summary.json``; None stands for what is not finite."""
     return {
         "verdict": verdict(rollout),
         "error_share": error_share(rollout),
@@ -57,7 +57,7 @@ def summary(rollout: Recording) -> dict[str, Any]:
 
 
 def _errors(norms: np.ndarray, name: str) -> dict[str, float | None]:
-    """Return the largest of the first and last 10 %, and the root mean square of the last."""
+    """Return the largest norm in the first and last 10 %, and the rms in the last."""
     return {
         f"max_{name}_first": extreme(np.max, window(norms, True)),
         f"max_{name}_last": extreme(np.max, window(norms, False)),
@@ -92,7 +92,7 @@ def brief(rollout: Recording) -> Sheet:
 
 
 def sheet(rollout: Recording) -> Sheet:
-    """Return a table of what matters, and one of the joints beyond their limits if there are."""
+    """Return a table of the main numbers, and one of the joints that exceed their limits."""
     numbers, (group, *more) = summary(rollout), rollout.task.groups
     sizes = f"{len(rollout.kinematic_names)} kinematic, {len(rollout.dynamic_names)} dynamic"
     singular = "m" if group.unit == "m" and not more else ""
@@ -133,7 +133,7 @@ def _error_rows(
 
 
 def _largest_torque(rollout: Recording) -> str:
-    """Return the largest torque or force and the joint that gave it."""
+    """Return the largest torque or force, and its joint."""
     tau = np.where(np.isfinite(rollout.tau), np.abs(rollout.tau), -1.0)
     if not tau.size or tau.max() < 0.0:
         return number(None)
@@ -148,7 +148,7 @@ def _ends(lyapunov: np.ndarray | None) -> str:
 
 
 def _remarks(rollout: Recording, numbers: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return the rows that only some runs have."""
+    """Return the rows that only some runs have: events, damping, saturation, an early end."""
     rows = _change_rows(numbers["changes"], rollout.task.groups[0].unit)
     if numbers["max_damping"]:
         share, lost = np.mean(rollout.damping > 0.0), numbers["max_damping_share"]
@@ -172,7 +172,7 @@ def _ended_early(rollout: Recording) -> list[tuple[str, str]]:
 
 
 def _change_rows(changes: list[dict[str, Any]], unit: str) -> list[tuple[str, str]]:
-    """Return one row a change of the robot or the belief."""
+    """Return one row for each change of the robot or announcement."""
     rows, shown = [], DISPLAYS[unit]
     close = number(CLOSE, shown.unit, scale=shown.scale, digits=0 if unit == "m" else 3)
     for change in changes:
@@ -188,10 +188,10 @@ def _change_rows(changes: list[dict[str, Any]], unit: str) -> list[tuple[str, st
 
 
 def save(rollout: Recording, folder: Path) -> None:
-    """Write ``rollout.npz`` and ``summary.json`` into a folder, which is made if it is missing.
+    """Write ``rollout.npz`` and ``summary.json`` into a folder, which is created if missing.
 
-    Each is whole or not there. What was recorded is written at once, and again with what is
-    computed from it, which takes a while: so much is safe should that not come to its end.
+    Each is written atomically. The recorded arrays are saved first, then again with those that are
+    computed from them: this takes a while, and an interruption must not lose the run.
     """
     for names in (RECORDED, RECORDED + COMPUTED + WATCHED):
         arrays = {name: getattr(rollout, name) for name in names}

@@ -1,4 +1,4 @@
-"""What a run came to, in one line: how well it followed, what it exceeded, what to try."""
+"""The outcome of a run in one line: accuracy, limits exceeded, what to try."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from ..laws import DEFAULT, LAWS
 from ..tasks.task import DISPLAYS
 from .recording import CLOSE, Recording, extreme, window
 
-ACCURATE, ROUGH = 0.02, 0.2  # errors of the last 10 % in parts of the path's extent
-BETTER = 0.2  # of the unadapted error; what is above it is hardly due to the adaptation
+ACCURATE, ROUGH = 0.02, 0.2  # errors in the last 10 %, relative to the path's extent
+BETTER = 0.2  # error relative to that without adaptation, above which adaptation hardly helps
 FOLLOWS, ROUGHLY, LOST = "follows", "follows roughly", "does not follow"
-TURN = 0.2  # [rad] what counts as the extent of a change of orientation
-_POINT = CLOSE / ACCURATE  # what counts as the extent of a point [m or rad]
-_OFTEN, _MOSTLY = 0.05, 0.5  # part of the samples
-_SETTLED = 5.0  # [s] by when a loop with default gains has learned what it needs
-_READABLE = 1e6  # larger numbers get an exponent
-_MOTION = "desired"  # begins the reason of a loop that its desired motion ended
-_FALLING = 0.7  # the error of the last third of a run in parts of the second's
+TURN = 0.2  # [rad] taken as the extent of a change of orientation
+_POINT = CLOSE / ACCURATE  # taken as the extent of a point [m or rad]
+_OFTEN, _MOSTLY = 0.05, 0.5  # shares of the samples
+_SETTLED = 5.0  # [s] after which a loop with default gains has converged
+_READABLE = 1e6  # larger numbers are written with an exponent
+_MOTION = "desired"  # first word of the reason if the desired motion ended the loop
+_FALLING = 0.7  # error in the last third of a run relative to the second, below which it falls
 
 
 def error_share(rollout: Recording) -> float | None:
-    """Return the largest error of the last 10 % in parts of the path's extent; None for a point."""
+    """Return the largest error of the last 10 % relative to the path's extent; None for a point."""
     error = extreme(np.max, window(rollout.distance, False))
     return error / rollout.extent if error is not None and rollout.extent else None
 
@@ -46,7 +46,7 @@ def verdict(rollout: Recording) -> str:
 
 
 def _worst(rollout: Recording) -> float | None:
-    """Return the largest error of the last 10 %, of position or orientation, in parts of either."""
+    """Return the largest relative error of the last 10 %, of position or orientation."""
     error = extreme(np.max, window(rollout.distance, False))
     if error is None or rollout.angle is None:
         return None if error is None else error / (rollout.extent or _POINT)
@@ -55,7 +55,7 @@ def _worst(rollout: Recording) -> float | None:
 
 
 def _error(rollout: Recording) -> str:
-    """Return the error in the last 10 %, as it is, as a share, and beside the unadapted one."""
+    """Return the error in the last 10 %: absolute, relative, and against no adaptation."""
     error = extreme(np.max, window(rollout.distance, False))
     if error is None:
         return "nothing was measured"
@@ -82,19 +82,19 @@ def _against(error: float, unadapted: float) -> str:
 
 
 def _short(value: float, digits: int = 3) -> str:
-    """Return a number with so many digits, without an exponent while it is readable."""
+    """Return a number with some significant digits, without an exponent up to a million."""
     whole = 10.0**digits <= value < _READABLE
     return f"{value:.0f}" if whole else f"{value:.{digits}g}"
 
 
 def _beyond(rollout: Recording) -> str:
-    """Return which joints went beyond which limits, if the description states any."""
+    """Return which joints exceed which limits, if the description states any."""
     limits = rollout.limits
     return limits.words() if limits.exceeded else "joint limits kept" if limits.stated else ""
 
 
 def _advice(rollout: Recording) -> str:
-    """Return what likeliest helps where a run went badly, or nothing."""
+    """Return the most likely remedy for a run that went badly, or nothing."""
     if rollout.interrupted is not None or grade(rollout) == FOLLOWS:
         return ""
     if rollout.diverged is not None:
@@ -116,22 +116,22 @@ def _advice(rollout: Recording) -> str:
     if rollout.saturated.mean() > _OFTEN:
         return _relief(rollout)
     if (rollout.damping > 0.0).mean() > _OFTEN:
-        return "the path comes near a singularity: try another robot.q0 or a smaller path"
+        return "the path comes close to a singularity: try another robot.q0 or a smaller path"
     if rollout.t[-1] < _SETTLED or _falling(rollout.distance):
-        return "it was still learning: try a longer simulation.duration"
+        return "the error was still falling: try a longer simulation.duration"
     return "try controller.gamma_d three times as large, then gamma_k"
 
 
 def _set_point() -> str:
-    """Return what helps where a set point is not reached."""
+    """Return the remedy for a set point that is not reached."""
     return (
-        "this law does not learn the kinematics: measure the tool, take a set point inside the "
-        f'workspace, or controller.law = "{DEFAULT}", which learns'
+        "this law does not adapt the kinematics: measure the tool, take a set point inside the "
+        f'workspace, or set controller.law = "{DEFAULT}", which adapts'
     )
 
 
 def _relief(rollout: Recording) -> str:
-    """Return what helps motors at their limit."""
+    """Return the remedy for saturated motors."""
     return (
         f"the motors were at their limit {rollout.saturated.mean():.0%} of the time: try a "
         "longer reference.period, a smaller path, or a smaller load"
