@@ -190,7 +190,7 @@ def test_init_tells_it_and_its_file_runs(tmp_path, capsys):
     assert "30 kg distributed" in capsys.readouterr().err
     text = file.read_text()
     assert read_toml(file)["robot"]["mass"] == 30.0
-    assert "# What the whole robot weighs [kg]. These links are described without inertia" in text
+    assert "# Total mass of the robot [kg]. These links are described without inertia" in text
     assert all(link in text for link in STEPS)
     scenario = Scenario.read(file, ["simulation.duration=6.0"])
     radius = scenario.tables.reference.radius
