@@ -260,18 +260,11 @@ def test_compare_refuses_a_bad_belief_before_it_runs_any(tmp_path):
 # --- as a process ---
 
 
-def test_version_of_the_module():
-    process = module("--version")
-    assert (process.returncode, process.stdout.strip()) == (0, f"pinadapt {pinadapt.__version__}")
-
-
-def test_piped_output_has_no_progress_bar(tmp_path):
-    process = module("run", PLANAR, "--no-html", "--out", str(tmp_path), "--set", SHORT)
-    assert process.returncode == 0
-    assert process.stderr == ""
-    assert (
-        "\r" not in process.stdout and "it/s" not in process.stdout and "%|" not in process.stdout
-    )
+def test_version(capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(["--version"])
+    assert stop.value.code == 0
+    assert capsys.readouterr().out.strip() == f"pinadapt {pinadapt.__version__}"
 
 
 def test_a_refusal_of_the_module_is_status_2_without_traceback(tmp_path):

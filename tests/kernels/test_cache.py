@@ -62,7 +62,7 @@ def run(tmp_path):
     return run
 
 
-def test_a_damaged_file_is_replaced(run):
+def test_a_damaged_file_is_replaced_and_one_that_cannot_be_written_done_without(run):
     run(
         """
         assert (hits(), hits()) == (0, 1)
@@ -70,15 +70,6 @@ def test_a_damaged_file_is_replaced(run):
             for content in (b"", b"not machine code"):
                 only(f"*.{suffix}").write_bytes(content)
                 assert (hits(), hits(), hits()) == (0, 0, 1)  # emptied, written, found
-        """,
-        cache="cache",
-    )
-
-
-def test_a_file_that_cannot_be_written_is_done_without(run):
-    run(
-        """
-        hits()
         index = only("*.nbi")
         index.unlink()
         index.mkdir()
