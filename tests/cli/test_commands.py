@@ -13,7 +13,7 @@ import pinadapt
 from pinadapt.cli.main import main
 from pinadapt.description.catalogue import robots_folder
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("blank_pictures")]
 
 PLANAR = str(robots_folder() / "planar_2r" / "wang_xie_2009.toml")
 PANDA = str(robots_folder() / "panda" / "tool_and_load.toml")

@@ -118,6 +118,7 @@ def test_what_was_recorded_is_safe_before_it_is_evaluated(tmp_path, monkeypatch)
     assert np.load(tmp_path / "rollout.npz")["q"].shape == (100, 2)
 
 
+@pytest.mark.usefixtures("blank_pictures")
 def test_an_interrupted_comparison_has_the_laws_that_ran(tmp_path, monkeypatch, capsys):
     laws = ["resolved-acceleration", "adaptive-jacobian", "adaptive-inverse-dynamics"]
     arguments = ["compare", PLANAR, "--out", str(tmp_path), "--set", "simulation.duration=0.1"]
@@ -132,6 +133,7 @@ def test_an_interrupted_comparison_has_the_laws_that_ran(tmp_path, monkeypatch, 
     assert kept == set(laws[:2])
 
 
+@pytest.mark.usefixtures("blank_pictures")
 def test_an_interrupted_demo_has_what_ran(tmp_path, monkeypatch, capsys):
     stop_run(monkeypatch, 1)
     assert main(["demo", "--out", str(tmp_path)]) == 130
@@ -139,6 +141,7 @@ def test_an_interrupted_demo_has_what_ran(tmp_path, monkeypatch, capsys):
     assert {path.parent.name for path in tmp_path.glob("*/*")} == {"planar_known"}
 
 
+@pytest.mark.usefixtures("blank_pictures")
 def test_a_run_beside_the_unadapted_one_stops_at_either(tmp_path, monkeypatch):
     stop_run(monkeypatch, 1)
     arguments = ["run", PLANAR, "--unadapted", "--no-html", "--out", str(tmp_path), *SETTINGS]

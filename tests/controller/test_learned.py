@@ -11,7 +11,7 @@ from pinadapt.cli import main
 from pinadapt.robot.succession import Succession
 from tests.support.chains import catalogue_robot
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("blank_pictures")]
 
 ROBOTS = ["panda", "ur5", "scara", "kinova"]
 

@@ -48,6 +48,7 @@ def test_names_are_loaded_from_what_they_describe(package, name):
     assert robot.model.nv == (3 if "mj" in name else 4)
 
 
+@pytest.mark.usefixtures("blank_pictures")
 def test_init_and_scenarios_take_them(package, tmp_path):
     file = tmp_path / "scenario.toml"
     assert main(["init", "arm4_description", "--out", str(file)]) == 0

@@ -16,7 +16,7 @@ from tests.support.chains import catalogue_robot
 from tests.support.paths import ROOT
 from tests.support.recorded import LOAD, motion, recorded, torques, true_robot
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("blank_pictures")]
 
 
 @cache

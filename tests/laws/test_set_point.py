@@ -380,6 +380,7 @@ def test_bounds_that_cannot_be_are_refused():
         pa.make_controller(sliding, law=BOUNDED)
 
 
+@pytest.mark.usefixtures("blank_pictures")
 def test_compare_leaves_them_out_of_a_motion_and_runs_them_in_a_set_point(tmp_path, capsys):
     circle = robots_folder() / "panda" / "tool_and_load.toml"
     assert not set(LAWS) & set(compared(Scenario.read(circle)))

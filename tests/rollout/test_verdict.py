@@ -15,7 +15,7 @@ from pinadapt.rollout.verdict import FOLLOWS, LOST, ROUGHLY
 from pinadapt.zoo.remarks import ACCURATE, BETTER
 from tests.support.loops import run
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("blank_pictures")]
 
 PLANAR = str(robots_folder() / "planar_2r" / "wang_xie_2009.toml")
 

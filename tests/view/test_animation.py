@@ -1,4 +1,4 @@
-"""Animations and figures: their size, what they show, and that pages are self-contained."""
+"""Animations: their size, what they show, and that pages are self-contained."""
 
 import base64
 import gzip
@@ -9,11 +9,7 @@ from dataclasses import replace
 from functools import cache
 from html import unescape
 
-import matplotlib
-import numpy as np
 import pytest
-from matplotlib import pyplot
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import pinadapt as pa
 from tests.support.chains import catalogue_robot
@@ -149,62 +145,3 @@ def test_a_browser_shows_the_page_without_errors(name, tmp_path):
     assert not [line for line in said if not any(words in line for words in harmless)]
     assert re.search(r'id="time">t = \d\.\d s<', done.stdout)
     assert re.search(r"<b>[\d.e-]+ mm</b>", done.stdout)
-
-
-# --- plots ---
-
-
-@pytest.mark.parametrize("name", ["planar_2r", "panda"])
-def test_every_panel_has_a_legend_that_covers_no_curve(name):
-    for figure in run(name, duration=0.05).plot():
-        FigureCanvasAgg(figure).draw()
-        for ax in figure.axes:
-            box = ax.get_legend().get_window_extent()
-            assert box.x0 >= ax.get_window_extent().x1 - 1.0
-            assert box.x1 <= figure.bbox.x1 + 1.0
-
-
-def test_torque_legends_have_names_and_limits_of_joints():
-    rollout = run("panda", duration=0.05)
-    torques, shares, _ = rollout.plot().torque.axes
-    named = [text.get_text() for text in torques.get_legend().get_texts()]
-    assert named[:7] == catalogue_robot("panda").joint_names
-    limits = [line for line in shares.lines if line.get_linestyle() == "-."]
-    assert [line.get_ydata()[0] for line in limits] == [-100.0, 100.0]
-    assert np.allclose(shares.lines[6].get_ydata(), 100.0 * rollout.tau[:, 6] / 12.0)
-    low, high = shares.get_ylim()
-    assert low < -100.0 and high > 100.0
-
-
-def test_curves_of_a_panel_differ_in_colour_or_marker():
-    for figure in run("panda", duration=0.05).plot():
-        for ax in figure.axes:
-            looks = [
-                (line.get_color(), line.get_marker())
-                for line in ax.lines
-                if line.get_marker() not in ("None", "")
-            ]
-            assert len(set(looks)) == len(looks)
-
-
-def test_every_parameter_is_in_a_panel():
-    rollout = run("panda", duration=0.02)
-    drawn = [
-        line.get_ydata()
-        for ax in rollout.plot().parameters.axes
-        for line in ax.lines
-        if line.get_linestyle() == "-"
-    ]
-    assert len(drawn) == rollout.a_k.shape[1] + rollout.a_d.shape[1]
-
-
-def test_figures_are_displayed_once_and_not_kept_open(monkeypatch):
-    import IPython.display
-
-    shown = []
-    monkeypatch.setattr(IPython.display, "display", lambda data, raw: shown.append(data))
-    figures = run(duration=0.02).plot()
-    figures._ipython_display_()
-    assert [list(data) for data in shown] == [["image/png"]] * 3
-    assert all(data["image/png"].startswith(b"\x89PNG") for data in shown)
-    assert pyplot.get_fignums() == [] and matplotlib.rcParams["font.size"] != 9

@@ -1,0 +1,103 @@
+"""Figures of a run: legends, names, limits, curves, and special characters."""
+
+import json
+from dataclasses import replace
+from functools import cache
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib import pyplot
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+from tests.support.chains import catalogue_robot
+from tests.support.loops import run
+
+pytestmark = pytest.mark.slow
+
+
+@cache
+def panda():
+    """Return a short rollout of a Panda."""
+    return run("panda", duration=0.05)
+
+
+@pytest.mark.parametrize("name", ["planar_2r", "panda"])
+def test_every_panel_has_a_legend_that_covers_no_curve(name):
+    for figure in run(name, duration=0.05).plot():
+        FigureCanvasAgg(figure).draw()
+        for ax in figure.axes:
+            box = ax.get_legend().get_window_extent()
+            assert box.x0 >= ax.get_window_extent().x1 - 1.0
+            assert box.x1 <= figure.bbox.x1 + 1.0
+
+
+def test_torque_legends_have_names_and_limits_of_joints():
+    rollout = panda()
+    torques, shares, _ = rollout.plot().torque.axes
+    named = [text.get_text() for text in torques.get_legend().get_texts()]
+    assert named[:7] == catalogue_robot("panda").joint_names
+    limits = [line for line in shares.lines if line.get_linestyle() == "-."]
+    assert [line.get_ydata()[0] for line in limits] == [-100.0, 100.0]
+    assert np.allclose(shares.lines[6].get_ydata(), 100.0 * rollout.tau[:, 6] / 12.0)
+    low, high = shares.get_ylim()
+    assert low < -100.0 and high > 100.0
+
+
+def test_curves_of_a_panel_differ_in_colour_or_marker():
+    for figure in panda().plot():
+        for ax in figure.axes:
+            looks = [
+                (line.get_color(), line.get_marker())
+                for line in ax.lines
+                if line.get_marker() not in ("None", "")
+            ]
+            assert len(set(looks)) == len(looks)
+
+
+def test_every_parameter_is_in_a_panel():
+    rollout = panda()
+    drawn = [
+        line.get_ydata()
+        for ax in rollout.plot().parameters.axes
+        for line in ax.lines
+        if line.get_linestyle() == "-"
+    ]
+    assert len(drawn) == rollout.a_k.shape[1] + rollout.a_d.shape[1]
+
+
+def test_figures_are_displayed_once_and_not_kept_open(monkeypatch):
+    import IPython.display
+
+    shown = []
+    monkeypatch.setattr(IPython.display, "display", lambda data, raw: shown.append(data))
+    figures = run(duration=0.02).plot()
+    figures._ipython_display_()
+    assert [list(data) for data in shown] == [["image/png"]] * 3
+    assert all(data["image/png"].startswith(b"\x89PNG") for data in shown)
+    assert pyplot.get_fignums() == [] and matplotlib.rcParams["font.size"] != 9
+
+
+SIGNS = "Größe $5, $x_{ </title> _机器人 \\frac"
+
+
+def test_special_characters_in_titles_and_names_are_drawn_as_they_are(tmp_path):
+    strange = replace(
+        run("planar_2r", duration=0.01),
+        title=f"{SIGNS} \udcff",
+        joint_names=("_a$b", "$x^{"),
+        marks=((0.005, "$"),),
+    )
+    named = replace(strange, kinematic_names=("_l$1", "$x_{"))
+    assert all(path.stat().st_size > 5000 for path in named.plot(tmp_path))
+    named.save(tmp_path)
+    assert json.loads((tmp_path / "summary.json").read_text())["joint_names"] == ["_a$b", "$x^{"]
+
+
+def test_joints_are_named_beside_their_torque():
+    from pinadapt.plots.figures import torque_figure
+
+    rollout = replace(run("planar_2r", duration=0.01), joint_names=("_shoulder", "el$bow$"))
+    labels = [text.get_text() for text in torque_figure(rollout).axes[0].get_legend().get_texts()]
+    assert labels == [" _shoulder", r"el\$bow\$"]
+    assert "N m (joint1)" in str(rollout) or "N m (joint2)" in str(rollout)
