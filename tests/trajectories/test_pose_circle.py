@@ -91,4 +91,4 @@ def test_init_offers_pose_and_refuses_it_for_short_chains(tmp_path, capsys):
     assert main(["init", "ur5", "--out", str(file)]) == 0
     assert "or pose" in file.read_text()
     assert main(["init", "scara", "--task", "pose"]) == 2
-    assert "task 'pose' has 6 coordinates, the chain to" in capsys.readouterr().err
+    assert "task 'pose' has 6 coordinates, but the chain to" in capsys.readouterr().err
