@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 import pinadapt as pa
-from pinadapt.models import Sensed
+from pinadapt.models import SensedState
 
 from .believed_robot import BelievedRobot
 from .inverse_kinematics import InverseKinematics
@@ -65,7 +65,7 @@ class JointTracking(pa.Law):
     def _inverse_kinematics(self) -> InverseKinematics:
         return InverseKinematics(self.believed, self.w)
 
-    def _start(self, sensed: Sensed) -> Integrals:
+    def _start(self, sensed: SensedState) -> Integrals:
         q, x = sensed.q, sensed.x
         assert x is not None  # every controller asks for it at first
         shift = x - self.believed.position(q) if self.k_x else np.zeros(x.size)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import pinadapt as pa
-from pinadapt.models import Sensed
+from pinadapt.models import SensedState
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,14 +19,14 @@ class Memory(pa.Filters):
         rates: from the signals to its rates, of the same type.
     """
 
-    start: Callable[[Sensed], Any]
+    start: Callable[[SensedState], Any]
     rates: Callable[[pa.Signals], Any]
 
-    def init(self, sensed: Sensed, kinematics: pa.TaskKinematics) -> Any:
+    def init(self, sensed: SensedState, kinematics: pa.TaskKinematics) -> Any:
         """Return the memory at the first sample."""
         return self.start(sensed)
 
-    def observe(self, state: Any, sensed: Sensed, kinematics: pa.TaskKinematics) -> Any:
+    def observe(self, state: Any, sensed: SensedState, kinematics: pa.TaskKinematics) -> Any:
         """Return the memory itself."""
         return state
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 import pinadapt as pa
-from pinadapt.models import Sensed
+from pinadapt.models import SensedState
 
 from .believed_robot import BelievedRobot
 from .memory import Memory
@@ -56,7 +56,7 @@ class ObservedTorque(pa.ResolvedAcceleration):
         """Integral and observer."""
         return Memory(self._start, self._rates)
 
-    def _start(self, sensed: Sensed) -> Integrals:
+    def _start(self, sensed: SensedState) -> Integrals:
         q, v, x = sensed.q, sensed.v, sensed.x
         assert x is not None  # every controller asks for it at first
         offset = np.zeros(x.size) if self.seen else x - self.believed.position(q)

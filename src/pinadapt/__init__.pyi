@@ -89,7 +89,7 @@ from .logs import read_log as read_log
 from .models import BaseParameters as BaseParameters
 from .models import BasisDynamics as BasisDynamics
 from .models import BodyDynamics as BodyDynamics
-from .models import Carrier as Carrier
+from .models import DelayCompensator as DelayCompensator
 from .models import Dynamics as Dynamics
 from .models import FrameKinematics as FrameKinematics
 from .models import JointEffects as JointEffects
@@ -97,7 +97,7 @@ from .models import JointKinematics as JointKinematics
 from .models import LumpedDynamics as LumpedDynamics
 from .models import Momentum as Momentum
 from .models import MomentumRegressor as MomentumRegressor
-from .models import Sensed as Sensed
+from .models import SensedState as SensedState
 from .models import StackedDynamics as StackedDynamics
 from .models import TaskKinematics as TaskKinematics
 from .models import Translation as Translation

@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
-from pinadapt.models.late_frames import Carrier
+from pinadapt.models.delay_compensation import DelayCompensator
 from tests.support.chains import catalogue_robot
 from tests.support.loops import circle_at_home, with_tool_and_load
 from tests.support.snapshots import snapshot, unchanged
@@ -146,9 +146,9 @@ def test_the_carried_position_is_off_by_the_change_of_the_regressor_alone(stream
 def test_frames_of_every_sample_are_taken_as_they_are(stream):
     """To the bit as by a controller that never carries."""
     fresh = {k: k * DT for k in range(20)}
-    plain, carrier = copy.copy(stream), Carrier(carry=False)
+    plain, held = copy.copy(stream), DelayCompensator(enabled=False)
     plain.controller = copy.copy(stream.controller)
-    plain.controller.senses = replace(stream.controller.senses, carrier=carrier)
+    plain.controller.senses = replace(stream.controller.senses, compensator=held)
     torques, state = stream.torques(fresh, 20)
     same, end = plain.torques(fresh, 20)
     assert torques.tobytes() == same.tobytes() and state.a_d.tobytes() == end.a_d.tobytes()
@@ -185,7 +185,7 @@ def test_frames_from_the_future_are_refused(panda):
 
 
 def test_an_arm_that_is_blind_too_long_is_refused_until_it_sees_again(panda):
-    blind = panda.controller.senses.carrier.blind
+    blind = panda.controller.senses.compensator.longest_gap
     last = round(blind / DT)
     _, state = panda.torques({}, last + 1)  # the frame of sample 0 is not older than that
     before = snapshot(state)
@@ -251,14 +251,14 @@ def test_smoothing_lowers_the_variance_as_a_first_order_low_pass(panda, smoothin
     """By (1 - r) / (1 + r), r = exp(-smoothing T), while the arm moves."""
     rng, kinematics, T, sigma = np.random.default_rng(3), panda.controller.kinematics, 1 / 30, 1e-3
     variances = []
-    for carrier in (Carrier(), Carrier(smoothing)):
-        off, before = [], carrier.init(panda.sample(0, 0.0), kinematics)
+    for compensator in (DelayCompensator(), DelayCompensator(smoothing)):
+        off, before = [], panda.controller.senses.init(panda.sample(0, 0.0), kinematics)
         for k in range(1, 2000):
             q = panda.q(DT * (k % 1000))
             true = panda.plant.measurement(q, np.zeros(7)).x
-            seen = pa.Measurement(k * T, q, np.zeros(7), true + sigma * rng.standard_normal(3))
-            kinematics.update(panda.a_k, q, seen.v)
-            before = carrier.see(before, (k - 1) * T, seen, kinematics, panda.a_k)
+            x, v = true + sigma * rng.standard_normal(3), np.zeros(7)
+            kinematics.update(panda.a_k, q, v)
+            before = compensator.update(before, (k - 1) * T, k * T, q, v, x, None, kinematics)
             off.append(before.x - true)
         variances.append(np.mean(np.square(off[200:])))
     r = math.exp(-smoothing * T)
@@ -269,7 +269,7 @@ def test_smoothing_lowers_the_variance_as_a_first_order_low_pass(panda, smoothin
 def test_smoothing_does_not_lag_behind_the_arm(panda):
     """The low pass is on the prediction error: with the true parameters nothing passes it."""
     smooth = STREAMS["panda"](noise={"x": 1e-3})
-    assert smooth.controller.senses.carrier.smoothing < 60.0
+    assert smooth.controller.senses.compensator.smoothing < 60.0
     for k, s in smooth.signals(FRAMES, count=130, a_k=smooth.a_k, adapting=False):
         assert np.abs(s.x - smooth.x(k * DT)).max() <= 1e-12
 
@@ -336,6 +336,6 @@ def test_a_loop_whose_camera_goes_blind_ends_with_the_reason():
     path, camera = circle_at_home(robot), {"rate": 30.0, "dropout": 0.999}
     controller = pa.make_controller(robot, camera=camera)
     rollout = pa.simulate(robot, controller, path, duration=1.2, camera=camera)
-    assert rollout.diverged == pytest.approx(controller.senses.carrier.blind, abs=2e-3)
+    assert rollout.diverged == pytest.approx(controller.senses.compensator.longest_gap, abs=2e-3)
     assert "'x' has not been seen for" in rollout.reason
     assert len(rollout.t) == round(1e3 * rollout.diverged)

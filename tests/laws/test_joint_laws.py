@@ -226,7 +226,7 @@ def test_joint_laws_need_joint_tasks():
 
 def test_what_a_joint_task_cannot_use_is_refused():
     robot = catalogue_robot("ur5", task="joint")
-    with pytest.raises(pa.ParameterError, match="sees no translation"):
+    with pytest.raises(pa.ParameterError, match="no effect on a joint task"):
         pa.make_controller(robot, law="slotine-li", kinematic=["tool"])
     with pytest.raises(pa.GainError, match="no position gain"):
         pa.make_controller(robot, law="slotine-li", Kp=400.0)

@@ -36,17 +36,17 @@ def test_perfect_sensors_ask_for_nothing():
         assert controller.law.lambda_s == math.inf
         assert isinstance(controller.adaptation_d, pa.Stacked)  # no leak around it
         assert controller.senses.low_pass is None
-        assert controller.senses.carrier.smoothing == math.inf
+        assert controller.senses.compensator.smoothing == math.inf
     state = controller.init(pa.PinocchioPlant(catalogue_robot("ur5")).measure())
     assert state.filters.s_f.size == 0
 
 
 def test_each_channel_asks_for_its_own():
     frames = made(noise={"x": 1e-3}, camera={"rate": 30.0})
-    assert math.isfinite(frames.senses.carrier.smoothing) and frames.senses.low_pass is None
+    assert math.isfinite(frames.senses.compensator.smoothing) and frames.senses.low_pass is None
     assert frames.law.lambda_s == math.inf and not isinstance(frames.adaptation_d, pa.Leak)
     joints = made(noise={"v": 0.02})
-    assert joints.senses.carrier.smoothing == math.inf
+    assert joints.senses.compensator.smoothing == math.inf
     assert math.isfinite(joints.law.lambda_s) and isinstance(joints.adaptation_d, pa.Leak)
     assert joints.senses.low_pass.bandwidth > joints.law.lambda_s > joints.motion.bandwidth
 

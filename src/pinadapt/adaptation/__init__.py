@@ -1,4 +1,4 @@
-"""How estimates move: by gradient, natural, composite, least squares, or not at all."""
+"""Adaptations: how estimates follow errors, by gradient, natural, composite or least squares."""
 
 from .adaptation import Adaptation as Adaptation
 from .adaptation import Drive as Drive

@@ -1,4 +1,4 @@
-"""How an estimate follows its drive: da/dt = -Gamma g in some metric."""
+"""What an adaptation is: an estimate a moves by da/dt = -Gamma g, g the gradient of its drive."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from .._checks import instance
 
 
 class Estimate(NamedTuple):
-    """A parameter vector with whatever its adaptation remembers of the past; also their rates.
+    """A parameter vector with the internal state of its adaptation; or the rates of both.
 
     Attributes:
         value: (p) the parameters, floats.
-        memory: arrays, or tuples of such, that only its adaptation understands; often none.
+        memory: internal state of the adaptation, arrays or tuples of arrays; empty for most.
     """
 
     value: np.ndarray
@@ -25,22 +25,21 @@ class Estimate(NamedTuple):
 
 
 class Drive:
-    """The signal that moves an estimate, by its parts: da/dt = -Gamma (Y^T e + W^T R r).
+    """The signal that drives an adaptation: g = Y^T e + W^T R r in da/dt = -Gamma g.
 
-    The tracking part Y^T e comes from an error of the closed loop, and tells of the parameters only
-    as far as the motors gave the torque that was asked for. The prediction part W^T R r compares
-    measurements alone, whatever the torque was.
+    The tracking part Y^T e comes from an error of the closed loop. It contains information about
+    the parameters only if the motors apply the commanded torque. The prediction part W^T R r
+    compares measurements, and is valid for any torque.
 
     Attributes:
         Y: (k, p) regressor of the tracking error.
-        e: (k) tracking error, in the coordinates of Y's rows; None where it is to be disregarded.
-        W: (l, p) regressor of the prediction, or None for no prediction.
-        residual: (l) predicted minus measured, r.
-        weight: (l, l) R; None where it is left to the adaptation, see
-            ``Adaptation.torque_bandwidth``.
-        gradient: (p) g = Y^T e + W^T R r.
-        observed: whether e is the error of an observer, which holds whatever the torque is; then
-            Y^T e stays where the tracking error is dropped.
+        e: (k) tracking error, in the coordinates of Y's rows; None: no tracking part.
+        W: (l, p) regressor of the prediction error; None: no prediction part.
+        residual: (l) prediction error r, predicted minus measured.
+        weight: (l, l) R; None: chosen by the adaptation, see ``Adaptation.torque_bandwidth``.
+        gradient: (p) g.
+        observed: whether e is the error of an observer, which is valid for any torque; then
+            ``without_tracking`` keeps it.
     """
 
     __slots__ = ("W", "Y", "e", "gradient", "observed", "residual", "weight")
@@ -55,7 +54,7 @@ class Drive:
         gradient: np.ndarray | None = None,
         observed: bool = False,
     ) -> None:
-        """Take the parts, and their gradient where it is known already."""
+        """Combine the parts; ``gradient`` is computed unless given."""
         self.Y, self.e, self.observed = Y, e, observed
         self.W, self.residual, self.weight = W, residual, weight
         self.gradient = self._product() if gradient is None else gradient
@@ -68,27 +67,27 @@ class Drive:
         return prediction if self.e is None else self.e.dot(self.Y) + prediction
 
     def without_tracking(self) -> Drive:
-        """Return what holds whatever the torque is: the prediction and an observer's error."""
+        """Return the parts that are valid for any torque: prediction and observer error."""
         if self.e is None or self.observed:
             return self
         return Drive(self.Y, None, self.W, self.residual, self.weight)
 
     def with_prediction_error(self, W: np.ndarray, residual: np.ndarray) -> Drive:
-        """Return the drive with a prediction error, which its adaptation is to weigh."""
+        """Return the drive with a prediction error W (l, p), r (l), weighted by the adaptation."""
         return Drive(self.Y, self.e, W, residual, None, self.gradient)
 
     def weighted(self, weight: np.ndarray) -> Drive:
-        """Return a drive that predicts with the weight R (l, l) in place of its own, if any."""
+        """Return the drive with the weight R (l, l) of the prediction error."""
         assert self.W is not None and self.residual is not None
         change = weight if self.weight is None else weight - self.weight
         gradient = self.gradient + change.dot(self.residual).dot(self.W)
         return Drive(self.Y, self.e, self.W, self.residual, weight, gradient, self.observed)
 
     def scaled(self, tracking: float, prediction: float) -> Drive:
-        """Return the drive with both parts multiplied by numbers, zero or more.
+        """Return the drive with its two parts multiplied by numbers >= 0.
 
-        Of the prediction W and r are multiplied by the root, so that r = W da stays, and with it
-        what a gain matrix may learn of it.
+        In the prediction part W and r are both multiplied by the square root: r = W da still holds,
+        and least squares weights the information accordingly.
         """
         e = None if self.e is None else tracking * self.e
         if self.W is None or self.residual is None:
@@ -99,7 +98,7 @@ class Drive:
         return Drive(self.Y, e, W, residual, self.weight, observed=self.observed)
 
     def still(self) -> Drive:
-        """Return a drive that moves nothing."""
+        """Return a drive of zero for the same parameters."""
         return Drive(self.Y, None, gradient=np.zeros(self.Y.shape[1]))
 
     def columns(self, block: slice) -> Drive:
@@ -112,17 +111,17 @@ class Drive:
 
     @classmethod
     def none(cls, size: int) -> Drive:
-        """Return a drive that moves none of ``size`` parameters."""
+        """Return a drive of zero for ``size`` parameters."""
         return cls(np.zeros((0, size)), None, gradient=np.zeros(size))
 
 
 @dataclass(slots=True, eq=False)
 class Drives:
-    """The drives of both estimates.
+    """The drives of the two estimates.
 
     Attributes:
         dynamic: of the dynamic parameters.
-        kinematic: of the kinematic parameters; by default for none, as in joint space.
+        kinematic: of the kinematic parameters; by default of none, as in joint space.
     """
 
     dynamic: Drive
@@ -130,31 +129,31 @@ class Drives:
 
     @classmethod
     def none(cls, p_d: int, p_k: int) -> Drives:
-        """Return drives that move none of p_d dynamic and p_k kinematic parameters."""
+        """Return drives of zero for p_d dynamic and p_k kinematic parameters."""
         return cls(Drive.none(p_d), Drive.none(p_k))
 
     def without_tracking(self) -> Drives:
-        """Return what of both holds whatever the torque is."""
+        """Return the parts of both that are valid for any torque."""
         return Drives(self.dynamic.without_tracking(), self.kinematic.without_tracking())
 
 
 class Adaptation(ABC):
-    """The law da/dt = -Gamma(a) g of an estimate a (p), g (p) the gradient of its drive.
+    """The adaptation law da/dt = -Gamma(a) g of an estimate a (p), g (p) the gradient of its drive.
 
-    Every control law here proves dV/dt <= 0 with any adaptation for which ``divergence`` D obeys
-    dD/dt = (a - a_true)^T (-g): the metric is free. Laws and adaptations therefore combine freely.
+    The proof dV/dt <= 0 of every control law here holds for any adaptation whose ``divergence`` D
+    satisfies dD/dt = -(a - a_true)^T g, whatever its metric. So any law works with any adaptation.
 
-    A subclass states ``rate`` and ``divergence``; the others have defaults. An adaptation that
-    remembers something puts it into ``Estimate.memory``, starts it in ``init`` and gives its rate
+    A subclass implements ``rate`` and ``divergence``; the other methods have defaults. Internal
+    state belongs in ``Estimate.memory``: ``init`` starts it, and ``rate`` returns its rate together
     with the value's.
 
     Attributes:
         name: as written in scenarios.
         sources: keys of ``references.bib``, or BibTeX entries of your own; see ``citation``.
         updates_gain: whether Gamma is part of the memory, as the gain of least squares is.
-        torque_bandwidth: bandwidth [1/s] of the low pass on torque and regressor whose prediction
-            error the dynamic estimate learns from; its drives then hold that error without a
-            weight. None where it learns from the law's drives alone.
+        torque_bandwidth: bandwidth [1/s] of the low pass on torque and regressor. If set, drives of
+            the dynamic estimate contain the prediction error of the filtered torque, without a
+            weight. None: they contain only what the control law provides.
     """
 
     name: str = "custom"
@@ -167,23 +166,32 @@ class Adaptation(ABC):
         return Estimate(np.asarray(self.validate(value), dtype=float))
 
     def validate(self, value: np.ndarray) -> np.ndarray:
-        """Return the initial value (p): as given, or moved (with a warning) into the domain.
+        """Return the initial value (p), moved into the domain with a warning if necessary.
 
         Raises:
-            ParameterError: a value that cannot be used.
+            ParameterError: the value cannot be used.
         """
         return value
 
     def contains(self, value: np.ndarray) -> bool:
-        """Tell whether a value (p) is in the domain, outside of which no estimate ever is."""
+        """Tell whether a value (p) is in the domain, which no estimate ever leaves."""
         return True
 
     def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:
-        """Return the value (p) to use at q (nq): as given, or closer to every possible truth."""
+        """Return the value (p) to use at q (nq), projected where the adaptation requires it.
+
+        A projection must reduce the distance to every admissible truth, so that V decreases.
+        """
         return estimate.value
 
     def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
-        """Return the estimate at a value (p) that was announced, as if begun at ``start`` (p)."""
+        """Return the estimate at an announced value (p).
+
+        Args:
+            estimate: before the announcement.
+            value: (p) the announced value.
+            start: (p) the new initial value, for adaptations that refer to it.
+        """
         return estimate._replace(value=value)
 
     @abstractmethod
@@ -191,29 +199,29 @@ class Adaptation(ABC):
         """Return the time derivatives of the value (p) and of the memory."""
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
-        """Return the estimate after a sampling period dt [s] with the drive held: by Euler."""
+        """Return the estimate after dt [s] with the drive held, here by an Euler step."""
         rate = self.rate(estimate, drive)
         return Estimate(*(_moved(part, r, dt) for part, r in zip(estimate, rate, strict=True)))
 
     @abstractmethod
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
-        """Return this adaptation's part of V (p), (p), or None where it is undefined."""
+        """Return the adaptation's part of V at a value (p); None where it is undefined."""
 
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
-        """Return the part of V of an estimate with its memory; None where it is undefined."""
+        """Return the adaptation's part of V at an estimate; None where it is undefined."""
         return self.divergence(estimate.value, truth)
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
-        """Return what the adaptation adds to the law's dV/dt: zero for the tracking error alone."""
+        """Return what the adaptation adds to the law's dV/dt, zero without a prediction error."""
         return 0.0
 
     def power(self, estimate: Estimate, change: np.ndarray, truth: np.ndarray) -> float:
-        """Return what a change (p) of the value's rate adds to dV/dt: da^T Gamma^-1 change."""
+        """Return what a change (p) of the rate of the value adds to dV/dt, da^T Gamma^-1 change."""
         error = estimate.value - truth
         return float(error @ np.linalg.solve(self.metric(estimate), change))
 
     def references(self) -> tuple[str, ...]:
-        """Return the sources of this adaptation and of those inside it."""
+        """Return the sources of this adaptation and of those that it wraps."""
         return self.sources
 
     def gain(self, value: np.ndarray) -> np.ndarray:
@@ -228,29 +236,47 @@ class Adaptation(ABC):
         return self.gain(value).dot(X)
 
     def metric(self, estimate: Estimate) -> np.ndarray:
-        """Return Gamma (p, p) at an estimate with its memory; V's metric is its inverse."""
+        """Return Gamma (p, p) at an estimate with its memory; its inverse is the metric of V."""
         return self.gain(estimate.value)
 
 
+class Frozen(Adaptation):
+    """da/dt = 0: no adaptation, the baseline for comparisons."""
+
+    name = "none"
+
+    def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
+        """Return zero (p)."""
+        return Estimate(np.zeros(estimate.value.size))
+
+    def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
+        """Return the estimate."""
+        return estimate
+
+    def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
+        """Return 0 for the true value; None otherwise, since no V is defined."""
+        return 0.0 if np.allclose(value, truth, rtol=1e-12, atol=1e-12) else None
+
+
 class Wrapper(Adaptation):
-    """An adaptation that modifies another one; what it does not override is the inner one's.
+    """An adaptation that modifies another one. Methods that it does not override are the inner's.
 
     Attributes:
-        inner: the adaptation that it wraps.
+        inner: the wrapped adaptation.
     """
 
     def __init__(self, inner: Adaptation) -> None:
-        """Take the adaptation to wrap, any."""
+        """Wrap any adaptation."""
         self.inner = instance(inner, Adaptation, "inner")
         self.updates_gain = inner.updates_gain
         self.name, self.torque_bandwidth = inner.name, inner.torque_bandwidth
 
     def init(self, value: np.ndarray) -> Estimate:
-        """Return the inner adaptation's start, with the value that this one validates."""
+        """Return the inner adaptation's start, with the value validated by this one."""
         return self.inner.init(value)._replace(value=self.validate(value))
 
     def validate(self, value: np.ndarray) -> np.ndarray:
-        """Return the initial value (p) as the inner adaptation has it."""
+        """Return the initial value (p) validated by the inner adaptation."""
         return self.inner.validate(value)
 
     def contains(self, value: np.ndarray) -> bool:
@@ -262,7 +288,7 @@ class Wrapper(Adaptation):
         return self.inner.project(estimate, q)
 
     def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
-        """Return what the inner adaptation makes of an announced value (p)."""
+        """Return the inner adaptation's estimate at an announced value (p)."""
         return self.inner.reset_to(estimate, value, start)
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
@@ -303,25 +329,7 @@ class Wrapper(Adaptation):
 
 
 def _moved(part: Any, rate: Any, dt: float) -> Any:
-    """Return an array, or a tuple of such to any depth, moved at its rate for dt [s]."""
+    """Return part + dt * rate, for arrays or nested tuples of arrays."""
     if isinstance(part, tuple):
         return tuple(_moved(p, r, dt) for p, r in zip(part, rate, strict=True))
     return part + dt * rate
-
-
-class Frozen(Adaptation):
-    """da/dt = 0, the baseline against which learning is measured."""
-
-    name = "none"
-
-    def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
-        """Return zero (p)."""
-        return Estimate(np.zeros(estimate.value.size))
-
-    def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
-        """Return the estimate."""
-        return estimate
-
-    def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
-        """Return 0 for a right estimate, None for a wrong one, for which no V is claimed."""
-        return 0.0 if np.allclose(value, truth, rtol=1e-12, atol=1e-12) else None

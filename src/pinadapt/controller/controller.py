@@ -18,8 +18,8 @@ from ..adaptation.adaptation import Adaptation, Drives, Estimate
 from ..exceptions import DivergedError
 from ..filters.torque_filter import FilteredRegressor
 from ..laws.law import Command, EstimatedModel, Law
+from ..models.delay_compensation import SensedState
 from ..models.dynamics import Dynamics
-from ..models.late_frames import Sensed
 from ..models.right_inverse import RightInverse
 from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
@@ -299,7 +299,7 @@ class Controller:
         measurement: Measurement,
         desired: Desired,
         dt: float | EllipsisType = ...,
-    ) -> tuple[Signals, Sensed, float]:
+    ) -> tuple[Signals, SensedState, float]:
         """Return the signals of a sample, what is kept of the sensors, and the elapsed time [s].
 
         The models are evaluated at the estimates. The references of the signals are those given.

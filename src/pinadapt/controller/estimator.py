@@ -11,7 +11,7 @@ from .._checks import instance
 from ..adaptation.adaptation import Drive, Estimate
 from ..exceptions import GainError, ImplausibleError, MeasurementError
 from ..filters.torque_filter import FilteredRegressor, FilteredTorque
-from ..models.late_frames import Sensed
+from ..models.delay_compensation import SensedState
 from ..records import Desired, Measurement
 from ..robot.robot import Robot
 from .controller import Controller
@@ -75,7 +75,9 @@ class Estimator:
             FilteredRegressor(controller.dynamics, bandwidth) if bandwidth is not None else None
         )
         senses = controller.senses
-        self._senses = replace(senses, carrier=replace(senses.carrier, blind=math.inf))
+        self._senses = replace(
+            senses, compensator=replace(senses.compensator, longest_gap=math.inf)
+        )
         self._inputs = InputCheck(kinematics, controller.dynamics.size)
         rest = np.zeros(kinematics.task.size)
         self._nowhere = Desired(rest, rest, rest)
@@ -177,7 +179,7 @@ class Estimator:
         return self._torque_filter.observe(self._torque_filter.init(q, v), q, v)
 
     def _filtered(
-        self, state: ControllerState, sensed: Sensed, tau: np.ndarray | None, elapsed: float
+        self, state: ControllerState, sensed: SensedState, tau: np.ndarray | None, elapsed: float
     ) -> FilteredTorque | tuple[()]:
         """Return filtered regressor and torque at a sample."""
         q, v = sensed.q, sensed.v
@@ -195,7 +197,7 @@ class Estimator:
         drive = Drive(W, None, W, filtered.error(a_d))
         return adaptation.step(dynamic._replace(value=a_d), drive, elapsed)
 
-    def _kinematic_step(self, kinematic: Estimate, sensed: Sensed, elapsed: float) -> Estimate:
+    def _kinematic_step(self, kinematic: Estimate, sensed: SensedState, elapsed: float) -> Estimate:
         """Return the kinematic estimate after a step by the prediction error of the position."""
         if not kinematic.value.size or sensed.x is None:
             return kinematic

@@ -14,7 +14,7 @@ from .._kernels import checks as kernels
 from ..description.chain import is_slide, velocity_limits
 from ..exceptions import ImplausibleError, InputError, did_you_mean
 from ..filters.filters import LowPass
-from ..models.late_frames import Carrier, Sensed
+from ..models.delay_compensation import DelayCompensator, SensedState
 from ..models.task_kinematics import TaskKinematics
 from ..models.translations import FIRST
 from ..records import Desired, Measurement
@@ -132,32 +132,32 @@ class Senses:
 
     Attributes:
         guards: what is refused as implausible, and when the arm rests.
-        carrier: how frames of a camera become the coordinates of now.
+        compensator: predicts the present position from late frames of a camera.
         low_pass: on the measured joint velocity, or None.
         quality: of the sensors for which all this is made.
     """
 
     guards: Guards
-    carrier: Carrier = field(default_factory=Carrier)
+    compensator: DelayCompensator = field(default_factory=DelayCompensator)
     low_pass: LowPass | None = None
     quality: SensorQuality = _PERFECT
 
-    def init(self, measurement: Measurement, kinematics: TaskKinematics) -> Sensed:
+    def init(self, measurement: Measurement, kinematics: TaskKinematics) -> SensedState:
         """Return what is kept of the first sample."""
         _, q, v, x, *_ = measurement
         if not kinematics.positions:  # a joint task
-            return Sensed(q.copy(), v.copy(), kinematics.task.measured(None, q))
-        return Sensed(q.copy(), v.copy(), None if x is None else x.copy())
+            return SensedState(q.copy(), v.copy(), kinematics.task.measured(None, q))
+        return SensedState(q.copy(), v.copy(), None if x is None else x.copy())
 
     def read(
         self,
-        before: Sensed,
+        before: SensedState,
         t_before: float,
         measurement: Measurement,
         desired: Desired,
         kinematics: TaskKinematics,
         a_k: np.ndarray,
-    ) -> tuple[Sensed, bool]:
+    ) -> tuple[SensedState, bool]:
         """Return what is known at a sample, and whether joints and reference are at rest.
 
         The kinematics are updated to the sample. Nothing returned shares memory with it.
@@ -181,12 +181,14 @@ class Senses:
         kinematics.update(a_k, q, v)
         still = self.guards.look(v, x, desired, kinematics)
         if not kinematics.positions:  # a joint task
-            return Sensed(q, v, kinematics.x_hat, kinematics.p_hat, kinematics.X_k), still
+            return SensedState(q, v, kinematics.x_hat, kinematics.p_hat, kinematics.X_k), still
         late = x_time is not None and x_time != t
-        if x is None or late or self.carrier.smoothing < math.inf:
-            return self.carrier.see(before, t_before, t, q, v, x, x_time, kinematics), still
+        if x is None or late or self.compensator.smoothing < math.inf:
+            return self.compensator.update(before, t_before, t, q, v, x, x_time, kinematics), still
         x = x.copy()
-        return Sensed(q, v, x, kinematics.p_hat - x[: kinematics.positions], kinematics.X_k), still
+        return SensedState(
+            q, v, x, kinematics.p_hat - x[: kinematics.positions], kinematics.X_k
+        ), still
 
 
 def make_guards(

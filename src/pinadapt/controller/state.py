@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..adaptation.adaptation import Estimate
-from ..models.late_frames import Sensed
+from ..models.delay_compensation import SensedState
 from ..records import Desired, Measurement
 from ..robot.changes import Payload
 
-_NOTHING = Sensed(np.zeros(0), np.zeros(0))
+_NOTHING = SensedState(np.zeros(0), np.zeros(0))
 
 
 class ControllerState(NamedTuple):
@@ -25,7 +25,7 @@ class ControllerState(NamedTuple):
         filters: state of the law's filters; see ``Law.filters``.
         adapting: whether the estimates move; they rest until told to with ``adapt``.
         load: what the robot is believed to carry on top of its description, as last announced.
-        sensed: what the sensors said at the last sample, see ``Sensed``.
+        sensed: what the sensors said at the last sample, see ``SensedState``.
         torque_filter: state of the low pass of torque and regressor, where the adaptation uses
             their prediction error.
     """
@@ -37,7 +37,7 @@ class ControllerState(NamedTuple):
     filters: Any
     adapting: bool = True
     load: Payload | None = None
-    sensed: Sensed = _NOTHING
+    sensed: SensedState = _NOTHING
     torque_filter: Any = ()
 
     @property

@@ -14,7 +14,7 @@ from numpy import empty
 from .._checks import positive
 from .._kernels import laws as kernels
 from ..exceptions import InputError
-from ..models.late_frames import Sensed
+from ..models.delay_compensation import SensedState
 from ..models.task_kinematics import TaskKinematics
 from ..signals import Signals
 
@@ -27,11 +27,11 @@ class Filters(ABC):
     """
 
     @abstractmethod
-    def init(self, sensed: Sensed, kinematics: TaskKinematics) -> Any:
+    def init(self, sensed: SensedState, kinematics: TaskKinematics) -> Any:
         """Return the state at the first sample."""
 
     @abstractmethod
-    def observe(self, state: Any, sensed: Sensed, kinematics: TaskKinematics) -> Any:
+    def observe(self, state: Any, sensed: SensedState, kinematics: TaskKinematics) -> Any:
         """Return the output of the filters at a sample, ``Signals.filtered``."""
 
     @abstractmethod
@@ -54,11 +54,11 @@ class NoState(NamedTuple):
 class NoFilters(Filters):
     """The filters of a law that needs none."""
 
-    def init(self, sensed: Sensed, kinematics: TaskKinematics) -> NoState:
+    def init(self, sensed: SensedState, kinematics: TaskKinematics) -> NoState:
         """Return nothing to remember."""
         return NoState()
 
-    def observe(self, state: NoState, sensed: Sensed, kinematics: TaskKinematics) -> NoState:
+    def observe(self, state: NoState, sensed: SensedState, kinematics: TaskKinematics) -> NoState:
         """Return nothing."""
         return state
 
@@ -146,7 +146,7 @@ class MotionFilters(Filters):
     task_velocity: LowPass
     joint_velocity: LowPass
 
-    def init(self, sensed: Sensed, kinematics: TaskKinematics) -> MotionState:
+    def init(self, sensed: SensedState, kinematics: TaskKinematics) -> MotionState:
         """Return the filters at rest, in the middle of what they pass: W_k and y are zero."""
         m, p = kinematics.positions, kinematics.size
         X_k, d = np.zeros((m, p)), np.zeros(m)
@@ -157,7 +157,7 @@ class MotionFilters(Filters):
         return MotionState(np.concatenate([X_k.ravel(), d, sensed.v]))
 
     def observe(
-        self, state: MotionState, sensed: Sensed, kinematics: TaskKinematics
+        self, state: MotionState, sensed: SensedState, kinematics: TaskKinematics
     ) -> FilteredMotion:
         """Return filtered regressor, task velocity and joint acceleration, (3)-(4).
 
@@ -239,7 +239,7 @@ class PositionObserver(Filters):
     error: Callable[[Signals], np.ndarray] | None = None
     bandwidth: float = math.inf
 
-    def init(self, sensed: Sensed, kinematics: TaskKinematics) -> ObserverState:
+    def init(self, sensed: SensedState, kinematics: TaskKinematics) -> ObserverState:
         """Return the observer at the first measured position."""
         s_f = np.zeros(0 if self.error is None else kinematics.nv)
         memory = np.zeros(kinematics.positions + 1)
@@ -248,7 +248,7 @@ class PositionObserver(Filters):
         return ObserverState(memory, s_f)
 
     def observe(
-        self, state: ObserverState, sensed: Sensed, kinematics: TaskKinematics
+        self, state: ObserverState, sensed: SensedState, kinematics: TaskKinematics
     ) -> ObservedPosition:
         """Return the error of the observation.
 

@@ -1,16 +1,16 @@
-"""Models: the believed kinematics and dynamics of a robot, evaluated at an estimate."""
+"""Models: the estimated kinematics and dynamics of a robot, linear in unknown parameters."""
 
 from .base_parameters import BaseParameters as BaseParameters
 from .base_parameters import base_parameters as base_parameters
 from .basis import BasisDynamics as BasisDynamics
 from .bodies import BodyDynamics as BodyDynamics
+from .delay_compensation import DelayCompensator as DelayCompensator
+from .delay_compensation import SensedState as SensedState
 from .dynamics import Dynamics as Dynamics
 from .dynamics import StackedDynamics as StackedDynamics
 from .frame_kinematics import FrameKinematics as FrameKinematics
 from .joint_effects import JointEffects as JointEffects
 from .joint_kinematics import JointKinematics as JointKinematics
-from .late_frames import Carrier as Carrier
-from .late_frames import Sensed as Sensed
 from .lumped import LumpedDynamics as LumpedDynamics
 from .regressor import Momentum as Momentum
 from .regressor import MomentumRegressor as MomentumRegressor

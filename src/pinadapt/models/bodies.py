@@ -20,17 +20,17 @@ from .dynamics import Dynamics
 from .pseudo_inertia import with_bodies
 from .regressor import LABELS, PER_BODY, UNITS, Momentum, Regressor, inertial_parameters
 
-_ONE_KILOGRAM = np.eye(PER_BODY)[0]  # at the joint
+_ONE_KILOGRAM = np.eye(PER_BODY)[0]  # ten parameters of a point mass at the joint
 
 
 class InertialModel:
-    """A private model whose ten parameters a body may be any numbers.
+    """A private Pinocchio model whose ten parameters a body may be any numbers.
 
-    RNEA and CRBA are linear in the parameters pi, but ``pin.Inertia`` cannot hold a body without
-    mass and CRBA cannot add bodies whose masses sum to less than nothing. Where a mass is not
-    positive, a ballast u of one kilogram a body is added c times and its effect taken off again:
-    M(pi) = M(pi + c u) - c M(u), exact for every pi. Of a chain of revolute joints the ballast has
-    no effect, see ``_unfelt_ballast``.
+    RNEA and CRBA are linear in the parameters pi, but ``pin.Inertia`` cannot represent a body
+    without mass, and CRBA cannot sum bodies to a mass that is not positive. For such parameters a
+    ballast u of one kilogram a body is added c times and its effect subtracted:
+    M(pi) = M(pi + c u) - c M(u), exactly, for every pi. In a chain of revolute joints there is a
+    ballast without effect; see ``_unfelt_ballast``.
     """
 
     def __init__(self, model: pin.Model) -> None:
@@ -38,7 +38,7 @@ class InertialModel:
         self._model, self._ballast_model = model.copy(), model.copy()
         self._data, self._ballast_data = self._model.createData(), self._ballast_model.createData()
         self._inertias, self._tens = self._model.inertias, np.zeros((model.nv, PER_BODY))
-        self._bodies = list(enumerate(self._tens, 1))  # joint and live row of ten parameters
+        self._bodies = list(enumerate(self._tens, 1))  # joint and its row of ten parameters, a view
         self._pi, self._written = inertial_parameters(model), True
         slides = any(is_slide(joint) for joint in model.joints[1:])
         self._ballast = np.tile(_ONE_KILOGRAM, model.nv) if slides else _unfelt_ballast(model)
@@ -48,24 +48,24 @@ class InertialModel:
         self._c, self._felt = 0.0, slides
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Copy by what it was made from: Pinocchio's data is scratch."""
+        """Copy by the arguments: Pinocchio's data is scratch."""
         return type(self), (self._model,)
 
     def load(self, pi: np.ndarray) -> None:
         """Set the parameters (10 n) of all bodies.
 
         Raises:
-            ParameterError: not so many.
+            ParameterError: another number of parameters.
         """
         if pi.size != self._ballast.size:
             raise ParameterError(
-                f"expected {self._ballast.size} numbers, got {pi.size}.",
+                f"expected {self._ballast.size} parameters, got {pi.size}.",
                 where="inertial parameters",
             )
         self._pi, self._written = pi.copy(), False
 
     def _write(self) -> None:
-        """Write the parameters into the model, when a torque or a mass matrix is asked for."""
+        """Write the parameters into the model, before a torque or a mass matrix is computed."""
         self._c = kernels.take(self._pi, self._ballast, self._tens)
         for joint, ten in self._bodies:
             self._inertias[joint] = pin.Inertia.FromDynamicParameters(ten)
@@ -91,11 +91,11 @@ class InertialModel:
 
 
 def _unfelt_ballast(model: pin.Model) -> np.ndarray:
-    """Return parameters (10 n) of one kilogram a body that no joint of revolute ones feels.
+    """Return parameters (10 n) of one kilogram a body without effect on revolute joints.
 
-    A point mass on a joint's axis may belong to either of the two bodies, so one added to the body
-    after the joint and taken off the body before it changes nothing; of the first joint the body
-    before is the base.
+    A point mass on a joint's axis may belong to either of the two bodies that the joint connects.
+    Adding it to the body after the joint and subtracting it from the body before therefore has no
+    effect. Before the first joint is the base.
     """
     n = model.nv
     ballast = np.zeros((n, PER_BODY))

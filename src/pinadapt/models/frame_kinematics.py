@@ -1,8 +1,8 @@
-"""Unknown translations of a chain, in which the motion of the frame is affine.
+"""Kinematics of the task frame, affine in unknown translations of the chain.
 
-Theory: x = sum_j R_parent(j)(q) p_j + R_n(q) p_e over the joint placements p_j and the frame's own
-p_e, so that with p = p_0 + B a_k the task velocity is xdot = Y_k(q, v) a_k + y_k0(q, v): Wang and
-Xie (2009), equation (2), for any chain.
+x = sum_j R_parent(j)(q) p_j + R_n(q) p_e, with p_j the translations of the joint placements and p_e
+that of the frame. With p = p_0 + B a_k the task velocity is xdot = Y_k(q, v) a_k + y_k0(q, v): Wang
+and Xie (2009), equation (2), for any chain.
 """
 
 from __future__ import annotations
@@ -24,15 +24,14 @@ from .translations import PlacedTranslations, Translation, placement_of, unknown
 
 
 class FrameKinematics(TaskKinematics):
-    """The believed kinematics of the task frame; the parameters are unknown translations.
+    """The estimated kinematics of the task frame, with unknown translations as parameters.
 
-    Everything is in world axes (LOCAL_WORLD_ALIGNED), rows of the task only; velocities in m/s and
-    rad/s. No translation turns the frame: the rotation rows of a pose have no unknowns, and those
-    of Y_k are zero.
+    Everything is in world axes (LOCAL_WORLD_ALIGNED), with the rows of the task only. Orientation
+    does not depend on translations: for a pose the rotation rows of Y_k are zero.
     """
 
     def __init__(self, robot: Robot, unknown: str | Sequence[str | Translation] = ()) -> None:
-        """Choose the unknown translations of a believed robot, as ``unknown_translations``.
+        """Choose the unknown translations of a nominal robot, as ``unknown_translations``.
 
         Raises:
             ParameterError, RobotError: as ``unknown_translations``.
@@ -54,12 +53,12 @@ class FrameKinematics(TaskKinematics):
         self._placed = PlacedTranslations(self._model, self._frame, self.translations)
         self._parents = [self._parent(self._model, part) for part in self.translations]
         self._B = [None if part.whole else part.directions for part in self.translations]
-        # Live views into Data: position rows of each parent joint's rotation, its angular velocity
-        # and acceleration (own axes).
+        # Views into Data of each parent joint: position rows of its rotation, its angular velocity
+        # and acceleration in its own axes.
         self._R = [self._data.oMi[i].rotation[self._place] for i in self._parents]
         self._w = [self._data.v[i].angular for i in self._parents]
         self._dw = [self._data.a[i].angular for i in self._parents]
-        # The same of all joints, the last of which carries the frame, and their axes.
+        # Views into Data of all joints: placements, motions in their own axes, and Jacobian.
         self._rotations, self._origins = _placements(self._data)
         self._past_placements = _placements(self._past)
         self._velocities, self._accelerations = _motions(self._data.v), _motions(self._data.a)
@@ -75,26 +74,26 @@ class FrameKinematics(TaskKinematics):
         initial = self.value(robot)
         if initial is None:
             raise ParameterError(
-                "the directions and offsets do not contain the believed robot's own placements."
+                "the directions and offsets do not contain the placements of the nominal robot.",
+                where="unknown.kinematic",
+                hint="Use an offset on the line or plane of the nominal translation.",
             )
         self.initial = initial
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Copy by what it was made from: Pinocchio's data is scratch."""
+        """Copy by the arguments: Pinocchio's data is scratch."""
         return FrameKinematics, (self.robot, self.translations)
 
     def _parent(self, model: pin.Model, part: Translation) -> int:
-        return int(
-            model.frames[self._frame].parentJoint
-            if part.joint is None
-            else model.parents[part.joint]
-        )
+        """Return the joint in whose axes a translation is given."""
+        if part.joint is None:
+            return int(model.frames[self._frame].parentJoint)
+        return int(model.parents[part.joint])
 
     def value(self, robot: Robot) -> np.ndarray | None:
-        """Return the parameters (p) [m] of any robot with this chain, the truth of the true one.
+        """Return the parameters (p) [m] of a robot with the same chain.
 
-        None when no value of the parameters gives that robot's position: something else differs
-        too.
+        None if no parameters give that robot's position, because other placements differ.
         """
         a_k = PlacedTranslations(robot.model, self._frame, self.translations).read()
         q = pin.integrate(
@@ -104,7 +103,7 @@ class FrameKinematics(TaskKinematics):
         return a_k if np.abs(self.task.error(self.x_hat, robot.position(q))).max() < 1e-9 else None
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
-        """Evaluate at estimate a_k (p) [m], configuration q (nq) and velocity v (nv)."""
+        """Evaluate at an estimate a_k (p) [m], configuration q (nq) and velocity v (nv)."""
         model, data = self._model, self._data
         self._placed.write(a_k)
         pin.forwardKinematics(model, data, q, v, self._zero)
@@ -124,22 +123,22 @@ class FrameKinematics(TaskKinematics):
 
     @property
     def Y_p(self) -> np.ndarray:
-        """Position rows (m_p, p) of Y_k."""
+        """The position rows (m_p, p) of Y_k."""
         return self.Y_k[: self.positions]
 
     @property
     def y_k0(self) -> np.ndarray:
-        """Velocity (m) that no parameter changes, J v = Y_k a_k + y_k0 [m/s, rad/s]."""
+        """The known part (m) of the velocity, J v = Y_k a_k + y_k0 [m/s, rad/s]."""
         return self.xd_hat - self.Y_k.dot(self.a_k)
 
     @property
     def y_p0(self) -> np.ndarray:
-        """Position rows (m_p) of ``y_k0`` [m/s]."""
+        """The position rows (m_p) of ``y_k0`` [m/s]."""
         return self.y_k0[: self.positions]
 
     @property
     def x_hat(self) -> np.ndarray:
-        """Believed task coordinates: positions (m) [m], or position and quaternion xyzw (7)."""
+        """The estimated positions (m) [m], or position and quaternion xyzw (7) of a pose."""
         placement = pin.updateFramePlacement(self._model, self._data, self._frame)
         return self._task.of(placement)
 
@@ -153,9 +152,9 @@ class FrameKinematics(TaskKinematics):
         return self._padded(self._stack(blocks))
 
     def at(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the task coordinates at another q (nq), and X_k (m_p, p) there, by the estimate.
+        """Return the estimated task coordinates at another q (nq), and X_k (m_p, p) there.
 
-        Of the last update; its attributes stay.
+        The estimate is that of the last update. The attributes do not change.
         """
         pin.forwardKinematics(self._model, self._past, q)
         placement = pin.updateFramePlacement(self._model, self._past, self._frame)
@@ -167,16 +166,16 @@ class FrameKinematics(TaskKinematics):
         return self._task.of(placement), X_k
 
     def between(self, q_0: np.ndarray, q_1: np.ndarray, share: float) -> np.ndarray:
-        """Return the configuration (nq) at a share of the way from q_0 to q_1."""
+        """Return the configuration (nq) at a share, from 0 to 1, of the way from q_0 to q_1."""
         if self.nq == self.nv:
             return q_0 + share * (q_1 - q_0)
         return np.asarray(pin.interpolate(self._model, q_0, q_1, share))
 
     def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
-        """Return dJ/dt (m, nv) of the motion, and of the estimate at a_k_rate (p) [m/s].
+        """Return dJ/dt (m, nv) by the motion and by the rate a_k_rate (p) [m/s] of the estimate.
 
-        The second part is linear in a_k_rate because J is affine in a_k; without it (17) of Wang
-        and Xie does not hold.
+        J is affine in a_k, so the second part is linear in a_k_rate. Without it (17) of Wang and
+        Xie does not hold.
         """
         model, data = self._model, self._data
         pin.computeJointJacobiansTimeVariation(model, data, self._q, self._v)
@@ -189,7 +188,7 @@ class FrameKinematics(TaskKinematics):
         return Jdot
 
     def _stack(self, blocks: Sequence[np.ndarray]) -> np.ndarray:
-        """Return the position rows (m_p, p) of R (block) B for each block (3, 3), parent axes."""
+        """Return the position rows (m_p, p) of R (block) B for blocks (3, 3) in parent axes."""
         parts = [
             R.dot(block if B is None else block.dot(B))
             for R, B, block in zip(self._R, self._B, blocks, strict=True)
@@ -197,22 +196,22 @@ class FrameKinematics(TaskKinematics):
         return parts[0] if len(parts) == 1 else np.concatenate([self._no_columns, *parts], axis=1)
 
     def _padded(self, Y: np.ndarray) -> np.ndarray:
-        """Return position rows (m_p, p) with the zeros of the rotation rows below, (m, p)."""
+        """Return position rows (m_p, p) with zero rotation rows below, (m, p)."""
         return np.concatenate([Y, self._no_turning]) if self._turns else Y
 
     def base(self, samples: int = 50) -> int:
-        """Return how many combinations of the parameters motion identifies: the rank of Y_p."""
+        """Return the number of identifiable combinations of the parameters: the rank of Y_p."""
         return base_parameters(self, self.robot, samples=samples).size
 
 
 def _placements(data: pin.Data) -> tuple[np.ndarray, np.ndarray]:
-    """Return the live rotations (N, 3, 3) and origins (N, 3) of all joints."""
+    """Return the rotations (N, 3, 3) and origins (N, 3) of all joints as views."""
     rotations = live_array([placement.rotation for placement in data.oMi])
     return rotations, live_array([placement.translation for placement in data.oMi])
 
 
 def _motions(motions: Iterable[pin.Motion]) -> np.ndarray:
-    """Return live motions (N, 6) of all joints in their own axes, linear before angular."""
+    """Return the motions (N, 6) of all joints as a view, linear before angular, own axes."""
     linear = live_array([motion.linear for motion in motions])
     return np.lib.stride_tricks.as_strided(
         linear, (len(linear), 6), linear.strides, writeable=False

@@ -1,4 +1,4 @@
-"""Kinematics of a joint task: nothing to know."""
+"""Kinematics of a joint task, which has no unknown parameters."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from .translations import Translation
 
 
 class JointKinematics(TaskKinematics):
-    """x = q, J = I: no parameter, no singularity, no null space.
+    """x = q and J = I: no parameters, no singularities, no null space.
 
-    A joint-space law is then the task-space law on this task.
+    With it a task-space law becomes the corresponding joint-space law.
     """
 
     task: JointTask
 
     def __init__(self, robot: Robot, unknown: str | Sequence[str | Translation] = ()) -> None:
-        """Take a believed robot with a joint task.
+        """Use a nominal robot with a joint task; ``unknown`` must be empty.
 
         Raises:
-            ParameterError: unknown translations, which a joint task cannot see.
+            ParameterError: unknown translations, which have no effect on a joint task.
         """
         if len(unknown):
             raise ParameterError(
-                f"a joint task sees no translation, so {unknown!r} cannot be learned from it.",
+                f"translations have no effect on a joint task, so {unknown!r} cannot be adapted.",
                 where="unknown.kinematic",
-                hint='Leave it out, or take a task of the frame, such as "xyz".',
+                hint='Leave it out, or use a task of the frame, such as "xyz".',
             )
         n = robot.model.nv
         self.robot = robot.undrawn()
@@ -48,24 +48,24 @@ class JointKinematics(TaskKinematics):
         self._q, self.xd_hat = robot.q0, np.zeros(n)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Copy by what it was made from."""
+        """Copy by the arguments."""
         return JointKinematics, (self.robot,)
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
-        """Take configuration q (nq) and velocity v (nv)."""
+        """Set configuration q (nq) and velocity v (nv); a_k is empty."""
         self._q, self.xd_hat = q, v
 
     @property
     def x_hat(self) -> np.ndarray:
-        """Joint coordinates (nv) at the last update [rad or m]."""
+        """The joint coordinates (nv) [rad or m]."""
         return self.task.of(self._q)
 
     def at(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return joint coordinates (nv) [rad or m], and (0, 0)."""
+        """Return the joint coordinates (nv) [rad or m] at q (nq), and an empty X_k (0, 0)."""
         return self.task.of(q), self.X_k
 
     def between(self, q_0: np.ndarray, q_1: np.ndarray, share: float) -> np.ndarray:
-        """Return the configuration (nq) at a share of the way from q_0 to q_1."""
+        """Return the configuration (nq) at a share, from 0 to 1, of the way from q_0 to q_1."""
         return np.asarray(pin.interpolate(self.robot.model, q_0, q_1, share))
 
     def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
@@ -73,13 +73,13 @@ class JointKinematics(TaskKinematics):
         return self._no_rate
 
     def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
-        """Return (nv, 0)."""
+        """Return the empty Ybar_k (nv, 0)."""
         return self.Y_k
 
     def value(self, robot: Robot) -> np.ndarray:
-        """Return no parameters (0): they fit every robot with this chain."""
+        """Return the empty parameters (0), which fit every robot with this chain."""
         return self.initial
 
     def base(self, samples: int = 50) -> int:
-        """Return 0."""
+        """Return 0, the number of parameters."""
         return 0

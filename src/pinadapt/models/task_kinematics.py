@@ -1,4 +1,4 @@
-"""What the laws may ask of a believed robot's kinematics, whatever its task is."""
+"""Kinematics of any task, linear in unknown parameters: what they offer to the laws."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from .translations import Translation
 
 
 class TaskKinematics(ABC):
-    """The believed kinematics of a chain at the current estimate of its unknown parameters.
+    """The estimated kinematics of a task, with p unknown parameters a_k.
 
-    ``update`` evaluates everything at one state and replaces the attributes by new arrays; the
-    methods answer for the state of the last update. m: task size, m_p: the positions among its
-    rows, p: number of parameters.
+    ``update`` evaluates everything at an estimate and a state, and replaces the attributes by new
+    arrays; the methods refer to the last update. m: task coordinates, m_p: positions among them.
+    All is in world axes, linear before angular.
 
     Attributes:
-        robot: the believed robot as described, without its geometry.
+        robot: the nominal robot, without its geometry.
         task: the controlled coordinates.
         joint_names: names of the chain's joints.
         frame: name of the task frame.
@@ -28,15 +28,15 @@ class TaskKinematics(ABC):
         names: one name a parameter.
         size: p.
         positions: m_p.
-        initial: (p) values in the believed robot's own description [m].
-        translations: what the parameters are, in their order.
-        a_k: (p) the estimate of the last update.
-        last_joint: (m_p) live position of the joint that carries the frame, at the last update [m].
+        initial: (p) the values of the nominal robot [m].
+        translations: the unknown translations, in the order of their parameters.
+        a_k: (p) the estimate [m].
+        last_joint: (m_p) position of the last joint before the frame [m], a view.
         p_hat: (m_p) estimated positions [m].
         X_k: (m_p, p) dx/da_k of the positions: p_hat = X_k a_k + known part.
-        xd_hat: (m) estimated task velocity J v.
+        xd_hat: (m) estimated task velocity J v [m/s, rad/s].
         J: (m, nv) Jacobian at the estimate.
-        Jdot_v: (m) dJ/dt v with the estimate held constant.
+        Jdot_v: (m) dJ/dt v at a constant estimate [m/s^2, rad/s^2].
         Y_k: (m, p) kinematic regressor, J v = Y_k a_k + known part: Wang and Xie (2009), (2).
     """
 
@@ -62,41 +62,41 @@ class TaskKinematics(ABC):
 
     @abstractmethod
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
-        """Evaluate at estimate a_k (p), configuration q (nq) and velocity v (nv)."""
+        """Evaluate at an estimate a_k (p) [m], configuration q (nq) and velocity v (nv)."""
 
     @property
     def Y_p(self) -> np.ndarray:
-        """Position rows (m_p, p) of Y_k."""
+        """The position rows (m_p, p) of Y_k."""
         return self.Y_k[: self.task.positions]
 
     @property
     @abstractmethod
     def x_hat(self) -> np.ndarray:
-        """Believed task coordinates at the last update."""
+        """The estimated task coordinates."""
 
     @abstractmethod
     def at(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the task coordinates at another q (nq), and X_k (m_p, p) there, by the estimate.
+        """Return the estimated task coordinates at another q (nq), and X_k (m_p, p) there.
 
-        Of the last update; its attributes stay.
+        The estimate is that of the last update. The attributes do not change.
         """
 
     @abstractmethod
     def between(self, q_0: np.ndarray, q_1: np.ndarray, share: float) -> np.ndarray:
-        """Return the configuration (nq) at a share of the way from q_0 to q_1."""
+        """Return the configuration (nq) at a share, from 0 to 1, of the way from q_0 to q_1."""
 
     @abstractmethod
     def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
-        """Return dJ/dt (m, nv) while the estimate moves at a_k_rate (p)."""
+        """Return dJ/dt (m, nv) at rate a_k_rate (p) [m/s] of the estimate."""
 
     @abstractmethod
     def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
-        """Return Ybar_k (m, p) of Wang and Xie (27), at joint acceleration a (nv)."""
+        """Return Ybar_k (m, p) of Wang and Xie (27) at joint acceleration a (nv)."""
 
     @abstractmethod
     def value(self, robot: Robot) -> np.ndarray | None:
-        """Return the parameters (p) of any robot with this chain, or None where none fit."""
+        """Return the parameters (p) of a robot with the same chain; None if none reproduce it."""
 
     @abstractmethod
     def base(self, samples: int = 50) -> int:
-        """Return how many combinations of the parameters motion can identify."""
+        """Return the number of identifiable combinations of the parameters."""

@@ -22,7 +22,7 @@ from ..exceptions import InputError, did_you_mean
 from ..filters.filters import LowPass
 from ..laws import DEFAULT, LAWS
 from ..laws.law import Law
-from ..models.late_frames import Carrier
+from ..models.delay_compensation import DelayCompensator
 from ..models.typical_motion import TypicalMotion
 from ..records import Measurement
 from ..robot.changes import Payload
@@ -256,7 +256,7 @@ def _warn(
 def _senses(guards: Guards, needed: Remedies, carry: bool, quality: SensorQuality) -> Senses:
     """Return how sensors of a quality are taken."""
     low_pass = None if isinf(needed.velocity) else LowPass(needed.velocity, "velocity filter")
-    return Senses(guards, Carrier(needed.smoothing, carry), low_pass, quality)
+    return Senses(guards, DelayCompensator(needed.smoothing, carry), low_pass, quality)
 
 
 def _law_type(law: str | Law, believed: Robot) -> type[Law]:

@@ -58,7 +58,7 @@ def sensor_findings(controller: Controller, quality: SensorQuality) -> list[Sens
 def _held(controller: Controller, quality: SensorQuality) -> SensorFinding | None:
     motion, age = controller.motion, quality.age
     assert motion is not None
-    if controller.senses.carrier.carry or not age or not motion.kinematics.positions:
+    if controller.senses.compensator.enabled or not age or not motion.kinematics.positions:
         return None
     feedback = controller.law.feedback(motion)
     if not feedback or _stable(feedback, age):

@@ -1,13 +1,16 @@
-"""Where the frame is now, from frames of a camera that come late, seldom, or not at all.
+"""Delay compensation: the present position from camera frames that are late, rare, or missing.
 
-x is affine in the unknown translations, so what a frame taken at q_c tells, X(q_c) a_k + b with
-b = x_0(q_c) - x_c, is the prediction error of today's estimate at any age of the frame. The
-position now is the frame carried on by the believed kinematics,
+x is affine in the unknown translations a_k. A frame x_c, taken at configuration q_c, therefore
+gives the prediction error of the present estimate, however old the frame is:
 
-    x(t) = x_hat(q(t); a_k) - epsilon,    epsilon = X(q_c) a_k + b,
+    epsilon = X(q_c) a_k + b,    b = x_0(q_c) - x_c.
 
-wrong by (X(q(t)) - X(q_c)) da_k, which dies with da_k. Noise of the frames goes through a low pass
-of epsilon, which moves with the estimate and not with the arm.
+The estimated kinematics predict the motion since then:
+
+    x(t) = x_hat(q(t); a_k) - epsilon.
+
+The error of this x is (X(q(t)) - X(q_c)) da_k and vanishes with the parameter error da_k. Noise of
+the frames is reduced by a low pass on epsilon, which adds no lag to the motion of the arm.
 """
 
 from __future__ import annotations
@@ -21,19 +24,19 @@ import numpy as np
 from ..exceptions import ImplausibleError, MeasurementError
 from .task_kinematics import TaskKinematics
 
-_SAME = 1e-9  # [s] between times that are taken for one
+_SAME = 1e-9  # difference below which two times are the same [s]
 _EMPTY, _NO_COLUMNS = np.zeros(0), np.zeros((0, 0))
 
 
 class Frame(NamedTuple):
-    """What the last frame of the camera told; m_p positions, p kinematic parameters.
+    """The last frame of the camera; m_p positions, p kinematic parameters.
 
     Attributes:
-        t: when it was taken [s].
-        X_k: (m_p, p) dx/da_k at the configuration of then.
+        t: the time at which it was taken [s].
+        X_k: (m_p, p) dx/da_k at the configuration of that time.
         b: (m_p) the frame's prediction error is X_k a_k + b [m].
         b_smooth: (m_p) the same with the noise of the frames low-passed [m].
-        turn: what turns the believed orientation into the seen one, None without orientation.
+        turn: rotation from the estimated to the measured orientation; None without orientation.
     """
 
     t: float
@@ -43,17 +46,20 @@ class Frame(NamedTuple):
     turn: Any = None
 
 
-class Sensed(NamedTuple):
-    """What the sensors say at a sample, kept for the next one; m_p positions, p parameters.
+class SensedState(NamedTuple):
+    """The state of the robot according to its sensors, kept until the next sample.
+
+    m_p: positions among the task coordinates, p: kinematic parameters.
 
     Attributes:
         q: (nq) the configuration.
-        v: (n) the joint velocity, filtered where there is a filter [rad/s or m/s].
-        x: the task coordinates now: measured, predicted from the last frame, or of a joint task
-            those of q. None before the first frame.
-        epsilon: (m_p) prediction error of the last seen position [m]; empty before the first frame.
-        X_k: (m_p, p) its regressor, dx/da_k at the configuration where it was seen.
-        frame: the last frame of the camera; None where it is x itself, of this sample.
+        v: (n) the joint velocity, filtered if there is a filter [rad/s or m/s].
+        x: the present task coordinates: measured, predicted from the last frame, or for a joint
+            task those of q. None before the first frame.
+        epsilon: (m_p) prediction error of the last measured position [m]; empty before the first
+            frame.
+        X_k: (m_p, p) its regressor, dx/da_k at the configuration of that measurement.
+        frame: the last frame of the camera; None if x was measured at this sample.
         history: (t, q) of the samples since the last frame was taken, oldest first.
     """
 
@@ -67,23 +73,23 @@ class Sensed(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Carrier:
-    """Predicts the position now from the last frame of a camera.
+class DelayCompensator:
+    """Predicts the present position from the last frame of a camera.
 
     Attributes:
         smoothing: bandwidth of the low pass on the frames' prediction error [1/s]; infinite: none.
-        carry: whether the estimated kinematics predict the motion since the last frame; else the
-            last frame is taken for the present position.
-        blind: how long the loop may run without a new frame [s].
+        enabled: whether the estimated kinematics predict the motion since the last frame.
+            Otherwise the last frame is used as the present position.
+        longest_gap: the longest time without a new frame [s].
     """
 
     smoothing: float = math.inf
-    carry: bool = True
-    blind: float = 1.0
+    enabled: bool = True
+    longest_gap: float = 1.0
 
-    def see(
+    def update(
         self,
-        before: Sensed,
+        before: SensedState,
         t_before: float,
         t: float,
         q: np.ndarray,
@@ -91,30 +97,31 @@ class Carrier:
         x: np.ndarray | None,
         x_time: float | None,
         kinematics: TaskKinematics,
-    ) -> Sensed:
-        """Return what is known at a sample, to which the kinematics are updated.
+    ) -> SensedState:
+        """Return the sensed state at a sample, at which the kinematics were last updated.
 
         Args:
-            before: what was known at the sample before.
+            before: the sensed state at the sample before.
             t_before: time of that sample [s].
             t: time of this sample [s].
             q: (nq) its configuration.
             v: (n) its joint velocity [rad/s or m/s].
-            x: measured coordinates, or None where none arrived.
-            x_time: when they were taken [s]; None: t.
+            x: measured coordinates; None: no frame arrived.
+            x_time: the time at which they were taken [s]; None: t.
             kinematics: the estimated kinematics.
 
         Raises:
-            MeasurementError: the frame was taken later than the sample.
-            ImplausibleError: the last one is too old.
+            MeasurementError: the frame was taken after the sample.
+            ImplausibleError: no new frame for longer than ``longest_gap``.
         """
-        if not self.carry or before.x is None:
+        if not self.enabled or before.x is None:
             x = before.x if x is None else x.copy()
             if x is None:
-                return Sensed(q, v)
-            return Sensed(q, v, x, kinematics.p_hat - x[: kinematics.positions], kinematics.X_k)
+                return SensedState(q, v)
+            error = kinematics.p_hat - x[: kinematics.positions]
+            return SensedState(q, v, x, error, kinematics.X_k)
         frame, history = before.frame, before.history
-        if frame is None:  # the sample before saw the frame itself
+        if frame is None:  # the position was measured at the sample before
             history = ((t_before, before.q),)
             frame = self._frame(t_before, before.q, before.x, kinematics, None)
         history = (*history, (t, q))
@@ -125,11 +132,11 @@ class Carrier:
             history = _since(history, taken)
             q_c = _at(history, taken, kinematics)
             frame = self._frame(taken, q_c, x, kinematics, frame)
-        elif t - frame.t > self.blind:
+        elif t - frame.t > self.longest_gap:
             raise ImplausibleError("x", None, f"has not been seen for {t - frame.t:.3g} s")
-        moving = frame.X_k.dot(kinematics.a_k)
-        x = kinematics.task.carried(kinematics.x_hat, moving + frame.b_smooth, frame.turn)
-        return Sensed(q, v, x, moving + frame.b, frame.X_k, frame, history)
+        X_a = frame.X_k.dot(kinematics.a_k)
+        x = kinematics.task.carried(kinematics.x_hat, X_a + frame.b_smooth, frame.turn)
+        return SensedState(q, v, x, X_a + frame.b, frame.X_k, frame, history)
 
     def _frame(
         self,
@@ -139,15 +146,15 @@ class Carrier:
         kinematics: TaskKinematics,
         before: Frame | None,
     ) -> Frame:
-        """Return what a frame x, taken at time t [s] and configuration q (nq), tells."""
+        """Return the frame x taken at time t [s] and configuration q (nq), after another one."""
         task, a_k, (x_hat, X_k) = kinematics.task, kinematics.a_k, kinematics.at(q)
-        moving = X_k.dot(a_k)
-        b = task.position(x_hat) - task.position(x) - moving
+        X_a = X_k.dot(a_k)
+        b = task.position(x_hat) - task.position(x) - X_a
         b_smooth, turn = b, task.turn(x_hat, x)
         if before is not None and math.isfinite(self.smoothing):
             rest = math.exp(-self.smoothing * (t - before.t))
-            was = before.X_k.dot(a_k) + before.b_smooth
-            b_smooth = rest * (was - moving) + (1.0 - rest) * b
+            epsilon = before.X_k.dot(a_k) + before.b_smooth
+            b_smooth = rest * (epsilon - X_a) + (1.0 - rest) * b
             turn = task.turn_between(turn, before.turn, rest)
         return Frame(t, X_k, b, b_smooth, turn)
 
