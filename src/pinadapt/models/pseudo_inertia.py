@@ -42,9 +42,11 @@ def pseudo_inertia(pi: np.ndarray) -> np.ndarray:
 
 
 def ten_parameters(P: np.ndarray) -> np.ndarray:
-    """Return the ten parameters (10) of a body with pseudo-inertia P (4, 4)."""
-    xx, yy, zz = P[0, 0], P[1, 1], P[2, 2]
-    return np.array([P[3, 3], *P[:3, 3], yy + zz, -P[0, 1], xx + zz, -P[0, 2], -P[1, 2], xx + yy])
+    """Return the ten parameters (..., 10) of bodies with pseudo-inertias P (..., 4, 4)."""
+    xx, yy, zz = P[..., 0, 0], P[..., 1, 1], P[..., 2, 2]
+    first = [P[..., 3, 3], P[..., 0, 3], P[..., 1, 3], P[..., 2, 3]]
+    second = [yy + zz, -P[..., 0, 1], xx + zz, -P[..., 0, 2], -P[..., 1, 2], xx + yy]
+    return np.stack([*first, *second], axis=-1)
 
 
 def nearest_physical(pi: np.ndarray, *, least_mass: float, least_radius: float) -> np.ndarray:

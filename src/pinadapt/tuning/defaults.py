@@ -65,13 +65,18 @@ def prior_covariance(robot: Robot, dynamics: Dynamics) -> np.ndarray | None:
     constant gain it knows no frames and units either.
     """
     robot, dynamics = dynamics.bare(robot), dynamics.inertial
-    believed, deviations = dynamics.value(robot), []
-    for true in plausible(robot, dynamics, _SAMPLES_PER_PARAMETER * dynamics.size):
-        value = dynamics.value(true)
-        if value is None or believed is None:
+    nominal, count = dynamics.value(robot), _SAMPLES_PER_PARAMETER * dynamics.size
+    if nominal is None:
+        return None
+    values: list[np.ndarray | None] | np.ndarray
+    if dynamics.per_body:  # the parameters are the ten of each body, so no robots are needed
+        S = _roots(robot, dynamics.bodies)
+        values = ten_parameters(_drawn(S, np.random.default_rng(0), count))
+    else:
+        values = [dynamics.value(true) for true in plausible(robot, dynamics, count)]
+        if any(value is None for value in values):
             return None
-        deviations.append(value - believed)
-    errors = np.array(deviations).reshape(-1, dynamics.size)
+    errors = np.array(values).reshape(-1, dynamics.size) - nominal
     covariance = errors.T @ errors / max(len(errors), 1)
     variances = np.diag(covariance)
     return np.asarray(covariance + _RIDGE * np.diag(variances)) if (variances > 0.0).all() else None
@@ -85,24 +90,34 @@ def plausible(robot: Robot, dynamics: Dynamics, count: int) -> Iterator[Robot]:
     of their lengths.
     """
     rng, bodies = np.random.default_rng(0), list(dynamics.bodies)
+    S, (theta, deviations) = _roots(robot, bodies), _lengths(robot, dynamics)
+    for _ in range(count):
+        model, (drawn,) = robot.model.copy(), _drawn(S, rng, 1)
+        for body, P in zip(bodies, drawn, strict=True):
+            model.inertias[body + 1] = pin.Inertia.FromDynamicParameters(ten_parameters(P))
+        if theta.size:
+            lengths = theta + deviations * rng.standard_normal(theta.size)
+            PlacedTranslations(model, robot.frame_id, dynamics.translations).write(lengths)
+        yield replace(robot, model=model)
+
+
+def _roots(robot: Robot, bodies: Sequence[int]) -> np.ndarray:
+    """Return S (b, 4, 4), P = S S^T the pseudo-inertias of b bodies or physical ones close by."""
     mass = pin.computeTotalMass(robot.model) / robot.model.nv
     tens = [robot.model.inertias[body + 1].toDynamicParameters() for body in bodies]
     near = [
         pseudo_inertia(nearest_physical(ten, least_mass=1e-3 * mass, least_radius=_LEAST_RADIUS))
         for ten in tens
     ]
-    roots = np.linalg.cholesky(np.array(near).reshape(-1, 4, 4))
-    theta, deviations = _lengths(robot, dynamics)
-    for _ in range(count):
-        model, G = robot.model.copy(), rng.standard_normal((len(bodies), 4, 4))
-        w, U = np.linalg.eigh(0.5 * INERTIA * (G + G.transpose(0, 2, 1)))
-        A = roots @ U
-        for body, P in zip(bodies, (A * np.exp(w)[:, None, :]) @ A.transpose(0, 2, 1), strict=True):
-            model.inertias[body + 1] = pin.Inertia.FromDynamicParameters(ten_parameters(P))
-        if theta.size:
-            lengths = theta + deviations * rng.standard_normal(theta.size)
-            PlacedTranslations(model, robot.frame_id, dynamics.translations).write(lengths)
-        yield replace(robot, model=model)
+    return np.linalg.cholesky(np.array(near).reshape(-1, 4, 4))
+
+
+def _drawn(S: np.ndarray, rng: np.random.Generator, count: int) -> np.ndarray:
+    """Return S exp(0.3 W) S^T (count, b, 4, 4) for random W, as ``plausible`` says."""
+    G = rng.standard_normal((count, *S.shape))
+    w, U = np.linalg.eigh(0.5 * INERTIA * (G + G.swapaxes(-1, -2)))
+    A = S @ U
+    return np.asarray((A * np.exp(w)[..., None, :]) @ A.swapaxes(-1, -2))
 
 
 def _lengths(robot: Robot, dynamics: Dynamics) -> tuple[np.ndarray, np.ndarray]:
