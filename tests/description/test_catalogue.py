@@ -1,4 +1,4 @@
-"""The catalogue's own table, and the limbs it cuts out of larger robots."""
+"""The table of the catalogue, and limbs of larger robots."""
 
 from dataclasses import replace
 
@@ -17,14 +17,14 @@ ROWS = read_toml(robots_folder() / "catalogue.toml")
 KEYS = {"urdf", "loader", "first", "frame", "joints", "tip", "task", "q0", "about"}
 
 
-def test_rows_have_known_keys_a_frame_and_a_line_for_people():
+def test_rows_have_known_keys_a_frame_and_a_remark():
     for name, row in ROWS.items():
         assert set(row) <= KEYS, name
         assert row["frame"] and row["about"] and row.get("task", "xyz") in TASKS, name
         assert not {"urdf", "loader"} <= set(row), name
 
 
-def test_no_chain_stands_twice():
+def test_no_chain_is_listed_twice():
     chains = [
         (row.get("loader", row.get("urdf", name)), row.get("first"), row["frame"])
         for name, row in ROWS.items()
@@ -33,7 +33,7 @@ def test_no_chain_stands_twice():
     assert len({row["about"] for row in ROWS.values()}) == len(ROWS)
 
 
-def test_chains_have_as_many_joints_as_the_table_says():
+def test_chains_have_the_stated_number_of_joints():
     entries = pa.catalogue().values()
     counted = {entry.name: len(entry.limb(entry.load()[0])) for entry in entries}
     assert counted == {entry.name: entry.joints for entry in entries}
@@ -62,7 +62,7 @@ LIMBS = [  # name, joints, first and last of them
 
 
 @pytest.mark.parametrize(("name", "joints", "first", "last"), LIMBS)
-def test_a_limb_is_cut_out_of_its_robot_and_tracks(name, joints, first, last):
+def test_a_limb_of_a_larger_robot_loads_and_tracks(name, joints, first, last):
     robot = catalogue_robot(name)
     assert (len(robot.joint_names), robot.joint_names[0], robot.joint_names[-1]) == (
         joints,
@@ -79,7 +79,7 @@ def test_ur3_is_not_the_ur5():
     assert np.allclose(upper_arms, [0.24365, 0.425], atol=1e-4)  # [m], the manufacturer's
 
 
-def test_a_tip_lies_where_the_table_says():
+def test_a_tip_is_at_the_stated_position():
     robot, row = catalogue_robot("double_pendulum"), ROWS["double_pendulum"]
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, robot.q0)
@@ -110,7 +110,7 @@ def test_mimic_joints_of_the_catalogue_are_refused():
 
 
 @pytest.mark.parametrize(("name", "axes"), [("solo8_fl_leg", [0, 2]), ("quadruped_fl_leg", [1, 2])])
-def test_planar_tasks_take_their_rows_of_the_position(name, axes):
+def test_planar_tasks_are_rows_of_the_position(name, axes):
     robot = catalogue_robot(name)
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, robot.q0)

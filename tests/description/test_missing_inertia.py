@@ -1,4 +1,4 @@
-"""Bodies without inertia get one from their shapes and from what the whole robot weighs."""
+"""Bodies without inertia get one from their shapes and the mass of the whole robot."""
 
 import numpy as np
 import pinocchio as pin
@@ -106,7 +106,7 @@ def test_an_open_mesh_counts_as_its_convex_hull(tmp_path, triangles):
         assert ours.isApprox(theirs, 1e-6)
 
 
-def test_a_closed_mesh_that_is_not_convex_is_no_hull():
+def test_a_closed_mesh_that_is_not_convex_keeps_its_volume():
     import coal
 
     mesh = coal.BVHModelOBBRSS()
@@ -123,7 +123,7 @@ def test_a_closed_mesh_that_is_not_convex_is_no_hull():
 
 
 @pytest.mark.filterwarnings("ignore:bare")
-def test_a_flat_mesh_is_no_shape(tmp_path):
+def test_a_flat_mesh_has_no_volume(tmp_path):
     shapes = {**SHAPES, "hand": None}
     flat = pa.load(arm(tmp_path, triangles=CLOSED[:1]), frame="tip", mass=30)
     rods = pa.load(arm(tmp_path, shapes={**SHAPES, "fore": None}), frame="tip", mass=30)
@@ -139,7 +139,7 @@ HEAVY = (
 
 
 @pytest.mark.filterwarnings("ignore:bare")
-def test_what_is_described_stays_and_counts(tmp_path):
+def test_described_inertias_are_kept_and_counted(tmp_path):
     robot = pa.load(arm(tmp_path, inertials={"upper": HEAVY}), frame="tip", mass=30)
     found = bodies(robot)
     assert np.isclose(found["upper"].mass, 12.0) and np.isclose(found["upper"].inertia[2, 2], 0.1)
@@ -157,17 +157,17 @@ def test_what_is_described_stays_and_counts(tmp_path):
         ("30", "expected a number"),
     ],
 )
-def test_masses_that_cannot_be_are_refused(tmp_path, mass, words):
+def test_impossible_masses_are_refused(tmp_path, mass, words):
     with pytest.raises(pa.RobotError, match=words):
         pa.load(arm(tmp_path, inertials={"upper": HEAVY}), frame="tip", mass=mass)
 
 
-def test_a_robot_that_is_described_whole_takes_no_mass():
+def test_a_completely_described_robot_takes_no_mass():
     with pytest.raises(pa.RobotError, match=r"every body of 'panda' .*17.45 kg.* Leave mass out"):
         pa.load("panda", mass=20.0)
 
 
-def test_without_a_mass_the_refusal_names_the_links_and_suggests_it(tmp_path, capsys):
+def test_without_a_mass_the_error_names_the_links_and_suggests_it(tmp_path, capsys):
     assert main(["init", str(arm(tmp_path))]) == 2
     error = capsys.readouterr().err
     for word in ("'upper' after 'to_upper'", "'hand' after 'to_hand'", "init --mass KG"):
@@ -175,7 +175,7 @@ def test_without_a_mass_the_refusal_names_the_links_and_suggests_it(tmp_path, ca
     assert not list(tmp_path.glob("*.toml"))
 
 
-def test_a_mass_matrix_that_is_singular_otherwise_names_the_joint(tmp_path):
+def test_another_singular_mass_matrix_names_the_joint(tmp_path):
     point = '<inertial><mass value="1"/><inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/>'
     inertials = dict.fromkeys(STEPS, HEAVY) | {"hand": f"{point}</inertial>"}
     with pytest.raises(
@@ -184,7 +184,7 @@ def test_a_mass_matrix_that_is_singular_otherwise_names_the_joint(tmp_path):
         pa.load(arm(tmp_path, inertials=inertials), frame="tip")
 
 
-def test_init_tells_it_and_its_file_runs(tmp_path, capsys):
+def test_init_warns_and_its_scenario_runs(tmp_path, capsys):
     file = tmp_path / "bare.toml"
     assert main(["init", str(arm(tmp_path)), "--mass", "30", "--out", str(file)]) == 0
     assert "30 kg distributed" in capsys.readouterr().err

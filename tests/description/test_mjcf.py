@@ -1,4 +1,4 @@
-"""MJCF files: read where Pinocchio reads them, refused where it would read another robot."""
+"""MJCF files are read with Pinocchio; what it would ignore is refused."""
 
 import numpy as np
 import pinocchio as pin
@@ -37,14 +37,14 @@ def test_a_chain_is_read_with_its_masses_limits_home_and_gravity(tmp_path):
     check_holds_home(robot)
 
 
-def test_a_missing_mesh_costs_that_mesh_only(tmp_path):
+def test_only_shapes_with_a_missing_mesh_are_left_out(tmp_path):
     with pytest.warns(UserWarning, match=r"not drawn.*meshes/shell.stl"):
         shapes = pa.load(mjcf(tmp_path), frame="tip").visual.geometryObjects
     assert sum(thing.meshPath.endswith("rib.stl") for thing in shapes) == 1
     assert len(shapes) == 6  # base, two capsules of links 1 and 3, that of link 2, the rib, the tip
 
 
-def test_a_free_joint_is_welded_unless_refused(tmp_path):
+def test_a_floating_base_is_fixed_unless_refused(tmp_path):
     path = mjcf(tmp_path, FREE)
     with pytest.raises(pa.RobotError, match=r"floating.*weld_root=True"):
         pa.load(path, frame="tip", weld_root=False)
@@ -59,7 +59,7 @@ def test_init_writes_a_scenario_of_it_that_runs(tmp_path, text):
     assert rollout.distance[-400:].max() < 0.1 * rollout.distance[:400].max()
 
 
-def test_what_an_equality_couples_is_no_independent_joint(tmp_path):
+def test_joints_coupled_by_an_equality_are_refused(tmp_path):
     coupled = '<equality><joint joint1="j3" joint2="j2"/></equality></mujoco>'
     path = mjcf(tmp_path, MJCF.replace("</mujoco>", coupled))
     with pytest.raises(pa.RobotError, match=r"\['j3'\] mimic"):
@@ -67,7 +67,7 @@ def test_what_an_equality_couples_is_no_independent_joint(tmp_path):
     assert pa.load(path, frame="tip", locked="j3", task="xy").joint_names == ["j1", "j2"]
 
 
-def test_loops_are_taken_as_open_and_told(tmp_path):
+def test_loops_are_opened_with_a_warning(tmp_path):
     loop = '<equality><connect body1="tip" body2="base" anchor="0 0 0"/></equality></mujoco>'
     with pytest.warns(UserWarning, match="1 kinematic loops closed by <equality> are opened"):
         pa.load(mjcf(tmp_path, MJCF.replace("</mujoco>", loop)), frame="tip")
@@ -97,7 +97,7 @@ def test_what_pinocchio_would_ignore_is_refused(tmp_path, old, new, words):
     assert "mj_saveLastXML" in str(error.value)
 
 
-def test_it_is_the_robot_that_pinocchio_reads(tmp_path):
+def test_the_model_is_that_of_pinocchio(tmp_path):
     path = mjcf(tmp_path)
     whole, robot = pin.buildModelFromMJCF(str(path)), pa.load(path, frame="tip")
     for ours, theirs in zip(robot.model.inertias[1:], whole.inertias[1:], strict=True):

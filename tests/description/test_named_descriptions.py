@@ -1,4 +1,4 @@
-"""Names of the package robot_descriptions: a package of the same make, without a network."""
+"""Names of the package robot_descriptions, with a package of the same structure, offline."""
 
 import sys
 
@@ -42,7 +42,7 @@ def package(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("name", NAMES[:3])
-def test_names_are_loaded_from_what_they_describe(package, name):
+def test_names_are_loaded_from_their_files(package, name):
     robot = pa.load(name, frame="tip")
     assert robot.name == name
     assert robot.model.nv == (3 if "mj" in name else 4)
@@ -56,17 +56,17 @@ def test_init_and_scenarios_take_them(package, tmp_path):
     assert main(["run", str(file), "--set", "simulation.duration=0.1", "--no-html"]) == 0
 
 
-def test_an_unknown_name_is_refused_with_the_nearest(package):
+def test_an_unknown_name_is_refused_with_a_suggestion(package):
     with pytest.raises(pa.RobotError, match=r"no 'arm5_description'. Did you mean 'arm4_descr"):
         pa.load("arm5_description")
 
 
-def test_what_cannot_be_fetched_says_what_to_do(package):
+def test_a_failed_download_says_what_to_do(package):
     with pytest.raises(pa.RobotError, match=r"could not fetch .*resolve host.*try again online"):
         pa.load("offline_description")
 
 
-def test_without_the_extra_the_refusal_says_what_to_install(monkeypatch, capsys):
+def test_without_the_extra_the_error_says_what_to_install(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "robot_descriptions", None)
     assert main(["init", "panda_description"]) == 2
     assert 'pip install "pinadapt[descriptions]"' in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""One rule tells paths from names, for the library, scenarios and `init` alike."""
+"""One rule distinguishes paths from names, in the library, scenarios and `init`."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ PATHS = ["arm.urdf", "arm.xml", "arm.urdf.xacro", "./arm", "arms/arm", Path("arm
 NAMES = ["ur5", "arm", "urdf", "arm.toml"]
 
 
-def test_the_rule():
+def test_paths_are_distinguished_from_names():
     assert all(is_path(source) for source in PATHS)
     assert not any(is_path(source) for source in NAMES)
 
@@ -23,7 +23,7 @@ def test_the_rule():
 @pytest.mark.parametrize(
     ("source", "words"), [("arms/arm", "no such file"), ("arm", "neither a robot of the catalogue")]
 )
-def test_everyone_follows_it(source, words, tmp_path, capsys):
+def test_library_scenarios_and_init_follow_the_rule(source, words, tmp_path, capsys):
     scenario = tmp_path / "scenario.toml"
     scenario.write_text(f'[robot]\nsource = "{source}"\n')
     for refused in (lambda: pa.load(source), lambda: Scenario.read(scenario)):
@@ -33,9 +33,7 @@ def test_everyone_follows_it(source, words, tmp_path, capsys):
     assert words in capsys.readouterr().err
 
 
-def test_a_mesh_that_is_missing_is_told_and_found_where_the_warning_says(
-    tmp_path, monkeypatch, recwarn
-):
+def test_a_missing_mesh_is_found_where_the_warning_says(tmp_path, monkeypatch, recwarn):
     arm = tmp_path / "here" / "arm4.urdf"
     arm.parent.mkdir()
     visual = (

@@ -1,4 +1,4 @@
-"""URDFs that are not quite valid, and that everybody has: what is missing is filled in and told."""
+"""Common gaps in URDF files are filled with a warning."""
 
 import re
 
@@ -11,7 +11,7 @@ from tests.support.descriptions import arm4
 from tests.support.paths import ARM4
 
 
-def test_prefixes_that_nobody_binds_are_part_of_the_name(tmp_path):
+def test_undeclared_prefixes_are_part_of_the_name(tmp_path):
     tags = '<drake:joint name="x" drake:stiff="1"><drake:gain/></drake:joint></robot>'
     robot = pa.load(arm4(tmp_path, ("</robot>", tags)))
     assert robot.joint_names == pa.load(ARM4).joint_names
@@ -19,7 +19,7 @@ def test_prefixes_that_nobody_binds_are_part_of_the_name(tmp_path):
         pa.load(arm4(tmp_path, ("</robot>", "<drake:joint></robot>")))
 
 
-def test_limits_that_are_not_stated_are_none(tmp_path):
+def test_missing_limits_mean_no_limit(tmp_path):
     first = re.search(r"<limit [^>]*/>", ARM4.read_text()).group()
     with pytest.warns(UserWarning, match=r"no limit is stated: joint1 \(effort, velocity\)"):
         robot = pa.load(arm4(tmp_path, (first, '<limit lower="-1" upper="1"/>')))
@@ -30,7 +30,7 @@ def test_limits_that_are_not_stated_are_none(tmp_path):
     assert free.joint_names == robot.joint_names
 
 
-def test_a_parent_that_is_not_defined_is_a_link_without_a_body(tmp_path):
+def test_an_undefined_parent_becomes_a_link_without_body(tmp_path):
     weld = '<joint name="weld" type="fixed"><parent link="world"/><child link="base"/></joint>'
     path = arm4(tmp_path, ("</robot>", f"{weld}</robot>"))
     with pytest.warns(UserWarning, match="parent link added without a body: world"):
@@ -49,7 +49,7 @@ LEG = """<robot name="leg">{links}
 </joint></robot>"""
 
 
-def test_where_the_likeliest_end_cannot_do_any_task_the_next_one_is_taken(tmp_path):
+def test_the_next_end_is_taken_if_the_first_cannot_do_any_task(tmp_path):
     """What looks like a tool turns in place; the foot moves in a plane."""
     body = (
         '<inertial><mass value="1"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/>'

@@ -1,4 +1,4 @@
-"""Numbers of a URDF that its parser would drop are refused, with their place and their text."""
+"""Numbers that the URDF parser would ignore are refused with their place and text."""
 
 import pytest
 
@@ -45,7 +45,7 @@ def test_shapes_are_checked_too(tmp_path):
         pa.load(path, frame="tip")
 
 
-def test_numbers_that_are_no_part_of_the_robot_are_none_of_our_business(tmp_path):
+def test_numbers_outside_links_and_joints_are_not_checked(tmp_path):
     gazebo = '<gazebo reference="base"><mass value="heavy"/></gazebo></robot>'
     assert pa.load(arm4(tmp_path, ("</robot>", gazebo)), frame="tip").model.nv == 4
     assert pa.load(ARM4, frame="tip").model.nv == 4

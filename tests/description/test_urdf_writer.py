@@ -1,4 +1,4 @@
-"""Robots written as URDF: read anew they are the same, and nothing else of the text changed."""
+"""A robot that is written as URDF and read again is the same; nothing else in the text changes."""
 
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
@@ -62,7 +62,7 @@ def same_torques(robot, other, tolerance):
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_a_changed_robot_is_the_same_when_it_is_read_anew(name, tmp_path):
+def test_a_changed_robot_is_the_same_when_read_again(name, tmp_path):
     robot = catalogue_robot(name)
     changed = robot.changed(
         payload=LOAD,
@@ -77,7 +77,7 @@ def test_a_changed_robot_is_the_same_when_it_is_read_anew(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_only_what_changed_is_written(name):
+def test_only_changes_are_written(name):
     robot = catalogue_robot(name)
     before = numbers(text_of(robot))
     assert numbers(ElementTree.fromstring(robot.urdf())) == before
@@ -116,7 +116,7 @@ def test_meshes_are_found_from_another_folder(name, tmp_path):
     assert len(drawn.geometryObjects) == len(robot.visual.geometryObjects)
 
 
-def test_links_stay_physical_when_a_body_is_lighter_than_what_is_fixed_to_it(tmp_path):
+def test_links_stay_physical_if_the_body_is_lighter_than_its_fixed_links(tmp_path):
     robot = catalogue_robot("panda")  # hand and fingers weigh as much as its last link
     light = robot.changed(inertial_scale={"panda_joint7": 0.3})
     same_torques(light, reloaded(light, tmp_path), 1e-4)
@@ -144,7 +144,7 @@ def test_a_frame_that_carries_others_becomes_a_new_link(tmp_path):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_a_bare_model_is_written_from_its_chain(seed, tmp_path):
+def test_a_bare_model_is_written_as_its_chain(seed, tmp_path):
     model = random_model(seed, 2 + seed)
     model.gravity.linear = pin.Model().gravity.linear
     robot = pa.load(model, frame="tip", task="joint").changed(
@@ -153,7 +153,7 @@ def test_a_bare_model_is_written_from_its_chain(seed, tmp_path):
     same_torques(robot, reloaded(robot, tmp_path), 1e-11)
 
 
-def test_what_no_body_is_is_refused():
+def test_an_unphysical_body_is_refused():
     robot = catalogue_robot("ur5").changed()
     robot.model.inertias[3] = pin.Inertia(1.0, np.zeros(3), np.diag([1.0, 1.0, 3.0]))
     with pytest.raises(pa.RobotError, match="elbow_joint"):

@@ -1,4 +1,4 @@
-"""Xacro files: expanded with arguments, without ROS, with errors that name file and reason."""
+"""Xacro files are expanded with arguments and without ROS; errors name file and reason."""
 
 import sys
 
@@ -44,20 +44,20 @@ def forearm(robot):
     return robot.model.jointPlacements[4].translation[0]
 
 
-def test_defaults_hold_where_nothing_is_given(arm):
+def test_arguments_have_defaults(arm):
     robot = pa.load(arm, frame="probe")
     assert forearm(robot) == 0.3
     assert len(robot.visual.geometryObjects) == 1
 
 
 @pytest.mark.parametrize("given", [0.45, "0.45"])
-def test_arguments_are_numbers_texts_and_truth_values(arm, given):
+def test_arguments_are_numbers_texts_and_booleans(arm, given):
     robot = pa.load(arm, frame="tip", xacro={"reach": given, "tool": False})
     assert forearm(robot) == 0.45
     assert not robot.model.existFrame("probe")
 
 
-def test_no_ros_is_needed_and_nothing_of_xacro_stays_changed(arm):
+def test_no_ros_is_needed_and_xacro_is_left_unchanged(arm):
     from xacro import parse, substitution_args
 
     before = substitution_args._eval_find, substitution_args._eval_dict["find"], parse
@@ -70,7 +70,7 @@ def test_no_ros_is_needed_and_nothing_of_xacro_stays_changed(arm):
     assert "ament_index_python" not in sys.modules
 
 
-def test_a_file_that_uses_xacro_is_expanded_whatever_it_is_called(arm):
+def test_a_file_with_xacro_elements_is_expanded_whatever_its_name(arm):
     assert forearm(pa.load(arm.rename(arm.with_name("arm.urdf")), frame="probe")) == 0.3
 
 
@@ -97,7 +97,7 @@ def test_init_and_scenarios_take_arguments(arm, tmp_path, monkeypatch):
         ("$(arg reach) 0 0", "$(arg reach),0,0", ["joint 'joint4', <origin>", '"0.3,0,0"']),
     ],
 )
-def test_refusals_name_file_and_reason(arm, old, new, words, capsys):
+def test_errors_name_file_and_reason(arm, old, new, words, capsys):
     assert old in ARM
     arm.write_text(ARM.replace(old, new))
     assert main(["init", str(arm)]) == 2
@@ -107,14 +107,14 @@ def test_refusals_name_file_and_reason(arm, old, new, words, capsys):
         assert word in error
 
 
-def test_the_included_file_is_named_where_it_is_the_one_that_is_wrong(arm):
+def test_an_error_in_an_included_file_names_that_file(arm):
     broken = arm.parents[1] / "parts" / "macros.xacro"
     broken.write_text(MACROS.replace("</link>", ""))
     with pytest.raises(pa.RobotError, match=f"{arm}.* in {broken}: not well-formed XML"):
         pa.load(arm)
 
 
-def test_unknown_arguments_are_refused_with_the_nearest(arm):
+def test_unknown_arguments_are_refused_with_a_suggestion(arm):
     with pytest.raises(pa.RobotError, match=r"no xacro argument 'reech'.* 'reach'.*reach, tool"):
         pa.load(arm, xacro={"reech": 1})
 
@@ -125,7 +125,7 @@ def test_only_xacro_files_take_arguments(source):
         pa.load(source, xacro={"reach": 1})
 
 
-def test_what_xacro_complains_of_is_a_warning(arm):
+def test_messages_of_xacro_are_warnings(arm):
     arm.write_text(ARM.replace("<xacro:if ", '<xacro:property name="pi" value="3"/><xacro:if '))
     with pytest.warns(
         UserWarning, match=rf"{arm}: message of xacro: .*redefining global symbol: pi"
@@ -133,13 +133,13 @@ def test_what_xacro_complains_of_is_a_warning(arm):
         pa.load(arm, frame="tip")
 
 
-def test_arguments_are_a_mapping(arm):
+def test_arguments_must_be_a_mapping(arm):
     with pytest.raises(pa.RobotError, match="expected a mapping from names to values"):
         pa.load(arm, xacro=["reach=0.4"])
 
 
 @pytest.mark.parametrize("text", ["reach", "=0.4"])
-def test_the_command_line_wants_name_and_value(arm, text, capsys):
+def test_the_command_line_needs_name_and_value(arm, text, capsys):
     with pytest.raises(SystemExit):
         main(["init", str(arm), "--xacro", text])
     assert "name=value is expected" in capsys.readouterr().err
@@ -174,7 +174,7 @@ def test_packages_are_found_by_folder_manifest_and_environment(tmp_path, monkeyp
 @pytest.mark.parametrize(
     "name", ["package://parts/a b.stl", "model://parts/a b.stl", "../a b.stl", "file://{}", "{}"]
 )
-def test_every_way_of_naming_a_file_is_understood(tmp_path, name):
+def test_every_form_of_a_file_name_is_resolved(tmp_path, name):
     (tmp_path / "parts" / "urdf").mkdir(parents=True)
     file = tmp_path / "parts" / "a b.stl"
     file.write_text(TRIANGLE)
@@ -185,7 +185,7 @@ def test_every_way_of_naming_a_file_is_understood(tmp_path, name):
 # --- meshes ---
 
 
-def test_a_missing_mesh_costs_that_mesh_only(tmp_path):
+def test_only_shapes_with_an_unreadable_mesh_are_left_out(tmp_path):
     names = ["good.stl", "gone.stl", "broken.stl"]
     shapes = "".join(
         f'<visual><geometry><mesh filename="{name}"/></geometry></visual>' for name in names

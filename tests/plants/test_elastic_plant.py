@@ -1,4 +1,4 @@
-"""A robot with elastic joints: energy, the rigid limit, its encoders, and what it refuses."""
+"""A robot with elastic joints: energy, the rigid limit, encoders, refused input."""
 
 import numpy as np
 import pytest
@@ -18,8 +18,8 @@ def robot_with_motors(name="ur5", **changes):
 
 
 @pytest.mark.parametrize("name", ["planar_2r", "ur5", "scara", "kinova"])
-def test_energy_is_kept(name):
-    """After a push, without torque: what is lost falls with the square of the step."""
+def test_energy_is_conserved(name):
+    """After a push, without torque: the energy error decreases with the square of the step."""
     robot, lost = robot_with_motors(name), []
     for substeps in (4, 8):
         plant = pa.ElasticPlant(robot, pa.JointElasticity(2000.0), substeps=substeps)
@@ -34,7 +34,7 @@ def test_energy_is_kept(name):
     assert lost[1] < 1e-3
 
 
-def test_springs_and_friction_only_take_energy():
+def test_springs_and_friction_only_dissipate():
     robot = robot_with_motors(viscous=0.5, coulomb=1.0)
     plant = pa.ElasticPlant(robot, pa.JointElasticity(2000.0, 2.0))
     energies = [plant.energy()]
@@ -46,8 +46,8 @@ def test_springs_and_friction_only_take_energy():
 
 
 @pytest.mark.parametrize("friction", [{}, {"viscous": 0.5, "coulomb": 0.5}])
-def test_stiff_springs_make_the_rigid_robot(friction):
-    """The distance falls with the stiffness, to that of two integrators."""
+def test_stiff_springs_give_the_rigid_robot(friction):
+    """The difference decreases with the stiffness, down to that of two integrators."""
     robot = robot_with_motors(**friction)
     rigid, ends = pa.PinocchioPlant(robot, substeps=8), []
     t = 1e-3 * np.arange(300)
@@ -65,7 +65,7 @@ def test_stiff_springs_make_the_rigid_robot(friction):
     assert np.abs(ends[3].x - ends[0].x).max() < 1e-5
 
 
-def test_encoders_tell_their_side():
+def test_encoders_measure_motor_or_link():
     """At rest under gravity the motors are ahead by g / K; x is that of the links."""
     robot = robot_with_motors()
     sides = {
@@ -79,7 +79,7 @@ def test_encoders_tell_their_side():
     assert np.allclose(1000.0 * bent, pa.Gravity(robot)(robot.q0), atol=1e-9)
 
 
-def test_the_frequency_of_a_joint_is_that_of_its_spring():
+def test_a_joint_oscillates_at_the_frequency_of_its_spring():
     """A motor and a link on a spring: w^2 = K (1 / B + 1 / M)."""
     robot, K, B = catalogue_robot("planar_2r"), 800.0, 0.4
     robot = pa.load("planar_2r", locked=[robot.joint_names[1]], frame=robot.frame, task="joint")
@@ -97,7 +97,7 @@ def test_the_frequency_of_a_joint_is_that_of_its_spring():
     assert 2.0 * np.pi / np.diff(crossings).mean() == pytest.approx(w, rel=0.02)
 
 
-def test_a_loop_holds_it_and_it_can_change():
+def test_a_loop_holds_an_elastic_robot_that_changes():
     robot = catalogue_robot("ur5").changed(armature=0.2)
     true = with_tool_and_load(robot).changed(coulomb=0.3)
     controller = pa.make_controller(robot)
@@ -115,7 +115,7 @@ def test_a_loop_holds_it_and_it_can_change():
     assert np.array_equal(again.q, rollout.q[: len(again.q)])
 
 
-def test_what_cannot_be_is_refused():
+def test_impossible_springs_are_refused():
     robot = robot_with_motors()
     for springs in (
         {"stiffness": 0.0},
@@ -137,7 +137,7 @@ def test_what_cannot_be_is_refused():
         )  # fmt: skip
 
 
-def test_a_scenario_has_springs():
+def test_a_scenario_states_springs():
     path = robots_folder() / "panda" / "tool_and_load.toml"
     words = ["simulation.elasticity={stiffness=2e4, damping=5.0}", "truth.armature=0.1"]
     engine = Scenario.read(path, words).engine

@@ -1,4 +1,4 @@
-"""Robots of MuJoCo's own files, matched with a description by a table."""
+"""MuJoCo files as the true robot, matched with a description by a table."""
 
 import numpy as np
 import pinocchio as pin
@@ -26,7 +26,7 @@ MATCH = {"joints": TABLE, "frame": "flange", "base": "stand"}
 
 
 def short(name):
-    """Return the file's name of a joint."""
+    """Return the name of a joint in the file."""
     return name.removeprefix("panda_")
 
 
@@ -45,7 +45,7 @@ def swing(plant, seconds=0.1):
     return plant.measure()
 
 
-def test_the_same_robot_in_a_file_of_ones_own_moves_alike(path):
+def test_the_same_robot_in_a_file_moves_alike(path):
     robot = load("panda")
     plant = pa.MujocoPlant(robot, mjcf=pa.MujocoFile(path, **MATCH))
     theirs, ours = swing(plant), swing(pa.MujocoPlant(robot))
@@ -81,7 +81,7 @@ def test_actuators_and_gravity_compensation_of_the_file_are_switched_off(tmp_pat
     assert np.abs(fallen[1]).max() > 0.1 and np.allclose(*fallen, atol=1e-9)
 
 
-def test_a_task_of_the_joints_needs_no_frame(path):
+def test_a_joint_task_needs_no_frame(path):
     robot = load("panda", task="joint")
     mjcf = pa.MujocoFile(path, joints=TABLE, base="stand")
     controller, motion = pa.make_controller(robot), pa.Sinusoid(robot.home_angles + 0.05, 0.05, 2.0)
@@ -91,7 +91,7 @@ def test_a_task_of_the_joints_needs_no_frame(path):
     assert np.allclose(ours.x, theirs.x, rtol=0.0, atol=1e-6) and np.ptp(ours.x[:, 6]) > 1e-4
 
 
-def test_the_adapting_controller_tracks_a_robot_that_nobody_described(tmp_path):
+def test_the_adaptive_controller_tracks_a_robot_that_differs_from_its_description(tmp_path):
     """A heavier hand, a longer tool: the file has them, and no true parameters are reported."""
     robot = load("panda")
     real = robot.changed(tool_translation=[0.02, 0.0, 0.05], inertial_scale=1.2)
@@ -108,7 +108,7 @@ def test_the_adapting_controller_tracks_a_robot_that_nobody_described(tmp_path):
     assert "error, last 10 %" in str(runs[0])
 
 
-def test_a_scenario_names_the_file_beside_it(path):
+def test_a_scenario_names_a_file_in_its_folder(path):
     table = ", ".join(f'{ours} = "{theirs}"' for ours, theirs in TABLE.items())
     scenario = path.parent / "scenario.toml"
     scenario.write_text(
@@ -126,7 +126,7 @@ def test_a_scenario_names_the_file_beside_it(path):
             Scenario.read(scenario, [setting])
 
 
-def test_a_files_robot_does_not_change(path):
+def test_the_robot_of_a_file_cannot_change(path):
     robot, mjcf = load("panda"), pa.MujocoFile(path, **MATCH)
     with pytest.raises(pa.InputError, match=r"changes: .* model file"):
         pa.simulate(
@@ -167,13 +167,13 @@ def test_mixed_up_parallel_joints_are_refused(tmp_path):
         pa.MujocoPlant(load("ur5"), mjcf=pa.MujocoFile(own, joints=table, frame="flange"))
 
 
-def test_a_joint_that_turns_the_other_way_is_told(tmp_path):
+def test_a_reversed_joint_is_refused(tmp_path):
     own = own_file(load("ur5"), tmp_path / "own.xml", turned=["elbow_joint"])
     with pytest.raises(pa.InputError, match=r"'elbow_joint' .* different axes at home"):
         pa.MujocoPlant(load("ur5"), mjcf=pa.MujocoFile(own, frame="flange"))
 
 
-def test_a_frame_turned_otherwise_matters_to_a_pose_alone(tmp_path):
+def test_a_rotated_frame_is_refused_for_a_pose_task_only(tmp_path):
     real = pa.load("ur5")
     frame = real.model.frames[real.frame_id]
     frame.placement = frame.placement * pin.SE3(pin.rpy.rpyToMatrix(1.0, 0.0, 0.0), np.zeros(3))
@@ -183,7 +183,7 @@ def test_a_frame_turned_otherwise_matters_to_a_pose_alone(tmp_path):
         pa.MujocoPlant(load("ur5", task="pose"), mjcf=mjcf)
 
 
-def test_files_that_are_no_models_are_refused(tmp_path):
+def test_files_other_than_models_are_refused(tmp_path):
     own, robot = tmp_path / "own.xml", load("ur5")
     own.write_text("<mujoco><worldbody><bdy/></worldbody></mujoco>")
     with pytest.raises(pa.InputError, match="cannot read it"):
@@ -194,13 +194,13 @@ def test_files_that_are_no_models_are_refused(tmp_path):
         pa.MujocoPlant(robot, mjcf=pa.MujocoFile(own, frame="flange"))
 
 
-def test_another_gravity_is_told(tmp_path):
+def test_another_gravity_causes_a_warning(tmp_path):
     own = own_file(load("ur5", gravity=(0.0, 0.0, -1.6)), tmp_path / "own.xml")
     with pytest.warns(UserWarning, match="gravity in the file"):
         pa.MujocoPlant(load("ur5"), mjcf=pa.MujocoFile(own, frame="flange"))
 
 
-def test_a_torque_that_is_no_number_is_refused(path):
+def test_a_torque_that_is_not_finite_is_refused(path):
     plant = pa.MujocoPlant(load("panda"), mjcf=pa.MujocoFile(path, **MATCH))
     with pytest.raises(pa.DivergedError, match="not finite"):
         plant.step(np.full(7, np.nan), 1e-3)

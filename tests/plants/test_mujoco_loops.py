@@ -28,8 +28,8 @@ def run(name, engine, *settings):
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_the_error_that_is_left_is_within_a_tenth_of_that_in_pinocchio(name):
-    """All of the scenario: the Panda's has dry friction, whose laws are not quite the same."""
+def test_the_remaining_error_is_within_a_tenth_of_that_in_pinocchio(name):
+    """All of the scenario: the Panda's has dry friction, which the engines model differently."""
     ours, theirs = (run(name, engine, SHORTER)[1] for engine in ENGINES)
     one, other = (rollout.summary()["max_error_last"] for rollout in (ours, theirs))
     assert other < 0.5e-3 and np.isclose(one, other, rtol=0.1)
@@ -44,7 +44,7 @@ def test_the_error_that_is_left_is_within_a_tenth_of_that_in_pinocchio(name):
         ("ur5/unknown_lengths.toml", []),
     ],
 )
-def test_without_dry_friction_the_paths_are_the_same_to_a_micrometre(name, settings):
+def test_without_coulomb_friction_the_paths_agree_to_a_micrometre(name, settings):
     ours, theirs = (
         run(name, engine, "simulation.duration=1.0", *settings)[1] for engine in ENGINES
     )
@@ -53,7 +53,7 @@ def test_without_dry_friction_the_paths_are_the_same_to_a_micrometre(name, setti
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_rotors_and_damping_that_the_controller_does_not_know_are_withstood(name):
+def test_unknown_rotors_and_damping_are_tolerated(name):
     friction = f"truth.friction={{viscous=1.0, coulomb={0.5 if 'tool' in name else 0.0}}}"
     _, rollout = run(name, "mujoco", SHORTER, "truth.armature=0.1", friction)
     assert rollout.summary()["max_error_last"] < 0.5e-3

@@ -1,4 +1,4 @@
-"""MuJoCo as a plant: the same robot as in Pinocchio, and robots of MuJoCo's own files."""
+"""The MuJoCo plant moves the same robot as the Pinocchio plant."""
 
 import pickle
 import sys
@@ -29,7 +29,7 @@ ROBOTS = (
 
 
 def drive(plant, torque, seconds, dt=1e-3):
-    """Ask a plant for a torque, of time; return what perfect sensors say in the end."""
+    """Apply a torque, a function of time, to a plant; return the last ideal measurement."""
     for _ in range(round(seconds / dt)):
         plant.step(torque(plant.measure().t), dt)
     return plant.measure()
@@ -79,7 +79,7 @@ def test_torques_inertia_and_jacobian_are_those_of_pinocchio(name):
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_free_motion_is_that_of_pinocchio_to_integration_error(name):
-    """Both engines have Runge-Kutta's classical method; let fall, both move alike to rounding."""
+    """Both engines use the classical Runge-Kutta method; robots fall alike to rounding."""
     robot = load(name)
     robot = robot.changed(viscous=0.05, armature=robot.model.armature + 0.01)
     plants = pa.MujocoPlant(robot), pa.PinocchioPlant(robot, integrator="runge-kutta")
@@ -91,7 +91,7 @@ def test_free_motion_is_that_of_pinocchio_to_integration_error(name):
 
 
 @pytest.mark.parametrize("integrator", ["implicitfast", "implicit", "euler"])
-def test_other_integrators_come_near_at_first_order(integrator):
+def test_other_integrators_agree_to_first_order(integrator):
     robot, errors = load("ur5").changed(viscous=0.5), []
     best = drive(pa.PinocchioPlant(robot, integrator="runge-kutta"), np.zeros_like, 0.1)
     for substeps in (1, 2, 4):
@@ -101,7 +101,7 @@ def test_other_integrators_come_near_at_first_order(integrator):
     assert errors[0] > 1.9 * errors[1] > 3.6 * errors[2]
 
 
-def test_stiff_friction_of_a_light_joint_asks_for_more_steps():
+def test_stiff_friction_of_a_light_joint_needs_more_steps():
     robot = load("z1").changed(viscous=5.0)
     plant = pa.MujocoPlant(robot)
     assert plant.steps_in(1e-3) > 2
@@ -111,7 +111,7 @@ def test_stiff_friction_of_a_light_joint_asks_for_more_steps():
     assert pa.MujocoPlant(load("z1")).steps_in(5e-3) == 5
 
 
-def test_a_changed_robot_moves_on_from_where_it_is_and_reset_brings_the_first_one_back():
+def test_a_changed_robot_continues_from_its_state_and_reset_restores_the_first():
     first = load("panda")
     second = first.changed(
         payload=pa.Payload(2.0, [0.0, 0.02, 0.05]), tool_translation=[0.03, 0.0, 0.1], armature=0.2,
@@ -145,7 +145,7 @@ def test_a_pickled_plant_moves_alike():
 
 
 def mesh_of(model, geom):
-    """Return the vertices (N, 3) of a geom's mesh, or None where it has none."""
+    """Return the vertices (N, 3) of the mesh of a geom, or None."""
     mesh = model.geom_dataid[geom]
     if mesh < 0:
         return None
@@ -154,7 +154,7 @@ def mesh_of(model, geom):
 
 
 @pytest.mark.parametrize("name", ["ur5", "scara"])
-def test_a_drawn_robot_looks_like_itself_and_moves_as_if_it_were_not(name):
+def test_a_drawn_robot_has_its_meshes_and_moves_like_an_undrawn_one(name):
     robot = load(name)
     plant, model, data = pa.MujocoPlant(robot, drawn=True), robot.model, robot.model.createData()
     assert plant.model.ngeom == robot.visual.ngeoms > 4
@@ -182,7 +182,7 @@ def test_a_drawn_robot_looks_like_itself_and_moves_as_if_it_were_not(name):
 
 
 @pytest.mark.parametrize("armature", [0.0, 1.0])
-def test_a_joint_held_by_coulomb_friction_creeps_as_slowly_as_it_should(armature):
+def test_a_joint_held_by_coulomb_friction_creeps_at_the_expected_velocity(armature):
     """Whatever its inertia: f v / threshold below the full friction f."""
     robot = load("panda", gravity=(0.0, 0.0, 0.0)).changed(coulomb=2.0, armature=armature)
     end = drive(pa.MujocoPlant(robot), lambda t: np.full(7, 0.8), 1.0)
@@ -200,7 +200,7 @@ def test_coulomb_friction_of_a_moving_joint_is_that_of_pinocchio():
     assert np.allclose(ends[0].v, ends[1].v, rtol=1e-2)
 
 
-def test_stops_hold_joints_that_are_pushed_with_all_their_torque():
+def test_stops_hold_joints_at_full_torque():
     robot = load("panda").changed(viscous=5.0)
     lower, upper = position_limits(robot.model)
     for sign in (-1.0, 1.0):
@@ -215,14 +215,14 @@ def test_stops_hold_joints_that_are_pushed_with_all_their_torque():
         assert beyond[-1].max() < 1e-3 and beyond.max() < 0.03  # after the impact, and in it
 
 
-def test_endless_joints_have_no_stops():
+def test_continuous_joints_have_no_stops():
     plant = pa.MujocoPlant(load("scara"))
     assert plant.model.jnt_limited.tolist()[3] == 0
     end = drive(plant, lambda t: np.array([0.0, 0.0, 0.0, 0.05]), 0.5)
     assert end.q.shape == (5,) and np.isclose(np.hypot(*end.q[3:]), 1.0)
 
 
-def test_motors_add_what_the_arms_electronics_do_and_clip():
+def test_motors_add_the_compensation_and_limit_the_sum():
     robot = load("panda")
     plant = pa.MujocoPlant(
         robot, compensation=pa.Gravity(robot), torque_limits=effort_limits(robot.model)
@@ -236,7 +236,7 @@ def test_motors_add_what_the_arms_electronics_do_and_clip():
 
 
 @pytest.mark.parametrize("sensors", [{"encoder": 1e-4}, {"camera": {"rate": 50, "delay": 0.02}}])
-def test_camera_and_encoders_see_another_engine_alike(sensors):
+def test_camera_and_encoders_work_with_mujoco(sensors):
     robot = load("ur5")
     true = with_tool_and_load(robot)
     path = circle_at_home(robot).starting_at(true.position(true.q0))
@@ -250,7 +250,7 @@ def test_camera_and_encoders_see_another_engine_alike(sensors):
     assert not np.array_equal(run[1].x, run[2].x)
 
 
-def test_a_joint_task_runs_too_and_v_is_known():
+def test_a_joint_task_runs_with_a_lyapunov_function():
     robot = pa.load("kinova", task="joint")
     controller = pa.make_controller(robot, law="slotine-li")
     true = robot.changed(payload=pa.Payload(1.0))
@@ -276,7 +276,7 @@ def test_a_joint_task_runs_too_and_v_is_known():
         ({"engine": "mujoco", "substeps": 0}, "at least 1"),
     ],
 )
-def test_what_mujoco_cannot_do_is_refused(options, words):
+def test_options_that_mujoco_lacks_are_refused(options, words):
     robot = load("ur5")
     controller = pa.make_controller(robot, law="adaptive-inverse-dynamics")
     with pytest.raises(pa.InputError, match=words):

@@ -1,4 +1,4 @@
-"""Plants: what a loop may ask of one, and how a robot's motion is integrated."""
+"""Plants: the interface that a loop needs, and the integration of the motion."""
 
 import pickle
 
@@ -20,7 +20,7 @@ ORDERS = {FittedMidpoint: 2, RungeKutta: 4}
 
 
 class Pendulum(pa.Plant):
-    """A point mass on a rod, integrated by a library; what a user might write."""
+    """A point mass on a rod, integrated by a library, as a user might write it."""
 
     nv, mass, length = 1, 1.3, 0.7
 
@@ -42,7 +42,7 @@ class Pendulum(pa.Plant):
 
 
 class Feedback:
-    """A controller as far as a loop knows: its state counts the steps."""
+    """A controller with the interface that a loop needs; its state counts the steps."""
 
     def init(self, measurement):
         return 0
@@ -51,7 +51,7 @@ class Feedback:
         return 40.0 * (desired.x_d - measurement.q) - 8.0 * measurement.v, state + 1
 
 
-def test_a_loop_runs_on_a_plant_of_ones_own():
+def test_a_loop_runs_on_a_custom_plant():
     plant, path = Pendulum(), pa.Hold([0.4])
     samples = list(pa.run(plant, Feedback(), path, dt=2e-3, duration=3.0))
     assert len(samples) == 1500 and samples[-1].state == 1499
@@ -63,7 +63,7 @@ def test_a_loop_runs_on_a_plant_of_ones_own():
     assert again.t == 0.0 and again.truth.q[0] == 0.4  # a run resets its plant
 
 
-def test_a_plant_that_cannot_tell_its_acceleration_says_so():
+def test_a_plant_without_acceleration_says_so():
     with pytest.raises(pa.InputError, match="Pendulum does not provide the acceleration"):
         Pendulum().acceleration(np.zeros(1))
 
@@ -74,7 +74,7 @@ def test_impossible_plants_are_refused(option):
         pa.PinocchioPlant(load("ur5"), **option)
 
 
-def test_a_plant_moves_as_its_measurements_say():
+def test_measurements_agree_with_the_motion():
     plant = pa.PinocchioPlant(load("panda"))
     torque = np.linspace(5.0, 1.0, 7)
     a = plant.acceleration(torque)
@@ -112,7 +112,7 @@ def swing(robot, seconds, dt, integrator):
 
 
 @pytest.mark.parametrize("name", ["planar_2r", "scara", "ur5", "panda"])
-def test_a_free_frictionless_robot_keeps_its_energy(name):
+def test_a_free_frictionless_robot_conserves_energy(name):
     velocities, energies = swing(load(name), 0.3, 2.5e-4, RungeKutta)
     assert np.abs(velocities - velocities[0]).max() > 0.1
     assert np.allclose(energies, energies[0], atol=1e-6 * max(1.0, abs(energies[0])))
@@ -128,7 +128,7 @@ def test_a_free_frictionless_robot_keeps_its_energy(name):
         ("panda", {"coulomb": 0.5}),
     ],
 )
-def test_friction_takes_the_energy_that_it_should(name, friction, integrator):
+def test_friction_dissipates_the_expected_energy(name, friction, integrator):
     robot = load(name).changed(**friction)
     velocities, energies = swing(robot, 0.3, 2.5e-4, integrator)
     power = np.array([v @ robot.friction.torque(v) for v in velocities])
@@ -139,7 +139,7 @@ def test_friction_takes_the_energy_that_it_should(name, friction, integrator):
 
 @pytest.mark.parametrize("integrator", ORDERS)
 @pytest.mark.parametrize("name", ["scara", "panda", "kinova"])
-def test_integrators_have_their_order(name, integrator):
+def test_integrators_have_the_stated_order(name, integrator):
     robot = load(name).changed(viscous=0.5)
     q, v, _ = random_state(robot, np.random.default_rng(0))
     model, tau, ends = robot.model, np.linspace(2.0, 1.0, robot.model.nv), []
@@ -174,8 +174,8 @@ def test_viscous_friction_on_one_joint_is_exact_for_any_step(h):
 
 
 @pytest.mark.parametrize("inertia", [1e-1, 1e-4, 1e-7])
-def test_a_joint_in_stiction_creeps_at_the_speed_of_the_balance(inertia):
-    """Whatever the inertia: explicit methods blow up where the friction is stiff."""
+def test_a_joint_in_stiction_creeps_at_the_velocity_of_the_torque_balance(inertia):
+    """For any inertia: explicit methods diverge if the friction is stiff."""
     step = FittedMidpoint(wheel(inertia).changed(coulomb=0.5))
     q, v = np.zeros(1), np.zeros(1)
     for _ in range(200):
@@ -195,7 +195,7 @@ def test_the_longest_step_bounds_the_substeps():
 
 @pytest.mark.parametrize("name", ["panda", "z1", "tiago_arm"])
 def test_integration_errors_are_below_a_hundredth_of_the_tracking_error(name):
-    """One step a period against 16 of Runge-Kutta, which 64 move by less than a nanometre."""
+    """One step per period against 16 of Runge-Kutta, which differ from 64 by less than 1 nm."""
     case = zoo_case(name)
     controller = pa.make_controller(
         case.believed, law="adaptive-jacobian", joint=("viscous", "coulomb"), posture=4.0

@@ -1,4 +1,4 @@
-"""Sensors: noise, cameras that are slow, late and lossy, and encoders that count."""
+"""Simulated sensors: noise, cameras with rate, delay and dropout, encoders with counts."""
 
 import tracemalloc
 from itertools import pairwise
@@ -20,7 +20,7 @@ DT = 1e-3
 
 
 def moving(robot, count, dt=DT):
-    """Return what perfect sensors say of every joint moving steadily from home, at 1 rad/s."""
+    """Return ideal measurements of all joints moving from home at 1 rad/s."""
     plant, v = pa.PinocchioPlant(robot), np.ones(robot.model.nv)
     return [
         plant.measurement(pin.integrate(robot.model, robot.q0, k * dt * v), v, k * dt)
@@ -29,18 +29,18 @@ def moving(robot, count, dt=DT):
 
 
 def seen(robot, count, dt=DT, **faults):
-    """Return the truth and what sensors make of it."""
+    """Return ideal measurements and those of the sensors."""
     truths, sensors = moving(robot, count, dt), pa.Sensors(robot, dt, **faults)
     return truths, [sensors.measure(truth) for truth in truths]
 
 
 def angles_of(robot, configurations):
-    """Return one number a joint (N, nv) of configurations (N, nq)."""
+    """Return joint positions (N, nv) of configurations (N, nq)."""
     return np.array([angles_from_configuration(robot.model, q) for q in configurations])
 
 
 def arrivals(samples):
-    """Return the indices of samples with a frame, and those of the samples that it shows."""
+    """Return the indices of samples with a frame, and of the samples that the frames show."""
     pairs = [(k, round(s.x_time / DT)) for k, s in enumerate(samples) if s.x is not None]
     return [k for k, _ in pairs], [shown for _, shown in pairs]
 
@@ -49,7 +49,7 @@ def arrivals(samples):
 
 
 @pytest.mark.parametrize("channel", ["q", "v", "x"])
-def test_noise_has_the_stated_deviation_and_touches_its_channel_only(channel):
+def test_noise_has_the_stated_deviation_and_affects_its_channel_only(channel):
     robot = load("scara")
     sensors = pa.Sensors(robot, 1e-3, noise={channel: 0.02}, seed=3)
     q, v, _ = random_state(robot, np.random.default_rng(0))
@@ -64,7 +64,7 @@ def test_noise_has_the_stated_deviation_and_touches_its_channel_only(channel):
         assert np.isclose(np.std(error), 0.02 if name == channel else 0.0, rtol=0.1)
 
 
-def test_delay_makes_the_measured_position_late_and_nothing_else():
+def test_delay_affects_only_the_measured_position():
     robot = load("planar_2r")
     plant, sensors = pa.PinocchioPlant(robot), pa.Sensors(robot, 1e-3, delay=2e-3)
     states = [(np.array([0.1 * k, 0.5]), np.array([1.0, k])) for k in range(6)]
@@ -131,7 +131,7 @@ def test_a_delay_is_that_of_a_camera_at_full_rate():
         assert one.x_time == other.x_time
 
 
-def test_a_delay_longer_than_the_interval_keeps_every_frame():
+def test_no_frame_is_skipped_if_the_delay_exceeds_the_interval():
     _, samples = seen(load("planar_2r"), 400, camera={"rate": 100.0, "delay": 0.105})
     at, of = arrivals(samples)
     assert at == [0, *range(5, 400, 10)]
@@ -153,7 +153,7 @@ def test_the_stated_share_of_frames_is_lost_but_never_the_first():
     assert len(set(shares)) > 1  # other seeds lose other frames
 
 
-def test_a_camera_of_which_nearly_all_frames_are_lost_shows_the_first():
+def test_a_camera_that_loses_nearly_all_frames_shows_the_first():
     for seed in range(20):
         sensors = pa.Sensors(load("planar_2r"), DT, camera={"dropout": 0.999}, seed=seed)
         assert sensors.measure(moving(load("planar_2r"), 1)[0]).x is not None
@@ -199,20 +199,20 @@ def test_a_pose_is_seen_frame_by_frame():
 
 
 @pytest.mark.parametrize("faults", [{"delay": 5e-3}, {"camera": {"rate": 30.0}}, {"encoder": 1e-3}])
-def test_a_joint_task_has_nothing_for_a_camera_to_see(faults):
+def test_a_joint_task_has_no_camera_measurement(faults):
     robot = pa.load("ur5", task="joint")
     _, samples = seen(robot, 40, **faults)
     assert all(s.x is None and s.x_time is None and s.xd is None for s in samples)
 
 
-def test_a_plant_that_measures_no_task_coordinates_has_none_to_show():
+def test_a_plant_without_task_coordinates_has_no_camera_measurement():
     robot = load("planar_2r")
     truth = pa.Measurement(0.0, np.zeros(2), np.zeros(2))
     seen = pa.Sensors(robot, DT, camera={"rate": 30.0}, noise={"x": 0.1}).measure(truth)
     assert seen.x is None and seen.x_time is None
 
 
-def test_a_million_samples_keep_no_memory():
+def test_a_million_samples_need_no_memory():
     robot = load("planar_2r")
     truth = pa.PinocchioPlant(robot).measure()
     camera = {"rate": 100.0, "delay": 0.5, "dropout": 0.1}
@@ -262,7 +262,7 @@ def test_the_angle_of_continuous_joints_is_counted():
     assert np.allclose(v.mean(axis=0), 1.0, atol=count / (8999 * DT))
 
 
-def test_joints_without_encoder_are_as_they_come():
+def test_joints_without_encoder_are_unchanged():
     robot, count = load("scara"), np.array([0.0, 1e-3, 0.0, 1e-3])
     truths, samples = seen(robot, 20, encoder=count)
     for truth, sample in zip(truths, samples, strict=True):
@@ -329,7 +329,7 @@ def test_a_scenario_states_camera_and_encoder(tmp_path):
         ("mode=continuous", "sampled mode only"),
     ],
 )
-def test_scenarios_refuse_sensors_that_cannot_be(tmp_path, setting, words):
+def test_scenarios_refuse_impossible_sensors(tmp_path, setting, words):
     path = tmp_path / "scenario.toml"
     path.write_text('[robot]\nsource = "ur5"\n[simulation]\ncamera = { rate = 30.0 }\n')
     with pytest.raises(pa.InputError, match=words):
@@ -355,7 +355,7 @@ def test_scenarios_refuse_sensors_that_cannot_be(tmp_path, setting, words):
         ({"noise": {"p": 1e-3}}, "'p'"),
     ],
 )
-def test_sensors_that_cannot_be_are_refused(faults, words):
+def test_impossible_sensors_are_refused(faults, words):
     with pytest.raises(pa.InputError, match=words):
         pa.Sensors(load("ur5"), DT, **faults)
 
@@ -370,12 +370,12 @@ def test_continuous_mode_has_perfect_sensors(faults):
 
 
 @pytest.mark.parametrize("task", ["joint", "xyz"])
-def test_only_poses_have_an_angle_to_disturb(task):
+def test_only_pose_tasks_have_angle_noise(task):
     with pytest.raises(pa.InputError, match="no orientation"):
         pa.Sensors(pa.load("ur5", task=task), DT, noise={"angle": 0.1})
 
 
-def test_torques_are_measured_where_they_have_noise_and_only_there():
+def test_torques_are_measured_only_if_they_have_noise():
     robot = load("ur5")
     sizes = np.array([3.0, 3.0, 1.0, 0.5, 0.0, 0.1])
     given = np.arange(6.0)
@@ -391,7 +391,7 @@ def test_torques_are_measured_where_they_have_noise_and_only_there():
         pa.Sensors(robot, DT, noise={"tau": -1.0})
 
 
-def test_measured_torques_are_those_of_the_period_before():
+def test_measured_torques_are_those_of_the_last_period():
     robot = load("ur5")
     noise = {"tau": 1e-9}
     controller = pa.make_controller(robot, noise=noise)

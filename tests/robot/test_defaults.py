@@ -1,4 +1,4 @@
-"""What is chosen where nobody says: the same by ``load`` and by ``pinadapt init``."""
+"""What ``load`` and ``pinadapt init`` choose by default: frame, task, home pose and circle."""
 
 from dataclasses import replace
 
@@ -45,7 +45,7 @@ def test_init_and_load_choose_the_same(path, tmp_path):
 
 
 @pytest.mark.parametrize("path", FILES.values(), ids=list(FILES))
-def test_the_home_is_inside_the_limits_and_off_the_mounting_plane(path):
+def test_the_home_is_inside_the_limits_and_away_from_the_mounting_plane(path):
     robot = pa.load(path)
     lower, upper = position_limits(robot.model)
     assert ((lower < robot.home_angles) & (robot.home_angles < upper)).all()
@@ -66,7 +66,7 @@ def test_arms_stand_and_legs_hang():
     assert heights(pa.load(example_path("a1"))).max() < 1e-12  # from the hips, at the body's height
 
 
-def test_an_elbow_that_would_go_through_the_floor_does_not():
+def test_the_elbow_stays_above_the_floor():
     robot = pa.load(example_path("ur10"))
     model, frame, rows = robot.model, robot.frame_id, robot.frame_task.rows
     data, neutral = model.createData(), pin.neutral(model)
@@ -113,7 +113,7 @@ def test_a_tool_is_taken_before_cameras_and_fingers(tmp_path, names, chosen):
     assert set(names) - {robot.frame} <= set(robot.ends)
 
 
-def test_a_models_own_frame_can_be_the_end():
+def test_an_operational_frame_can_be_the_end():
     model = pin.buildModelFromUrdf(str(ARM4))
     parent = model.frames[model.getFrameId("tip")]
     model.addFrame(
@@ -128,7 +128,7 @@ def test_a_models_own_frame_can_be_the_end():
     assert pa.load(model).frame == "my_tcp"
 
 
-def test_a_floating_base_of_a_file_is_welded_and_of_an_object_refused(tmp_path):
+def test_a_floating_base_is_fixed_for_a_file_and_refused_for_an_object(tmp_path):
     text = ARM4.read_text().replace(
         '<link name="base"/>',
         '<link name="world"/><link name="base"/><joint name="free" type="floating">'
@@ -145,7 +145,7 @@ def test_a_floating_base_of_a_file_is_welded_and_of_an_object_refused(tmp_path):
         pa.load(pin.buildModelFromUrdf(str(path)))
 
 
-def test_a_home_outside_the_limits_is_told():
+def test_a_home_outside_the_limits_causes_a_warning():
     words = r"joint 'joint2' at 2\.5 rad, limits -2 to 2\.$"
     with pytest.warns(UserWarning, match=words):
         robot = pa.load(ARM4, q0=[0.0, 2.5, 0.5, 0.0])
@@ -154,13 +154,13 @@ def test_a_home_outside_the_limits_is_told():
         pa.load(ARM4).at([0.0, 2.5, 0.5, 0.0])
 
 
-def test_a_given_task_and_home_are_taken():
+def test_a_given_task_and_home_are_used():
     robot = pa.load(ARM4, task="xz", q0=[0.1, 0.2, 0.3, 0.4])
     assert robot.task.name == "xz"
     np.testing.assert_allclose(robot.home_angles, [0.1, 0.2, 0.3, 0.4])
 
 
-def test_one_joint_is_for_a_joint_task_only(tmp_path):
+def test_one_joint_allows_only_a_joint_task(tmp_path):
     path = tmp_path / "one.urdf"
     path.write_text(
         '<robot name="one"><link name="a"/><link name="b"><inertial><mass value="1"/>'
@@ -172,14 +172,14 @@ def test_one_joint_is_for_a_joint_task_only(tmp_path):
     assert pa.load(path, task="joint").joint_names == ["j"]
 
 
-def test_mass_and_reach_are_those_of_what_moves():
+def test_mass_and_reach_are_those_of_the_moving_bodies():
     robot = pa.load("planar_2r")
     assert robot.mass == pytest.approx(sum(body.mass for body in robot.model.inertias[1:]))
     stretched = robot.at([0.3, 0.0])
     assert robot.reach == pytest.approx(np.linalg.norm(stretched.position(stretched.q0)))
 
 
-def test_the_circle_of_a_pose_is_ready_to_be_tracked():
+def test_the_circle_of_a_pose_task_can_be_tracked():
     robot = pa.load("ur5", task="pose")
     circle = pa.reachable_circle(robot)
     start = robot.position(robot.q0)
@@ -192,7 +192,7 @@ def test_the_circle_of_a_pose_is_ready_to_be_tracked():
     assert (moved.radius, moved.period, moved.plane) == (circle.radius, circle.period, circle.plane)
 
 
-def test_a_circle_keeps_off_the_plane_too():
+def test_the_circle_stays_on_its_side_of_the_mounting_plane():
     robot = pa.load(ARM4)
     data, free = robot.model.createData(), find_circle(replace(robot, mounting=None))
     room = robot.mounting.distance(robot.model, data, robot.frame_id, robot.q0)

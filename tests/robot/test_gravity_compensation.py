@@ -32,14 +32,14 @@ def check_alike(plain, own):
 
 @pytest.mark.parametrize("law", ["adaptive-inverse-dynamics", "adaptive-jacobian", "separation"])
 @pytest.mark.parametrize("task", ["xyz", "joint"])
-def test_joints_see_the_same_torque_with_and_without_compensation(task, law):
+def test_the_joint_torque_is_the_same_with_and_without_compensation(task, law):
     robot = pa.load("panda", task=task)
     true = robot.changed(payload=pa.Payload(1.5), viscous=0.2)
     check_alike(*loops(robot, true, "nominal", law=law, duration=0.3))
 
 
 @pytest.mark.parametrize("mode", ["sampled", "continuous"])
-def test_any_torque_may_be_added(mode):
+def test_the_arm_may_add_any_torque(mode):
     robot = load("ur5")
     pull = np.array([3.0, -20.0, 10.0, 1.0, 0.5, -0.5])
     check_alike(
@@ -53,7 +53,7 @@ def test_any_torque_may_be_added(mode):
     )
 
 
-def test_motors_clip_what_is_sent_and_added_together():
+def test_motors_limit_the_sum_of_command_and_compensation():
     """The limits are those of the joints: with compensation and without, they bind alike."""
     robot = load("ur5")
     free, _ = loops(robot, with_tool_and_load(robot), "nominal", duration=0.2)
@@ -65,7 +65,7 @@ def test_motors_clip_what_is_sent_and_added_together():
     assert (np.abs(own.tau) <= weak.model.effortLimit).all()
 
 
-def test_the_controller_sends_what_the_arm_does_not_add():
+def test_the_controller_subtracts_the_compensation():
     robot, rng = load("panda"), np.random.default_rng(0)
     plain, own = (pa.make_controller(robot, compensated=c) for c in (None, "nominal"))
     plant, data = pa.PinocchioPlant(robot), robot.model.createData()
@@ -79,7 +79,7 @@ def test_the_controller_sends_what_the_arm_does_not_add():
         assert np.allclose(total - sent, g, atol=1e-9) and np.abs(g).max() > 1.0
 
 
-def test_a_plant_adds_what_its_electronics_do():
+def test_a_plant_adds_the_compensation():
     robot = load("panda")
     still = pa.PinocchioPlant(robot, compensation=pa.Gravity(robot))
     held = pa.PinocchioPlant(robot)
@@ -132,6 +132,6 @@ def test_a_scenario_compensates_the_description_without_the_believed_load(tmp_pa
         (lambda q: None, "returns 6 torques"),
     ],
 )
-def test_what_no_arm_adds_is_refused(given, words):
+def test_impossible_compensations_are_refused(given, words):
     with pytest.raises(pa.InputError, match=words):
         pa.make_controller(load("ur5"), compensated=given)

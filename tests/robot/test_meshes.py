@@ -1,4 +1,4 @@
-"""The meshes of a robot: read when it is drawn, once, and never by copies that are not."""
+"""The meshes of a robot are read once, when it is drawn; copies that are not drawn read none."""
 
 import pickle
 
@@ -36,7 +36,7 @@ def test_a_pickled_robot_is_drawn_alike():
 
 
 @pytest.mark.parametrize("origin", ["talos_arm", "human", "solo8", "panda"])
-def test_models_are_those_of_their_loaders(origin):
+def test_models_equal_those_of_their_loaders(origin):
     """Armature and home pose from the SRDF, the floating base, and what special loaders add."""
     whole = robots_loader.load(origin)
     model, q_reference = example_robot(origin)

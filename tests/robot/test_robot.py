@@ -55,7 +55,7 @@ def test_every_source_gives_the_same_chain(kind):
     assert np.allclose(tau, tau_expected, atol=1e-10)
 
 
-def test_the_users_model_is_never_written_to():
+def test_the_model_of_the_user_is_not_changed():
     wrapper = described("ur5")
     model, before = wrapper.model, wrapper.model.copy()
     robot = pa.load(wrapper, frame="tool0", gravity=[0.0, 0.0, 1.0], locked=["wrist_3_joint"])
@@ -93,19 +93,19 @@ def test_a_prismatic_joint_is_kept():
 
 
 @pytest.mark.parametrize(("name", "nq", "nv"), [("kinova", 9, 6), ("scara", 5, 4)])
-def test_continuous_joints_take_and_give_angles(name, nq, nv):
+def test_continuous_joints_are_set_and_read_as_angles(name, nq, nv):
     angles = np.linspace(-1.2, 1.1, nv)
     robot = load(name).at(angles)
     assert (robot.model.nq, robot.model.nv, robot.q0.size) == (nq, nv, nq)
     assert np.allclose(robot.home_angles, angles, atol=1e-12)
 
 
-def test_q0_of_load_is_one_angle_a_joint():
+def test_q0_of_load_is_one_angle_per_joint():
     angles = [0.5, 0.8, -0.02, 2.0]
     assert np.allclose(pa.load("scara", q0=angles).home_angles, angles, atol=1e-12)
 
 
-def test_locked_locks_one_more_joint():
+def test_locked_locks_another_joint():
     robot = pa.load(ARM4, frame="tip", locked=["joint4"])
     assert robot.joint_names == ["joint1", "joint2", "joint3"]
     q = np.array(HOME)
@@ -124,7 +124,7 @@ def test_an_inner_frame_works_on_a_catalogue_robot_with_a_home_of_its_own():
     assert pa.load("ur5", frame="wrist_1_link").model.nv == 4
 
 
-def test_gravity_is_the_users():
+def test_gravity_can_be_set():
     robot = pa.load("planar_2r", gravity=[0.0, -9.81, 0.0])
     torque = pin.computeGeneralizedGravity(robot.model, robot.model.createData(), np.zeros(2))
     assert np.allclose(torque, [9.81 * (1.0 * 0.5 + 2.0 * (1.0 + 0.6)), 9.81 * 2.0 * 0.6])
@@ -165,7 +165,7 @@ def test_catalogue_robots_start_away_from_singularities(name):
     assert conditioning(load(name)) >= 0.05
 
 
-def test_a_home_is_searched_where_the_descriptions_own_is_singular(tmp_path):
+def test_a_home_is_searched_if_that_of_the_description_is_singular(tmp_path):
     robot = pa.load(ARM4, frame="tip")  # the neutral pose is stretched out
     assert conditioning(robot.at(np.zeros(4))) < 0.05
     assert conditioning(robot) >= 0.05
@@ -177,7 +177,7 @@ def test_a_home_is_searched_where_the_descriptions_own_is_singular(tmp_path):
 @pytest.mark.parametrize(
     ("name", "frame", "joints"), [("solo12", "FL_FOOT", 3), ("so100", "gripper", 5)]
 )
-def test_a_welded_root_makes_a_limb_a_usable_arm(name, frame, joints):
+def test_a_limb_with_a_fixed_base_is_an_arm(name, frame, joints):
     robot = pa.load(described(name), frame=frame, weld_root=True)
     assert robot.model.nv == joints
     check_holds_home(robot)
@@ -225,7 +225,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("action", "words"), REFUSED)
-def test_refusals_name_the_thing_and_suggest_the_nearest(action, words):
+def test_errors_name_the_cause_and_suggest_the_closest_name(action, words):
     with pytest.raises(pa.RobotError) as error:
         action()
     for word in words:
@@ -246,7 +246,7 @@ def test_refusals_name_the_thing_and_suggest_the_nearest(action, words):
         ),
     ],
 )
-def test_files_that_are_no_urdf_are_refused(tmp_path, text, words):
+def test_files_other_than_urdf_are_refused(tmp_path, text, words):
     path = tmp_path / "arm.urdf"
     path.write_text(text)
     with pytest.raises(pa.RobotError, match=words) as error:
@@ -305,7 +305,7 @@ def test_a_moving_body_without_mass_is_refused(tmp_path):
 
 
 def spoilt(what):
-    """Return ur5's model with a number that no robot has."""
+    """Return the model of ur5 with an impossible number."""
     model = described("ur5").model.copy()
     body = model.inertias[3]
     if what == "negative mass":
@@ -401,7 +401,7 @@ def test_link_translation_is_in_the_parent_joints_axes():
     assert np.allclose(moved, data.oMi[3].rotation @ shift, atol=1e-12)
 
 
-def test_friction_is_a_number_or_one_a_joint():
+def test_friction_is_a_number_or_one_per_joint():
     assert np.allclose(load("scara").changed(viscous=2.0).friction.torque(np.ones(4)), 2.0)
     assert np.allclose(
         load("scara").changed(coulomb=[1.0, 2.0, 3.0, 4.0]).friction.torque(-np.ones(4)),
@@ -409,7 +409,7 @@ def test_friction_is_a_number_or_one_a_joint():
     )
 
 
-def test_changed_models_are_not_shared():
+def test_changed_models_share_no_data():
     robot = pa.load("planar_2r")
     other, before = robot.changed(), robot.model.copy()
     assert other.model == robot.model
@@ -445,11 +445,11 @@ def test_impossible_changes_are_refused(change, words):
         load("ur5").changed(**change)
 
 
-def test_effort_limits_of_zero_and_infinity_are_none():
+def test_effort_limits_of_zero_and_infinity_mean_no_limit():
     model = described("ur5").model.copy()
     model.effortLimit = np.array([0.0, np.inf, np.finfo(float).max, 1e308, 5.0, 28.0])
     assert effort_limits(pa.load(model, frame="tool0").model).tolist() == [np.inf] * 4 + [5.0, 28.0]
 
 
-def test_a_urdf_effort_of_zero_is_no_limit():
+def test_a_urdf_effort_of_zero_means_no_limit():
     assert effort_limits(pa.load(ARM4, frame="tip").model).tolist() == [50.0, 50.0, np.inf, 10.0]

@@ -28,14 +28,14 @@ ROBOTS = [
 
 
 def point(robot):
-    """Return the frame's position (3) at home."""
+    """Return the position (3) of the frame at home."""
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, robot.q0)
     return data.oMf[robot.frame_id].translation.copy()
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_the_circle_can_be_followed_also_with_a_longer_tool(name):
+def test_the_circle_can_be_followed_with_a_longer_tool_too(name):
     robot = catalogue_robot(name)
     circle = find_circle(robot)
     assert 0.05 * robot.reach < circle.radius <= 0.1 * robot.reach
@@ -58,7 +58,7 @@ def test_the_circle_can_be_followed_also_with_a_longer_tool(name):
 
 
 @pytest.mark.parametrize("name", ["scara", "ur5"])
-def test_the_same_circle_every_time(name):
+def test_the_circle_is_reproducible(name):
     assert find_circle(catalogue_robot(name)) == find_circle(catalogue_robot(name))
 
 
@@ -110,7 +110,7 @@ def test_a_singular_home_is_refused():
 @pytest.mark.parametrize(
     "name", ["kinova", "so100", "human_left_arm", "simple_humanoid_left_leg", "alex_left_thumb"]
 )
-def test_a_description_whose_own_pose_is_at_or_past_a_limit_gets_another(name):
+def test_a_description_whose_pose_is_at_or_beyond_a_limit_gets_another(name):
     robot = catalogue_robot(name)
     lower, upper = position_limits(robot.model)
     limited = np.isfinite(lower)
