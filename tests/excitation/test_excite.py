@@ -1,4 +1,4 @@
-"""Exciting motions: inside all limits, telling more than others, the same again, and refused."""
+"""Exciting motions: within all limits, of larger information gain than others, reproducible."""
 
 from functools import cache
 
@@ -44,7 +44,7 @@ def test_it_begins_and_ends_at_home_at_rest(name):
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_it_keeps_the_limits_between_the_instants_it_was_checked_at(name):
+def test_it_keeps_the_limits_between_the_checked_instants(name):
     robot, motion = catalogue_robot(name), excited(name)
     lower, upper = position_limits(robot.model)
     loaded = robot.changed(payload=pa.Payload(motion.limits.load)).model
@@ -74,7 +74,7 @@ def test_joints_stay_above_the_plane_that_the_arm_is_mounted_on():
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_it_tells_what_any_motion_can_and_more_than_random_ones(name):
+def test_it_excites_all_identifiable_combinations_and_gains_more_than_random_motions(name):
     motion = excited(name)
     assert (motion.excitation.dynamic.rank, 0) == motion.identifiable
     found, _ = search(name)
@@ -84,7 +84,7 @@ def test_it_tells_what_any_motion_can_and_more_than_random_ones(name):
 
 
 @pytest.mark.parametrize("kinematic", [(), ("tool",)])
-def test_the_slope_of_the_search_is_that_of_its_cost(kinematic):
+def test_the_derivative_of_the_cost_is_its_slope(kinematic):
     found, theta = search("scara", kinematic)
     theta = 1.5 * theta  # beyond some limits
     way = np.random.default_rng(2).standard_normal(theta.shape)
@@ -100,7 +100,7 @@ def test_a_seed_gives_the_same_motion_again():
 
 
 def test_any_chain_can_be_excited():
-    """Continuous joints, slides, axes in all directions, gravity aslant, no limits at all."""
+    """Continuous and prismatic joints, arbitrary axes, inclined gravity, no limits."""
     robot = random_robot(11, 4)
     motion = pa.excite(robot, duration=4.0, excursion=0.4)
     path = motion.trajectory.positions(np.linspace(0.0, 4.0, 200)) - robot.home_angles
@@ -108,7 +108,7 @@ def test_any_chain_can_be_excited():
     assert motion.excitation.dynamic.rank == motion.identifiable[0] > 10
 
 
-def test_what_a_controller_adapts_is_excited():
+def test_the_parameters_of_a_controller_are_excited():
     described = catalogue_robot("planar_2r")
     controller = pa.make_controller(described, dynamic="payload", joint="none")
     motion = pa.excite(controller, duration=4.0)
@@ -130,12 +130,12 @@ def test_what_a_controller_adapts_is_excited():
         ({"load": 1e4}, pa.RobotError, "State a lighter load"),
     ],
 )
-def test_what_cannot_be_excited_is_refused(options, error, words):
+def test_impossible_arguments_are_refused(options, error, words):
     with pytest.raises(error, match=words):
         pa.excite(catalogue_robot("scara"), **options)
 
 
-def test_an_unknown_that_no_motion_shows_is_refused():
+def test_an_unidentifiable_unknown_is_refused():
     robot = catalogue_robot("planar_2r")
     there = robot.model.frames[robot.frame_id].placement.translation.copy()
     height = pa.Translation("tool", None, np.eye(3)[:, 2:], there, ("tool_z",))
@@ -143,7 +143,7 @@ def test_an_unknown_that_no_motion_shows_is_refused():
         pa.excite(robot, dynamic="none", joint="none", kinematic=[height])
 
 
-def test_where_the_base_stands_shows_in_positions():
+def test_the_base_is_identified_from_positions():
     motion = pa.excite(
         catalogue_robot("planar_2r"),
         dynamic="none",
@@ -162,7 +162,7 @@ def test_a_home_outside_the_limits_is_refused():
         pa.excite(robot)
 
 
-def test_the_command_writes_a_scenario_of_the_motion_it_prints(tmp_path, capsys):
+def test_the_command_writes_the_printed_motion_as_a_scenario(tmp_path, capsys):
     file = tmp_path / "out" / "excited.toml"
     arguments = [
         "excite",

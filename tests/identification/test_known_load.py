@@ -1,4 +1,4 @@
-"""A load and a URDF that an exciting motion tells, with friction, encoders and torque noise."""
+"""A load and a URDF from an exciting motion, with friction, encoders and torque noise."""
 
 from functools import cache
 
@@ -34,7 +34,7 @@ def off_arm():
 
 
 def misses(load, mass):
-    """Return by how much mass [kg] and centre [mm] are off, and what they are said to be off by."""
+    """Return the errors of mass [kg] and centre [mm], and their stated uncertainties."""
     off = np.array([load.mass - mass, *1e3 * (load.com - COM)])
     return off, np.array([load.mass_known_to, *1e3 * load.com_known_to])
 
@@ -47,14 +47,14 @@ def test_the_load_is_known_to_two_per_cent_and_two_millimetres(name, mass):
     assert known[0] < 0.01 * mass and known[1:].max() < 1.0
 
 
-def test_dry_friction_that_jitters_does_not_bias_the_load():
-    """Reversals of joints that encoders make tremble would move y by 0.2 mm, four deviations."""
+def test_random_signs_of_dry_friction_do_not_bias_the_load():
+    """Sign changes of noisy velocities would move y by 0.2 mm, four standard deviations."""
     off, known = misses(run("ur10", "simulation.noise={}").payload(refined=True), 3.0)
     assert np.abs(off[1:]).max() < 0.1 and known[1:].max() < 0.1
     assert (np.abs(off) < 3.0 * known).all()
 
 
-def test_an_arm_that_is_off_needs_to_be_said_or_shown():
+def test_errors_of_the_arm_need_a_prior_or_a_run_without_load():
     loaded = run("panda", off_arm())
     empty = run("panda", off_arm(), "truth.payload={mass = 0.0}", "simulation.seed=1")
     as_described, known = misses(loaded.payload(refined=True), 1.5)
@@ -66,7 +66,7 @@ def test_an_arm_that_is_off_needs_to_be_said_or_shown():
     assert abs(off[0]) < 0.02 * 1.5 and np.abs(off[1:]).max() < 2.0
 
 
-def test_only_a_run_of_the_same_arm_shows_it():
+def test_a_run_of_another_arm_is_refused():
     with pytest.raises(pa.ParameterError, match="that run was of the joints"):
         run("panda").payload(refined=True, empty=run("ur10"))
     with pytest.raises(pa.InputError, match="must be zero or positive"):
@@ -76,7 +76,7 @@ def test_only_a_run_of_the_same_arm_shows_it():
 
 
 def torques(robot, motion):
-    """Return the torques (N, n) that a motion of the joints asks of a robot."""
+    """Return the torques (N, n) that a motion of the joints needs."""
     model, data = robot.model, robot.model.createData()
     desired = [motion.at(t) for t in np.arange(0.0, 10.0, 0.02)]
     return np.array(
@@ -85,7 +85,7 @@ def torques(robot, motion):
 
 
 def test_the_urdf_of_two_runs_learns_from_torques_and_places_the_tool(tmp_path):
-    """Bodies, rotors and friction from the exciting motion; the tool, of no joint, from x."""
+    """Bodies, rotors and friction from the exciting motion; the tool, in no torque, from x."""
     described = pa.load("panda", task="joint")
     changes = {
         "payload": pa.Payload(1.5, COM),

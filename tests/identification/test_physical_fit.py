@@ -1,4 +1,4 @@
-"""Least squares in the physical cone: one minimum, inside, in no coordinates of its own."""
+"""Least squares in the physical cone: a unique minimum inside it, whatever the coordinates."""
 
 import numpy as np
 import pinocchio as pin
@@ -44,18 +44,18 @@ def test_it_is_the_minimum_and_physical(seed, rows):
             assert objective(A, b, physical, a + size * step) >= least * (1.0 - 1e-10)
 
 
-def test_without_rows_it_stays_as_described():
+def test_without_rows_the_estimate_is_the_description():
     A, b, physical = problem(0, 5)
     assert np.allclose(physical_fit(0.0 * A, 0.0 * b, physical), physical.center, rtol=1e-6)
 
 
-def test_physical_truths_are_found_where_rows_tell_all():
+def test_physical_parameters_are_found_from_sufficient_rows():
     A, _, physical = problem(1, 60)
     true = np.concatenate([bodies(5, 2), [0.3, 1e-3, 2.0]])
     assert np.allclose(physical_fit(1e6 * A, 1e6 * A @ true, physical), true, atol=1e-6)
 
 
-def test_directions_that_no_row_tells_stay_as_near_as_the_cone_lets_them():
+def test_unexcited_directions_stay_as_described_within_the_cone():
     _, _, physical = problem(2, 1)
     row = np.zeros((1, physical.center.size))
     row[0, 0] = 1e6  # the mass of the first body
@@ -66,7 +66,7 @@ def test_directions_that_no_row_tells_stay_as_near_as_the_cone_lets_them():
     assert np.allclose(a[1:4] / a[0], centre, rtol=1e-4)  # a body of twice the mass is where it was
 
 
-def test_no_frame_or_unit_enters():
+def test_the_estimate_does_not_depend_on_frame_or_unit():
     A, b, physical = problem(3, 12, count=1, joints=1)
     a = physical_fit(A, b, physical, gamma=GAMMA)
     G = pin.SE3.Random().homogeneous

@@ -1,4 +1,4 @@
-"""Windows of a motion: rows that the true parameters solve, without an acceleration."""
+"""Windows of a motion: equations without accelerations, solved by the true parameters."""
 
 from dataclasses import replace
 
@@ -23,7 +23,7 @@ def windows(name, log, held=False):
 
 
 def missed(found, a):
-    """Return the largest residual in parts of the largest torque."""
+    """Return the largest residual relative to the largest torque."""
     return np.abs(found.residual(a)).max() / np.abs(found.tau).max()
 
 
@@ -53,7 +53,7 @@ def test_torques_may_be_held():
     assert missed(found, true) < 5e-4 and missed(found, true) < 0.3 * missed(late, true)
 
 
-def test_times_may_jitter_and_a_hole_costs_only_the_windows_around_it():
+def test_times_may_jitter_and_a_gap_costs_only_the_windows_around_it():
     log = recorded("ur5", duration=3.0, dt=2e-3)
     kept = np.random.default_rng(0).random(len(log.t)) > 0.3
     kept[(log.t > 1.0) & (log.t < 1.1)] = False
@@ -66,7 +66,7 @@ def test_times_may_jitter_and_a_hole_costs_only_the_windows_around_it():
     assert len(whole.t) - len(found.t) <= 3 * (1 + 0.1 / found.length) + 2
 
 
-def test_nan_is_a_hole():
+def test_nan_is_a_gap():
     log = recorded("ur5", duration=2.0, dt=2e-3)
     tau = log.tau.copy()
     tau[400:450, 2] = np.nan
@@ -75,13 +75,13 @@ def test_nan_is_a_hole():
 
 
 @pytest.mark.parametrize("name", ["panda", "kinova"])
-def test_velocities_come_from_positions_where_there_are_none(name):
+def test_missing_velocities_are_computed_from_positions(name):
     log = recorded(name, duration=3.0, dt=2e-3)
     found, true = windows(name, replace(log, v=None))
     assert missed(found, true) < 5e-3
 
 
-def test_noisy_velocities_are_not_taken():
+def test_noisy_velocities_are_replaced():
     robot = catalogue_robot("ur5")
     noisy = recorded("ur5", noisy=True, dt=2e-3)
     assert motion_of_log(robot, noisy, cutoff=CUTOFF).smoothed

@@ -1,4 +1,4 @@
-"""Recorded motions are read from every format alike, and refused with a reason."""
+"""Logs of every format are read alike; errors give the reason."""
 
 import re
 import sys
@@ -38,7 +38,7 @@ def write_csv(path, columns, mark=","):
 
 
 def columns_of(log, labels, form="{signal}{label}"):
-    """Return the columns of a log by the names that a form gives them."""
+    """Return the columns of a log, named after a pattern."""
     columns = {"t": log.t}
     for signal in ("q", "v", "tau"):
         for j, label in enumerate(labels):
@@ -97,12 +97,12 @@ def test_a_header_may_be_a_comment(tmp_path, robot, log):
     assert same(pa.read_log(path, robot), log)
 
 
-def test_times_of_a_clock_on_the_wall_begin_at_zero(tmp_path, robot, log):
+def test_times_since_an_epoch_begin_at_zero(tmp_path, robot, log):
     path = write_csv(tmp_path / "a.csv", columns_of(replace(log, t=log.t + STAMP), range(6)))
     assert np.allclose(pa.read_log(path, robot).t, log.t, atol=1e-6)
 
 
-def test_degrees_are_read_where_it_is_said(tmp_path, robot, log):
+def test_degrees_are_read_on_request(tmp_path, robot, log):
     turned = replace(log, q=np.degrees(log.q), v=np.degrees(log.v))
     path = write_csv(tmp_path / "a.csv", columns_of(turned, range(6)))
     assert same(pa.read_log(path, robot, degrees=True), log)
@@ -133,7 +133,7 @@ def test_a_run_is_a_log_from_the_last_change_of_its_robot_on(tmp_path, robot):
 
 
 def flawed(log, robot):
-    """Return logs that cannot be used, with what their errors say."""
+    """Return logs that cannot be used, by words of their errors."""
     backwards = log.t.copy()
     backwards[40] = backwards[38]
     far = np.full(log.tau.shape, 1e5)
@@ -154,7 +154,7 @@ def flawed(log, robot):
     }
 
 
-def test_a_log_that_cannot_be_is_refused(robot, log):
+def test_an_impossible_log_is_refused(robot, log):
     for words, flaw in flawed(log, robot).items():
         with pytest.raises(pa.LogError, match=re.escape(words)):
             pa.read_log(flaw, robot)
@@ -187,7 +187,7 @@ def test_a_file_that_cannot_be_read_is_refused(tmp_path, robot, log):
             pa.read_log(path, robot)
 
 
-def test_a_wrong_column_is_named_with_the_nearest(tmp_path, robot, log):
+def test_the_error_of_an_unknown_column_suggests_the_nearest(tmp_path, robot, log):
     path = write_csv(tmp_path / "a.csv", columns_of(log, range(6)))
     with pytest.raises(pa.LogError, match=r"no column 'tua0'.*Did you mean 'tau0'"):
         pa.read_log(path, robot, columns={"tau": [f"tua{j}" for j in range(6)]})
@@ -218,7 +218,7 @@ def test_a_format_is_one_class_and_one_entry_of_the_registry(tmp_path, robot, lo
         pa.read_log(tmp_path, robot)
 
 
-def test_every_format_says_what_it_reads():
+def test_every_format_is_documented():
     for kind in FORMATS.values():
         assert kind.__doc__ and kind.accepts.__doc__ and kind.read.__doc__
 
@@ -234,7 +234,7 @@ def stamped(store, ros, k, time):
 
 
 def write_bag(path, kind, log, names, *, effort=True, pose="geometry_msgs/msg/PoseStamped"):
-    """Write a bag of joint states, in which a gripper takes part, and of a tracker's poses."""
+    """Write a bag of joint states, including those of a gripper, and of a tracker's poses."""
     typesys = pytest.importorskip("rosbags.typesys")
     from rosbags import rosbag1, rosbag2
 
@@ -314,7 +314,7 @@ def test_a_bag_that_cannot_be_used_says_why(tmp_path, robot, log):
             pa.read_log(tmp_path / name, robot, **options)
 
 
-def test_bags_need_a_package_and_say_which(tmp_path, robot, monkeypatch):
+def test_the_error_of_a_missing_package_names_it(tmp_path, robot, monkeypatch):
     (tmp_path / "a.bag").write_bytes(b"")
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
     with pytest.raises(pa.LogError, match=re.escape('pip install "pinadapt[bags]"')):

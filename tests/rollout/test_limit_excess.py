@@ -1,4 +1,4 @@
-"""What a rollout tells of joints beyond the limits of their description."""
+"""By how much the joints of a rollout exceed the limits of their description."""
 
 import json
 import pickle
@@ -17,7 +17,7 @@ NONE = {"position": 0.0, "velocity": 0.0, "effort": 0.0}
 
 
 def arm(limits=True):
-    """Return a hinge, a slide and a wheel without end, with limits or without."""
+    """Return a revolute, a prismatic and a continuous joint, with or without limits."""
     model, parent = pin.Model(), 0
     model.name = "arm"
     kinds = (pin.JointModelRY(), pin.JointModelPX(), pin.JointModelRUBZ())
@@ -37,7 +37,7 @@ def arm(limits=True):
 
 
 def excess(robot, q, v, tau, desired=None):
-    """Return the excess of a hand-made motion, one row a sample."""
+    """Return the excess of a given motion, one row a sample."""
     rows = (np.array(part, dtype=float).reshape(-1, 3) for part in (q, v, tau))
     return LimitExcess.of(robot, JointMotion(*rows), desired)
 
@@ -83,7 +83,7 @@ def test_a_motion_within_its_limits_keeps_them():
 
 
 @pytest.mark.parametrize("absent", [0.0, np.inf, 1.8e308, np.finfo(float).max])
-def test_limits_that_are_none(absent):
+def test_descriptions_without_limits(absent):
     robot = arm(limits=False)
     model = robot.model
     model.velocityLimit = model.effortLimit = np.full(3, absent)
@@ -94,7 +94,7 @@ def test_limits_that_are_none(absent):
     assert limits.verdict() == "none in the description"
 
 
-def test_numbers_that_are_not_finite_count_as_none():
+def test_numbers_that_are_not_finite_do_not_count():
     motion = {name: [*rows, [np.nan, np.inf, -np.inf]] for name, rows in MOTION.items()}
     assert np.array_equal(excess(arm(), **motion).plant, excess(arm(), **MOTION).plant)
     nothing = excess(arm(), [], [], [])
@@ -105,7 +105,7 @@ def test_numbers_that_are_not_finite_count_as_none():
 
 
 def far_hinge():
-    """Return an arm, as it is and with friction, and a joint motion beyond its limits."""
+    """Return an arm without and with friction, and a joint motion beyond its limits."""
     robot = arm()
     swing = pa.Sinusoid([1.0, 0.15, 0.0], [0.4, 0.05, 3.0], 1.2, [0.0, 0.0, 0.0])
     return robot, robot.changed(viscous=1.5, coulomb=0.4, armature=0.2), swing
@@ -128,7 +128,7 @@ def test_the_reference_of_joints_is_compared_with_its_exact_torques():
     assert np.allclose(reference.effort, np.maximum(beyond, 0.0))
 
 
-def test_a_rollout_tells_of_the_true_robot(tmp_path):
+def test_a_rollout_reports_the_excess_of_the_true_robot(tmp_path):
     robot, true, swing = far_hinge()
     free = pa.make_controller(robot, torque_limits=False)
     rollout = pa.simulate(true, free, swing, duration=0.4, torque_limits=False)
@@ -154,7 +154,7 @@ def test_a_reference_of_the_frame_has_no_joint_motion():
     assert any(line.split() == ["joint", "limits", "kept"] for line in str(rollout).splitlines())
 
 
-def test_limits_leave_their_process():
+def test_limits_can_be_pickled():
     rollout = run(duration=0.01)
     copy = pickle.loads(pickle.dumps(rollout))
     assert copy.limits.summary() == rollout.limits.summary() and str(copy) == str(rollout)

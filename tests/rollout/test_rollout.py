@@ -1,4 +1,4 @@
-"""What a rollout holds, what it computes when asked, and what it writes."""
+"""A rollout: its arrays, the quantities computed on demand, and its files."""
 
 import json
 import pickle
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize("name", ["planar_2r", "scara", "ur5", "panda"])
-def test_rollouts_hold_one_row_a_sample(name):
+def test_rollouts_have_one_row_a_sample(name):
     robot, rollout = load(name), run(name, duration=0.05, control={"joint": "none"})
     rows = {
         "q": robot.model.nq,
@@ -41,7 +41,7 @@ def test_continuous_mode_also_records_the_end():
     assert np.allclose(run(duration=0.05, mode="continuous").t, 1e-3 * np.arange(51), atol=1e-12)
 
 
-def test_a_truth_that_no_estimate_reaches_is_none(tmp_path):
+def test_a_truth_outside_the_model_is_none(tmp_path):
     rollout = run(
         "ur5", truth={"inertial_scale": 1.1}, control={"dynamic": "payload"}, duration=0.01
     )
@@ -75,11 +75,11 @@ def test_the_summary_names_the_adaptation_that_ran():
         )
 
 
-# --- what is computed when it is asked for ---
+# --- quantities computed on demand ---
 
 
 def tracked(task=None, singular=0.0):
-    """Return a short rollout that learns a tool and a load, damped below s_0; its controller."""
+    """Return a short rollout that adapts a tool and a load, damped below s_0; its controller."""
     described = pa.load("panda", task=task)
     true = with_tool_and_load(described)
     controller = pa.make_controller(described)
@@ -89,7 +89,7 @@ def tracked(task=None, singular=0.0):
     return pa.simulate(true, controller, path, duration=0.05), controller
 
 
-def test_nothing_is_evaluated_before_it_is_asked_for():
+def test_nothing_is_evaluated_before_it_is_read():
     rollout, _ = tracked()
     record = {"controller", "true", "samples"}
     assert rollout.distance.max() > 0.0 and vars(rollout.evaluation).keys() == record
@@ -98,7 +98,7 @@ def test_nothing_is_evaluated_before_it_is_asked_for():
 
 
 @pytest.mark.parametrize("task", ["xyz", "pose"])
-def test_what_is_watched_is_that_of_the_estimates(task):
+def test_eigenvalues_and_singular_values_are_those_of_the_estimates(task):
     rollout, controller = tracked(task, singular=1.0)
     assert rollout.damping.max() > 0.0
     for k, sample in enumerate(rollout.evaluation.samples):
@@ -114,13 +114,13 @@ def test_what_is_watched_is_that_of_the_estimates(task):
         assert np.isclose(rollout.damping_share[k], share, rtol=1e-6, atol=1e-12)
 
 
-def test_the_ends_of_v_are_those_of_the_whole():
+def test_first_and_last_v_are_those_of_the_whole_run():
     rollout, _ = tracked()
     assert np.array_equal(rollout.lyapunov_ends, rollout.lyapunov[[0, -1]])
     assert f"{rollout.lyapunov[-1]:.4g}" in str(rollout)
 
 
-def test_a_pickled_rollout_is_the_same_and_holds_no_controller():
+def test_a_pickled_rollout_has_the_same_numbers_and_no_controller():
     rollout, _ = tracked()
     copy = pickle.loads(pickle.dumps(pickle.loads(pickle.dumps(rollout))))
     assert copy.evaluation is None and rollout.evaluation is not None
@@ -130,7 +130,7 @@ def test_a_pickled_rollout_is_the_same_and_holds_no_controller():
 
 
 def test_joint_errors_are_in_radians_and_shown_in_degrees():
-    """The rollout of a task in joint space, its record made by hand."""
+    """The rollout of a joint task, from given arrays."""
     rollout, _ = tracked()
     task = pa.JointTask.of_chain(load("panda").model)
     q_d = rollout.q + np.radians(2.0) * np.eye(7)[3]

@@ -1,4 +1,4 @@
-"""The verdict: one line that says how a run went, in the table, in the summary, in comparisons."""
+"""The verdict on a run: one line in the table, the summary and comparisons."""
 
 import json
 from dataclasses import replace
@@ -46,7 +46,7 @@ def with_error(rollout, first, last, **changes):
         (6.0, LOST, "up to 6000 mm, 12000 % of"),
     ],
 )
-def test_a_run_is_judged_by_its_error_as_a_share_of_the_path(rollout, last, grade, words):
+def test_the_grade_depends_on_the_error_relative_to_the_path(rollout, last, grade, words):
     judged = with_error(rollout, last, last)
     assert judged.grade == grade and judged.verdict.startswith(f"{grade}: ")
     assert words in judged.verdict and "\n" not in judged.verdict
@@ -71,23 +71,23 @@ def test_a_run_is_judged_by_its_error_as_a_share_of_the_path(rollout, last, grad
         ({"diverged": 0.1, "reason": "the torque is lost."}, "try a fifth of"),
     ],
 )
-def test_a_bad_run_is_told_what_to_try(rollout, changes, words):
+def test_the_verdict_of_a_bad_run_says_what_to_try(rollout, changes, words):
     first = changes.pop("first", 0.04)
     assert words in with_error(rollout, first, 0.04, **changes).verdict
 
 
-def test_the_unadapted_error_stands_beside_where_it_is_known(rollout):
+def test_the_verdict_compares_with_the_error_without_adaptation(rollout):
     verdict = with_error(rollout, 0.0001, 0.0001, unadapted=0.004).verdict
-    assert "40 times less than the unadapted 4 mm" in verdict
+    assert "40 times less than the 4 mm without adaptation" in verdict
     verdict = with_error(rollout, 0.003, 0.003, unadapted=0.004).verdict
-    assert "75% of the unadapted 4 mm" in verdict
+    assert "75% of the 4 mm without adaptation" in verdict
     assert "not adapted [mm]" not in comparison_table([rollout])
     known = with_error(rollout, 0.001, 0.001, unadapted=0.004)
     assert "not adapted [mm]" in comparison_table([known, rollout])
 
 
 @pytest.mark.parametrize("kept", [1, 2, 3])
-def test_few_samples_are_judged_as_well(rollout, kept):
+def test_few_samples_have_a_verdict(rollout, kept):
     names = ("t", "q", "v", "tau", "x", "x_d", "a_k", "a_d", "saturated")
     few = {name: getattr(with_error(rollout, 0.04, 0.04), name)[-kept:] for name in names}
     judged = replace(rollout, **few, evaluation=None)
@@ -95,7 +95,7 @@ def test_few_samples_are_judged_as_well(rollout, kept):
     assert judged.grade == LOST and "try " in judged.verdict
 
 
-def test_limits_that_were_exceeded_are_told(rollout):
+def test_the_verdict_names_exceeded_limits(rollout):
     limits = LimitExcess(
         ("a", "b"),
         (False, True),
@@ -130,14 +130,14 @@ def replace_excess(*rows):
     ],
     ids=lambda value: type(value).__name__,
 )
-def test_motions_tell_their_extent(motion, extent):
+def test_motions_state_their_extent(motion, extent):
     assert motion.extent == pytest.approx(extent)
     assert motion.shifted(
         np.ones(6 if extent == 0.1 else 2)[: motion.at(0.0).xd_d.size]
     ).extent == (pytest.approx(extent))
 
 
-def test_a_motion_of_ones_own_has_the_extent_of_what_ran(rollout):
+def test_a_motion_of_the_users_has_the_extent_of_its_samples(rollout):
     own = with_error(rollout, 0.001, 0.001, path_extent=None)
     assert own.extent == pytest.approx(0.5 * np.linalg.norm(np.ptp(own.x_d, axis=0)))
     point = with_error(rollout, 0.0005, 0.0005, path_extent=0.0)
@@ -145,7 +145,7 @@ def test_a_motion_of_ones_own_has_the_extent_of_what_ran(rollout):
     assert with_error(rollout, 0.02, 0.02, path_extent=0.0).grade == LOST
 
 
-def test_poses_are_judged_by_their_angle_too():
+def test_the_grade_of_a_pose_depends_on_its_angle_too():
     robot = pa.load("ur5", task="pose")
     path = pa.PoseTrajectory(pa.Circle(np.zeros(3), 0.05, 2.0)).starting_at(
         robot.position(robot.q0)
@@ -156,25 +156,25 @@ def test_poses_are_judged_by_their_angle_too():
     assert lost.grade == LOST and lost.error_share == 0.0
 
 
-def test_run_ends_in_its_verdict_beside_the_unadapted_one(tmp_path, capsys):
+def test_the_command_run_prints_the_verdict_last(tmp_path, capsys):
     arguments = ["run", PLANAR, "--no-html", "--out", str(tmp_path), "--unadapted"]
     assert main([*arguments, "--set", "simulation.duration=1.0"]) == 0
     last = capsys.readouterr().out.splitlines()[-1]
     summary = json.loads((tmp_path / "summary.json").read_text())
-    assert last == summary["verdict"] and "the unadapted" in last
+    assert last == summary["verdict"] and "without adaptation" in last
     assert summary["error_share"] == pytest.approx(summary["max_error_last"] / 0.3)
 
 
-def test_compare_runs_each_adapting_law_unadapted_as_well(tmp_path, capsys):
+def test_compare_also_runs_each_adaptive_law_without_adaptation(tmp_path, capsys):
     laws = "resolved-acceleration,adaptive-jacobian"
     arguments = ["compare", PLANAR, "--laws", laws, "--unadapted", "--out", str(tmp_path)]
     assert main([*arguments, "--set", "simulation.duration=0.05"]) == 0
     verdicts = [row["verdict"] for row in json.loads((tmp_path / "compare.json").read_text())]
-    assert ["unadapted" in verdict for verdict in verdicts] == [False, True]
+    assert ["without adaptation" in verdict for verdict in verdicts] == [False, True]
     assert "not adapted [mm]" in capsys.readouterr().out
 
 
-def test_the_zoo_judges_by_the_same_numbers():
+def test_the_zoo_takes_its_thresholds_from_the_verdict():
     from pinadapt.rollout import verdict
 
     assert (ACCURATE, BETTER) == (verdict.ACCURATE, verdict.BETTER)
@@ -201,7 +201,7 @@ def test_a_motion_that_turns_nan_ends_the_run_with_its_rollout(mode, part):
 
 
 @pytest.mark.parametrize("progress", [None, True, False, list])
-def test_progress_is_shown_on_terminals_and_when_asked_for(progress, capsys):
+def test_progress_is_shown_on_terminals_and_on_request(progress, capsys):
     robot = pa.load("planar_2r")
     path = pa.Circle(np.zeros(2), 0.02, 2.0).starting_at(robot.position(robot.q0))
     pa.simulate(robot, pa.make_controller(robot), path, duration=0.01, progress=progress)

@@ -12,6 +12,7 @@ from .._checks import instance, positive, whole
 from .._compiled import compile_all
 from ..controller.controller import Controller
 from ..exceptions import InputError, RobotError
+from ..information.payload import described_robot
 from ..models.frame_kinematics import FrameKinematics
 from ..models.joint_kinematics import JointKinematics
 from ..models.task_kinematics import TaskKinematics
@@ -114,7 +115,7 @@ def _nominal_and_aim(
     """
     instance(given, Robot | Controller, "robot")
     if isinstance(given, Controller):
-        nominal = given.kinematics.robot if given.belief is None else given.belief.unloaded
+        nominal = described_robot(given)
         return nominal, Aim(nominal, given.dynamics, given.kinematics)
     nominal = given.undrawn()
     dynamics = believed_dynamics(nominal, dynamic, joint, None, None, ())
@@ -138,8 +139,8 @@ class _Search:
 
     def states(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return angles (N, n), configurations (N, nq), velocities and accelerations (N, n)."""
-        way, v, a = self._basis.motion(theta)
-        angles = self._home + way
+        displacement, v, a = self._basis.motion(theta)
+        angles = self._home + displacement
         return angles, configurations(self._allowed.robot, angles), v, a
 
     def best(self, seed: int, iterations: Iterable[int]) -> np.ndarray:
@@ -200,15 +201,15 @@ class _Search:
         The derivative (n, size) is by differences in the 3 n states of each instant, fewer than the
         coefficients.
         """
-        way, v, a = self._basis.motion(theta)
-        now = np.stack([self._home + way, v, a])  # (3, N, n)
+        displacement, v, a = self._basis.motion(theta)
+        now = np.stack([self._home + displacement, v, a])  # (3, N, n)
         count, n = v.shape
         shifts = _STEP * np.eye(3 * n).reshape(3 * n, 3, 1, n)
         states = np.concatenate([now[None], now + shifts]).transpose(1, 0, 2, 3)
         angles, v, a = states.reshape(3, -1, n)
         q = configurations(self._allowed.robot, angles)
-        gain, more = self._aim.gain_and_changes(q, v, a, self._basis.period, count)
+        gain, changes = self._aim.gain_and_changes(q, v, a, self._basis.period, count)
         beyond = _PENALTY / count * np.sum(self._allowed.excess(angles, q, v, a) ** 2, axis=1)
         beyond = beyond.reshape(1 + 3 * n, count)
-        slopes = (beyond[1:] - beyond[0] - more.reshape(3 * n, count)) / _STEP
+        slopes = (beyond[1:] - beyond[0] - changes.reshape(3 * n, count)) / _STEP
         return float(beyond[0].sum()) - gain, self._basis.derivative(slopes.reshape(3, n, count))

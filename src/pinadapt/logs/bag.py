@@ -159,8 +159,8 @@ def _picked(values: Any, order: list[int], names: list[str]) -> list[float]:
 
 def _missing(bag: Any, topic: str, joints: list[str], path: Path) -> LogError:
     """Return the error of a topic none of whose messages has all joints."""
-    seen = sorted({name for _, message in _messages(bag, topic) for name in message.name})
-    lacking = [joint for joint in joints if joint not in seen]
+    names = sorted({name for _, message in _messages(bag, topic) for name in message.name})
+    lacking = [joint for joint in joints if joint not in names]
     if not lacking:
         return LogError(
             f"no message of '{topic}' has all of the joints {joints}; they are in separate ones.",
@@ -168,8 +168,8 @@ def _missing(bag: Any, topic: str, joints: list[str], path: Path) -> LogError:
             hint="Record a topic with all joints, such as that of joint_state_broadcaster.",
         )
     return LogError(
-        f"no message of '{topic}' has the robot's joint '{lacking[0]}'; there are {seen}."
-        f"{did_you_mean(lacking[0], seen)}",
+        f"no message of '{topic}' has the robot's joint '{lacking[0]}'; there are {names}."
+        f"{did_you_mean(lacking[0], names)}",
         where=str(path),
         hint="Lock joints that are not in it (--lock), or choose another frame or topic.",
     )

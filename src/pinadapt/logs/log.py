@@ -93,8 +93,8 @@ class Log:
         if self.x is None:
             return np.zeros(0), np.zeros((0, 0))
         times = self.t if self.x_time is None else self.x_time
-        seen = np.isfinite(self.x).all(axis=1) & np.isfinite(times)
-        return times[seen], self.x[seen]
+        finite = np.isfinite(self.x).all(axis=1) & np.isfinite(times)
+        return times[finite], self.x[finite]
 
     def of(self, robot: Robot) -> Log:
         """Return the log with the columns of a robot's joints, in its order.
@@ -138,11 +138,11 @@ class Log:
         return replace(self, t=self.t - self.t[0], x_time=x_time)
 
     def after(self, t: float) -> Log:
-        """Return what was recorded from a time [s] on."""
+        """Return the log from a time [s] on."""
         kept = self.t >= t
-        seen = None if self.x_time is None else self.x_time >= t
-        x = None if self.x is None else self.x[kept if seen is None else seen]
-        x_time = None if self.x_time is None or seen is None else self.x_time[seen]
+        frames = kept if self.x_time is None else self.x_time >= t
+        x = None if self.x is None else self.x[frames]
+        x_time = None if self.x_time is None else self.x_time[frames]
         v = None if self.v is None else self.v[kept]
         return replace(
             self, t=self.t[kept], q=self.q[kept], tau=self.tau[kept], v=v, x=x, x_time=x_time
@@ -261,18 +261,17 @@ def _check_velocities(log: Log, robot: Robot) -> None:
     """Refuse velocities that disagree with the positions: other units, signs or columns."""
     if log.v is None:
         return
-    q, travelled = log.configurations(robot), []
-    for before, after in pairwise(q):
-        travelled.append(pin.difference(robot.model, before, after))
-    rates = np.array(travelled) / np.diff(log.t)[:, None]
+    q = log.configurations(robot)
+    moved = np.array([pin.difference(robot.model, *ends) for ends in pairwise(q)])
+    rates = moved / np.diff(log.t)[:, None]
     for j, name in enumerate(robot.joint_names):
         mean = 0.5 * (log.v[1:, j] + log.v[:-1, j])
         both = np.isfinite(mean) & np.isfinite(rates[:, j])
-        seen, own = mean[both], rates[both, j]
-        if not len(own) or _rms(own) < _MOVING or _rms(_averages(own)) < _MOVING:
+        rate = rates[both, j]
+        if not len(rate) or _rms(rate) < _MOVING or _rms(_averages(rate)) < _MOVING:
             continue
-        own, seen = _averages(own), _averages(seen)
-        factor = float(own @ seen / max(own @ own, 1e-300))
+        velocity, rate = _averages(mean[both]), _averages(rate)
+        factor = float(rate @ velocity / max(rate @ rate, 1e-300))
         if not _FACTORS[0] < factor < _FACTORS[1]:
             raise LogError(
                 f"the velocity of {name} is {factor:.3g} times the rate of its positions"
@@ -317,5 +316,5 @@ def _rms(values: np.ndarray) -> float:
 
 
 def _averages(values: np.ndarray) -> np.ndarray:
-    """Return running averages, in which differenced encoders are not noisy."""
+    """Return running averages, in which the noise of differenced encoders cancels."""
     return np.convolve(values, np.full(_AVERAGED, 1.0 / _AVERAGED), mode="same")

@@ -69,16 +69,17 @@ def _error(rollout: Recording) -> str:
         turn, angle = DISPLAYS["rad"], extreme(np.max, window(rollout.angle, False))
         text += "" if angle is None else f", and {_short(turn.scale * angle)} {turn.unit}"
     if rollout.unadapted is not None:
-        text += f", {_against(error, rollout.unadapted)} {_short(scale * rollout.unadapted)} {unit}"
+        without = f"{_short(scale * rollout.unadapted)} {unit} without adaptation"
+        text += f", {_relative(error, rollout.unadapted)} the {without}"
     return text
 
 
-def _against(error: float, unadapted: float) -> str:
-    if error > BETTER * unadapted:
-        return f"{error / max(unadapted, np.finfo(float).tiny):.0%} of the unadapted"
-    return (
-        f"{_short(unadapted / max(error, np.finfo(float).tiny), 2)} times less than the unadapted"
-    )
+def _relative(error: float, other: float) -> str:
+    """Return an error relative to another one, as a share or a factor."""
+    tiny = np.finfo(float).tiny
+    if error > BETTER * other:
+        return f"{error / max(other, tiny):.0%} of"
+    return f"{_short(other / max(error, tiny), 2)} times less than"
 
 
 def _short(value: float, digits: int = 3) -> str:
