@@ -9,7 +9,7 @@ import pinadapt as pa
 from pinadapt._files import read_toml
 from pinadapt.cli.main import main
 from pinadapt.description.catalogue import example_path
-from pinadapt.description.urdf import mimic_joints, read_urdf
+from pinadapt.description.urdf import Urdf
 from pinadapt.robot.loading import end_links
 from pinadapt.scenario.scenario import Scenario
 from tests.support.paths import ARM4
@@ -205,15 +205,16 @@ def test_refusals_are_status_2_and_write_nothing(arguments, words, tmp_path, mon
 )
 def test_the_likeliest_end_comes_first(origin, first):
     path = example_path(origin)
-    ends = end_links(read_urdf(path), mimic_joints(path))
+    urdf = Urdf.read(path)
+    ends = end_links(urdf.model(), urdf.mimics())
     assert ends[0] == first
 
 
 def test_links_behind_mimic_joints_are_no_ends():
     path = example_path("tiago_pro")
-    model = read_urdf(path)
-    assert "gripper_left_fingertip_left_link" in end_links(model)
-    assert "gripper_left_fingertip_left_link" not in end_links(model, mimic_joints(path))
+    urdf = Urdf.read(path)
+    assert "gripper_left_fingertip_left_link" in end_links(urdf.model())
+    assert "gripper_left_fingertip_left_link" not in end_links(urdf.model(), urdf.mimics())
 
 
 @pytest.mark.parametrize("law", [name for name, law in pa.LAWS.items() if law.set_point])

@@ -15,7 +15,7 @@ from pinocchio.robot_wrapper import RobotWrapper
 from .._files import read_toml
 from ..exceptions import RobotError, did_you_mean
 from .chain import chain_joints, frame_id, is_free_flyer
-from .urdf import Urdf, mimic_joints
+from .urdf import Urdf
 
 
 @dataclass(frozen=True)
@@ -69,18 +69,16 @@ class CatalogueEntry:
         """The URDF file."""
         return example_path(self.origin) if self.path is None else self.path
 
-    def limb(self, model: pin.Model) -> list[int]:
-        """Return the indices of the chain's joints in the whole model."""
+    def limb(self, model: pin.Model) -> tuple[list[int], list[int]]:
+        """Return the joints of the whole model before the limb, and those of the limb."""
         chain = [
-            j
-            for j in chain_joints(model, frame_id(model, self.frame))
-            if not is_free_flyer(model.joints[j])
+            joint
+            for joint in chain_joints(model, frame_id(model, self.frame))
+            if not is_free_flyer(model.joints[joint])
         ]
-        return (
-            chain
-            if self.first is None
-            else chain[[str(model.names[j]) for j in chain].index(self.first) :]
-        )
+        names = [str(model.names[joint]) for joint in chain]
+        start = 0 if self.first is None else names.index(self.first)
+        return chain[:start], chain[start:]
 
     def _with_tip(self, model: pin.Model) -> pin.Model:
         if self.tip is None:
@@ -158,7 +156,7 @@ def example_path(origin: str) -> Path:
 @cache
 def example_mimics(origin: str) -> frozenset[str]:
     """Return the names of the joints of a loader's robot that mimic another joint."""
-    return mimic_joints(example_path(origin))
+    return Urdf.read(example_path(origin)).mimics()
 
 
 @cache

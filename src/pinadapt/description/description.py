@@ -16,7 +16,7 @@ from pinocchio.robot_wrapper import RobotWrapper
 from .._checks import shown
 from ..exceptions import RobotError, did_you_mean
 from .catalogue import catalogue, catalogue_entry
-from .chain import chain_joints, check_names, check_numbers, frame_id, is_free_flyer
+from .chain import check_names, check_numbers
 from .missing_inertia import with_inertias
 from .mjcf import Mjcf, keyframe
 from .urdf import Urdf, is_path
@@ -158,18 +158,12 @@ def _from_catalogue(name: str) -> Description:
     entry = catalogue_entry(name)
     model, q_reference, mimics = entry.load()
     q_reference = np.array(q_reference)
-    limb = entry.limb(model)
+    before, limb = entry.limb(model)
     for joint, angle in zip(limb, entry.q0 or (), strict=entry.q0 is not None):
         part = model.joints[joint]
         q_reference[part.idx_q : part.idx_q + part.nq] = (
             angle if part.nq == 1 else [np.cos(angle), np.sin(angle)]
         )
-    chain = [
-        j
-        for j in chain_joints(model, frame_id(model, entry.frame))
-        if not is_free_flyer(model.joints[j])
-    ]
-    before = tuple(str(model.names[j]) for j in chain if j not in limb)
     return Description(
         entry.name,
         model,
@@ -178,7 +172,7 @@ def _from_catalogue(name: str) -> Description:
         mimics,
         entry.frame,
         entry.task,
-        before,
+        tuple(str(model.names[joint]) for joint in before),
         weld_root=True,
         urdf=entry.urdf,
     )

@@ -161,20 +161,6 @@ class Origin:
         return self.source if isinstance(self.source, Urdf) else Urdf.read(self.source)
 
 
-def read_urdf(path: Path) -> pin.Model:
-    """Build the model of a URDF file.
-
-    Raises:
-        RobotError: as ``Urdf``.
-    """
-    return Urdf.read(path).model()
-
-
-def mimic_joints(path: Path) -> frozenset[str]:
-    """Return the names of the mimic joints of a URDF file."""
-    return Urdf.read(path).mimics()
-
-
 def _check_depth(root: ElementTree.Element, where: str) -> None:
     """Refuse chains of links that are too long for the recursion of Pinocchio.
 

@@ -105,7 +105,7 @@ def load(
     )
     ends, known = end_links(found.model, found.mimics), frame or found.frame
     frames = [known] if known else choose_frames(found.model, ends, task)
-    robot = _first_able(frames, lambda name: _cut_out(found, name, ends, wanted))
+    robot = _first_able(frames, lambda name: _load_chain(found, name, ends, wanted))
     if not flag(joint_effects, "joint_effects"):
         return robot
     return _with_joint_effects(robot)
@@ -122,7 +122,7 @@ class _Wanted:
     weld_root: bool
 
 
-def _cut_out(found: Description, name: str, ends: Sequence[str], wanted: _Wanted) -> Robot:
+def _load_chain(found: Description, name: str, ends: Sequence[str], wanted: _Wanted) -> Robot:
     """Return the robot whose chain ends at a frame."""
     keep = _kept_joints(found, name, wanted.locked, wanted.weld_root)
     model = reduce_to_chain(found.model, keep, found.q_reference)
