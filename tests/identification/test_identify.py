@@ -95,7 +95,7 @@ def test_velocities_are_not_needed(name="ur5"):
 
 
 def test_dynamics_are_identified_without_positions_of_the_frame():
-    log = recorded("ur5", seen=False)
+    log = recorded("ur5", seen=False, duration=4.0)
     found = pa.identify(log, catalogue_robot("ur5"))
     assert found.torque_errors.gain > 100.0 and not found.kinematic.names
     assert found.robot.task == found.described.task
@@ -104,7 +104,9 @@ def test_dynamics_are_identified_without_positions_of_the_frame():
 
 
 def test_translations_are_identified_from_frames_alone():
-    found = pa.identify(recorded("panda"), catalogue_robot("panda"), dynamic="none", joint="none")
+    found = pa.identify(
+        recorded("panda", duration=4.0), catalogue_robot("panda"), dynamic="none", joint="none"
+    )
     true = found.estimator.controller.kinematics.value(true_robot("panda"))
     assert np.allclose(found.kinematic.estimate, true, atol=1e-6)
     assert "position, held out" in found.verdict and found.summary()["torque"] is None
@@ -119,7 +121,7 @@ def test_positions_in_other_units_are_refused():
 def test_inertias_are_identified_at_the_identified_lengths():
     described, true = catalogue_robot("ur5"), true_robot("ur5")
     wrong = described.changed(link_translation={"elbow_joint": (0.0, 0.0, 0.02)})
-    found = pa.identify(recorded("ur5"), wrong, kinematic=["elbow_joint", "tool"])
+    found = pa.identify(recorded("ur5", duration=4.0), wrong, kinematic=["elbow_joint", "tool"])
     at = described.q0
     assert np.allclose(found.robot.position(at), true.position(at), atol=1e-4)
     assert found.torque_errors.gain > 100.0
@@ -127,7 +129,7 @@ def test_inertias_are_identified_at_the_identified_lengths():
 
 @pytest.mark.parametrize("name", ["kinova", "scara"])
 def test_continuous_and_prismatic_joints_are_identified(name):
-    found = pa.identify(recorded(name), catalogue_robot(name))
+    found = pa.identify(recorded(name, duration=4.0), catalogue_robot(name))
     assert found.torque_errors.gain > 30.0 and "WORSE" not in found.verdict
 
 
@@ -152,7 +154,7 @@ def test_signals_that_are_never_finite_together_are_refused():
 
 
 def test_torques_without_gravity_are_detected_and_compensated():
-    robot, log = catalogue_robot("ur5"), recorded("ur5")
+    robot, log = catalogue_robot("ur5"), recorded("ur5", duration=4.0)
     gravity = pa.Gravity(robot)
     left_out = replace(log, tau=log.tau - np.array([gravity(q) for q in log.q]))
     plain = pa.identify(left_out, robot, dynamic="none", joint="viscous", kinematic=())
@@ -162,14 +164,14 @@ def test_torques_without_gravity_are_detected_and_compensated():
 
 
 def test_a_correct_description_is_reported():
-    log, true = recorded("ur5"), true_robot("ur5")
+    log, true = recorded("ur5", duration=4.0), true_robot("ur5")
     found = pa.identify(log, true, dynamic="payload", joint="none", kinematic=())
     assert "already correct" in found.verdict and "WORSE" not in found.verdict
 
 
 def test_a_joint_that_does_not_move_is_not_identifiable_and_stays_as_described():
-    log, robot = recorded("ur5"), catalogue_robot("ur5")
-    _, q, v, a = motion("ur5")
+    log, robot = recorded("ur5", duration=4.0), catalogue_robot("ur5")
+    _, q, v, a = motion("ur5", duration=4.0)
     still = np.arange(6) == 5
     q, v, a = (np.where(still, part[:1] if part is q else 0.0, part) for part in (q, v, a))
     tau = torques(true_robot("ur5"), q, v, a)

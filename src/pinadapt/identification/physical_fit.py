@@ -149,7 +149,8 @@ def _newton(
     for _ in range(_STEPS):
         T, h = physical.local(a)
         rows = np.vstack([R @ T, root * np.eye(a.size)])
-        u = np.linalg.lstsq(rows, np.concatenate([z - R @ a, -root * h]), rcond=None)[0]
+        Q, triangle = np.linalg.qr(rows)
+        u = np.linalg.solve(triangle, Q.T @ np.concatenate([z - R @ a, -root * h]))
         step, fall = T @ u, float(np.sum((rows @ u) ** 2))
         if fall <= _DECREMENT * gamma:
             return a
