@@ -1,7 +1,7 @@
-"""How well robots are identified from logs, with exact sensors and as they are.
+"""The accuracy of robots identified from logs with exact and with noisy sensors.
 
 ``python -m benchmarks.identification`` drives robots whose load, tool, friction and rotors are
-unknown through 14 s of a Lissajous figure, learns them from the log, and prints the table of
+unknown through 14 s of a Lissajous figure, identifies them from the log, and prints the table of
 ``docs/identify.md``; ``--picture FILE`` writes that page's picture.
 """
 
@@ -40,22 +40,22 @@ def with_noise(run: pa.Rollout, robot: pa.Robot) -> pa.Log:
     q = np.round(run.q / COUNT) * COUNT
     tau = run.tau + TORQUE_NOISE * limits * rng.standard_normal(run.tau.shape)
     x = run.x[::33] + CAMERA * rng.standard_normal(run.x[::33].shape)
-    return pa.Log(run.t, q, tau, x=x, x_time=run.t[::33], held=True, source="as sensors are")
+    return pa.Log(run.t, q, tau, x=x, x_time=run.t[::33], held=True, source="noisy")
 
 
 def rows(name: str) -> Iterator[tuple[str, pa.Identification]]:
-    """Yield what was learned of a robot from each kind of log."""
+    """Yield the identification of a robot from each kind of log."""
     robot, run = rollout(name)
     noisy = with_noise(run, robot)
     yield (
         f"{name}, exact",
         pa.identify(replace(noisy, q=run.q, v=run.v, tau=run.tau, x=run.x[::33]), robot),
     )
-    yield f"{name}, as sensors are", pa.identify(noisy, robot)
+    yield f"{name}, noisy", pa.identify(noisy, robot)
     for adaptation in ("natural-composite", "least-squares"):
         online = pa.identify(noisy, robot, adaptation=adaptation)
-        yield f"{name}, as sensors are, online by {adaptation}", online
-    yield f"{name}, exact, of MuJoCo", pa.identify(rollout(name, "mujoco")[1], robot)
+        yield f"{name}, noisy, online by {adaptation}", online
+    yield f"{name}, exact, simulated by MuJoCo", pa.identify(rollout(name, "mujoco")[1], robot)
 
 
 def main() -> None:
@@ -64,24 +64,22 @@ def main() -> None:
     parser.add_argument("--picture", type=Path)
     parser.add_argument("--robots", default="panda,ur5")
     options = parser.parse_args()
-    print(
-        "log | described | learned | online | mass [kg] | centre, off by [mm] | tool, off by [mm]"
-    )
+    print("log | described | identified | online | mass [kg] | errors of centre and tool [mm]")
     for name in options.robots.split(","):
         tool = pa.load(name).changed(tool_translation=TOOL)
         for words, found in rows(name):
             errors, load = found.torque_errors, found.payload()
             sizes = errors.described_held_out, errors.learned_held_out, found.online_held_out
             torques = " | ".join(f"{np.sqrt(np.mean(part**2)):.3g}" for part in sizes)
-            off = 1e3 * np.linalg.norm(load.com - LOAD.com)
+            error = 1e3 * np.linalg.norm(load.com - LOAD.com)
             known = 1e3 * np.linalg.norm(load.com_known_to)
             missed = found.robot.position(tool.q0) - tool.position(tool.q0)
             print(
                 f"{words} | {torques} | {load.mass:.4f} +- {load.mass_known_to:.1g} | "
-                f"{off:.2g} of {known:.2g} | {1e3 * np.linalg.norm(missed):.2g}",
+                f"{error:.2g}, uncertainty {known:.2g} | {1e3 * np.linalg.norm(missed):.2g}",
                 flush=True,
             )
-            if options.picture and words == "panda, as sensors are":
+            if options.picture and words == "panda, noisy":
                 options.picture.write_bytes(found.plot().torque.png(dpi=90))
 
 

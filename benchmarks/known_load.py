@@ -1,10 +1,10 @@
-"""A load told by an exciting motion: how far off it is, and how often its uncertainty holds that.
+"""The load from an exciting motion: its error, and how often this is within the uncertainty.
 
 ``python -m benchmarks.known_load [--save FILE] [--seeds N] [--arms M]`` runs the scenarios
 ``robots/panda/excited_load.toml`` and ``robots/ur10/excited_load.toml`` (friction unknown, encoders
 of 17 bits, torque noise of 1 % of the effort limits) with N seeds of noise and friction, the arm as
-described; and with M arms whose bodies' masses and inertias are off by 3 %, which the estimate is
-not told, or told (``arm``), or shown by a run without load (``empty``).
+described; and with M arms whose bodies' masses and inertias are off by 3 %, estimated without a
+prior of the arm, with one (``arm``), and with a run without load (``empty``).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _VARIED = 0.5, 1.5  # shares of the friction
 
 
 def run(robot: str, seed: int, off: float, *settings: str) -> pa.Rollout:
-    """Return a run with noise and friction of a seed, and an arm of its last three digits."""
+    """Return a run with noise and friction from a seed, and an arm from its last three digits."""
     path = HERE.parent / "robots" / robot / "excited_load.toml"
     tables = Scenario.read(path).tables
     rng, arm = np.random.default_rng(seed), np.random.default_rng(seed % 1000)
@@ -48,14 +48,14 @@ def run(robot: str, seed: int, off: float, *settings: str) -> pa.Rollout:
     return Scenario.read(path, [*varied, *settings]).run(progress=False)
 
 
-def missed(load: pa.PayloadEstimate, mass: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return by how much mass [g] and centre [mm] are off, and what they are known to."""
+def errors(load: pa.PayloadEstimate, mass: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the errors of mass [g] and centre [mm], and their uncertainties."""
     off = np.array([1e3 * (load.mass - mass), *(1e3 * load.com - COM)])
     return off, np.array([1e3 * load.mass_known_to, *(1e3 * load.com_known_to)])
 
 
 def row(name: str, found: list[tuple[np.ndarray, np.ndarray]]) -> dict[str, Any]:
-    """Return rms errors, the median uncertainty, and how often twice that holds the truth."""
+    """Return rms errors, the median uncertainty, and the share of errors within twice that."""
     off, known = (np.array(part) for part in zip(*found, strict=True))
     return {
         "name": name,
@@ -67,19 +67,19 @@ def row(name: str, found: list[tuple[np.ndarray, np.ndarray]]) -> dict[str, Any]
 
 
 def measure(robot: str, seeds: int, arms: int) -> list[dict[str, Any]]:
-    """Return a row for each of the arms and what the estimate knows of them."""
+    """Return a row for the arm as described, and for each option with arms that are not."""
     mass, cases = ROBOTS[robot], defaultdict(list)
     for seed in range(seeds):
-        cases["as described"].append(missed(run(robot, seed, 0.0).payload(refined=True), mass))
+        cases["as described"].append(errors(run(robot, seed, 0.0).payload(refined=True), mass))
     for seed in range(arms):
         loaded = run(robot, seed, OFF)
         empty = run(robot, 1000 + seed, OFF, "truth.payload={mass=0.0}")
         for name, known in (
-            ("off, untold", {}),
-            ("off, told", {"arm": OFF}),
-            ("off, shown empty", {"arm": OFF, "empty": empty}),
+            ("off, no prior", {}),
+            ("off, arm", {"arm": OFF}),
+            ("off, arm and empty", {"arm": OFF, "empty": empty}),
         ):
-            cases[name].append(missed(loaded.payload(refined=True, **known), mass))
+            cases[name].append(errors(loaded.payload(refined=True, **known), mass))
     return [row(f"{robot}, {name}", found) for name, found in cases.items()]
 
 
@@ -94,7 +94,7 @@ def main() -> None:
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
         coming = [pool.submit(measure, robot, options.seeds, options.arms) for robot in ROBOTS]
         rows = [each for future in coming for each in future.result()]
-    print("mass [g] and centre x, y, z [mm]: rms error, known to, share within twice that")
+    print("mass [g] and centre x, y, z [mm]: rms error, uncertainty, share within twice that")
     for each in rows:
         parts = (each[key] for key in ("rms_g_mm", "known_to_g_mm", "within_two"))
         cells = ["  ".join(f"{number:7.3g}" for number in part) for part in parts]

@@ -306,7 +306,7 @@ def pictures_of(found: IdentifiedModel) -> Pictures:
             found.described.joint_names,
             windows.t,
             windows.tau,
-            {"described": windows.tau - before, "learned before": windows.tau - after},
+            {"described": windows.tau - before, "identified": windows.tau - after},
             found.split,
         )
         return Pictures(torque, parameter_figure(online, "dashed: whole log"))
