@@ -1,4 +1,4 @@
-"""What the command line refuses before anything runs."""
+"""Arguments that the command line refuses before anything runs."""
 
 import json
 

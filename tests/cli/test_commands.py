@@ -125,7 +125,7 @@ def test_the_summary_agrees_with_the_arrays(finished):
     assert np.isclose(summary["tau_max"], np.abs(arrays["tau"]).max())
 
 
-def test_the_table_is_printed_and_the_folder_told(tmp_path, capsys):
+def test_the_table_and_the_output_folder_are_printed(tmp_path, capsys):
     assert run(PLANAR, tmp_path, "simulation.duration=0.01") == 0
     out = capsys.readouterr().out
     assert out.startswith("Planar arm of Wang and Xie (2009)\n")

@@ -1,4 +1,4 @@
-"""``pinadapt init``: the scenario it writes runs as it is, and says what was chosen."""
+"""``pinadapt init``: its scenario runs without changes and reports the choices."""
 
 from pathlib import Path
 
@@ -96,7 +96,7 @@ def test_the_gains_in_the_comments_are_the_ones_in_use(tmp_path):
     [["ur10"], ["xarm7"], ["kinova", "--task", "pose"]],
     ids=lambda words: words[0],
 )
-def test_an_arm_with_a_light_wrist_holds_a_load_that_it_does_not_believe_in(arguments, tmp_path):
+def test_an_arm_with_a_light_wrist_holds_an_unmodelled_load(arguments, tmp_path):
     file = written(tmp_path, *arguments)
     tables = read_toml(file)
     assert tables["controller"]["law"] == "separation" and "belief" not in tables
@@ -137,7 +137,7 @@ def floating(folder):
     return path
 
 
-def test_a_floating_base_is_welded_and_said_so(tmp_path):
+def test_a_floating_base_is_fixed_and_reported(tmp_path):
     file = written(tmp_path, floating(tmp_path))
     assert read_toml(file)["robot"]["weld_root"] is True
     assert "The base floats" in file.read_text()
@@ -218,7 +218,7 @@ def test_links_behind_mimic_joints_are_no_ends():
 
 
 @pytest.mark.parametrize("law", [name for name, law in pa.LAWS.items() if law.set_point])
-def test_a_law_for_a_set_point_is_written_with_one_that_it_reaches(tmp_path, law):
+def test_a_set_point_law_gets_a_reachable_set_point(tmp_path, law):
     file = written(tmp_path, "scara", "--law", law)
     tables = read_toml(file)
     assert tables["controller"]["law"] == law and tables["reference"]["kind"] == "waypoints"

@@ -1,4 +1,4 @@
-"""Ctrl-C and its kin: what ran is kept, the status is 130, and nothing goes on running."""
+"""Interrupts by Ctrl-C or signals: results are kept, the status is 130, no process remains."""
 
 import json
 import os
@@ -109,7 +109,7 @@ def test_an_interrupt_while_outputs_are_written_keeps_the_rollout(tmp_path, monk
     assert {path.name for path in tmp_path.iterdir()} == {"rollout.npz", "summary.json"}
 
 
-def test_what_was_recorded_is_safe_before_it_is_evaluated(tmp_path, monkeypatch):
+def test_records_are_saved_before_they_are_evaluated(tmp_path, monkeypatch):
     def stop(_):
         raise KeyboardInterrupt
 
@@ -119,7 +119,7 @@ def test_what_was_recorded_is_safe_before_it_is_evaluated(tmp_path, monkeypatch)
 
 
 @pytest.mark.usefixtures("blank_pictures")
-def test_an_interrupted_comparison_has_the_laws_that_ran(tmp_path, monkeypatch, capsys):
+def test_an_interrupted_comparison_keeps_the_laws_that_ran(tmp_path, monkeypatch, capsys):
     laws = ["resolved-acceleration", "adaptive-jacobian", "adaptive-inverse-dynamics"]
     arguments = ["compare", PLANAR, "--out", str(tmp_path), "--set", "simulation.duration=0.1"]
     assert main([*arguments, "--laws", laws[-1]]) == 0
@@ -134,7 +134,7 @@ def test_an_interrupted_comparison_has_the_laws_that_ran(tmp_path, monkeypatch, 
 
 
 @pytest.mark.usefixtures("blank_pictures")
-def test_an_interrupted_demo_has_what_ran(tmp_path, monkeypatch, capsys):
+def test_an_interrupted_demo_keeps_what_ran(tmp_path, monkeypatch, capsys):
     stop_run(monkeypatch, 1)
     assert main(["demo", "--out", str(tmp_path)]) == 130
     assert "interrupted at 0.049 s" in capsys.readouterr().out
@@ -142,7 +142,7 @@ def test_an_interrupted_demo_has_what_ran(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.usefixtures("blank_pictures")
-def test_a_run_beside_the_unadapted_one_stops_at_either(tmp_path, monkeypatch):
+def test_an_interrupt_stops_the_adapted_and_the_unadapted_run(tmp_path, monkeypatch):
     stop_run(monkeypatch, 1)
     arguments = ["run", PLANAR, "--unadapted", "--no-html", "--out", str(tmp_path), *SETTINGS]
     assert main(arguments) == 130
@@ -158,7 +158,7 @@ def test_an_interrupt_before_anything_ran_is_130_too(tmp_path, monkeypatch, caps
     assert capsys.readouterr().err == "pinadapt: interrupted.\n" and not list(tmp_path.iterdir())
 
 
-def test_signals_are_given_back():
+def test_signal_handlers_are_restored():
     before = signal.getsignal(signal.SIGTERM)
     with pytest.raises(KeyboardInterrupt), stopped_by_signals():
         os.kill(os.getpid(), signal.SIGTERM)

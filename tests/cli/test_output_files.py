@@ -1,4 +1,4 @@
-"""Outputs: of one run only and whole, whatever ends the writing; refused before the run."""
+"""Output files: complete and of one run, however writing ends; refused before the run."""
 
 import errno
 import json
@@ -197,7 +197,7 @@ def test_init_refuses_a_place_that_cannot_be_written(tmp_path, capsys):
     assert "cannot be written" in capsys.readouterr().err
 
 
-def test_looking_whether_a_folder_can_be_written_leaves_nothing(tmp_path):
+def test_checking_a_folder_leaves_no_files(tmp_path):
     check_writable(tmp_path / "new")
     assert not list(tmp_path.iterdir())
     (tmp_path / "summary.json").mkdir()
@@ -253,7 +253,7 @@ def test_a_full_disk_sends_the_rollout_elsewhere(tmp_path, capsys, monkeypatch):
 # --- signs ---
 
 
-def test_a_pipe_that_knows_ascii_gets_what_it_can_show_and_no_progress_bar(tmp_path):
+def test_an_ascii_pipe_gets_printable_text_and_no_progress_bar(tmp_path):
     environment = {
         **os.environ,
         "PYTHONPATH": str(Path(pa.__file__).parents[1]),

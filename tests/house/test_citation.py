@@ -63,7 +63,7 @@ def test_an_adaptation_is_cited_where_it_is_used():
     assert "LeeKwonPark2018" not in pa.citation(controller("separation", adaptation="gradient"))
 
 
-def test_what_is_wrapped_around_an_adaptation_is_cited_with_it():
+def test_wrappers_of_an_adaptation_are_cited_with_it():
     plain, noisy = (pa.citation(controller("separation", encoder=e)) for e in (0.0, 1e-4))
     assert "IoannouKokotovic1984" not in plain  # the leak
     assert {"IoannouKokotovic1984", "LeeKwonPark2018"} < set(entries(noisy))
@@ -141,7 +141,7 @@ def test_entries_of_any_layout_are_read():
 
 
 @pytest.mark.parametrize("thing", ["separation", None, np.zeros(3)])
-def test_what_is_no_controller_is_refused(thing):
+def test_only_controllers_can_be_cited(thing):
     with pytest.raises(pa.InputError, match="expected a Controller"):
         pa.citation(thing)
 

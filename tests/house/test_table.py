@@ -3,7 +3,7 @@
 from pinadapt._table import Sheet, Table, columns, number
 
 
-def test_numbers_are_flush_right_and_words_left():
+def test_numbers_are_right_aligned_and_words_left_aligned():
     rows = [["a [x]", "1.0", "ok"], ["bb", "10.25", "diverged: no\tmore"]]
     header, rule, *lines = columns(("run", "error [mm]", "verdict"), rows).splitlines()
     assert set(rule) == {"-"} and len(rule) >= len(header)

@@ -1,4 +1,4 @@
-"""Scenario files: what they may say, what they mean, and how they are refused."""
+"""Scenario files: allowed keys, their meaning, and errors."""
 
 import numpy as np
 import pinocchio as pin
@@ -390,7 +390,7 @@ def test_a_wrong_value_names_its_dotted_key(setting, key):
         ("simulation.engine=pinochio", "pinocchio"),
     ],
 )
-def test_a_misspelt_word_is_told_the_nearest(setting, suggestion):
+def test_a_misspelt_word_gets_a_suggestion(setting, suggestion):
     with pytest.raises(pa.InputError, match=f"Did you mean '{suggestion}'"):
         planar(setting)
 
@@ -405,7 +405,7 @@ def test_a_misspelt_word_is_told_the_nearest(setting, suggestion):
         ("controller.law=adaptive-jacobean", "controller.law", "adaptive-jacobian"),
     ],
 )
-def test_what_does_not_exist_or_fit_is_refused_and_the_alternatives_named(setting, key, allowed):
+def test_unusable_values_are_refused_with_the_alternatives(setting, key, allowed):
     with pytest.raises(pa.InputError) as error:
         planar(setting)
     assert key in str(error.value)

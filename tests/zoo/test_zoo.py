@@ -1,4 +1,4 @@
-"""The zoo: cases as stated, chains that converge untuned, and verdicts that name what failed."""
+"""The zoo: cases as documented, robots that converge with default gains, and verdicts."""
 
 import json
 import os
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize("name", ["ur5", "solo8_fl_leg", "allegro_left_thumb", "scara"])
-def test_a_case_is_wrong_as_stated(name):
+def test_a_case_has_the_stated_model_errors(name):
     case, robot = zoo_case(name), pa.load(name)
     placements = [r.model.frames[r.frame_id].placement for r in (case.true, robot)]
     np.testing.assert_allclose(
@@ -60,7 +60,7 @@ def test_a_chain_converges_under_the_default_law():
     assert row.task == "position" and row.adapted_angle is None
 
 
-def test_a_pose_goes_round_with_the_tool_swinging_and_its_angles_are_told():
+def test_a_pose_case_converges_and_reports_orientation_errors():
     case = zoo_case("ur5", task="pose")
     start, later = (case.motion.at(t).x_d for t in (0.0, 0.25 * case.period))
     np.testing.assert_allclose(start, case.true.position(case.true.q0), atol=1e-12)
@@ -71,20 +71,20 @@ def test_a_pose_goes_round_with_the_tool_swinging_and_its_angles_are_told():
     assert "[deg]" not in zoo_table([ZooRow("ur5")])
 
 
-def test_only_chains_that_can_have_a_pose_are_asked_for_one():
+def test_pose_cases_need_six_joints():
     names = zoo_names("pose")
     assert "panda" in names and "scara" not in names and set(names) < set(zoo_names())
     row = zoo_row("scara", "separation", task="pose")
     assert row.verdict.startswith("refused: ") and row.task == "pose"
 
 
-def test_efforts_that_do_not_hold_the_arm_are_not_those_of_its_motors():
+def test_effort_limits_too_small_for_gravity_are_ignored():
     """Springs hold up PR2's arms."""
     assert not zoo_case("pr2_right_arm").bears_itself
     assert zoo_case("panda").bears_itself
 
 
-def test_without_adaptation_the_end_of_a_shorter_run_is_that_of_the_whole():
+def test_without_adaptation_a_shorter_run_ends_like_the_whole():
     """Whole turns are left out, so that the last of both runs is the same part of a turn."""
     case = zoo_case("so101")
     left_out = (case.duration - case.repeating) / case.period
@@ -122,7 +122,7 @@ def test_a_wrist_that_spins_away_is_named():
     )
 
 
-def test_a_chain_of_which_no_hypothesis_failed_says_how_far_it_came(monkeypatch):
+def test_without_a_failed_hypothesis_the_verdict_reports_progress(monkeypatch):
     monkeypatch.setattr("pinadapt.zoo.remarks.ACCURATE", 1e-9)
     monkeypatch.setattr("pinadapt.zoo.case._LEAST_DURATION", 2.0)
     assert "no hypothesis failed within" in zoo_row("finger_edu", "adaptive-jacobian").verdict
@@ -140,7 +140,7 @@ def test_the_command_writes_rows_in_order_and_refuses_unknown_robots(tmp_path, c
     assert "Did you mean 'panda'" in capsys.readouterr().err
 
 
-def test_what_cannot_run_is_a_row(monkeypatch):
+def test_a_robot_that_cannot_run_is_a_row_with_the_reason(monkeypatch):
     def refuse(*arguments, **words):
         raise pa.RobotError("no circle will do.")
 
