@@ -21,11 +21,13 @@ def test_undeclared_prefixes_are_part_of_the_name(tmp_path):
 
 def test_missing_limits_mean_no_limit(tmp_path):
     first = re.search(r"<limit [^>]*/>", ARM4.read_text()).group()
-    with pytest.warns(UserWarning, match=r"no limit is stated: joint1 \(effort, velocity\)"):
+    with pytest.warns(
+        UserWarning, match=r"no limit is stated, taken as unlimited: joint1 \(effort, velocity\)"
+    ):
         robot = pa.load(arm4(tmp_path, (first, '<limit lower="-1" upper="1"/>')))
     assert np.isinf(effort_limits(robot.model)[0]) and np.isinf(velocity_limits(robot.model)[0])
     assert robot.model.upperPositionLimit[0] == 1.0
-    with pytest.warns(UserWarning, match="no limit is stated: joint1"):
+    with pytest.warns(UserWarning, match="no limit is stated, taken as unlimited: joint1"):
         free = pa.load(arm4(tmp_path, (first, "")))
     assert free.joint_names == robot.joint_names
 

@@ -126,7 +126,7 @@ def test_a_scenario_compensates_the_description_without_the_believed_load(tmp_pa
     ("given", "words"),
     [
         ("nominl", "Did you mean 'nominal'"),
-        (3.0, "callable"),
+        (3.0, "function"),
         (lambda q: np.zeros(3), "returns 6 torques"),
         (lambda q: np.full(6, np.nan), "returns 6 torques"),
         (lambda q: None, "returns 6 torques"),

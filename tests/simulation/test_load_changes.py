@@ -466,7 +466,7 @@ def test_changes_add_up_in_order_of_time_and_replace_whole_keys():
         ("truth.change=[{ at = 2.0 }, { at = 2.0 }]", "truth.change.1.at: there is another"),
         (
             "truth.change=[{ at = 2.0, inertial_scale = { joint1 = 2.0 } }]",
-            r"truth.change.0.inertial_scale: the chain has no joint.*'panda_joint1'",
+            r"truth.change.0.inertial_scale: there is no joint.*'panda_joint1'",
         ),
         (
             "truth.change=[{ at = 2.0, payload = { mass = 0.0, inertia = [1, 0, 1, 0, 0, 1] } }]",

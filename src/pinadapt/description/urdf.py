@@ -255,7 +255,7 @@ def _fill_limits(root: ElementTree.Element) -> list[str]:
             limit.attrib.update(dict.fromkeys(missing, "0"))
             open_joints.append(f"{joint.get('name', '')} ({', '.join(missing)})")
     return (
-        [f"taken as unlimited, no limit is stated: {', '.join(open_joints)}"] if open_joints else []
+        [f"no limit is stated, taken as unlimited: {', '.join(open_joints)}"] if open_joints else []
     )
 
 

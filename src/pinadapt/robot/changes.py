@@ -48,10 +48,10 @@ class Payload:
 
 
 def joint_id(model: pin.Model, name: str, where: str, words: Sequence[str] = ()) -> int:
-    """Return the index of a joint of the chain, given its name.
+    """Return the index of a joint, given its name.
 
     Args:
-        model: of the chain.
+        model: Pinocchio model.
         name: of the joint.
         where: the argument that is checked, for the message.
         words: other values that this argument may have, for the message.
@@ -64,7 +64,7 @@ def joint_id(model: pin.Model, name: str, where: str, words: Sequence[str] = ())
         also = f", or {list(words)}" if words else ""
         guess = did_you_mean(name, [*words, *names])
         raise RobotError(
-            f"the chain has no joint '{name}'; expected one of {names}{also}.{guess}", where=where
+            f"there is no joint '{name}'; expected one of {names}{also}.{guess}", where=where
         )
     return names.index(name) + 1
 

@@ -106,13 +106,13 @@ def compensation_of(robot: Robot, given: Compensation | str | None) -> Compensat
     if isinstance(given, str):
         if given != NOMINAL:
             raise InputError(
-                f"expected '{NOMINAL}' or a callable, got {given!r}."
+                f"expected '{NOMINAL}' or a function, got {given!r}."
                 f"{did_you_mean(given, [NOMINAL])}",
                 where="compensated",
             )
         return Gravity(robot)
     if not callable(given):
-        raise InputError(f"expected '{NOMINAL}' or a callable, got {given!r}.", where="compensated")
+        raise InputError(f"expected '{NOMINAL}' or a function, got {given!r}.", where="compensated")
     home = np.asarray(given(robot.q0.copy()))
     n = robot.model.nv
     if home.shape != (n,) or home.dtype.kind not in "fiu" or not np.isfinite(home).all():

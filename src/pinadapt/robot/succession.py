@@ -90,19 +90,25 @@ def check_successor(before: Robot, after: Robot, where: str) -> None:
     """
     if not isinstance(after, Robot):
         raise RobotError(f"expected a Robot, got {after!r}.", where=where)
-    ours, theirs = _chain(before), _chain(after)
-    if ours != theirs:
-        raise RobotError(
-            "joints, joint types, frame and task cannot change during a motion; they are "
-            f"{ours} before and {theirs} after.",
-            where=where,
-            hint="Derive both robots from the same load() with .changed().",
-        )
+    ours, theirs = _structure(before), _structure(after)
+    for part in ours:
+        if ours[part] != theirs[part]:
+            raise RobotError(
+                f"{part} cannot change during a motion; before: {ours[part]}, after: "
+                f"{theirs[part]}.",
+                where=where,
+                hint="Derive both robots from the same load() with .changed().",
+            )
 
 
-def _chain(robot: Robot) -> tuple[Any, ...]:
-    kinds = [joint.shortname() for joint in robot.model.joints[1:]]
-    return robot.joint_names, kinds, robot.frame, robot.task.name
+def _structure(robot: Robot) -> dict[str, Any]:
+    """Return what a robot keeps during a motion."""
+    return {
+        "the joints": robot.joint_names,
+        "the joint types": [joint.shortname() for joint in robot.model.joints[1:]],
+        "the task frame": robot.frame,
+        "the task": robot.task.name,
+    }
 
 
 def difference(before: Robot, after: Robot) -> str:
