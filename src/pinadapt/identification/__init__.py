@@ -1,4 +1,4 @@
-"""Robots learned from recorded motions, without control."""
+"""Identification of robots from recorded motions, without control."""
 
 from .identification import Identification as Identification
 from .identification import identify as identify

@@ -1,4 +1,4 @@
-"""Recorded motions: files of several formats become one kind of log."""
+"""Recorded motions: every file format is read into one kind of log."""
 
 from .log import Log as Log
 from .read import FORMATS as FORMATS
