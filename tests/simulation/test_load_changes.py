@@ -407,7 +407,7 @@ def test_untold_the_panda_is_back_within_a_fifth_of_a_second():
 
 def test_told_it_stays_within_a_fifth_of_a_millimetre():
     for transient, untold in zip(ran(TOLD).transients, ran().transients, strict=True):
-        assert transient.what == f"{untold.what}, told"
+        assert transient.what == f"{untold.what}, announced"
         assert transient.worst < 0.2e-3 < untold.worst and transient.back == 0.0
 
 
@@ -495,7 +495,10 @@ def test_a_belief_that_the_parameters_cannot_express_is_refused_before_the_run()
 def test_plots_mark_the_changes_and_step_the_truth():
     rollout = ran(TOLD)
     for axes in (error_figure(rollout).axes, parameter_figure(rollout).axes):
-        assert [text.get_text() for text in axes[0].texts] == ["-1.5 kg, told", "+3 kg, told"]
+        assert [text.get_text() for text in axes[0].texts] == [
+            "-1.5 kg, announced",
+            "+3 kg, announced",
+        ]
         for ax in axes:
             marks = [line.get_xdata()[0] for line in ax.lines if line.get_linestyle() == ":"]
             assert marks == [3.0, 5.0]
