@@ -74,7 +74,12 @@ def figures(run: Run) -> dict[str, Any]:
         warnings.simplefilter("ignore")  # of a light joint, and of unphysical starts
         try:
             rollout = pa.simulate(
-                at.true, controller, path, duration=run.duration, dt=_DT, **at.sensors
+                at.true,
+                controller,
+                path,
+                duration=run.duration,
+                sensors=at.sensors,
+                engine=pa.Engine(dt=_DT),
             )
         except pa.MeasurementError:  # joints spin far beyond what they can
             return known | dict.fromkeys(FIGURES)

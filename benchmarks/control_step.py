@@ -26,31 +26,33 @@ from .timing import HERE, in_turn, save, saved
 
 PLANAR = HERE.parent / "robots" / "planar_2r"
 LAW, DEFAULT = "adaptive-inverse-dynamics", "separation"
-CASES: dict[str, tuple[str, str, str]] = {  # robot, law, unknown coefficients of the joints
-    "planar_2r": ("planar_2r", LAW, "none"),
-    "ur5": ("ur5", LAW, "none"),
-    "panda": ("panda", LAW, "none"),
-    "panda_separation": ("panda", DEFAULT, "none"),
-    "panda_separation_joints": ("panda", DEFAULT, "all"),
+CASES: dict[str, tuple[str, str, bool]] = {  # robot, law, whether friction and rotors are unknown
+    "planar_2r": ("planar_2r", LAW, False),
+    "ur5": ("ur5", LAW, False),
+    "panda": ("panda", LAW, False),
+    "panda_separation": ("panda", DEFAULT, False),
+    "panda_separation_joints": ("panda", DEFAULT, True),
 }
 ROUNDS = 3000
 Call = Callable[[], object]
 
 
-def controller(name: str, law: str = LAW, joint: str = "none") -> tuple[pa.Robot, pa.Controller]:
+def controller(name: str, law: str = LAW, joints: bool = False) -> tuple[pa.Robot, pa.Controller]:
     """Return a robot and its controller: tool and bodies unknown, the planar arm in a basis."""
     robot = pa.load(name)
     if name != "planar_2r":
         return robot, pa.make_controller(
-            robot, law=law, kinematic=["tool"], dynamic="all", joint=joint
+            robot, law=law, unknown=pa.Unknown(tool=True, friction=joints, armature=joints)
         )
     basis = np.loadtxt(PLANAR / "basis.csv", delimiter=",")
     return robot, pa.make_controller(
         robot,
         law=law,
-        kinematic=["lengths"],
-        basis=basis,
-        lmi=pa.MatrixInequality.from_file(PLANAR / "lmi.csv"),
+        unknown=pa.Unknown(
+            lengths=True,
+            basis=basis,
+            lmi=pa.adaptation.MatrixInequality.from_file(PLANAR / "lmi.csv"),
+        ),
     )
 
 
@@ -131,10 +133,10 @@ def run(calls: list[Call]) -> Callable[[], None]:
 def measure(name: str) -> dict[str, Any]:
     """Return the figures of one case."""
     robot, control = controller(*CASES[name])
-    plant, rng = pa.PinocchioPlant(robot), np.random.default_rng(0)
+    plant, rng = pa.plants.PinocchioPlant(robot), np.random.default_rng(0)
     v = 0.3 * rng.standard_normal(plant.nv)
     measurement = plant.measurement(robot.q0, v)
-    circle = pa.Circle(np.zeros(robot.task.size), 0.1, 3.0)
+    circle = pa.trajectories.Circle(np.zeros(robot.task.size), 0.1, 3.0)
     desired = circle.starting_at(robot.position(robot.q0)).at(0.1)
     state = control.step(control.init(measurement), measurement, desired, 1e-3)[1]
     calls = floor_calls(robot, robot.q0, v, control.law.name)

@@ -58,8 +58,8 @@ def measure(n: int) -> dict[str, Any]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of the sampling period; a short run is enough here
         controller = pa.make_controller(robot.changed(inertial_scale=0.9))
-    hold = pa.Hold(robot.position(robot.q0))
-    loop = Loop(pa.PinocchioPlant(robot), controller, hold)
+    hold = pa.trajectories.Hold(robot.position(robot.q0))
+    loop = Loop(pa.plants.PinocchioPlant(robot), controller, hold)
     calls = {
         "aba": lambda: pin.aba(model, data, robot.q0, v, v),
         "regressor": lambda: pin.computeJointTorqueRegressor(model, data, robot.q0, v, v),

@@ -48,7 +48,7 @@ def run(robot: str, seed: int, off: float, *settings: str) -> pa.Rollout:
     return Scenario.read(path, [*varied, *settings]).run(progress=False)
 
 
-def errors(load: pa.PayloadEstimate, mass: float) -> tuple[np.ndarray, np.ndarray]:
+def errors(load: pa.information.PayloadEstimate, mass: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the errors of mass [g] and centre [mm], and their uncertainties."""
     off = np.array([1e3 * (load.mass - mass), *(1e3 * load.com - COM)])
     return off, np.array([1e3 * load.mass_known_to, *(1e3 * load.com_known_to)])

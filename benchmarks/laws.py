@@ -25,7 +25,7 @@ from pinadapt.scenario.scenario import Scenario
 from .simulated_sample import SCENARIO
 from .timing import HERE, in_turn, repeated, save
 
-CAMERA = {"rate": 30.0, "delay": 0.06}
+CAMERA = pa.Camera(rate=30.0, delay=0.06)
 DURATION = 10.0  # [s]
 ROUNDS, CALLS = 3000, 16
 UNDISTURBED = 0.1  # quantile of times that other processes have no part in
@@ -37,30 +37,31 @@ class Case:
 
     def __init__(self, law: str, scenario: Scenario) -> None:
         """Take the law and the scenario whose robots it moves."""
-        self.law, self.joints = law, pa.LAWS[law].joint_space
+        self.law, self.joints = law, pa.laws.LAWS[law].joint_space
         robots = scenario.true, scenario.believed
         self.true, self.believed = map(in_joint_space, robots) if self.joints else robots
-        self.path: pa.Trajectory = scenario.trajectory
+        self.path: pa.trajectories.Trajectory = scenario.trajectory
         if self.joints:
-            self.path = pa.Sinusoid(self.true.home_angles + SWING, SWING, PERIOD)
-        elif pa.LAWS[law].set_point:
-            assert isinstance(self.path, pa.Circle)
-            self.path = pa.Hold(self.path.at(0.5 * self.path.period).x_d)
+            self.path = pa.trajectories.Sinusoid(self.true.home_angles + SWING, SWING, PERIOD)
+        elif pa.laws.LAWS[law].set_point:
+            assert isinstance(self.path, pa.trajectories.Circle)
+            self.path = pa.trajectories.Hold(self.path.at(0.5 * self.path.period).x_d)
 
-    def controller(self, **sensors: Any) -> pa.Controller:
+    def controller(self, sensors: pa.Sensors | None = None) -> pa.Controller:
         """Return a controller with default gains."""
-        return pa.make_controller(self.believed, law=self.law, joint="all", **sensors)
+        unknown = pa.Unknown(friction=True, armature=True)
+        return pa.make_controller(self.believed, law=self.law, unknown=unknown, sensors=sensors)
 
-    def error(self, **sensors: Any) -> float | None:
+    def error(self, sensors: pa.Sensors | None = None) -> float | None:
         """Return the largest error of the last tenth [m or rad], None for a loop that is lost."""
-        controller = self.controller(**sensors)
-        rollout = pa.simulate(self.true, controller, self.path, duration=DURATION, **sensors)
+        controller = self.controller(sensors)
+        rollout = pa.simulate(self.true, controller, self.path, duration=DURATION)
         return None if rollout.diverged else float(rollout.summary()["max_error_last"])
 
     def cost(self) -> float:
         """Return the time of a step in bare calls of ``pin.aba``."""
         model, data, rest = self.true.model, self.true.model.createData(), np.zeros(7)
-        controller, plant = self.controller(), pa.PinocchioPlant(self.true)
+        controller, plant = self.controller(), pa.plants.PinocchioPlant(self.true)
         measurement, desired = plant.measurement(self.true.q0, rest + 0.1), self.path.at(0.1)
         state = controller.step(controller.init(measurement), measurement, desired, 1e-3)[1]
         times = in_turn(
@@ -87,7 +88,7 @@ def measure(law: str, scenario: Scenario) -> dict[str, Any]:
         "name": law,
         "unit": "rad" if case.joints else "m",
         "error": case.error(),
-        "error_camera": None if case.joints else case.error(camera=CAMERA),
+        "error_camera": None if case.joints else case.error(pa.Sensors(CAMERA)),
         "step_ratio": case.cost(),
     }
 
@@ -98,7 +99,7 @@ def main() -> None:
     parser.add_argument("--save", type=Path, default=HERE / "laws.json")
     path, scenario = parser.parse_args().save, Scenario.read(SCENARIO)
     rows = []
-    for law in pa.LAWS:
+    for law in pa.laws.LAWS:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of light joints: the table says what comes of them
             row = measure(law, scenario)

@@ -46,7 +46,7 @@ FRICTION = 0.02  # of the motors' efforts
 LATE = 6  # samples
 
 
-class LateMotors(pa.PinocchioPlant):
+class LateMotors(pa.plants.PinocchioPlant):
     """Motors that give each torque some samples after they were asked for it."""
 
     def reset(self) -> None:
@@ -65,13 +65,13 @@ class Disturbance:
     """What is wrong with a loop.
 
     Attributes:
-        sensors: of the simulation.
+        sensors: of the simulation, for which the controller was not made.
         friction: of the real joints, of their efforts.
         engine: what moves the robot.
         options: of the controller.
     """
 
-    sensors: dict[str, Any] = field(default_factory=dict)
+    sensors: pa.Sensors = field(default_factory=pa.Sensors)
     friction: float = 0.0
     engine: Any = "pinocchio"
     options: dict[str, Any] = field(default_factory=dict)
@@ -79,12 +79,12 @@ class Disturbance:
 
 DISTURBANCES = {
     "nothing": Disturbance(),
-    "noise": Disturbance({"encoder": 2.0 * math.pi / 2**17}),
+    "noise": Disturbance(pa.Sensors(encoder=2.0 * math.pi / 2**17)),
     "late motors": Disturbance(engine=LateMotors),
     "friction": Disturbance(friction=FRICTION),
-    "elastic joints": Disturbance(engine=pa.JointElasticity(5e3)),
+    "elastic joints": Disturbance(engine=pa.plants.JointElasticity(5e3)),
     "noise, law (11), gradient": Disturbance(
-        {"encoder": 2.0 * math.pi / 2**17},
+        pa.Sensors(encoder=2.0 * math.pi / 2**17),
         options={"law": "adaptive-inverse-dynamics", "adaptation": "gradient"},
     ),
 }
@@ -100,12 +100,12 @@ def measure(name: str, disturbed: str, modified: str, duration: float) -> dict[s
     true = robot.changed(payload=load, tool_translation=[0.03, -0.02, 0.08])
     efforts = case.friction * robot.model.upperEffortLimit
     true = true.changed(coulomb=efforts, viscous=0.5 * efforts)
-    path = pa.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(true.position(true.q0))
+    path = pa.trajectories.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(true.position(true.q0))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of noise that the controller was not made for
         controller = pa.make_controller(
             robot.changed(inertial_scale=0.8),
-            joint="none",
+            unknown=pa.Unknown(friction=False, armature=False),
             modifications=MODIFICATIONS[modified],
             **case.options | ({"adaptation": "none"} if modified == UNADAPTED else {}),
         )
@@ -115,8 +115,8 @@ def measure(name: str, disturbed: str, modified: str, duration: float) -> dict[s
             path,
             duration=duration,
             engine=case.engine,
+            sensors=case.sensors,
             record_every=5,
-            **case.sensors,
         )
     last = rollout.t > 0.9 * duration
     lost = rollout.diverged is not None

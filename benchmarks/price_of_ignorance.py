@@ -38,7 +38,7 @@ TOOL = (0.03, -0.02, 0.12)  # [m]
 CENTRE = (0.02, -0.01, 0.05)  # [m]
 TURNING = (0.01, 0.0, 0.012, 0.0, 0.0, 0.004)  # [kg m^2], of the Panda's load
 LIGHTER = 0.7
-TRACKING = [name for name, law in pa.LAWS.items() if law.adapts and not law.set_point]
+TRACKING = [name for name, law in pa.laws.LAWS.items() if law.adapts and not law.set_point]
 RADIUS, SWING, PERIOD = 0.1, 0.2, 3.0  # [m], [rad], [s]
 
 TRUTH, FITTED = "truth", "natural-memory, tool by least squares"
@@ -69,7 +69,7 @@ class Run:
     @property
     def joints(self) -> bool:
         """Whether the joints themselves follow a motion, and no tool is seen."""
-        return pa.LAWS[self.law].joint_space
+        return pa.laws.LAWS[self.law].joint_space
 
     def robots(self) -> tuple[pa.Robot, pa.Robot]:
         """Return the described robot and the real one."""
@@ -79,11 +79,11 @@ class Run:
         tool: dict[str, Any] = {} if self.joints else {"tool_translation": TOOL}
         return robot, robot.changed(payload=load, **tool)
 
-    def path(self, true: pa.Robot) -> pa.Trajectory:
+    def path(self, true: pa.Robot) -> pa.trajectories.Trajectory:
         """Return the motion, from home."""
         if self.joints:
-            return pa.Sinusoid(true.home_angles + SWING, SWING, PERIOD)
-        circle = pa.Circle(np.zeros(3), RADIUS, PERIOD, "yz")
+            return pa.trajectories.Sinusoid(true.home_angles + SWING, SWING, PERIOD)
+        circle = pa.trajectories.Circle(np.zeros(3), RADIUS, PERIOD, "yz")
         return circle.starting_at(true.position(true.q0))
 
     def errors(self) -> list[float | None]:
@@ -91,7 +91,9 @@ class Run:
         robot, true = self.robots()
         believed = true if self.adaptation == TRUTH else robot.changed(inertial_scale=LIGHTER)
         words = ADAPTATIONS[self.adaptation]
-        controller = pa.make_controller(believed, law=self.law, joint="none", **words)
+        controller = pa.make_controller(
+            believed, law=self.law, unknown=pa.Unknown(friction=False, armature=False), **words
+        )
         rollout = pa.simulate(true, controller, self.path(true), duration=AFTER[-1])
         t, error = rollout.t, rollout.distance
         lost = np.inf if rollout.diverged is None else rollout.diverged

@@ -13,7 +13,7 @@ import math
 import os
 import warnings
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -33,23 +33,23 @@ class Case:
     """Sensors and period of one column.
 
     Attributes:
-        sensors: what controller and simulation are told, by name.
+        sensors: of the robot.
         dt: period [s].
     """
 
-    sensors: dict[str, Any]
+    sensors: pa.Sensors = field(default_factory=pa.Sensors)
     dt: float = 1e-3
 
 
-CAMERA = {"rate": 30.0, "delay": 0.06}
+CAMERA = pa.Camera(rate=30.0, delay=0.06)
 CASES = {
-    "1 kHz": Case({}),
-    "30 Hz 60 ms": Case({"camera": CAMERA}),
-    "10 Hz 100 ms": Case({"camera": {"rate": 10.0, "delay": 0.1}}),
-    "30 Hz 60 ms 1 mm": Case({"camera": CAMERA, "noise": {"x": 1e-3}}),
-    "17 bit": Case({"encoder": 2.0 * math.pi / 2**17}),
-    "14 bit": Case({"encoder": 2.0 * math.pi / 2**14}),
-    "4 ms": Case({}, 4e-3),
+    "1 kHz": Case(),
+    "30 Hz 60 ms": Case(pa.Sensors(CAMERA)),
+    "10 Hz 100 ms": Case(pa.Sensors(pa.Camera(rate=10.0, delay=0.1))),
+    "30 Hz 60 ms 1 mm": Case(pa.Sensors(CAMERA, noise={"x": 1e-3})),
+    "17 bit": Case(pa.Sensors(encoder=2.0 * math.pi / 2**17)),
+    "14 bit": Case(pa.Sensors(encoder=2.0 * math.pi / 2**14)),
+    "4 ms": Case(dt=4e-3),
 }
 
 
@@ -58,16 +58,14 @@ def measure(robot: str, column: str, duration: float) -> dict[str, Any]:
     case, zoo = CASES[column], zoo_case(robot)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # inertias moved into the cone
-        controller = pa.make_controller(zoo.believed, dt=case.dt, **case.sensors)
+        controller = pa.make_controller(zoo.believed, dt=case.dt, sensors=case.sensors)
         rollout = pa.simulate(
             zoo.true,
             controller,
             zoo.motion,
             duration=duration,
-            dt=case.dt,
+            engine=pa.Engine(torque_limits=zoo.bears_itself),
             record_every=10,
-            torque_limits=zoo.bears_itself,
-            **case.sensors,
         )
     last = rollout.distance[rollout.t > 0.9 * duration]
     lost = rollout.diverged is not None

@@ -46,7 +46,7 @@ class Loop:
         self,
         plant: SimulatedPlant,
         controller: pa.Controller,
-        path: pa.Trajectory,
+        path: pa.trajectories.Trajectory,
     ) -> None:
         """Take the loop's parts."""
         self._plant, self._controller = plant, controller
@@ -66,7 +66,7 @@ class Loop:
 
     def rollout(self) -> float:
         """Make the rollout of all blocks; return the time of a block's share [s]."""
-        started, robots = perf_counter(), pa.Succession.of(self._plant.robot)
+        started, robots = perf_counter(), pa.robot.Succession.of(self._plant.robot)
         rollout_of(self.kept, self._plant, self._controller, robots, title="", wall_time=0.0)
         return (perf_counter() - started) * BLOCK / len(self.kept.samples)
 
@@ -99,12 +99,12 @@ def main() -> None:
     free = scenario.true.changed(viscous=0.0, coulomb=0.0)
     rubbing = scenario.true.changed(viscous=0.5, coulomb=0.5)
     plants: dict[str, SimulatedPlant] = {
-        "panda in fresh memory": pa.PinocchioPlant(free),
-        "panda": pa.PinocchioPlant(free),
-        "panda with friction": pa.PinocchioPlant(rubbing),
-        "panda in MuJoCo": pa.MujocoPlant(free),
-        "panda in MuJoCo with friction": pa.MujocoPlant(rubbing),
-        "panda in MuJoCo, implicitfast": pa.MujocoPlant(rubbing, integrator="implicitfast"),
+        "panda in fresh memory": pa.plants.PinocchioPlant(free),
+        "panda": pa.plants.PinocchioPlant(free),
+        "panda with friction": pa.plants.PinocchioPlant(rubbing),
+        "panda in MuJoCo": pa.plants.MujocoPlant(free),
+        "panda in MuJoCo with friction": pa.plants.MujocoPlant(rubbing),
+        "panda in MuJoCo, implicitfast": pa.plants.MujocoPlant(rubbing, integrator="implicitfast"),
     }
     rows = [measure(name, scenario, plant) for name, plant in plants.items()]
     print("in bare aba calls:               step   rest  sample  (was)   aba us")

@@ -18,7 +18,6 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from texttable import Texttable
@@ -28,7 +27,7 @@ import pinadapt as pa
 TOOL = np.array([0.02, -0.02, 0.04])  # of the reach, in the frame's axes
 LOAD, INERTIAS = 0.05, 0.7  # of the mass; factor on what is believed
 TURNS = 4.0
-CAMERA = {"rate": 30.0, "delay": 0.06}
+CAMERA = pa.Camera(rate=30.0, delay=0.06)
 SUFFIXES = (".urdf",)
 
 
@@ -84,13 +83,15 @@ def _run(path: Path, duration: float | None, camera: bool, unadapted: bool) -> R
     believed = robot.changed(inertial_scale=INERTIAS)
     row = Row(path.stem, robot.frame, robot.model.nv, circle.radius, circle.period)
     motion = circle.starting_at(true.position(true.q0))
-    seen: dict[str, Any] = {"camera": CAMERA} if camera else {}
+    sensors = pa.Sensors(CAMERA if camera else None)
 
     def run(adaptation: str) -> tuple[pa.Rollout, float | None]:
         controller = pa.make_controller(
-            believed, kinematic=["tool"], dynamic="all", adaptation=adaptation
+            believed, unknown=pa.Unknown(tool=True), adaptation=adaptation
         )
-        rollout = pa.simulate(true, controller, motion, duration=duration, record_every=10, **seen)
+        rollout = pa.simulate(
+            true, controller, motion, duration=duration, record_every=10, sensors=sensors
+        )
         lost = rollout.diverged is not None
         last = rollout.distance[rollout.t > 0.9 * duration]
         return rollout, None if lost else float(last.max())

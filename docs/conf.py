@@ -8,7 +8,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "docs" / "_ext"))
 
-from pinadapt import __version__  # noqa: E402  (after the path)
+from pinadapt import __version__  # noqa: E402  after the path
 
 project = "pinadapt"
 author = "The pinadapt developers"

@@ -70,16 +70,15 @@ class Shown:
 def simulated(case: ZooCase, adaptation: str) -> pa.Rollout:
     """Return a run of a case."""
     controller = pa.make_controller(
-        case.believed, adaptation=adaptation, torque_limits=case.bears_itself, dt=PERIOD
+        case.believed, adaptation=adaptation, limits=pa.Limits(torque=case.bears_itself), dt=PERIOD
     )
     return pa.simulate(
         case.true,
         controller,
         case.motion,
         duration=DURATION,
-        dt=PERIOD,
+        engine=pa.Engine(torque_limits=case.bears_itself),
         record_every=5,
-        torque_limits=case.bears_itself,
     )
 
 

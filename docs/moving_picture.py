@@ -82,12 +82,12 @@ def rollout() -> pa.Rollout:
     believed = true.changed(link_translation=off, inertial_scale=0.7)
     controller = pa.make_controller(
         believed,
-        kinematic=[f"{joint}:length" for joint in WRONG],
+        unknown=pa.Unknown(tool=False, translations=[f"{joint}:length" for joint in WRONG]),
         adaptation="gradient",
         gamma_k=40.0,
         R_k=0.015,
     )
-    circle = pa.Circle(center=np.zeros(3), radius=0.2, period=3.0, plane="yz")
+    circle = pa.trajectories.Circle(center=np.zeros(3), radius=0.2, period=3.0, plane="yz")
     return pa.simulate(
         true,
         controller,

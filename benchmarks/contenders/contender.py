@@ -56,7 +56,7 @@ def joint_pid(at: Setting, *, k_x: float = 0.0) -> pa.Controller:
 
 def computed_torque(at: Setting, *, share: float = 1.0) -> pa.Controller:
     """Return resolved acceleration with both poles at a share of theirs."""
-    law = pa.ResolvedAcceleration(at.believed.task, _posture(at), **_poles(share * at.w))
+    law = pa.laws.ResolvedAcceleration(at.believed.task, _posture(at), **_poles(share * at.w))
     return _frozen(at, law)
 
 
@@ -64,7 +64,11 @@ def observed_torque(
     at: Setting, *, k_o: float, k_x: float, seen: bool | None = None, carry: bool = False
 ) -> pa.Controller:
     """Return computed torque with observer and integral, on x_hat(q) where the camera is late."""
-    task, posture, seen = at.believed.task, _posture(at), not at.sensors if seen is None else seen
+    task, posture, seen = (
+        at.believed.task,
+        _posture(at),
+        at.sensors.perfect if seen is None else seen,
+    )
     rates = {"k_o": k_o * at.w, "k_x": k_x * at.w}
     law = ObservedTorque(task, posture, **_poles(at.w), believed=at.model, seen=seen, **rates)
     return _frozen(at, law, carry)
@@ -85,12 +89,12 @@ def adapted(at: Setting) -> pa.Controller:
     return at.controller()
 
 
-def _frozen(at: Setting, law: pa.Law, carry: bool = False) -> pa.Controller:
-    return at.controller(law=law, adaptation="none", carry=carry)
+def _frozen(at: Setting, law: pa.laws.Law, carry: bool = False) -> pa.Controller:
+    return at.controller(law=law, adaptation="none", compensate_delay=carry)
 
 
-def _posture(at: Setting) -> pa.Posture:
-    return pa.Posture(at.believed, frequency=0.5 * at.w)
+def _posture(at: Setting) -> pa.laws.Posture:
+    return pa.laws.Posture(at.believed, frequency=0.5 * at.w)
 
 
 def _poles(w: float) -> dict[str, Any]:

@@ -21,7 +21,7 @@ class InverseKinematics:
     def __init__(self, believed: BelievedRobot, w: float) -> None:
         """Take the robot, and the rate w [1/s] at which errors of q_r decay."""
         self._believed, self._w = believed, w
-        self._posture = pa.Posture(believed.robot, frequency=_RETURN * w)
+        self._posture = pa.laws.Posture(believed.robot, frequency=_RETURN * w)
 
     def rate(self, q_r: np.ndarray, x: np.ndarray, xd: np.ndarray) -> np.ndarray:
         """Return qd_r (n) at q_r (n) for a path that is at x (m) and moves at xd (m)."""

@@ -31,7 +31,7 @@ class Integrals(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class JointTracking(pa.Law):
+class JointTracking(pa.laws.Law):
     """tau = g_hat(q) - K_P (q - q_r) - K_D (qd - qd_r) - z, dz/dt = k_j K_P (q - q_r).
 
     q_r follows x_d - shift by the believed kinematics, d(shift)/dt = k_x (x - x_d): without k_x the
@@ -71,29 +71,29 @@ class JointTracking(pa.Law):
         shift = x - self.believed.position(q) if self.k_x else np.zeros(x.size)
         return Integrals(q.copy(), shift, np.zeros(q.size))
 
-    def _reference_velocity(self, s: pa.Signals) -> np.ndarray:
+    def _reference_velocity(self, s: pa.laws.Signals) -> np.ndarray:
         """Return qd_r (n)."""
         q_r, shift, _ = s.filtered
         x_d = s.x - s.dx
         return self._inverse_kinematics.rate(q_r, x_d - shift, s.xd_d - self.k_x * s.dx)
 
-    def _rates(self, s: pa.Signals) -> Integrals:
+    def _rates(self, s: pa.laws.Signals) -> Integrals:
         q_r, _, z = s.filtered
         z_rate = self.k_j * self.K_P * (s.q - q_r)
         full = (np.abs(z) >= self.believed.limits) & (z * z_rate > 0.0)
         return Integrals(self._reference_velocity(s), self.k_x * s.dx, np.where(full, 0.0, z_rate))
 
-    def command(self, s: pa.Signals, model: pa.EstimatedModel) -> pa.Command:
+    def command(self, s: pa.laws.Signals, model: pa.laws.EstimatedModel) -> pa.laws.Command:
         """Return the torque; nothing drives the estimates."""
         q_r, _, z = s.filtered
         feedback = self.K_P * (s.q - q_r) + self.K_D * (s.v - self._reference_velocity(s))
         torque = self.believed.gravity(s.q) - feedback - z
-        return pa.Command(torque, pa.Drives.none(s.a_d.size, s.a_k.size))
+        return pa.laws.Command(torque, pa.adaptation.Drives.none(s.a_d.size, s.a_k.size))
 
-    def storage(self, s: pa.Signals, truth: pa.Truth) -> float:
+    def storage(self, s: pa.laws.Signals, truth: pa.laws.Truth) -> float:
         """Refuse: with a wrong model no V is known."""
         raise NotImplementedError
 
-    def dissipation(self, s: pa.Signals, truth: pa.Truth) -> float:
+    def dissipation(self, s: pa.laws.Signals, truth: pa.laws.Truth) -> float:
         """Refuse: with a wrong model no V is known."""
         raise NotImplementedError

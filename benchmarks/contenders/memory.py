@@ -11,7 +11,7 @@ from pinadapt.models import SensedState
 
 
 @dataclass(frozen=True, eq=False)
-class Memory(pa.Filters):
+class Memory(pa.filters.Filters):
     """Named tuples of arrays that move by Euler's rule.
 
     Attributes:
@@ -20,21 +20,21 @@ class Memory(pa.Filters):
     """
 
     start: Callable[[SensedState], Any]
-    rates: Callable[[pa.Signals], Any]
+    rates: Callable[[pa.laws.Signals], Any]
 
-    def init(self, sensed: SensedState, kinematics: pa.TaskKinematics) -> Any:
+    def init(self, sensed: SensedState, kinematics: pa.models.TaskKinematics) -> Any:
         """Return the memory at the first sample."""
         return self.start(sensed)
 
-    def observe(self, state: Any, sensed: SensedState, kinematics: pa.TaskKinematics) -> Any:
+    def observe(self, state: Any, sensed: SensedState, kinematics: pa.models.TaskKinematics) -> Any:
         """Return the memory itself."""
         return state
 
-    def step(self, state: Any, s: pa.Signals, dt: float) -> Any:
+    def step(self, state: Any, s: pa.laws.Signals, dt: float) -> Any:
         """Return the memory after dt [s]."""
         rates = self.rates(s)
         return type(state)(*(part + dt * rate for part, rate in zip(state, rates, strict=True)))
 
-    def rate(self, state: Any, s: pa.Signals) -> Any:
+    def rate(self, state: Any, s: pa.laws.Signals) -> Any:
         """Return the rates."""
         return self.rates(s)

@@ -28,7 +28,7 @@ class Integrals(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class ObservedTorque(pa.ResolvedAcceleration):
+class ObservedTorque(pa.laws.ResolvedAcceleration):
     """tau = M_hat v + C_hat qd + g_hat - r, r what the momentum tells of a disturbing torque.
 
     r = k_o (M_hat qd - p), dp/dt = tau + C_hat^T qd - g_hat + r, so that dr/dt = k_o (d - r) for
@@ -62,17 +62,17 @@ class ObservedTorque(pa.ResolvedAcceleration):
         offset = np.zeros(x.size) if self.seen else x - self.believed.position(q)
         return Integrals(offset, self.believed.momentum(q, v))
 
-    def disturbance(self, s: pa.Signals) -> np.ndarray:
+    def disturbance(self, s: pa.laws.Signals) -> np.ndarray:
         """Return r (n) [N m or N]."""
         p = s.filtered.momentum
         return self.k_o * (self.believed.momentum(s.q, s.v) - p)
 
-    def _rates(self, s: pa.Signals) -> Integrals:
+    def _rates(self, s: pa.laws.Signals) -> Integrals:
         r = self.disturbance(s)
         known = self.believed.momentum_rate(s.q, s.v)
         return Integrals(self.k_x * s.dx, self._torque(s) + known + r)
 
-    def _torque(self, s: pa.Signals) -> np.ndarray:
+    def _torque(self, s: pa.laws.Signals) -> np.ndarray:
         """Return the torque (n) within the efforts, which the observer counts on."""
         error = s.dx
         if not self.seen:
@@ -81,6 +81,6 @@ class ObservedTorque(pa.ResolvedAcceleration):
         a = self.commanded_acceleration(shifted, np.zeros(s.a_k.size))
         return self.believed.limited(self.believed.torque(s.q, s.v, a) - self.disturbance(s))
 
-    def command(self, s: pa.Signals, model: pa.EstimatedModel) -> pa.Command:
+    def command(self, s: pa.laws.Signals, model: pa.laws.EstimatedModel) -> pa.laws.Command:
         """Return the torque; nothing drives the estimates."""
-        return pa.Command(self._torque(s), pa.Drives.none(s.a_d.size, s.a_k.size))
+        return pa.laws.Command(self._torque(s), pa.adaptation.Drives.none(s.a_d.size, s.a_k.size))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
@@ -17,9 +16,9 @@ from pinadapt.zoo.case import PERIOD, TOOL_ERROR, zoo_case
 from .believed_robot import BelievedRobot
 from .inverse_kinematics import InverseKinematics
 
-SENSORS: dict[str, dict[str, Any]] = {
-    "perfect": {},
-    "camera": {"camera": {"rate": 60.0, "delay": 0.02}, "encoder": 2.0 * np.pi / 2**17},
+SENSORS = {
+    "perfect": pa.Sensors(),
+    "camera": pa.Sensors(pa.Camera(rate=60.0, delay=0.02), encoder=2.0 * np.pi / 2**17),
 }
 FASTEST = 1.0  # [s], of the circles
 _SPEED_SHARE = 0.8  # of the description's speed limits
@@ -34,7 +33,7 @@ class Setting:
         true, believed: the real robot and what is believed of it.
         plane, phase: of the circle through home.
         radius: the zoo's, or less where a turn in 1 s would exceed four fifths of a speed limit.
-        sensors: what they are, as ``make_controller`` and ``simulate`` take it.
+        sensors: of the robot.
     """
 
     true: pa.Robot
@@ -42,7 +41,7 @@ class Setting:
     plane: str
     phase: float
     radius: float
-    sensors: Mapping[str, Any]
+    sensors: pa.Sensors
 
     @cached_property
     def w(self) -> float:
@@ -58,17 +57,20 @@ class Setting:
     def damping(self) -> np.ndarray:
         """The diagonal (n) of the default's own K_D at home [N m s/rad]."""
         law = self.controller(adaptation="none").law
-        assert isinstance(law, pa.Separation)
+        assert isinstance(law, pa.laws.Separation)
         return np.diag(law.K_D(self.believed.q0)).copy()
 
-    def controller(self, **words: Any) -> pa.Controller:
-        """Return a controller for the believed robot that is told of the sensors."""
-        return pa.make_controller(self.believed, dt=PERIOD, **self.sensors, **words)
+    def controller(self, *, compensate_delay: bool = True, **words: Any) -> pa.Controller:
+        """Return a controller for the nominal model and the sensors."""
+        sensors = replace(self.sensors, compensate_delay=compensate_delay)
+        return pa.make_controller(self.believed, dt=PERIOD, sensors=sensors, **words)
 
-    def circle(self, period: float) -> pa.Trajectory:
+    def circle(self, period: float) -> pa.trajectories.Trajectory:
         """Return the circle [s] through the true robot's home."""
         start = self.true.position(self.true.q0)
-        circle = pa.Circle(np.zeros(start.size), self.radius, period, self.plane, self.phase)
+        circle = pa.trajectories.Circle(
+            np.zeros(start.size), self.radius, period, self.plane, self.phase
+        )
         return circle.starting_at(start)
 
     def informed(self) -> Setting:

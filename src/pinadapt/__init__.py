@@ -1,20 +1,48 @@
 """Adaptive control of robots with uncertain kinematics and dynamics, on Pinocchio.
 
-The public names stand in ``__init__.pyi``. Each is imported when it is first used: a command that
-prints a list waits for no control law.
+The names that most programs need stand in ``__init__.pyi``. The families of classes are one level
+down, where they are looked for: ``pinadapt.laws``, ``adaptation``, ``trajectories``, ``plants``,
+``models`` and others. Each name is imported at its first use, so that a command that prints a list
+loads no control law.
 """
 
+from importlib import import_module
+from pkgutil import iter_modules
 from sys import modules
 
 import lazy_loader
 
 _first_use, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
+_RENAMED = {
+    "Mjcf": "MujocoFile",
+}
+
 
 def __getattr__(name: str) -> object:
-    """Return a public thing at its first use; of other names Python says what they are like."""
+    """Return a public name at its first use.
+
+    Raises:
+        AttributeError: there is no such name; the message says where it is, if it is further down.
+    """
     if name in __all__:
         return _first_use(name)
+    place = "" if name.startswith("_") else _place(_RENAMED.get(name, name))
     raise AttributeError(
-        f"module {__name__!r} has no attribute {name!r}", name=name, obj=modules[__name__]
+        f"module {__name__!r} has no attribute {name!r}{place and f': it is now {place}'}",
+        name=name,
+        obj=modules[__name__],
     )
+
+
+def _place(name: str) -> str:
+    """Return the full name of what has a name in this package or further down, or an empty text."""
+    if name in __all__:
+        return f"{__name__}.{name}"
+    below = [module.name for module in iter_modules(__path__) if not module.name.startswith("_")]
+    for room in sorted(below, key=lambda each: each not in __all__):
+        found = getattr(import_module(f"{__name__}.{room}"), name, None)
+        ours = str(getattr(found, "__module__", "")).startswith(f"{__name__}.")
+        if ours or (found is not None and name.isupper()):
+            return f"{__name__}.{room}.{name}"
+    return ""

@@ -7,12 +7,14 @@ they come in, as products of a few of them would overflow somewhere inside.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import wraps
+from inspect import Parameter, signature
 from numbers import Integral, Real
 from reprlib import Repr
 from types import UnionType
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +24,9 @@ from .exceptions import GainError, InputError, did_you_mean
 LARGEST, SMALLEST = 1e30, 1e-30  # of a user's number, and of one that is to be positive
 
 _ASYMMETRY = 1e-9  # relative difference of two entries that counts as rounding
+P = ParamSpec("P")
+R = TypeVar("R")
+
 _SHORT = Repr()
 _SHORT.maxlong, _SHORT.maxstring, _SHORT.maxother = 24, 60, 60
 
@@ -93,6 +98,36 @@ def name_list(value: Any, name: str, error: type[InputError] = InputError) -> li
     if not all(isinstance(each, str) for each in found):
         raise error(f"expected a name or a list of names, got {shown(found)}.", where=name)
     return found
+
+
+def keywords(**replaced: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Decorate a function so that a wrong keyword is an ``InputError`` that names the right one.
+
+    Args:
+        replaced: former keyword -> what has replaced it, as a user writes it.
+    """
+
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        parameters = signature(function).parameters.values()
+        names = [each.name for each in parameters if each.kind is not Parameter.VAR_KEYWORD]
+        any_other = len(names) < len(parameters)
+
+        @wraps(function)
+        def checked(*args: P.args, **given: P.kwargs) -> R:
+            for name in given:
+                if name in replaced:
+                    raise InputError(f"'{name}' is now {replaced[name]}.", where=function.__name__)
+                if name not in names and not any_other:
+                    raise InputError(
+                        f"there is no argument '{name}'; there are {names}."
+                        f"{did_you_mean(name, names)}",
+                        where=function.__name__,
+                    )
+            return function(*args, **given)
+
+        return checked
+
+    return decorate
 
 
 def mapping(value: Any, name: str, error: type[InputError] = InputError) -> Mapping[Any, Any]:

@@ -1,10 +1,21 @@
-"""The small records that flow between plant, trajectory and controller."""
+"""Records that flow between robot, motion and controller, and the sensors that fill them."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
+
+from ._checks import flag, mapping, numbers, positive, vector
+from .exceptions import InputError, did_you_mean
+
+CHANNELS = ("q", "v", "x", "angle", "tau")
+_FEWEST = 10  # samples that show the noise
+_RESTING = 1.0  # mean against deviation of the velocity of an arm at rest
 
 
 class Measurement(NamedTuple):
@@ -51,3 +62,232 @@ class Desired(NamedTuple):
     x_d: np.ndarray
     xd_d: np.ndarray
     xdd_d: np.ndarray
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A camera or tracker that sees the task frame.
+
+    Frames are taken at the multiples of 1 / rate and arrive ``delay`` later, or never.
+
+    Attributes:
+        rate: frames a second; None, or more than samples a second: one at every sample.
+        delay: from the exposure of a frame to its arrival [s].
+        dropout: share of the frames that never arrive, in [0, 1).
+
+    Raises:
+        InputError: a rate that is not positive, a negative delay, or a dropout outside [0, 1).
+    """
+
+    rate: float | None = None
+    delay: float = 0.0
+    dropout: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that no camera has."""
+        if self.rate is not None:
+            object.__setattr__(self, "rate", positive(self.rate, "camera.rate"))
+        for name in ("delay", "dropout"):
+            number = positive(getattr(self, name), f"camera.{name}", zero=True)
+            object.__setattr__(self, name, number)
+        if self.dropout >= 1.0:
+            raise InputError(
+                f"must be a share of the frames, below 1, got {self.dropout:g}.",
+                where="camera.dropout",
+            )
+
+    @classmethod
+    def of(cls, given: Camera | Mapping[str, float | None]) -> Camera:
+        """Return a camera given as one, or by the names of its attributes.
+
+        Raises:
+            InputError: unknown names, or as the class.
+        """
+        if isinstance(given, Camera):
+            return given
+        if not isinstance(given, Mapping):
+            raise InputError(f"expected a Camera or a mapping, got {given!r}.", where="camera")
+        names = [part.name for part in fields(cls)]
+        for name in given:
+            if name not in names:
+                raise InputError(
+                    f"a camera has no '{name}'; it has {names}.{did_you_mean(str(name), names)}",
+                    where="camera",
+                )
+        return cls(**given)  # type: ignore[arg-type]
+
+
+Deviation: TypeAlias = float | tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """The sensors of a robot; perfect by default.
+
+    One object serves ``make_controller``, which chooses filters and rates for these sensors, and
+    ``simulate``, which simulates them.
+
+    Attributes:
+        camera: that gives x, as a ``Camera`` or a mapping of its attributes; None: x is measured at
+            every sample, at once.
+        encoder: resolution of the joint encoders [rad or m a count], one number or one a joint (n);
+            q is rounded to it and v is the difference of q over a period. Zero: q and v are
+            measured directly.
+        noise: standard deviations of white noise by channel: ``q`` [rad or m], before it is
+            counted; ``v`` [rad/s or m/s] of joints without encoder; ``x`` [m] of each frame;
+            ``angle`` [rad], by which a measured pose is turned about each world axis; ``tau``
+            [N m or N], one number or one a joint (n): with it the torque of the last period is
+            measured too.
+        compensate_delay: whether the controller predicts late frames to the present with its model;
+            otherwise it takes each frame for the present one.
+
+    Raises:
+        InputError: an unknown name, a negative number, or a camera that cannot be.
+    """
+
+    camera: Camera | None = None
+    encoder: Deviation = 0.0
+    noise: Mapping[str, Deviation] = field(default_factory=dict, hash=False)
+    compensate_delay: bool = True
+
+    def __init__(
+        self,
+        camera: Camera | Mapping[str, float | None] | None = None,
+        encoder: ArrayLike = 0.0,
+        noise: Mapping[str, ArrayLike] | None = None,
+        compensate_delay: bool = True,
+    ) -> None:
+        """Check and keep the sensors."""
+        given: dict[str, Any] = {
+            "camera": None if camera is None else Camera.of(camera),
+            "encoder": _deviation(encoder, "encoder"),
+            "noise": {},
+            "compensate_delay": flag(compensate_delay, "compensate_delay"),
+        }
+        for name, deviation in mapping(noise, "noise").items():
+            if name not in CHANNELS:
+                raise InputError(
+                    f"no channel is called '{name}'; there are {list(CHANNELS)}."
+                    f"{did_you_mean(str(name), CHANNELS)}",
+                    where="noise",
+                )
+            where = f"noise.{name}"
+            given["noise"][name] = (
+                _deviation(deviation, where)
+                if name == "tau"
+                else positive(deviation, where, zero=True)
+            )
+        for name, value in given.items():
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def measured_at_rest(
+        cls, samples: Sequence[Measurement], *, camera: Any = None, encoder: ArrayLike = 0.0
+    ) -> Sensors:
+        """Return sensors with the noise of v and x that samples of an arm at rest show.
+
+        That of v is the largest of the joints, that of x the largest of the first three
+        coordinates; a frame that a camera repeats counts once.
+
+        Args:
+            samples: at least ten.
+            camera: as of the class.
+            encoder: as of the class.
+
+        Raises:
+            InputError: fewer than ten samples, or an arm that moves.
+        """
+        if len(samples) < _FEWEST or not all(isinstance(part, Measurement) for part in samples):
+            raise InputError(
+                f"expected at least {_FEWEST} measurements of an arm at rest.", where="samples"
+            )
+        v = np.array([sample.v for sample in samples], dtype=float)
+        deviation = v.std(axis=0)
+        if (np.abs(v.mean(axis=0)) > _RESTING * deviation + 1e-9).any():
+            raise InputError(
+                f"the arm moves, at {np.abs(v.mean(axis=0)).max():.2g} rad/s or m/s.",
+                where="samples",
+                hint="Take the samples while it rests.",
+            )
+        frames = {
+            sample.t if sample.x_time is None else sample.x_time: sample.x for sample in samples
+        }
+        x = np.array([frame[:3] for frame in frames.values() if frame is not None], dtype=float)
+        noise = {
+            "v": float(deviation.max(initial=0.0)),
+            "x": float(x.std(axis=0).max()) if len(x) > 1 else 0.0,
+        }
+        return cls(camera, encoder, noise)
+
+    @property
+    def perfect(self) -> bool:
+        """Whether q, v and x are measured at every sample, at once and without error."""
+        counted = np.any(self.encoder)
+        return self.camera in (None, Camera()) and not counted and not _any(self.noise)
+
+    def quality(self, nv: int, dt: float) -> SensorQuality:
+        """Return the sizes on which filters and rates depend.
+
+        An encoder of resolution c whose counts are differenced over dt has velocity noise of
+        standard deviation c / (sqrt(6) dt): the rounding errors of two counts.
+
+        Args:
+            nv: number of joints.
+            dt: sampling period [s].
+
+        Raises:
+            InputError: an encoder resolution for another number of joints.
+        """
+        counts = vector(self.encoder, nv, "encoder")
+        differenced = float(counts.max(initial=0.0)) / (dt * math.sqrt(6.0))
+        camera = self.camera
+        rate = 1.0 / dt if camera is None or camera.rate is None else min(camera.rate, 1.0 / dt)
+        age = 0.0 if camera is None else camera.delay + 1.0 / rate
+        v = math.hypot(self.deviation("v"), differenced)
+        return SensorQuality(v, self.deviation("x"), rate, age)
+
+    def deviation(self, channel: str) -> float:
+        """Return the standard deviation of a channel that has one number: all but ``tau``."""
+        return float(self.noise.get(channel, 0.0))  # type: ignore[arg-type]
+
+
+def _any(noise: Mapping[str, Deviation]) -> bool:
+    return any(bool(np.any(deviation)) for deviation in noise.values())
+
+
+def _deviation(value: ArrayLike, where: str) -> Deviation:
+    """Return a number that is not negative, or a tuple of them."""
+    array = numbers(value, where)
+    if array.ndim > 1 or (array < 0.0).any():
+        raise InputError(
+            f"must not be negative, one number or one a joint, got {array.tolist()}.",
+            where=where,
+        )
+    return tuple(array.tolist()) if array.ndim else float(array)
+
+
+@dataclass(frozen=True)
+class SensorQuality:
+    """The sizes of noise and delay on which filters and rates depend; perfect by default.
+
+    Attributes:
+        v: standard deviation of the joint velocity [rad/s or m/s].
+        x: of a measured position [m].
+        rate: frames of the camera [1/s].
+        age: largest age of the latest frame [s]; zero if every sample has a frame of its own.
+    """
+
+    v: float = 0.0
+    x: float = 0.0
+    rate: float = 0.0
+    age: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that no sensor has.
+
+        Raises:
+            InputError: a negative number, or none.
+        """
+        for part in fields(self):
+            number = positive(getattr(self, part.name), f"sensors.{part.name}", zero=True)
+            object.__setattr__(self, part.name, number)

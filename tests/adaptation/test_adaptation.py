@@ -26,13 +26,17 @@ def diagonal_bounds():
     F = np.zeros((2, 4, 4))
     F[0] = np.diag([1, -1, 0, -1])
     F[1] = np.diag([0, 0, 1, -1])
-    return pa.MatrixInequality(F, offset=np.diag([0.0, 2.0, 0.0, 3.0]))
+    return pa.adaptation.MatrixInequality(F, offset=np.diag([0.0, 2.0, 0.0, 3.0]))
 
 
 CASES = {
-    "bodies": lambda rng: (pa.BodyInequality(["a", "b", "c"]), bodies(rng, 3), bodies(rng, 3)),
+    "bodies": lambda rng: (
+        pa.adaptation.BodyInequality(["a", "b", "c"]),
+        bodies(rng, 3),
+        bodies(rng, 3),
+    ),
     "planar": lambda rng: (
-        pa.MatrixInequality(PLANAR_LMI),
+        pa.adaptation.MatrixInequality(PLANAR_LMI),
         np.array([3.0, 0.5, 0.5]),
         np.array([3.34, 1.2, 0.97]),
     ),
@@ -76,10 +80,13 @@ def test_divergence_falls_as_the_gradient_signal_says(case, seed):
     """dD/dt = -(a - a_true)^T g for da/dt = rate(a, g), as every Lyapunov proof asks."""
     rng = np.random.default_rng(seed)
     cone, a, a_true = CASES[case](rng)
-    assume(pa.Natural(0.3, cone).divergence(a, a_true) < 300.0)  # rounding grows with it
+    assume(pa.adaptation.Natural(0.3, cone).divergence(a, a_true) < 300.0)  # rounding grows with it
     g = rng.standard_normal(a.size)
     g /= np.linalg.norm(g)
-    for adaptation in (pa.Natural(0.3, cone), pa.Gradient(rng.uniform(0.1, 2.0, a.size), a.size)):
+    for adaptation in (
+        pa.adaptation.Natural(0.3, cone),
+        pa.adaptation.Gradient(rng.uniform(0.1, 2.0, a.size), a.size),
+    ):
         rate = rate_of(adaptation, a, g)
         step = 1e-4 / max(1.0, np.linalg.norm(rate))
         change = derivative(
@@ -94,7 +101,7 @@ def test_divergence_falls_as_the_gradient_signal_says(case, seed):
 def test_step_follows_rate_for_small_steps(case):
     rng = np.random.default_rng(4)
     cone, a, _ = CASES[case](rng)
-    adaptation, g = pa.Natural(0.3, cone), rng.standard_normal(a.size)
+    adaptation, g = pa.adaptation.Natural(0.3, cone), rng.standard_normal(a.size)
     h = 1e-7
     assert np.allclose(
         (stepped(adaptation, a, g, h) - a) / h, rate_of(adaptation, a, g), rtol=1e-4, atol=1e-6
@@ -106,7 +113,7 @@ def test_step_follows_rate_for_small_steps(case):
 def test_natural_never_leaves_the_cone(case, step):
     rng = np.random.default_rng(6)
     cone, a, _ = CASES[case](rng)
-    adaptation = pa.Natural(1.0, cone)
+    adaptation = pa.adaptation.Natural(1.0, cone)
     scale = np.abs(rate_of(adaptation, a, np.ones(a.size))).max()
     for _ in range(20):
         g = rng.standard_normal(a.size)
@@ -120,7 +127,7 @@ def test_natural_never_leaves_the_cone(case, step):
 def test_series_is_the_geodesic(norm):
     """The short series for small steps agrees with S exp(-S^T X S) S^T, by eigenvalues."""
     rng = np.random.default_rng(8)
-    cone = pa.BodyInequality(["a", "b"])
+    cone = pa.adaptation.BodyInequality(["a", "b"])
     a, g = bodies(rng, 2), rng.standard_normal(20)
     P, L = cone.matrices(a), cone.covectors(g)
     A = P @ L
@@ -128,14 +135,14 @@ def test_series_is_the_geodesic(norm):
     S = np.linalg.cholesky(P)
     w, U = np.linalg.eigh(h * S.transpose(0, 2, 1) @ L @ S)
     exact = (S @ U * np.exp(-w)[:, None, :]) @ (S @ U).transpose(0, 2, 1)
-    moved = cone.matrices(stepped(pa.Natural(1.0, cone), a, g, h))
+    moved = cone.matrices(stepped(pa.adaptation.Natural(1.0, cone), a, g, h))
     assert np.abs(moved - exact).max() <= 1e-5 * np.abs(P).max()
 
 
 def test_natural_is_coordinate_free():
     """Moving bodies to other frames and units commutes with adaptation, unlike a gradient."""
     rng = np.random.default_rng(9)
-    cone = pa.BodyInequality(["a"])
+    cone = pa.adaptation.BodyInequality(["a"])
     a, g = bodies(rng, 1), rng.standard_normal(10)
     placement = pin.SE3.Random()
 
@@ -146,7 +153,7 @@ def test_natural_is_coordinate_free():
         np.stack([move(a + e) - move(a) for e in 1e-3 * np.eye(10)], axis=1) / 1e-3
     )  # the map is linear
     h = 1e-3
-    natural = pa.Natural(1.0, cone)
+    natural = pa.adaptation.Natural(1.0, cone)
     there = stepped(natural, move(a), np.linalg.solve(A.T, g), h)
     assert np.allclose(there, move(stepped(natural, a, g, h)), rtol=1e-6, atol=1e-8)
 
@@ -155,24 +162,26 @@ def test_unphysical_bodies_are_moved_with_a_warning_that_names_them():
     rng = np.random.default_rng(10)
     a = bodies(rng, 2)
     a[19] += 100.0  # Izz of the second body
-    cone = pa.BodyInequality(["shoulder", "elbow"], least_mass=1e-3, least_radius=1e-3)
+    cone = pa.adaptation.BodyInequality(["shoulder", "elbow"], least_mass=1e-3, least_radius=1e-3)
     with pytest.warns(UserWarning, match=r"\['elbow'\]"):
-        valid = pa.Natural(1.0, cone).validate(a)
+        valid = pa.adaptation.Natural(1.0, cone).validate(a)
     assert cone.contains(valid)
     assert np.array_equal(valid[:10], a[:10])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert pa.Natural(1.0, cone).validate(valid) is valid
+        assert pa.adaptation.Natural(1.0, cone).validate(valid) is valid
 
 
 def test_refusals():
     with pytest.raises(pa.ParameterError, match="outside"):
-        pa.Natural(1.0, pa.MatrixInequality(PLANAR_LMI)).validate(np.array([4.0, 5.0, 0.5]))
+        pa.adaptation.Natural(1.0, pa.adaptation.MatrixInequality(PLANAR_LMI)).validate(
+            np.array([4.0, 5.0, 0.5])
+        )
     with pytest.raises(pa.ParameterError, match="independent"):
-        pa.MatrixInequality(np.stack([np.eye(2), 2 * np.eye(2)]))
+        pa.adaptation.MatrixInequality(np.stack([np.eye(2), 2 * np.eye(2)]))
     with pytest.raises(pa.ParameterError, match="symmetric"):
-        pa.MatrixInequality([[[0.0, 1.0], [0.0, 0.0]]])
+        pa.adaptation.MatrixInequality([[[0.0, 1.0], [0.0, 0.0]]])
     with pytest.raises(pa.GainError, match="positive"):
-        pa.Natural(-1.0, pa.MatrixInequality(PLANAR_LMI))
+        pa.adaptation.Natural(-1.0, pa.adaptation.MatrixInequality(PLANAR_LMI))
     with pytest.raises(pa.GainError, match="definite"):
-        pa.Gradient([1.0, -1.0], 2)
+        pa.adaptation.Gradient([1.0, -1.0], 2)

@@ -32,11 +32,15 @@ def loop(law, name, adaptation, **gains):
     robot = catalogue_robot(name, task="joint" if law == "slotine-li" else None)
     if law == "slotine-li":
         true = robot.changed(payload=pa.Payload(1.0))
-        path = pa.Sinusoid(robot.home_angles + 0.1, 0.1, 2.0)
+        path = pa.trajectories.Sinusoid(robot.home_angles + 0.1, 0.1, 2.0)
     else:
         true = with_tool_and_load(robot)
         path = circle_beside(true, "xy" if name == "scara" else "yz")
-    gains = {"gamma_d": RATES[adaptation], "joint": "none", **gains}
+    gains = {
+        "gamma_d": RATES[adaptation],
+        "unknown": pa.Unknown(friction=False, armature=False),
+        **gains,
+    }
     believed = robot.changed(inertial_scale=0.7)
     return true, pa.make_controller(believed, law=law, adaptation=adaptation, **gains), path
 
@@ -56,7 +60,11 @@ def test_equality_along_the_trajectory(law, name, adaptation):
 def test_friction_and_rotors_keep_the_equality(adaptation):
     robot = catalogue_robot("ur5")
     true = with_tool_and_load(robot).changed(viscous=0.5, coulomb=0.2, armature=0.05)
-    gains = {"gamma_d": RATES[adaptation], "gamma_joint": 1.0, "joint": "all"}
+    gains = {
+        "gamma_d": RATES[adaptation],
+        "gamma_joint": 1.0,
+        "unknown": pa.Unknown(friction=True, armature=True),
+    }
     controller = pa.make_controller(
         robot.changed(inertial_scale=0.8), adaptation=adaptation, **gains
     )
@@ -72,9 +80,9 @@ DT = 2e-3
 def published(kind):
     """Return errors (N, 2) [degrees] and estimates (N, 4) of the paper's arm."""
     adaptations = {
-        "none": pa.Frozen(),
-        "direct": pa.Gradient(0.03, 4),
-        "least-squares": pa.LeastSquares(0.03, 4, 10.0, forgetting=4.0),
+        "none": pa.adaptation.Frozen(),
+        "direct": pa.adaptation.Gradient(0.03, 4),
+        "least-squares": pa.adaptation.LeastSquares(0.03, 4, 10.0, forgetting=4.0),
     }
     return tracked(adaptations[kind], dt=DT)
 
@@ -121,15 +129,20 @@ def test_panda_learns_at_least_twice_as_fast():
 
 
 ADAPTATIONS = {
-    "gradient": lambda: pa.Gradient([0.1, 0.2, 0.3], 3),
-    "friction": lambda: pa.ExponentiatedGradient(0.5, [1.0, 2.0, 3.0]),
-    "stacked": lambda: pa.Stacked(
-        [(pa.Gradient(0.3, 1), 1), (pa.ExponentiatedGradient(0.5, [2.0, 3.0]), 2)]
+    "gradient": lambda: pa.adaptation.Gradient([0.1, 0.2, 0.3], 3),
+    "friction": lambda: pa.adaptation.ExponentiatedGradient(0.5, [1.0, 2.0, 3.0]),
+    "stacked": lambda: pa.adaptation.Stacked(
+        [
+            (pa.adaptation.Gradient(0.3, 1), 1),
+            (pa.adaptation.ExponentiatedGradient(0.5, [2.0, 3.0]), 2),
+        ]
     ),
-    "natural": lambda: pa.Natural(0.7, pa.MatrixInequality(np.array(_SYMMETRIC))),
-    "affine cone": lambda: pa.Natural(0.7, pa.MatrixInequality(_TRIDIAGONAL)),
-    "leak": lambda: pa.Leak(pa.Gradient(0.2, 3), 0.1),
-    "least squares": lambda: pa.LeastSquares([0.1, 0.2, 0.3], 3, 10.0),
+    "natural": lambda: pa.adaptation.Natural(
+        0.7, pa.adaptation.MatrixInequality(np.array(_SYMMETRIC))
+    ),
+    "affine cone": lambda: pa.adaptation.Natural(0.7, pa.adaptation.MatrixInequality(_TRIDIAGONAL)),
+    "leak": lambda: pa.adaptation.Leak(pa.adaptation.Gradient(0.2, 3), 0.1),
+    "least squares": lambda: pa.adaptation.LeastSquares([0.1, 0.2, 0.3], 3, 10.0),
 }
 _SYMMETRIC = [[[1, 0], [0, 0]], [[0, 1], [1, 0]], [[0, 0], [0, 1]]]
 _TRIDIAGONAL = np.array([np.diag(e) + 0.1 * np.outer(e, e) for e in np.eye(3)])
@@ -144,7 +157,7 @@ def test_gain_times_is_the_gain_times(kind):
 
 def test_gain_times_of_bodies():
     robot = catalogue_robot("panda")
-    controller = pa.make_controller(robot, joint="all")
+    controller = pa.make_controller(robot, unknown=pa.Unknown(friction=True, armature=True))
     adaptation, value = controller.adaptation_d, controller.dynamics.initial
     X = np.random.default_rng(1).standard_normal((value.size, 3))
     product = adaptation.gain(value) @ X
@@ -155,12 +168,12 @@ def test_least_squares_without_forgetting_is_the_weighted_fit():
     """Steps of any length solve min sum dt |W a - y|_R^2 + |a - a_0|^2 in the metric P(0)^-1."""
     rng, p, n, dt = np.random.default_rng(0), 4, 2, 0.3
     P_0, R = np.diag(rng.uniform(0.5, 2.0, p)), np.array([[2.0, 0.3], [0.3, 1.0]])
-    adaptation = pa.LeastSquares(P_0, p, 10.0, weight=R, forgetting=0.0)
+    adaptation = pa.adaptation.LeastSquares(P_0, p, 10.0, weight=R, forgetting=0.0)
     a_0 = rng.standard_normal(p)
     estimate, information, right = adaptation.init(a_0), np.linalg.inv(P_0), np.zeros(p)
     for _ in range(30):
         W, y = rng.standard_normal((n, p)), rng.standard_normal(n)
-        drive = pa.Drive(np.zeros((1, p)), None).predicting(W, W @ estimate.value - y)
+        drive = pa.adaptation.Drive(np.zeros((1, p)), None).predicting(W, W @ estimate.value - y)
         estimate = adaptation.step(estimate, drive, dt)
         information, right = information + dt * W.T @ R @ W, right + dt * W.T @ R @ (y - W @ a_0)
     assert np.allclose(estimate.value, a_0 + np.linalg.solve(information, right), atol=1e-12)
@@ -170,11 +183,13 @@ def test_least_squares_without_forgetting_is_the_weighted_fit():
 def test_the_gain_that_forgets_stays_bounded():
     """P <= P(0) for any step, and where nothing is told any more it comes back to P(0)."""
     rng, p = np.random.default_rng(0), 5
-    adaptation = pa.LeastSquares(np.linspace(0.5, 2.0, p), p, 10.0, weight=10.0, forgetting=3.0)
+    adaptation = pa.adaptation.LeastSquares(
+        np.linspace(0.5, 2.0, p), p, 10.0, weight=10.0, forgetting=3.0
+    )
     estimate, excess = adaptation.init(np.zeros(p)), []
     for k in range(400):
         W = rng.standard_normal((2, p)) if k < 200 else np.zeros((2, p))
-        drive = pa.Drive(np.zeros((1, p)), None).predicting(W, np.zeros(2))
+        drive = pa.adaptation.Drive(np.zeros((1, p)), None).predicting(W, np.zeros(2))
         estimate = adaptation.step(estimate, drive, 0.05)
         P = estimate.memory[0]
         excess.append(np.linalg.eigvalsh(P - adaptation.P_0)[-1])
@@ -199,7 +214,7 @@ def test_prediction_goes_on_learning_while_the_motors_saturate(adaptation):
 
 def test_a_step_is_pure_and_a_copy_gives_the_same_torques():
     true, controller, path = loop("separation", "ur5", "least-squares")
-    run = list(islice(pa.run(pa.PinocchioPlant(true), controller, path), 30))
+    run = list(islice(pa.run(pa.plants.PinocchioPlant(true), controller, path), 30))
     copied = pickle.loads(pickle.dumps(controller))
     for sample in run:
         for other in (controller, copied):
@@ -209,7 +224,7 @@ def test_a_step_is_pure_and_a_copy_gives_the_same_torques():
 
 def test_a_measured_torque_is_believed_and_checked():
     true, controller, path = loop("slotine-li", "ur5", "natural-composite")
-    run = list(islice(pa.run(pa.PinocchioPlant(true), controller, path), 20))
+    run = list(islice(pa.run(pa.plants.PinocchioPlant(true), controller, path), 20))
     last = run[-1]
     told = last.measurement._replace(tau=run[-2].torque)
     given, same = (
@@ -227,11 +242,15 @@ def test_a_measured_torque_is_believed_and_checked():
 def test_what_the_arm_adds_by_itself_counts_as_torque():
     robot = catalogue_robot("ur5")
     path = circle_beside(robot, "yz")
-    gains = {"law": "separation", "adaptation": "natural-composite", "joint": "none"}
+    gains = {
+        "law": "separation",
+        "adaptation": "natural-composite",
+        "unknown": pa.Unknown(friction=False, armature=False),
+    }
     ends = []
     for compensated in (None, "nominal"):
         controller = pa.make_controller(robot, compensated=compensated, **gains)
-        plant = pa.PinocchioPlant(robot, compensation=controller.compensation)
+        plant = pa.plants.PinocchioPlant(robot, compensation=controller.compensation)
         ends.append(list(islice(pa.run(plant, controller, path), 50))[-1].state.a_d)
     assert np.allclose(*ends, rtol=1e-4, atol=1e-6)
 
@@ -257,7 +276,7 @@ def test_words_and_gains():
         pa.make_controller(robot, adaptation="composit")
     for wrong in ({}, {"rate": 1.0}, {"rate": 1.0, "weight": 1.0}, {"weight": [[1.0, 2.0]]}):
         with pytest.raises(pa.GainError):
-            pa.Composite(pa.Gradient(1.0, 2), 10.0, **wrong)
+            pa.adaptation.Composite(pa.adaptation.Gradient(1.0, 2), 10.0, **wrong)
 
 
 def test_a_scenario_names_them_and_their_gains():
@@ -279,18 +298,22 @@ LONGER = {"elbow_joint": [0.0, 0.01197, -0.0425], "wrist_1_joint": [0.0, 0.0, 0.
     [
         ("separation", "composite", {"kinematic_adaptation": "least-squares"}),
         ("separation", "least-squares", {"kinematic_adaptation": "least-squares"}),
-        ("adaptive-jacobian", "least-squares", {"joint": "viscous", "gamma_joint": 1.0}),
+        (
+            "adaptive-jacobian",
+            "least-squares",
+            {"unknown": pa.Unknown(friction="viscous", armature=False), "gamma_joint": 1.0},
+        ),
     ],
 )
 def test_lumped_parameters_have_no_cone_but_are_predicted(law, adaptation, options):
     """With lengths and inertias unknown and wrong, the truth a lumped vector of the real arm."""
     robot = catalogue_robot("ur5")
     true = robot.changed(link_translation=LONGER)
-    options = {"joint": "none", **options}
+    options = {"unknown": pa.Unknown(friction=False, armature=False), **options}
     controller = pa.make_controller(
         robot.changed(inertial_scale=0.8),
         law=law,
-        kinematic=["elbow_joint:length", "wrist_1_joint:length"],
+        unknown=pa.Unknown(tool=False, lengths=["elbow_joint", "wrist_1_joint"]),
         adaptation=adaptation,
         **options,
     )
@@ -303,7 +326,9 @@ def test_lumped_parameters_have_no_cone_but_are_predicted(law, adaptation, optio
 def test_all_lengths_and_inertias_with_the_lengths_right():
     robot = catalogue_robot("ur5")
     controller = pa.make_controller(
-        robot.changed(inertial_scale=0.8), kinematic="lengths", adaptation="composite", joint="none"
+        robot.changed(inertial_scale=0.8),
+        unknown=pa.Unknown(lengths=True, friction=False, armature=False),
+        adaptation="composite",
     )
     energy = energy_along(robot, controller, circle_beside(robot, "yz"), seconds=0.03)
     assert energy.mismatch(after=20) <= 1e-5
@@ -313,4 +338,4 @@ def test_all_lengths_and_inertias_with_the_lengths_right():
 def test_natural_adaptation_of_lumped_parameters_is_refused():
     with pytest.raises(pa.ParameterError, match='"composite" or "least-squares"'):
         robot = catalogue_robot("ur5")
-        pa.make_controller(robot, kinematic="lengths", adaptation="natural-composite")
+        pa.make_controller(robot, unknown=pa.Unknown(lengths=True), adaptation="natural-composite")

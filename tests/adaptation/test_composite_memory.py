@@ -54,7 +54,7 @@ def test_equality_along_the_trajectory(law, name, adaptation):
         law=law,
         adaptation=adaptation,
         gamma_d=RATES[adaptation],
-        joint="none",
+        unknown=pa.Unknown(friction=False, armature=False),
     )
     energy = energy_along(true, controller, beside(true), seconds=0.03)
     assert energy.mismatch(after=20) <= 1e-4
@@ -79,14 +79,14 @@ def remembering(p=6, n=2, **gains):
     rng = np.random.default_rng(0)
     P = np.diag(rng.uniform(0.5, 2.0, p))
     gains = {"rate": 3.0, "noise": np.full(n, 0.01), **gains}
-    adaptation = pa.CompositeMemory(pa.Gradient(P, p), 10.0, **gains)
+    adaptation = pa.adaptation.CompositeMemory(pa.adaptation.Gradient(P, p), 10.0, **gains)
     return adaptation, adaptation.init(rng.standard_normal(p)), rng.standard_normal(p)
 
 
 def shown(truth, W, estimate):
     """Return the drive of a prediction alone, W (n, p), at the truth (p)."""
     Y = np.zeros((1, truth.size))
-    return pa.Drive(Y, None).predicting(W, W @ (estimate.value - truth))
+    return pa.adaptation.Drive(Y, None).predicting(W, W @ (estimate.value - truth))
 
 
 def test_what_was_told_once_decays_at_its_rate_for_good():
@@ -149,7 +149,7 @@ def test_bodies_stay_physical_whatever_is_remembered():
     estimate, p = adaptation.init(start), start.size
     for _ in range(300):
         W, Y = rng.standard_normal((6, p)), rng.standard_normal((6, p))
-        drive = pa.Drive(Y, 100.0 * rng.standard_normal(6))
+        drive = pa.adaptation.Drive(Y, 100.0 * rng.standard_normal(6))
         drive = drive.predicting(W, 1e3 * rng.standard_normal(6))
         estimate = adaptation.step(estimate, drive, 0.05)
         assert np.isfinite(estimate.value).all() and adaptation.contains(estimate.value)
@@ -163,7 +163,7 @@ def circling(name, friction=False):
     robot = catalogue_robot(name)
     rough = {"viscous": 1.0, "coulomb": 0.5} if friction else {}
     true = robot.changed(tool_translation=[0.03, -0.02, 0.12], payload=LOAD, **rough)
-    path = pa.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(true.position(true.q0))
+    path = pa.trajectories.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(true.position(true.q0))
     return robot, true, path
 
 
@@ -173,8 +173,14 @@ def test_ignorance_costs_nothing_after_four_seconds(name):
     robot, true, path = circling(name)
     believed, last = robot.changed(inertial_scale=0.7), {}
     for who, controller in {
-        "informed": pa.make_controller(true, adaptation="none", joint="none"),
-        "adapted": pa.make_controller(believed, adaptation="natural-memory", joint="none"),
+        "informed": pa.make_controller(
+            true, adaptation="none", unknown=pa.Unknown(friction=False, armature=False)
+        ),
+        "adapted": pa.make_controller(
+            believed,
+            adaptation="natural-memory",
+            unknown=pa.Unknown(friction=False, armature=False),
+        ),
     }.items():
         rollout = pa.simulate(true, controller, path, duration=4.0)
         last[who] = rollout.distance[-400:].max()
@@ -200,10 +206,12 @@ def test_a_load_that_changes_is_learned_anew():
         controller = pa.make_controller(
             robot.changed(inertial_scale=0.7),
             adaptation="natural-memory",
-            joint="none",
+            unknown=pa.Unknown(friction=False, armature=False),
             forgetting=forgetting,
         )
-        rollout = pa.simulate(true, controller, path, duration=4.5, changes={1.0: dropped})
+        rollout = pa.simulate(
+            true, controller, path, duration=4.5, events=pa.Events(changes={1.0: dropped})
+        )
         left[forgetting] = rollout.distance[-1000:].max()
     assert left[None] < 4e-5, left
     assert left[0.0] > 5.0 * left[None], left
@@ -218,10 +226,10 @@ def test_a_fixed_mass_matrix_must_bear_what_is_learned(told):
         robot.changed(inertial_scale=0.7, **load),
         law="adaptive-inverse-dynamics-improved",
         adaptation="natural-memory",
-        joint="none",
+        unknown=pa.Unknown(friction=False, armature=False),
     )
     rollout = pa.simulate(true, controller, path, duration=3.0)
-    plant, dynamics, largest = pa.PinocchioPlant(true), controller.dynamics, []
+    plant, dynamics, largest = pa.plants.PinocchioPlant(true), controller.dynamics, []
     for sample in rollout.evaluation.samples[::10]:
         M, matrices = plant.mass_matrix(sample.truth.q), []
         for a in (sample.state.a_d, sample.state.a_0):
@@ -235,8 +243,10 @@ def test_a_fixed_mass_matrix_must_bear_what_is_learned(told):
 
 def test_memory_begins_anew_when_a_load_is_announced():
     robot, true, path = circling("ur5")
-    controller = pa.make_controller(robot, adaptation="natural-memory", joint="none")
-    last = list(islice(pa.run(pa.PinocchioPlant(true), controller, path), 30))[-1].state
+    controller = pa.make_controller(
+        robot, adaptation="natural-memory", unknown=pa.Unknown(friction=False, armature=False)
+    )
+    last = list(islice(pa.run(pa.plants.PinocchioPlant(true), controller, path), 30))[-1].state
     assert np.abs(last.dynamic.memory[0]).max() > 0.0
     before = snapshot(last)
     told = controller.believe(last, payload=pa.Payload(2.0))
@@ -246,8 +256,10 @@ def test_memory_begins_anew_when_a_load_is_announced():
 
 def test_a_step_is_pure_and_a_copy_gives_the_same_torques():
     robot, true, path = circling("ur5", friction=True)
-    controller = pa.make_controller(robot, adaptation="natural-memory", encoder=1e-5)
-    run = list(islice(pa.run(pa.PinocchioPlant(true), controller, path), 30))
+    controller = pa.make_controller(
+        robot, adaptation="natural-memory", sensors=pa.Sensors(encoder=1e-5)
+    )
+    run = list(islice(pa.run(pa.plants.PinocchioPlant(true), controller, path), 30))
     copied = pickle.loads(pickle.dumps(controller))
     for sample in run:
         for other in (controller, copied):
@@ -258,19 +270,25 @@ def test_a_step_is_pure_and_a_copy_gives_the_same_torques():
 def test_words_gains_and_sources():
     robot = catalogue_robot("ur5")
     made = pa.make_controller(
-        robot, adaptation="natural-memory", joint="none", prediction_filter=25.0,
-        prediction_rate=3.0, forgetting=0.5,
-    )  # fmt: skip
+        robot,
+        adaptation="natural-memory",
+        unknown=pa.Unknown(friction=False, armature=False),
+        prediction_filter=25.0,
+        prediction_rate=3.0,
+        forgetting=0.5,
+    )
     adaptation = made.adaptation_d
     assert (adaptation.name, adaptation.torque_bandwidth) == ("natural-memory", 25.0)
     assert (adaptation.speed, adaptation.forgetting) == (3.0, 0.5)
     assert "PanYu2018" in pa.citation(made) and "LeeKwonPark2018" in pa.citation(made)
-    lumped = pa.make_controller(robot, kinematic="lengths", adaptation="composite-memory")
+    lumped = pa.make_controller(
+        robot, unknown=pa.Unknown(lengths=True), adaptation="composite-memory"
+    )
     assert lumped.adaptation_d.name == "composite-memory"
     planar = robots_folder() / "planar_2r" / "wang_xie_2009.toml"
     words = ['controller.adaptation="natural-memory"', "controller.forgetting=2.0"]
     assert Scenario.read(planar, words).controller.adaptation_d.forgetting == 2.0
-    inner = pa.Gradient(1.0, 2)
+    inner = pa.adaptation.Gradient(1.0, 2)
     for wrong in ({"noise": 0.0}, {"noise": [[1.0]]}, {"rate": 0.0}, {"forgetting": -1.0}):
         with pytest.raises(pa.GainError):
-            pa.CompositeMemory(inner, 10.0, **{"rate": 1.0, "noise": 1.0, **wrong})
+            pa.adaptation.CompositeMemory(inner, 10.0, **{"rate": 1.0, "noise": 1.0, **wrong})

@@ -17,11 +17,14 @@ from tests.support.paper import BASIS, CIRCLE, LMI
 pytestmark = pytest.mark.slow
 
 FIT = {"kinematic_adaptation": "least-squares"}
-SLOW = {"gamma_d": 1.0, "joint": "none"}
+SLOW = {"gamma_d": 1.0, "unknown": pa.Unknown(friction=False, armature=False)}
 
 
 def planar(**options):
-    robot, own = catalogue_robot("planar_2r"), {"kinematic": "lengths", "basis": BASIS, "lmi": LMI}
+    robot, own = (
+        catalogue_robot("planar_2r"),
+        {"unknown": pa.Unknown(lengths=True, basis=BASIS, lmi=LMI)},
+    )
     start = {"a_k": np.array([1.05, 1.3]), "a_d": np.array([4.0, 0.5, 0.5])}
     return robot, pa.make_controller(robot, **own, **SLOW, **FIT, **options), CIRCLE, start
 
@@ -34,7 +37,7 @@ def arm(name, plane="yz", **options):
 
 
 def with_base(name, **options):
-    true, controller, _, start = arm(name, kinematic=["base", "tool"], **options)
+    true, controller, _, start = arm(name, unknown=pa.Unknown(tool=True, base=True), **options)
     base = {controller.kinematics.joint_names[0]: [0.2, -0.1, 0.05]}
     true = true.changed(link_translation=base)
     return true, controller, circle_beside(true, "yz"), start
@@ -72,8 +75,10 @@ def known_after(seconds, name="panda", kinematic="tool", **options):
     true = with_tool_and_load(robot).changed(viscous=0.3, coulomb=0.3)
     if "base" in kinematic:
         true = true.changed(link_translation={robot.joint_names[0]: [0.2, -0.1, 0.05]})
-    controller = pa.make_controller(robot, kinematic=kinematic, **sensors, **options)
-    path = pa.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(true.position(true.q0))
+    controller = pa.make_controller(
+        robot, unknown=pa.Unknown(tool=False, translations=kinematic), **sensors, **options
+    )
+    path = pa.trajectories.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(true.position(true.q0))
     rollout = pa.simulate(true, controller, path, duration=seconds, record_every=20, **sensors)
     assert rollout.diverged is None
     wrong = np.linalg.norm(rollout.a_k - controller.kinematics.value(true), axis=1)
@@ -83,14 +88,14 @@ def known_after(seconds, name="panda", kinematic="tool", **options):
 @pytest.mark.parametrize("camera", [None, {"rate": 30.0, "delay": 0.06}])
 @pytest.mark.parametrize("name", ["panda", "ur5"])
 def test_a_tool_is_known_within_a_second(name, camera):
-    wrong, rollout = known_after(1.0, name, camera=camera, **FIT)
+    wrong, rollout = known_after(1.0, name, sensors=pa.Sensors(camera=camera), **FIT)
     assert wrong < 1e-4
     assert rollout.distance[-5:].max() < 2e-3
 
 
 def test_noisy_frames_are_averaged():
     """After three seconds closer than gradient comes to it in ten (0.42 mm)."""
-    seen = {"camera": {"rate": 30.0, "delay": 0.06}, "noise": {"x": 1e-3}}
+    seen = {"sensors": pa.Sensors(camera=pa.Camera(rate=30.0, delay=0.06), noise={"x": 1e-3})}
     wrong, _ = known_after(3.0, **seen, **FIT)
     assert wrong < 4e-4
     slow, _ = known_after(3.0, **seen)
@@ -99,8 +104,8 @@ def test_noisy_frames_are_averaged():
 
 def test_base_and_tool_are_told_apart():
     """Together they are hardly excited by a small circle, which a gradient takes minutes for."""
-    wrong, _ = known_after(2.0, kinematic=["base", "tool"], **FIT)
-    slow, _ = known_after(2.0, kinematic=["base", "tool"])
+    wrong, _ = known_after(2.0, unknown=pa.Unknown(tool=True, base=True), **FIT)
+    slow, _ = known_after(2.0, unknown=pa.Unknown(tool=True, base=True))
     assert wrong < 1e-3 and slow > 0.05
 
 
@@ -108,12 +113,12 @@ def test_a_frame_that_is_held_counts_once():
     """A hundred steps under one frame are one step of a hundred times the length."""
     rng = np.random.default_rng(0)
     X, b = rng.standard_normal((3, 6)), rng.standard_normal(3)
-    fit = pa.LeastSquares(0.3, 6, weight=[2.0, 3.0, 4.0], forgetting=0.0)
+    fit = pa.adaptation.LeastSquares(0.3, 6, weight=[2.0, 3.0, 4.0], forgetting=0.0)
     once = many = fit.init(rng.standard_normal(6))
 
     def seen(estimate):
         nothing = np.zeros((1, 6))
-        return pa.Drive(nothing, None).predicting(X, X @ estimate.value + b)
+        return pa.adaptation.Drive(nothing, None).predicting(X, X @ estimate.value + b)
 
     once = fit.step(once, seen(once), 1.0)
     for _ in range(100):
@@ -126,11 +131,15 @@ def test_each_direction_forgets_by_itself():
     """Where one parameter is never told, the other is still followed; bounded gain stops both."""
     W, ends = np.array([[1.0, 0.0]]), {}
     for directional in (False, True):
-        fit = pa.LeastSquares(1.0, 2, weight=10.0, forgetting=1.0, directional=directional)
+        fit = pa.adaptation.LeastSquares(
+            1.0, 2, weight=10.0, forgetting=1.0, directional=directional
+        )
         estimate, excess = fit.init(np.zeros(2)), []
         for k in range(2000):
             truth = np.array([1.0 if k < 1000 else 2.0, 0.0])
-            drive = pa.Drive(np.zeros((1, 2)), None).predicting(W, W @ (estimate.value - truth))
+            drive = pa.adaptation.Drive(np.zeros((1, 2)), None).predicting(
+                W, W @ (estimate.value - truth)
+            )
             estimate = fit.step(estimate, drive, 0.01)
             excess.append(np.linalg.eigvalsh(estimate.memory[0] - fit.P_0)[-1])
         ends[directional] = abs(estimate.value[0] - 2.0)
@@ -141,10 +150,10 @@ def test_each_direction_forgets_by_itself():
 def test_small_steps_follow_the_rate():
     rng = np.random.default_rng(1)
     W, truth = rng.standard_normal((2, 3)), rng.standard_normal(3)
-    fit = pa.LeastSquares(
+    fit = pa.adaptation.LeastSquares(
         [0.5, 1.0, 2.0], 3, rate=20.0, floor=0.1, weight=None, forgetting=3.0, directional=True
     )
-    drive = pa.Drive(np.ones((1, 3)), np.ones(1), W, W @ -truth, np.eye(2))
+    drive = pa.adaptation.Drive(np.ones((1, 3)), np.ones(1), W, W @ -truth, np.eye(2))
     start = fit.init(np.zeros(3))
     rate = fit.rate(start, drive)
     for h, within in ((1e-5, 1e-3), (1e-6, 1e-4)):
@@ -159,13 +168,15 @@ def test_small_steps_follow_the_rate():
 def test_a_box_goes_by_the_gain_of_now():
     """The nearest point of the box in the metric P^-1 leaves da^T P^-1 da no larger."""
     rng = np.random.default_rng(2)
-    box = pa.BoxProjection(pa.LeastSquares(1.0, 3, weight=50.0), -np.ones(3), np.ones(3))
+    box = pa.adaptation.BoxProjection(
+        pa.adaptation.LeastSquares(1.0, 3, weight=50.0), -np.ones(3), np.ones(3)
+    )
     for _ in range(30):
         estimate, truth = box.init(np.zeros(3)), rng.uniform(-1.0, 1.0, 3)
         for _ in range(5):
             W = rng.standard_normal((1, 3))
             noisy = W @ (estimate.value - truth) + rng.standard_normal(1)
-            drive = pa.Drive(np.zeros((1, 3)), None).predicting(W, noisy)
+            drive = pa.adaptation.Drive(np.zeros((1, 3)), None).predicting(W, noisy)
             after, free = (part.step(estimate, drive, 0.5) for part in (box, box.inner))
             assert box.contains(after.value)
             assert box.storage(after, truth) <= box.storage(free, truth) + 1e-12
@@ -174,7 +185,7 @@ def test_a_box_goes_by_the_gain_of_now():
 
 def test_an_announced_tool_begins_anew():
     true, controller, path, _ = arm("panda")
-    sample = list(islice(pa.run(pa.PinocchioPlant(true), controller, path), 100))[-1]
+    sample = list(islice(pa.run(pa.plants.PinocchioPlant(true), controller, path), 100))[-1]
     P = sample.state.kinematic.memory[0]
     assert np.linalg.eigvalsh(P)[-1] < 0.5 * controller.adaptation_k.gain(sample.state.a_k)[0, 0]
     told = controller.believe(sample.state, tool_translation=[0.0, 0.0, 0.05])
@@ -183,7 +194,7 @@ def test_an_announced_tool_begins_anew():
 
 def test_a_copy_gives_the_same_torques():
     true, controller, path, _ = arm("ur5")
-    run = list(islice(pa.run(pa.PinocchioPlant(true), controller, path), 30))
+    run = list(islice(pa.run(pa.plants.PinocchioPlant(true), controller, path), 30))
     copied = pickle.loads(pickle.dumps(controller))
     for sample in run:
         torque, _ = copied.step(sample.state, sample.measurement, sample.desired, 1e-3)
@@ -196,13 +207,16 @@ def test_words_and_gains():
     fit = made.adaptation_k.inner
     assert fit.name == "least-squares" and (fit.forgetting, fit.directional) == (0.5, True)
     assert "SalgadoGoodwinMiddleton1988" in pa.citation(made)
-    own = pa.make_controller(robot, kinematic_adaptation=pa.Gradient(0.1, 3))
-    assert isinstance(own.adaptation_k, pa.Gradient)
+    own = pa.make_controller(robot, kinematic_adaptation=pa.adaptation.Gradient(0.1, 3))
+    assert isinstance(own.adaptation_k, pa.adaptation.Gradient)
     still = pa.make_controller(robot, kinematic_adaptation="none")
     assert still.adaptation_k.name == "none" and still.adaptation_d.name == "natural"
     alone = pa.make_controller(robot, adaptation="none", **FIT)
     assert alone.adaptation_k.inner.name == "least-squares" and alone.adaptation_d.name == "none"
-    for unused in ({"kinematic_rate": 5.0}, {**FIT, "kinematic": [], "gamma_k": 1.0}):
+    for unused in (
+        {"kinematic_rate": 5.0},
+        {**FIT, "unknown": pa.Unknown(tool=False), "gamma_k": 1.0},
+    ):
         with pytest.warns(pa.UnusedGainWarning):
             pa.make_controller(robot, **unused)
     with pytest.raises(pa.InputError, match="Did you mean 'least-squares'"):
@@ -213,7 +227,7 @@ def test_words_and_gains():
         with pytest.raises(pa.GainError):
             pa.make_controller(robot, **FIT, kinematic_rate=rate)
     with pytest.raises(pa.GainError, match="weight"):
-        pa.LeastSquares(1.0, 2, 10.0, weight=None)
+        pa.adaptation.LeastSquares(1.0, 2, 10.0, weight=None)
 
 
 def test_a_scenario_names_it():

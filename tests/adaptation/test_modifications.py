@@ -19,24 +19,33 @@ pytestmark = pytest.mark.slow
 
 _SYMMETRIC = np.array([[[1, 0], [0, 0]], [[0, 1], [1, 0]], [[0, 0], [0, 1]]], dtype=float)
 INNER = {
-    "natural": lambda: pa.Natural(0.7, pa.MatrixInequality(_SYMMETRIC)),
-    "gradient": lambda: pa.Gradient([[0.3, 0.1, 0.0], [0.1, 0.2, 0.0], [0.0, 0.0, 0.5]], 3),
-    "composite": lambda: pa.Composite(pa.Gradient(0.3, 3), 10.0, rate=2.0, floor=0.1),
-    "natural composite": lambda: pa.Composite(INNER["natural"](), 10.0, weight=[2.0, 3.0]),
-    "least squares": lambda: pa.LeastSquares([0.3, 0.2, 0.5], 3, 10.0, weight=3.0),
-    "directional": lambda: pa.LeastSquares(
+    "natural": lambda: pa.adaptation.Natural(0.7, pa.adaptation.MatrixInequality(_SYMMETRIC)),
+    "gradient": lambda: pa.adaptation.Gradient(
+        [[0.3, 0.1, 0.0], [0.1, 0.2, 0.0], [0.0, 0.0, 0.5]], 3
+    ),
+    "composite": lambda: pa.adaptation.Composite(
+        pa.adaptation.Gradient(0.3, 3), 10.0, rate=2.0, floor=0.1
+    ),
+    "natural composite": lambda: pa.adaptation.Composite(
+        INNER["natural"](), 10.0, weight=[2.0, 3.0]
+    ),
+    "least squares": lambda: pa.adaptation.LeastSquares([0.3, 0.2, 0.5], 3, 10.0, weight=3.0),
+    "directional": lambda: pa.adaptation.LeastSquares(
         0.3, 3, 10.0, weight=None, rate=4.0, floor=0.1, directional=True
     ),
-    "stacked": lambda: pa.Stacked(
-        [(pa.Gradient(0.3, 1), 1), (pa.ExponentiatedGradient(0.5, [2.0, 3.0]), 2)]
+    "stacked": lambda: pa.adaptation.Stacked(
+        [
+            (pa.adaptation.Gradient(0.3, 1), 1),
+            (pa.adaptation.ExponentiatedGradient(0.5, [2.0, 3.0]), 2),
+        ]
     ),
 }
 WRAPPERS = {
-    "sigma": lambda inner: pa.Leak(inner, 0.4),
-    "e1": lambda inner: pa.ErrorLeak(inner, 0.4, 0.3),
-    "dead zone": lambda inner: pa.DeadZone(inner, [0.2, 0.3], 0.1),
-    "normalised": lambda inner: pa.Normalised(inner, 2.0),
-    "box": lambda inner: pa.BoxProjection(inner, [0.5, 0.1, 0.5], [2.0, 0.9, 2.0]),
+    "sigma": lambda inner: pa.adaptation.Leak(inner, 0.4),
+    "e1": lambda inner: pa.adaptation.ErrorLeak(inner, 0.4, 0.3),
+    "dead zone": lambda inner: pa.adaptation.DeadZone(inner, [0.2, 0.3], 0.1),
+    "normalised": lambda inner: pa.adaptation.Normalised(inner, 2.0),
+    "box": lambda inner: pa.adaptation.BoxProjection(inner, [0.5, 0.1, 0.5], [2.0, 0.9, 2.0]),
 }
 START, TRUTH = np.array([1.2, 0.15, 1.4]), np.array([0.9, 0.4, 1.1])
 
@@ -46,7 +55,7 @@ def drive_at(a, rng_seed=0, noise=0.0):
     rng = np.random.default_rng(rng_seed)
     Y, e, W = rng.standard_normal((2, 3)), rng.standard_normal(2), rng.standard_normal((2, 3))
     residual = W @ (a - TRUTH) + noise * rng.standard_normal(2)
-    return pa.Drive(Y, e).predicting(W, residual)
+    return pa.adaptation.Drive(Y, e).predicting(W, residual)
 
 
 def change_of_storage(adaptation, estimate, drive, h):
@@ -59,7 +68,9 @@ def change_of_storage(adaptation, estimate, drive, h):
         return part + h * slope
 
     def at(h):
-        return adaptation.storage(pa.Estimate(*moved(tuple(estimate), tuple(rate), h)), TRUTH)
+        return adaptation.storage(
+            pa.adaptation.Estimate(*moved(tuple(estimate), tuple(rate), h)), TRUTH
+        )
 
     return (at(h) - at(-h)) / (2.0 * h)
 
@@ -82,8 +93,10 @@ def test_each_adds_to_the_rate_of_v_what_it_says(wrapper, inner):
     change = change_of_storage(adaptation, estimate, drive, 1e-5)
     error = estimate.value - TRUTH
     claimed = -error @ drive.gradient + adaptation.dissipation(estimate, drive, TRUTH)
-    of_inner = estimate.memory[1:] if isinstance(adaptation, pa.Leak) else estimate.memory
-    inside = pa.Estimate(estimate.value, of_inner)
+    of_inner = (
+        estimate.memory[1:] if isinstance(adaptation, pa.adaptation.Leak) else estimate.memory
+    )
+    inside = pa.adaptation.Estimate(estimate.value, of_inner)
     plain = -error @ drive.gradient + adaptation.inner.dissipation(inside, drive, TRUTH)
     assert change == pytest.approx(claimed, rel=1e-5, abs=1e-8)
     if wrapper != "box":
@@ -128,9 +141,17 @@ def test_equality_along_the_trajectory(law, name, adaptation, modifications):
         adaptation=adaptation,
         modifications=modifications,
         gamma_d=rates[adaptation],
-        **({"gamma_joint": 1.0, "joint": "viscous"} if name == "panda" else {"joint": "none"}),
+        **(
+            {"gamma_joint": 1.0, "unknown": pa.Unknown(friction="viscous", armature=False)}
+            if name == "panda"
+            else {"unknown": pa.Unknown(friction=False, armature=False)}
+        ),
     )
-    path = pa.Sinusoid(robot.home_angles + 0.1, 0.1, 2.0) if joints else circle_beside(true, "yz")
+    path = (
+        pa.trajectories.Sinusoid(robot.home_angles + 0.1, 0.1, 2.0)
+        if joints
+        else circle_beside(true, "yz")
+    )
     energy = energy_along(true.changed(viscous=0.3) if name == "panda" else true, controller, path,
                           seconds=0.015)  # fmt: skip
     assert energy.mismatch(after=20) <= 1e-4
@@ -140,30 +161,30 @@ def test_equality_along_the_trajectory(law, name, adaptation, modifications):
 def test_what_leaks_is_bounded_by_the_error_at_the_start():
     """Constant Gamma: dV/dt gains at most -lambda (D(a) - D(a_0))."""
     rng, lambda_ = np.random.default_rng(3), 0.4
-    leak = pa.Leak(pa.Gradient([0.2, 0.5, 1.0], 3), lambda_)
-    quiet = pa.Drive(np.zeros((1, 3)), None)
+    leak = pa.adaptation.Leak(pa.adaptation.Gradient([0.2, 0.5, 1.0], 3), lambda_)
+    quiet = pa.adaptation.Drive(np.zeros((1, 3)), None)
     for _ in range(200):
         start, a, truth = rng.standard_normal((3, 3))
         D = leak.inner.divergence
-        gained = leak.dissipation(pa.Estimate(a, (start,)), quiet, truth)
+        gained = leak.dissipation(pa.adaptation.Estimate(a, (start,)), quiet, truth)
         assert gained <= -lambda_ * (D(a, truth) - D(start, truth)) + 1e-12
 
 
 def test_a_leak_by_the_error_ceases_with_it():
-    leak = pa.ErrorLeak(pa.Gradient(1.0, 3), 2.0, [0.1, 0.2])
+    leak = pa.adaptation.ErrorLeak(pa.adaptation.Gradient(1.0, 3), 2.0, [0.1, 0.2])
     estimate = leak.init(np.zeros(3))._replace(value=np.ones(3))
     Y = np.zeros((2, 3))
     for e, share in (([0.0, 0.0], 0.0), ([0.1, 0.2], 1.0), ([0.3, 0.0], 3.0 / math.sqrt(2.0))):
-        after = leak.step(estimate, pa.Drive(Y, np.array(e)), 0.1)
+        after = leak.step(estimate, pa.adaptation.Drive(Y, np.array(e)), 0.1)
         assert np.allclose(after.value, math.exp(-2.0 * share * 0.1))
-    assert np.allclose(leak.step(estimate, pa.Drive(Y, None), 0.1).value, 1.0)
+    assert np.allclose(leak.step(estimate, pa.adaptation.Drive(Y, None), 0.1).value, 1.0)
 
 
 def test_a_dead_zone_is_continuous_and_rests_inside():
-    zone = pa.DeadZone(pa.Gradient(1.0, 1), 0.5)
+    zone = pa.adaptation.DeadZone(pa.adaptation.Gradient(1.0, 1), 0.5)
     start = zone.init(np.zeros(1))
     for e in np.linspace(-2.0, 2.0, 41):
-        rate = zone.rate(start, pa.Drive(np.ones((1, 1)), np.array([e]))).value[0]
+        rate = zone.rate(start, pa.adaptation.Drive(np.ones((1, 1)), np.array([e]))).value[0]
         assert rate == pytest.approx(-math.copysign(max(abs(e) - 0.5, 0.0), e))
 
 
@@ -171,12 +192,12 @@ def test_a_dead_zone_is_continuous_and_rests_inside():
 def test_noise_inside_the_zone_never_raises_v(inner):
     """The prediction error with noise no larger than the zone, R = 1: V never rises, whatever n."""
     own, rng, rises = INNER[inner](), np.random.default_rng(4), 0
-    zone = pa.DeadZone(own, None, 0.3)
+    zone = pa.adaptation.DeadZone(own, None, 0.3)
     estimate = zone.init(START)
     for _ in range(300):
         W, n = rng.standard_normal((2, 3)), rng.uniform(-0.3, 0.3, 2)
         residual = W @ (estimate.value - TRUTH) + n
-        drive = pa.Drive(np.zeros((1, 3)), None, W, residual, np.eye(2))
+        drive = pa.adaptation.Drive(np.zeros((1, 3)), None, W, residual, np.eye(2))
         V = [a.storage(a.step(estimate, drive, 1e-4), TRUTH) for a in (zone, own)]
         before = own.storage(estimate, TRUTH)
         assert V[0] <= before + 1e-7 * abs(before)
@@ -187,24 +208,29 @@ def test_noise_inside_the_zone_never_raises_v(inner):
 
 def test_normalised_adaptation_is_bounded_however_large_the_regressor():
     rng = np.random.default_rng(5)
-    slow = pa.Normalised(pa.Gradient([0.5, 1.0, 2.0], 3), 3.0)
+    slow = pa.adaptation.Normalised(pa.adaptation.Gradient([0.5, 1.0, 2.0], 3), 3.0)
     start, e = slow.init(np.zeros(3)), np.array([0.3, -0.4])
     for size in np.geomspace(1e-2, 1e4, 20):
         Y = size * rng.standard_normal((2, 3))
-        rate = slow.rate(start, pa.Drive(Y, e)).value
+        rate = slow.rate(start, pa.adaptation.Drive(Y, e)).value
         assert np.linalg.norm(Y @ rate) <= 3.0 * np.linalg.norm(e)
-    small = slow.rate(start, pa.Drive(1e-4 * np.ones((2, 3)), e)).value
-    assert np.allclose(small, slow.inner.rate(start, pa.Drive(1e-4 * np.ones((2, 3)), e)).value)
+    small = slow.rate(start, pa.adaptation.Drive(1e-4 * np.ones((2, 3)), e)).value
+    assert np.allclose(
+        small, slow.inner.rate(start, pa.adaptation.Drive(1e-4 * np.ones((2, 3)), e)).value
+    )
 
 
 def test_a_saturated_motor_leaves_them_the_prediction():
     robot = catalogue_robot("ur5", task="joint")
     true = robot.changed(payload=pa.Payload(2.0))
     weak = pa.make_controller(
-        robot, law="slotine-li", adaptation="natural-composite", joint="none",
+        robot,
+        law="slotine-li",
+        adaptation="natural-composite",
+        unknown=pa.Unknown(friction=False, armature=False),
         modifications={"normalised": 0.5, "dead-zone": 1e-4},
-    ).limited(np.full(6, 1e-3))  # fmt: skip
-    path = pa.Sinusoid(robot.home_angles + 0.1, 0.1, 2.0)
+    ).limited(np.full(6, 1e-3))
+    path = pa.trajectories.Sinusoid(robot.home_angles + 0.1, 0.1, 2.0)
     rollout = pa.simulate(true, weak, path, duration=0.2)
     V = [weak.adaptation_d.divergence(a, weak.dynamics.value(true)) for a in rollout.a_d]
     assert V[-1] < V[0] and (np.diff(V) <= 1e-9 * V[0]).all()
@@ -213,7 +239,7 @@ def test_a_saturated_motor_leaves_them_the_prediction():
 def chain(adaptation):
     """Return the names of the classes from the outermost in, to what is no wrapper."""
     names = []
-    while isinstance(adaptation, pa.Wrapper):
+    while isinstance(adaptation, pa.adaptation.Wrapper):
         names.append(type(adaptation).__name__)
         adaptation = adaptation.inner
     return names
@@ -231,14 +257,14 @@ def test_words_and_gains():
     assert chain(made("projection")) == ["MassMatrixProjection"]
     assert made({"sigma": 0.3}).bandwidth == 0.3
     assert chain(made({"sigma": True, "e1": False})) == ["Leak"]
-    noisy = {"encoder": 2.0 * np.pi / 2**17}
+    noisy = {"sensors": pa.Sensors(encoder=2.0 * np.pi / 2**17)}
     assert chain(made(None, **noisy)) == ["Leak"]  # what noise asks for
     assert chain(made({"sigma": 0.3}, **noisy)) == ["Leak"]  # in its place
     assert not chain(made({"sigma": False}, **noisy))
     zone = made("dead-zone", **noisy)
     assert chain(zone) == ["Leak", "DeadZone"] and 0.0 < zone.inner.size < 0.1
-    own = made(["sigma"], adaptation=pa.Gradient(1e-3, 78))
-    assert chain(own) == ["Leak"] and isinstance(own.inner, pa.Gradient)
+    own = made(["sigma"], adaptation=pa.adaptation.Gradient(1e-3, 78))
+    assert chain(own) == ["Leak"] and isinstance(own.inner, pa.adaptation.Gradient)
     assert made("sigma", adaptation="none").name == "none"
     cited = pa.citation(pa.make_controller(robot, modifications=["e1", "normalised"]))
     assert "NarendraAnnaswamy1987" in cited and "IoannouSun1996" in cited
@@ -267,7 +293,9 @@ def test_laws_with_another_error_have_no_default_size():
     robot, law = catalogue_robot("ur5"), "adaptive-inverse-dynamics"
     for given in ("e1", "dead-zone"):
         with pytest.raises(pa.GainError, match="another error"):
-            pa.make_controller(robot, law=law, modifications=given, encoder=1e-4)
+            pa.make_controller(
+                robot, law=law, modifications=given, sensors=pa.Sensors(encoder=1e-4)
+            )
     made = pa.make_controller(robot, law=law, modifications={"dead-zone": 0.1})
     assert chain(made.adaptation_d) == ["DeadZone"]
 
@@ -290,7 +318,9 @@ def test_a_copy_gives_the_same_torques():
     controller = pa.make_controller(
         robot, modifications={"dead-zone": 0.01, "sigma": 0.1, "e1": 1.0}
     )
-    run = list(islice(pa.run(pa.PinocchioPlant(true), controller, circle_beside(true, "yz")), 20))
+    run = list(
+        islice(pa.run(pa.plants.PinocchioPlant(true), controller, circle_beside(true, "yz")), 20)
+    )
     copied = pickle.loads(pickle.dumps(controller))
     for sample in run:
         torque, _ = copied.step(sample.state, sample.measurement, sample.desired, 1e-3)

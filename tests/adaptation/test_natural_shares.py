@@ -15,7 +15,7 @@ def bodies():
     """Return the cone of three bodies of the Panda, their parameters, and other physical ones."""
     robot = catalogue_robot("panda")
     truth = robot.changed(inertial_scale=1.4, payload=pa.Payload(1.0, [0.05, 0.02, 0.1]))
-    cone = pa.BodyInequality(robot.joint_names[-3:])
+    cone = pa.adaptation.BodyInequality(robot.joint_names[-3:])
     a, a_true = (
         np.concatenate([body.toDynamicParameters() for body in each.model.inertias.tolist()[-3:]])
         for each in (robot, truth)
@@ -26,11 +26,11 @@ def bodies():
 def test_each_body_moves_as_alone_with_its_own_gain():
     cone, a, _ = bodies()
     g = np.random.default_rng(0).standard_normal(30)
-    together = pa.Natural(0.3, cone, shares=SHARES)
+    together = pa.adaptation.Natural(0.3, cone, shares=SHARES)
     drive, start = Drive(g[None], None, gradient=g), Estimate(a)
     for body, share in enumerate(SHARES):
         mine = slice(10 * body, 10 * body + 10)
-        alone = pa.Natural(0.3 * share, cone)
+        alone = pa.adaptation.Natural(0.3 * share, cone)
         assert np.allclose(
             together.rate(start, drive).value[mine], alone.rate(start, drive).value[mine]
         )
@@ -43,7 +43,7 @@ def test_each_body_moves_as_alone_with_its_own_gain():
 def test_v_falls_by_what_the_drive_does():
     """d/dt D = (a - a_true)^T g, whatever the shares: they are part of D."""
     cone, a, a_true = bodies()
-    adaptation = pa.Natural(0.3, cone, shares=SHARES)
+    adaptation = pa.adaptation.Natural(0.3, cone, shares=SHARES)
     g = 1e-3 * np.random.default_rng(1).standard_normal(30)
     drive, h = Drive(g[None], None, gradient=g), 1e-3
     ends = [adaptation.step(Estimate(a), drive, side * h).value for side in (1.0, -1.0)]
@@ -55,7 +55,9 @@ def test_a_needle_at_the_end_is_learned_as_if_it_were_thick():
     """TIAGo's wrist is described as 2.4 mm thick: 34 times faster; Panda's and UR5's are not."""
 
     def shares(name):
-        controller = pa.make_controller(zoo_case(name).believed, joint="none")
+        controller = pa.make_controller(
+            zoo_case(name).believed, unknown=pa.Unknown(friction=False, armature=False)
+        )
         return controller.adaptation_d.shares
 
     thick = 1e-2 * pa.load("tiago_arm").reach
@@ -66,4 +68,4 @@ def test_a_needle_at_the_end_is_learned_as_if_it_were_thick():
 @pytest.mark.parametrize("shares", [[1.0, 2.0], [1.0, -1.0, 1.0], "thick"])
 def test_shares_that_are_no_rates_are_refused(shares):
     with pytest.raises(pa.InputError, match="shares"):
-        pa.Natural(1.0, bodies()[0], shares=shares)
+        pa.adaptation.Natural(1.0, bodies()[0], shares=shares)

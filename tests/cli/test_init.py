@@ -217,7 +217,7 @@ def test_links_behind_mimic_joints_are_no_ends():
     assert "gripper_left_fingertip_left_link" not in end_links(urdf.model(), urdf.mimics())
 
 
-@pytest.mark.parametrize("law", [name for name, law in pa.LAWS.items() if law.set_point])
+@pytest.mark.parametrize("law", [name for name, law in pa.laws.LAWS.items() if law.set_point])
 def test_a_set_point_law_gets_a_reachable_set_point(tmp_path, law):
     file = written(tmp_path, "scara", "--law", law)
     tables = read_toml(file)

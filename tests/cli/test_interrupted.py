@@ -67,9 +67,16 @@ def stop_run(monkeypatch, number, at=50):
 def test_an_interrupt_carries_the_rollout_so_far(mode, at, tmp_path):
     robot = pa.load("planar_2r")
     loop = robot, pa.make_controller(robot), circle_at_home(robot)
-    whole = pa.simulate(*loop, duration=0.05, mode=mode, progress=False)
+    whole = pa.simulate(
+        *loop, duration=0.05, engine=pa.Engine(continuous=mode == "continuous"), progress=False
+    )
     with pytest.raises(KeyboardInterrupt) as stop:
-        pa.simulate(*loop, duration=0.05, mode=mode, progress=stopping(at))
+        pa.simulate(
+            *loop,
+            duration=0.05,
+            engine=pa.Engine(continuous=mode == "continuous"),
+            progress=stopping(at),
+        )
     assert isinstance(stop.value, pa.Interrupted)
     rollout = stop.value.rollout
     assert np.array_equal(rollout.q, whole.q[:at]) and rollout.diverged is None

@@ -17,21 +17,33 @@ from tests.support.snapshots import snapshot, unchanged
 
 
 def lengths(robot):
-    return [f"{name}:length" for name in robot.joint_names[1:]]
+    return pa.Unknown(tool=False, lengths=robot.joint_names[1:])
 
 
 def posing(robot):
-    swing = pa.Swing([0.0, 1.0, 1.0], 0.2, 2.0)
-    path = pa.PoseTrajectory(pa.Circle(np.zeros(3), 0.05, 3.0, "yz"), swing)
+    swing = pa.trajectories.Swing([0.0, 1.0, 1.0], 0.2, 2.0)
+    path = pa.trajectories.PoseTrajectory(
+        pa.trajectories.Circle(np.zeros(3), 0.05, 3.0, "yz"), swing
+    )
     return path.starting_at(robot.position(robot.q0))
 
 
 LAW_11 = "adaptive-inverse-dynamics"
 CASES = {  # robot, its task, options of the controller, motion
     "panda, law (11)": ("panda", None, {"law": LAW_11}, motion_at_home),
-    "planar, basis": ("planar_2r", None, {"basis": BASIS, "lmi": LMI}, lambda robot: CIRCLE),
-    "ur5, lumped": ("ur5", None, {"kinematic": lengths, "adaptation": "projected"}, motion_at_home),
-    "kinova, pose": ("kinova", "pose", {"law": "adaptive-jacobian", "joint": "all"}, posing),
+    "planar, basis": (
+        "planar_2r",
+        None,
+        {"unknown": pa.Unknown(basis=BASIS, lmi=LMI)},
+        lambda robot: CIRCLE,
+    ),
+    "ur5, lumped": ("ur5", None, {"unknown": lengths, "adaptation": "projected"}, motion_at_home),
+    "kinova, pose": (
+        "kinova",
+        "pose",
+        {"law": "adaptive-jacobian", "unknown": pa.Unknown(friction=True, armature=True)},
+        posing,
+    ),
     "ur5, joints": ("ur5", "joint", {"law": "slotine-li"}, motion_at_home),
 }
 
@@ -106,7 +118,7 @@ def fails(controller, samples, spoilt):
     if spoilt == "measurement":
         measurement = measurement._replace(q=np.full_like(measurement.q, np.nan))
     if spoilt == "estimates":
-        state = state._replace(dynamic=pa.Estimate(1e300 * state.a_d))
+        state = state._replace(dynamic=pa.adaptation.Estimate(1e300 * state.a_d))
     controller.step(state, measurement, desired, 0.0 if spoilt == "period" else 1e-3)
 
 

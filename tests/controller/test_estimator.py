@@ -68,7 +68,9 @@ def test_it_is_given_what_the_filtered_regressor_gives():
     estimator = pa.make_estimator(catalogue_robot("ur5"), dt=4e-3)
     states = learned(estimator, measurements)
     controller = estimator.controller
-    regressor = pa.FilteredRegressor(controller.dynamics, controller.adaptation_d.torque_bandwidth)
+    regressor = pa.filters.FilteredRegressor(
+        controller.dynamics, controller.adaptation_d.torque_bandwidth
+    )
     t, q, v = (np.array([m[i] for m in measurements]) for i in range(3))
     held = np.array([m.tau for m in measurements[1:]] + [measurements[-1].tau])
     W, y = regressor.along(t, q, v, held)

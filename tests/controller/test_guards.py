@@ -25,8 +25,10 @@ class Loop:
     def __init__(self, guards=True, **options):
         self.robot = catalogue_robot("ur5")
         believed = self.robot.changed(inertial_scale=0.8)
-        self.controller = pa.make_controller(believed, guards=guards, dt=DT, **options)
-        self.path, self.plant = circle_at_home(self.robot), pa.PinocchioPlant(self.robot)
+        self.controller = pa.make_controller(
+            believed, limits=pa.Limits(guards=guards), dt=DT, **options
+        )
+        self.path, self.plant = circle_at_home(self.robot), pa.plants.PinocchioPlant(self.robot)
         self.state = self.controller.init(self.sample(0))
         for k in range(3):
             self.state = self.step(self.sample(k))
@@ -75,7 +77,7 @@ def test_a_guard_refuses_by_name_and_can_be_switched_off(name):
 
 
 def test_plausible_samples_pass_to_the_bit():
-    one, other = Loop(), Loop(guards=False)
+    one, other = Loop(), Loop(limits=pa.Limits(guards=False))
     assert unchanged(one.step(one.sample(3)), snapshot(other.step(other.sample(3))))
 
 
@@ -100,7 +102,7 @@ def test_an_arm_at_ten_times_its_limit_is_the_last_that_is_believed():
 )
 def test_unknown_guards_are_refused(guards, words):
     with pytest.raises(pa.InputError, match=words) as error:
-        pa.make_controller(catalogue_robot("ur5"), guards=guards)
+        pa.make_controller(catalogue_robot("ur5"), limits=pa.Limits(guards=guards))
     assert error.value.where == "guards"
 
 
@@ -111,7 +113,7 @@ def test_unknown_guards_are_refused(guards, words):
 def test_a_step_over_dropped_samples_is_one_of_the_time_that_passed(missed):
     loop = Loop()
     late = loop.sample(3 + missed)
-    over, told = loop.step(late), Loop(guards=without("time"))
+    over, told = loop.step(late), Loop(without("time"))
     expected = told.step(late, dt=late.t - loop.state.t)
     assert unchanged(over, snapshot(expected))
     assert not np.array_equal(over.a_d, told.step(late).a_d)
@@ -121,7 +123,7 @@ def test_jitter_does_not_change_the_period():
     loop = Loop()
     for t in (2.6 * DT, 3.4 * DT):
         sample = loop.sample(3, t=t)
-        told = Loop(guards=without("time"))
+        told = Loop(without("time"))
         assert unchanged(loop.step(sample), snapshot(told.step(sample)))
 
 
@@ -141,10 +143,13 @@ def resting(guards=True, noise=None, encoder=0.0, moving=0.0, x_off=5e-5):
     Past the hundredth sample the reference moves at a speed [m/s].
     """
     robot = catalogue_robot("ur5")
-    sensors = {"noise": noise or {}, "encoder": encoder}
+    sensors = pa.Sensors(noise=noise, encoder=encoder)
     believed = robot.changed(inertial_scale=0.8)
-    controller = pa.make_controller(believed, guards=guards, **sensors)
-    plant, seen = pa.PinocchioPlant(robot), pa.Sensors(robot, DT, seed=1, **sensors)
+    controller = pa.make_controller(believed, limits=pa.Limits(guards=guards), sensors=sensors)
+    plant, seen = (
+        pa.plants.PinocchioPlant(robot),
+        pa.plants.SimulatedSensors(robot, DT, sensors, seed=1),
+    )
     still = np.zeros(3)
     state, x_d = None, robot.position(robot.q0) + x_off
     for k in range(200):
@@ -187,7 +192,7 @@ def test_in_a_closed_loop_estimates_stand_still_once_the_arm_does():
     """They learn until the arm is where it should be, and to the bit nothing afterwards."""
     robot = catalogue_robot("ur5")
     true = with_tool_and_load(robot)
-    path = pa.Hold(true.position(true.q0))
+    path = pa.trajectories.Hold(true.position(true.q0))
     rollout = pa.simulate(true, pa.make_controller(robot), path, duration=3.0)
     assert (rollout.a_d[0] != rollout.a_d[-1]).any()
     assert np.array_equal(rollout.a_d[-500], rollout.a_d[-1])
@@ -212,15 +217,22 @@ def test_estimates_wait_until_they_are_told_to_adapt():
 def test_a_loop_that_is_lost_ends_with_what_the_guard_says():
     """Feedback far too stiff for the period, with motors that give all it asks for."""
     robot = catalogue_robot("ur5")
-    options = {"Kv": [4e3] * 6, "alpha": 20.0, "adaptation": "none", "torque_limits": False}
+    options = {
+        "Kv": [4e3] * 6,
+        "alpha": 20.0,
+        "adaptation": "none",
+        "limits": pa.Limits(torque=False),
+    }
     controller, path = pa.make_controller(robot, **options), circle_at_home(robot)
     with pytest.warns(UserWarning, match="too long for the task feedback"):
-        rollout = pa.simulate(robot, controller, path, duration=1.0, torque_limits=False)
+        rollout = pa.simulate(
+            robot, controller, path, duration=1.0, engine=pa.Engine(torque_limits=False)
+        )
     assert 0.0 < rollout.diverged < 1.0 and rollout.reason.startswith("measurement 'v' is implaus")
     assert "DIVERGED" in str(rollout) and rollout.summary()["diverged"] == rollout.diverged
     assert len(rollout.t) == round(rollout.diverged / DT) and np.isfinite(rollout.tau).all()
     with pytest.raises(pa.DivergedError, match="implausible") as error:
-        list(pa.run(pa.PinocchioPlant(robot), controller, path, duration=1.0))
+        list(pa.run(pa.plants.PinocchioPlant(robot), controller, path, duration=1.0))
     assert error.value.time == rollout.diverged
     assert isinstance(error.value.__cause__, pa.ImplausibleError)
 
@@ -228,7 +240,7 @@ def test_a_loop_that_is_lost_ends_with_what_the_guard_says():
 def test_a_broken_sensor_is_an_error_and_no_divergence():
     """A number that is none tells nothing of the loop."""
 
-    class Broken(pa.PinocchioPlant):
+    class Broken(pa.plants.PinocchioPlant):
         def measure(self):
             sample = super().measure()
             return sample._replace(x=np.nan * sample.x) if sample.t > 0.01 else sample

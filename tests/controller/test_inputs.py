@@ -18,7 +18,7 @@ class Loop:
     def __init__(self, law):
         self.robot = robot_of(law, "ur5")
         self.controller = pa.make_controller(self.robot.changed(inertial_scale=0.8), law=law)
-        rng, plant = np.random.default_rng(5), pa.PinocchioPlant(self.robot)
+        rng, plant = np.random.default_rng(5), pa.plants.PinocchioPlant(self.robot)
         q = plant.integrate(self.robot.q0, 0.05 * rng.standard_normal(6))
         self.measurement = plant.measurement(q, 0.3 * rng.standard_normal(6))
         self.desired = motion_at_home(self.robot).at(0.1)
@@ -188,8 +188,8 @@ def test_a_late_sample_within_ten_periods_is_stepped_over(loop):
 
 OTHERS = {
     "other robot": ("panda", {}),
-    "other parameters": ("ur5", {"dynamic": "payload"}),
-    "parameters of joints": ("ur5", {"joint": "all"}),
+    "other parameters": ("ur5", {"unknown": pa.Unknown(bodies="payload")}),
+    "parameters of joints": ("ur5", {"unknown": pa.Unknown(friction=True, armature=True)}),
 }
 
 
@@ -197,13 +197,15 @@ OTHERS = {
 def test_the_state_of_another_controller_is_refused(loop, name, options):
     law = loop.controller.law.name
     robot = robot_of(law, name)
-    other = pa.make_controller(robot, law=law, **options).init(pa.PinocchioPlant(robot).measure())
+    other = pa.make_controller(robot, law=law, **options).init(
+        pa.plants.PinocchioPlant(robot).measure()
+    )
     loop.check_refused(pa.InputError, "state", state=other)
 
 
 def test_estimates_of_another_shape_are_refused(loop):
     for wrong in (loop.state.a_d[:, None], loop.state.a_d[None], loop.state.a_d[:-1]):
-        state = loop.state._replace(dynamic=pa.Estimate(wrong))
+        state = loop.state._replace(dynamic=pa.adaptation.Estimate(wrong))
         loop.check_refused(pa.InputError, "state", state=state)
 
 

@@ -27,13 +27,16 @@ class Stream:
     Joint i goes through q0 + 0.4 sin(3 t + i); between samples it moves evenly.
     """
 
-    def __init__(self, name, task=None, *, changed=None, **options):
+    def __init__(self, name, task=None, *, changed=None, sensors=None, **unknown):
         self.robot = catalogue_robot(name, **({} if task is None else {"task": task}))
         tool = [0.03, -0.02, 0.08 * (self.robot.task.positions == 3)]
         self.true = self.robot.changed(tool_translation=tool, **(changed or {}))
-        self.told = {"dynamic": "none", "joint": "none", "torque_limits": False} | options
-        self.controller = pa.make_controller(self.robot, **self.told)
-        self.plant, self.nv = pa.PinocchioPlant(self.true), self.robot.model.nv
+        self.options = {
+            "unknown": pa.Unknown(bodies="none", friction=False, armature=False, **unknown),
+            "limits": pa.Limits(torque=False),
+        }
+        self.controller = pa.make_controller(self.robot, sensors=sensors, **self.options)
+        self.plant, self.nv = pa.plants.PinocchioPlant(self.true), self.robot.model.nv
         self.a_k = self.controller.kinematics.value(self.true)
         still = np.zeros(self.robot.task.size)
         self.desired = pa.Desired(self.true.position(self.true.q0), still, still)
@@ -89,7 +92,9 @@ STREAMS = {
     "link": lambda **options: Stream(
         "ur5",
         changed={"link_translation": {"elbow_joint": [0.02, 0.01, 0.0]}},
-        **{"kinematic": ["elbow_joint", "tool"], "regressor": "nominal"} | options,
+        translations=["elbow_joint"],
+        regressor="nominal",
+        **options,
     ),
     "pose": lambda **options: Stream("panda", "pose", **options),
 }
@@ -218,7 +223,9 @@ def test_only_the_first_sample_must_have_a_frame(panda):
 
 def test_controllers_that_were_not_told_of_a_camera_take_late_frames(panda):
     told = copy.copy(panda)
-    told.controller = pa.make_controller(panda.robot, **panda.told, camera=CAMERA)
+    told.controller = pa.make_controller(
+        panda.robot, sensors=pa.Sensors(camera=CAMERA), **panda.options
+    )
     torques, _ = panda.torques(FRAMES, 130)
     assert told.torques(FRAMES, 130)[0].tobytes() == torques.tobytes()
 
@@ -226,7 +233,7 @@ def test_controllers_that_were_not_told_of_a_camera_take_late_frames(panda):
 @pytest.mark.parametrize("name", ["panda", "pose"])
 @pytest.mark.parametrize("smoothing", [None, {"x": 1e-3}])
 def test_a_state_can_be_copied_between_two_frames(name, smoothing):
-    stream = STREAMS[name](noise=smoothing)
+    stream = STREAMS[name](sensors=pa.Sensors(noise=smoothing))
     torques, _ = stream.torques(FRAMES, 60)
     _, state = stream.torques(FRAMES, 35)
     assert state.sensed.frame is not None
@@ -236,7 +243,7 @@ def test_a_state_can_be_copied_between_two_frames(name, smoothing):
 
 
 def test_frames_that_are_not_carried_are_taken_for_now(panda):
-    held = STREAMS["panda"](carry=False)
+    held = STREAMS["panda"](sensors=pa.Sensors(compensate_delay=False))
     for k, s in held.signals({5: 0.0, 30: 25 * DT}, count=60):
         x = held.x(25 * DT if k >= 30 else 0.0)
         assert np.array_equal(s.x, x)
@@ -268,7 +275,7 @@ def test_smoothing_lowers_the_variance_as_a_first_order_low_pass(panda, smoothin
 
 def test_smoothing_does_not_lag_behind_the_arm(panda):
     """The low pass is on the prediction error: with the true parameters nothing passes it."""
-    smooth = STREAMS["panda"](noise={"x": 1e-3})
+    smooth = STREAMS["panda"](sensors=pa.Sensors(noise={"x": 1e-3}))
     assert smooth.controller.senses.compensator.smoothing < 60.0
     for k, s in smooth.signals(FRAMES, count=130, a_k=smooth.a_k, adapting=False):
         assert np.abs(s.x - smooth.x(k * DT)).max() <= 1e-12
@@ -289,18 +296,18 @@ ERRORS = {  # [mm] at the end of three seconds, with a camera of 30 frames a sec
 }
 
 
-def closed_loop(law, *, duration=3.0, every=5, **options):
+def closed_loop(law, *, duration=3.0, every=5, compensate_delay=True):
     """Return the rollout of a panda with unknown tool and load on a circle of 10 cm."""
     robot = catalogue_robot("panda")
     true = with_tool_and_load(robot)
-    believed = robot if pa.LAWS[law].adapts else true
-    controller = pa.make_controller(believed, law=law, camera=CAMERA, **options)
-    path = pa.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(true.position(true.q0))
-    options = {"duration": duration, "record_every": every, "camera": CAMERA}
-    return pa.simulate(true, controller, path, **options)
+    believed = robot if pa.laws.LAWS[law].adapts else true
+    sensors = pa.Sensors(camera=CAMERA, compensate_delay=compensate_delay)
+    controller = pa.make_controller(believed, law=law, sensors=sensors)
+    path = pa.trajectories.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(true.position(true.q0))
+    return pa.simulate(true, controller, path, duration=duration, record_every=every)
 
 
-FOLLOWING = [n for n, law in pa.LAWS.items() if not (law.joint_space or law.set_point)]
+FOLLOWING = [n for n, law in pa.laws.LAWS.items() if not (law.joint_space or law.set_point)]
 
 
 @pytest.fixture(scope="module", params=FOLLOWING)
@@ -327,15 +334,15 @@ def test_storage_is_known_where_no_frame_arrived(rollout):
 
 
 def test_taken_for_now_the_same_frames_end_worse():
-    rollout = closed_loop("separation", duration=1.5, carry=False)
+    rollout = closed_loop("separation", duration=1.5, compensate_delay=False)
     assert rollout.diverged is None and rollout.window(first=False).max() > 5e-3
 
 
 def test_a_loop_whose_camera_goes_blind_ends_with_the_reason():
     robot = catalogue_robot("ur5")
     path, camera = circle_at_home(robot), {"rate": 30.0, "dropout": 0.999}
-    controller = pa.make_controller(robot, camera=camera)
-    rollout = pa.simulate(robot, controller, path, duration=1.2, camera=camera)
+    controller = pa.make_controller(robot, sensors=pa.Sensors(camera=camera))
+    rollout = pa.simulate(robot, controller, path, duration=1.2)
     assert rollout.diverged == pytest.approx(controller.senses.compensator.longest_gap, abs=2e-3)
     assert "'x' has not been seen for" in rollout.reason
     assert len(rollout.t) == round(1e3 * rollout.diverged)

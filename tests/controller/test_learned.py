@@ -40,7 +40,9 @@ def test_the_learned_robot_has_the_estimates_for_its_parameters(name):
 
 
 def test_what_is_not_adapted_is_as_believed():
-    controller, rollout = run("ur5", dynamic="payload", joint="none")
+    controller, rollout = run(
+        "ur5", unknown=pa.Unknown(bodies="payload", friction=False, armature=False)
+    )
     believed, learned = controller.kinematics.robot, rollout.learned()
     same = [
         a.isApprox(b) for a, b in zip(believed.model.inertias, learned.model.inertias, strict=True)
@@ -60,7 +62,9 @@ def test_the_panda_that_was_learned_learns_from_torques_and_tool(tmp_path):
         tool_translation=(0.03, -0.02, 0.12),
     )
     believed = described.changed(inertial_scale=0.7)
-    path = pa.Lissajous(described.position(described.q0), [0.12, 0.2, 0.12], [3, 4, 5], 14.0)
+    path = pa.trajectories.Lissajous(
+        described.position(described.q0), [0.12, 0.2, 0.12], [3, 4, 5], 14.0
+    )
     pa.simulate(true, pa.make_controller(believed), path, duration=18.0).learned().save(
         tmp_path / "learned.urdf"
     )
@@ -86,7 +90,12 @@ def test_the_panda_that_was_learned_learns_from_torques_and_tool(tmp_path):
 
 
 def test_products_of_lengths_and_inertias_are_no_bodies():
-    controller, rollout = run("ur5", 0.05, kinematic=["tool", "elbow_joint"], adaptation="gradient")
+    controller, rollout = run(
+        "ur5",
+        0.05,
+        unknown=pa.Unknown(tool=False, translations=["tool", "elbow_joint"]),
+        adaptation="gradient",
+    )
     with pytest.raises(pa.ParameterError, match="no bodies follow"):
         rollout.learned()
     assert rollout.parameters().start(controller)["a_d"].size == controller.dynamics.size
@@ -94,7 +103,7 @@ def test_products_of_lengths_and_inertias_are_no_bodies():
 
 def test_unphysical_bodies_are_refused():
     controller = pa.make_controller(catalogue_robot("ur5"), adaptation="gradient")
-    state = controller.init(pa.PinocchioPlant(catalogue_robot("ur5")).measure())
+    state = controller.init(pa.plants.PinocchioPlant(catalogue_robot("ur5")).measure())
     a_d = state.a_d.copy()
     a_d[20] = -1.0  # the mass of the third body
     with pytest.raises(pa.ParameterError, match="elbow_joint"):
@@ -133,7 +142,11 @@ def test_a_run_goes_on_where_another_one_ended(tmp_path):
 def test_other_parameters_are_refused():
     _, rollout = run("ur5", 0.05)
     learned = rollout.parameters()
-    for options in ({"dynamic": "payload"}, {"joint": "none"}, {"kinematic": []}):
+    for options in (
+        {"unknown": pa.Unknown(bodies="payload")},
+        {"unknown": pa.Unknown(friction=False, armature=False)},
+        {"unknown": pa.Unknown(tool=False)},
+    ):
         with pytest.raises(pa.ParameterError, match="same robot, with the same unknown"):
             learned.start(pa.make_controller(catalogue_robot("ur5"), **options))
     with pytest.raises(pa.ParameterError, match=r"learned\.dynamic"):

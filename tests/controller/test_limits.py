@@ -108,10 +108,10 @@ def reaching(name, law, torque_limits=None, **control):
         robot.changed(inertial_scale=0.8), law=law, gamma_d=0.8, **control
     )
     far = [0.36, 0.0, 0.0] if name == "ur5" else [1.2, 0.0]
-    path = pa.Waypoints([np.zeros(len(far)), far, np.zeros(len(far))], 1.5).starting_at(
-        robot.position(robot.q0)
-    )
-    options = {"duration": 4.0, "substeps": 1, "torque_limits": torque_limits}
+    path = pa.trajectories.Waypoints(
+        [np.zeros(len(far)), far, np.zeros(len(far))], 1.5
+    ).starting_at(robot.position(robot.q0))
+    options = {"duration": 4.0, "engine": pa.Engine(substeps=1, torque_limits=torque_limits)}
     return pa.simulate(robot, controller.limited(None), path, **options)
 
 
@@ -133,15 +133,21 @@ def test_damping_brings_the_arm_back_from_beyond_its_reach(name, law):
 
 
 def test_without_damping_the_same_path_ends_the_run():
-    rollout = reaching("ur5", "adaptive-inverse-dynamics", torque_limits=False, damping=0.0)
+    rollout = reaching(
+        "ur5", "adaptive-inverse-dynamics", limits=pa.Limits(torque=False, damping=0.0)
+    )
     assert rollout.diverged is not None and not rollout.damping.any()
 
 
 @pytest.mark.parametrize("name", ["planar_2r", "scara", "ur5", "panda", "kinova"])
 def test_ordinary_runs_are_exact(name):
     robot = load(name)
-    path = pa.Circle(np.zeros(robot.task.size), 0.1, 1.0).starting_at(robot.position(robot.q0))
-    rollout = pa.simulate(robot, pa.make_controller(robot), path, duration=1.0, dt=2e-3, substeps=1)
+    path = pa.trajectories.Circle(np.zeros(robot.task.size), 0.1, 1.0).starting_at(
+        robot.position(robot.q0)
+    )
+    rollout = pa.simulate(
+        robot, pa.make_controller(robot), path, duration=1.0, engine=pa.Engine(dt=2e-3, substeps=1)
+    )
     assert rollout.diverged is None and rollout.summary()["max_damping"] == 0.0
     assert "singularity" not in str(rollout)
 
@@ -183,14 +189,16 @@ def saturating(law, monkeypatch=None, **options):
         }
     else:
         slow |= {"Kp": 400.0, "Kv": 40.0, "gamma_d": 3.8, "gamma_k": 0.05, "R_k": 50.0}
-    controller = pa.make_controller(believed, law=law, torque_limits=limits, guards=False, **slow)
+    controller = pa.make_controller(
+        believed, law=law, limits=pa.Limits(torque=limits, guards=False), **slow
+    )
     start = true.position(true.q0) + np.array([0.1, 0.05, 0.1])
-    path = pa.Circle(np.zeros(3), 0.05, 2.0, "yz").starting_at(start)
+    path = pa.trajectories.Circle(np.zeros(3), 0.05, 2.0, "yz").starting_at(start)
     return limits, pa.simulate(
         true,
         controller,
         path,
-        **{"duration": 3.0, "substeps": 1, "torque_limits": False, **options},
+        **{"duration": 3.0, "engine": pa.Engine(substeps=1, torque_limits=False), **options},
     )
 
 
@@ -219,12 +227,14 @@ def test_estimates_do_not_wind_up_while_motors_saturate(law, monkeypatch):
 def moving(law):
     """Return a UR5's controller with the first sample, in motion, and what is desired."""
     robot = robot_of(law, "ur5")
-    controller = pa.make_controller(robot, law=law, adaptation="gradient", torque_limits=False)
-    measurement = pa.PinocchioPlant(robot).measurement(robot.q0, np.linspace(0.1, 0.4, 6))
+    controller = pa.make_controller(
+        robot, law=law, adaptation="gradient", limits=pa.Limits(torque=False)
+    )
+    measurement = pa.plants.PinocchioPlant(robot).measurement(robot.q0, np.linspace(0.1, 0.4, 6))
     return controller, measurement, motion_at_home(robot).at(0.1)
 
 
-@pytest.mark.parametrize("law", pa.LAWS)
+@pytest.mark.parametrize("law", pa.laws.LAWS)
 def test_a_saturated_sample_teaches_nothing_of_the_dynamics(law):
     controller, measurement, desired = moving(law)
     state = controller.init(measurement)
@@ -246,7 +256,7 @@ def test_a_saturated_sample_teaches_nothing_of_the_dynamics(law):
     "law",
     [
         n
-        for n, law in pa.LAWS.items()
+        for n, law in pa.laws.LAWS.items()
         if law.adapts and law.learns_kinematics and not law.joint_space
     ],
 )
@@ -255,7 +265,7 @@ def test_a_saturated_sample_teaches_by_prediction_alone(law):
     a_k = controller.kinematics.initial + 0.02
     state = controller.init(measurement, a_k=a_k, adapting=False)
     robot = robot_of(law, "ur5")
-    plant = pa.PinocchioPlant(robot)
+    plant = pa.plants.PinocchioPlant(robot)
     for k in range(20):  # until the filters have seen something
         q = pin.integrate(robot.model, robot.q0, 1e-2 * k * measurement.v)
         measurement = plant.measurement(q, measurement.v, measurement.t)
@@ -284,10 +294,12 @@ def test_a_saturated_sample_teaches_by_prediction_alone(law):
 
 def test_limits_that_are_not_reached_change_nothing():
     robot = load("ur5")
-    path = pa.Circle(np.zeros(3), 0.05, 2.0).starting_at(robot.position(robot.q0))
+    path = pa.trajectories.Circle(np.zeros(3), 0.05, 2.0).starting_at(robot.position(robot.q0))
     believed = robot.changed(inertial_scale=0.8)
     runs = [
-        pa.simulate(robot, pa.make_controller(believed, torque_limits=limits), path, duration=0.1)
+        pa.simulate(
+            robot, pa.make_controller(believed, limits=pa.Limits(torque=limits)), path, duration=0.1
+        )
         for limits in (False, 1e4)
     ]
     assert np.array_equal(runs[0].tau, runs[1].tau) and np.array_equal(runs[0].a_d, runs[1].a_d)
@@ -299,9 +311,11 @@ def test_a_controller_without_limits_is_given_the_motors():
     robot = load("ur5")
     stiff = {"law": "adaptive-inverse-dynamics", "Kp": 4e4, "Kv": 400.0}
     believed = robot.changed(inertial_scale=0.8)
-    controller = pa.make_controller(believed, torque_limits=False, **stiff)
-    path = pa.Hold(robot.position(robot.q0) + 0.1)
-    rollout = pa.simulate(robot, controller, path, duration=0.05, torque_limits=True)
+    controller = pa.make_controller(believed, limits=pa.Limits(torque=False), **stiff)
+    path = pa.trajectories.Hold(robot.position(robot.q0) + 0.1)
+    rollout = pa.simulate(
+        robot, controller, path, duration=0.05, engine=pa.Engine(torque_limits=True)
+    )
     own = pa.simulate(robot, pa.make_controller(believed, **stiff), path, duration=0.05)
     assert rollout.saturated[:-1].any() and controller.limits.torque is None
     assert np.array_equal(rollout.a_d, own.a_d) and np.array_equal(rollout.tau, own.tau)
@@ -310,7 +324,9 @@ def test_a_controller_without_limits_is_given_the_motors():
 
 
 def test_continuous_mode_knows_limits_too():
-    limits, rollout = saturating("adaptive-jacobian", mode="continuous", dt=1e-3, duration=0.5)
+    limits, rollout = saturating(
+        "adaptive-jacobian", engine=pa.Engine(continuous=True), duration=0.5
+    )
     assert rollout.diverged is None
     assert (np.abs(rollout.tau) <= limits).all() and rollout.saturated[:-1].any()
     inside = rollout.saturated[:-1] & rollout.saturated[1:]
@@ -322,7 +338,7 @@ def test_continuous_mode_knows_limits_too():
 @pytest.mark.parametrize("limits", [[1.0, 2.0], [-1.0] * 6, [np.nan] * 6, 0.0, "many"])
 def test_impossible_torque_limits_are_refused(limits):
     with pytest.raises(pa.GainError, match="torque_limits"):
-        pa.make_controller(load("ur5"), torque_limits=limits)
+        pa.make_controller(load("ur5"), limits=pa.Limits(torque=limits))
 
 
 # --- the box ---
@@ -351,8 +367,8 @@ def test_projection_is_the_nearest_point_in_the_metric_and_v_only_improves(diago
     A = rng.standard_normal((3, 3))
     Gamma = np.diag(rng.uniform(0.1, 3.0, 3)) if diagonal else A @ A.T + 0.1 * np.eye(3)
     low, high = -rng.uniform(0.1, 1.0, 3), rng.uniform(0.1, 1.0, 3)
-    inner = pa.Gradient(Gamma, 3)
-    boxed, g = pa.BoxProjection(inner, low, high), 5.0 * rng.standard_normal(3)
+    inner = pa.adaptation.Gradient(Gamma, 3)
+    boxed, g = pa.adaptation.BoxProjection(inner, low, high), 5.0 * rng.standard_normal(3)
     metric = np.linalg.inv(Gamma)
     a = np.where(rng.uniform(size=3) < 0.5, low, rng.uniform(low, high))  # often at a wall
     moved, free = stepped(boxed, a, g, 0.5), stepped(inner, a, g, 0.5)
@@ -372,7 +388,7 @@ def test_projection_is_the_nearest_point_in_the_metric_and_v_only_improves(diago
 
 def test_an_estimate_outside_its_box_is_refused_by_name():
     robot = load("ur5")
-    controller = pa.make_controller(robot, kinematic_box=0.05)
+    controller = pa.make_controller(robot, limits=pa.Limits(box=0.05))
     measurement = pa.Measurement(0.0, robot.q0, np.zeros(6), robot.position(robot.q0))
     controller.init(measurement, a_k=controller.kinematics.initial + 0.04)
     with pytest.raises(pa.ParameterError, match=r"unknown\.kinematic_box.*tool_x.*outside.*wider"):
@@ -383,21 +399,21 @@ def test_estimates_stay_in_their_box():
     """The tool is 8 cm off; a box of 3 cm holds the estimate at its wall, in both modes."""
     robot = load("ur5")
     true = robot.changed(tool_translation=[0.0, 0.0, 0.08])
-    path = pa.Circle(np.zeros(3), 0.1, 1.0, "yz").starting_at(true.position(true.q0))
-    for options in ({"substeps": 1}, {"mode": "continuous"}):
+    path = pa.trajectories.Circle(np.zeros(3), 0.1, 1.0, "yz").starting_at(true.position(true.q0))
+    for engine in (pa.Engine(substeps=1), pa.Engine(continuous=True)):
         runs = {}
         for box in (0.03, False):
-            controller = pa.make_controller(robot, kinematic_box=box, gamma_k=0.5)
+            controller = pa.make_controller(robot, limits=pa.Limits(box=box), gamma_k=0.5)
             with (
                 pytest.warns(UserWarning, match=r"\['tool_y'\] are outside")
                 if box
                 else nullcontext()
             ):
-                runs[box] = pa.simulate(true, controller, path, duration=1.0, **options)
+                runs[box] = pa.simulate(true, controller, path, duration=1.0, engine=engine)
             assert runs[box].diverged is None
         low, high = controller.kinematics.initial - 0.03, controller.kinematics.initial + 0.03
         outside = (
-            1e-12 if "mode" not in options else 1e-3
+            1e-3 if engine.continuous else 1e-12
         )  # an integrator's step passes the wall by a little
         assert (runs[0.03].a_k >= low - outside).all() and (runs[0.03].a_k <= high + outside).all()
         assert np.abs(runs[False].a_k - controller.kinematics.initial).max() > 0.05
@@ -405,9 +421,9 @@ def test_estimates_stay_in_their_box():
 
 def test_default_box_keeps_lengths_positive_and_offsets_within_half_the_reach():
     planar, panda = load("planar_2r"), load("panda")
-    lengths = pa.FrameKinematics(planar, ["lengths"])
+    lengths = pa.models.FrameKinematics(planar, ["lengths"])
     assert np.allclose(make_box(planar, lengths, None), [[0.2, 0.24], [5.0, 6.0]])
-    tool = pa.FrameKinematics(panda, ["tool"])
+    tool = pa.models.FrameKinematics(panda, ["tool"])
     low, high = make_box(panda, tool, None)
     assert (
         np.allclose((low + high) / 2, tool.initial)
@@ -434,7 +450,7 @@ def test_default_box_keeps_lengths_positive_and_offsets_within_half_the_reach():
 )
 def test_impossible_boxes_are_refused(box):
     with pytest.raises(pa.ParameterError, match=r"unknown\.kinematic_box"):
-        pa.make_controller(load("ur5"), kinematic_box=box)
+        pa.make_controller(load("ur5"), limits=pa.Limits(box=box))
 
 
 # --- the watch ---
@@ -477,14 +493,15 @@ def test_estimates_that_run_away_end_the_run_with_a_message():
             law="adaptive-jacobian",
             adaptation="gradient",
             gamma_d=1e9,
-            watch=watch,
-            kinematic=[],
-            torque_limits=False,
+            limits=pa.Limits(stop_on_divergence=watch, torque=False),
+            unknown=pa.Unknown(tool=False),
         )
         measurement = pa.Measurement(
             0.0, robot.q0, np.full(6, 0.1), robot.position(robot.q0), xd=np.zeros(3)
         )
-        desired = pa.Circle(np.zeros(3), 0.1, 2.0).starting_at(measurement.x + 0.05).at(0.0)
+        desired = (
+            pa.trajectories.Circle(np.zeros(3), 0.1, 2.0).starting_at(measurement.x + 0.05).at(0.0)
+        )
         state = controller.init(measurement)
         if watch:
             with pytest.raises(pa.DivergedError, match="ran away"):
@@ -496,7 +513,7 @@ def test_estimates_that_run_away_end_the_run_with_a_message():
 def test_impossible_dampings_are_refused():
     for damping in (-0.1, 1.0, np.nan):
         with pytest.raises(pa.GainError, match="damping"):
-            pa.make_controller(load("ur5"), damping=damping)
+            pa.make_controller(load("ur5"), limits=pa.Limits(damping=damping))
 
 
 # --- scenarios ---

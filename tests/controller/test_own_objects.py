@@ -43,14 +43,14 @@ def test_the_guides_arm_ends_at_its_set_point(guide):
 
 def test_without_adaptation_a_wrist_stays_off_as_the_guide_says(guide):
     controller = pa.make_controller(guide["robot"], law=guide["law"], adaptation="none")
-    path = pa.Hold(guide["robot"].home_angles + 0.2)
+    path = pa.trajectories.Hold(guide["robot"].home_angles + 0.2)
     error = error_at_the_end(pa.simulate(guide["true"], controller, path, duration=5.0))
     assert error.argmax() == 3 and error[3] == pytest.approx(5.8, abs=0.05)
 
 
 def test_storage_of_the_guides_law_falls_with_an_adaptation_that_has_one(guide):
     controller = pa.make_controller(guide["robot"], law=guide["law"], adaptation="natural")
-    path = pa.Hold(guide["robot"].home_angles + 0.2)
+    path = pa.trajectories.Hold(guide["robot"].home_angles + 0.2)
     rollout = pa.simulate(guide["true"], controller, path, duration=2.0)
     assert rollout.diverged is None
     assert (np.diff(rollout.lyapunov) < 1e-6 * rollout.lyapunov[0]).all()
@@ -59,7 +59,7 @@ def test_storage_of_the_guides_law_falls_with_an_adaptation_that_has_one(guide):
 
 def test_the_guides_proof_is_held_by_its_closed_loop(guide):
     controller = pa.make_controller(guide["robot"], law=guide["law"], gamma_d=1.0)
-    path = pa.Hold(guide["robot"].home_angles + 0.2)
+    path = pa.trajectories.Hold(guide["robot"].home_angles + 0.2)
     energy = energy_along(guide["true"], controller, path, seconds=0.04)
     assert energy.mismatch() <= 1e-6 and np.abs(energy.rate).max() > 1e-4
 
@@ -74,8 +74,8 @@ def wrong(robot):
 def test_a_law_as_an_object_is_the_one_by_name_with_the_same_gains():
     robot = catalogue_robot("panda")
     own = {"alpha": 5.0, "R_k": 30.0, "lambda_": 12.0}
-    posture = pa.Posture(wrong(robot), frequency=6.0)
-    law = pa.AdaptiveJacobian(robot.task, posture, K_v=90.0, K_P=800.0, **own)
+    posture = pa.laws.Posture(wrong(robot), frequency=6.0)
+    law = pa.laws.AdaptiveJacobian(robot.task, posture, K_v=90.0, K_P=800.0, **own)
     gains = {"Kv": 90.0, "Kp": 800.0, "posture": 6.0, **own}
     by_name = pa.make_controller(wrong(robot), law=JACOBIAN, **gains)
     by_object = pa.make_controller(wrong(robot), law=law)
@@ -100,9 +100,9 @@ def test_an_adaptation_as_an_object_is_the_one_by_name(kind):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"law": pa.AdaptiveJacobian}, "a name or a Law"),
+        ({"law": pa.laws.AdaptiveJacobian}, "a name or a Law"),
         ({"law": 3}, "a name or a Law"),
-        ({"adaptation": pa.Natural}, "a name or an Adaptation"),
+        ({"adaptation": pa.adaptation.Natural}, "a name or an Adaptation"),
         ({"adaptation": None}, "a name or an Adaptation"),
     ],
     ids=str,
@@ -114,7 +114,9 @@ def test_what_is_no_object_of_its_kind_is_refused(options, words):
 
 def test_a_law_as_an_object_takes_no_gains_beside():
     robot = catalogue_robot("ur5")
-    law = pa.AdaptiveJacobian(robot.task, pa.Posture(robot), K_v=90.0, K_P=800.0, alpha=5.0)
+    law = pa.laws.AdaptiveJacobian(
+        robot.task, pa.laws.Posture(robot), K_v=90.0, K_P=800.0, alpha=5.0
+    )
     with pytest.raises(pa.InputError, match=r"has its gains; got \['Kv'\]"):
         pa.make_controller(robot, law=law, Kv=40.0)
 
@@ -129,16 +131,18 @@ def inner_of(kind, dynamics, guide):
     if kind == "own":
         return guide["Normalised"](Gamma=1.0, T=0.1)
     if kind == "natural":
-        return pa.Natural(5.0, pa.BodyInequality(catalogue_robot("ur5").joint_names))
-    return pa.Gradient(1.0, dynamics.size)
+        return pa.adaptation.Natural(
+            5.0, pa.adaptation.BodyInequality(catalogue_robot("ur5").joint_names)
+        )
+    return pa.adaptation.Gradient(1.0, dynamics.size)
 
 
 @pytest.mark.parametrize("kind", INNER)
 def test_a_box_holds_any_adaptation(kind, guide):
-    dynamics = pa.BodyDynamics(catalogue_robot("ur5"))
+    dynamics = pa.models.BodyDynamics(catalogue_robot("ur5"))
     inner, a = inner_of(kind, dynamics, guide), dynamics.initial
     low, high = a - 0.01 * np.abs(a) - 1e-3, a + 0.01 * np.abs(a) + 1e-3
-    boxed, rng = pa.BoxProjection(inner, low, high), np.random.default_rng(1)
+    boxed, rng = pa.adaptation.BoxProjection(inner, low, high), np.random.default_rng(1)
     free, held = inner.init(a), boxed.init(a)
     drive = along(1e-6 * rng.standard_normal(a.size))  # so short a step that no wall is met
     assert unchanged(boxed.step(held, drive, 1e-3), snapshot(inner.step(free, drive, 1e-3)))
@@ -162,8 +166,8 @@ def mass_matrix(dynamics, a, q):
 @pytest.mark.parametrize("kind", INNER)
 def test_the_mass_matrix_stays_positive_with_any_adaptation(kind, guide):
     robot = catalogue_robot("ur5")
-    dynamics = pa.BodyDynamics(robot)
-    projected = pa.MassMatrixProjection(inner_of(kind, dynamics, guide), dynamics, robot)
+    dynamics = pa.models.BodyDynamics(robot)
+    projected = pa.adaptation.MassMatrixProjection(inner_of(kind, dynamics, guide), dynamics, robot)
     rng, estimate, moved = np.random.default_rng(2), projected.init(0.05 * dynamics.initial), 0
     M_0 = mass_matrix(dynamics, dynamics.initial, robot.q0)
     for _ in range(50):
@@ -183,16 +187,16 @@ def test_the_mass_matrix_stays_positive_with_any_adaptation(kind, guide):
 def test_what_an_adaptation_remembers_goes_through_continuous_mode(guide):
     """The rate of the memory is integrated with the rest: fine samples tend to the same."""
     robot, true = guide["robot"], guide["true"]
-    path, ends = pa.Hold(robot.home_angles + 0.2), {}
+    path, ends = pa.trajectories.Hold(robot.home_angles + 0.2), {}
     for mode, dt in (("continuous", 1e-3), ("sampled", 1e-4), ("sampled", 5e-5)):
         adaptation = guide["Normalised"](Gamma=30.0, T=0.05)
         controller = pa.make_controller(
-            robot, law=guide["law"], adaptation=adaptation, dt=dt, torque_limits=False
+            robot, law=guide["law"], adaptation=adaptation, dt=dt, limits=pa.Limits(torque=False)
         )
-        plant = pa.PinocchioPlant(true)
+        plant = pa.plants.PinocchioPlant(true)
         if mode == "continuous":
             start = controller.init(plant.measure())
-            stream = pa.run_continuous(plant, controller, path, dt=dt, state=start)
+            stream = pa.simulation.run_continuous(plant, controller, path, dt=dt, state=start)
         else:
             stream = pa.run(plant, controller, path, dt=dt)
         for sample in stream:
@@ -238,9 +242,9 @@ def test_a_run_whose_estimates_rest_is_the_one_of_no_adaptation(mode):
     path, torques = motion_at_home(robot), []
     for adaptation in ("natural", "none"):
         controller = pa.make_controller(wrong(robot), adaptation=adaptation)
-        plant = pa.PinocchioPlant(robot)
+        plant = pa.plants.PinocchioPlant(robot)
         state = controller.init(plant.measure(), adapting=adaptation == "none")
-        run = pa.run_continuous if mode == "continuous" else pa.run
+        run = pa.simulation.run_continuous if mode == "continuous" else pa.run
         stream = run(plant, controller, path, dt=1e-3, state=state)
         torques.append([next(stream).torque for _ in range(20)])
     assert np.array_equal(*torques)
@@ -257,10 +261,14 @@ def all_of(signals):
 
 OBSERVED = {
     "panda": ("panda", {}, {}),
-    "planar": ("planar_2r", {}, {"kinematic": ["lengths"], "adaptation": "projected"}),
+    "planar": ("planar_2r", {}, {"unknown": pa.Unknown(lengths=True), "adaptation": "projected"}),
     "joints": ("ur5", {"task": "joint"}, {"law": "slotine-li"}),
     "predicted": ("panda", {}, {"adaptation": "natural-composite"}),
-    "all of the joints": ("ur5", {}, {"joint": "all", "law": JACOBIAN}),
+    "all of the joints": (
+        "ur5",
+        {},
+        {"unknown": pa.Unknown(friction=True, armature=True), "law": JACOBIAN},
+    ),
 }
 
 
@@ -284,7 +292,7 @@ def test_signals_are_frozen_and_can_be_copied():
     samples = record(robot, controller, motion_at_home(robot), 1)
     signals = controller.observe(controller.init(samples[0][0]), *samples[0])
     before = snapshot(all_of(signals))
-    assert type(signals) is pa.Signals and not hasattr(signals, "__dict__")
+    assert type(signals) is pa.laws.Signals and not hasattr(signals, "__dict__")
     for name in ("dx", "adapting", "inverse", "another"):
         with pytest.raises(AttributeError):
             setattr(signals, name, 0.0)
@@ -292,9 +300,9 @@ def test_signals_are_frozen_and_can_be_copied():
             delattr(signals, name)
     pickled = pickle.loads(pickle.dumps(signals))
     for alike in (copy.copy(signals), copy.deepcopy(signals), pickled, signals):
-        assert type(alike) is pa.Signals and unchanged(all_of(alike), before)
+        assert type(alike) is pa.laws.Signals and unchanged(all_of(alike), before)
     other = signals._replace(dx=2.0 * signals.dx)
-    assert type(other) is pa.Signals and other.q is signals.q
+    assert type(other) is pa.laws.Signals and other.q is signals.q
     assert (other.dx == 2.0 * signals.dx).all() and unchanged(all_of(signals), before)
 
 

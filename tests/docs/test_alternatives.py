@@ -28,8 +28,8 @@ def setting(true, believed, sensors="perfect"):
 def hold(at, name, duration=1.0, **gains):
     """Return the rollout of a contender that is to stay where the true robot starts."""
     controller = CONTENDERS[name].make(at, **gains)
-    path = pa.Hold(at.true.position(at.true.q0))
-    return pa.simulate(at.true, controller, path, duration=duration, **at.sensors)
+    path = pa.trajectories.Hold(at.true.position(at.true.q0))
+    return pa.simulate(at.true, controller, path, duration=duration, sensors=at.sensors)
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +52,7 @@ def test_at_rest_with_the_true_model_nothing_moves(arm, name):
 def test_pd_sags_by_the_unknown_load_over_its_stiffness(arm, loaded):
     at = setting(loaded, arm)
     rollout = hold(at, "PD + gravity", 1.0)
-    missing = pa.Gravity(loaded)(rollout.q[-1]) - pa.Gravity(arm)(rollout.q[-1])
+    missing = pa.robot.Gravity(loaded)(rollout.q[-1]) - pa.robot.Gravity(arm)(rollout.q[-1])
     assert rollout.q[-1] - arm.q0 == pytest.approx(-missing / (at.w * at.damping), abs=2e-5)
     assert np.abs(rollout.error[-1]).max() > 5e-4
 
@@ -74,7 +74,10 @@ def test_the_task_integral_takes_off_what_tool_and_load_leave(arm, loaded, senso
 def observed(at, duration):
     """Return what the law saw in the end, and the observed r (n) [N m], without integral."""
     controller = CONTENDERS["computed torque, observer, task integral"].make(at, k_o=1.0, k_x=0.0)
-    plant, path = pa.PinocchioPlant(at.true), pa.Hold(at.true.position(at.true.q0))
+    plant, path = (
+        pa.plants.PinocchioPlant(at.true),
+        pa.trajectories.Hold(at.true.position(at.true.q0)),
+    )
     for sample in pa.run(plant, controller, path, duration=duration):
         last = sample
     s, _ = controller.command(last.state, last.measurement, last.desired)
@@ -84,7 +87,7 @@ def observed(at, duration):
 def test_the_observer_converges_to_the_torque_of_an_unknown_load(arm, loaded):
     s, r = observed(setting(loaded, arm), 1.0)
     assert np.abs(s.v).max() < 1e-4
-    missing = pa.Gravity(arm)(s.q) - pa.Gravity(loaded)(s.q)
+    missing = pa.robot.Gravity(arm)(s.q) - pa.robot.Gravity(loaded)(s.q)
     assert np.abs(missing).max() > 5.0
     assert r == pytest.approx(missing, abs=1e-2)
 
@@ -93,7 +96,7 @@ def test_the_observer_approaches_at_its_rate(arm, loaded):
     """From rest the first sample tells nothing; r rises as 1 - exp(-k_o t)."""
     at = setting(loaded, arm)
     s, r = observed(at, 1.0 / at.w)
-    missing = pa.Gravity(arm)(s.q) - pa.Gravity(loaded)(s.q)
+    missing = pa.robot.Gravity(arm)(s.q) - pa.robot.Gravity(loaded)(s.q)
     assert 0.4 < r[1] / missing[1] < 0.9
 
 
@@ -104,7 +107,7 @@ def test_the_observer_sees_nothing_in_a_true_model(arm):
 
 def test_inverse_kinematics_follow_a_circle_with_the_believed_tool(arm):
     believed = BelievedRobot(arm)
-    circle = pa.Circle(np.zeros(3), 0.05, 2.0, "yz").starting_at(arm.position(arm.q0))
+    circle = pa.trajectories.Circle(np.zeros(3), 0.05, 2.0, "yz").starting_at(arm.position(arm.q0))
     follow, q, dt = InverseKinematics(believed, W), arm.q0, 2e-3
     for t in np.arange(0.0, 2.0, dt):
         desired = circle.at(t)

@@ -35,7 +35,7 @@ class Arm:
 
     def __init__(self, robot, samples):
         """Take the true robot, which adds its described gravity itself, and how long it runs."""
-        self.plant = pa.PinocchioPlant(robot, compensation=pa.Gravity(pa.load("ur5")))
+        self.plant = pa.plants.PinocchioPlant(robot, compensation=pa.robot.Gravity(pa.load("ur5")))
         self.left, self.sent, self.error = samples, [], None
 
     def read(self):

@@ -35,7 +35,7 @@ def test_prices_are_errors_over_those_of_the_truth(law, monkeypatch):
     found = {run: measured(run) for kind in (TRUTH, "natural") for run in [Run("ur5", law, kind)]}
     truth, natural = rows(found)
     assert truth["price"] == [1.0, 1.0] and natural["unit"] == (
-        "rad" if pa.LAWS[law].joint_space else "m"
+        "rad" if pa.laws.LAWS[law].joint_space else "m"
     )
     assert natural["price"][1] == natural["error"][1] / truth["error"][1] > 10.0
     assert "| `separation` |" in report([truth]) or law != "separation"

@@ -23,7 +23,13 @@ ROBOTS = ["ur5", "scara", "planar_2r"]
 @cache
 def excited(name, **options):
     """Return a short motion that excites the load of a robot."""
-    return pa.excite(catalogue_robot(name), dynamic="payload", duration=6.0, harmonics=3, **options)
+    return pa.excite(
+        catalogue_robot(name),
+        unknown=pa.Unknown(bodies="payload"),
+        duration=6.0,
+        harmonics=3,
+        **options,
+    )
 
 
 def search(name, kinematic=()):
@@ -94,7 +100,12 @@ def test_the_derivative_of_the_cost_is_its_slope(kinematic):
 
 def test_a_seed_gives_the_same_motion_again():
     cosine = excited("planar_2r").trajectory.cosine
-    again = pa.excite(catalogue_robot("planar_2r"), dynamic="payload", duration=6.0, harmonics=3)
+    again = pa.excite(
+        catalogue_robot("planar_2r"),
+        unknown=pa.Unknown(bodies="payload"),
+        duration=6.0,
+        harmonics=3,
+    )
     assert np.array_equal(again.trajectory.cosine, cosine)
     assert not np.allclose(excited("planar_2r", seed=1).trajectory.cosine, cosine)
 
@@ -110,7 +121,9 @@ def test_any_chain_can_be_excited():
 
 def test_the_parameters_of_a_controller_are_excited():
     described = catalogue_robot("planar_2r")
-    controller = pa.make_controller(described, dynamic="payload", joint="none")
+    controller = pa.make_controller(
+        described, unknown=pa.Unknown(bodies="payload", friction=False, armature=False)
+    )
     motion = pa.excite(controller, duration=4.0)
     assert motion.excitation.dynamic.names == controller.dynamics.names
     assert motion.excitation.kinematic.names == controller.kinematics.names
@@ -122,8 +135,12 @@ def test_the_parameters_of_a_controller_are_excited():
 @pytest.mark.parametrize(
     ("options", "error", "words"),
     [
-        ({"dynamic": "none", "joint": "none"}, pa.ParameterError, "nothing is unknown"),
-        ({"dynamic": "elbw"}, pa.RobotError, "Did you mean 'elbow'"),
+        (
+            {"unknown": pa.Unknown(bodies="none", friction=False, armature=False)},
+            pa.ParameterError,
+            "nothing is unknown",
+        ),
+        ({"unknown": pa.Unknown(bodies="elbw")}, pa.RobotError, "Did you mean 'elbow'"),
         ({"duration": -1.0}, pa.InputError, "must be positive"),
         ({"harmonics": 1}, pa.InputError, "at least 2"),
         ({"excursion": 0.0}, pa.InputError, "must be positive"),
@@ -138,17 +155,20 @@ def test_impossible_arguments_are_refused(options, error, words):
 def test_an_unidentifiable_unknown_is_refused():
     robot = catalogue_robot("planar_2r")
     there = robot.model.frames[robot.frame_id].placement.translation.copy()
-    height = pa.Translation("tool", None, np.eye(3)[:, 2:], there, ("tool_z",))
+    height = pa.models.Translation("tool", None, np.eye(3)[:, 2:], there, ("tool_z",))
     with pytest.raises(pa.ParameterError, match=r"no motion of 'planar_2r'.*\(tool_z\)"):
-        pa.excite(robot, dynamic="none", joint="none", kinematic=[height])
+        pa.excite(
+            robot,
+            unknown=pa.Unknown(
+                tool=False, translations=[height], bodies="none", friction=False, armature=False
+            ),
+        )
 
 
 def test_the_base_is_identified_from_positions():
     motion = pa.excite(
         catalogue_robot("planar_2r"),
-        dynamic="none",
-        joint="none",
-        kinematic=["base", "tool"],
+        unknown=pa.Unknown(tool=True, base=True, bodies="none", friction=False, armature=False),
         duration=4.0,
     )
     assert motion.identifiable == (0, 4)  # of six; heights do not show in the plane
@@ -179,7 +199,9 @@ def test_the_command_writes_the_printed_motion_as_a_scenario(tmp_path, capsys):
     assert "of velocity" in printed and f"pinadapt run {file}" in printed
     scenario = Scenario.read(file)
     assert scenario.tables.simulation.duration == 4.0
-    motion = pa.excite(catalogue_robot("planar_2r"), dynamic="payload", duration=4.0)
+    motion = pa.excite(
+        catalogue_robot("planar_2r"), unknown=pa.Unknown(bodies="payload"), duration=4.0
+    )
     written, found = scenario.trajectory.at(1.3), motion.trajectory.at(1.3)
     assert np.allclose(written.x_d, found.x_d, atol=1e-5)
     assert scenario.controller.dynamics.names == motion.excitation.dynamic.names

@@ -35,14 +35,14 @@ def entries(bibtex):
 
 def controller(law, **options):
     """Return a controller of a UR5 with a law."""
-    task = "joint" if isinstance(law, str) and pa.LAWS[law].joint_space else "xyz"
+    task = "joint" if isinstance(law, str) and pa.laws.LAWS[law].joint_space else "xyz"
     return pa.make_controller(pa.load("ur5", task=task), law=law, **options)
 
 
-@pytest.mark.parametrize("law", pa.LAWS)
+@pytest.mark.parametrize("law", pa.laws.LAWS)
 def test_the_entries_of_a_law_are_complete_and_of_its_docstring(law):
     cited = entries(pa.citation(controller(law)))
-    sources = list(pa.LAWS[law].sources)
+    sources = list(pa.laws.LAWS[law].sources)
     assert sources and list(cited)[: len(sources)] == sources
     assert list(cited)[-2:] == ["Carpentier2019", "pinadapt"]
     for kind, fields in cited.values():
@@ -50,7 +50,7 @@ def test_the_entries_of_a_law_are_complete_and_of_its_docstring(law):
         assert all(value.count("{") == value.count("}") for value in fields.values())
     for key in sources:
         year, surname = cited[key][1]["year"], cited[key][1]["author"].split(",")[0]
-        assert year in pa.LAWS[law].__doc__ and surname in pa.LAWS[law].__doc__
+        assert year in pa.laws.LAWS[law].__doc__ and surname in pa.laws.LAWS[law].__doc__
 
 
 def test_the_version_is_cited():
@@ -64,14 +64,18 @@ def test_an_adaptation_is_cited_where_it_is_used():
 
 
 def test_wrappers_of_an_adaptation_are_cited_with_it():
-    plain, noisy = (pa.citation(controller("separation", encoder=e)) for e in (0.0, 1e-4))
+    plain, noisy = (
+        pa.citation(controller("separation", sensors=pa.Sensors(encoder=e))) for e in (0.0, 1e-4)
+    )
     assert "IoannouKokotovic1984" not in plain  # the leak
     assert {"IoannouKokotovic1984", "LeeKwonPark2018"} < set(entries(noisy))
     assert "IoannouSun1996" in plain  # the box of the kinematic estimate
-    assert "IoannouSun1996" not in pa.citation(controller("separation", kinematic_box=False))
+    assert "IoannouSun1996" not in pa.citation(
+        controller("separation", limits=pa.Limits(box=False))
+    )
 
 
-class Own(pa.Gradient):
+class Own(pa.adaptation.Gradient):
     """An adaptation with a source of its own, and one of the library."""
 
     sources = (
@@ -88,7 +92,9 @@ class Own(pa.Gradient):
 
 
 def test_own_entries_are_cited_as_they_are_written():
-    own = controller("separation", adaptation=Own(1e-3, 60), joint="none")
+    own = controller(
+        "separation", adaptation=Own(1e-3, 60), unknown=pa.Unknown(friction=False, armature=False)
+    )
     found = entries(pa.citation(own))
     kind, fields = found["Me2026"]
     assert kind == "phdthesis" and fields["title"] == "{RLS} for {SCARA} robots"
@@ -107,7 +113,11 @@ def test_sources_that_cannot_be_cited_are_refused(source, words):
     own = Own(1e-3, 60)
     own.sources = (source,)
     with pytest.raises(pa.InputError, match=words):
-        pa.citation(controller("separation", adaptation=own, joint="none"))
+        pa.citation(
+            controller(
+                "separation", adaptation=own, unknown=pa.Unknown(friction=False, armature=False)
+            )
+        )
 
 
 def sources_in_code():

@@ -143,46 +143,54 @@ CALLS = {
     "link": lambda r, c, bad: r.changed(link_translation=bad),
     "viscous": lambda r, c, bad: r.changed(viscous=[bad, 0.1]),
     "friction": lambda r, c, bad: pa.Friction([bad], [0.0]),
-    "circle": lambda r, c, bad: pa.Circle([0.5, 0.5], bad, 3.0),
-    "lissajous": lambda r, c, bad: pa.Lissajous([0.0, 0.0], [bad, 1.0], [1, 2], 3.0),
-    "sinusoid": lambda r, c, bad: pa.Sinusoid([0.0, 0.0], 1.0, [bad, 1.0]),
-    "waypoints": lambda r, c, bad: pa.Waypoints([[0.0, 0.0], [bad, 0.0]], 1.0),
-    "segment": lambda r, c, bad: pa.Waypoints([[0.0], [1.0]], bad),
-    "hold": lambda r, c, bad: pa.Hold([bad, 0.0]),
-    "swing": lambda r, c, bad: pa.Swing([0, 0, 1], 0.1, bad),
-    "pose": lambda r, c, bad: pa.PoseTrajectory(bad),
+    "circle": lambda r, c, bad: pa.trajectories.Circle([0.5, 0.5], bad, 3.0),
+    "lissajous": lambda r, c, bad: pa.trajectories.Lissajous([0.0, 0.0], [bad, 1.0], [1, 2], 3.0),
+    "sinusoid": lambda r, c, bad: pa.trajectories.Sinusoid([0.0, 0.0], 1.0, [bad, 1.0]),
+    "waypoints": lambda r, c, bad: pa.trajectories.Waypoints([[0.0, 0.0], [bad, 0.0]], 1.0),
+    "segment": lambda r, c, bad: pa.trajectories.Waypoints([[0.0], [1.0]], bad),
+    "hold": lambda r, c, bad: pa.trajectories.Hold([bad, 0.0]),
+    "swing": lambda r, c, bad: pa.trajectories.Swing([0, 0, 1], 0.1, bad),
+    "pose": lambda r, c, bad: pa.trajectories.PoseTrajectory(bad),
     "camera": lambda r, c, bad: pa.Camera(rate=bad),
-    "quality": lambda r, c, bad: pa.SensorQuality(v=bad),
-    "gradient": lambda r, c, bad: pa.Gradient([bad, 1.0], 2),
-    "natural": lambda r, c, bad: pa.Natural(bad, pa.MatrixInequality(np.eye(2)[None])),
-    "cone": lambda r, c, bad: pa.Natural(1.0, bad),
-    "inequality": lambda r, c, bad: pa.MatrixInequality([[[bad]]]),
-    "leak": lambda r, c, bad: pa.Leak(bad, 1.0),
-    "low pass": lambda r, c, bad: pa.LowPass(bad),
+    "quality": lambda r, c, bad: pa.controller.SensorQuality(v=bad),
+    "gradient": lambda r, c, bad: pa.adaptation.Gradient([bad, 1.0], 2),
+    "natural": lambda r, c, bad: pa.adaptation.Natural(
+        bad, pa.adaptation.MatrixInequality(np.eye(2)[None])
+    ),
+    "cone": lambda r, c, bad: pa.adaptation.Natural(1.0, bad),
+    "inequality": lambda r, c, bad: pa.adaptation.MatrixInequality([[[bad]]]),
+    "leak": lambda r, c, bad: pa.adaptation.Leak(bad, 1.0),
+    "low pass": lambda r, c, bad: pa.filters.LowPass(bad),
     "believed": lambda r, c, bad: pa.make_controller(bad),
     "Kv": lambda r, c, bad: pa.make_controller(r, Kv=bad),
     "gamma_d": lambda r, c, bad: pa.make_controller(r, gamma_d=bad),
     "controller dt": lambda r, c, bad: pa.make_controller(r, dt=bad),
-    "encoder": lambda r, c, bad: pa.make_controller(r, encoder=bad),
-    "watch": lambda r, c, bad: pa.make_controller(r, watch=bad),
+    "encoder": lambda r, c, bad: pa.make_controller(r, sensors=pa.Sensors(encoder=bad)),
+    "watch": lambda r, c, bad: pa.make_controller(r, limits=pa.Limits(stop_on_divergence=bad)),
     "posture": lambda r, c, bad: pa.make_controller(r, posture={"frequency": bad}),
-    "basis": lambda r, c, bad: pa.make_controller(r, basis=[[bad]]),
+    "basis": lambda r, c, bad: pa.make_controller(r, unknown=pa.Unknown(basis=[[bad]])),
     "simulated": lambda r, c, bad: pa.simulate(bad, c, hold(r), duration=0.01),
     "trajectory": lambda r, c, bad: pa.simulate(r, c, bad, duration=0.01),
     "duration": lambda r, c, bad: pa.simulate(r, c, hold(r), duration=bad),
-    "dt": lambda r, c, bad: pa.simulate(r, c, hold(r), duration=0.01, dt=bad),
-    "substeps": lambda r, c, bad: pa.simulate(r, c, hold(r), duration=0.01, substeps=bad),
+    "dt": lambda r, c, bad: pa.simulate(r, c, hold(r), duration=0.01, engine=pa.Engine(dt=bad)),
+    "substeps": lambda r, c, bad: pa.simulate(
+        r, c, hold(r), duration=0.01, engine=pa.Engine(substeps=bad)
+    ),
     "every": lambda r, c, bad: pa.simulate(r, c, hold(r), duration=0.01, record_every=bad),
-    "noise": lambda r, c, bad: pa.simulate(r, c, hold(r), duration=0.01, noise={"q": bad}),
-    "changes": lambda r, c, bad: pa.simulate(r, c, hold(r), duration=0.01, changes=bad),
-    "stream": lambda r, c, bad: next(pa.run(pa.PinocchioPlant(r), c, hold(r), dt=bad)),
+    "noise": lambda r, c, bad: pa.simulate(
+        r, c, hold(r), duration=0.01, sensors=pa.Sensors(noise={"q": bad})
+    ),
+    "changes": lambda r, c, bad: pa.simulate(
+        r, c, hold(r), duration=0.01, events=pa.Events(changes=bad)
+    ),
+    "stream": lambda r, c, bad: next(pa.run(pa.plants.PinocchioPlant(r), c, hold(r), dt=bad)),
     "preflight": lambda r, c, bad: pa.preflight(c, bad),
     "largest": lambda r, c, bad: pa.reachable_circle(r, largest=bad),
 }
 
 
 def hold(robot):
-    return pa.Hold(robot.position(robot.q0))
+    return pa.trajectories.Hold(robot.position(robot.q0))
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, HUGE, 1e308, "0.02", b"1", 1j, {"a": 1}], ids=str)
@@ -228,8 +236,11 @@ def test_limits_that_are_crossed_are_refused(tmp_path):
         ({"lambda_a": 0.1}, "nothing uses lambda_a: .* use Kv, alpha"),
         ({"law": "adaptive-jacobian", "beta": 3.0}, "nothing uses beta"),
         ({"adaptation": "none", "gamma_d": 1.0}, "nothing uses gamma_d"),
-        ({"joint": "none", "gamma_joint": 1.0}, "nothing uses gamma_joint"),
-        ({"kinematic": [], "gamma_k": 1.0}, "nothing uses gamma_k"),
+        (
+            {"unknown": pa.Unknown(friction=False, armature=False), "gamma_joint": 1.0},
+            "nothing uses gamma_joint",
+        ),
+        ({"unknown": pa.Unknown(tool=False), "gamma_k": 1.0}, "nothing uses gamma_k"),
     ],
 )
 def test_a_gain_that_nothing_uses_is_told(options, words, robot):

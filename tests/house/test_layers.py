@@ -25,7 +25,7 @@ LAYERS = [
     {"exceptions", "_version"},
     {"_compiled"},
     {"_checks", "_files", "_kernels", "_table"},
-    {"records", "sensing", "tasks"},
+    {"records", "tasks"},
     {"trajectories"},
     {"description"},
     {"robot"},

@@ -72,7 +72,9 @@ def test_public_things_are_documented_and_annotated(name):
         assert "return" in method.__annotations__, f"{name}.{label}"
 
 
-@pytest.mark.parametrize("law", [law for law in pinadapt.LAWS.values()], ids=list(pinadapt.LAWS))
+@pytest.mark.parametrize(
+    "law", [law for law in pinadapt.laws.LAWS.values()], ids=list(pinadapt.laws.LAWS)
+)
 def test_law_docstrings_state_the_proof(law):
     doc = inspect.getdoc(law)
     for heading in ("Law:", "Adaptation:", "Closed loop:", "V:", "Assumptions:"):

@@ -83,12 +83,12 @@ def test_names_are_escaped(tmp_path):
     robot = pa.load(path)
     assert robot.joint_names[1] == "<script>alert(1)</script>"
     assert "<script" not in robot._repr_html_() and "&lt;script&gt;" in robot._repr_html_()
-    controller = pa.make_controller(robot, dynamic=robot.joint_names[1:2])
+    controller = pa.make_controller(robot, unknown=pa.Unknown(bodies=robot.joint_names[1:2]))
     assert "<script" not in controller._repr_html_()
 
 
 def test_a_run_of_no_length_is_shown(run):
     robot, controller, _ = run
-    far = pa.Circle(np.full(3, 50.0), 0.1, 3.0)
-    lost = pa.simulate(robot, controller, far, duration=1.0, torque_limits=False)
+    far = pa.trajectories.Circle(np.full(3, 50.0), 0.1, 3.0)
+    lost = pa.simulate(robot, controller, far, duration=1.0, engine=pa.Engine(torque_limits=False))
     assert "robot" in repr(lost) and "<table>" in lost._repr_html_()

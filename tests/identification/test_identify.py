@@ -67,10 +67,10 @@ def test_the_learned_robot_is_physical_and_predicts_another_motion(tmp_path):
 
 def test_a_rollout_is_a_log(tmp_path):
     robot, true = catalogue_robot("ur5"), true_robot("ur5")
-    path = pa.Lissajous(robot.position(robot.q0), [0.12, 0.15, 0.12], [3, 4, 5], 6.0)
+    path = pa.trajectories.Lissajous(robot.position(robot.q0), [0.12, 0.15, 0.12], [3, 4, 5], 6.0)
     rollout = pa.simulate(true, pa.make_controller(robot), path, duration=4.5)
     rollout.save(tmp_path)
-    found = pa.identify(tmp_path, robot, dynamic="payload")
+    found = pa.identify(tmp_path, robot, unknown=pa.Unknown(bodies="payload"))
     assert found.torque_errors.gain > 10.0
     load = found.payload()
     assert load.mass == pytest.approx(LOAD.mass, rel=1e-3)
@@ -100,12 +100,14 @@ def test_dynamics_are_identified_without_positions_of_the_frame():
     assert found.torque_errors.gain > 100.0 and not found.kinematic.names
     assert found.robot.task == found.described.task
     with pytest.raises(pa.ParameterError, match="no positions of the task frame"):
-        pa.identify(log, catalogue_robot("ur5"), kinematic="tool")
+        pa.identify(log, catalogue_robot("ur5"), unknown=pa.Unknown(tool=True))
 
 
 def test_translations_are_identified_from_frames_alone():
     found = pa.identify(
-        recorded("panda", duration=4.0), catalogue_robot("panda"), dynamic="none", joint="none"
+        recorded("panda", duration=4.0),
+        catalogue_robot("panda"),
+        unknown=pa.Unknown(bodies="none", friction=False, armature=False),
     )
     true = found.estimator.controller.kinematics.value(true_robot("panda"))
     assert np.allclose(found.kinematic.estimate, true, atol=1e-6)
@@ -121,7 +123,11 @@ def test_positions_in_other_units_are_refused():
 def test_inertias_are_identified_at_the_identified_lengths():
     described, true = catalogue_robot("ur5"), true_robot("ur5")
     wrong = described.changed(link_translation={"elbow_joint": (0.0, 0.0, 0.02)})
-    found = pa.identify(recorded("ur5", duration=4.0), wrong, kinematic=["elbow_joint", "tool"])
+    found = pa.identify(
+        recorded("ur5", duration=4.0),
+        wrong,
+        unknown=pa.Unknown(tool=True, translations=["elbow_joint"]),
+    )
     at = described.q0
     assert np.allclose(found.robot.position(at), true.position(at), atol=1e-4)
     assert found.torque_errors.gain > 100.0
@@ -155,9 +161,13 @@ def test_signals_that_are_never_finite_together_are_refused():
 
 def test_torques_without_gravity_are_detected_and_compensated():
     robot, log = catalogue_robot("ur5"), recorded("ur5", duration=4.0)
-    gravity = pa.Gravity(robot)
+    gravity = pa.robot.Gravity(robot)
     left_out = replace(log, tau=log.tau - np.array([gravity(q) for q in log.q]))
-    plain = pa.identify(left_out, robot, dynamic="none", joint="viscous", kinematic=())
+    plain = pa.identify(
+        left_out,
+        robot,
+        unknown=pa.Unknown(tool=False, bodies="none", friction="viscous", armature=False),
+    )
     assert "seem to lack gravity" in plain.verdict
     whole = pa.identify(left_out, robot, compensated="nominal")
     assert whole.torque_errors.gain > 100.0
@@ -165,7 +175,9 @@ def test_torques_without_gravity_are_detected_and_compensated():
 
 def test_a_correct_description_is_reported():
     log, true = recorded("ur5", duration=4.0), true_robot("ur5")
-    found = pa.identify(log, true, dynamic="payload", joint="none", kinematic=())
+    found = pa.identify(
+        log, true, unknown=pa.Unknown(tool=False, bodies="payload", friction=False, armature=False)
+    )
     assert "already correct" in found.verdict and "WORSE" not in found.verdict
 
 
@@ -261,7 +273,9 @@ def test_the_command_writes_its_files(tmp_path, capsys):
     assert summary["payload"]["mass"] == pytest.approx(LOAD.mass, rel=1e-2)
     learned = pa.LearnedParameters.load(out / "learned.json")
     controller = pa.make_controller(
-        pa.load("ur5", task="joint"), law="slotine-li", dynamic="payload", joint="all"
+        pa.load("ur5", task="joint"),
+        law="slotine-li",
+        unknown=pa.Unknown(bodies="payload", friction=True, armature=True),
     )
     learned.start(controller)
     assert np.load(out / "estimates.npz")["a_d"].shape[1] == len(summary["dynamic"])

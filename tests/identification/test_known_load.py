@@ -107,7 +107,7 @@ def test_the_urdf_of_two_runs_learns_from_torques_and_places_the_tool(tmp_path):
     pa.simulate(seen, controller, path, duration=5.0).learned().save(tmp_path / "all.urdf")
     learned = pa.load(tmp_path / "all.urdf", **chain)
 
-    held_out = pa.Sinusoid(described.home_angles, 0.5, np.linspace(2.0, 4.0, 7), 0.0)
+    held_out = pa.trajectories.Sinusoid(described.home_angles, 0.5, np.linspace(2.0, 4.0, 7), 0.0)
     tau = torques(true, held_out)
     before, after = (
         np.sqrt(np.mean((torques(robot, held_out) - tau) ** 2)) for robot in (believed, learned)

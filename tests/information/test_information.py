@@ -24,9 +24,9 @@ def run(name, duration=3.0, still=False, camera=False, **options):
         payload=pa.Payload(MASS, COM, INERTIA), tool_translation=(0.01, 0.02, 0.03)
     )
     frames = {"rate": 30.0, "delay": 0.06, "dropout": 0.0} if camera else None
-    controller = pa.make_controller(described, camera=frames, **options)
-    path = pa.Hold(true.position(true.q0)) if still else pa.reachable_circle(true)
-    return pa.simulate(true, controller, path, duration=duration, camera=frames)
+    controller = pa.make_controller(described, sensors=pa.Sensors(camera=frames), **options)
+    path = pa.trajectories.Hold(true.position(true.q0)) if still else pa.reachable_circle(true)
+    return pa.simulate(true, controller, path, duration=duration, sensors=pa.Sensors(camera=frames))
 
 
 def information(rollout):
@@ -43,7 +43,7 @@ def test_identifiable_combinations_are_estimated_correctly(name):
     noise = np.abs(kept.T @ (best.estimate - true)) / np.abs(kept.T @ best.estimate).max()
     first = np.abs(kept.T @ (rollout.a_d[0] - true)) / np.abs(kept.T @ best.estimate).max()
     assert noise.max() < 0.02 * first.max()
-    base = pa.base_parameters(rollout.evaluated().controller.dynamics, catalogue_robot(name))
+    base = pa.models.base_parameters(rollout.evaluated().controller.dynamics, catalogue_robot(name))
     assert 3 < best.rank <= base.size
 
 
@@ -52,7 +52,7 @@ def test_identifiable_combinations_are_estimated_correctly(name):
     [*(("all", name) for name in ROBOTS), ("payload", "panda"), ("payload", "scara")],
 )
 def test_the_load_is_estimated_within_its_uncertainty(name, dynamic):
-    rollout = run(name, dynamic=dynamic)
+    rollout = run(name, unknown=pa.Unknown(bodies=dynamic))
     learned, refined = rollout.payload(), rollout.payload(refined=True)
     for estimate, times in ((learned, 3.0), (refined, 30.0)):
         pairs = [
@@ -71,9 +71,11 @@ def test_the_load_is_estimated_with_quantised_encoders():
     described = catalogue_robot("panda")
     true = described.changed(payload=pa.Payload(1.5, COM, INERTIA), viscous=1.0)
     count = 2.0 * np.pi / 2**17
-    controller = pa.make_controller(described, dynamic="payload", encoder=count)
+    controller = pa.make_controller(
+        described, unknown=pa.Unknown(bodies="payload"), sensors=pa.Sensors(encoder=count)
+    )
     path = pa.reachable_circle(true)
-    rollout = pa.simulate(true, controller, path, duration=4.0, encoder=count)
+    rollout = pa.simulate(true, controller, path, duration=4.0, sensors=pa.Sensors(encoder=count))
     load = rollout.payload(refined=True)
     assert load.mass == pytest.approx(1.5, rel=0.02)
     assert np.abs(load.com - COM).max() < 5e-3
@@ -100,7 +102,7 @@ def test_an_arm_that_differs_from_its_description_is_reported():
 
 
 def test_a_load_needs_the_last_body():
-    rollout = run("ur5", 0.1, dynamic="none")
+    rollout = run("ur5", 0.1, unknown=pa.Unknown(bodies="none"))
     with pytest.raises(pa.ParameterError, match="no estimate of a load"):
         rollout.payload()
 
@@ -120,8 +122,12 @@ def test_a_parameter_without_effect_is_not_identifiable():
 
 def test_a_joint_task_has_no_kinematic_information_and_a_known_robot_none():
     robot = pa.load("scara", task="joint")
-    path = pa.Sinusoid(robot.home_angles, [0.2, 0.2, 0.05, 0.2], 1.0)
-    for options in ({}, {"adaptation": "none"}, {"dynamic": "none", "joint": "none"}):
+    path = pa.trajectories.Sinusoid(robot.home_angles, [0.2, 0.2, 0.05, 0.2], 1.0)
+    for options in (
+        {},
+        {"adaptation": "none"},
+        {"unknown": pa.Unknown(bodies="none", friction=False, armature=False)},
+    ):
         controller = pa.make_controller(robot, **options)
         found = pa.simulate(robot, controller, path, duration=0.5).excitation()
         assert found.kinematic.rank == 0 == found.kinematic.rows
@@ -131,7 +137,7 @@ def test_a_joint_task_has_no_kinematic_information_and_a_known_robot_none():
 
 @pytest.mark.parametrize("camera", [False, True])
 def test_the_tool_is_identified_from_measured_positions(camera):
-    rollout = run("panda", camera=camera)
+    rollout = run("panda", sensors=pa.Sensors(camera=camera))
     found = rollout.excitation().kinematic
     assert found.rank == 3 and np.isfinite(found.deviations).all()
     assert found.rows == (pytest.approx(3 * 30 * 3.0, abs=30) if camera else 9000)
@@ -150,9 +156,13 @@ def test_the_table_names_every_parameter():
 def test_only_measurements_since_the_last_change_count():
     described = catalogue_robot("ur5")
     loaded = described.changed(payload=pa.Payload(MASS, COM, INERTIA))
-    controller = pa.make_controller(described, dynamic="payload")
+    controller = pa.make_controller(described, unknown=pa.Unknown(bodies="payload"))
     rollout = pa.simulate(
-        described, controller, pa.reachable_circle(loaded), duration=4.0, changes={2.0: loaded}
+        described,
+        controller,
+        pa.reachable_circle(loaded),
+        duration=4.0,
+        events=pa.Events(changes={2.0: loaded}),
     )
     assert rollout.payload(refined=True).mass == pytest.approx(MASS, abs=2e-3)
 

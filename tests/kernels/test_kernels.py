@@ -72,12 +72,18 @@ def test_kernels_hold_no_array_and_refuse_what_is_none(rng):
 
 def cones():
     panda = pa.load("panda")
-    bodies = pa.make_controller(panda, joint="none")
+    bodies = pa.make_controller(panda, unknown=pa.Unknown(friction=False, armature=False))
     return {
         "bodies": (bodies.adaptation_d.cone, bodies.dynamics.initial),
-        "planar": (pa.MatrixInequality(LMI), np.array([3.34, 1.2, 0.97])),
-        "offset": (pa.MatrixInequality(LMI, offset=0.3 * np.eye(2)), np.array([3.34, 1.2, 0.97])),
-        "blocks": (pa.MatrixInequality(LMI, blocks=2), np.array([3.34, 1.2, 0.97, 2.0, 0.3, 1.1])),
+        "planar": (pa.adaptation.MatrixInequality(LMI), np.array([3.34, 1.2, 0.97])),
+        "offset": (
+            pa.adaptation.MatrixInequality(LMI, offset=0.3 * np.eye(2)),
+            np.array([3.34, 1.2, 0.97]),
+        ),
+        "blocks": (
+            pa.adaptation.MatrixInequality(LMI, blocks=2),
+            np.array([3.34, 1.2, 0.97, 2.0, 0.3, 1.1]),
+        ),
     }
 
 

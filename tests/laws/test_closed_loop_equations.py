@@ -29,11 +29,11 @@ def test_the_error_obeys_17(law, name):
     robot = catalogue_robot(name)
     true, believed = with_tool_and_load(robot), robot.changed(inertial_scale=0.7)
     controller = pa.make_controller(believed, law=law, gamma_d=0.05).limited(None)
-    plant, path = pa.PinocchioPlant(true), circle_beside(true, "yz")
+    plant, path = pa.plants.PinocchioPlant(true), circle_beside(true, "yz")
     a_k, a_d = controller.kinematics.value(true), controller.dynamics.value(true)
     K_v, K_P, alpha = controller.law.K_v, controller.law.K_P, controller.law.alpha
     e, stated, kinematic = [], [], []
-    stream = pa.run_continuous(plant, controller, path, dt=DT, ideal_acceleration=True)
+    stream = pa.simulation.run_continuous(plant, controller, path, dt=DT, ideal_acceleration=True)
     for sample in list(islice(stream, SAMPLES)):
         state, (_, q, v, *_) = sample.state, sample.measurement
         s = controller.observe(state, sample.measurement, sample.desired)
@@ -56,8 +56,8 @@ def test_filters_of_the_velocity_tell_where_the_tool_is(law):
     """(3)-(4) sampled with their inputs held left the estimate of the tool 2 mm off, for good."""
     robot = catalogue_robot("panda")
     true = robot.changed(tool_translation=[0.03, -0.02, 0.12])
-    path = pa.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(true.position(true.q0))
-    controller = pa.make_controller(robot, law=law, dynamic="none")
+    path = pa.trajectories.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(true.position(true.q0))
+    controller = pa.make_controller(robot, law=law, unknown=pa.Unknown(bodies="none"))
     rollout = pa.simulate(true, controller, path, duration=6.0, record_every=10)
     assert np.abs(rollout.a_k[-1] - controller.kinematics.value(true)).max() < 5e-4
     assert rollout.distance[-60:].max() < 2e-5

@@ -23,10 +23,12 @@ from tests.support.loops import circle_beside, energy_along, motion_at_home, wit
 pytestmark = pytest.mark.slow
 
 ROBOTS = ["planar_2r", "ur5", "panda", "mixed", "scara", "kinova"]
-PAIRS = [(law, name) for law in pa.LAWS for name in ROBOTS]
+PAIRS = [(law, name) for law in pa.laws.LAWS for name in ROBOTS]
 # As many joints as coordinates, more of them, and a chain with a slide and a wheel.
-THREE = [(law, name) for law in pa.LAWS for name in ("planar_2r", "panda", "mixed")]
-ADAPTING = [(law, name) for law in pa.LAWS if pa.LAWS[law].adapts for name in ("ur5", "mixed")]
+THREE = [(law, name) for law in pa.laws.LAWS for name in ("planar_2r", "panda", "mixed")]
+ADAPTING = [
+    (law, name) for law in pa.laws.LAWS if pa.laws.LAWS[law].adapts for name in ("ur5", "mixed")
+]
 STEP = 1e-4  # [s] of the continuous loops
 
 # While V is tested, the hypotheses must hold that adaptation can destroy: M_hat invertible, and
@@ -36,7 +38,7 @@ LOWER = {("spong-ortega", "scara"): 1e-3}  # whose wrist is light
 
 
 def joint_space(robot):
-    return isinstance(robot.task, pa.JointTask)
+    return isinstance(robot.task, pa.tasks.JointTask)
 
 
 def real(robot):
@@ -48,25 +50,29 @@ def real(robot):
 
 def beside(robot, law):
     """Return a motion, or a set point for a law that has no other, that begins beside home."""
-    if pa.LAWS[law].set_point:
-        return pa.Hold(robot.position(robot.q0) + 0.02)
+    if pa.laws.LAWS[law].set_point:
+        return pa.trajectories.Hold(robot.position(robot.q0) + 0.02)
     if joint_space(robot):
-        return pa.Sinusoid(robot.home_angles + 0.05, 0.3, np.linspace(2.0, 3.0, robot.model.nv))
+        return pa.trajectories.Sinusoid(
+            robot.home_angles + 0.05, 0.3, np.linspace(2.0, 3.0, robot.model.nv)
+        )
     if robot.task.size == 3:
         return circle_beside(robot, "xy" if robot.name == "scara" else "yz")
-    path = pa.Circle(np.zeros(2), 0.05, 2.0)
+    path = pa.trajectories.Circle(np.zeros(2), 0.05, 2.0)
     return path.starting_at(robot.position(robot.q0) + np.array([0.01, -0.02]))
 
 
 def at_home(robot, law):
     """Return a motion, or a set point, that begins at home."""
-    if pa.LAWS[law].set_point:
-        return pa.Hold(robot.position(robot.q0))
+    if pa.laws.LAWS[law].set_point:
+        return pa.trajectories.Hold(robot.position(robot.q0))
     return motion_at_home(robot)
 
 
 def controller_of(law, believed, **options):
-    return pa.make_controller(believed, law=law, joint="none", **options)
+    return pa.make_controller(
+        believed, law=law, unknown=pa.Unknown(friction=False, armature=False), **options
+    )
 
 
 def unlimited(controller):
@@ -77,14 +83,14 @@ def unlimited(controller):
 def test_dv_dt_is_what_the_proof_says(law, name):
     robot = robot_of(law, name)
     true, rates = real(robot), {}
-    if pa.LAWS[law].adapts:
+    if pa.laws.LAWS[law].adapts:
         rate = RATES.get(law, 1.0 if joint_space(robot) else 5.0)
         rates = {"gamma_d": LOWER.get((law, name), rate)}
-    believed = robot.changed(inertial_scale=0.8) if pa.LAWS[law].adapts else true
+    believed = robot.changed(inertial_scale=0.8) if pa.laws.LAWS[law].adapts else true
     controller = controller_of(law, believed, **rates)
     energy = energy_along(true, controller, beside(true, law), seconds=0.04)
     # a weight that follows the filtered regressor rises from zero within a few samples
-    assert energy.mismatch(after=20 if pa.LAWS[law].learns_from_torque else 0) <= 1e-4
+    assert energy.mismatch(after=20 if pa.laws.LAWS[law].learns_from_torque else 0) <= 1e-4
     assert np.abs(energy.rate).max() > 1e-4  # something moved
     assert (energy.rate <= 0.0).all() and energy.largest_rise() <= 1e-12
 
@@ -113,9 +119,9 @@ def spring_and_brake(law, s, error):
 
 
 NOMINAL = {
-    pa.AdaptiveJacobian: task_feedback,
-    pa.Separation: joint_feedback,
-    pa.ApproximateJacobian: spring_and_brake,
+    pa.laws.AdaptiveJacobian: task_feedback,
+    pa.laws.Separation: joint_feedback,
+    pa.laws.ApproximateJacobian: spring_and_brake,
 }
 
 
@@ -135,10 +141,10 @@ def test_an_exact_model_gives_the_nominal_error_dynamics(law, name):
     Without a motion to follow s is the joint velocity.
     """
     true = real(robot_of(law, name))
-    plant = pa.PinocchioPlant(true)
+    plant = pa.plants.PinocchioPlant(true)
     controller = unlimited(controller_of(law, true, adaptation="none"))
     path = beside(true, law)
-    stream = pa.run_continuous(plant, controller, path, dt=STEP, ideal_acceleration=True)
+    stream = pa.simulation.run_continuous(plant, controller, path, dt=STEP, ideal_acceleration=True)
     errors, torques, sizes = [], [], []
     for sample in islice(stream, 60):
         s, command = controller.command(sample.state, sample.measurement, sample.desired)
@@ -168,11 +174,11 @@ def test_the_true_parameters_are_an_equilibrium(law, name):
     true = real(robot_of(law, name))
     controller = unlimited(controller_of(law, true))
     start = true.home_angles if joint_space(true) else true.position(true.q0)
-    path = pa.Waypoints([start, start + 0.02], 0.2)
+    path = pa.trajectories.Waypoints([start, start + 0.02], 0.2)
     if controller.law.set_point:
-        path = pa.Hold(start)
-    plant = pa.PinocchioPlant(true)
-    stream = pa.run_continuous(plant, controller, path, dt=5e-4, ideal_acceleration=True)
+        path = pa.trajectories.Hold(start)
+    plant = pa.plants.PinocchioPlant(true)
+    stream = pa.simulation.run_continuous(plant, controller, path, dt=5e-4, ideal_acceleration=True)
     *_, last = islice(stream, 120)
     first = controller.init(plant.measurement(true.q0, np.zeros(plant.nv)))
     s, _ = controller.command(last.state, last.measurement, last.desired)
@@ -188,11 +194,17 @@ def test_the_order_in_which_parameters_are_named_does_not_matter(law, name):
     robot = robot_of(law, name)
     joints = robot.joint_names[-2:]
     tools = [] if joint_space(robot) else ["tool"]
-    if pa.LAWS[law].uses_position_error and tools:  # learns from positions, in which the base shows
+    if (
+        pa.laws.LAWS[law].uses_position_error and tools
+    ):  # learns from positions, in which the base shows
         tools = ["tool", "base"]
     torques, estimates = [], []
     for flip in (1, -1):
-        controller = controller_of(law, robot, dynamic=joints[::flip], kinematic=tools[::flip])
+        controller = controller_of(
+            law,
+            robot,
+            unknown=pa.Unknown(tool=False, translations=tools[::flip], bodies=joints[::flip]),
+        )
         rollout = pa.simulate(real(robot), controller, at_home(robot, law), duration=0.03)
         torques.append(rollout.tau)
         named = zip(controller.dynamics.names, rollout.a_d.T, strict=True)
@@ -220,7 +232,7 @@ def prepared(law, name):
     return CONTROLLERS[law, name]
 
 
-@pytest.mark.parametrize("law", pa.LAWS)
+@pytest.mark.parametrize("law", pa.laws.LAWS)
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(
     name=st.sampled_from(ROBOTS),
@@ -233,7 +245,7 @@ def test_any_finite_measurement_gives_finite_numbers_or_a_refusal(law, name, see
     """Of q, v, x, xd and a of any size; after a refusal the state is as good as before."""
     controller, robot, path = prepared(law, name)
     rng, n = np.random.default_rng(seed), robot.model.nv
-    home = pa.PinocchioPlant(robot).measure()
+    home = pa.plants.PinocchioPlant(robot).measure()
     state = controller.init(home)
     q, v, x, xd, a = sizes
     moved = pin.integrate(robot.model, robot.q0, q * rng.uniform(-1.0, 1.0, n))

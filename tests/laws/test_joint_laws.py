@@ -49,7 +49,11 @@ def test_friction_only_adds_to_the_dissipation(name):
     true = loaded(robot).changed(viscous=0.3, coulomb=0.0)
     believed = robot.changed(inertial_scale=0.8)
     controller = pa.make_controller(
-        believed, law="slotine-li", joint=("viscous",), gamma_d=1.0, gamma_joint=1.0
+        believed,
+        law="slotine-li",
+        unknown=pa.Unknown(friction="viscous", armature=False),
+        gamma_d=1.0,
+        gamma_joint=1.0,
     )
     energy = energy_along(true, controller, swinging(robot), seconds=0.04)
     assert energy.mismatch() <= 1e-4 and (energy.rate <= 0.0).all()
@@ -87,7 +91,7 @@ def test_torques_and_gradients_are_the_published_ones(name):
     measurement = pa.Measurement(0.0, q, v, a=rng.standard_normal(n))
 
     def respond(law, **gains):
-        controller = pa.make_controller(robot, law=law, torque_limits=False, **gains)
+        controller = pa.make_controller(robot, law=law, limits=pa.Limits(torque=False), **gains)
         state = controller.init(measurement)
         s = controller.observe(state, measurement, desired)
         torque, drives = controller.respond(state, s)
@@ -98,7 +102,7 @@ def test_torques_and_gradients_are_the_published_ones(name):
     v_r = v - s
     torque, gradient, _ = respond("slotine-li", Kv=K, alpha=w)
     assert np.allclose(torque, M @ a_r + bilinear(model, q, v, v_r) + g - K @ s, atol=1e-10)
-    regressor = pa.BodyDynamics(robot).slotine_li(q, v, v_r, a_r)[0]
+    regressor = pa.models.BodyDynamics(robot).slotine_li(q, v, v_r, a_r)[0]
     assert np.allclose(gradient, regressor.T @ s, atol=1e-10)
 
     u = desired.xdd_d - 2.0 * w * ed - w * w * e
@@ -134,7 +138,7 @@ def test_an_unknown_load_is_tracked(law):
     robot = catalogue_robot("panda", task="joint")
     # M_0 must not be far below M: from a belief that is too light, the improved law's wrist is lost
     believed = robot.changed(inertial_scale=1.3 if law == "spong-ortega" else 0.8)
-    path = pa.Sinusoid(robot.home_angles, 0.2, 2.0)
+    path = pa.trajectories.Sinusoid(robot.home_angles, 0.2, 2.0)
     runs = [
         pa.simulate(
             loaded(robot),
@@ -152,7 +156,10 @@ def test_an_unknown_load_is_tracked(law):
 def test_a_straight_arm_is_no_singularity():
     robot = pa.load("ur5", task="joint", q0=np.zeros(6))
     rollout = pa.simulate(
-        robot, pa.make_controller(robot, law="slotine-li"), pa.Hold(np.zeros(6)), duration=0.1
+        robot,
+        pa.make_controller(robot, law="slotine-li"),
+        pa.trajectories.Hold(np.zeros(6)),
+        duration=0.1,
     )
     assert rollout.diverged is None and rollout.distance.max() < 1e-3
 
@@ -172,7 +179,7 @@ def test_the_two_link_arm_of_slotine_and_li():
     assert np.allclose(np.degrees(np.abs(alone.error).max(axis=0)), [5.63, 2.25], atol=6e-3)
 
 
-class AbsoluteAngles(pa.Trajectory):
+class AbsoluteAngles(pa.trajectories.Trajectory):
     """A motion of two links given by their angles in the world, as angles of the joints."""
 
     def __init__(self, links):
@@ -196,11 +203,18 @@ def test_direct_adaptation_of_the_composite_paper():
     true.model.inertias[2] = pin.Inertia(mass, com, np.diag([about, about, about]))
     B = np.zeros((20, 4))
     B[[9, 19, 11, 12], [0, 1, 2, 3]] = 1.0, 1.0, 1.0, -1.0
-    path = AbsoluteAngles(pa.Sinusoid([np.pi / 4 + 2.0, np.pi / 6 + 1.0], [2.0, 1.0], PERIODS))
-    options = {"law": "slotine-li", "basis": B, "Kv": 3.0 * T.T @ T, "alpha": 10 / 3}
+    path = AbsoluteAngles(
+        pa.trajectories.Sinusoid([np.pi / 4 + 2.0, np.pi / 6 + 1.0], [2.0, 1.0], PERIODS)
+    )
+    options = {
+        "law": "slotine-li",
+        "unknown": pa.Unknown(basis=B),
+        "Kv": 3.0 * T.T @ T,
+        "alpha": 10 / 3,
+    }
     controller = pa.make_controller(true, adaptation="gradient", gamma_d=0.03, **options)
     assert np.allclose(controller.dynamics.initial, [0.15, 0.04, 0.03, 0.025])
-    run = {"duration": 4.0, "mode": "continuous", "a_d": np.zeros(4)}
+    run = {"duration": 4.0, "engine": pa.Engine(continuous=True), "start": {"a_d": np.zeros(4)}}
     rollout = pa.simulate(true, controller, path, **run)
     assert np.allclose(worst(rollout, T), [[5.04, 1.15], [0.81, 1.15], [0.15, 0.07]], atol=6e-3)
     assert np.allclose(rollout.a_d[-1], [0.1458, 0.0369, 0.0295, 0.0241], atol=6e-5)
@@ -227,7 +241,7 @@ def test_joint_laws_need_joint_tasks():
 def test_what_a_joint_task_cannot_use_is_refused():
     robot = catalogue_robot("ur5", task="joint")
     with pytest.raises(pa.ParameterError, match="no effect on a joint task"):
-        pa.make_controller(robot, law="slotine-li", kinematic=["tool"])
+        pa.make_controller(robot, law="slotine-li", unknown=pa.Unknown(tool=True))
     with pytest.raises(pa.GainError, match="no position gain"):
         pa.make_controller(robot, law="slotine-li", Kp=400.0)
     with pytest.raises(pa.RobotError, match="needs a task of the frame"):

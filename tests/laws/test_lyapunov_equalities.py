@@ -75,10 +75,9 @@ def test_resolved_acceleration_obeys_its_linear_closed_loop():
     rollout = pa.simulate(
         robot,
         controller,
-        pa.Hold(robot.position(robot.q0) - start),
+        pa.trajectories.Hold(robot.position(robot.q0) - start),
         duration=0.5,
-        dt=5e-4,
-        mode="continuous",
+        engine=pa.Engine(dt=5e-4, continuous=True),
     )
     decay = (1 + 20 * rollout.t) * np.exp(-20 * rollout.t)
     assert np.abs(rollout.error - decay[:, None] * start).max() < 1e-8
@@ -87,7 +86,11 @@ def test_resolved_acceleration_obeys_its_linear_closed_loop():
 def test_rollout_knows_v():
     true, controller, path, _ = ROBOTS["panda"]("adaptive-inverse-dynamics", "natural")
     rollout = pa.simulate(
-        true, controller, path, duration=0.2, dt=1e-3, mode="continuous", acceleration="ideal"
+        true,
+        controller,
+        path,
+        duration=0.2,
+        engine=pa.Engine(continuous=True, ideal_acceleration=True),
     )
     assert rollout.lyapunov.shape == rollout.t.shape
     assert (np.diff(rollout.lyapunov) < 0.0).all()

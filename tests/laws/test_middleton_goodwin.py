@@ -56,7 +56,9 @@ def test_the_error_is_driven_by_the_prediction_error_alone(name, adaptation):
     controller, dt = controller.limited(None), 2e-4
     law, rate = controller.law, controller.adaptation_d.torque_bandwidth
     left, right, size = [], [], 0.0
-    for sample in islice(pa.run_continuous(pa.PinocchioPlant(true), controller, path, dt=dt), 80):
+    for sample in islice(
+        pa.simulation.run_continuous(pa.plants.PinocchioPlant(true), controller, path, dt=dt), 80
+    ):
         s, _ = controller.command(sample.state, sample.measurement, sample.desired)
         left.append(s.dxd_hat - zeta(controller, s))
         right.append(-law.K_v @ s.dxd_hat - law.K_P @ s.dx + rate * zeta(controller, s))
@@ -73,9 +75,12 @@ def test_with_the_truth_known_it_is_computed_torque(name):
     for law, adaptation in ((LAW, "least-squares"), ("computed-torque", "none")):
         gains = GAINS.get(adaptation, {})
         controller = pa.make_controller(
-            robot, law=law, adaptation=adaptation, torque_limits=False, **gains
+            robot, law=law, adaptation=adaptation, limits=pa.Limits(torque=False), **gains
         )
-        options = {"duration": 0.05, "dt": 5e-4, "mode": "continuous", "torque_limits": False}
+        options = {
+            "duration": 0.05,
+            "engine": pa.Engine(dt=5e-4, continuous=True, torque_limits=False),
+        }
         runs.append(pa.simulate(robot, controller, path, **options))
     assert np.allclose(runs[0].error, runs[1].error, atol=1e-9)
     assert np.allclose(runs[0].a_d, runs[0].a_d[0], atol=1e-7 * np.abs(runs[0].a_d).max())
@@ -102,7 +107,10 @@ def test_the_rate_of_the_mass_matrix_is_that_of_motion_and_estimate():
 @pytest.mark.parametrize(("name", "adaptation"), [("ur5", "least-squares"), ("panda", "natural")])
 def test_an_unknown_load_is_tracked(name, adaptation):
     robot = catalogue_robot(name, task="joint")
-    believed, path = robot.changed(inertial_scale=0.8), pa.Sinusoid(robot.home_angles, 0.1, 2.0)
+    believed, path = (
+        robot.changed(inertial_scale=0.8),
+        pa.trajectories.Sinusoid(robot.home_angles, 0.1, 2.0),
+    )
     runs = [
         pa.simulate(
             loaded(robot),

@@ -24,7 +24,7 @@ def limited(robot):
 @pytest.mark.parametrize("name", ROBOTS)
 def test_far_from_limits_the_offset_is_the_way_from_rest(name):
     robot = catalogue_robot(name)
-    posture, rng = pa.Posture(robot), np.random.default_rng(0)
+    posture, rng = pa.laws.Posture(robot), np.random.default_rng(0)
     assert not posture.offset(robot.q0).any()
     way = 1e-2 * rng.standard_normal(robot.model.nv)
     q = pin.integrate(robot.model, robot.q0, way)
@@ -35,7 +35,7 @@ def test_far_from_limits_the_offset_is_the_way_from_rest(name):
 def test_the_offset_pushes_away_from_limits(name):
     """At a limit it is the way and twice the margin more, which grows from nothing inside of it."""
     robot = catalogue_robot(name)
-    posture, rest = pa.Posture(robot), robot.home_angles
+    posture, rest = pa.laws.Posture(robot), robot.home_angles
     there, low, high = limited(robot)
     assert there.any() and (name != "kinova" or not there.all())
     for i in np.flatnonzero(there):
@@ -85,7 +85,7 @@ def test_a_continuous_joint_goes_the_short_way():
     way = np.zeros(robot.model.nv)
     way[i] = 2 * np.pi - 0.3
     q = pin.integrate(robot.model, robot.q0, way)
-    assert pa.Posture(robot).offset(q)[i] == pytest.approx(-0.3, abs=1e-9)
+    assert pa.laws.Posture(robot).offset(q)[i] == pytest.approx(-0.3, abs=1e-9)
 
 
 @pytest.mark.parametrize("law", ["separation", "adaptive-inverse-dynamics", "adaptive-jacobian"])
@@ -136,7 +136,7 @@ def test_a_user_says_where_and_how_fast(given, rest, frequency):
 def test_the_arm_goes_to_the_rest_that_it_was_given():
     """The hand stays where it is, the elbow goes where the rest pose has it."""
     robot = catalogue_robot("panda")
-    start = pa.Hold(robot.position(robot.q0))
+    start = pa.trajectories.Hold(robot.position(robot.q0))
     rest = robot.home_angles + np.array([0.3, 0.0, -0.3, 0.0, 0.0, 0.0, 0.5])
     ends = []
     for posture in (None, rest):

@@ -42,11 +42,9 @@ def test_loop_falls_on_its_reference(name):
         controller(law, gamma_d=[4.5, 1.5, 1.5], **gains),
         CIRCLE,
         duration=float(expected["t"][-1]),
-        dt=dt,
-        mode="continuous",
+        engine=pa.Engine(dt=dt, continuous=True, ideal_acceleration=acceleration == "ideal"),
         record_every=round(expected["t"][1] / dt),
-        acceleration=acceleration,
-        **({} if name == "known" else WRONG),
+        **{} if name == "known" else WRONG,
     )
     assert rollout.diverged is None
     assert len(expected) > 30
@@ -69,7 +67,7 @@ def test_the_scenarios_comment_gives_the_published_adaptation():
     adaptation_d, adaptation_k = scenario.controller.adaptation_d, scenario.controller.adaptation_k
     assert np.array_equal(adaptation_d.Gamma, np.diag([4.5, 1.5, 1.5]))
     assert np.array_equal(adaptation_k.inner.Gamma, 0.05 * np.eye(2))
-    assert type(scenario.controller.law) is pa.AdaptiveInverseDynamics
+    assert type(scenario.controller.law) is pa.laws.AdaptiveInverseDynamics
 
 
 def test_truth_is_the_papers():
@@ -89,7 +87,12 @@ def test_natural_adaptation_is_stable_at_every_sampling_period(dt):
     """Law (11) with the published filter; the published adaptation makes M_hat singular."""
     natural = controller("adaptive-inverse-dynamics", "natural", gamma_d=1.0)
     rollout = pa.simulate(
-        catalogue_robot("planar_2r"), natural, CIRCLE, duration=2.5, dt=dt, **WRONG
+        catalogue_robot("planar_2r"),
+        natural,
+        CIRCLE,
+        duration=2.5,
+        engine=pa.Engine(dt=dt),
+        **WRONG,
     )
     assert rollout.diverged is None
     assert rollout.distance[rollout.t >= 1.0].max() < 0.01
@@ -98,16 +101,16 @@ def test_natural_adaptation_is_stable_at_every_sampling_period(dt):
 
 def test_published_adaptation_drives_the_mass_matrix_through_singularity():
     published = controller(
-        "adaptive-inverse-dynamics", gamma_d=[4.5, 1.5, 1.5], watch=False
+        "adaptive-inverse-dynamics",
+        gamma_d=[4.5, 1.5, 1.5],
+        limits=pa.Limits(stop_on_divergence=False),
     )  # step over it
     rollout = pa.simulate(
         catalogue_robot("planar_2r"),
         published,
         CIRCLE,
         duration=0.06,
-        dt=1e-5,
-        mode="continuous",
-        acceleration="ideal",
+        engine=pa.Engine(dt=1e-5, continuous=True, ideal_acceleration=True),
         **WRONG,
     )
     a1, a2, a3 = rollout.a_d.T

@@ -24,7 +24,9 @@ def frame(name, plane="yz", **options):
         robot.changed(inertial_scale=0.7),
     )
     rates = options or SLOW | JOINTS
-    controller = pa.make_controller(believed, law="separation", joint="viscous", **rates)
+    controller = pa.make_controller(
+        believed, law="separation", unknown=pa.Unknown(friction="viscous", armature=False), **rates
+    )
     return true, controller, circle_beside(true, plane)
 
 
@@ -34,13 +36,16 @@ def based():
     true = with_tool_and_load(robot).changed(
         link_translation={robot.joint_names[0]: [0.3, -0.2, 0.1]}
     )
-    unknown = {"kinematic": ["base", "tool"], "joint": "none"}
+    unknown = {"unknown": pa.Unknown(tool=True, base=True, friction=False, armature=False)}
     controller = pa.make_controller(robot, law="separation", **unknown, **SLOW)
     return true, controller, circle_beside(true, "yz")
 
 
 def planar():
-    robot, own = catalogue_robot("planar_2r"), {"kinematic": "lengths", "basis": BASIS, "lmi": LMI}
+    robot, own = (
+        catalogue_robot("planar_2r"),
+        {"unknown": pa.Unknown(lengths=True, basis=BASIS, lmi=LMI)},
+    )
     controller = pa.make_controller(robot, law="separation", **own, **SLOW, **JOINTS)
     return robot, controller, CIRCLE
 
@@ -49,7 +54,10 @@ def lumped():
     robot = catalogue_robot("ur5")
     true = robot.changed(inertial_scale=1.3)
     controller = pa.make_controller(
-        robot, law="separation", kinematic=LENGTHS, adaptation="gradient"
+        robot,
+        law="separation",
+        unknown=pa.Unknown(tool=False, translations=LENGTHS),
+        adaptation="gradient",
     )
     return true, controller, circle_beside(true, "yz")
 
@@ -58,8 +66,9 @@ def pose():
     robot = catalogue_robot("panda", task="pose")
     true = with_tool_and_load(robot)
     controller = pa.make_controller(robot.changed(inertial_scale=0.7), law="separation", **SLOW)
-    path = pa.PoseTrajectory(
-        pa.Circle(np.zeros(3), 0.05, 2.0, "yz"), pa.Swing([0.0, 0.0, 1.0], 0.3, 2.0)
+    path = pa.trajectories.PoseTrajectory(
+        pa.trajectories.Circle(np.zeros(3), 0.05, 2.0, "yz"),
+        pa.trajectories.Swing([0.0, 0.0, 1.0], 0.3, 2.0),
     )
     aside = np.array([0.01, 0.01, 0.0, 0.1, 0.0, 0.1])
     return true, controller, path.starting_at(robot.task.moved(true.position(true.q0), aside))
@@ -68,8 +77,14 @@ def pose():
 def joints():
     robot = catalogue_robot("ur5", task="joint")
     true = robot.changed(inertial_scale=1.3, viscous=0.2)
-    controller = pa.make_controller(robot, law="separation", joint="viscous", **SLOW, **JOINTS)
-    return true, controller, pa.Sinusoid(robot.home_angles + 0.05, 0.2, 2.0)
+    controller = pa.make_controller(
+        robot,
+        law="separation",
+        unknown=pa.Unknown(friction="viscous", armature=False),
+        **SLOW,
+        **JOINTS,
+    )
+    return true, controller, pa.trajectories.Sinusoid(robot.home_angles + 0.05, 0.2, 2.0)
 
 
 CASES = {
@@ -110,7 +125,7 @@ def test_the_observer_is_that_of_its_differential_equation():
     """dx_o/dt = J_hat qd - beta (x_o - x): halving dt leaves less than half of the difference."""
     robot = catalogue_robot("ur5")
     controller = pa.make_controller(robot, law="separation")
-    plant = pa.PinocchioPlant(robot)
+    plant = pa.plants.PinocchioPlant(robot)
     at_home, v = plant.measure(), np.full(6, 0.2)
     state = controller.init(at_home)
     path = circle_beside(robot, "yz").at(0.0)
@@ -144,7 +159,7 @@ def test_the_elbow_of_aligned_shoulder_axes_is_not_damped_too_fast():
     robot = catalogue_robot("panda")
     true = with_tool_and_load(robot).changed(viscous=1.0, coulomb=0.5)
     start, down = true.position(true.q0), np.array([0.0, 0.0, -0.3])
-    line = pa.Waypoints([start + (k % 2) * down for k in range(5)], 2.0)
+    line = pa.trajectories.Waypoints([start + (k % 2) * down for k in range(5)], 2.0)
     controller = pa.make_controller(robot)
     rollout = pa.simulate(true, controller, line, duration=4.0, record_every=5)
     largest = [
@@ -160,7 +175,9 @@ def test_the_elbow_of_aligned_shoulder_axes_is_not_damped_too_fast():
 def test_a_loop_that_knows_the_truth_is_left_with_what_sampling_leaves(name):
     """The observer follows an accelerated frame; by one end's velocity it lagged 3 to 5 um here."""
     robot = catalogue_robot(name)
-    path = pa.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(robot.position(robot.q0))
-    controller = pa.make_controller(robot, adaptation="none", joint="none")
+    path = pa.trajectories.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(robot.position(robot.q0))
+    controller = pa.make_controller(
+        robot, adaptation="none", unknown=pa.Unknown(friction=False, armature=False)
+    )
     rollout = pa.simulate(robot, controller, path, duration=3.0, record_every=5)
     assert rollout.distance[-300:].max() < 1.5e-6

@@ -18,7 +18,7 @@ from tests.support.loops import circle_at_home, energy_along
 
 pytestmark = pytest.mark.slow
 
-LAWS = [name for name, law in pa.LAWS.items() if law.set_point]
+LAWS = [name for name, law in pa.laws.LAWS.items() if law.set_point]
 BOUNDED, EXACT, ROUGH = "bounded-torque", "approximate-jacobian", "approximate-jacobian-gravity"
 CHAINS = [("planar_2r", None), ("ur5", "xyz"), ("panda", "xyz"), ("mixed", "xyz")]
 CASES = [*CHAINS, ("ur5", "pose"), ("mixed", "joint")]
@@ -33,7 +33,7 @@ def robot_of(name, task):
 def unlike(robot, tool=(0.02, -0.01, 0.04)):
     """Return the robot with half a kilogram, and a tool that nobody believes."""
     load = pa.Payload(0.5, [0.01, 0.0, 0.05], [0.01, 0.0, 0.01, 0.0, 0.0, 0.01])
-    if isinstance(robot.task, pa.JointTask):
+    if isinstance(robot.task, pa.tasks.JointTask):
         return robot.changed(payload=load)
     return robot.changed(tool_translation=list(tool), payload=load)
 
@@ -41,10 +41,10 @@ def unlike(robot, tool=(0.02, -0.01, 0.04)):
 def beside_home(robot, by=0.02):
     """Return a set point a little off home, turned for a pose."""
     x = robot.position(robot.q0)
-    if isinstance(robot.task, pa.PoseTask):
-        turned = pa.FixedOrientation(x[3:]).shifted(np.array([0.1, -0.2, 0.05]))
-        return pa.PoseTrajectory(pa.Hold(x[:3] + by), turned)
-    return pa.Hold(x + by)
+    if isinstance(robot.task, pa.tasks.PoseTask):
+        turned = pa.trajectories.FixedOrientation(x[3:]).shifted(np.array([0.1, -0.2, 0.05]))
+        return pa.trajectories.PoseTrajectory(pa.trajectories.Hold(x[:3] + by), turned)
+    return pa.trajectories.Hold(x + by)
 
 
 # --- the proofs ---
@@ -72,7 +72,7 @@ def test_an_approximate_regressor_leaves_a_known_rest():
     true = robot.changed(link_translation=moved)
     believed = robot.changed(inertial_scale=0.8)
     controller = pa.make_controller(believed, law=ROUGH, adaptation="gradient")
-    plant, law, dynamics = pa.PinocchioPlant(true), controller.law, controller.dynamics
+    plant, law, dynamics = pa.plants.PinocchioPlant(true), controller.law, controller.dynamics
     controller, dt, rest = controller.limited(None), 2e-4, np.zeros(7)
 
     def gravity(model, q):
@@ -82,11 +82,11 @@ def test_an_approximate_regressor_leaves_a_known_rest():
     Z = dynamics.regressor(true.q0, rest, rest)
     a = a + np.linalg.lstsq(Z, gravity(true.model, true.q0) - Z @ a, rcond=None)[0]
     V, rate = [], []
-    for s in islice(pa.run_continuous(plant, controller, beside_home(true), dt=dt), 150):
+    for s in islice(pa.simulation.run_continuous(plant, controller, beside_home(true), dt=dt), 150):
         signals, command = controller.command(s.state, s.measurement, s.desired)
         q, v = s.measurement.q, s.measurement.v
         M, C = plant.mass_matrix(q), plant.coriolis_matrix(q, v)
-        truth = pa.Truth(np.zeros(3), a, M, C, true.friction)
+        truth = pa.laws.Truth(np.zeros(3), a, M, C, true.friction)
         left = gravity(true.model, q) - dynamics.regressor(q, rest, rest) @ a
         V.append(law.storage(signals, truth) + controller.parameter_storage(s.state, None, a))
         rate.append(law.dissipation(signals, truth) - command.drives.dynamic.e @ left)
@@ -106,9 +106,9 @@ def test_a_known_robot_gets_its_gravity_and_a_spring(law, name, task):
     at = pa.Measurement(0.0, q, np.zeros(robot.model.nv), x=robot.position(q))
     state = controller.init(at)
     there = (
-        pa.Hold(at.x).at(0.0)
+        pa.trajectories.Hold(at.x).at(0.0)
         if task != "pose"
-        else pa.PoseTrajectory(pa.Hold(at.x[:3]), at.x[3:]).at(0.0)
+        else pa.trajectories.PoseTrajectory(pa.trajectories.Hold(at.x[:3]), at.x[3:]).at(0.0)
     )
     torque, drives = controller.respond(state, controller.observe(state, at, there))
     assert np.allclose(torque, g, atol=1e-9)  # at rest in the set point nothing else acts
@@ -136,7 +136,7 @@ def test_a_known_robot_gets_its_gravity_and_a_spring(law, name, task):
 
 def test_the_spring_is_the_gradient_of_its_potential():
     task, rng = catalogue_robot("ur5", task="pose").task, np.random.default_rng(0)
-    saturation = pa.Saturation(task, [0.1, 0.2, 0.3, 0.4, 0.4, 0.4])
+    saturation = pa.laws.Saturation(task, [0.1, 0.2, 0.3, 0.4, 0.4, 0.4])
     weights = np.array([2.0, 3.0, 4.0, 5.0, 5.0, 5.0])
 
     def check(dx, dxd):
@@ -162,7 +162,7 @@ def test_the_spring_is_the_gradient_of_its_potential():
 def test_the_set_point_is_reached(law, name):
     robot = catalogue_robot(name)
     true = unlike(robot)
-    goal = pa.Hold(true.position(true.q0) - 0.05)
+    goal = pa.trajectories.Hold(true.position(true.q0) - 0.05)
     controller = pa.make_controller(robot.changed(inertial_scale=0.8), law=law)
     rollout = pa.simulate(true, controller, goal, duration=5.0)
     assert rollout.diverged is None and rollout.distance[-500:].max() < 5e-4
@@ -175,8 +175,10 @@ def test_the_set_point_is_reached(law, name):
 def test_wrong_links_are_no_obstacle():
     robot = catalogue_robot("ur5")
     true = unlike(robot).changed(link_translation={"wrist_1_joint": [0.02, 0.0, 0.03]})
-    goal = pa.Hold(true.position(true.q0) - 0.05)
-    controller = pa.make_controller(robot, law=ROUGH, kinematic=["wrist_1_joint", "tool"])
+    goal = pa.trajectories.Hold(true.position(true.q0) - 0.05)
+    controller = pa.make_controller(
+        robot, law=ROUGH, unknown=pa.Unknown(tool=True, translations=["wrist_1_joint"])
+    )
     assert controller.dynamics.per_body  # natural adaptation, in spite of unknown lengths
     rollout = pa.simulate(true, controller, goal, duration=4.0)
     assert rollout.distance[-400:].max() < 1e-3
@@ -186,8 +188,8 @@ def test_a_motion_that_comes_to_rest_ends_in_its_set_point():
     robot = catalogue_robot("panda")
     true = unlike(robot)
     start = true.position(true.q0)
-    path = pa.Waypoints([start, start + 0.05, start - 0.05], 1.0)
-    assert path.settles == 2.0 and pa.Hold(start).settles == 0.0
+    path = pa.trajectories.Waypoints([start, start + 0.05, start - 0.05], 1.0)
+    assert path.settles == 2.0 and pa.trajectories.Hold(start).settles == 0.0
     rollout = pa.simulate(true, pa.make_controller(robot, law=EXACT), path, duration=5.0)
     assert rollout.distance[-500:].max() < 5e-4
 
@@ -211,17 +213,21 @@ def test_bounds_near_gravity_are_kept_at_every_sample():
     true = unlike(robot)
     bound = near_gravity(true)
     controller = pa.make_controller(
-        robot.changed(inertial_scale=0.8), law=BOUNDED, bound=bound, torque_limits=False
+        robot.changed(inertial_scale=0.8), law=BOUNDED, bound=bound, limits=pa.Limits(torque=False)
     )
     law = controller.law
     assert np.allclose(law.gravity + law.brake_limit + levers_times_force(law), bound)
-    goal = pa.Hold(true.position(true.q0) + np.array([-0.1, 0.1, -0.1]))
-    rollout = pa.simulate(true, controller, goal, duration=10.0, torque_limits=False)
+    goal = pa.trajectories.Hold(true.position(true.q0) + np.array([-0.1, 0.1, -0.1]))
+    rollout = pa.simulate(
+        true, controller, goal, duration=10.0, engine=pa.Engine(torque_limits=False)
+    )
     assert rollout.diverged is None and (np.abs(rollout.tau) <= bound).all()
     assert (np.abs(rollout.tau) / bound).max() > 0.8  # gravity comes near
     assert rollout.distance[-1000:].max() < 1e-3 < 0.1 < rollout.distance[0]
-    free = pa.make_controller(robot.changed(inertial_scale=0.8), law=EXACT, torque_limits=False)
-    unbounded = pa.simulate(true, free, goal, duration=0.3, torque_limits=False)
+    free = pa.make_controller(
+        robot.changed(inertial_scale=0.8), law=EXACT, limits=pa.Limits(torque=False)
+    )
+    unbounded = pa.simulate(true, free, goal, duration=0.3, engine=pa.Engine(torque_limits=False))
     assert (np.abs(unbounded.tau) > bound).any()
 
 
@@ -247,7 +253,7 @@ def levers_times_force(law):
 def test_no_state_and_no_estimate_asks_for_more(name, task, adaptation):
     robot, rng = robot_of(name, task), np.random.default_rng(1)
     controller = pa.make_controller(
-        robot, law=BOUNDED, adaptation=adaptation, guards=False, torque_limits=None
+        robot, law=BOUNDED, adaptation=adaptation, limits=pa.Limits(guards=False, torque=None)
     )
     law, n = controller.law, robot.model.nv
     quantity = controller.init(pa.Measurement(0.0, robot.q0, np.zeros(n), robot.position(robot.q0)))
@@ -285,7 +291,7 @@ def test_the_projection_only_lowers_what_the_parameters_add_to_v(kind):
     low, high = robot.model.lowerPositionLimit, robot.model.upperPositionLimit
     for _ in range(200):
         q = rng.uniform(low, high)
-        kept = adaptation.project(pa.Estimate(value), q)
+        kept = adaptation.project(pa.adaptation.Estimate(value), q)
         dynamics.load(kept)
         assert (np.abs(dynamics.torque(q, rest, rest)) <= G * (1.0 + 1e-6)).all()
         after = adaptation.divergence(kept, a)
@@ -310,7 +316,7 @@ def test_the_mismatch_is_told_before_a_run():
     wrong = robot.changed(tool_translation=[0.0, 0.0, -0.8])
     assert "believed wrong by" in str(jacobian_finding(controller, wrong))
     with pytest.warns(UserWarning, match=r"believed wrong by .* of itself at home"):
-        goal = pa.Hold(wrong.position(wrong.q0) + 0.05)
+        goal = pa.trajectories.Hold(wrong.position(wrong.q0) + 0.05)
         rollout = pa.simulate(wrong, controller, goal, duration=2.0)
     assert rollout.grade != "follows" and "does not adapt the kinematics" in rollout.verdict
     learning = pa.make_controller(robot)
@@ -320,7 +326,7 @@ def test_the_mismatch_is_told_before_a_run():
 # --- what is refused ---
 
 
-class Drift(pa.Trajectory):
+class Drift(pa.trajectories.Trajectory):
     """A motion of a user's own that never comes to rest, and does not say so."""
 
     def at(self, t):
@@ -330,16 +336,16 @@ class Drift(pa.Trajectory):
 @pytest.mark.parametrize("law", LAWS)
 def test_a_motion_that_goes_on_is_refused_before_anything_moves(law):
     robot = catalogue_robot("ur5")
-    controller, plant = pa.make_controller(robot, law=law), pa.PinocchioPlant(robot)
+    controller, plant = pa.make_controller(robot, law=law), pa.plants.PinocchioPlant(robot)
     for path in (circle_at_home(robot), Drift()):
         for start in (
             lambda path: pa.simulate(robot, controller, path, duration=0.1),
             lambda path: next(pa.run(plant, controller, path)),
-            lambda path: next(pa.run_continuous(plant, controller, path, dt=1e-3)),
+            lambda path: next(pa.simulation.run_continuous(plant, controller, path, dt=1e-3)),
         ):
             with pytest.raises(pa.InputError, match=r"does not come to rest.*hold.*separation"):
                 start(path)
-    assert pa.PoseTrajectory(Drift()).settles is None
+    assert pa.trajectories.PoseTrajectory(Drift()).settles is None
 
 
 def test_gains_that_break_a_hypothesis_are_refused():
@@ -355,7 +361,7 @@ def test_gains_that_break_a_hypothesis_are_refused():
         with pytest.raises(pa.GainError, match=words):
             pa.make_controller(robot, law=EXACT, **gains)
     with pytest.raises(pa.GainError, match="must be one number on the rotation rows"):
-        pa.Saturation(catalogue_robot("ur5", task="pose").task, [0.1] * 5 + [0.2])
+        pa.laws.Saturation(catalogue_robot("ur5", task="pose").task, [0.1] * 5 + [0.2])
 
 
 def test_bounds_that_cannot_be_are_refused():

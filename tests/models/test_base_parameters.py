@@ -13,14 +13,14 @@ from tests.support.chains import catalogue_robot, random_state
 )
 def test_the_base_of_the_inertial_parameters_has_its_known_size(name, base):
     robot = catalogue_robot(name)
-    assert pa.base_parameters(pa.BodyDynamics(robot), robot).size == base
+    assert pa.models.base_parameters(pa.models.BodyDynamics(robot), robot).size == base
 
 
 @pytest.mark.parametrize(("name", "base", "of"), [("ur5", 12, 21), ("panda", 14, 24)])
 def test_the_base_of_all_translations_has_its_known_size(name, base, of):
     robot = catalogue_robot(name)
-    kinematics = pa.FrameKinematics(robot, ["base", *robot.joint_names[1:], "tool"])
-    found = pa.base_parameters(kinematics, robot)
+    kinematics = pa.models.FrameKinematics(robot, ["base", *robot.joint_names[1:], "tool"])
+    found = pa.models.base_parameters(kinematics, robot)
     assert (found.size, kinematics.size, kinematics.base()) == (base, of, base)
     along_the_first_axis = f"{robot.joint_names[1]}_z"
     assert set(found.without_effect) == {"base_x", "base_y", "base_z", along_the_first_axis}
@@ -42,19 +42,21 @@ def planar_3r():
 def test_three_links_in_a_plane_have_six_lengths_and_nine_inertias():
     """A link's length along itself and across it; an inertia and two moments a body."""
     robot = planar_3r()
-    kinematics = pa.FrameKinematics(robot, ["base", *robot.joint_names[1:], "tool"])
-    found = pa.base_parameters(kinematics, robot)
+    kinematics = pa.models.FrameKinematics(robot, ["base", *robot.joint_names[1:], "tool"])
+    found = pa.models.base_parameters(kinematics, robot)
     assert (found.size, kinematics.size) == (6, 12)
     assert all(name.endswith(("_x", "_z")) for name in found.names)
-    assert pa.base_parameters(pa.BodyDynamics(robot), robot).size == 3 * 3
+    assert pa.models.base_parameters(pa.models.BodyDynamics(robot), robot).size == 3 * 3
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "scara", "kinova"])
 def test_the_torque_is_that_of_the_base(name):
     robot = catalogue_robot(name)
-    dynamics = pa.StackedDynamics(pa.BodyDynamics(robot), pa.JointEffects(robot))
-    base = pa.base_parameters(dynamics, robot)
-    inertial = pa.base_parameters(dynamics.inertial, robot)
+    dynamics = pa.models.StackedDynamics(
+        pa.models.BodyDynamics(robot), pa.models.JointEffects(robot)
+    )
+    base = pa.models.base_parameters(dynamics, robot)
+    inertial = pa.models.base_parameters(dynamics.inertial, robot)
     # a rotor of the first joint, and of the second one here or there, is told from no inertia
     assert inertial.size + 2 * robot.model.nv <= base.size <= inertial.size + dynamics.joints.size
     rng = np.random.default_rng(7)
@@ -66,7 +68,7 @@ def test_the_torque_is_that_of_the_base(name):
 
 def test_a_base_is_shown_by_name():
     robot = catalogue_robot("ur5")
-    base = pa.base_parameters(pa.BodyDynamics(robot), robot)
+    base = pa.models.base_parameters(pa.models.BodyDynamics(robot), robot)
     assert base.names[0] == "shoulder_pan_joint.Izz"
     text = repr(base)
     assert text.startswith("36 identifiable combinations of 60 parameters")
@@ -75,10 +77,10 @@ def test_a_base_is_shown_by_name():
     with pytest.raises(pa.ParameterError, match="expected 60 numbers"):
         base.values(np.zeros(3))
     with pytest.raises(pa.ParameterError):
-        pa.base_parameters(robot, robot)
+        pa.models.base_parameters(robot, robot)
 
 
 def test_nothing_unknown_has_an_empty_base():
     robot = catalogue_robot("scara")
-    base = pa.base_parameters(pa.FrameKinematics(robot, []), robot)
+    base = pa.models.base_parameters(pa.models.FrameKinematics(robot, []), robot)
     assert base.size == 0 and "0 identifiable combinations" in str(base)

@@ -56,7 +56,7 @@ def test_identities_on_random_chains(robot):
 @pytest.mark.parametrize("unknown", ["all", "payload", "none", "one"])
 def test_torque_and_mass_matrix_are_affine_in_the_estimate(name, unknown):
     robot = catalogue_robot(name)
-    believed = pa.BodyDynamics(robot, robot.joint_names[0] if unknown == "one" else unknown)
+    believed = pa.models.BodyDynamics(robot, robot.joint_names[0] if unknown == "one" else unknown)
     rng = np.random.default_rng(0)
     q, v, a = random_state(robot, rng)
     data = robot.model.createData()
@@ -85,7 +85,7 @@ def test_torque_and_mass_matrix_are_affine_in_the_estimate(name, unknown):
 @pytest.mark.parametrize("masses", ["zero", "negative", "tiny"])
 def test_estimates_without_mass_are_evaluated_exactly(masses):
     robot = catalogue_robot("ur5")
-    believed = pa.BodyDynamics(robot, "all")
+    believed = pa.models.BodyDynamics(robot, "all")
     rng = np.random.default_rng(1)
     a_hat = believed.initial + 0.1 * rng.standard_normal(believed.size)
     a_hat[::10] = {"zero": 0.0, "negative": -1.0, "tiny": 1e-12}[masses]
@@ -105,8 +105,8 @@ def test_truth_of_the_bodies():
     robot = catalogue_robot("panda")
     true = robot.changed(payload=pa.Payload(1.5, [0.0, 0.0, 0.05]))
     everything, last = (
-        pa.BodyDynamics(robot.changed(inertial_scale=0.7), "all"),
-        pa.BodyDynamics(robot, "payload"),
+        pa.models.BodyDynamics(robot.changed(inertial_scale=0.7), "all"),
+        pa.models.BodyDynamics(robot, "payload"),
     )
     assert np.allclose(everything.value(true), inertial_parameters(true.model))
     assert np.allclose(last.value(true), inertial_parameters(true.model)[-10:])
@@ -120,7 +120,7 @@ def test_truth_of_the_bodies():
 
 def test_wang_xie_basis():
     robot = catalogue_robot("planar_2r")
-    believed = pa.BasisDynamics(robot, BASIS)
+    believed = pa.models.BasisDynamics(robot, BASIS)
     assert np.allclose(believed.initial, [3.34, 1.2, 0.97], atol=1e-9)
     a1, a2, a3 = a_hat = np.array([4.0, 0.5, 0.5])
     believed.load(a_hat)
@@ -138,11 +138,11 @@ def test_basis_of_other_lengths_is_found_or_refused():
     longer = robot.changed(link_translation={"joint2": [0.3, 0.0, 0.0]})
     l1, (m, lc, inertia) = 1.3, (2.0, 0.6, 0.25)
     expected = [0.12 + 0.25 + m * l1**2 + inertia + m * lc**2, m * l1 * lc, inertia + m * lc**2]
-    assert np.allclose(pa.BasisDynamics(robot, BASIS).value(longer), expected, atol=1e-9)
+    assert np.allclose(pa.models.BasisDynamics(robot, BASIS).value(longer), expected, atol=1e-9)
     with pytest.raises(pa.ParameterError, match="cannot represent"):
-        pa.BasisDynamics(robot, BASIS[:, :2])
+        pa.models.BasisDynamics(robot, BASIS[:, :2])
     with pytest.raises(pa.ParameterError, match="20 rows"):
-        pa.BasisDynamics(robot, BASIS[:10])
+        pa.models.BasisDynamics(robot, BASIS[:10])
 
 
 def puma():

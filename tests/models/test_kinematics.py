@@ -38,7 +38,7 @@ def test_identities_on_random_chains(robot):
 @pytest.mark.parametrize("name", ROBOTS)
 def test_jacobian_is_pinocchios_at_the_descriptions_values(name):
     robot = catalogue_robot(name)
-    believed = pa.FrameKinematics(robot, ["lengths"])
+    believed = pa.models.FrameKinematics(robot, ["lengths"])
     q, v, _ = random_state(robot, np.random.default_rng(1))
     believed.update(believed.initial, q, v)
     data = robot.model.createData()
@@ -51,7 +51,7 @@ def test_jacobian_is_pinocchios_at_the_descriptions_values(name):
 
 def test_second_term_of_the_jacobian_rate_matters():
     robot = random_robot(3, 6)
-    believed = pa.FrameKinematics(robot, ["tool"])
+    believed = pa.models.FrameKinematics(robot, ["tool"])
     q, v, _ = random_state(robot, np.random.default_rng(2))
     believed.update(believed.initial, q, v)
     rate = np.array([0.3, -0.2, 0.1])
@@ -63,12 +63,12 @@ def test_second_term_of_the_jacobian_rate_matters():
 @pytest.mark.parametrize(("name", "rank"), [("ur5", 12), ("panda", 14), ("xarm7", 14)])
 def test_base_of_all_translations(name, rank):
     robot = catalogue_robot(name)
-    assert pa.FrameKinematics(robot, [*robot.joint_names[1:], "tool"]).base() == rank
+    assert pa.models.FrameKinematics(robot, [*robot.joint_names[1:], "tool"]).base() == rank
 
 
 def test_truth_of_a_changed_robot():
     robot = catalogue_robot("panda")
-    believed = pa.FrameKinematics(robot, ["tool", "panda_joint4"])
+    believed = pa.models.FrameKinematics(robot, ["tool", "panda_joint4"])
     true = robot.changed(
         tool_translation=[0.01, 0.02, 0.03], link_translation={"panda_joint4": [0.0, 0.0, 0.01]}
     )
@@ -89,7 +89,7 @@ def test_known_offset_plus_unknown_direction():
         nominal - np.array([0.0, 0.0, nominal[2]]),
         ("z",),
     )
-    believed = pa.FrameKinematics(robot, [part])
+    believed = pa.models.FrameKinematics(robot, [part])
     assert np.allclose(believed.initial, nominal[2])
     check_kinematics(robot, [part])
 
@@ -105,4 +105,4 @@ def test_known_offset_plus_unknown_direction():
 )
 def test_unusable_translations_are_refused(unknown, words):
     with pytest.raises(pa.InputError, match=words):
-        pa.FrameKinematics(catalogue_robot("ur5"), unknown)
+        pa.models.FrameKinematics(catalogue_robot("ur5"), unknown)

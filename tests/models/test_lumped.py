@@ -1,6 +1,7 @@
 """Lumped parameters: exact at any lengths, minimal, known for a known robot, adaptable."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -103,11 +104,11 @@ def test_lumped_regressor_is_rnea_at_the_true_lengths(robot, seed, rotors):
     wrong = robot.changed(armature=rotors)
     parts = translations(wrong, rng)
     true = another(wrong, parts, rng)
-    believed = pa.LumpedDynamics(wrong, parts)
+    believed = pa.models.LumpedDynamics(wrong, parts)
     check_exact(believed, true, rng)
     q, v, a = random_state(wrong, rng)  # the regressor knows nothing of the believed values
     assert np.array_equal(
-        believed.regressor(q, v, a), pa.LumpedDynamics(true, parts).regressor(q, v, a)
+        believed.regressor(q, v, a), pa.models.LumpedDynamics(true, parts).regressor(q, v, a)
     )
 
 
@@ -120,8 +121,8 @@ def test_known_bodies_still_multiply_unknown_lengths(robot, seed):
     parts = translations(wrong, rng)
     unknown = [name for name in wrong.joint_names if rng.random() < 0.4]
     believed, everything = (
-        pa.LumpedDynamics(wrong, parts, unknown or "none"),
-        pa.LumpedDynamics(wrong, parts),
+        pa.models.LumpedDynamics(wrong, parts, unknown or "none"),
+        pa.models.LumpedDynamics(wrong, parts),
     )
     assert believed.size <= everything.size
     check_exact(believed, another(wrong, parts, rng, unknown), rng)
@@ -132,25 +133,25 @@ def test_known_bodies_still_multiply_unknown_lengths(robot, seed):
 @pytest.mark.parametrize("name", ["ur5", "panda", "talos_arm", "kinova", "scara"])
 def test_lengths_of_the_catalogue(name):
     robot, rng = catalogue_robot(name), np.random.default_rng(0)
-    believed = pa.LumpedDynamics(robot)
+    believed = pa.models.LumpedDynamics(robot)
     check_exact(believed, another(robot, believed.translations, rng), rng)
 
 
 def test_sizes():
     ur5 = catalogue_robot("ur5")
-    five = pa.LumpedDynamics(ur5, [f"{name}:length" for name in ur5.joint_names[1:]])
+    five = pa.models.LumpedDynamics(ur5, [f"{name}:length" for name in ur5.joint_names[1:]])
     assert five.size == len(set(five.names)) == 56
     pendulum = pa.load("planar_2r", gravity=[0.0, -9.81, 0.0])
-    assert pa.LumpedDynamics(pendulum).size == 8
+    assert pa.models.LumpedDynamics(pendulum).size == 8
     # With every inertia known, one unknown length enters as itself and as its square.
-    assert pa.LumpedDynamics(ur5, ["elbow_joint:length"], "none").size == 2
+    assert pa.models.LumpedDynamics(ur5, ["elbow_joint:length"], "none").size == 2
     with pytest.raises(pa.ParameterError, match="nothing has to be lumped"):
-        pa.LumpedDynamics(ur5, ["tool"])
+        pa.models.LumpedDynamics(ur5, ["tool"])
 
 
 def test_value_is_none_where_something_else_differs():
     robot = catalogue_robot("ur5")
-    believed = pa.LumpedDynamics(robot, ["elbow_joint:length", "tool"])
+    believed = pa.models.LumpedDynamics(robot, ["elbow_joint:length", "tool"])
     longer = robot.changed(
         link_translation={"elbow_joint": 0.1 * robot.model.jointPlacements[3].translation}
     )
@@ -170,7 +171,7 @@ def test_value_is_none_where_something_else_differs():
 
 def test_the_base_is_found_once():
     robot = catalogue_robot("ur5")
-    parts = pa.FrameKinematics(robot, [*robot.joint_names[1:]]).translations
+    parts = pa.models.FrameKinematics(robot, [*robot.joint_names[1:]]).translations
     true = another(robot, parts, np.random.default_rng(0))
     assert lumped_basis(robot.model, parts) is lumped_basis(true.model, parts)
 
@@ -186,7 +187,11 @@ def ur5(law, adaptation, **options):
     lengths = [f"{name}:length" for name in names]
     believed = robot.changed(inertial_scale=0.7)
     controller = pa.make_controller(
-        believed, law=law, adaptation=adaptation, kinematic=lengths, **options
+        believed,
+        law=law,
+        adaptation=adaptation,
+        unknown=pa.Unknown(tool=False, translations=lengths),
+        **options,
     )
     return true, controller, circle_beside(true, "yz")
 
@@ -232,10 +237,10 @@ def projections():
     planar = catalogue_robot("planar_2r")
     lengths = [f"{name}:length" for name in robot.joint_names[1:]]
     return {
-        "lumped": (robot, pa.LumpedDynamics(robot, lengths)),
-        "bodies": (robot, pa.BodyDynamics(robot)),
-        "payload": (robot, pa.BodyDynamics(robot, "payload")),
-        "basis": (planar, pa.BasisDynamics(planar, BASIS)),
+        "lumped": (robot, pa.models.LumpedDynamics(robot, lengths)),
+        "bodies": (robot, pa.models.BodyDynamics(robot)),
+        "payload": (robot, pa.models.BodyDynamics(robot, "payload")),
+        "basis": (planar, pa.models.BasisDynamics(planar, BASIS)),
     }
 
 
@@ -246,12 +251,14 @@ def test_projection_keeps_the_mass_matrix_and_never_moves_away_from_the_truth(ca
     factor = rng.standard_normal((size, size)) / np.sqrt(size)
     scale = np.diag(np.maximum(np.abs(dynamics.initial), 1e-3 * np.abs(dynamics.initial).max()))
     Gamma = scale @ (factor @ factor.T + np.eye(size)) @ scale
-    adaptation = pa.MassMatrixProjection(pa.Gradient(Gamma, size), dynamics, robot)
+    adaptation = pa.adaptation.MassMatrixProjection(
+        pa.adaptation.Gradient(Gamma, size), dynamics, robot
+    )
     data, moved = robot.model.createData(), 0
     for _ in range(30):
         q, _, _ = random_state(robot, rng)
         a = dynamics.initial + 3.0 * scale @ rng.standard_normal(size)
-        kept = adaptation.project(pa.Estimate(a), q)
+        kept = adaptation.project(pa.adaptation.Estimate(a), q)
         M_0 = pin.crba(robot.model, data, q)
         dynamics.load(kept)
         ratios = np.linalg.eigvals(np.linalg.solve(M_0, dynamics.mass_matrix(q))).real
@@ -264,7 +271,7 @@ def test_projection_keeps_the_mass_matrix_and_never_moves_away_from_the_truth(ca
             before = adaptation.divergence(a, true)
             assert adaptation.divergence(kept, true) <= before * (1.0 + 1e-12)
         assert (
-            adaptation.project(pa.Estimate(dynamics.initial), q) is dynamics.initial
+            adaptation.project(pa.adaptation.Estimate(dynamics.initial), q) is dynamics.initial
         )  # nothing to do
     assert moved > 3
 
@@ -285,13 +292,15 @@ def test_projection_saves_a_gradient_that_loses_the_mass_matrix(rate):
 def test_projection_with_unknown_rotors():
     robot = catalogue_robot("ur5")
     controller = pa.make_controller(
-        robot, adaptation="projected", joint="armature", kinematic=["elbow_joint:length"]
+        robot,
+        adaptation="projected",
+        unknown=pa.Unknown(tool=False, lengths=["elbow_joint"], friction=False, armature=True),
     )
     a = controller.dynamics.initial.copy()
     q = robot.q0
-    assert controller.adaptation_d.project(pa.Estimate(a), q) is a
+    assert controller.adaptation_d.project(pa.adaptation.Estimate(a), q) is a
     a[: controller.dynamics.inertial.size] *= -1.0
-    kept = controller.adaptation_d.project(pa.Estimate(a), q)
+    kept = controller.adaptation_d.project(pa.adaptation.Estimate(a), q)
     controller.dynamics.load(kept)
     assert np.linalg.eigvalsh(controller.dynamics.mass_matrix(q))[0] > 0.0
     assert np.array_equal(kept[-6:], a[-6:])
@@ -299,28 +308,35 @@ def test_projection_with_unknown_rotors():
 
 def test_lengths_decide_about_the_dynamics():
     robot = catalogue_robot("ur5")
-    make, lengths = pa.make_controller, ["elbow_joint:length"]
+    make, unknown = pa.make_controller, pa.Unknown(tool=False, lengths=["elbow_joint"])
     with pytest.raises(
         pa.ParameterError,
         match=r"natural adaptation does not apply.*elbow_joint.*adaptive-jacobian.*projected",
     ):
-        make(robot, kinematic=lengths)
+        make(robot, unknown=unknown)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        lumped = make(robot, kinematic=lengths, law="adaptive-jacobian", adaptation="gradient")
-        assert isinstance(lumped.dynamics, pa.LumpedDynamics)
+        lumped = make(robot, unknown=unknown, law="adaptive-jacobian", adaptation="gradient")
+        assert isinstance(lumped.dynamics, pa.models.LumpedDynamics)
         for law in ("adaptive-inverse-dynamics", "separation"):
-            projected = {"law": law, "adaptation": "projected", "joint": "none"}
-            for kinematic, kind in ((lengths, pa.LumpedDynamics), (["tool"], pa.BodyDynamics)):
-                assert isinstance(make(robot, kinematic=kinematic, **projected).dynamics, kind)
-        make(robot, kinematic=lengths, law="resolved-acceleration")  # nothing adapts
+            options = {"law": law, "adaptation": "projected"}
+            for words, kind in (
+                ({"tool": False, "lengths": ["elbow_joint"]}, pa.models.LumpedDynamics),
+                ({"tool": True}, pa.models.BodyDynamics),
+            ):
+                named = pa.Unknown(friction=False, armature=False, **words)
+                assert isinstance(make(robot, unknown=named, **options).dynamics, kind)
+        make(robot, unknown=unknown, law="resolved-acceleration")  # nothing adapts
     with pytest.warns(UserWarning, match=r"inverts M_hat.*projected"):
-        make(robot, kinematic=lengths, adaptation="gradient", law="adaptive-inverse-dynamics")
+        make(robot, unknown=unknown, adaptation="gradient", law="adaptive-inverse-dynamics")
     with pytest.warns(UserWarning, match=r"nominal regressor contains them.*does not cover"):
-        nominal = make(robot, kinematic=lengths, joint="none", regressor="nominal")
-    assert isinstance(nominal.dynamics, pa.BodyDynamics)
+        nominal = make(
+            robot,
+            unknown=replace(unknown, friction=False, armature=False, regressor="nominal"),
+        )
+    assert isinstance(nominal.dynamics, pa.models.BodyDynamics)
     with pytest.raises(pa.InputError, match="Did you mean 'nominal'"):
-        make(robot, kinematic=lengths, regressor="nominel")
+        make(robot, unknown=replace(unknown, regressor="nominel"))
 
 
 def test_ur5_learns_five_lengths_and_all_inertias():

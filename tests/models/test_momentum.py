@@ -29,7 +29,7 @@ def check_momentum(model):
     data, pi = model.createData(), inertial_parameters(model)
     q = pin.integrate(model, pin.neutral(model), rng.uniform(-1.0, 1.0, model.nv))
     v = rng.standard_normal(model.nv)
-    regressor = pa.MomentumRegressor(model)
+    regressor = pa.models.MomentumRegressor(model)
     Y_M, Y_0 = regressor(q, v)
     M = pin.crba(model, data, q)
     C = pin.computeCoriolisMatrix(model, data, q, v)
@@ -60,7 +60,7 @@ def test_momentum_of_a_tree_with_a_floating_base():
     data, pi = model.createData(), inertial_parameters(model)
     q = pin.randomConfiguration(model, -np.ones(model.nq), np.ones(model.nq))
     v, a = rng.standard_normal((2, model.nv))
-    regressor = pa.MomentumRegressor(model)
+    regressor = pa.models.MomentumRegressor(model)
 
     def momentum(t):
         at = pin.integrate(model, q, t * v + 0.5 * t * t * a)
@@ -72,21 +72,21 @@ def test_momentum_of_a_tree_with_a_floating_base():
 
 def test_momentum_refuses_what_is_no_model():
     with pytest.raises(pa.InputError, match="model"):
-        pa.MomentumRegressor("panda")
+        pa.models.MomentumRegressor("panda")
 
 
 def dynamics_of(name):
     """Return (robot, dynamics) of every kind of parameters for a robot."""
     robot = catalogue_robot(name).changed(viscous=0.3, coulomb=0.2, armature=0.1)
     bare = without_joint_effects(robot)
-    inertial = [pa.BodyDynamics(bare, "all"), pa.BodyDynamics(bare, "payload")]
-    inertial.append(pa.LumpedDynamics(bare, [robot.joint_names[-1]], "payload"))
+    inertial = [pa.models.BodyDynamics(bare, "all"), pa.models.BodyDynamics(bare, "payload")]
+    inertial.append(pa.models.LumpedDynamics(bare, [robot.joint_names[-1]], "payload"))
     if name == "planar_2r":
-        inertial.append(pa.BasisDynamics(bare, BASIS))
+        inertial.append(pa.models.BasisDynamics(bare, BASIS))
     for block in inertial:
         for kinds in ("all", ["viscous"], ["armature", "coulomb"], "none"):
-            yield robot, pa.StackedDynamics(block, pa.JointEffects(robot, kinds))
-    yield catalogue_robot(name), pa.BodyDynamics(catalogue_robot(name), "payload")
+            yield robot, pa.models.StackedDynamics(block, pa.models.JointEffects(robot, kinds))
+    yield catalogue_robot(name), pa.models.BodyDynamics(catalogue_robot(name), "payload")
 
 
 @pytest.mark.parametrize("name", ["planar_2r", "scara", "ur5", "kinova", "talos_arm"])
@@ -113,15 +113,19 @@ def test_all_kinds_of_parameters_state_their_torque_without_accelerations(name):
 def recorded(name, dt, control=None, **truth):
     """Return a robot, parameters for it, and a rollout in which each torque is held for dt."""
     robot = catalogue_robot(name).changed(**truth)
-    controller = pa.make_controller(robot, joint="all", adaptation="none", **(control or {}))
-    rollout = pa.simulate(robot, controller, motion_at_home(robot), duration=0.4, dt=dt, substeps=8)
+    controller = pa.make_controller(
+        robot, unknown=pa.Unknown(friction=True, armature=True), adaptation="none", **control or {}
+    )
+    rollout = pa.simulate(
+        robot, controller, motion_at_home(robot), duration=0.4, engine=pa.Engine(dt=dt, substeps=8)
+    )
     return robot, controller.dynamics, rollout
 
 
 def mismatch(name, dt, **truth):
     """Return |W a - y| along a sampled motion relative to |y|, at its largest."""
     robot, dynamics, run = recorded(name, dt, **truth)
-    W, y = pa.FilteredRegressor(dynamics, 30.0).along(run.t, run.q, run.v, run.tau)
+    W, y = pa.filters.FilteredRegressor(dynamics, 30.0).along(run.t, run.q, run.v, run.tau)
     assert not W[0].any() and not y[0].any()
     return np.abs(W @ dynamics.value(robot) - y).max() / np.abs(y).max()
 
@@ -139,7 +143,7 @@ def test_filtered_torque_of_a_sampled_motion_is_predicted(name):
 
 def test_filters_are_pure_and_take_a_measured_torque():
     _, dynamics, run = recorded("ur5", 1e-3)
-    filters, wrong = pa.FilteredRegressor(dynamics, 30.0), np.ones(6)
+    filters, wrong = pa.filters.FilteredRegressor(dynamics, 30.0), np.ones(6)
     state = filters.init(run.q[0], run.v[0])
     told, guessed = [state], [state]
     for k in range(50):
@@ -158,14 +162,16 @@ def test_filters_are_pure_and_take_a_measured_torque():
 
 def test_filters_refuse_what_does_not_belong_to_them():
     robot, other = catalogue_robot("ur5"), catalogue_robot("panda")
-    filters = pa.FilteredRegressor(pa.BodyDynamics(robot), 30.0)
-    state = pa.FilteredRegressor(pa.BodyDynamics(other), 30.0).init(other.q0, np.zeros(7))
+    filters = pa.filters.FilteredRegressor(pa.models.BodyDynamics(robot), 30.0)
+    state = pa.filters.FilteredRegressor(pa.models.BodyDynamics(other), 30.0).init(
+        other.q0, np.zeros(7)
+    )
     zero = np.zeros(6)
     for wrong in (state, ()):
         with pytest.raises(pa.InputError, match="other dynamics"):
             filters.observe(wrong, robot.q0, zero)
     with pytest.raises(pa.GainError, match="prediction filter"):
-        pa.FilteredRegressor(pa.BodyDynamics(robot), 0.0)
+        pa.filters.FilteredRegressor(pa.models.BodyDynamics(robot), 0.0)
     rows = np.zeros((3, 6))
     for times, tau in (([0.0, 1.0], rows), ([0.0, 1.0, 1.0], rows), ([0.0, 1.0, 2.0], rows[:, :5])):
         with pytest.raises(pa.InputError):
@@ -174,7 +180,7 @@ def test_filters_refuse_what_does_not_belong_to_them():
 
 def test_dynamics_without_a_momentum_say_so():
     class Silent(ArmDynamics):
-        momentum = pa.Dynamics.momentum
+        momentum = pa.models.Dynamics.momentum
 
     with pytest.raises(pa.InputError, match="Silent does not implement momentum"):
-        pa.FilteredRegressor(Silent(), 10.0).init(np.zeros(2), np.zeros(2))
+        pa.filters.FilteredRegressor(Silent(), 10.0).init(np.zeros(2), np.zeros(2))

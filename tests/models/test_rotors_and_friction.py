@@ -22,8 +22,8 @@ def with_joints(robot, rng):
     )
 
 
-def stacked(robot, unknown="all"):
-    return pa.make_controller(robot, joint=unknown).dynamics
+def stacked(robot, friction=True):
+    return pa.make_controller(robot, unknown=pa.Unknown(friction=friction, armature=True)).dynamics
 
 
 def inverse_dynamics(robot, q, v, a):
@@ -40,8 +40,8 @@ def inverse_dynamics(robot, q, v, a):
 def test_regressor_torque_and_mass_matrix_of_random_chains(robot, seed, unknown):
     rng = np.random.default_rng(seed)
     robot = with_joints(robot, rng)
-    bodies = pa.BodyDynamics(robot.changed(armature=0.0, viscous=0.0, coulomb=0.0))
-    dynamics = pa.StackedDynamics(bodies, pa.JointEffects(robot, unknown))
+    bodies = pa.models.BodyDynamics(robot.changed(armature=0.0, viscous=0.0, coulomb=0.0))
+    dynamics = pa.models.StackedDynamics(bodies, pa.models.JointEffects(robot, unknown))
     other = (
         robot.changed(inertial_scale=1.4, viscous=0.3, coulomb=0.7, armature=0.2)
         if unknown == "all"
@@ -75,8 +75,8 @@ def test_regressor_torque_and_mass_matrix_of_random_chains(robot, seed, unknown)
 def test_talos_arm_keeps_its_rotors():
     robot = catalogue_robot("talos_arm")
     assert (robot.model.armature > 0.0).all()
-    known = pa.make_controller(robot, joint="none").dynamics
-    adapted = stacked(robot, ["armature"])
+    known = pa.make_controller(robot, unknown=pa.Unknown(friction=False, armature=False)).dynamics
+    adapted = stacked(robot, friction=False)
     np.testing.assert_allclose(adapted.initial[-robot.model.nv :], robot.model.armature)
     q, v, a = random_state(robot, np.random.default_rng(0))
     for dynamics in (known, adapted):
@@ -93,7 +93,9 @@ def test_talos_arm_keeps_its_rotors():
 def test_known_friction_is_compensated_and_unknown_starts_positive():
     robot = catalogue_robot("ur5")
     known = robot.changed(viscous=1.0, coulomb=0.5)
-    dynamics = pa.make_controller(known, joint="none").dynamics
+    dynamics = pa.make_controller(
+        known, unknown=pa.Unknown(friction=False, armature=False)
+    ).dynamics
     dynamics.load(dynamics.initial)
     q, v, a = random_state(robot, np.random.default_rng(0))
     np.testing.assert_allclose(
@@ -115,7 +117,11 @@ def test_lyapunov_equality_with_friction(law, name):
         armature=0.05, viscous=0.4, coulomb=0.3, tool_translation=[0.02, 0.0, 0.05]
     )
     controller = pa.make_controller(
-        robot.changed(inertial_scale=0.8), law=law, joint="all", gamma_d=2.0, gamma_joint=2.0
+        robot.changed(inertial_scale=0.8),
+        law=law,
+        unknown=pa.Unknown(friction=True, armature=True),
+        gamma_d=2.0,
+        gamma_joint=2.0,
     )
     path = circle_beside(true, "xy", by=(0.01, -0.01, 0.01))
     energy = energy_along(true, controller, path, seconds=0.04)
@@ -128,22 +134,29 @@ def test_lyapunov_equality_with_friction(law, name):
 def test_friction_is_learned_and_stays_positive():
     robot = catalogue_robot("panda")
     true = robot.changed(viscous=2.0, coulomb=1.5)
-    path = pa.Circle(np.zeros(3), 0.1, 2.0, "yz").starting_at(true.position(true.q0))
+    path = pa.trajectories.Circle(np.zeros(3), 0.1, 2.0, "yz").starting_at(true.position(true.q0))
     ends = {}
-    for unknown in ("none", ["viscous", "coulomb"]):
+    for friction in (False, True):
         controller = pa.make_controller(
-            robot.changed(inertial_scale=0.8), law="adaptive-jacobian", joint=unknown
+            robot.changed(inertial_scale=0.8),
+            law="adaptive-jacobian",
+            unknown=pa.Unknown(friction=friction, armature=False),
         )
-        rollout = pa.simulate(true, controller, path, duration=5.0, substeps=2, record_every=10)
-        ends[str(unknown)] = rollout.summary()["max_error_last"]
-    assert ends["['viscous', 'coulomb']"] < 0.5 * ends["none"]
+        rollout = pa.simulate(
+            true, controller, path, duration=5.0, engine=pa.Engine(substeps=2), record_every=10
+        )
+        ends[friction] = rollout.summary()["max_error_last"]
+    assert ends[True] < 0.5 * ends[False]
     assert (rollout.a_d[:, 70:] > 0.0).all()
     names = list(rollout.dynamic_names[70:])
     assert names == [f"{joint}.{kind}" for kind in KINDS[1:] for joint in robot.joint_names]
 
 
 def test_positive_adaptation_never_leaves_the_positive_numbers():
-    adaptation, rng = pa.ExponentiatedGradient(10.0, [1.0, 2.0, 30.0]), np.random.default_rng(0)
+    adaptation, rng = (
+        pa.adaptation.ExponentiatedGradient(10.0, [1.0, 2.0, 30.0]),
+        np.random.default_rng(0),
+    )
     a = np.array([1e-3, 1.0, 100.0])
     for _ in range(200):
         after = stepped(adaptation, a, 1e4 * rng.standard_normal(3), 1e-2)
@@ -160,7 +173,9 @@ def test_positive_adaptation_never_leaves_the_positive_numbers():
 
 def test_refusals():
     robot = catalogue_robot("planar_2r")
+    with pytest.raises(pa.InputError, match="Did you mean 'coulomb'"):
+        pa.make_controller(robot, unknown=pa.Unknown(friction="columb"))
     with pytest.raises(pa.ParameterError, match="Did you mean 'coulomb'"):
-        pa.make_controller(robot, joint=["columb"])
+        pa.models.JointEffects(robot, ["columb"])
     with pytest.raises(pa.RobotError, match="armature"):
         robot.changed(armature=-1.0)

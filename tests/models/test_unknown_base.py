@@ -19,14 +19,14 @@ def moved(name):
         payload=pa.Payload(mass=1.0, com=[0.0, 0.0, 0.05]),
         link_translation={robot.joint_names[0]: MOVED},
     )
-    circle = pa.Circle(np.zeros(3), 0.1, 4.0, "xy").starting_at(true.position(true.q0))
+    circle = pa.trajectories.Circle(np.zeros(3), 0.1, 4.0, "xy").starting_at(true.position(true.q0))
     return robot, true, circle
 
 
 @pytest.mark.parametrize("name", ["panda", "scara", "kinova"])
 def test_velocities_do_not_see_it_and_positions_do(name):
     (robot, true, _), rng = moved(name), np.random.default_rng(0)
-    m, kinematics = robot.task.positions, pa.FrameKinematics(robot, ["base", "tool"])
+    m, kinematics = robot.task.positions, pa.models.FrameKinematics(robot, ["base", "tool"])
     q = true.at(true.home_angles + 0.3 * rng.standard_normal(robot.model.nv)).q0
     error = kinematics.value(true) - kinematics.initial
     kinematics.update(kinematics.initial, q, rng.standard_normal(robot.model.nv))
@@ -43,8 +43,12 @@ def test_velocities_do_not_see_it_and_positions_do(name):
 def test_base_and_tool_are_learned_together(name, camera):
     """They trade with each other while the tool hardly turns; the path is followed all the same."""
     robot, true, circle = moved(name)
-    controller = pa.make_controller(robot, kinematic=["base", "tool"], camera=camera)
-    rollout = pa.simulate(true, controller, circle, duration=8.0, record_every=10, camera=camera)
+    controller = pa.make_controller(
+        robot, unknown=pa.Unknown(tool=True, base=True), sensors=pa.Sensors(camera=camera)
+    )
+    rollout = pa.simulate(
+        true, controller, circle, duration=8.0, record_every=10, sensors=pa.Sensors(camera=camera)
+    )
     assert rollout.diverged is None
     last = rollout.distance[-80:].max()
     assert last < (6e-3 if camera else 3e-3) and last < 0.6 * rollout.distance[:80].max()
@@ -55,10 +59,12 @@ def test_base_and_tool_are_learned_together(name, camera):
 def test_laws_that_learn_from_velocities_refuse_it():
     robot = catalogue_robot("panda")
     with pytest.raises(pa.ParameterError, match=r"velocities.*'base'.*\"separation\""):
-        pa.make_controller(robot, law="adaptive-jacobian", kinematic=["base", "tool"])
+        pa.make_controller(robot, law="adaptive-jacobian", unknown=pa.Unknown(tool=True, base=True))
 
 
 def test_the_first_joint_is_told_to_be_the_base():
     robot = catalogue_robot("panda")
     with pytest.raises(pa.ParameterError, match="'base'"):
-        pa.make_controller(robot, kinematic=[robot.joint_names[0]])
+        pa.make_controller(
+            robot, unknown=pa.Unknown(tool=False, translations=[robot.joint_names[0]])
+        )

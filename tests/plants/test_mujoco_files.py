@@ -39,7 +39,7 @@ def path(tmp_path):
 
 def swing(plant, seconds=0.1):
     """Hold a plant against gravity, push it about, and return what it measures."""
-    weight, push = pa.Gravity(plant.robot), np.linspace(3.0, 0.2, plant.nv)
+    weight, push = pa.robot.Gravity(plant.robot), np.linspace(3.0, 0.2, plant.nv)
     for k in range(round(seconds / 1e-3)):
         plant.step(weight(plant.measure().q) + push * np.sin(0.03 * k), 1e-3)
     return plant.measure()
@@ -47,8 +47,8 @@ def swing(plant, seconds=0.1):
 
 def test_the_same_robot_in_a_file_moves_alike(path):
     robot = load("panda")
-    plant = pa.MujocoPlant(robot, mjcf=pa.MujocoFile(path, **MATCH))
-    theirs, ours = swing(plant), swing(pa.MujocoPlant(robot))
+    plant = pa.plants.MujocoPlant(robot, mjcf=pa.plants.MujocoFile(path, **MATCH))
+    theirs, ours = swing(plant), swing(pa.plants.MujocoPlant(robot))
     for name in ("q", "v", "x", "xd"):
         assert np.allclose(getattr(theirs, name), getattr(ours, name), rtol=0.0, atol=1e-5)
     assert np.abs(ours.xd).max() > 0.01
@@ -61,10 +61,10 @@ def test_the_same_robot_in_a_file_moves_alike(path):
 def test_equal_names_need_no_table_and_a_body_may_be_the_frame(tmp_path):
     robot = load("panda", frame="panda_link7")
     own = own_file(robot, tmp_path / "own.xml")
-    plant = pa.MujocoPlant(robot, mjcf=pa.MujocoFile(own, frame="link7"))
+    plant = pa.plants.MujocoPlant(robot, mjcf=pa.plants.MujocoFile(own, frame="link7"))
     assert np.allclose(plant.measure().x, robot.position(robot.q0), atol=1e-9)
     assert plant.steps_in(4e-3) == 4
-    assert np.allclose(swing(plant).q, swing(pa.MujocoPlant(robot)).q, atol=1e-9)
+    assert np.allclose(swing(plant).q, swing(pa.plants.MujocoPlant(robot)).q, atol=1e-9)
 
 
 def test_actuators_and_gravity_compensation_of_the_file_are_switched_off(tmp_path):
@@ -73,8 +73,8 @@ def test_actuators_and_gravity_compensation_of_the_file_are_switched_off(tmp_pat
     path.write_text(path.read_text().replace('<body name="link', '<body gravcomp="1" name="link'))
     fallen = []
     for plant in (
-        pa.MujocoPlant(robot, mjcf=pa.MujocoFile(path, joints=TABLE, frame="flange")),
-        pa.MujocoPlant(robot),
+        pa.plants.MujocoPlant(robot, mjcf=pa.plants.MujocoFile(path, joints=TABLE, frame="flange")),
+        pa.plants.MujocoPlant(robot),
     ):
         plant.step(np.zeros(7), 0.02)
         fallen.append(plant.measure().v)
@@ -83,8 +83,11 @@ def test_actuators_and_gravity_compensation_of_the_file_are_switched_off(tmp_pat
 
 def test_a_joint_task_needs_no_frame(path):
     robot = load("panda", task="joint")
-    mjcf = pa.MujocoFile(path, joints=TABLE, base="stand")
-    controller, motion = pa.make_controller(robot), pa.Sinusoid(robot.home_angles + 0.05, 0.05, 2.0)
+    mjcf = pa.plants.MujocoFile(path, joints=TABLE, base="stand")
+    controller, motion = (
+        pa.make_controller(robot),
+        pa.trajectories.Sinusoid(robot.home_angles + 0.05, 0.05, 2.0),
+    )
     ours, theirs = (
         pa.simulate(robot, controller, motion, duration=0.1, engine=e) for e in ("mujoco", mjcf)
     )
@@ -97,7 +100,7 @@ def test_the_adaptive_controller_tracks_a_robot_that_differs_from_its_descriptio
     real = robot.changed(tool_translation=[0.02, 0.0, 0.05], inertial_scale=1.2)
     heavy = {"inside": FINGER.format(mass=1.0, inertia=1e-3), "stand": STAND}
     own = own_file(real, tmp_path / "own.xml", rename=short, **heavy)
-    mjcf, path = pa.MujocoFile(own, **MATCH), circle_at_home(real)
+    mjcf, path = pa.plants.MujocoFile(own, **MATCH), circle_at_home(real)
     runs = [
         pa.simulate(robot, pa.make_controller(robot, **options), path, duration=3.0, engine=mjcf)
         for options in ({}, {"adaptation": "none", "gamma_k": 0.0})
@@ -127,14 +130,17 @@ def test_a_scenario_names_a_file_in_its_folder(path):
 
 
 def test_the_robot_of_a_file_cannot_change(path):
-    robot, mjcf = load("panda"), pa.MujocoFile(path, **MATCH)
+    robot, mjcf = load("panda"), pa.plants.MujocoFile(path, **MATCH)
     with pytest.raises(pa.InputError, match=r"changes: .* model file"):
         pa.simulate(
-            robot, pa.make_controller(robot), circle_at_home(robot), engine=mjcf,
-            changes={1.0: robot.changed(viscous=1.0)},
-        )  # fmt: skip
+            robot,
+            pa.make_controller(robot),
+            circle_at_home(robot),
+            engine=mjcf,
+            events=pa.Events(changes={1.0: robot.changed(viscous=1.0)}),
+        )
     with pytest.raises(pa.InputError, match="cannot become"):
-        pa.MujocoPlant(robot, mjcf=mjcf).become(robot)
+        pa.plants.MujocoPlant(robot, mjcf=mjcf).become(robot)
 
 
 @pytest.mark.parametrize(
@@ -157,50 +163,54 @@ def test_the_robot_of_a_file_cannot_change(path):
 )
 def test_what_does_not_match_is_named(path, options, words):
     with pytest.raises(pa.InputError, match=words):
-        pa.MujocoPlant(load("panda"), mjcf=pa.MujocoFile(path, **{**MATCH, **options}))
+        pa.plants.MujocoPlant(
+            load("panda"), mjcf=pa.plants.MujocoFile(path, **{**MATCH, **options})
+        )
 
 
 def test_mixed_up_parallel_joints_are_refused(tmp_path):
     own, mixed = own_file(load("ur5"), tmp_path / "own.xml"), ("shoulder_lift_joint", "elbow_joint")
     table = dict(zip(mixed, reversed(mixed), strict=True))
     with pytest.raises(pa.InputError, match=r"'shoulder_lift_joint' .* does not come after"):
-        pa.MujocoPlant(load("ur5"), mjcf=pa.MujocoFile(own, joints=table, frame="flange"))
+        pa.plants.MujocoPlant(
+            load("ur5"), mjcf=pa.plants.MujocoFile(own, joints=table, frame="flange")
+        )
 
 
 def test_a_reversed_joint_is_refused(tmp_path):
     own = own_file(load("ur5"), tmp_path / "own.xml", turned=["elbow_joint"])
     with pytest.raises(pa.InputError, match=r"'elbow_joint' .* different axes at home"):
-        pa.MujocoPlant(load("ur5"), mjcf=pa.MujocoFile(own, frame="flange"))
+        pa.plants.MujocoPlant(load("ur5"), mjcf=pa.plants.MujocoFile(own, frame="flange"))
 
 
 def test_a_rotated_frame_is_refused_for_a_pose_task_only(tmp_path):
     real = pa.load("ur5")
     frame = real.model.frames[real.frame_id]
     frame.placement = frame.placement * pin.SE3(pin.rpy.rpyToMatrix(1.0, 0.0, 0.0), np.zeros(3))
-    mjcf = pa.MujocoFile(own_file(real, tmp_path / "own.xml"), frame="flange")
-    pa.MujocoPlant(load("ur5"), mjcf=mjcf)
+    mjcf = pa.plants.MujocoFile(own_file(real, tmp_path / "own.xml"), frame="flange")
+    pa.plants.MujocoPlant(load("ur5"), mjcf=mjcf)
     with pytest.raises(pa.InputError, match="rotated by 57 degrees"):
-        pa.MujocoPlant(load("ur5", task="pose"), mjcf=mjcf)
+        pa.plants.MujocoPlant(load("ur5", task="pose"), mjcf=mjcf)
 
 
 def test_files_other_than_models_are_refused(tmp_path):
     own, robot = tmp_path / "own.xml", load("ur5")
     own.write_text("<mujoco><worldbody><bdy/></worldbody></mujoco>")
     with pytest.raises(pa.InputError, match="cannot read it"):
-        pa.MujocoPlant(robot, mjcf=pa.MujocoFile(own))
+        pa.plants.MujocoPlant(robot, mjcf=pa.plants.MujocoFile(own))
     own_file(robot, own)
     own.write_text(own.read_text().replace('mass="', 'mass="-'))
     with pytest.raises(pa.InputError, match=r"own\.xml: MuJoCo cannot"):
-        pa.MujocoPlant(robot, mjcf=pa.MujocoFile(own, frame="flange"))
+        pa.plants.MujocoPlant(robot, mjcf=pa.plants.MujocoFile(own, frame="flange"))
 
 
 def test_another_gravity_causes_a_warning(tmp_path):
     own = own_file(load("ur5", gravity=(0.0, 0.0, -1.6)), tmp_path / "own.xml")
     with pytest.warns(UserWarning, match="gravity in the file"):
-        pa.MujocoPlant(load("ur5"), mjcf=pa.MujocoFile(own, frame="flange"))
+        pa.plants.MujocoPlant(load("ur5"), mjcf=pa.plants.MujocoFile(own, frame="flange"))
 
 
 def test_a_torque_that_is_not_finite_is_refused(path):
-    plant = pa.MujocoPlant(load("panda"), mjcf=pa.MujocoFile(path, **MATCH))
+    plant = pa.plants.MujocoPlant(load("panda"), mjcf=pa.plants.MujocoFile(path, **MATCH))
     with pytest.raises(pa.DivergedError, match="not finite"):
         plant.step(np.full(7, np.nan), 1e-3)

@@ -51,7 +51,7 @@ def test_torques_inertia_and_jacobian_are_those_of_pinocchio(name):
         armature=robot.model.armature + rng.uniform(0.0, 0.1, robot.model.nv),
         viscous=rng.uniform(0.1, 1.0, robot.model.nv),
     )
-    plant, model, data = pa.MujocoPlant(robot), robot.model, robot.model.createData()
+    plant, model, data = pa.plants.MujocoPlant(robot), robot.model, robot.model.createData()
     own, theirs = plant.model, mujoco.MjData(plant.model)
     own.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
     assert own.nv == model.nv
@@ -82,7 +82,7 @@ def test_free_motion_is_that_of_pinocchio_to_integration_error(name):
     """Both engines use the classical Runge-Kutta method; robots fall alike to rounding."""
     robot = load(name)
     robot = robot.changed(viscous=0.05, armature=robot.model.armature + 0.01)
-    plants = pa.MujocoPlant(robot), pa.PinocchioPlant(robot, integrator="runge-kutta")
+    plants = pa.plants.MujocoPlant(robot), pa.plants.PinocchioPlant(robot, integrator="runge-kutta")
     ends, push = [], 10.0 * np.diag(plants[1].mass_matrix(robot.q0))
     for plant in plants:
         ends.append(drive(plant, lambda t: push * np.cos(10.0 * t), 0.15))
@@ -93,9 +93,9 @@ def test_free_motion_is_that_of_pinocchio_to_integration_error(name):
 @pytest.mark.parametrize("integrator", ["implicitfast", "implicit", "euler"])
 def test_other_integrators_agree_to_first_order(integrator):
     robot, errors = load("ur5").changed(viscous=0.5), []
-    best = drive(pa.PinocchioPlant(robot, integrator="runge-kutta"), np.zeros_like, 0.1)
+    best = drive(pa.plants.PinocchioPlant(robot, integrator="runge-kutta"), np.zeros_like, 0.1)
     for substeps in (1, 2, 4):
-        plant = pa.MujocoPlant(robot, integrator=integrator, substeps=substeps)
+        plant = pa.plants.MujocoPlant(robot, integrator=integrator, substeps=substeps)
         end = drive(plant, lambda t: np.zeros(6), 0.1)
         errors.append(np.linalg.norm(end.v - best.v))
     assert errors[0] > 1.9 * errors[1] > 3.6 * errors[2]
@@ -103,12 +103,12 @@ def test_other_integrators_agree_to_first_order(integrator):
 
 def test_stiff_friction_of_a_light_joint_needs_more_steps():
     robot = load("z1").changed(viscous=5.0)
-    plant = pa.MujocoPlant(robot)
+    plant = pa.plants.MujocoPlant(robot)
     assert plant.steps_in(1e-3) > 2
-    still = pa.PinocchioPlant(robot, integrator="runge-kutta", substeps=64)
+    still = pa.plants.PinocchioPlant(robot, integrator="runge-kutta", substeps=64)
     check_alike(*(drive(p, lambda t: np.ones(6), 0.05) for p in (plant, still)), atol=1e-4)
-    assert pa.MujocoPlant(robot, integrator="implicitfast").steps_in(1e-3) == 1
-    assert pa.MujocoPlant(load("z1")).steps_in(5e-3) == 5
+    assert pa.plants.MujocoPlant(robot, integrator="implicitfast").steps_in(1e-3) == 1
+    assert pa.plants.MujocoPlant(load("z1")).steps_in(5e-3) == 5
 
 
 def test_a_changed_robot_continues_from_its_state_and_reset_restores_the_first():
@@ -118,7 +118,10 @@ def test_a_changed_robot_continues_from_its_state_and_reset_restores_the_first()
         viscous=1.0, link_translation={"panda_joint4": [0.0, 0.0, 0.02]},
     )  # fmt: skip
     ends = []
-    for plant in (pa.MujocoPlant(first), pa.PinocchioPlant(first, integrator="runge-kutta")):
+    for plant in (
+        pa.plants.MujocoPlant(first),
+        pa.plants.PinocchioPlant(first, integrator="runge-kutta"),
+    ):
         drive(plant, lambda t: np.zeros(7), 0.05)
         before = plant.measure()
         plant.become(second)
@@ -127,7 +130,7 @@ def test_a_changed_robot_continues_from_its_state_and_reset_restores_the_first()
         assert np.array_equal(after.v, before.v) and not np.allclose(after.x, before.x)
         ends.append(drive(plant, lambda t: np.zeros(7), 0.05))
     check_alike(*ends, atol=1e-9)
-    plant = pa.MujocoPlant(first)
+    plant = pa.plants.MujocoPlant(first)
     fresh = drive(plant, lambda t: np.ones(7), 0.02)
     plant.become(second)
     plant.reset()
@@ -138,7 +141,7 @@ def test_a_changed_robot_continues_from_its_state_and_reset_restores_the_first()
 
 
 def test_a_pickled_plant_moves_alike():
-    plant = pa.MujocoPlant(load("panda").changed(coulomb=0.5))
+    plant = pa.plants.MujocoPlant(load("panda").changed(coulomb=0.5))
     drive(plant, lambda t: np.ones(7), 0.01)
     copy = pickle.loads(pickle.dumps(plant))
     check_alike(*(drive(p, lambda t: -np.ones(7), 0.01) for p in (plant, copy)), atol=0.0)
@@ -156,7 +159,11 @@ def mesh_of(model, geom):
 @pytest.mark.parametrize("name", ["ur5", "scara"])
 def test_a_drawn_robot_has_its_meshes_and_moves_like_an_undrawn_one(name):
     robot = load(name)
-    plant, model, data = pa.MujocoPlant(robot, drawn=True), robot.model, robot.model.createData()
+    plant, model, data = (
+        pa.plants.MujocoPlant(robot, drawn=True),
+        robot.model,
+        robot.model.createData(),
+    )
     assert plant.model.ngeom == robot.visual.ngeoms > 4
     assert (plant.model.nmesh > 0) == (name == "ur5")
     shown = robot.visual.createData()
@@ -173,7 +180,8 @@ def test_a_drawn_robot_has_its_meshes_and_moves_like_an_undrawn_one(name):
         for end in (np.min, np.max):
             assert np.allclose(end(theirs, axis=0), end(ours, axis=0), atol=1e-6), shape.name
     ends = [
-        drive(p, lambda t: np.ones(robot.model.nv), 0.02) for p in (plant, pa.MujocoPlant(robot))
+        drive(p, lambda t: np.ones(robot.model.nv), 0.02)
+        for p in (plant, pa.plants.MujocoPlant(robot))
     ]
     check_alike(*ends, atol=1e-12)
 
@@ -185,16 +193,16 @@ def test_a_drawn_robot_has_its_meshes_and_moves_like_an_undrawn_one(name):
 def test_a_joint_held_by_coulomb_friction_creeps_at_the_expected_velocity(armature):
     """Whatever its inertia: f v / threshold below the full friction f."""
     robot = load("panda", gravity=(0.0, 0.0, 0.0)).changed(coulomb=2.0, armature=armature)
-    end = drive(pa.MujocoPlant(robot), lambda t: np.full(7, 0.8), 1.0)
+    end = drive(pa.plants.MujocoPlant(robot), lambda t: np.full(7, 0.8), 1.0)
     assert np.allclose(end.v, 0.4 * robot.friction.threshold, rtol=0.02)
 
 
 def test_coulomb_friction_of_a_moving_joint_is_that_of_pinocchio():
     robot = load("panda").changed(coulomb=0.5, viscous=0.5)
-    weight = pa.Gravity(robot)(robot.q0)
+    weight = pa.robot.Gravity(robot)(robot.q0)
     ends = [
         drive(plant, lambda t: weight + 8.0, 0.1)
-        for plant in (pa.MujocoPlant(robot), pa.PinocchioPlant(robot))
+        for plant in (pa.plants.MujocoPlant(robot), pa.plants.PinocchioPlant(robot))
     ]
     assert (ends[0].v > 5 * robot.friction.threshold).all()
     assert np.allclose(ends[0].v, ends[1].v, rtol=1e-2)
@@ -204,7 +212,7 @@ def test_stops_hold_joints_at_full_torque():
     robot = load("panda").changed(viscous=5.0)
     lower, upper = position_limits(robot.model)
     for sign in (-1.0, 1.0):
-        plant, beyond = pa.MujocoPlant(robot), []
+        plant, beyond = pa.plants.MujocoPlant(robot), []
         for _ in range(2000):
             plant.step(sign * effort_limits(robot.model), 1e-3)
             q = plant.measure().q
@@ -216,7 +224,7 @@ def test_stops_hold_joints_at_full_torque():
 
 
 def test_continuous_joints_have_no_stops():
-    plant = pa.MujocoPlant(load("scara"))
+    plant = pa.plants.MujocoPlant(load("scara"))
     assert plant.model.jnt_limited.tolist()[3] == 0
     end = drive(plant, lambda t: np.array([0.0, 0.0, 0.0, 0.05]), 0.5)
     assert end.q.shape == (5,) and np.isclose(np.hypot(*end.q[3:]), 1.0)
@@ -224,10 +232,10 @@ def test_continuous_joints_have_no_stops():
 
 def test_motors_add_the_compensation_and_limit_the_sum():
     robot = load("panda")
-    plant = pa.MujocoPlant(
-        robot, compensation=pa.Gravity(robot), torque_limits=effort_limits(robot.model)
+    plant = pa.plants.MujocoPlant(
+        robot, compensation=pa.robot.Gravity(robot), torque_limits=effort_limits(robot.model)
     )
-    assert np.array_equal(plant.motors(np.zeros(7)), pa.Gravity(robot)(robot.q0))
+    assert np.array_equal(plant.motors(np.zeros(7)), pa.robot.Gravity(robot)(robot.q0))
     assert np.array_equal(plant.motors(np.full(7, 1e3)), effort_limits(robot.model))
     assert np.abs(drive(plant, lambda t: np.zeros(7), 0.1).v).max() < 1e-9
 
@@ -235,15 +243,25 @@ def test_motors_add_the_compensation_and_limit_the_sum():
 # --- closed loops ---
 
 
-@pytest.mark.parametrize("sensors", [{"encoder": 1e-4}, {"camera": {"rate": 50, "delay": 0.02}}])
+@pytest.mark.parametrize(
+    "sensors",
+    [
+        {"sensors": pa.Sensors(encoder=1e-4)},
+        {"sensors": pa.Sensors(camera=pa.Camera(rate=50, delay=0.02))},
+    ],
+)
 def test_camera_and_encoders_work_with_mujoco(sensors):
     robot = load("ur5")
     true = with_tool_and_load(robot)
     path = circle_at_home(robot).starting_at(true.position(true.q0))
-    simulate = partial(pa.simulate, true, duration=0.4, torque_limits=True, **sensors)
+    simulate = partial(
+        pa.simulate, true, duration=0.4, engine=pa.Engine(torque_limits=True), **sensors
+    )
     run = [
-        simulate(pa.make_controller(robot, **sensors), path, engine=engine, substeps=substeps)
-        for engine, substeps in (("pinocchio", None), ("mujoco", None), (pa.MujocoPlant, 2))
+        simulate(
+            pa.make_controller(robot, **sensors), path, engine=pa.Engine(engine, substeps=substeps)
+        )
+        for engine, substeps in (("pinocchio", None), ("mujoco", None), (pa.plants.MujocoPlant, 2))
     ]
     for other in run[1:]:
         assert np.allclose(run[0].x, other.x, rtol=0.0, atol=2e-5)
@@ -254,7 +272,7 @@ def test_a_joint_task_runs_with_a_lyapunov_function():
     robot = pa.load("kinova", task="joint")
     controller = pa.make_controller(robot, law="slotine-li")
     true = robot.changed(payload=pa.Payload(1.0))
-    path = pa.Sinusoid(robot.home_angles + 0.1, 0.1, 2.0)
+    path = pa.trajectories.Sinusoid(robot.home_angles + 0.1, 0.1, 2.0)
     ours, theirs = (
         pa.simulate(true, controller, path, duration=0.3, engine=e) for e in ("pinocchio", "mujoco")
     )
@@ -270,10 +288,13 @@ def test_a_joint_task_runs_with_a_lyapunov_function():
     [
         ({"engine": "mujco"}, "Did you mean 'mujoco'"),
         ({"engine": 3}, "pinocchio"),
-        ({"engine": "mujoco", "mode": "continuous"}, "MujocoPlant moves in samples"),
-        ({"engine": "mujoco", "acceleration": "ideal"}, "does not provide the acceleration"),
-        ({"engine": partial(pa.MujocoPlant, integrator="rk4")}, "runge-kutta"),
-        ({"engine": "mujoco", "substeps": 0}, "at least 1"),
+        ({"engine": pa.Engine("mujoco", continuous=True)}, "MujocoPlant moves in samples"),
+        (
+            {"engine": pa.Engine("mujoco", ideal_acceleration=True)},
+            "does not provide the acceleration",
+        ),
+        ({"engine": partial(pa.plants.MujocoPlant, integrator="rk4")}, "runge-kutta"),
+        ({"engine": pa.Engine("mujoco", substeps=0)}, "at least 1"),
     ],
 )
 def test_options_that_mujoco_lacks_are_refused(options, words):
@@ -286,6 +307,6 @@ def test_options_that_mujoco_lacks_are_refused(options, words):
 def test_without_mujoco_an_error_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(pa.InputError, match=r'pip install "pinadapt\[mujoco\]"'):
-        pa.MujocoPlant(load("ur5"))
+        pa.plants.MujocoPlant(load("ur5"))
     with pytest.raises(pa.InputError, match=r"simulation\.engine: MuJoCo is not installed"):
         Scenario.read(SCENARIOS / "ur5" / "unknown_lengths.toml", ["simulation.engine=mujoco"])

@@ -14,10 +14,20 @@ from tests.support.chains import random_state
 from tests.support.loops import motion_at_home, with_tool_and_load
 
 
-def loops(robot, true, compensated, *, limits=False, law="adaptive-inverse-dynamics", **options):
+def loops(
+    robot,
+    true,
+    compensated,
+    *,
+    limits=False,
+    law="adaptive-inverse-dynamics",
+    continuous=False,
+    duration,
+):
     """Return a plain run, and one whose arm adds a torque that the controller takes off."""
     make = partial(pa.make_controller, robot, law=law)
-    simulate = partial(pa.simulate, torque_limits=limits, **options)
+    engine = pa.Engine(continuous=continuous, torque_limits=limits)
+    simulate = partial(pa.simulate, engine=engine, duration=duration)
     path = motion_at_home(robot)
     plain = simulate(true, make(), path)
     return plain, simulate(true, make(compensated=compensated), path)
@@ -38,8 +48,8 @@ def test_the_joint_torque_is_the_same_with_and_without_compensation(task, law):
     check_alike(*loops(robot, true, "nominal", law=law, duration=0.3))
 
 
-@pytest.mark.parametrize("mode", ["sampled", "continuous"])
-def test_the_arm_may_add_any_torque(mode):
+@pytest.mark.parametrize("continuous", [False, True], ids=["sampled", "continuous"])
+def test_the_arm_may_add_any_torque(continuous):
     robot = load("ur5")
     pull = np.array([3.0, -20.0, 10.0, 1.0, 0.5, -0.5])
     check_alike(
@@ -47,7 +57,7 @@ def test_the_arm_may_add_any_torque(mode):
             robot,
             with_tool_and_load(robot),
             lambda q: pull * np.cos(q),
-            mode=mode,
+            continuous=continuous,
             duration=0.1,
         )
     )
@@ -68,7 +78,7 @@ def test_motors_limit_the_sum_of_command_and_compensation():
 def test_the_controller_subtracts_the_compensation():
     robot, rng = load("panda"), np.random.default_rng(0)
     plain, own = (pa.make_controller(robot, compensated=c) for c in (None, "nominal"))
-    plant, data = pa.PinocchioPlant(robot), robot.model.createData()
+    plant, data = pa.plants.PinocchioPlant(robot), robot.model.createData()
     for _ in range(5):
         q, v, _ = random_state(robot, rng)
         measured, desired = plant.measurement(q, v), motion_at_home(robot).at(0.1)
@@ -81,13 +91,13 @@ def test_the_controller_subtracts_the_compensation():
 
 def test_a_plant_adds_the_compensation():
     robot = load("panda")
-    still = pa.PinocchioPlant(robot, compensation=pa.Gravity(robot))
-    held = pa.PinocchioPlant(robot)
-    for plant, asked in ((still, np.zeros(7)), (held, pa.Gravity(robot)(robot.q0))):
-        assert np.array_equal(plant.motors(asked), pa.Gravity(robot)(robot.q0))
+    still = pa.plants.PinocchioPlant(robot, compensation=pa.robot.Gravity(robot))
+    held = pa.plants.PinocchioPlant(robot)
+    for plant, asked in ((still, np.zeros(7)), (held, pa.robot.Gravity(robot)(robot.q0))):
+        assert np.array_equal(plant.motors(asked), pa.robot.Gravity(robot)(robot.q0))
         plant.step(asked, 1e-3)
         assert np.abs(plant.measure().v).max() < 1e-12
-    clipped = pa.PinocchioPlant(
+    clipped = pa.plants.PinocchioPlant(
         robot, compensation=lambda q: np.full(7, 30.0), torque_limits=np.full(7, 50.0)
     )
     assert np.array_equal(clipped.motors(np.full(7, 40.0)), np.full(7, 50.0))
@@ -96,8 +106,8 @@ def test_a_plant_adds_the_compensation():
 
 def test_a_controller_is_copied_with_its_compensation():
     robot = load("ur5")
-    controller = pa.make_controller(robot, compensated="nominal", torque_limits=True)
-    measured = pa.PinocchioPlant(robot).measure()
+    controller = pa.make_controller(robot, compensated="nominal", limits=pa.Limits(torque=True))
+    measured = pa.plants.PinocchioPlant(robot).measure()
     state, desired = controller.init(measured), motion_at_home(robot).at(0.0)
     torque, _ = controller.step(state, measured, desired, 1e-3)
     for other in (pickle.loads(pickle.dumps(controller)), controller.limited(None)):
@@ -114,8 +124,8 @@ def test_a_scenario_compensates_the_description_without_the_believed_load(tmp_pa
         Scenario.read(path, settings) for settings in ([], ['simulation.compensated="nominal"'])
     )
     described, q = load("ur5"), own.true.q0
-    assert np.allclose(own.controller.compensation(q), pa.Gravity(described)(q))
-    assert not np.allclose(pa.Gravity(own.believed)(q), pa.Gravity(described)(q))
+    assert np.allclose(own.controller.compensation(q), pa.robot.Gravity(described)(q))
+    assert not np.allclose(pa.robot.Gravity(own.believed)(q), pa.robot.Gravity(described)(q))
     assert plain.controller.compensation is None
     check_alike(plain.run(), own.run())
     with pytest.raises(pa.InputError, match=r"simulation\.compensated.*Did you mean 'nominal'"):

@@ -61,7 +61,7 @@ def test_a_load_that_the_motors_cannot_hold_causes_a_warning_before_the_run(tmp_
     assert overloaded(robot, effort_limits(robot.model)) is None
     told = overloaded(heavy, effort_limits(heavy.model))
     assert "shoulder (" in told and "elbow (" in told and "roll" not in told and "N m" in told
-    controller, path = pa.make_controller(robot), pa.Hold(heavy.position(heavy.q0))
+    controller, path = pa.make_controller(robot), pa.trajectories.Hold(heavy.position(heavy.q0))
     with pytest.warns(UserWarning, match="cannot hold the true robot at its home pose: shoulder"):
         rollout = pa.simulate(heavy, controller, path, duration=0.5)
     assert "motors were at their limit" in rollout.verdict

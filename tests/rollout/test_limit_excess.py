@@ -107,7 +107,7 @@ def test_numbers_that_are_not_finite_do_not_count():
 def far_hinge():
     """Return an arm without and with friction, and a joint motion beyond its limits."""
     robot = arm()
-    swing = pa.Sinusoid([1.0, 0.15, 0.0], [0.4, 0.05, 3.0], 1.2, [0.0, 0.0, 0.0])
+    swing = pa.trajectories.Sinusoid([1.0, 0.15, 0.0], [0.4, 0.05, 3.0], 1.2, [0.0, 0.0, 0.0])
     return robot, robot.changed(viscous=1.5, coulomb=0.4, armature=0.2), swing
 
 
@@ -118,7 +118,7 @@ def test_the_reference_of_joints_is_compared_with_its_exact_torques():
     assert np.isclose(reference.position[0], 0.4, rtol=1e-4) and not reference.position[1:].any()
     assert np.allclose(reference.velocity, [0.4 * rate - 2.0, 0.0, 3.0 * rate - 3.0])
     motion = motion_of_reference(true, rollout.evaluation.samples)
-    plant = pa.PinocchioPlant(true)
+    plant = pa.plants.PinocchioPlant(true)
     for k in (0, 500, 900):
         desired = swing.at(rollout.t[k])
         q = true.at(desired.x_d).q0
@@ -130,8 +130,8 @@ def test_the_reference_of_joints_is_compared_with_its_exact_torques():
 
 def test_a_rollout_reports_the_excess_of_the_true_robot(tmp_path):
     robot, true, swing = far_hinge()
-    free = pa.make_controller(robot, torque_limits=False)
-    rollout = pa.simulate(true, free, swing, duration=0.4, torque_limits=False)
+    free = pa.make_controller(robot, limits=pa.Limits(torque=False))
+    rollout = pa.simulate(true, free, swing, duration=0.4, engine=pa.Engine(torque_limits=False))
     plant = rollout.limits.plant
     assert np.isclose(plant.position[0], max(rollout.q[:, 0].max() - 1.0, 0.0)) > 0.0
     speeds = np.abs(rollout.v).max(axis=0) - true.model.velocityLimit

@@ -19,7 +19,10 @@ pytestmark = pytest.mark.slow
 
 @pytest.mark.parametrize("name", ["planar_2r", "scara", "ur5", "panda"])
 def test_rollouts_have_one_row_a_sample(name):
-    robot, rollout = load(name), run(name, duration=0.05, control={"joint": "none"})
+    robot, rollout = (
+        load(name),
+        run(name, duration=0.05, control={"unknown": pa.Unknown(friction=False, armature=False)}),
+    )
     rows = {
         "q": robot.model.nq,
         "v": robot.model.nv,
@@ -38,12 +41,17 @@ def test_rollouts_have_one_row_a_sample(name):
 
 
 def test_continuous_mode_also_records_the_end():
-    assert np.allclose(run(duration=0.05, mode="continuous").t, 1e-3 * np.arange(51), atol=1e-12)
+    assert np.allclose(
+        run(duration=0.05, engine=pa.Engine(continuous=True)).t, 1e-3 * np.arange(51), atol=1e-12
+    )
 
 
 def test_a_truth_outside_the_model_is_none(tmp_path):
     rollout = run(
-        "ur5", truth={"inertial_scale": 1.1}, control={"dynamic": "payload"}, duration=0.01
+        "ur5",
+        truth={"inertial_scale": 1.1},
+        control={"unknown": pa.Unknown(bodies="payload")},
+        duration=0.01,
     )
     assert rollout.a_d_true is None and rollout.lyapunov is None and rollout.a_k_true is not None
     rollout.save(tmp_path)
@@ -64,7 +72,14 @@ def test_save_and_plot_write_files(tmp_path):
 
 
 def test_plots_of_a_run_without_unknowns_are_drawn(tmp_path):
-    assert len(run(control={"kinematic": [], "dynamic": "none"}, duration=0.01).plot(tmp_path)) == 3
+    assert (
+        len(
+            run(control={"unknown": pa.Unknown(tool=False, bodies="none")}, duration=0.01).plot(
+                tmp_path
+            )
+        )
+        == 3
+    )
 
 
 def test_the_summary_names_the_adaptation_that_ran():
@@ -84,8 +99,10 @@ def tracked(task=None, singular=0.0):
     true = with_tool_and_load(described)
     controller = pa.make_controller(described)
     controller.limits = replace(controller.limits, singular=singular)
-    path = pa.Circle(np.zeros(3), 0.05, 2.0, "yz")
-    path = (pa.PoseTrajectory(path) if task == "pose" else path).starting_at(true.position(true.q0))
+    path = pa.trajectories.Circle(np.zeros(3), 0.05, 2.0, "yz")
+    path = (pa.trajectories.PoseTrajectory(path) if task == "pose" else path).starting_at(
+        true.position(true.q0)
+    )
     return pa.simulate(true, controller, path, duration=0.05), controller
 
 
@@ -132,7 +149,7 @@ def test_a_pickled_rollout_has_the_same_numbers_and_no_controller():
 def test_joint_errors_are_in_radians_and_shown_in_degrees():
     """The rollout of a joint task, from given arrays."""
     rollout, _ = tracked()
-    task = pa.JointTask.of_chain(load("panda").model)
+    task = pa.tasks.JointTask.of_chain(load("panda").model)
     q_d = rollout.q + np.radians(2.0) * np.eye(7)[3]
     joints = pa.Rollout(
         **{

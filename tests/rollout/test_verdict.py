@@ -121,12 +121,12 @@ def replace_excess(*rows):
 @pytest.mark.parametrize(
     ("motion", "extent"),
     [
-        (pa.Circle(np.zeros(2), 0.1, 2.0), 0.1),
-        (pa.Lissajous(np.zeros(2), [0.3, 0.4], [1, 2], 2.0), 0.5),
-        (pa.Sinusoid(np.zeros(2), [0.3, 0.4], 2.0), 0.5),
-        (pa.Waypoints([[0.0, 0.0], [0.6, 0.8]], 1.0), 0.5),
-        (pa.Hold(np.zeros(2)), 0.0),
-        (pa.PoseTrajectory(pa.Circle(np.zeros(3), 0.1, 2.0)), 0.1),
+        (pa.trajectories.Circle(np.zeros(2), 0.1, 2.0), 0.1),
+        (pa.trajectories.Lissajous(np.zeros(2), [0.3, 0.4], [1, 2], 2.0), 0.5),
+        (pa.trajectories.Sinusoid(np.zeros(2), [0.3, 0.4], 2.0), 0.5),
+        (pa.trajectories.Waypoints([[0.0, 0.0], [0.6, 0.8]], 1.0), 0.5),
+        (pa.trajectories.Hold(np.zeros(2)), 0.0),
+        (pa.trajectories.PoseTrajectory(pa.trajectories.Circle(np.zeros(3), 0.1, 2.0)), 0.1),
     ],
     ids=lambda value: type(value).__name__,
 )
@@ -147,9 +147,9 @@ def test_a_motion_of_the_users_has_the_extent_of_its_samples(rollout):
 
 def test_the_grade_of_a_pose_depends_on_its_angle_too():
     robot = pa.load("ur5", task="pose")
-    path = pa.PoseTrajectory(pa.Circle(np.zeros(3), 0.05, 2.0)).starting_at(
-        robot.position(robot.q0)
-    )
+    path = pa.trajectories.PoseTrajectory(
+        pa.trajectories.Circle(np.zeros(3), 0.05, 2.0)
+    ).starting_at(robot.position(robot.q0))
     turned = pa.simulate(robot, pa.make_controller(robot), path, duration=0.02, progress=False)
     assert turned.grade == FOLLOWS and " deg" in turned.verdict
     lost = replace(turned, x_d=np.hstack([turned.x[:, :3], np.tile([0, 0, 0, 1.0], (20, 1))]))
@@ -183,7 +183,7 @@ def test_the_zoo_takes_its_thresholds_from_the_verdict():
 @pytest.mark.parametrize("mode", ["sampled", "continuous"])
 @pytest.mark.parametrize("part", [0, 1, 2])
 def test_a_motion_that_turns_nan_ends_the_run_with_its_rollout(mode, part):
-    class Broken(pa.Circle):
+    class Broken(pa.trajectories.Circle):
         def at(self, t):
             desired = super().at(t)
             spoiled = [value * np.nan if i == part else value for i, value in enumerate(desired)]
@@ -191,19 +191,31 @@ def test_a_motion_that_turns_nan_ends_the_run_with_its_rollout(mode, part):
 
     robot = pa.load("planar_2r")
     path = Broken(np.zeros(2), 0.02, 2.0).starting_at(robot.position(robot.q0))
-    rollout = pa.simulate(robot, pa.make_controller(robot), path, duration=0.05, mode=mode)
+    rollout = pa.simulate(
+        robot,
+        pa.make_controller(robot),
+        path,
+        duration=0.05,
+        engine=pa.Engine(continuous=mode == "continuous"),
+    )
     assert rollout.diverged == pytest.approx(0.02, abs=1.1e-3) and 20 <= len(rollout.t) <= 21
     assert rollout.reason.startswith("desired") and "gamma" not in rollout.verdict
     assert "\n" not in rollout.verdict and np.isfinite(rollout.tau).all()
     path.radius = -1.0
     with pytest.raises(pa.InputError, match="desired"):
-        pa.simulate(robot, pa.make_controller(robot), path, duration=0.05, mode=mode)
+        pa.simulate(
+            robot,
+            pa.make_controller(robot),
+            path,
+            duration=0.05,
+            engine=pa.Engine(continuous=mode == "continuous"),
+        )
 
 
 @pytest.mark.parametrize("progress", [None, True, False, list])
 def test_progress_is_shown_on_terminals_and_on_request(progress, capsys):
     robot = pa.load("planar_2r")
-    path = pa.Circle(np.zeros(2), 0.02, 2.0).starting_at(robot.position(robot.q0))
+    path = pa.trajectories.Circle(np.zeros(2), 0.02, 2.0).starting_at(robot.position(robot.q0))
     pa.simulate(robot, pa.make_controller(robot), path, duration=0.01, progress=progress)
     assert ("planar_2r" in capsys.readouterr().err) == (progress is True)
 

@@ -129,7 +129,9 @@ def test_defaults(tmp_path):
     assert scenario.true.model == scenario.believed.model == pa.load("ur5").model
     assert scenario.controller.law.name == "separation"
     bodies, joints = (part for part, _ in scenario.controller.adaptation_d.parts)
-    assert isinstance(bodies, pa.Natural) and isinstance(joints, pa.ExponentiatedGradient)
+    assert isinstance(bodies, pa.adaptation.Natural) and isinstance(
+        joints, pa.adaptation.ExponentiatedGradient
+    )
     assert scenario.controller.kinematics.names == ("tool_x", "tool_y", "tool_z")
     assert scenario.controller.dynamics.size == 60 + 18
     assert (reference.kind, reference.radius, reference.period, reference.phase) == (
@@ -212,7 +214,7 @@ def test_belief_inertial_scale_is_the_initial_estimate(tmp_path):
     scenario = scara(
         tmp_path, "[belief]\ninertial_scale = { slide_joint = 0.5 }\n[simulation]\nduration = 0.002"
     )
-    truth = pa.BodyDynamics(pa.load("scara")).initial
+    truth = pa.models.BodyDynamics(pa.load("scara")).initial
     factors = np.repeat([1.0, 1.0, 0.5, 1.0], 10)
     assert np.allclose(scenario.run().a_d[0, :40], factors * truth, atol=1e-12)
 

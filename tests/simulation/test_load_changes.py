@@ -45,7 +45,7 @@ def told(controller, state, **news):
 
 def started(controller, true, **start):
     """Return the state that a controller starts from on a robot at rest."""
-    return controller.init(pa.PinocchioPlant(true).measure(), **start)
+    return controller.init(pa.plants.PinocchioPlant(true).measure(), **start)
 
 
 # --- the plant ---
@@ -55,8 +55,10 @@ def started(controller, true, **start):
 def test_a_plant_moves_as_the_robot_it_became_from_that_instant_to_the_bit(integrator):
     first = arm(payload=LIGHT, viscous=0.2)
     second = arm(payload=HEAVY, coulomb=0.3, tool_translation=TOOL)
-    plant = pa.PinocchioPlant(first, integrator=integrator)
-    unchanging, alone = (pa.PinocchioPlant(r, integrator=integrator) for r in (first, second))
+    plant = pa.plants.PinocchioPlant(first, integrator=integrator)
+    unchanging, alone = (
+        pa.plants.PinocchioPlant(r, integrator=integrator) for r in (first, second)
+    )
     tau = np.linspace(1.0, -1.0, plant.nv)
     for _ in range(20):
         plant.step(tau, 2e-3)
@@ -111,14 +113,14 @@ def test_a_plant_that_cannot_change_says_so():
 def test_another_chain_frame_or_task_cannot_take_its_place(other):
     other = other()
     with pytest.raises(pa.RobotError):
-        pa.PinocchioPlant(arm()).become(other)
+        pa.plants.PinocchioPlant(arm()).become(other)
     with pytest.raises(pa.RobotError, match=re.escape("changes[1]")):
-        pa.Succession.of(arm(), {1.0: other})
+        pa.robot.Succession.of(arm(), {1.0: other})
 
 
 @pytest.mark.parametrize("changes", [{0.0: arm}, {-1.0: arm}, {np.inf: arm}, {"1": arm}, [1.0]])
 def test_times_are_positive_and_finite(changes):
-    for make in (lambda: pa.Succession.of(arm(), changes), lambda: pa.Events(None, changes)):
+    for make in (lambda: pa.robot.Succession.of(arm(), changes), lambda: pa.Events(None, changes)):
         with pytest.raises(pa.InputError, match=r"times must be|expected a mapping"):
             make()
 
@@ -143,16 +145,24 @@ def test_a_change_is_told_in_words(change, words):
 def loop(changes=None, beliefs=None, **options):
     """Return a short rollout of a z1 that carries a light load at first."""
     true = arm(payload=LIGHT)
-    controller = pa.make_controller(arm(inertial_scale=0.9), joint="none")
-    options = {"duration": 0.06, "changes": changes, "beliefs": beliefs, **options}
+    controller = pa.make_controller(
+        arm(inertial_scale=0.9), unknown=pa.Unknown(friction=False, armature=False)
+    )
+    options = {
+        "duration": 0.06,
+        "events": pa.Events(changes=changes, announcements=beliefs),
+        **options,
+    }
     return pa.simulate(true, controller, circle_at_home(true), **options)
 
 
 @pytest.mark.parametrize("mode", ["sampled", "continuous"])
 def test_a_run_is_the_same_until_the_change_and_another_after_it(mode):
-    plain = loop(mode=mode)
-    changed = loop({0.03: arm(payload=HEAVY)}, mode=mode)
-    idle = loop({0.03: arm(payload=LIGHT)}, mode=mode)  # the same robot once more
+    plain = loop(engine=pa.Engine(continuous=mode == "continuous"))
+    changed = loop({0.03: arm(payload=HEAVY)}, engine=pa.Engine(continuous=mode == "continuous"))
+    idle = loop(
+        {0.03: arm(payload=LIGHT)}, engine=pa.Engine(continuous=mode == "continuous")
+    )  # the same robot once more
     for name in ARRAYS:
         assert np.array_equal(getattr(idle, name), getattr(plain, name)), name
         assert np.array_equal(getattr(changed, name)[:31], getattr(plain, name)[:31]), name
@@ -178,7 +188,7 @@ def test_several_changes_come_in_order_of_their_time_and_a_new_tool_moves_the_ti
 
 def test_the_true_parameters_are_those_of_each_time():
     rollout, plain = loop({0.03: arm(payload=HEAVY, tool_translation=TOOL)}), loop()
-    value = pa.BodyDynamics(arm()).value
+    value = pa.models.BodyDynamics(arm()).value
     assert plain.a_d_true.shape == (60,) and rollout.a_d_true.shape == (60, 60)
     assert np.array_equal(rollout.a_d_true[29], plain.a_d_true)
     assert np.array_equal(rollout.a_d_true[30], value(arm(payload=HEAVY)))
@@ -189,7 +199,9 @@ def test_the_true_parameters_are_those_of_each_time():
 
 def test_v_falls_on_either_side_of_a_change_and_jumps_there():
     """Continuous time, ideal acceleration: V never rises but where the truth does."""
-    rollout = loop({0.03: arm(payload=HEAVY)}, mode="continuous", acceleration="ideal")
+    rollout = loop(
+        {0.03: arm(payload=HEAVY)}, engine=pa.Engine(continuous=True, ideal_acceleration=True)
+    )
     rises = np.diff(rollout.lyapunov)
     assert rises[29] > 0.1 * rollout.lyapunov[0]
     assert np.delete(rises, 29).max() < 1e-9 * rollout.lyapunov[0]
@@ -202,8 +214,10 @@ def test_what_never_happens_is_told():
 
 def test_a_plant_of_ones_own_is_changed_by_events():
     true, heavy = arm(payload=LIGHT), arm(payload=HEAVY)
-    controller = pa.make_controller(arm(inertial_scale=0.9), joint="none")
-    plant, path = pa.PinocchioPlant(true), circle_at_home(true)
+    controller = pa.make_controller(
+        arm(inertial_scale=0.9), unknown=pa.Unknown(friction=False, armature=False)
+    )
+    plant, path = pa.plants.PinocchioPlant(true), circle_at_home(true)
     events = pa.Events({0.03: heavy}, {0.03: {"payload": HEAVY}})
     for _ in range(2):  # a run begins with the first robot again
         stream = list(pa.run(plant, controller, path, duration=0.06, events=events))
@@ -217,11 +231,13 @@ def test_a_plant_of_ones_own_is_changed_by_events():
 
 @pytest.mark.parametrize("dynamic", ["all", "payload", ["joint2", "joint6"]])
 def test_an_announced_load_is_exact_and_the_other_bodies_keep_what_they_learned(dynamic):
-    controller = pa.make_controller(arm(), joint="none", dynamic=dynamic)
+    controller = pa.make_controller(
+        arm(), unknown=pa.Unknown(bodies=dynamic, friction=False, armature=False)
+    )
     state = started(controller, arm())
     learned = state.a_d * np.linspace(1.0, 1.2, state.a_d.size // 10).repeat(10)
     state = state._replace(dynamic=state.dynamic._replace(value=learned))
-    truth = pa.BodyDynamics(arm(), dynamic).value
+    truth = pa.models.BodyDynamics(arm(), dynamic).value
     after = told(controller, state, payload=HEAVY)
     assert np.array_equal(after.a_d[-10:], truth(arm(payload=HEAVY))[-10:])
     assert np.array_equal(after.a_d[:-10], learned[:-10])
@@ -232,17 +248,21 @@ def test_an_announced_load_is_exact_and_the_other_bodies_keep_what_they_learned(
 
 
 def test_joints_keep_what_they_learned():
-    controller = pa.make_controller(arm(viscous=0.2), law="separation", joint="all")
+    controller = pa.make_controller(
+        arm(viscous=0.2), law="separation", unknown=pa.Unknown(friction=True, armature=True)
+    )
     state = started(controller, arm())
     after = told(controller, state, payload=HEAVY)
     assert np.array_equal(after.a_d[60:], state.a_d[60:]) and state.a_d.size == 78
-    assert np.allclose(after.a_d[:60], pa.BodyDynamics(arm()).value(arm(payload=HEAVY)))
+    assert np.allclose(after.a_d[:60], pa.models.BodyDynamics(arm()).value(arm(payload=HEAVY)))
 
 
 def test_a_believed_load_is_replaced_and_not_added_to():
-    controller = pa.make_controller(arm(), joint="none", payload=LIGHT)
+    controller = pa.make_controller(
+        arm(), unknown=pa.Unknown(friction=False, armature=False), payload=LIGHT
+    )
     state = started(controller, arm())
-    truth = pa.BodyDynamics(arm()).value
+    truth = pa.models.BodyDynamics(arm()).value
     assert state.load is LIGHT and np.allclose(state.a_d, truth(arm(payload=LIGHT)))
     assert np.allclose(told(controller, state, payload=HEAVY).a_d, truth(arm(payload=HEAVY)))
     assert np.allclose(told(controller, state, payload=None).a_d, truth(arm()))
@@ -251,10 +271,10 @@ def test_a_believed_load_is_replaced_and_not_added_to():
 LENGTHS = ["joint2", "joint3:length"]
 
 
-def lumped(**options):
+def lumped(translations=LENGTHS, **unknown):
     """Return a controller of lumped parameters."""
-    options = {"law": "adaptive-jacobian", "adaptation": "gradient", "kinematic": LENGTHS} | options
-    return pa.make_controller(arm(), **options)
+    words = pa.Unknown(tool=False, translations=translations, **unknown)
+    return pa.make_controller(arm(), law="adaptive-jacobian", adaptation="gradient", unknown=words)
 
 
 @pytest.mark.parametrize("payload", [LIGHT, HEAVY])
@@ -287,7 +307,10 @@ def planar(**options):
     """Return a controller of Wang and Xie's arm with their three parameters."""
     robot = catalogue_robot("planar_2r")
     return robot, pa.make_controller(
-        robot, basis=BASIS, adaptation="gradient", joint="none", **options
+        robot,
+        unknown=pa.Unknown(friction=False, armature=False, basis=BASIS),
+        adaptation="gradient",
+        **options,
     )
 
 
@@ -305,7 +328,7 @@ def test_a_basis_moves_by_the_difference_to_the_load_announced_last():
 
 
 def test_a_tool_is_told_by_its_translation_and_the_lengths_keep_theirs():
-    controller = lumped(kinematic=["tool", *LENGTHS])
+    controller = lumped(["tool", *LENGTHS])
     state = started(controller, arm())
     moved = state.a_k + 0.01
     state = state._replace(kinematic=state.kinematic._replace(value=moved))
@@ -324,9 +347,21 @@ def hand_made():
 @pytest.mark.parametrize(
     ("make", "news", "message"),
     [
-        (lambda: pa.make_controller(arm(), dynamic=["joint2"]), {"payload": HEAVY}, "payload: the"),
-        (lambda: pa.make_controller(arm(), dynamic="none"), {"payload": HEAVY}, "payload: the 18"),
-        (lambda: lumped(dynamic=["joint2"]), {"payload": HEAVY}, "cannot express a load"),
+        (
+            lambda: pa.make_controller(arm(), unknown=pa.Unknown(bodies=["joint2"])),
+            {"payload": HEAVY},
+            "payload: the",
+        ),
+        (
+            lambda: pa.make_controller(arm(), unknown=pa.Unknown(bodies="none")),
+            {"payload": HEAVY},
+            "payload: the 18",
+        ),
+        (
+            lambda: lumped(bodies=["joint2"]),
+            {"payload": HEAVY},
+            "cannot express a load",
+        ),
         (pa.make_controller, {"payload": 3.0}, "expected a Payload or None, got 3.0"),
         (pa.make_controller, {"payload": pa.Payload(-1.0)}, "payload.mass: must be positive"),
         (pa.make_controller, {"tool_translation": [1.0]}, "tool_translation: expected 3 numbers"),
@@ -341,12 +376,20 @@ def test_what_the_parameters_cannot_express_is_refused(make, news, message):
     with pytest.raises(pa.InputError, match=re.escape(message)):
         told(controller, state, **news)
     with pytest.raises(pa.InputError, match=re.escape(message)):  # before anything moves
-        pa.simulate(arm(), controller, circle_at_home(arm()), duration=0.01, beliefs={5e-3: news})
+        pa.simulate(
+            arm(),
+            controller,
+            circle_at_home(arm()),
+            duration=0.01,
+            events=pa.Events(announcements={5e-3: news}),
+        )
 
 
 def test_a_tool_of_unknown_length_is_told_along_its_direction_only():
     panda = arm("panda")
-    controller = pa.make_controller(panda, kinematic="tool:length")
+    controller = pa.make_controller(
+        panda, unknown=pa.Unknown(tool=False, translations="tool:length")
+    )
     state = started(controller, panda)
     longer = told(controller, state, tool_translation=[0.0, 0.0, 0.05])
     assert np.allclose(longer.a_k - state.a_k, 0.05)
@@ -355,7 +398,7 @@ def test_a_tool_of_unknown_length_is_told_along_its_direction_only():
 
 
 def test_nothing_said_and_no_load_where_none_is_known_change_nothing():
-    controller = pa.make_controller(arm(), dynamic=["joint2"])
+    controller = pa.make_controller(arm(), unknown=pa.Unknown(bodies=["joint2"]))
     state = started(controller, arm())
     assert controller.believe(state) is state
     assert np.array_equal(told(controller, state, payload=None).a_d, state.a_d)
@@ -363,7 +406,7 @@ def test_nothing_said_and_no_load_where_none_is_known_change_nothing():
 
 def test_an_unknown_belief_is_refused_with_the_nearest():
     with pytest.raises(pa.InputError, match=r"beliefs\[1\].*Did you mean 'payload'"):
-        loop(beliefs={1.0: {"paylod": None}})
+        loop(events=pa.Events(announcements={1.0: {"paylod": None}}))
 
 
 def test_a_copy_is_told_the_same():
@@ -419,7 +462,7 @@ def test_the_scenario_and_simulate_agree():
     load = pa.Payload(1.5, [0.02, -0.01, 0.05], inertia)
     true = described.changed(tool_translation=tool, payload=load)
     controller = pa.make_controller(
-        described.changed(inertial_scale=0.7), law="separation", kinematic=["tool"]
+        described.changed(inertial_scale=0.7), law="separation", unknown=pa.Unknown(tool=True)
     )
     heavy = pa.Payload(3.0, [0.0, 0.0, 0.05])
     with warnings.catch_warnings():
@@ -427,13 +470,15 @@ def test_the_scenario_and_simulate_agree():
         ours = pa.simulate(
             true,
             controller,
-            pa.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(true.position(true.q0)),
+            pa.trajectories.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(true.position(true.q0)),
             duration=3.02,
-            changes={
-                3.0: described.changed(tool_translation=tool),
-                5.0: described.changed(tool_translation=tool, payload=heavy),
-            },
-            beliefs={3.0: {"payload": None}, 5.0: {"payload": heavy}},
+            events=pa.Events(
+                changes={
+                    3.0: described.changed(tool_translation=tool),
+                    5.0: described.changed(tool_translation=tool, payload=heavy),
+                },
+                announcements={3.0: {"payload": None}, 5.0: {"payload": heavy}},
+            ),
         )
         theirs = scenario.run()
     for name in (*ARRAYS, "a_d_true", "a_k_true"):
@@ -529,7 +574,7 @@ def test_a_run_that_does_not_come_back_says_so():
 
 
 def test_the_animation_shows_the_tool_of_each_time():
-    robots = pa.Succession.of(arm(), {1.0: arm(tool_translation=TOOL)})
+    robots = pa.robot.Succession.of(arm(), {1.0: arm(tool_translation=TOOL)})
     t, q = np.array([0.0, 0.5, 1.0, 2.0]), np.tile(arm().q0, (4, 1))
     motion = motion_in_time(robots, t, q)
     expected = [robot.position(robot.q0) for robot in robots.robots]

@@ -21,27 +21,33 @@ pytestmark = pytest.mark.slow
 
 
 def test_zero_noise_is_no_noise():
-    assert same(run(noise={"q": 0.0, "v": 0.0, "x": 0.0}, seed=7), run())
+    assert same(run(sensors=pa.Sensors(noise={"q": 0.0, "v": 0.0, "x": 0.0}), seed=7), run())
 
 
 def test_noise_is_reproducible_by_its_seed():
     noise = {"q": 1e-4, "v": 1e-3, "x": 1e-4}
-    first = run(noise=noise, seed=1)
-    assert same(first, run(noise=noise, seed=1))
-    assert not same(first, run(noise=noise, seed=2))
+    first = run(sensors=pa.Sensors(noise=noise), seed=1)
+    assert same(first, run(sensors=pa.Sensors(noise=noise), seed=1))
+    assert not same(first, run(sensors=pa.Sensors(noise=noise), seed=2))
 
 
 def test_a_delay_reaches_the_loop():
-    prompt, late = run(duration=0.01), run(duration=0.01, delay=3e-3)
+    prompt, late = (
+        run(duration=0.01),
+        run(duration=0.01, sensors=pa.Sensors(camera=pa.Camera(delay=3e-3))),
+    )
     assert np.array_equal(prompt.tau[0], late.tau[0])
     assert not np.array_equal(prompt.tau[2], late.tau[2])
 
 
 def test_torque_limits_clip():
     hard = {"law": "adaptive-inverse-dynamics", "Kp": 4e4, "Kv": 400.0}
-    without = {"control": {**hard, "torque_limits": False}, "torque_limits": False}
-    free = run("ur5", noise={"v": 0.3}, **without)
-    clipped = run("ur5", control=hard, noise={"v": 0.3})
+    without = {
+        "control": {**hard, "limits": pa.Limits(torque=False)},
+        "engine": pa.Engine(torque_limits=False),
+    }
+    free = run("ur5", sensors=pa.Sensors(noise={"v": 0.3}), **without)
+    clipped = run("ur5", control=hard, sensors=pa.Sensors(noise={"v": 0.3}))
     limits = effort_limits(load("ur5").model)
     assert (np.abs(free.tau).max(axis=0) > limits).any()
     assert (np.abs(clipped.tau) <= limits).all()
@@ -54,7 +60,9 @@ def test_limits_of_zero_do_not_take_the_torque_away():
     robot = pa.load(model, frame="tool0", q0=load("ur5").home_angles)
     controller = pa.make_controller(robot)
     runs = [
-        pa.simulate(robot, controller, circle(robot), duration=0.02, torque_limits=limits)
+        pa.simulate(
+            robot, controller, circle(robot), duration=0.02, engine=pa.Engine(torque_limits=limits)
+        )
         for limits in (True, False)
     ]
     assert same(*runs)
@@ -63,10 +71,12 @@ def test_limits_of_zero_do_not_take_the_torque_away():
 
 def test_continuous_and_sampled_agree_as_the_period_shrinks():
     control = {"dt": 1e-3, "gamma_d": 1.0, "gamma_joint": 1.0}  # slow enough for Runge-Kutta
-    reference = run("planar_2r", control=control, duration=0.4, dt=1e-3, mode="continuous").x[-1]
+    reference = run(
+        "planar_2r", control=control, duration=0.4, engine=pa.Engine(continuous=True)
+    ).x[-1]
     errors = []
     for dt in (1e-3, 5e-4, 2.5e-4):
-        rollout = run("planar_2r", control=control, duration=0.4 + dt, dt=dt)
+        rollout = run("planar_2r", control=control, duration=0.4 + dt, engine=pa.Engine(dt=dt))
         assert np.isclose(rollout.t[-1], 0.4)
         errors.append(np.linalg.norm(rollout.x[-1] - reference))
     ratios = np.array(errors[:-1]) / np.array(errors[1:])
@@ -76,7 +86,9 @@ def test_continuous_and_sampled_agree_as_the_period_shrinks():
 
 def test_continuous_mode_converges_with_its_step():
     ends = [
-        run("scara", duration=0.1, dt=dt, mode="continuous", control={"dt": 1e-3}).x[-1]
+        run(
+            "scara", duration=0.1, engine=pa.Engine(dt=dt, continuous=True), control={"dt": 1e-3}
+        ).x[-1]
         for dt in (2e-3, 1e-3, 5e-4)
     ]
     assert np.linalg.norm(ends[1] - ends[2]) < 0.2 * np.linalg.norm(ends[0] - ends[1])
@@ -92,7 +104,7 @@ def controlled(name, law, adaptation="natural"):
     controller = pa.make_controller(
         robot.changed(inertial_scale=0.8), law=law, adaptation=adaptation
     )
-    plant, desired = pa.PinocchioPlant(robot), motion_at_home(robot).at(0.1)
+    plant, desired = pa.plants.PinocchioPlant(robot), motion_at_home(robot).at(0.1)
     rng = np.random.default_rng(5)
     v = 0.3 * rng.standard_normal(plant.nv)
     q = plant.integrate(robot.q0, 0.05 * rng.standard_normal(plant.nv))
@@ -104,7 +116,7 @@ def controlled(name, law, adaptation="natural"):
 
 
 @pytest.mark.parametrize(
-    ("law", "adaptation"), list(product(pa.LAWS, ["natural", "gradient", "none"]))
+    ("law", "adaptation"), list(product(pa.laws.LAWS, ["natural", "gradient", "none"]))
 )
 def test_step_is_pure(law, adaptation):
     controller, state, measurement, desired = controlled("ur5", law, adaptation)
@@ -118,8 +130,8 @@ def test_step_is_pure(law, adaptation):
     assert all(unchanged(record, old) for record, old in zip(given, before, strict=True))
 
 
-FRAME_LAWS = {name: law for name, law in pa.LAWS.items() if not law.joint_space}
-MEASURED = [(law, field) for law in pa.LAWS for field in ("q", "v")]
+FRAME_LAWS = {name: law for name, law in pa.laws.LAWS.items() if not law.joint_space}
+MEASURED = [(law, field) for law in pa.laws.LAWS for field in ("q", "v")]
 MEASURED += [(law, "x") for law in FRAME_LAWS]
 MEASURED += [(name, "xd") for name, law in FRAME_LAWS.items() if law.needs_task_velocity]
 
@@ -166,7 +178,7 @@ def test_a_bad_first_measurement_is_refused():
 def test_a_task_velocity_that_no_sensor_gives_is_the_believed_one(name):
     robot = load("ur5")
     controller = pa.make_controller(robot.changed(tool_translation=[0.02, 0.0, 0.05]), law=name)
-    measurement = pa.PinocchioPlant(robot).measurement(robot.q0, np.linspace(0.1, 0.3, 6))
+    measurement = pa.plants.PinocchioPlant(robot).measurement(robot.q0, np.linspace(0.1, 0.3, 6))
     state, desired = controller.init(measurement), circle(robot).at(0.0)
     xd_hat = controller.observe(state, measurement, desired).xd_hat
     torques = [
@@ -183,7 +195,7 @@ LOST = {
     "law": "adaptive-inverse-dynamics",
     "adaptation": "gradient",
     "gamma_d": 1.0,
-    "torque_limits": False,
+    "limits": pa.Limits(torque=False),
 }
 
 
@@ -193,17 +205,19 @@ def test_a_diverging_run_ends_its_stream_with_time_and_reason():
     controller = pa.make_controller(believed, **LOST)
     samples = []
     with pytest.raises(pa.DivergedError, match=r"mass matrix|ran away|finite") as ended:
-        for sample in pa.run(pa.PinocchioPlant(robot), controller, circle(robot), duration=1.0):
+        for sample in pa.run(
+            pa.plants.PinocchioPlant(robot), controller, circle(robot), duration=1.0
+        ):
             samples.append(sample)
     assert 0 < len(samples) < 1000
     assert np.isclose(ended.value.time, samples[-1].t + 1e-3)
-    rollout = run("panda", control=LOST, duration=1.0, torque_limits=False)
+    rollout = run("panda", control=LOST, duration=1.0, engine=pa.Engine(torque_limits=False))
     assert rollout.reason == ended.value.reason and rollout.diverged == ended.value.time
     assert np.array_equal(rollout.tau, [sample.torque for sample in samples])
 
 
 def test_a_diverged_run_is_a_partial_rollout():
-    rollout = run("panda", control=LOST, duration=1.0, torque_limits=False)
+    rollout = run("panda", control=LOST, duration=1.0, engine=pa.Engine(torque_limits=False))
     assert rollout.diverged is not None and 0.0 < rollout.diverged < 1.0
     assert (
         len(rollout.t) == len(rollout.tau) == len(rollout.a_d) == len(rollout.min_eig_M_hat) < 1000
@@ -214,7 +228,7 @@ def test_a_diverged_run_is_a_partial_rollout():
     assert rollout.summary()["diverged"] == rollout.diverged
 
 
-WILD = {  # loops that blow up in many ways: robot, law, gamma_d, Kv, options
+WILD = {  # loops that blow up in many ways: robot, law, gamma_d, Kv, engine
     "overflow, sampled": ("panda", "adaptive-inverse-dynamics", 10.0, 1e4, {}),
     "lyapunov function": ("planar_2r", "adaptive-inverse-dynamics-velocity", 1e2, 1e4, {}),
     "overflow, continuous": (
@@ -222,14 +236,14 @@ WILD = {  # loops that blow up in many ways: robot, law, gamma_d, Kv, options
         "adaptive-inverse-dynamics",
         1e3,
         None,
-        {"mode": "continuous", "acceleration": "ideal"},
+        {"continuous": True, "ideal_acceleration": True},
     ),
     "watched matrices": (
         "ur5",
         "adaptive-inverse-dynamics-improved",
         1e2,
         1e3,
-        {"mode": "continuous", "acceleration": "ideal"},
+        {"continuous": True, "ideal_acceleration": True},
     ),
 }
 
@@ -245,11 +259,10 @@ def test_divergence_is_a_result_and_no_error(name, law, gamma_d, Kv, options):
         law=law,
         gamma_d=gamma_d,
         Kv=Kv,
-        guards=False,
-        torque_limits=False,
+        limits=pa.Limits(guards=False, torque=False),
     )
-    options = {"duration": 0.05, "dt": 2e-3, "torque_limits": False, **options}
-    rollout = pa.simulate(true, controller, circle(true, 0.1, 1.0), **options)
+    engine = pa.Engine(dt=2e-3, torque_limits=False, **options)
+    rollout = pa.simulate(true, controller, circle(true, 0.1, 1.0), duration=0.05, engine=engine)
     assert rollout.diverged is not None
     assert np.isfinite(rollout.tau).all() and np.isfinite(rollout.q).all()
     assert "DIVERGED" in str(rollout)
@@ -262,7 +275,9 @@ def test_a_wild_rate_does_not_blow_up_between_two_samples(law):
     described = load("ur5")
     true = described.changed(payload=pa.Payload(1.0, [0.0, 0.0, 0.05]))
     controller = pa.make_controller(described.changed(inertial_scale=0.5), law=law, gamma_d=1e3)
-    rollout = pa.simulate(true, controller, circle(true, 0.1, 1.0), duration=0.05, dt=2e-3)
+    rollout = pa.simulate(
+        true, controller, circle(true, 0.1, 1.0), duration=0.05, engine=pa.Engine(dt=2e-3)
+    )
     assert rollout.diverged is None
     assert rollout.min_eig_M_hat.min() > 0.0
 
@@ -273,27 +288,44 @@ def test_a_wild_rate_does_not_blow_up_between_two_samples(law):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"duration": 0.0}, "duration"),
-        ({"dt": -1e-3}, "dt"),
-        ({"mode": "sampld"}, "Did you mean 'sampled'"),
-        ({"acceleration": "idel"}, "Did you mean 'ideal'"),
-        ({"substeps": 0}, "substeps"),
-        ({"noise": {"p": 1e-3}}, "'p'"),
-        ({"noise": {"q": -1e-3}}, r"noise\.q"),
-        ({"noise": {"x": np.nan}}, r"noise\.x"),
-        ({"delay": -1e-3}, "delay"),
-        ({"seed": -1}, "seed"),
-        ({"mode": "continuous", "noise": {"q": 1e-3}}, "sampled mode only"),
-        ({"mode": "continuous", "delay": 1e-3}, "sampled mode only"),
-        ({"acceleration": "ideal", "torque_limits": True}, "unclipped"),
-        ({"a_k": [0.0]}, r"belief\.kinematic"),
-        ({"a_k": [np.nan] * 2}, r"belief\.kinematic"),
-        ({"a_d": np.zeros(3)}, r"belief\.dynamic"),
+        (lambda: {"duration": 0.0}, "duration"),
+        (lambda: {"engine": pa.Engine(dt=-1e-3)}, "dt"),
+        (lambda: {"engine": pa.Engine(continuous="sampled")}, "continuous: expected True or False"),
+        (lambda: {"engine": pa.Engine(ideal_acceleration=1)}, "ideal_acceleration: expected True"),
+        (lambda: {"engine": pa.Engine(substeps=0)}, "substeps"),
+        (lambda: {"engine": "pinochio"}, "Did you mean 'pinocchio'"),
+        (lambda: {"sensors": pa.Sensors(noise={"p": 1e-3})}, "'p'"),
+        (lambda: {"sensors": pa.Sensors(noise={"q": -1e-3})}, r"noise\.q"),
+        (lambda: {"sensors": pa.Sensors(noise={"x": np.nan})}, r"noise\.x"),
+        (lambda: {"sensors": {"sensors": pa.Sensors(noise={"x": 1e-3})}}, "expected a Sensors"),
+        (lambda: {"sensors": pa.Sensors(camera=pa.Camera(delay=-1e-3))}, "delay"),
+        (lambda: {"seed": -1}, "seed"),
+        (
+            lambda: {
+                "engine": pa.Engine(continuous=True),
+                "sensors": pa.Sensors(noise={"q": 1e-3}),
+            },
+            "sampled mode only",
+        ),
+        (
+            lambda: {
+                "engine": pa.Engine(continuous=True),
+                "sensors": pa.Sensors(camera=pa.Camera(delay=1e-3)),
+            },
+            "sampled mode only",
+        ),
+        (lambda: {"engine": pa.Engine(ideal_acceleration=True, torque_limits=True)}, "unclipped"),
+        (lambda: {"start": {"a_k": [0.0]}}, r"belief\.kinematic"),
+        (lambda: {"start": {"a_k": [np.nan] * 2}}, r"belief\.kinematic"),
+        (lambda: {"start": {"a_d": np.zeros(3)}}, r"belief\.dynamic"),
+        (lambda: {"start": {"a_x": np.zeros(3)}}, "start: must be one of"),
+        (lambda: {"progress": "alive"}, "progress"),
+        (lambda: {"durations": 1.0}, "Did you mean 'duration'"),
     ],
 )
 def test_impossible_runs_are_refused(options, words):
     with pytest.raises(pa.InputError, match=words):
-        run(**{"duration": 0.002, **options})
+        run(**{"duration": 0.002, **options()})
 
 
 @pytest.mark.parametrize("true", ["planar_2r", "panda", "kinova"])
@@ -306,7 +338,9 @@ def test_a_true_robot_of_another_shape_is_refused(true):
 def test_a_motion_of_another_size_is_refused():
     robot = load("ur5")
     with pytest.raises(pa.InputError):
-        pa.simulate(robot, pa.make_controller(robot), pa.Hold([0.3, 0.2]), duration=0.002)
+        pa.simulate(
+            robot, pa.make_controller(robot), pa.trajectories.Hold([0.3, 0.2]), duration=0.002
+        )
 
 
 INVERSE = {"law": "adaptive-inverse-dynamics"}
@@ -342,9 +376,9 @@ INVERSE = {"law": "adaptive-inverse-dynamics"}
         ({"law": "adaptive-invers-dynamics"}, "Did you mean 'adaptive-inverse-dynamics'"),
         ({"adaptation": "natrual"}, "Did you mean 'natural'"),
         ({"adaptation": "natrual", "law": "resolved-acceleration"}, "Did you mean 'natural'"),
-        ({"kinematic": ["tol"]}, "Did you mean 'tool'"),
-        ({"dynamic": "al"}, "Did you mean 'all'"),
-        ({"basis": np.ones((3, 2))}, "60 rows"),
+        ({"unknown": pa.Unknown(tool=False, translations=["tol"])}, "Did you mean 'tool'"),
+        ({"unknown": pa.Unknown(bodies="al")}, "Did you mean 'all'"),
+        ({"unknown": pa.Unknown(basis=np.ones((3, 2)))}, "60 rows"),
     ],
 )
 def test_impossible_controllers_are_refused(arguments, words):
@@ -355,6 +389,6 @@ def test_impossible_controllers_are_refused(arguments, words):
 def test_a_basis_with_natural_adaptation_needs_a_fitting_inequality():
     robot = load("planar_2r")
     with pytest.raises(pa.InputError, match="inequality"):
-        pa.make_controller(robot, basis=BASIS)
+        pa.make_controller(robot, unknown=pa.Unknown(basis=BASIS))
     with pytest.raises(pa.InputError, match="1 coefficients"):
-        pa.make_controller(robot, basis=BASIS, lmi=[[[1.0]]])
+        pa.make_controller(robot, unknown=pa.Unknown(basis=BASIS, lmi=[[[1.0]]]))

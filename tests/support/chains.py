@@ -107,10 +107,10 @@ def robot_of(law: str, name: str) -> pa.Robot:
     """Return a robot with a task that a law controls: its own, or its joints.
 
     Args:
-        law: a name of ``pa.LAWS``.
+        law: a name of ``pa.laws.LAWS``.
         name: in the catalogue, or "mixed".
     """
-    task = {"task": "joint"} if pa.LAWS[law].joint_space else {}
+    task = {"task": "joint"} if pa.laws.LAWS[law].joint_space else {}
     return mixed_robot(**task) if name == "mixed" else catalogue_robot(name, **task)
 
 

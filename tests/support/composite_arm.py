@@ -10,7 +10,7 @@ A = np.array([0.15, 0.04, 0.03, 0.025])  # kg m^2
 K_D, LAMBDA = 3.0, 10.0 / 3.0
 
 
-class ArmDynamics(pa.Dynamics):
+class ArmDynamics(pa.models.Dynamics):
     """a1 qdd1 + h qdd2 - h' qd2^2 = tau1, h qdd1 + a2 qdd2 + h' qd1^2 = tau2.
 
     h = a3 cos(q2 - q1) + a4 sin(q2 - q1), h' = a3 sin(q2 - q1) - a4 cos(q2 - q1).
@@ -49,7 +49,7 @@ class ArmDynamics(pa.Dynamics):
         """M v, and -C^T v: the derivative of -v^T M v / 2 by q, (h v1 v2)' with its sign."""
         c, s = np.cos(q[1] - q[0]), np.sin(q[1] - q[0])
         rest = np.array([[0.0, 0.0, -s, c], [0.0, 0.0, s, -c]]) * (v[0] * v[1])
-        return pa.Momentum(self._columns(q, *v, 0.0, 0.0), rest, np.zeros(2), np.zeros(2))
+        return pa.models.Momentum(self._columns(q, *v, 0.0, 0.0), rest, np.zeros(2), np.zeros(2))
 
     def value(self, robot):
         return A
@@ -76,7 +76,7 @@ class ArmPlant:
         return np.linalg.solve(self._truth.mass_matrix(q), torque - rest)
 
 
-class Path(pa.Trajectory):
+class Path(pa.trajectories.Trajectory):
     """q_d1 = pi/4 + 2 (1 - cos 3t), q_d2 = pi/6 + (1 - cos 5t)."""
 
     def at(self, t):
@@ -92,16 +92,16 @@ def tracked(adaptation, seconds=4.0, dt=1e-3):
     """
     robot = pa.load("planar_2r", task="joint", q0=Path().at(0.0).x_d)
     dynamics = ArmDynamics()
-    law = pa.SlotineLi(robot.task, pa.Posture.of(robot, None, 1.0), K_v=K_D, alpha=LAMBDA)
+    law = pa.laws.SlotineLi(robot.task, pa.laws.Posture.of(robot, None, 1.0), K_v=K_D, alpha=LAMBDA)
     plant = ArmPlant(robot)
     controller = pa.Controller(
         law,
-        pa.JointKinematics(robot, ()),
+        pa.models.JointKinematics(robot, ()),
         dynamics,
-        adaptation_k=pa.Frozen(),
+        adaptation_k=pa.adaptation.Frozen(),
         adaptation_d=adaptation,
     )
-    samples = pa.run_continuous(plant, controller, Path(), dt=dt)
+    samples = pa.simulation.run_continuous(plant, controller, Path(), dt=dt)
     run = list(islice(samples, round(seconds / dt)))
     errors = np.array([s.measurement.q - s.desired.x_d for s in run])
     return np.degrees(np.abs(errors)), np.array([s.state.a_d for s in run])

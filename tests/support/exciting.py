@@ -6,7 +6,7 @@ import pinadapt as pa
 from tests.support.chains import catalogue_robot, random_state
 
 
-class Exciting(pa.Trajectory):
+class Exciting(pa.trajectories.Trajectory):
     """Each joint at two frequencies of its own, from rest at home."""
 
     def __init__(self, start, size=0.1):
@@ -46,6 +46,6 @@ def panda_swung(adaptation, friction=False):
         robot.changed(inertial_scale=0.8),
         law="slotine-li",
         adaptation=adaptation,
-        joint="all" if friction else "none",
+        unknown=pa.Unknown(friction=friction, armature=friction),
     )
     return controller, true, Exciting(true.home_angles)

@@ -18,7 +18,7 @@ def unknown_choices(robot: pa.Robot) -> list[list[str]]:
 def check_kinematics(robot: pa.Robot, unknown: list[str | Translation]) -> None:
     """J, Jdot_v, Y_k and others against finite differences at another than the own estimate."""
     rng = np.random.default_rng(7)
-    believed = pa.FrameKinematics(robot, unknown)
+    believed = pa.models.FrameKinematics(robot, unknown)
     q, v, a = random_state(robot, rng)
     a_k = believed.initial + 0.2 * rng.standard_normal(believed.size)
     a_k_rate = rng.standard_normal(believed.size)

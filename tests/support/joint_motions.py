@@ -18,4 +18,4 @@ def loaded(robot):
 def swinging(robot, by=0.05):
     """Return a motion of all joints that begins beside home; one passes half a turn."""
     n = robot.model.nv
-    return pa.Sinusoid(robot.home_angles + by, 0.3, np.linspace(2.0, 3.0, n))
+    return pa.trajectories.Sinusoid(robot.home_angles + by, 0.3, np.linspace(2.0, 3.0, n))

@@ -46,15 +46,15 @@ class Energy:
 
 def circle_at_home(robot, radius=0.05, period=2.0):
     """Return a circle that starts at the robot's home."""
-    return pa.Circle(np.zeros(robot.task.size), radius, period).starting_at(
+    return pa.trajectories.Circle(np.zeros(robot.task.size), radius, period).starting_at(
         robot.position(robot.q0)
     )
 
 
 def motion_at_home(robot):
     """Return a motion that starts at the robot's home: of its frame a circle, of joints a swing."""
-    if isinstance(robot.task, pa.JointTask):
-        return pa.Sinusoid(robot.home_angles + 0.1, 0.1, 2.0)
+    if isinstance(robot.task, pa.tasks.JointTask):
+        return pa.trajectories.Sinusoid(robot.home_angles + 0.1, 0.1, 2.0)
     return circle_at_home(robot)
 
 
@@ -74,9 +74,9 @@ def with_tool_and_load(robot: pa.Robot) -> pa.Robot:
 
 def circle_beside(
     robot: pa.Robot, plane: str, by: Sequence[float] = (0.01, -0.01, 0.02)
-) -> pa.Trajectory:
+) -> pa.trajectories.Trajectory:
     """Return a circle of 5 cm in two seconds, starting beside home by an offset (3) [m]."""
-    return pa.Circle(np.zeros(3), 0.05, 2.0, plane).starting_at(
+    return pa.trajectories.Circle(np.zeros(3), 0.05, 2.0, plane).starting_at(
         robot.position(robot.q0) + np.array(by)
     )
 
@@ -84,7 +84,10 @@ def circle_beside(
 def check_holds_home(robot: pa.Robot) -> None:
     """The default controller of a robot that is as believed stays at its home."""
     rollout = pa.simulate(
-        robot, pa.make_controller(robot), pa.Hold(robot.position(robot.q0)), duration=0.02
+        robot,
+        pa.make_controller(robot),
+        pa.trajectories.Hold(robot.position(robot.q0)),
+        duration=0.02,
     )
     assert rollout.diverged is None
     assert rollout.distance.max() < 1e-3
@@ -93,7 +96,7 @@ def check_holds_home(robot: pa.Robot) -> None:
 def energy_along(
     true: pa.Robot,
     controller: pa.Controller,
-    path: pa.Trajectory,
+    path: pa.trajectories.Trajectory,
     *,
     seconds: float,
     dt: float = 2e-4,
@@ -111,9 +114,11 @@ def energy_along(
         dt: integration step and time between samples [s].
         start: initial estimates a_k, a_d instead of the believed ones.
     """
-    plant, controller = pa.PinocchioPlant(true), controller.limited(None)
+    plant, controller = pa.plants.PinocchioPlant(true), controller.limited(None)
     state = controller.init(plant.measure(), **start)
-    stream = pa.run_continuous(plant, controller, path, dt=dt, state=state, ideal_acceleration=True)
+    stream = pa.simulation.run_continuous(
+        plant, controller, path, dt=dt, state=state, ideal_acceleration=True
+    )
     a_k, a_d = controller.kinematics.value(true), controller.dynamics.value(true)
     V, rate, dx, delta = [], [], [], []
     for sample in list(islice(stream, round(seconds / dt))):

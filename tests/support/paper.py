@@ -9,8 +9,8 @@ from pinadapt.description.catalogue import robots_folder
 from tests.support.chains import catalogue_robot
 
 BASIS = np.loadtxt(robots_folder() / "planar_2r" / "basis.csv", delimiter=",")  # of a1, a2, a3
-LMI = pa.MatrixInequality.from_file(robots_folder() / "planar_2r" / "lmi.csv")
-CIRCLE = pa.Circle([0.8, 0.0], 0.3, 2.0)
+LMI = pa.adaptation.MatrixInequality.from_file(robots_folder() / "planar_2r" / "lmi.csv")
+CIRCLE = pa.trajectories.Circle([0.8, 0.0], 0.3, 2.0)
 WRONG = {"a_k": [1.4, 1.5], "a_d": [4.0, 0.5, 0.5]}
 
 
@@ -20,8 +20,6 @@ def paper_controller(law: str, adaptation: str, **options: Any) -> pa.Controller
         catalogue_robot("planar_2r"),
         law=law,
         adaptation=adaptation,
-        kinematic=["lengths"],
-        basis=BASIS,
-        lmi=LMI,
+        unknown=pa.Unknown(lengths=True, basis=BASIS, lmi=LMI),
         **{"Kv": 40.0, "Kp": 400.0, "alpha": 5.0, **options},
     )

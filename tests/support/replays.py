@@ -11,10 +11,10 @@ Samples = list[tuple[pa.Measurement, pa.Desired]]
 
 
 def record(
-    true: pa.Robot, controller: pa.Controller, path: pa.Trajectory, count: int = 20
+    true: pa.Robot, controller: pa.Controller, path: pa.trajectories.Trajectory, count: int = 20
 ) -> Samples:
     """Return what came into a controller in its first steps at 1 kHz."""
-    stream = pa.run(pa.PinocchioPlant(true), controller, path, duration=1e-3 * count)
+    stream = pa.run(pa.plants.PinocchioPlant(true), controller, path, duration=1e-3 * count)
     return [(sample.measurement, sample.desired) for sample in islice(stream, count)]
 
 

@@ -34,8 +34,9 @@ def pose_robot(name):
 
 def swinging(start, by=(0.0,) * 6):
     """Return a circle whose tool swings, beside a starting pose by an error (6)."""
-    path = pa.PoseTrajectory(
-        pa.Circle(np.zeros(3), 0.05, 2.0, "yz"), pa.Swing([0.3, -1.0, 0.5], 0.4, 1.5, phase=0.3)
+    path = pa.trajectories.PoseTrajectory(
+        pa.trajectories.Circle(np.zeros(3), 0.05, 2.0, "yz"),
+        pa.trajectories.Swing([0.3, -1.0, 0.5], 0.4, 1.5, phase=0.3),
     )
     return path.starting_at(POSE.moved(start, np.array(by)))
 
@@ -113,8 +114,8 @@ def test_identities_on_random_chains(robot):
 def test_plant_robot_and_estimated_kinematics_agree():
     robot = pose_robot("kinova")
     q, v, _ = random_state(robot, np.random.default_rng(4))
-    x, xd = pa.PinocchioPlant(robot).task_motion(q, v)
-    believed = pa.FrameKinematics(robot, ["tool"])
+    x, xd = pa.plants.PinocchioPlant(robot).task_motion(q, v)
+    believed = pa.models.FrameKinematics(robot, ["tool"])
     believed.update(believed.initial, q, v)
     assert np.allclose(POSE.error(x, robot.position(q)), 0.0, atol=1e-12)
     assert np.allclose(POSE.error(x, believed.x_hat), 0.0, atol=1e-12)
@@ -126,11 +127,16 @@ def test_plant_robot_and_estimated_kinematics_agree():
 
 @pytest.mark.parametrize(
     "orientation",
-    [pa.Swing([1.0, 2.0, -0.5], 0.7, 1.3, 0.4), pa.FixedOrientation([0.6, 0.0, 0.8, 0.0])],
+    [
+        pa.trajectories.Swing([1.0, 2.0, -0.5], 0.7, 1.3, 0.4),
+        pa.trajectories.FixedOrientation([0.6, 0.0, 0.8, 0.0]),
+    ],
 )
 @pytest.mark.parametrize("t", [0.0, 0.3, 1.1])
 def test_derivatives_of_pose_trajectories_are_exact(orientation, t):
-    path = pa.PoseTrajectory(pa.Lissajous([0.5, 0.1, 0.4], 0.1, [1.0, 2.0, 3.0], 4.0), orientation)
+    path = pa.trajectories.PoseTrajectory(
+        pa.trajectories.Lissajous([0.5, 0.1, 0.4], 0.1, [1.0, 2.0, 3.0], 4.0), orientation
+    )
     start = np.array([0.3, -0.2, 0.5, *quaternion(pin.exp3(np.array([1.0, -2.0, 0.3])))])
     moved = path.starting_at(start)
     check_derivatives(path, t)
@@ -149,7 +155,7 @@ def check_derivatives(motion, t):
 
 def test_swing_turns_the_tool_about_its_own_axis():
     start = quaternion(pin.exp3(np.array([0.4, -1.0, 0.7])))
-    swing = pa.Swing([0.0, 0.0, 2.0], 0.3, 2.0, quaternion=start)
+    swing = pa.trajectories.Swing([0.0, 0.0, 2.0], 0.3, 2.0, quaternion=start)
     quarter = matrix(start).T @ matrix(swing.at(0.5)[0])
     assert np.allclose(quarter, pin.exp3(np.array([0.0, 0.0, 0.3])), atol=1e-14)
 

@@ -27,7 +27,9 @@ def pose_robot(name="panda"):
 
 
 def circle(robot, axis=(0.0, 0.0, 1.0)):
-    path = pa.PoseTrajectory(pa.Circle(np.zeros(3), 0.1, 3.0, "yz"), pa.Swing(axis, 0.3, 2.0))
+    path = pa.trajectories.PoseTrajectory(
+        pa.trajectories.Circle(np.zeros(3), 0.1, 3.0, "yz"), pa.trajectories.Swing(axis, 0.3, 2.0)
+    )
     return path.starting_at(robot.position(robot.q0))
 
 
@@ -43,12 +45,17 @@ def test_errors_of_position_and_orientation_vanish_with_true_parameters(angle, d
     robot = pose_robot()
     start = POSE.moved(robot.position(robot.q0), np.array([0.02, -0.01, 0.03, 0.0, 0.0, 0.0]))
     tool_z = matrix(start[3:])[:, 2]
-    path = pa.PoseTrajectory(
-        pa.Circle(np.zeros(3), 0.05, 3.0, "yz"), pa.Swing([0.0, 1.0, 1.0], 0.2, 2.0)
+    path = pa.trajectories.PoseTrajectory(
+        pa.trajectories.Circle(np.zeros(3), 0.05, 3.0, "yz"),
+        pa.trajectories.Swing([0.0, 1.0, 1.0], 0.2, 2.0),
     )
     path = path.starting_at(POSE.moved(start, np.concatenate([np.zeros(3), angle * tool_z])))
-    controller = pa.make_controller(robot, law="resolved-acceleration", kinematic=[])
-    rollout = pa.simulate(robot, controller, path, duration=duration, mode="continuous")
+    controller = pa.make_controller(
+        robot, law="resolved-acceleration", unknown=pa.Unknown(tool=False)
+    )
+    rollout = pa.simulate(
+        robot, controller, path, duration=duration, engine=pa.Engine(continuous=True)
+    )
     assert np.isclose(rollout.angle[0], angle) and np.isclose(
         rollout.distance[0], np.linalg.norm([0.02, -0.01, 0.03])
     )
@@ -72,7 +79,9 @@ def test_panda_learns_tool_and_load_and_tracks_its_pose(law, scale):
     robot = pose_robot()
     true = robot.changed(tool_translation=[0.03, -0.02, 0.12], payload=LOAD)
     controller = pa.make_controller(robot.changed(inertial_scale=scale), law=law)
-    rollout = pa.simulate(true, controller, circle(true), duration=6.0, substeps=1)
+    rollout = pa.simulate(
+        true, controller, circle(true), duration=6.0, engine=pa.Engine(substeps=1)
+    )
     summary = rollout.summary()
     assert summary["diverged"] is None
     assert summary["max_error_last"] < 1e-3
@@ -85,7 +94,9 @@ def test_without_adaptation_the_pose_error_is_large():
     true = robot.changed(tool_translation=[0.03, -0.02, 0.12], payload=LOAD)
     believed, law = robot.changed(inertial_scale=0.7), "adaptive-inverse-dynamics"
     controller = pa.make_controller(believed, law=law, adaptation="none")
-    summary = pa.simulate(true, controller, circle(true), duration=2.0, substeps=1).summary()
+    summary = pa.simulate(
+        true, controller, circle(true), duration=2.0, engine=pa.Engine(substeps=1)
+    ).summary()
     assert summary["max_error_last"] > 0.01 and summary["max_angle_last"] > np.radians(1.0)
 
 
@@ -95,12 +106,15 @@ def test_an_initial_guess_of_the_load_helps_a_light_wrist():
     load = pa.Payload(0.5, [0.02, -0.01, 0.05], [0.002, 0.0, 0.002, 0.0, 0.0, 0.002])
     true = robot.changed(tool_translation=[0.03, -0.02, 0.05], payload=load)
     guess = pa.Payload(0.8, [0.0, 0.0, 0.04], [0.003, 0.0, 0.003, 0.0, 0.0, 0.003])
-    path = pa.PoseTrajectory(
-        pa.Circle(np.zeros(3), 0.03, 3.0, "yz"), pa.Swing([0.0, 1.0, 1.0], 0.2, 2.0)
+    path = pa.trajectories.PoseTrajectory(
+        pa.trajectories.Circle(np.zeros(3), 0.03, 3.0, "yz"),
+        pa.trajectories.Swing([0.0, 1.0, 1.0], 0.2, 2.0),
     )
     path = path.starting_at(true.position(true.q0))
     results = [
-        pa.simulate(true, pa.make_controller(believed), path, duration=3.0, substeps=1).summary()
+        pa.simulate(
+            true, pa.make_controller(believed), path, duration=3.0, engine=pa.Engine(substeps=1)
+        ).summary()
         for believed in (robot.changed(payload=guess), robot)
     ]
     assert results[0]["max_error_last"] < 1e-3 and results[0]["max_angle_last"] < np.radians(0.1)
@@ -151,7 +165,7 @@ def test_a_tracker_needs_no_angular_velocity():
         circle(robot).at(0.2),
     )
     v = np.linspace(-0.3, 0.4, 7)
-    x, xd = pa.PinocchioPlant(robot).task_motion(robot.q0, v)
+    x, xd = pa.plants.PinocchioPlant(robot).task_motion(robot.q0, v)
     state = controller.init(pa.Measurement(0.0, robot.q0, v, x, xd=xd))
     blind = np.concatenate([xd[:3], np.full(3, 9.0)])
     torques = [
@@ -215,10 +229,10 @@ def test_gains_may_differ_between_position_and_rotation():
     [
         (lambda: pa.load("scara", task="pose"), "6 coordinates.*4 joints"),
         (lambda: pa.load("panda", task="pos"), "Did you mean 'pose'"),
-        (lambda: pa.PoseTrajectory(pa.Hold([0.1, 0.2])), "3 coordinates"),
-        (lambda: pa.FixedOrientation([0.0, 0.0, 0.0, 2.0]), "length 2"),
-        (lambda: pa.Swing([0.0, 0.0, 0.0], 0.1, 1.0), "direction"),
-        (lambda: pa.Swing([0.0, 0.0, 1.0], 0.1, 0.0), "period"),
+        (lambda: pa.trajectories.PoseTrajectory(pa.trajectories.Hold([0.1, 0.2])), "3 coordinates"),
+        (lambda: pa.trajectories.FixedOrientation([0.0, 0.0, 0.0, 2.0]), "length 2"),
+        (lambda: pa.trajectories.Swing([0.0, 0.0, 0.0], 0.1, 1.0), "direction"),
+        (lambda: pa.trajectories.Swing([0.0, 0.0, 1.0], 0.1, 0.0), "period"),
         (lambda: pa.make_controller(pose_robot(), R_k=np.ones(6)), "R_k"),
         (
             lambda: Sensors(catalogue_robot("panda"), 1e-3, noise={"angle": 0.1}),
@@ -226,7 +240,9 @@ def test_gains_may_differ_between_position_and_rotation():
         ),
         (
             lambda: pa.simulate(
-                pose_robot(), pa.make_controller(pose_robot()), pa.Circle(np.zeros(3), 0.1, 3.0)
+                pose_robot(),
+                pa.make_controller(pose_robot()),
+                pa.trajectories.Circle(np.zeros(3), 0.1, 3.0),
             ),
             "PoseTrajectory",
         ),
@@ -306,7 +322,7 @@ def test_rollout_summary_table_plots_and_page_of_a_pose(tmp_path):
 
 def test_rollouts_without_orientation_have_no_angle_errors():
     robot = catalogue_robot("planar_2r")
-    path = pa.Hold(robot.position(robot.q0))
+    path = pa.trajectories.Hold(robot.position(robot.q0))
     rollout = pa.simulate(robot, pa.make_controller(robot), path, duration=0.01)
     assert rollout.angle is None and not [key for key in rollout.summary() if "angle" in key]
     assert "angle" not in str(rollout) and "deg" not in comparison_table([rollout])
@@ -316,7 +332,7 @@ def test_rollouts_without_orientation_have_no_angle_errors():
 def test_tracker_noise_has_the_stated_deviation(channel):
     robot = pose_robot()
     sensors = Sensors(robot, 1e-3, noise={channel: 0.02}, seed=3)
-    true = pa.PinocchioPlant(robot).measure()
+    true = pa.plants.PinocchioPlant(robot).measure()
     pairs = [(sensors.measure(true), true) for _ in range(1000)]
     errors = np.array([POSE.error(seen.x, true.x) for seen, true in pairs])
     assert np.isclose(np.std(errors[:, :3]), 0.02 if channel == "x" else 0.0, rtol=0.1)
@@ -352,12 +368,16 @@ def test_a_planar_leg_learns_its_foot(task, axis, tmp_path):
     start = true.position(true.q0)
     assert start.shape == (2,)
     controller = pa.make_controller(described)
-    path = pa.Circle([0.0, 0.0], 0.04, 1.5).starting_at(start)
+    path = pa.trajectories.Circle([0.0, 0.0], 0.04, 1.5).starting_at(start)
     rollout = pa.simulate(
-        true, controller, path, duration=0.3, mode="continuous", acceleration="ideal"
+        true,
+        controller,
+        path,
+        duration=0.3,
+        engine=pa.Engine(continuous=True, ideal_acceleration=True),
     )
     assert (np.diff(rollout.lyapunov) < 0.0).all()
-    rollout = pa.simulate(true, controller, path, duration=5.0, substeps=1)
+    rollout = pa.simulate(true, controller, path, duration=5.0, engine=pa.Engine(substeps=1))
     assert rollout.summary()["max_error_last"] < 0.1 * rollout.summary()["max_error_first"]
     page = rollout.animate().save(tmp_path / "a.html")
     assert page.stat().st_size > 100_000

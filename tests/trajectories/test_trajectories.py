@@ -9,20 +9,24 @@ import pinadapt as pa
 from tests.support.differences import derivative
 
 MOTIONS = {
-    "circle, planar": pa.Circle([0.8, 0.0], 0.3, 2.0, phase=0.7),
-    "circle, yz": pa.Circle([0.5, 0.1, 0.4], 0.1, 3.0, plane="yz"),
-    "circle, xz": pa.Circle([0.5, 0.1, 0.4], 0.2, 1.3, plane="xz", phase=-1.0),
-    "lissajous": pa.Lissajous(
+    "circle, planar": pa.trajectories.Circle([0.8, 0.0], 0.3, 2.0, phase=0.7),
+    "circle, yz": pa.trajectories.Circle([0.5, 0.1, 0.4], 0.1, 3.0, plane="yz"),
+    "circle, xz": pa.trajectories.Circle([0.5, 0.1, 0.4], 0.2, 1.3, plane="xz", phase=-1.0),
+    "lissajous": pa.trajectories.Lissajous(
         [0.5, 0.1, 0.4], [0.1, 0.2, 0.05], [1.0, 2.0, 3.0], 4.0, [0.0, 0.3, 1.0]
     ),
-    "waypoints": pa.Waypoints([[0.0, 0.0, 0.0], [0.1, 0.0, 0.2], [0.1, -0.3, 0.1]], 0.8),
-    "waypoints, seven joints": pa.Waypoints(np.outer([0.0, 1.0, -0.5], np.arange(7.0)), 0.8),
-    "sinusoid from rest": pa.Sinusoid([0.3, -0.2], [2.0, 1.0], [2.1, 1.3]),
-    "sinusoid at speed": pa.Sinusoid(0.1, [0.2, 0.5, -0.3], 3.0, phase=0.0),
-    "fourier": pa.FourierSeries(
+    "waypoints": pa.trajectories.Waypoints(
+        [[0.0, 0.0, 0.0], [0.1, 0.0, 0.2], [0.1, -0.3, 0.1]], 0.8
+    ),
+    "waypoints, seven joints": pa.trajectories.Waypoints(
+        np.outer([0.0, 1.0, -0.5], np.arange(7.0)), 0.8
+    ),
+    "sinusoid from rest": pa.trajectories.Sinusoid([0.3, -0.2], [2.0, 1.0], [2.1, 1.3]),
+    "sinusoid at speed": pa.trajectories.Sinusoid(0.1, [0.2, 0.5, -0.3], 3.0, phase=0.0),
+    "fourier": pa.trajectories.FourierSeries(
         [0.3, -0.2], [[0.2, 0.1, -0.05], [0.0, 0.3, 0.1]], [[0.1, 0.0, 0.2], [-0.3, 0.1, 0.0]], 3.7
     ),
-    "hold": pa.Hold([0.1, 0.2, 0.3]),
+    "hold": pa.trajectories.Hold([0.1, 0.2, 0.3]),
 }
 motions = pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS.keys())
 
@@ -54,32 +58,32 @@ def test_positions_are_x_d_at_each_time(motion):
 
 
 def test_a_circle_starts_on_the_first_axis_of_its_plane_and_turns_to_the_second():
-    circle = pa.Circle([0.5, 0.1, 0.4], 0.1, 2.0, plane="yz")
+    circle = pa.trajectories.Circle([0.5, 0.1, 0.4], 0.1, 2.0, plane="yz")
     assert np.allclose(circle.at(0.0).x_d, [0.5, 0.2, 0.4])
     assert np.allclose(circle.at(0.5).x_d, [0.5, 0.1, 0.5])
     assert np.allclose(circle.at(2.0).x_d, circle.at(0.0).x_d)
-    later = pa.Circle([0.5, 0.1, 0.4], 0.1, 2.0, plane="yz", phase=math.pi / 2)
+    later = pa.trajectories.Circle([0.5, 0.1, 0.4], 0.1, 2.0, plane="yz", phase=math.pi / 2)
     assert np.allclose(later.at(0.0).x_d, circle.at(0.5).x_d)
 
 
 def test_a_lissajous_figure_has_one_sine_per_coordinate():
-    figure = pa.Lissajous([1.0, 2.0], [0.1, 0.2], [1.0, 2.0], 4.0)
+    figure = pa.trajectories.Lissajous([1.0, 2.0], [0.1, 0.2], [1.0, 2.0], 4.0)
     assert np.allclose(figure.at(0.5).x_d, [1.0 + 0.1 * math.sin(math.pi / 4), 2.0 + 0.2])
 
 
 def test_sinusoids_reproduce_references_from_the_literature():
     """Two-joint references in common use, at a time of no symmetry."""
     t, degrees = 0.23, np.radians([30.0, 45.0])
-    first = pa.Sinusoid(degrees, degrees, 1.0).at(t)
+    first = pa.trajectories.Sinusoid(degrees, degrees, 1.0).at(t)
     assert np.allclose(first.x_d, degrees * (1 - np.cos(2 * np.pi * t)))
     center, periods = [np.pi / 4 + 2, np.pi / 6 + 1], [2 * np.pi / 3, 2 * np.pi / 5]
-    second = pa.Sinusoid(center, [2.0, 1.0], periods).at(t)
+    second = pa.trajectories.Sinusoid(center, [2.0, 1.0], periods).at(t)
     assert np.isclose(second.x_d[0], np.pi / 4 + 2 * (1 - np.cos(3 * t)))
     assert np.isclose(second.x_d[1], np.pi / 6 + (1 - np.cos(5 * t)))
 
 
 def test_a_fourier_series_is_the_sum_of_its_harmonics():
-    series = pa.FourierSeries([1.0], [[0.1, 0.2]], [[0.3, -0.4]], 4.0)
+    series = pa.trajectories.FourierSeries([1.0], [[0.1, 0.2]], [[0.3, -0.4]], 4.0)
     w, t = np.pi / 2, 0.7
     expected = 1.0 + 0.1 * np.cos(w * t) + 0.2 * np.cos(2 * w * t)
     expected += 0.3 * np.sin(w * t) - 0.4 * np.sin(2 * w * t)
@@ -100,13 +104,13 @@ def test_a_fourier_series_is_the_sum_of_its_harmonics():
 )
 def test_a_fourier_series_needs_one_row_of_coefficients_per_coordinate(center, cosine, sine, where):
     with pytest.raises(pa.InputError) as refused:
-        pa.FourierSeries(center, cosine, sine, 1.0)
+        pa.trajectories.FourierSeries(center, cosine, sine, 1.0)
     assert refused.value.where == where
 
 
 def test_sinusoids_start_at_rest_or_at_full_speed_depending_on_phase():
-    rest = pa.Sinusoid([0.8, 0.3], 0.5, np.pi / 2)
-    speed = pa.Sinusoid([0.3, -0.2], 0.5, np.pi / 2, phase=0.0)
+    rest = pa.trajectories.Sinusoid([0.8, 0.3], 0.5, np.pi / 2)
+    speed = pa.trajectories.Sinusoid([0.3, -0.2], 0.5, np.pi / 2, phase=0.0)
     assert np.allclose([rest.at(0.0).x_d, speed.at(0.0).x_d], [[0.3, -0.2]] * 2)
     assert np.allclose(rest.at(0.0).xd_d, 0.0) and np.allclose(speed.at(0.0).xd_d, 2.0)
     assert np.isclose(rest.at(np.pi / 4).x_d[0], 0.3 + 2 * 0.5)  # half a period: twice as far
@@ -114,7 +118,7 @@ def test_sinusoids_start_at_rest_or_at_full_speed_depending_on_phase():
 
 def test_waypoints_stop_at_every_point_and_hold_the_last():
     points = np.array([[0.0, 0.0], [0.1, 0.3], [0.4, -0.2]])
-    motion = pa.Waypoints(points, 0.8)
+    motion = pa.trajectories.Waypoints(points, 0.8)
     for t, point in [(0.0, points[0]), (0.8, points[1]), (1.6, points[2]), (9.0, points[2])]:
         now = motion.at(t)
         assert np.allclose(now.x_d, point, atol=1e-12)
@@ -125,37 +129,64 @@ def test_waypoints_stop_at_every_point_and_hold_the_last():
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: pa.Circle([0.0, 0.0], -0.1, 1.0), r"reference\.radius"),
-        (lambda: pa.Circle([0.0, 0.0], 0.1, 0.0), r"reference\.period"),
-        (lambda: pa.Circle([0.0, 0.0], 0.1, np.inf), r"reference\.period"),
-        (lambda: pa.Circle([0.0, np.nan], 0.1, 1.0), r"reference\.center"),
-        (lambda: pa.Circle([0.0], 0.1, 1.0), r"reference\.center"),
-        (lambda: pa.Circle([0.0, 0.0], 0.1, 1.0, phase=np.nan), r"reference\.phase"),
-        (lambda: pa.Circle([0.0, 0.0], 0.1, 1.0, plane="yz"), r"reference\.plane.*\['xy'\]"),
-        (lambda: pa.Circle([0.0, 0.0, 0.0], 0.1, 1.0, plane="zy"), r"reference\.plane.*'yz'"),
+        (lambda: pa.trajectories.Circle([0.0, 0.0], -0.1, 1.0), r"reference\.radius"),
+        (lambda: pa.trajectories.Circle([0.0, 0.0], 0.1, 0.0), r"reference\.period"),
+        (lambda: pa.trajectories.Circle([0.0, 0.0], 0.1, np.inf), r"reference\.period"),
+        (lambda: pa.trajectories.Circle([0.0, np.nan], 0.1, 1.0), r"reference\.center"),
+        (lambda: pa.trajectories.Circle([0.0], 0.1, 1.0), r"reference\.center"),
+        (lambda: pa.trajectories.Circle([0.0, 0.0], 0.1, 1.0, phase=np.nan), r"reference\.phase"),
         (
-            lambda: pa.Lissajous([0.0, 0.0], [0.1], [1.0, 2.0], 1.0),
+            lambda: pa.trajectories.Circle([0.0, 0.0], 0.1, 1.0, plane="yz"),
+            r"reference\.plane.*\['xy'\]",
+        ),
+        (
+            lambda: pa.trajectories.Circle([0.0, 0.0, 0.0], 0.1, 1.0, plane="zy"),
+            r"reference\.plane.*'yz'",
+        ),
+        (
+            lambda: pa.trajectories.Lissajous([0.0, 0.0], [0.1], [1.0, 2.0], 1.0),
             r"reference\.amplitude.*2 numbers",
         ),
-        (lambda: pa.Lissajous([0.0, 0.0], [0.1, 0.1], [1.0, np.nan], 1.0), r"reference\.cycles"),
-        (lambda: pa.Lissajous([0.0, 0.0], [0.1, 0.1], [1.0, 2.0], -1.0), r"reference\.period"),
         (
-            lambda: pa.Lissajous([0.0, 0.0], [0.1, 0.1], [1.0, 2.0], 1.0, [0.0] * 3),
+            lambda: pa.trajectories.Lissajous([0.0, 0.0], [0.1, 0.1], [1.0, np.nan], 1.0),
+            r"reference\.cycles",
+        ),
+        (
+            lambda: pa.trajectories.Lissajous([0.0, 0.0], [0.1, 0.1], [1.0, 2.0], -1.0),
+            r"reference\.period",
+        ),
+        (
+            lambda: pa.trajectories.Lissajous([0.0, 0.0], [0.1, 0.1], [1.0, 2.0], 1.0, [0.0] * 3),
             r"reference\.phase",
         ),
-        (lambda: pa.Waypoints([[0.0, 0.0]], 1.0), r"reference\.points.*two"),
-        (lambda: pa.Waypoints([[0.0, 0.0], [1.0]], 1.0), r"reference\.points.*same number"),
-        (lambda: pa.Waypoints([[0.0, 0.0], [1.0, np.inf]], 1.0), r"reference\.points.*finite"),
-        (lambda: pa.Waypoints([[0.0, 0.0], [1.0, 1.0]], 0.0), r"reference\.segment"),
-        (lambda: pa.Sinusoid([0.0, 0.0], [1.0] * 3, 1.0), r"reference\.center.*3 numbers"),
-        (lambda: pa.Sinusoid([0.0, 0.0], 1.0, [1.0, np.inf]), r"reference\.period.*finite"),
-        (lambda: pa.Sinusoid(0.0, 1.0, [1.0, 0.0]), r"reference\.period.*positive"),
-        (lambda: pa.Sinusoid(0.0, [1.0, 1.0], 1.0, [0.0] * 3), r"reference\.amplitude.*3 numbers"),
-        (lambda: pa.Sinusoid(np.nan, [1.0, 1.0], 1.0), r"reference\.center.*finite"),
-        (lambda: pa.Hold([0.0, np.nan]), r"reference\.center"),
-        (lambda: pa.LowPass(0.0), "lambda"),
-        (lambda: pa.LowPass(-1.0), "lambda"),
-        (lambda: pa.LowPass(np.nan), "lambda"),
+        (lambda: pa.trajectories.Waypoints([[0.0, 0.0]], 1.0), r"reference\.points.*two"),
+        (
+            lambda: pa.trajectories.Waypoints([[0.0, 0.0], [1.0]], 1.0),
+            r"reference\.points.*same number",
+        ),
+        (
+            lambda: pa.trajectories.Waypoints([[0.0, 0.0], [1.0, np.inf]], 1.0),
+            r"reference\.points.*finite",
+        ),
+        (lambda: pa.trajectories.Waypoints([[0.0, 0.0], [1.0, 1.0]], 0.0), r"reference\.segment"),
+        (
+            lambda: pa.trajectories.Sinusoid([0.0, 0.0], [1.0] * 3, 1.0),
+            r"reference\.center.*3 numbers",
+        ),
+        (
+            lambda: pa.trajectories.Sinusoid([0.0, 0.0], 1.0, [1.0, np.inf]),
+            r"reference\.period.*finite",
+        ),
+        (lambda: pa.trajectories.Sinusoid(0.0, 1.0, [1.0, 0.0]), r"reference\.period.*positive"),
+        (
+            lambda: pa.trajectories.Sinusoid(0.0, [1.0, 1.0], 1.0, [0.0] * 3),
+            r"reference\.amplitude.*3 numbers",
+        ),
+        (lambda: pa.trajectories.Sinusoid(np.nan, [1.0, 1.0], 1.0), r"reference\.center.*finite"),
+        (lambda: pa.trajectories.Hold([0.0, np.nan]), r"reference\.center"),
+        (lambda: pa.filters.LowPass(0.0), "lambda"),
+        (lambda: pa.filters.LowPass(-1.0), "lambda"),
+        (lambda: pa.filters.LowPass(np.nan), "lambda"),
     ],
 )
 def test_invalid_arguments_raise_input_errors(make, words):
@@ -168,7 +199,7 @@ STATE, INPUT = np.array([1.0, -0.5, 2.0]), np.array([0.2, 0.3, -1.0])
 
 @pytest.mark.parametrize("dt", [1e-3, 0.05, 2.0])
 def test_low_pass_advance_agrees_with_fine_euler_steps(dt):
-    steps, low_pass, state = 20_000, pa.LowPass(10.0), STATE
+    steps, low_pass, state = 20_000, pa.filters.LowPass(10.0), STATE
     for _ in range(steps):
         state = state + dt / steps * low_pass.rate(state, INPUT)
     bound = 4.0 * 10.0 * dt / steps  # Euler's global error, |s - u| <= 3
@@ -176,7 +207,7 @@ def test_low_pass_advance_agrees_with_fine_euler_steps(dt):
 
 
 def test_two_low_pass_steps_equal_one_of_the_same_total_time():
-    low_pass = pa.LowPass(10.0)
+    low_pass = pa.filters.LowPass(10.0)
     halfway = low_pass.advance(STATE, INPUT, 0.03)
     assert np.allclose(
         low_pass.advance(halfway, INPUT, 0.04), low_pass.advance(STATE, INPUT, 0.07), atol=1e-15
@@ -184,13 +215,13 @@ def test_two_low_pass_steps_equal_one_of_the_same_total_time():
 
 
 def test_low_pass_rate_is_the_derivative_of_its_state():
-    low_pass = pa.LowPass(10.0)
+    low_pass = pa.filters.LowPass(10.0)
     slope = derivative(lambda h: low_pass.advance(STATE, INPUT, h))
     assert np.allclose(low_pass.rate(STATE, INPUT), slope, atol=1e-8)
 
 
 def test_low_pass_rate_is_the_filtered_derivative_of_a_ramp():
-    low_pass, state, dt = pa.LowPass(50.0), np.zeros(1), 1e-3
+    low_pass, state, dt = pa.filters.LowPass(50.0), np.zeros(1), 1e-3
     for k in range(1000):
         state = low_pass.advance(state, np.array([3.0 * k * dt]), dt)
     assert np.allclose(
@@ -199,4 +230,4 @@ def test_low_pass_rate_is_the_filtered_derivative_of_a_ramp():
 
 
 def test_low_pass_keeps_the_shape_of_matrices():
-    assert pa.LowPass(5.0).advance(np.zeros((3, 4)), np.ones((3, 4)), 0.1).shape == (3, 4)
+    assert pa.filters.LowPass(5.0).advance(np.zeros((3, 4)), np.ones((3, 4)), 0.1).shape == (3, 4)

@@ -17,9 +17,9 @@ from tests.support.chains import catalogue_robot
 from tests.support.differences import derivative
 
 XY, XYZ, POSE = TASKS["xy"], TASKS["xyz"], TASKS["pose"]
-CIRCLE = pa.Circle([0.5, 0.1, 0.4], 0.1, 3.0, plane="yz")
-SWING = pa.Swing([1.0, 2.0, -0.5], 0.7, 1.3, 0.4, quaternion=[0.6, 0.0, 0.8, 0.0])
-MOVING_POSE = pa.PoseTrajectory(CIRCLE, SWING)
+CIRCLE = pa.trajectories.Circle([0.5, 0.1, 0.4], 0.1, 3.0, plane="yz")
+SWING = pa.trajectories.Swing([1.0, 2.0, -0.5], 0.7, 1.3, 0.4, quaternion=[0.6, 0.0, 0.8, 0.0])
+MOVING_POSE = pa.trajectories.PoseTrajectory(CIRCLE, SWING)
 
 
 class Path:
@@ -160,14 +160,14 @@ def test_poses_are_differentiated_as_rotations(returns, t):
 
 def test_seven_joint_angles_are_not_taken_for_a_pose():
     robot = catalogue_robot("panda", task="joint")
-    swing = pa.Sinusoid(robot.home_angles, 0.1, np.linspace(1.0, 3.0, 7))
+    swing = pa.trajectories.Sinusoid(robot.home_angles, 0.1, np.linspace(1.0, 3.0, 7))
     motion = as_trajectory(lambda t: swing.at(t).x_d, robot.task)
     assert close(motion.at(0.7), swing.at(0.7), 1e-8, 1e-7)
 
 
 def test_angles_of_continuous_joints_may_jump_by_whole_turns():
     task = JointTask("joint", ("a", "b"), (True, False))
-    turning = pa.Sinusoid([3.0, 0.0], [1.0, 1.0], 2.0)
+    turning = pa.trajectories.Sinusoid([3.0, 0.0], [1.0, 1.0], 2.0)
 
     def wrapped(t):
         x = turning.at(t).x_d
@@ -213,7 +213,7 @@ def test_splines_pass_through_the_samples_smoothly_and_are_at_rest_at_the_ends(g
 
 def test_a_spline_through_two_samples_is_a_minimum_jerk_motion():
     points = np.array([[0.0, 0.1, 0.2], [0.3, -0.2, 0.5]])
-    spline, jerk = Spline([0.0, 0.8], points), pa.Waypoints(points, 0.8)
+    spline, jerk = Spline([0.0, 0.8], points), pa.trajectories.Waypoints(points, 0.8)
     for t in np.linspace(0.0, 1.0, 21):
         assert close(spline.at(t), jerk.at(t), 1e-12, 1e-11)
 
@@ -233,8 +233,10 @@ def test_a_warning_says_that_samples_move_at_their_ends():
         as_trajectory(sampled(CIRCLE, 3.0, 301), XYZ)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        as_trajectory(sampled(pa.Sinusoid([0.0, 0.0], 0.1, 2.0), 2.0, 301), XY)
-        as_trajectory(sampled(pa.Waypoints([[0.0, 0.0], [0.1, 0.2]], 1.0), 1.5, 301), XY)
+        as_trajectory(sampled(pa.trajectories.Sinusoid([0.0, 0.0], 0.1, 2.0), 2.0, 301), XY)
+        as_trajectory(
+            sampled(pa.trajectories.Waypoints([[0.0, 0.0], [0.1, 0.2]], 1.0), 1.5, 301), XY
+        )
         as_trajectory((UNEVEN, POINTS), XYZ)
         Spline(*sampled(CIRCLE, 3.0, 301), ends="free")
 
@@ -281,7 +283,7 @@ def test_splines_of_few_poses_pass_through_them_with_consistent_derivatives():
     ],
 )
 def test_an_orientation_may_be_a_function_or_an_object(orientation):
-    motion = pa.PoseTrajectory(lambda t: CIRCLE.at(t).x_d, orientation)
+    motion = pa.trajectories.PoseTrajectory(lambda t: CIRCLE.at(t).x_d, orientation)
     for t in (0.4, 2.7):
         assert close(motion.at(t), MOVING_POSE.at(t), 1e-7, 1e-6)
     start = np.array([0.3, -0.2, 0.5, 0.0, 1.0, 0.0, 0.0])
@@ -293,7 +295,7 @@ def test_an_orientation_may_be_a_function_or_an_object(orientation):
 
 def test_an_orientation_may_be_sampled():
     q = np.array([[0.0, 0.0, 0.0, 1.0], [0.6, 0.0, 0.0, 0.8]])
-    motion = pa.PoseTrajectory(([0.0, 2.0], POINTS[:2]), ([0.0, 1.0], q))
+    motion = pa.trajectories.PoseTrajectory(([0.0, 2.0], POINTS[:2]), ([0.0, 1.0], q))
     assert np.allclose(motion.at(5.0).x_d, [*POINTS[1], *q[1]])
     assert motion.settles == 2.0 and not motion.at(5.0).xd_d.any()
 
@@ -311,13 +313,13 @@ def test_an_orientation_may_be_sampled():
 )
 def test_invalid_orientations_raise_input_errors(orientation, words):
     with pytest.raises(pa.InputError, match=words):
-        pa.PoseTrajectory(CIRCLE, orientation)
+        pa.trajectories.PoseTrajectory(CIRCLE, orientation)
 
 
 # --- what the library computes for them ---
 
 
-class Own(pa.Trajectory):
+class Own(pa.trajectories.Trajectory):
     """A user's subclass, which has ``at`` alone."""
 
     def __init__(self, motion):
@@ -373,7 +375,7 @@ def test_a_set_point_may_be_a_constant_function(law):
     robot = catalogue_robot("planar_2r")
     controller, x = pa.make_controller(robot, law=law), robot.position(robot.q0)
     rollout = pa.simulate(robot, controller, lambda t: x, duration=0.05)
-    same = pa.simulate(robot, controller, pa.Hold(x), duration=0.05)
+    same = pa.simulate(robot, controller, pa.trajectories.Hold(x), duration=0.05)
     assert np.array_equal(rollout.tau, same.tau)
     with pytest.raises(pa.InputError, match=r"the desired motion does not come to rest"):
         pa.simulate(robot, controller, lambda t: x + 0.01 * t, duration=0.05)
@@ -386,7 +388,7 @@ def test_a_set_point_may_be_a_constant_function(law):
 def loop():
     """Return robot, controller and a circle."""
     robot = catalogue_robot("planar_2r")
-    circle = pa.Circle(np.zeros(2), 0.1, 2.0).starting_at(robot.position(robot.q0))
+    circle = pa.trajectories.Circle(np.zeros(2), 0.1, 2.0).starting_at(robot.position(robot.q0))
     return robot, pa.make_controller(robot.changed(inertial_scale=0.8)), circle
 
 
@@ -403,8 +405,16 @@ GIVEN = {
 @pytest.mark.parametrize("mode", ["sampled", "continuous"])
 def test_a_run_is_the_same_however_its_motion_is_given(given, mode, loop):
     robot, controller, circle = loop
-    one = pa.simulate(robot, controller, circle, duration=0.3, mode=mode)
-    other = pa.simulate(robot, controller, given(circle), duration=0.3, mode=mode)
+    one = pa.simulate(
+        robot, controller, circle, duration=0.3, engine=pa.Engine(continuous=mode == "continuous")
+    )
+    other = pa.simulate(
+        robot,
+        controller,
+        given(circle),
+        duration=0.3,
+        engine=pa.Engine(continuous=mode == "continuous"),
+    )
     assert np.allclose(one.q, other.q, atol=1e-6) and np.ptp(one.q) > 1e-2
     assert np.allclose(one.a_d, other.a_d, atol=1e-4)
     if isinstance(given(circle), Spline):
@@ -428,10 +438,10 @@ def test_run_and_live_view_accept_functions(loop):
     from pinadapt.view.live import LiveView
 
     robot, controller, circle = loop
-    plant, f = pa.PinocchioPlant(robot), lambda t: circle.at(t).x_d
+    plant, f = pa.plants.PinocchioPlant(robot), lambda t: circle.at(t).x_d
     for stream in (
         pa.run(plant, controller, f, duration=0.01),
-        pa.run_continuous(plant, controller, f, dt=1e-3, duration=0.01),
+        pa.simulation.run_continuous(plant, controller, f, dt=1e-3, duration=0.01),
     ):
         assert np.allclose(list(stream)[5].desired.x_d, circle.at(0.005).x_d)
     with LiveView(robot, controller, f, duration=0.1, browser=False) as view:
@@ -442,8 +452,11 @@ def test_run_and_live_view_accept_functions(loop):
 
 REFUSED = {
     "nothing": (None, "expected a trajectory, got None.*function t -> x_d"),
-    "a class": (pa.Circle, "expected a trajectory.*the class Circle; give an object of it"),
-    "one instant": (pa.Hold([0.1, 0.2]).at(0.0), r"Hold\(x_d\)"),
+    "a class": (
+        pa.trajectories.Circle,
+        "expected a trajectory.*the class Circle; give an object of it",
+    ),
+    "one instant": (pa.trajectories.Hold([0.1, 0.2]).at(0.0), r"Hold\(x_d\)"),
     "one point": (np.array([0.1, 0.2]), r"Hold\(x_d\)"),
     "text": ("circle", "expected a trajectory"),
     "three arrays": (([0.0, 1.0], [[0.0, 0.0]] * 2, [[0.0, 0.0]] * 2), r"pair \(t, x\)"),
@@ -453,8 +466,8 @@ REFUSED = {
     "nothing returned": (lambda t: None, "expected coordinates.*got None"),
     "complex numbers": (lambda t: np.array([1j, 0.0]), "expected coordinates"),
     "too many": (lambda t: [0.0] * 3, "3 coordinates, the task 'xy' 2"),
-    "too few in an object": (Path(pa.Hold([0.1])), "1 coordinates, the task 'xy' 2"),
-    "too few in a subclass": (Own(pa.Hold([0.1])), "1 coordinates, the task 'xy' 2"),
+    "too few in an object": (Path(pa.trajectories.Hold([0.1])), "1 coordinates, the task 'xy' 2"),
+    "too few in a subclass": (Own(pa.trajectories.Hold([0.1])), "1 coordinates, the task 'xy' 2"),
     "ragged": (lambda t: ([0.0, 0.0], [0.0], [0.0, 0.0]), r"trajectory\.xd_d: expected 2 .*got 1"),
     "no numbers": (lambda t: [np.nan, 0.0], r"trajectory\.x_d: .*not finite at time 0"),
     "infinite speed": (
@@ -475,18 +488,18 @@ REFUSED = {
 @pytest.mark.parametrize(("given", "words"), REFUSED.values(), ids=REFUSED.keys())
 def test_invalid_motions_raise_input_errors_before_the_run(given, words, loop):
     robot, controller, _ = loop
-    plant = pa.PinocchioPlant(robot)
+    plant = pa.plants.PinocchioPlant(robot)
     for start in (
         lambda: pa.simulate(robot, controller, given, duration=0.01),
         lambda: next(pa.run(plant, controller, given)),
-        lambda: next(pa.run_continuous(plant, controller, given, dt=1e-3)),
+        lambda: next(pa.simulation.run_continuous(plant, controller, given, dt=1e-3)),
     ):
         with pytest.raises(pa.InputError, match=words):
             start()
 
 
 def test_a_subclass_that_returns_no_desired_is_refused(loop):
-    class Wrong(pa.Trajectory):
+    class Wrong(pa.trajectories.Trajectory):
         def at(self, t):
             return [0.1, 0.2]
 
@@ -532,5 +545,7 @@ def test_a_function_that_fails_during_a_run_ends_it_with_the_rollout_so_far(mode
     def f(t):
         return circle.at(t).x_d if t < 0.03 else "lost"
 
-    rollout = pa.simulate(robot, controller, f, duration=0.1, mode=mode)
+    rollout = pa.simulate(
+        robot, controller, f, duration=0.1, engine=pa.Engine(continuous=mode == "continuous")
+    )
     assert 0.02 < rollout.diverged <= 0.03 and "got 'lost'" in rollout.reason

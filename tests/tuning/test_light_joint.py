@@ -14,7 +14,7 @@ from tests.support.chains import catalogue_robot
 INVERSE, FORCES = "adaptive-inverse-dynamics", "adaptive-jacobian"
 ACCELERATIONS = [
     name
-    for name, law in pa.LAWS.items()
+    for name, law in pa.laws.LAWS.items()
     if law.adapts and issubclass(law, AccelerationLaw) and not law.joint_space
 ]
 
@@ -44,7 +44,13 @@ def test_a_light_wrist_is_named_in_joint_space_too(law):
 
 
 @pytest.mark.parametrize(
-    "options", [{"joint": "all"}, {"dynamic": "payload"}, {"adaptation": "gradient"}], ids=str
+    "options",
+    [
+        {"unknown": pa.Unknown(friction=True, armature=True)},
+        {"unknown": pa.Unknown(bodies="payload")},
+        {"adaptation": "gradient"},
+    ],
+    ids=str,
 )
 def test_it_is_told_whatever_else_is_unknown(options):
     with pytest.warns(UserWarning, match="wrist_3_joint"):
@@ -60,8 +66,8 @@ def test_it_is_told_whatever_else_is_unknown(options):
         ("ur10", {"law": FORCES}),
         ("ur10", {"law": "separation"}),
         ("ur10", {"adaptation": "none"}),
-        ("ur10", {"dynamic": "none"}),
-        ("ur10", {"dynamic": ["wrist_2_joint"]}),
+        ("ur10", {"unknown": pa.Unknown(bodies="none")}),
+        ("ur10", {"unknown": pa.Unknown(bodies=["wrist_2_joint"])}),
     ],
     ids=str,
 )
@@ -107,7 +113,9 @@ def arm():
         true = robot.changed(
             tool_translation=tool, payload=pa.Payload(mass=times * found.load, com=com)
         )
-        circle = pa.Circle(np.zeros(3), 0.08, 3.0, "yz").starting_at(true.position(true.q0))
+        circle = pa.trajectories.Circle(np.zeros(3), 0.08, 3.0, "yz").starting_at(
+            true.position(true.q0)
+        )
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             controller = pa.make_controller(believed, **{"law": INVERSE, **options})

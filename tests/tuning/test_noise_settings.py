@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.sensing import SensorQuality
-from pinadapt.tuning.noise import Remedies, remedies, seen_noise
+from pinadapt.records import SensorQuality
+from pinadapt.tuning.noise import NoiseSettings, noise_settings
 from tests.support.chains import catalogue_robot
 from tests.support.drives import along
 from tests.support.loops import circle_at_home, with_tool_and_load
@@ -29,53 +29,65 @@ def made(**options):
 
 
 def test_perfect_sensors_ask_for_nothing():
-    assert remedies(SensorQuality(), W, REACH) == Remedies()
+    assert noise_settings(SensorQuality(), W, REACH) == NoiseSettings()
     none = {"q": 0.0, "v": 0.0, "x": 0.0}
-    for options in ({}, {"noise": none}, {"encoder": 0.0}, {"camera": {"rate": 30.0}}):
+    for options in (
+        {},
+        {"sensors": pa.Sensors(noise=none)},
+        {"sensors": pa.Sensors(encoder=0.0)},
+        {"sensors": pa.Sensors(camera=pa.Camera(rate=30.0))},
+    ):
         controller = made(**options)
         assert controller.law.lambda_s == math.inf
-        assert isinstance(controller.adaptation_d, pa.Stacked)  # no leak around it
+        assert isinstance(controller.adaptation_d, pa.adaptation.Stacked)  # no leak around it
         assert controller.senses.low_pass is None
         assert controller.senses.compensator.smoothing == math.inf
-    state = controller.init(pa.PinocchioPlant(catalogue_robot("ur5")).measure())
+    state = controller.init(pa.plants.PinocchioPlant(catalogue_robot("ur5")).measure())
     assert state.filters.s_f.size == 0
 
 
 def test_each_channel_asks_for_its_own():
-    frames = made(noise={"x": 1e-3}, camera={"rate": 30.0})
+    frames = made(sensors=pa.Sensors(noise={"x": 1e-3}, camera=pa.Camera(rate=30.0)))
     assert math.isfinite(frames.senses.compensator.smoothing) and frames.senses.low_pass is None
-    assert frames.law.lambda_s == math.inf and not isinstance(frames.adaptation_d, pa.Leak)
-    joints = made(noise={"v": 0.02})
+    assert frames.law.lambda_s == math.inf and not isinstance(
+        frames.adaptation_d, pa.adaptation.Leak
+    )
+    joints = made(sensors=pa.Sensors(noise={"v": 0.02}))
     assert joints.senses.compensator.smoothing == math.inf
-    assert math.isfinite(joints.law.lambda_s) and isinstance(joints.adaptation_d, pa.Leak)
+    assert math.isfinite(joints.law.lambda_s) and isinstance(
+        joints.adaptation_d, pa.adaptation.Leak
+    )
     assert joints.senses.low_pass.bandwidth > joints.law.lambda_s > joints.motion.bandwidth
 
 
 def test_more_noise_asks_for_more():
     sizes = np.geomspace(1e-6, 1.0, 25)
-    of_v = [remedies(SensorQuality(v=size), W, REACH) for size in sizes]
+    of_v = [noise_settings(SensorQuality(v=size), W, REACH) for size in sizes]
     for name in ("velocity", "decorrelation", "mode"):
         values = np.array([getattr(each, name) for each in of_v])
         assert (np.diff(values) <= 0.0).all() and values[0] > values[-1] > 0.0, name
     assert (np.diff([each.leak for each in of_v]) > 0.0).all()
     assert of_v[0].mode == 1.0 and of_v[0].velocity > 50.0 * W  # next to nothing
-    of_x = [remedies(SensorQuality(x=size, rate=30.0), W, REACH).smoothing for size in sizes]
+    of_x = [noise_settings(SensorQuality(x=size, rate=30.0), W, REACH).smoothing for size in sizes]
     assert (np.diff(of_x) < 0.0).all()
-    faster = remedies(SensorQuality(x=1e-3, rate=100.0), W, REACH).smoothing
-    assert faster > remedies(SensorQuality(x=1e-3, rate=30.0), W, REACH).smoothing
+    faster = noise_settings(SensorQuality(x=1e-3, rate=100.0), W, REACH).smoothing
+    assert faster > noise_settings(SensorQuality(x=1e-3, rate=30.0), W, REACH).smoothing
 
 
 def test_smoothing_leaves_little_of_the_reach():
     """The variance behind a low pass lambda of white frames is lambda / (2 rate) of theirs."""
     for sigma in (1e-3, 1e-2):
-        smoothing = remedies(SensorQuality(x=sigma, rate=30.0), W, REACH).smoothing
+        smoothing = noise_settings(SensorQuality(x=sigma, rate=30.0), W, REACH).smoothing
         assert sigma * math.sqrt(smoothing / 60.0) == pytest.approx(1.5e-4 * REACH)
 
 
 def test_an_encoder_is_the_noise_of_its_differences():
     """Two roundings, each a twelfth of a count squared."""
     deviation = COUNT / 1e-3 * math.sqrt(2.0 / 12.0)
-    by_count, by_noise = made(encoder=COUNT), made(noise={"v": deviation})
+    by_count, by_noise = (
+        made(sensors=pa.Sensors(encoder=COUNT)),
+        made(sensors=pa.Sensors(noise={"v": deviation})),
+    )
     assert by_count.senses.quality.v == pytest.approx(deviation)
     assert by_count.law.lambda_s == pytest.approx(by_noise.law.lambda_s)
     q = np.random.default_rng(0).uniform(0.0, 1.0, 100_000)
@@ -89,13 +101,13 @@ def test_an_encoder_is_the_noise_of_its_differences():
 def leaking(inner="natural", bandwidth=0.5):
     """Return a leak around an adaptation of UR5's bodies, and their values."""
     robot = catalogue_robot("ur5")
-    a = pa.BodyDynamics(robot).initial
+    a = pa.models.BodyDynamics(robot).initial
     adaptation = (
-        pa.Natural(5.0, pa.BodyInequality(robot.joint_names))
+        pa.adaptation.Natural(5.0, pa.adaptation.BodyInequality(robot.joint_names))
         if inner == "natural"
-        else pa.Gradient(1.0, a.size)
+        else pa.adaptation.Gradient(1.0, a.size)
     )
-    return pa.Leak(adaptation, bandwidth), a
+    return pa.adaptation.Leak(adaptation, bandwidth), a
 
 
 def test_a_leak_alone_returns_to_the_start():
@@ -141,7 +153,7 @@ def test_without_a_drive_the_inner_adaptation_is_as_it_was():
     leak, a = leaking()
     drive = along(np.random.default_rng(5).standard_normal(a.size))
     estimate = leak.init(a)._replace(value=1.1 * a)
-    inner = leak.inner.rate(pa.Estimate(1.1 * a), drive)
+    inner = leak.inner.rate(pa.adaptation.Estimate(1.1 * a), drive)
     assert np.allclose(leak.rate(estimate, drive).value, inner.value - 0.5 * 0.1 * a, rtol=1e-12)
     assert np.array_equal(leak.gain(a), leak.inner.gain(a)) and leak.name == "natural"
     assert leak.divergence(a, 1.1 * a) == leak.inner.divergence(a, 1.1 * a)
@@ -152,8 +164,8 @@ def test_a_leak_and_a_box_go_around_each_other():
     low, high = a - 0.01 * np.abs(a) - 1e-3, a + 0.01 * np.abs(a) + 1e-3
     rng = np.random.default_rng(6)
     for both in (
-        pa.BoxProjection(leak, low, high),
-        pa.Leak(pa.BoxProjection(leak.inner, low, high), 5.0),
+        pa.adaptation.BoxProjection(leak, low, high),
+        pa.adaptation.Leak(pa.adaptation.BoxProjection(leak.inner, low, high), 5.0),
     ):
         estimate, touched = both.init(a), 0
         for _ in range(50):
@@ -167,8 +179,8 @@ def test_a_leak_and_a_box_go_around_each_other():
 
 
 def test_leaks_and_their_states_can_be_copied():
-    controller, robot = made(noise={"v": 0.02}), catalogue_robot("ur5")
-    plant, path = pa.PinocchioPlant(robot), circle_at_home(robot)
+    controller, robot = made(sensors=pa.Sensors(noise={"v": 0.02})), catalogue_robot("ur5")
+    plant, path = pa.plants.PinocchioPlant(robot), circle_at_home(robot)
 
     def steps(controller, state):
         for _ in range(5):
@@ -187,14 +199,14 @@ def test_leaks_and_their_states_can_be_copied():
 def test_what_was_announced_is_what_estimates_leak_back_to():
     """A load that the controller was told of is not forgotten again."""
     load = pa.Payload(2.0, [0.0, 0.02, 0.05])
-    controller = made(noise={"v": 0.02})
-    state = controller.init(pa.PinocchioPlant(catalogue_robot("ur5")).measure())
+    controller = made(sensors=pa.Sensors(noise={"v": 0.02}))
+    state = controller.init(pa.plants.PinocchioPlant(catalogue_robot("ur5")).measure())
     told = controller.believe(state, payload=load)
     for _ in range(100):
         quiet = along(np.zeros(told.a_d.size))
         dynamic = controller.adaptation_d.step(told.dynamic, quiet, 1.0)
         told = told._replace(dynamic=dynamic)
-    loaded = pa.BodyDynamics(catalogue_robot("ur5").changed(payload=load)).initial
+    loaded = pa.models.BodyDynamics(catalogue_robot("ur5").changed(payload=load)).initial
     assert np.allclose(told.a_d[:60], loaded, atol=1e-9)
 
 
@@ -213,7 +225,10 @@ def driven(lambda_s, noise, count=400, seed=0):
     Each draw goes with its opposite, which leaves of the mean what is even in the noise.
     """
     robot = catalogue_robot("ur5")
-    controller = made(joint="none", guards=False, torque_limits=False)
+    controller = made(
+        unknown=pa.Unknown(friction=False, armature=False),
+        limits=pa.Limits(guards=False, torque=False),
+    )
     controller.law = controller.law.decorrelated(lambda_s)
     controller = pa.Controller(
         controller.law,
@@ -222,7 +237,7 @@ def driven(lambda_s, noise, count=400, seed=0):
         adaptation_k=controller.adaptation_k,
         adaptation_d=controller.adaptation_d,
     )
-    plant, still = pa.PinocchioPlant(robot), np.zeros(3)
+    plant, still = pa.plants.PinocchioPlant(robot), np.zeros(3)
     desired, mean, torques = pa.Desired(robot.position(robot.q0), still, still), 0.0, []
     for sign in (1.0, -1.0):
         rng = np.random.default_rng(seed)
@@ -251,12 +266,12 @@ def test_white_noise_at_rest_drives_estimates_only_through_the_plain_regressor()
 
 def test_where_the_low_pass_has_followed_the_torque_is_the_plain_one():
     robot = catalogue_robot("panda")
-    plain = pa.make_controller(robot, torque_limits=False)
+    plain = pa.make_controller(robot, limits=pa.Limits(torque=False))
     law = plain.law.decorrelated(40.0)
-    free = pa.make_controller(robot, law=law, torque_limits=False)
+    free = pa.make_controller(robot, law=law, limits=pa.Limits(torque=False))
     v = np.linspace(-0.3, 0.4, 7)
     sample, desired = (
-        pa.PinocchioPlant(robot).measurement(robot.q0, v),
+        pa.plants.PinocchioPlant(robot).measurement(robot.q0, v),
         circle_at_home(robot).at(0.3),
     )
     torque = plain.command(plain.init(sample), sample, desired)[1].torque
@@ -272,11 +287,15 @@ def test_a_wider_band_leaves_less_of_the_difference():
     """In continuous time in proportion to 1 / lambda_s, once the low pass has left its start."""
     robot, ends = catalogue_robot("ur5"), []
     true, path = with_tool_and_load(robot), circle_at_home(with_tool_and_load(robot))
-    plain = made(torque_limits=False)
+    plain = made(limits=pa.Limits(torque=False))
     for lambda_s in (math.inf, 800.0, 200.0):
         law = plain.law.decorrelated(lambda_s)
-        controller = pa.make_controller(robot, law=law, torque_limits=False, adaptation="none")
-        stream = pa.run_continuous(pa.PinocchioPlant(true), controller, path, dt=1e-3, duration=0.3)
+        controller = pa.make_controller(
+            robot, law=law, limits=pa.Limits(torque=False), adaptation="none"
+        )
+        stream = pa.simulation.run_continuous(
+            pa.plants.PinocchioPlant(true), controller, path, dt=1e-3, duration=0.3
+        )
         ends.append(np.array([sample.torque for sample in stream])[150:])
     wide, narrow = (np.abs(end - ends[0]).max() for end in ends[1:])
     assert 0.0 < wide < 0.35 * narrow
@@ -292,8 +311,8 @@ def test_a_decorrelation_that_is_none_is_refused():
 
 
 def test_the_velocity_filter_is_a_low_pass_of_gain_one():
-    controller, robot = made(noise={"v": 0.05}), catalogue_robot("ur5")
-    plant, still = pa.PinocchioPlant(robot), np.zeros(3)
+    controller, robot = made(sensors=pa.Sensors(noise={"v": 0.05})), catalogue_robot("ur5")
+    plant, still = pa.plants.PinocchioPlant(robot), np.zeros(3)
     bandwidth, v = controller.senses.low_pass.bandwidth, np.linspace(0.1, 0.4, 6)
     desired = pa.Desired(robot.position(robot.q0), still, still)
     state = controller.init(plant.measure(), adapting=False)
@@ -312,8 +331,8 @@ def norms_of_run(bits, **options):
     """Return errors [m], and norms of the estimate, of a UR5 whose v is differenced from counts."""
     robot = catalogue_robot("ur5")
     true = with_tool_and_load(robot).changed(viscous=0.3, coulomb=0.5)
-    path = pa.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(true.position(true.q0))
-    count = {"encoder": 2.0 * np.pi / 2**bits}
+    path = pa.trajectories.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(true.position(true.q0))
+    count = {"sensors": pa.Sensors(encoder=2.0 * np.pi / 2**bits)}
     controller = pa.make_controller(robot, **count)
     rollout = pa.simulate(true, controller, path, record_every=10, **count, **options)
     return rollout, np.linalg.norm(rollout.a_d, axis=1)
@@ -331,7 +350,7 @@ def test_an_arm_with_differenced_encoders_of_17_bits_is_held():
 
 
 def test_samples_at_rest_show_their_noise():
-    rng, plant = np.random.default_rng(0), pa.PinocchioPlant(catalogue_robot("ur5"))
+    rng, plant = np.random.default_rng(0), pa.plants.PinocchioPlant(catalogue_robot("ur5"))
     still = plant.measure()
     samples = [
         still._replace(
@@ -341,9 +360,9 @@ def test_samples_at_rest_show_their_noise():
         )
         for k in range(2000)
     ]
-    found = seen_noise(samples)
+    found = pa.Sensors.measured_at_rest(samples).noise
     assert found["v"] == pytest.approx(2e-3, rel=0.1)
     assert found["x"] == pytest.approx(1e-3, rel=0.1)
     for refused in (samples[:3], [sample._replace(v=sample.v + 0.1) for sample in samples]):
-        with pytest.raises(pa.InputError, match="noise"):
-            seen_noise(refused)
+        with pytest.raises(pa.InputError, match="samples"):
+            pa.Sensors.measured_at_rest(refused)

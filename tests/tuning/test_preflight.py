@@ -10,8 +10,10 @@ from tests.support.chains import catalogue_robot, robot_of
 
 pytestmark = pytest.mark.slow
 
-LAWS = [name for name, law in pa.LAWS.items() if law.adapts]
-FRAME_LAWS = [n for n in LAWS if pa.LAWS[n].learns_kinematics and not pa.LAWS[n].joint_space]
+LAWS = [name for name, law in pa.laws.LAWS.items() if law.adapts]
+FRAME_LAWS = [
+    n for n in LAWS if pa.laws.LAWS[n].learns_kinematics and not pa.laws.LAWS[n].joint_space
+]
 ROBOTS = ["planar_2r", "scara", "ur5", "panda", "kinova", "talos_arm", "finger_edu"]
 
 
@@ -23,7 +25,7 @@ ROBOTS = ["planar_2r", "scara", "ur5", "panda", "kinova", "talos_arm", "finger_e
 )
 def test_default_gains_pass(name, law, dt):
     controller = pa.make_controller(
-        robot_of(law, name), law=law, joint=["viscous", "coulomb"], dt=dt
+        robot_of(law, name), law=law, unknown=pa.Unknown(friction=True, armature=False), dt=dt
     )
     assert [str(finding) for finding in pa.preflight(controller, dt)] == []
 
@@ -40,7 +42,9 @@ def test_default_gains_of_slow_loops_pass(name, dt):
 def test_slow_loops_hold(name, dt, share):
     case = zoo_case(name)
     controller = pa.make_controller(case.believed, dt=dt)
-    rollout = pa.simulate(case.true, controller, case.motion, duration=12.0, dt=dt)
+    rollout = pa.simulate(
+        case.true, controller, case.motion, duration=12.0, engine=pa.Engine(dt=dt)
+    )
     assert rollout.diverged is None
     assert rollout.distance[rollout.t > 9.0].max() < share * case.radius
 
@@ -69,9 +73,9 @@ def loop(robot, controller, dt, **options):
     return pa.simulate(
         robot,
         controller,
-        pa.Hold(start + np.array([0.01, 0.0, 0.0])),
+        pa.trajectories.Hold(start + np.array([0.01, 0.0, 0.0])),
         duration=1.0,
-        dt=dt,
+        engine=pa.Engine(dt=dt),
         **options,
     )
 
@@ -108,7 +112,9 @@ def test_rates_that_are_too_fast_are_named():
     robot = catalogue_robot("ur5")
     law = "adaptive-inverse-dynamics"
     rates = {"gamma_d": 1e5, "gamma_k": 200.0, "gamma_joint": 1e6}
-    fast = pa.make_controller(robot, law=law, joint="all", **rates)
+    fast = pa.make_controller(
+        robot, law=law, unknown=pa.Unknown(friction=True, armature=True), **rates
+    )
     parts = {finding.part: finding for finding in pa.preflight(fast, 1e-3)}
     assert set(parts) == {"adaptation of the dynamics", "adaptation of the kinematics"}
     finding = parts["adaptation of the kinematics"]
@@ -194,18 +200,26 @@ def test_numbers_are_rounded_to_the_safe_side():
 def test_default_rates_are_lowered_to_what_the_period_bears():
     """ANYmal C's leg, damped weakly in its heavy direction, has slower modes than usual."""
     believed = zoo_case("anymal_c_lf_leg").believed
-    controller = pa.make_controller(believed, law="adaptive-jacobian", joint=["viscous", "coulomb"])
+    controller = pa.make_controller(
+        believed, law="adaptive-jacobian", unknown=pa.Unknown(friction=True, armature=False)
+    )
     assert pa.preflight(controller, 1e-3) == []
     bodies, joints = (part.gamma for part, _ in controller.adaptation_d.parts)
     usual = {"gamma_d": 1.7 * bodies, "gamma_joint": 1.7 * joints}
     faster = pa.make_controller(
-        believed, law="adaptive-jacobian", joint=["viscous", "coulomb"], **usual
+        believed,
+        law="adaptive-jacobian",
+        unknown=pa.Unknown(friction=True, armature=False),
+        **usual,
     )
     assert [finding.part for finding in pa.preflight(faster, 1e-3)] == [
         "adaptation of the dynamics"
     ]
     slow = pa.make_controller(
-        believed, law="adaptive-jacobian", joint=["viscous", "coulomb"], dt=1e-4
+        believed,
+        law="adaptive-jacobian",
+        unknown=pa.Unknown(friction=True, armature=False),
+        dt=1e-4,
     )
     assert (
         bodies < slow.adaptation_d.parts[0][0].gamma

@@ -32,7 +32,7 @@ def test_ten_parameters_invert_the_pseudo_inertia():
 
 def test_plausible_robots_are_physical_and_differ_only_where_they_may():
     robot = catalogue_robot("ur5")
-    dynamics = pa.LumpedDynamics(robot, ["elbow_joint:length"], ["wrist_1_joint"])
+    dynamics = pa.models.LumpedDynamics(robot, ["elbow_joint:length"], ["wrist_1_joint"])
     masses, stretched = [], []
     for true in plausible(robot, dynamics, 400):
         for joint in range(1, 7):
@@ -53,7 +53,7 @@ def test_covariance_of_bodies_is_the_metric_of_natural_adaptation(monkeypatch):
     """To first order it is s^2 H^-1, H the Hessian of the log-det divergence at the body."""
     monkeypatch.setattr(prior, "INERTIA", 0.01)
     robot = catalogue_robot("panda")
-    dynamics = pa.BodyDynamics(robot, "payload")
+    dynamics = pa.models.BodyDynamics(robot, "payload")
     samples = list(plausible(robot, dynamics, 4000))
     errors = np.array([dynamics.value(true) - dynamics.initial for true in samples])
     G = np.linalg.solve(pseudo_inertia(dynamics.initial), BodyInequality(["last"]).F)
@@ -69,12 +69,16 @@ def test_covariance_of_bodies_is_the_metric_of_natural_adaptation(monkeypatch):
 @pytest.mark.parametrize("unknown", ["lumped", "bodies", "basis"])
 def test_default_gain_puts_the_fastest_mode_where_it_belongs(law, unknown):
     robot = catalogue_robot("planar_2r" if unknown == "basis" else "ur5")
-    options = {"lumped": {"kinematic": lengths(robot)}, "bodies": {}, "basis": {"basis": BASIS}}[
-        unknown
-    ]
-    controller = pa.make_controller(robot, law=law, adaptation="projected", **options)
+    words = {
+        "lumped": {"tool": False, "translations": lengths(robot)},
+        "bodies": {},
+        "basis": {"basis": BASIS},
+    }
+    controller = pa.make_controller(
+        robot, law=law, adaptation="projected", unknown=pa.Unknown(**words[unknown])
+    )
     w, law = bandwidth(robot, 1e-3), controller.law
-    motion = pa.TypicalMotion(robot, controller.kinematics, controller.dynamics, w)
+    motion = pa.models.TypicalMotion(robot, controller.kinematics, controller.dynamics, w)
     Gamma = controller.adaptation_d.gain(controller.dynamics.initial)
     assert frequency(law.parameter_effects(motion), Gamma) == pytest.approx(
         law.adaptation_mode * w, rel=1e-6
@@ -84,10 +88,12 @@ def test_default_gain_puts_the_fastest_mode_where_it_belongs(law, unknown):
 def test_a_basis_without_plausible_values_is_shaped_by_its_excitation():
     robot = catalogue_robot("planar_2r")
     effects = [np.array([[1.0, 2.0, 0.0]]), np.array([[1.0, 2.0, 0.0]])]
-    basis = pa.make_controller(robot, adaptation="gradient", joint="none").dynamics
+    basis = pa.make_controller(
+        robot, adaptation="gradient", unknown=pa.Unknown(friction=False, armature=False)
+    ).dynamics
     assert prior_covariance(robot, basis) is not None
 
-    class Opaque(pa.BodyDynamics):
+    class Opaque(pa.models.BodyDynamics):
         def value(self, robot):
             return None
 
@@ -98,8 +104,8 @@ def test_a_basis_without_plausible_values_is_shaped_by_its_excitation():
 
 def test_units_far_apart_are_no_reason_to_refuse_a_gain():
     tiny = np.diag([1e9, 1e-9])
-    assert np.array_equal(pa.Gradient(tiny, 2).Gamma, tiny)
+    assert np.array_equal(pa.adaptation.Gradient(tiny, 2).Gamma, tiny)
     correlated = np.array([[1e9, 0.999], [0.999, 1e-9]])
-    assert pa.Gradient(correlated, 2).Gamma[0, 1] == 0.999
+    assert pa.adaptation.Gradient(correlated, 2).Gamma[0, 1] == 0.999
     with pytest.raises(pa.GainError, match="definite"):
-        pa.Gradient(np.array([[1e9, 1.001], [1.001, 1e-9]]), 2)
+        pa.adaptation.Gradient(np.array([[1e9, 1.001], [1.001, 1e-9]]), 2)

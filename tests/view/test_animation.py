@@ -74,7 +74,7 @@ def test_a_page_contains_equal_meshes_once():
     shapes = [shape for shape in robot.visual.geometryObjects if shape.meshPath]
     different = {(shape.meshPath, tuple(shape.meshColor)) for shape in shapes}
     assert len(different) < len(shapes)
-    path = pa.Hold(robot.position(robot.q0))
+    path = pa.trajectories.Hold(robot.position(robot.q0))
     rollout = pa.simulate(robot, pa.make_controller(robot), path, duration=0.01)
     drawn, copied = set(), 0
     for message in sent(stream(rollout.animate())):

@@ -36,11 +36,11 @@ def loop(duration, changes=None):
     """Return plant, controller, path and what a live view of them takes."""
     robot = pa.load("planar_2r")
     true = robot.changed(tool_translation=[0.1, 0.0, 0.0], payload=pa.Payload(0.5))
-    controller = pa.make_controller(robot, kinematic=["tool"])
+    controller = pa.make_controller(robot, unknown=pa.Unknown(tool=True))
     start = true.position(true.q0)
-    path = pa.Circle(np.zeros(2), 0.2, 2.0).starting_at(start)
+    path = pa.trajectories.Circle(np.zeros(2), 0.2, 2.0).starting_at(start)
     view = LiveView(true, controller, path, duration=duration, changes=changes, title="<two> & two")
-    return pa.PinocchioPlant(true), controller, path, view
+    return pa.plants.PinocchioPlant(true), controller, path, view
 
 
 def watched(duration, **options):
@@ -169,10 +169,10 @@ def test_a_load_is_shown_while_it_is_carried():
     (load,) = loaded.loads
     assert load.mass == 2.0 and not robot.loads and not robot.changed(inertial_scale=2.0).loads
     controller = pa.make_controller(robot)
-    path = pa.Hold(robot.position(robot.q0))
+    path = pa.trajectories.Hold(robot.position(robot.q0))
     view = LiveView(robot, controller, path, duration=0.1, changes={0.05: loaded})
     with view:
-        list(view.watch(pa.run(pa.PinocchioPlant(robot), controller, path, duration=0.1)))
+        list(view.watch(pa.run(pa.plants.PinocchioPlant(robot), controller, path, duration=0.1)))
     commands, _ = parted(b"".join(view._window.read()))
     shown = commands["set_transform", "/meshcat/true/joint 2/load 1"]["matrix"]
     assert shown[0] == pytest.approx(1.0)

@@ -90,7 +90,10 @@ def test_without_adaptation_a_shorter_run_ends_like_the_whole():
     left_out = (case.duration - case.repeating) / case.period
     assert left_out == round(left_out) > 0 and case.repeating >= 9.0
     controller = pa.make_controller(
-        case.believed, law="adaptive-jacobian", joint=("viscous", "coulomb"), adaptation="none"
+        case.believed,
+        law="adaptive-jacobian",
+        unknown=pa.Unknown(friction=True, armature=False),
+        adaptation="none",
     )
     ends = [
         last_error(
@@ -104,7 +107,7 @@ def test_without_adaptation_a_shorter_run_ends_like_the_whole():
 
 def test_a_wrist_without_inertia_is_named(monkeypatch):
     """With the tool learned too fast, damping through its estimate is too much for the wrist."""
-    monkeypatch.setattr(pa.AdaptiveJacobian, "kinematic_mode", 0.25)
+    monkeypatch.setattr(pa.laws.AdaptiveJacobian, "kinematic_mode", 0.25)
     monkeypatch.setattr("pinadapt.laws.posture.SHARE", 0.15)
     row = zoo_row("tiago_arm", "adaptive-jacobian")
     assert "1 kHz is too slow for arm_7_joint" in row.verdict

@@ -17,6 +17,7 @@ from ..robot.robot import Robot
 from ..scenario.exciting_scenario import exciting_tables, exciting_text, scenario_of_robot
 from ..scenario.scenario import Scenario
 from ..scenario.validation import check_tables
+from ..tuning.unknowns import Unknown
 from .arguments import add_out_file, add_seed, names
 from .outputs import warn_of_findings
 
@@ -101,13 +102,8 @@ def _of_robot(options: argparse.Namespace) -> tuple[dict[str, Any], ExcitingMoti
     unknown, joint = options.unknown or ["all"], options.joint or ["all"]
     kinematic = [name for name in unknown if name in (TOOL, BASE)]
     dynamic = [name for name in unknown if name not in kinematic] or ["none"]
-    motion = find(
-        robot,
-        dynamic=_words(dynamic),
-        joint=_words(joint),
-        kinematic=kinematic,
-        **_found(options),
-    )
+    words = Unknown.of_tables(kinematic, _words(dynamic), _words(joint))
+    motion = find(robot, unknown=words, **_found(options))
     return scenario_of_robot(options.source, robot, dynamic, joint), motion
 
 

@@ -16,6 +16,7 @@ from ..identification.report import FILES
 from ..robot.loading import load
 from ..robot.robot import Robot
 from ..scenario.scenario import Scenario
+from ..tuning.unknowns import Unknown
 from .arguments import add_description, add_out, assignment, names
 from .outputs import RUN_FILES, steps_bar
 from .status import DONE
@@ -108,7 +109,7 @@ def identify(options: argparse.Namespace) -> int:
     folder = options.out or Path("out") / f"{options.log.stem or 'log'}-identified"
     _check_place(folder, options.log)
     robot, unknown = _believed(options)
-    for name in ("kinematic", "dynamic", "joint", "compensated"):
+    for name in ("kinematic", "dynamic", "joint"):
         given = getattr(options, name)
         unknown |= {} if given is None else {name: _words(given)}
     found = identify_log(
@@ -119,7 +120,8 @@ def identify(options: argparse.Namespace) -> int:
         degrees=options.degrees,
         topic=options.topic,
         pose_topic=options.pose_topic,
-        **unknown,
+        unknown=Unknown.of_tables(**unknown),
+        compensated=options.compensated,
     )
     try:
         _write(found, folder)

@@ -36,13 +36,13 @@ def _bar(items: Iterable[Item], total: int, name: str, unit: str) -> Iterable[It
 
 
 def warn_of_findings(scenario: Scenario) -> None:
-    """Tell what the check before a run says of a scenario."""
+    """Warn of what the pre-run check finds in a scenario, or say that it passed."""
     found = scenario.findings()
     for finding in found:
         warnings.warn(finding, stacklevel=2)
     if not found:
-        dt = scenario.tables.simulation.dt
-        print(f"check before a run: {scenario.controller.law.name} suits a period of {dt:g} s.")
+        law, dt = scenario.controller.law.name, scenario.tables.simulation.dt
+        print(f"Pre-run check passed: '{law}' is stable at {1e3 * dt:g} ms.")
 
 
 RUN_FILES = (

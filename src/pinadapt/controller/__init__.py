@@ -1,9 +1,11 @@
 """The controller: law, belief and adaptation in one object with explicit state."""
 
+from ..records import SensorQuality as SensorQuality
 from .belief import Belief as Belief
 from .controller import Controller as Controller
 from .estimator import Estimator as Estimator
 from .learned import LearnedParameters as LearnedParameters
+from .limits import ControllerLimits as ControllerLimits
 from .limits import Limits as Limits
 from .sensing import Guards as Guards
 from .sensing import Senses as Senses

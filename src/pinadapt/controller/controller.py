@@ -32,7 +32,7 @@ from .belief import Belief, informed
 from .controller_sheet import controller_sheet
 from .inputs import InputCheck, initial_estimate
 from .learned import learned_robot
-from .limits import Limits
+from .limits import ControllerLimits
 from .sensing import Guards, Senses
 from .state import ControllerState
 
@@ -54,6 +54,7 @@ class Controller:
         motion: the believed robot over a typical motion, for the check before a run; None for a
             controller put together by hand.
         compensation: what the arm adds to the torque that it is sent, of q (nq), or None.
+        sensors: that it was made for; ``simulate`` simulates these by default.
         period: sampling period that it was made for [s]; infinite if unknown.
         belief: what an announced load or tool is added to; None for a controller put together by
             hand.
@@ -67,7 +68,7 @@ class Controller:
         *,
         adaptation_k: Adaptation,
         adaptation_d: Adaptation,
-        limits: Limits | None = None,
+        limits: ControllerLimits | None = None,
         senses: Senses | None = None,
         motion: TypicalMotion | None = None,
         compensation: Compensation | None = None,
@@ -77,9 +78,10 @@ class Controller:
         """Put the parts together; ``pinadapt.make_controller`` does so with defaults."""
         self.law, self.kinematics, self.dynamics = law, kinematics, dynamics
         self.adaptation_k, self.adaptation_d = adaptation_k, adaptation_d
-        self.limits = Limits() if limits is None else limits
+        self.limits = ControllerLimits() if limits is None else limits
         everything = Guards(np.full(kinematics.nv, np.inf))
         self.senses = Senses(everything) if senses is None else senses
+        self.sensors = self.senses.sensors
         self.motion, self.period, self.belief = motion, period, belief
         self.compensation = compensation
         self._inputs = InputCheck(kinematics, dynamics.size)
@@ -290,7 +292,7 @@ class Controller:
             dynamic = dynamic._replace(value=s.a_d)
         return EstimatedModel(
             self.kinematics, self.dynamics, self.adaptation_k, self.adaptation_d,
-            state.kinematic, dynamic, dt, self.limits.watch,
+            state.kinematic, dynamic, dt, self.limits.stop_on_divergence,
         )  # fmt: skip
 
     def _observe(
@@ -397,8 +399,8 @@ class Controller:
             return DivergedError("the torque or the estimates are no longer finite.")
         return DivergedError(
             f"the estimates diverged: their norm is {math.sqrt(size):.3g}. Try smaller gamma_d "
-            "and gamma_k, natural adaptation, or a start nearer to the truth; watch = false "
-            "does not end the run."
+            "and gamma_k, natural adaptation, or a start nearer to the truth; "
+            "stop_on_divergence=False does not end the run."
         )
 
     def parameter_storage(

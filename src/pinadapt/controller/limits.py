@@ -1,13 +1,14 @@
-"""What a controller does not exceed: torques, the inverse Jacobian, estimates, translations."""
+"""Limits of a controller: torques, the inverse Jacobian, estimates, translations."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import numbers, positive, vector
+from .._checks import flag, numbers, positive, vector
 from ..exceptions import GainError, ParameterError
 from ..models.dynamics import Dynamics
 from ..models.right_inverse import RightInverse
@@ -23,75 +24,103 @@ _WIDE, _WIDE_BASE = 0.5, 10.0  # of the reach
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """Limits of a controller; the defaults limit nothing.
+    """What a controller made by ``make_controller`` does not exceed.
+
+    Attributes:
+        torque: (n) bounds [N m or N] at which the torque is clipped and the adaptation of the
+            tracking error rests; True for the efforts of the description, False for none.
+        box: where the kinematic estimates stay: a margin [m] around the nominal values, or p of
+            them; lower and upper bounds (2, p) [m]; False for no box. By default a length stays
+            within a fifth and five times its nominal value, other coordinates within half the
+            robot's reach, those of the base within ten times.
+        damping: the right inverse of J_hat is damped where its smallest singular value, estimated
+            from below, falls under this fraction of its value at home; zero never damps.
+        guards: which measurements are refused as implausible, and when estimates rest; False for no
+            guard, or a mapping from some of "position", "velocity", "time" and "rest" to False. See
+            ``Guards``.
+        stop_on_divergence: whether a run ends, with a message, when an M_hat to be inverted is not
+            positive definite or the estimates run away.
+
+    Raises:
+        GainError: a damping outside [0, 1).
+        InputError: a ``stop_on_divergence`` that is neither True nor False.
+    """
+
+    torque: ArrayLike | bool | None = True
+    box: ArrayLike | bool | None = None
+    damping: float = 0.2
+    guards: Mapping[str, bool] | bool = True
+    stop_on_divergence: bool = True
+
+    def __post_init__(self) -> None:
+        """Refuse what does not depend on the robot."""
+        if positive(self.damping, "damping", zero=True) >= 1.0:
+            raise GainError(
+                f"must be a fraction of home's, below 1, got {self.damping:g}.", where="damping"
+            )
+        flag(self.stop_on_divergence, "stop_on_divergence")
+
+
+@dataclass(frozen=True, eq=False)
+class ControllerLimits:
+    """Limits of a controller in numbers; the defaults limit nothing.
 
     Attributes:
         torque: (n) bounds of the motors [N m or N], infinite where there is none, or None for none
             at all.
         singular: s_0, below which the right inverse of J_hat is damped; zero never damps it.
-        estimate: bound on the norm of all estimates together; infinite when nobody watches.
-        watch: whether estimates that went wrong end the run.
+        estimate: bound on the norm of all estimates together, infinite for none.
+        stop_on_divergence: whether estimates that went wrong end the run.
     """
 
     torque: np.ndarray | None = None
     singular: float = 0.0
     estimate: float = np.inf
-    watch: bool = True
+    stop_on_divergence: bool = True
 
 
-def make_limits(
-    believed: Robot,
-    kinematics: TaskKinematics,
-    dynamics: Dynamics,
-    *,
-    torque: ArrayLike | bool | None,
-    damping: float,
-    watch: bool,
-) -> Limits:
-    """Return the limits of a controller for a believed robot.
+def limits_for(
+    robot: Robot, kinematics: TaskKinematics, dynamics: Dynamics, limits: Limits
+) -> ControllerLimits:
+    """Return the limits of a controller for a robot.
+
+    The estimates have run away beyond ten thousand times the sum of the nominal parameters' norm,
+    the robot's mass and its reach.
 
     Args:
-        believed: the believed robot.
+        robot: the model.
         kinematics: its kinematics.
         dynamics: its dynamics.
-        torque: (n) bounds, True for the efforts of the robot's description, None or False for none.
-        damping: s_0 as a fraction of s at home, zero for no damping; see ``RightInverse``.
-        watch: whether estimates that went wrong end the run; estimates are absurd beyond ten
-            thousand times the believed parameters, the robot's mass and its reach.
+        limits: as given.
 
     Raises:
-        GainError: torque limits that are not positive, or a damping outside [0, 1).
+        GainError: torque limits that are not positive.
     """
-    fraction = positive(damping, "damping", zero=True)
-    if fraction >= 1.0:
-        raise GainError(
-            f"must be a fraction of home's, below 1, got {fraction:g}.", where="damping"
-        )
-    kinematics.update(kinematics.initial, believed.q0, np.zeros(believed.model.nv))
+    kinematics.update(kinematics.initial, robot.q0, np.zeros(robot.model.nv))
     s_home = RightInverse(kinematics.J, 1.0).conditioning  # damped, so that no home is refused
     size = (
         float(np.linalg.norm(dynamics.initial))
-        + sum(body.mass for body in believed.model.inertias)
-        + believed.reach
+        + sum(body.mass for body in robot.model.inertias)
+        + robot.reach
     )
-    return Limits(
-        torque_limits(believed, torque),
-        fraction * s_home,
-        _ABSURD * size if watch else np.inf,
-        watch,
+    return ControllerLimits(
+        torque_limits(robot, limits.torque),
+        limits.damping * s_home,
+        _ABSURD * size if limits.stop_on_divergence else np.inf,
+        limits.stop_on_divergence,
     )
 
 
 def make_box(
-    believed: Robot, kinematics: TaskKinematics, given: ArrayLike | bool | None
+    robot: Robot, kinematics: TaskKinematics, given: ArrayLike | bool | None
 ) -> np.ndarray | None:
     """Return the box (2, p) of the kinematic estimates, lower bounds first, or None for none.
 
     Args:
-        believed: the believed robot.
+        robot: the model.
         kinematics: its unknown translations.
-        given: a margin [m] around the believed values, or p of them; both bounds (2, p) [m]; False
-            for none. By default a length lies between a fifth and five times the believed one,
+        given: a margin [m] around the nominal values, or p of them; both bounds (2, p) [m]; False
+            for none. By default a length lies between a fifth and five times the nominal one,
             other coordinates within half the robot's reach, those of the base within ten times.
 
     Raises:
@@ -108,7 +137,7 @@ def make_box(
         sizes = [len(part.labels) for part in kinematics.translations]
         length = np.repeat(plain, sizes) & (centre > 0.0)
         wide = [_WIDE_BASE if part.joint == FIRST else _WIDE for part in kinematics.translations]
-        margin = np.repeat(wide, sizes) * believed.reach
+        margin = np.repeat(wide, sizes) * robot.reach
         low = np.where(length, _SHORTEST * centre, centre - margin)
         return np.stack([low, np.where(length, _LONGEST * centre, centre + margin)])
     given = numbers(given, "unknown.kinematic_box", error=ParameterError)

@@ -17,9 +17,8 @@ from ..filters.filters import LowPass
 from ..models.delay_compensation import DelayCompensator, SensedState
 from ..models.task_kinematics import TaskKinematics
 from ..models.translations import FIRST
-from ..records import Desired, Measurement
+from ..records import Desired, Measurement, SensorQuality, Sensors
 from ..robot.robot import Robot
-from ..sensing import SensorQuality
 
 GUARDS = ("position", "velocity", "time", "rest")
 _FAR, _FAR_BASE = 2.0, 20.0  # of the reach: x from x_hat, with the base in its place and unknown
@@ -135,12 +134,14 @@ class Senses:
         compensator: predicts the present position from late frames of a camera.
         low_pass: on the measured joint velocity, or None.
         quality: of the sensors for which all this is made.
+        sensors: for which all this is made.
     """
 
     guards: Guards
     compensator: DelayCompensator = field(default_factory=DelayCompensator)
     low_pass: LowPass | None = None
     quality: SensorQuality = _PERFECT
+    sensors: Sensors = field(default_factory=Sensors)
 
     def init(self, measurement: Measurement, kinematics: TaskKinematics) -> SensedState:
         """Return what is kept of the first sample."""

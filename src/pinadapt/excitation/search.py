@@ -8,20 +8,20 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import instance, positive, whole
+from .._checks import instance, keywords, positive, whole
 from .._compiled import compile_all
 from ..controller.controller import Controller
 from ..exceptions import InputError, RobotError
 from ..information.payload import described_robot
 from ..models.frame_kinematics import FrameKinematics
+from ..models.joint_effects import ALL
 from ..models.joint_kinematics import JointKinematics
 from ..models.task_kinematics import TaskKinematics
-from ..models.translations import Translation
 from ..robot.robot import Robot
 from ..simulation.simulate import Progress, watched
 from ..tasks.joint import JointTask
 from ..tasks.registry import TASKS
-from ..tuning.unknowns import believed_dynamics
+from ..tuning.unknowns import Unknown, nominal_dynamics
 from .aim import Aim
 from .allowance import Allowance, configurations
 from .exciting_motion import ExcitingMotion, LimitUse, RestToRest
@@ -35,12 +35,15 @@ _STEP = 1e-6  # of numerical derivatives [rad or m, and per s or s^2]
 _BISECTIONS = 20  # in the last check
 
 
+@keywords(
+    dynamic='unknown=pa.Unknown(bodies="all")',
+    joint="unknown=pa.Unknown(friction=True, armature=True)",
+    kinematic="unknown=pa.Unknown(tool=True), with base, translations and lengths beside it",
+)
 def excite(
     robot: Robot | Controller,
     *,
-    dynamic: str | Sequence[str] = "all",
-    joint: str | Sequence[str] = "all",
-    kinematic: str | Sequence[str | Translation] = (),
+    unknown: Unknown | str | Sequence[str] | None = None,
     duration: float = 10.0,
     harmonics: int | None = None,
     excursion: ArrayLike | None = None,
@@ -60,11 +63,11 @@ def excite(
     itself are not checked: a smaller ``excursion`` avoids them.
 
     Args:
-        robot: nominal, of any task, at its home; or a controller, whose unknowns are taken.
-        dynamic: unknown bodies: "all", "payload" (the last one), "none", or joint names.
-        joint: unknown coefficients of the joints: "all", "none", or some of "armature", "viscous",
-            "coulomb".
-        kinematic: unknown translations, "tool", "base", joint names, that a camera would show.
+        robot: the nominal model, of any task, at its home; or a controller, whose unknown
+            parameters are taken.
+        unknown: what the motion is to excite, an ``Unknown`` or words for it; by default all
+            bodies, friction and rotor inertias. Translations, ``tool`` among them, are those that a
+            camera would show.
         duration: of the motion, and period of the series [s].
         harmonics: of the series, at least 2; by default as many as stay within half a hertz, from 3
             to 8.
@@ -80,7 +83,7 @@ def excite(
         RobotError: home is outside the limits, or the motors cannot hold arm and load there.
     """
     compile_all()
-    nominal, aim = _nominal_and_aim(robot, dynamic, joint, kinematic)
+    nominal, aim = _nominal_and_aim(robot, unknown)
     duration = positive(duration, "duration", error=InputError)
     if harmonics is None:
         harmonics = min(max(round(_FASTEST * duration), _FEWEST), _MOST)
@@ -103,10 +106,7 @@ def excite(
 
 
 def _nominal_and_aim(
-    given: Robot | Controller,
-    dynamic: str | Sequence[str],
-    joint: str | Sequence[str],
-    kinematic: str | Sequence[str | Translation],
+    given: Robot | Controller, unknown: Unknown | str | Sequence[str] | None
 ) -> tuple[Robot, Aim]:
     """Return the nominal robot and its unknown parameters.
 
@@ -115,17 +115,21 @@ def _nominal_and_aim(
     """
     instance(given, Robot | Controller, "robot")
     if isinstance(given, Controller):
+        if unknown is not None:
+            raise InputError("a controller has its own unknown parameters.", where="unknown")
         nominal = described_robot(given)
         return nominal, Aim(nominal, given.dynamics, given.kinematics)
     nominal = given.undrawn()
-    dynamics = believed_dynamics(nominal, dynamic, joint, None, None, ())
+    unknown = Unknown.of(unknown)
+    dynamics = nominal_dynamics(nominal, unknown, ALL)
+    translations = unknown.translation_words(tool=False)
     kinematics: TaskKinematics
-    if not len(kinematic):
+    if not translations:
         kinematics = JointKinematics(replace(nominal, task=JointTask.of_chain(nominal.model)), ())
     else:
         in_joints = isinstance(nominal.task, JointTask)
         framed = replace(nominal, task=TASKS["xyz"]) if in_joints else nominal
-        kinematics = FrameKinematics(framed, kinematic)
+        kinematics = FrameKinematics(framed, translations)
     return nominal, Aim(nominal, dynamics, kinematics)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import instance, positive
+from .._checks import keywords, positive
 from .._table import Sheet
 from ..adaptation.adaptation import Adaptation
 from ..controller.estimator import Estimator
@@ -26,7 +26,7 @@ from ..rollout.rollout import Rollout
 from ..simulation.simulate import Progress, watched
 from ..tasks.joint import JointTask
 from ..tuning.make_controller import make_estimator
-from ..tuning.unknowns import Words
+from ..tuning.unknowns import Unknown
 from . import report
 from .fits import (
     CUTOFF,
@@ -98,13 +98,16 @@ class Identification(IdentifiedModel):
         return report.pictures_of(self) if folder is None else report.draw(self, Path(folder))
 
 
+@keywords(
+    kinematic="unknown=pa.Unknown(tool=True), with base, translations and lengths beside it",
+    dynamic='unknown=pa.Unknown(bodies="all")',
+    joint="unknown=pa.Unknown(friction=True, armature=True)",
+)
 def identify(
     log: Path | str | Log | Rollout,
     robot: Robot | Path | str,
     *,
-    kinematic: Words | None = None,
-    dynamic: str | Sequence[str] = "all",
-    joint: str | Sequence[str] = "all",
+    unknown: Unknown | str | Sequence[str] | None = None,
     adaptation: str | Adaptation = "natural-memory",
     compensated: Compensation | str | None = None,
     held_out: float = 0.25,
@@ -124,11 +127,8 @@ def identify(
     Args:
         log: a file, folder or ``Log``, see ``read_log``; or a rollout.
         robot: as it is described, a ``Robot`` or what ``load`` takes.
-        kinematic: unknown translations, as ``make_controller`` has them: by default the tool where
-            the log has positions of the frame, else none.
-        dynamic: unknown bodies: "all", "payload" (the last one), "none", or joint names.
-        joint: unknown coefficients of the joints: "all", "none", or some of "armature", "viscous",
-            "coulomb".
+        unknown: what is identified, an ``Unknown`` or words for it; by default the tool where the
+            log has positions of the frame, all bodies, friction and rotor inertias.
         adaptation: of the estimator: one that predicts the torque, by name or as an object.
         compensated: torque that the arm adds by itself and the log leaves out: "nominal" for the
             description's gravity, or a callable of q (nq) that returns the torque (n).
@@ -152,14 +152,12 @@ def identify(
         log, described, columns=columns, degrees=degrees, topic=topic, pose_topic=pose_topic
     )
     found = _compensated(found, described, compensated)
-    frames, nominal = _frames_and_task(found, described, kinematic)
+    unknown = Unknown.of(unknown)
+    frames, nominal = _frames_and_task(found, described, unknown)
     options: dict[str, Any] = {
         "adaptation": adaptation,
-        "kinematic": kinematic,
-        "dynamic": dynamic,
-        "joint": joint,
+        "unknown": replace(unknown, regressor="nominal"),
         "dt": found.period,
-        "regressor": "nominal",
     }
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=".*nominal regressor")  # there is no loop
@@ -221,17 +219,16 @@ def _compensated(log: Log, robot: Robot, compensated: Compensation | str | None)
     return replace(log, tau=tau)
 
 
-def _frames_and_task(log: Log, robot: Robot, kinematic: Words | None) -> tuple[Frames, Robot]:
+def _frames_and_task(log: Log, robot: Robot, unknown: Unknown) -> tuple[Frames, Robot]:
     """Return the frames of a log and the robot; with a joint task if there are no frames."""
-    instance(kinematic, str | Sequence | None, "kinematic")
     without = log.x is None or robot.task.positions == 0
     frames = Frames(np.zeros(0), np.zeros((0, 0))) if without else frames_of(log, robot)
     if len(frames.t):
         return frames, robot
-    if kinematic:
+    if unknown.translation_words(tool=False):
         raise ParameterError(
             "the log has no positions of the task frame, so no translations can be identified.",
-            where="kinematic",
+            where="unknown",
             hint="Record x (a bag: --pose-topic), and load the robot with a task of the frame.",
         )
     return frames, replace(robot, task=JointTask.of_chain(robot.model))

@@ -1,5 +1,6 @@
 """The control laws, one a file."""
 
+from ..signals import Signals as Signals
 from .adaptive_inverse_dynamics import AdaptiveInverseDynamics as AdaptiveInverseDynamics
 from .adaptive_inverse_dynamics_improved import (
     AdaptiveInverseDynamicsImproved as AdaptiveInverseDynamicsImproved,

@@ -7,4 +7,4 @@ from .mujoco_plant import MujocoPlant as MujocoPlant
 from .pinocchio_plant import PinocchioPlant as PinocchioPlant
 from .plant import Plant as Plant
 from .plant import SimulatedPlant as SimulatedPlant
-from .sensors import Sensors as Sensors
+from .sensors import SimulatedSensors as SimulatedSensors

@@ -137,5 +137,5 @@ class SimulatedPlant(Plant):
         return given
 
 
-Engine: TypeAlias = Callable[..., SimulatedPlant]
+PlantMaker: TypeAlias = Callable[..., SimulatedPlant]
 """Function of a true robot, torque_limits, compensation and substeps that returns its plant."""

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import arithmetic, flag, instance, name_list, vector
+from .._checks import arithmetic, flag, instance, keywords, name_list, vector
 from ..description.chain import (
     chain_joints,
     check_joints,
@@ -48,6 +48,7 @@ _FINGER = re.compile(r"finger|thumb|(^|[^a-z])jaw")
 _SENSOR = re.compile(r"camera|optical|lidar|laser|sensor|acceler|(^|[^a-z])(imu|lens|range|gyro)")
 
 
+@keywords()
 @arithmetic("robot", RobotError)
 def load(
     source: Source,

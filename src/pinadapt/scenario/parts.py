@@ -90,13 +90,13 @@ def true_changes(described: Robot, truth: TruthSection) -> dict[float, Robot]:
     return robots
 
 
-def told(belief: BeliefSection) -> dict[float, dict[str, Any]]:
-    """Return what ``Controller.believe`` is given at the time [s] of each [[belief.change]].
+def announcements_of(belief: BeliefSection) -> dict[float, dict[str, Any]]:
+    """Return the announcement to the controller at the time [s] of each [[belief.change]].
 
     Raises:
-        ScenarioError: two changes at one time, or one that tells nothing.
+        ScenarioError: two changes at one time, or one without content.
     """
-    beliefs = {}
+    announcements = {}
     for number, change in _in_time(belief.change, "belief.change"):
         named = {name: getattr(change, name) for name in change.model_fields_set - {"at"}}
         if not named:
@@ -105,8 +105,8 @@ def told(belief: BeliefSection) -> dict[float, dict[str, Any]]:
             )
         if "payload" in named:
             named["payload"] = payload_of(change.payload)
-        beliefs[change.at] = named
-    return beliefs
+        announcements[change.at] = named
+    return announcements
 
 
 def _in_time(changes: Sequence[Any], where: str) -> list[tuple[int, Any]]:

@@ -11,24 +11,43 @@ from typing import Any
 from ..adaptation.natural import MatrixInequality
 from ..controller.controller import Controller
 from ..controller.learned import LearnedParameters
+from ..controller.limits import Limits
 from ..description.urdf import is_path
-from ..exceptions import ScenarioError
+from ..exceptions import InputError, ScenarioError
 from ..models.basis import read_matrix
 from ..plants.elastic_plant import JointElasticity
 from ..plants.mujoco_file import MujocoFile
+from ..records import Camera, Sensors
 from ..robot.changes import Payload
 from ..robot.loading import load
 from ..robot.motors import compensation_of, torque_limits
 from ..robot.robot import Robot
 from ..rollout.rollout import Rollout
+from ..simulation.engine import Engine, plant_maker
 from ..simulation.loop import Events
 from ..simulation.prepare import findings, prepare
-from ..simulation.simulate import Progress, engine_of, simulate
+from ..simulation.simulate import Progress, simulate
 from ..trajectories.trajectory import Trajectory
 from ..tuning.make_controller import make_controller
-from .parts import believed_robot, payload_of, told, trajectory_of, true_changes, true_robot
-from .schema import BeliefSection, ScenarioTables, SimulationSection, TruthSection
+from ..tuning.unknowns import Unknown
+from .parts import (
+    announcements_of,
+    believed_robot,
+    payload_of,
+    trajectory_of,
+    true_changes,
+    true_robot,
+)
+from .schema import (
+    BeliefSection,
+    ScenarioTables,
+    SimulationSection,
+    TruthSection,
+    UnknownSection,
+)
 from .validation import prefix_errors, read_tables
+
+_NOT_GAINS = {"law", "adaptation", "acceleration", "damping", "guards", "watch"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +60,9 @@ class Scenario:
         believed: what the controller starts from.
         controller: made for the believed robot.
         trajectory: the desired motion.
-        changes: time [s] -> the true robot from then on.
-        beliefs: time [s] -> what the controller is told then.
-        engine: what simulates the true robot.
+        sensors: of the true robot, for which the controller was made.
+        events: changes of the true robot, and announcements to the controller.
+        engine: what moves the true robot.
         start: ``a_k`` and ``a_d`` to start from, or None for those of ``believed``.
     """
 
@@ -52,9 +71,9 @@ class Scenario:
     believed: Robot
     controller: Controller
     trajectory: Trajectory
-    changes: Mapping[float, Robot]
-    beliefs: Mapping[float, Mapping[str, Any]]
-    engine: str | MujocoFile | JointElasticity = "pinocchio"
+    sensors: Sensors
+    events: Events
+    engine: Engine
     start: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -88,15 +107,25 @@ class Scenario:
             load = payload_of(tables.belief.payload)
             believed = unloaded.changed(payload=load)
         with prefix_errors("controller"):
-            controller = _controller(tables, described, unloaded, load, folder)
+            sensors = _sensors(tables.simulation)
+            controller = _controller(tables, described, unloaded, load, sensors, folder)
         with prefix_errors("belief"):
             start = _start(tables.belief, controller, folder)
         with prefix_errors("reference"):
             trajectory = trajectory_of(tables.reference, true)
-        changes, beliefs = true_changes(described, tables.truth), told(tables.belief)
-        engine = _engine(tables.simulation, folder)
+        changes, announced = true_changes(described, tables.truth), announcements_of(tables.belief)
+        with prefix_errors("simulation"):
+            engine = _engine(tables, folder)
         scenario = cls(
-            tables, true, believed, controller, trajectory, changes, beliefs, engine, start
+            tables,
+            true,
+            believed,
+            controller,
+            trajectory,
+            sensors,
+            Events(changes, announced),
+            engine,
+            start,
         )
         scenario.check()
         return scenario
@@ -108,34 +137,27 @@ class Scenario:
             InputError: initial estimates or a motion of the wrong size, estimates outside the cone,
                 or an engine that is not installed or whose model does not match the robot.
         """
-        if isinstance(self.engine, MujocoFile) and self.tables.truth != TruthSection():
+        if isinstance(self.engine.plant, MujocoFile) and self.tables.truth != TruthSection():
             raise ScenarioError(
                 "the model file of simulation.engine says what the real robot is.",
                 where="truth",
                 hint="Change the file, or take this table out.",
             )
         with prefix_errors("simulation.engine"):
-            plant = engine_of(self.engine)(self.true)
+            plant = plant_maker(self.engine.plant)(self.true)
         with prefix_errors("belief"), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # they are shown when the run starts
-            state = prepare(plant, self.controller, self.trajectory, **self.start)
+            state = prepare(plant, self.controller, self.trajectory, self.start)
         with prefix_errors("belief.change"):
-            Events(self.changes, self.beliefs).check(self.controller, state)
+            self.events.check(self.controller, state)
 
     def findings(self) -> list[str]:
         """Return what of period, sensors and motors would spoil a run; ``run`` warns of it."""
-        simulation = self.tables.simulation
-        if simulation.mode != "sampled":
+        if self.engine.continuous:
             return []
-        return findings(
-            self.true,
-            self.controller,
-            simulation.dt,
-            camera=_camera(simulation),
-            noise=_noise(simulation),
-            encoder=simulation.encoder,
-            motors=torque_limits(self.true, simulation.torque_limits is not False),
-        )
+        motors = torque_limits(self.true, self.engine.torque_limits is not False)
+        dt = self.engine.period(self.controller)
+        return findings(self.true, self.controller, dt, self.sensors, motors)
 
     def run(self, progress: Progress | bool | None = None, *, view: bool = False) -> Rollout:
         """Run the closed loop, with ``progress`` and ``view`` as in ``simulate``.
@@ -150,23 +172,13 @@ class Scenario:
                 self.controller,
                 self.trajectory,
                 duration=simulation.duration,
-                dt=simulation.dt,
-                mode=simulation.mode,
+                sensors=self.sensors,
+                events=self.events,
                 engine=self.engine,
-                substeps=simulation.substeps,
-                acceleration=self.tables.controller.acceleration,
-                **self.start,
-                noise=_noise(simulation),
-                delay=simulation.delay,
-                camera=None if simulation.camera is None else simulation.camera.model_dump(),
-                encoder=simulation.encoder,
-                torque_limits=simulation.torque_limits,
-                changes=self.changes,
-                beliefs=self.beliefs,
+                start=self.start,
                 seed=simulation.seed,
                 title=self.title,
-                progress=progress,
-                view=view,
+                progress="live" if view else progress,
             )
 
 
@@ -200,13 +212,41 @@ def _start(belief: BeliefSection, controller: Controller, folder: Path) -> dict[
     return dict(LearnedParameters.load(folder / belief.learned).start(controller))
 
 
-def _noise(simulation: SimulationSection) -> dict[str, Any] | None:
-    """Return the standard deviations by name, or None where all are zero."""
-    noise: dict[str, Any] = simulation.noise.model_dump()
-    return noise if any(noise.values()) else None
+def _sensors(simulation: SimulationSection) -> Sensors:
+    """Return the sensors of [simulation]; a delay alone is a camera with a frame at every sample.
+
+    Raises:
+        InputError: two delays, or sensors that cannot be.
+    """
+    camera = None if simulation.camera is None else Camera(**simulation.camera.model_dump())
+    if simulation.delay and camera is not None:
+        raise InputError(
+            "a camera has its delay in itself.",
+            where="delay",
+            hint="Take camera = { delay = ... } alone.",
+        )
+    return Sensors(
+        Camera(delay=simulation.delay) if simulation.delay else camera,
+        simulation.encoder,
+        simulation.noise.model_dump(),
+        simulation.carry,
+    )
 
 
-def _engine(simulation: SimulationSection, folder: Path) -> str | MujocoFile | JointElasticity:
+def _engine(tables: ScenarioTables, folder: Path) -> Engine:
+    """Return what moves the true robot, and in which steps."""
+    simulation = tables.simulation
+    return Engine(
+        _plant(simulation, folder),
+        dt=simulation.dt,
+        substeps=simulation.substeps,
+        continuous=simulation.mode == "continuous",
+        ideal_acceleration=tables.controller.acceleration == "ideal",
+        torque_limits=simulation.torque_limits,
+    )
+
+
+def _plant(simulation: SimulationSection, folder: Path) -> str | MujocoFile | JointElasticity:
     """Return the engine's name, or the model file or the springs in its place.
 
     Raises:
@@ -224,44 +264,51 @@ def _engine(simulation: SimulationSection, folder: Path) -> str | MujocoFile | J
     return MujocoFile(folder / simulation.engine.mjcf, **named)
 
 
-def _camera(simulation: SimulationSection) -> dict[str, float | None] | None:
-    """Return the camera by the names of its attributes; a delay alone is one at full rate."""
-    if simulation.camera is not None:
-        return simulation.camera.model_dump()
-    return {"delay": simulation.delay} if simulation.delay else None
-
-
 def _controller(
     tables: ScenarioTables,
     described: Robot,
     unloaded: Robot,
     load: Payload | None,
+    sensors: Sensors,
     folder: Path,
 ) -> Controller:
-    unknown, controller = tables.unknown, tables.controller
-    with prefix_errors("unknown.basis"):
-        basis = None if unknown.basis is None else read_matrix(folder / unknown.basis)
-    with prefix_errors("unknown.lmi"):
-        lmi = None if unknown.lmi is None else MatrixInequality.from_file(folder / unknown.lmi)
-    gains = controller.model_dump(exclude={"law", "adaptation", "acceleration"})
+    controller, simulation = tables.controller, tables.simulation
+    guards = controller.guards
     return make_controller(
         unloaded,
         payload=load,
         law=controller.law,
         adaptation=controller.adaptation,
-        kinematic=unknown.kinematic,
-        dynamic=unknown.dynamic,
-        joint=unknown.joint,
+        unknown=_unknown(tables.unknown, folder),
+        sensors=sensors,
+        limits=Limits(
+            torque=simulation.torque_limits is not False,
+            box=tables.unknown.kinematic_box,
+            damping=controller.damping,
+            guards=guards if isinstance(guards, bool) else guards.model_dump(),
+            stop_on_divergence=controller.watch,
+        ),
+        compensated=compensation_of(described, simulation.compensated),
+        dt=1e-3 if simulation.mode == "continuous" else simulation.dt,
+        **controller.model_dump(exclude=_NOT_GAINS),
+    )
+
+
+def _unknown(unknown: UnknownSection, folder: Path) -> Unknown:
+    """Return what [unknown] says.
+
+    Raises:
+        InputError: words, a basis or an inequality that cannot be used.
+    """
+    with prefix_errors("unknown.basis"):
+        basis = None if unknown.basis is None else read_matrix(folder / unknown.basis)
+    with prefix_errors("unknown.lmi"):
+        lmi = None if unknown.lmi is None else MatrixInequality.from_file(folder / unknown.lmi)
+    return Unknown.of_tables(
+        unknown.kinematic,
+        unknown.dynamic,
+        unknown.joint,
         basis=basis,
         lmi=lmi,
-        kinematic_box=unknown.kinematic_box,
-        torque_limits=tables.simulation.torque_limits is not False,
-        compensated=compensation_of(described, tables.simulation.compensated),
-        camera=_camera(tables.simulation),
-        carry=tables.simulation.carry,
-        noise=tables.simulation.noise.model_dump(),
-        encoder=tables.simulation.encoder,
         regressor=unknown.regressor,
-        dt=1e-3 if tables.simulation.mode == "continuous" else tables.simulation.dt,
-        **gains,
     )

@@ -78,7 +78,7 @@ class TruthSection(TruthKeys):
 
 
 class BeliefChange(Section):
-    """[[belief.change]]: what the controller is told at some time."""
+    """[[belief.change]]: an announcement to the controller at some time."""
 
     at: Positive
     payload: PayloadSection | None = None

@@ -39,7 +39,7 @@ def run_continuous(
         duration: s, whose end has a sample of its own; None for as long as samples are taken.
         state: the controller's initial state; None for its own at the first measurement.
         ideal_acceleration: give the law the plant's own acceleration instead of the filtered one.
-        events: how the plant changes and what the controller is told meanwhile; None for nothing.
+        events: changes of the plant, and announcements to the controller; None for none.
 
     Yields:
         One sample a step.
@@ -128,10 +128,10 @@ class _Loop:
         return np.concatenate([np.zeros(n), v, state.flat()])
 
     def interrupted(self, y: np.ndarray, events: Events, before: float, now: float) -> np.ndarray:
-        """Return y after what happens from ``before`` to ``now`` [s], to the plant as well."""
+        """Return y after the events from ``before`` to ``now`` [s], of the plant as well."""
         events.change(self._plant, before, now)
         state = self.state.with_flat(y[2 * self._plant.nv :])
-        self.state = events.tell(self._controller, state, before, now)
+        self.state = events.announce(self._controller, state, before, now)
         return np.concatenate([y[: 2 * self._plant.nv], self.state.flat()])
 
     def slope(self, y: np.ndarray, t: float) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What happens during a run: the true robot changes, and the controller is told."""
+"""The sampled closed loop, and the events of a run."""
 
 from __future__ import annotations
 
@@ -13,70 +13,71 @@ from ..controller.controller import Controller
 from ..controller.state import ControllerState, Sample
 from ..exceptions import DivergedError, ImplausibleError, InputError, did_you_mean
 from ..plants.plant import Plant
-from ..plants.sensors import Sensors
+from ..plants.sensors import SimulatedSensors
 from ..records import Desired, Measurement
 from ..robot.robot import Robot
 from ..robot.succession import EARLY, in_time
 from ..trajectories.convert import TrajectoryLike
 from .prepare import usable_trajectory
 
-NEWS = ("payload", "tool_translation")
+ANNOUNCED = ("payload", "tool_translation")
 
 
 class Events:
-    """Changes of the true robot and beliefs that the controller is told, each at its time.
+    """Changes of the true robot, and announcements to the controller, each at its time.
 
-    Both take effect at the first sample at or after their time, a change before its belief.
+    Both take effect at the first sample at or after their time, a change before an announcement.
 
     Attributes:
-        changes: time [s] -> the true robot from then on.
-        beliefs: time [s] -> what ``Controller.believe`` is given then, by name.
+        changes: time [s] -> the true robot from then on, made from the same ``load`` as the first.
+        announcements: time [s] -> the arguments of ``Controller.believe`` by name: a new payload or
+            tool that the controller is informed of.
     """
 
     def __init__(
         self,
         changes: Mapping[float, Robot] | None = None,
-        beliefs: Mapping[float, Mapping[str, Any]] | None = None,
+        announcements: Mapping[float, Mapping[str, Any]] | None = None,
     ) -> None:
-        """Take what happens, in any order.
+        """Take events in any order.
 
         Raises:
-            InputError: times that are not positive and finite, or beliefs that ``believe`` does not
-                know.
+            InputError: times that are not positive and finite, or announcements that
+                ``Controller.believe`` does not take.
         """
         self.changes: dict[float, Robot] = in_time(changes, "changes")
-        self.beliefs: dict[float, Mapping[str, Any]] = {
-            time: mapping(belief, f"beliefs[{time:g}]")
-            for time, belief in in_time(beliefs, "beliefs").items()
+        self.announcements: dict[float, Mapping[str, Any]] = {
+            time: mapping(announced, f"announcements[{time:g}]")
+            for time, announced in in_time(announcements, "announcements").items()
         }
-        for time, belief in self.beliefs.items():
-            for name in belief:
-                if name not in NEWS:
+        for time, announced in self.announcements.items():
+            for name in announced:
+                if name not in ANNOUNCED:
                     raise InputError(
-                        f"must be one of {list(NEWS)}, got {name!r}."
-                        f"{did_you_mean(str(name), NEWS)}",
-                        where=f"beliefs[{time:g}]",
+                        f"must be one of {list(ANNOUNCED)}, got {name!r}."
+                        f"{did_you_mean(str(name), ANNOUNCED)}",
+                        where=f"announcements[{time:g}]",
                     )
 
     @property
     def any(self) -> bool:
         """Whether anything happens."""
-        return bool(self.changes or self.beliefs)
+        return bool(self.changes or self.announcements)
 
     def check(self, controller: Controller, state: ControllerState) -> None:
-        """Tell the controller everything in advance, to refuse what it cannot express.
+        """Refuse announcements that the parameters of a controller cannot express.
 
         Raises:
             InputError: as ``Controller.believe``.
         """
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # they are shown when it is told
-            for belief in self.beliefs.values():
-                state = controller.believe(state, **belief)
+            warnings.simplefilter("ignore")  # they are shown at the time of the event
+            for announced in self.announcements.values():
+                state = controller.believe(state, **announced)
 
     def after(self, duration: float) -> list[float]:
-        """Return the times [s] of what does not happen in a run of a duration [s]."""
-        return sorted({at for at in (*self.changes, *self.beliefs) if at > duration - EARLY})
+        """Return the times [s] of the events after the end of a run of a duration [s]."""
+        return sorted({at for at in (*self.changes, *self.announcements) if at > duration - EARLY})
 
     def change(self, plant: Plant, before: float, now: float) -> None:
         """Let a plant become what it is ``now``, if that is another robot than at ``before`` [s].
@@ -87,12 +88,12 @@ class Events:
         for robot in _due(self.changes, before, now):
             plant.become(robot)
 
-    def tell(
+    def announce(
         self, controller: Controller, state: ControllerState, before: float, now: float
     ) -> ControllerState:
-        """Return the state of a controller told what it is from ``before`` to ``now`` [s]."""
-        for belief in _due(self.beliefs, before, now):
-            state = controller.believe(state, **belief)
+        """Return the state after the announcements from ``before`` to ``now`` [s]."""
+        for announced in _due(self.announcements, before, now):
+            state = controller.believe(state, **announced)
         return state
 
 
@@ -112,7 +113,7 @@ def run(
     dt: float = 1e-3,
     duration: float | None = None,
     state: ControllerState | None = None,
-    sensors: Sensors | None = None,
+    sensors: SimulatedSensors | None = None,
     ideal_acceleration: bool = False,
     events: Events | None = None,
 ) -> Iterator[Sample]:
@@ -125,9 +126,9 @@ def run(
         dt: controller period, for which each torque is held [s].
         duration: s; None for as long as samples are taken from the iterator.
         state: the controller's initial state; None for its own at the first measurement.
-        sensors: what the controller sees of the plant; None for all of it as it is.
+        sensors: through which the controller sees the plant; None for perfect ones.
         ideal_acceleration: give the law the acceleration that its torque will cause.
-        events: how the plant changes and what the controller is told meanwhile; None for nothing.
+        events: changes of the plant, and announcements to the controller; None for none.
 
     Yields:
         One sample a period.
@@ -144,7 +145,7 @@ def run(
     if not hasattr(controller, "step") or not hasattr(controller, "init"):
         instance(controller, Controller, "controller")  # any other with these two will do
     trajectory = usable_trajectory(controller, trajectory, duration)
-    instance(sensors, Sensors | None, "sensors")
+    instance(sensors, SimulatedSensors | None, "sensors")
     instance(events, Events | None, "events")
     plant.reset()
     if sensors is not None:
@@ -177,7 +178,7 @@ def run(
         if events is not None:
             now = truth.t + dt
             events.change(plant, truth.t, now)
-            state = events.tell(controller, state, truth.t, now)
+            state = events.announce(controller, state, truth.t, now)
 
 
 def lost(error: ImplausibleError) -> str:

@@ -9,26 +9,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import arithmetic, instance, positive, vector, whole, word
+from .._checks import arithmetic, instance, mapping, positive, vector, whole, word
 from ..adaptation.projections import BoxProjection
 from ..controller.controller import Controller
+from ..controller.learned import LearnedParameters
 from ..controller.state import ControllerState
 from ..exceptions import InputError, ParameterError
 from ..laws import DEFAULT
 from ..plants.plant import SimulatedPlant
+from ..records import Sensors
 from ..robot.home import conditioning
 from ..robot.motors import overloaded
 from ..robot.robot import Robot
-from ..sensing import Camera
 from ..tasks.frame import FrameTask
 from ..trajectories.convert import TrajectoryLike, as_trajectory
 from ..trajectories.trajectory import Trajectory
-from ..tuning.noise import sensor_quality
 from ..tuning.preflight import jacobian_finding, preflight
 from ..tuning.preflight_sensors import sensor_findings
 
-MODES = ("sampled", "continuous")
-ACCELERATIONS = ("filtered", "ideal")
+_STARTS = {"a_k": "belief.kinematic", "a_d": "belief.dynamic"}
 
 _SINGULAR = 1e-6
 
@@ -38,11 +37,17 @@ def prepare(
     plant: SimulatedPlant,
     controller: Controller,
     trajectory: TrajectoryLike,
-    a_k: ArrayLike | None = None,
-    a_d: ArrayLike | None = None,
+    start: LearnedParameters | Mapping[str, ArrayLike | None] | None = None,
     duration: float | None = None,
 ) -> ControllerState:
     """Return the controller's initial state; check that plant, controller and motion match.
+
+    Args:
+        plant: to be driven.
+        controller: that drives it.
+        trajectory: the desired motion.
+        start: initial estimates, as in ``simulate``.
+        duration: of the run [s]; None for a run without end.
 
     Raises:
         InputError: they do not, or the initial estimates cannot be used.
@@ -52,26 +57,32 @@ def prepare(
     _check_not_singular(plant.robot)
     if plant.described:
         _warn_of_box(plant.robot, controller)
-    return controller.init(
-        plant.measure(), a_k=_array(a_k, "belief.kinematic"), a_d=_array(a_d, "belief.dynamic")
-    )
+    if isinstance(start, LearnedParameters):
+        start = start.start(controller)
+    estimates: dict[str, Any] = {
+        word(name, _STARTS, "start"): _array(value, _STARTS[name])
+        for name, value in mapping(start, "start").items()
+    }
+    return controller.init(plant.measure(), **estimates)
 
 
 def findings(
     true: Robot,
     controller: Controller,
     dt: float,
-    *,
-    camera: Camera | Mapping[str, float | None] | None = None,
-    noise: Mapping[str, ArrayLike] | None = None,
-    encoder: ArrayLike = 0.0,
+    sensors: Sensors,
     motors: np.ndarray | None = None,
 ) -> list[str]:
     """Return what of period, camera, encoders and motors would spoil a run.
 
-    All are as in ``simulate``; ``motors`` are the limits (nv) [N m or N] at which they clip.
+    Args:
+        true: the true robot.
+        controller: to drive it.
+        dt: sampling period [s].
+        sensors: of the true robot.
+        motors: limits (n) [N m or N] at which the motors clip, or None.
     """
-    quality = sensor_quality(true, dt, camera, noise, encoder)
+    quality = sensors.quality(true.model.nv, dt)
     found = [*preflight(controller, dt), *sensor_findings(controller, quality)]
     words = [str(finding) for finding in found]
     if wrong := jacobian_finding(controller, true):
@@ -82,8 +93,6 @@ def findings(
 
 
 def check_options(
-    mode: str,
-    acceleration: str,
     duration: float,
     dt: float,
     record_every: int,
@@ -95,8 +104,6 @@ def check_options(
     Raises:
         InputError: an unknown word, or a number that cannot be.
     """
-    word(mode, MODES, "mode")
-    word(acceleration, ACCELERATIONS, "acceleration")
     if positive(duration, "duration") < 0.5 * positive(dt, "dt"):
         raise InputError(
             f"must be at least one period of {dt} s, got {duration}.", where="duration"
@@ -162,8 +169,9 @@ def _warn_of_box(true: Robot, controller: Controller) -> None:
         ]
         warnings.warn(
             f"the true values of {names} are outside the box of their estimates, which cannot "
-            "reach them: no proof covers this closed loop. A wider kinematic_box avoids it.",
-            stacklevel=5,
+            "reach them: no proof covers this closed loop. Take a wider limits.box, in a "
+            "scenario unknown.kinematic_box.",
+            stacklevel=6,
         )
 
 

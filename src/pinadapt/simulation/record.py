@@ -62,7 +62,7 @@ def rollout_of(
     controller: Controller,
     robots: Succession,
     *,
-    told: Iterable[float] = (),
+    announced: Iterable[float] = (),
     title: str,
     wall_time: float,
     extent: float | None = None,
@@ -74,7 +74,7 @@ def rollout_of(
         plant: what was driven.
         controller: what drove it.
         robots: the true robot, and what it became.
-        told: when the controller was told something [s].
+        announced: times of announcements to the controller [s].
         title: of the rollout.
         wall_time: of the run [s].
         extent: of the desired path, see ``Trajectory.extent``.
@@ -105,7 +105,7 @@ def rollout_of(
         wall_time=wall_time,
         step_time=kept.step_time / max(kept.steps, 1),
         evaluation=Evaluation(controller, robots, samples),
-        marks=_marks(robots, told),
+        marks=_marks(robots, announced),
         interrupted=kept.interrupted,
         path_extent=extent,
     )
@@ -117,10 +117,10 @@ def _adaptation(controller: Controller) -> str:
     return used.name
 
 
-def _marks(robots: Succession, told: Iterable[float]) -> tuple[tuple[float, str], ...]:
+def _marks(robots: Succession, announced: Iterable[float]) -> tuple[tuple[float, str], ...]:
     """Return when something happened [s] and what, in order."""
     words = {time: [what] for time, what in robots.words}
-    for time in told:
+    for time in announced:
         words.setdefault(time, []).append("announced")
     return tuple((time, ", ".join(words[time])) for time in sorted(words))
 

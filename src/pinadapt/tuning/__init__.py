@@ -5,3 +5,4 @@ from .make_controller import make_estimator as make_estimator
 from .preflight import Finding as Finding
 from .preflight import preflight as preflight
 from .rates import ADAPTATIONS as ADAPTATIONS
+from .unknowns import Unknown as Unknown

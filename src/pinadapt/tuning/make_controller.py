@@ -1,22 +1,23 @@
-"""From a user's few words, or own objects, to a controller."""
+"""Controllers and estimators with default gains, made from few words or from own objects."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from math import isinf
-from typing import Any
+from typing import Any, TypeVar
 
 from numpy.typing import ArrayLike
 
-from .._checks import arithmetic, flag, instance, positive
+from .._checks import arithmetic, instance, keywords, positive
 from ..adaptation.adaptation import Adaptation
 from ..adaptation.modifications import Leak
 from ..adaptation.natural import MatrixInequality
 from ..controller.belief import Belief
 from ..controller.controller import Controller
 from ..controller.estimator import Estimator
-from ..controller.limits import make_box, make_limits
+from ..controller.limits import Limits, limits_for, make_box
 from ..controller.sensing import Guards, Senses, make_guards
 from ..exceptions import InputError, did_you_mean
 from ..filters.filters import LowPass
@@ -24,22 +25,20 @@ from ..laws import DEFAULT, LAWS
 from ..laws.law import Law
 from ..models.delay_compensation import DelayCompensator
 from ..models.typical_motion import TypicalMotion
-from ..records import Measurement
+from ..records import SensorQuality, Sensors
 from ..robot.changes import Payload
 from ..robot.motors import Compensation, compensation_of
 from ..robot.robot import Robot
-from ..sensing import Camera, SensorQuality
 from ..tasks.joint import JointTask
 from .defaults import bandwidth
 from .noise import (
     SIGMA,
     Given,
-    Remedies,
-    Setting,
+    NoiseSettings,
+    Tuning,
     chosen_modifications,
     modified,
-    remedies,
-    sensor_quality,
+    noise_settings,
 )
 from .preflight import lightest_joint, stable_share_of_adaptation, stable_share_of_feedback
 from .rates import (
@@ -54,48 +53,58 @@ from .rates import (
 )
 from .rates import kinematic_adaptation as moved_kinematics
 from .unknowns import (
-    Words,
-    believed_dynamics,
-    believed_kinematics,
+    Unknown,
     lumped_lengths,
+    nominal_dynamics,
+    nominal_kinematics,
     warn_of_unused_gains,
 )
 
+T = TypeVar("T")
 
+_REPLACED = {
+    "believed": "the first argument, 'robot'",
+    "kinematic": "unknown=pa.Unknown(tool=True), with base, translations and lengths beside it",
+    "dynamic": 'unknown=pa.Unknown(bodies="all")',
+    "joint": "unknown=pa.Unknown(friction=True, armature=True)",
+    "basis": "unknown=pa.Unknown(basis=...)",
+    "lmi": "unknown=pa.Unknown(basis=..., lmi=...)",
+    "regressor": 'unknown=pa.Unknown(regressor="exact")',
+    "kinematic_box": "limits=pa.Limits(box=...)",
+    "torque_limits": "limits=pa.Limits(torque=...)",
+    "damping": "limits=pa.Limits(damping=0.2)",
+    "watch": "limits=pa.Limits(stop_on_divergence=True)",
+    "guards": "limits=pa.Limits(guards=True)",
+    "noise": "sensors=pa.Sensors(noise=...), or of samples at rest "
+    "sensors=pa.Sensors.measured_at_rest(samples)",
+    "encoder": "sensors=pa.Sensors(encoder=...)",
+    "camera": "sensors=pa.Sensors(camera=pa.Camera(rate=..., delay=...))",
+    "carry": "sensors=pa.Sensors(compensate_delay=True)",
+}
+
+
+@keywords(**_REPLACED)
 @arithmetic("gains")
 def make_controller(
-    believed: Robot,
+    robot: Robot,
     *,
     law: str | Law = DEFAULT,
     adaptation: str | Adaptation = "natural",
     kinematic_adaptation: str | Adaptation | None = None,
     modifications: Given = None,
-    kinematic: Words | None = None,
-    dynamic: str | Sequence[str] = "all",
-    joint: str | Sequence[str] | None = None,
-    basis: ArrayLike | None = None,
-    lmi: ArrayLike | MatrixInequality | None = None,
-    regressor: str = "exact",
-    dt: float = 1e-3,
-    kinematic_box: ArrayLike | bool | None = None,
-    torque_limits: ArrayLike | bool | None = True,
-    compensated: Compensation | str | None = None,
-    damping: float = 0.2,
-    watch: bool = True,
+    unknown: Unknown | str | Sequence[str] | None = None,
+    sensors: Sensors | None = None,
+    limits: Limits | None = None,
     payload: Payload | None = None,
-    guards: Mapping[str, bool] | bool = True,
-    noise: Mapping[str, ArrayLike] | Sequence[Measurement] | None = None,
-    encoder: ArrayLike = 0.0,
-    camera: Camera | Mapping[str, float | None] | None = None,
-    carry: bool = True,
+    compensated: Compensation | str | None = None,
+    dt: float = 1e-3,
     **gains: Any,
 ) -> Controller:
-    """Make an adaptive controller for a believed robot; everything has a default.
+    """Make an adaptive controller for a robot as far as it is known; everything has a default.
 
     Args:
-        believed: what the user believes the robot to be; only read. Its task says what is
-            controlled.
-        law: a name of ``pinadapt.LAWS``, or a law with its gains.
+        robot: the nominal model; only read. Its task says what is controlled.
+        law: a name of ``pinadapt.laws.LAWS``, or a law with its gains.
         adaptation: "natural", "gradient", "projected" (gradient that keeps M_hat positive definite)
             or "none"; "natural-composite", "composite" or "least-squares", which also learn from
             the prediction error of the torque; "natural-memory" or "composite-memory", which learn
@@ -105,98 +114,76 @@ def make_controller(
             is, else gradient.
         modifications: of the dynamic adaptation, around it in this order: "projection", "sigma",
             "e1", "dead-zone", "normalised", or a mapping from these to their gain: the leak [1/s],
-            that of e1 at 1 mrad off, the zone in rad/s or m/s, and how much slower a typical motion
-            makes the adaptation. True is the default, False none, not even the sigma that noise
-            asks for.
-        kinematic: unknown translations: "tool" (the default), joint names, "joint:length",
-            "lengths", "base" (in the frame in which x is measured); a joint task has none.
-        dynamic: unknown bodies: "all", "payload" (the last one), "none", or joint names.
-        joint: unknown coefficients of the joints: "all", "none", or some of "armature", "viscous",
-            "coulomb"; by default all for the law "separation", none for the published ones.
-        basis: (10 n, p) matrix B of the user's own dynamic parameters, pi = B a, instead of bodies.
-        lmi: (p, k, k) coefficient matrices of the inequality that natural adaptation keeps, for a
-            basis.
-        regressor: with unknown lengths, "exact" (lumped parameters) or, for comparison, "nominal"
-            (believed lengths in it).
-        dt: controller period [s].
-        kinematic_box: where the kinematic estimates stay: a margin around the believed values [m],
-            or p of them; lower and upper bounds; False for no box. By default a length stays within
-            a fifth and five times, other coordinates within half the robot's reach.
-        torque_limits: n bounds [N m or N] at which the torque is clipped and the adaptation of the
-            tracking error rests; by default the efforts of the description, False for none.
+            that of e1 at an error of 1 mrad, the zone in rad/s or m/s, and the factor by which a
+            typical motion slows the adaptation. True is the default, False none, not even the sigma
+            that noisy sensors need.
+        unknown: what is adapted, see ``Unknown``, or words for it such as "payload"; by default the
+            tool of a task of the frame and all bodies, with the law "separation" the joints'
+            friction and rotor inertia too.
+        sensors: of the robot, from which filters and rates follow; None: perfect ones.
+        limits: of torques, estimates and measurements, see ``Limits``; None: its defaults.
+        payload: a guess of the load on the last body, added to the nominal model; an announced one
+            takes its place, see ``Controller.believe``.
         compensated: what the arm adds by itself to the torque that it is sent, which the controller
             takes off: "nominal" for the gravity torque of this robot, ``Gravity(described)`` for
-            one without the believed load, or any callable of q (nq) that returns it (n).
-        damping: the right inverse of J_hat is damped where its smallest singular value, estimated
-            from below, falls under this fraction of home's; zero never damps.
-        watch: end the run with a message when an M_hat to be inverted is not positive definite or
-            the estimates run away.
-        payload: a guess of the load on the last body, added to the believed robot; an announced one
-            takes its place, see ``Controller.believe``.
-        guards: what is not believed of the sensors, and when estimates rest; False for no guard, or
-            some of "position", "velocity", "time" and "rest" with False. See ``Guards``.
-        noise: standard deviations of the sensors, q and v [rad, rad/s, m, m/s] and x [m], or the
-            first samples of an arm at rest, which show them; filters and rates follow.
-        encoder: rad or m a count, one or one a joint, with v differenced from it over a period.
-        camera: rate, delay and dropout of the camera that gives x, where it is not of every sample.
-        carry: whether late frames are carried on to now by the believed kinematics; else they are
-            taken for now.
+            one without the payload, or any callable of q (nq) that returns it (n).
+        dt: controller period [s].
         gains: of a law by name, as its class states them: Kv, Kp (units: ``Law.units``), alpha
             [1/s], R_k, Q, lambda_ [1/s], lambda_a [s], and ``posture``, the rest pose (n) or
             its frequency [rad/s] or both by name; and rates of an adaptation by name: gamma_d
             (a number for natural; number, list or matrix for gradient), gamma_joint of the joints'
             coefficients, gamma_k (number, list or matrix); of those that predict the torque,
-            prediction_rate [1/s] at which that error decays, prediction_filter [1/s] through which
-            it is seen, and forgetting [1/s] of least squares and memories; of least squares on the
+            prediction_rate [1/s] at which that error decays, prediction_filter [1/s] of the low
+            pass on it, and forgetting [1/s] of least squares and memories; of least squares on the
             kinematics kinematic_rate and kinematic_forgetting [1/s].
 
     Raises:
         InputError: an unknown name, a gain that breaks a hypothesis, or parameters that cannot be
-            used.
+            used; a former keyword, with what has replaced it.
     """
-    dt, belief = positive(dt, "dt"), _belief(believed, payload, carry=carry, watch=watch)
-    believed = belief.robot(payload)
-    chosen = _law_type(law, believed)
-    kinematics = believed_kinematics(believed, kinematic, chosen)
+    dt, belief = positive(dt, "dt"), _belief(robot, payload)
+    sensors, limits = _given(sensors, Sensors, "sensors"), _given(limits, Limits, "limits")
+    unknown = Unknown.of(unknown)
+    robot = belief.robot(payload)
+    chosen = _law_type(law, robot)
+    kinematics = nominal_kinematics(robot, unknown, chosen)
     kind, kind_k = _kinds(adaptation, kinematic_adaptation, chosen)
     modifying = chosen_modifications(modifications)
     rates = {name: gains.pop(name, None) for name in RATES}
-    lengths = lumped_lengths(kinematics, regressor, metric_of(kind), chosen, basis)
-    joint = chosen.joint_effects if joint is None else joint
-    dynamics = believed_dynamics(believed, dynamic, joint, basis, lmi, lengths)
-    limits = make_limits(
-        believed, kinematics, dynamics, torque=torque_limits, damping=damping, watch=watch
-    )
-    motion = TypicalMotion(believed, kinematics, dynamics, bandwidth(believed, dt), limits.torque)
+    lengths = lumped_lengths(kinematics, unknown, metric_of(kind), chosen)
+    dynamics = nominal_dynamics(robot, unknown, chosen.joint_effects, lengths)
+    applied = limits_for(robot, kinematics, dynamics, limits)
+    motion = TypicalMotion(robot, kinematics, dynamics, bandwidth(robot, dt), applied.torque)
     tuned, w = _tuned(law, motion, dt, gains)
-    quality = sensor_quality(believed, dt, camera, noise, encoder)
-    needed = remedies(quality, w, believed.reach)
+    quality = sensors.quality(robot.model.nv, dt)
+    settings = noise_settings(quality, w, robot.reach)
     if isinstance(law, str):
-        tuned = tuned.decorrelated(needed.decorrelation)
+        tuned = tuned.decorrelated(settings.decorrelation)
     _warn(tuned, (kind, kind_k), motion, gains | rates)
-    box, given = make_box(believed, kinematics, kinematic_box), rates | gains
-    adaptation_k = moved_kinematics(kind_k, tuned, motion, w, given, box, needed, quality)
+    box, given = make_box(robot, kinematics, limits.box), rates | gains
+    adaptation_k = moved_kinematics(kind_k, tuned, motion, w, given, box, settings, quality)
     if isinstance(law, str) and gains.get("R_k") is None:
-        tuned = _weighed(tuned, motion, adaptation_k, w, needed)
+        tuned = _weighed(tuned, motion, adaptation_k, w, settings)
     if isinstance(kinematic_adaptation, Adaptation):
         adaptation_k = kinematic_adaptation
-    setting = Setting(tuned, motion, w, dt, quality, needed)
+    tuning = Tuning(tuned, motion, w, dt, quality, settings)
 
     def adaptation_d(share: float = 1.0) -> Adaptation:
         if isinstance(adaptation, Adaptation):
-            return modified(tuned.guarded(adaptation, dynamics), modifying, setting)
-        return _adaptation(kind, modifying, setting, rates, lmi, share)
+            return modified(tuned.guarded(adaptation, dynamics), modifying, tuning)
+        return _adaptation(kind, modifying, tuning, rates, unknown.lmi, share)
 
+    guards = make_guards(robot, kinematics, limits.guards, quality)
     controller = Controller(
         tuned,
         kinematics,
         dynamics,
         adaptation_k=adaptation_k,
         adaptation_d=adaptation_d(),
-        limits=limits,
-        senses=_senses(make_guards(believed, kinematics, guards, quality), needed, carry, quality),
+        limits=applied,
+        senses=_senses(guards, settings, sensors, quality),
         motion=motion,
-        compensation=compensation_of(believed, compensated),
+        compensation=compensation_of(robot, compensated),
         period=dt,
         belief=belief,
     )
@@ -206,60 +193,71 @@ def make_controller(
     return controller
 
 
-def _belief(believed: Any, payload: Any, **flags: Any) -> Belief:
-    """Return the belief in a robot and its load, once it is clear that they and flags are such.
+def _given(value: Any, kind: type[T], name: str) -> T:
+    """Return an object of a kind, the default one for None.
+
+    Raises:
+        InputError: it is of another kind.
+    """
+    found: T = kind() if value is None else instance(value, kind, name)
+    return found
+
+
+def _belief(robot: Any, payload: Any) -> Belief:
+    """Return a robot and its payload, once it is clear that they are such.
 
     Raises:
         InputError: one of them is not.
     """
-    instance(believed, Robot, "believed")
+    instance(robot, Robot, "robot")
     instance(payload, Payload | None, "payload")
-    for name, value in flags.items():
-        flag(value, name)
-    return Belief(believed.undrawn(), payload)
+    return Belief(robot.undrawn(), payload)
 
 
 def _weighed(
-    law: Law, motion: TypicalMotion, adaptation_k: Adaptation, w: float, needed: Remedies
+    law: Law, motion: TypicalMotion, adaptation_k: Adaptation, w: float, settings: NoiseSettings
 ) -> Law:
     """Return the law with the default weight of its kinematic prediction error."""
-    weight = prediction_weight(law, motion, adaptation_k, w, needed.smoothing)
+    weight = prediction_weight(law, motion, adaptation_k, w, settings.smoothing)
     return law.with_prediction_weight(weight)
 
 
 def _adaptation(
     kind: str,
     modifying: Mapping[str, Any],
-    setting: Setting,
+    tuning: Tuning,
     rates: Mapping[str, Any],
     lmi: ArrayLike | MatrixInequality | None,
     share: float,
 ) -> Adaptation:
-    """Return how the dynamic estimate moves: what noise asks for is a leak, if none is chosen."""
-    law, motion, w, needed = setting.law, setting.motion, setting.bandwidth, setting.needed
-    moved = dynamic_adaptation(kind, law, motion, w, rates, lmi, share * needed.mode**2)
+    """Return how the dynamic estimate moves; noisy sensors add a leak where none is chosen."""
+    law, motion, w, settings = tuning.law, tuning.motion, tuning.bandwidth, tuning.settings
+    moved = dynamic_adaptation(kind, law, motion, w, rates, lmi, share * settings.mode**2)
     if kind == "none":
         return moved
-    moved = modified(moved, modifying, setting)
-    return Leak(moved, needed.leak) if needed.leak and SIGMA not in modifying else moved
+    moved = modified(moved, modifying, tuning)
+    return Leak(moved, settings.leak) if settings.leak and SIGMA not in modifying else moved
 
 
 def _warn(
     law: Law, kinds: tuple[str, str], motion: TypicalMotion, gains: Mapping[str, Any]
 ) -> None:
-    """Tell of gains that nothing uses, and of a joint too light for the law."""
+    """Warn of gains that nothing uses, and of a joint too light for the law."""
     warn_of_unused_gains(law, kinds, motion.kinematics, motion.dynamics, gains)
     if kinds[0] != "none" and (light := lightest_joint(motion, law)):
-        warnings.warn(str(light), stacklevel=4)
+        warnings.warn(str(light), stacklevel=5)
 
 
-def _senses(guards: Guards, needed: Remedies, carry: bool, quality: SensorQuality) -> Senses:
-    """Return how sensors of a quality are taken."""
-    low_pass = None if isinf(needed.velocity) else LowPass(needed.velocity, "velocity filter")
-    return Senses(guards, DelayCompensator(needed.smoothing, carry), low_pass, quality)
+def _senses(
+    guards: Guards, settings: NoiseSettings, sensors: Sensors, quality: SensorQuality
+) -> Senses:
+    """Return how measurements are checked, filtered and predicted to the present."""
+    low_pass = None if isinf(settings.velocity) else LowPass(settings.velocity, "velocity filter")
+    compensator = DelayCompensator(settings.smoothing, sensors.compensate_delay)
+    return Senses(guards, compensator, low_pass, quality, sensors)
 
 
-def _law_type(law: str | Law, believed: Robot) -> type[Law]:
+def _law_type(law: str | Law, robot: Robot) -> type[Law]:
     """Return the class of a law given by name or as an object.
 
     Raises:
@@ -276,9 +274,9 @@ def _law_type(law: str | Law, believed: Robot) -> type[Law]:
         chosen = type(law)
     else:
         raise InputError(f"expected a name or a Law, got {law!r}.", where="law")
-    if chosen.joint_space and not isinstance(believed.task, JointTask):
+    if chosen.joint_space and not isinstance(robot.task, JointTask):
         raise InputError(
-            f"the law '{chosen.name}' is one of joint space; the task is '{believed.task.name}'.",
+            f"the law '{chosen.name}' is one of joint space; the task is '{robot.task.name}'.",
             where="law",
             hint='Load the robot with task = "joint".',
         )
@@ -314,7 +312,8 @@ def _tuned(
 ) -> tuple[Law, float]:
     """Return the law, and the bandwidth [rad/s] that it has at the period dt [s].
 
-    The feedback of a law by name is slowed to what dt bears where none of its gains is given.
+    The feedback of a law by name is made as slow as a stable loop at dt needs, where none of its
+    gains is given.
     """
     if isinstance(law, Law):
         if given := [name for name, gain in gains.items() if gain is not None]:
@@ -332,42 +331,41 @@ def _tuned(
     return tuned, share * motion.bandwidth * tuned.bandwidth_share
 
 
+@keywords(**{name: _REPLACED[name] for name in ("kinematic", "dynamic", "joint", "believed")})
 def make_estimator(
-    believed: Robot,
+    robot: Robot,
     *,
     adaptation: str | Adaptation = "natural-memory",
-    kinematic: Words | None = None,
-    dynamic: str | Sequence[str] = "all",
-    joint: str | Sequence[str] = "all",
+    unknown: Unknown | str | Sequence[str] | None = None,
     dt: float = 1e-3,
+    limits: Limits | None = None,
     **options: Any,
 ) -> Estimator:
-    """Make an estimator of a believed robot, with the default rates of a controller.
+    """Make an estimator of a robot's parameters, with the default rates of a controller.
 
     Args:
-        believed: what the user believes the robot to be; only read. With a task of the frame its
-            position teaches translations; with a joint task none is needed.
+        robot: the nominal model; only read. With a task of the frame its measured position shows
+            unknown translations; with a joint task none is needed.
         adaptation: one that predicts the torque, such as "natural-memory", "natural-composite" or
             "least-squares", or an object.
-        kinematic: unknown translations, as ``make_controller`` has them.
-        dynamic: unknown bodies, likewise.
-        joint: unknown coefficients of the joints, likewise; all by default.
+        unknown: what is estimated, as ``make_controller`` has it; by default friction and rotor
+            inertias of the joints too.
         dt: typical time between samples [s].
-        options: others of ``make_controller`` that concern estimates: ``basis``, ``payload``,
-            ``kinematic_box``, ``guards``, ``noise``, ``camera`` and the rates.
+        limits: as ``make_controller`` has them; an estimator commands no torque, so that its bounds
+            do not matter.
+        options: others of ``make_controller`` that concern estimates: ``sensors``, ``payload``,
+            ``kinematic_adaptation`` and the rates.
 
     Raises:
         InputError: as ``make_controller``.
         GainError: an adaptation that learns from tracking errors alone.
     """
     controller = make_controller(
-        believed,
+        robot,
         adaptation=adaptation,
-        kinematic=kinematic,
-        dynamic=dynamic,
-        joint=joint,
+        unknown=Unknown.of(unknown).with_joints(),
         dt=dt,
-        torque_limits=False,
+        limits=replace(_given(limits, Limits, "limits"), torque=False),
         **options,
     )
     return Estimator(controller)

@@ -15,8 +15,8 @@ import numpy as np
 
 from ..controller.controller import Controller
 from ..laws.law import Feedback
+from ..records import SensorQuality
 from ..robot.workspace import rounded_down
-from ..sensing import SensorQuality
 from .defaults import frequency
 from .noise import coarseness
 

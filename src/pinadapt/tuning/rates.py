@@ -21,10 +21,10 @@ from ..exceptions import InputError, ParameterError, did_you_mean
 from ..laws.law import Law
 from ..models.dynamics import Dynamics
 from ..models.typical_motion import TypicalMotion
+from ..records import SensorQuality
 from ..robot.robot import Robot
-from ..sensing import SensorQuality
 from .defaults import PREDICTION_RATE, frequency, gradient_shape, rate_for
-from .noise import Remedies
+from .noise import NoiseSettings
 from .prediction_rates import predicting
 
 # of the bandwidth
@@ -41,7 +41,7 @@ def kinematic_least_squares(
     motion: TypicalMotion,
     bandwidth: float,
     rates: Mapping[str, Any],
-    needed: Remedies,
+    settings: NoiseSettings,
     quality: SensorQuality,
 ) -> LeastSquares:
     """Return least squares on what a law predicts of the frame, from a gain P(0) (p, p) on.
@@ -58,7 +58,7 @@ def kinematic_least_squares(
         motion: the believed robot.
         bandwidth: w [rad/s].
         rates: given ``kinematic_rate``, ``kinematic_forgetting`` and ``R_k``.
-        needed: what the noise asks for.
+        settings: of the filters, for the noise.
         quality: of the camera.
 
     Raises:
@@ -66,7 +66,7 @@ def kinematic_least_squares(
     """
     rate, forgetting = rates.get("kinematic_rate"), rates.get("kinematic_forgetting")
     if forgetting is None:
-        forgetting = _FORGETTING * min(bandwidth, needed.smoothing)
+        forgetting = _FORGETTING * min(bandwidth, settings.smoothing)
     size = motion.kinematics.size
     options: dict[str, Any] = {"weight": None, "forgetting": forgetting, "directional": True}
     if rates.get("R_k") is not None and rate is None:
@@ -156,7 +156,7 @@ def kinematic_adaptation(
     bandwidth: float,
     rates: Mapping[str, Any],
     box: np.ndarray | None,
-    needed: Remedies,
+    settings: NoiseSettings,
     quality: SensorQuality,
 ) -> Adaptation:
     """Return how the kinematic estimate moves, at given or default rates, in a box or none.
@@ -168,7 +168,7 @@ def kinematic_adaptation(
         bandwidth: w [rad/s].
         rates: those given by name, ``gamma_k`` a number, list or matrix.
         box: (2, p) bounds or None.
-        needed: what noise and age of the camera's frames ask for.
+        settings: of the filters, for noise and delay of the camera.
         quality: of the camera.
     """
     kinematics, gamma_k = motion.kinematics, rates.get("gamma_k")
@@ -178,12 +178,12 @@ def kinematic_adaptation(
     if gamma_k is None:
         stiffness = 1.0 if loop is None else loop.stiffness
         effects = [np.sqrt(stiffness) * Y_p for Y_p in motion.kinematic_regressors]
-        mode = min(law.kinematic_mode * bandwidth, needed.kinematic)
+        mode = min(law.kinematic_mode * bandwidth, settings.kinematic)
         gamma_k = rate_for(mode, effects, Gradient(1.0, size), kinematics.initial)
     moved: Adaptation = Gradient(gamma_k, size, "gamma_k")
     if kind == LeastSquares.name:
         P_0 = moved.gain(kinematics.initial)
-        moved = kinematic_least_squares(P_0, law, motion, bandwidth, rates, needed, quality)
+        moved = kinematic_least_squares(P_0, law, motion, bandwidth, rates, settings, quality)
     if box is None:
         return moved
     return BoxProjection(moved, *box, names=kinematics.names, where="unknown.kinematic_box")

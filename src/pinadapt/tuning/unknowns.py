@@ -1,118 +1,284 @@
-"""From the words that say what is unknown to the models of the believed robot."""
+"""What is unknown of a robot, and the models that hold it as parameters."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from numpy.typing import ArrayLike
 
-from .._checks import word
+from .._checks import flag, name_list, shown, word
 from ..adaptation.natural import MatrixInequality
-from ..exceptions import ParameterError, UnusedGainWarning
+from ..exceptions import InputError, ParameterError, UnusedGainWarning, did_you_mean
 from ..laws.gains import NAMES, SYMBOLS
 from ..laws.law import Law
 from ..models.basis import BasisDynamics
-from ..models.bodies import BodyDynamics
+from ..models.bodies import PAYLOAD, BodyDynamics
 from ..models.dynamics import Dynamics, StackedDynamics
 from ..models.frame_kinematics import FrameKinematics
-from ..models.joint_effects import JointEffects, chosen_kinds, without_joint_effects
+from ..models.joint_effects import KINDS, JointEffects, chosen_kinds, without_joint_effects
 from ..models.joint_kinematics import JointKinematics
 from ..models.lumped import LumpedDynamics
 from ..models.task_kinematics import TaskKinematics
-from ..models.translations import BASE, FIRST, TOOL, Translation
+from ..models.translations import BASE, FIRST, LENGTHS, TOOL, Translation
 from ..robot.robot import Robot
 from ..tasks.joint import JointTask
 from .prediction_rates import FORGETTING, PREDICTING
 
 REGRESSORS = ("exact", "nominal")
+WORDS = (TOOL, BASE, LENGTHS, "bodies", PAYLOAD, "friction", "armature")
+_FRICTION = ("viscous", "coulomb")
 
 Words = str | Sequence[str | Translation]
 
 
-def believed_kinematics(believed: Robot, unknown: Words | None, law: type[Law]) -> TaskKinematics:
-    """Return the believed kinematics; by default the tool is unknown, of a joint task nothing.
+@dataclass(frozen=True, eq=False)
+class Unknown:
+    """What a controller does not know of its robot and adapts; by default the tool and all bodies.
+
+    ``make_controller``, ``make_estimator``, ``identify`` and ``excite`` also take plain words in
+    its place, such as ``unknown="payload"`` or ``unknown=["tool", "friction"]``: what they do not
+    name is known then. The words are "tool", "base", "lengths", "bodies", "payload", "friction" and
+    "armature".
+
+    The kinematic estimates stand in the order of the chain: base, ``translations``, ``lengths``,
+    tool.
+
+    Attributes:
+        tool: whether the translation of the task frame is unknown. None: it is where the task is
+            one of the frame and ``lengths`` does not contain it; see also ``identify`` and
+            ``excite``.
+        base: whether the position of the base is unknown, in the frame in which x is measured.
+        translations: joints whose whole placement is unknown, by name, or ``Translation`` objects.
+            The words "tool", "base", "lengths" and "joint:length" may stand among them, which
+            fixes their place among the estimates.
+        lengths: links whose length along its direction is unknown, by the names of their joints;
+            True for all links, the tool included.
+        bodies: unknown inertial parameters: "all", "payload" (the last body), "none", or the names
+            of the joints that carry the bodies.
+        friction: whether the friction of the joints is unknown: True, False, or "viscous" or
+            "coulomb" alone. None: it is with the law "separation", and known with published laws.
+        armature: whether the rotor inertias are unknown; None: as for friction.
+        basis: (10 n, p) matrix B of the user's own dynamic parameters, pi = B a, instead of bodies.
+        lmi: (p, k, k) coefficient matrices of the inequality that natural adaptation keeps, for a
+            basis.
+        regressor: with unknown lengths, "exact" (lumped parameters) or, for comparison, "nominal"
+            (the regressor of the nominal lengths).
+
+    Raises:
+        InputError: a value of the wrong kind, or an inequality without a basis.
+    """
+
+    tool: bool | None = None
+    base: bool = False
+    translations: Words = ()
+    lengths: bool | str | Sequence[str] = False
+    bodies: str | Sequence[str] = "all"
+    friction: bool | str | None = None
+    armature: bool | None = None
+    basis: ArrayLike | None = None
+    lmi: ArrayLike | MatrixInequality | None = None
+    regressor: str = "exact"
+
+    def __post_init__(self) -> None:
+        """Refuse values of the wrong kind."""
+        for name in ("tool", "base", "armature"):
+            value = getattr(self, name)
+            if value is not None or name == "base":
+                flag(value, f"unknown.{name}")
+        if not isinstance(self.lengths, bool):
+            name_list(self.lengths, "unknown.lengths")
+        if not isinstance(self.friction, bool | None):
+            word(self.friction, _FRICTION, "unknown.friction")
+        word(self.regressor, REGRESSORS, "unknown.regressor")
+        if self.lmi is not None and self.basis is None:
+            raise ParameterError(
+                "an inequality belongs to a basis of your own.",
+                where="unknown.lmi",
+                hint="Give a basis too.",
+            )
+
+    @classmethod
+    def of(cls, given: Unknown | str | Sequence[str] | None) -> Unknown:
+        """Return what is unknown, given as such, by words, or by None for the default.
+
+        Raises:
+            InputError: a word that is none of those above.
+        """
+        if given is None:
+            return cls()
+        if isinstance(given, cls):
+            return given
+        if not isinstance(given, str | Sequence):
+            raise InputError(
+                f"expected an Unknown or words of {list(WORDS)}, got {shown(given)}.",
+                where="unknown",
+            )
+        words = name_list(given, "unknown")
+        for name in words:
+            if name not in WORDS:
+                raise InputError(
+                    f"must be an Unknown or words of {list(WORDS)}, got {name!r}."
+                    f"{did_you_mean(name, WORDS)}",
+                    where="unknown",
+                    hint="Names of joints go to pa.Unknown(bodies=[...]) or "
+                    "pa.Unknown(translations=[...]).",
+                )
+        bodies = "all" if "bodies" in words else PAYLOAD if PAYLOAD in words else "none"
+        return cls(
+            tool=TOOL in words,
+            base=BASE in words,
+            lengths=LENGTHS in words,
+            bodies=bodies,
+            friction="friction" in words,
+            armature="armature" in words,
+        )
+
+    @classmethod
+    def of_tables(
+        cls,
+        kinematic: Words | None = None,
+        dynamic: str | Sequence[str] = "all",
+        joint: str | Sequence[str] | None = None,
+        **others: Any,
+    ) -> Unknown:
+        """Return what the keys ``kinematic``, ``dynamic`` and ``joint`` of a scenario say.
+
+        Raises:
+            InputError: joint coefficients that do not exist.
+        """
+        own = None if joint is None else chosen_kinds(joint)
+        friction = None if own is None else [kind for kind in _FRICTION if kind in own]
+        return cls(
+            tool=None if kinematic is None else False,
+            translations=() if kinematic is None else kinematic,
+            bodies=dynamic,
+            friction=None
+            if friction is None
+            else friction[0]
+            if len(friction) == 1
+            else bool(friction),
+            armature=None if own is None else "armature" in own,
+            **others,
+        )
+
+    def with_joints(self) -> Unknown:
+        """Return the same with friction and rotor inertias unknown, unless something is said."""
+        return replace(
+            self,
+            friction=True if self.friction is None else self.friction,
+            armature=True if self.armature is None else self.armature,
+        )
+
+    def translation_words(self, *, tool: bool) -> list[str | Translation]:
+        """Return the unknown translations in the order of their estimates.
+
+        Args:
+            tool: whether the tool is unknown where ``self.tool`` is None.
+
+        Raises:
+            ParameterError: translations that are neither names nor ``Translation`` objects.
+        """
+        given = self.translations
+        if isinstance(given, str | bytes | Mapping) or not isinstance(given, Iterable):
+            given = name_list(given, "unknown.kinematic", ParameterError)
+        words: list[str | Translation] = [BASE] if self.base and BASE not in given else []
+        words += given
+        if self.lengths is True:
+            words.append(LENGTHS)
+        elif self.lengths is not False:
+            words += [f"{name}:length" for name in name_list(self.lengths, "unknown.lengths")]
+        named = {each for each in words if isinstance(each, str)}
+        covered = bool(named & {TOOL, f"{TOOL}:length", LENGTHS})
+        if TOOL not in named and (self.tool or (self.tool is None and tool and not covered)):
+            words.append(TOOL)
+        return words
+
+    def joint_kinds(self, default: str | Sequence[str]) -> tuple[str, ...]:
+        """Return the unknown joint coefficients, of those by default where nothing else is said."""
+        usual, kinds = chosen_kinds(default), []
+        for kind in KINDS:
+            said = self.armature if kind == "armature" else self.friction
+            if said is True or said == kind or (said is None and kind in usual):
+                kinds.append(kind)
+        return tuple(kinds)
+
+
+def nominal_kinematics(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskKinematics:
+    """Return the kinematics of the model; by default the tool is unknown, of a joint task nothing.
 
     Raises:
         InputError: unknown translations that cannot be used, or not by this law.
     """
-    if isinstance(believed.task, JointTask):
-        return JointKinematics(believed, () if unknown is None else unknown)
-    kinematics = FrameKinematics(believed, (TOOL,) if unknown is None else unknown)
+    if isinstance(robot.task, JointTask):
+        return JointKinematics(robot, unknown.translation_words(tool=False))
+    kinematics = FrameKinematics(robot, unknown.translation_words(tool=True))
     if not law.uses_position_error and any(p.joint == FIRST for p in kinematics.translations):
         raise ParameterError(
-            f"the law '{law.name}' learns from velocities, in which '{BASE}' does not show.",
+            f"the law '{law.name}' learns from velocities, which do not depend on '{BASE}'.",
             where="unknown.kinematic",
             hint='Take the law "separation", which learns from positions too.',
         )
     return kinematics
 
 
-def believed_dynamics(
-    believed: Robot,
-    dynamic: str | Sequence[str],
+def nominal_dynamics(
+    robot: Robot,
+    unknown: Unknown,
     joint: str | Sequence[str],
-    basis: ArrayLike | None,
-    lmi: ArrayLike | MatrixInequality | None,
-    lengths: Sequence[Translation],
+    lengths: Sequence[Translation] = (),
 ) -> Dynamics:
     """Return the inertial parameters, stacked with those of the joints where there are some.
 
     Args:
-        believed: the believed robot.
-        dynamic: unknown bodies.
-        joint: unknown coefficients of the joints.
-        basis: (10 n, p) matrix of the user's own parameters, or None.
-        lmi: inequality of these parameters, or None.
+        robot: the model.
+        unknown: what is adapted.
+        joint: joint coefficients that are unknown by default: "all", "none" or some of their kinds.
         lengths: unknown translations to be lumped with the inertias, see ``lumped_lengths``.
 
     Raises:
-        InputError: words or a basis that cannot be used, or an inequality without a basis.
+        InputError: words or a basis that cannot be used.
     """
-    if lmi is not None and basis is None:
-        raise ParameterError(
-            "an inequality belongs to a basis of your own.",
-            where="unknown.lmi",
-            hint="Give a basis too.",
-        )
-    kinds = chosen_kinds(joint)
-    stacked = bool(kinds) or believed.friction.present
-    carrier = without_joint_effects(believed) if stacked else believed
-    inertial: Dynamics = BodyDynamics(carrier, dynamic)  # checks the words in any case
-    if basis is not None:
-        inertial = BasisDynamics(carrier, basis)
+    kinds = unknown.joint_kinds(joint)
+    stacked = bool(kinds) or robot.friction.present
+    carrier = without_joint_effects(robot) if stacked else robot
+    inertial: Dynamics = BodyDynamics(carrier, unknown.bodies)  # checks the words in any case
+    if unknown.basis is not None:
+        inertial = BasisDynamics(carrier, unknown.basis)
     elif lengths:
-        inertial = LumpedDynamics(carrier, lengths, dynamic)
-    return StackedDynamics(inertial, JointEffects(believed, kinds)) if stacked else inertial
+        inertial = LumpedDynamics(carrier, lengths, unknown.bodies)
+    return StackedDynamics(inertial, JointEffects(robot, kinds)) if stacked else inertial
 
 
 def lumped_lengths(
-    kinematics: TaskKinematics, regressor: str, kind: str, law: type[Law], basis: ArrayLike | None
+    kinematics: TaskKinematics, unknown: Unknown, kind: str, law: type[Law]
 ) -> list[Translation]:
     """Return the translations to be lumped with the inertias, whose regressor contains them.
 
+    None with the nominal regressor, and none with a basis of the user's own, which takes care of
+    lengths itself.
+
     Args:
-        kinematics: the believed kinematics.
-        regressor: "exact", or "nominal" for none.
+        kinematics: of the model.
+        unknown: what is adapted.
         kind: of adaptation, "custom" for an object.
         law: of the controller.
-        basis: of the user's own, which takes care of lengths itself, or None.
 
     Raises:
-        InputError: an unknown regressor, or an adaptation that does not apply to lumped parameters.
+        InputError: an adaptation that does not apply to lumped parameters.
     """
-    word(regressor, REGRESSORS, "unknown.regressor")
     lengths = [part for part in kinematics.translations if part.joint not in (None, FIRST)]
     names = [part.name for part in lengths]
-    if not lengths or kind == "none" or basis is not None or law.approximate_regressor:
+    if not lengths or kind == "none" or unknown.basis is not None or law.approximate_regressor:
         return []
-    if regressor == "nominal":
+    if unknown.regressor == "nominal":
         warnings.warn(
-            f"the placements of {names} are unknown, but the nominal regressor contains them at "
-            "their believed values: the proof does not cover this closed loop. "
+            f"the placements of {names} are unknown, but the nominal regressor contains their "
+            "nominal values: the proof does not cover this closed loop. "
             'regressor = "exact" does.',
-            stacklevel=4,
+            stacklevel=5,
         )
         return []
     if kind == "natural":
@@ -129,7 +295,7 @@ def lumped_lengths(
         warnings.warn(
             f"the law '{law.name}' inverts M_hat, which plain gradient adaptation does not keep "
             'positive definite; adaptation = "projected" does.',
-            stacklevel=4,
+            stacklevel=5,
         )
     return lengths
 
@@ -172,7 +338,7 @@ def warn_of_unused_gains(
             f"nothing uses {_written(idle)}: the law '{law.name}', its adaptation ('{kind}') and "
             f"what is unknown here use {_written(used)}.",
             UnusedGainWarning,
-            stacklevel=5,
+            stacklevel=6,
         )
 
 

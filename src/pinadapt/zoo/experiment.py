@@ -16,12 +16,15 @@ from multiprocessing.connection import Connection
 import numpy as np
 
 from ..controller.controller import Controller
+from ..controller.limits import Limits
 from ..description.catalogue import catalogue, catalogue_entry
 from ..exceptions import PinadaptError
 from ..rollout.recording import extreme
 from ..rollout.rollout import Rollout
+from ..simulation.engine import Engine
 from ..simulation.simulate import simulate
 from ..tuning.make_controller import make_controller
+from ..tuning.unknowns import Unknown
 from .case import PERIOD, ZooCase, zoo_case
 from .remarks import last_angle, last_error, verdict
 
@@ -76,7 +79,7 @@ def _wait(pipe: Connection) -> None:
 POSITION, POSE = "position", "pose"
 _LEAST_JOINTS = 6  # for a pose task
 _RECORD_EVERY = 10
-_UNKNOWN = "all"  # the real joints have friction, of which nothing is believed
+_UNKNOWN = Unknown(friction=True, armature=True)  # the model has no friction, the robot some
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -191,11 +194,13 @@ def _controller(case: ZooCase, law: str, adaptation: str) -> Controller:
     return make_controller(
         case.believed,
         law=law,
-        joint=_UNKNOWN,
         adaptation=adaptation,
+        unknown=_UNKNOWN,
+        limits=Limits(
+            torque=case.bears_itself,
+            guards={"velocity": False},  # what runs away has diverged: the sensors are right
+        ),
         dt=PERIOD,
-        torque_limits=case.bears_itself,
-        guards={"velocity": False},  # what runs away has diverged: the simulated sensors are right
     )
 
 
@@ -205,8 +210,7 @@ def _run(case: ZooCase, controller: Controller, duration: float) -> Rollout:
         controller,
         case.motion,
         duration=duration,
-        dt=PERIOD,
+        engine=Engine(torque_limits=case.bears_itself),
         record_every=_RECORD_EVERY,
         progress=False,
-        torque_limits=case.bears_itself,
     )

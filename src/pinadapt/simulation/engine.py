@@ -1,0 +1,132 @@
+"""What moves the true robot in a simulation, and in which steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from math import isfinite
+
+import numpy as np
+
+from .._checks import flag, positive
+from ..controller.controller import Controller
+from ..exceptions import InputError, did_you_mean
+from ..plants.mujoco_file import MujocoFile
+from ..plants.mujoco_plant import MujocoPlant
+from ..plants.pinocchio_plant import PinocchioPlant
+from ..plants.plant import PlantMaker, SimulatedPlant
+from ..robot.motors import torque_limits as limits_of
+from ..robot.robot import Robot
+
+PLANTS: dict[str, PlantMaker] = {"pinocchio": PinocchioPlant, "mujoco": MujocoPlant}
+_PERIOD = 1e-3  # [s] of controllers that were made for none
+
+
+@dataclass(frozen=True)
+class Engine:
+    """What moves the true robot, and in which steps.
+
+    ``simulate(engine=...)`` takes a name, a ``MujocoFile`` or what makes a plant in its place.
+
+    Attributes:
+        plant: "pinocchio", "mujoco", a ``MujocoFile``, which MuJoCo simulates in place of the true
+            robot, or what makes a ``SimulatedPlant`` of a robot, such as a class of them.
+        dt: period at which the controller is called, its torque held in between; or, if continuous,
+            the integration step [s]. None: the period that the controller was made for.
+        substeps: integration steps a period; None: as many as the plant needs.
+        continuous: integrate plant, estimates and filters as one ordinary differential equation, by
+            Runge-Kutta 4; Pinocchio only, and with perfect sensors.
+        ideal_acceleration: give the law the plant's own acceleration in place of the filtered one,
+            for checking theory.
+        torque_limits: whether the motors clip at the true robot's effort limits; limits of zero or
+            infinity are none. None: they do, but not with the ideal acceleration, which is that of
+            the unclipped torque: there the controller's own limits are left out too. A controller
+            without limits is given these, so that its adaptation rests while they clip.
+
+    Raises:
+        InputError: no engine has that name, or values that cannot be, or not together.
+    """
+
+    plant: str | MujocoFile | PlantMaker = "pinocchio"
+    dt: float | None = None
+    substeps: int | None = None
+    continuous: bool = False
+    ideal_acceleration: bool = False
+    torque_limits: bool | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be."""
+        plant_maker(self.plant)
+        if self.dt is not None:
+            positive(self.dt, "dt")
+        for name in ("continuous", "ideal_acceleration"):
+            flag(getattr(self, name), name)
+        if self.torque_limits is not None:
+            flag(self.torque_limits, "torque_limits")
+        if self.ideal_acceleration and self.torque_limits:
+            raise InputError(
+                "the ideal acceleration is that of the unclipped torque; choose one.",
+                where="torque_limits",
+            )
+
+    @classmethod
+    def of(cls, given: Engine | str | MujocoFile | PlantMaker) -> Engine:
+        """Return an engine given as one, or by its plant.
+
+        Raises:
+            InputError: as the class.
+        """
+        return given if isinstance(given, cls) else cls(given)  # type: ignore[arg-type]
+
+    def period(self, controller: Controller) -> float:
+        """Return the period or integration step [s] with a controller."""
+        if self.dt is not None:
+            return self.dt
+        return controller.period if isfinite(controller.period) else _PERIOD
+
+    def motors(self, true: Robot) -> np.ndarray | None:
+        """Return the torques (n) [N m or N] at which the true robot's motors clip, or None."""
+        if self.ideal_acceleration:
+            return None
+        return limits_of(true, self.torque_limits is not False)
+
+    def make(self, true: Robot, controller: Controller) -> SimulatedPlant:
+        """Return the plant of a true robot.
+
+        Raises:
+            InputError: a plant that cannot be integrated as one equation with the controller, or as
+                the plant's class.
+        """
+        plant = plant_maker(self.plant)(
+            true,
+            torque_limits=self.motors(true),
+            compensation=controller.compensation,
+            substeps=self.substeps,
+        )
+        if self.continuous and not isinstance(plant, PinocchioPlant):
+            raise InputError(
+                f"{type(plant).__name__} moves in samples; only Pinocchio's equations can be "
+                "integrated as one with the controller's.",
+                where="mode",
+                hint='Take mode = "sampled" (continuous=False), or engine = "pinocchio".',
+            )
+        return plant
+
+
+def plant_maker(plant: str | MujocoFile | PlantMaker) -> PlantMaker:
+    """Return what makes plants: a named engine's, MuJoCo's for a model file, or one as it is.
+
+    Raises:
+        InputError: no engine has that name, or it is none of these.
+    """
+    if isinstance(plant, MujocoFile):
+        return partial(MujocoPlant, mjcf=plant)
+    if callable(plant):
+        return plant
+    if not isinstance(plant, str) or plant not in PLANTS:
+        raise InputError(
+            f"must be one of {list(PLANTS)}, a MujocoFile, or what makes a plant, got {plant!r}."
+            f"{did_you_mean(str(plant), PLANTS)}",
+            where="engine",
+        )
+    return PLANTS[plant]
