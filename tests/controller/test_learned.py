@@ -134,7 +134,7 @@ def test_a_run_goes_on_where_another_one_ended(tmp_path):
     assert isinstance(evaluation.true, Succession)
     true = evaluation.true.robots[0]
     path = pa.reachable_circle(true)
-    fresh, warm = (pa.simulate(true, other, path, duration=1.0, **s) for s in ({}, start))
+    fresh, warm = (pa.simulate(true, other, path, duration=1.0, start=s) for s in (None, start))
     assert (warm.a_d[0] == start["a_d"]).all()
     assert np.linalg.norm(warm.distance[500:]) < 0.3 * np.linalg.norm(fresh.distance[500:])
 

@@ -44,7 +44,7 @@ def test_loop_falls_on_its_reference(name):
         duration=float(expected["t"][-1]),
         engine=pa.Engine(dt=dt, continuous=True, ideal_acceleration=acceleration == "ideal"),
         record_every=round(expected["t"][1] / dt),
-        **{} if name == "known" else WRONG,
+        start={} if name == "known" else WRONG,
     )
     assert rollout.diverged is None
     assert len(expected) > 30
@@ -76,7 +76,7 @@ def test_truth_is_the_papers():
         controller("adaptive-jacobian"),
         CIRCLE,
         duration=0.01,
-        **WRONG,
+        start=WRONG,
     )
     assert np.allclose(rollout.a_k_true, [1.0, 1.2])
     assert np.allclose(rollout.a_d_true, [3.34, 1.2, 0.97])
@@ -92,7 +92,7 @@ def test_natural_adaptation_is_stable_at_every_sampling_period(dt):
         CIRCLE,
         duration=2.5,
         engine=pa.Engine(dt=dt),
-        **WRONG,
+        start=WRONG,
     )
     assert rollout.diverged is None
     assert rollout.distance[rollout.t >= 1.0].max() < 0.01
@@ -111,7 +111,7 @@ def test_published_adaptation_drives_the_mass_matrix_through_singularity():
         CIRCLE,
         duration=0.06,
         engine=pa.Engine(dt=1e-5, continuous=True, ideal_acceleration=True),
-        **WRONG,
+        start=WRONG,
     )
     a1, a2, a3 = rollout.a_d.T
     c = np.cos(rollout.q[:, 1])
