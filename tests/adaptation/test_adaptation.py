@@ -1,4 +1,4 @@
-"""The adaptations: their metric, their cone, and the pseudo-inertia behind natural adaptation."""
+"""Gradient and natural adaptation: metric, cone and pseudo-inertia."""
 
 import warnings
 
@@ -46,7 +46,7 @@ CASES = {
 
 @given(seeds)
 @seeded
-def test_pseudo_inertia_is_pinocchios(seed):
+def test_pseudo_inertia_is_that_of_pinocchio(seed):
     inertia = random_inertia(np.random.default_rng(seed))
     P = pseudo_inertia(inertia.toDynamicParameters())
     assert np.allclose(P, inertia.toPseudoInertia().toMatrix(), atol=1e-12)
@@ -76,8 +76,8 @@ def test_nearest_physical(seed):
 @pytest.mark.parametrize("case", CASES)
 @given(seed=seeds)
 @seeded
-def test_divergence_falls_as_the_gradient_signal_says(case, seed):
-    """dD/dt = -(a - a_true)^T g for da/dt = rate(a, g), as every Lyapunov proof asks."""
+def test_divergence_changes_as_the_lyapunov_proof_requires(case, seed):
+    """dD/dt = -(a - a_true)^T g for da/dt = rate(a, g), as every Lyapunov proof requires."""
     rng = np.random.default_rng(seed)
     cone, a, a_true = CASES[case](rng)
     assume(pa.adaptation.Natural(0.3, cone).divergence(a, a_true) < 300.0)  # rounding grows with it
@@ -110,7 +110,7 @@ def test_step_follows_rate_for_small_steps(case):
 
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("step", [1e-3, 1e-1, 1.0, 1e2, 1e4])
-def test_natural_never_leaves_the_cone(case, step):
+def test_natural_adaptation_stays_in_the_cone(case, step):
     rng = np.random.default_rng(6)
     cone, a, _ = CASES[case](rng)
     adaptation = pa.adaptation.Natural(1.0, cone)
@@ -124,7 +124,7 @@ def test_natural_never_leaves_the_cone(case, step):
 
 
 @pytest.mark.parametrize("norm", [1e-4, 1e-3, 2.9e-3, 1e-2, 1.9e-2])
-def test_series_is_the_geodesic(norm):
+def test_series_for_small_steps_equals_the_geodesic(norm):
     """The short series for small steps agrees with S exp(-S^T X S) S^T, by eigenvalues."""
     rng = np.random.default_rng(8)
     cone = pa.adaptation.BodyInequality(["a", "b"])
@@ -139,8 +139,8 @@ def test_series_is_the_geodesic(norm):
     assert np.abs(moved - exact).max() <= 1e-5 * np.abs(P).max()
 
 
-def test_natural_is_coordinate_free():
-    """Moving bodies to other frames and units commutes with adaptation, unlike a gradient."""
+def test_natural_adaptation_is_coordinate_free():
+    """Adaptation commutes with a change of frames and units, unlike gradient adaptation."""
     rng = np.random.default_rng(9)
     cone = pa.adaptation.BodyInequality(["a"])
     a, g = bodies(rng, 1), rng.standard_normal(10)
@@ -158,7 +158,7 @@ def test_natural_is_coordinate_free():
     assert np.allclose(there, move(stepped(natural, a, g, h)), rtol=1e-6, atol=1e-8)
 
 
-def test_unphysical_bodies_are_moved_with_a_warning_that_names_them():
+def test_unphysical_bodies_are_made_physical_with_a_warning():
     rng = np.random.default_rng(10)
     a = bodies(rng, 2)
     a[19] += 100.0  # Izz of the second body

@@ -1,4 +1,4 @@
-"""Composite adaptation and least squares: their part of V, and what they are for."""
+"""Composite adaptation and least squares: their part of V and their speed."""
 
 import pickle
 from functools import cache
@@ -41,13 +41,13 @@ def loop(law, name, adaptation, **gains):
         "unknown": pa.Unknown(friction=False, armature=False),
         **gains,
     }
-    believed = robot.changed(inertial_scale=0.7)
-    return true, pa.make_controller(believed, law=law, adaptation=adaptation, **gains), path
+    nominal = robot.changed(inertial_scale=0.7)
+    return true, pa.make_controller(nominal, law=law, adaptation=adaptation, **gains), path
 
 
 @pytest.mark.parametrize(("law", "name", "adaptation"), LOOPS)
-def test_equality_along_the_trajectory(law, name, adaptation):
-    """dV/dt is that of the law and what the prediction error adds, for every law and metric."""
+def test_lyapunov_equality_along_the_trajectory(law, name, adaptation):
+    """dV/dt is that of the law plus the term of the prediction error, for every law and metric."""
     true, controller, path = loop(law, name, adaptation)
     energy = energy_along(true, controller, path, seconds=0.04)
     assert energy.mismatch(after=20) <= 1e-4  # at first R rises from W = 0 within a few samples
@@ -57,7 +57,7 @@ def test_equality_along_the_trajectory(law, name, adaptation):
 
 
 @pytest.mark.parametrize("adaptation", RATES)
-def test_friction_and_rotors_keep_the_equality(adaptation):
+def test_lyapunov_equality_with_friction_and_rotors(adaptation):
     robot = catalogue_robot("ur5")
     true = with_tool_and_load(robot).changed(viscous=0.5, coulomb=0.2, armature=0.05)
     gains = {
@@ -99,7 +99,7 @@ def published(kind):
         ),
     ],
 )
-def test_the_case_of_the_paper(kind, errors, estimate):
+def test_case_of_slotine_and_li_1989(kind, errors, estimate):
     """Slotine and Li (1989): largest errors over all, after 1.5 s and after 3 s, to the digits."""
     e, a = published(kind)
     digits = (1, 1, 1) if kind == "none" else (2, 2, 3) if kind == "least-squares" else (2, 2, 2)
@@ -108,7 +108,7 @@ def test_the_case_of_the_paper(kind, errors, estimate):
     assert np.abs(a[-1] - estimate).max() <= 1e-4
 
 
-def test_composite_settles_in_half_the_time():
+def test_composite_adaptation_settles_in_half_the_time():
     """The claim of the paper: about 1.5 s where the tracking error alone takes about 3."""
     parameters, tracking = {}, {}
     for kind in ("direct", "least-squares"):
@@ -121,7 +121,7 @@ def test_composite_settles_in_half_the_time():
     assert 1.4 < tracking["least-squares"] < 1.8 and 2.5 < tracking["direct"] < 3.0  # 1.74, 2.78
 
 
-def test_panda_learns_at_least_twice_as_fast():
+def test_composite_adaptation_of_a_panda_is_at_least_twice_as_fast():
     times = {
         kind: time_to(0.1, *panda_swung(kind), 2.0) for kind in ("natural", "natural-composite")
     }
@@ -149,7 +149,7 @@ _TRIDIAGONAL = np.array([np.diag(e) + 0.1 * np.outer(e, e) for e in np.eye(3)])
 
 
 @pytest.mark.parametrize("kind", ADAPTATIONS)
-def test_gain_times_is_the_gain_times(kind):
+def test_gain_times_equals_the_product_with_the_gain(kind):
     adaptation, rng = ADAPTATIONS[kind](), np.random.default_rng(0)
     value, X = np.array([1.0, 0.2, 1.5]), rng.standard_normal((3, 4))
     assert np.allclose(adaptation.gain_times(value, X), adaptation.gain(value) @ X, rtol=1e-12)
@@ -164,7 +164,7 @@ def test_gain_times_of_bodies():
     assert np.abs(adaptation.gain_times(value, X) - product).max() <= 1e-12 * np.abs(product).max()
 
 
-def test_least_squares_without_forgetting_is_the_weighted_fit():
+def test_least_squares_without_forgetting_equals_the_weighted_fit():
     """Steps of any length solve min sum dt |W a - y|_R^2 + |a - a_0|^2 in the metric P(0)^-1."""
     rng, p, n, dt = np.random.default_rng(0), 4, 2, 0.3
     P_0, R = np.diag(rng.uniform(0.5, 2.0, p)), np.array([[2.0, 0.3], [0.3, 1.0]])
@@ -173,15 +173,17 @@ def test_least_squares_without_forgetting_is_the_weighted_fit():
     estimate, information, right = adaptation.init(a_0), np.linalg.inv(P_0), np.zeros(p)
     for _ in range(30):
         W, y = rng.standard_normal((n, p)), rng.standard_normal(n)
-        drive = pa.adaptation.Drive(np.zeros((1, p)), None).predicting(W, W @ estimate.value - y)
+        drive = pa.adaptation.Drive(np.zeros((1, p)), None).with_prediction_error(
+            W, W @ estimate.value - y
+        )
         estimate = adaptation.step(estimate, drive, dt)
         information, right = information + dt * W.T @ R @ W, right + dt * W.T @ R @ (y - W @ a_0)
     assert np.allclose(estimate.value, a_0 + np.linalg.solve(information, right), atol=1e-12)
     assert np.allclose(estimate.memory[0], np.linalg.inv(information), atol=1e-12)
 
 
-def test_the_gain_that_forgets_stays_bounded():
-    """P <= P(0) for any step, and where nothing is told any more it comes back to P(0)."""
+def test_gain_with_forgetting_stays_bounded():
+    """P <= P(0) for any step, and without excitation P returns to P(0)."""
     rng, p = np.random.default_rng(0), 5
     adaptation = pa.adaptation.LeastSquares(
         np.linspace(0.5, 2.0, p), p, 10.0, weight=10.0, forgetting=3.0
@@ -189,7 +191,7 @@ def test_the_gain_that_forgets_stays_bounded():
     estimate, excess = adaptation.init(np.zeros(p)), []
     for k in range(400):
         W = rng.standard_normal((2, p)) if k < 200 else np.zeros((2, p))
-        drive = pa.adaptation.Drive(np.zeros((1, p)), None).predicting(W, np.zeros(2))
+        drive = pa.adaptation.Drive(np.zeros((1, p)), None).with_prediction_error(W, np.zeros(2))
         estimate = adaptation.step(estimate, drive, 0.05)
         P = estimate.memory[0]
         excess.append(np.linalg.eigvalsh(P - adaptation.P_0)[-1])
@@ -201,8 +203,8 @@ def test_the_gain_that_forgets_stays_bounded():
 
 
 @pytest.mark.parametrize("adaptation", RATES)
-def test_prediction_goes_on_learning_while_the_motors_saturate(adaptation):
-    """The tracking part is dropped; what the torque tells is still followed, to the right side."""
+def test_prediction_error_adapts_while_the_motors_saturate(adaptation):
+    """The tracking part is dropped; the prediction error still improves the estimate."""
     true, controller, path = loop("slotine-li", "ur5", adaptation)
     weak = controller.limited(np.full(6, 1e-3))
     rollout = pa.simulate(true, weak, path, duration=0.2)
@@ -222,13 +224,14 @@ def test_a_step_is_pure_and_a_copy_gives_the_same_torques():
             assert np.array_equal(torque, sample.torque)
 
 
-def test_a_measured_torque_is_believed_and_checked():
+def test_a_measured_torque_is_used_and_checked():
     true, controller, path = loop("slotine-li", "ur5", "natural-composite")
     run = list(islice(pa.run(pa.plants.PinocchioPlant(true), controller, path), 20))
     last = run[-1]
-    told = last.measurement._replace(tau=run[-2].torque)
+    announced = last.measurement._replace(tau=run[-2].torque)
     given, same = (
-        controller.step(last.state, m, last.desired, 1e-3)[1].a_d for m in (told, last.measurement)
+        controller.step(last.state, m, last.desired, 1e-3)[1].a_d
+        for m in (announced, last.measurement)
     )
     assert np.allclose(given, same, rtol=1e-12)
     half = last.measurement._replace(tau=0.5 * run[-2].torque)
@@ -239,7 +242,7 @@ def test_a_measured_torque_is_believed_and_checked():
             controller.step(last.state, last.measurement._replace(tau=wrong), last.desired, 1e-3)
 
 
-def test_what_the_arm_adds_by_itself_counts_as_torque():
+def test_gravity_compensation_of_the_arm_counts_as_torque():
     robot = catalogue_robot("ur5")
     path = circle_beside(robot, "yz")
     gains = {
@@ -255,7 +258,7 @@ def test_what_the_arm_adds_by_itself_counts_as_torque():
     assert np.allclose(*ends, rtol=1e-4, atol=1e-6)
 
 
-def test_words_and_gains():
+def test_names_and_gains():
     robot = catalogue_robot("ur5")
     plain = pa.make_controller(robot, adaptation="natural")
     made = pa.make_controller(
@@ -279,7 +282,7 @@ def test_words_and_gains():
             pa.adaptation.Composite(pa.adaptation.Gradient(1.0, 2), 10.0, **wrong)
 
 
-def test_a_scenario_names_them_and_their_gains():
+def test_scenario_with_the_name_and_its_gains():
     planar = robots_folder() / "planar_2r" / "wang_xie_2009.toml"
     words = ['controller.adaptation="least-squares"', "controller.forgetting=2.0"]
     gains = ["controller.gamma_d=0.1", "controller.prediction_filter=12.0"]
@@ -305,8 +308,8 @@ LONGER = {"elbow_joint": [0.0, 0.01197, -0.0425], "wrist_1_joint": [0.0, 0.0, 0.
         ),
     ],
 )
-def test_lumped_parameters_have_no_cone_but_are_predicted(law, adaptation, options):
-    """With lengths and inertias unknown and wrong, the truth a lumped vector of the real arm."""
+def test_prediction_error_adapts_lumped_parameters(law, adaptation, options):
+    """Lengths and inertias are unknown and wrong; the truth is the real arm's lumped vector."""
     robot = catalogue_robot("ur5")
     true = robot.changed(link_translation=LONGER)
     options = {"unknown": pa.Unknown(friction=False, armature=False), **options}
@@ -323,7 +326,7 @@ def test_lumped_parameters_have_no_cone_but_are_predicted(law, adaptation, optio
     assert (energy.rate <= 0.0).all() and energy.largest_rise() <= 1e-12
 
 
-def test_all_lengths_and_inertias_with_the_lengths_right():
+def test_all_lengths_and_inertias_from_correct_lengths():
     robot = catalogue_robot("ur5")
     controller = pa.make_controller(
         robot.changed(inertial_scale=0.8),

@@ -1,4 +1,4 @@
-"""Composite adaptation that remembers: its part of V, what it reaches, and how it forgets."""
+"""Composite adaptation with memory: its part of V, its accuracy, and its forgetting."""
 
 import pickle
 from itertools import islice
@@ -31,21 +31,21 @@ LOOPS = [
 
 
 def real(robot):
-    """Return the robot with a load, and a tool where three coordinates are seen."""
+    """Return the robot with a load, and with a tool for a task of three coordinates."""
     if robot.task.size == 3:
         return with_tool_and_load(robot)
     return robot.changed(payload=pa.Payload(1.0))
 
 
 def beside(robot):
-    """Return a motion that begins beside home."""
+    """Return a motion that starts beside home."""
     if robot.task.size == 3:
         return circle_beside(robot, "yz")
     return motion_at_home(robot)
 
 
 @pytest.mark.parametrize(("law", "name", "adaptation"), LOOPS)
-def test_equality_along_the_trajectory(law, name, adaptation):
+def test_lyapunov_equality_along_the_trajectory(law, name, adaptation):
     """dV/dt is that of the law less rho da^T H da, for every law, metric and chain."""
     robot = robot_of(law, name)
     true = real(robot)
@@ -63,7 +63,7 @@ def test_equality_along_the_trajectory(law, name, adaptation):
     assert energy.largest_rise() <= 1e-12
 
 
-def test_friction_and_rotors_keep_the_equality():
+def test_lyapunov_equality_with_friction_and_rotors():
     robot = catalogue_robot("ur5")
     true = with_tool_and_load(robot).changed(viscous=0.5, coulomb=0.2, armature=0.05)
     controller = pa.make_controller(
@@ -86,11 +86,11 @@ def remembering(p=6, n=2, **gains):
 def shown(truth, W, estimate):
     """Return the drive of a prediction alone, W (n, p), at the truth (p)."""
     Y = np.zeros((1, truth.size))
-    return pa.adaptation.Drive(Y, None).predicting(W, W @ (estimate.value - truth))
+    return pa.adaptation.Drive(Y, None).with_prediction_error(W, W @ (estimate.value - truth))
 
 
-def test_what_was_told_once_decays_at_its_rate_for_good():
-    """Four combinations of six parameters are shown, then nothing: two errors stay as they are."""
+def test_errors_in_excited_directions_decay_without_further_excitation():
+    """Four combinations of six parameters are excited for a while; the other two errors stay."""
     adaptation, estimate, truth = remembering()
     rng, dt = np.random.default_rng(1), 1e-3
     shows = rng.standard_normal((2, 2, 6))
@@ -100,14 +100,14 @@ def test_what_was_told_once_decays_at_its_rate_for_good():
     for _ in range(500):
         estimate = adaptation.step(estimate, shown(truth, np.zeros((2, 6)), estimate), dt)
     after = estimate.value - truth
-    told = np.vstack(shows)
-    left = np.linalg.norm(told @ after) / np.linalg.norm(told @ before)
+    announced = np.vstack(shows)
+    left = np.linalg.norm(announced @ after) / np.linalg.norm(announced @ before)
     assert left == pytest.approx(np.exp(-3.0 * 0.5), rel=0.01)
-    untold = np.linalg.svd(told @ adaptation.gain(truth))[2][4:]
+    untold = np.linalg.svd(announced @ adaptation.gain(truth))[2][4:]
     assert np.allclose(untold @ after, untold @ before, atol=1e-9)
 
 
-def test_the_pull_is_that_of_a_symmetric_matrix_between_nothing_and_the_metric():
+def test_memory_term_is_symmetric_and_bounded_by_the_metric():
     """H = A (I + Gamma A)^-1 is symmetric, and rho Gamma H has its modes between 0 and rho."""
     adaptation, estimate, truth = remembering()
     for W in np.random.default_rng(2).standard_normal((2, 2, 6)):
@@ -122,10 +122,10 @@ def test_the_pull_is_that_of_a_symmetric_matrix_between_nothing_and_the_metric()
     assert np.allclose(H, H.T, rtol=1e-9, atol=1e-12)
     modes = np.sort(np.linalg.eigvals(Gamma @ H).real)
     assert modes[:2] == pytest.approx(0.0, abs=1e-9) and (modes[2:] < 1.0).all()
-    assert (modes[2:] > 0.9).all()  # told far beyond the metric
+    assert (modes[2:] > 0.9).all()  # directions with much information
 
 
-def test_nothing_is_forgotten_until_it_is_contradicted():
+def test_memory_forgets_only_contradicted_data():
     adaptation, estimate, truth = remembering(rate=6.0, forgetting=2.0)
     unforgetting, never, _ = remembering(rate=6.0)
     rng, dt, sizes = np.random.default_rng(3), 1e-3, []
@@ -141,8 +141,8 @@ def test_nothing_is_forgotten_until_it_is_contradicted():
     assert np.abs(never.value - truth - 1.0).max() > 0.3
 
 
-def test_bodies_stay_physical_whatever_is_remembered():
-    """A memory that contradicts itself, of torques no body gives, and long steps."""
+def test_bodies_stay_physical_with_any_memory():
+    """Contradictory data, of torques that no body causes, and long steps."""
     controller = pa.make_controller(catalogue_robot("ur5"), adaptation="natural-memory")
     adaptation, rng = controller.adaptation_d, np.random.default_rng(0)
     start = controller.dynamics.initial
@@ -150,7 +150,7 @@ def test_bodies_stay_physical_whatever_is_remembered():
     for _ in range(300):
         W, Y = rng.standard_normal((6, p)), rng.standard_normal((6, p))
         drive = pa.adaptation.Drive(Y, 100.0 * rng.standard_normal(6))
-        drive = drive.predicting(W, 1e3 * rng.standard_normal(6))
+        drive = drive.with_prediction_error(W, 1e3 * rng.standard_normal(6))
         estimate = adaptation.step(estimate, drive, 0.05)
         assert np.isfinite(estimate.value).all() and adaptation.contains(estimate.value)
 
@@ -168,16 +168,16 @@ def circling(name, friction=False):
 
 
 @pytest.mark.parametrize("name", ["panda", "z1"])
-def test_ignorance_costs_nothing_after_four_seconds(name):
-    """Tool, load and inertias unknown; the loop that knows them is left with a micrometre."""
+def test_tracking_error_after_four_seconds_is_that_of_known_parameters(name):
+    """Tool, load and inertias unknown; with known ones the error is a micrometre."""
     robot, true, path = circling(name)
-    believed, last = robot.changed(inertial_scale=0.7), {}
+    nominal, last = robot.changed(inertial_scale=0.7), {}
     for who, controller in {
         "informed": pa.make_controller(
             true, adaptation="none", unknown=pa.Unknown(friction=False, armature=False)
         ),
         "adapted": pa.make_controller(
-            believed,
+            nominal,
             adaptation="natural-memory",
             unknown=pa.Unknown(friction=False, armature=False),
         ),
@@ -189,7 +189,7 @@ def test_ignorance_costs_nothing_after_four_seconds(name):
 
 
 @pytest.mark.parametrize(("friction", "share"), [(False, 0.1), (True, 0.2)])
-def test_panda_learns_several_times_as_fast_also_with_its_friction(friction, share):
+def test_memory_adapts_a_panda_several_times_as_fast_also_with_friction(friction, share):
     """The rms torque error over random states: to 10 % in 0.23 s where the tracking error takes
     1.15 s; with friction unknown to 20 % in 0.24 and 1.52 s."""
     kinds = ("natural", "natural-memory")
@@ -198,8 +198,8 @@ def test_panda_learns_several_times_as_fast_also_with_its_friction(friction, sha
     assert time_to(0.02, *panda_swung("natural-memory", friction), 1.0) < 0.8
 
 
-def test_a_load_that_changes_is_learned_anew():
-    """A memory that never forgets holds on to the load that was dropped."""
+def test_memory_follows_a_change_of_load():
+    """A memory that never forgets keeps the load that was dropped."""
     robot, true, path = circling("panda")
     dropped, left = robot.changed(tool_translation=[0.03, -0.02, 0.12]), {}
     for forgetting in (None, 0.0):
@@ -217,11 +217,11 @@ def test_a_load_that_changes_is_learned_anew():
     assert left[0.0] > 5.0 * left[None], left
 
 
-@pytest.mark.parametrize("told", [False, True])
-def test_a_fixed_mass_matrix_must_bear_what_is_learned(told):
+@pytest.mark.parametrize("announced", [False, True])
+def test_fixed_mass_matrix_must_include_the_load(announced):
     """The improved law assumes M + M_0 - M_hat > 0; an M_0 without the load does not keep it."""
     robot, true, path = circling("panda")
-    load = {"payload": LOAD} if told else {}
+    load = {"payload": LOAD} if announced else {}
     controller = pa.make_controller(
         robot.changed(inertial_scale=0.7, **load),
         law="adaptive-inverse-dynamics-improved",
@@ -238,10 +238,12 @@ def test_a_fixed_mass_matrix_must_bear_what_is_learned(told):
         change = matrices[0] - matrices[1]
         largest.append(eigh(change, M, eigvals_only=True)[-1])
     last = rollout.distance[-300:].max()
-    assert (max(largest) < 0.6 and last < 1e-4) if told else (max(largest) > 1.2 and last > 5e-3)
+    assert (
+        (max(largest) < 0.6 and last < 1e-4) if announced else (max(largest) > 1.2 and last > 5e-3)
+    )
 
 
-def test_memory_begins_anew_when_a_load_is_announced():
+def test_memory_is_empty_after_an_announced_load():
     robot, true, path = circling("ur5")
     controller = pa.make_controller(
         robot, adaptation="natural-memory", unknown=pa.Unknown(friction=False, armature=False)
@@ -249,9 +251,9 @@ def test_memory_begins_anew_when_a_load_is_announced():
     last = list(islice(pa.run(pa.plants.PinocchioPlant(true), controller, path), 30))[-1].state
     assert np.abs(last.dynamic.memory[0]).max() > 0.0
     before = snapshot(last)
-    told = controller.believe(last, payload=pa.Payload(2.0))
+    announced = controller.believe(last, payload=pa.Payload(2.0))
     assert unchanged(last, before)
-    assert all((part == 0.0).all() for part in told.dynamic.memory)
+    assert all((part == 0.0).all() for part in announced.dynamic.memory)
 
 
 def test_a_step_is_pure_and_a_copy_gives_the_same_torques():
@@ -267,7 +269,7 @@ def test_a_step_is_pure_and_a_copy_gives_the_same_torques():
             assert np.array_equal(torque, sample.torque)
 
 
-def test_words_gains_and_sources():
+def test_names_gains_and_sources():
     robot = catalogue_robot("ur5")
     made = pa.make_controller(
         robot,

@@ -1,4 +1,4 @@
-"""Least squares on what a law predicts of the frame: its V, and how soon a tool is known."""
+"""Least squares on the prediction error of the position: its V, and its speed."""
 
 import math
 import pickle
@@ -31,8 +31,8 @@ def planar(**options):
 
 def arm(name, plane="yz", **options):
     robot = catalogue_robot(name)
-    true, believed = with_tool_and_load(robot), robot.changed(inertial_scale=0.8)
-    controller = pa.make_controller(believed, **{**SLOW, **FIT, **options})
+    true, nominal = with_tool_and_load(robot), robot.changed(inertial_scale=0.8)
+    controller = pa.make_controller(nominal, **{**SLOW, **FIT, **options})
     return true, controller, circle_beside(true, plane), {}
 
 
@@ -58,8 +58,8 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_equality_along_the_trajectory(case):
-    """V gains da_k^T P^-1 da_k / 2 in place of the constant metric, for every law and weight."""
+def test_lyapunov_equality_along_the_trajectory(case):
+    """V contains da_k^T P^-1 da_k / 2 instead of a constant metric, for every law and weight."""
     true, controller, path, start = CASES[case]()
     energy = energy_along(true, controller, path, seconds=0.05, **start)
     assert energy.mismatch(after=20) <= 1e-4  # at first R rises from W_k = 0 in a few samples
@@ -69,7 +69,7 @@ def test_equality_along_the_trajectory(case):
 
 
 def known_after(seconds, name="panda", kinematic="tool", **options):
-    """Return how far off the kinematic estimate is [m] after some time on a circle of 10 cm."""
+    """Return the error of the kinematic estimate [m] after some time on a circle of 10 cm."""
     sensors = {key: options.pop(key) for key in ("camera", "noise") if key in options}
     robot = catalogue_robot(name)
     true = with_tool_and_load(robot).changed(viscous=0.3, coulomb=0.3)
@@ -87,14 +87,14 @@ def known_after(seconds, name="panda", kinematic="tool", **options):
 
 @pytest.mark.parametrize("camera", [None, {"rate": 30.0, "delay": 0.06}])
 @pytest.mark.parametrize("name", ["panda", "ur5"])
-def test_a_tool_is_known_within_a_second(name, camera):
+def test_tool_is_identified_within_a_second(name, camera):
     wrong, rollout = known_after(1.0, name, sensors=pa.Sensors(camera=camera), **FIT)
     assert wrong < 1e-4
     assert rollout.distance[-5:].max() < 2e-3
 
 
 def test_noisy_frames_are_averaged():
-    """After three seconds closer than gradient comes to it in ten (0.42 mm)."""
+    """After three seconds the error is below that of gradient adaptation after ten (0.42 mm)."""
     seen = {"sensors": pa.Sensors(camera=pa.Camera(rate=30.0, delay=0.06), noise={"x": 1e-3})}
     wrong, _ = known_after(3.0, **seen, **FIT)
     assert wrong < 4e-4
@@ -102,15 +102,15 @@ def test_noisy_frames_are_averaged():
     assert slow > 4.0 * wrong
 
 
-def test_base_and_tool_are_told_apart():
-    """Together they are hardly excited by a small circle, which a gradient takes minutes for."""
+def test_base_and_tool_are_both_identified():
+    """A small circle hardly excites both; gradient adaptation would take minutes."""
     wrong, _ = known_after(2.0, unknown=pa.Unknown(tool=True, base=True), **FIT)
     slow, _ = known_after(2.0, unknown=pa.Unknown(tool=True, base=True))
     assert wrong < 1e-3 and slow > 0.05
 
 
-def test_a_frame_that_is_held_counts_once():
-    """A hundred steps under one frame are one step of a hundred times the length."""
+def test_a_held_frame_counts_once():
+    """A hundred steps with one frame equal one step of a hundred times the length."""
     rng = np.random.default_rng(0)
     X, b = rng.standard_normal((3, 6)), rng.standard_normal(3)
     fit = pa.adaptation.LeastSquares(0.3, 6, weight=[2.0, 3.0, 4.0], forgetting=0.0)
@@ -118,7 +118,7 @@ def test_a_frame_that_is_held_counts_once():
 
     def seen(estimate):
         nothing = np.zeros((1, 6))
-        return pa.adaptation.Drive(nothing, None).predicting(X, X @ estimate.value + b)
+        return pa.adaptation.Drive(nothing, None).with_prediction_error(X, X @ estimate.value + b)
 
     once = fit.step(once, seen(once), 1.0)
     for _ in range(100):
@@ -127,8 +127,8 @@ def test_a_frame_that_is_held_counts_once():
     assert np.allclose(once.memory[0], many.memory[0], atol=1e-11)
 
 
-def test_each_direction_forgets_by_itself():
-    """Where one parameter is never told, the other is still followed; bounded gain stops both."""
+def test_directional_forgetting_acts_on_each_direction():
+    """With one parameter unexcited the other is followed; bounded-gain forgetting stops both."""
     W, ends = np.array([[1.0, 0.0]]), {}
     for directional in (False, True):
         fit = pa.adaptation.LeastSquares(
@@ -137,7 +137,7 @@ def test_each_direction_forgets_by_itself():
         estimate, excess = fit.init(np.zeros(2)), []
         for k in range(2000):
             truth = np.array([1.0 if k < 1000 else 2.0, 0.0])
-            drive = pa.adaptation.Drive(np.zeros((1, 2)), None).predicting(
+            drive = pa.adaptation.Drive(np.zeros((1, 2)), None).with_prediction_error(
                 W, W @ (estimate.value - truth)
             )
             estimate = fit.step(estimate, drive, 0.01)
@@ -165,8 +165,8 @@ def test_small_steps_follow_the_rate():
             assert np.abs((moved - was) / h - slope).max() <= within * np.abs(slope).max()
 
 
-def test_a_box_goes_by_the_gain_of_now():
-    """The nearest point of the box in the metric P^-1 leaves da^T P^-1 da no larger."""
+def test_box_projects_in_the_metric_of_the_present_gain():
+    """The nearest point of the box in the metric P^-1 does not increase da^T P^-1 da."""
     rng = np.random.default_rng(2)
     box = pa.adaptation.BoxProjection(
         pa.adaptation.LeastSquares(1.0, 3, weight=50.0), -np.ones(3), np.ones(3)
@@ -176,20 +176,20 @@ def test_a_box_goes_by_the_gain_of_now():
         for _ in range(5):
             W = rng.standard_normal((1, 3))
             noisy = W @ (estimate.value - truth) + rng.standard_normal(1)
-            drive = pa.adaptation.Drive(np.zeros((1, 3)), None).predicting(W, noisy)
+            drive = pa.adaptation.Drive(np.zeros((1, 3)), None).with_prediction_error(W, noisy)
             after, free = (part.step(estimate, drive, 0.5) for part in (box, box.inner))
             assert box.contains(after.value)
             assert box.storage(after, truth) <= box.storage(free, truth) + 1e-12
             estimate = after
 
 
-def test_an_announced_tool_begins_anew():
+def test_announced_tool_resets_the_gain():
     true, controller, path, _ = arm("panda")
     sample = list(islice(pa.run(pa.plants.PinocchioPlant(true), controller, path), 100))[-1]
     P = sample.state.kinematic.memory[0]
     assert np.linalg.eigvalsh(P)[-1] < 0.5 * controller.adaptation_k.gain(sample.state.a_k)[0, 0]
-    told = controller.believe(sample.state, tool_translation=[0.0, 0.0, 0.05])
-    assert np.array_equal(told.kinematic.memory[0], controller.adaptation_k.inner.P_0)
+    announced = controller.believe(sample.state, tool_translation=[0.0, 0.0, 0.05])
+    assert np.array_equal(announced.kinematic.memory[0], controller.adaptation_k.inner.P_0)
 
 
 def test_a_copy_gives_the_same_torques():
@@ -201,7 +201,7 @@ def test_a_copy_gives_the_same_torques():
         assert np.array_equal(torque, sample.torque)
 
 
-def test_words_and_gains():
+def test_names_and_gains():
     robot = catalogue_robot("ur5")
     made = pa.make_controller(robot, **FIT, kinematic_rate=7.0, kinematic_forgetting=0.5)
     fit = made.adaptation_k.inner
@@ -230,7 +230,7 @@ def test_words_and_gains():
         pa.adaptation.LeastSquares(1.0, 2, 10.0, weight=None)
 
 
-def test_a_scenario_names_it():
+def test_scenario_with_the_name():
     scenario = robots_folder() / "panda" / "tool_and_load.toml"
     words = ['controller.kinematic_adaptation="least-squares"', "controller.kinematic_rate=9.0"]
     fit = Scenario.read(scenario, words).controller.adaptation_k.inner

@@ -1,4 +1,4 @@
-"""Modifications of an adaptation: what each adds to dV/dt, in any order, and by name."""
+"""Modifications of an adaptation: their effect on dV/dt, composition, and names."""
 
 import math
 import pickle
@@ -55,7 +55,7 @@ def drive_at(a, rng_seed=0, noise=0.0):
     rng = np.random.default_rng(rng_seed)
     Y, e, W = rng.standard_normal((2, 3)), rng.standard_normal(2), rng.standard_normal((2, 3))
     residual = W @ (a - TRUTH) + noise * rng.standard_normal(2)
-    return pa.adaptation.Drive(Y, e).predicting(W, residual)
+    return pa.adaptation.Drive(Y, e).with_prediction_error(W, residual)
 
 
 def change_of_storage(adaptation, estimate, drive, h):
@@ -76,7 +76,7 @@ def change_of_storage(adaptation, estimate, drive, h):
 
 
 def begun(adaptation):
-    """Return an estimate whose memories are not those of its start."""
+    """Return an estimate whose memory differs from the initial one."""
     estimate = adaptation.init(START)
     for k in range(3):
         estimate = adaptation.step(estimate, drive_at(estimate.value, k), 0.05)
@@ -85,8 +85,8 @@ def begun(adaptation):
 
 @pytest.mark.parametrize("wrapper", WRAPPERS)
 @pytest.mark.parametrize("inner", INNER)
-def test_each_adds_to_the_rate_of_v_what_it_says(wrapper, inner):
-    """dV/dt of the parameters' part is -da^T g and the adaptation's ``dissipation``."""
+def test_dissipation_states_the_change_of_the_rate_of_v(wrapper, inner):
+    """dV/dt of the parameters' part is -da^T g plus the adaptation's ``dissipation``."""
     adaptation = WRAPPERS[wrapper](INNER[inner]())
     estimate = begun(adaptation)
     drive = drive_at(estimate.value)
@@ -100,13 +100,13 @@ def test_each_adds_to_the_rate_of_v_what_it_says(wrapper, inner):
     plain = -error @ drive.gradient + adaptation.inner.dissipation(inside, drive, TRUTH)
     assert change == pytest.approx(claimed, rel=1e-5, abs=1e-8)
     if wrapper != "box":
-        assert abs(claimed - plain) > 1e-3  # it does something here
+        assert abs(claimed - plain) > 1e-3  # the modification has an effect here
 
 
 @pytest.mark.parametrize("first", WRAPPERS)
 @pytest.mark.parametrize("second", WRAPPERS)
 @pytest.mark.parametrize("inner", ["natural", "directional", "composite"])
-def test_they_compose_in_any_order(inner, first, second):
+def test_modifications_compose_in_any_order(inner, first, second):
     adaptation = WRAPPERS[first](WRAPPERS[second](INNER[inner]()))
     estimate = adaptation.init(START)
     for k in range(20):
@@ -130,7 +130,7 @@ LOOPS = [
 
 
 @pytest.mark.parametrize(("law", "name", "adaptation", "modifications"), LOOPS)
-def test_equality_along_the_trajectory(law, name, adaptation, modifications):
+def test_lyapunov_equality_along_the_trajectory(law, name, adaptation, modifications):
     robot = catalogue_robot(name, task="joint" if law == "slotine-li" else None)
     joints = law == "slotine-li"
     true = robot.changed(payload=pa.Payload(1.0)) if joints else with_tool_and_load(robot)
@@ -158,8 +158,8 @@ def test_equality_along_the_trajectory(law, name, adaptation, modifications):
     assert np.abs(energy.rate).max() > 1e-4
 
 
-def test_what_leaks_is_bounded_by_the_error_at_the_start():
-    """Constant Gamma: dV/dt gains at most -lambda (D(a) - D(a_0))."""
+def test_effect_of_the_leak_is_bounded_by_the_initial_error():
+    """For a constant Gamma dV/dt changes by at most -lambda (D(a) - D(a_0))."""
     rng, lambda_ = np.random.default_rng(3), 0.4
     leak = pa.adaptation.Leak(pa.adaptation.Gradient([0.2, 0.5, 1.0], 3), lambda_)
     quiet = pa.adaptation.Drive(np.zeros((1, 3)), None)
@@ -170,7 +170,7 @@ def test_what_leaks_is_bounded_by_the_error_at_the_start():
         assert gained <= -lambda_ * (D(a, truth) - D(start, truth)) + 1e-12
 
 
-def test_a_leak_by_the_error_ceases_with_it():
+def test_error_leak_vanishes_with_the_error():
     leak = pa.adaptation.ErrorLeak(pa.adaptation.Gradient(1.0, 3), 2.0, [0.1, 0.2])
     estimate = leak.init(np.zeros(3))._replace(value=np.ones(3))
     Y = np.zeros((2, 3))
@@ -180,7 +180,7 @@ def test_a_leak_by_the_error_ceases_with_it():
     assert np.allclose(leak.step(estimate, pa.adaptation.Drive(Y, None), 0.1).value, 1.0)
 
 
-def test_a_dead_zone_is_continuous_and_rests_inside():
+def test_dead_zone_is_continuous_and_zero_inside():
     zone = pa.adaptation.DeadZone(pa.adaptation.Gradient(1.0, 1), 0.5)
     start = zone.init(np.zeros(1))
     for e in np.linspace(-2.0, 2.0, 41):
@@ -189,8 +189,8 @@ def test_a_dead_zone_is_continuous_and_rests_inside():
 
 
 @pytest.mark.parametrize("inner", ["gradient", "least squares", "natural"])
-def test_noise_inside_the_zone_never_raises_v(inner):
-    """The prediction error with noise no larger than the zone, R = 1: V never rises, whatever n."""
+def test_noise_inside_the_dead_zone_never_increases_v(inner):
+    """Prediction error with noise n of at most the zone, R = 1: V never increases, for any n."""
     own, rng, rises = INNER[inner](), np.random.default_rng(4), 0
     zone = pa.adaptation.DeadZone(own, None, 0.3)
     estimate = zone.init(START)
@@ -206,7 +206,7 @@ def test_noise_inside_the_zone_never_raises_v(inner):
     assert rises > 10  # without the zone
 
 
-def test_normalised_adaptation_is_bounded_however_large_the_regressor():
+def test_normalised_adaptation_is_bounded_for_large_regressors():
     rng = np.random.default_rng(5)
     slow = pa.adaptation.Normalised(pa.adaptation.Gradient([0.5, 1.0, 2.0], 3), 3.0)
     start, e = slow.init(np.zeros(3)), np.array([0.3, -0.4])
@@ -220,7 +220,7 @@ def test_normalised_adaptation_is_bounded_however_large_the_regressor():
     )
 
 
-def test_a_saturated_motor_leaves_them_the_prediction():
+def test_saturation_leaves_the_prediction_part():
     robot = catalogue_robot("ur5", task="joint")
     true = robot.changed(payload=pa.Payload(2.0))
     weak = pa.make_controller(
@@ -237,7 +237,7 @@ def test_a_saturated_motor_leaves_them_the_prediction():
 
 
 def chain(adaptation):
-    """Return the names of the classes from the outermost in, to what is no wrapper."""
+    """Return the names of the classes from the outermost wrapper to the inner adaptation."""
     names = []
     while isinstance(adaptation, pa.adaptation.Wrapper):
         names.append(type(adaptation).__name__)
@@ -245,7 +245,7 @@ def chain(adaptation):
     return names
 
 
-def test_words_and_gains():
+def test_names_and_gains():
     robot = catalogue_robot("ur5")
 
     def made(modifications, **options):
@@ -258,8 +258,8 @@ def test_words_and_gains():
     assert made({"sigma": 0.3}).bandwidth == 0.3
     assert chain(made({"sigma": True, "e1": False})) == ["Leak"]
     noisy = {"sensors": pa.Sensors(encoder=2.0 * np.pi / 2**17)}
-    assert chain(made(None, **noisy)) == ["Leak"]  # what noise asks for
-    assert chain(made({"sigma": 0.3}, **noisy)) == ["Leak"]  # in its place
+    assert chain(made(None, **noisy)) == ["Leak"]  # the default for noise
+    assert chain(made({"sigma": 0.3}, **noisy)) == ["Leak"]  # instead of the default
     assert not chain(made({"sigma": False}, **noisy))
     zone = made("dead-zone", **noisy)
     assert chain(zone) == ["Leak", "DeadZone"] and 0.0 < zone.inner.size < 0.1
@@ -284,7 +284,7 @@ def test_words_and_gains():
         ({"dead-zone": [0.1, -0.1]}, "positive"),
     ],
 )
-def test_what_cannot_be_is_refused(given, message):
+def test_invalid_modifications_are_refused(given, message):
     with pytest.raises(pa.InputError, match=message):
         pa.make_controller(catalogue_robot("ur5"), modifications=given)
 
@@ -300,7 +300,7 @@ def test_laws_with_another_error_have_no_default_size():
     assert chain(made.adaptation_d) == ["DeadZone"]
 
 
-def test_a_scenario_names_them():
+def test_scenario_with_the_names():
     path = robots_folder() / "panda" / "tool_and_load.toml"
     words = ['controller.modifications=["e1", "normalised"]']
     assert chain(Scenario.read(path, words).controller.adaptation_d) == ["Normalised", "ErrorLeak"]
@@ -325,19 +325,19 @@ def test_a_copy_gives_the_same_torques():
     for sample in run:
         torque, _ = copied.step(sample.state, sample.measurement, sample.desired, 1e-3)
         assert np.array_equal(torque, sample.torque)
-    told = controller.believe(run[-1].state, payload=pa.Payload(1.0))
+    announced = controller.believe(run[-1].state, payload=pa.Payload(1.0))
     assert np.isfinite(
-        controller.adaptation_d.step(told.dynamic, along(np.zeros(78)), 1.0).value
+        controller.adaptation_d.step(announced.dynamic, along(np.zeros(78)), 1.0).value
     ).all()
 
 
-def test_late_motors_make_the_plain_adaptation_chatter_and_not_the_normalised_one():
+def test_normalisation_prevents_chatter_with_delayed_motors():
     plain, slower = (measure("ur5", "late motors", kind, 5.0) for kind in ("none", "normalised"))
     assert plain["chatter"] > 10.0 * slower["chatter"]
     assert slower["error_mm"] < 0.05 < plain["error_mm"]
 
 
-def test_noise_ends_law_11_with_a_gradient_and_not_with_a_projected_one():
+def test_projection_prevents_divergence_of_law_11_under_noise():
     plain, kept = (
         measure("ur5", "noise, law (11), gradient", kind, 4.0) for kind in ("none", "projection")
     )

@@ -1,4 +1,4 @@
-"""Natural adaptation whose bodies have relative rates, and when a default one has them."""
+"""Natural adaptation with relative rates of bodies, and their default."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def bodies():
     return cone, a, a_true
 
 
-def test_each_body_moves_as_alone_with_its_own_gain():
+def test_each_body_adapts_with_its_own_gain():
     cone, a, _ = bodies()
     g = np.random.default_rng(0).standard_normal(30)
     together = pa.adaptation.Natural(0.3, cone, shares=SHARES)
@@ -40,8 +40,8 @@ def test_each_body_moves_as_alone_with_its_own_gain():
     assert np.allclose(together.gain_times(a, np.eye(30)), together.gain(a))
 
 
-def test_v_falls_by_what_the_drive_does():
-    """d/dt D = (a - a_true)^T g, whatever the shares: they are part of D."""
+def test_divergence_with_shares_changes_as_the_proof_requires():
+    """dD/dt = -(a - a_true)^T g for any shares, which are part of D."""
     cone, a, a_true = bodies()
     adaptation = pa.adaptation.Natural(0.3, cone, shares=SHARES)
     g = 1e-3 * np.random.default_rng(1).standard_normal(30)
@@ -51,8 +51,8 @@ def test_v_falls_by_what_the_drive_does():
     assert np.isclose((after - before) / (2 * h), -(a - a_true) @ g, rtol=1e-5)
 
 
-def test_a_needle_at_the_end_is_learned_as_if_it_were_thick():
-    """TIAGo's wrist is described as 2.4 mm thick: 34 times faster; Panda's and UR5's are not."""
+def test_thin_last_body_is_adapted_as_if_it_were_thick():
+    """TIAGo's wrist is 2.4 mm thick in its description: 34 times faster, unlike Panda and UR5."""
 
     def shares(name):
         controller = pa.make_controller(
@@ -66,6 +66,6 @@ def test_a_needle_at_the_end_is_learned_as_if_it_were_thick():
 
 
 @pytest.mark.parametrize("shares", [[1.0, 2.0], [1.0, -1.0, 1.0], "thick"])
-def test_shares_that_are_no_rates_are_refused(shares):
+def test_invalid_shares_are_refused(shares):
     with pytest.raises(pa.InputError, match="shares"):
         pa.adaptation.Natural(1.0, bodies()[0], shares=shares)

@@ -1,4 +1,4 @@
-"""Base parameters: how many, which, and that the torque is theirs."""
+"""Base parameters: their number, their names, and the torque that they reproduce."""
 
 import numpy as np
 import pinocchio as pin
@@ -11,13 +11,13 @@ from tests.support.chains import catalogue_robot, random_state
 @pytest.mark.parametrize(
     ("name", "base"), [("ur5", 36), ("panda", 43), ("kinova", 36), ("planar_2r", 4)]
 )
-def test_the_base_of_the_inertial_parameters_has_its_known_size(name, base):
+def test_number_of_inertial_base_parameters_is_the_known_one(name, base):
     robot = catalogue_robot(name)
     assert pa.models.base_parameters(pa.models.BodyDynamics(robot), robot).size == base
 
 
 @pytest.mark.parametrize(("name", "base", "of"), [("ur5", 12, 21), ("panda", 14, 24)])
-def test_the_base_of_all_translations_has_its_known_size(name, base, of):
+def test_number_of_identifiable_translations_is_the_known_one(name, base, of):
     robot = catalogue_robot(name)
     kinematics = pa.models.FrameKinematics(robot, ["base", *robot.joint_names[1:], "tool"])
     found = pa.models.base_parameters(kinematics, robot)
@@ -39,7 +39,7 @@ def planar_3r():
     return pa.load(model, frame="tip", task="xz")
 
 
-def test_three_links_in_a_plane_have_six_lengths_and_nine_inertias():
+def test_planar_arm_of_three_links_has_six_lengths_and_nine_inertial_parameters():
     """A link's length along itself and across it; an inertia and two moments a body."""
     robot = planar_3r()
     kinematics = pa.models.FrameKinematics(robot, ["base", *robot.joint_names[1:], "tool"])
@@ -50,14 +50,14 @@ def test_three_links_in_a_plane_have_six_lengths_and_nine_inertias():
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "scara", "kinova"])
-def test_the_torque_is_that_of_the_base(name):
+def test_base_parameters_reproduce_the_torque(name):
     robot = catalogue_robot(name)
     dynamics = pa.models.StackedDynamics(
         pa.models.BodyDynamics(robot), pa.models.JointEffects(robot)
     )
     base = pa.models.base_parameters(dynamics, robot)
     inertial = pa.models.base_parameters(dynamics.inertial, robot)
-    # a rotor of the first joint, and of the second one here or there, is told from no inertia
+    # rotors of the first joint, and on some arms of the second, cannot be told from inertias
     assert inertial.size + 2 * robot.model.nv <= base.size <= inertial.size + dynamics.joints.size
     rng = np.random.default_rng(7)
     for _ in range(5):
@@ -66,7 +66,7 @@ def test_the_torque_is_that_of_the_base(name):
         assert np.allclose(Y[:, base.chosen] @ base.values(a), Y @ a, rtol=1e-7, atol=1e-7)
 
 
-def test_a_base_is_shown_by_name():
+def test_base_parameters_print_as_sums_of_names():
     robot = catalogue_robot("ur5")
     base = pa.models.base_parameters(pa.models.BodyDynamics(robot), robot)
     assert base.names[0] == "shoulder_pan_joint.Izz"
@@ -80,7 +80,7 @@ def test_a_base_is_shown_by_name():
         pa.models.base_parameters(robot, robot)
 
 
-def test_nothing_unknown_has_an_empty_base():
+def test_base_of_no_unknowns_is_empty():
     robot = catalogue_robot("scara")
     base = pa.models.base_parameters(pa.models.FrameKinematics(robot, []), robot)
     assert base.size == 0 and "0 identifiable combinations" in str(base)

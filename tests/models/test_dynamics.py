@@ -56,52 +56,52 @@ def test_identities_on_random_chains(robot):
 @pytest.mark.parametrize("unknown", ["all", "payload", "none", "one"])
 def test_torque_and_mass_matrix_are_affine_in_the_estimate(name, unknown):
     robot = catalogue_robot(name)
-    believed = pa.models.BodyDynamics(robot, robot.joint_names[0] if unknown == "one" else unknown)
+    dynamics = pa.models.BodyDynamics(robot, robot.joint_names[0] if unknown == "one" else unknown)
     rng = np.random.default_rng(0)
     q, v, a = random_state(robot, rng)
     data = robot.model.createData()
     assert np.allclose(
-        believed.torque(q, v, a), pin.rnea(robot.model, data, q, v, a)
+        dynamics.torque(q, v, a), pin.rnea(robot.model, data, q, v, a)
     )  # armature included
-    assert np.allclose(believed.mass_matrix(q), pin.crba(robot.model, data, q))
-    a_hat = believed.initial + rng.standard_normal(believed.size)  # unphysical on purpose
-    known = believed.torque(q, v, a) - believed.regressor(q, v, a) @ believed.initial
-    M0 = believed.mass_matrix(q)
-    believed.load(a_hat)
+    assert np.allclose(dynamics.mass_matrix(q), pin.crba(robot.model, data, q))
+    a_hat = dynamics.initial + rng.standard_normal(dynamics.size)  # unphysical on purpose
+    known = dynamics.torque(q, v, a) - dynamics.regressor(q, v, a) @ dynamics.initial
+    M0 = dynamics.mass_matrix(q)
+    dynamics.load(a_hat)
     assert np.allclose(
-        believed.torque(q, v, a), believed.regressor(q, v, a) @ a_hat + known, atol=1e-9
+        dynamics.torque(q, v, a), dynamics.regressor(q, v, a) @ a_hat + known, atol=1e-9
     )
     zero = np.zeros(robot.model.nv)
     for i, e in enumerate(np.eye(robot.model.nv)):
-        change = (believed.regressor(q, zero, e) - believed.regressor(q, zero, zero)) @ (
-            a_hat - believed.initial
+        change = (dynamics.regressor(q, zero, e) - dynamics.regressor(q, zero, zero)) @ (
+            a_hat - dynamics.initial
         )
-        assert np.allclose(believed.mass_matrix(q)[:, i] - M0[:, i], change, atol=1e-9)
-    Y_r, torque = believed.slotine_li(q, v, v, a)
-    assert np.allclose(Y_r, believed.regressor(q, v, a), atol=1e-10)
-    assert np.allclose(torque, believed.torque(q, v, a), atol=1e-9)
+        assert np.allclose(dynamics.mass_matrix(q)[:, i] - M0[:, i], change, atol=1e-9)
+    Y_r, torque = dynamics.slotine_li(q, v, v, a)
+    assert np.allclose(Y_r, dynamics.regressor(q, v, a), atol=1e-10)
+    assert np.allclose(torque, dynamics.torque(q, v, a), atol=1e-9)
 
 
 @pytest.mark.parametrize("masses", ["zero", "negative", "tiny"])
-def test_estimates_without_mass_are_evaluated_exactly(masses):
+def test_estimates_with_zero_or_negative_masses_are_evaluated_exactly(masses):
     robot = catalogue_robot("ur5")
-    believed = pa.models.BodyDynamics(robot, "all")
+    dynamics = pa.models.BodyDynamics(robot, "all")
     rng = np.random.default_rng(1)
-    a_hat = believed.initial + 0.1 * rng.standard_normal(believed.size)
+    a_hat = dynamics.initial + 0.1 * rng.standard_normal(dynamics.size)
     a_hat[::10] = {"zero": 0.0, "negative": -1.0, "tiny": 1e-12}[masses]
     q, v, a = random_state(robot, rng)
-    believed.load(a_hat)
-    expected = believed.regressor(q, v, a) @ a_hat
-    assert np.allclose(believed.torque(q, v, a), expected, atol=1e-9)
+    dynamics.load(a_hat)
+    expected = dynamics.regressor(q, v, a) @ a_hat
+    assert np.allclose(dynamics.torque(q, v, a), expected, atol=1e-9)
     zero = np.zeros(6)
     columns = [
-        (believed.regressor(q, zero, e) - believed.regressor(q, zero, zero)) @ a_hat
+        (dynamics.regressor(q, zero, e) - dynamics.regressor(q, zero, zero)) @ a_hat
         for e in np.eye(6)
     ]
-    assert np.allclose(believed.mass_matrix(q), np.stack(columns, axis=1), atol=1e-9)
+    assert np.allclose(dynamics.mass_matrix(q), np.stack(columns, axis=1), atol=1e-9)
 
 
-def test_truth_of_the_bodies():
+def test_parameters_of_bodies_of_another_robot():
     robot = catalogue_robot("panda")
     true = robot.changed(payload=pa.Payload(1.5, [0.0, 0.0, 0.05]))
     everything, last = (
@@ -112,28 +112,28 @@ def test_truth_of_the_bodies():
     assert np.allclose(last.value(true), inertial_parameters(true.model)[-10:])
     assert (
         last.value(true.changed(inertial_scale=1.1)) is None
-    )  # the known bodies are not as believed
+    )  # the known bodies are not the nominal ones
     assert (
         everything.value(robot.changed(link_translation={"panda_joint4": [0.0, 0.0, 0.01]})) is None
     )
 
 
-def test_wang_xie_basis():
+def test_basis_of_wang_and_xie():
     robot = catalogue_robot("planar_2r")
-    believed = pa.models.BasisDynamics(robot, BASIS)
-    assert np.allclose(believed.initial, [3.34, 1.2, 0.97], atol=1e-9)
+    dynamics = pa.models.BasisDynamics(robot, BASIS)
+    assert np.allclose(dynamics.initial, [3.34, 1.2, 0.97], atol=1e-9)
     a1, a2, a3 = a_hat = np.array([4.0, 0.5, 0.5])
-    believed.load(a_hat)
+    dynamics.load(a_hat)
     q, (v1, v2) = np.array([0.4, -1.1]), (0.7, -0.3)
     c, s = np.cos(q[1]), np.sin(q[1])
     M = np.array([[a1 + 2 * a2 * c, a3 + a2 * c], [a3 + a2 * c, a3]])
     h = np.array([-a2 * s * (2 * v1 * v2 + v2 * v2), a2 * s * v1 * v1])
-    assert np.allclose(believed.mass_matrix(q), M, atol=1e-12)
+    assert np.allclose(dynamics.mass_matrix(q), M, atol=1e-12)
     v, a = np.array([v1, v2]), np.array([0.2, 1.3])
-    assert np.allclose(believed.torque(q, v, a), M @ a + h, atol=1e-12)
+    assert np.allclose(dynamics.torque(q, v, a), M @ a + h, atol=1e-12)
 
 
-def test_basis_of_other_lengths_is_found_or_refused():
+def test_basis_fits_other_lengths_or_is_refused():
     robot = catalogue_robot("planar_2r")
     longer = robot.changed(link_translation={"joint2": [0.3, 0.0, 0.0]})
     l1, (m, lc, inertia) = 1.3, (2.0, 0.6, 0.25)
@@ -170,16 +170,16 @@ def puma():
     ("name", "count"),
     [("planar_2r", 4), ("solo8_fl_leg", 6), ("ur5", 36), ("panda", 43), ("kinova", 36)],
 )
-def test_base_parameters_are_counted(name, count):
+def test_number_of_identifiable_parameters_is_that_of_the_literature(name, count):
     check_count(catalogue_robot(name), count)
 
 
-def test_base_parameters_of_a_puma_are_counted():
+def test_number_of_identifiable_parameters_of_a_puma():
     check_count(puma(), 36)
 
 
 def check_count(robot, count):
-    """The number of base parameters is the textbook's, in whatever units the parameters are."""
+    """The number of base parameters is the textbook's, in any units of the parameters."""
     B = np.eye(10 * robot.model.nv)
     units = 10.0 ** np.random.default_rng(0).integers(-6, 6, len(B))
     for basis in (B, B * units):

@@ -36,47 +36,47 @@ def test_identities_on_random_chains(robot):
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_jacobian_is_pinocchios_at_the_descriptions_values(name):
+def test_jacobian_of_the_nominal_robot_is_that_of_pinocchio(name):
     robot = catalogue_robot(name)
-    believed = pa.models.FrameKinematics(robot, ["lengths"])
+    kinematics = pa.models.FrameKinematics(robot, ["lengths"])
     q, v, _ = random_state(robot, np.random.default_rng(1))
-    believed.update(believed.initial, q, v)
+    kinematics.update(kinematics.initial, q, v)
     data = robot.model.createData()
     J = pin.computeFrameJacobian(robot.model, data, q, robot.frame_id, pin.LOCAL_WORLD_ALIGNED)[
         robot.task.rows
     ]
-    assert np.allclose(believed.J, J, atol=1e-12)
-    assert np.allclose(believed.x_hat, robot.position(q), atol=1e-12)
+    assert np.allclose(kinematics.J, J, atol=1e-12)
+    assert np.allclose(kinematics.x_hat, robot.position(q), atol=1e-12)
 
 
-def test_second_term_of_the_jacobian_rate_matters():
+def test_jacobian_rate_includes_the_rate_of_the_estimate():
     robot = random_robot(3, 6)
-    believed = pa.models.FrameKinematics(robot, ["tool"])
+    kinematics = pa.models.FrameKinematics(robot, ["tool"])
     q, v, _ = random_state(robot, np.random.default_rng(2))
-    believed.update(believed.initial, q, v)
+    kinematics.update(kinematics.initial, q, v)
     rate = np.array([0.3, -0.2, 0.1])
-    still, moving = believed.jacobian_rate(np.zeros(3)), believed.jacobian_rate(rate)
-    assert np.allclose((moving - still) @ v, believed.Y_k @ rate, atol=1e-12)
+    still, moving = kinematics.jacobian_rate(np.zeros(3)), kinematics.jacobian_rate(rate)
+    assert np.allclose((moving - still) @ v, kinematics.Y_k @ rate, atol=1e-12)
     assert np.linalg.norm((moving - still) @ v) > 1e-2
 
 
 @pytest.mark.parametrize(("name", "rank"), [("ur5", 12), ("panda", 14), ("xarm7", 14)])
-def test_base_of_all_translations(name, rank):
+def test_number_of_identifiable_translations(name, rank):
     robot = catalogue_robot(name)
     assert pa.models.FrameKinematics(robot, [*robot.joint_names[1:], "tool"]).base() == rank
 
 
-def test_truth_of_a_changed_robot():
+def test_parameters_of_a_changed_robot():
     robot = catalogue_robot("panda")
-    believed = pa.models.FrameKinematics(robot, ["tool", "panda_joint4"])
+    kinematics = pa.models.FrameKinematics(robot, ["tool", "panda_joint4"])
     true = robot.changed(
         tool_translation=[0.01, 0.02, 0.03], link_translation={"panda_joint4": [0.0, 0.0, 0.01]}
     )
     q, v, _ = random_state(robot, np.random.default_rng(3))
-    believed.update(believed.value(true), q, v)
-    assert np.allclose(believed.x_hat, true.position(q), atol=1e-12)
+    kinematics.update(kinematics.value(true), q, v)
+    assert np.allclose(kinematics.x_hat, true.position(q), atol=1e-12)
     other = robot.changed(link_translation={"panda_joint6": [0.01, 0.0, 0.0]})
-    assert believed.value(other) is None  # no value of these parameters is the truth
+    assert kinematics.value(other) is None  # other placements differ too
 
 
 def test_known_offset_plus_unknown_direction():
@@ -89,8 +89,8 @@ def test_known_offset_plus_unknown_direction():
         nominal - np.array([0.0, 0.0, nominal[2]]),
         ("z",),
     )
-    believed = pa.models.FrameKinematics(robot, [part])
-    assert np.allclose(believed.initial, nominal[2])
+    kinematics = pa.models.FrameKinematics(robot, [part])
+    assert np.allclose(kinematics.initial, nominal[2])
     check_kinematics(robot, [part])
 
 

@@ -1,4 +1,4 @@
-"""Lumped parameters: exact at any lengths, minimal, known for a known robot, adaptable."""
+"""Lumped parameters: exact at any lengths, minimal, and adaptable with every law."""
 
 import warnings
 from dataclasses import replace
@@ -65,9 +65,9 @@ def another(robot, parts, rng, bodies=None):
     )
 
 
-def check_exact(believed, true, rng):
-    """Parameters of a wrong robot give, at the true value, the true torque and mass matrix."""
-    a_d = believed.value(true)
+def check_exact(dynamics, true, rng):
+    """The wrong robot's parameters, at the true value, give the true torque and mass matrix."""
+    a_d = dynamics.value(true)
     assert a_d is not None
     q, v, a = random_state(true, rng)
     v_r, a_r = rng.standard_normal((2, true.model.nv))
@@ -76,68 +76,68 @@ def check_exact(believed, true, rng):
     g = pin.computeGeneralizedGravity(model, data, q).copy()
     C = pin.computeCoriolisMatrix(model, data, q, v).copy()
     scale = 1.0 + np.abs(tau).max()
-    known = believed.torque(q, v, a) - believed.regressor(q, v, a) @ believed.initial
-    assert np.allclose(believed.regressor(q, v, a) @ a_d + known, tau, atol=1e-9 * scale)
-    believed.load(a_d)
-    assert np.allclose(believed.torque(q, v, a), tau, atol=1e-9 * scale)
-    assert np.allclose(believed.mass_matrix(q), M, atol=1e-8 * (1.0 + np.abs(M).max()))
-    Y_r, torque = believed.slotine_li(q, v, v_r, a_r)
+    known = dynamics.torque(q, v, a) - dynamics.regressor(q, v, a) @ dynamics.initial
+    assert np.allclose(dynamics.regressor(q, v, a) @ a_d + known, tau, atol=1e-9 * scale)
+    dynamics.load(a_d)
+    assert np.allclose(dynamics.torque(q, v, a), tau, atol=1e-9 * scale)
+    assert np.allclose(dynamics.mass_matrix(q), M, atol=1e-8 * (1.0 + np.abs(M).max()))
+    Y_r, torque = dynamics.slotine_li(q, v, v_r, a_r)
     expected = M @ a_r + C @ v_r + g
     assert np.allclose(torque, expected, atol=1e-8 * (1.0 + np.abs(expected).max()))
     assert np.allclose(
-        Y_r @ (a_d - believed.initial),
-        torque - at(believed, believed.initial, q, v, v_r, a_r),
+        Y_r @ (a_d - dynamics.initial),
+        torque - at(dynamics, dynamics.initial, q, v, v_r, a_r),
         atol=1e-8 * scale,
     )
 
 
-def at(believed, a_d, *state):
-    believed.load(a_d)
-    return believed.slotine_li(*state)[1]
+def at(dynamics, a_d, *state):
+    dynamics.load(a_d)
+    return dynamics.slotine_li(*state)[1]
 
 
 @each_size(seed=0, rotors=0.2)
 @given(robot=chains, seed=seeds, rotors=st.sampled_from([0.0, 0.2]))
 @settings(seeded, max_examples=30)
-def test_lumped_regressor_is_rnea_at_the_true_lengths(robot, seed, rotors):
+def test_lumped_regressor_equals_rnea_at_the_true_lengths(robot, seed, rotors):
     rng = np.random.default_rng(seed)
     wrong = robot.changed(armature=rotors)
     parts = translations(wrong, rng)
     true = another(wrong, parts, rng)
-    believed = pa.models.LumpedDynamics(wrong, parts)
-    check_exact(believed, true, rng)
-    q, v, a = random_state(wrong, rng)  # the regressor knows nothing of the believed values
+    dynamics = pa.models.LumpedDynamics(wrong, parts)
+    check_exact(dynamics, true, rng)
+    q, v, a = random_state(wrong, rng)  # the regressor does not depend on the nominal lengths
     assert np.array_equal(
-        believed.regressor(q, v, a), pa.models.LumpedDynamics(true, parts).regressor(q, v, a)
+        dynamics.regressor(q, v, a), pa.models.LumpedDynamics(true, parts).regressor(q, v, a)
     )
 
 
 @each_size(range(1, 8), seed=0)
 @given(robot=chains_of(range(1, 8)), seed=seeds)
 @settings(seeded, max_examples=13)
-def test_known_bodies_still_multiply_unknown_lengths(robot, seed):
+def test_known_bodies_with_unknown_lengths_reproduce_the_torque(robot, seed):
     rng = np.random.default_rng(seed)
     wrong = robot.changed(armature=0.1)
     parts = translations(wrong, rng)
     unknown = [name for name in wrong.joint_names if rng.random() < 0.4]
-    believed, everything = (
+    dynamics, everything = (
         pa.models.LumpedDynamics(wrong, parts, unknown or "none"),
         pa.models.LumpedDynamics(wrong, parts),
     )
-    assert believed.size <= everything.size
-    check_exact(believed, another(wrong, parts, rng, unknown), rng)
-    if believed.size < everything.size:
-        assert believed.value(another(wrong, parts, rng)) is None
+    assert dynamics.size <= everything.size
+    check_exact(dynamics, another(wrong, parts, rng, unknown), rng)
+    if dynamics.size < everything.size:
+        assert dynamics.value(another(wrong, parts, rng)) is None
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda", "talos_arm", "kinova", "scara"])
-def test_lengths_of_the_catalogue(name):
+def test_lumped_parameters_of_catalogue_robots(name):
     robot, rng = catalogue_robot(name), np.random.default_rng(0)
-    believed = pa.models.LumpedDynamics(robot)
-    check_exact(believed, another(robot, believed.translations, rng), rng)
+    dynamics = pa.models.LumpedDynamics(robot)
+    check_exact(dynamics, another(robot, dynamics.translations, rng), rng)
 
 
-def test_sizes():
+def test_number_of_lumped_parameters():
     ur5 = catalogue_robot("ur5")
     five = pa.models.LumpedDynamics(ur5, [f"{name}:length" for name in ur5.joint_names[1:]])
     assert five.size == len(set(five.names)) == 56
@@ -149,27 +149,27 @@ def test_sizes():
         pa.models.LumpedDynamics(ur5, ["tool"])
 
 
-def test_value_is_none_where_something_else_differs():
+def test_value_is_none_if_anything_else_differs():
     robot = catalogue_robot("ur5")
-    believed = pa.models.LumpedDynamics(robot, ["elbow_joint:length", "tool"])
+    dynamics = pa.models.LumpedDynamics(robot, ["elbow_joint:length", "tool"])
     longer = robot.changed(
         link_translation={"elbow_joint": 0.1 * robot.model.jointPlacements[3].translation}
     )
-    assert believed.value(longer) is not None
+    assert dynamics.value(longer) is not None
     assert (
-        believed.value(longer.changed(tool_translation=[0.1, 0.0, 0.0])) is not None
-    )  # no part in the dynamics
+        dynamics.value(longer.changed(tool_translation=[0.1, 0.0, 0.0])) is not None
+    )  # without effect on the dynamics
     assert (
-        believed.value(longer.changed(link_translation={"wrist_1_joint": [0.0, 0.0, 0.01]})) is None
+        dynamics.value(longer.changed(link_translation={"wrist_1_joint": [0.0, 0.0, 0.01]})) is None
     )
     assert (
-        believed.value(longer.changed(link_translation={"elbow_joint": [0.01, 0.0, 0.0]})) is None
+        dynamics.value(longer.changed(link_translation={"elbow_joint": [0.01, 0.0, 0.0]})) is None
     )  # not along the link
-    assert believed.value(longer.changed(viscous=0.1)) is None
-    assert believed.value(longer.changed(armature=0.1)) is None
+    assert dynamics.value(longer.changed(viscous=0.1)) is None
+    assert dynamics.value(longer.changed(armature=0.1)) is None
 
 
-def test_the_base_is_found_once():
+def test_lumped_basis_is_cached():
     robot = catalogue_robot("ur5")
     parts = pa.models.FrameKinematics(robot, [*robot.joint_names[1:]]).translations
     true = another(robot, parts, np.random.default_rng(0))
@@ -185,9 +185,9 @@ def ur5(law, adaptation, **options):
     }
     true = robot.changed(link_translation=shifts)
     lengths = [f"{name}:length" for name in names]
-    believed = robot.changed(inertial_scale=0.7)
+    nominal = robot.changed(inertial_scale=0.7)
     controller = pa.make_controller(
-        believed,
+        nominal,
         law=law,
         adaptation=adaptation,
         unknown=pa.Unknown(tool=False, translations=lengths),
@@ -205,7 +205,7 @@ def ur5(law, adaptation, **options):
     ],
 )
 def test_lyapunov_equality(law, adaptation):
-    """The proofs hold with lengths and inertias unknown together."""
+    """The proofs hold with lengths and inertias both unknown."""
     true, controller, path = ur5(law, adaptation)
     if law == IMPROVED:  # slowly enough that M + M_0 - M_hat stays invertible meanwhile
         true, controller, path = ur5(
@@ -217,7 +217,7 @@ def test_lyapunov_equality(law, adaptation):
     assert energy.largest_rise() <= 1e-12
 
 
-def test_v_falls_while_the_projection_acts():
+def test_v_decreases_while_the_projection_acts():
     true, controller, path = ur5("adaptive-inverse-dynamics", "projected", gamma_d=2.0)
     project, moves = controller.adaptation_d.project, []
 
@@ -245,7 +245,7 @@ def projections():
 
 
 @pytest.mark.parametrize("case", ["lumped", "bodies", "payload", "basis"])
-def test_projection_keeps_the_mass_matrix_and_never_moves_away_from_the_truth(case):
+def test_projection_keeps_the_mass_matrix_positive_and_reduces_the_distance_to_the_truth(case):
     robot, dynamics = projections()[case]
     rng, size = np.random.default_rng(2), dynamics.size
     factor = rng.standard_normal((size, size)) / np.sqrt(size)
@@ -272,12 +272,12 @@ def test_projection_keeps_the_mass_matrix_and_never_moves_away_from_the_truth(ca
             assert adaptation.divergence(kept, true) <= before * (1.0 + 1e-12)
         assert (
             adaptation.project(pa.adaptation.Estimate(dynamics.initial), q) is dynamics.initial
-        )  # nothing to do
+        )  # inside already
     assert moved > 3
 
 
 @pytest.mark.parametrize("rate", [0.01, 0.1])
-def test_projection_saves_a_gradient_that_loses_the_mass_matrix(rate):
+def test_projection_prevents_divergence_of_gradient_adaptation(rate):
     """The rates at which law (11) with a plain gradient diverges soon (see test_showcase)."""
     settings = [
         "controller.adaptation=projected",
@@ -306,7 +306,7 @@ def test_projection_with_unknown_rotors():
     assert np.array_equal(kept[-6:], a[-6:])
 
 
-def test_lengths_decide_about_the_dynamics():
+def test_unknown_lengths_choose_the_lumped_dynamics():
     robot = catalogue_robot("ur5")
     make, unknown = pa.make_controller, pa.Unknown(tool=False, lengths=["elbow_joint"])
     with pytest.raises(
@@ -344,6 +344,6 @@ def test_ur5_learns_five_lengths_and_all_inertias():
     assert rollout.diverged is None
     assert (len(rollout.dynamic_names), len(rollout.kinematic_names)) == (56, 5)
     assert rollout.summary()["max_error_last"] <= 1e-3
-    assert rollout.distance[rollout.t < 1.0].max() > 4e-3  # it had something to learn
+    assert rollout.distance[rollout.t < 1.0].max() > 4e-3  # the initial error is large
     assert (np.diff(rollout.lyapunov) < 1e-4 * rollout.lyapunov[0]).all()
     assert rollout.lyapunov[-1] < 0.5 * rollout.lyapunov[0]

@@ -70,7 +70,7 @@ def test_momentum_of_a_tree_with_a_floating_base():
     assert np.allclose(derivative(momentum) + regressor(q, v)[1] @ pi, tau, atol=1e-7)
 
 
-def test_momentum_refuses_what_is_no_model():
+def test_momentum_regressor_refuses_other_objects():
     with pytest.raises(pa.InputError, match="model"):
         pa.models.MomentumRegressor("panda")
 
@@ -90,7 +90,7 @@ def dynamics_of(name):
 
 
 @pytest.mark.parametrize("name", ["planar_2r", "scara", "ur5", "kinova", "talos_arm"])
-def test_all_kinds_of_parameters_state_their_torque_without_accelerations(name):
+def test_momentum_form_of_every_kind_of_dynamics(name):
     rng = np.random.default_rng(2)
     for robot, dynamics in dynamics_of(name):
         model = robot.model
@@ -131,13 +131,13 @@ def mismatch(name, dt, **truth):
 
 
 @pytest.mark.parametrize("name", ["planar_2r", "scara", "ur5", "panda", "kinova"])
-def test_filtered_torque_of_a_sampled_motion_is_predicted(name):
+def test_filtered_regressor_predicts_the_filtered_torque(name):
     """W a = y from the first sample on, with an error that falls with the square of the period."""
     truth = {"payload": pa.Payload(0.3, [0.0, 0.0, 0.02]), "viscous": 0.2}
     coarse, fine = mismatch(name, 2e-3, **truth), mismatch(name, 1e-3, **truth)
     assert fine < 2e-5
     assert fine < 0.3 * coarse
-    # Coulomb friction may turn around within a period, which no sampled signal tells
+    # Coulomb friction may change its sign within a period, which samples do not show
     assert mismatch(name, 1e-3, coulomb=0.1, **truth) < 2e-4
 
 
@@ -145,22 +145,25 @@ def test_filters_are_pure_and_take_a_measured_torque():
     _, dynamics, run = recorded("ur5", 1e-3)
     filters, wrong = pa.filters.FilteredRegressor(dynamics, 30.0), np.ones(6)
     state = filters.init(run.q[0], run.v[0])
-    told, guessed = [state], [state]
+    measured, commanded = [state], [state]
     for k in range(50):
         q, v = run.q[k], run.v[k]
-        for states, seen, held in ((told, run.tau[k - 1], wrong), (guessed, None, run.tau[k])):
+        for states, seen, held in (
+            (measured, run.tau[k - 1], wrong),
+            (commanded, None, run.tau[k]),
+        ):
             now = filters.observe(states[-1], q, v, seen if k else None)
             states.append(filters.step(now, held, 1e-3))
     ends = [
-        filters.observe(told[-1], run.q[50], run.v[50], run.tau[49]),
-        filters.observe(guessed[-1], run.q[50], run.v[50]),
+        filters.observe(measured[-1], run.q[50], run.v[50], run.tau[49]),
+        filters.observe(commanded[-1], run.q[50], run.v[50]),
     ]
     assert np.allclose(ends[0].y, ends[1].y, rtol=1e-12, atol=1e-12)
-    again = filters.observe(told[-1], run.q[50], run.v[50], run.tau[49])
+    again = filters.observe(measured[-1], run.q[50], run.v[50], run.tau[49])
     assert np.array_equal(again.W, ends[0].W) and np.array_equal(again.y, ends[0].y)
 
 
-def test_filters_refuse_what_does_not_belong_to_them():
+def test_filters_refuse_the_state_of_other_dynamics():
     robot, other = catalogue_robot("ur5"), catalogue_robot("panda")
     filters = pa.filters.FilteredRegressor(pa.models.BodyDynamics(robot), 30.0)
     state = pa.filters.FilteredRegressor(pa.models.BodyDynamics(other), 30.0).init(
@@ -178,7 +181,7 @@ def test_filters_refuse_what_does_not_belong_to_them():
             filters.along(times, np.tile(robot.q0, (3, 1)), rows, tau)
 
 
-def test_dynamics_without_a_momentum_say_so():
+def test_dynamics_without_a_momentum_raise_an_error():
     class Silent(ArmDynamics):
         momentum = pa.models.Dynamics.momentum
 

@@ -57,9 +57,7 @@ def test_regressor_torque_and_mass_matrix_of_random_chains(robot, seed, unknown)
         np.testing.assert_allclose(
             dynamics.mass_matrix(q), pin.crba(other.model, other.model.createData(), q), atol=1e-9
         )
-        known = (
-            dynamics.torque(q, v, a) - dynamics.regressor(q, v, a) @ a_d
-        )  # the part no parameter changes
+        known = dynamics.torque(q, v, a) - dynamics.regressor(q, v, a) @ a_d  # the known part
         dynamics.load(1.3 * a_d)
         torque = dynamics.torque(q, v, a)
         np.testing.assert_allclose(
@@ -86,11 +84,11 @@ def test_talos_arm_keeps_its_rotors():
         )
     assert (
         known.value(robot.changed(armature=0.2)) is None
-    )  # rotors it does not adapt are not explained by inertias
+    )  # inertias cannot express rotors that are not adapted
     assert adapted.value(robot.changed(armature=0.2))[-1] == 0.2
 
 
-def test_known_friction_is_compensated_and_unknown_starts_positive():
+def test_known_friction_is_compensated_and_unknown_friction_starts_positive():
     robot = catalogue_robot("ur5")
     known = robot.changed(viscous=1.0, coulomb=0.5)
     dynamics = pa.make_controller(
@@ -152,7 +150,7 @@ def test_friction_is_learned_and_stays_positive():
     assert names == [f"{joint}.{kind}" for kind in KINDS[1:] for joint in robot.joint_names]
 
 
-def test_positive_adaptation_never_leaves_the_positive_numbers():
+def test_exponentiated_gradient_keeps_estimates_positive():
     adaptation, rng = (
         pa.adaptation.ExponentiatedGradient(10.0, [1.0, 2.0, 30.0]),
         np.random.default_rng(0),

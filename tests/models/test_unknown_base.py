@@ -1,4 +1,4 @@
-"""Where the base stands in the camera's frame: learned from positions, together with the tool."""
+"""Unknown position of the base in the camera's frame, adapted together with the tool."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ MOVED = np.array([0.4, -0.3, 0.2])
 
 
 def moved(name):
-    """Return a robot whose base stands elsewhere, with a tool and a load, and a circle for it."""
+    """Return a robot with a displaced base, a tool and a load, and a circle for it."""
     robot = catalogue_robot(name)
     true = robot.changed(
         tool_translation=[0.03, -0.02, 0.08],
@@ -24,7 +24,7 @@ def moved(name):
 
 
 @pytest.mark.parametrize("name", ["panda", "scara", "kinova"])
-def test_velocities_do_not_see_it_and_positions_do(name):
+def test_unknown_base_affects_positions_and_not_velocities(name):
     (robot, true, _), rng = moved(name), np.random.default_rng(0)
     m, kinematics = robot.task.positions, pa.models.FrameKinematics(robot, ["base", "tool"])
     q = true.at(true.home_angles + 0.3 * rng.standard_normal(robot.model.nv)).q0
@@ -40,8 +40,8 @@ def test_velocities_do_not_see_it_and_positions_do(name):
 
 @pytest.mark.parametrize("camera", [None, {"rate": 30.0, "delay": 0.06}])
 @pytest.mark.parametrize("name", ["panda", "ur5"])
-def test_base_and_tool_are_learned_together(name, camera):
-    """They trade with each other while the tool hardly turns; the path is followed all the same."""
+def test_base_and_tool_are_adapted_together(name, camera):
+    """Their errors compensate while the tool hardly rotates; the path is followed nevertheless."""
     robot, true, circle = moved(name)
     controller = pa.make_controller(
         robot, unknown=pa.Unknown(tool=True, base=True), sensors=pa.Sensors(camera=camera)
@@ -56,13 +56,13 @@ def test_base_and_tool_are_learned_together(name, camera):
     assert np.linalg.norm(seen) < 0.6 * np.linalg.norm(rollout.a_k[0] - rollout.a_k_true)
 
 
-def test_laws_that_learn_from_velocities_refuse_it():
+def test_laws_that_adapt_from_velocities_refuse_an_unknown_base():
     robot = catalogue_robot("panda")
     with pytest.raises(pa.ParameterError, match=r"velocities.*'base'.*\"separation\""):
         pa.make_controller(robot, law="adaptive-jacobian", unknown=pa.Unknown(tool=True, base=True))
 
 
-def test_the_first_joint_is_told_to_be_the_base():
+def test_translation_of_the_first_joint_is_called_base():
     robot = catalogue_robot("panda")
     with pytest.raises(pa.ParameterError, match="'base'"):
         pa.make_controller(
