@@ -93,7 +93,7 @@ def test_the_gains_in_the_comments_are_the_ones_in_use(tmp_path):
 
 @pytest.mark.parametrize(
     "arguments",
-    [["ur10"], ["xarm7"], ["kinova", "--task", "pose"]],
+    [["ur10"], ["kinova", "--task", "pose"]],
     ids=lambda words: words[0],
 )
 def test_an_arm_with_a_light_wrist_holds_an_unmodelled_load(arguments, tmp_path):

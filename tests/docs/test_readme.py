@@ -34,7 +34,6 @@ def test_the_lines_run_as_they_stand(tmp_path, monkeypatch, capsys):
     [
         (ROOT / "robots" / "planar_2r" / "planar_2r.urdf", "xy"),
         (example_path("double_pendulum_simple"), "yz"),
-        (ROOT / "robots" / "scara" / "scara.urdf", "xyz"),
         (ROOT / "tests" / "data" / "arm4.urdf", "xyz"),
         (example_path("ur10"), "xyz"),
     ],

@@ -13,7 +13,7 @@ ROBOTS = ROOT / "robots"
 SHIPPED = ("panda/tool_and_load.toml", "panda/pose.toml", "ur5/unknown_lengths.toml")
 ENGINES = ("pinocchio", "mujoco")
 SOONER = "truth.change=[{at=0.4, payload={mass=0.0}}, {at=0.7, payload={mass=3.0}}]"
-SHORTER = "simulation.duration=6.0"
+SHORTER = "simulation.duration=4.0"
 LINE = 'reference={kind="lissajous", amplitude=[0.0, 0.15, 0.0], cycles=[1, 1, 1], period=4.0}'
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::UserWarning")]

@@ -1,6 +1,7 @@
 """What ``load`` and ``pinadapt init`` choose by default: frame, task, home pose and circle."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pinocchio as pin
@@ -29,11 +30,14 @@ FILES = {
 }
 
 
+loaded = cache(pa.load)  # two tests ask the same robots
+
+
 @pytest.mark.parametrize("path", FILES.values(), ids=list(FILES))
 def test_init_and_load_choose_the_same(path, tmp_path):
     file = tmp_path / "scenario.toml"
     assert main(["init", str(path), "--out", str(file)]) == 0
-    written, robot = read_toml(file)["robot"], pa.load(path)
+    written, robot = read_toml(file)["robot"], loaded(path)
     assert (written["frame"], written["task"]) == (robot.frame, robot.task.name)
     assert written.get("weld_root", False) == robot.welded
     np.testing.assert_allclose(written["q0"], robot.home_angles, rtol=0.0, atol=1e-10)
@@ -46,7 +50,7 @@ def test_init_and_load_choose_the_same(path, tmp_path):
 
 @pytest.mark.parametrize("path", FILES.values(), ids=list(FILES))
 def test_the_home_is_inside_the_limits_and_away_from_the_mounting_plane(path):
-    robot = pa.load(path)
+    robot = loaded(path)
     lower, upper = position_limits(robot.model)
     assert ((lower < robot.home_angles) & (robot.home_angles < upper)).all()
     if robot.mounting is not None:

@@ -25,7 +25,8 @@ def test_panda_tracks_within_a_millimetre(adapted):
 
 def test_panda_unadapted_is_ten_times_worse(adapted):
     unadapted = Scenario.read(
-        ROBOTS / "panda" / "tool_and_load.toml", ["controller.adaptation=none"]
+        ROBOTS / "panda" / "tool_and_load.toml",
+        ["controller.adaptation=none", "simulation.duration=4.0"],
     ).run()
     assert unadapted.diverged is None
     assert adapted.summary()["max_error_last"] <= 0.1 * unadapted.summary()["max_error_last"]

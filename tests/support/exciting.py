@@ -25,15 +25,23 @@ class Exciting(pa.trajectories.Trajectory):
 
 def time_to(share, controller, true, path, seconds):
     """Return when the rms torque error over random states stays below a share of the first [s]."""
+    return times_to((share,), controller, true, path, seconds)[0]
+
+
+def times_to(shares, controller, true, path, seconds):
+    """Return the same for several shares."""
     rollout = pa.simulate(true, controller, path, duration=seconds)
     assert rollout.diverged is None
     truth, rng = controller.dynamics.value(true), np.random.default_rng(4)
     regressors = [controller.dynamics.regressor(*random_state(true, rng)) for _ in range(40)]
     every = 10
     wrong = np.array([np.vstack(regressors) @ (a - truth) for a in rollout.a_d[::every]])
-    above = np.flatnonzero(np.linalg.norm(wrong, axis=1) > share * np.linalg.norm(wrong[0]))
-    assert above[-1] < len(wrong) - 1  # reached at all
-    return every * 1e-3 * (above[-1] + 1)
+    size, times = np.linalg.norm(wrong, axis=1), []
+    for share in shares:
+        above = np.flatnonzero(size > share * size[0])
+        assert above[-1] < len(wrong) - 1  # reached at all
+        times.append(every * 1e-3 * (above[-1] + 1))
+    return times
 
 
 def panda_swung(adaptation, friction=False):
