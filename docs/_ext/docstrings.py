@@ -27,14 +27,17 @@ def to_rst(app, what, name, obj, options, lines):
         if entry and written and written[-1] and not written[-1].startswith((":", " ")):
             written.append("")
         line = f":{entry[1]}: {entry[2]}" if entry else line
-        written.append("".join(map(_escaped, _LITERAL.split(line))))
+        written.append(escaped(line))
     lines[:] = written
 
 
-def _escaped(text):
-    if text.startswith("``"):
-        return text
-    return _MARKUP.sub(lambda found: "\\" + found[0], text)
+def escaped(line):
+    """Return a line in which reStructuredText finds no markup but literals."""
+    parts = _LITERAL.split(line)
+    return "".join(
+        part if part.startswith("``") else _MARKUP.sub(lambda found: "\\" + found[0], part)
+        for part in parts
+    )
 
 
 def skip_tuple_fields(app, what, name, obj, skip, options):

@@ -1,10 +1,10 @@
-"""The pages of the API, one a room of the package, written from its public names."""
+"""The pages of the API: one for the package itself, and one for each package of classes below."""
 
 import inspect
-import re
-from collections import defaultdict
 from pathlib import Path
-from sys import modules
+from types import ModuleType
+
+from docstrings import escaped
 
 import pinadapt
 
@@ -16,78 +16,112 @@ def setup(app):
 
 
 def write_pages(app):
-    """Write api/ROOM.rst for every room; none is touched that is as it was."""
+    """Write api/PACKAGE.rst for every package; none is touched that is as it was."""
     folder = Path(app.srcdir) / "api"
     folder.mkdir(exist_ok=True)
-    rooms = public_names()
-    for old in set(folder.glob("*.rst")) - {folder / f"{room}.rst" for room in rooms}:
+    found = packages()
+    for old in set(folder.glob("*.rst")) - {folder / f"{short(name)}.rst" for name in found}:
         old.unlink()
-    for room, names in rooms.items():
-        write(folder / f"{room}.rst", page(room, names))
-    listed = "\n".join(f"   {room}" for room in rooms)
-    parts = [INTRODUCTION, *map(entry, rooms.items()), f".. toctree::\n   :hidden:\n\n{listed}"]
+    for name, names in found.items():
+        write(folder / f"{short(name)}.rst", page(name, names))
+    listed = "\n".join(f"   {short(name)}" for name in found)
+    parts = [INTRODUCTION, *map(entry, found), f".. toctree::\n   :hidden:\n\n{listed}"]
     write(folder / "index.rst", "\n\n".join(parts) + "\n")
 
 
 INTRODUCTION = """API
 ===
 
-All names below are used as ``pinadapt.NAME``; they are grouped by the room of the package that they
-live in, see :doc:`/architecture`. Most programs need :func:`~pinadapt.load`,
-:func:`~pinadapt.make_controller` and :func:`~pinadapt.simulate`, or the ``init`` and ``step`` of
-:class:`~pinadapt.Controller`.
+Most programs need :func:`~pinadapt.load`, :func:`~pinadapt.make_controller` and
+:func:`~pinadapt.simulate`, or the ``init`` and ``step`` of :class:`~pinadapt.Controller`. Families
+of classes, such as the control laws, have a package each.
 """
 
 
-def public_names():
-    """Return the public names by room, rooms in the order of the package's own list."""
-    rooms, listed = defaultdict(list), Path(pinadapt.__file__).with_suffix(".pyi").read_text()
-    for room, name in re.findall(r"^from \.(\w+) import (\w+)", listed, re.MULTILINE):
-        if not name.startswith("_"):
-            made = getattr(getattr(pinadapt, name), "__module__", None)  # plain data has none
-            rooms[made.split(".")[1] if made else room].append(name)
-    return rooms
+def packages():
+    """Return the public names of the package and of each package below, by its full name."""
+    top = [name for name in dir(pinadapt) if not name.startswith("_")]
+    below = [name for name in top if isinstance(getattr(pinadapt, name), ModuleType)]
+    found = {"pinadapt": [name for name in top if name not in below]}
+    return found | {f"pinadapt.{name}": public(getattr(pinadapt, name)) for name in below}
 
 
-def about(room):
-    """Return what a room says of itself."""
-    return inspect.getdoc(modules[f"pinadapt.{room}"])
+def short(full):
+    """Return the last part of a full name."""
+    return full.rpartition(".")[2]
 
 
-def entry(room):
-    """Return what the front page tells of a room and its names."""
-    name, names = room
-    first = " ".join(about(name).split("\n\n")[0].split())
-    return f":doc:`{name}`\n   {first}\n\n   {', '.join(map(link, names))}"
+def public(package):
+    """Return the public names of a package: what its ``__init__`` imports, without modules."""
+    things = {name: thing for name, thing in vars(package).items() if not name.startswith("_")}
+    return [name for name, thing in things.items() if not isinstance(thing, ModuleType)]
 
 
-def link(name):
+def resolved(full):
+    """Return the thing of a full name."""
+    package, _, name = full.rpartition(".")
+    return pinadapt if not package else getattr(resolved(package), name)
+
+
+def summary(full):
+    """Return the first line of what a thing says of itself; of plain data its kind."""
+    thing = resolved(full)
+    said = inspect.getdoc(thing) if callable(thing) or isinstance(thing, ModuleType) else None
+    return escaped((said or f"``{type(thing).__name__}``").split("\n\n")[0].replace("\n", " "))
+
+
+def home(full):
+    """Return the full name under which a thing is described: the shortest."""
+    name = short(full)
+    top = getattr(pinadapt, name, None) if name in dir(pinadapt) else None
+    return f"pinadapt.{name}" if top is resolved(full) else full
+
+
+def table(package, names):
+    """Return a table of names, each with one line."""
+    full = [f"{package}.{name}" for name in names]
+    rows = [f"   * - {link(name)}\n     - {summary(name)}" for name in full]
+    return ".. list-table::\n   :widths: 30 70\n\n" + "\n".join(rows)
+
+
+def entry(package):
+    """Return what the front page tells of a package."""
+    return f":doc:`{package} <{short(package)}>`\n   {summary(package)}"
+
+
+def link(full):
     """Return a link to a public name."""
-    thing = getattr(pinadapt, name)
+    thing = resolved(full)
     kind = "class" if inspect.isclass(thing) else "func" if callable(thing) else "data"
-    return f":py:{kind}:`~pinadapt.{name}`"
+    return f":py:{kind}:`~{home(full)}`"
 
 
-def page(room, names):
-    """Return the page of a room."""
-    parts = [f"{room}\n{'=' * len(room)}", about(room)]
+def page(package, names):
+    """Return the page of a package: what it is, a table of its names, then each in full."""
+    about = inspect.getdoc(resolved(package))
+    parts = [f"{package}\n{'=' * len(package)}", about, table(package, names)]
     for name in names:
-        thing = getattr(pinadapt, name)
+        full = f"{package}.{name}"
+        thing = resolved(full)
+        if home(full) != full:
+            continue
         if inspect.isclass(thing):
             ours = [base for base in thing.__bases__ if "pinadapt" in base.__module__]
             options = "   :members:" + ("\n   :show-inheritance:" if ours else "")
-            parts.append(f".. autoclass:: pinadapt.{name}\n{options}")
+            parts.append(f".. autoclass:: {full}\n{options}")
         elif callable(thing):
-            parts.append(f".. autofunction:: pinadapt.{name}")
+            parts.append(f".. autofunction:: {full}")
         else:
-            parts.append(f".. py:data:: pinadapt.{name}\n\n{by_name(thing)}")
+            parts.append(f".. py:data:: {full}\n\n{by_name(package, thing)}")
     return "\n\n".join(parts) + "\n"
 
 
-def by_name(classes):
-    """Return the description of a dictionary of classes."""
+def by_name(package, thing):
+    """Return the description of plain data: of a dictionary of classes each of them."""
+    if not isinstance(thing, dict):
+        return f"   {thing!r}"
     return "\n".join(
-        f"   * ``{name}``: :class:`~pinadapt.{thing.__name__}`" for name, thing in classes.items()
+        f"   * ``{name}``: :class:`~{package}.{each.__name__}`" for name, each in thing.items()
     )
 
 

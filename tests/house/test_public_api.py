@@ -1,0 +1,204 @@
+"""The public API: few names and arguments, and former ones with what has replaced them."""
+
+import inspect
+import re
+import subprocess
+import sys
+from importlib.util import module_from_spec, spec_from_file_location
+from types import ModuleType
+
+import pytest
+
+import pinadapt as pa
+from tests.support.paths import ROOT
+
+FUNCTIONS = (pa.load, pa.make_controller, pa.simulate, pa.identify, pa.excite)
+FORMER = {  # function -> its former keywords, and a part of what has replaced each
+    pa.make_controller: {
+        "believed": "first argument, 'robot'",
+        "kinematic": "pa.Unknown(tool=True)",
+        "dynamic": 'pa.Unknown(bodies="all")',
+        "joint": "pa.Unknown(friction=True, armature=True)",
+        "basis": "pa.Unknown(basis=",
+        "lmi": "pa.Unknown(basis=..., lmi=",
+        "regressor": "pa.Unknown(regressor=",
+        "kinematic_box": "pa.Limits(box=",
+        "torque_limits": "pa.Limits(torque=",
+        "damping": "pa.Limits(damping=",
+        "watch": "pa.Limits(stop_on_divergence=",
+        "guards": "pa.Limits(guards=",
+        "noise": "pa.Sensors(noise=",
+        "encoder": "pa.Sensors(encoder=",
+        "camera": "pa.Sensors(camera=pa.Camera(",
+        "carry": "pa.Sensors(compensate_delay=",
+    },
+    pa.simulate: {
+        "dt": "pa.Engine(dt=",
+        "mode": "pa.Engine(continuous=True)",
+        "substeps": "pa.Engine(substeps=",
+        "acceleration": "pa.Engine(ideal_acceleration=True)",
+        "torque_limits": "pa.Engine(torque_limits=",
+        "a_k": 'start={"a_k": ...}',
+        "a_d": 'start={"a_d": ...}',
+        "noise": "pa.Sensors(noise=",
+        "delay": "pa.Camera(delay=",
+        "camera": "pa.Sensors(camera=pa.Camera(",
+        "encoder": "pa.Sensors(encoder=",
+        "changes": "pa.Events(changes=",
+        "beliefs": "pa.Events(announcements=",
+        "view": 'progress="live"',
+    },
+    pa.identify: {
+        "kinematic": "pa.Unknown(tool=True)",
+        "dynamic": "pa.Unknown(bodies=",
+        "joint": "pa.Unknown(friction=True, armature=True)",
+    },
+    pa.excite: {
+        "kinematic": "pa.Unknown(tool=True)",
+        "dynamic": "pa.Unknown(bodies=",
+        "joint": "pa.Unknown(friction=True, armature=True)",
+    },
+}
+REMOVED = [(function, name) for function, names in FORMER.items() for name in names]
+
+# Names that version 0.1 had in the package itself, and where they are.
+DOWN = {
+    "adaptation": "Adaptation BodyInequality BoxProjection Composite CompositeMemory DeadZone "
+    "Drive Drives ErrorLeak Estimate ExponentiatedGradient Frozen Gradient GravityProjection Leak "
+    "LeastSquares MassMatrixProjection MatrixInequality Natural Normalised Stacked Wrapper",
+    "controller": "Belief Guards Senses SensorQuality",
+    "excitation": "LimitUse",
+    "filters": "FilteredRegressor FilteredTorque Filters LowPass MotionFilters NoFilters "
+    "PositionObserver",
+    "information": "Excitation Information PayloadEstimate",
+    "laws": "LAWS AdaptiveInverseDynamics AdaptiveInverseDynamicsImproved "
+    "AdaptiveInverseDynamicsVelocity AdaptiveJacobian ApproximateJacobian "
+    "ApproximateJacobianGravity BoundedTorque Command ComputedTorque Craig Feedback KinematicLoop "
+    "Law MiddletonGoodwin Posture ResolvedAcceleration Saturation Separation Signals SlotineLi "
+    "SpongOrtega Truth",
+    "models": "BaseParameters BasisDynamics BodyDynamics Dynamics FrameKinematics JointEffects "
+    "JointKinematics LumpedDynamics Momentum MomentumRegressor StackedDynamics TaskKinematics "
+    "Translation TypicalMotion base_parameters",
+    "plants": "ElasticPlant JointElasticity MujocoPlant PinocchioPlant Plant",
+    "robot": "Gravity Succession",
+    "simulation": "run_continuous",
+    "tasks": "JointTask PoseTask PositionTask Task",
+    "trajectories": "Circle FixedOrientation FourierSeries Hold Lissajous PoseCircle "
+    "PoseTrajectory Sinusoid Swing Trajectory Waypoints",
+}
+OTHERWISE = {  # former name -> its present one
+    "Believed": "laws.EstimatedModel",
+    "Carrier": "models.DelayCompensator",
+    "Mjcf": "plants.MujocoFile",
+    "Sensed": "models.SensedState",
+}
+PLACES = {name: f"{room}.{name}" for room, names in DOWN.items() for name in names.split()}
+
+
+def rooms():
+    """Return the extension of the site that writes the pages of the API."""
+    sys.path.insert(0, str(ROOT / "docs" / "_ext"))
+    try:
+        spec = spec_from_file_location("rooms", ROOT / "docs" / "_ext" / "rooms.py")
+        module = module_from_spec(spec)
+        spec.loader.exec_module(module)
+        return module
+    finally:
+        sys.path.pop(0)
+
+
+# --- arguments ---
+
+
+@pytest.mark.parametrize("function", FUNCTIONS, ids=lambda function: function.__name__)
+def test_a_function_has_at_most_twelve_arguments(function):
+    assert len(inspect.signature(function).parameters) <= 12
+
+
+@pytest.mark.parametrize(
+    ("function", "name"), REMOVED, ids=lambda each: getattr(each, "__name__", each)
+)
+def test_a_former_keyword_is_refused_with_what_has_replaced_it(function, name):
+    with pytest.raises(pa.InputError, match=re.escape(FORMER[function][name])) as refused:
+        function(**{name: None})
+    assert f"'{name}' is now " in str(refused.value)
+
+
+@pytest.mark.parametrize("function", FUNCTIONS, ids=lambda function: function.__name__)
+def test_no_present_argument_is_called_a_former_one(function):
+    assert not set(FORMER.get(function, ())) & set(inspect.signature(function).parameters)
+
+
+@pytest.mark.parametrize(
+    ("function", "wrong", "right"),
+    [
+        (pa.simulate, "durations", "duration"),
+        (pa.identify, "adaption", "adaptation"),
+        (pa.excite, "excursions", "excursion"),
+        (pa.load, "frames", "frame"),
+    ],
+)
+def test_a_wrong_keyword_is_refused_with_the_nearest(function, wrong, right):
+    with pytest.raises(pa.InputError, match=f"no argument '{wrong}'.*Did you mean '{right}'"):
+        function(**{wrong: None})
+
+
+def test_a_wrong_gain_is_refused_with_the_nearest():
+    with pytest.raises(pa.InputError, match="Did you mean 'Kv'"):
+        pa.make_controller(pa.load("planar_2r"), kv=3.0)
+
+
+# --- names ---
+
+
+def test_the_package_has_at_most_sixty_names():
+    assert len(dir(pa)) <= 60
+
+
+def test_importing_the_package_loads_no_law_and_not_numpy():
+    code = (
+        "import sys, pinadapt; dir(pinadapt); "
+        "loaded = {'numpy', 'pinocchio', 'numba', 'pinadapt.laws', 'pinadapt.plants'}; "
+        "assert not loaded & set(sys.modules), loaded & set(sys.modules); "
+        "pinadapt.laws.SlotineLi, pinadapt.trajectories.Circle"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=100)
+
+
+@pytest.mark.parametrize("name", PLACES)
+def test_a_name_further_down_is_found_there_and_named_on_top(name):
+    room, _, inside = PLACES[name].partition(".")
+    assert hasattr(getattr(pa, room), inside)
+    with pytest.raises(AttributeError, match=f"is now pinadapt.{PLACES[name]}$"):
+        getattr(pa, name)
+
+
+@pytest.mark.parametrize("name", OTHERWISE)
+def test_a_renamed_name_is_found_by_its_former_one(name):
+    with pytest.raises(AttributeError, match=f"is now pinadapt.{OTHERWISE[name]}$"):
+        getattr(pa, name)
+
+
+def test_what_never_was_is_an_ordinary_error():
+    with pytest.raises(AttributeError, match=r"no attribute 'Nothing'$"):
+        _ = pa.Nothing
+
+
+@pytest.mark.parametrize("package", ["laws", "adaptation", "trajectories", "plants", "models"])
+def test_every_name_of_a_package_has_a_line_in_the_table_of_its_page(package):
+    written = rooms()
+    full = f"pinadapt.{package}"
+    names = written.packages()[full]
+    page = written.page(full, names)
+    module = getattr(pa, package)
+    public = {
+        name
+        for name, thing in vars(module).items()
+        if not name.startswith("_") and not isinstance(thing, ModuleType)
+    }
+    assert set(names) == public
+    for name in public:
+        row = re.search(
+            rf"^   \* - :py:\w+:`~pinadapt(\.{package})?\.{name}`\n     - (.+)$", page, re.M
+        )
+        assert row and len(row[2]) > 4, name
