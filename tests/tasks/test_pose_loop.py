@@ -10,8 +10,8 @@ import pinadapt as pa
 from pinadapt.cli.compare import comparison_table
 from pinadapt.plants.sensors import Sensors
 from pinadapt.scenario.scenario import Scenario
+from pinadapt.tasks.frame import matrix
 from pinadapt.tasks.registry import TASKS
-from pinadapt.tasks.rotation import matrix
 from tests.support.chains import catalogue_robot, random_inertia
 from tests.support.paths import ROOT
 

@@ -279,9 +279,11 @@ class Pictures(NamedTuple):
 
 def pictures_of(found: IdentifiedModel) -> Pictures:
     """Draw both pictures."""
-    from ..plots.backend import matplotlib  # here, because matplotlib is slow to import
     from ..plots.figures import parameter_figure, prediction_figure
-    from ..plots.style import RC
+    from ..plots.style import (
+        RC,
+        matplotlib,  # here, because matplotlib is slow to import
+    )
 
     windows, title = found.windows, f"{found.described.name}, {Path(found.log.source).name}"
     before, after = (windows.residual(a) for a in (found.described_parameters, found.before_split))

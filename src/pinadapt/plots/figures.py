@@ -10,7 +10,6 @@ import numpy as np
 
 from .._files import whole_file
 from ..tasks.task import DISPLAYS, RowGroup
-from .backend import matplotlib
 from .style import (
     BLUE,
     GREEN,
@@ -25,6 +24,7 @@ from .style import (
     legend,
     literal,
     marker_key,
+    matplotlib,
     shade,
 )
 

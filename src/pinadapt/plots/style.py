@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import warnings
 from collections.abc import Sequence
 from io import BytesIO
@@ -10,7 +12,20 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..tasks.task import Task
-from .backend import Figure, FigureCanvasAgg, Line2D, matplotlib
+
+try:  # image files need no backend, so an unknown one is tolerated
+    import matplotlib
+except ValueError:  # MPLBACKEND names an unknown backend
+    _named = os.environ.pop("MPLBACKEND", "")
+    for _half in [name for name in sys.modules if name.partition(".")[0] == "matplotlib"]:
+        del sys.modules[_half]
+    import matplotlib
+
+    os.environ["MPLBACKEND"] = _named
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 
 def literal(text: str) -> str:

@@ -12,7 +12,7 @@ from ..controller.state import ControllerState, Sample
 from ..exceptions import DivergedError, ImplausibleError, InputError
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..records import Desired, Measurement
-from ..trajectories.convert import TrajectoryLike
+from ..trajectories.given import TrajectoryLike
 from ..trajectories.trajectory import Trajectory
 from .loop import FASTEST, Events, lost, sample_indices, unusable
 from .prepare import usable_trajectory

@@ -17,7 +17,7 @@ from ..plants.sensors import SimulatedSensors
 from ..records import Desired, Measurement
 from ..robot.robot import Robot
 from ..robot.succession import EARLY, in_time
-from ..trajectories.convert import TrajectoryLike
+from ..trajectories.given import TrajectoryLike
 from .prepare import usable_trajectory
 
 ANNOUNCED = ("payload", "tool_translation")

@@ -22,7 +22,7 @@ from ..robot.home import conditioning
 from ..robot.motors import overloaded
 from ..robot.robot import Robot
 from ..tasks.frame import FrameTask
-from ..trajectories.convert import TrajectoryLike, as_trajectory
+from ..trajectories.given import TrajectoryLike, as_trajectory
 from ..trajectories.trajectory import Trajectory
 from ..tuning.preflight import jacobian_finding, preflight
 from ..tuning.preflight_sensors import sensor_findings

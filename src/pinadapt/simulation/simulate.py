@@ -28,7 +28,7 @@ from ..records import Sensors
 from ..robot.robot import Robot
 from ..robot.succession import Succession
 from ..rollout.rollout import Rollout
-from ..trajectories.convert import TrajectoryLike, as_trajectory
+from ..trajectories.given import TrajectoryLike, as_trajectory
 from .continuous import run_continuous
 from .engine import Engine
 from .loop import Events, run, sample_indices

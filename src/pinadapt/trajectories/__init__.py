@@ -1,8 +1,9 @@
 """Desired motions: coordinates with their first two derivatives at any time."""
 
-from .convert import TrajectoryLike as TrajectoryLike
-from .convert import as_trajectory as as_trajectory
-from .function import Function as Function
+from .given import Function as Function
+from .given import Spline as Spline
+from .given import TrajectoryLike as TrajectoryLike
+from .given import as_trajectory as as_trajectory
 from .periodic import Circle as Circle
 from .periodic import FourierSeries as FourierSeries
 from .periodic import Lissajous as Lissajous
@@ -11,7 +12,6 @@ from .pose import FixedOrientation as FixedOrientation
 from .pose import PoseCircle as PoseCircle
 from .pose import PoseTrajectory as PoseTrajectory
 from .pose import Swing as Swing
-from .spline import Spline as Spline
 from .trajectory import Hold as Hold
 from .trajectory import Trajectory as Trajectory
 from .trajectory import Waypoints as Waypoints

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 from .._checks import positive, vector
 from ..exceptions import InputError
 from ..records import Desired
-from ..tasks.rotation import matrix, rotation_between, turned
-from .convert import TrajectoryLike, as_trajectory, converted
+from ..tasks.frame import matrix, rotation_between, turned
+from .given import TrajectoryLike, as_trajectory, converted
 from .periodic import Circle
 from .trajectory import Trajectory
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from .._checks import numbers, positive, vector
 from ..exceptions import InputError
 from ..records import Desired
-from ..tasks.rotation import rotation_between, turned
+from ..tasks.frame import rotation_between, turned
 
 _HORIZON = 60.0  # [s] of a run without end that is checked
 _LOOKS, _RESTING = 400, 20  # instants that are checked, and how many of the last are at rest

@@ -19,7 +19,7 @@ from ..controller.controller import Controller
 from ..exceptions import DivergedError
 from ..robot.robot import Robot
 from ..robot.succession import Succession
-from ..trajectories.convert import TrajectoryLike, as_trajectory
+from ..trajectories.given import TrajectoryLike, as_trajectory
 from .page import Moment, Page, curves_of, reading_of, viewpoint_for
 from .scene import Scene, desired_tip, motion_in_time, motion_of
 from .shapes import DESIRED, TRUE

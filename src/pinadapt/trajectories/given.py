@@ -1,0 +1,457 @@
+"""Motions as users give them: objects with ``at``, functions of time, samples."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from numbers import Real
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from .._checks import arithmetic, numbers, positive, shown, word
+from ..exceptions import InputError
+from ..records import Desired
+from ..tasks.joint import JointTask
+from ..tasks.task import Task
+from .trajectory import Trajectory, half_diagonal
+
+Difference: TypeAlias = Callable[[np.ndarray, np.ndarray], Any]
+"""How far (m) coordinates x are from others x_0: ``Task.error``, x - x_0 for vectors."""
+
+# Five-point formulas at nodes t + (k - j) h, k = 0..4, for j nodes before t: h df/dt, h^2 d2f/dt2
+_WEIGHTS = {
+    2: (np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12, np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12),
+    1: (
+        np.array([-3.0, -10.0, 18.0, -6.0, 1.0]) / 12,
+        np.array([11.0, -20.0, 6.0, 4.0, -1.0]) / 12,
+    ),
+    0: (
+        np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) / 12,
+        np.array([35.0, -104.0, 114.0, -56.0, 11.0]) / 12,
+    ),
+}
+STEP = 2e-3  # [s]
+
+
+class Function(Trajectory):
+    """x_d = f(t) for a function f that returns x_d, or x_d and its two derivatives.
+
+    If f returns x_d alone, velocity and acceleration are five-point differences with a step of h =
+    2 ms. f is called at t and at four more times within 2 h of it; near time 0 within 4 h after it,
+    as f is never called before time 0. f must have two continuous derivatives. Relative errors for
+    a sine, with respect to the amplitudes of velocity and acceleration:
+
+    | frequency | velocity, acceleration | in the first 4 ms |
+    |---|---|---|
+    | 1 Hz | 9e-10, 3e-10 | 5e-9, 2e-6 |
+    | 5 Hz | 6e-7, 2e-7 | 4e-6, 3e-4 |
+    | 20 Hz | 2e-4, 5e-5 | 1e-3, 2e-2 |
+
+    They grow with h^4, for the acceleration in the first 4 ms with h^3. Noise of f is multiplied by
+    up to 1.5/h in the velocity and 5.4/h^2 in the acceleration, 27/h^2 in the first 4 ms. Rounding
+    of numbers near 1 gives less than 2e-9 m/s^2, but noise of 1e-9 m gives 1.3e-3 m/s^2. For a
+    noisy f take a longer step, or samples of it in a ``Spline``. A function that returns the
+    derivatives too is not differentiated, and called once.
+    """
+
+    def __init__(
+        self,
+        f: Callable[[float], Any],
+        *,
+        difference: Difference = np.subtract,
+        step: float = STEP,
+        extent: float | None = None,
+        settles: float | None = None,
+    ) -> None:
+        """Take the function and what is known of the motion.
+
+        Args:
+            f: t [s] -> x_d, or (x_d, xd_d, xdd_d), or ``Desired``; a pose may be a ``pin.SE3``.
+            difference: (x, x_0) -> (m), how far x is from x_0; ``Task.error`` of a task.
+            step: h [s].
+            extent: see ``Trajectory.extent``.
+            settles: see ``Trajectory.settles``.
+
+        Raises:
+            InputError: a step that is not positive.
+        """
+        self._f, self._difference = f, difference
+        self._h = positive(step, "step", error=InputError)
+        self._extent, self._settles = extent, settles
+
+    @property
+    def extent(self) -> float | None:
+        """As given."""
+        return self._extent
+
+    @property
+    def settles(self) -> float | None:
+        """As given."""
+        return self._settles
+
+    def at(self, t: float) -> Desired:
+        """Return position, velocity and acceleration at time t [s].
+
+        Raises:
+            InputError: the function returned no coordinates, or a varying number of them.
+        """
+        x_d, *derivatives = _coordinates(self._f(t), t)
+        return Desired(x_d, *(derivatives or self._differences(t, x_d)))
+
+    def _differences(self, t: float, x_d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        h = self._h
+        before = 2 if t >= 2 * h or t < 0.0 else 1 if t >= h else 0
+        first, second = _WEIGHTS[before]
+        steps = [self._from(x_d, t + (k - before) * h) for k in range(5) if k != before]
+        steps.insert(before, np.zeros_like(steps[0]))
+        away = np.array(steps)
+        return first @ away / h, second @ away / h**2
+
+    def _from(self, x_d: np.ndarray, t: float) -> np.ndarray:
+        """Return how far (m) the motion at time t [s] is from x_d."""
+        x = _coordinates(self._f(t), t)[0]
+        if x.shape != x_d.shape:
+            raise InputError(
+                f"the function returned {x_d.size} coordinates before and {x.size} at t = {t:g} s.",
+                where="trajectory",
+            )
+        return np.asarray(self._difference(x, x_d))
+
+
+def _coordinates(value: Any, t: float) -> list[np.ndarray]:
+    """Return [x_d] or [x_d, xd_d, xdd_d] of what a function returned, as new arrays of floats."""
+    if isinstance(value, np.ndarray):
+        several = value.ndim == 2 and len(value) == 3
+    else:
+        several = isinstance(value, tuple | list) and len(value) == 3
+        several = several and all(isinstance(x, pin.SE3) or np.ndim(x) == 1 for x in value)
+    return [_vector(part, value, t) for part in (value if several else [value])]
+
+
+def _vector(part: Any, value: Any, t: float) -> np.ndarray:
+    if isinstance(part, pin.SE3):
+        return np.asarray(pin.SE3ToXYZQUAT(part))
+    try:
+        array = np.asarray(part)
+    except ValueError:  # ragged
+        array = np.zeros((0, 0))
+    if array.dtype.kind not in "fiu" or array.ndim > 1:
+        raise InputError(
+            f"expected coordinates x_d or (x_d, xd_d, xdd_d) at t = {t:g} s, got {shown(value)}.",
+            where="trajectory",
+        )
+    return array.astype(float).reshape(-1)
+
+
+ENDS = ("rest", "free")
+
+_DEGREE = 5
+_MANY, _SUDDEN = 8, 10.0  # a warning needs so many samples, and such a ratio of accelerations
+
+
+class Spline(Trajectory):
+    """The spline of degree five through positions at given times; four continuous derivatives.
+
+    Before the first time and after the last one the motion rests at the first and last position.
+    With ``ends="rest"`` velocity and acceleration are zero at both ends, so they are continuous
+    there; through two positions this is the minimum-jerk motion. With ``ends="free"`` velocity and
+    acceleration at the ends follow from the samples (not-a-knot conditions) and jump to zero
+    beyond them. This suits samples of a motion that is already under way.
+
+    Quaternions are interpolated as four numbers, after their signs are made consistent, and divided
+    by their length. The orientation passes through every sample and is as smooth as the position.
+
+    Attributes:
+        t: (N) times [s].
+        x: (N, m) positions [m or rad]; of a pose with a quaternion xyzw (7), of an orientation (4).
+    """
+
+    def __init__(
+        self, t: ArrayLike, x: ArrayLike, *, ends: str = "rest", quaternion: bool = False
+    ) -> None:
+        """Take times and positions.
+
+        Args:
+            t: (N) increasing times [s], N >= 2 at rest at the ends, N >= 6 for free ends.
+            x: (N, m) or, of one coordinate, (N) positions [m or rad].
+            ends: "rest" or "free".
+            quaternion: whether the last four columns are a unit quaternion xyzw.
+
+        Raises:
+            InputError: sizes that do not match, numbers that are not finite, times that do not
+                increase, too few samples, or quaternions of another length than 1.
+        """
+        self.t, self.x = numbers(t, "trajectory.t"), numbers(x, "trajectory.x")
+        if self.x.ndim == 1:
+            self.x = self.x[:, None]
+        least = _DEGREE + 1 if word(ends, ENDS, "ends") == "free" else 2
+        _check(self.t, self.x, least)
+        self._rotates = quaternion
+        if quaternion:
+            self.x[:, -4:] = _continuous(self.x[:, -4:])
+        from scipy.interpolate import make_interp_spline  # not needed to load a robot
+
+        still = [(order, np.zeros(self.x.shape[1])) for order in (1, 2)]
+        conditions = (still, still) if ends == "rest" else None
+        with arithmetic("trajectory.t"):
+            spline = make_interp_spline(self.t, self.x, _DEGREE, bc_type=conditions)
+            self._parts = spline, spline.derivative(1), spline.derivative(2)
+        if ends == "rest":
+            _warn_of_speed(self.t, self.x)
+
+    @property
+    def extent(self) -> float:
+        """Half the diagonal of the box around the positions [m or rad]."""
+        return half_diagonal(self.x[:, :-4] if self._rotates else self.x)
+
+    @property
+    def settles(self) -> float:
+        """The last time [s]."""
+        return float(self.t[-1])
+
+    def at(self, t: float) -> Desired:
+        """Return position, velocity and acceleration at time t [s]; outside the times at rest."""
+        inside = min(max(t, self.t[0]), self.t[-1])
+        u, ud, udd = (part(inside) for part in self._parts)
+        if inside != t:
+            ud, udd = np.zeros_like(u), np.zeros_like(u)
+        if not self._rotates:
+            return Desired(u, ud, udd)
+        q, omega, alpha = _rotation(u[-4:], ud[-4:], udd[-4:])
+        return Desired(np.append(u[:-4], q), np.append(ud[:-4], omega), np.append(udd[:-4], alpha))
+
+
+def _check(t: np.ndarray, x: np.ndarray, least: int) -> None:
+    """Check times and positions.
+
+    Raises:
+        InputError: sizes that do not match, too few samples, or times that do not increase.
+    """
+    if t.ndim != 1 or x.ndim != 2 or len(t) != len(x) or not x.size:
+        raise InputError(
+            f"expected N times and N rows of positions, got shapes {t.shape} and {x.shape}.",
+            where="trajectory",
+            hint="Give (t, x) with t (N) [s] and x (N, m).",
+        )
+    if len(t) < least:
+        raise InputError(f"expected at least {least} samples, got {len(t)}.", where="trajectory.t")
+    if (late := np.diff(t) <= 0.0).any():
+        k = int(np.argmax(late)) + 1
+        raise InputError(
+            f"times must increase, but t[{k}] = {t[k]:g} s follows {t[k - 1]:g} s.",
+            where="trajectory.t",
+            hint="Sort the samples by time, and keep one sample of each time.",
+        )
+
+
+def _continuous(q: np.ndarray) -> np.ndarray:
+    """Return quaternions (N, 4) of length 1, each with the sign nearer to the previous one.
+
+    Raises:
+        InputError: one of another length, by more than 1 %.
+    """
+    if q.shape[1] != 4:
+        raise InputError(
+            f"expected positions that end in a quaternion xyzw, got {q.shape[1]} columns.",
+            where="trajectory.x",
+        )
+    lengths = np.linalg.norm(q, axis=1)
+    if (off := np.abs(lengths - 1.0) > 0.01).any():
+        k = int(np.argmax(off))
+        raise InputError(
+            f"row {k} has a quaternion xyzw of length {lengths[k]:.4g} instead of 1.",
+            where="trajectory.x",
+        )
+    q = q / lengths[:, None]
+    opposite = np.einsum("ij,ij->i", q[1:], q[:-1]) < 0.0
+    q[1:] *= np.where(np.cumsum(opposite) % 2, -1.0, 1.0)[:, None]
+    return q
+
+
+def _rotation(u: np.ndarray, ud: np.ndarray, udd: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return q = u / |u| xyzw (4), angular velocity (3) and acceleration (3), world axes.
+
+    omega = 2 vec(qd q*) and alpha = 2 vec(qdd q*), as qd = omega q / 2.
+    """
+    n = np.sqrt(u @ u)
+    nd = u @ ud / n
+    ndd = (ud @ ud + u @ udd - nd * nd) / n
+    q = u / n
+    qd = (ud - nd * q) / n
+    qdd = (udd - 2.0 * nd * qd - ndd * q) / n
+    return q, *(2.0 * (q[3] * d[:3] - d[3] * q[:3] - np.cross(d[:3], q[:3])) for d in (qd, qdd))
+
+
+def _warn_of_speed(t: np.ndarray, x: np.ndarray) -> None:
+    """Warn if the samples move at an end, where the spline is at rest.
+
+    The test: reaching the end speed within one interval takes ten times the largest acceleration of
+    the samples (second differences).
+    """
+    if len(t) < _MANY:
+        return
+    steps = np.diff(t)
+    speeds = np.diff(x, axis=0) / steps[:, None]
+    middles = 0.5 * (steps[1:] + steps[:-1])
+    most = np.linalg.norm(np.diff(speeds, axis=0) / middles[:, None], axis=1).max()
+    for k, end in ((0, "first"), (-1, "last")):
+        speed = float(np.linalg.norm(speeds[k]))
+        if speed / steps[k] > _SUDDEN * most:
+            warnings.warn(
+                f"the positions move at {speed:.3g} /s at their {end} sample, where the spline is "
+                f'at rest. Spline(t, x, ends="free") starts and ends at the speed of the samples.',
+                stacklevel=4,
+            )
+
+
+class HasAt(Protocol):
+    """An object with ``at(t)``, which returns x_d, or x_d with its two derivatives."""
+
+    def at(self, t: float) -> Any:
+        """Return x_d, or (x_d, xd_d, xdd_d), at time t [s]."""
+
+
+TrajectoryLike: TypeAlias = (
+    Trajectory | HasAt | Callable[[float], Any] | tuple[ArrayLike, ArrayLike] | np.ndarray
+)
+"""Whatever ``as_trajectory`` takes."""
+
+
+def as_trajectory(given: TrajectoryLike, task: Task | None = None) -> Trajectory:
+    """Return a user's motion as a ``Trajectory``; its value at time 0 is checked.
+
+    Args:
+        given: a ``Trajectory``, as it is; any object with ``at(t)``, or a function of t [s], that
+            returns x_d, or (x_d, xd_d, xdd_d), see ``Function``; times (N) [s] and positions
+            (N, m) as a pair, or as one array (N, 1 + m) with the times first, see ``Spline``.
+        task: the task of these coordinates. Angles of continuous joints may jump by whole turns;
+            coordinates of a pose are position and quaternion xyzw (7), and a function may return
+            ``pin.SE3`` instead. None: plain vectors.
+
+    Raises:
+        InputError: another kind of object, a wrong number of coordinates, numbers that are not
+            finite, or times that do not increase.
+    """
+    if isinstance(given, Trajectory):
+        motion = given
+    elif task is None:
+        motion = converted(given)
+    else:
+        motion = converted(given, _difference(task), task.coordinates > task.size, _turns(task))
+    _check_start(motion, task)
+    return motion
+
+
+def converted(
+    given: Any,
+    difference: Difference = np.subtract,
+    quaternion: bool = False,
+    turning: tuple[bool, ...] = (),
+) -> Trajectory:
+    """Return a motion that is not yet a ``Trajectory`` as one, without a check of its start.
+
+    Args:
+        given: as in ``as_trajectory``.
+        difference: (x, x_0) -> (m), how far coordinates are from others.
+        quaternion: whether the last four coordinates are a quaternion.
+        turning: for each coordinate, whether it is the angle of a continuous joint.
+
+    Raises:
+        InputError: another kind of object, or samples that do not make a spline.
+    """
+    if not isinstance(given, type):
+        if callable(at := getattr(given, "at", None)):
+            extent, settles = (_number(given, name) for name in ("extent", "settles"))
+            return Function(at, difference=difference, extent=extent, settles=settles)
+        if callable(given):
+            return Function(given, difference=difference)
+    if isinstance(given, tuple) and len(given) == 2:
+        t, x = given
+    elif isinstance(given, np.ndarray) and given.ndim == 2:
+        t, x = given[:, 0], given[:, 1:]
+    else:
+        raise InputError(
+            f"expected a trajectory, got {shown(given)}.", where="trajectory", hint=_hint(given)
+        )
+    if any(turning):
+        x = np.array(x, dtype=float)
+        endless = [k for k, turns in enumerate(turning) if turns and x.ndim == 2 and k < x.shape[1]]
+        x[:, endless] = np.unwrap(x[:, endless], axis=0)
+    return Spline(t, x, quaternion=quaternion)
+
+
+def _difference(task: Task) -> Difference:
+    """Return ``task.error``, or plain differences for vectors of another size.
+
+    The check of the start then refuses that size with a clear message.
+    """
+    return lambda x, x_0: task.error(x, x_0) if x.size == task.coordinates else x - x_0
+
+
+def _turns(task: Task) -> tuple[bool, ...]:
+    return task.continuous if isinstance(task, JointTask) else ()
+
+
+def _number(given: Any, name: str) -> float | None:
+    """Return an attribute if it is a number, else None."""
+    value = getattr(given, name, None)
+    return float(value) if isinstance(value, Real) else None
+
+
+def _hint(given: Any) -> str:
+    if isinstance(given, type):
+        return f"This is the class {given.__name__}; give an object of it."
+    if isinstance(given, Desired) or (isinstance(given, np.ndarray) and given.ndim == 1):
+        return "Hold(x_d) stays at a point."
+    return (
+        "Give an object with at(t), a function t -> x_d, or a pair (t, x) of times and positions."
+    )
+
+
+def _check_start(motion: Trajectory, task: Task | None) -> None:
+    """Check that the start of a motion suits the task.
+
+    Raises:
+        InputError: ``at`` fails or returns no ``Desired``, another number of coordinates than the
+            task's, numbers that are not finite, or no unit quaternion.
+    """
+    try:
+        start = motion.at(0.0)
+    except InputError:
+        raise
+    except Exception as reason:
+        raise InputError(
+            f"the desired motion failed at time 0: {type(reason).__name__}: {reason}",
+            where="trajectory",
+            hint="It must be callable with one argument, the time in s.",
+        ) from reason
+    if not isinstance(start, Desired):
+        raise InputError(
+            f"at(0.0) of {type(motion).__name__} returned {shown(start)} instead of a Desired.",
+            where="trajectory",
+            hint="Return Desired(x_d, xd_d, xdd_d).",
+        )
+    sizes = [np.size(part) for part in start]
+    if task is not None and sizes[0] != task.coordinates:
+        raise InputError(
+            f"the desired motion has {sizes[0]} coordinates, the task '{task.name}' "
+            f"{task.coordinates}.",
+            where="trajectory",
+            hint="PoseTrajectory adds an orientation to a motion of three coordinates."
+            if (sizes[0], task.name) == (3, "pose")
+            else None,
+        )
+    rows = sizes[0] if task is None else task.size
+    names = ("x_d", "xd_d", "xdd_d")
+    for name, part, size in zip(names, start, sizes, strict=True):
+        if name != "x_d" and task is not None and size != rows:
+            raise InputError(f"expected {rows} numbers, got {size}.", where=f"trajectory.{name}")
+        if not np.isfinite(part).all():
+            raise InputError(
+                f"the desired motion is not finite at time 0: {part}.", where=f"trajectory.{name}"
+            )
+        if name == "x_d" and task is not None and (flaw := task.flaw(part)):
+            raise InputError(f"the desired motion {flaw} at time 0.", where="trajectory.x_d")
