@@ -77,7 +77,7 @@ class ObservedTorque(pa.laws.ResolvedAcceleration):
         error = s.dx
         if not self.seen:
             error = s.dx + self.believed.position(s.q) - s.x
-        shifted = s._replace(dx=error + s.filtered.shift)
+        shifted = s.replaced(dx=error + s.filtered.shift)
         a = self.commanded_acceleration(shifted, np.zeros(s.a_k.size))
         return self.believed.limited(self.believed.torque(s.q, s.v, a) - self.disturbance(s))
 

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+import copy
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from .models.right_inverse import RightInverse
 
 
-class Signals(NamedTuple):
+@dataclass(slots=True, eq=False, init=False)
+class Signals:
     """Everything a law may use at one instant; m task coordinates, n joints, m_p positions.
 
-    Immutable; the arrays belong to this instant for good, and nothing is to be written to them.
+    The controller fills it once. Its arrays belong to this instant for good: no later one changes
+    them, and a law must not write to them.
 
     Attributes:
         t: time [s].
@@ -39,7 +43,7 @@ class Signals(NamedTuple):
         Y_k: (m, p_k) kinematic regressor.
         inverse: right inverse of J_hat, damped near its singularities.
         epsilon: (m_p) prediction error of the last seen position, x_hat(q; a_k) - x [m]; empty for
-            joint tasks.
+            joint tasks and for laws without ``uses_position_error``.
         X_k: (m_p, p_k) regressor of epsilon: it is X_k da_k at the configuration where the position
             was seen.
         filtered: output of the law's own filters; see ``Law.filters``.
@@ -69,9 +73,16 @@ class Signals(NamedTuple):
     epsilon: np.ndarray
     X_k: np.ndarray
     filtered: Any
-    filtered_torque: Any = None
+    filtered_torque: Any
 
     @property
     def dxd_hat(self) -> np.ndarray:
         """The estimated task-velocity error J_hat v - xd_d (m)."""
         return np.subtract(self.xd_hat, self.xd_d)
+
+    def replaced(self, **changes: Any) -> Signals:
+        """Return signals with other values of some attributes, by name."""
+        other = copy.copy(self)
+        for name, value in changes.items():
+            setattr(other, name, value)
+        return other

@@ -49,7 +49,7 @@ def test_torque_and_position_come_to_be_predicted(name, adaptation, share):
     start, late = states[0], states[-200:]
 
     def missed(state):
-        W, y, _ = state.torque_filter
+        W, y, *_ = state.torque_filter
         return [np.linalg.norm(W @ a_d - y) for a_d in (start.a_d, state.a_d)]
 
     first, last = (np.mean(missed) for missed in zip(*map(missed, late), strict=True))

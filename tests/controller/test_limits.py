@@ -238,7 +238,7 @@ def moving(law):
 def test_a_saturated_sample_teaches_nothing_of_the_dynamics(law):
     controller, measurement, desired = moving(law)
     state = controller.init(measurement)
-    signals = controller.observe(state, measurement, desired)._replace(a=np.full(6, 0.3))
+    signals = controller.observe(state, measurement, desired).replaced(a=np.full(6, 0.3))
     free, drives = controller.respond(state, signals)
     tight = controller.limited(0.5 * np.abs(free))
     clipped, rest = tight.respond(state, signals)

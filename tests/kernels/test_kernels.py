@@ -289,7 +289,7 @@ def test_borne_damping(rng, laid):
     feedforward, v, v_r = map(laid, rng.standard_normal((3, 5)))
     D, M = (laid(root @ root.T + np.eye(5)) for root in rng.standard_normal((2, 5, 5)))
     error, torque = filled(5), filled(5)
-    laws.subtract_borne_damping(feedforward, D, M, 0.3, v, v_r, error, torque)
+    laws.subtract_limited_damping(feedforward, D, M, 0.3, v, v_r, error, torque)
     borne = np.linalg.inv(np.linalg.inv(D) + 0.3 * np.linalg.inv(M))
     assert close(error, v - v_r) and close(torque, feedforward - borne @ error, 1e-9)
 

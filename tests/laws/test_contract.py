@@ -156,7 +156,7 @@ def test_an_exact_model_gives_the_nominal_error_dynamics(law, name):
             continue
         error = v
         if not controller.law.set_point:
-            error = controller.respond(sample.state, s._replace(a=a))[1].dynamic.e
+            error = controller.respond(sample.state, s.replaced(a=a))[1].dynamic.e
         feedback = next(f for kind, f in NOMINAL.items() if isinstance(controller.law, kind))
         errors.append(error)
         torques.append(coriolis(true, q, v, error) + feedback(controller.law, s, error))

@@ -125,7 +125,7 @@ def energy_along(
         signals, command = controller.command(sample.state, sample.measurement, sample.desired)
         q, v = sample.measurement.q, sample.measurement.v
         a = plant.acceleration_at(q, v, command.torque, command.feedthrough)
-        drives = controller.respond(sample.state, signals._replace(a=a))[1]
+        drives = controller.respond(sample.state, signals.replaced(a=a))[1]
         truth, law = truth_at(plant, sample, a_k, a_d), controller.law
         V.append(law.storage(signals, truth) + controller.parameter_storage(sample.state, a_k, a_d))
         learned = sum(

@@ -334,7 +334,7 @@ def reference(
 
 
 @compiled("void(f8[:], f8[:,:], f8[:,:], f8, f8[:], f8[:], f8[:], f8[:])", fills=2)
-def subtract_borne_damping(
+def subtract_limited_damping(
     feedforward: np.ndarray,
     D: np.ndarray,
     M: np.ndarray,

@@ -58,13 +58,8 @@ def invert_gram(J: np.ndarray, threshold: float, inverse: np.ndarray) -> tuple[f
 
 
 @compiled("b1(f8[:,:], f8[:,:], f8[:], f8[:])")
-def solve_definite(
-    M: np.ndarray,
-    J: np.ndarray,
-    e: np.ndarray,
-    solution: np.ndarray,
-) -> bool:
-    """Write M^-1 J^T e (n) by Cholesky, M = L L^T (lower triangle).
+def solve_definite(M: np.ndarray, J: np.ndarray, e: np.ndarray, solution: np.ndarray) -> bool:
+    """Write M^-1 J^T e (n) by Cholesky, M = L L^T, of which only the lower triangle is read.
 
     Return False if M is not positive definite.
     """

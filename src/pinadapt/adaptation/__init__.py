@@ -5,6 +5,7 @@ from .adaptation import Drive as Drive
 from .adaptation import Drives as Drives
 from .adaptation import Estimate as Estimate
 from .adaptation import Frozen as Frozen
+from .adaptation import Stacked as Stacked
 from .adaptation import Wrapper as Wrapper
 from .composite import Composite as Composite
 from .composite import CompositeMemory as CompositeMemory
@@ -21,4 +22,3 @@ from .natural import Natural as Natural
 from .projections import BoxProjection as BoxProjection
 from .projections import GravityProjection as GravityProjection
 from .projections import MassMatrixProjection as MassMatrixProjection
-from .stacked import Stacked as Stacked

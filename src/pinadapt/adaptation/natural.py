@@ -279,7 +279,9 @@ class Natural(Adaptation):
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held; inside the cone for any dt."""
-        a, g = estimate.value, self._scaled(drive.gradient)
+        a, g = estimate.value, drive.gradient
+        if self._scale is not None:
+            g = g * self._scale
         if self.cone.complete:
             return Estimate(self.cone.follow_geodesic(a, g, self.gamma * dt))
         metric = self._metric(self.cone.matrices(a)[0])

@@ -9,12 +9,11 @@ from types import EllipsisType
 from typing import Any
 
 import numpy as np
-from numpy import empty
 from numpy.typing import ArrayLike
 
 from .._compiled import compile_all
 from .._kernels import checks as kernels
-from ..adaptation.adaptation import Adaptation, Drives, Estimate
+from ..adaptation.adaptation import Adaptation, Drives, Estimate, Frozen
 from ..exceptions import DivergedError
 from ..filters.torque_filter import FilteredRegressor
 from ..laws.law import Command, EstimatedModel, Law
@@ -35,6 +34,8 @@ from .learned import learned_robot
 from .limits import ControllerLimits
 from .sensing import Guards, Senses
 from .state import ControllerState
+
+_FLOAT, _HELD = np.dtype(float), Frozen()
 
 
 class Controller:
@@ -85,7 +86,8 @@ class Controller:
         self.motion, self.period, self.belief = motion, period, belief
         self.compensation = compensation
         self._inputs = InputCheck(kinematics, dynamics.size)
-        self._filters = law.filters
+        self._filters, self._projects = law.filters, adaptation_d.projects
+        self._position_error = law.uses_position_error
         bandwidth = adaptation_d.torque_bandwidth
         self._torque_filter = None if bandwidth is None else FilteredRegressor(dynamics, bandwidth)
         compile_all()
@@ -209,10 +211,8 @@ class Controller:
             s, sensed, elapsed = self._observe(state, measurement, desired, dt)
             model = self._model(state, s, elapsed)
             torque, drives = self._respond(s, model)
-            dynamic, kinematic = model.dynamic, model.kinematic
-            if s.adapting:
-                dynamic = self.adaptation_d.step(dynamic, drives.dynamic, elapsed)
-                kinematic = self.adaptation_k.step(kinematic, drives.kinematic, elapsed)
+            dynamic = model.adaptation_d.step(model.dynamic, drives.dynamic, elapsed)
+            kinematic = model.adaptation_k.step(model.kinematic, drives.kinematic, elapsed)
             filters = self._filters.step(state.filters, s, elapsed)
             torque_filter = state.torque_filter
             if self._torque_filter is not None:
@@ -239,7 +239,8 @@ class Controller:
             MeasurementError, InputError: as ``step``.
         """
         s = self._observe(state, measurement, desired)[0]
-        return s._replace(xd_d=s.xd_d.copy(), xdd_d=s.xdd_d.copy())
+        s.xd, s.xd_d, s.xdd_d = s.xd.copy(), s.xd_d.copy(), s.xdd_d.copy()
+        return s
 
     def command(
         self, state: ControllerState, measurement: Measurement, desired: Desired
@@ -274,15 +275,20 @@ class Controller:
         for any torque, the prediction errors.
         """
         command, limits = self.law.command(s, model), self.limits.torque
-        torque, drives = np.asarray(command.at(s.a), dtype=float), command.drives
-        self._inputs.command(torque, drives)
+        torque, drives = command.torque, command.drives
+        if command.feedthrough is not None:
+            torque = command.at(s.a)
+        g_d, g_k = drives.dynamic.gradient, drives.kinematic.gradient
+        p_d, p_k = s.a_d.size, s.a_k.size
+        if g_d.size != p_d or g_k.size != p_k or torque.shape != s.v.shape:
+            self._inputs.command(torque, g_d, g_k)
+        if torque.dtype is not _FLOAT:
+            torque = torque.astype(float)
         if s.filtered_torque is not None:
             W, residual = s.filtered_torque.W, s.filtered_torque.error(s.a_d)
             drives = Drives(drives.dynamic.with_prediction_error(W, residual), drives.kinematic)
-        if limits is not None:
-            held = empty(torque.size)
-            if kernels.hold(torque, limits, held):
-                torque, drives = held, drives.without_tracking()
+        if limits is not None and kernels.exceeds(torque, limits):
+            torque, drives = np.clip(torque, -limits, limits), drives.without_tracking()
         return (torque if self.compensation is None else torque - self.compensation(s.q)), drives
 
     def _model(self, state: ControllerState, s: Signals, dt: float | None) -> EstimatedModel:
@@ -290,9 +296,12 @@ class Controller:
         dynamic = state.dynamic
         if s.a_d is not dynamic.value:  # projected
             dynamic = dynamic._replace(value=s.a_d)
+        adaptation_k, adaptation_d = self.adaptation_k, self.adaptation_d
+        if not s.adapting:
+            adaptation_k = adaptation_d = _HELD
         return EstimatedModel(
-            self.kinematics, self.dynamics, self.adaptation_k, self.adaptation_d,
-            state.kinematic, dynamic, dt, self.limits.stop_on_divergence,
+            self.kinematics, self.dynamics, adaptation_k, adaptation_d, state.kinematic, dynamic,
+            dt, self.limits.stop_on_divergence,
         )  # fmt: skip
 
     def _observe(
@@ -311,14 +320,18 @@ class Controller:
         senses, kinematics, dynamics = self.senses, self.kinematics, self.dynamics
         task, a_k, (x_d, xd_d, xdd_d) = kinematics.task, state.kinematic.value, desired
         elapsed = 0.0
-        if not isinstance(dt, EllipsisType):
+        if dt is not ...:
             elapsed = senses.guards.elapsed(state.t, measurement.t, dt, self.period)
-        sensed, still = senses.read(state.sensed, state.t, measurement, desired, kinematics, a_k)
-        a_d = self.adaptation_d.project(state.dynamic, sensed.q)
+        sensed, still = senses.read(
+            state.sensed, state.t, measurement, desired, kinematics, a_k, self._position_error
+        )
+        a_d = state.dynamic.value
+        if self._projects:
+            a_d = self.adaptation_d.project(state.dynamic, sensed.q)
         dynamics.load(a_d)
         assert sensed.x is not None  # the first sample had one
-        dx, xd, xd_hat = task.error(sensed.x, x_d), measurement.xd, kinematics.xd_hat
-        delta = task.drift(dx, xd_hat, xd_d)
+        xd_hat = kinematics.xd_hat
+        dx, xd, delta = task.errors(sensed.x, x_d, measurement.xd, xd_hat, xd_d)
         inverse = RightInverse(kinematics.J, self.limits.singular)
         filtered = self._filters.observe(state.filters, sensed, kinematics)
         a: Any = measurement.a
@@ -330,32 +343,17 @@ class Controller:
             filtered_torque = self._torque_filter.observe(
                 state.torque_filter, sensed.q, sensed.v, tau
             )
-        signals = Signals(
-            t=measurement.t,
-            q=sensed.q,
-            v=sensed.v,
-            a=a,
-            x=sensed.x,
-            xd=xd_hat if xd is None else task.known_velocity(xd, xd_hat),
-            xd_d=xd_d,
-            xdd_d=xdd_d,
-            dx=dx,
-            xd_hat=xd_hat,
-            delta=delta,
-            a_k=a_k,
-            a_d=a_d,
-            a_0=state.a_0,
-            adapting=state.adapting and not (still and np.abs(dx).max() < senses.guards.near),
-            J=kinematics.J,
-            Jdot_v=kinematics.Jdot_v,
-            Y_k=kinematics.Y_k,
-            inverse=inverse,
-            epsilon=sensed.epsilon,
-            X_k=sensed.X_k,
-            filtered=filtered,
-            filtered_torque=filtered_torque,
-        )
-        return signals, sensed, elapsed
+        s = Signals()
+        s.t, s.q, s.v, s.a, s.x = measurement.t, sensed.q, sensed.v, a, sensed.x
+        s.xd, s.xd_d, s.xdd_d = xd, xd_d, xdd_d
+        s.dx, s.xd_hat, s.delta = dx, xd_hat, delta
+        s.a_k, s.a_d, s.a_0 = a_k, a_d, state.a_0
+        s.adapting = state.adapting and not (still and np.abs(dx).max() < senses.guards.near)
+        s.J, s.Jdot_v, s.Y_k = kinematics.J, kinematics.Jdot_v, kinematics.Y_k
+        s.inverse = inverse
+        s.epsilon, s.X_k = sensed.epsilon, sensed.X_k
+        s.filtered, s.filtered_torque = filtered, filtered_torque
+        return s, sensed, elapsed
 
     def rate(
         self, state: ControllerState, s: Signals, drives: Drives, torque: np.ndarray

@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 
 from .._checks import numbers
-from ..adaptation.adaptation import Drives
 from ..exceptions import InputError, MeasurementError, ParameterError
 from ..models.task_kinematics import TaskKinematics
 from ..records import Desired, Measurement
 from .state import ControllerState
 
-_FLOAT = np.dtype(float)
+_FLOAT, _ARRAY = np.dtype(float), np.ndarray
 
 
 class InputCheck:
@@ -46,21 +45,23 @@ class InputCheck:
         try:
             t, q, v, x, x_time, xd, a, _ = measurement
             x_d, xd_d, xdd_d = desired
-            a_d, a_k, a_0 = state.dynamic.value, state.kinematic.value, state.a_0
+            a_d, a_k = state.dynamic.value, state.kinematic.value
             fits = (
                 state.__class__ is ControllerState
-                and a_d.shape == a_0.shape == self._a_d
+                and a_d.shape == state.a_0.shape == self._a_d
                 and a_k.shape == self._a_k
                 and q.shape == self._q
                 and v.shape == self._v
                 and x_d.shape == self._x
                 and xd_d.shape == xdd_d.shape == self._m
-                and a_d.dtype is a_0.dtype is a_k.dtype is q.dtype is v.dtype is _FLOAT
+                and a_d.dtype is a_k.dtype is q.dtype is v.dtype is _FLOAT
                 and x_d.dtype is xd_d.dtype is xdd_d.dtype is _FLOAT
-                and q.__class__ is v.__class__ is np.ndarray
-                and x_d.__class__ is xd_d.__class__ is xdd_d.__class__ is np.ndarray
-                and (x is None or (x.shape == self._x and x.dtype is _FLOAT))
-                and (x is None or x.__class__ is np.ndarray)
+                and q.__class__ is v.__class__ is x_d.__class__ is _ARRAY
+                and xd_d.__class__ is xdd_d.__class__ is _ARRAY
+                and (
+                    x is None
+                    or (x.shape == self._x and x.dtype is _FLOAT and x.__class__ is _ARRAY)
+                )
                 and (x_time is None or (x_time.__class__ is float and x_time - x_time == 0.0))
                 and (xd is None or (xd.shape == self._m and xd.dtype is _FLOAT))
                 and a is None
@@ -151,24 +152,28 @@ class InputCheck:
             _array(xdd_d, self._m, "xdd_d", InputError),
         )
 
-    def command(self, torque: np.ndarray, drives: Drives) -> None:
-        """Refuse what a law of a user's own returns in other sizes, before kernels take it.
+    def command(self, torque: np.ndarray, g_d: np.ndarray, g_k: np.ndarray) -> None:
+        """Refuse a command of other sizes.
+
+        Args:
+            torque: should be (n) [N m or N].
+            g_d: gradient of the dynamic drive, should be (p_d).
+            g_k: gradient of the kinematic drive, should be (p_k).
 
         Raises:
-            InputError: the torque or a gradient of the drives has not the size it must have.
+            InputError: one of them has another size.
         """
-        g_d, g_k = drives.dynamic.gradient, drives.kinematic.gradient
-        if torque.shape == self._v and g_d.shape == self._a_d and g_k.shape == self._a_k:
-            return
         found = (
             ("torque", torque, self._v),
             ("drives.dynamic.gradient", g_d, self._a_d),
             ("drives.kinematic.gradient", g_k, self._a_k),
         )
-        name, given, size = next(each for each in found if each[1].shape != each[2])
-        raise InputError(
-            f"expected {size[0]} numbers, got shape {given.shape}.", where=f"the law's {name}"
-        )
+        for name, given, size in found:
+            if given.shape != size:
+                raise InputError(
+                    f"expected {size[0]} numbers, got shape {given.shape}.",
+                    where=f"the law's {name}",
+                )
 
     def finite(self, measurement: Measurement, desired: Desired | None = None) -> None:
         """Refuse numbers that are not finite, and quaternions that are not of unit length.

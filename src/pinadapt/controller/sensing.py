@@ -8,9 +8,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy import empty
 
 from .._checks import shown
 from .._kernels import checks as kernels
+from .._kernels import linear_algebra
 from ..description.chain import is_slide, velocity_limits
 from ..exceptions import ImplausibleError, InputError, did_you_mean
 from ..filters.filters import LowPass
@@ -50,37 +52,27 @@ class Guards:
     slow: float = 0.0
     near: float = 0.0
 
-    def look(
-        self, v: np.ndarray, x: np.ndarray | None, desired: Desired, kinematics: TaskKinematics
-    ) -> bool:
-        """Refuse a sample that cannot be; return whether joints and reference stand still.
+    def implausible(
+        self, found: int, v: np.ndarray, x: np.ndarray, kinematics: TaskKinematics
+    ) -> ImplausibleError:
+        """Return the error for what the kernel ``check_sample`` found.
 
         Args:
+            found: the kernel's answer.
             v: (n) joint velocity [rad/s or m/s].
-            x: measured coordinates, or None.
-            desired: the desired motion.
+            x: measured coordinates.
             kinematics: updated to the sample.
-
-        Raises:
-            ImplausibleError: a joint much faster than it can be, or a position far from where the
-                frame is believed to be.
         """
-        seen = _NOTHING if x is None else x
-        found: int = kernels.look(
-            v, self.fast, self.slow, seen, kinematics.last_joint, self.far, desired[1], desired[2]
-        )
-        if found < kernels.FAR:
-            return found == kernels.STILL
         if found == kernels.FAR:
-            distance = np.linalg.norm(seen[: kinematics.positions] - kinematics.last_joint)
-            raise ImplausibleError(
+            distance = np.linalg.norm(x[: kinematics.positions] - kinematics.last_joint)
+            return ImplausibleError(
                 "x",
-                seen,
+                x,
                 f"is implausible: {distance:.3g} m from where the last joint is believed to be, "
                 f"more than {self.far:.3g} m (in millimetres? in another frame?)",
             )
         joint = found - kernels.FAST
-        raise ImplausibleError(
+        return ImplausibleError(
             "v",
             v,
             f"is implausible: {kinematics.joint_names[joint]} at {v[joint]:.3g} rad/s or m/s, over "
@@ -158,6 +150,7 @@ class Senses:
         desired: Desired,
         kinematics: TaskKinematics,
         a_k: np.ndarray,
+        position_error: bool = True,
     ) -> tuple[SensedState, bool]:
         """Return what is known at a sample, and whether joints and reference are at rest.
 
@@ -170,9 +163,11 @@ class Senses:
             desired: the desired motion.
             kinematics: the estimated kinematics.
             a_k: (p_k) their estimate [m].
+            position_error: whether the prediction error of the position is used.
 
         Raises:
-            ImplausibleError: see ``Guards.look``, or the last frame of the camera is too old.
+            ImplausibleError: a joint is faster or the position farther than the guards allow, or
+                the last frame of the camera is too old.
             MeasurementError: a frame was taken later than the sample.
         """
         t, q, v, x, x_time, _, _, _ = measurement
@@ -180,16 +175,23 @@ class Senses:
         if self.low_pass is not None:
             v = self.low_pass.advance(before.v, v, t - t_before)
         kinematics.update(a_k, q, v)
-        still = self.guards.look(v, x, desired, kinematics)
+        guards, seen = self.guards, _NOTHING if x is None else x
+        found = kernels.check_sample(
+            v, guards.fast, guards.slow, seen, kinematics.last_joint, guards.far
+        )
+        if found >= kernels.FAR:
+            raise guards.implausible(found, v, seen, kinematics)
+        still = found == kernels.STILL and not (desired.xd_d.any() or desired.xdd_d.any())
         if not kinematics.positions:  # a joint task
             return SensedState(q, v, kinematics.x_hat, kinematics.p_hat, kinematics.X_k), still
         late = x_time is not None and x_time != t
         if x is None or late or self.compensator.smoothing < math.inf:
             return self.compensator.update(before, t_before, t, q, v, x, x_time, kinematics), still
-        x = x.copy()
-        return SensedState(
-            q, v, x, kinematics.p_hat - x[: kinematics.positions], kinematics.X_k
-        ), still
+        if not position_error:
+            return SensedState(q, v, x.copy()), still
+        x, epsilon = x.copy(), empty(kinematics.positions)
+        linear_algebra.subtract(kinematics.p_hat, x, epsilon)
+        return SensedState(q, v, x, epsilon, kinematics.X_k), still
 
 
 def make_guards(

@@ -114,7 +114,8 @@ class MotionState(NamedTuple):
     low: np.ndarray
 
 
-class FilteredMotion(NamedTuple):
+@dataclass(slots=True, eq=False)
+class FilteredMotion:
     """Output of ``MotionFilters``.
 
     Attributes:

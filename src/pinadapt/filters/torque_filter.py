@@ -38,11 +38,13 @@ class FilteredTorque(NamedTuple):
         W: (n, p) filtered regressor.
         y: (n) filtered torque without its known part [N m or N].
         state: the filters' memory at this instant.
+        bandwidth: lambda of the low pass [1/s].
     """
 
     W: np.ndarray
     y: np.ndarray
     state: TorqueFilterState
+    bandwidth: float
 
     def error(self, a_d: np.ndarray) -> np.ndarray:
         """Return the prediction error W a_d - y (n) [N m or N] of an estimate a_d (p)."""
@@ -118,7 +120,7 @@ class FilteredRegressor:
             y, held = y + share_tau * (tau - held), tau
         W = self.low_pass.bandwidth * Y_M - Z
         now = TorqueFilterState(Z, y, u, held, np.zeros(2))
-        return FilteredTorque(W[:, :-1], y - W[:, -1], now)
+        return FilteredTorque(W[:, :-1], y - W[:, -1], now, self.low_pass.bandwidth)
 
     def step(self, now: FilteredTorque, tau: np.ndarray, dt: float) -> TorqueFilterState:
         """Return the state after dt [s], over which the torque tau (n) [N m or N] is held."""

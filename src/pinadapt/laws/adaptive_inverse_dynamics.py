@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..adaptation.adaptation import Drive, Drives
+from ..adaptation.adaptation import Drives
 from ..signals import Signals
 from .acceleration_law import EstimatedVelocityLaw
 from .law import Command, EstimatedModel
@@ -31,10 +31,11 @@ class AdaptiveInverseDynamics(EstimatedVelocityLaw):
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return tau, (11), with the drives of both estimates, (18) and (19)."""
         e, kinematic = self.errors(s)
-        v = self.commanded_acceleration(s, model.kinematic_rate(s, kinematic))
-        # M_hat v + C_hat qd + g_hat (11)
+        a_k_rate = model.adaptation_k.rate(model.kinematic, kinematic).value
+        v = self.commanded_acceleration(s, a_k_rate)
+        # tau = M_hat v + C_hat qd + g_hat (11)
         torque = model.dynamics.torque(s.q, s.v, v)
-        # Phi^T e = Y^T M_hat^-1 J_hat^T e (18)
-        error = model.solve(model.dynamics.mass_matrix(s.q), s.J, e)
-        dynamic = Drive(model.dynamics.regressor(s.q, s.v, s.a), error)
+        # g_d = Phi^T e, Phi = J_hat M_hat^-1 Y(q, qd, qdd) (18)
+        M_hat, Y = model.dynamics.mass_matrix(s.q), model.dynamics.regressor(s.q, s.v, s.a)
+        dynamic = model.acceleration_drive(M_hat, s.J, e, Y)
         return Command(torque, Drives(dynamic, kinematic))

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..adaptation.adaptation import Drive, Drives
+from ..adaptation.adaptation import Drives
 from ..signals import Signals
 from .acceleration_law import EstimatedVelocityLaw
 from .law import Command, EstimatedModel
@@ -36,16 +36,16 @@ class AdaptiveInverseDynamicsImproved(EstimatedVelocityLaw):
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return tau, (32) with (34), and the drives of both estimates, (36) and (37)."""
         (e, kinematic), dynamics = self.errors(s), model.dynamics
-        v = self.commanded_acceleration(s, model.kinematic_rate(s, kinematic))
+        a_k_rate = model.adaptation_k.rate(model.kinematic, kinematic).value
+        v = self.commanded_acceleration(s, a_k_rate)
         dynamics.load(s.a_0)
         M_0 = dynamics.mass_matrix(s.q)
         dynamics.load(s.a_d)
-        # M_0 v + C_hat qd + g_hat (32), and delta = (M_hat - M_0) qdd (34)
+        # tau = M_0 v + C_hat qd + g_hat (32) + (M_hat - M_0) qdd (34)
         torque = M_0.dot(v) + dynamics.torque(s.q, s.v, np.zeros(s.v.size))
         feedthrough = dynamics.mass_matrix(s.q) - M_0
-        # Phi_1^T e = Y^T M_0^-1 J_hat^T e (36)
-        error = model.solve(M_0, s.J, e)
-        dynamic = Drive(dynamics.regressor(s.q, s.v, s.a), error)
+        # g_d = Phi_1^T e, Phi_1 = J_hat M_0^-1 Y(q, qd, qdd) (36)
+        dynamic = model.acceleration_drive(M_0, s.J, e, dynamics.regressor(s.q, s.v, s.a))
         return Command(torque, Drives(dynamic, kinematic), feedthrough)
 
 

@@ -89,13 +89,12 @@ class AdaptiveInverseDynamicsVelocity(AccelerationLaw):
         if s.delta is not None:
             u -= self._turning.dot(s.delta)
         psi = None if s.inverse.unique else self.posture.acceleration(s.q, s.v)
-        # M_hat J_hat^+ u + C_hat qd + g_hat (25)
+        # tau = M_hat J_hat^+ u + C_hat qd + g_hat (25)
         torque = dynamics.torque(s.q, s.v, s.inverse.solve(u, psi))
-        # Phi^T B^T P xi = Y^T M_hat^-1 J_hat^T B^T P xi (29)
-        z = self._B_T_P.dot(xi)
-        error = model.solve(dynamics.mass_matrix(s.q), s.J, z)
-        dynamic = Drive(dynamics.regressor(s.q, s.v, s.a), error)
-        # -Ybar_k^T B^T P xi + Y_k^T R_k (Y_k a_k - xd) (30), Ybar_k of (27)
+        # g_d = Phi^T B^T P xi, Phi = J_hat M_hat^-1 Y(q, qd, qdd) (29)
+        z, M_hat = self._B_T_P.dot(xi), dynamics.mass_matrix(s.q)
+        dynamic = model.acceleration_drive(M_hat, s.J, z, dynamics.regressor(s.q, s.v, s.a))
+        # g_k = -Ybar_k^T B^T P xi + Y_k^T R_k (Y_k a_k - xd) (30), Ybar_k of (27)
         Y_bar, residual = model.kinematics.acceleration_regressor(s.a), (s.xd_hat - s.xd)[:m_p]
         kinematic = Drive(Y_bar, -z, s.Y_k[:m_p], residual, self.R_k)
         return Command(torque, Drives(dynamic, kinematic))

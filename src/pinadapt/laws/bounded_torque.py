@@ -147,7 +147,7 @@ class BoundedTorque(ApproximateJacobian):
         otherwise clipping changes nothing.
         """
         command = super().command(s, model)
-        return command._replace(torque=np.clip(command.torque, -self.bound, self.bound))
+        return Command(np.clip(command.torque, -self.bound, self.bound), command.drives)
 
     def guarded(self, adaptation: Adaptation, dynamics: Dynamics) -> Adaptation:
         """Return the adaptation with a projection that keeps gravity within its share.

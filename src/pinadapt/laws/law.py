@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+from numpy import empty
 
 from .._kernels import linear_algebra as kernels
 from ..adaptation.adaptation import Adaptation, Drive, Drives, Estimate
@@ -21,7 +21,8 @@ from ..robot.changes import Friction
 from ..signals import Signals
 
 
-class Command(NamedTuple):
+@dataclass(slots=True, eq=False)
+class Command:
     """What a law returns: the torque, and the drives of both estimates.
 
     The torque is affine in the joint acceleration a: torque + feedthrough @ a.
@@ -48,7 +49,8 @@ class EstimatedModel:
     Attributes:
         kinematics: evaluated at the signals' q, v and a_k.
         dynamics: with a_d loaded; a law that loads another estimate loads a_d again.
-        adaptation_k, adaptation_d: how the kinematic and the dynamic estimate move.
+        adaptation_k, adaptation_d: how the kinematic and the dynamic estimate move; while they are
+            held, ``Frozen``.
         kinematic, dynamic: the estimates with the memory of their adaptations.
         dt: time for which the torque will be held [s]; None where the loop is integrated as one
             differential equation.
@@ -64,34 +66,30 @@ class EstimatedModel:
     dt: float | None = None
     stop_on_divergence: bool = True
 
-    @property
-    def torque_bandwidth(self) -> float:
-        """Bandwidth of the low pass of ``Signals.filtered_torque`` [1/s], infinite for none."""
-        return self.adaptation_d.torque_bandwidth or math.inf
-
-    def kinematic_rate(self, s: Signals, drive: Drive) -> np.ndarray:
-        """Return da_k/dt (p_k) under a drive, zero while the estimates are held."""
-        if s.adapting:
-            return self.adaptation_k.rate(self.kinematic, drive).value
-        return np.zeros(s.a_k.size)
-
-    def dynamic_rate(self, s: Signals, drive: Drive) -> np.ndarray:
-        """Return da_d/dt (p_d) under a drive, its mean over dt; zero while they are held."""
-        if not s.adapting:
-            return np.zeros(s.a_d.size)
+    def dynamic_rate(self, drive: Drive) -> np.ndarray:
+        """Return da_d/dt (p_d) under a drive, its mean over dt."""
         if self.dt is None:
             return self.adaptation_d.rate(self.dynamic, drive).value
-        return (self.adaptation_d.step(self.dynamic, drive, self.dt).value - s.a_d) / self.dt
+        after = self.adaptation_d.step(self.dynamic, drive, self.dt)
+        return np.asarray((after.value - self.dynamic.value) / self.dt)
 
-    def solve(self, M: np.ndarray, J: np.ndarray, e: np.ndarray) -> np.ndarray:
-        """Return M^-1 J^T e (n) for an estimated mass matrix M (n, n), J (m, n), e (m).
+    def acceleration_drive(
+        self, M: np.ndarray, J: np.ndarray, e: np.ndarray, Y: np.ndarray
+    ) -> Drive:
+        """Return the drive Phi^T e with Phi = J M^-1 Y, which has Y and the error M^-1 J^T e (n).
+
+        Args:
+            M: (n, n) estimated mass matrix.
+            J: (m, n) Jacobian.
+            e: (m) error of the task.
+            Y: (n, p) regressor.
 
         Raises:
             DivergedError: M is not positive definite, as every mass matrix is; without
                 ``stop_on_divergence`` only if M is singular.
         """
         if self.stop_on_divergence:
-            solution = np.empty(len(M))
+            solution = empty(len(M))
             solved = kernels.solve_definite(M, J, e, solution)
         else:
             from scipy.linalg.lapack import dgesv  # slow to import, and seldom needed
@@ -106,7 +104,7 @@ class EstimatedModel:
                 "try a smaller gamma_d, or the law 'separation' or 'adaptive-jacobian', which "
                 "invert no mass matrix."
             )
-        return solution
+        return Drive(Y, solution)
 
 
 class Truth(NamedTuple):

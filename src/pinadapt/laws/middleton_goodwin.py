@@ -81,10 +81,11 @@ class MiddletonGoodwin(AccelerationLaw):
         torque = model.dynamics.torque(s.q, s.v, u)  # M_hat u + C_hat qd + g_hat
         if s.filtered_torque is None:
             return Command(torque, drives)
-        W, lambda_ = s.filtered_torque.W, model.torque_bandwidth
+        W, lambda_ = s.filtered_torque.W, s.filtered_torque.bandwidth
         epsilon = s.filtered_torque.error(s.a_d)  # W a_d - y
-        a_rate = model.dynamic_rate(s, drives.dynamic.with_prediction_error(W, epsilon))
-        zeta = model.solve(model.dynamics.mass_matrix(s.q), s.J, epsilon) / lambda_
+        a_rate = model.dynamic_rate(drives.dynamic.with_prediction_error(W, epsilon))
+        M_hat = model.dynamics.mass_matrix(s.q)
+        zeta = model.acceleration_drive(M_hat, s.J, epsilon, W).e / lambda_
         # + W (da_d/dt) / lambda - (dM_hat/dt) zeta
         torque = torque + W.dot(a_rate) / lambda_ - self._mass_rate_times(s, model, a_rate, zeta)
         return Command(torque, drives)

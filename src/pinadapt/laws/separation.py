@@ -192,20 +192,25 @@ class Separation(Law):
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return tau = Y a_d - K_D s, and the drives of both estimates."""
+        M_0 = self.M_0(s.q) if self.M_0 is not None and self.lag else None
+        u, ud = self._reference(s)
         kinematic = self._kinematic_drive(s)
-        Jdot = model.kinematics.jacobian_rate(model.kinematic_rate(s, kinematic))
-        (u, ud), (psi, psid) = self._reference(s), self.posture.null_motion(s)
+        a_k_rate = model.adaptation_k.rate(model.kinematic, kinematic).value
+        # qd_r = J_hat^+ u + N psi and its derivative, dJ_hat/dt with the moving estimate
+        Jdot = model.kinematics.jacobian_rate(a_k_rate)
+        psi, psid = self.posture.null_motion(s)
         qd_r, qdd_r = s.inverse.solve_with_rate(u, psi, ud, psid, Jdot)
         v, error, torque = s.v, empty(qd_r.size), empty(qd_r.size)
         if s.filtered.s_f.size:  # decorrelated
             noise = v - qd_r - s.filtered.s_f
             v, qdd_r = v - noise, qdd_r + self.alpha * (noise - s.inverse.null(noise))
+        # tau = Y(q, qd, qd_r, qdd_r) a_d - K_D s
         Y, feedforward = model.dynamics.slotine_li(s.q, v, qd_r, qdd_r)
-        if self.M_0 is None or not self.lag:
+        if M_0 is None:
             kernels.subtract_damping(feedforward, self.K_v, s.v, qd_r, error, torque)
         else:
-            kernels.subtract_borne_damping(
-                feedforward, self.K_v, self.M_0(s.q), self.lag, s.v, qd_r, error, torque
+            kernels.subtract_limited_damping(
+                feedforward, self.K_v, M_0, self.lag, s.v, qd_r, error, torque
             )
         return Command(torque, Drives(Drive(Y, error), kinematic))
 

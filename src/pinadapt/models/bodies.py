@@ -52,7 +52,7 @@ class InertialModel:
         return type(self), (self._model,)
 
     def load(self, pi: np.ndarray) -> None:
-        """Set the parameters (10 n) of all bodies.
+        """Set the parameters (10 n) of all bodies; they must not change until others are set.
 
         Raises:
             ParameterError: another number of parameters.
@@ -62,13 +62,14 @@ class InertialModel:
                 f"expected {self._ballast.size} parameters, got {pi.size}.",
                 where="inertial parameters",
             )
-        self._pi, self._written = pi.copy(), False
+        self._pi, self._written = pi, False
 
     def _write(self) -> None:
         """Write the parameters into the model, before a torque or a mass matrix is computed."""
         self._c = kernels.take(self._pi, self._ballast, self._tens)
+        inertias, from_ten = self._inertias, pin.Inertia.FromDynamicParameters
         for joint, ten in self._bodies:
-            self._inertias[joint] = pin.Inertia.FromDynamicParameters(ten)
+            inertias[joint] = from_ten(ten)
         self._written = True
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
@@ -149,8 +150,8 @@ class InertialDynamics(Dynamics):
 
     def load(self, a_d: np.ndarray) -> None:
         """Write the estimate a_d (p) into the private model."""
-        self._pi = self.expand(a_d)
-        self._model.load(self._pi)
+        self._pi = pi = self.expand(a_d)
+        self._model.load(pi)
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return M a + C v + g (n) by RNEA."""

@@ -57,7 +57,7 @@ class SensedState(NamedTuple):
         x: the present task coordinates: measured, predicted from the last frame, or for a joint
             task those of q. None before the first frame.
         epsilon: (m_p) prediction error of the last measured position [m]; empty before the first
-            frame.
+            frame, and where it is not used.
         X_k: (m_p, p) its regressor, dx/da_k at the configuration of that measurement.
         frame: the last frame of the camera; None if x was measured at this sample.
         history: (t, q) of the samples since the last frame was taken, oldest first.

@@ -105,20 +105,20 @@ class FrameKinematics(TaskKinematics):
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Evaluate at an estimate a_k (p) [m], configuration q (nq) and velocity v (nv)."""
         model, data = self._model, self._data
-        self._placed.write(a_k)
+        for first, directions, offset, translation in self._placed.places:
+            kernels.place(a_k, first, directions, offset, translation)
         pin.forwardKinematics(model, data, q, v, self._zero)
         pin.computeJointJacobians(model, data)
-        m = self._size
-        J = self.J = empty((m, self.nv))
-        Jdot_v, xd_hat = self.Jdot_v, self.xd_hat = empty(m), empty(m)
-        Y_k = self.Y_k = empty((m, self.size))
-        p_hat, X_k = empty(self.positions), empty((self.positions, self.size))
-        self.p_hat, self.X_k = p_hat, X_k
+        m, m_p, p = self._size, self.positions, self.size
+        J, Jdot_v, xd_hat = empty((m, self.nv)), empty(m), empty(m)
+        Y_k, p_hat, X_k = empty((m, p)), empty(m_p), empty((m_p, p))
         kernels.frame_motion(
             self._rotations, self._origins, self._velocities, self._accelerations, self._axes,
             self._lever, v, self._row_numbers, self._parent_of, self._placed.directions,
             J, Jdot_v, xd_hat, Y_k, p_hat, X_k,
         )  # fmt: skip
+        self.J, self.Jdot_v, self.xd_hat = J, Jdot_v, xd_hat
+        self.Y_k, self.p_hat, self.X_k = Y_k, p_hat, X_k
         self.a_k, self._q, self._v = a_k, q, v
 
     @property

@@ -89,7 +89,7 @@ class PlacedTranslations:
         self._live = [placement_of(model, frame, part.joint).translation for part in translations]
         offsets = [np.array(part.offset, dtype=float) for part in translations]
         directions = [self.directions[:, window] for window in self.windows]
-        self._places = list(zip(ends[:-1], directions, offsets, self._live, strict=True))
+        self.places = list(zip(ends[:-1], directions, offsets, self._live, strict=True))
 
     def read(self) -> np.ndarray:
         """Return the parameters (p) of the model's placements."""
@@ -99,7 +99,7 @@ class PlacedTranslations:
 
     def write(self, theta: np.ndarray) -> None:
         """Write the placements of the parameters theta (p, floats) into the model."""
-        for first, directions, offset, translation in self._places:
+        for first, directions, offset, translation in self.places:
             kernels.place(theta, first, directions, offset, translation)
 
 

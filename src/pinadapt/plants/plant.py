@@ -10,7 +10,6 @@ from typing import TypeAlias
 import numpy as np
 
 from .._checks import instance, whole
-from .._kernels import checks as kernels
 from ..exceptions import InputError
 from ..records import Measurement
 from ..robot.motors import Compensation, compensation_of
@@ -132,9 +131,7 @@ class SimulatedPlant(Plant):
             torque = torque + self.compensation(q)
         if limits is None:
             return torque
-        given = np.empty(torque.size)
-        kernels.hold(torque, limits, given)
-        return given
+        return np.minimum(np.maximum(torque, -limits), limits)
 
 
 PlantMaker: TypeAlias = Callable[..., SimulatedPlant]

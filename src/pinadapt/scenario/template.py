@@ -17,10 +17,9 @@ import pinocchio as pin
 import tomlkit
 from tomlkit.items import Comment, InlineTable, Table
 
-from ..adaptation.adaptation import Adaptation, Wrapper
+from ..adaptation.adaptation import Adaptation, Stacked, Wrapper
 from ..adaptation.gradient import ExponentiatedGradient
 from ..adaptation.natural import Natural
-from ..adaptation.stacked import Stacked
 from ..controller.controller import Controller
 from ..description.chain import links_of, massless_joints
 from ..description.description import describe

@@ -149,7 +149,7 @@ class _Loop:
         if self._ideal:
             signals, command = controller.command(self.state, self.measurement, self.desired)
             a = plant.acceleration_at(q, v, command.torque, command.feedthrough)
-            tau, drives = controller.respond(self.state, signals._replace(a=a))
+            tau, drives = controller.respond(self.state, signals.replaced(a=a))
             self.torque = plant.motors_at(q, tau)
         else:
             signals = controller.observe(self.state, self.measurement, self.desired)

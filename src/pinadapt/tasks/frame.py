@@ -147,11 +147,18 @@ class PositionTask(FrameTask):
         """Return x itself."""
         return x
 
-    def error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
-        """Return dx = x - x_d (m), both floats."""
+    def errors(
+        self,
+        x: np.ndarray,
+        x_d: np.ndarray,
+        xd: np.ndarray | None,
+        xd_hat: np.ndarray,
+        xd_d: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, None]:
+        """Return dx = x - x_d, the velocity, measured or else estimated, and None."""
         dx = empty(x.size)
         linear_algebra.subtract(x, x_d, dx)
-        return dx
+        return dx, xd_hat if xd is None else xd, None
 
 
 class PositionMotion:
@@ -243,15 +250,21 @@ class PoseTask(FrameTask):
         dx[3:] = rotation_between(q, q_d) if _unit(q) and _unit(q_d) else np.nan
         return dx
 
-    def drift(self, dx: np.ndarray, xd: np.ndarray, xd_d: np.ndarray) -> np.ndarray:
-        """Return delta (6): zeros, then dphi/dt - (omega - omega_d) [rad/s] of the orientation."""
-        delta = np.zeros(6)
-        delta[3:] = rotation_drift(dx[3:].tolist(), xd[3:].tolist(), xd_d[3:].tolist())
-        return delta
+    def errors(
+        self,
+        x: np.ndarray,
+        x_d: np.ndarray,
+        xd: np.ndarray | None,
+        xd_hat: np.ndarray,
+        xd_d: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return dx, xd, of which only the linear part may be measured, and delta, all (6).
 
-    def known_velocity(self, xd: np.ndarray | None, xd_hat: np.ndarray) -> np.ndarray:
-        """Return the linear velocity, measured or estimated, and the estimated angular one (6)."""
-        return xd_hat if xd is None else np.concatenate([xd[:3], xd_hat[3:]])
+        delta is zero, then dphi/dt - (omega - omega_d) [rad/s], with omega = J_omega qd.
+        """
+        dx, delta = self.error(x, x_d), np.zeros(6)
+        delta[3:] = rotation_drift(dx[3:].tolist(), xd_hat[3:].tolist(), xd_d[3:].tolist())
+        return dx, xd_hat if xd is None else np.concatenate([xd[:3], xd_hat[3:]]), delta
 
     def turn(self, x_hat: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Return R_hat^T R of an estimated and a measured pose, as a quaternion xyzw."""

@@ -78,6 +78,13 @@ class JointTask(Task):
                     dx[j] = math.remainder(dx[j], 2.0 * math.pi)
         return np.asarray(dx)
 
-    def known_velocity(self, xd: np.ndarray | None, xd_hat: np.ndarray) -> np.ndarray:
-        """Return xd_hat (m), which is the measured joint velocity."""
-        return xd_hat
+    def errors(
+        self,
+        x: np.ndarray,
+        x_d: np.ndarray,
+        xd: np.ndarray | None,
+        xd_hat: np.ndarray,
+        xd_d: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, None]:
+        """Return dx, xd_hat, which is the measured joint velocity, and None."""
+        return self.error(x, x_d), xd_hat, None

@@ -105,13 +105,27 @@ class Task(ABC):
         """Return the error dx (m) of x from x_d."""
         return x - x_d
 
-    def drift(self, dx: np.ndarray, xd: np.ndarray, xd_d: np.ndarray) -> np.ndarray | None:
-        """Return delta (m) = d(dx)/dt - (xd - xd_d), or None where it is always zero."""
-        return None
+    @abstractmethod
+    def errors(
+        self,
+        x: np.ndarray,
+        x_d: np.ndarray,
+        xd: np.ndarray | None,
+        xd_hat: np.ndarray,
+        xd_d: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        """Return the error dx, the task velocity xd, and delta = d(dx)/dt - (xd - xd_d), all (m).
 
-    def known_velocity(self, xd: np.ndarray | None, xd_hat: np.ndarray) -> np.ndarray:
-        """Return the velocity xd (m): the measured one, or else the estimate xd_hat (m)."""
-        return xd_hat if xd is None else xd
+        Args:
+            x: coordinates.
+            x_d: desired coordinates.
+            xd: (m) measured velocity, or None.
+            xd_hat: (m) estimated velocity, taken where nothing is measured.
+            xd_d: (m) desired velocity.
+
+        Returns:
+            dx, xd, and delta, which is None where it is always zero.
+        """
 
     def turn(self, x_hat: np.ndarray, x: np.ndarray) -> Any:
         """Return the rotation from the estimated to the measured orientation; None without one."""

@@ -11,12 +11,11 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._checks import positive
-from ..adaptation.adaptation import Adaptation, Frozen
+from ..adaptation.adaptation import Adaptation, Frozen, Stacked
 from ..adaptation.gradient import ExponentiatedGradient, Gradient
 from ..adaptation.least_squares import LeastSquares
 from ..adaptation.natural import BodyInequality, MatrixInequality, Natural
 from ..adaptation.projections import BoxProjection, MassMatrixProjection
-from ..adaptation.stacked import Stacked
 from ..exceptions import InputError, ParameterError, did_you_mean
 from ..laws.law import Law
 from ..models.dynamics import Dynamics

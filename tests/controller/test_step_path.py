@@ -1,0 +1,45 @@
+"""The way through a control step: how many files it passes, and how often it changes file."""
+
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+import pinadapt as pa
+from tests.support.chains import catalogue_robot
+
+SOURCE = Path(pa.__file__).parent
+FILES, CHANGES = 18, 30
+
+
+def files_of(call):
+    """Return the files of ``src/pinadapt`` of all Python functions that a call enters, in order."""
+    entered = []
+
+    def profile(frame, event, _):
+        path = Path(frame.f_code.co_filename)
+        if event == "call" and path.is_relative_to(SOURCE):
+            entered.append(path.relative_to(SOURCE).as_posix())
+
+    sys.setprofile(profile)
+    try:
+        call()
+    finally:
+        sys.setprofile(None)
+    return entered
+
+
+def test_a_step_of_the_default_law_passes_few_files():
+    robot = catalogue_robot("panda")
+    controller, plant = pa.make_controller(robot), pa.PinocchioPlant(robot)
+    velocity = 0.3 * np.random.default_rng(0).standard_normal(robot.model.nv)
+    measurement = plant.measurement(robot.q0, velocity)
+    still = np.zeros(3)
+    desired = pa.Desired(robot.position(robot.q0), still, still)
+    _, state = controller.step(controller.init(measurement), measurement, desired, 1e-3)
+    entered = files_of(lambda: controller.step(state, measurement, desired, 1e-3))
+    assert entered[0] == "controller/controller.py"
+    assert len(set(entered)) <= FILES, sorted(set(entered))
+    changes = [pair for pair in pairwise(entered) if pair[0] != pair[1]]
+    assert len(changes) <= CHANGES, changes
