@@ -38,7 +38,7 @@ class Case:
     def __init__(self, law: str, scenario: Scenario) -> None:
         """Take the law and the scenario whose robots it moves."""
         self.law, self.joints = law, pa.laws.LAWS[law].joint_space
-        robots = scenario.true, scenario.believed
+        robots = scenario.true, scenario.estimated
         self.true, self.believed = map(in_joint_space, robots) if self.joints else robots
         self.path: pa.trajectories.Trajectory = scenario.trajectory
         if self.joints:

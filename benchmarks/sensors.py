@@ -58,13 +58,13 @@ def measure(robot: str, column: str, duration: float) -> dict[str, Any]:
     case, zoo = CASES[column], zoo_case(robot)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # inertias moved into the cone
-        controller = pa.make_controller(zoo.believed, dt=case.dt, sensors=case.sensors)
+        controller = pa.make_controller(zoo.estimated, dt=case.dt, sensors=case.sensors)
         rollout = pa.simulate(
             zoo.true,
             controller,
             zoo.motion,
             duration=duration,
-            engine=pa.Engine(torque_limits=zoo.bears_itself),
+            engine=pa.Engine(torque_limits=zoo.efforts_suffice),
             record_every=10,
         )
     last = rollout.distance[rollout.t > 0.9 * duration]

@@ -70,14 +70,17 @@ class Shown:
 def simulated(case: ZooCase, adaptation: str) -> pa.Rollout:
     """Return a run of a case."""
     controller = pa.make_controller(
-        case.believed, adaptation=adaptation, limits=pa.Limits(torque=case.bears_itself), dt=PERIOD
+        case.estimated,
+        adaptation=adaptation,
+        limits=pa.Limits(torque=case.efforts_suffice),
+        dt=PERIOD,
     )
     return pa.simulate(
         case.true,
         controller,
         case.motion,
         duration=DURATION,
-        engine=pa.Engine(torque_limits=case.bears_itself),
+        engine=pa.Engine(torque_limits=case.efforts_suffice),
         record_every=5,
     )
 

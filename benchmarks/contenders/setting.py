@@ -83,7 +83,7 @@ def setting(robot: str, sensors: str) -> Setting:
     """Return the setting of a robot of the catalogue with sensors by name."""
     case, found = zoo_case(robot), pa.reachable_circle(pa.load(robot), tool_error=TOOL_ERROR)
     whole = Setting(
-        case.true, case.believed, found.plane, found.phase, case.radius, SENSORS[sensors]
+        case.true, case.estimated, found.plane, found.phase, case.radius, SENSORS[sensors]
     )
     allowed = _SPEED_SHARE * velocity_limits(case.true.model)
     excess = float((_speeds(whole, FASTEST) / allowed).max())

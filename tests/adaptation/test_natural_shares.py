@@ -56,7 +56,7 @@ def test_thin_last_body_is_adapted_as_if_it_were_thick():
 
     def shares(name):
         controller = pa.make_controller(
-            zoo_case(name).believed, unknown=pa.Unknown(friction=False, armature=False)
+            zoo_case(name).estimated, unknown=pa.Unknown(friction=False, armature=False)
         )
         return controller.adaptation_d.shares
 

@@ -40,7 +40,7 @@ def test_the_written_file_runs_and_the_controller_learns(tmp_path, source, frame
     assert (tables["robot"]["frame"], tables["robot"]["task"]) == (frame, task)
     scenario = Scenario.read(file, ["simulation.duration=4.0"])
     tool = np.linalg.norm(tables["truth"]["tool_translation"])
-    assert np.isclose(tool, 0.05 * scenario.believed.reach, rtol=0.01)
+    assert np.isclose(tool, 0.05 * scenario.estimated.reach, rtol=0.01)
     rollout, fixed = (
         scenario.run(),
         Scenario.read(file, ["simulation.duration=4.0", "controller.adaptation='none'"]).run(),
@@ -54,7 +54,7 @@ def test_the_written_file_runs_and_the_controller_learns(tmp_path, source, frame
 @pytest.mark.parametrize("source", [ARM4, "solo8_fl_leg", "centauro_rr_leg"])
 def test_the_unknown_tool_moves_the_task_by_all_its_length(tmp_path, source):
     scenario = Scenario.read(written(tmp_path, source))
-    robot, true = scenario.believed, scenario.true
+    robot, true = scenario.estimated, scenario.true
     assert np.isclose(
         np.linalg.norm(true.position(robot.q0) - robot.position(robot.q0)),
         0.05 * robot.reach,
@@ -120,7 +120,7 @@ def test_a_relative_urdf_is_found_from_the_files_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["init", "arms/arm4.urdf", "--out", "scenarios/mine.toml"]) == 0
     assert read_toml(Path("scenarios/mine.toml"))["robot"]["source"] == "../arms/arm4.urdf"
-    assert Scenario.read("scenarios/mine.toml").believed.frame == "tip"
+    assert Scenario.read("scenarios/mine.toml").estimated.frame == "tip"
     assert main(["init", "arms/arm4.urdf"]) == 0
     assert Path("arm4.toml").is_file()
 
@@ -141,7 +141,7 @@ def test_a_floating_base_is_fixed_and_reported(tmp_path):
     file = written(tmp_path, floating(tmp_path))
     assert read_toml(file)["robot"]["weld_root"] is True
     assert "The base floats" in file.read_text()
-    assert Scenario.read(file).believed.model.nv == 4
+    assert Scenario.read(file).estimated.model.nv == 4
 
 
 def test_an_existing_file_is_kept_unless_forced(tmp_path, capsys):
@@ -164,7 +164,7 @@ def test_the_file_is_valid_whatever_joints_links_and_files_are_called(tmp_path, 
     tables = read_toml(file)
     assert tables["title"] == name
     assert (tables["robot"]["source"], tables["robot"]["frame"]) == (str(arm), link)
-    assert Scenario.read(file).believed.joint_names[1] == f"{link} joint"
+    assert Scenario.read(file).estimated.joint_names[1] == f"{link} joint"
 
 
 ONE_JOINT = """<robot name="one"><link name="a"/><link name="b"><inertial><mass value="1"/>

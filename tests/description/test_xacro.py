@@ -80,8 +80,8 @@ def test_init_and_scenarios_take_arguments(arm, tmp_path, monkeypatch):
     assert main(["init", "robot/arm.urdf.xacro", *words, "--frame", "tip"]) == 0
     file = tmp_path / "arm.toml"
     assert read_toml(file)["robot"]["xacro"] == {"reach": "0.45", "tool": "false"}
-    assert forearm(Scenario.read(file).believed) == 0.45
-    assert forearm(Scenario.read(file, ["robot.xacro.reach=0.5"]).believed) == 0.5
+    assert forearm(Scenario.read(file).estimated) == 0.45
+    assert forearm(Scenario.read(file, ["robot.xacro.reach=0.5"]).estimated) == 0.5
 
 
 @pytest.mark.parametrize(

@@ -198,7 +198,7 @@ def test_integration_errors_are_below_a_hundredth_of_the_tracking_error(name):
     """One step per period against 16 of Runge-Kutta, which differ from 64 by less than 1 nm."""
     case = zoo_case(name)
     controller = pa.make_controller(
-        case.believed,
+        case.estimated,
         law="adaptive-jacobian",
         unknown=pa.Unknown(friction=True, armature=False),
         posture=4.0,

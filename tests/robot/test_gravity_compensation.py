@@ -125,7 +125,7 @@ def test_a_scenario_compensates_the_description_without_the_believed_load(tmp_pa
     )
     described, q = load("ur5"), own.true.q0
     assert np.allclose(own.controller.compensation(q), pa.robot.Gravity(described)(q))
-    assert not np.allclose(pa.robot.Gravity(own.believed)(q), pa.robot.Gravity(described)(q))
+    assert not np.allclose(pa.robot.Gravity(own.estimated)(q), pa.robot.Gravity(described)(q))
     assert plain.controller.compensation is None
     check_alike(plain.run(), own.run())
     with pytest.raises(pa.InputError, match=r"simulation\.compensated.*Did you mean 'nominal'"):

@@ -94,7 +94,7 @@ def scara(tmp_path, text):
 
 def test_every_key_of_the_interface_is_accepted(tmp_path):
     scenario = Scenario.read(write(tmp_path, INTERFACE))
-    true, believed, controller = scenario.true, scenario.believed, scenario.controller
+    true, believed, controller = scenario.true, scenario.estimated, scenario.controller
     described = pa.load("panda")
     assert np.isclose(pin.computeTotalMass(true.model), pin.computeTotalMass(described.model) + 1.5)
     assert np.isclose(
@@ -126,7 +126,7 @@ def test_defaults(tmp_path):
     scenario = Scenario.read(write(tmp_path, '[robot]\nsource = "ur5"'))
     simulation, reference = scenario.tables.simulation, scenario.tables.reference
     assert scenario.true.frame == "tool0" and scenario.true.task.name == "xyz"
-    assert scenario.true.model == scenario.believed.model == pa.load("ur5").model
+    assert scenario.true.model == scenario.estimated.model == pa.load("ur5").model
     assert scenario.controller.law.name == "separation"
     bodies, joints = (part for part, _ in scenario.controller.adaptation_d.parts)
     assert isinstance(bodies, pa.adaptation.Natural) and isinstance(
@@ -162,7 +162,7 @@ def test_a_circle_without_centre_starts_at_the_true_initial_position(tmp_path):
     )
     start = scenario.true.position(scenario.true.q0)
     assert np.allclose(scenario.trajectory.at(0.0).x_d, start, atol=1e-12)
-    assert np.linalg.norm(start - scenario.believed.position(scenario.believed.q0)) > 0.1
+    assert np.linalg.norm(start - scenario.estimated.position(scenario.estimated.q0)) > 0.1
     assert np.isclose(
         np.linalg.norm(scenario.trajectory.at(0.0).x_d - scenario.trajectory.at(1.5).x_d), 0.2
     )

@@ -277,7 +277,7 @@ def test_scenario_swings_from_the_initial_pose():
 
 def test_a_scenario_may_start_from_an_estimated_load():
     guess = "belief.payload={ mass = 0.8, com = [0.0, 0.0, 0.04] }"
-    believed, without = short(guess).believed, short().believed
+    believed, without = short(guess).estimated, short().estimated
     assert np.isclose(
         pin.computeTotalMass(believed.model), pin.computeTotalMass(without.model) + 0.8
     )

@@ -41,7 +41,7 @@ def test_default_gains_of_slow_loops_pass(name, dt):
 @pytest.mark.parametrize("name, dt, share", [("ur5", 4e-3, 0.004), ("panda", 1e-2, 0.05)])
 def test_slow_loops_hold(name, dt, share):
     case = zoo_case(name)
-    controller = pa.make_controller(case.believed, dt=dt)
+    controller = pa.make_controller(case.estimated, dt=dt)
     rollout = pa.simulate(
         case.true, controller, case.motion, duration=12.0, engine=pa.Engine(dt=dt)
     )
@@ -199,7 +199,7 @@ def test_numbers_are_rounded_to_the_safe_side():
 
 def test_default_rates_are_lowered_to_what_the_period_bears():
     """ANYmal C's leg, damped weakly in its heavy direction, has slower modes than usual."""
-    believed = zoo_case("anymal_c_lf_leg").believed
+    believed = zoo_case("anymal_c_lf_leg").estimated
     controller = pa.make_controller(
         believed, law="adaptive-jacobian", unknown=pa.Unknown(friction=True, armature=False)
     )

@@ -32,11 +32,11 @@ def test_a_case_has_the_stated_model_errors(name):
         rtol=1e-9,
     )
     described = [body.mass for body in robot.model.inertias[1:]]
-    believed = np.array([body.mass for body in case.believed.model.inertias[1:]])
+    believed = np.array([body.mass for body in case.estimated.model.inertias[1:]])
     np.testing.assert_allclose(np.abs(believed / described - 1.0), 0.3)
     load = sum(body.mass for body in case.true.model.inertias[1:]) - sum(described)
     assert load == pytest.approx(min(0.1 * sum(described), described[-1]))
-    assert (case.true.friction.coulomb > 0.0).all() and not case.believed.friction.present
+    assert (case.true.friction.coulomb > 0.0).all() and not case.estimated.friction.present
     moved = case.true.position(case.true.q0) - robot.position(robot.q0)
     assert np.linalg.norm(moved) == pytest.approx(
         0.05 * robot.reach
@@ -73,8 +73,8 @@ def test_pose_cases_need_six_joints():
 
 def test_effort_limits_too_small_for_gravity_are_ignored():
     """Springs hold up PR2's arms."""
-    assert not zoo_case("pr2_right_arm").bears_itself
-    assert zoo_case("panda").bears_itself
+    assert not zoo_case("pr2_right_arm").efforts_suffice
+    assert zoo_case("panda").efforts_suffice
 
 
 def test_without_adaptation_a_shorter_run_ends_like_the_whole():
@@ -83,7 +83,7 @@ def test_without_adaptation_a_shorter_run_ends_like_the_whole():
     left_out = (case.duration - case.repeating) / case.period
     assert left_out == round(left_out) > 0 and case.repeating >= 9.0
     controller = pa.make_controller(
-        case.believed,
+        case.estimated,
         law="adaptive-jacobian",
         unknown=pa.Unknown(friction=True, armature=False),
         adaptation="none",

@@ -108,7 +108,7 @@ def identify(options: argparse.Namespace) -> int:
     """
     folder = options.out or Path("out") / f"{options.log.stem or 'log'}-identified"
     _check_place(folder, options.log)
-    robot, unknown = _believed(options)
+    robot, unknown = _robot_and_unknown(options)
     for name in ("kinematic", "dynamic", "joint"):
         given = getattr(options, name)
         unknown |= {} if given is None else {name: _words(given)}
@@ -146,8 +146,8 @@ def _check_place(folder: Path, log: Path) -> None:
         )
 
 
-def _believed(options: argparse.Namespace) -> tuple[Robot, dict[str, Any]]:
-    """Return the robot, for a scenario its initial model and what [unknown] says."""
+def _robot_and_unknown(options: argparse.Namespace) -> tuple[Robot, dict[str, Any]]:
+    """Return the robot and what is unknown; a scenario gives its estimated model and [unknown]."""
     chosen = {name: getattr(options, name) for name in ("frame", "task", "mass")}
     chosen |= {"locked": options.lock or (), "xacro": dict(options.xacro) or None}
     if Path(options.robot).suffix != _SCENARIO:
@@ -157,7 +157,7 @@ def _believed(options: argparse.Namespace) -> tuple[Robot, dict[str, Any]]:
     scenario = Scenario.read(Path(options.robot))
     unknown = scenario.tables.unknown
     words = {"kinematic": unknown.kinematic, "dynamic": unknown.dynamic, "joint": unknown.joint}
-    return scenario.believed, {name: part for name, part in words.items() if part is not None}
+    return scenario.estimated, {name: part for name, part in words.items() if part is not None}
 
 
 def _words(given: str | list[str]) -> str | list[str]:

@@ -37,7 +37,7 @@ def true_robot(described: Robot, truth: TruthKeys) -> Robot:
     """Return the true robot: the described one with the changes of [truth].
 
     Raises:
-        InputError: keys that do not fit the robot.
+        InputError: keys do not fit the robot.
     """
     return described.changed(
         inertial_scale=truth.inertial_scale,
@@ -50,11 +50,11 @@ def true_robot(described: Robot, truth: TruthKeys) -> Robot:
     )
 
 
-def believed_robot(described: Robot, belief: BeliefSection) -> Robot:
+def initial_model(described: Robot, belief: BeliefSection) -> Robot:
     """Return the initial model: the described robot with the changes of [belief], without payload.
 
     Raises:
-        InputError: keys that do not fit the robot.
+        InputError: keys do not fit the robot.
     """
     return described.changed(
         inertial_scale=belief.inertial_scale,
@@ -74,11 +74,11 @@ def payload_of(section: PayloadSection | None) -> Payload | None:
 def true_changes(described: Robot, truth: TruthSection) -> dict[float, Robot]:
     """Return the true robot after each [[truth.change]], by its time [s].
 
-    A change replaces the keys that it names; the others are those of the change before it in time,
-    and of [truth] before the first.
+    A change replaces the keys that it names. The others keep their value of the previous change,
+    before the first change that of [truth].
 
     Raises:
-        InputError: two changes at one time, or keys that do not fit the robot.
+        InputError: two changes have the same time, or keys do not fit the robot.
     """
     keys: TruthKeys = truth
     robots = {}
@@ -94,7 +94,7 @@ def announcements_of(belief: BeliefSection) -> dict[float, dict[str, Any]]:
     """Return the announcement to the controller at the time [s] of each [[belief.change]].
 
     Raises:
-        ScenarioError: two changes at one time, or one without content.
+        ScenarioError: two changes have the same time, or a change is empty.
     """
     announcements = {}
     for number, change in _in_time(belief.change, "belief.change"):
@@ -117,17 +117,17 @@ def _in_time(changes: Sequence[Any], where: str) -> list[tuple[int, Any]]:
             raise ScenarioError(
                 f"there is another change at {other.at:g} s.",
                 where=f"{where}.{number}.at",
-                hint="Put both into one.",
+                hint="Merge them into one change.",
             )
     return ordered
 
 
 def trajectory_of(reference: Reference, true: Robot) -> Trajectory:
-    """Return the desired motion; centre and orientation are by default the true robot's at home.
+    """Return the desired motion; by default it starts at the true robot's home pose.
 
     Raises:
-        InputError: points or centres of the wrong size, a plane or an orientation that the task has
-            not.
+        InputError: points or centre have the wrong size, or the task has no such plane or no
+            orientation.
     """
     start, task = true.position(true.q0), true.task
     motion, anchored = _motion(reference, task)
@@ -147,18 +147,18 @@ def trajectory_of(reference: Reference, true: Robot) -> Trajectory:
 
 
 def _size(task: Task) -> int:
-    """Return how many coordinates the motion has: the positions of a frame, or all joints."""
+    """Return the number of coordinates of the motion: positions of the frame, or all joints."""
     return task.positions or task.size
 
 
 def _motion(reference: Reference, task: Task) -> tuple[Trajectory, bool]:
-    """Return the motion of positions or joints, and whether its place is given too."""
+    """Return the motion of positions or joints, and whether its place is given as well."""
     size = _size(task)
     if isinstance(reference, WaypointsSection):
         points = [np.array(point) for point in reference.points]
         if any(point.size != size for point in points):
             raise ScenarioError(
-                f"every point needs {size} coordinates, as the task has.",
+                f"every point needs {size} coordinates, as many as the task.",
                 where="reference.points",
             )
         first = [np.zeros(size)] if reference.relative else []
@@ -178,7 +178,7 @@ def _around(
     reference: CircleSection | LissajousSection | SinusoidSection | FourierSection | HoldSection,
     task: Task,
 ) -> Trajectory:
-    """Return the motion around a middle."""
+    """Return a motion around its centre."""
     if isinstance(reference, HoldSection):
         return Hold(middle)
     if isinstance(reference, LissajousSection):
@@ -190,8 +190,7 @@ def _around(
     if isinstance(reference, FourierSection):
         if any(len(rows) != middle.size for rows in (reference.cosine, reference.sine)):
             raise ScenarioError(
-                f"the task has {middle.size} coordinates; a list of coefficients is needed for "
-                "each.",
+                f"the task has {middle.size} coordinates; each needs a list of coefficients.",
                 where="reference.cosine",
             )
         return FourierSeries(middle, reference.cosine, reference.sine, reference.period)
@@ -200,7 +199,7 @@ def _around(
 
 
 def _plane(reference: CircleSection, task: Task) -> str:
-    """Return the plane of a circle among the task's coordinates; a task of two has only one."""
+    """Return the plane of a circle in task coordinates; a planar task has only one."""
     if task.positions < 2:
         raise ScenarioError(
             f"the task '{task.name}' has no plane for a circle.",
@@ -217,7 +216,7 @@ def _plane(reference: CircleSection, task: Task) -> str:
 
 
 def _orientation(section: OrientationSection, start: np.ndarray) -> Trajectory:
-    """Return the desired orientation; without a quaternion it starts at the initial one (4)."""
+    """Return the desired orientation; without a quaternion it starts at ``start`` (4)."""
     middle = UPRIGHT if section.quaternion is None else section.quaternion
     motion: Trajectory = FixedOrientation(middle)
     if section.amplitude:

@@ -1,4 +1,4 @@
-"""A scenario: truth, belief, controller and desired motion, ready to run."""
+"""A scenario: true robot, estimated model, controller and desired motion, ready to run."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from ..tuning.make_controller import make_controller
 from ..tuning.unknowns import Unknown
 from .parts import (
     announcements_of,
-    believed_robot,
+    initial_model,
     payload_of,
     trajectory_of,
     true_changes,
@@ -52,23 +52,23 @@ _NOT_GAINS = {"law", "adaptation", "acceleration", "damping", "guards", "watch"}
 
 @dataclass(frozen=True, eq=False)
 class Scenario:
-    """Everything a run needs, built and checked before anything moves.
+    """Everything that a run needs, built and checked before anything moves.
 
     Attributes:
-        tables: the checked file.
+        tables: the checked tables of the file.
         true: the true robot.
-        believed: what the controller starts from.
-        controller: made for the believed robot.
+        estimated: the estimated model at the start.
+        controller: the controller, made for the estimated model.
         trajectory: the desired motion.
-        sensors: of the true robot, for which the controller was made.
+        sensors: sensors of the true robot, announced to the controller.
         events: changes of the true robot, and announcements to the controller.
-        engine: what moves the true robot.
-        start: ``a_k`` and ``a_d`` to start from, or None for those of ``believed``.
+        engine: the simulator of the true robot.
+        start: initial estimates ``a_k`` and ``a_d``; None: those of ``estimated``.
     """
 
     tables: ScenarioTables
     true: Robot
-    believed: Robot
+    estimated: Robot
     controller: Controller
     trajectory: Trajectory
     sensors: Sensors
@@ -86,26 +86,26 @@ class Scenario:
         """Read a scenario file; ``settings`` are dotted ``key=value`` strings that override it.
 
         Raises:
-            InputError: anything in the file, the robot or the gains that cannot be used.
+            InputError: the file, the robot or the gains cannot be used.
         """
         path = Path(path)
         return cls.build(read_tables(path, settings), path.parent)
 
     @classmethod
     def build(cls, tables: ScenarioTables, folder: Path) -> Scenario:
-        """Build a scenario from checked tables; relative paths start at ``folder``.
+        """Build a scenario from checked tables; relative paths are relative to ``folder``.
 
         Raises:
-            InputError: anything in the tables that cannot be used.
+            InputError: the tables cannot be used.
         """
         with prefix_errors("robot"):
             described = _described(tables, folder)
         with prefix_errors("truth"):
             true = true_robot(described, tables.truth)
         with prefix_errors("belief"):
-            unloaded = believed_robot(described, tables.belief)
+            unloaded = initial_model(described, tables.belief)
             load = payload_of(tables.belief.payload)
-            believed = unloaded.changed(payload=load)
+            estimated = unloaded.changed(payload=load)
         with prefix_errors("controller"):
             sensors = _sensors(tables.simulation)
             controller = _controller(tables, described, unloaded, load, sensors, folder)
@@ -119,7 +119,7 @@ class Scenario:
         scenario = cls(
             tables,
             true,
-            believed,
+            estimated,
             controller,
             trajectory,
             sensors,
@@ -131,17 +131,18 @@ class Scenario:
         return scenario
 
     def check(self) -> None:
-        """Refuse what only shows when true robot, controller and motion meet.
+        """Check that true robot, controller, motion and engine fit together.
 
         Raises:
-            InputError: initial estimates or a motion of the wrong size, estimates outside the cone,
-                or an engine that is not installed or whose model does not match the robot.
+            InputError: the initial estimates or the motion have the wrong size, the estimates are
+                outside the physical cone, or the engine is not installed or its model does not
+                match the robot.
         """
         if isinstance(self.engine.plant, MujocoFile) and self.tables.truth != TruthSection():
             raise ScenarioError(
-                "the model file of simulation.engine says what the real robot is.",
+                "the model file of simulation.engine defines the true robot.",
                 where="truth",
-                hint="Change the file, or take this table out.",
+                hint="Change the model file, or remove this table.",
             )
         with prefix_errors("simulation.engine"):
             plant = plant_maker(self.engine.plant)(self.true)
@@ -152,7 +153,7 @@ class Scenario:
             self.events.check(self.controller, state)
 
     def findings(self) -> list[str]:
-        """Return what of period, sensors and motors would spoil a run; ``run`` warns of it."""
+        """Return the warnings of the pre-run check of period, sensors and motors."""
         if self.engine.continuous:
             return []
         motors = torque_limits(self.true, self.engine.torque_limits is not False)
@@ -199,16 +200,18 @@ def _described(tables: ScenarioTables, folder: Path) -> Robot:
 
 
 def _start(belief: BeliefSection, controller: Controller, folder: Path) -> dict[str, Any]:
-    """Return ``a_k`` and ``a_d`` to start from, or None for those of the believed robot.
+    """Return the initial estimates ``a_k`` and ``a_d``; None: those of the estimated model.
 
     Raises:
-        InputError: what was learned belongs to other parameters, or is given twice.
+        InputError: the learned parameters are others than the unknown ones, or are given twice.
     """
     given = {"a_k": belief.kinematic, "a_d": belief.dynamic}
     if belief.learned is None:
         return given
     if any(values is not None for values in given.values()):
-        raise ScenarioError("has these already; leave kinematic and dynamic out.", where="learned")
+        raise ScenarioError(
+            "contains these already; remove kinematic and dynamic.", where="learned"
+        )
     return dict(LearnedParameters.load(folder / belief.learned).start(controller))
 
 
@@ -216,14 +219,14 @@ def _sensors(simulation: SimulationSection) -> Sensors:
     """Return the sensors of [simulation]; a delay alone is a camera with a frame at every sample.
 
     Raises:
-        InputError: two delays, or sensors that cannot be.
+        InputError: the delay is given twice, or a sensor's values are impossible.
     """
     camera = None if simulation.camera is None else Camera(**simulation.camera.model_dump())
     if simulation.delay and camera is not None:
         raise InputError(
-            "a camera has its delay in itself.",
+            "the camera has a delay of its own.",
             where="delay",
-            hint="Take camera = { delay = ... } alone.",
+            hint="Set camera = { delay = ... } only.",
         )
     return Sensors(
         Camera(delay=simulation.delay) if simulation.delay else camera,
@@ -234,7 +237,7 @@ def _sensors(simulation: SimulationSection) -> Sensors:
 
 
 def _engine(tables: ScenarioTables, folder: Path) -> Engine:
-    """Return what moves the true robot, and in which steps."""
+    """Return the engine of [simulation]."""
     simulation = tables.simulation
     return Engine(
         _plant(simulation, folder),
@@ -247,15 +250,15 @@ def _engine(tables: ScenarioTables, folder: Path) -> Engine:
 
 
 def _plant(simulation: SimulationSection, folder: Path) -> str | MujocoFile | JointElasticity:
-    """Return the engine's name, or the model file or the springs in its place.
+    """Return the engine's name, a MuJoCo model file or elastic joints.
 
     Raises:
-        ScenarioError: springs in another engine than Pinocchio's.
+        ScenarioError: elastic joints with another engine than Pinocchio.
     """
     if simulation.elasticity is not None:
         if simulation.engine != "pinocchio":
             raise ScenarioError(
-                'joints are elastic with engine = "pinocchio" only.', where="simulation.elasticity"
+                'elastic joints need engine = "pinocchio".', where="simulation.elasticity"
             )
         return JointElasticity(**simulation.elasticity.model_dump())
     if isinstance(simulation.engine, str):
@@ -295,10 +298,10 @@ def _controller(
 
 
 def _unknown(unknown: UnknownSection, folder: Path) -> Unknown:
-    """Return what [unknown] says.
+    """Return the unknown parameters of [unknown].
 
     Raises:
-        InputError: words, a basis or an inequality that cannot be used.
+        InputError: the names, the basis or the inequality cannot be used.
     """
     with prefix_errors("unknown.basis"):
         basis = None if unknown.basis is None else read_matrix(folder / unknown.basis)

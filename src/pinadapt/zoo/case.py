@@ -35,7 +35,7 @@ class ZooCase:
 
     Attributes:
         true: the true robot.
-        believed: the initial model.
+        estimated: the initial model.
         motion: the desired motion: a circle from the true initial position; in a pose task the tool
             swings.
         radius: radius of the circle [m].
@@ -44,14 +44,14 @@ class ZooCase:
     """
 
     true: Robot
-    believed: Robot
+    estimated: Robot
     motion: Trajectory
     radius: float
     period: float
     duration: float
 
     @property
-    def bears_itself(self) -> bool:
+    def efforts_suffice(self) -> bool:
         """Whether the effort limits of the description suffice to hold the true robot near home.
 
         They do not for PR2's arms, which have counterbalance springs, and for the underwater arm
@@ -105,12 +105,12 @@ def zoo_case(name: str, seed: int = 0, task: str | None = None) -> ZooCase:
         coulomb=coulomb,
     )
     factors = 1.0 + INERTIA_ERROR * rng.choice([-1.0, 1.0], robot.model.nv)
-    believed = robot.changed(
+    estimated = robot.changed(
         inertial_scale=dict(zip(robot.joint_names, factors.tolist(), strict=True))
     )
     return ZooCase(
         true,
-        believed,
+        estimated,
         _motion(true, found, rng),
         found.radius,
         found.period,

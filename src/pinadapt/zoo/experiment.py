@@ -79,7 +79,7 @@ def _wait(pipe: Connection) -> None:
 POSITION, POSE = "position", "pose"
 _LEAST_JOINTS = 6  # for a pose task
 _RECORD_EVERY = 10
-_UNKNOWN = Unknown(friction=True, armature=True)  # the model has no friction, the robot some
+_UNKNOWN = Unknown(friction=True, armature=True)  # the true robot has friction, the model has none
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -192,13 +192,15 @@ def run_zoo(
 
 def _controller(case: ZooCase, law: str, adaptation: str) -> Controller:
     return make_controller(
-        case.believed,
+        case.estimated,
         law=law,
         adaptation=adaptation,
         unknown=_UNKNOWN,
         limits=Limits(
-            torque=case.bears_itself,
-            guards={"velocity": False},  # what runs away has diverged: the sensors are right
+            torque=case.efforts_suffice,
+            guards={
+                "velocity": False
+            },  # the simulated sensors are right: implausible speed is divergence
         ),
         dt=PERIOD,
     )
@@ -210,7 +212,7 @@ def _run(case: ZooCase, controller: Controller, duration: float) -> Rollout:
         controller,
         case.motion,
         duration=duration,
-        engine=Engine(torque_limits=case.bears_itself),
+        engine=Engine(torque_limits=case.efforts_suffice),
         record_every=_RECORD_EVERY,
         progress=False,
     )
