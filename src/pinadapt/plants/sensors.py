@@ -1,4 +1,4 @@
-"""What the controller gets to see of a plant."""
+"""Simulated sensors: a camera of the task frame, joint encoders, noise."""
 
 from __future__ import annotations
 
@@ -19,22 +19,30 @@ from ..tasks.task import Task
 
 
 class SimulatedCamera:
-    """Shows the task coordinates as a camera does, sample by sample.
+    """Measures the task coordinates like a camera with a frame rate, a delay and lost frames.
 
-    The arm stood still before the first sample: frames of that time show what the first one does
-    and carry its time, and one of them is there at the first sample, whatever gets lost later. The
-    noise is of frames, not of samples.
+    The arm is assumed at rest before the first sample: frames from before have the content and the
+    time of the first one, and the first sample always has a frame. Noise is added per frame, not
+    per sample.
 
-    A camera with a rate gives no velocity. Without one it is a tracker, which tells the task
-    velocity with every position, without noise.
+    A camera with a rate does not measure the velocity. Without a rate it is a tracker, which
+    measures position and velocity at every sample, the velocity without noise.
     """
 
     def __init__(
         self, task: Task, camera: Camera, dt: float, *, place: float, angle: float, seed: int
     ) -> None:
-        """Take the standard deviations of place [m] and angle [rad], dt [s] and the noise's seed.
+        """Take the camera and its noise.
 
-        The times at which frames are taken, and their delay, are rounded to whole periods.
+        Frame times and the delay are rounded to whole periods.
+
+        Args:
+            task: defines the task coordinates.
+            camera: rate, delay and dropout.
+            dt: sampling period [s].
+            place: standard deviation of a position [m].
+            angle: standard deviation of an orientation about each world axis [rad].
+            seed: of the noise and of the lost frames.
         """
         self._task, self._camera, self._seed = task, camera, seed
         self._spacing = 1.0 if camera.rate is None else max(1.0, 1.0 / (camera.rate * dt))
@@ -45,15 +53,15 @@ class SimulatedCamera:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the frames, and begin noise and losses anew."""
+        """Discard all frames; restart the random numbers of noise and losses."""
         self._rng = np.random.default_rng([self._seed, 1])
         self._sample = 0
-        self._under_way: deque[Measurement] = deque()
+        self._pending: deque[Measurement] = deque()
 
     def see(self, truth: Measurement) -> Measurement:
-        """Return the next sample with x, x_time and xd of a frame that arrives now, or None."""
+        """Return the next sample with x, x_time, xd of the frame that arrives, or None for them."""
         k, self._sample = self._sample, self._sample + 1
-        frames, late = self._under_way, self._late
+        frames, late = self._pending, self._late
         if k == 0:
             frames.extend(truth for i in range(-late, 0) if self._takes(i))
         if self._takes(k):
@@ -70,9 +78,9 @@ class SimulatedCamera:
         return truth._replace(x=self._disturbed(frame.x), x_time=seen_at, xd=xd)
 
     def _takes(self, sample: int) -> bool:
-        """Tell whether a frame is taken at a sample, before the first of which they are negative.
+        """Return whether a frame is taken at a sample: a multiple of the frame interval, rounded.
 
-        That is, whether it is a multiple of the spacing, rounded.
+        Samples before the first one have negative numbers.
         """
         nearest = math.floor(sample / self._spacing + 0.5) * self._spacing
         return math.floor(nearest + 0.5) == sample
@@ -84,18 +92,18 @@ class SimulatedCamera:
 
 
 class Encoder:
-    """What a drive tells of its joint: q in whole counts, v as their difference over one period.
+    """Measures q in whole counts, and v as their difference over one period.
 
-    Joints of continuous rotation have their angle in (-pi, pi] rounded and differenced the shorter
-    way round. At the first sample v is zero: the arm stood still. Joints whose count is zero keep q
-    and v as they come.
+    For continuous joints the angle in (-pi, pi] is rounded, and the difference is the shorter
+    rotation. At the first sample v is zero, as the arm is at rest. Joints with a count of zero have
+    no encoder: their q and v remain unchanged.
 
     Attributes:
-        present: whether any joint has one.
+        present: whether any joint has an encoder.
     """
 
     def __init__(self, robot: Robot, counts: ArrayLike, dt: float) -> None:
-        """Take the size of a count, one or one a joint (nv) [rad or m], and the period dt [s].
+        """Take the size of a count, a number or one per joint (nv) [rad or m], and dt [s].
 
         Raises:
             InputError: wrong size, or negative or non-finite counts.
@@ -110,11 +118,11 @@ class Encoder:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the last sample."""
+        """Discard the last sample."""
         self._last: np.ndarray | None = None
 
     def read(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the next sample's q (nq) and v (nv) as the encoders tell them."""
+        """Return q (nq) and v (nv) of the next sample as measured by the encoders."""
         model, plain = self._model, self._model.nq == self._model.nv
         angles = q if plain else angles_from_configuration(model, q)
         counted = np.where(self._there, np.rint(angles / self._count) * self._count, angles)
@@ -125,9 +133,9 @@ class Encoder:
 
 
 class SimulatedSensors:
-    """Encoders, tachometers and torque sensors at the joints, and a camera of the task frame.
+    """Encoders, velocity and torque sensors at the joints, and a camera of the task frame.
 
-    A joint task has no frame to see: its measurements have neither x nor xd.
+    For a joint task there is no camera: measurements have neither x nor xd.
 
     Attributes:
         sensors: what is simulated.
@@ -137,14 +145,14 @@ class SimulatedSensors:
         """Simulate sensors.
 
         Args:
-            robot: whose configurations and task are measured.
+            robot: the robot whose configuration and task coordinates are measured.
             dt: sampling period [s].
             sensors: what is simulated.
-            seed: of the noise and of lost frames.
+            seed: of the noise and of the lost frames.
 
         Raises:
-            InputError: an encoder or a torque noise of another size, or angles of a task that has
-                none.
+            InputError: an encoder or a torque noise of a wrong size, or angle noise for a task
+                without orientation.
         """
         instance(robot, Robot, "robot")
         self.sensors = instance(sensors, Sensors, "sensors")
@@ -153,7 +161,7 @@ class SimulatedSensors:
         self._tau = vector(sensors.noise.get("tau", 0.0), n, "noise.tau")
         if self._noise["angle"] and not _turns(robot):
             raise InputError(
-                f"the task '{robot.task.name}' has no orientation to disturb.",
+                f"the task '{robot.task.name}' has no orientation; it takes no angle noise.",
                 where="noise.angle",
             )
         self._model, self._seed = robot.model, whole(seed, "seed", 0)
@@ -170,18 +178,19 @@ class SimulatedSensors:
         self.reset()
 
     def reset(self) -> None:
-        """Forget what was measured, and begin the noise anew."""
+        """Discard all measurements; restart the random numbers."""
         self._rng = np.random.default_rng(self._seed)
         self._of_torque = np.random.default_rng([self._seed, 2])
         self._camera.reset()
         self._encoder.reset()
 
     def measure(self, truth: Measurement, torque: np.ndarray | None = None) -> Measurement:
-        """Return what the sensors make of the next sample, given what perfect ones would say.
+        """Return the next measurement.
 
         Args:
-            truth: what they would say.
-            torque: (nv) that the motors gave until now; None before the first period.
+            truth: what ideal sensors measure.
+            torque: (nv) torque that the motors applied in the last period [N m or N]; None before
+                the first period.
         """
         if torque is not None and self._tau.any():
             noise = self._tau * self._of_torque.standard_normal(self._tau.size)
@@ -199,5 +208,5 @@ class SimulatedSensors:
 
 
 def _turns(robot: Robot) -> bool:
-    """Tell whether the task has an orientation."""
+    """Return whether the task has an orientation."""
     return isinstance(robot.task, FrameTask) and robot.task.size > robot.task.positions
