@@ -329,7 +329,7 @@ def test_unknown_lengths_choose_the_lumped_dynamics():
         make(robot, unknown=unknown, law="resolved-acceleration")  # nothing adapts
     with pytest.warns(UserWarning, match=r"inverts M_hat.*projected"):
         make(robot, unknown=unknown, adaptation="gradient", law="adaptive-inverse-dynamics")
-    with pytest.warns(UserWarning, match=r"nominal regressor contains them.*does not cover"):
+    with pytest.warns(UserWarning, match=r"contains their nominal values.*does not cover"):
         nominal = make(
             robot,
             unknown=replace(unknown, friction=False, armature=False, regressor="nominal"),
