@@ -207,8 +207,8 @@ def test_v_falls_on_either_side_of_a_change_and_jumps_there():
     assert np.delete(rises, 29).max() < 1e-9 * rollout.lyapunov[0]
 
 
-def test_what_never_happens_is_told():
-    with pytest.warns(UserWarning, match=re.escape("before what happens at [0.06, 2.0] s")):
+def test_events_after_the_end_are_warned_of():
+    with pytest.warns(UserWarning, match=re.escape("before the events at [0.06, 2.0] s")):
         loop({2.0: arm()}, {0.06: {"payload": None}})
 
 
@@ -404,8 +404,8 @@ def test_nothing_said_and_no_load_where_none_is_known_change_nothing():
     assert np.array_equal(told(controller, state, payload=None).a_d, state.a_d)
 
 
-def test_an_unknown_belief_is_refused_with_the_nearest():
-    with pytest.raises(pa.InputError, match=r"beliefs\[1\].*Did you mean 'payload'"):
+def test_an_unknown_announcement_is_refused_with_the_nearest():
+    with pytest.raises(pa.InputError, match=r"announcements\[1\].*Did you mean 'payload'"):
         loop(events=pa.Events(announcements={1.0: {"paylod": None}}))
 
 
@@ -493,8 +493,8 @@ def test_changes_add_up_in_order_of_time_and_replace_whole_keys():
         "{ at = 6.0, tool_translation = [0.0, 0.0, 0.1] }]"
     )
     scenario = Scenario.read(CHANGES, [changes])
-    robots = [scenario.true, *scenario.changes.values()]
-    assert list(scenario.changes) == [2.0, 4.0, 6.0]
+    robots = [scenario.true, *scenario.events.changes.values()]
+    assert list(scenario.events.changes) == [2.0, 4.0, 6.0]
     words = [difference(*pair) for pair in pairwise(robots)]
     assert words == ["+0.5 kg, friction", "-2 kg", "tool"]
     assert np.allclose(robots[-1].friction.viscous, 0.3)
