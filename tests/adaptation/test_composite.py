@@ -298,26 +298,22 @@ LONGER = {"elbow_joint": [0.0, 0.01197, -0.0425], "wrist_1_joint": [0.0, 0.0, 0.
 
 
 @pytest.mark.parametrize(
-    ("law", "adaptation", "options"),
+    ("law", "adaptation", "friction", "options"),
     [
-        ("separation", "composite", {"kinematic_adaptation": "least-squares"}),
-        ("separation", "least-squares", {"kinematic_adaptation": "least-squares"}),
-        (
-            "adaptive-jacobian",
-            "least-squares",
-            {"unknown": pa.Unknown(friction="viscous", armature=False), "gamma_joint": 1.0},
-        ),
+        ("separation", "composite", False, {"kinematic_adaptation": "least-squares"}),
+        ("separation", "least-squares", False, {"kinematic_adaptation": "least-squares"}),
+        ("adaptive-jacobian", "least-squares", "viscous", {"gamma_joint": 1.0}),
     ],
 )
-def test_prediction_error_adapts_lumped_parameters(law, adaptation, options):
+def test_prediction_error_adapts_lumped_parameters(law, adaptation, friction, options):
     """Lengths and inertias are unknown and wrong; the truth is the real arm's lumped vector."""
     robot = catalogue_robot("ur5")
     true = robot.changed(link_translation=LONGER)
-    options = {"unknown": pa.Unknown(friction=False, armature=False), **options}
+    lengths = ["elbow_joint", "wrist_1_joint"]
     controller = pa.make_controller(
         robot.changed(inertial_scale=0.8),
         law=law,
-        unknown=pa.Unknown(tool=False, lengths=["elbow_joint", "wrist_1_joint"]),
+        unknown=pa.Unknown(tool=False, lengths=lengths, friction=friction, armature=False),
         adaptation=adaptation,
         **options,
     )

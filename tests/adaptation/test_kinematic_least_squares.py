@@ -21,12 +21,11 @@ SLOW = {"gamma_d": 1.0, "unknown": pa.Unknown(friction=False, armature=False)}
 
 
 def planar(**options):
-    robot, own = (
-        catalogue_robot("planar_2r"),
-        {"unknown": pa.Unknown(lengths=True, basis=BASIS, lmi=LMI)},
-    )
+    robot = catalogue_robot("planar_2r")
+    unknown = pa.Unknown(lengths=True, basis=BASIS, lmi=LMI, friction=False, armature=False)
     start = {"a_k": np.array([1.05, 1.3]), "a_d": np.array([4.0, 0.5, 0.5])}
-    return robot, pa.make_controller(robot, **own, **SLOW, **FIT, **options), CIRCLE, start
+    controller = pa.make_controller(robot, **{**SLOW, **FIT, "unknown": unknown, **options})
+    return robot, controller, CIRCLE, start
 
 
 def arm(name, plane="yz", **options):
@@ -37,7 +36,8 @@ def arm(name, plane="yz", **options):
 
 
 def with_base(name, **options):
-    true, controller, _, start = arm(name, unknown=pa.Unknown(tool=True, base=True), **options)
+    unknown = pa.Unknown(tool=True, base=True, friction=False, armature=False)
+    true, controller, _, start = arm(name, unknown=unknown, **options)
     base = {controller.kinematics.joint_names[0]: [0.2, -0.1, 0.05]}
     true = true.changed(link_translation=base)
     return true, controller, circle_beside(true, "yz"), start
@@ -68,18 +68,18 @@ def test_lyapunov_equality_along_the_trajectory(case):
     assert energy.largest_rise() <= 1e-12
 
 
-def known_after(seconds, name="panda", kinematic="tool", **options):
+def known_after(seconds, name="panda", *, base=False, sensors=None, **options):
     """Return the error of the kinematic estimate [m] after some time on a circle of 10 cm."""
-    sensors = {key: options.pop(key) for key in ("camera", "noise") if key in options}
     robot = catalogue_robot(name)
     true = with_tool_and_load(robot).changed(viscous=0.3, coulomb=0.3)
-    if "base" in kinematic:
+    if base:
         true = true.changed(link_translation={robot.joint_names[0]: [0.2, -0.1, 0.05]})
-    controller = pa.make_controller(
-        robot, unknown=pa.Unknown(tool=False, translations=kinematic), **sensors, **options
-    )
+    unknown = pa.Unknown(tool=True, base=base)
+    controller = pa.make_controller(robot, unknown=unknown, sensors=sensors, **options)
     path = pa.trajectories.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(true.position(true.q0))
-    rollout = pa.simulate(true, controller, path, duration=seconds, record_every=20, **sensors)
+    rollout = pa.simulate(
+        true, controller, path, duration=seconds, record_every=20, sensors=sensors
+    )
     assert rollout.diverged is None
     wrong = np.linalg.norm(rollout.a_k - controller.kinematics.value(true), axis=1)
     return float(wrong[-1]), rollout
@@ -104,8 +104,8 @@ def test_noisy_frames_are_averaged():
 
 def test_base_and_tool_are_both_identified():
     """A small circle hardly excites both; gradient adaptation would take minutes."""
-    wrong, _ = known_after(2.0, unknown=pa.Unknown(tool=True, base=True), **FIT)
-    slow, _ = known_after(2.0, unknown=pa.Unknown(tool=True, base=True))
+    wrong, _ = known_after(2.0, base=True, **FIT)
+    slow, _ = known_after(2.0, base=True)
     assert wrong < 1e-3 and slow > 0.05
 
 
