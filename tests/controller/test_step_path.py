@@ -32,7 +32,7 @@ def files_of(call):
 
 def test_a_step_of_the_default_law_passes_few_files():
     robot = catalogue_robot("panda")
-    controller, plant = pa.make_controller(robot), pa.PinocchioPlant(robot)
+    controller, plant = pa.make_controller(robot), pa.plants.PinocchioPlant(robot)
     velocity = 0.3 * np.random.default_rng(0).standard_normal(robot.model.nv)
     measurement = plant.measurement(robot.q0, velocity)
     still = np.zeros(3)

@@ -1,4 +1,4 @@
-"""What a controller is told while it runs: the load that the robot carries, and its tool."""
+"""Announcements to a running controller: the load that the robot carries, and its tool."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Belief:
 
     Attributes:
         unloaded: as described, without the load.
-        load: what it was believed to carry at first, or None.
+        load: the load announced at first, or None.
     """
 
     unloaded: Robot
@@ -43,7 +43,7 @@ def informed(
     payload: Payload | EllipsisType | None,
     tool_translation: ArrayLike | None,
 ) -> ControllerState:
-    """Return the state once its controller knows a new load and a new tool; see ``believe``.
+    """Return the state after announcing a new load and a new tool; see ``Controller.believe``.
 
     Raises:
         InputError: the parameters cannot express it, or a load or a tool that cannot be.
@@ -69,7 +69,7 @@ def informed(
 def _loaded(
     controller: Controller, belief: Belief, state: ControllerState, load: Payload | None
 ) -> ControllerState:
-    """Return the state with a load in place of the one that it was believed to carry.
+    """Return the state with a load in place of the one announced before.
 
     What a load adds may depend on unknown lengths: they are taken as estimated where the parameters
     cover them, else as described.
@@ -109,13 +109,13 @@ def _with_tool(
     model, frame = described.changed(tool_translation=translation).model, described.frame_id
     placed = PlacedTranslations(model, frame, kinematics.translations)
     place, true = placement_of(model, frame, None), placement_of(model, frame, None).copy()
-    told = a_k.copy()
+    announced = a_k.copy()
     for part, window in zip(kinematics.translations, placed.windows, strict=True):
         if part.joint is None:
-            told[window] = placed.read()[window]
-            placed.write(told)
+            announced[window] = placed.read()[window]
+            placed.write(announced)
             if np.allclose(place.translation, true.translation, atol=1e-9):
-                return told
+                return announced
     raise ParameterError(
         f"the kinematic parameters {list(kinematics.names)} cannot express this tool.",
         where="tool_translation",

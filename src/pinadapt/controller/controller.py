@@ -39,7 +39,7 @@ _FLOAT, _HELD = np.dtype(float), Frozen()
 
 
 class Controller:
-    """A control law, the believed robot, and how its estimates adapt; its parts do not change.
+    """A control law, a model of the robot, and the adaptation of its parameters; immutable.
 
     ``init`` and ``step`` are pure: all memory is in the ``ControllerState`` that goes in and comes
     out. The models' Pinocchio data are scratch, so one controller serves one thread at a time; a
@@ -48,11 +48,11 @@ class Controller:
 
     Attributes:
         law: the control law.
-        kinematics, dynamics: the believed robot.
+        kinematics, dynamics: the model of the robot.
         adaptation_k, adaptation_d: how its estimates move.
         limits: what it does not exceed.
         senses: how it takes what the sensors say.
-        motion: the believed robot over a typical motion, for the check before a run; None for a
+        motion: the model along a typical motion, for the check before a run; None for a
             controller put together by hand.
         compensation: what the arm adds to the torque that it is sent, of q (nq), or None.
         sensors: that it was made for; ``simulate`` simulates these by default.
@@ -118,7 +118,7 @@ class Controller:
         a_d: np.ndarray | None = None,
         adapting: bool = True,
     ) -> ControllerState:
-        """Return the state to start from: filters at rest, estimates as given or as believed.
+        """Return the state to start from: filters at rest, estimates as given or nominal.
 
         Args:
             measurement: the first sample.
@@ -161,7 +161,7 @@ class Controller:
         payload: Payload | EllipsisType | None = ...,
         tool_translation: ArrayLike | None = None,
     ) -> ControllerState:
-        """Return the state of a controller that is told what the robot carries from now on.
+        """Return the state after announcing what the robot carries from now on.
 
         Pure, as ``step``, but it takes a millisecond or more.
 
@@ -170,9 +170,9 @@ class Controller:
             payload: the whole load from now on, None for none; left out, the load is as before.
                 Where bodies have parameters of their own, those of the last body become the
                 description's with this load, whatever was learned there before; the others keep
-                what was learned. Other parameters (a basis, lumped ones) cannot tell the last body
-                from the arm: they move by what this load differs from the one last announced,
-                which leaves a load that was learned without being announced where it is.
+                what was learned. Other parameters (a basis, lumped ones) cannot separate the last
+                body from the arm: they change by the difference between this load and the one last
+                announced; a load that was learned without being announced stays in them.
             tool_translation: (3) [m] of the tool from now on, from the description's frame, in its
                 axes; None: as before.
 
@@ -182,10 +182,10 @@ class Controller:
         return informed(self, state, payload, tool_translation)
 
     def learned(self, state: ControllerState) -> Robot:
-        """Return the believed robot as estimated in a state: bodies, translations, joints.
+        """Return the robot with the estimates of a state: bodies, translations, joints.
 
-        What is not adapted is as described, with the load it was believed to carry at first. The
-        robot can be believed by another controller, driven, or written with ``Robot.save``.
+        What is not adapted is as described, with the load announced at first. The robot can serve
+        as the model of another controller or as a plant, or be written with ``Robot.save``.
 
         Raises:
             ParameterError: the bodies are not physical, as adaptation "gradient" may leave them, or

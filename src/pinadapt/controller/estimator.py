@@ -34,7 +34,7 @@ class Estimator:
     torque that the motors gave, and the task frame where that was measured; who moves the robot,
     and why, is not its business.
 
-    ``init`` and ``step`` are pure. A sample that cannot be believed raises as in a controller, and
+    ``init`` and ``step`` are pure. An implausible sample raises as in a controller, and
     the state is as good as before; go on with the next one. The filters bridge what was left out up
     to ten periods, and start anew after longer pauses, with the estimates as they were.
 
@@ -89,7 +89,7 @@ class Estimator:
         a_k: np.ndarray | None = None,
         a_d: np.ndarray | None = None,
     ) -> ControllerState:
-        """Return the state to start from, estimates as given or as believed.
+        """Return the state to start from, estimates as given or nominal.
 
         Args:
             measurement: the first sample; x may come later, or never.
@@ -154,7 +154,7 @@ class Estimator:
         )
 
     def learned(self, state: ControllerState) -> Robot:
-        """Return the believed robot at the estimates of a state; see ``Controller.learned``.
+        """Return the robot with the estimates of a state; see ``Controller.learned``.
 
         Raises:
             ParameterError: as there.

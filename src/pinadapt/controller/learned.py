@@ -25,14 +25,14 @@ _FORMAT = "pinadapt learned parameters"
 
 
 def learned_robot(controller: Controller, state: ControllerState) -> Robot:
-    """Return the believed robot at the estimates of a state; see ``Controller.learned``.
+    """Return the robot with the estimates of a state; see ``Controller.learned``.
 
     Raises:
         ParameterError: no physical bodies have these parameters.
     """
     kinematics, belief = controller.kinematics, controller.belief
-    believed = kinematics.robot if belief is None else belief.robot(belief.load)
-    learned = controller.dynamics.robot(state.a_d, believed)
+    nominal = kinematics.robot if belief is None else belief.robot(belief.load)
+    learned = controller.dynamics.robot(state.a_d, nominal)
     model = learned.model.copy()
     PlacedTranslations(model, learned.frame_id, kinematics.translations).write(state.a_k)
     return replace(learned, model=model, loads=())
@@ -47,7 +47,7 @@ class LearnedParameters:
     ``learned`` of ``[belief]``.
 
     Attributes:
-        robot: name of the believed robot.
+        robot: name of the robot.
         kinematic: name -> value [m].
         dynamic: name -> value.
         units: name -> unit of its value; empty for parameters of a basis of one's own.

@@ -35,11 +35,11 @@ _LATEST = 10.0  # periods that one step may bridge
 
 @dataclass(frozen=True, eq=False)
 class Guards:
-    """Bounds of what is plausible; the defaults believe every position and time.
+    """Bounds of plausible measurements; the defaults accept every position and time.
 
     Attributes:
         fast: (n) largest joint velocities [rad/s or m/s].
-        far: how far the measured position may be from the last joint's believed one [m].
+        far: largest distance of the measured position from the estimated last joint [m].
         clock: whether times must go forward, and the period is the time since the last sample
             where one was dropped.
         slow: joint velocities below which an arm may be resting [rad/s or m/s]; zero: it never is.
@@ -68,7 +68,7 @@ class Guards:
             return ImplausibleError(
                 "x",
                 x,
-                f"is implausible: {distance:.3g} m from where the last joint is believed to be, "
+                f"is implausible: {distance:.3g} m from the estimated position of the last joint, "
                 f"more than {self.far:.3g} m (in millimetres? in another frame?)",
             )
         joint = found - kernels.FAST
@@ -195,15 +195,15 @@ class Senses:
 
 
 def make_guards(
-    believed: Robot,
+    robot: Robot,
     kinematics: TaskKinematics,
     guards: Mapping[str, bool] | bool,
     quality: SensorQuality,
 ) -> Guards:
-    """Return the guards of a controller for a believed robot.
+    """Return the guards of a controller for a robot.
 
     Args:
-        believed: the believed robot.
+        robot: the nominal robot.
         kinematics: its kinematics.
         guards: False for none, or some of "position", "velocity", "time" and "rest" with False.
         quality: of the sensors, whose noise an arm that rests still shows.
@@ -222,17 +222,17 @@ def make_guards(
                 where="guards",
             )
         on[name] = wanted
-    size = believed.reach
+    size = robot.reach
     based = any(part.joint == FIRST for part in kinematics.translations)
     scale = size if kinematics.positions else 1.0
-    slides = any(is_slide(joint) for joint in believed.model.joints[1:])
+    slides = any(is_slide(joint) for joint in robot.model.joints[1:])
     return Guards(
         far=(_FAR_BASE if based else _FAR) * size
         if on["position"] and kinematics.positions
         else math.inf,
-        fast=_FAST * velocity_limits(believed.model)
+        fast=_FAST * velocity_limits(robot.model)
         if on["velocity"]
-        else np.full(believed.model.nv, np.inf),
+        else np.full(robot.model.nv, np.inf),
         clock=on["time"],
         slow=_SLOW * (min(1.0, size) if slides else 1.0) + _NOISE * quality.v
         if on["rest"]

@@ -23,8 +23,8 @@ class ControllerState(NamedTuple):
         kinematic: the same of the kinematic parameters [m].
         a_0: (p_d) the dynamic estimate at the start, moved by what was announced since.
         filters: state of the law's filters; see ``Law.filters``.
-        adapting: whether the estimates move; they rest until told to with ``adapt``.
-        load: what the robot is believed to carry on top of its description, as last announced.
+        adapting: whether the estimates move; see ``adapt``.
+        load: what the robot carries in addition to its description, as last announced.
         sensed: what the sensors said at the last sample, see ``SensedState``.
         torque_filter: state of the low pass of torque and regressor, where the adaptation uses
             their prediction error.

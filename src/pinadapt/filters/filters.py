@@ -225,7 +225,7 @@ class ObservedPosition(NamedTuple):
 class PositionObserver(Filters):
     """dx_o/dt = J_hat qd - beta (x_o - x), H. Wang, IEEE TAC 62 (2017) 948-954.
 
-    Sampled, x_o moves by the mean of the believed velocities at both ends of a period, the later
+    Sampled, x_o moves by the mean of the estimated velocities at both ends of a period, the later
     one as soon as it is known, and by the share 1 - exp(-beta dt) to x: its error falls with the
     square of the period. By the earlier velocity alone it would lag by dt |xdd| / (2 beta), some
     thousandths of a millimetre on a circle of 0.1 m in 3 s.

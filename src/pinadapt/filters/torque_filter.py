@@ -32,7 +32,7 @@ class TorqueFilterState(NamedTuple):
 
 
 class FilteredTorque(NamedTuple):
-    """What the filters tell at one instant: W a = y at the true parameters a.
+    """Output of the filters at one instant: W a = y at the true parameters a.
 
     Attributes:
         W: (n, p) filtered regressor.
@@ -71,7 +71,7 @@ class FilteredRegressor:
     509-519.
 
     Attributes:
-        dynamics: whose parameters are to be told; the estimate loaded into it does not matter.
+        dynamics: of the parameters; the estimate loaded into it does not matter.
         low_pass: F, of bandwidth lambda [1/s].
     """
 

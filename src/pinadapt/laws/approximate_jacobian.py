@@ -24,7 +24,7 @@ from .saturation import Saturation
 Own = TypeVar("Own", bound="ApproximateJacobian")
 _WIDTH, _TURN = 0.05, 0.1  # of the reach; [rad]
 _NULL = 0.5  # in bandwidths, the slowest mode that is damped critically
-_WEIGHT = 0.6  # at which the largest error of the Jacobian is borne
+_WEIGHT = 0.6  # for which the tolerated error of the Jacobian is largest
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class ApproximateJacobian(Law):
     in the mean over a typical motion.
 
     Attributes:
-        kinematics: the believed ones; only dV/dt evaluates them here.
+        kinematics: the estimated ones; only dV/dt evaluates them here.
         K_v: (n, n) damping of the joints [N m s/rad or N s/m].
         K_P: (m, m), diagonal [N/m; N m/rad on rotations and joints].
         width: (m) of the saturation [m or rad].
@@ -181,7 +181,7 @@ class ApproximateJacobian(Law):
         """Return how wrong J_hat (m, n) is beside the true J (m, n), and how wrong it may be.
 
         The largest |(J - J_hat)^T f| / |J_hat^T f| over all forces f, in the metric K_v^-1, and 2
-        sqrt(weight (1 - weight / 4)) - weight, about 0.8. What is borne is sufficient, not
+        sqrt(weight (1 - weight / 4)) - weight, about 0.8. The bound is sufficient, not
         necessary, and far from necessary where light joints have little damping.
         """
         root = np.linalg.cholesky(self._compliance)
@@ -234,7 +234,7 @@ class ApproximateJacobianGravity(ApproximateJacobian):
     """Set point with approximate Jacobian and gravity regressor, as link lengths are wrong.
 
     After H. Yazarel, C. Cheah, IEEE TAC 47 (2002) 1580-1585, whose law could not be recovered
-    exactly. The torque is that of ``ApproximateJacobian`` with Z_hat, the regressor at the believed
+    exactly. The torque is that of ``ApproximateJacobian`` with Z_hat, the regressor at the nominal
     lengths, in place of Z: unknown lengths are not lumped with the inertias, and any adaptation
     does, natural included. What follows is proved for this form.
 

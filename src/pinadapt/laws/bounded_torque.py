@@ -124,14 +124,14 @@ class BoundedTorque(ApproximateJacobian):
         _check_holds(motion.robot, gravity)
         part = _affordable(motion, K_P, width, _SPRING * (bound - gravity))
         width_part = part**_TIGHTER if given.get("width") is None else np.ones(part.size)
-        K_P, pace = K_P * part / width_part, float(np.min(part / width_part)) ** 0.5
+        K_P, slower = K_P * part / width_part, float(np.min(part / width_part)) ** 0.5
         return gains | {
             "Kp": K_P,
             "width": width * width_part,
-            "Kv": joint_damping(motion, K_P, pace * share * motion.bandwidth),
+            "Kv": joint_damping(motion, K_P, slower * share * motion.bandwidth),
             "bound": bound,
             "gravity": gravity,
-            "bandwidth_share": pace,
+            "bandwidth_share": slower,
         }
 
     def brake(self, v: np.ndarray) -> np.ndarray:
@@ -241,7 +241,7 @@ def _worst_gravity(motion: TypicalMotion) -> np.ndarray:
 
 
 def _check_holds(robot: Robot, gravity: np.ndarray) -> None:
-    """Refuse a share of gravity (n) with which the believed robot does not stay at home.
+    """Refuse a share of gravity (n) that does not hold the nominal robot at home.
 
     Raises:
         GainError: it does not.
@@ -255,7 +255,7 @@ def _check_holds(robot: Robot, gravity: np.ndarray) -> None:
     ]
     if short:
         raise GainError(
-            f"gravity's share of the torque does not hold the believed robot: {', '.join(short)}.",
+            f"gravity's share of the torque does not hold the robot at home: {', '.join(short)}.",
             where="bound",
             hint="Take a larger bound, or say what gravity may have of it (gravity=).",
         )

@@ -60,13 +60,13 @@ def check_in_place(law: Any, *names: str) -> None:
     """
     task: Task = law.task
     for name in names:
-        value, told = getattr(law, name), name.rstrip("_")
+        value, shown = getattr(law, name), name.rstrip("_")
         if name in _TASK_GAINS:
             value = task_gain(value, task, _TASK_GAINS[name])
         elif name == "R_k":
-            value = definite_matrix(value, task.positions, told)
+            value = definite_matrix(value, task.positions, shown)
         else:
-            value = positive(value, told)
+            value = positive(value, shown)
         object.__setattr__(law, name, value)
 
 
@@ -89,7 +89,7 @@ def merged(defaults: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, A
     """Return the defaults of a law's gains with the given ones in their place, by its own symbols.
 
     None gives nothing; gains that only other laws have are left out, so that one set of gains
-    serves for a comparison of laws; ``make_controller`` tells of them.
+    serves for a comparison of laws; ``make_controller`` names them.
 
     Raises:
         GainError: a gain that no law has; the nearest is suggested.

@@ -66,7 +66,7 @@ class Posture:
         """Return a posture as a user gives it, by default home at half of the bandwidth [rad/s].
 
         Args:
-            robot: the believed robot.
+            robot: the nominal robot.
             given: None, a frequency [rad/s], the rest pose (n) [rad or m], or a mapping of "rest"
                 and "frequency".
             bandwidth: of the feedback [rad/s].

@@ -27,7 +27,7 @@ from .law import Command, EstimatedModel, Feedback, KinematicLoop, Law, Truth
 from .posture import Posture
 
 _DAMPING, _STEP = 3.0, 0.5  # K_v in bandwidths times inertia; at most this times inertia / dt
-_LOAD, _ARM = 0.1, 0.05  # load believed for K_D: of the robot's mass, of its reach off the flange
+_LOAD, _ARM = 0.1, 0.05  # load assumed for K_D: of the robot's mass, of its reach off the flange
 _OBSERVER = 1.0  # beta in bandwidths
 _FAST = 0.5  # Y_fast in parts of the largest norm of a typical motion
 _TINY = 1e-300
@@ -51,7 +51,7 @@ class Separation(Law):
                   dV/dt = -s^T K_D s - s^T (f(qd) - f(qd_r)) - c beta dx_o^T dx_o
                   - epsilon^T R epsilon, f the true friction of the joints: monotone. The first two
                   terms and the last two each belong to a V of their own.
-    Pose:         the rotation error of the believed orientation, which no estimate enters, takes
+    Pose:         the rotation error of the estimated orientation, which no estimate enters, takes
                   the place of x_o - x_d in its rows; its derivative is omega - omega_d + delta.
     Noise:        qdd_r holds -alpha J^+ J qd, and s holds qd, so noise of qd has a mean in Y^T s.
                   With a finite lambda_s the regressor is Y(q, qd_r + s_f, qd_r, qdd_r + alpha J^+ J
@@ -63,7 +63,7 @@ class Separation(Law):
                   velocity, no acceleration, no M_hat^-1.
 
     Default gains for the bandwidth w at the period dt: alpha = w, beta = w, K_v = 3 w diag(M) at
-    home, with a load of a tenth of the robot's mass believed a twentieth of its reach off the
+    home, with an assumed load of a tenth of the robot's mass a twentieth of its reach off the
     flange, and lag = 2 dt, but zero for a K_v of the user's own. What joints move together may be
     much lighter than what each moves by itself, as the elbow of an arm whose shoulder axes align.
 
@@ -78,7 +78,7 @@ class Separation(Law):
         lambda_s: decorrelation [1/s], infinite for none.
         lag: [s], with which K_D(q)^-1 = K_v^-1 + lag M_0(q)^-1: no eigenvalue of M_0^-1 K_D then
             exceeds 1 / lag, at no configuration. Zero: K_D = K_v.
-        M_0: returns the believed mass matrix (n, n) at q (nq), where there is a lag.
+        M_0: returns the nominal mass matrix (n, n) at q (nq), where there is a lag.
         Y_fast: norm of Y_k beyond which c is scaled down with its square, sigma = min(1, Y_fast^2 /
             |Y_k|^2): the mode of the kinematic adaptation grows with the speed, and a wrist that an
             unknown load spins would swing the estimate faster than the arm can follow it. With
