@@ -366,7 +366,7 @@ def test_gains_that_break_a_hypothesis_are_refused():
 
 def test_bounds_that_cannot_be_are_refused():
     robot = catalogue_robot("panda")
-    with pytest.raises(pa.GainError, match=r"does not hold the believed robot: panda_joint4"):
+    with pytest.raises(pa.GainError, match=r"does not hold the robot at home: panda_joint4"):
         pa.make_controller(robot, law=BOUNDED, bound=10.0)
     with pytest.raises(pa.GainError, match="nothing is left for damping"):
         pa.make_controller(robot, law=BOUNDED, Kp=1e5)

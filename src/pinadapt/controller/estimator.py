@@ -130,7 +130,7 @@ class Estimator:
             MeasurementError: a signal is missing, of the wrong size or type, or not finite.
             ImplausibleError: it cannot be, see ``Guards``, or its time is not after the last one's.
             InputError: the state is that of another controller.
-            DivergedError: the estimates ran away.
+            DivergedError: the estimates diverged.
         """
         self._inputs.state(state)
         sample, parts = self._checked(measurement), self.controller
