@@ -16,7 +16,7 @@ import pinadapt as pa
 from pinadapt._files import read_toml
 from pinadapt.cli.main import main
 from pinadapt.scenario.scenario import Scenario
-from pinadapt.scenario.validation import check_tables
+from pinadapt.scenario.schema import check_tables
 from pinadapt.view.shapes import strange_images
 from tests.support.paths import ROOT
 

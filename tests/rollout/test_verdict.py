@@ -12,7 +12,7 @@ from pinadapt.cli.main import main
 from pinadapt.description.catalogue import robots_folder
 from pinadapt.rollout.limit_excess import LimitExcess
 from pinadapt.rollout.verdict import FOLLOWS, LOST, ROUGHLY
-from pinadapt.zoo.remarks import ACCURATE, BETTER
+from pinadapt.zoo.experiment import ACCURATE, BETTER
 from tests.support.loops import run
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("blank_pictures")]

@@ -16,8 +16,7 @@ import pinadapt as pa
 from pinadapt.cli.main import main
 from pinadapt.cli.zoo import zoo_table
 from pinadapt.zoo.case import SWING, zoo_case
-from pinadapt.zoo.experiment import ZooRow, zoo_names, zoo_row
-from pinadapt.zoo.remarks import CONVERGED, last_error
+from pinadapt.zoo.experiment import CONVERGED, ZooRow, last_error, zoo_names, zoo_row
 
 pytestmark = pytest.mark.slow
 
@@ -119,7 +118,7 @@ def test_a_wrist_that_spins_away_is_named():
 
 
 def test_without_a_failed_hypothesis_the_verdict_reports_progress(monkeypatch):
-    monkeypatch.setattr("pinadapt.zoo.remarks.ACCURATE", 1e-9)
+    monkeypatch.setattr("pinadapt.zoo.experiment.ACCURATE", 1e-9)
     monkeypatch.setattr("pinadapt.zoo.case._LEAST_DURATION", 2.0)
     assert "no hypothesis failed within" in zoo_row("finger_edu", "adaptive-jacobian").verdict
 

@@ -13,8 +13,7 @@ from .._files import check_writable, write_text
 from .._table import columns, number
 from ..description.catalogue import catalogue_entry
 from ..laws import DEFAULT, LAWS
-from ..zoo.experiment import POSE, ZooRow, run_zoo, zoo_names
-from ..zoo.remarks import CONVERGED
+from ..zoo.experiment import CONVERGED, POSE, ZooRow, run_zoo, zoo_names
 from .arguments import add_out, add_seed, names, positive
 from .outputs import rows_bar
 from .status import DONE, INTERRUPTED

@@ -29,8 +29,8 @@ from .schema import (
     TruthKeys,
     TruthSection,
     WaypointsSection,
+    prefix_errors,
 )
-from .validation import prefix_errors
 
 
 def true_robot(described: Robot, truth: TruthKeys) -> Robot:

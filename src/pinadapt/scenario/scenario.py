@@ -44,8 +44,9 @@ from .schema import (
     SimulationSection,
     TruthSection,
     UnknownSection,
+    prefix_errors,
+    read_tables,
 )
-from .validation import prefix_errors, read_tables
 
 _NOT_GAINS = {"law", "adaptation", "acceleration", "damping", "guards", "watch"}
 
