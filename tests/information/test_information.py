@@ -137,7 +137,7 @@ def test_a_joint_task_has_no_kinematic_information_and_a_known_robot_none():
 
 @pytest.mark.parametrize("camera", [False, True])
 def test_the_tool_is_identified_from_measured_positions(camera):
-    rollout = run("panda", sensors=pa.Sensors(camera=camera))
+    rollout = run("panda", camera=camera)
     found = rollout.excitation().kinematic
     assert found.rank == 3 and np.isfinite(found.deviations).all()
     assert found.rows == (pytest.approx(3 * 30 * 3.0, abs=30) if camera else 9000)

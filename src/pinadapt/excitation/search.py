@@ -28,7 +28,7 @@ from .exciting_motion import ExcitingMotion, LimitUse, RestToRest
 
 _FASTEST = 0.5  # [Hz] of the harmonics, unless the duration is too short
 _FEWEST, _MOST = 3, 8  # harmonics
-_PER_HARMONIC, _FINE = 16, 60  # instants per harmonic, in the search and in the last check
+_PER_HARMONIC, _FINE = 16, 120  # instants per harmonic, in the search and in the last check
 _STARTS, _ITERATIONS = 24, 60
 _PENALTY = 200.0  # [nat] for exceeding an allowance by its own size at all instants
 _STEP = 1e-6  # of numerical derivatives [rad or m, and per s or s^2]
