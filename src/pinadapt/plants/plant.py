@@ -58,7 +58,7 @@ class Plant(ABC):
     def acceleration(self, torque: np.ndarray, feedthrough: np.ndarray | None = None) -> np.ndarray:
         """Return the joint acceleration a (nv) that torque + feedthrough @ a causes now.
 
-        It is needed only for runs with ``acceleration="ideal"``, which verify proofs.
+        It is needed only for runs with the ideal acceleration, which verify proofs.
 
         Raises:
             InputError: this plant does not provide it.
@@ -66,7 +66,8 @@ class Plant(ABC):
         raise InputError(
             f"{type(self).__name__} does not provide the acceleration that a torque would cause.",
             where="acceleration",
-            hint='Choose acceleration = "filtered".',
+            hint="Simulate with Engine(ideal_acceleration=False), in a scenario "
+            'controller.acceleration = "filtered".',
         )
 
 
