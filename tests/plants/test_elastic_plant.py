@@ -155,7 +155,7 @@ def test_a_scenario_states_springs():
     path = robots_folder() / "panda" / "tool_and_load.toml"
     words = ["simulation.elasticity={stiffness=2e4, damping=5.0}", "truth.armature=0.1"]
     engine = Scenario.read(path, words).engine
-    assert isinstance(engine, pa.plants.JointElasticity) and engine.stiffness == 2e4
+    assert isinstance(engine.plant, pa.plants.JointElasticity) and engine.plant.stiffness == 2e4
     with pytest.raises(pa.InputError, match="armature"):
         Scenario.read(path, words[:1])
     with pytest.raises(pa.ScenarioError, match="elasticity"):
