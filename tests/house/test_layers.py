@@ -5,6 +5,7 @@ Imports inside functions count, and so do those for the type checker alone.
 
 import ast
 import importlib
+from functools import cache
 
 import pytest
 
@@ -52,23 +53,20 @@ MODULES = {module_of(path): path for path in FILES}
 ENTRIES = {"pinadapt", "pinadapt.__main__"}  # they import what users see
 
 
+@cache
 def imports_of(path):
-    """Return the modules of pinadapt that a file imports, at its top or inside its functions."""
+    """Return the modules of pinadapt that a file imports: anywhere, also for the type checker."""
+    return set(_imports_of(path))
+
+
+def _imports_of(path):
     package = ["pinadapt", *path.relative_to(SOURCE).parent.parts]
-    for node in executed(ast.parse(path.read_text())):
+    for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.ImportFrom) and node.level:
             base = package[: len(package) - node.level + 1]
             target = ".".join([*base, node.module] if node.module else base)
             names = [f"{target}.{alias.name}" for alias in node.names]
             yield from (name if name in MODULES else target for name in names)
-
-
-def executed(tree):
-    """Yield the nodes of a file that run, so not those for the type checker alone."""
-    yield tree
-    for node in ast.iter_child_nodes(tree):
-        if not (isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"):
-            yield from executed(node)
 
 
 @pytest.mark.parametrize("module", sorted(set(MODULES) - ENTRIES))
@@ -79,11 +77,34 @@ def test_arrows_run_one_way(module):
         assert target == folder or LAYER[target] < LAYER[folder], f"{module} imports {imported}"
 
 
-def test_no_modules_import_each_other_in_a_circle():
-    waiting = {module: set(imports_of(path)) - {module} for module, path in MODULES.items()}
-    while ready := {module for module, needs in waiting.items() if not needs & set(waiting)}:
-        waiting = {module: needs for module, needs in waiting.items() if module not in ready}
-    assert not waiting, f"a circle in {sorted(waiting)}"
+def circles(imports):
+    """Return the sets of names (of modules, or of rooms) that import each other in a circle."""
+    reached = {}
+    for name in imports:
+        waiting, found = [name], set()
+        while waiting:
+            new = imports.get(waiting.pop(), set()) - found
+            found |= new
+            waiting.extend(new)
+        reached[name] = found
+    return {
+        frozenset(other for other in found if name in reached.get(other, ()))
+        for name, found in reached.items()
+        if name in found
+    }
+
+
+def test_no_files_import_each_other_in_a_circle():
+    imports = {module: imports_of(path) - {module} for module, path in MODULES.items()}
+    assert not circles(imports), [sorted(circle) for circle in circles(imports)]
+
+
+def test_no_rooms_import_each_other_in_a_circle():
+    imports = {room: set() for room in LAYER}
+    for module in set(MODULES) - ENTRIES:
+        room = module.split(".")[1]
+        imports[room] |= {name.split(".")[1] for name in imports_of(MODULES[module])} - {room}
+    assert not circles(imports), [sorted(circle) for circle in circles(imports)]
 
 
 def test_every_folder_has_a_layer():
