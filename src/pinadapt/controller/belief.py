@@ -4,20 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from types import EllipsisType
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..adaptation.adaptation import Adaptation
 from ..exceptions import ParameterError
+from ..laws.law import Law
+from ..models.dynamics import Dynamics
 from ..models.task_kinematics import TaskKinematics
 from ..models.translations import PlacedTranslations, placement_of
 from ..robot.changes import Payload
 from ..robot.robot import Robot
+from .limits import ControllerLimits
 from .state import ControllerState
-
-if TYPE_CHECKING:
-    from .controller import Controller
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +38,21 @@ class Belief:
         return self.unloaded if load is None else self.unloaded.changed(payload=load)
 
 
+class ControllerParts(Protocol):
+    """The parts of a controller; see there."""
+
+    law: Law
+    kinematics: TaskKinematics
+    dynamics: Dynamics
+    adaptation_k: Adaptation
+    adaptation_d: Adaptation
+    limits: ControllerLimits
+    period: float
+    belief: Belief | None
+
+
 def informed(
-    controller: Controller,
+    controller: ControllerParts,
     state: ControllerState,
     payload: Payload | EllipsisType | None,
     tool_translation: ArrayLike | None,
@@ -67,7 +81,7 @@ def informed(
 
 
 def _loaded(
-    controller: Controller, belief: Belief, state: ControllerState, load: Payload | None
+    controller: ControllerParts, belief: Belief, state: ControllerState, load: Payload | None
 ) -> ControllerState:
     """Return the state with a load in place of the one announced before.
 

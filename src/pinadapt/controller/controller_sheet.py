@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from .._table import Sheet, Table
-
-if TYPE_CHECKING:
-    from .controller import Controller
+from .belief import ControllerParts
 
 
-def controller_sheet(controller: Controller) -> Sheet:
+def controller_sheet(controller: ControllerParts) -> Sheet:
     """Return law, gains, what is adapted, sampling period and torque limits, with units."""
     kinematics, dynamics, law = controller.kinematics, controller.dynamics, controller.law
     velocity, position = getattr(law, "units", ("", ""))
@@ -30,7 +26,7 @@ def controller_sheet(controller: Controller) -> Sheet:
     return Sheet(f"controller, {getattr(law, 'name', type(law).__name__)}", [Table(rows)])
 
 
-def _robot(controller: Controller) -> str:
+def _robot(controller: ControllerParts) -> str:
     joints = f"{controller.kinematics.nv} joints"
     belief = controller.belief
     return joints if belief is None else f"{belief.unloaded.name}, {joints}"
@@ -51,7 +47,7 @@ def _adapted(names: tuple[str, ...], adaptation: str) -> str:
     return f"{len(names)} parameters{few}, {adaptation}"
 
 
-def _limits(controller: Controller) -> str:
+def _limits(controller: ControllerParts) -> str:
     limits = controller.limits.torque
     if limits is None:
         return "none"

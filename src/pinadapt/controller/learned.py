@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,15 +16,13 @@ from .._version import __version__
 from ..exceptions import ParameterError, did_you_mean
 from ..models.translations import PlacedTranslations
 from ..robot.robot import Robot
+from .belief import ControllerParts
 from .state import ControllerState
-
-if TYPE_CHECKING:
-    from .controller import Controller
 
 _FORMAT = "pinadapt learned parameters"
 
 
-def learned_robot(controller: Controller, state: ControllerState) -> Robot:
+def learned_robot(controller: ControllerParts, state: ControllerState) -> Robot:
     """Return the robot with the estimates of a state; see ``Controller.learned``.
 
     Raises:
@@ -61,7 +59,7 @@ class LearnedParameters:
     version: str = __version__
 
     @classmethod
-    def of(cls, controller: Controller, state: ControllerState) -> LearnedParameters:
+    def of(cls, controller: ControllerParts, state: ControllerState) -> LearnedParameters:
         """Return the estimates in a state of a controller."""
         kinematics, dynamics = controller.kinematics, controller.dynamics
         units = {name: "m" for name in kinematics.names}
@@ -73,7 +71,7 @@ class LearnedParameters:
             units,
         )
 
-    def start(self, controller: Controller) -> dict[str, np.ndarray]:
+    def start(self, controller: ControllerParts) -> dict[str, np.ndarray]:
         """Return ``a_k`` (p_k) and ``a_d`` (p_d) for a controller with the same parameters.
 
         Raises:
