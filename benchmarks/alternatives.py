@@ -1,9 +1,9 @@
-"""What a user would take instead: PD and PID with gravity, computed torque, disturbance observer.
+"""Alternatives to adaptation: PD and PID with gravity, computed torque, disturbance observer.
 
-Robots of the zoo with friction, an unknown tool and load, inertias 30 % off, follow one circle in
-1, 2 and 5 s, with perfect sensors, and with a camera of 60 Hz that is 20 ms late and encoders of
-17 bits. The integral gains, and what else a delay asks to lower, are those of a small grid that are
-best on the circle of 2 s; all else has the bandwidth of the default.
+Robots of the zoo with friction, an unknown tool and load, and inertias 30 % off follow one circle
+in 1, 2 and 5 s, with perfect sensors, and with a camera of 60 Hz that is 20 ms late and encoders of
+17 bits. Integral gains, and gains that a delay requires to be lower, are the best of a small grid
+on the circle of 2 s; everything else has the bandwidth of the default.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from .contenders import CONTENDERS, DEFAULT, SENSORS, Gains, setting
 from .timing import HERE, save
 
 ROBOTS, PERIODS = ("panda", "ur5"), (1.0, 2.0, 5.0)
-TUNING_PERIOD = 2.0  # [s], of the circle on which gains are looked for
+TUNING_PERIOD = 2.0  # [s], of the circle on which gains are selected
 INFORMED = (DEFAULT, "computed torque", "computed torque, observer, task integral")
-FIGURES = ("rms", "max", "first", "peak", "peak_last", "chatter")  # None where the loop is lost
+FIGURES = ("rms", "max", "first", "peak", "peak_last", "chatter")  # None if the loop diverges
 _DURATION, _REPEATING, _TUNING = 20.0, 8.0, 5.0  # [s]; without adaptation a loop repeats itself
 _TENTH, _DT = 2.0, 1e-3  # [s]
 
@@ -42,9 +42,9 @@ class Run:
     Attributes:
         robot, sensors, contender: by name.
         period: of the circle [s].
-        gains: that were looked for, in parts of the bandwidth.
-        informed: whether the truth is believed.
-        tuning: whether it looks for gains: a shorter run.
+        gains: the selected gains, relative to the bandwidth.
+        informed: whether the controller has the true model.
+        tuning: whether the run is one of the search for gains, which is shorter.
     """
 
     robot: str
@@ -64,7 +64,7 @@ class Run:
 
 
 def figures(run: Run) -> dict[str, Any]:
-    """Return what came out of a run, errors in mm, as ``summary`` has it."""
+    """Return the results of a run, errors in mm, as ``summary`` does."""
     at = setting(run.robot, run.sensors)
     at = at.informed() if run.informed else at
     controller = CONTENDERS[run.contender].make(at, **run.gains)
@@ -81,7 +81,7 @@ def figures(run: Run) -> dict[str, Any]:
                 sensors=at.sensors,
                 engine=pa.Engine(dt=_DT),
             )
-        except pa.MeasurementError:  # joints spin far beyond what they can
+        except pa.MeasurementError:  # joints far above their velocity limits
             return known | dict.fromkeys(FIGURES)
     return known | summary(rollout, run.period, at.model.limits)
 
@@ -92,9 +92,9 @@ def summary(
     """Return the figures of a rollout: errors [mm], peak torque and chatter [N m].
 
     The last errors are of the last tenth of 20 s, or of the last turn where that is longer. The
-    peak is the largest share of an effort limit (n) over the run, and in the end. Chatter is the
-    deviation of the white noise on the torque that has second differences as large as the end's:
-    a smooth torque has none.
+    peak is the largest torque relative to its effort limit (n), over the run and at the end.
+    Chatter is the standard deviation of white noise with second differences as large as those of
+    the torque at the end; a smooth torque has none.
     """
     if rollout.diverged is not None:
         return dict.fromkeys(FIGURES)
@@ -135,17 +135,19 @@ def tuned(pool: Executor, robots: Sequence[str]) -> dict[tuple[str, str, str], G
 
 
 def planned(gains: Mapping[tuple[str, str, str], Gains], robots: Sequence[str]) -> Iterable[Run]:
-    """Yield all runs, those that take longest first."""
+    """Yield all runs, the longest first."""
     for name, contender in reversed(CONTENDERS.items()):
         for robot, sensors in product(robots, contender.sensors):
-            own = gains.get((robot, sensors, name), contender.choices()[0])  # lost, if not found
+            own = gains.get(
+                (robot, sensors, name), contender.choices()[0]
+            )  # diverges, if none was found
             yield from (Run(robot, sensors, name, period, own) for period in PERIODS)
             if name in INFORMED:
                 yield Run(robot, sensors, name, TUNING_PERIOD, own, informed=True)
 
 
 def measure(robots: Sequence[str]) -> list[dict[str, Any]]:
-    """Return a row a run."""
+    """Return one row per run."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
         runs = list(planned(tuned(pool, robots), robots))
@@ -153,9 +155,9 @@ def measure(robots: Sequence[str]) -> list[dict[str, Any]]:
 
 
 def row(run: Run, found: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a run and what came out of it as one flat row with a name."""
-    told = ", informed" if run.informed else ""
-    name = f"{run.robot}, {run.sensors}, {run.period:g} s, {run.contender}{told}"
+    """Return a run with its results as one flat row with a name."""
+    suffix = ", informed" if run.informed else ""
+    name = f"{run.robot}, {run.sensors}, {run.period:g} s, {run.contender}{suffix}"
     words = {"contender": run.contender, "robot": run.robot, "sensors": run.sensors}
     return {
         "name": name,
@@ -170,7 +172,7 @@ def row(run: Run, found: Mapping[str, Any]) -> dict[str, Any]:
 def main() -> None:
     """Run all, print the tables, save and draw them."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--robots", default=",".join(ROBOTS), help="names, with commas between")
+    parser.add_argument("--robots", default=",".join(ROBOTS), help="names, separated by commas")
     parser.add_argument("--save", type=Path, default=HERE / "alternatives.json")
     parser.add_argument("--plot", type=Path, default=HERE.parent / "docs" / "alternatives.png")
     options = parser.parse_args()

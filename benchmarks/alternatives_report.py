@@ -1,4 +1,4 @@
-"""The tables and the picture of the comparison with what a user would take instead."""
+"""Tables and figure of the comparison with alternatives to adaptation."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def report(rows: Sequence[Row]) -> str:
 
 
 def errors(rows: Sequence[Row]) -> str:
-    """Return a line a contender, a column a robot and period; the least rms is bold."""
+    """Return one row per contender, one column per robot and period; the least rms is bold."""
     columns = _unique((row["robot"], row["period"]) for row in rows)
     found = {(row["contender"], row["robot"], row["period"]): row for row in rows}
     least = {
@@ -54,7 +54,7 @@ def errors(rows: Sequence[Row]) -> str:
 
 
 def costs(rows: Sequence[Row]) -> str:
-    """Return a line a contender: error of the first second, torques, medians over what was held."""
+    """Return one row per contender: medians over the runs that did not diverge."""
     head = ["first second [mm]", "peak torque", "peak in the end", "chatter [N m]", "lost"]
     body = []
     for name in _names(rows):
@@ -67,7 +67,7 @@ def costs(rows: Sequence[Row]) -> str:
 
 
 def gains(rows: Sequence[Row]) -> str:
-    """Return a line a contender that has some, a column a robot and sensors."""
+    """Return one row per contender with selected gains, one column per robot and sensors."""
     columns = _unique((row["robot"], row["sensors"]) for row in rows)
     found = {(row["contender"], row["robot"], row["sensors"]): row["gains"] for row in rows}
     names = [name for name in _names(rows) if CONTENDERS[name].grid]
@@ -76,7 +76,7 @@ def gains(rows: Sequence[Row]) -> str:
 
 
 def known(rows: Sequence[Row]) -> str:
-    """Return a line a contender, a column a robot and sensors."""
+    """Return one row per contender, one column per robot and sensors."""
     columns = _unique((row["robot"], row["sensors"]) for row in rows)
     found = {(row["contender"], row["robot"], row["sensors"]): row for row in rows}
     body = [
@@ -87,7 +87,7 @@ def known(rows: Sequence[Row]) -> str:
 
 
 def draw(rows: Sequence[Row], path: Path) -> None:
-    """Draw the rms errors, a panel a set of sensors, a group a robot."""
+    """Draw the rms errors: one panel per set of sensors, one group per robot."""
     wrong = [row for row in rows if not row["informed"]]
     figure = Figure(figsize=(10, 5), layout="constrained")
     FigureCanvasAgg(figure)
@@ -95,7 +95,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     for ax, (sensors, title) in zip(axes, TITLES.items(), strict=True):
         _draw_sensors(ax, [row for row in wrong if row["sensors"] == sensors])
         ax.set_title(title, fontsize=10)
-    axes[0].set_ylabel("rms error in the end [mm]")
+    axes[0].set_ylabel("rms error at the end [mm]")
     handles, labels = axes[-1].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=9)
     figure.savefig(path, dpi=110)
@@ -103,7 +103,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
 
 
 def _draw_sensors(ax: Axes, rows: Sequence[Row]) -> None:
-    """Draw a line a contender and robot over the periods."""
+    """Draw one line per contender and robot over the periods."""
     robots = _unique(row["robot"] for row in rows)
     periods = _unique(row["period"] for row in rows)
     for i, name in enumerate(CONTENDERS):
@@ -125,8 +125,8 @@ def _draw_sensors(ax: Axes, rows: Sequence[Row]) -> None:
 
 
 def _error(row: Row | None, least: float) -> str:
-    """Return rms and largest error, bold where it is the least."""
-    if row is None:  # the contender differs with the other sensors only
+    """Return rms and largest error, bold if it is the least."""
+    if row is None:  # a contender for the other sensors only
         return _NONE
     if row["rms"] is None:
         return _LOST
@@ -140,7 +140,7 @@ def _figures(number: float) -> str:
 
 
 def _words(found: Mapping[str, float] | None) -> str:
-    """Return gains as words, unit fractions as such."""
+    """Return gains as text, unit fractions as fractions."""
     if found is None:
         return _NONE
     parts = []
@@ -159,7 +159,7 @@ def _names(rows: Sequence[Row]) -> list[str]:
 
 
 def _unique(items: Iterable[Any]) -> list[Any]:
-    """Return what is there, once each, sorted."""
+    """Return the distinct items, sorted."""
     return sorted(set(items))
 
 

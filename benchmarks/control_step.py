@@ -1,13 +1,13 @@
-"""One control step against the raw Pinocchio calls that give what its law is made of.
+"""The time of a control step relative to the Pinocchio calls that its law needs.
 
 ``python -m benchmarks.control_step [--save FILE]`` times law (11), kinematics and every inertial
 parameter adapted, on three robots, and the default law, separation, on the Panda with the joints'
 coefficients known and adapted. The floor is the sequence of raw calls, listed by name, with the
-arguments ready: forward kinematics and Jacobian at the estimate, the estimated inertias written
+arguments prepared: forward kinematics and Jacobian at the estimate, the estimated inertias written
 into a model, RNEA, CRBA and the regressor; for separation the Jacobian's variation and the two
-regressors of which that of Slotine and Li is made. Step and floor run in turn in one process, so
-that both see the caches and the clock of the same instant; the ratio is the median over pairs.
-``bare floor`` leaves the writing of the estimates out.
+regressors of which that of Slotine and Li is made. Step and floor run alternately in one process,
+so that both have the same state of caches and clock; the ratio is the median over pairs. The bare
+floor omits the writing of the estimates.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def controller(name: str, law: str = LAW, joints: bool = False) -> tuple[pa.Robo
 def floor_calls(
     robot: pa.Robot, q: np.ndarray, v: np.ndarray, law: str = LAW
 ) -> dict[str, tuple[Call, bool]]:
-    """Return the raw calls by name, in order, and whether the bare floor has them."""
+    """Return the calls by name, in order, and whether they belong to the bare floor."""
     model, data = robot.model.copy(), robot.model.createData()
     zero, frame, n = np.zeros(model.nv), robot.frame_id, model.nv
     inertias, tens = (
@@ -121,7 +121,7 @@ def floor_calls(
 
 
 def run(calls: list[Call]) -> Callable[[], None]:
-    """Return one function that makes all the calls."""
+    """Return a function that makes all calls."""
 
     def sequence() -> None:
         for call in calls:
@@ -163,7 +163,7 @@ def measure(name: str) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Print the figures beside the saved ones, and save them."""
+    """Print the figures with the previous ones, and save them."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--save", type=Path, default=HERE / "control_step.json")
     path = parser.parse_args().save

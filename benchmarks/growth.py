@@ -2,8 +2,8 @@
 
 ``python -m benchmarks.growth [--save FILE] [--plot FILE]`` makes chains of 2 to 32 revolute joints
 with turning axes, every body, the joints' coefficients and the tool unknown (13 n + 3 parameters),
-and times in turn, in one process: one step of the default law, all else of a simulated sample, and
-the one call that no law on these parameters can do without, Pinocchio's regressor.
+and times alternately, in one process: one step of the default law, the rest of a simulated sample,
+and Pinocchio's regressor, the call that every law on these parameters needs.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ CURVES = {
 
 
 def chain(n: int) -> pa.Robot:
-    """Return a chain of n joints about x, y, z in turn, half a metre long whatever n is."""
+    """Return a chain of n joints about x, y, z in turn, half a metre long for every n."""
     model, parent, length = pin.Model(), 0, 0.5 / n
     axes = (pin.JointModelRZ, pin.JointModelRY, pin.JointModelRX)
     model.name = f"chain of {n}"
@@ -83,7 +83,7 @@ def exponents(rows: list[dict[str, Any]], curve: str) -> list[float]:
 
 
 def draw(rows: list[dict[str, Any]], path: Path) -> None:
-    """Draw the times over the number of joints, both axes logarithmic."""
+    """Draw the times over the number of joints, on logarithmic axes."""
     figure = Figure(figsize=(6, 4), layout="constrained")
     FigureCanvasAgg(figure)
     ax = figure.subplots()
@@ -101,7 +101,7 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
 
 
 def main() -> None:
-    """Print the figures beside the saved ones, save and draw them."""
+    """Print the figures with the previous ones, save and draw them."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--save", type=Path, default=HERE / "growth.json")
     parser.add_argument("--plot", type=Path, default=HERE.parent / "docs" / "growth.png")

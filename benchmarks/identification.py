@@ -24,7 +24,7 @@ CAMERA = 1e-4  # m
 
 
 def rollout(name: str, engine: str = "pinocchio") -> tuple[pa.Robot, pa.Rollout]:
-    """Return a robot as described, and a run of the true one under a controller of ours."""
+    """Return a robot as described, and a run of the true one under the default controller."""
     robot = pa.load(name)
     true = robot.changed(
         payload=LOAD, tool_translation=TOOL, viscous=0.5, coulomb=0.8, armature=0.05
@@ -35,7 +35,7 @@ def rollout(name: str, engine: str = "pinocchio") -> tuple[pa.Robot, pa.Rollout]
 
 
 def with_noise(run: pa.Rollout, robot: pa.Robot) -> pa.Log:
-    """Return the log of a run by encoders of 17 bits, noisy torques, and a camera of 30 Hz."""
+    """Return the log of a run with encoders of 17 bits, noisy torques, and a camera of 30 Hz."""
     rng, limits = np.random.default_rng(0), robot.model.upperEffortLimit
     q = np.round(run.q / COUNT) * COUNT
     tau = run.tau + TORQUE_NOISE * limits * rng.standard_normal(run.tau.shape)

@@ -1,4 +1,4 @@
-"""The load from an exciting motion: its error, and how often this is within the uncertainty.
+"""The load from an exciting motion: its error, and how often the error is within the uncertainty.
 
 ``python -m benchmarks.known_load [--save FILE] [--seeds N] [--arms M]`` runs the scenarios
 ``robots/panda/excited_load.toml`` and ``robots/ur10/excited_load.toml`` (friction unknown, encoders
@@ -31,7 +31,7 @@ _VARIED = 0.5, 1.5  # shares of the friction
 
 
 def run(robot: str, seed: int, off: float, *settings: str) -> pa.Rollout:
-    """Return a run with noise and friction from a seed, and an arm from its last three digits."""
+    """Return a run; the seed sets noise and friction, its last three digits the arm."""
     path = HERE.parent / "robots" / robot / "excited_load.toml"
     tables = Scenario.read(path).tables
     rng, arm = np.random.default_rng(seed), np.random.default_rng(seed % 1000)
@@ -55,7 +55,7 @@ def errors(load: pa.information.PayloadEstimate, mass: float) -> tuple[np.ndarra
 
 
 def row(name: str, found: list[tuple[np.ndarray, np.ndarray]]) -> dict[str, Any]:
-    """Return rms errors, the median uncertainty, and the share of errors within twice that."""
+    """Return rms errors, median uncertainty, and the share of errors within twice that."""
     off, known = (np.array(part) for part in zip(*found, strict=True))
     return {
         "name": name,
@@ -67,7 +67,7 @@ def row(name: str, found: list[tuple[np.ndarray, np.ndarray]]) -> dict[str, Any]
 
 
 def measure(robot: str, seeds: int, arms: int) -> list[dict[str, Any]]:
-    """Return a row for the arm as described, and for each option with arms that are not."""
+    """Return a row for the arm as described, and one per option for arms that are not."""
     mass, cases = ROBOTS[robot], defaultdict(list)
     for seed in range(seeds):
         cases["as described"].append(errors(run(robot, seed, 0.0).payload(refined=True), mass))

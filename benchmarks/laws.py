@@ -1,12 +1,12 @@
-"""The laws side by side: what is left of the error, and what a step costs.
+"""The laws compared: tracking error, and cost of a step.
 
 ``python -m benchmarks.laws [--save FILE]`` runs the robots of robots/panda/tool_and_load.toml under
 every law: tool, load, all inertias and friction unknown, natural adaptation, default gains, 1 kHz.
-Laws of the task follow the file's circle with perfect sensors and with the file's camera;
-laws of joints, which see no tool, swing every joint by 0.2 rad in 3 s with perfect sensors; laws
-for a set point go to the point of the circle opposite to home, 0.2 m away, and stay there. Errors
-are the largest of the last tenth of 10 s; the cost of a step is told in bare calls of the Panda's
-forward dynamics, ``pin.aba``, timed in turn with it.
+Task-space laws follow the file's circle with perfect sensors and with the file's camera;
+joint-space laws, which see no tool, swing every joint by 0.2 rad in 3 s with perfect sensors;
+set-point laws move to the point of the circle opposite to home, 0.2 m away, and stay there. Errors
+are the largest of the last tenth of 10 s; the cost of a step is in calls of the Panda's forward
+dynamics, ``pin.aba``, timed alternately with it.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from .timing import HERE, in_turn, repeated, save
 CAMERA = pa.Camera(rate=30.0, delay=0.06)
 DURATION = 10.0  # [s]
 ROUNDS, CALLS = 3000, 16
-UNDISTURBED = 0.1  # quantile of times that other processes have no part in
+UNDISTURBED = 0.1  # quantile of the times that other processes do not disturb
 SWING, PERIOD = 0.2, 3.0  # [rad], [s]
 
 
@@ -39,7 +39,7 @@ class Case:
         """Take the law and the scenario whose robots it moves."""
         self.law, self.joints = law, pa.laws.LAWS[law].joint_space
         robots = scenario.true, scenario.estimated
-        self.true, self.believed = map(in_joint_space, robots) if self.joints else robots
+        self.true, self.model = map(in_joint_space, robots) if self.joints else robots
         self.path: pa.trajectories.Trajectory = scenario.trajectory
         if self.joints:
             self.path = pa.trajectories.Sinusoid(self.true.home_angles + SWING, SWING, PERIOD)
@@ -50,16 +50,16 @@ class Case:
     def controller(self, sensors: pa.Sensors | None = None) -> pa.Controller:
         """Return a controller with default gains."""
         unknown = pa.Unknown(friction=True, armature=True)
-        return pa.make_controller(self.believed, law=self.law, unknown=unknown, sensors=sensors)
+        return pa.make_controller(self.model, law=self.law, unknown=unknown, sensors=sensors)
 
     def error(self, sensors: pa.Sensors | None = None) -> float | None:
-        """Return the largest error of the last tenth [m or rad], None for a loop that is lost."""
+        """Return the largest error of the last tenth [m or rad]; None if the loop diverges."""
         controller = self.controller(sensors)
         rollout = pa.simulate(self.true, controller, self.path, duration=DURATION)
         return None if rollout.diverged else float(rollout.summary()["max_error_last"])
 
     def cost(self) -> float:
-        """Return the time of a step in bare calls of ``pin.aba``."""
+        """Return the time of a step in calls of ``pin.aba``."""
         model, data, rest = self.true.model, self.true.model.createData(), np.zeros(7)
         controller, plant = self.controller(), pa.plants.PinocchioPlant(self.true)
         measurement, desired = plant.measurement(self.true.q0, rest + 0.1), self.path.at(0.1)
@@ -101,7 +101,7 @@ def main() -> None:
     rows = []
     for law in pa.laws.LAWS:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of light joints: the table says what comes of them
+            warnings.simplefilter("ignore")  # of light joints; the table has the result
             row = measure(law, scenario)
         print(row, flush=True)
         rows.append(row)

@@ -1,12 +1,12 @@
-"""What modifications of the adaptation do where its theory does not hold, and what they cost.
+"""Effect and cost of robust modifications of the adaptation under disturbances.
 
 ``python -m benchmarks.modifications [--save FILE] [--duration S]`` runs the default law with
 natural adaptation on UR5 and Panda, load, tool and 20 % of all inertias unknown, on a circle of
-0.1 m. Nothing is told of what disturbs the loop: velocities differenced from encoders of 17 bits a
-turn, motors that give their torque late, friction of the joints that is not among the parameters,
-joints that are elastic with encoders at the motors. Law (11) with a gradient is the case of the
-projection. Told of each run: the largest error of the last tenth, how much any direction of any
-body changed in the last quarter, as a factor, and how much the torque changes between samples.
+0.1 m. The controller does not know the disturbances: velocities differenced from encoders of 17
+bits a turn, motors that deliver their torque late, joint friction that is not among the parameters,
+elastic joints with encoders at the motors. Law (11) with a gradient tests the projection. The
+figures of a run are the largest error of the last tenth, the factor by which the pseudo-inertia of
+any body changed in any direction in the last quarter, and the change of the torque between samples.
 """
 
 from __future__ import annotations
@@ -42,32 +42,32 @@ MODIFICATIONS: dict[str, dict[str, Any]] = {
     "normalised": {"normalised": 10.0},
     "dead zone, sigma": {"dead-zone": 0.05, "sigma": 0.2},
 }
-FRICTION = 0.02  # of the motors' efforts
+FRICTION = 0.02  # relative to the effort limits
 LATE = 6  # samples
 
 
 class LateMotors(pa.plants.PinocchioPlant):
-    """Motors that give each torque some samples after they were asked for it."""
+    """Motors that deliver each torque some samples after its command."""
 
     def reset(self) -> None:
-        """Go home with nothing on its way."""
+        """Return home without pending torques."""
         super().reset()
         self._coming = deque(np.zeros((LATE, self.nv)))
 
     def step(self, torque: np.ndarray, dt: float) -> None:
-        """Hold what was asked for some samples ago."""
+        """Apply the torque commanded some samples ago."""
         self._coming.append(torque)
         super().step(self._coming.popleft(), dt)
 
 
 @dataclass(frozen=True)
 class Disturbance:
-    """What is wrong with a loop.
+    """A disturbance of the loop.
 
     Attributes:
-        sensors: of the simulation, for which the controller was not made.
-        friction: of the real joints, of their efforts.
-        engine: what moves the robot.
+        sensors: of the simulation alone; not declared to the controller.
+        friction: of the true joints, relative to their effort limits.
+        engine: of the simulation.
         options: of the controller.
     """
 
@@ -88,7 +88,7 @@ DISTURBANCES = {
         options={"law": "adaptive-inverse-dynamics", "adaptation": "gradient"},
     ),
 }
-OF_VELOCITY = ("e1", "dead zone", "dead zone, sigma")  # made for the error of the joint velocity
+OF_VELOCITY = ("e1", "dead zone", "dead zone, sigma")  # scaled for errors of the joint velocity
 
 
 def measure(name: str, disturbed: str, modified: str, duration: float) -> dict[str, Any]:
@@ -102,7 +102,7 @@ def measure(name: str, disturbed: str, modified: str, duration: float) -> dict[s
     true = true.changed(coulomb=efforts, viscous=0.5 * efforts)
     path = pa.trajectories.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(true.position(true.q0))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of noise that the controller was not made for
+        warnings.simplefilter("ignore")  # of undeclared noise
         controller = pa.make_controller(
             robot.changed(inertial_scale=0.8),
             unknown=pa.Unknown(friction=False, armature=False),
@@ -135,9 +135,9 @@ def measure(name: str, disturbed: str, modified: str, duration: float) -> dict[s
 
 
 def moved(a_d: np.ndarray, bodies: int) -> float | None:
-    """Return by what factor any direction of any body changed over the last quarter of a run.
+    """Return the largest change of any body in any direction in the last quarter, as a factor.
 
-    None for bodies that are not physical, which have no such factor.
+    None for bodies that are not physical, for which the factor is not defined.
     """
     tens = (a_d[index].reshape(bodies, 10) for index in (3 * len(a_d) // 4, len(a_d) - 1))
     largest = 0.0

@@ -3,13 +3,13 @@
 ``python -m benchmarks.price_of_ignorance [--save FILE] [--laws NAMES] [--robots NAMES]`` runs every
 law that adapts and follows motions, under natural adaptation with and without memory, and the
 default law under the others as well. Unknown are a tool of 13 cm, a load of 1.5 kg (z1: 0.75) and
-every inertia (believed 30 % too small); there is no friction, and sensors are perfect. The frame
-follows a circle of 0.1 m in 3 s, laws of the joints swing every joint by 0.2 rad in 3 s; default
-gains, 1 kHz. Rows of other laws and robots in the file stay.
+every inertia (30 % too small in the model); no friction, perfect sensors. The task frame
+follows a circle of 0.1 m in 3 s, joint-space laws swing every joint by 0.2 rad in 3 s; default
+gains, 1 kHz. Rows of other laws and robots in the file are kept.
 
 The error after T seconds is the largest of the last tenth of them, from 0.9 T to T, of one run of
-40 s; the price is that over the same window of the loop that believes the true robot and does not
-adapt.
+40 s. The price is that error relative to the error, in the same window, of the loop with the true
+model and no adaptation.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class Run:
 
     @property
     def joints(self) -> bool:
-        """Whether the joints themselves follow a motion, and no tool is seen."""
+        """Whether the law is one of joint space, which sees no tool."""
         return pa.laws.LAWS[self.law].joint_space
 
     def robots(self) -> tuple[pa.Robot, pa.Robot]:
@@ -87,12 +87,12 @@ class Run:
         return circle.starting_at(true.position(true.q0))
 
     def errors(self) -> list[float | None]:
-        """Return the error after each time [m or rad]; None from where the loop is lost."""
+        """Return the error after each time [m or rad]; None once the loop has diverged."""
         robot, true = self.robots()
-        believed = true if self.adaptation == TRUTH else robot.changed(inertial_scale=LIGHTER)
+        model = true if self.adaptation == TRUTH else robot.changed(inertial_scale=LIGHTER)
         words = ADAPTATIONS[self.adaptation]
         controller = pa.make_controller(
-            believed, law=self.law, unknown=pa.Unknown(friction=False, armature=False), **words
+            model, law=self.law, unknown=pa.Unknown(friction=False, armature=False), **words
         )
         rollout = pa.simulate(true, controller, self.path(true), duration=AFTER[-1])
         t, error = rollout.t, rollout.distance
@@ -104,14 +104,14 @@ class Run:
 
 
 def measured(run: Run) -> list[float | None]:
-    """Return the errors of a run, whatever it warns of."""
+    """Return the errors of a run, without warnings."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of light joints: the table says what comes of them
+        warnings.simplefilter("ignore")  # of light joints; the table has the result
         return run.errors()
 
 
 def runs(laws: Sequence[str], robots: Sequence[str]) -> list[Run]:
-    """Return all runs: of the default law all adaptations."""
+    """Return all runs: every adaptation with the default law, three with the others."""
     return [
         Run(robot, law, kind)
         for law, robot, kind in product(laws, robots, ADAPTATIONS)
@@ -120,7 +120,7 @@ def runs(laws: Sequence[str], robots: Sequence[str]) -> list[Run]:
 
 
 def rows(found: Mapping[Run, list[float | None]]) -> list[dict[str, Any]]:
-    """Return a row a run, with the price of the adapted ones."""
+    """Return one row per run, with the price of the adapted ones."""
     table = []
     for run, errors in found.items():
         known = found[Run(run.robot, run.law, TRUTH)]
@@ -144,7 +144,7 @@ def rows(found: Mapping[Run, list[float | None]]) -> list[dict[str, Any]]:
 
 
 def report(table: Sequence[Mapping[str, Any]]) -> str:
-    """Return a table in Markdown: errors with the truth [um or urad], below them prices."""
+    """Return a table in Markdown: errors with the true model [um or urad], below them prices."""
     by_name = {(row["law"], row["robot"], row["adaptation"]): row for row in table}
     head = [f"{robot} {end:g} s" for robot, end in product(LOADS, AFTER)]
     lines = [["law", "adaptation", *head], ["---"] * (len(head) + 2)]
@@ -157,7 +157,7 @@ def report(table: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _cells(row: Mapping[str, Any] | None) -> list[str]:
-    """Return errors where the truth is known, else prices, one for each time."""
+    """Return errors for the true model, else prices, one for each time."""
     if row is None:
         return ["-"] * len(AFTER)
     known = row["adaptation"] == TRUTH
@@ -166,7 +166,7 @@ def _cells(row: Mapping[str, Any] | None) -> list[str]:
 
 
 def main() -> None:
-    """Run all, print what comes, and save it."""
+    """Run all, print and save the results."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--save", type=Path, default=HERE / "price_of_ignorance.json")
     parser.add_argument("--laws", default=",".join(TRACKING))

@@ -1,9 +1,9 @@
-"""The default law with sensors as robots have them, on six arms.
+"""The default law with realistic sensors, on six arms.
 
 ``python -m benchmarks.sensors [--save FILE] [--duration S]`` runs the case of the zoo (tool, load,
 every inertia and the friction unknown, a circle) with perfect sensors, three cameras, two encoders
-and a slow controller; each controller is told of its sensors. Errors are rms and largest of the
-last tenth of the run.
+and a slow controller. The sensors are declared to each controller. Errors are rms and largest of
+the last tenth of the run.
 """
 
 from __future__ import annotations
@@ -57,14 +57,14 @@ def measure(robot: str, column: str, duration: float) -> dict[str, Any]:
     """Return the errors of one robot with the sensors of one column."""
     case, zoo = CASES[column], zoo_case(robot)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # inertias moved into the cone
+        warnings.simplefilter("ignore")  # of descriptions with unphysical bodies
         controller = pa.make_controller(zoo.estimated, dt=case.dt, sensors=case.sensors)
         rollout = pa.simulate(
             zoo.true,
             controller,
             zoo.motion,
             duration=duration,
-            engine=pa.Engine(torque_limits=zoo.efforts_suffice),
+            engine=pa.Engine(torque_limits=zoo.bears_itself),
             record_every=10,
         )
     last = rollout.distance[rollout.t > 0.9 * duration]

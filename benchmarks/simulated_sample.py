@@ -1,16 +1,15 @@
-"""One simulated sample of the Panda against the forward dynamics that it cannot do without.
+"""The time of a simulated sample of the Panda relative to its forward dynamics.
 
-``python -m benchmarks.simulated_sample [--save FILE]`` runs robots/panda/tool_and_load.toml, all of
-it recorded and made a rollout, without and with joint friction, and in MuJoCo. A sample is the
-controller's step and the rest: desired motion, measuring, integrating, recording, and its share of
-the rollout. Both are told in bare calls ``pin.aba(model, data, q, v, tau)``, of which a sample's
-integration makes two; blocks of samples and of calls run in turn in one process, and the ratios are
-medians over the rounds.
+``python -m benchmarks.simulated_sample [--save FILE]`` runs robots/panda/tool_and_load.toml, with
+everything recorded and the rollout made, without and with joint friction, and in MuJoCo. A sample
+consists of the control step and the rest: desired motion, measuring, integrating, recording, and
+its share of the rollout. Both are given in calls ``pin.aba(model, data, q, v, tau)``, of which the
+integration of a sample makes two; blocks of samples and of calls run alternately in one process,
+and the ratios are medians over the rounds.
 
-A run keeps its samples, so its memory grows by a page with each of them, and the operating system
-takes its time to give a page for the first time: a quarter of a microsecond, up to twenty in a
-virtual machine. The first row has all of that; the others run in memory that the process has had
-before.
+A run keeps its samples, so its memory grows by a page with each of them. The operating system takes
+time to provide a new page: a quarter of a microsecond, up to twenty in a virtual machine. The first
+row includes this; the others run in memory that the process already has.
 """
 
 from __future__ import annotations
@@ -35,11 +34,11 @@ BLOCK, ROUNDS = 200, 60
 
 
 class Loop:
-    """A simulated closed loop, run block by block; all of it is kept, as a run keeps it.
+    """A simulated closed loop, run block by block; everything is recorded, as in a run.
 
     Attributes:
-        kept: what was recorded.
-        steps: time that the controller spent in each block [s].
+        kept: the record.
+        steps: time of the control steps of each block [s].
     """
 
     def __init__(
@@ -48,13 +47,13 @@ class Loop:
         controller: pa.Controller,
         path: pa.trajectories.Trajectory,
     ) -> None:
-        """Take the loop's parts."""
+        """Take plant, controller and path."""
         self._plant, self._controller = plant, controller
         self._stream = pa.run(plant, controller, path)
         self.kept, self.steps = Record(), list[float]()
 
     def block(self) -> float:
-        """Run the next block; return its time but for the controller's steps [s]."""
+        """Run the next block; return its time without the control steps [s]."""
         started = perf_counter()
         with np.errstate(all="ignore"):
             kept = record(self._stream, range(BLOCK))
@@ -65,7 +64,7 @@ class Loop:
         return perf_counter() - started - kept.step_time
 
     def rollout(self) -> float:
-        """Make the rollout of all blocks; return the time of a block's share [s]."""
+        """Make the rollout of all blocks; return its time per block [s]."""
         started, robots = perf_counter(), pa.robot.Succession.of(self._plant.robot)
         rollout_of(self.kept, self._plant, self._controller, robots, title="", wall_time=0.0)
         return (perf_counter() - started) * BLOCK / len(self.kept.samples)
@@ -91,23 +90,25 @@ def measure(name: str, scenario: Scenario, plant: SimulatedPlant) -> dict[str, A
 
 
 def main() -> None:
-    """Print the figures beside the saved ones, and save them."""
+    """Print the figures with the previous ones, and save them."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--save", type=Path, default=HERE / "simulated_sample.json")
     path = parser.parse_args().save
     before, scenario = saved(path), Scenario.read(SCENARIO)
     free = scenario.true.changed(viscous=0.0, coulomb=0.0)
-    rubbing = scenario.true.changed(viscous=0.5, coulomb=0.5)
+    with_friction = scenario.true.changed(viscous=0.5, coulomb=0.5)
     plants: dict[str, SimulatedPlant] = {
         "panda in fresh memory": pa.plants.PinocchioPlant(free),
         "panda": pa.plants.PinocchioPlant(free),
-        "panda with friction": pa.plants.PinocchioPlant(rubbing),
+        "panda with friction": pa.plants.PinocchioPlant(with_friction),
         "panda in MuJoCo": pa.plants.MujocoPlant(free),
-        "panda in MuJoCo with friction": pa.plants.MujocoPlant(rubbing),
-        "panda in MuJoCo, implicitfast": pa.plants.MujocoPlant(rubbing, integrator="implicitfast"),
+        "panda in MuJoCo with friction": pa.plants.MujocoPlant(with_friction),
+        "panda in MuJoCo, implicitfast": pa.plants.MujocoPlant(
+            with_friction, integrator="implicitfast"
+        ),
     }
     rows = [measure(name, scenario, plant) for name, plant in plants.items()]
-    print("in bare aba calls:               step   rest  sample  (was)   aba us")
+    print("in calls of aba:                 step   rest  sample  (was)   aba us")
     for row in rows:
         was = before.get(row["name"], {}).get("sample_ratio", float("nan"))
         print(

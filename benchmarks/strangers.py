@@ -1,10 +1,10 @@
-"""The README's lines on descriptions that nobody here has tuned anything for.
+"""The README's lines on descriptions for which nothing was tuned.
 
 ``python -m benchmarks.strangers PATH... [--camera] [--duration S] [--unadapted] [--processes N]``
-takes descriptions and folders of them, changes nothing but the path, and prints a table: a tool of
-5 % of the reach and a load of 5 % of the mass are not told, every inertia is believed 30 % too
-small, the motion is the circle that the library chooses, for four turns. With ``--camera`` the
-position comes, as in the README, from one of 30 Hz that is 60 ms late. Errors are the largest of
+runs descriptions and folders of them with the defaults and prints a table. A tool of 5 % of the
+reach and a load of 5 % of the mass are unknown, every inertia of the model is 30 % too small, and
+the motion is four turns of the circle that the library chooses. With ``--camera`` the position
+comes, as in the README, from a camera of 30 Hz that is 60 ms late. Errors are the largest of
 the last tenth of the run.
 """
 
@@ -25,7 +25,7 @@ from texttable import Texttable
 import pinadapt as pa
 
 TOOL = np.array([0.02, -0.02, 0.04])  # of the reach, in the frame's axes
-LOAD, INERTIAS = 0.05, 0.7  # of the mass; factor on what is believed
+LOAD, INERTIAS = 0.05, 0.7  # relative to the mass; factor on the inertias of the model
 TURNS = 4.0
 CAMERA = pa.Camera(rate=30.0, delay=0.06)
 SUFFIXES = (".urdf",)
@@ -33,16 +33,16 @@ SUFFIXES = (".urdf",)
 
 @dataclass(frozen=True)
 class Row:
-    """What came out for one description; None where nothing did.
+    """The result of one description; None where there is none.
 
     Attributes:
         name: of the file.
-        frame: that was chosen.
+        frame: the chosen frame.
         joints: number of joints.
         radius, period: of the circle [m], [s].
         error, unadapted: largest in the last tenth of the run [m].
-        lost: when the loop diverged [s].
-        message: why nothing ran, or why it ended.
+        lost: time at which the loop diverged [s].
+        message: why it did not run, or why it ended.
     """
 
     name: str
@@ -57,19 +57,19 @@ class Row:
 
     @property
     def share(self) -> float | None:
-        """The error in parts of the radius."""
+        """The error relative to the radius."""
         return None if self.error is None or self.radius is None else self.error / self.radius
 
 
 def stranger(path: Path, duration: float | None, camera: bool, unadapted: bool) -> Row:
-    """Run the README's lines on one description; whatever fails is told in the row."""
+    """Run the README's lines on one description; the row contains any failure."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of bodies that are not physical, for example
         try:
             return _run(path, duration, camera, unadapted)
         except pa.PinadaptError as error:
             return Row(path.stem, message=f"refused: {error}")
-        except Exception as error:  # a table is to be complete, whatever a library throws
+        except Exception as error:  # a failure must not end the table
             return Row(path.stem, message=f"FAILED: {error!r}")
 
 
@@ -80,15 +80,13 @@ def _run(path: Path, duration: float | None, camera: bool, unadapted: bool) -> R
     tool = robot.reach * TOOL
     load = pa.Payload(mass=LOAD * robot.mass, com=tool)
     true = robot.changed(tool_translation=tool, payload=load)
-    believed = robot.changed(inertial_scale=INERTIAS)
+    model = robot.changed(inertial_scale=INERTIAS)
     row = Row(path.stem, robot.frame, robot.model.nv, circle.radius, circle.period)
     motion = circle.starting_at(true.position(true.q0))
     sensors = pa.Sensors(CAMERA if camera else None)
 
     def run(adaptation: str) -> tuple[pa.Rollout, float | None]:
-        controller = pa.make_controller(
-            believed, unknown=pa.Unknown(tool=True), adaptation=adaptation
-        )
+        controller = pa.make_controller(model, unknown=pa.Unknown(tool=True), adaptation=adaptation)
         rollout = pa.simulate(
             true, controller, motion, duration=duration, record_every=10, sensors=sensors
         )
@@ -108,7 +106,7 @@ def _run(path: Path, duration: float | None, camera: bool, unadapted: bool) -> R
 
 
 def descriptions(paths: Sequence[Path]) -> Iterator[Path]:
-    """Yield the descriptions among paths, and those below the folders among them."""
+    """Yield the files among paths, and the descriptions in the folders among them."""
     for path in paths:
         if path.is_dir():
             yield from sorted(file for file in path.rglob("*") if file.suffix in SUFFIXES)
@@ -117,7 +115,7 @@ def descriptions(paths: Sequence[Path]) -> Iterator[Path]:
 
 
 def table(rows: Sequence[Row]) -> str:
-    """Return rows as text, with the median and the worst of those that ran."""
+    """Return rows as text, with the median and the largest error."""
     text = Texttable(max_width=200)
     text.set_deco(Texttable.HEADER)
     text.set_cols_dtype(["t"] * 9)
@@ -151,7 +149,7 @@ def table(rows: Sequence[Row]) -> str:
         )
     shares = [row.share for row in rows if row.share is not None]
     ran = [row for row in rows if row.radius is not None]
-    summary = f"{len(ran)} of {len(rows)} ran, {len(ran) - len(shares)} of them lost"
+    summary = f"{len(ran)} of {len(rows)} ran, {len(ran) - len(shares)} of them diverged"
     if shares:
         summary += f"; median {100 * np.median(shares):.2g} %, worst {100 * max(shares):.2g} %"
     return f"{text.draw()}\n{summary}"
@@ -167,7 +165,7 @@ def main() -> None:
     parser.add_argument("paths", type=Path, nargs="+", metavar="PATH")
     parser.add_argument("--camera", action="store_true")
     parser.add_argument("--unadapted", action="store_true", help="run each without adaptation, too")
-    parser.add_argument("--duration", type=float, help="of the motion, else four turns [s]")
+    parser.add_argument("--duration", type=float, help="of the motion [s]; default: four turns")
     parser.add_argument("--processes", type=int)
     options = parser.parse_args()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -1,4 +1,4 @@
-"""What the benchmarks share: calls timed in turn, the environment, and saved figures."""
+"""Shared by the benchmarks: alternate timing of calls, the environment, and saved figures."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ HERE = Path(__file__).parent
 def in_turn(functions: dict[str, Callable[[], float | None]], rounds: int) -> dict[str, np.ndarray]:
     """Return the times [s] of each function (rounds), all of them called once in every round.
 
-    So all see the caches and the clock of the same instant, and ratios of the same round mean
-    something. A function may return the time that counts instead of its whole. The first tenth of
-    the rounds is for warming up and not returned.
+    All functions of a round have the same state of caches and clock, so that ratios within a round
+    are meaningful. A function may return the time to count in place of its duration. A tenth more
+    rounds are made first, as a warm-up, and not returned.
     """
     times: dict[str, list[float]] = {name: [] for name in functions}
     gc.collect()
@@ -46,13 +46,13 @@ def repeated(call: Callable[[], object], count: int) -> Callable[[], None]:
 
 
 def saved(path: Path) -> dict[str, dict[str, Any]]:
-    """Return the rows of a benchmark's file by their name, none where there is no file."""
+    """Return the rows of a benchmark's file by name; none if there is no file."""
     rows = json.loads(path.read_text())["rows"] if path.is_file() else []
     return {row["name"]: row for row in rows}
 
 
 def save(path: Path, rows: list[dict[str, Any]]) -> None:
-    """Write the rows of a benchmark with the environment they were measured in."""
+    """Write the rows of a benchmark with the environment of the measurement."""
     environment = {
         "python": platform.python_version(),
         "pin": pin.__version__,

@@ -1,4 +1,4 @@
-"""The contenders: how each is made, and which of its gains are looked for."""
+"""The contenders: how each is made, and which of its gains are selected from a grid."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .setting import Setting
 Gains = dict[str, float]
 
 _OUTER = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)  # in bandwidths
-_JOINT_INTEGRAL = 0.5  # in bandwidths; with poles at w and 3 w a quicker one gains nothing
+_JOINT_INTEGRAL = 0.5  # in bandwidths; with poles at w and 3 w a faster one gains nothing
 
 
 @dataclass(frozen=True)
@@ -24,9 +24,9 @@ class Contender:
     """One way to control a robot whose model is wrong.
 
     Attributes:
-        make: from the setting and gains to a controller.
-        grid: values to try of each gain that is looked for, in parts of the bandwidth.
-        sensors: those with which it differs from the others.
+        make: returns the controller for a setting and gains.
+        grid: values to try of each selected gain, relative to the bandwidth.
+        sensors: the sets of sensors for which it is run.
     """
 
     make: Callable[..., pa.Controller]
@@ -39,7 +39,7 @@ class Contender:
 
 
 def joint_tracking(at: Setting, *, k_j: float = 0.0, k_x: float = 0.0) -> pa.Controller:
-    """Return PD or PID with gravity: the default's K_D, and w times that on positions."""
+    """Return PD or PID with gravity: the default's K_D, and w K_D on positions."""
     gains: dict[str, Any] = {
         "K_P": at.w * at.damping,
         "K_D": at.damping,
@@ -55,28 +55,28 @@ def joint_pid(at: Setting, *, k_x: float = 0.0) -> pa.Controller:
 
 
 def computed_torque(at: Setting, *, share: float = 1.0) -> pa.Controller:
-    """Return resolved acceleration with both poles at a share of theirs."""
-    law = pa.laws.ResolvedAcceleration(at.believed.task, _posture(at), **_poles(share * at.w))
+    """Return resolved acceleration with both poles scaled by a share."""
+    law = pa.laws.ResolvedAcceleration(at.nominal.task, _posture(at), **_poles(share * at.w))
     return _frozen(at, law)
 
 
 def observed_torque(
-    at: Setting, *, k_o: float, k_x: float, seen: bool | None = None, carry: bool = False
+    at: Setting, *, k_o: float, k_x: float, seen: bool | None = None, compensate: bool = False
 ) -> pa.Controller:
-    """Return computed torque with observer and integral, on x_hat(q) where the camera is late."""
+    """Return computed torque with observer and integral; on x_hat(q) if the camera is late."""
     task, posture, seen = (
-        at.believed.task,
+        at.nominal.task,
         _posture(at),
         at.sensors.perfect if seen is None else seen,
     )
     rates = {"k_o": k_o * at.w, "k_x": k_x * at.w}
-    law = ObservedTorque(task, posture, **_poles(at.w), believed=at.model, seen=seen, **rates)
-    return _frozen(at, law, carry)
+    law = ObservedTorque(task, posture, **_poles(at.w), nominal=at.model, seen=seen, **rates)
+    return _frozen(at, law, compensate)
 
 
-def carried(at: Setting, **gains: float) -> pa.Controller:
-    """Return the same on measured frames that the library carries on to now."""
-    return observed_torque(at, seen=True, carry=True, **gains)
+def compensated(at: Setting, **gains: float) -> pa.Controller:
+    """Return the same on measured frames with the library's delay compensation."""
+    return observed_torque(at, seen=True, compensate=True, **gains)
 
 
 def unadapted(at: Setting) -> pa.Controller:
@@ -89,16 +89,16 @@ def adapted(at: Setting) -> pa.Controller:
     return at.controller()
 
 
-def _frozen(at: Setting, law: pa.laws.Law, carry: bool = False) -> pa.Controller:
-    return at.controller(law=law, adaptation="none", compensate_delay=carry)
+def _frozen(at: Setting, law: pa.laws.Law, compensate: bool = False) -> pa.Controller:
+    return at.controller(law=law, adaptation="none", compensate_delay=compensate)
 
 
 def _posture(at: Setting) -> pa.laws.Posture:
-    return pa.laws.Posture(at.believed, frequency=0.5 * at.w)
+    return pa.laws.Posture(at.nominal, frequency=0.5 * at.w)
 
 
 def _poles(w: float) -> dict[str, Any]:
-    """Return the gains of resolved acceleration for poles at -w and -3 w, as the default's."""
+    """Return the gains of resolved acceleration with the default's poles, -w and -3 w."""
     return {"K_v": 4.0 * w, "K_P": 3.0 * w * w, "alpha": w / 4.0}
 
 
@@ -113,7 +113,7 @@ CONTENDERS = {
         observed_torque, {"k_o": (1.0, 3.0), "k_x": _OUTER}
     ),
     "the same, frames compensated": Contender(
-        carried, {"k_o": (1.0, 3.0), "k_x": _OUTER}, ("camera",)
+        compensated, {"k_o": (1.0, 3.0), "k_x": _OUTER}, ("camera",)
     ),
     "pinadapt, not adapted": Contender(unadapted),
     DEFAULT: Contender(adapted),

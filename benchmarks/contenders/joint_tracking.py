@@ -1,4 +1,4 @@
-"""Joint PD and PID with gravity, behind inverse kinematics; with a camera in an outer loop."""
+"""Joint PD and PID with gravity after inverse kinematics, with a camera in an outer loop."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ import numpy as np
 import pinadapt as pa
 from pinadapt.models import SensedState
 
-from .believed_robot import BelievedRobot
 from .inverse_kinematics import InverseKinematics
 from .memory import Memory
+from .nominal_robot import NominalRobot
 
 
 class Integrals(NamedTuple):
-    """What the law remembers.
+    """The memory of the law.
 
     Attributes:
         q_r: (n) joint reference [rad or m].
-        shift: (m) of the believed frame's path [m].
+        shift: (m) of the path of the nominal frame [m].
         torque: (n) integral torque [N m or N].
     """
 
@@ -34,19 +34,19 @@ class Integrals(NamedTuple):
 class JointTracking(pa.laws.Law):
     """tau = g_hat(q) - K_P (q - q_r) - K_D (qd - qd_r) - z, dz/dt = k_j K_P (q - q_r).
 
-    q_r follows x_d - shift by the believed kinematics, d(shift)/dt = k_x (x - x_d): without k_x the
-    error of the tool stays. With k_x the shift starts at what the first frame shows. The integral
-    torque z stops at the efforts: anti-windup by clamping.
+    q_r follows x_d - shift by the nominal kinematics, d(shift)/dt = k_x (x - x_d). Without k_x the
+    error of the tool remains. With k_x the shift starts at the error of the first frame. The
+    integral torque z is clamped at the effort limits (anti-windup).
 
     Attributes:
-        believed: the believed robot.
+        nominal: the nominal robot.
         w: rate of the inverse kinematics [1/s].
         K_P, K_D: (n) gains [N m/rad], [N m s/rad].
         k_j: rate of the joints' integral [1/s], zero for PD.
         k_x: rate of the outer integral [1/s], zero for none.
     """
 
-    believed: BelievedRobot
+    nominal: NominalRobot
     w: float
     K_P: np.ndarray
     K_D: np.ndarray
@@ -63,12 +63,12 @@ class JointTracking(pa.laws.Law):
 
     @cached_property
     def _inverse_kinematics(self) -> InverseKinematics:
-        return InverseKinematics(self.believed, self.w)
+        return InverseKinematics(self.nominal, self.w)
 
     def _start(self, sensed: SensedState) -> Integrals:
         q, x = sensed.q, sensed.x
-        assert x is not None  # every controller asks for it at first
-        shift = x - self.believed.position(q) if self.k_x else np.zeros(x.size)
+        assert x is not None  # required at the first sample
+        shift = x - self.nominal.position(q) if self.k_x else np.zeros(x.size)
         return Integrals(q.copy(), shift, np.zeros(q.size))
 
     def _reference_velocity(self, s: pa.laws.Signals) -> np.ndarray:
@@ -80,14 +80,14 @@ class JointTracking(pa.laws.Law):
     def _rates(self, s: pa.laws.Signals) -> Integrals:
         q_r, _, z = s.filtered
         z_rate = self.k_j * self.K_P * (s.q - q_r)
-        full = (np.abs(z) >= self.believed.limits) & (z * z_rate > 0.0)
+        full = (np.abs(z) >= self.nominal.limits) & (z * z_rate > 0.0)
         return Integrals(self._reference_velocity(s), self.k_x * s.dx, np.where(full, 0.0, z_rate))
 
     def command(self, s: pa.laws.Signals, model: pa.laws.EstimatedModel) -> pa.laws.Command:
-        """Return the torque; nothing drives the estimates."""
+        """Return the torque; the estimates have no drives."""
         q_r, _, z = s.filtered
         feedback = self.K_P * (s.q - q_r) + self.K_D * (s.v - self._reference_velocity(s))
-        torque = self.believed.gravity(s.q) - feedback - z
+        torque = self.nominal.gravity(s.q) - feedback - z
         return pa.laws.Command(torque, pa.adaptation.Drives.none(s.a_d.size, s.a_k.size))
 
     def storage(self, s: pa.laws.Signals, truth: pa.laws.Truth) -> float:

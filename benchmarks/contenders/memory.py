@@ -1,4 +1,4 @@
-"""The memory of a contender: integrals, which its law says how to start and how to move."""
+"""The memory of a contender: integrals, with initial values and rates from its law."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from pinadapt.models import SensedState
 
 @dataclass(frozen=True, eq=False)
 class Memory(pa.filters.Filters):
-    """Named tuples of arrays that move by Euler's rule.
+    """Named tuples of arrays, integrated by Euler's rule.
 
     Attributes:
-        start: from the first sample to the memory.
-        rates: from the signals to its rates, of the same type.
+        start: returns the memory at the first sample.
+        rates: returns its rates from the signals, of the same type.
     """
 
     start: Callable[[SensedState], Any]

@@ -11,12 +11,12 @@ import numpy as np
 import pinadapt as pa
 from pinadapt.models import SensedState
 
-from .believed_robot import BelievedRobot
 from .memory import Memory
+from .nominal_robot import NominalRobot
 
 
 class Integrals(NamedTuple):
-    """What the law remembers.
+    """The memory of the law.
 
     Attributes:
         shift: (m) of the path [m].
@@ -29,22 +29,23 @@ class Integrals(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ObservedTorque(pa.laws.ResolvedAcceleration):
-    """tau = M_hat v + C_hat qd + g_hat - r, r what the momentum tells of a disturbing torque.
+    """tau = M_hat v + C_hat qd + g_hat - r, with the observed disturbance torque r.
 
     r = k_o (M_hat qd - p), dp/dt = tau + C_hat^T qd - g_hat + r, so that dr/dt = k_o (d - r) for
-    the sum d of all that the model leaves out: A. De Luca, R. Mattone, *Actuator failure detection
-    and isolation using generalized momenta*, ICRA 2003. v is resolved acceleration's, of the error
-    y - x_d + shift, d(shift)/dt = k_x (x - x_d), where y is the measured x or x_hat(q).
+    the sum d of all torques that the model lacks: A. De Luca, R. Mattone, *Actuator failure
+    detection and isolation using generalized momenta*, ICRA 2003. v is that of resolved
+    acceleration, for the error y - x_d + shift, d(shift)/dt = k_x (x - x_d), where y is the
+    measured x or x_hat(q).
 
     Attributes:
-        believed: the believed robot.
+        nominal: the nominal robot.
         k_o: rate of the observer [1/s], zero for none.
         k_x: rate of the integral [1/s], zero for none.
-        seen: whether y is the measured x, which a late camera forbids.
+        seen: whether y is the measured x; not possible with a late camera.
     """
 
     _: KW_ONLY
-    believed: BelievedRobot
+    nominal: NominalRobot
     k_o: float = 0.0
     k_x: float = 0.0
     seen: bool = True
@@ -58,29 +59,29 @@ class ObservedTorque(pa.laws.ResolvedAcceleration):
 
     def _start(self, sensed: SensedState) -> Integrals:
         q, v, x = sensed.q, sensed.v, sensed.x
-        assert x is not None  # every controller asks for it at first
-        offset = np.zeros(x.size) if self.seen else x - self.believed.position(q)
-        return Integrals(offset, self.believed.momentum(q, v))
+        assert x is not None  # required at the first sample
+        offset = np.zeros(x.size) if self.seen else x - self.nominal.position(q)
+        return Integrals(offset, self.nominal.momentum(q, v))
 
     def disturbance(self, s: pa.laws.Signals) -> np.ndarray:
         """Return r (n) [N m or N]."""
         p = s.filtered.momentum
-        return self.k_o * (self.believed.momentum(s.q, s.v) - p)
+        return self.k_o * (self.nominal.momentum(s.q, s.v) - p)
 
     def _rates(self, s: pa.laws.Signals) -> Integrals:
         r = self.disturbance(s)
-        known = self.believed.momentum_rate(s.q, s.v)
+        known = self.nominal.momentum_rate(s.q, s.v)
         return Integrals(self.k_x * s.dx, self._torque(s) + known + r)
 
     def _torque(self, s: pa.laws.Signals) -> np.ndarray:
-        """Return the torque (n) within the efforts, which the observer counts on."""
+        """Return the torque (n) within the effort limits, which the observer assumes."""
         error = s.dx
         if not self.seen:
-            error = s.dx + self.believed.position(s.q) - s.x
+            error = s.dx + self.nominal.position(s.q) - s.x
         shifted = s.replaced(dx=error + s.filtered.shift)
         a = self.commanded_acceleration(shifted, np.zeros(s.a_k.size))
-        return self.believed.limited(self.believed.torque(s.q, s.v, a) - self.disturbance(s))
+        return self.nominal.limited(self.nominal.torque(s.q, s.v, a) - self.disturbance(s))
 
     def command(self, s: pa.laws.Signals, model: pa.laws.EstimatedModel) -> pa.laws.Command:
-        """Return the torque; nothing drives the estimates."""
+        """Return the torque; the estimates have no drives."""
         return pa.laws.Command(self._torque(s), pa.adaptation.Drives.none(s.a_d.size, s.a_k.size))

@@ -1,4 +1,4 @@
-"""Where the contenders meet: a robot, its wrong model, its sensors, and the gains all share."""
+"""The setting of all contenders: a robot, its wrong model, its sensors, and shared gains."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from pinadapt.description.chain import velocity_limits
 from pinadapt.tuning.defaults import bandwidth
 from pinadapt.zoo.case import PERIOD, TOOL_ERROR, zoo_case
 
-from .believed_robot import BelievedRobot
 from .inverse_kinematics import InverseKinematics
+from .nominal_robot import NominalRobot
 
 SENSORS = {
     "perfect": pa.Sensors(),
@@ -22,22 +22,22 @@ SENSORS = {
 }
 FASTEST = 1.0  # [s], of the circles
 _SPEED_SHARE = 0.8  # of the description's speed limits
-_STEP = 5e-3  # [s], of the inverse kinematics that looks for the largest speed
+_STEP = 5e-3  # [s], of the inverse kinematics that finds the largest speed
 
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """One robot of the zoo as the contenders find it.
+    """One robot of the zoo, as all contenders have it.
 
     Attributes:
-        true, believed: the real robot and what is believed of it.
+        true, nominal: the true robot and the initial model.
         plane, phase: of the circle through home.
-        radius: the zoo's, or less where a turn in 1 s would exceed four fifths of a speed limit.
+        radius: the zoo's, or less if a turn in 1 s exceeded four fifths of a velocity limit [m].
         sensors: of the robot.
     """
 
     true: pa.Robot
-    believed: pa.Robot
+    nominal: pa.Robot
     plane: str
     phase: float
     radius: float
@@ -46,27 +46,27 @@ class Setting:
     @cached_property
     def w(self) -> float:
         """The default bandwidth [rad/s]."""
-        return bandwidth(self.believed, PERIOD)
+        return bandwidth(self.nominal, PERIOD)
 
     @cached_property
-    def model(self) -> BelievedRobot:
-        """What a user computes of the believed robot."""
-        return BelievedRobot(self.believed)
+    def model(self) -> NominalRobot:
+        """Kinematics and dynamics of the nominal robot."""
+        return NominalRobot(self.nominal)
 
     @cached_property
     def damping(self) -> np.ndarray:
         """The diagonal (n) of the default's own K_D at home [N m s/rad]."""
         law = self.controller(adaptation="none").law
         assert isinstance(law, pa.laws.Separation)
-        return np.diag(law.K_D(self.believed.q0)).copy()
+        return np.diag(law.K_D(self.nominal.q0)).copy()
 
     def controller(self, *, compensate_delay: bool = True, **words: Any) -> pa.Controller:
         """Return a controller for the nominal model and the sensors."""
         sensors = replace(self.sensors, compensate_delay=compensate_delay)
-        return pa.make_controller(self.believed, dt=PERIOD, sensors=sensors, **words)
+        return pa.make_controller(self.nominal, dt=PERIOD, sensors=sensors, **words)
 
     def circle(self, period: float) -> pa.trajectories.Trajectory:
-        """Return the circle [s] through the true robot's home."""
+        """Return the circle with a period [s] through the true robot's home."""
         start = self.true.position(self.true.q0)
         circle = pa.trajectories.Circle(
             np.zeros(start.size), self.radius, period, self.plane, self.phase
@@ -74,8 +74,8 @@ class Setting:
         return circle.starting_at(start)
 
     def informed(self) -> Setting:
-        """Return the same with the truth believed."""
-        return replace(self, believed=self.true)
+        """Return the same setting with the true model."""
+        return replace(self, nominal=self.true)
 
 
 @lru_cache
@@ -93,7 +93,7 @@ def setting(robot: str, sensors: str) -> Setting:
 def _speeds(of: Setting, period: float) -> np.ndarray:
     """Return the largest joint speeds (n) [rad/s] on the circle of a period [s]."""
     path, q, largest = of.circle(period), of.true.q0, np.zeros(of.true.model.nv)
-    follow = InverseKinematics(BelievedRobot(of.true), of.w)
+    follow = InverseKinematics(NominalRobot(of.true), of.w)
     for t in np.arange(0.0, 1.5 * period, _STEP):
         desired = path.at(t)
         rate = follow.rate(q, desired.x_d, desired.xd_d)

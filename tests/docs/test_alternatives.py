@@ -10,7 +10,7 @@ from benchmarks.alternatives_report import report
 from benchmarks.contenders import (
     CONTENDERS,
     SENSORS,
-    BelievedRobot,
+    NominalRobot,
     InverseKinematics,
     Setting,
 )
@@ -46,7 +46,7 @@ def loaded(arm):
 def test_at_rest_with_the_true_model_nothing_moves(arm, name):
     rollout = hold(setting(arm, arm), name, 0.1)
     assert np.abs(rollout.error).max() < 1e-9
-    assert rollout.tau[-1] == pytest.approx(BelievedRobot(arm).gravity(arm.q0), abs=1e-6)
+    assert rollout.tau[-1] == pytest.approx(NominalRobot(arm).gravity(arm.q0), abs=1e-6)
 
 
 def test_pd_sags_by_the_unknown_load_over_its_stiffness(arm, loaded):
@@ -106,7 +106,7 @@ def test_the_observer_sees_nothing_in_a_true_model(arm):
 
 
 def test_inverse_kinematics_follow_a_circle_with_the_believed_tool(arm):
-    believed = BelievedRobot(arm)
+    believed = NominalRobot(arm)
     circle = pa.trajectories.Circle(np.zeros(3), 0.05, 2.0, "yz").starting_at(arm.position(arm.q0))
     follow, q, dt = InverseKinematics(believed, W), arm.q0, 2e-3
     for t in np.arange(0.0, 2.0, dt):

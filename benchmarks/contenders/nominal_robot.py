@@ -1,4 +1,4 @@
-"""What a user's own controller computes of the robot that it believes in."""
+"""Kinematics and dynamics of the nominal robot, as a user's own controller computes them."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import pinocchio as pin
 import pinadapt as pa
 
 
-class BelievedRobot:
+class NominalRobot:
     """Kinematics, gravity and momentum of a robot as described; n joints, m task coordinates.
 
     Attributes:
         robot: the robot.
-        limits: (n) its efforts [N m or N], infinite where there are none.
+        limits: (n) its effort limits [N m or N], infinite where there are none.
     """
 
     def __init__(self, robot: pa.Robot) -> None:
@@ -47,10 +47,10 @@ class BelievedRobot:
         return np.asarray(pin.crba(self._model, self._data, q) @ v)
 
     def momentum_rate(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Return C^T v - g - friction (n), the rate of M v without the motors' torque."""
+        """Return C^T v - g - friction (n), the rate of M v without motor torque."""
         C = pin.computeCoriolisMatrix(self._model, self._data, q, v)
         return np.asarray(C.T @ v - self.gravity(q) - self.robot.friction.torque(v))
 
     def limited(self, torque: np.ndarray) -> np.ndarray:
-        """Return a torque (n) within the efforts."""
+        """Return a torque (n) within the effort limits."""
         return np.clip(torque, -self.limits, self.limits)
