@@ -1,4 +1,4 @@
-"""The contenders of the comparison are what they claim, and its document tells what came out."""
+"""The contenders of the comparison do what their names say, and its page has their results."""
 
 import json
 
@@ -10,8 +10,8 @@ from benchmarks.alternatives_report import report
 from benchmarks.contenders import (
     CONTENDERS,
     SENSORS,
-    NominalRobot,
     InverseKinematics,
+    NominalRobot,
     Setting,
 )
 from tests.support.chains import catalogue_robot
@@ -21,12 +21,12 @@ OFFSET = np.array([0.0, 0.02, 0.03])  # [m] of the tool, in the frame's axes
 W = 20.0  # [rad/s], about the bandwidth of these arms
 
 
-def setting(true, believed, sensors="perfect"):
-    return Setting(true, believed, "yz", 0.0, 0.05, SENSORS[sensors])
+def setting(true, nominal, sensors="perfect"):
+    return Setting(true, nominal, "yz", 0.0, 0.05, SENSORS[sensors])
 
 
 def hold(at, name, duration=1.0, **gains):
-    """Return the rollout of a contender that is to stay where the true robot starts."""
+    """Return the rollout of a contender that holds the initial position of the true robot."""
     controller = CONTENDERS[name].make(at, **gains)
     path = pa.trajectories.Hold(at.true.position(at.true.q0))
     return pa.simulate(at.true, controller, path, duration=duration, sensors=at.sensors)
@@ -43,7 +43,7 @@ def loaded(arm):
 
 
 @pytest.mark.parametrize("name", ["PD + gravity", "PID + gravity", "computed torque"])
-def test_at_rest_with_the_true_model_nothing_moves(arm, name):
+def test_with_the_true_model_an_arm_at_rest_stays_at_rest(arm, name):
     rollout = hold(setting(arm, arm), name, 0.1)
     assert np.abs(rollout.error).max() < 1e-9
     assert rollout.tau[-1] == pytest.approx(NominalRobot(arm).gravity(arm.q0), abs=1e-6)
@@ -57,22 +57,22 @@ def test_pd_sags_by_the_unknown_load_over_its_stiffness(arm, loaded):
     assert np.abs(rollout.error[-1]).max() > 5e-4
 
 
-def test_pid_holds_an_unknown_load_where_it_was(arm, loaded):
+def test_pid_holds_an_unknown_load_in_place(arm, loaded):
     assert np.abs(hold(setting(loaded, arm), "PID + gravity", 2.5).error[-1]).max() < 1e-5
 
 
 @pytest.mark.parametrize(("sensors", "k_x"), [("perfect", 1 / 2), ("camera", 1 / 8)])
-def test_the_task_integral_takes_off_what_tool_and_load_leave(arm, loaded, sensors, k_x):
+def test_the_task_integral_removes_the_error_of_tool_and_load(arm, loaded, sensors, k_x):
     at = setting(loaded.changed(tool_translation=OFFSET), arm, sensors)
     without = hold(at, "PD + gravity", 0.4).error[-1]
     assert 0.8 < np.linalg.norm(without) / np.linalg.norm(OFFSET) < 1.5
-    with_it = hold(at, "PD + gravity, task integral", 1.5, k_x=k_x).error
-    assert np.linalg.norm(with_it, axis=1).max() > 2e-3  # it sags before it is lifted
-    assert np.linalg.norm(with_it[-1]) < 1e-4
+    integrated = hold(at, "PD + gravity, task integral", 1.5, k_x=k_x).error
+    assert np.linalg.norm(integrated, axis=1).max() > 2e-3  # it sags at first
+    assert np.linalg.norm(integrated[-1]) < 1e-4
 
 
 def observed(at, duration):
-    """Return what the law saw in the end, and the observed r (n) [N m], without integral."""
+    """Return the last signals of the law and the observed r (n) [N m], without integral."""
     controller = CONTENDERS["computed torque, observer, task integral"].make(at, k_o=1.0, k_x=0.0)
     plant, path = (
         pa.plants.PinocchioPlant(at.true),
@@ -93,30 +93,30 @@ def test_the_observer_converges_to_the_torque_of_an_unknown_load(arm, loaded):
 
 
 def test_the_observer_approaches_at_its_rate(arm, loaded):
-    """From rest the first sample tells nothing; r rises as 1 - exp(-k_o t)."""
+    """From rest, r is zero at the first sample and rises as 1 - exp(-k_o t)."""
     at = setting(loaded, arm)
     s, r = observed(at, 1.0 / at.w)
     missing = pa.robot.Gravity(arm)(s.q) - pa.robot.Gravity(loaded)(s.q)
     assert 0.4 < r[1] / missing[1] < 0.9
 
 
-def test_the_observer_sees_nothing_in_a_true_model(arm):
+def test_the_observer_of_a_true_model_observes_no_disturbance(arm):
     _, r = observed(setting(arm, arm), 0.2)
     assert np.abs(r).max() < 1e-6
 
 
-def test_inverse_kinematics_follow_a_circle_with_the_believed_tool(arm):
-    believed = NominalRobot(arm)
+def test_inverse_kinematics_follow_a_circle_with_the_nominal_tool(arm):
+    nominal = NominalRobot(arm)
     circle = pa.trajectories.Circle(np.zeros(3), 0.05, 2.0, "yz").starting_at(arm.position(arm.q0))
-    follow, q, dt = InverseKinematics(believed, W), arm.q0, 2e-3
+    follow, q, dt = InverseKinematics(nominal, W), arm.q0, 2e-3
     for t in np.arange(0.0, 2.0, dt):
         desired = circle.at(t)
         q = q + dt * follow.rate(q, desired.x_d, desired.xd_d)
-    assert np.linalg.norm(believed.position(q) - circle.at(2.0).x_d) < 1e-4
+    assert np.linalg.norm(nominal.position(q) - circle.at(2.0).x_d) < 1e-4
 
 
-def test_the_integral_torque_stops_at_the_effort(arm):
-    """The arm is held from outside: the integral winds up to the limit, and no further."""
+def test_the_integral_torque_stops_at_the_effort_limit(arm):
+    """With the arm held from outside, the integral grows to the limit and no further."""
     at = setting(arm, arm)
     law = CONTENDERS["PID + gravity"].make(at).law
     z = at.model.limits.copy()
@@ -127,7 +127,7 @@ def test_the_integral_torque_stops_at_the_effort(arm):
 
 def _signals(at, law, z):
     """Return signals of an arm that is 0.1 rad beyond its reference in each joint."""
-    controller = pa.make_controller(at.believed, law=law, adaptation="none")
+    controller = pa.make_controller(at.nominal, law=law, adaptation="none")
     q = at.true.q0
     measurement = pa.Measurement(0.0, q, np.zeros(q.size), at.true.position(q))
     state = controller.init(measurement)
@@ -136,8 +136,8 @@ def _signals(at, law, z):
     return controller.observe(state._replace(filters=memory), measurement, desired)
 
 
-def test_the_document_tells_what_came_out():
+def test_the_page_has_the_measured_tables():
     rows = json.loads((ROOT / "benchmarks" / "alternatives.json").read_text())["rows"]
-    told = (ROOT / "docs" / "alternatives.md").read_text()
+    page = (ROOT / "docs" / "alternatives.md").read_text()
     for table in report(rows).split("\n\n"):
-        assert table in told, table
+        assert table in page, table

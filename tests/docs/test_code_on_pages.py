@@ -1,4 +1,4 @@
-"""The code on the site's pages runs as it stands."""
+"""The code on the pages of the site runs without changes."""
 
 import re
 
@@ -31,20 +31,20 @@ def test_the_quickstart_runs(tmp_path, monkeypatch, capsys):
 
 
 class Arm:
-    """A simulated arm behind the interface that the page on hardware asks for."""
+    """A simulated arm with the interface that the page on hardware describes."""
 
     def __init__(self, robot, samples):
-        """Take the true robot, which adds its described gravity itself, and how long it runs."""
+        """Take the true robot, which compensates described gravity, and the number of samples."""
         self.plant = pa.plants.PinocchioPlant(robot, compensation=pa.robot.Gravity(pa.load("ur5")))
         self.left, self.sent, self.error = samples, [], None
 
     def read(self):
-        """Return what its sensors say."""
+        """Return a measurement."""
         truth = self.plant.measure()
         return pa.Measurement(truth.t, truth.q, truth.v, x=truth.x, x_time=truth.t)
 
     def enabled(self):
-        """Return whether the run goes on."""
+        """Return whether the run continues."""
         self.left -= 1
         return self.left >= 0
 
@@ -54,12 +54,12 @@ class Arm:
         self.plant.step(torque, 1e-3)
 
     def stop(self, error):
-        """Remember why."""
+        """Keep the error."""
         self.error = error
 
 
 class Operator:
-    """Presses the button from the n-th sample on."""
+    """An operator who presses the button from the n-th sample on."""
 
     def __init__(self, after):
         """Take n."""
@@ -72,7 +72,7 @@ class Operator:
 
 
 @pytest.mark.parametrize("after", [200, 10_000])
-def test_the_loop_on_hardware_runs_and_learns_only_when_told(after):
+def test_the_loop_on_hardware_runs_and_adapts_only_when_enabled(after):
     (block,) = blocks("hardware")
     arm = Arm(pa.load("ur5").changed(payload=pa.Payload(mass=1.0)), samples=600)
     block = block.replace('pa.load("my_robot.urdf", frame="tool0")', 'pa.load("ur5")')
@@ -84,4 +84,4 @@ def test_the_loop_on_hardware_runs_and_learns_only_when_told(after):
     assert np.array_equal(state.a_d, initial) == (after > 600)
     reached = scope["motion"].at(0.6).x_d
     assert np.linalg.norm(arm.read().x - reached) < 0.01
-    assert np.abs(arm.sent[0]).max() < 30.0  # without the gravity that the arm adds by itself
+    assert np.abs(arm.sent[0]).max() < 30.0  # without the gravity torque that the arm adds itself

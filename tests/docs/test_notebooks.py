@@ -1,4 +1,4 @@
-"""The notebooks run from top to bottom and say what they print; the tree holds no outputs."""
+"""The notebooks run from top to bottom and print what their text states; outputs are stripped."""
 
 import re
 
@@ -10,9 +10,9 @@ NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 EXECUTED = ROOT / "build" / "notebooks"
 KERNEL = {"kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"}}
 
-# nbformat is imported where it is used: it takes seconds, and every process collects this file.
+# nbformat is imported where it is used: importing it takes seconds in every test process.
 
-# What the text around the cells relies on; more of it is asserted in the cells themselves.
+# Printed results on which the text relies; the cells themselves assert more.
 PRINTED = {
     "01_quickstart": ["same as the simulation: True", "the last body: 2.3"],
     "02_the_paper": ["ended at 34 ms", "no longer positive definite", "largest difference"],
@@ -26,7 +26,7 @@ PRINTED = {
 }
 ANIMATED = ("01_quickstart", "04_tool_load_camera", "08_your_own_urdf")
 
-# Clears what a notebook left, so that the next one finds what it would find in a kernel of its own.
+# Clears the names of a notebook, so that the next one starts as in a kernel of its own.
 CLEARED = "%reset -f"
 
 by_name = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
@@ -54,8 +54,8 @@ def run():
 
 @pytest.mark.slow
 @by_name
-def test_notebook_runs_and_prints_what_its_text_says(path, run):
-    """The site shows the outputs, which are written to build/notebooks; see docs/_ext/executed."""
+def test_notebook_runs_and_prints_what_its_text_states(path, run):
+    """The outputs are written to build/notebooks and shown on the site; see docs/_ext/executed."""
     import nbformat
 
     notebook = nbformat.read(path, as_version=4)
@@ -73,20 +73,20 @@ def test_notebook_runs_and_prints_what_its_text_says(path, run):
 
 
 def shown(cell, kind):
-    """Return what of a kind a cell left."""
+    """Return the outputs of one kind of a cell."""
     data = [o.get("data", {}) for o in cell.get("outputs", [])]
     return [each[kind] for each in data if kind in each]
 
 
 def draws(cell):
-    """Return whether a cell is written to leave a picture."""
+    """Return whether the source of a cell draws a figure."""
     written = re.search(r"^figure, |^(ax = )?draw\(|^rollout\.plot\(\)$", cell.source, re.M)
     return cell.cell_type == "code" and written
 
 
 @by_name
 def test_notebook_is_stripped(path):
-    """Should this fail, ``make strip`` helps."""
+    """If this fails, run ``make strip``."""
     import nbformat
 
     text = path.read_text(encoding="utf-8")
@@ -95,13 +95,13 @@ def test_notebook_is_stripped(path):
     assert notebook.metadata == KERNEL
     for cell in notebook.cells:
         assert cell.metadata == {}
-        assert re.fullmatch(r"[a-z]+(-[a-z]+)*", cell.id), cell.id  # a name, so that it stays
+        assert re.fullmatch(r"[a-z]+(-[a-z]+)*", cell.id), cell.id  # a stable name
         if cell.cell_type == "code":
             assert cell.outputs == [] and cell.execution_count is None
 
 
 @by_name
-def test_notebook_has_one_title_and_says_what_to_change(path):
+def test_notebook_has_one_title_and_one_exercise(path):
     import nbformat
 
     cells = nbformat.read(path, as_version=4).cells

@@ -10,12 +10,12 @@ from benchmarks.price_of_ignorance import TRUTH, Run, measured, report, rows, ru
 from tests.support.paths import ROOT
 
 
-def test_the_page_shows_what_was_measured():
+def test_the_page_has_the_measured_table():
     table = json.loads((ROOT / "benchmarks" / "price_of_ignorance.json").read_text())["rows"]
     assert report(table) in (ROOT / "docs" / "price.md").read_text()
 
 
-def test_the_best_adaptation_pays_at_most_five_times_the_truth_after_ten_seconds():
+def test_the_best_adaptation_has_a_price_of_at_most_five_after_ten_seconds():
     table = json.loads((ROOT / "benchmarks" / "price_of_ignorance.json").read_text())["rows"]
     after = price_of_ignorance.AFTER.index(10.0)
     prices = {row["name"]: row["price"][after] for row in table if row["law"] == "separation"}
@@ -23,14 +23,14 @@ def test_the_best_adaptation_pays_at_most_five_times_the_truth_after_ten_seconds
         assert prices[f"separation, {robot}, natural-memory"] <= 5.0
 
 
-def test_every_law_of_a_name_is_run_with_the_truth():
+def test_every_law_is_run_with_the_true_model():
     planned = runs(["separation", "craig"], ["ur5"])
     assert [run.law for run in planned if run.adaptation == TRUTH] == ["separation", "craig"]
     assert len(planned) == len(set(planned)) == 6 + 3
 
 
 @pytest.mark.parametrize("law", ["separation", "slotine-li"])
-def test_prices_are_errors_over_those_of_the_truth(law, monkeypatch):
+def test_prices_are_errors_relative_to_those_with_the_true_model(law, monkeypatch):
     monkeypatch.setattr(price_of_ignorance, "AFTER", (0.1, 0.2))
     found = {run: measured(run) for kind in (TRUTH, "natural") for run in [Run("ur5", law, kind)]}
     truth, natural = rows(found)

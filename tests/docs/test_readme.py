@@ -1,4 +1,4 @@
-"""The fifteen lines of the README, on its robot and with any other path in their place."""
+"""The code of the README runs, on its robot and on others."""
 
 import re
 from pathlib import Path
@@ -10,23 +10,28 @@ from tests.support.paths import ROOT
 
 pytestmark = pytest.mark.slow
 
-LINES = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.S).group(1)
+LINES, MOTION = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.S)
 
 
 def executed(lines):
-    """Return what the lines leave behind."""
+    """Return the names that the lines define."""
     scope = {}
     exec(lines, scope)
     return scope
 
 
-def test_the_lines_run_as_they_stand(tmp_path, monkeypatch, capsys):
+def test_the_code_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    rollout = executed(LINES)["rollout"]
+    scope = executed(LINES)
+    rollout = scope["rollout"]
     assert rollout.diverged is None
     assert rollout.summary()["max_error_last"] < 1e-4
     assert "error, last 10 %" in capsys.readouterr().out
     assert (tmp_path / "out" / "error.png").stat().st_size > 10_000
+    for lines in (MOTION, MOTION.replace("controller, wave)", "controller, legs)")):
+        exec(lines, scope)
+        assert scope["rollout"].summary()["max_error_last"] < 1e-3
+    assert lines != MOTION
 
 
 @pytest.mark.parametrize(
@@ -43,7 +48,7 @@ def test_only_the_path_differs_for_another_robot(path, task, tmp_path, monkeypat
     monkeypatch.chdir(tmp_path)
     lines, count = re.subn(r'pa\.load\(".*?"\)', f"pa.load({str(path)!r})", LINES)
     assert count == 1 and lines.count("panda") == 0
-    if task != "yz":  # pictures are drawn alike: of one robot suffices
+    if task != "yz":  # figures of one robot suffice
         lines = lines.replace('rollout.plot("out")', "")
     scope = executed(lines)
     rollout, circle = scope["rollout"], scope["circle"]

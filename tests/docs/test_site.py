@@ -1,4 +1,4 @@
-"""What stands around the code agrees with it: site, citation file, changes, workflow, hooks."""
+"""Site, citation file, changelog, workflow and hooks agree with the code."""
 
 import json
 import os
@@ -16,7 +16,7 @@ PAGES = sorted(path.stem for path in DOCS.glob("*.md"))
 
 
 def text_of(name):
-    """Return a file of the tree."""
+    """Return the text of a file of the repository."""
     return (ROOT / name).read_text()
 
 
@@ -28,7 +28,7 @@ def test_versions_agree():
     assert f"## {pinadapt.__version__}" in text_of("CHANGELOG.md")
 
 
-def test_every_page_is_reached_from_the_front():
+def test_the_front_page_links_to_every_page():
     front = text_of("docs/index.md")
     listed = re.findall(
         r"^([\w/]+)$", "".join(re.findall(r"```{toctree}(.*?)```", front, re.S)), re.M
@@ -55,7 +55,7 @@ def test_the_table_of_laws_has_every_law_measured():
             assert f'laws["{law}"].{column}' in page
 
 
-def test_the_theory_has_every_equation_that_a_law_is_named_by():
+def test_the_theory_page_has_every_equation_that_names_a_law():
     theory = text_of("docs/theory.md")
     tags = {int(n) for tag in re.findall(r"\\tag\{WX ([\d, ]+)\}", theory) for n in tag.split(",")}
     assert tags >= {3, 4, 10, 11, 13, 17, 18, 19, 26, 32, 34}
@@ -64,7 +64,7 @@ def test_the_theory_has_every_equation_that_a_law_is_named_by():
     assert {int(n) for n in re.findall(r"\(T (\d+)\)", theory)} <= set(ours)
 
 
-def test_the_workflow_runs_what_make_offers_on_all_versions():
+def test_the_workflow_runs_make_targets_on_all_versions_of_python():
     workflow = text_of(".github/workflows/checks.yml")
     targets = re.findall(r"run: make (\w+)", workflow)
     assert set(targets) == {"lint", "test", "docs"}
@@ -75,7 +75,7 @@ def test_the_workflow_runs_what_make_offers_on_all_versions():
     assert [json.loads(matrix) for matrix in matrices] == [[least, "3.11", "3.12", "3.13"]] * 2
 
 
-def test_the_hooks_run_what_lint_runs():
+def test_the_hooks_run_the_same_tools_as_lint():
     makefile = text_of("Makefile")
     lint = re.search(r"^lint:.*\n((?:\t.+\n)+)", makefile, re.M).group(1)
     hooks = re.findall(r"entry: \.venv/bin/(.+)", text_of(".pre-commit-config.yaml"))
@@ -93,7 +93,7 @@ def extension(name):
     return module
 
 
-def test_an_executed_notebook_is_shown_and_not_run_again_unless_something_is_newer(
+def test_an_executed_notebook_is_shown_and_not_run_again_unless_a_source_is_newer(
     tmp_path, monkeypatch
 ):
     executed, config = extension("executed"), SimpleNamespace()
@@ -125,13 +125,13 @@ def test_an_executed_notebook_is_shown_and_not_run_again_unless_something_is_new
 
 
 def to_rst(docstring):
-    """Return a docstring as the site reads it."""
+    """Return a docstring as reStructuredText."""
     lines = docstring.split("\n")
     extension("docstrings").to_rst(None, "", "", None, None, lines)
     return "\n".join(lines)
 
 
-def test_formulas_in_docstrings_are_no_markup():
+def test_formulas_in_docstrings_are_escaped():
     shown = to_rst("One line.\n\nLaw:   |e| = lambda_ s with ``a|b_``,\n       more.\nV:     e.")
     assert shown.split("\n")[2:] == [
         r":Law: \|e\| = lambda\_ s with ``a|b_``,",
