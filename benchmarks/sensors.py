@@ -64,7 +64,7 @@ def measure(robot: str, column: str, duration: float) -> dict[str, Any]:
             controller,
             zoo.motion,
             duration=duration,
-            engine=pa.Engine(torque_limits=zoo.bears_itself),
+            engine=pa.Engine(torque_limits=zoo.efforts_suffice),
             record_every=10,
         )
     last = rollout.distance[rollout.t > 0.9 * duration]

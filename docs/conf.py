@@ -41,12 +41,12 @@ myst_enable_extensions = ["amsmath", "dollarmath", "substitution"]
 myst_heading_anchors = 3
 math_numfig = False
 
-# Notebooks are stored without outputs. Those that the tests have run are shown as they came out,
-# see _ext/executed.py; others are run here, where they stand.
+# Notebooks are stored without outputs. Those that the tests have run are shown with these outputs,
+# see _ext/executed.py; others are run here, in their folder.
 nb_execution_mode = "auto"
 nb_execution_timeout = 600
 nb_execution_raise_on_error = True
-nb_ipywidgets_js = {}  # a page asks no other host for anything
+nb_ipywidgets_js = {}  # no requests to other hosts
 
 autodoc_member_order = "bysource"
 toc_object_entries_show_parents = "hide"
@@ -58,20 +58,20 @@ napoleon_use_rtype = False
 
 
 def law_figures() -> dict[str, dict[str, str]]:
-    """Return what `python -m benchmarks.laws` measured of each law, as the page shows it."""
+    """Return the figures of `python -m benchmarks.laws` for each law, as text."""
     rows = json.loads((ROOT / "benchmarks" / "laws.json").read_text())["rows"]
     return {
         row["name"]: {
-            "error": told(row["error"], row["unit"]),
-            "camera": told(row["error_camera"], row["unit"]),
+            "error": error_text(row["error"], row["unit"]),
+            "camera": error_text(row["error_camera"], row["unit"]),
             "cost": f"{row['step_ratio']:.0f}",
         }
         for row in rows
     }
 
 
-def told(error: float | None, unit: str) -> str:
-    """Return an error in mm or degrees, not to be broken over lines."""
+def error_text(error: float | None, unit: str) -> str:
+    """Return an error in mm or degrees, without line breaks."""
     if error is None:
         return "lost"
     return (
@@ -80,7 +80,7 @@ def told(error: float | None, unit: str) -> str:
 
 
 def modification_table() -> str:
-    """Return what `python -m benchmarks.modifications` measured, a row a robot and modification."""
+    """Return the table of `python -m benchmarks.modifications`, by robot and modification."""
     rows = json.loads((ROOT / "benchmarks" / "modifications.json").read_text())["rows"]
     columns = list(dict.fromkeys(row["disturbance"] for row in rows))
     cells = {(row["robot"], row["modification"], row["disturbance"]): modified(row) for row in rows}

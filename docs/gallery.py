@@ -1,7 +1,7 @@
-"""The gallery: robots of the catalogue, each tracking a circle with a wrong model of all of it.
+"""The gallery: robots of the catalogue, each tracking a circle with a wrong model.
 
 ``python docs/gallery.py`` runs cases of `pinadapt zoo` for ten seconds, with and without
-adaptation, draws each to docs/gallery/ and writes the page docs/gallery/index.md.
+adaptation, draws each run into docs/gallery/, and writes the page docs/gallery/index.md.
 """
 
 from __future__ import annotations
@@ -39,17 +39,17 @@ ROBOTS = (
     "scara",
 )
 DURATION = 10.0  # [s]
-BELIEVED, TRUE, PATH = "#0072B2", "#D55E00", "#000000"
+ADAPTED, TRUE, PATH = "#0072B2", "#D55E00", "#000000"
 
 HEAD = """# Gallery
 
 Twelve chains of the catalogue under the default law and default gains, at 1 kHz with perfect
-sensors. The real robot has friction, a tool moved by 5 % of the reach and a load; each body is
-believed 30 % too light or too heavy, no friction is believed. Each follows a circle fitted to its
-workspace. Orange is the robot at the end, black the path of its tip; on the right the distance
-from the desired path, adapted and not. The table has the largest distance of the last second.
-`docs/gallery.py` runs them and draws them whenever this site is built; `pinadapt zoo` runs all 129
-for longer.
+sensors. The true robot has friction, a tool moved by 5 % of the reach, and a load. In the model,
+each body is 30 % too light or too heavy, and there is no friction. Each robot follows a circle
+fitted to its workspace. Orange is the robot at the end, black the path of its tip. The plot on the
+right is the distance from the desired path, with and without adaptation; the table has the largest
+distance of the last second. `docs/gallery.py` runs and draws them whenever this site is built;
+`pinadapt zoo` runs all 129 chains for longer.
 
 | robot | joints | radius of the circle | error, not adapted | adapted |
 |---|---|---|---|---|
@@ -58,7 +58,7 @@ for longer.
 
 @dataclass(frozen=True)
 class Shown:
-    """What the page tells of one robot; lengths in mm, errors the largest of the last second."""
+    """The row of one robot: lengths in mm, errors the largest of the last second."""
 
     name: str
     joints: int
@@ -86,7 +86,7 @@ def simulated(case: ZooCase, adaptation: str) -> pa.Rollout:
 
 
 def points(robot: pa.Robot, q: np.ndarray) -> np.ndarray:
-    """Return where base, joints and task frame are (n + 2, 3) [m]."""
+    """Return the positions of base, joints and task frame (n + 2, 3) [m]."""
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, q)
     joints = [data.oMi[j].translation for j in range(1, robot.model.njoints)]
@@ -110,7 +110,7 @@ def draw(case: ZooCase, runs: dict[str, pa.Rollout], path: Path) -> None:
 
     panel = figure.add_subplot(1, 2, 2)
     for (name, run), style in zip(runs.items(), ("--", "-"), strict=True):
-        color = BELIEVED if name == "adapted" else TRUE
+        color = ADAPTED if name == "adapted" else TRUE
         panel.semilogy(run.t, 1e3 * run.distance, style, color=color, label=name, linewidth=1)
     panel.set(xlabel="t [s]", ylabel="error [mm]")
     panel.grid(alpha=0.3)

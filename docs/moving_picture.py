@@ -1,8 +1,8 @@
-"""The moving picture of the README: a UR5 whose arm is believed to have other lengths.
+"""The moving picture of the README: a UR5 whose model has wrong link lengths.
 
-``python docs/moving_picture.py`` runs the loop, lets Chromium without a window draw its page frame
-by frame, and writes docs/melting.gif. It needs Chromium or Chrome; Pillow and tornado, which it
-imports too, come with matplotlib and meshcat. ``--page FILE`` keeps the page as well.
+``python docs/moving_picture.py`` simulates the loop, draws its page frame by frame in headless
+Chromium, and writes docs/melting.gif. It needs Chromium or Chrome; Pillow and tornado, which it
+imports too, are installed with matplotlib and meshcat. ``--page FILE`` keeps the page as well.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from tornado.websocket import WebSocketClientConnection, websocket_connect
 import pinadapt as pa
 
 PICTURE = Path(__file__).parent / "melting.gif"
-WRONG = {"elbow_joint": -0.3, "wrist_1_joint": 0.4}  # believed over true length, less one
+WRONG = {"elbow_joint": -0.3, "wrist_1_joint": 0.4}  # relative errors of the model's lengths
 DURATION = 6.0  # [s] two turns
 FRAMES_PER_SECOND = 20.0  # of the picture
 SIZE = 760, 440  # [pixels]
@@ -49,7 +49,7 @@ FLAGS = (
     "--remote-debugging-port=0",
 )
 READY = "typeof viewer === 'object' && viewer.animator.duration > 0"
-# The robot stands right of the panels, before one colour; the curves of error and lengths stay.
+# The robot is right of the panels, on a plain background; only the first curves are shown.
 LAYOUT = """
   document.head.insertAdjacentHTML("beforeend", `<style>
     .dg.main, #curves > :nth-child(n + 5) { display: none }
@@ -64,7 +64,7 @@ SHOW = """(async () => {
   viewer.animator.pause();
   viewer.animator.display_progress(%f);
   viewer.animator.seek(%f);
-  await drawn();  // the page reveals the path up to that moment
+  await drawn();  // the page draws the path up to that time
   viewer.set_dirty();
   await drawn();
   await drawn();
@@ -72,16 +72,16 @@ SHOW = """(async () => {
 
 
 def rollout() -> pa.Rollout:
-    """Return the run: the lengths of both long links and all masses are believed wrong.
+    """Return the run: the model has wrong lengths of both long links and wrong masses.
 
-    The kinematics are learned about five times slower than by default, or the eye would miss it.
+    The kinematics are learned about five times slower than by default, to be visible.
     """
     true = pa.load("ur5")
     names = list(true.model.names)
     off = {j: k * true.model.jointPlacements[names.index(j)].translation for j, k in WRONG.items()}
-    believed = true.changed(link_translation=off, inertial_scale=0.7)
+    model = true.changed(link_translation=off, inertial_scale=0.7)
     controller = pa.make_controller(
-        believed,
+        model,
         unknown=pa.Unknown(tool=False, translations=[f"{joint}:length" for joint in WRONG]),
         adaptation="gradient",
         gamma_k=40.0,
@@ -93,13 +93,13 @@ def rollout() -> pa.Rollout:
         controller,
         circle.starting_at(true.position(true.q0)),
         duration=DURATION,
-        title="UR5, two lengths believed wrong",
+        title="UR5, two unknown lengths",
     )
 
 
 @contextmanager
 def browser(page: Path) -> Iterator[str]:
-    """Open a page in Chromium; give the address at which it takes commands."""
+    """Open a page in Chromium; yield the address that takes its commands."""
     program = next(filter(None, map(shutil.which, ("chromium", "google-chrome"))), None)
     if program is None:
         raise SystemExit("Chromium or Chrome is needed.")
@@ -126,14 +126,14 @@ def address_of(port: Path, process: subprocess.Popen[bytes]) -> str:
 
 
 class Tab:
-    """A page that takes commands, one after the other."""
+    """A page that takes commands, one at a time."""
 
     def __init__(self, connection: WebSocketClientConnection) -> None:
-        """Take the connection to it."""
+        """Take the connection to the page."""
         self._connection, self._count = connection, 0
 
     async def command(self, method: str, **parameters: Any) -> dict[str, Any]:
-        """Give a command of Chromium's protocol and return its result."""
+        """Send a command of Chromium's protocol and return its result."""
         self._count += 1
         message = {"id": self._count, "method": method, "params": parameters}
         await self._connection.write_message(json.dumps(message))
@@ -144,7 +144,7 @@ class Tab:
         raise SystemExit("The browser is gone.")
 
     async def value(self, expression: str) -> Any:
-        """Return what an expression, or the promise that it is, comes to."""
+        """Return the value of an expression or of its promise."""
         answer = await self.command(
             "Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True
         )
@@ -174,7 +174,7 @@ async def frames(address: str, times: np.ndarray) -> list[Image.Image]:
 
 
 def write(pictures: list[Image.Image], path: Path) -> None:
-    """Write an endless GIF with one palette for all, so that what rests costs nothing."""
+    """Write an endless GIF with one palette for all frames, so that constant areas cost nothing."""
     some = pictures[:: max(len(pictures) // 6, 1)]
     sheet = Image.new("RGB", (SIZE[0], SIZE[1] * len(some)))
     for k, picture in enumerate(some):

@@ -1,7 +1,7 @@
-"""Notebooks are shown with the outputs that the tests got, so that each is run only once.
+"""Notebooks are shown with the outputs of the tests, so that each is run only once.
 
-`tests/docs/test_notebooks.py` writes them to build/notebooks. A notebook that is not there, or that
-is newer itself or whose library is, is run while the site is built.
+`tests/docs/test_notebooks.py` writes them to build/notebooks. A notebook without outputs there, or
+with outputs older than the notebook or the library, is run while the site is built.
 """
 
 from pathlib import Path
@@ -28,11 +28,11 @@ def executed():
 
 
 def leave_out(app, config):
-    """Let those that have been run not be run again."""
+    """Exclude executed notebooks from execution."""
     config.nb_execution_excludepatterns = [f"{page}.ipynb" for page in executed()]
 
 
 def take_outputs(app, docname, source):
-    """Put an executed notebook in place of the one without outputs."""
+    """Replace a notebook without outputs by the executed one."""
     if docname in (found := executed()):
         source[0] = found[docname].read_text(encoding="utf-8")

@@ -1,6 +1,6 @@
-"""Links out of docs/ stay inside of the site, which shows the robots' folder too.
+"""Links from docs/ to the READMEs of robots lead to their pages on the site.
 
-In the tree they are relative, so that they work where the repository is read.
+In the repository the links are relative, so that they work there too.
 """
 
 import re
