@@ -77,7 +77,7 @@ def test_a_guard_refuses_by_name_and_can_be_switched_off(name):
 
 
 def test_plausible_samples_pass_to_the_bit():
-    one, other = Loop(), Loop(limits=pa.Limits(guards=False))
+    one, other = Loop(), Loop(False)
     assert unchanged(one.step(one.sample(3)), snapshot(other.step(other.sample(3))))
 
 

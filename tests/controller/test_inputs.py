@@ -224,13 +224,13 @@ def test_what_is_no_state_is_refused(loop, kind):
 
 def test_filters_and_beginnings_of_another_controller_are_refused():
     loop = Loop("adaptive-inverse-dynamics")
-    (low,) = loop.state.filters
+    low = loop.state.filters
     n, m = loop.measurement.v.size, loop.desired.xd_d.size
     of_one_parameter_less = low[: low.size - n - m - m]
     for filters in (
         (low,),
-        loop.state.filters._replace(low=low[:-1]),
-        loop.state.filters._replace(low=of_one_parameter_less),
+        low[:-1],
+        of_one_parameter_less,
     ):
         loop.check_refused(pa.InputError, "filters", state=loop.state._replace(filters=filters))
     beginning = loop.state._replace(a_0=loop.state.a_0[:-1])

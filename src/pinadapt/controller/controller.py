@@ -90,6 +90,10 @@ class Controller:
         self._position_error = law.uses_position_error
         bandwidth = adaptation_d.torque_bandwidth
         self._torque_filter = None if bandwidth is None else FilteredRegressor(dynamics, bandwidth)
+        nothing = Estimate(np.zeros(0))
+        self._estimated = EstimatedModel(
+            kinematics, dynamics, adaptation_k, adaptation_d, nothing, nothing
+        )
         compile_all()
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -299,10 +303,11 @@ class Controller:
         adaptation_k, adaptation_d = self.adaptation_k, self.adaptation_d
         if not s.adapting:
             adaptation_k = adaptation_d = _HELD
-        return EstimatedModel(
-            self.kinematics, self.dynamics, adaptation_k, adaptation_d, state.kinematic, dynamic,
-            dt, self.limits.stop_on_divergence,
-        )  # fmt: skip
+        model = self._estimated
+        model.adaptation_k, model.adaptation_d = adaptation_k, adaptation_d
+        model.kinematic, model.dynamic, model.dt = state.kinematic, dynamic, dt
+        model.stop_on_divergence = self.limits.stop_on_divergence
+        return model
 
     def _observe(
         self,
@@ -344,7 +349,8 @@ class Controller:
                 state.torque_filter, sensed.q, sensed.v, tau
             )
         s = Signals()
-        s.t, s.q, s.v, s.a, s.x = measurement.t, sensed.q, sensed.v, a, sensed.x
+        s.t, s.a = measurement.t, a
+        s.q, s.v, s.x = sensed.q, sensed.v, sensed.x
         s.xd, s.xd_d, s.xdd_d = xd, xd_d, xdd_d
         s.dx, s.xd_hat, s.delta = dx, xd_hat, delta
         s.a_k, s.a_d, s.a_0 = a_k, a_d, state.a_0

@@ -4,7 +4,6 @@ from .filters import FilteredMotion as FilteredMotion
 from .filters import Filters as Filters
 from .filters import LowPass as LowPass
 from .filters import MotionFilters as MotionFilters
-from .filters import MotionState as MotionState
 from .filters import NoFilters as NoFilters
 from .filters import PositionObserver as PositionObserver
 from .torque_filter import FilteredRegressor as FilteredRegressor

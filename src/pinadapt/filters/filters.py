@@ -20,7 +20,7 @@ from ..signals import Signals
 
 
 class Filters(ABC):
-    """Filters of one law. Their state is a named tuple of arrays, explicit like all memory.
+    """Filters of one law. Their state is an array or a named tuple of arrays.
 
     Sampled, ``step`` takes the state from one sample to the next; as part of one differential
     equation, ``rate`` is its derivative.
@@ -100,20 +100,6 @@ class LowPass:
         return state - math.expm1(-self.bandwidth * dt) * (u - state)
 
 
-class MotionState(NamedTuple):
-    """What the filters remember.
-
-    Attributes:
-        low: (m_p p_k + m_p + n) what the low passes let through, one after the other: Z_k (m_p,
-            p_k) of X_k, dx/da_k of the m_p positions, from which the filtered kinematic regressor
-            W_k = lambda (X_k - Z_k) comes, (3); xi (m_p) of the position less its known part, from
-            which y = lambda (x - x_0 - xi) comes, (4) [m]; z (n) of the joint velocity, from which
-            the joint acceleration comes.
-    """
-
-    low: np.ndarray
-
-
 @dataclass(slots=True, eq=False)
 class FilteredMotion:
     """Output of ``MotionFilters``.
@@ -139,6 +125,11 @@ class MotionFilters(Filters):
     lambda (1 - F) X_k is Y_k through lambda / (lambda + p), as Wang and Xie have it; sampled, that
     would lag behind the difference of positions, by millimetres of a tool.
 
+    The state is one array (m_p p_k + m_p + n), what the low passes let through: Z_k (m_p, p_k) of
+    X_k, dx/da_k of the m_p positions, for the filtered kinematic regressor W_k = lambda (X_k -
+    Z_k), (3); xi (m_p) of the position less its known part, for y = lambda (x - x_0 - xi), (4) [m];
+    z (n) of the joint velocity, for the joint acceleration.
+
     Attributes:
         task_velocity: low pass lambda of (3)-(4).
         joint_velocity: low pass behind the acceleration, of bandwidth 1 / lambda_a.
@@ -147,7 +138,7 @@ class MotionFilters(Filters):
     task_velocity: LowPass
     joint_velocity: LowPass
 
-    def init(self, sensed: SensedState, kinematics: TaskKinematics) -> MotionState:
+    def init(self, sensed: SensedState, kinematics: TaskKinematics) -> np.ndarray:
         """Return the filters at rest, in the middle of what they pass: W_k and y are zero."""
         m, p = kinematics.positions, kinematics.size
         X_k, d = np.zeros((m, p)), np.zeros(m)
@@ -155,41 +146,40 @@ class MotionFilters(Filters):
             kinematics.update(kinematics.initial, sensed.q, sensed.v)
             X_k = kinematics.X_k
             d = sensed.x[:m] - kinematics.p_hat + X_k.dot(kinematics.a_k)
-        return MotionState(np.concatenate([X_k.ravel(), d, sensed.v]))
+        return np.concatenate([X_k.ravel(), d, sensed.v])
 
     def observe(
-        self, state: MotionState, sensed: SensedState, kinematics: TaskKinematics
+        self, state: np.ndarray, sensed: SensedState, kinematics: TaskKinematics
     ) -> FilteredMotion:
         """Return filtered regressor, task velocity and joint acceleration, (3)-(4).
 
         Raises:
             InputError: the state of other filters.
         """
-        if state.__class__ is MotionState:
+        if state.__class__ is np.ndarray:
             X_k, p_hat = kinematics.X_k, kinematics.p_hat
             x = p_hat if sensed.x is None else sensed.x[: p_hat.size]
             W_k, y, a = empty(X_k.shape), empty(p_hat.size), empty(kinematics.nv)
             if kernels.filtered_rates(
-                state.low, X_k, p_hat, kinematics.a_k, x, self.task_velocity.bandwidth,
+                state, X_k, p_hat, kinematics.a_k, x, self.task_velocity.bandwidth,
                 sensed.v, self.joint_velocity.bandwidth, W_k, y, a,
             ):  # fmt: skip
                 return FilteredMotion(W_k, y, a)
         raise InputError("the filters are those of another controller.", where="state")
 
-    def step(self, state: MotionState, s: Signals, dt: float) -> MotionState:
+    def step(self, state: np.ndarray, s: Signals, dt: float) -> np.ndarray:
         """Return the state after dt [s] with X_k, x - x_0 and v held: exact for any dt."""
-        low, filtered = state.low, s.filtered
-        after = empty(low.size)
+        filtered, after = s.filtered, empty(state.size)
         kernels.advance(
-            low, filtered.W_k, filtered.y, filtered.a,
+            state, filtered.W_k, filtered.y, filtered.a,
             self.task_velocity.bandwidth, self.joint_velocity.bandwidth, dt, after,
         )  # fmt: skip
-        return MotionState(after)
+        return after
 
-    def rate(self, state: MotionState, s: Signals) -> MotionState:
+    def rate(self, state: np.ndarray, s: Signals) -> np.ndarray:
         """Return the time derivative of the state."""
         filtered = s.filtered
-        return MotionState(np.concatenate([filtered.W_k.ravel(), filtered.y, filtered.a]))
+        return np.concatenate([filtered.W_k.ravel(), filtered.y, filtered.a])
 
     def acceleration(self, filtered: FilteredMotion) -> np.ndarray:
         """Return the filtered joint acceleration (n)."""

@@ -32,6 +32,7 @@ class Posture:
 
     Attributes:
         frequency: w [rad/s].
+        plain: whether a configuration is its joint coordinates, nq = n.
         damping: (n) null-space damping torque per velocity of the passivity-based law, w diag
             M(q_rest).
         rows: (4, n) rest, and from there the edges inside the limits, lower and upper, and the
@@ -50,7 +51,7 @@ class Posture:
         self._model, self._q_rest = robot.model.copy(), resting.q0
         M = pin.crba(self._model, self._model.createData(), self._q_rest)
         self.damping = self.frequency * np.diag(M).copy()
-        self._plain = self._q_rest.size == self.damping.size
+        self.plain = self._q_rest.size == self.damping.size
         angles, (low, high) = resting.home_angles, position_limits(self._model)
         below, above = low - angles, high - angles
         margin = np.minimum(_MARGIN * (high - low), _WAY * np.minimum(-below, above))
@@ -58,7 +59,7 @@ class Posture:
         margin[without] = 1.0
         low, high = below + margin, above - margin
         low[without], high[without] = -np.inf, np.inf
-        rest = self._q_rest if self._plain else np.zeros(self.damping.size)
+        rest = self._q_rest if self.plain else np.zeros(self.damping.size)
         self.rows = np.stack([rest, low, high, margin])
 
     @classmethod
@@ -108,4 +109,4 @@ class Posture:
 
     def coordinates(self, q: np.ndarray) -> np.ndarray:
         """Return the coordinates (n) of q (nq) that ``rows`` are about [rad or m]."""
-        return q if self._plain else pin.difference(self._model, self._q_rest, q)
+        return q if self.plain else pin.difference(self._model, self._q_rest, q)

@@ -47,6 +47,8 @@ class FrameKinematics(TaskKinematics):
         self.positions = robot.task.positions
         self._size = robot.task.size
         self._turns = self._size > self.positions
+        self._J_shape = (self._size, self.nv)
+        self._Y_shape, self._X_shape = (self._size, self.size), (self.positions, self.size)
         self._model = robot.model.copy()
         self._data, self._past = self._model.createData(), self._model.createData()
         self._frame = robot.frame_id
@@ -109,9 +111,9 @@ class FrameKinematics(TaskKinematics):
             kernels.place(a_k, first, directions, offset, translation)
         pin.forwardKinematics(model, data, q, v, self._zero)
         pin.computeJointJacobians(model, data)
-        m, m_p, p = self._size, self.positions, self.size
-        J, Jdot_v, xd_hat = empty((m, self.nv)), empty(m), empty(m)
-        Y_k, p_hat, X_k = empty((m, p)), empty(m_p), empty((m_p, p))
+        m, m_p = self._size, self.positions
+        J, Jdot_v, xd_hat = empty(self._J_shape), empty(m), empty(m)
+        Y_k, p_hat, X_k = empty(self._Y_shape), empty(m_p), empty(self._X_shape)
         kernels.frame_motion(
             self._rotations, self._origins, self._velocities, self._accelerations, self._axes,
             self._lever, v, self._row_numbers, self._parent_of, self._placed.directions,

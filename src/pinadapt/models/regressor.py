@@ -35,6 +35,7 @@ class Regressor:
         self._weightless.gravity.linear = np.zeros(3)
         self._data = self._model.createData()  # scratch for both
         self._zero = np.zeros(model.nv)
+        self._many = model.nv > 1
         self._shape = (model.nv, PER_BODY * model.nv)  # Pinocchio returns a single row as a vector
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -44,7 +45,7 @@ class Regressor:
     def __call__(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y(q, v, a) (n, 10 n)."""
         Y = pin.computeJointTorqueRegressor(self._model, self._data, q, v, a)
-        return Y if Y.ndim == 2 else Y.reshape(self._shape)
+        return Y if self._many else Y.reshape(self._shape)
 
     def slotine_li(
         self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray
