@@ -220,9 +220,9 @@ def test_progress_is_shown_on_terminals_and_on_request(progress, capsys):
     assert ("planar_2r" in capsys.readouterr().err) == (progress is True)
 
 
-def test_init_repeats_the_check_before_a_run(tmp_path, capsys, monkeypatch):
+def test_init_prints_the_pre_run_check(tmp_path, capsys, monkeypatch):
     assert main(["init", "planar_2r", "--out", str(tmp_path / "a.toml")]) == 0
-    assert "check before a run: separation suits a period of 0.001 s." in capsys.readouterr().out
+    assert "Pre-run check passed: 'separation' is stable at 1 ms." in capsys.readouterr().out
     monkeypatch.setattr("pinadapt.simulation.prepare.preflight", lambda *_: ["dt is too long."])
     assert main(["init", "planar_2r", "--out", str(tmp_path / "b.toml")]) == 0
     out, err = capsys.readouterr()
