@@ -9,7 +9,7 @@ import pytest
 import pinadapt as pa
 from pinadapt._files import read_toml
 from pinadapt.description.catalogue import robots_folder
-from pinadapt.tasks.registry import TASKS
+from pinadapt.tasks.frame import TASKS
 from tests.support.chains import catalogue_robot
 from tests.support.loops import check_holds_home
 

@@ -10,7 +10,7 @@ from hypothesis import example, settings
 from hypothesis import strategies as st
 
 import pinadapt as pa
-from pinadapt.tasks.registry import TASKS
+from pinadapt.tasks.frame import TASKS
 
 SIZES = range(1, 11)  # numbers of joints
 seeds = st.integers(0, 2**31)

@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pinadapt as pa
-from pinadapt.tasks.frame import matrix, quaternion, rotation_between, rotation_drift, turned
-from pinadapt.tasks.registry import TASKS
+from pinadapt.tasks.frame import TASKS, matrix, quaternion, rotation_between, rotation_drift, turned
 from tests.support.chains import catalogue_robot, chains, each_size, random_state, seeded, seeds
 from tests.support.differences import derivative
 from tests.support.identities import check_kinematics, unknown_choices

@@ -10,8 +10,7 @@ import pinadapt as pa
 from pinadapt.cli.compare import comparison_table
 from pinadapt.plants.sensors import Sensors
 from pinadapt.scenario.scenario import Scenario
-from pinadapt.tasks.frame import matrix
-from pinadapt.tasks.registry import TASKS
+from pinadapt.tasks.frame import TASKS, matrix
 from tests.support.chains import catalogue_robot, random_inertia
 from tests.support.paths import ROOT
 

@@ -10,8 +10,8 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
+from pinadapt.tasks.frame import TASKS
 from pinadapt.tasks.joint import JointTask
-from pinadapt.tasks.registry import TASKS
 from pinadapt.trajectories import Function, Spline, as_trajectory
 from tests.support.chains import catalogue_robot
 from tests.support.differences import derivative

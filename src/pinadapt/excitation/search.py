@@ -19,8 +19,8 @@ from ..models.joint_kinematics import JointKinematics
 from ..models.task_kinematics import TaskKinematics
 from ..robot.robot import Robot
 from ..simulation.simulate import Progress, watched
+from ..tasks.frame import TASKS
 from ..tasks.joint import JointTask
-from ..tasks.registry import TASKS
 from ..tuning.unknowns import Unknown, nominal_dynamics
 from .aim import Aim
 from .allowance import Allowance, configurations

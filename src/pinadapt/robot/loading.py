@@ -27,15 +27,16 @@ from ..description.chain import (
 from ..description.description import Description, Source, describe
 from ..description.urdf import Origin
 from ..description.xacro import XacroArguments
-from ..exceptions import RobotError
-from ..tasks.frame import FrameTask
-from ..tasks.registry import JOINT, task_named
+from ..exceptions import RobotError, did_you_mean
+from ..tasks.frame import TASKS, FrameTask
+from ..tasks.joint import JointTask
 from ..tasks.task import Task
 from . import changes
 from .changes import Friction
 from .home import MountingPlane, conditioning, find_home, home_inside_limits
 from .robot import Robot, Visual
 
+JOINT = "joint"  # the name of the task of the joints
 _ENDS = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
 _MOST_TRIED = 8  # ends of chains that are tried as the task frame
 _LARGEST, _PLANES = "xyz", ("xy", "xz", "yz")
@@ -374,3 +375,20 @@ def _with_home(
 def _conditioning(model: pin.Model, frame: int, task: Task, home: np.ndarray) -> float:
     assert isinstance(task, FrameTask)  # a plane
     return conditioning(model, model.createData(), frame, task.rows, home)[1]
+
+
+def task_named(name: str, model: pin.Model) -> Task:
+    """Return a task of a chain by its name: one of ``TASKS``, or "joint".
+
+    Raises:
+        RobotError: unknown name; the message suggests the nearest.
+    """
+    if name == JOINT:
+        return JointTask.of_chain(model)
+    if name not in TASKS:
+        names = [*TASKS, JOINT]
+        raise RobotError(
+            f"no task is called '{name}'; choose from {names}.{did_you_mean(name, names)}",
+            where="task",
+        )
+    return TASKS[name]

@@ -1,10 +1,9 @@
 """Tasks: which coordinates are controlled, and how far they are from the desired ones."""
 
+from .frame import TASKS as TASKS
 from .frame import FrameTask as FrameTask
 from .frame import PoseTask as PoseTask
 from .frame import PositionTask as PositionTask
 from .joint import JointTask as JointTask
-from .registry import TASKS as TASKS
-from .registry import task_named as task_named
 from .task import RowGroup as RowGroup
 from .task import Task as Task

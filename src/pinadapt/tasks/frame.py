@@ -298,3 +298,17 @@ def _turning(q: np.ndarray) -> pin.Quaternion:
 def _unit(q: list[float]) -> bool:
     x, y, z, w = q
     return abs(x * x + y * y + z * z + w * w - 1.0) < _LOOSEST
+
+
+def _positions(name: str, rows: slice) -> FrameTask:
+    return PositionTask(name, tuple(name), rows, rows)
+
+
+TASKS: dict[str, FrameTask] = {
+    "xy": _positions("xy", slice(0, 2)),
+    "xz": _positions("xz", slice(0, 3, 2)),
+    "yz": _positions("yz", slice(1, 3)),
+    "xyz": _positions("xyz", slice(0, 3)),
+    "pose": PoseTask("pose", ("x", "y", "z", "phi_x", "phi_y", "phi_z"), slice(0, 6), slice(0, 3)),
+}
+"""The tasks of a frame by name."""
