@@ -55,7 +55,7 @@ def errors(rows: Sequence[Row]) -> str:
 
 def costs(rows: Sequence[Row]) -> str:
     """Return one row per contender: medians over the runs that did not diverge."""
-    head = ["first second [mm]", "peak torque", "peak in the end", "chatter [N m]", "lost"]
+    head = ["first second [mm]", "peak torque", "peak at the end", "chatter [N m]", "lost"]
     body = []
     for name in _names(rows):
         own = [row for row in rows if row["contender"] == name]
