@@ -31,7 +31,7 @@ def light(robot, **options):
 def test_a_light_wrist_is_named_with_the_load_that_it_bears(law):
     with pytest.warns(
         UserWarning,
-        match="wrist_3_joint is believed to move only .* above 0.076 kg, 88 mm off its axis",
+        match="wrist_3_joint moves only .* above 0.076 kg, 88 mm off its axis",
     ):
         pa.make_controller(catalogue_robot("ur10"), law=law)
 
@@ -39,7 +39,7 @@ def test_a_light_wrist_is_named_with_the_load_that_it_bears(law):
 @pytest.mark.parametrize("law", ["craig", "spong-ortega"])
 def test_a_light_wrist_is_named_in_joint_space_too(law):
     robot = catalogue_robot("ur10", task="joint")
-    with pytest.warns(UserWarning, match="wrist_3_joint is believed to move only"):
+    with pytest.warns(UserWarning, match="wrist_3_joint moves only"):
         pa.make_controller(robot, law=law)
 
 

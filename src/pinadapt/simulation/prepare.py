@@ -24,8 +24,7 @@ from ..robot.robot import Robot
 from ..tasks.frame import FrameTask
 from ..trajectories.given import TrajectoryLike, as_trajectory
 from ..trajectories.trajectory import Trajectory
-from ..tuning.preflight import jacobian_finding, preflight
-from ..tuning.preflight_sensors import sensor_findings
+from ..tuning.preflight import jacobian_finding, preflight, sensor_findings
 
 _STARTS = {"a_k": "belief.kinematic", "a_d": "belief.dynamic"}
 

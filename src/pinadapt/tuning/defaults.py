@@ -1,13 +1,13 @@
-"""Constants of the default gains, and the bandwidth from which they follow.
+"""The bandwidth of the default gains, and the prior covariance of the parameters.
 
 The bandwidth is w = 20 rad/s sqrt(2.2 m / reach), or 0.075 / dt for slow loops: gravity and the
-centrifugal forces of similar motions accelerate a robot of reach L at the rate sqrt(g / L), and
-what is wrong with the model then moves it by the same part of its size. Each law states its own
+centrifugal forces of similar motions accelerate a robot of reach L at the rate sqrt(g / L), so that
+a model error then displaces every robot by the same fraction of its size. Each law states its own
 gains for a bandwidth (``Law.tuned``); where the check before a run finds the feedback too fast for
 dt, w is lowered until it passes.
 
-The rates of adaptation follow from how fast they make the closed loop (see ``linearised_loop``):
-over a typical motion the fastest mode of the bodies' adaptation is ``Law.adaptation_mode`` w, that
+The rates of adaptation follow from the frequency of the closed loop (see ``frequency``): over a
+typical motion the fastest mode of the bodies' adaptation is ``Law.adaptation_mode`` w, that
 of the joints' coefficients ``Law.joint_mode`` w, that of the kinematics ``Law.kinematic_mode`` w,
 and R_k lets the prediction error decay at w / 8. On the Panda gamma_k of the published laws is
 about the 0.05 that Wang and Xie took for their arm.
@@ -15,6 +15,7 @@ about the 0.05 that Wang and Xie took for their arm.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -25,6 +26,7 @@ from ..adaptation.adaptation import Adaptation
 from ..models.dynamics import Dynamics
 from ..models.pseudo_inertia import nearest_physical, pseudo_inertia, ten_parameters
 from ..models.translations import PlacedTranslations
+from ..models.typical_motion import TypicalMotion
 from ..robot.robot import Robot
 
 
@@ -61,8 +63,8 @@ def prior_covariance(robot: Robot, dynamics: Dynamics) -> np.ndarray | None:
     None where plausible truths have no value in them.
 
     The truths are those of ``plausible``, ten a parameter. To first order the covariance of a whole
-    body is 0.09 times the inverse of the metric of natural adaptation at the believed body: as a
-    constant gain it knows no frames and units either.
+    body is 0.09 times the inverse of the metric of natural adaptation at the nominal body: like
+    that metric it does not depend on frames and units.
     """
     robot, dynamics = dynamics.bare(robot), dynamics.inertial
     nominal, count = dynamics.value(robot), _SAMPLES_PER_PARAMETER * dynamics.size
@@ -83,7 +85,7 @@ def prior_covariance(robot: Robot, dynamics: Dynamics) -> np.ndarray | None:
 
 
 def plausible(robot: Robot, dynamics: Dynamics, count: int) -> Iterator[Robot]:
-    """Yield seeded robots that differ from the believed one in what the parameters leave unknown.
+    """Yield seeded robots that differ from the model in the unknown parameters.
 
     The pseudo-inertia P = S S^T of an unknown body becomes S exp(0.3 W) S^T, W symmetric and normal
     with density exp(-tr(W W) / 2): physical, and off by 30 %. Unknown translations are off by 10 %
@@ -138,12 +140,12 @@ PREDICTION_RATE = 0.125
 
 
 def bandwidth(robot: Robot, dt: float) -> float:
-    """Return the default bandwidth w [rad/s] for a believed robot at sampling period dt [s]."""
+    """Return the default bandwidth w [rad/s] for a robot at sampling period dt [s]."""
     return min(_PUBLISHED * (_REACH / max(robot.reach, _LEAST_REACH)) ** 0.5, _LARGEST_STEP / dt)
 
 
 def gradient_shape(robot: Robot, dynamics: Dynamics, effects: Sequence[np.ndarray]) -> np.ndarray:
-    """Return a constant Gamma_d (p, p) up to a factor, which the fastest mode of the loop fixes.
+    """Return a constant Gamma_d (p, p) up to a factor, which follows from the fastest mode.
 
     It is the covariance of the parameters' errors when inertias are off by 30 % and lengths by
     10 %: the estimate moves in the directions in which the truth may lie, each at its own scale,
@@ -153,7 +155,7 @@ def gradient_shape(robot: Robot, dynamics: Dynamics, effects: Sequence[np.ndarra
     1991).
 
     Args:
-        robot: the believed robot.
+        robot: the model.
         dynamics: the parameters, made for it.
         effects: Phi of the loop at typical states.
     """
@@ -162,3 +164,20 @@ def gradient_shape(robot: Robot, dynamics: Dynamics, effects: Sequence[np.ndarra
         return covariance
     excitation = np.mean([np.sum(Phi * Phi, axis=0) for Phi in effects], axis=0)
     return np.diag(1.0 / np.maximum(excitation, _LEAST_EXCITATION * excitation.max(initial=1e-12)))
+
+
+def typical_start(adaptation: Adaptation, motion: TypicalMotion) -> np.ndarray:
+    """Return the typical parameters (p), moved into the adaptation's domain."""
+    with warnings.catch_warnings():
+        warnings.simplefilter(
+            "ignore"
+        )  # that bodies are moved into the cone is warned of at the start
+        return adaptation.validate(motion.dynamics.typical)
+
+
+def typical_torques(adaptation: Adaptation, motion: TypicalMotion) -> np.ndarray:
+    """Return the mean diagonal (n) of Y Gamma Y^T over a typical motion, positive."""
+    start = typical_start(adaptation, motion)
+    squares = [np.sum(Y.T * adaptation.gain_times(start, Y.T), axis=0) for Y in motion.regressors]
+    mean = np.mean(squares, axis=0)
+    return np.maximum(mean, 1e-12 * max(mean.max(initial=0.0), 1e-300))

@@ -1,10 +1,10 @@
 """Filter settings for noisy sensors, and modifications of the adaptation.
 
-The size that counts is the noise of the joint velocity against the bandwidth, an angle sigma = (its
-standard deviation) / w. Where it is ``_COARSE``, about that of a differenced encoder of 14 bits a
-turn at 1 kHz, the loop needs all of what is below; finer sensors need less, with the cube root of
-sigma: velocity noise through a low pass, K_D and back goes with its bandwidth, and from there into
-the estimates with the square.
+The settings follow from the noise of the joint velocity over the bandwidth, an angle sigma = (its
+standard deviation) / w. At sigma = ``_COARSE``, about that of a differenced encoder of 14 bits a
+turn at 1 kHz, the settings are the numbers below; for finer sensors they scale with the cube root
+of sigma, because the noise that passes the low pass and K_D grows with the bandwidth of the low
+pass, and its effect on the estimates with the square.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from ..exceptions import GainError, InputError, did_you_mean
 from ..laws.law import Law
 from ..models.typical_motion import TypicalMotion
 from ..records import SensorQuality
-from .prediction_rates import typical_torques
+from .defaults import typical_torques
 
 _COARSE = 5e-3  # [rad]
 _FILTER, _DECORRELATION, _MODE = 7.0, 2.0, 0.2  # bandwidths; share of the adaptation's mode
 _LEAK = 0.03  # [1/s]
-_FINEST = 1.5e-4  # of the reach: what noise of the camera may leave in the position
+_FINEST = 1.5e-4  # of the reach: accepted noise of the filtered position
 
 
 class NoiseSettings(NamedTuple):
@@ -52,7 +52,7 @@ class NoiseSettings(NamedTuple):
 
 
 def noise_settings(quality: SensorQuality, bandwidth: float, reach: float) -> NoiseSettings:
-    """Return what noise and age ask for at a bandwidth w [rad/s] of the feedback.
+    """Return filters and rates for the noise and delay of sensors at a bandwidth w [rad/s].
 
     Args:
         quality: of the sensors.
@@ -90,11 +90,11 @@ _DEVIATIONS = 3.0  # of the noise, for a dead zone
 
 
 class Tuning(NamedTuple):
-    """What the sizes of modifications follow from.
+    """A tuned loop, from which the sizes of modifications follow.
 
     Attributes:
         law: whose errors drive the adaptation.
-        motion: the believed robot.
+        motion: of the model.
         bandwidth: w [rad/s].
         period: dt [s].
         quality: of the sensors.
@@ -181,7 +181,7 @@ def _noise(tuning: Tuning) -> ArrayLike:
         raise GainError(
             "no noise of the joint velocity is known, from which the size follows.",
             where=where,
-            hint="Give the size, or say encoder= or noise=.",
+            hint="Give the size, or the sensors: pa.Sensors(encoder=...) or noise=.",
         )
     passed = min(1.0, math.sqrt(0.5 * tuning.settings.velocity * tuning.period))
     return _of_velocity(tuning, _DEVIATIONS * v * passed, where)
@@ -199,5 +199,5 @@ def _of_velocity(tuning: Tuning, size: float, where: str) -> float:
         f"the law '{tuning.law.name}' drives the adaptation by another error than that of the "
         "joint velocity, whose size is not known.",
         where=where,
-        hint="Wrap an adaptation yourself: pinadapt.DeadZone, pinadapt.ErrorLeak.",
+        hint="Wrap an adaptation yourself: pinadapt.adaptation.DeadZone, ErrorLeak.",
     )

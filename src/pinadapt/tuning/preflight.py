@@ -1,17 +1,23 @@
-"""Before the run: is the sampling period short enough for these gains on this robot?
+"""The check before a run: sampling period, sensors, a nominal Jacobian, light joints.
 
-Each part of the closed loop is linearised over a typical motion of the believed robot (see
-``modes``) and sampled as the controller does it, torques and gradients held for dt. The part is
-stable while the spectral radius of its transition matrix is below one. The real inertias are not
-the believed ones: the check asks for it with feedback and kinematic adaptation doubled, and with
-the rates of the dynamic adaptation half as large again, as bodies a third lighter would have it.
+Period: each part of the closed loop is linearised over a typical motion of the model and sampled as
+the controller does it, torques and gradients held for dt. A part is stable while the spectral
+radius of its transition matrix is below one. The real inertias differ from the model's: stability
+is required with feedback and kinematic adaptation doubled, and with the rates of the dynamic
+adaptation 1.5 times as large, as for bodies a third lighter.
+
+Sensors: a frame that is used without compensation is a delay of the position feedback by up to its
+age; the loop of the typical motion with that delay, in Pade's second-order form, must be stable
+with the stiffness doubled. With compensated frames only the kinematic adaptation is delayed; its
+mode must be slower than the age. The noise of the joint velocity must not exceed that for which
+filters and rates were chosen.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import cycle
 
@@ -21,13 +27,16 @@ import pinocchio as pin
 from .._checks import arithmetic, instance, positive
 from ..controller.controller import Controller
 from ..laws.acceleration_law import AccelerationLaw
+from ..laws.gains import SYMBOLS
 from ..laws.law import Feedback, Law
 from ..models.frame_kinematics import FrameKinematics
 from ..models.typical_motion import TypicalMotion
+from ..records import SensorQuality
 from ..robot.robot import Robot
 from ..robot.workspace import rounded_down
 from ..tasks.joint import JointTask
 from .defaults import frequency
+from .noise import coarseness
 
 _LOAD, _ARM = 0.1, 0.05  # of the robot's mass, of its reach off the axis: such a load ...
 _ANGLE = 0.25  # [rad] ... turns no joint further than this against its position feedback
@@ -35,15 +44,15 @@ _ANGLE = 0.25  # [rad] ... turns no joint further than this against its position
 
 @dataclass(frozen=True)
 class LightJoint:
-    """A revolute joint that a load would turn away.
+    """A revolute joint that an unknown load could turn against its feedback.
 
     The load is a tenth of the robot's mass, a twentieth of its reach off the axis.
 
     Attributes:
         joint: its name.
-        inertia: what it is believed to move, the least over a typical motion [kg m^2].
-        load: the largest load that it bears [kg].
-        arm: at this distance from its axis [m].
+        inertia: that it moves in the model, the least over a typical motion [kg m^2].
+        load: largest load that it tolerates [kg].
+        arm: distance of that load from its axis [m].
     """
 
     joint: str
@@ -52,32 +61,32 @@ class LightJoint:
     arm: float
 
     def __str__(self) -> str:
-        """Say what is light, what it bears, and what to do."""
+        """Return what is light, which load it tolerates, and what to do."""
         return (
-            f"{self.joint} is believed to move only {self.inertia:.2g} kg m^2, and this law's "
-            "feedback is that times an acceleration: an unknown load above "
+            f"{self.joint} moves only {self.inertia:.2g} kg m^2 in the model, and the feedback of "
+            "this law is that times an acceleration: an unknown load above "
             f"{rounded_down(self.load):.2g} kg, {1e3 * self.arm:.0f} mm off its axis, can spin it "
-            "before it is learned. With such a load take the law 'separation', whose gains "
-            "are torques, or believe in it from the start, its inertia included (Robot.changed, "
+            "before it is learned. With such a load take the law 'separation', whose gains are "
+            "torques, or give a guess of the load and its inertia (payload=, in a scenario "
             "belief.payload)."
         )
 
 
 def lightest_joint(motion: TypicalMotion, law: Law) -> LightJoint | None:
-    """Return the joint that bears least, or None where all bear enough.
+    """Return the joint that tolerates the smallest load, or None if all tolerate enough.
 
-    None too where the law's gains are forces or the last body is known.
+    None too if the law's gains are forces or the last body is known.
 
     At each state of the typical motion, the weight of the load at its distance from a joint's axis
-    is divided by the believed inertia M_jj and by the least position gain: the angle at which the
+    is divided by the model's inertia M_jj and by the least position gain: the angle at which the
     feedback balances it. On the catalogue, with 30 % wrong inertias and loads of at most the last
-    body's mass, law (11) of Wang and Xie lost four joints, all of them told of here.
+    body's mass, law (11) of Wang and Xie diverged at four joints; all are found here.
     """
-    believed, dynamics = motion.robot, motion.dynamics
-    model, n = believed.model, believed.model.nv
+    robot, dynamics = motion.robot, motion.dynamics
+    model, n = robot.model, robot.model.nv
     if not isinstance(law, AccelerationLaw) or not law.adapts or n - 1 not in dynamics.bodies:
         return None
-    rows, arm = believed.task.groups[0].rows, _ARM * believed.reach
+    rows, arm = robot.task.groups[0].rows, _ARM * robot.reach
     stiffness, data = float(np.linalg.eigvalsh(law.K_P[rows, rows])[0]), model.createData()
     angles, inertias = [], []  # (N, n) per kilogram of load, and M_jj
     for q, M in zip(motion.states.q, motion.mass_matrices, strict=True):
@@ -92,7 +101,7 @@ def lightest_joint(motion: TypicalMotion, law: Law) -> LightJoint | None:
     if _LOAD * pin.computeTotalMass(model) * largest[j] <= _ANGLE:
         return None
     least, load = float(np.min(inertias, axis=0)[j]), _ANGLE / float(largest[j])
-    return LightJoint(believed.joint_names[j], least, load, arm)
+    return LightJoint(robot.joint_names[j], least, load, arm)
 
 
 _MARGIN, _ADAPTATION_MARGIN = 2.0, 1.5
@@ -104,28 +113,30 @@ _UNSTABLE = 1.0 + 1e-9  # the null space of a redundant arm moves freely
 
 @dataclass(frozen=True)
 class Finding:
-    """One part of the closed loop that the sampling period makes unstable.
+    """A part of the closed loop that is unstable at the sampling period.
 
     Attributes:
         part: what it is.
         dt: the given period [s].
-        longest: the longest period that would do [s].
-        factors: what gains would have to be multiplied with at the given period, by name; empty
-            where none of them helps.
+        longest: the longest period at which it is stable [s].
+        factors: by name, what each gain must be multiplied with to be stable at ``dt``; empty if
+            no gain helps.
+        values: by name, the present gains that are one number.
     """
 
     part: str
     dt: float
     longest: float
     factors: dict[str, float]
+    values: dict[str, float] = field(default_factory=dict)
 
     def __str__(self) -> str:
-        """Say what is too fast and what to take."""
-        gains = ", ".join(f"{name} by {_bound(factor)}" for name, factor in self.factors.items())
+        """Return which part is too fast, and the period or the gains to take."""
+        gains = [_bound(name, each, self.values.get(name)) for name, each in self.factors.items()]
         other = (
-            f", or multiply {gains}"
+            f", or {', '.join(gains)}"
             if gains
-            else "; the null space's damping alone is too fast, smaller gains do not help"
+            else "; smaller gains do not help, the damping of the null space is too fast by itself"
         )
         return (
             f"dt = {self.dt:.3g} s is too long for the {self.part}: take dt <= "
@@ -133,11 +144,29 @@ class Finding:
         )
 
 
-def _bound(factor: float) -> str:
-    """Return a factor in words, rounded to the safe side."""
+def _bound(name: str, factor: float, value: float | None) -> str:
+    """Return the bound on a gain of a value that a factor stands for, rounded to the safe side."""
     if factor <= 1.0:
-        return f"at most {rounded_down(factor):.2g}"
-    return f"at least {1.0 / rounded_down(0.99 / factor):.3g}"
+        if value is None:
+            return f"{name} at most {rounded_down(factor):.2g} of its value"
+        return f"{name} <= {rounded_down(factor * value):g} (now {value:.3g})"
+    if value is None:
+        return f"{name} at least {1.0 / rounded_down(0.99 / factor):.3g} times its value"
+    return f"{name} >= {1.0 / rounded_down(0.99 / (factor * value)):.3g} (now {value:.3g})"
+
+
+def _values(law: Law, names: Iterable[str]) -> dict[str, float]:
+    """Return the gains of a law that are one number, or one for all coordinates."""
+    found = {}
+    for name in names:
+        value = np.atleast_1d(getattr(law, SYMBOLS.get(name, name), np.nan))
+        if callable(getattr(law, SYMBOLS.get(name, name), None)) or value.dtype == object:
+            continue
+        diagonal = np.diag(value) if value.ndim == 2 else value
+        single = value.ndim == 1 or np.array_equal(value, np.diag(diagonal))
+        if single and np.isfinite(diagonal).all() and np.ptp(diagonal) == 0.0 and diagonal[0] > 0.0:
+            found[name] = float(diagonal[0])
+    return found
 
 
 Radius = Callable[..., float]  # of dt [s] and factor, both by name
@@ -145,11 +174,11 @@ Radius = Callable[..., float]  # of dt [s] and factor, both by name
 
 @arithmetic("dt")
 def preflight(controller: Controller, dt: float) -> list[Finding]:
-    """Return what is too fast for the sampling period dt [s]; an empty list is a go.
+    """Return the parts of the loop that are unstable at the period dt [s]; empty if stable.
 
     A controller put together by hand, without the typical motion that ``make_controller`` gives it,
-    is not checked. Where the feedback's damping alone is too fast for dt, no rate of adaptation is
-    to blame and the feedback alone is told.
+    is not checked. If the damping of the feedback alone is too fast for dt, only the feedback is
+    returned, as no rate of adaptation would help.
 
     Raises:
         InputError: no controller, or a period that is not positive.
@@ -164,7 +193,8 @@ def preflight(controller: Controller, dt: float) -> list[Finding]:
                 _largest(lambda factor, of=radius: of(dt=dt, factor=factor), 1.0) if helps else 0.0
             )
             factors = {gain: factor**power for gain, power in gains.items() if helps}
-            findings.append(Finding(part, dt, longest, factors))
+            values = _values(controller.law, factors)
+            findings.append(Finding(part, dt, longest, factors, values))
     return findings
 
 
@@ -230,9 +260,7 @@ def _parts(controller: Controller) -> list[tuple[str, dict[str, float], Radius]]
 def _dynamic_gain(controller: Controller, motion: TypicalMotion) -> np.ndarray:
     """Return Gamma_d (p, p) at the start."""
     with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore"
-        )  # bodies moved into the cone are told of when the run starts
+        warnings.simplefilter("ignore")  # the start of a run warns of unphysical bodies
         start = controller.adaptation_d.validate(motion.dynamics.initial)
     return controller.adaptation_d.gain(start)
 
@@ -276,39 +304,149 @@ def _kinematic_radius(mode: float, damping: float, decay: float, dt: float, fact
     return float(np.abs(np.linalg.eigvals(transition)).max())
 
 
+_UNDECLARED = 1.5  # times the noise for which a controller was made
+_COARSEST = 4.0  # times the noise of 14 bits a turn, see ``noise_settings``
+_LATE = 2.0  # mode times age
+_SLOWEST = 1e-6
+
+
+@dataclass(frozen=True)
+class SensorFinding:
+    """A sensor that is too slow, late or noisy for the controller.
+
+    Attributes:
+        part: "camera" or "encoder".
+        flaw: what is wrong, and what to do.
+    """
+
+    part: str
+    flaw: str
+
+    def __str__(self) -> str:
+        """Return one line."""
+        return f"{self.part}: {self.flaw}"
+
+
+def sensor_findings(controller: Controller, quality: SensorQuality) -> list[SensorFinding]:
+    """Return the sensors with which the loop would be unstable or drift; empty if there are none.
+
+    A controller without a typical motion, put together by hand, is not checked.
+    """
+    if controller.motion is None:
+        return []
+    found = (check(controller, quality) for check in (_uncompensated, _late, _noisy))
+    return [finding for finding in found if finding is not None]
+
+
+def _uncompensated(controller: Controller, quality: SensorQuality) -> SensorFinding | None:
+    motion, age = controller.motion, quality.age
+    assert motion is not None
+    if controller.senses.compensator.enabled or not age or not motion.kinematics.positions:
+        return None
+    feedback = controller.law.feedback(motion)
+    if not feedback or _stable_with_delay(feedback, age):
+        return None
+    longest, low = age, age * _SLOWEST
+    for _ in range(40):
+        middle = (low * longest) ** 0.5
+        low, longest = (middle, longest) if _stable_with_delay(feedback, middle) else (low, middle)
+    return SensorFinding(
+        "camera",
+        f"frames up to {1e3 * age:.3g} ms old are used without compensation; this feedback is "
+        f"stable up to {1e3 * rounded_down(low):.2g} ms. Compensate the delay "
+        "(compensate_delay=True, in a scenario carry = true), or take a faster camera or a smaller "
+        "bandwidth (alpha, Kp).",
+    )
+
+
+def _stable_with_delay(feedback: Sequence[Feedback], delay: float) -> bool:
+    """Tell whether d^2 x/dt^2 = -S x(t - delay) - (D + N) dx/dt is, at most of the states."""
+    S, D, N, _ = (np.array(part) for part in zip(*feedback, strict=True))
+    n, one, zero = S.shape[-1], np.broadcast_to(np.eye(S.shape[-1]), S.shape), np.zeros(S.shape)
+    a, b = 12.0 / delay**2, 6.0 / delay  # x(t - delay) = x - 2 b z', z'' = -a z - b z' + x
+    system = np.block(
+        [
+            [zero, one, zero, zero],
+            [-_MARGIN * S, -(D + N), zero, 2.0 * b * _MARGIN * S],
+            [zero, zero, zero, one],
+            [one, zero, -a * one, -b * one],
+        ]
+    )
+    growth = np.linalg.eigvals(system).real.max(axis=-1)
+    return bool(np.median(growth) < 1e-6 * n / delay)
+
+
+def _late(controller: Controller, quality: SensorQuality) -> SensorFinding | None:
+    motion, loop = controller.motion, controller.law.kinematic_loop()
+    assert motion is not None
+    Gamma_k = controller.adaptation_k.gain(motion.kinematics.initial)
+    if loop is None or not quality.age or not Gamma_k.any():
+        return None
+    mode = frequency(motion.kinematic_regressors, Gamma_k) * loop.stiffness**0.5
+    if mode * quality.age <= _LATE:
+        return None
+    return SensorFinding(
+        "camera",
+        f"frames up to {1e3 * quality.age:.3g} ms old are too late for this kinematic adaptation: "
+        f"multiply gamma_k by at most {rounded_down((mode * quality.age) ** -2.0):.2g}, or make "
+        "the controller for this camera (sensors=).",
+    )
+
+
+def _noisy(controller: Controller, quality: SensorQuality) -> SensorFinding | None:
+    motion, made_for = controller.motion, controller.senses.quality
+    assert motion is not None
+    if not controller.adaptation_d.gain(controller.dynamics.initial).any():
+        return None
+    if coarseness(quality, motion.bandwidth) > _COARSEST:
+        return SensorFinding(
+            "encoder",
+            f"with velocity noise of {quality.v:.2g} rad/s or m/s the estimates drift, whatever "
+            "the filters. Use finer encoders, a velocity sensor, a longer period dt (the noise of "
+            'differences decreases with it), or adaptation = "none".',
+        )
+    if quality.v > _UNDECLARED * made_for.v:
+        return SensorFinding(
+            "encoder",
+            f"the velocity noise is {quality.v:.2g} rad/s or m/s, and the controller was made for "
+            f"{made_for.v:.2g}: its estimates may drift. Make it for these sensors (sensors=).",
+        )
+    return None
+
+
 _GROWTH = 1e-2  # of the bandwidth
 
 
 @dataclass(frozen=True)
 class WrongJacobian:
-    """A believed Jacobian so far from the true one that the loop about home is unstable.
+    """A nominal Jacobian so far from the true one that the loop about home is unstable.
 
     Attributes:
         law: that does not learn it.
-        mismatch: how far, in parts of itself; see ``Law.mismatch``.
-        borne: how far it is proved for.
+        mismatch: its relative error; see ``Law.mismatch``.
+        proved: the relative error for which the law is proved.
         growth: of the fastest growing mode [1/s].
     """
 
     law: str
     mismatch: float
-    borne: float
+    proved: float
     growth: float
 
     def __str__(self) -> str:
-        """Say how wrong it is, and what to do."""
+        """Return how wrong it is, and what to do."""
         return (
-            f"the Jacobian is believed wrong by {self.mismatch:.2g} of itself at home. The law "
-            f"'{self.law}' does not learn it and is proved for {self.borne:.2g}; the loop about "
-            f"home grows at {self.growth:.2g} 1/s: the arm swings about its set point or leaves. "
-            "Measure the tool, or take the law 'separation', which learns it."
+            f"the relative error of the model's Jacobian at home is {self.mismatch:.2g}. The law "
+            f"'{self.law}' does not adapt it and is proved up to {self.proved:.2g}; the loop about "
+            f"home is unstable, its fastest mode grows at {self.growth:.2g} 1/s. Measure the tool, "
+            "or take the law 'separation', which adapts it."
         )
 
 
 def jacobian_finding(controller: Controller, true: Robot) -> WrongJacobian | None:
-    """Return how wrong the believed Jacobian is at the home of a true robot, if it is too wrong.
+    """Return the error of the model's Jacobian at the home of a true robot, if it is too large.
 
-    Only a simulation can tell: it takes the true robot. The loop is linearised at rest in a set
+    Only a simulation knows: it takes the true robot. The loop is linearised at rest in a set
     point at home, with the true mass matrix and Jacobian and the torque Z a_d as a state of its
     own: M qdd = z - J_hat^T K_P J dq - K_v qd, dz/dt = -Z Gamma Z^T y.
     """

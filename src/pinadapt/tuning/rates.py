@@ -1,4 +1,4 @@
-"""Default gains of least squares on the prediction error of position or velocity."""
+"""Adaptations by name, with their default rates."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from .._checks import positive
 from ..adaptation.adaptation import Adaptation, Frozen, Stacked
+from ..adaptation.composite import Composite, CompositeMemory
 from ..adaptation.gradient import ExponentiatedGradient, Gradient
 from ..adaptation.least_squares import LeastSquares
 from ..adaptation.natural import BodyInequality, MatrixInequality, Natural
@@ -22,71 +23,19 @@ from ..models.dynamics import Dynamics
 from ..models.typical_motion import TypicalMotion
 from ..records import SensorQuality
 from ..robot.robot import Robot
-from .defaults import PREDICTION_RATE, frequency, gradient_shape, rate_for
+from .defaults import (
+    PREDICTION_RATE,
+    frequency,
+    gradient_shape,
+    rate_for,
+    typical_start,
+    typical_torques,
+)
 from .noise import NoiseSettings
-from .prediction_rates import predicting
 
-# of the bandwidth
-_RATE = 1.0
-_FORGETTING = 0.125
-
-_PRIOR = 0.1  # of the reach: how far translations may be off
-_FINEST = 1e-3  # of what that makes of the predicted: what is taken for noise where there is none
-
-
-def kinematic_least_squares(
-    P_0: np.ndarray,
-    law: Law,
-    motion: TypicalMotion,
-    bandwidth: float,
-    rates: Mapping[str, Any],
-    settings: NoiseSettings,
-    quality: SensorQuality,
-) -> LeastSquares:
-    """Return least squares on what a law predicts of the frame, from a gain P(0) (p, p) on.
-
-    Error and gain fall at the bandwidth w, so that the reference, which holds da_k/dt, can be
-    followed, until the gain is that of the camera's noise against translations off by a tenth of
-    the reach: from then on frames are averaged. Each direction forgets by itself, at w / 8 or an
-    eighth of the low pass that the noise asks for. A weight R_k of the user's own takes the place
-    of all but the forgetting.
-
-    Args:
-        P_0: the gain at the start.
-        law: that predicts positions, or velocities.
-        motion: the believed robot.
-        bandwidth: w [rad/s].
-        rates: given ``kinematic_rate``, ``kinematic_forgetting`` and ``R_k``.
-        settings: of the filters, for the noise.
-        quality: of the camera.
-
-    Raises:
-        GainError: a rate that is not positive.
-    """
-    rate, forgetting = rates.get("kinematic_rate"), rates.get("kinematic_forgetting")
-    if forgetting is None:
-        forgetting = _FORGETTING * min(bandwidth, settings.smoothing)
-    size = motion.kinematics.size
-    options: dict[str, Any] = {"weight": None, "forgetting": forgetting, "directional": True}
-    if rates.get("R_k") is not None and rate is None:
-        return LeastSquares(P_0, size, **options)
-    rate = _RATE * bandwidth if rate is None else positive(rate, "kinematic_rate")
-    seen = motion.position_regressors if law.uses_position_error else motion.kinematic_regressors
-    squares = [np.einsum("ij,jk,ik->i", X, P_0, X) for X in seen]
-    typical = float(np.mean(squares)) if squares else 0.0
-    # noise of the predicted against what the prior makes of it, white over a second
-    spread = quality.x if law.uses_position_error else quality.x * _velocity_filter(law, bandwidth)
-    off = _PRIOR * motion.robot.reach * math.sqrt(typical / np.mean(np.diag(P_0)))
-    noise = rate * (spread / off) ** 2 / quality.rate if spread and off else 0.0
-    floor = typical * max(noise, _FINEST**2)
-    return LeastSquares(P_0, size, rate=rate, floor=floor or 1.0, **options)
-
-
-def _velocity_filter(law: Law, bandwidth: float) -> float:
-    """Return the bandwidth [1/s] through which a law without prediction sees the velocity."""
-    return float(getattr(law, "lambda_", bandwidth))
-
-
+_MEMORIES = ("natural-memory", "composite-memory")
+FORGETTING = (*_MEMORIES, LeastSquares.name)
+PREDICTING = ("natural-composite", "composite", *FORGETTING)
 _METRICS = {
     "composite": "gradient",
     "natural-composite": "natural",
@@ -94,6 +43,8 @@ _METRICS = {
     "natural-memory": "natural",
     "least-squares": "gradient",
 }  # of the adaptations that predict the torque
+ADAPTATIONS = ("natural", "gradient", "projected", *_METRICS, "none")
+KINEMATIC_ADAPTATIONS = ("gradient", "least-squares", "none")
 RATES = (
     "gamma_d",
     "gamma_joint",
@@ -104,11 +55,23 @@ RATES = (
     "kinematic_rate",
     "kinematic_forgetting",
 )  # as users write them
-_THICKNESS = 1e-2  # of the reach, radius of gyration
+
+_THICKNESS = 1e-2  # least thickness of the last body, as a share of the reach
 _THINNEST = 1e-4  # [m]
 
-ADAPTATIONS = ("natural", "gradient", "projected", *_METRICS, "none")
-KINEMATIC_ADAPTATIONS = ("gradient", "least-squares", "none")
+# prediction of the torque; rates in bandwidths
+_LEAST_SQUARES = 1e3  # initial rate
+_FILTER = 1.25
+_FORGETTING = 0.125
+_DOUBT = 1.0  # at which a memory forgets when contradicted by as much as its noise
+_NOISE = 0.01  # that a memory assumes, in the roots of the units of the floor
+_FLOOR = 1e-2  # of the torque due to the gain for the tracking error over a typical motion
+
+# prediction of position or velocity; rates in bandwidths
+_KINEMATIC_RATE = 1.0
+_KINEMATIC_FORGETTING = 0.125
+_PRIOR = 0.1  # error of the translations, as a share of the reach
+_FINEST = 1e-3  # least noise, as a share of the signal by that prior
 
 
 def check_adaptation(kind: str, where: str, kinds: Sequence[str]) -> None:
@@ -148,63 +111,6 @@ def predicting_kind(kind: str, law: str) -> str:
     )
 
 
-def kinematic_adaptation(
-    kind: str,
-    law: Law,
-    motion: TypicalMotion,
-    bandwidth: float,
-    rates: Mapping[str, Any],
-    box: np.ndarray | None,
-    settings: NoiseSettings,
-    quality: SensorQuality,
-) -> Adaptation:
-    """Return how the kinematic estimate moves, at given or default rates, in a box or none.
-
-    Args:
-        kind: of ``KINEMATIC_ADAPTATIONS``, or "custom", for which nothing is tuned.
-        law: whose coupling of estimate and error the default rate follows.
-        motion: the believed robot.
-        bandwidth: w [rad/s].
-        rates: those given by name, ``gamma_k`` a number, list or matrix.
-        box: (2, p) bounds or None.
-        settings: of the filters, for noise and delay of the camera.
-        quality: of the camera.
-    """
-    kinematics, gamma_k = motion.kinematics, rates.get("gamma_k")
-    size, loop = kinematics.size, law.kinematic_loop()
-    if kind == "none" or not size or not law.learns_kinematics:
-        return Frozen()
-    if gamma_k is None:
-        stiffness = 1.0 if loop is None else loop.stiffness
-        effects = [np.sqrt(stiffness) * Y_p for Y_p in motion.kinematic_regressors]
-        mode = min(law.kinematic_mode * bandwidth, settings.kinematic)
-        gamma_k = rate_for(mode, effects, Gradient(1.0, size), kinematics.initial)
-    moved: Adaptation = Gradient(gamma_k, size, "gamma_k")
-    if kind == LeastSquares.name:
-        P_0 = moved.gain(kinematics.initial)
-        moved = kinematic_least_squares(P_0, law, motion, bandwidth, rates, settings, quality)
-    if box is None:
-        return moved
-    return BoxProjection(moved, *box, names=kinematics.names, where="unknown.kinematic_box")
-
-
-def prediction_weight(
-    law: Law, motion: TypicalMotion, adaptation: Adaptation, bandwidth: float, noise: float
-) -> float:
-    """Return R_k with which the prediction error decays at its share of the bandwidth.
-
-    Args:
-        law: that predicts velocities, or positions.
-        motion: the believed robot.
-        adaptation: of the kinematic estimate.
-        bandwidth: w [rad/s].
-        noise: largest rate that the camera's noise allows [1/s].
-    """
-    seen = motion.position_regressors if law.uses_position_error else motion.kinematic_regressors
-    rate = frequency(seen, adaptation.gain(motion.kinematics.initial)) ** 2
-    return min(PREDICTION_RATE * bandwidth, noise) / rate if rate > 0.0 else 1.0
-
-
 def dynamic_adaptation(
     kind: str,
     law: Law,
@@ -214,12 +120,12 @@ def dynamic_adaptation(
     lmi: ArrayLike | MatrixInequality | None,
     share: float = 1.0,
 ) -> Adaptation:
-    """Return how the dynamic estimate moves, at given rates or a share of the default ones.
+    """Return the dynamic adaptation with given rates or a share of the default ones.
 
     Args:
         kind: of adaptation.
         law: whose loop the default rates follow.
-        motion: the believed robot.
+        motion: of the model.
         bandwidth: w [rad/s].
         rates: those given, by the names of ``RATES``.
         lmi: matrix inequality for a basis of the user's own.
@@ -244,7 +150,7 @@ def _tracking_adaptation(
     rates: Mapping[str, Any],
     lmi: ArrayLike | MatrixInequality | None,
 ) -> Adaptation:
-    """Return how the dynamic estimate follows the tracking error at a bandwidth w [rad/s]."""
+    """Return the adaptation to the tracking error at a bandwidth w [rad/s]."""
     dynamics, effects = motion.dynamics, law.parameter_effects(motion)
     inertial, joints = dynamics.inertial, dynamics.joints
     own = [Phi[:, : inertial.size] for Phi in effects]
@@ -264,39 +170,39 @@ def _tracking_adaptation(
 
 def _inertial_adaptation(
     kind: str,
-    believed: Robot,
+    robot: Robot,
     dynamics: Dynamics,
     effects: list[np.ndarray],
     mode: float,
     gamma_d: ArrayLike | None,
     lmi: ArrayLike | MatrixInequality | None,
 ) -> Adaptation:
-    """Return how the inertial parameters move; ``mode`` [rad/s] is the fastest by default."""
+    """Return the adaptation of the inertial parameters; by default its fastest mode is ``mode``."""
     if not dynamics.size:
         return Frozen()
     if kind == "natural":
-        cone = _cone(believed, dynamics, lmi)
+        cone = _cone(robot, dynamics, lmi)
         unit = Natural(1.0, cone)
         if gamma_d is None:
             gamma_d = rate_for(mode, effects, unit, unit.validate(dynamics.initial))
         if isinstance(gamma_d, Iterable) and not isinstance(gamma_d, str):
             raise InputError("natural adaptation has one scalar gain.", where="gamma_d")
-        return Natural(positive(gamma_d, "gamma_d"), cone, shares=_shares(believed, dynamics, unit))
+        return Natural(positive(gamma_d, "gamma_d"), cone, shares=_shares(robot, dynamics, unit))
     if gamma_d is None:
-        shape = gradient_shape(believed, dynamics, effects)
+        shape = gradient_shape(robot, dynamics, effects)
         gamma_d = shape * rate_for(mode, effects, Gradient(shape, dynamics.size), dynamics.initial)
     gradient = Gradient(gamma_d, dynamics.size, "gamma_d")
-    return MassMatrixProjection(gradient, dynamics, believed) if kind == "projected" else gradient
+    return MassMatrixProjection(gradient, dynamics, robot) if kind == "projected" else gradient
 
 
-def _shares(believed: Robot, dynamics: Dynamics, unit: Natural) -> np.ndarray | None:
+def _shares(robot: Robot, dynamics: Dynamics, unit: Natural) -> np.ndarray | None:
     """Return relative rates, one a body, where the last one is described as a needle; else None.
 
-    The metric measures how far a centre of mass may move by how thick the body is, and an unknown
-    load sits on the last one whatever its description says: it is learned as fast as if it were a
-    hundredth of the reach thick.
+    The thickness of a body scales how far its centre of mass may move in the metric, but an unknown
+    load may be on the last body whatever its description says: that body is learned as fast as if
+    its thickness were a hundredth of the reach.
     """
-    last = believed.model.nv - 1
+    last = robot.model.nv - 1
     if not dynamics.per_body or last not in dynamics.bodies:
         return None
     shares = np.ones(len(dynamics.bodies))
@@ -304,19 +210,19 @@ def _shares(believed: Robot, dynamics: Dynamics, unit: Natural) -> np.ndarray | 
     P = unit.cone.matrices(unit.validate(dynamics.initial))[index]
     about_centre = P[:3, :3] / P[3, 3] - np.outer(P[:3, 3], P[:3, 3]) / P[3, 3] ** 2
     radius = np.sqrt(max(np.linalg.eigvalsh(about_centre)[0], 0.0))
-    shares[index] = max(1.0, (_THICKNESS * believed.reach / max(radius, _THINNEST)) ** 2)
+    shares[index] = max(1.0, (_THICKNESS * robot.reach / max(radius, _THINNEST)) ** 2)
     return shares if shares[index] > 1.0 else None
 
 
 def _cone(
-    believed: Robot, dynamics: Dynamics, lmi: ArrayLike | MatrixInequality | None
+    robot: Robot, dynamics: Dynamics, lmi: ArrayLike | MatrixInequality | None
 ) -> MatrixInequality:
     """Return the bodies' cone, or the user's inequality for a basis."""
     cone: MatrixInequality
     if dynamics.per_body:
-        names = [believed.joint_names[body] for body in dynamics.bodies]
-        mass = pin.computeTotalMass(believed.model) / believed.model.nv
-        cone = BodyInequality(names, least_mass=1e-3 * mass, least_radius=1e-2 * believed.reach)
+        names = [robot.joint_names[body] for body in dynamics.bodies]
+        mass = pin.computeTotalMass(robot.model) / robot.model.nv
+        cone = BodyInequality(names, least_mass=1e-3 * mass, least_radius=1e-2 * robot.reach)
     elif lmi is None:
         raise ParameterError(
             "natural adaptation of a user's basis needs the inequality that keeps M positive "
@@ -332,3 +238,169 @@ def _cone(
             where="lmi",
         )
     return cone
+
+
+def predicting(
+    kind: str,
+    moved: Adaptation,
+    motion: TypicalMotion,
+    bandwidth: float,
+    share: float,
+    rates: Mapping[str, Any],
+    mode: float,
+) -> Adaptation:
+    """Return an adaptation that also follows the prediction error of the torque.
+
+    That error decays at ``mode`` times the bandwidth w, after a low pass of bandwidth 1.25 w. Least
+    squares, whose gain decreases as it learns, starts at 1000 w: this assumes noise of 3 % of the
+    torque due to the initial uncertainty, independent after 1 / w. It forgets at w / 8. Of three
+    values tried on panda, ur5 and z1 for 3 s, 1000 is the largest; the others make little
+    difference there.
+
+    A memory moves the estimate at the same rate whatever the noise and the period are, because it
+    averages the noise and is stable at any period. It assumes noise of 1 % of the torque due to the
+    initial uncertainty, and forgets at w where new data contradict it by that much. With perfect
+    sensors 3 w would find a changed load twice as fast; with encoders of 17 bits it would forget
+    too much, and a Panda keep four times the error. Without changes neither number matters.
+
+    Args:
+        kind: of ``PREDICTING``.
+        moved: adaptation to the tracking error.
+        motion: of the model.
+        bandwidth: w [rad/s].
+        share: of the default rates, for noise and the period.
+        rates: given ``prediction_rate``, ``prediction_filter`` and ``forgetting``.
+        mode: ``Law.prediction_mode``.
+
+    Raises:
+        GainError: a rate that is not positive.
+    """
+    default = _LEAST_SQUARES if kind == LeastSquares.name else mode
+    rate = _given(rates, "prediction_rate", default * bandwidth * share)
+    low_pass = _given(rates, "prediction_filter", _FILTER * bandwidth)
+    torques = typical_torques(moved, motion)
+    if kind in _MEMORIES:
+        rate = _given(rates, "prediction_rate", mode * bandwidth)
+        doubt = _given(rates, "forgetting", _DOUBT * bandwidth)
+        noise = _NOISE * np.sqrt(torques)
+        return CompositeMemory(moved, low_pass, rate=rate, noise=noise, forgetting=doubt)
+    if kind != LeastSquares.name:
+        return Composite(moved, low_pass, rate=rate, floor=_FLOOR * torques)
+    forgetting = _given(rates, "forgetting", _FORGETTING * bandwidth * share)
+    P_0, size = moved.gain(typical_start(moved, motion)), motion.dynamics.size
+    return LeastSquares(P_0, size, low_pass, weight=rate / torques, forgetting=forgetting)
+
+
+def _given(rates: Mapping[str, Any], name: str, default: float) -> float:
+    given = rates.get(name)
+    return default if given is None else positive(given, name, zero=name == "forgetting")
+
+
+def kinematic_adaptation(
+    kind: str,
+    law: Law,
+    motion: TypicalMotion,
+    bandwidth: float,
+    rates: Mapping[str, Any],
+    box: np.ndarray | None,
+    settings: NoiseSettings,
+    quality: SensorQuality,
+) -> Adaptation:
+    """Return the kinematic adaptation with given or default rates, in a box or without.
+
+    Args:
+        kind: of ``KINEMATIC_ADAPTATIONS``, or "custom", for which nothing is tuned.
+        law: whose coupling of estimate and error the default rate follows.
+        motion: of the model.
+        bandwidth: w [rad/s].
+        rates: those given by name, ``gamma_k`` a number, list or matrix.
+        box: (2, p) bounds or None.
+        settings: of the filters, for noise and delay of the camera.
+        quality: of the camera.
+    """
+    kinematics, gamma_k = motion.kinematics, rates.get("gamma_k")
+    size, loop = kinematics.size, law.kinematic_loop()
+    if kind == "none" or not size or not law.learns_kinematics:
+        return Frozen()
+    if gamma_k is None:
+        stiffness = 1.0 if loop is None else loop.stiffness
+        effects = [np.sqrt(stiffness) * Y_p for Y_p in motion.kinematic_regressors]
+        mode = min(law.kinematic_mode * bandwidth, settings.kinematic)
+        gamma_k = rate_for(mode, effects, Gradient(1.0, size), kinematics.initial)
+    moved: Adaptation = Gradient(gamma_k, size, "gamma_k")
+    if kind == LeastSquares.name:
+        P_0 = moved.gain(kinematics.initial)
+        moved = kinematic_least_squares(P_0, law, motion, bandwidth, rates, settings, quality)
+    if box is None:
+        return moved
+    return BoxProjection(moved, *box, names=kinematics.names, where="unknown.kinematic_box")
+
+
+def kinematic_least_squares(
+    P_0: np.ndarray,
+    law: Law,
+    motion: TypicalMotion,
+    bandwidth: float,
+    rates: Mapping[str, Any],
+    settings: NoiseSettings,
+    quality: SensorQuality,
+) -> LeastSquares:
+    """Return least squares on the prediction error of position or velocity, with gain P(0) (p, p).
+
+    Error and gain decrease at the bandwidth w, so that the loop can follow the reference, which
+    contains da_k/dt, until the gain is the ratio of the camera's noise to translation errors of a
+    tenth of the reach; from then on frames are averaged. Each direction forgets by itself, at w / 8
+    or an eighth of the bandwidth of the low pass on the frames. A given weight R_k replaces all but
+    the forgetting.
+
+    Args:
+        P_0: the gain at the start.
+        law: that predicts positions or velocities.
+        motion: of the model.
+        bandwidth: w [rad/s].
+        rates: given ``kinematic_rate``, ``kinematic_forgetting`` and ``R_k``.
+        settings: of the filters.
+        quality: of the camera.
+
+    Raises:
+        GainError: a rate that is not positive.
+    """
+    rate, forgetting = rates.get("kinematic_rate"), rates.get("kinematic_forgetting")
+    if forgetting is None:
+        forgetting = _KINEMATIC_FORGETTING * min(bandwidth, settings.smoothing)
+    size = motion.kinematics.size
+    options: dict[str, Any] = {"weight": None, "forgetting": forgetting, "directional": True}
+    if rates.get("R_k") is not None and rate is None:
+        return LeastSquares(P_0, size, **options)
+    rate = _KINEMATIC_RATE * bandwidth if rate is None else positive(rate, "kinematic_rate")
+    seen = motion.position_regressors if law.uses_position_error else motion.kinematic_regressors
+    squares = [np.einsum("ij,jk,ik->i", X, P_0, X) for X in seen]
+    typical = float(np.mean(squares)) if squares else 0.0
+    # noise of the measured signal over its size by the prior, white over a second
+    spread = quality.x if law.uses_position_error else quality.x * _velocity_filter(law, bandwidth)
+    off = _PRIOR * motion.robot.reach * math.sqrt(typical / np.mean(np.diag(P_0)))
+    noise = rate * (spread / off) ** 2 / quality.rate if spread and off else 0.0
+    floor = typical * max(noise, _FINEST**2)
+    return LeastSquares(P_0, size, rate=rate, floor=floor or 1.0, **options)
+
+
+def _velocity_filter(law: Law, bandwidth: float) -> float:
+    """Return the bandwidth [1/s] of the velocity filter of a law that predicts velocities."""
+    return float(getattr(law, "lambda_", bandwidth))
+
+
+def prediction_weight(
+    law: Law, motion: TypicalMotion, adaptation: Adaptation, bandwidth: float, noise: float
+) -> float:
+    """Return R_k with which the prediction error decays at its share of the bandwidth.
+
+    Args:
+        law: that predicts velocities or positions.
+        motion: of the model.
+        adaptation: of the kinematic estimate.
+        bandwidth: w [rad/s].
+        noise: largest rate that the camera's noise allows [1/s].
+    """
+    seen = motion.position_regressors if law.uses_position_error else motion.kinematic_regressors
+    rate = frequency(seen, adaptation.gain(motion.kinematics.initial)) ** 2
+    return min(PREDICTION_RATE * bandwidth, noise) / rate if rate > 0.0 else 1.0

@@ -25,7 +25,7 @@ from ..models.task_kinematics import TaskKinematics
 from ..models.translations import BASE, FIRST, LENGTHS, TOOL, Translation
 from ..robot.robot import Robot
 from ..tasks.joint import JointTask
-from .prediction_rates import FORGETTING, PREDICTING
+from .rates import FORGETTING, PREDICTING
 
 REGRESSORS = ("exact", "nominal")
 WORDS = (TOOL, BASE, LENGTHS, "bodies", PAYLOAD, "friction", "armature")
