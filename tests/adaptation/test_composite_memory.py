@@ -56,7 +56,7 @@ def test_lyapunov_equality_along_the_trajectory(law, name, adaptation):
         gamma_d=RATES[adaptation],
         unknown=pa.Unknown(friction=False, armature=False),
     )
-    energy = energy_along(true, controller, beside(true), seconds=0.03)
+    energy = energy_along(true, controller, beside(true), seconds=0.02)
     assert energy.mismatch(after=20) <= 1e-4
     assert np.abs(energy.rate).max() > 1e-6
     assert (energy.rate <= 0.0).all()
@@ -69,7 +69,7 @@ def test_lyapunov_equality_with_friction_and_rotors():
     controller = pa.make_controller(
         robot.changed(inertial_scale=0.8), adaptation="natural-memory", gamma_d=5.0, gamma_joint=1.0
     )
-    energy = energy_along(true, controller, circle_beside(true, "yz"), seconds=0.03)
+    energy = energy_along(true, controller, circle_beside(true, "yz"), seconds=0.02)
     assert energy.mismatch(after=20) <= 1e-4
     assert energy.largest_rise() <= 1e-12
 

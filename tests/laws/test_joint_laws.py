@@ -28,7 +28,7 @@ def test_equality_along_the_trajectory_under_gamma(law, name):
     robot = joint_robot(name)
     believed = robot.changed(inertial_scale=0.8)
     controller = pa.make_controller(believed, law=law, adaptation="gradient", gamma_d=RATES[law])
-    energy = energy_along(loaded(robot), controller, swinging(robot), seconds=0.04)
+    energy = energy_along(loaded(robot), controller, swinging(robot), seconds=0.02)
     assert energy.mismatch() <= 1e-4
     assert np.abs(energy.rate).max() > 1e-4
     assert (energy.rate <= 0.0).all()
@@ -39,7 +39,7 @@ def test_equality_along_the_trajectory_under_gamma(law, name):
 def test_equality_with_the_truth_known(name):
     robot = joint_robot(name)
     controller = pa.make_controller(robot, law="computed-torque")
-    energy = energy_along(robot, controller, swinging(robot), seconds=0.04)
+    energy = energy_along(robot, controller, swinging(robot), seconds=0.02)
     assert energy.mismatch() <= 1e-4 and (energy.rate <= 0.0).all()
 
 
@@ -55,7 +55,7 @@ def test_friction_only_adds_to_the_dissipation(name):
         gamma_d=1.0,
         gamma_joint=1.0,
     )
-    energy = energy_along(true, controller, swinging(robot), seconds=0.04)
+    energy = energy_along(true, controller, swinging(robot), seconds=0.02)
     assert energy.mismatch() <= 1e-4 and (energy.rate <= 0.0).all()
 
 

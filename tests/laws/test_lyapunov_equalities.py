@@ -58,7 +58,7 @@ CASES = [("planar_2r", "natural"), *((name, "gradient") for name in ROBOTS)]
 @pytest.mark.parametrize("law", LAWS)
 def test_equality_along_the_trajectory(law, name, adaptation):
     true, controller, path, start = ROBOTS[name](law, adaptation)
-    energy = energy_along(true, controller, path, seconds=0.06, **start)
+    energy = energy_along(true, controller, path, seconds=0.03, **start)
     assert energy.mismatch() <= 1e-4
     assert np.abs(energy.rate).max() > 1e-4  # something moved
     assert (energy.rate <= 0.0).all()

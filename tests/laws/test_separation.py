@@ -104,7 +104,7 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_equality_along_the_trajectory(case):
     true, controller, path = CASES[case]()
-    energy = energy_along(true, controller, path, seconds=0.06)
+    energy = energy_along(true, controller, path, seconds=0.03)
     assert energy.mismatch() <= 1e-4
     assert np.abs(energy.rate).max() > 1e-4  # something moved
     assert (energy.rate <= 0.0).all() and energy.largest_rise() <= 1e-12

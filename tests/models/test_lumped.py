@@ -212,7 +212,7 @@ def test_lyapunov_equality(law, adaptation):
             law, adaptation, gamma_d=0.2 * controller.adaptation_d.gain(controller.dynamics.initial)
         )
     assert controller.dynamics.size == 56
-    energy = energy_along(true, controller, path, seconds=0.04)
+    energy = energy_along(true, controller, path, seconds=0.02)
     assert energy.mismatch() <= 1e-4
     assert energy.largest_rise() <= 1e-12
 

@@ -122,7 +122,7 @@ def test_lyapunov_equality_with_friction(law, name):
         gamma_joint=2.0,
     )
     path = circle_beside(true, "xy", by=(0.01, -0.01, 0.01))
-    energy = energy_along(true, controller, path, seconds=0.04)
+    energy = energy_along(true, controller, path, seconds=0.02)
     assert (
         energy.mismatch(after=25) <= 1e-4
     )  # tanh of the first millimetres a second is stiff for finite differences
