@@ -1,11 +1,11 @@
-"""Links from docs/ to the READMEs of robots lead to their pages on the site.
+"""Links to the READMEs of robots, from docs/ or from one another, lead to their pages on the site.
 
 In the repository the links are relative, so that they work there too.
 """
 
 import re
 
-_ROBOT = re.compile(r"\[([^\]]+)\]\(\.\./(robots/\w+/README)\.md\)")
+_ROBOT = re.compile(r"\[([^\]]+)\]\(\.\./(?:robots/)?(\w+/README)\.md\)")
 
 
 def setup(app):
@@ -16,4 +16,4 @@ def setup(app):
 
 def stay_inside(app, docname, source):
     """Turn links to a robot's README into links to its page."""
-    source[0] = _ROBOT.sub(r"{doc}`\1 </\2>`", source[0])
+    source[0] = _ROBOT.sub(r"{doc}`\1 </robots/\2>`", source[0])

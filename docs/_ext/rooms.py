@@ -38,6 +38,15 @@ of classes, such as the control laws, have a package each.
 """
 
 
+DATA = {
+    "DEFAULT": "The name of the default law.",
+    "LAWS": "The laws by name.",
+    "TASKS": "The tasks by name.",
+    "TrajectoryLike": "A motion as ``simulate`` takes it: a ``Trajectory``, an object with a "
+    "method ``at(t)``, a function of time, or a pair of arrays, times and coordinates.",
+}
+
+
 def packages():
     """Return the public names of the package and of each package below, by its full name."""
     top = [name for name in dir(pinadapt) if not name.startswith("_")]
@@ -64,10 +73,11 @@ def resolved(full):
 
 
 def summary(full):
-    """Return the first line of what a thing says of itself; of plain data its kind."""
+    """Return the first line of a thing's docstring; for plain data the line of ``DATA``."""
     thing = resolved(full)
-    said = inspect.getdoc(thing) if callable(thing) or isinstance(thing, ModuleType) else None
-    return escaped((said or f"``{type(thing).__name__}``").split("\n\n")[0].replace("\n", " "))
+    documented = callable(thing) or isinstance(thing, ModuleType)
+    said = inspect.getdoc(thing) if documented else DATA[short(full)]
+    return escaped(said.split("\n\n")[0].replace("\n", " "))
 
 
 def home(full):
@@ -112,16 +122,19 @@ def page(package, names):
         elif callable(thing):
             parts.append(f".. autofunction:: {full}")
         else:
-            parts.append(f".. py:data:: {full}\n\n{by_name(package, thing)}")
+            parts.append(f".. py:data:: {full}\n\n   {summary(full)}\n\n{by_name(package, thing)}")
     return "\n\n".join(parts) + "\n"
 
 
 def by_name(package, thing):
-    """Return the description of plain data: of a dictionary of classes each of them."""
+    """Return the description of plain data: of a dictionary each of its values."""
+    if isinstance(thing, str):
+        return f"   ``{thing}``"
     if not isinstance(thing, dict):
-        return f"   {thing!r}"
+        return ""
+    classes = {name: each if inspect.isclass(each) else type(each) for name, each in thing.items()}
     return "\n".join(
-        f"   * ``{name}``: :class:`~{package}.{each.__name__}`" for name, each in thing.items()
+        f"   * ``{name}``: :class:`~{package}.{each.__name__}`" for name, each in classes.items()
     )
 
 

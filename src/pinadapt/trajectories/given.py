@@ -42,13 +42,12 @@ class Function(Trajectory):
     If f returns x_d alone, velocity and acceleration are five-point differences with a step of h =
     2 ms. f is called at t and at four more times within 2 h of it; near time 0 within 4 h after it,
     as f is never called before time 0. f must have two continuous derivatives. Relative errors for
-    a sine, with respect to the amplitudes of velocity and acceleration:
+    a sine, with respect to the amplitudes of velocity and acceleration::
 
-    | frequency | velocity, acceleration | in the first 4 ms |
-    |---|---|---|
-    | 1 Hz | 9e-10, 3e-10 | 5e-9, 2e-6 |
-    | 5 Hz | 6e-7, 2e-7 | 4e-6, 3e-4 |
-    | 20 Hz | 2e-4, 5e-5 | 1e-3, 2e-2 |
+        frequency    velocity, acceleration    in the first 4 ms
+        1 Hz         9e-10, 3e-10              5e-9, 2e-6
+        5 Hz         6e-7, 2e-7                4e-6, 3e-4
+        20 Hz        2e-4, 5e-5                1e-3, 2e-2
 
     They grow with h^4, for the acceleration in the first 4 ms with h^3. Noise of f is multiplied by
     up to 1.5/h in the velocity and 5.4/h^2 in the acceleration, 27/h^2 in the first 4 ms. Rounding
