@@ -25,7 +25,7 @@ import pinocchio as pin
 import pinadapt as pa
 from pinadapt.plants.plant import SimulatedPlant
 from pinadapt.scenario.scenario import Scenario
-from pinadapt.simulation.record import Record, record, rollout_of
+from pinadapt.simulation.simulate import Record, record, rollout_of
 
 from .timing import HERE, in_turn, repeated, save, saved
 

@@ -42,10 +42,11 @@ def _place(name: str) -> str:
     """Return the full name of what has a name in this package or further down, or an empty text."""
     if name in __all__:
         return f"{__name__}.{name}"
-    below = [module.name for module in iter_modules(__path__) if not module.name.startswith("_")]
-    for room in sorted(below, key=lambda each: each not in __all__):
-        found = getattr(import_module(f"{__name__}.{room}"), name, None)
+    below = [module for module in iter_modules(__path__) if not module.name.startswith("_")]
+    # packages first: a single file has as attributes what it imports from them
+    for room in sorted(below, key=lambda each: (not each.ispkg, each.name not in __all__)):
+        found = getattr(import_module(f"{__name__}.{room.name}"), name, None)
         ours = str(getattr(found, "__module__", "")).startswith(f"{__name__}.")
         if ours or (found is not None and name.isupper()):
-            return f"{__name__}.{room}.{name}"
+            return f"{__name__}.{room.name}.{name}"
     return ""

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from pinadapt.cli.main import main
+from pinadapt.cli.command_line import main
 from pinadapt.zoo.experiment import ZooRow
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import pinadapt
-from pinadapt.cli.main import main
+from pinadapt.cli.command_line import main
 from pinadapt.description.catalogue import robots_folder
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("blank_pictures")]

@@ -7,7 +7,7 @@ import pytest
 
 import pinadapt as pa
 from pinadapt._files import read_toml
-from pinadapt.cli.main import main
+from pinadapt.cli.command_line import main
 from pinadapt.description.catalogue import example_path
 from pinadapt.description.urdf import Urdf
 from pinadapt.robot.loading import end_links

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.cli.main import main
+from pinadapt.cli.command_line import main
 from pinadapt.cli.status import stopped_by_signals
 from pinadapt.description.catalogue import robots_folder
 from tests.support.loops import circle_at_home
@@ -25,7 +25,7 @@ SETTINGS = ["--set", "simulation.duration=0.1", "controller.law=adaptive-inverse
 SCRIPT = """
 import os, signal, sys
 import pinadapt.simulation.simulate
-from pinadapt.cli.main import main
+from pinadapt.cli.command_line import main
 module = sys.modules["pinadapt.simulation.simulate"]
 record, signals = module.record, [signal.SIGINT, signal.SIGTERM]
 def told(stream, indices, every):
@@ -123,7 +123,7 @@ def test_records_are_saved_before_they_are_evaluated(tmp_path, monkeypatch):
     def stop(_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("pinadapt.rollout.evaluation.Evaluation.storage", lambda *_: stop(_))
+    monkeypatch.setattr("pinadapt.rollout.recording.Evaluation.storage", lambda *_: stop(_))
     assert main(["run", PLANAR, "--out", str(tmp_path), *SETTINGS]) == 130
     assert np.load(tmp_path / "rollout.npz")["q"].shape == (100, 2)
 

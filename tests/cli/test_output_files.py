@@ -14,7 +14,7 @@ import pytest
 
 import pinadapt as pa
 from pinadapt._files import UNFINISHED, check_writable, one_run, whole_file, write_text
-from pinadapt.cli.main import main
+from pinadapt.cli.command_line import main
 from pinadapt.cli.outputs import RUN_FILES
 from pinadapt.description.catalogue import robots_folder
 from pinadapt.exceptions import InputError
@@ -120,7 +120,7 @@ def test_a_run_killed_while_it_runs_leaves_the_one_before(tmp_path):
         "    kill = lambda k: k < 50 or os.kill(os.getpid(), signal.SIGKILL)\n"
         "    return record(stream, (k for k in indices if kill(k)), every)\n"
         "module.record = killed\n"
-        "from pinadapt.cli.main import main\n"
+        "from pinadapt.cli.command_line import main\n"
         "main(sys.argv[1:])\n"
     )
     arguments = command(tmp_path, steps=100, title="second")

@@ -6,7 +6,7 @@ import pytest
 
 import pinadapt as pa
 from pinadapt._files import read_toml
-from pinadapt.cli.main import main
+from pinadapt.cli.command_line import main
 from pinadapt.description.chain import is_physical
 from pinadapt.description.missing_inertia import _as_it_is, _hull
 from pinadapt.scenario.scenario import Scenario

@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
-from pinadapt.cli.main import main
+from pinadapt.cli.command_line import main
 from pinadapt.scenario.scenario import Scenario
 from tests.support.descriptions import MJCF, TRIANGLE
 from tests.support.loops import check_holds_home

@@ -5,7 +5,7 @@ import sys
 import pytest
 
 import pinadapt as pa
-from pinadapt.cli.main import main
+from pinadapt.cli.command_line import main
 from tests.support.descriptions import MJCF, XMLNS
 from tests.support.paths import ARM4
 

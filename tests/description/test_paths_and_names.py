@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import pinadapt as pa
-from pinadapt.cli.main import main
+from pinadapt.cli.command_line import main
 from pinadapt.description.urdf import is_path
 from pinadapt.scenario.scenario import Scenario
 from tests.support.descriptions import TRIANGLE

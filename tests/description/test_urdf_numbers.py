@@ -3,7 +3,7 @@
 import pytest
 
 import pinadapt as pa
-from pinadapt.cli.main import main
+from pinadapt.cli.command_line import main
 from tests.support.descriptions import arm4
 from tests.support.paths import ARM4
 

@@ -7,7 +7,7 @@ import pytest
 
 import pinadapt as pa
 from pinadapt._files import read_toml
-from pinadapt.cli.main import main
+from pinadapt.cli.command_line import main
 from pinadapt.description.xacro import Packages
 from pinadapt.scenario.scenario import Scenario
 from tests.support.descriptions import TRIANGLE, XMLNS

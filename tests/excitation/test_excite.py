@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
-from pinadapt.cli.main import main
+from pinadapt.cli.command_line import main
 from pinadapt.description.chain import configuration_from_angles, position_limits, velocity_limits
 from pinadapt.excitation.allowance import Allowance
 from pinadapt.excitation.exciting_motion import RestToRest

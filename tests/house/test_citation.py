@@ -9,7 +9,7 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.citation import SOFTWARE, parse_bibtex, references
-from pinadapt.cli.main import main
+from pinadapt.cli.command_line import main
 from pinadapt.description.catalogue import robots_folder
 
 REQUIRED = {

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import pinadapt as pa
 from pinadapt._files import read_toml
-from pinadapt.cli.main import main
+from pinadapt.cli.command_line import main
 from pinadapt.scenario.scenario import Scenario
 from pinadapt.scenario.schema import check_tables
 from pinadapt.view.shapes import strange_images

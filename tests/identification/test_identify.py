@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.cli.main import main
+from pinadapt.cli.command_line import main
 from pinadapt.identification.identification import log_of
 from pinadapt.identification.report import FILES
 from tests.support.chains import catalogue_robot

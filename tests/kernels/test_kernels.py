@@ -10,7 +10,9 @@ import pytest
 
 import pinadapt as pa
 from pinadapt import _compiled
-from pinadapt._kernels import adaptation, checks, laws, linear_algebra, models
+from pinadapt._kernels import estimates as adaptation
+from pinadapt._kernels import laws, linear_algebra, models
+from pinadapt._kernels import samples as checks
 from pinadapt.models.regressor import live_array
 
 _compiled.compile_all()

@@ -7,8 +7,8 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
+from pinadapt.cli.command_line import main
 from pinadapt.cli.compare import _laws as compared
-from pinadapt.cli.main import main
 from pinadapt.description.catalogue import robots_folder
 from pinadapt.scenario.scenario import Scenario
 from pinadapt.tuning.preflight import jacobian_finding

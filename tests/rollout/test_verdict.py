@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
+from pinadapt.cli.command_line import main
 from pinadapt.cli.compare import comparison_table
-from pinadapt.cli.main import main
 from pinadapt.description.catalogue import robots_folder
 from pinadapt.rollout.limit_excess import LimitExcess
 from pinadapt.rollout.verdict import FOLLOWS, LOST, ROUGHLY

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import pinadapt as pa
-from pinadapt.rollout.evaluation import truth_at
+from pinadapt.rollout.recording import truth_at
 from tests.support.chains import catalogue_robot
 from tests.support.differences import sampled_derivative
 

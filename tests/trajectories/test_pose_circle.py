@@ -8,7 +8,7 @@ import pytest
 
 import pinadapt as pa
 from pinadapt._files import read_toml
-from pinadapt.cli.main import main
+from pinadapt.cli.command_line import main
 from pinadapt.description.catalogue import example_path
 from pinadapt.description.chain import position_limits
 from pinadapt.scenario.scenario import Scenario

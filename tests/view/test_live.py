@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.cli.main import main
+from pinadapt.cli.command_line import main
 from pinadapt.description.catalogue import robots_folder
 from pinadapt.view import LiveView
 from pinadapt.view.live import Broadcast, Server

@@ -13,7 +13,7 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
-from pinadapt.cli.main import main
+from pinadapt.cli.command_line import main
 from pinadapt.cli.zoo import zoo_table
 from pinadapt.zoo.case import SWING, zoo_case
 from pinadapt.zoo.experiment import CONVERGED, ZooRow, last_error, zoo_names, zoo_row

@@ -7,7 +7,7 @@ from numpy import empty
 from numpy.typing import ArrayLike
 
 from .._checks import definite_matrix, positive, vector, whole
-from .._kernels import adaptation as kernels
+from .._kernels import estimates as kernels
 from ..exceptions import GainError, ParameterError
 from .adaptation import Adaptation, Drive, Estimate
 

@@ -17,7 +17,7 @@ from numpy import empty
 from numpy.typing import ArrayLike
 
 from .._checks import instance, numbers, positive, vector, whole
-from .._kernels import adaptation as kernels
+from .._kernels import estimates as kernels
 from ..exceptions import InputError, ParameterError
 from ..models.basis import read_matrix
 from ..models.pseudo_inertia import COEFFICIENTS, nearest_physical, unphysical_bodies

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import vector
-from .._kernels import adaptation as kernels
+from .._kernels import estimates as kernels
 from ..exceptions import DivergedError, GainError, InputError, ParameterError
 from ..models.bodies import InertialModel
 from ..models.dynamics import Dynamics

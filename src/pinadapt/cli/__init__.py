@@ -1,3 +1,3 @@
 """The command line."""
 
-from .main import main as main
+from .command_line import main as main

@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._compiled import compile_all
-from .._kernels import checks as kernels
+from .._kernels import samples as kernels
+from .._table import Sheet, Table
 from ..adaptation.adaptation import Adaptation, Drives, Estimate, Frozen
 from ..exceptions import DivergedError
-from ..filters.torque_filter import FilteredRegressor
+from ..filters import FilteredRegressor
 from ..laws.law import Command, EstimatedModel, Law
 from ..models.delay_compensation import SensedState
 from ..models.dynamics import Dynamics
@@ -28,7 +29,6 @@ from ..robot.motors import Compensation
 from ..robot.robot import Robot
 from ..signals import Signals
 from .belief import Belief, informed
-from .controller_sheet import controller_sheet
 from .inputs import InputCheck, initial_estimate
 from .learned import learned_robot
 from .limits import ControllerLimits
@@ -416,3 +416,49 @@ class Controller:
             kinematic = self.adaptation_k.storage(state.kinematic, a_k_true)
         dynamic = self.adaptation_d.storage(state.dynamic, a_d_true)
         return None if kinematic is None or dynamic is None else kinematic + dynamic
+
+
+def controller_sheet(controller: Controller) -> Sheet:
+    """Return law, gains, what is adapted, sampling period and torque limits, with units."""
+    kinematics, dynamics, law = controller.kinematics, controller.dynamics, controller.law
+    velocity, position = getattr(law, "units", ("", ""))
+    gains = (("K_v", velocity), ("K_P", position), ("alpha", "1/s"))
+    rows = [
+        ("robot", _robot(controller)),
+        ("task", f"{kinematics.task.name} of {kinematics.frame}"),
+        *((name, f"{_gain(law, name)} {unit}") for name, unit in gains if hasattr(law, name)),
+        ("kinematic", _adapted(kinematics.names, controller.adaptation_k.name)),
+        ("dynamic", _adapted(dynamics.names, controller.adaptation_d.name)),
+        ("torque limits", _limits(controller)),
+    ]
+    if np.isfinite(controller.period):
+        rows.append(("period", f"{1e3 * controller.period:g} ms"))
+    return Sheet(f"controller, {getattr(law, 'name', type(law).__name__)}", [Table(rows)])
+
+
+def _robot(controller: Controller) -> str:
+    joints = f"{controller.kinematics.nv} joints"
+    belief = controller.belief
+    return joints if belief is None else f"{belief.unloaded.name}, {joints}"
+
+
+def _gain(law: object, name: str) -> str:
+    """Return a gain as a number, or one an axis where they differ."""
+    value = np.atleast_1d(np.asarray(getattr(law, name), dtype=float))
+    numbers = [f"{x:.3g}" for x in (np.diag(value) if value.ndim == 2 else value)]
+    return numbers[0] if len(set(numbers)) == 1 else ", ".join(numbers)
+
+
+def _adapted(names: tuple[str, ...], adaptation: str) -> str:
+    """Return how many parameters are adapted and how, and the names of a few."""
+    if not names:
+        return "known"
+    few = f" ({', '.join(names)})" if len(names) <= 3 else f" ({names[0]} to {names[-1]})"
+    return f"{len(names)} parameters{few}, {adaptation}"
+
+
+def _limits(controller: Controller) -> str:
+    limits = controller.limits.torque
+    if limits is None:
+        return "none"
+    return ", ".join(f"{x:.4g}" if np.isfinite(x) else "-" for x in limits) + " N m or N"

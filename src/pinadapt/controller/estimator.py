@@ -10,7 +10,7 @@ import numpy as np
 from .._checks import instance
 from ..adaptation.adaptation import Drive, Estimate
 from ..exceptions import GainError, ImplausibleError, MeasurementError
-from ..filters.torque_filter import FilteredRegressor, FilteredTorque
+from ..filters import FilteredRegressor, FilteredTorque
 from ..models.delay_compensation import SensedState
 from ..records import Desired, Measurement
 from ..robot.robot import Robot

@@ -11,11 +11,11 @@ import numpy as np
 from numpy import empty
 
 from .._checks import shown
-from .._kernels import checks as kernels
 from .._kernels import linear_algebra
+from .._kernels import samples as kernels
 from ..description.chain import is_slide, velocity_limits
 from ..exceptions import ImplausibleError, InputError, did_you_mean
-from ..filters.filters import LowPass
+from ..filters import LowPass
 from ..models.delay_compensation import DelayCompensator, SensedState
 from ..models.task_kinematics import TaskKinematics
 from ..models.translations import FIRST

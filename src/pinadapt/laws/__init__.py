@@ -13,6 +13,7 @@ from .adaptive_inverse_dynamics_velocity import Craig as Craig
 from .adaptive_jacobian import AdaptiveJacobian as AdaptiveJacobian
 from .approximate_jacobian import ApproximateJacobian as ApproximateJacobian
 from .approximate_jacobian import ApproximateJacobianGravity as ApproximateJacobianGravity
+from .approximate_jacobian import Saturation as Saturation
 from .bounded_torque import BoundedTorque as BoundedTorque
 from .computed_torque import ComputedTorque as ComputedTorque
 from .computed_torque import ResolvedAcceleration as ResolvedAcceleration
@@ -24,7 +25,6 @@ from .law import Law as Law
 from .law import Truth as Truth
 from .middleton_goodwin import MiddletonGoodwin as MiddletonGoodwin
 from .posture import Posture as Posture
-from .saturation import Saturation as Saturation
 from .separation import Separation as Separation
 from .slotine_li import SlotineLi as SlotineLi
 

@@ -12,7 +12,7 @@ from numpy import empty
 
 from .._kernels import laws as kernels
 from ..adaptation.adaptation import Drive, Drives
-from ..filters.filters import LowPass, MotionFilters
+from ..filters import LowPass, MotionFilters
 from ..models.typical_motion import (
     TypicalMotion,
     felt_inertia,

@@ -13,7 +13,7 @@ from numpy import empty
 from .._kernels import linear_algebra as kernels
 from ..adaptation.adaptation import Adaptation, Drive, Drives, Estimate
 from ..exceptions import DivergedError, InputError
-from ..filters.filters import Filters, NoFilters
+from ..filters import Filters, NoFilters
 from ..models.dynamics import Dynamics
 from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..adaptation.adaptation import Drives
-from ..filters.filters import Filters, NoFilters
+from ..filters import Filters, NoFilters
 from ..signals import Signals
 from .acceleration_law import AccelerationLaw
 from .law import Command, EstimatedModel, Truth

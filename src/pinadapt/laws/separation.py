@@ -16,7 +16,7 @@ from .._checks import definite_matrix, positive
 from .._kernels import laws as kernels
 from ..adaptation.adaptation import Drive, Drives
 from ..exceptions import GainError
-from ..filters.filters import PositionObserver
+from ..filters import PositionObserver
 from ..models.typical_motion import TypicalMotion, joint_inertia, unit_mass
 from ..robot.changes import Payload
 from ..robot.robot import Robot

@@ -20,7 +20,7 @@ from ..controller.estimator import Estimator
 from ..controller.limits import Limits, limits_for, make_box
 from ..controller.sensing import Guards, Senses, make_guards
 from ..exceptions import InputError, did_you_mean
-from ..filters.filters import LowPass
+from ..filters import LowPass
 from ..laws import DEFAULT, LAWS
 from ..laws.law import Law
 from ..models.delay_compensation import DelayCompensator
