@@ -1,4 +1,4 @@
-"""The control laws, one a file."""
+"""The control laws, one per file."""
 
 from ..signals import Signals as Signals
 from .adaptive_inverse_dynamics import AdaptiveInverseDynamics as AdaptiveInverseDynamics

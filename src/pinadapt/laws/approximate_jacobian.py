@@ -305,7 +305,7 @@ def default_width(motion: TypicalMotion) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class ApproximateJacobianGravity(ApproximateJacobian):
-    """Set point with approximate Jacobian and gravity regressor, as link lengths are wrong.
+    """Set point with an approximate Jacobian and gravity regressor: link lengths are uncertain.
 
     After H. Yazarel, C. Cheah, IEEE TAC 47 (2002) 1580-1585, whose law could not be recovered
     exactly. The torque is that of ``ApproximateJacobian`` with Z_hat, the regressor at the nominal

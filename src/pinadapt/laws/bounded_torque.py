@@ -33,7 +33,7 @@ _CONFIGURATIONS = 500
 
 @dataclass(frozen=True, eq=False)
 class BoundedTorque(ApproximateJacobian):
-    """Set point with an approximate Jacobian and a torque bound that is guaranteed beforehand.
+    """Set point with an approximate Jacobian and a guaranteed torque bound.
 
     After W. Dixon, IEEE TAC 52 (2007) 488-493, whose law adapts the Jacobian as well and could not
     be recovered exactly: feedback by tanh and a projected estimate are his, what follows is proved
