@@ -15,6 +15,7 @@ import lazy_loader
 _first_use, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 _RENAMED = {
+    "Belief": "NominalRobot",
     "Believed": "EstimatedModel",
     "Carrier": "DelayCompensator",
     "Mjcf": "MujocoFile",

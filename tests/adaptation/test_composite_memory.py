@@ -250,7 +250,7 @@ def test_memory_is_empty_after_an_announced_load():
     last = list(islice(pa.run(pa.plants.PinocchioPlant(true), controller, path), 30))[-1].state
     assert np.abs(last.dynamic.memory[0]).max() > 0.0
     before = snapshot(last)
-    announced = controller.believe(last, payload=pa.Payload(2.0))
+    announced = controller.announce(last, payload=pa.Payload(2.0))
     assert unchanged(last, before)
     assert all((part == 0.0).all() for part in announced.dynamic.memory)
 

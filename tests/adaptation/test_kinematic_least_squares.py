@@ -188,7 +188,7 @@ def test_announced_tool_resets_the_gain():
     sample = list(islice(pa.run(pa.plants.PinocchioPlant(true), controller, path), 100))[-1]
     P = sample.state.kinematic.memory[0]
     assert np.linalg.eigvalsh(P)[-1] < 0.5 * controller.adaptation_k.gain(sample.state.a_k)[0, 0]
-    announced = controller.believe(sample.state, tool_translation=[0.0, 0.0, 0.05])
+    announced = controller.announce(sample.state, tool_translation=[0.0, 0.0, 0.05])
     assert np.array_equal(announced.kinematic.memory[0], controller.adaptation_k.inner.P_0)
 
 

@@ -325,7 +325,7 @@ def test_a_copy_gives_the_same_torques():
     for sample in run:
         torque, _ = copied.step(sample.state, sample.measurement, sample.desired, 1e-3)
         assert np.array_equal(torque, sample.torque)
-    announced = controller.believe(run[-1].state, payload=pa.Payload(1.0))
+    announced = controller.announce(run[-1].state, payload=pa.Payload(1.0))
     assert np.isfinite(
         controller.adaptation_d.step(announced.dynamic, along(np.zeros(78)), 1.0).value
     ).all()

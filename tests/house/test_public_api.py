@@ -66,7 +66,7 @@ DOWN = {
     "adaptation": "Adaptation BodyInequality BoxProjection Composite CompositeMemory DeadZone "
     "Drive Drives ErrorLeak Estimate ExponentiatedGradient Frozen Gradient GravityProjection Leak "
     "LeastSquares MassMatrixProjection MatrixInequality Natural Normalised Stacked Wrapper",
-    "controller": "Belief Guards Senses SensorQuality",
+    "controller": "NominalRobot Guards Senses SensorQuality",
     "excitation": "LimitUse",
     "filters": "FilteredRegressor FilteredTorque Filters LowPass MotionFilters NoFilters "
     "PositionObserver",

@@ -38,7 +38,7 @@ def arm(name="z1", **changes):
 def told(controller, state, **news):
     """Return the state after ``believe``, which must not have written to the one before."""
     before = snapshot(state)
-    after = controller.believe(state, **news)
+    after = controller.announce(state, **news)
     assert unchanged(state, before)
     return after
 
@@ -400,7 +400,7 @@ def test_a_tool_of_unknown_length_is_told_along_its_direction_only():
 def test_nothing_said_and_no_load_where_none_is_known_change_nothing():
     controller = pa.make_controller(arm(), unknown=pa.Unknown(bodies=["joint2"]))
     state = started(controller, arm())
-    assert controller.believe(state) is state
+    assert controller.announce(state) is state
     assert np.array_equal(told(controller, state, payload=None).a_d, state.a_d)
 
 
@@ -413,7 +413,7 @@ def test_a_copy_is_told_the_same():
     controller = pa.make_controller(arm(), law="separation")
     state, other = started(controller, arm()), copy.deepcopy(controller)
     for news in ({"payload": HEAVY}, {"tool_translation": TOOL}):
-        ours, theirs = (c.believe(state, **news) for c in (controller, other))
+        ours, theirs = (c.announce(state, **news) for c in (controller, other))
         assert np.array_equal(ours.flat(), theirs.flat())
 
 

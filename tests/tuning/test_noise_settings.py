@@ -201,7 +201,7 @@ def test_what_was_announced_is_what_estimates_leak_back_to():
     load = pa.Payload(2.0, [0.0, 0.02, 0.05])
     controller = made(sensors=pa.Sensors(noise={"v": 0.02}))
     state = controller.init(pa.plants.PinocchioPlant(catalogue_robot("ur5")).measure())
-    told = controller.believe(state, payload=load)
+    told = controller.announce(state, payload=load)
     for _ in range(100):
         quiet = along(np.zeros(told.a_d.size))
         dynamic = controller.adaptation_d.step(told.dynamic, quiet, 1.0)

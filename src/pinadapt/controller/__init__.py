@@ -1,7 +1,7 @@
-"""The controller: law, belief and adaptation in one object with explicit state."""
+"""The controller: law, models and adaptation in one object with explicit state."""
 
 from ..records import SensorQuality as SensorQuality
-from .belief import Belief as Belief
+from .announcement import NominalRobot as NominalRobot
 from .controller import Controller as Controller
 from .estimator import Estimator as Estimator
 from .learned import LearnedParameters as LearnedParameters

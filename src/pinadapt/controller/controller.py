@@ -28,7 +28,7 @@ from ..robot.changes import Payload
 from ..robot.motors import Compensation
 from ..robot.robot import Robot
 from ..signals import Signals
-from .belief import Belief, informed
+from .announcement import NominalRobot, announced_state
 from .inputs import InputCheck, initial_estimate
 from .learned import learned_robot
 from .limits import ControllerLimits
@@ -57,7 +57,7 @@ class Controller:
         compensation: what the arm adds to the torque that it is sent, of q (nq), or None.
         sensors: that it was made for; ``simulate`` simulates these by default.
         period: sampling period that it was made for [s]; infinite if unknown.
-        belief: what an announced load or tool is added to; None for a controller put together by
+        nominal: what an announced load or tool is added to; None for a controller put together by
             hand.
     """
 
@@ -74,7 +74,7 @@ class Controller:
         motion: TypicalMotion | None = None,
         compensation: Compensation | None = None,
         period: float = math.inf,
-        belief: Belief | None = None,
+        nominal: NominalRobot | None = None,
     ) -> None:
         """Put the parts together; ``pinadapt.make_controller`` does so with defaults."""
         self.law, self.kinematics, self.dynamics = law, kinematics, dynamics
@@ -83,7 +83,7 @@ class Controller:
         everything = Guards(np.full(kinematics.nv, np.inf))
         self.senses = Senses(everything) if senses is None else senses
         self.sensors = self.senses.sensors
-        self.motion, self.period, self.belief = motion, period, belief
+        self.motion, self.period, self.nominal = motion, period, nominal
         self.compensation = compensation
         self._inputs = InputCheck(kinematics, dynamics.size)
         self._filters, self._projects = law.filters, adaptation_d.projects
@@ -151,14 +151,14 @@ class Controller:
             a_0=dynamic.value.copy(),
             filters=self._filters.init(sensed, kinematics),
             adapting=adapting,
-            load=None if self.belief is None else self.belief.load,
+            load=None if self.nominal is None else self.nominal.load,
             sensed=sensed,
             torque_filter=()
             if torque_filter is None
             else torque_filter.init(measurement.q, measurement.v),
         )
 
-    def believe(
+    def announce(
         self,
         state: ControllerState,
         *,
@@ -183,7 +183,7 @@ class Controller:
         Raises:
             InputError: the parameters cannot express it, or a load or a tool that cannot be.
         """
-        return informed(self, state, payload, tool_translation)
+        return announced_state(self, state, payload, tool_translation)
 
     def learned(self, state: ControllerState) -> Robot:
         """Return the robot with the estimates of a state: bodies, translations, joints.
@@ -438,8 +438,8 @@ def controller_sheet(controller: Controller) -> Sheet:
 
 def _robot(controller: Controller) -> str:
     joints = f"{controller.kinematics.nv} joints"
-    belief = controller.belief
-    return joints if belief is None else f"{belief.unloaded.name}, {joints}"
+    nominal = controller.nominal
+    return joints if nominal is None else f"{nominal.unloaded.name}, {joints}"
 
 
 def _gain(law: object, name: str) -> str:

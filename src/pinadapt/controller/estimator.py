@@ -111,7 +111,7 @@ class Estimator:
             kinematic=parts.adaptation_k.init(a_k),
             a_0=dynamic.value.copy(),
             filters=(),
-            load=None if parts.belief is None else parts.belief.load,
+            load=None if parts.nominal is None else parts.nominal.load,
             sensed=parts.senses.init(sample, kinematics),
             torque_filter=self._anew(sample.q, sample.v),
         )

@@ -16,7 +16,7 @@ from .._version import __version__
 from ..exceptions import ParameterError, did_you_mean
 from ..models.translations import PlacedTranslations
 from ..robot.robot import Robot
-from .belief import ControllerParts
+from .announcement import ControllerParts
 from .state import ControllerState
 
 _FORMAT = "pinadapt learned parameters"
@@ -28,8 +28,8 @@ def learned_robot(controller: ControllerParts, state: ControllerState) -> Robot:
     Raises:
         ParameterError: no physical bodies have these parameters.
     """
-    kinematics, belief = controller.kinematics, controller.belief
-    nominal = kinematics.robot if belief is None else belief.robot(belief.load)
+    kinematics, made_for = controller.kinematics, controller.nominal
+    nominal = kinematics.robot if made_for is None else made_for.robot(made_for.load)
     learned = controller.dynamics.robot(state.a_d, nominal)
     model = learned.model.copy()
     PlacedTranslations(model, learned.frame_id, kinematics.translations).write(state.a_k)

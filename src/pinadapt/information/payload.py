@@ -58,7 +58,7 @@ class PayloadEstimate:
     explained: float
 
     def payload(self) -> Payload:
-        """Return the load, as ``Robot.changed`` and ``Controller.believe`` take it.
+        """Return the load, as ``Robot.changed`` and ``Controller.announce`` take it.
 
         These refuse an inertia that no distribution of mass has, which an estimate may be. Then
         leave the inertia out: ``Payload(estimate.mass, estimate.com)``.
@@ -292,5 +292,5 @@ def whole_arm_information(
 
 def described_robot(controller: Controller) -> Robot:
     """Return the robot as described, without a load that was announced to the controller."""
-    belief = controller.belief
-    return controller.kinematics.robot if belief is None else belief.unloaded
+    nominal = controller.nominal
+    return controller.kinematics.robot if nominal is None else nominal.unloaded

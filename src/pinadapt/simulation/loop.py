@@ -30,7 +30,7 @@ class Events:
 
     Attributes:
         changes: time [s] -> the true robot from then on, made from the same ``load`` as the first.
-        announcements: time [s] -> the arguments of ``Controller.believe`` by name: a new payload or
+        announcements: time [s] -> the arguments of ``Controller.announce`` by name: a payload or a
             tool that the controller is informed of.
     """
 
@@ -43,7 +43,7 @@ class Events:
 
         Raises:
             InputError: times that are not positive and finite, or announcements that
-                ``Controller.believe`` does not take.
+                ``Controller.announce`` does not take.
         """
         self.changes: dict[float, Robot] = in_time(changes, "changes")
         self.announcements: dict[float, Mapping[str, Any]] = {
@@ -68,12 +68,12 @@ class Events:
         """Refuse announcements that the parameters of a controller cannot express.
 
         Raises:
-            InputError: as ``Controller.believe``.
+            InputError: as ``Controller.announce``.
         """
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # they are shown at the time of the event
             for announced in self.announcements.values():
-                state = controller.believe(state, **announced)
+                state = controller.announce(state, **announced)
 
     def after(self, duration: float) -> list[float]:
         """Return the times [s] of the events after the end of a run of a duration [s]."""
@@ -93,7 +93,7 @@ class Events:
     ) -> ControllerState:
         """Return the state after the announcements from ``before`` to ``now`` [s]."""
         for announced in _due(self.announcements, before, now):
-            state = controller.believe(state, **announced)
+            state = controller.announce(state, **announced)
         return state
 
 
@@ -138,7 +138,7 @@ def run(
             ``ImplausibleError`` among them; all samples before were yielded.
         InputError: a law for a set point, and a motion that does not come to rest.
         InputError, MeasurementError: as ``Controller.init`` and ``Controller.step``, and as
-            ``Plant.become`` and ``Controller.believe`` where there are events.
+            ``Plant.become`` and ``Controller.announce`` where there are events.
     """
     positive(dt, "dt")
     instance(plant, Plant, "plant")

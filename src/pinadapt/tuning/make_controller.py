@@ -14,7 +14,7 @@ from .._checks import arithmetic, instance, keywords, positive
 from ..adaptation.adaptation import Adaptation
 from ..adaptation.modifications import Leak
 from ..adaptation.natural import MatrixInequality
-from ..controller.belief import Belief
+from ..controller.announcement import NominalRobot
 from ..controller.controller import Controller
 from ..controller.estimator import Estimator
 from ..controller.limits import Limits, limits_for, make_box
@@ -123,7 +123,7 @@ def make_controller(
         sensors: of the robot, from which filters and rates follow; None: perfect ones.
         limits: of torques, estimates and measurements, see ``Limits``; None: its defaults.
         payload: a guess of the load on the last body, added to the nominal model; an announced one
-            takes its place, see ``Controller.believe``.
+            takes its place, see ``Controller.announce``.
         compensated: what the arm adds by itself to the torque that it is sent, which the controller
             takes off: "nominal" for the gravity torque of this robot, ``Gravity(described)`` for
             one without the payload, or any callable of q (nq) that returns it (n).
@@ -141,10 +141,10 @@ def make_controller(
         InputError: an unknown name, a gain that breaks a hypothesis, or parameters that cannot be
             used; a former keyword, with what has replaced it.
     """
-    dt, belief = positive(dt, "dt"), _belief(robot, payload)
+    dt, nominal = positive(dt, "dt"), _nominal(robot, payload)
     sensors, limits = _given(sensors, Sensors, "sensors"), _given(limits, Limits, "limits")
     unknown = Unknown.of(unknown)
-    robot = belief.robot(payload)
+    robot = nominal.robot(payload)
     chosen = _law_type(law, robot)
     kinematics = nominal_kinematics(robot, unknown, chosen)
     kind, kind_k = _kinds(adaptation, kinematic_adaptation, chosen)
@@ -185,7 +185,7 @@ def make_controller(
         motion=motion,
         compensation=compensation_of(robot, compensated),
         period=dt,
-        belief=belief,
+        nominal=nominal,
     )
     if isinstance(adaptation, str) and rates["gamma_d"] is None and rates["gamma_joint"] is None:
         share = stable_share_of_adaptation(controller, dt)
@@ -203,7 +203,7 @@ def _given(value: Any, kind: type[T], name: str) -> T:
     return found
 
 
-def _belief(robot: Any, payload: Any) -> Belief:
+def _nominal(robot: Any, payload: Any) -> NominalRobot:
     """Return a robot and its payload, once it is clear that they are such.
 
     Raises:
@@ -211,7 +211,7 @@ def _belief(robot: Any, payload: Any) -> Belief:
     """
     instance(robot, Robot, "robot")
     instance(payload, Payload | None, "payload")
-    return Belief(robot.undrawn(), payload)
+    return NominalRobot(robot.undrawn(), payload)
 
 
 def _weighed(

@@ -22,7 +22,7 @@ from .state import ControllerState
 
 
 @dataclass(frozen=True, eq=False)
-class Belief:
+class NominalRobot:
     """The robot that a controller was made for.
 
     Attributes:
@@ -48,47 +48,47 @@ class ControllerParts(Protocol):
     adaptation_d: Adaptation
     limits: ControllerLimits
     period: float
-    belief: Belief | None
+    nominal: NominalRobot | None
 
 
-def informed(
+def announced_state(
     controller: ControllerParts,
     state: ControllerState,
     payload: Payload | EllipsisType | None,
     tool_translation: ArrayLike | None,
 ) -> ControllerState:
-    """Return the state after announcing a new load and a new tool; see ``Controller.believe``.
+    """Return the state after announcing a new load and a new tool; see ``Controller.announce``.
 
     Raises:
         InputError: the parameters cannot express it, or a load or a tool that cannot be.
     """
-    belief = controller.belief
-    if belief is None:
+    nominal = controller.nominal
+    if nominal is None:
         raise ParameterError(
             "this controller was put together without a description to add a load or a tool to.",
-            where="believe",
-            hint="Give it Controller(..., belief=Belief(robot)), or use make_controller.",
+            where="announce",
+            hint="Give it Controller(..., nominal=NominalRobot(robot)), or use make_controller.",
         )
     if not isinstance(payload, EllipsisType):
         if not isinstance(payload, Payload | None):
             raise ParameterError(f"expected a Payload or None, got {payload!r}.", where="payload")
-        state = _loaded(controller, belief, state, payload)
+        state = _loaded(controller, nominal, state, payload)
     if tool_translation is None:
         return state
-    a_k = _with_tool(controller.kinematics, belief.unloaded, state.a_k, tool_translation)
+    a_k = _with_tool(controller.kinematics, nominal.unloaded, state.a_k, tool_translation)
     a_k = controller.adaptation_k.validate(a_k)
     return state._replace(kinematic=controller.adaptation_k.reset_to(state.kinematic, a_k, a_k))
 
 
 def _loaded(
-    controller: ControllerParts, belief: Belief, state: ControllerState, load: Payload | None
+    controller: ControllerParts, nominal: NominalRobot, state: ControllerState, load: Payload | None
 ) -> ControllerState:
     """Return the state with a load in place of the one announced before.
 
     What a load adds may depend on unknown lengths: they are taken as estimated where the parameters
     cover them, else as described.
     """
-    described = belief.robot(state.load), belief.robot(load)
+    described = nominal.robot(state.load), nominal.robot(load)
     estimated = [_at_lengths(robot, controller.kinematics, state.a_k) for robot in described]
     validate = controller.adaptation_d.validate
     for before, after in (estimated, described):
