@@ -10,7 +10,7 @@ from tests.support.paths import ROOT
 
 pytestmark = pytest.mark.slow
 
-LINES, MOTION = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.S)
+(LINES,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.S)
 
 
 def executed(lines):
@@ -28,10 +28,6 @@ def test_the_code_runs(tmp_path, monkeypatch, capsys):
     assert rollout.summary()["max_error_last"] < 1e-4
     assert "error, last 10 %" in capsys.readouterr().out
     assert (tmp_path / "out" / "error.png").stat().st_size > 10_000
-    for lines in (MOTION, MOTION.replace("controller, wave)", "controller, legs)")):
-        exec(lines, scope)
-        assert scope["rollout"].summary()["max_error_last"] < 1e-3
-    assert lines != MOTION
 
 
 @pytest.mark.parametrize(
