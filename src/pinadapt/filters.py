@@ -423,7 +423,7 @@ class FilteredRegressor:
         if t.ndim != 1 or not t.size or any(len(part) != t.size for part in (q, v, tau)):
             raise InputError("expected N times with N rows of q, v and tau.", where="t")
         if v.ndim != 2 or v.shape != tau.shape or q.ndim != 2:
-            raise InputError("expected one row of numbers a sample.", where="v")
+            raise InputError("expected one row of numbers per sample.", where="v")
         steps = np.diff(t)
         if not (steps > 0.0).all():
             raise InputError("the times must ascend.", where="t")

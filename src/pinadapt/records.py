@@ -130,19 +130,19 @@ class Sensors:
     Attributes:
         camera: that gives x, as a ``Camera`` or a mapping of its attributes; None: x is measured at
             every sample, at once.
-        encoder: resolution of the joint encoders [rad or m a count], one number or one a joint (n);
-            q is rounded to it and v is the difference of q over a period. Zero: q and v are
+        encoder: resolution of the joint encoders [rad or m a count], one number or one per joint
+            (n); q is rounded to it and v is the difference of q over a period. Zero: q and v are
             measured directly.
         noise: standard deviations of white noise by channel: ``q`` [rad or m], before it is
             counted; ``v`` [rad/s or m/s] of joints without encoder; ``x`` [m] of each frame;
             ``angle`` [rad], by which a measured pose is turned about each world axis; ``tau``
-            [N m or N], one number or one a joint (n): with it the torque of the last period is
+            [N m or N], one number or one per joint (n): with it the torque of the last period is
             measured too.
         compensate_delay: whether the controller predicts late frames to the present with its model;
             otherwise it takes each frame for the present one.
 
     Raises:
-        InputError: an unknown name, a negative number, or a camera that cannot be.
+        InputError: an unknown name, a negative number, or an impossible camera.
     """
 
     camera: Camera | None = None
@@ -260,7 +260,7 @@ def _deviation(value: ArrayLike, where: str) -> Deviation:
     array = numbers(value, where)
     if array.ndim > 1 or (array < 0.0).any():
         raise InputError(
-            f"must not be negative, one number or one a joint, got {array.tolist()}.",
+            f"must not be negative, one number or one per joint, got {array.tolist()}.",
             where=where,
         )
     return tuple(array.tolist()) if array.ndim else float(array)

@@ -37,7 +37,7 @@ def arm(limits=True):
 
 
 def excess(robot, q, v, tau, desired=None):
-    """Return the excess of a given motion, one row a sample."""
+    """Return the excess of a given motion, one row per sample."""
     rows = (np.array(part, dtype=float).reshape(-1, 3) for part in (q, v, tau))
     return LimitExcess.of(robot, JointMotion(*rows), desired)
 

@@ -187,7 +187,7 @@ class CompositeMemory(Wrapper):
         self.speed = positive(rate, "prediction_rate")
         self.noise = numbers(noise, "noise", error=GainError)
         if self.noise.ndim > 1 or not (self.noise > 0.0).all():
-            raise GainError("expected a positive number, or one a joint.", where="noise")
+            raise GainError("expected a positive number, or one per joint.", where="noise")
         self.forgetting = positive(forgetting, "forgetting", zero=True)
         self._variance = self.noise * self.noise
 

@@ -37,7 +37,7 @@ class DecayWeight:
 
     Attributes:
         rate: [1/s].
-        floor: a positive number, or one a row, in units of W Gamma W^T.
+        floor: a positive number, or one per row, in units of W Gamma W^T.
     """
 
     def __init__(self, rate: float, floor: ArrayLike) -> None:

@@ -84,7 +84,7 @@ class MatrixInequality:
 
     @classmethod
     def from_file(cls, path: Path) -> MatrixInequality:
-        """Read F from a CSV file: one row a parameter, the n x n entries of its matrix row by row.
+        """Read F from a CSV file: a row per parameter, with the n x n entries of its matrix.
 
         Raises:
             ParameterError: no such file, or rows that are not square matrices.

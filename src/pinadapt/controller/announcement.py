@@ -60,7 +60,7 @@ def announced_state(
     """Return the state after announcing a new load and a new tool; see ``Controller.announce``.
 
     Raises:
-        InputError: the parameters cannot express it, or a load or a tool that cannot be.
+        InputError: the parameters cannot express it, or the load or tool is impossible.
     """
     nominal = controller.nominal
     if nominal is None:

@@ -181,7 +181,7 @@ class Controller:
                 axes; None: as before.
 
         Raises:
-            InputError: the parameters cannot express it, or a load or a tool that cannot be.
+            InputError: the parameters cannot express it, or the load or tool is impossible.
         """
         return announced_state(self, state, payload, tool_translation)
 
@@ -443,7 +443,7 @@ def _robot(controller: Controller) -> str:
 
 
 def _gain(law: object, name: str) -> str:
-    """Return a gain as a number, or one an axis where they differ."""
+    """Return a gain as a number, or one per axis where they differ."""
     value = np.atleast_1d(np.asarray(getattr(law, name), dtype=float))
     numbers = [f"{x:.3g}" for x in (np.diag(value) if value.ndim == 2 else value)]
     return numbers[0] if len(set(numbers)) == 1 else ", ".join(numbers)

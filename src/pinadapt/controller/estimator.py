@@ -128,7 +128,8 @@ class Estimator:
 
         Raises:
             MeasurementError: a signal is missing, of the wrong size or type, or not finite.
-            ImplausibleError: it cannot be, see ``Guards``, or its time is not after the last one's.
+            ImplausibleError: an impossible measurement, see ``Guards``, or its time is not after
+                the last one's.
             InputError: the state is that of another controller.
             DivergedError: the estimates diverged.
         """
@@ -169,7 +170,9 @@ class Estimator:
             return measurement
         tau = self._inputs.torque(measurement.tau)
         if tau is None:
-            raise MeasurementError("tau", None, "is missing, and without it no dynamics show")
+            raise MeasurementError(
+                "tau", None, "is missing; the dynamics cannot be estimated without it"
+            )
         return measurement._replace(tau=tau)
 
     def _anew(self, q: np.ndarray, v: np.ndarray) -> FilteredTorque | tuple[()]:

@@ -71,7 +71,7 @@ def excite(
         duration: of the motion, and period of the series [s].
         harmonics: of the series, at least 2; by default as many as stay within half a hertz, from 3
             to 8.
-        excursion: how far joints may move from home, one or one a joint [rad or m]; by default a
+        excursion: how far joints may move from home, one or one per joint [rad or m]; by default a
             quarter of a turn and half a metre.
         load: mass of the heaviest load at the frame [kg]; by default a tenth of the robot's mass,
             halved until the motors hold it at home.

@@ -40,7 +40,7 @@ class Saturation:
     _turning: Any = field(init=False, default=None, repr=False)
 
     def __post_init__(self) -> None:
-        """Turn the width into one a row.
+        """Turn the width into one per row.
 
         Raises:
             GainError: not positive, of another size, or different on the axes of a rotation.

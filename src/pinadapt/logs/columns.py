@@ -130,8 +130,8 @@ class _SignalFinder:
             if any(column is not None for column in found) and labels is joints:
                 lacking = labels[[column is None for column in found].index(True)]
                 raise LogError(
-                    f"no column has {signal} of joint '{lacking}', though of others; there are "
-                    f"{list(self._table)}.",
+                    f"no column has {signal} of joint '{lacking}', but other joints have one; the "
+                    f"columns are {list(self._table)}.",
                     where=self._source,
                     hint=f"--columns {signal}=NAME,NAME,... names them in the robot's order.",
                 )

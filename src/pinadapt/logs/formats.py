@@ -99,7 +99,7 @@ class RolloutFile(Format):
 
 
 class Npz(Format):
-    """An archive of numpy: arrays by name, each signal a column a joint."""
+    """An archive of numpy: arrays by name, each signal a column per joint."""
 
     suffixes = (".npz",)
 
@@ -130,7 +130,7 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
 
 
 class Csv(Format):
-    """A text file with a header: one row a sample, one column a number."""
+    """A text file with a header: one row per sample, one column a number."""
 
     suffixes = (".csv", ".txt", ".dat", ".tsv")
 

@@ -34,7 +34,7 @@ class Log:
 
     Attributes:
         t: (N) times [s], ascending.
-        q: (N, n) one number a joint, or (N, nq) configurations as Pinocchio has them.
+        q: (N, n) one number per joint, or (N, nq) configurations as Pinocchio has them.
         tau: (N, n) torques of the joints.
         v: (N, n) velocities, or None: they are computed from q.
         joints: (n) names of the columns; none: those of the robot, in its order.

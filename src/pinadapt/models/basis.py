@@ -22,7 +22,7 @@ _NEGLIGIBLE = 1e-8  # share of a torque that counts as rounding; true shares lie
 
 
 class BasisDynamics(InertialDynamics):
-    """Parameters a with pi = B a, so that the torque is Y B a; pi stacks ten parameters a body.
+    """Parameters a with pi = B a, so that the torque is Y B a; pi stacks ten parameters per body.
 
     pi need not be physical, and masses may be zero or negative. Lumped parameters with unknown
     lengths are allowed if B is such that Y B does not depend on the lengths.

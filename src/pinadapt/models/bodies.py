@@ -1,4 +1,4 @@
-"""Dynamics in the inertial parameters of bodies: ten a body, for all or some of them."""
+"""Dynamics in the inertial parameters of bodies: ten per body, for all or some of them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _ONE_KILOGRAM = np.eye(PER_BODY)[0]  # ten parameters of a point mass at the joi
 
 
 class InertialModel:
-    """A private Pinocchio model whose ten parameters a body may be any numbers.
+    """A private Pinocchio model whose ten parameters per body may be any numbers.
 
     RNEA and CRBA are linear in the parameters pi, but ``pin.Inertia`` cannot represent a body
     without mass, and CRBA cannot sum bodies to a mass that is not positive. For such parameters a

@@ -56,8 +56,8 @@ def chosen_kinds(unknown: str | Sequence[str]) -> tuple[str, ...]:
 class JointEffects:
     """tau = diag(armature) a + diag(viscous) v + diag(coulomb) tanh(v / threshold).
 
-    The coefficients of the unknown kinds are parameters, one a joint. Those of the other kinds have
-    their nominal values. n: joints, p: n times the number of unknown kinds.
+    The coefficients of the unknown kinds are parameters, one per joint. Those of the other kinds
+    have their nominal values. n: joints, p: n times the number of unknown kinds.
 
     Attributes:
         names: one name a parameter.

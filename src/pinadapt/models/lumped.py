@@ -1,6 +1,6 @@
 """Unknown lengths and inertias together: lumped parameters in which the torque is linear.
 
-Lengths multiply inertias, so that with unknown lengths the regressor of ten parameters a body
+Lengths multiply inertias, so that with unknown lengths the regressor of ten parameters per body
 depends on the lengths. But the torque of a chain is a polynomial of degree two in its lengths, and
 by superposition of chains with fixed random lengths (here: virtual chains, or nodes) it is linear
 in lumped parameters whose regressor contains no unknown lengths. ``lumped_basis`` finds a base of

@@ -148,7 +148,7 @@ class JointMotion(NamedTuple):
     """Motion and torques of the joints of a chain at N samples.
 
     Attributes:
-        q: (N, nv) one number a joint [rad or m]; meaningless for continuous joints.
+        q: (N, nv) one number per joint [rad or m]; meaningless for continuous joints.
         v: (N, nv) velocities [rad/s or m/s].
         tau: (N, nv) torques at the joints [N m or N].
     """

@@ -100,7 +100,7 @@ class Rollout(Recording):
         """Return the run as an animated page, which shows itself in Jupyter.
 
         Args:
-            frames_per_second: of the animation, at most one a sample.
+            frames_per_second: of the animation, at most one per sample.
 
         Raises:
             InputError: frames_per_second is not positive, or the rollout was copied to another

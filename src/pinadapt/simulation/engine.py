@@ -33,7 +33,7 @@ class Engine:
             robot, or what makes a ``SimulatedPlant`` of a robot, such as a class of them.
         dt: period at which the controller is called, its torque held in between; or, if continuous,
             the integration step [s]. None: the period that the controller was made for.
-        substeps: integration steps a period; None: as many as the plant needs.
+        substeps: integration steps per period; None: as many as the plant needs.
         continuous: integrate plant, estimates and filters as one ordinary differential equation, by
             Runge-Kutta 4; Pinocchio only, and with perfect sensors.
         ideal_acceleration: give the law the plant's own acceleration in place of the filtered one,
@@ -44,7 +44,7 @@ class Engine:
             without limits is given these, so that its adaptation rests while they clip.
 
     Raises:
-        InputError: no engine has that name, or values that cannot be, or not together.
+        InputError: unknown name, invalid values, or values that exclude each other.
     """
 
     plant: str | MujocoFile | PlantMaker = "pinocchio"
@@ -55,7 +55,7 @@ class Engine:
     torque_limits: bool | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be."""
+        """Refuse invalid values."""
         plant_maker(self.plant)
         if self.dt is not None:
             positive(self.dt, "dt")

@@ -101,7 +101,7 @@ def check_options(
     """Refuse options that make no run.
 
     Raises:
-        InputError: an unknown word, or a number that cannot be.
+        InputError: an unknown word, or an invalid number.
     """
     if positive(duration, "duration") < 0.5 * positive(dt, "dt"):
         raise InputError(

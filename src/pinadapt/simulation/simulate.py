@@ -36,7 +36,7 @@ from .loop import Events, run, sample_indices
 from .prepare import check_options, findings, prepare
 
 _OBJECTS = 1800  # [B] a sample, besides the numbers
-_PER_JOINT = 20  # numbers a sample
+_PER_JOINT = 20  # numbers per sample
 
 
 def check_memory(controller: Controller, samples: int, record_every: int) -> None:

@@ -13,7 +13,7 @@ from .task import RowGroup, Task
 
 @dataclass(frozen=True)
 class JointTask(Task):
-    """x = q, one number a joint [rad or m]; the Jacobian is I, no kinematic parameter is unknown.
+    """x = q, one number per joint [rad or m]; the Jacobian is I, no kinematic parameter is unknown.
 
     The error is that of ``pin.difference``. A continuous joint, which Pinocchio configures by (cos,
     sin), has its angle as coordinate, with any number of whole turns; its error is within half a

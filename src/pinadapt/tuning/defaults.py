@@ -62,9 +62,9 @@ def prior_covariance(robot: Robot, dynamics: Dynamics) -> np.ndarray | None:
 
     None where plausible truths have no value in them.
 
-    The truths are those of ``plausible``, ten a parameter. To first order the covariance of a whole
-    body is 0.09 times the inverse of the metric of natural adaptation at the nominal body: like
-    that metric it does not depend on frames and units.
+    The truths are those of ``plausible``, ten per parameter. To first order the covariance of a
+    whole body is 0.09 times the inverse of the metric of natural adaptation at the nominal body:
+    like that metric it does not depend on frames and units.
     """
     robot, dynamics = dynamics.bare(robot), dynamics.inertial
     nominal, count = dynamics.value(robot), _SAMPLES_PER_PARAMETER * dynamics.size

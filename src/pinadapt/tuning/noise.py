@@ -141,7 +141,7 @@ def modified(adaptation: Adaptation, chosen: Mapping[str, Any], tuning: Tuning) 
     """Return an adaptation of the dynamic estimate inside its modifications, the first innermost.
 
     Raises:
-        GainError: a gain that cannot be, or that has no default here.
+        GainError: an invalid gain, or one without a default here.
     """
     for name, gain in chosen.items():
         if gain is False:

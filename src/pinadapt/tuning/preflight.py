@@ -360,7 +360,7 @@ def _uncompensated(controller: Controller, quality: SensorQuality) -> SensorFind
 
 
 def _stable_with_delay(feedback: Sequence[Feedback], delay: float) -> bool:
-    """Tell whether d^2 x/dt^2 = -S x(t - delay) - (D + N) dx/dt is, at most of the states."""
+    """Return whether d^2 x/dt^2 = -S x(t - delay) - (D + N) dx/dt is mostly stable."""
     S, D, N, _ = (np.array(part) for part in zip(*feedback, strict=True))
     n, one, zero = S.shape[-1], np.broadcast_to(np.eye(S.shape[-1]), S.shape), np.zeros(S.shape)
     a, b = 12.0 / delay**2, 6.0 / delay  # x(t - delay) = x - 2 b z', z'' = -a z - b z' + x

@@ -196,7 +196,7 @@ def _inertial_adaptation(
 
 
 def _shares(robot: Robot, dynamics: Dynamics, unit: Natural) -> np.ndarray | None:
-    """Return relative rates, one a body, where the last one is described as a needle; else None.
+    """Return relative rates, one per body, where the last one is described as a needle; else None.
 
     The thickness of a body scales how far its centre of mass may move in the metric, but an unknown
     load may be on the last body whatever its description says: that body is learned as fast as if
