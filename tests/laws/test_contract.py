@@ -69,10 +69,9 @@ def at_home(robot, law):
     return motion_at_home(robot)
 
 
-def controller_of(law, believed, **options):
-    return pa.make_controller(
-        believed, law=law, unknown=pa.Unknown(friction=False, armature=False), **options
-    )
+def controller_of(law, nominal, unknown=None, **options):
+    words = pa.Unknown(friction=False, armature=False, **(unknown or {}))
+    return pa.make_controller(nominal, law=law, unknown=words, **options)
 
 
 def unlimited(controller):
@@ -203,7 +202,7 @@ def test_the_order_in_which_parameters_are_named_does_not_matter(law, name):
         controller = controller_of(
             law,
             robot,
-            unknown=pa.Unknown(tool=False, translations=tools[::flip], bodies=joints[::flip]),
+            {"tool": False, "translations": tools[::flip], "bodies": joints[::flip]},
         )
         rollout = pa.simulate(real(robot), controller, at_home(robot, law), duration=0.03)
         torques.append(rollout.tau)

@@ -8,7 +8,6 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.cli.compare import comparison_table
-from pinadapt.plants.sensors import Sensors
 from pinadapt.scenario.scenario import Scenario
 from pinadapt.tasks.frame import TASKS, matrix
 from tests.support.chains import catalogue_robot, random_inertia
@@ -19,6 +18,12 @@ pytestmark = pytest.mark.slow
 SCENARIO = ROOT / "robots" / "panda" / "pose.toml"
 POSE = TASKS["pose"]
 LOAD = pa.Payload(1.5, [0.02, -0.01, 0.05], [0.01, 0.0, 0.012, 0.0, 0.0, 0.004])
+
+
+def sensors_of(robot, channel, deviation):
+    """Return simulated sensors with noise in one channel."""
+    sensors = pa.Sensors(noise={channel: deviation})
+    return pa.plants.SimulatedSensors(robot, 1e-3, sensors, seed=3)
 
 
 def pose_robot(name="panda"):
@@ -234,7 +239,7 @@ def test_gains_may_differ_between_position_and_rotation():
         (lambda: pa.trajectories.Swing([0.0, 0.0, 1.0], 0.1, 0.0), "period"),
         (lambda: pa.make_controller(pose_robot(), R_k=np.ones(6)), "R_k"),
         (
-            lambda: Sensors(catalogue_robot("panda"), 1e-3, noise={"angle": 0.1}),
+            lambda: sensors_of(catalogue_robot("panda"), "angle", 0.1),
             "no orientation",
         ),
         (
@@ -330,7 +335,7 @@ def test_rollouts_without_orientation_have_no_angle_errors():
 @pytest.mark.parametrize("channel", ["x", "angle"])
 def test_tracker_noise_has_the_stated_deviation(channel):
     robot = pose_robot()
-    sensors = Sensors(robot, 1e-3, noise={channel: 0.02}, seed=3)
+    sensors = sensors_of(robot, channel, 0.02)
     true = pa.plants.PinocchioPlant(robot).measure()
     pairs = [(sensors.measure(true), true) for _ in range(1000)]
     errors = np.array([POSE.error(seen.x, true.x) for seen, true in pairs])

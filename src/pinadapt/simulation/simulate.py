@@ -172,6 +172,7 @@ def simulate(
             loop that diverges is no error, see ``Rollout.diverged``.
         Interrupted: a ``KeyboardInterrupt`` that carries the rollout so far.
     """
+    instance(true, Robot, "true")
     instance(controller, Controller, "controller")
     engine, events = Engine.of(engine), Events() if events is None else events
     dt, motors = engine.period(controller), engine.motors(true)
