@@ -3,6 +3,7 @@
 import ast
 import re
 import sys
+from functools import cache
 
 import pytest
 
@@ -27,6 +28,7 @@ def modules(requirements):
     return set().union(*(PROVIDED.get(name, {name}) for name in names))
 
 
+@cache
 def imported():
     """Return the modules of other projects that the library imports, at any place."""
     found = set()

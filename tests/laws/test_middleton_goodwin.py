@@ -93,8 +93,10 @@ def test_the_rate_of_the_mass_matrix_is_that_of_motion_and_estimate():
     v, z = rng.standard_normal((2, n))
     a, a_rate = dynamics.initial, 0.1 * rng.standard_normal(dynamics.size)
     at = pa.Measurement(0.0, robot.q0, v)
-    s = controller.observe(controller.init(at), at, swinging(robot).at(0.0))
-    found = controller.law._turned(s, controller._believed, a_rate, z)
+    state = controller.init(at)
+    s = controller.observe(state, at, swinging(robot).at(0.0))
+    model = controller._model(state, s, None)
+    found = controller.law._mass_rate_times(s, model, a_rate, z)
 
     def turned(t):
         dynamics.load(a + t * a_rate)
