@@ -182,7 +182,7 @@ def run(
 
 
 def lost(error: ImplausibleError) -> str:
-    """Return why a loop ends where its controller no longer believes its sensors."""
+    """Return why a loop ends at a measurement that its controller refuses."""
     return f"measurement '{error.field}' {error.flaw}."
 
 
