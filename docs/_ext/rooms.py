@@ -61,8 +61,14 @@ def short(full):
 
 
 def public(package):
-    """Return the public names of a package: what its ``__init__`` imports, without modules."""
+    """Return the public names of a package: what its ``__init__`` imports, without modules.
+
+    Of a package of one file: what it defines.
+    """
     things = {name: thing for name, thing in vars(package).items() if not name.startswith("_")}
+    if not hasattr(package, "__path__"):
+        own = package.__name__
+        return [name for name, thing in things.items() if getattr(thing, "__module__", "") == own]
     return [name for name, thing in things.items() if not isinstance(thing, ModuleType)]
 
 
