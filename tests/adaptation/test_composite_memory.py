@@ -116,7 +116,7 @@ def test_memory_term_is_symmetric_and_bounded_by_the_metric():
     assert np.allclose(A @ truth, b, rtol=1e-12)
     Gamma, rest = adaptation.gain(truth), shown(truth, np.zeros((2, 6)), estimate)
     columns = [
-        -adaptation.rate(estimate._replace(value=truth + e), rest).value / 3.0 for e in np.eye(6)
+        -adaptation.rate(estimate.with_value(truth + e), rest).value / 3.0 for e in np.eye(6)
     ]
     H = np.linalg.solve(Gamma, np.column_stack(columns))
     assert np.allclose(H, H.T, rtol=1e-9, atol=1e-12)

@@ -69,7 +69,10 @@ def change_of_storage(adaptation, estimate, drive, h):
 
     def at(h):
         return adaptation.storage(
-            pa.adaptation.Estimate(*moved(tuple(estimate), tuple(rate), h)), TRUTH
+            pa.adaptation.Estimate(
+                moved(estimate.value, rate.value, h), moved(estimate.memory, rate.memory, h)
+            ),
+            TRUTH,
         )
 
     return (at(h) - at(-h)) / (2.0 * h)
@@ -172,7 +175,7 @@ def test_effect_of_the_leak_is_bounded_by_the_initial_error():
 
 def test_error_leak_vanishes_with_the_error():
     leak = pa.adaptation.ErrorLeak(pa.adaptation.Gradient(1.0, 3), 2.0, [0.1, 0.2])
-    estimate = leak.init(np.zeros(3))._replace(value=np.ones(3))
+    estimate = leak.init(np.zeros(3)).with_value(np.ones(3))
     Y = np.zeros((2, 3))
     for e, share in (([0.0, 0.0], 0.0), ([0.1, 0.2], 1.0), ([0.3, 0.0], 3.0 / math.sqrt(2.0))):
         after = leak.step(estimate, pa.adaptation.Drive(Y, np.array(e)), 0.1)

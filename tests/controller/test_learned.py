@@ -107,7 +107,7 @@ def test_unphysical_bodies_are_refused():
     a_d = state.a_d.copy()
     a_d[20] = -1.0  # the mass of the third body
     with pytest.raises(pa.ParameterError, match="elbow_joint"):
-        controller.learned(state._replace(dynamic=state.dynamic._replace(value=a_d)))
+        controller.learned(state._replace(dynamic=state.dynamic.with_value(a_d)))
 
 
 # --- numbers to start from ---

@@ -177,7 +177,7 @@ def test_the_mass_matrix_stays_positive_with_any_adaptation(kind, guide):
         assert np.linalg.eigvals(np.linalg.solve(M_0, M_hat)).real.min() >= 0.1 - 1e-9
         assert projected.contains(kept)
         drive = along(rng.standard_normal(dynamics.size))
-        estimate = projected.step(estimate._replace(value=kept), drive, 1e-3)
+        estimate = projected.step(estimate.with_value(kept), drive, 1e-3)
     assert moved > 0
 
 

@@ -263,7 +263,7 @@ def test_no_state_and_no_estimate_asks_for_more(name, task, adaptation):
             v, x = scale * rng.standard_normal(n), robot.position(q)
             x = robot.task.moved(x, np.minimum(scale, 3.0) * rng.standard_normal(robot.task.size))
             a_d = quantity.a_d * np.repeat(rng.uniform(0.2, 5.0, n), 10)
-            state = quantity._replace(dynamic=quantity.dynamic._replace(value=a_d))
+            state = quantity._replace(dynamic=quantity.dynamic.with_value(a_d))
             desired = beside_home(robot).at(0.0)
             at = pa.Measurement(0.0, q, v, x)
             signals, command = controller.command(state, at, desired)

@@ -236,7 +236,7 @@ def test_an_announced_load_is_exact_and_the_other_bodies_keep_what_they_learned(
     )
     state = started(controller, arm())
     learned = state.a_d * np.linspace(1.0, 1.2, state.a_d.size // 10).repeat(10)
-    state = state._replace(dynamic=state.dynamic._replace(value=learned))
+    state = state._replace(dynamic=state.dynamic.with_value(learned))
     truth = pa.models.BodyDynamics(arm(), dynamic).value
     after = told(controller, state, payload=HEAVY)
     assert np.array_equal(after.a_d[-10:], truth(arm(payload=HEAVY))[-10:])
@@ -283,7 +283,7 @@ def test_lumped_parameters_move_by_the_loads_own_torque_at_the_estimated_lengths
     a_k = controller.kinematics.initial + 0.02 * rng.standard_normal(4)
     state = started(controller, arm(), a_k=a_k)
     learned = state.a_d * rng.uniform(0.8, 1.2, state.a_d.size)
-    state = state._replace(dynamic=state.dynamic._replace(value=learned))
+    state = state._replace(dynamic=state.dynamic.with_value(learned))
     state = told(controller, state, payload=LIGHT)
     after = told(controller, state, payload=payload)
     if payload is LIGHT:
@@ -331,7 +331,7 @@ def test_a_tool_is_told_by_its_translation_and_the_lengths_keep_theirs():
     controller = lumped(["tool", *LENGTHS])
     state = started(controller, arm())
     moved = state.a_k + 0.01
-    state = state._replace(kinematic=state.kinematic._replace(value=moved))
+    state = state._replace(kinematic=state.kinematic.with_value(moved))
     after = told(controller, state, tool_translation=TOOL)
     assert np.allclose(after.a_k[:3], controller.kinematics.value(arm(tool_translation=TOOL))[:3])
     assert np.array_equal(after.a_k[3:], moved[3:]) and after.a_d is state.a_d

@@ -4,11 +4,16 @@ from typing import Any
 
 import numpy as np
 
+import pinadapt as pa
 
-def leaves(record: tuple) -> list[Any]:
-    """Return what nested tuples hold, in order."""
-    nested = [leaves(part) if isinstance(part, tuple) else [part] for part in record]
-    return [leaf for part in nested for leaf in part]
+
+def leaves(record: Any) -> list[Any]:
+    """Return what nested tuples and estimates hold, in order."""
+    if isinstance(record, pa.adaptation.Estimate):
+        record = (record.value, record.memory)
+    if not isinstance(record, tuple):
+        return [record]
+    return [leaf for part in record for leaf in leaves(part)]
 
 
 def snapshot(record: tuple) -> list[Any]:

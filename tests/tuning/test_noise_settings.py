@@ -112,7 +112,7 @@ def leaking(inner="natural", bandwidth=0.5):
 
 def test_a_leak_alone_returns_to_the_start():
     leak, a = leaking("gradient")
-    off, quiet = leak.init(a)._replace(value=1.3 * a), along(np.zeros(a.size))
+    off, quiet = leak.init(a).with_value(1.3 * a), along(np.zeros(a.size))
     after = leak.step(off, quiet, 0.7)
     assert np.allclose(after.value, a + 0.3 * a * math.exp(-0.5 * 0.7), rtol=1e-12)
     for _ in range(100):
@@ -137,7 +137,7 @@ def test_estimates_stay_where_the_inner_adaptation_keeps_them(inner):
 def test_small_steps_follow_the_rate(inner):
     leak, a = leaking(inner)
     drive = along(np.random.default_rng(4).standard_normal(a.size))
-    estimate = leak.init(a)._replace(value=1.2 * a)
+    estimate = leak.init(a).with_value(1.2 * a)
     rate, misses = leak.rate(estimate, drive), []
     for h in (1e-4, 5e-5):
         misses.append(
@@ -152,7 +152,7 @@ def test_without_a_drive_the_inner_adaptation_is_as_it_was():
     """The leak adds -lambda (a - a_0) to the rates, and nothing to Gamma and V."""
     leak, a = leaking()
     drive = along(np.random.default_rng(5).standard_normal(a.size))
-    estimate = leak.init(a)._replace(value=1.1 * a)
+    estimate = leak.init(a).with_value(1.1 * a)
     inner = leak.inner.rate(pa.adaptation.Estimate(1.1 * a), drive)
     assert np.allclose(leak.rate(estimate, drive).value, inner.value - 0.5 * 0.1 * a, rtol=1e-12)
     assert np.array_equal(leak.gain(a), leak.inner.gain(a)) and leak.name == "natural"

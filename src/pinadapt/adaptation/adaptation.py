@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy import concatenate
@@ -16,8 +16,11 @@ from .._checks import instance, whole
 from ..exceptions import InputError
 
 
-class Estimate(NamedTuple):
+@dataclass(slots=True, eq=False)
+class Estimate:
     """A parameter vector with the internal state of its adaptation; or the rates of both.
+
+    States share estimates, so they are never changed; see ``with_value``.
 
     Attributes:
         value: (p) the parameters, floats.
@@ -26,6 +29,10 @@ class Estimate(NamedTuple):
 
     value: np.ndarray
     memory: tuple = ()
+
+    def with_value(self, value: np.ndarray) -> Estimate:
+        """Return an estimate with another value (p) and this memory."""
+        return Estimate(value, self.memory)
 
 
 class Drive:
@@ -198,7 +205,7 @@ class Adaptation(ABC):
             value: (p) the announced value.
             start: (p) the new initial value, for adaptations that refer to it.
         """
-        return estimate._replace(value=value)
+        return estimate.with_value(value)
 
     @abstractmethod
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
@@ -207,7 +214,7 @@ class Adaptation(ABC):
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held, here by an Euler step."""
         rate = self.rate(estimate, drive)
-        return Estimate(*(_moved(part, r, dt) for part, r in zip(estimate, rate, strict=True)))
+        return Estimate(estimate.value + dt * rate.value, _moved(estimate.memory, rate.memory, dt))
 
     @abstractmethod
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
@@ -279,7 +286,7 @@ class Wrapper(Adaptation):
 
     def init(self, value: np.ndarray) -> Estimate:
         """Return the inner adaptation's start, with the value validated by this one."""
-        return self.inner.init(value)._replace(value=self.validate(value))
+        return self.inner.init(value).with_value(self.validate(value))
 
     def validate(self, value: np.ndarray) -> np.ndarray:
         """Return the initial value (p) validated by the inner adaptation."""
@@ -421,9 +428,9 @@ class Stacked(Adaptation):
         drives = [drive.columns(block) for _, block in self.parts]
         values, memories = [], []
         for (part, block), memory, its_drive in zip(self.parts, own, drives, strict=True):
-            after, kept = part.step(Estimate(value[block], memory), its_drive, dt)
-            values.append(after)
-            memories.append(kept)
+            after = part.step(Estimate(value[block], memory), its_drive, dt)
+            values.append(after.value)
+            memories.append(after.memory)
         return Estimate(concatenate(values), tuple(memories))
 
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
@@ -469,7 +476,7 @@ class Stacked(Adaptation):
     def _joined(self, estimates: Iterable[Estimate]) -> Estimate:
         """Return the estimates of all blocks as one."""
         value, memories = np.empty(self._size), []
-        for (_, block), (part, memory) in zip(self.parts, estimates, strict=True):
-            value[block] = part
-            memories.append(memory)
+        for (_, block), estimate in zip(self.parts, estimates, strict=True):
+            value[block] = estimate.value
+            memories.append(estimate.memory)
         return Estimate(value, tuple(memories))

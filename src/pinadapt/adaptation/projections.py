@@ -114,16 +114,16 @@ class BoxProjection(Wrapper):
         if kernels.inside(a, self.low, self.high):
             return rate
         low, high = np.where(a <= self.low, 0.0, -np.inf), np.where(a >= self.high, 0.0, np.inf)
-        return rate._replace(value=self._nearest(rate.value, low, high, estimate))
+        return rate.with_value(self._nearest(rate.value, low, high, estimate))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s]; its value is in the box for any dt."""
         after = self.inner.step(estimate, drive, dt)
         if kernels.inside(after.value, self.low, self.high):
             return after
-        updated = after._replace(value=estimate.value)  # with the gain that V has after the step
+        updated = after.with_value(estimate.value)  # with the gain that V has after the step
         nearest = self._nearest(after.value, self.low, self.high, updated)
-        return after._replace(value=self._within_domain(estimate.value, nearest))
+        return after.with_value(self._within_domain(estimate.value, nearest))
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return what the inner adaptation and the projection add to dV/dt."""
@@ -201,7 +201,7 @@ class MassMatrixProjection(Wrapper):
             self._dynamics.load(kept)
             M = self._dynamics.mass_matrix(q)
             if dpotrf(M - _LEAST_RATIO * M_0)[1] == 0:
-                return self.inner.project(estimate._replace(value=kept), q)
+                return self.inner.project(estimate.with_value(kept), q)
             if not np.isfinite(M).all():
                 break
             root = np.linalg.cholesky(self.inner.metric(estimate)) if root is None else root
@@ -305,5 +305,5 @@ class GravityProjection(Wrapper):
             if not effect > 0.0:
                 break
             drive = Drive(Z[i : i + 1], e)
-            kept = self.inner.step(estimate._replace(value=kept), drive, excess / effect).value
+            kept = self.inner.step(estimate.with_value(kept), drive, excess / effect).value
         return kept

@@ -299,7 +299,7 @@ class Controller:
         """Return the model at the estimates, for a torque that is held for dt [s], or None."""
         dynamic = state.dynamic
         if s.a_d is not dynamic.value:  # projected
-            dynamic = dynamic._replace(value=s.a_d)
+            dynamic = dynamic.with_value(s.a_d)
         adaptation_k, adaptation_d = self.adaptation_k, self.adaptation_d
         if not s.adapting:
             adaptation_k = adaptation_d = _HELD
@@ -323,41 +323,40 @@ class Controller:
         """
         measurement, desired = self._inputs.sample(state, measurement, desired)
         senses, kinematics, dynamics = self.senses, self.kinematics, self.dynamics
-        task, a_k, (x_d, xd_d, xdd_d) = kinematics.task, state.kinematic.value, desired
-        elapsed = 0.0
+        t_before, dynamic, kinematic, a_0, filters, adapting, _, before, torque_filter = state
+        task, a_k, (x_d, xd_d, xdd_d) = kinematics.task, kinematic.value, desired
+        t, elapsed = measurement.t, 0.0
         if dt is not ...:
-            elapsed = senses.guards.elapsed(state.t, measurement.t, dt, self.period)
+            elapsed = senses.guards.elapsed(t_before, t, dt, self.period)
         sensed, still = senses.read(
-            state.sensed, state.t, measurement, desired, kinematics, a_k, self._position_error
+            before, t_before, measurement, desired, kinematics, a_k, self._position_error
         )
-        a_d = state.dynamic.value
+        q, v, x, epsilon, X_k, _, _ = sensed
+        a_d = dynamic.value
         if self._projects:
-            a_d = self.adaptation_d.project(state.dynamic, sensed.q)
+            a_d = self.adaptation_d.project(dynamic, q)
         dynamics.load(a_d)
-        assert sensed.x is not None  # the first sample had one
+        assert x is not None  # the first sample had one
         xd_hat = kinematics.xd_hat
-        dx, xd, delta = task.errors(sensed.x, x_d, measurement.xd, xd_hat, xd_d)
+        dx, xd, delta = task.errors(x, x_d, measurement.xd, xd_hat, xd_d)
         inverse = RightInverse(kinematics.J, self.limits.singular)
-        filtered = self._filters.observe(state.filters, sensed, kinematics)
+        filtered = self._filters.observe(filters, sensed, kinematics)
         a: Any = measurement.a
         if a is None:
             a = self._filters.acceleration(filtered)
         filtered_torque = None
         if self._torque_filter is not None:
             tau = self._inputs.torque(measurement.tau)
-            filtered_torque = self._torque_filter.observe(
-                state.torque_filter, sensed.q, sensed.v, tau
-            )
+            filtered_torque = self._torque_filter.observe(torque_filter, q, v, tau)
         s = Signals()
-        s.t, s.a = measurement.t, a
-        s.q, s.v, s.x = sensed.q, sensed.v, sensed.x
+        s.t, s.q, s.v, s.a, s.x = t, q, v, a, x
         s.xd, s.xd_d, s.xdd_d = xd, xd_d, xdd_d
         s.dx, s.xd_hat, s.delta = dx, xd_hat, delta
-        s.a_k, s.a_d, s.a_0 = a_k, a_d, state.a_0
-        s.adapting = state.adapting and not (still and np.abs(dx).max() < senses.guards.near)
+        s.a_k, s.a_d, s.a_0 = a_k, a_d, a_0
+        s.adapting = adapting and not (still and np.abs(dx).max() < senses.guards.near)
         s.J, s.Jdot_v, s.Y_k = kinematics.J, kinematics.Jdot_v, kinematics.Y_k
         s.inverse = inverse
-        s.epsilon, s.X_k = sensed.epsilon, sensed.X_k
+        s.epsilon, s.X_k = epsilon, X_k
         s.filtered, s.filtered_torque = filtered, filtered_torque
         return s, sensed, elapsed
 

@@ -198,7 +198,7 @@ class Estimator:
         adaptation, W = self.controller.adaptation_d, filtered.W
         a_d = adaptation.project(dynamic, q)
         drive = Drive(W, None, W, filtered.error(a_d))
-        return adaptation.step(dynamic._replace(value=a_d), drive, elapsed)
+        return adaptation.step(dynamic.with_value(a_d), drive, elapsed)
 
     def _kinematic_step(self, kinematic: Estimate, sensed: SensedState, elapsed: float) -> Estimate:
         """Return the kinematic estimate after a step by the prediction error of the position."""

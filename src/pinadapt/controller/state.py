@@ -68,14 +68,22 @@ class ControllerState(NamedTuple):
 
 
 def _leaves(part: Any) -> list[np.ndarray]:
-    """Return the arrays in nested tuples, in order."""
+    """Return the arrays in estimates and nested tuples, in order."""
+    if isinstance(part, Estimate):
+        return [part.value, *_leaves(part.memory)]
     if isinstance(part, tuple):
         return [leaf for inner in part for leaf in _leaves(inner)]
     return [part]
 
 
 def _filled(part: Any, values: np.ndarray, start: int) -> tuple[Any, int]:
-    """Return nested tuples with their arrays taken from values, and how many were used by then."""
+    """Return estimates and nested tuples with their arrays taken from values, and how many were.
+
+    They are taken from ``start`` on; the number is that of all used by then.
+    """
+    if isinstance(part, Estimate):
+        (value, memory), start = _filled((part.value, part.memory), values, start)
+        return Estimate(value, memory), start
     if not isinstance(part, tuple):
         return values[start : start + part.size].reshape(part.shape), start + part.size
     inner = []

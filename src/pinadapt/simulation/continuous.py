@@ -124,7 +124,7 @@ class _Loop:
         state = self.state.with_flat(y[2 * n :])
         kept = self._controller.adaptation_d.project(state.dynamic, self._q)
         if kept is not state.a_d:
-            state = state._replace(dynamic=state.dynamic._replace(value=kept))
+            state = state._replace(dynamic=state.dynamic.with_value(kept))
         return np.concatenate([np.zeros(n), v, state.flat()])
 
     def interrupted(self, y: np.ndarray, events: Events, before: float, now: float) -> np.ndarray:
