@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
-from pinadapt.cli import command_line as main
+from pinadapt.cli.command_line import main
 from pinadapt.robot.succession import Succession
 from tests.support.chains import catalogue_robot
 

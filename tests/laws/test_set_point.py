@@ -305,7 +305,7 @@ def test_the_projection_only_lowers_what_the_parameters_add_to_v(kind):
 # --- how wrong a Jacobian may be ---
 
 
-def test_the_mismatch_is_told_before_a_run():
+def test_a_wrong_jacobian_is_reported_before_a_run():
     robot = catalogue_robot("ur5")
     controller = pa.make_controller(robot, law=EXACT)
     J = np.eye(3, 6)
@@ -314,8 +314,8 @@ def test_the_mismatch_is_told_before_a_run():
     assert np.isclose(found, 0.5) and np.isclose(borne, 2.0 * np.sqrt(0.6 * 0.85) - 0.6)
     assert jacobian_finding(controller, unlike(robot)) is None
     wrong = robot.changed(tool_translation=[0.0, 0.0, -0.8])
-    assert "believed wrong by" in str(jacobian_finding(controller, wrong))
-    with pytest.warns(UserWarning, match=r"believed wrong by .* of itself at home"):
+    assert "relative error of the model's Jacobian" in str(jacobian_finding(controller, wrong))
+    with pytest.warns(UserWarning, match=r"relative error of the model's Jacobian at home is"):
         goal = pa.trajectories.Hold(wrong.position(wrong.q0) + 0.05)
         rollout = pa.simulate(wrong, controller, goal, duration=2.0)
     assert rollout.grade != "follows" and "does not adapt the kinematics" in rollout.verdict

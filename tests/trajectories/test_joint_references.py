@@ -61,7 +61,11 @@ def test_hold_and_waypoints_as_joint_references():
         ({"kind": "hold", "center": [0.0]}, "reference.center", "4 coordinates, got 1"),
         ({"kind": "sinusoid", "amplitude": [1.0, 2.0]}, "reference.amplitude", "4 numbers"),
         ({"kind": "sinusoid", "amplitude": 1.0, "period": [1.0]}, "reference.period", "4 numbers"),
-        ({"kind": "fourier", "cosine": [[1.0]], "sine": [[1.0]]}, "reference.cosine", "for each"),
+        (
+            {"kind": "fourier", "cosine": [[1.0]], "sine": [[1.0]]},
+            "reference.cosine",
+            "each needs a list",
+        ),
         ({"kind": "hold", "orientation": {}}, "reference.orientation", "has no orientation"),
     ],
 )

@@ -194,7 +194,10 @@ def test_damping_that_no_gain_changes_is_told_without_factors():
 
 def test_numbers_are_rounded_to_the_safe_side():
     text = str(Finding("task feedback", 1e-3, 0.99962e-3, {"Kv": 0.9996, "Kp": 0.9992}))
-    assert "take dt <= 0.00099 s, or multiply Kv by at most 0.99, Kp by at most 0.99." in text
+    assert (
+        "take dt <= 0.00099 s, or Kv at most 0.99 of its value, Kp at most 0.99 of its value."
+        in text
+    )
 
 
 def test_default_rates_are_lowered_to_what_the_period_bears():

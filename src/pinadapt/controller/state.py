@@ -68,12 +68,12 @@ class ControllerState(NamedTuple):
 
 
 def _leaves(part: Any) -> list[np.ndarray]:
-    """Return the arrays in estimates and nested tuples, in order."""
+    """Return the arrays in estimates and nested tuples, in order; constants are left out."""
     if isinstance(part, Estimate):
         return [part.value, *_leaves(part.memory)]
     if isinstance(part, tuple):
         return [leaf for inner in part for leaf in _leaves(inner)]
-    return [part]
+    return [part] if isinstance(part, np.ndarray) else []
 
 
 def _filled(part: Any, values: np.ndarray, start: int) -> tuple[Any, int]:
@@ -84,6 +84,8 @@ def _filled(part: Any, values: np.ndarray, start: int) -> tuple[Any, int]:
     if isinstance(part, Estimate):
         (value, memory), start = _filled((part.value, part.memory), values, start)
         return Estimate(value, memory), start
+    if not isinstance(part, tuple | np.ndarray):
+        return part, start
     if not isinstance(part, tuple):
         return values[start : start + part.size].reshape(part.shape), start + part.size
     inner = []
