@@ -42,13 +42,13 @@ def error_figure(run: Drawable) -> Picture:
 def draw_errors(run: Drawable) -> tuple[Picture, Any]:
     """Return the error figure and its axes: two panels per group of rows, and V(t) where known."""
     groups = run.task.groups
-    panels = 2 * len(groups) + (run.lyapunov is not None)
+    panels = 2 * len(groups) + (run.lyapunov_curve is not None)
     figure = Picture(figsize=(9, 1.0 + 2.0 * panels), layout="constrained")
     axes = np.atleast_1d(figure.subplots(panels, 1, sharex=True))
     for k, group in enumerate(groups):
         _draw_group(axes[2 * k : 2 * k + 2], run, group)
-    if run.lyapunov is not None:
-        axes[-1].plot(run.t, run.lyapunov, color=PURPLE, lw=1.0, label="Lyapunov function")
+    if run.lyapunov_curve is not None:
+        axes[-1].plot(*run.lyapunov_curve, color=PURPLE, lw=1.0, label="Lyapunov function")
         axes[-1].set_ylabel("V")
         legend(axes[-1])
     return figure, axes

@@ -226,8 +226,8 @@ class Drawable(Protocol):
         """True dynamic parameters (p_d), or at each sample (N, p_d); None: unknown."""
 
     @property
-    def lyapunov(self) -> np.ndarray | None:
-        """Lyapunov function V (N); None: unknown."""
+    def lyapunov_curve(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Times [s] and V(t) to draw, or None where undefined."""
 
     @property
     def min_eig_M_hat(self) -> np.ndarray:

@@ -178,6 +178,7 @@ def _of_finite(
 
 CLOSE = 1e-3  # [m or rad] error below which a run has recovered from an event
 _TENTH = 10  # parts of a run, of which errors are stated for the first and the last
+_DRAWN = 1000  # samples of V in a figure
 
 
 class Transient(NamedTuple):
@@ -331,6 +332,17 @@ class Recording:
     def lyapunov(self) -> np.ndarray | None:
         """V(t) (N), or None where undefined; it jumps where the true robot changes."""
         return self.evaluated().lyapunov
+
+    @cached_property
+    def lyapunov_curve(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Times [s] and V of at most 1000 samples, for a figure, or None where undefined."""
+        chosen = np.unique(np.linspace(0, len(self.t) - 1, min(len(self.t), _DRAWN)).astype(int))
+        if "lyapunov" in self.__dict__:
+            V = None if self.lyapunov is None else self.lyapunov[chosen]
+        else:
+            evaluation = self.evaluated()
+            V = evaluation.storage([evaluation.samples[k] for k in chosen])
+        return None if V is None else (self.t[chosen], V)
 
     @cached_property
     def lyapunov_ends(self) -> np.ndarray | None:
