@@ -130,6 +130,7 @@ def fails(controller, samples, spoilt):
         ("period", pa.InputError),
     ],
 )
+@pytest.mark.slow
 def test_errors_of_a_step_come_back_from_another_process(pool, spoilt, kind):
     robot = catalogue_robot("ur5")
     controller = pa.make_controller(robot, adaptation="gradient")

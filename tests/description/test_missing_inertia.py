@@ -184,6 +184,7 @@ def test_another_singular_mass_matrix_names_the_joint(tmp_path):
         pa.load(arm(tmp_path, inertials=inertials), frame="tip")
 
 
+@pytest.mark.slow
 def test_init_warns_and_its_scenario_runs(tmp_path, capsys):
     file = tmp_path / "bare.toml"
     assert main(["init", str(arm(tmp_path)), "--mass", "30", "--out", str(file)]) == 0

@@ -52,6 +52,7 @@ def test_a_floating_base_is_fixed_unless_refused(tmp_path):
 
 
 @pytest.mark.parametrize("text", [MJCF, FREE], ids=["fixed", "free"])
+@pytest.mark.slow
 def test_init_writes_a_scenario_of_it_that_runs(tmp_path, text):
     file = tmp_path / "arm.toml"
     assert main(["init", str(mjcf(tmp_path, text)), "--frame", "tip", "--out", str(file)]) == 0

@@ -49,6 +49,7 @@ def test_copies_are_the_same(kind):
         assert same(pickle.loads(pickle.dumps(error, protocol)), error)
 
 
+@pytest.mark.slow
 def test_errors_come_back_from_a_process_pool():
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         for kind in kinds():

@@ -43,6 +43,7 @@ def close(a, b, tolerance=1e-12):
     return np.allclose(a, b, rtol=tolerance, atol=tolerance)
 
 
+@pytest.mark.slow
 def test_kernels_are_machine_code_once_a_controller_is_made():
     code = (
         "import sys, pinadapt as pa; from pinadapt import _compiled, Controller\n"

@@ -129,6 +129,7 @@ def test_lyapunov_equality_with_friction(law, name):
     assert (energy.rate <= 0.0).all() and np.abs(energy.rate).max() > 1e-4
 
 
+@pytest.mark.slow
 def test_friction_is_learned_and_stays_positive():
     robot = catalogue_robot("panda")
     true = robot.changed(viscous=2.0, coulomb=1.5)

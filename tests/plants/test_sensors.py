@@ -223,6 +223,7 @@ def test_a_plant_without_task_coordinates_has_no_camera_measurement():
     assert seen.x is None and seen.x_time is None
 
 
+@pytest.mark.slow
 def test_a_million_samples_need_no_memory():
     robot = load("planar_2r")
     truth = pa.plants.PinocchioPlant(robot).measure()

@@ -36,6 +36,7 @@ def test_a_pickled_robot_is_drawn_alike():
 
 
 @pytest.mark.parametrize("origin", ["talos_arm", "human", "solo8", "panda"])
+@pytest.mark.slow
 def test_models_equal_those_of_their_loaders(origin):
     """Armature and home pose from the SRDF, the floating base, and what special loaders add."""
     whole = robots_loader.load(origin)

@@ -72,6 +72,7 @@ def test_circles_are_smaller_where_the_orientation_must_be_held():
 
 
 @pytest.mark.parametrize("source", ["panda", example_path("ur10")], ids=["panda", "urdf"])
+@pytest.mark.slow
 def test_init_writes_a_pose_scenario_that_runs(source, tmp_path):
     file = tmp_path / "pose.toml"
     assert main(["init", str(source), "--task", "pose", "--out", str(file)]) == 0
