@@ -432,6 +432,16 @@ def test_continuous_mode_refuses_noise_and_delay():
             planar("simulation.mode=continuous", setting).run()
 
 
+def test_a_delay_alone_is_a_camera_with_a_frame_at_every_sample():
+    short = "simulation.duration=0.1"
+    late, camera, punctual = (
+        planar(short, *setting).run()
+        for setting in (["simulation.delay=0.01"], ["simulation.camera={delay = 0.01}"], [])
+    )
+    assert np.array_equal(late.q, camera.q) and np.array_equal(late.a_k, camera.a_k)
+    assert not np.array_equal(late.q, punctual.q)
+
+
 @pytest.mark.parametrize("text", ["[robot\nsource = 'ur5'", "title = ", "\xff"])
 def test_files_that_are_no_toml_are_refused(tmp_path, text):
     path = tmp_path / "scenario.toml"
