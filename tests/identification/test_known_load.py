@@ -21,9 +21,9 @@ OFF = 0.03  # of the arm's inertias
 
 
 @cache
-def run(name, *settings):
-    """Return ten seconds of the motion in a scenario."""
-    return Scenario.read(FILES[name], settings).run()
+def run(name, *settings, dt=4e-3):
+    """Return ten seconds of the motion in a scenario, at a controller's period [s]."""
+    return Scenario.read(FILES[name], [f"simulation.dt={dt}", *settings]).run()
 
 
 def off_arm():
@@ -49,7 +49,7 @@ def test_the_load_is_known_to_two_per_cent_and_two_millimetres(name, mass):
 
 def test_random_signs_of_dry_friction_do_not_bias_the_load():
     """Sign changes of noisy velocities would move y by 0.2 mm, four standard deviations."""
-    off, known = misses(run("ur10", "simulation.noise={}").payload(refined=True), 3.0)
+    off, known = misses(run("ur10", "simulation.noise={}", dt=1e-3).payload(refined=True), 3.0)
     assert np.abs(off[1:]).max() < 0.1 and known[1:].max() < 0.1
     assert (np.abs(off) < 3.0 * known).all()
 
@@ -95,14 +95,14 @@ def test_the_urdf_of_two_runs_learns_from_torques_and_places_the_tool(tmp_path):
     }
     true, believed = described.changed(**changes), described.changed(inertial_scale=0.7)
     exciting = Scenario.read(ROOT / "tests" / "data" / "panda_excited.toml").trajectory
-    controller = pa.make_controller(believed, adaptation="natural-memory")
+    controller = pa.make_controller(believed, adaptation="natural-memory", dt=4e-3)
     first = pa.simulate(true, controller, exciting, duration=10.0).learned()
     first.save(tmp_path / "bodies.urdf")
     chain = {"frame": described.frame, "locked": list(described.locked), "joint_effects": True}
     known = pa.load(tmp_path / "bodies.urdf", task="xyz", q0=described.home_angles, **chain)
 
     seen = pa.load("panda").changed(**changes)
-    controller = pa.make_controller(known, adaptation="natural-memory")
+    controller = pa.make_controller(known, adaptation="natural-memory", dt=4e-3)
     path = pa.reachable_circle(seen)
     pa.simulate(seen, controller, path, duration=5.0).learned().save(tmp_path / "all.urdf")
     learned = pa.load(tmp_path / "all.urdf", **chain)

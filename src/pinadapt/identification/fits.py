@@ -158,14 +158,16 @@ def torque_fit(dynamics: Dynamics, physical: PhysicalSet, windows: Windows) -> I
     level = np.sqrt(np.mean(windows.tau**2, axis=0)) if len(windows.t) else np.zeros(0)
     level = np.maximum(level, 1e-12 * max(level.max(initial=0.0), _TINY))
     noise, a, rows = _TORQUE_NOISE * level, physical.center, windows.y.size
+    fitted: np.ndarray | None = None  # the noise at which a is the fit
     if not dynamics.size:
         return Information((), a, np.zeros((0, 0)), a, level, rows)
     physical = replace(physical, weights=_weights(physical, windows))
     for last in (*(False,) * _ROUNDS, True):
-        A, b = _whitened(windows.W, windows.y, noise)
-        a = physical_fit(A, b, physical)
-        residual = windows.residual(a)
-        rank = min(np.linalg.matrix_rank(A, tol=1e-8 * np.linalg.norm(A)), rows - 1)
+        if fitted is None or not np.array_equal(noise, fitted):
+            A, b = _whitened(windows.W, windows.y, noise)
+            a, fitted = physical_fit(A, b, physical), noise
+            residual = windows.residual(a)
+            rank = min(np.linalg.matrix_rank(A, tol=1e-8 * np.linalg.norm(A)), rows - 1)
         deviation = np.sqrt(np.mean(residual**2, axis=0) / (1.0 - rank / rows))
         if last:
             deviation *= np.sqrt(_repetition(residual))

@@ -80,14 +80,14 @@ class PhysicalSet:
         """Return T (p, p), h (p) of D(a + T u) - D(a) = h . u + |u|^2 / 2, to second order in u."""
         P, P_0 = self.matrices(a), self.matrices(self.center)
         T, h = np.zeros((a.size, a.size)), np.zeros(a.size)
-        for b in range(self.bodies):
-            L = np.linalg.cholesky(P[b])
-            inverse = np.linalg.inv(L)
-            B = (inverse @ COEFFICIENTS @ inverse.T).reshape(PER_BODY, 16).T
-            Q, R = np.linalg.qr(B)
+        L = np.linalg.cholesky(P)
+        inverse = np.linalg.inv(L)[:, None]
+        B = (inverse @ COEFFICIENTS @ inverse.swapaxes(2, 3)).reshape(-1, PER_BODY, 16)
+        Q, R = np.linalg.qr(B.swapaxes(1, 2))
+        push = (L.swapaxes(1, 2) @ np.linalg.solve(P_0, L) - np.eye(4)).reshape(-1, 1, 16) @ Q
+        for b, block_of_T in enumerate(np.linalg.inv(R)):
             block = slice(PER_BODY * b, PER_BODY * (b + 1))
-            T[block, block] = np.linalg.inv(R)
-            h[block] = Q.T @ (L.T @ np.linalg.solve(P_0[b], L) - np.eye(4)).ravel()
+            T[block, block], h[block] = block_of_T, push[b, 0]
         c, first = self.coefficients(a), PER_BODY * self.bodies
         root = np.sqrt(self.weights)
         T[first:, first:] = np.diag(c / root)
@@ -149,8 +149,7 @@ def _newton(
     for _ in range(_STEPS):
         T, h = physical.local(a)
         rows = np.vstack([R @ T, root * np.eye(a.size)])
-        Q, triangle = np.linalg.qr(rows)
-        u = np.linalg.solve(triangle, Q.T @ np.concatenate([z - R @ a, -root * h]))
+        u = np.linalg.solve(*_square(rows, np.concatenate([z - R @ a, -root * h])))
         step, fall = T @ u, float(np.sum((rows @ u) ** 2))
         if fall <= _DECREMENT * gamma:
             return a
