@@ -19,6 +19,7 @@ from .trajectory import Trajectory, half_diagonal
 PLANES = ("xy", "yz", "xz")
 FROM_REST = -math.pi / 2.0  # [rad] phase of a sine that starts at rest, at its lowest
 
+_MOST_TURNS, _RATIONAL = 60, 1e-9  # of the slowest motion; deviation of a ratio of periods
 _EXTENT_SAMPLES = 40  # of each period of the fastest harmonic
 
 _Motion = TypeVar("_Motion", bound="_Centered")
@@ -72,6 +73,11 @@ class Circle(_Centered):
     def extent(self) -> float:
         """The radius [m]."""
         return self.radius
+
+    @property
+    def repeats(self) -> tuple[float, float]:
+        """From the start, with its period [s]."""
+        return 0.0, self.period
 
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
@@ -133,6 +139,13 @@ class _Sines(_Centered):
     def extent(self) -> float:
         """Half the diagonal of the box that the amplitudes span [m or rad]."""
         return float(np.linalg.norm(self.amplitude))
+
+    @property
+    def repeats(self) -> tuple[float, float] | None:
+        """From the start, with the common period [s] of all coordinates that move, if any."""
+        moving = np.abs(self._w[self.amplitude != 0.0])
+        period = common_period(2.0 * math.pi / moving[moving > 0.0])
+        return None if period is None else (0.0, period)
 
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
@@ -249,6 +262,11 @@ class FourierSeries(_Centered):
         return len(self._w)
 
     @property
+    def repeats(self) -> tuple[float, float]:
+        """From the start, with its period [s]."""
+        return 0.0, self.period
+
+    @property
     def extent(self) -> float:
         """Half the diagonal of the box around the motion [m or rad]."""
         count = _EXTENT_SAMPLES * self.harmonics
@@ -261,6 +279,16 @@ class FourierSeries(_Centered):
             np.concatenate([np.cos(angles), np.sin(angles)]).dot(self._parts).reshape(3, -1)
         )
         return Desired(self.center + x, xd, xdd)
+
+
+def common_period(periods: ArrayLike) -> float | None:
+    """Return the shortest common multiple of periods (k) [s], at most 60 times the longest."""
+    each = np.asarray(periods, dtype=float)
+    for turns in range(1, _MOST_TURNS + 1):
+        period = turns * float(each.max(initial=0.0))
+        if period and np.abs(period / each - np.rint(period / each)).max() < _RATIONAL:
+            return period
+    return None
 
 
 def _table(value: ArrayLike, name: str) -> np.ndarray:

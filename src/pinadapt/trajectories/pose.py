@@ -14,7 +14,7 @@ from ..exceptions import InputError
 from ..records import Desired
 from ..tasks.frame import matrix, rotation_between, turned
 from .given import TrajectoryLike, as_trajectory, converted
-from .periodic import Circle
+from .periodic import Circle, common_period
 from .trajectory import Trajectory
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
@@ -88,6 +88,11 @@ class Swing(Trajectory):
         self.phase = float(vector(phase, 1, "reference.orientation.phase")[0])
         self.quaternion = unit_quaternion(quaternion, "reference.orientation.quaternion")
 
+    @property
+    def repeats(self) -> tuple[float, float]:
+        """From the start, with its period [s]."""
+        return 0.0, self.period
+
     def shifted(self, by: ArrayLike) -> Swing:
         """Return the same motion turned by the rotation vector (3) [rad], world axes."""
         other = copy(self)
@@ -152,6 +157,18 @@ class PoseTrajectory(Trajectory):
         """Time from which both are at rest [s], or None."""
         place, turn = self.position.settles, self.orientation.settles
         return None if place is None or turn is None else max(place, turn)
+
+    @property
+    def repeats(self) -> tuple[float, float] | None:
+        """From when and with which period [s] both do so, one of them perhaps at rest; or None."""
+        both = [part for part in (self.position, self.orientation) if part.settles is None]
+        found = [part.repeats for part in both]
+        rests = [part.settles or 0.0 for part in (self.position, self.orientation)]
+        if not found or None in found:
+            return None
+        since, periods = zip(*(each for each in found if each is not None), strict=True)
+        period = common_period(periods)
+        return None if period is None else (max(*since, *rests), period)
 
     def shifted(self, by: ArrayLike) -> PoseTrajectory:
         """Return the same motion displaced by by[:3] [m] and turned by by[3:] [rad], world axes."""

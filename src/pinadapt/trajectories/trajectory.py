@@ -8,14 +8,21 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import numbers, positive, vector
+from .._checks import instance, numbers, positive, vector
 from ..exceptions import InputError
 from ..records import Desired
 from ..tasks.frame import rotation_between, turned
+from .time_law import SmoothStart, TimeLaw
 
 _HORIZON = 60.0  # [s] of a run without end that is checked
 _LOOKS, _RESTING = 400, 20  # instants that are checked, and how many of the last are at rest
 _AT_REST = 1e-6  # speed and acceleration, in SI units
+
+_START, _LOOKS_AT_START = 5.0, 250  # [s] of the motion that are looked at for its start
+_RESTS = 1e-3  # share of its largest speed and acceleration at which a motion starts at rest
+_STEEPEST = 1.875  # slope of the smooth start's rate, times the ramp
+_RAMP, _RAMPS = 1.0, (0.1, 5.0)  # [s] of a motion without acceleration; least and largest
+_UNIFORM = 1e-3  # [1/s] acceleration relative to the speed, below which there is none
 
 
 class Trajectory(ABC):
@@ -27,7 +34,7 @@ class Trajectory(ABC):
 
     ``at`` gives derivatives with respect to its own argument. The same path with another time law
     s(t) is therefore x_d(s(t)), with velocity x_d' ds/dt and acceleration x_d'' (ds/dt)^2 + x_d'
-    d^2s/dt^2.
+    d^2s/dt^2: ``Retimed``, of which ``from_rest`` is the most frequent case.
     """
 
     @abstractmethod
@@ -47,6 +54,11 @@ class Trajectory(ABC):
         """Time from which the motion is at rest [s]; None: never, or the class does not know it."""
         return None
 
+    @property
+    def repeats(self) -> tuple[float, float] | None:
+        """From when and with which period [s] the motion repeats itself; None: not, or unknown."""
+        return None
+
     def at_rest_from(self, duration: float | None = None) -> float | None:
         """Return the time from which the motion is at rest [s]; None if it does not come to rest.
 
@@ -61,6 +73,43 @@ class Trajectory(ABC):
             if max(np.abs(xd_d).max(), np.abs(xdd_d).max()) > _AT_REST:
                 return float(times[k + 1]) if k < _LOOKS - _RESTING else None
         return 0.0
+
+    def from_rest(self, ramp: float | None = None, *, duration: float | None = None) -> Trajectory:
+        """Return the same path, begun at rest: ``Retimed`` by a ``SmoothStart``.
+
+        The path is the same to rounding, and half a ramp later so is the motion. One that starts
+        with neither speed nor acceleration (a thousandth of its largest ones) is returned as it is,
+        and so is one ``as_given``.
+
+        Args:
+            ramp: duration of the start [s]. None: 1.875 times the largest speed of the first five
+                seconds over their largest acceleration, but from 0.1 s to 5 s; then the rate asks
+                for no more acceleration than the motion. 1 s if it has no acceleration.
+            duration: of the run [s]; the motion is not looked at beyond. None: unknown.
+
+        Raises:
+            InputError: a ramp that is not positive.
+        """
+        if ramp is not None:
+            positive(ramp, "ramp", error=InputError)
+        span = _START if duration is None else min(_START, duration)
+        looks = [self.at(float(t)) for t in np.linspace(0.0, span, _LOOKS_AT_START)]
+        speeds = np.array([np.linalg.norm(look.xd_d) for look in looks])
+        rates = np.array([np.linalg.norm(look.xdd_d) for look in looks])
+        v, a = float(speeds.max()), float(rates.max())
+        if speeds[0] <= max(_AT_REST, _RESTS * v) and rates[0] <= max(_AT_REST, _RESTS * a):
+            return self
+        if ramp is None:
+            within = min(max(_STEEPEST * v / a, _RAMPS[0]), _RAMPS[1]) if a > 0.0 else _RAMP
+            ramp = within if a > _UNIFORM * v else _RAMP
+        return Retimed(self, SmoothStart(ramp))
+
+    def as_given(self) -> Trajectory:
+        """Return the same motion, to be taken exactly as it is.
+
+        ``simulate`` then neither starts it from rest nor lets the robot approach its first point.
+        """
+        return AsGiven(self)
 
     def shifted(self, by: ArrayLike) -> Trajectory:
         """Return the same motion displaced by (m): [m or rad], rotations about world axes [rad]."""
@@ -101,6 +150,11 @@ class _Shifted(Trajectory):
         """When the motion that is displaced comes to rest."""
         return self._motion.settles
 
+    @property
+    def repeats(self) -> tuple[float, float] | None:
+        """That of the motion that is displaced."""
+        return self._motion.repeats
+
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
         (x_d, xd_d, xdd_d), by = self._motion.at(t), self._by
@@ -112,6 +166,114 @@ class _Shifted(Trajectory):
             np.append(xd_d[:n], R @ xd_d[n:]),
             np.append(xdd_d[:n], R @ xdd_d[n:]),
         )
+
+
+class Retimed(Trajectory):
+    """x_d(s(t)): the path of a motion by another time law.
+
+    Velocity x_d' ds/dt and acceleration x_d'' (ds/dt)^2 + x_d' d^2s/dt^2.
+
+    Attributes:
+        motion: x_d(s).
+        law: s(t).
+    """
+
+    def __init__(self, motion: Trajectory, law: TimeLaw) -> None:
+        """Take the motion and the time law.
+
+        Raises:
+            InputError: others than a ``Trajectory`` and a ``TimeLaw``.
+        """
+        self.motion = instance(motion, Trajectory, "motion")
+        self.law = instance(law, TimeLaw, "law")
+
+    def __repr__(self) -> str:
+        """Return the motion and what its time law does."""
+        words = repr(self.motion) if isinstance(self.motion, Retimed) else _kind(self.motion)
+        return f"{words}, {self.law!r}"
+
+    @property
+    def extent(self) -> float | None:
+        """That of the path."""
+        return self.motion.extent
+
+    @property
+    def settles(self) -> float | None:
+        """When the path's time is that from which it is at rest [s], or None."""
+        settled = self.motion.settles
+        return None if settled is None else self.law.when(settled)
+
+    @property
+    def repeats(self) -> tuple[float, float] | None:
+        """From when and with which period [s] both path and law repeat themselves, or None."""
+        found = self.motion.repeats
+        return None if found is None else self.law.repeats(*found)
+
+    def from_rest(self, ramp: float | None = None, *, duration: float | None = None) -> Trajectory:
+        """As of any motion; one that has a smooth start already gets the new ramp instead."""
+        if ramp is not None and isinstance(self.law, SmoothStart):
+            return self.motion.from_rest(ramp, duration=duration)
+        return super().from_rest(ramp, duration=duration)
+
+    def shifted(self, by: ArrayLike) -> Retimed:
+        """Return the same motion displaced by (m): [m or rad], rotations about world axes [rad]."""
+        return Retimed(self.motion.shifted(by), self.law)
+
+    def at(self, t: float) -> Desired:
+        """Return position, velocity and acceleration at time t [s]."""
+        s, rate, acceleration = self.law.at(t)
+        x_d, xd_d, xdd_d = self.motion.at(s)
+        return Desired(x_d, rate * xd_d, rate * rate * xdd_d + acceleration * xd_d)
+
+
+def _kind(motion: Trajectory) -> str:
+    """Return what kind of motion it is, in one word."""
+    while isinstance(motion, _Shifted):
+        motion = motion._motion
+    return type(motion).__name__
+
+
+class AsGiven(Trajectory):
+    """A motion to be taken exactly as it is, although it starts at speed or beside the robot.
+
+    Attributes:
+        motion: the same.
+    """
+
+    def __init__(self, motion: Trajectory) -> None:
+        """Take the motion."""
+        self.motion = motion
+
+    @property
+    def extent(self) -> float | None:
+        """That of the motion."""
+        return self.motion.extent
+
+    @property
+    def settles(self) -> float | None:
+        """That of the motion [s], or None."""
+        return self.motion.settles
+
+    @property
+    def repeats(self) -> tuple[float, float] | None:
+        """That of the motion [s], or None."""
+        return self.motion.repeats
+
+    def from_rest(self, ramp: float | None = None, *, duration: float | None = None) -> Trajectory:
+        """Return itself; with a ramp, the motion from rest after all."""
+        return self if ramp is None else self.motion.from_rest(ramp, duration=duration)
+
+    def as_given(self) -> AsGiven:
+        """Return itself."""
+        return self
+
+    def shifted(self, by: ArrayLike) -> AsGiven:
+        """Return the same motion displaced by (m): [m or rad], rotations about world axes [rad]."""
+        return AsGiven(self.motion.shifted(by))
+
+    def at(self, t: float) -> Desired:
+        """Return position, velocity and acceleration at time t [s]."""
+        return self.motion.at(t)
 
 
 class Hold(Trajectory):
