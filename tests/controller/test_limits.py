@@ -519,6 +519,7 @@ def test_impossible_dampings_are_refused():
 # --- scenarios ---
 
 
+@pytest.mark.usefixtures("blank_pictures")
 def test_scenarios_say_it_all(tmp_path):
     keys = [
         "simulation.duration=0.01",

@@ -36,10 +36,10 @@ def with_comment(path, size, xmlns=""):
     return path
 
 
-def seconds(action, *arguments):
-    """Return the shortest processor time of two calls."""
+def seconds(action, *arguments, calls=2):
+    """Return the shortest processor time of some calls."""
     times = []
-    for _ in range(2):
+    for _ in range(calls):
         start = time.process_time()
         action(*arguments)
         times.append(time.process_time() - start)
@@ -56,7 +56,7 @@ def test_three_thousand_fixed_links_load(tmp_path):
     path = with_links(tmp_path / "long.urdf", 3000)
     template = Template.of(str(path), frame="extra2999")
     assert template.robot.joint_names == ["joint1", "joint2", "joint3", "joint4"]
-    assert seconds(pa.load, path) < 20  # it was two minutes; now one second
+    assert seconds(pa.load, path, calls=1) < 20  # it was two minutes; now one second
 
 
 def test_a_chain_of_links_too_long_for_the_stack_is_refused(tmp_path):
@@ -74,8 +74,8 @@ def test_too_deeply_nested_elements_are_refused(tmp_path, name):
 
 @pytest.mark.parametrize(("name", "xmlns"), [("a.urdf", ""), ("a.xacro", XMLNS)])
 def test_a_comment_is_read_in_linear_time(tmp_path, name, xmlns):
-    short, long = (with_comment(tmp_path / f"{n}{name}", n, xmlns) for n in (10**6, 5 * 10**7))
+    short, long = (with_comment(tmp_path / f"{n}{name}", n, xmlns) for n in (10**6, 2 * 10**7))
     start = time.process_time()
     text = Urdf.read(long).text
-    assert time.process_time() - start < 20  # pieces of it, each read from the start: minutes
+    assert time.process_time() - start < 3  # pieces of it, each read from the start: minutes
     assert text == Urdf.read(short).text

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,13 +91,23 @@ class Allowance:
 
     def excess(self, angles: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return by how much N states exceed each allowance, relative to it (N, .); zero within."""
+        return np.maximum(np.hstack(list(self._used(angles, q, v, a))) - 1.0, 0.0)
+
+    def kept(self, angles: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> bool:
+        """Tell whether N states are within all allowances; it stops at the first broken one."""
+        return all((used <= 1.0).all() for used in self._used(angles, q, v, a))
+
+    def _used(
+        self, angles: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray
+    ) -> Iterator[np.ndarray]:
+        """Yield shares (N, .) of the allowances that N states use, one kind at a time."""
         middle, half = 0.5 * (self.low + self.high), 0.5 * (self.high - self.low)
-        parts = [np.abs(angles - middle) / half, np.abs(v) / self.speed]
+        yield np.abs(angles - middle) / half
+        yield np.abs(v) / self.speed
         if np.isfinite(self.effort).any():
-            parts.append((np.abs(self.torques(q, v, a)) / self.effort).reshape(len(q), -1))
+            yield (np.abs(self.torques(q, v, a)) / self.effort).reshape(len(q), -1)
         if self.plane is not None:
-            parts.append(2.0 - self._distances(q)[:, None] / self.margin)
-        return np.maximum(np.hstack(parts) - 1.0, 0.0)
+            yield 2.0 - self._distances(q)[:, None] / self.margin
 
     def _distances(self, q: np.ndarray) -> np.ndarray:
         """Return the distance (N) [m] of each configuration (N, nq) from the plane, if any."""

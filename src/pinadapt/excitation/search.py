@@ -179,12 +179,12 @@ class _Search:
         Raises:
             RobotError: no factor does.
         """
-        if not self._excess(theta).any():
+        if self._kept(theta):
             return theta
         low, high = 0.0, 1.0
         for _ in range(_BISECTIONS):
             middle = 0.5 * (low + high)
-            low, high = (low, middle) if self._excess(middle * theta).any() else (middle, high)
+            low, high = (middle, high) if self._kept(middle * theta) else (low, middle)
         if not low:
             raise RobotError(
                 "no motion from home keeps the limits.",
@@ -193,8 +193,8 @@ class _Search:
             )
         return low * theta
 
-    def _excess(self, theta: np.ndarray) -> np.ndarray:
-        return self._allowed.excess(*self.states(theta))
+    def _kept(self, theta: np.ndarray) -> bool:
+        return self._allowed.kept(*self.states(theta))
 
     def _negative_gain(self, theta: np.ndarray) -> float:
         return -self._aim.information_gain(*self.states(theta)[1:], self._basis.period)

@@ -179,13 +179,13 @@ class MountingPlane:
         if not movable.size:
             return None
         level = _level(model)
-        above = np.mean(_heights(model, data, frame, shown)[movable]) > level - _STILL
+        above = np.mean(np.array(_heights(model, data, frame, shown))[movable]) > level - _STILL
         return cls(level, 1.0 if above else -1.0, tuple(movable.tolist()))
 
     def distance(self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray) -> float:
         """Return the distance [m] of the chain from the plane; negative on the wrong side."""
-        heights = _heights(model, data, frame, q)[list(self.movable)]
-        return float(np.min(self.side * (heights - self.level)))
+        heights = _heights(model, data, frame, q)
+        return float(min(self.side * (heights[i] - self.level) for i in self.movable))
 
     def room(self, model: pin.Model, frame: int, configurations: Iterable[np.ndarray]) -> float:
         """Return the distance [m] to keep: 5 % of the reach, at most half of what is possible.
@@ -197,11 +197,11 @@ class MountingPlane:
         return min(_ROOM * reach(model, frame), most / 2) if most > 0.0 else -np.inf
 
 
-def _heights(model: pin.Model, data: pin.Data, frame: int, q: np.ndarray) -> np.ndarray:
+def _heights(model: pin.Model, data: pin.Data, frame: int, q: np.ndarray) -> list[float]:
     """Return the heights [m] above the root of the second joint, those after it and the frame."""
     pin.forwardKinematics(model, data, q)
     placements = [*data.oMi[2:], pin.updateFramePlacement(model, data, frame)]
-    return np.array([placement.translation[2] for placement in placements])
+    return [placement.translation[2] for placement in placements]
 
 
 def _level(model: pin.Model) -> float:
