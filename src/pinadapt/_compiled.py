@@ -15,8 +15,11 @@ Pinocchio made, or that were checked, see ``controller.inputs``.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import suppress
+import gc
+import os
+import random
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from typing import Any, TypeVar
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -43,14 +46,34 @@ def compiled(signature: str, fills: int = 1) -> Callable[[Function], Function]:
 
 
 def compile_all() -> None:
-    """Compile all kernels or load them from disk; done when a controller is made, not in a step."""
-    while _waiting:
-        function, signature, fills = _waiting[-1]
-        dispatcher = _machine_code(function, signature, fills)
-        kernels[f"{function.__module__}.{function.__name__}"] = dispatcher
-        (compiled_for,) = dispatcher.overloads.values()
-        function.__globals__[function.__name__] = compiled_for.entry_point
-        _waiting.pop()
+    """Compile all kernels or load them from disk; done when a controller is made, not in a step.
+
+    Each process has an order of its own, so that processes which start together without machine
+    code on disk find in it what the others compiled, instead of all compiling everything. The
+    garbage collector rests meanwhile: numba keeps nearly all of the many objects that it makes.
+    """
+    random.Random(os.getpid()).shuffle(_waiting)
+    with _without_garbage_collector():
+        while _waiting:
+            function, signature, fills = _waiting[-1]
+            dispatcher = _machine_code(function, signature, fills)
+            kernels[f"{function.__module__}.{function.__name__}"] = dispatcher
+            (compiled_for,) = dispatcher.overloads.values()
+            function.__globals__[function.__name__] = compiled_for.entry_point
+            _waiting.pop()
+
+
+@contextmanager
+def _without_garbage_collector() -> Iterator[None]:
+    """Keep the garbage collector off, if it was on."""
+    if not gc.isenabled():
+        yield
+        return
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
 
 
 def _machine_code(function: Callable[..., Any], signature: str, fills: int) -> Any:
