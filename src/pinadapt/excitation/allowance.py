@@ -113,9 +113,8 @@ class Allowance:
         """Return the distance (N) [m] of each configuration (N, nq) from the plane, if any."""
         if self.plane is None:
             return np.zeros(0)
-        model, data, frame = self.robot.model, self.robot.model.createData(), self.robot.frame_id
         different, which = np.unique(q, axis=0, return_inverse=True)
-        found = np.array([self.plane.distance(model, data, frame, each) for each in different])
+        found = self.plane.distances(self.robot.model, self.robot.frame_id, different)
         return np.asarray(found[which.ravel()])
 
 

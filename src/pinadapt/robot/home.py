@@ -62,26 +62,21 @@ def find_home(
     Raises:
         RobotError: the task Jacobian is singular in all poses.
     """
-    data, limits = model.createData(), position_limits(model)
-    rng = np.random.default_rng(0)
+    limits, rng = position_limits(model), np.random.default_rng(0)
     samples = _samples(model, rng)
-    configurations = [configuration_from_angles(model, sample) for sample in samples]
-    room = -np.inf if plane is None else plane.room(model, frame, configurations)
+    room = -np.inf if plane is None else plane.room(model, frame, _configurations(model, samples))
 
-    def off_plane(q: np.ndarray) -> bool:
-        return plane is None or plane.distance(model, data, frame, q) >= room
+    def qualities(poses: np.ndarray) -> np.ndarray:
+        """Return the smallest singular values (N) at joint positions (N, nv), less near limits."""
+        configurations = _configurations(model, poses)
+        found = _singular_values(model, frame, rows, configurations)[:, -1]
+        if plane is not None:
+            found[plane.distances(model, frame, configurations) < room] = 0.0
+        return np.asarray(found * np.minimum(1.0, _margins(limits, poses) / _FAR_OFF))
 
-    def quality(angles: np.ndarray) -> float:
-        """Return the smallest singular value at angles (nv), reduced near a limit."""
-        q = configuration_from_angles(model, angles)
-        if not off_plane(q):
-            return 0.0
-        return conditioning(model, data, frame, rows, q)[0] * min(
-            1.0, _margin(limits, angles) / _FAR_OFF
-        )
-
-    best = _refined(model, rng, max(samples, key=quality), quality)
+    best = _refined(model, rng, samples[np.argmax(qualities(samples))], qualities)
     home = configuration_from_angles(model, np.round(best, _DIGITS))
+    data = model.createData()
     singular, ratio = conditioning(model, data, frame, rows, home)
     if ratio < _DEGENERATE:
         raise RobotError(
@@ -92,10 +87,10 @@ def find_home(
             "link to the description.",
         )
     for q in candidates:
-        off_limits = _margin(limits, angles_from_configuration(model, q)) >= _OFF_LIMITS
+        off_limits = _margins(limits, angles_from_configuration(model, q)) >= _OFF_LIMITS
         if (
             off_limits
-            and off_plane(q)
+            and (plane is None or plane.distance(model, data, frame, q) >= room)
             and conditioning(model, data, frame, rows, q)[0] >= _NEARLY * singular
         ):
             return np.asarray(q)
@@ -106,7 +101,7 @@ def home_inside_limits(model: pin.Model, candidates: Iterable[np.ndarray]) -> np
     """Return the first candidate (nq) inside the joint limits, else the middle of the limits."""
     limits = position_limits(model)
     for q in candidates:
-        if _margin(limits, angles_from_configuration(model, q)) >= 0.0:
+        if _margins(limits, angles_from_configuration(model, q)) >= 0.0:
             return np.asarray(q)
     return configuration_from_angles(model, np.mean(position_bounds(model), axis=0))
 
@@ -117,17 +112,32 @@ def _samples(model: pin.Model, rng: np.random.Generator) -> np.ndarray:
     return np.asarray(middle + half * rng.uniform(-1.0, 1.0, (_SAMPLES, model.nv)))
 
 
+def _configurations(model: pin.Model, poses: np.ndarray) -> list[np.ndarray]:
+    """Return the configurations (nq) of joint positions (N, nv)."""
+    return [configuration_from_angles(model, angles) for angles in poses]
+
+
+def _singular_values(
+    model: pin.Model, frame: int, rows: slice, configurations: Iterable[np.ndarray]
+) -> np.ndarray:
+    """Return the singular values (N, .) of the task Jacobian, falling, at configurations (nq)."""
+    data, axes = model.createData(), pin.LOCAL_WORLD_ALIGNED
+    J = [pin.computeFrameJacobian(model, data, q, frame, axes)[rows] for q in configurations]
+    return np.asarray(np.linalg.svd(np.array(J), compute_uv=False))
+
+
 def _refined(
     model: pin.Model,
     rng: np.random.Generator,
     best: np.ndarray,
-    quality: Callable[[np.ndarray], float],
+    qualities: Callable[[np.ndarray], np.ndarray],
 ) -> np.ndarray:
     """Return the joint positions (nv) of highest quality around the best so far."""
     middle, half = _inner(model)
     for size in _REFINEMENTS:
         around = best + size * half * rng.standard_normal((_SAMPLES // 10, model.nv))
-        best = max([best, *np.clip(around, middle - half, middle + half)], key=quality)
+        poses = np.vstack([best, np.clip(around, middle - half, middle + half)])
+        best = poses[np.argmax(qualities(poses))]
     return np.asarray(best)
 
 
@@ -137,12 +147,16 @@ def _inner(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
     return (lower + upper) / 2, 0.8 * (upper - lower) / 2
 
 
-def _margin(limits: tuple[np.ndarray, np.ndarray], angles: np.ndarray) -> float:
-    """Return the least distance from a joint limit, relative to the joint's range; inf if none."""
+def _margins(limits: tuple[np.ndarray, np.ndarray], angles: np.ndarray) -> np.ndarray:
+    """Return the least distances (...) from a joint limit, relative to the joint's range.
+
+    They are infinite if no joint has limits. The joint positions are ``angles`` (..., nv).
+    """
     lower, upper = limits
     limited = np.isfinite(lower)
-    low, high, at = lower[limited], upper[limited], angles[limited]
-    return float(np.min(np.minimum(at - low, high - at) / (high - low), initial=np.inf))
+    low, high, at = lower[limited], upper[limited], angles[..., limited]
+    nearest = np.minimum(at - low, high - at) / (high - low)
+    return np.asarray(np.min(nearest, axis=-1, initial=np.inf))
 
 
 @dataclass(frozen=True)
@@ -187,13 +201,20 @@ class MountingPlane:
         heights = _heights(model, data, frame, q)
         return float(min(self.side * (heights[i] - self.level) for i in self.movable))
 
+    def distances(
+        self, model: pin.Model, frame: int, configurations: Iterable[np.ndarray]
+    ) -> np.ndarray:
+        """Return the distance [m] of the chain from the plane in each of N configurations (nq)."""
+        data = model.createData()
+        heights = np.array([_heights(model, data, frame, q) for q in configurations])
+        return np.asarray(np.min(self.side * (heights[:, self.movable] - self.level), axis=1))
+
     def room(self, model: pin.Model, frame: int, configurations: Iterable[np.ndarray]) -> float:
         """Return the distance [m] to keep: 5 % of the reach, at most half of what is possible.
 
         It is minus infinity if none of the configurations (nq) is on the right side.
         """
-        data = model.createData()
-        most = max(self.distance(model, data, frame, q) for q in configurations)
+        most = float(np.max(self.distances(model, frame, configurations)))
         return min(_ROOM * reach(model, frame), most / 2) if most > 0.0 else -np.inf
 
 
