@@ -121,9 +121,9 @@ def test_continuous_joints_are_angles_or_configurations():
 
 def test_a_run_is_a_log_from_the_last_change_of_its_robot_on(tmp_path, robot):
     heavy = robot.changed(payload=pa.Payload(1.0, (0.0, 0.0, 0.05)))
-    controller, path = pa.make_controller(robot), pa.reachable_circle(robot)
+    controller, path = pa.make_controller(robot, dt=2e-3), pa.reachable_circle(robot)
     rollout = pa.simulate(
-        robot, controller, path, duration=2.0, events=pa.Events(changes={0.5: heavy})
+        robot, controller, path, duration=1.7, events=pa.Events(changes={0.5: heavy})
     )
     rollout.save(tmp_path)
     for source in (tmp_path, tmp_path / "rollout.npz"):

@@ -268,12 +268,13 @@ def test_a_believed_load_is_replaced_and_not_added_to():
     assert np.allclose(told(controller, state, payload=None).a_d, truth(arm()))
 
 
-LENGTHS = ["joint2", "joint3:length"]
+LENGTHS = ("joint2", "joint3:length")
 
 
-def lumped(translations=LENGTHS, **unknown):
+@cache
+def lumped(translations=LENGTHS, bodies="all"):
     """Return a controller of lumped parameters."""
-    words = pa.Unknown(tool=False, translations=translations, **unknown)
+    words = pa.Unknown(tool=False, translations=translations, bodies=bodies)
     return pa.make_controller(arm(), law="adaptive-jacobian", adaptation="gradient", unknown=words)
 
 
@@ -328,7 +329,7 @@ def test_a_basis_moves_by_the_difference_to_the_load_announced_last():
 
 
 def test_a_tool_is_told_by_its_translation_and_the_lengths_keep_theirs():
-    controller = lumped(["tool", *LENGTHS])
+    controller = lumped(("tool", *LENGTHS))
     state = started(controller, arm())
     moved = state.a_k + 0.01
     state = state._replace(kinematic=state.kinematic.with_value(moved))
@@ -358,7 +359,7 @@ def hand_made():
             "payload: the 18",
         ),
         (
-            lambda: lumped(bodies=["joint2"]),
+            lambda: lumped(bodies=("joint2",)),
             {"payload": HEAVY},
             "cannot express a load",
         ),
