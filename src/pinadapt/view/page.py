@@ -7,6 +7,7 @@ import json
 from base64 import b64encode
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -235,10 +236,14 @@ class Page:
         )
 
 
+_LEVEL = 5  # of compression: higher ones take up to five times longer and save 1 % of a page
+
+
 def _packed(data: bytes) -> str:
-    return b64encode(gzip.compress(data, mtime=0)).decode("ascii")
+    return b64encode(gzip.compress(data, _LEVEL, mtime=0)).decode("ascii")
 
 
+@cache
 def _viewer() -> str:
     """Return meshcat's viewer for browsers, compressed, as text."""
     path = Path(meshcat.__file__).parent / "viewer" / "dist" / "main.min.js"
