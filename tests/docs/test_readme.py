@@ -31,19 +31,21 @@ def test_the_code_runs(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize(
-    ("path", "task"),
+    ("path", "task", "periods"),  # the README's four are shortened to what the error takes
     [
-        (ROOT / "robots" / "planar_2r" / "planar_2r.urdf", "xy"),
-        (example_path("double_pendulum_simple"), "yz"),
-        (ROOT / "tests" / "data" / "arm4.urdf", "xyz"),
-        (example_path("ur10"), "xyz"),
+        (ROOT / "robots" / "planar_2r" / "planar_2r.urdf", "xy", 2),
+        (example_path("double_pendulum_simple"), "yz", 2),
+        (ROOT / "tests" / "data" / "arm4.urdf", "xyz", 2),
+        (example_path("ur10"), "xyz", 3),
     ],
     ids=lambda value: value.stem if isinstance(value, Path) else None,
 )
-def test_only_the_path_differs_for_another_robot(path, task, tmp_path, monkeypatch):
+def test_only_the_path_differs_for_another_robot(path, task, periods, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     lines, count = re.subn(r'pa\.load\(".*?"\)', f"pa.load({str(path)!r})", LINES)
     assert count == 1 and lines.count("panda") == 0
+    lines, count = re.subn(r"4 \* circle\.period", f"{periods} * circle.period", lines)
+    assert count == 1
     if task != "yz":  # figures of one robot suffice
         lines = lines.replace('rollout.plot("out")', "")
     scope = executed(lines)
