@@ -178,6 +178,10 @@ ONE_JOINT = """<robot name="one"><link name="a"/><link name="b"><inertial><mass 
         (["ur55"], "Did you mean 'ur5'?"),
         (["nothing.urdf"], "no such file"),
         ([str(ARM4), "--frame", "tipp"], "Did you mean 'tip'?"),
+        (
+            [str(ARM4), "--frame", "nothere"],
+            "has no frame 'nothere'. Likely ends of the chain: tip, link4, finger1.",
+        ),
         ([str(ARM4), "--frame", "finger2"], "mimic"),
         ([str(ARM4), "--task", "xyzz"], "no task is called"),
         (["solo8_fl_leg", "--task", "xyz"], "only 2 joints"),
@@ -229,3 +233,63 @@ def test_a_set_point_law_gets_a_reachable_set_point(tmp_path, law):
     gains = [line.removeprefix("# ") for line in file.read_text().splitlines() if "# Kp =" in line]
     assert len(gains) == 1  # and can be taken as it stands
     Scenario.read(file, [f"controller.{gains[0].split('#')[0].strip()}"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "law"),
+    [(["--task", "joint"], "separation"), (["--law", "craig"], "craig")],
+    ids=("task", "law"),
+)
+def test_a_joint_task_gets_sines_of_its_joints(tmp_path, arguments, law):
+    file = written(tmp_path, ARM4, *arguments)
+    tables = read_toml(file)
+    assert (tables["robot"]["task"], tables["controller"]["law"]) == ("joint", law)
+    assert tables["reference"]["kind"] == "sinusoid" and "tool_translation" not in tables["truth"]
+    short = "simulation.duration=5.0"
+    rollout = Scenario.read(file, [short]).run()
+    fixed = Scenario.read(file, [short, "controller.adaptation='none'"]).run()
+    assert rollout.diverged is None and not rollout.limits.exceeded
+    assert rollout.distance[-500:].max() < 0.4 * fixed.distance[-500:].max()
+
+
+def test_a_set_point_law_of_a_joint_task_gets_a_pose_to_reach(tmp_path):
+    file = written(tmp_path, ARM4, "--task", "joint", "--law", "bounded-torque")
+    scenario = Scenario.read(file, ["simulation.duration=6.0"])
+    assert scenario.trajectory.settles is not None and scenario.findings() == []
+    rollout = scenario.run()
+    assert rollout.diverged is None and rollout.distance[-200:].max() < 0.02 * rollout.extent
+
+
+TELESCOPE = """<robot name="telescope"><link name="base"/>{links}
+<joint name="lift" type="prismatic"><parent link="base"/><child link="mast"/><axis xyz="0 0 1"/>
+<limit lower="0" upper="1.1" effort="100" velocity="1"/></joint>
+<joint name="arm" type="prismatic"><parent link="mast"/><child link="boom"/><axis xyz="0 -1 0"/>
+<limit lower="0" upper="0.5" effort="100" velocity="1"/></joint>
+<joint name="wrist" type="revolute"><parent link="boom"/><child link="hand"/>
+<origin xyz="0 -0.2 0"/><axis xyz="0 0 -1"/>
+<limit lower="-1.8" upper="3" effort="100" velocity="1"/></joint>
+<joint name="fixed" type="fixed"><parent link="hand"/><child link="tip"/>
+<origin xyz="0 -0.08 0"/></joint><link name="tip"/></robot>"""
+LINK = """<link name="{}"><inertial><mass value="1"/><inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01"
+ iyz="0" izz="0.01"/></inertial></link>"""
+
+
+def test_a_chain_without_a_circle_in_space_gets_the_plane_it_can(tmp_path, capsys):
+    links = "".join(LINK.format(name) for name in ("mast", "boom", "hand"))
+    arm = tmp_path / "telescope.urdf"
+    arm.write_text(TELESCOPE.format(links=links))
+    file = written(tmp_path, arm)
+    assert "the task is the plane yz" in capsys.readouterr().out
+    tables = read_toml(file)
+    assert (tables["robot"]["task"], tables["reference"]["plane"]) == ("yz", "yz")
+    assert "can follow no circle in space" in " ".join(file.read_text().split("\n# "))
+    assert main(["init", str(arm), "--task", "xyz", "--out", str(tmp_path / "other.toml")]) == 2
+    assert 'take a plane as the task, such as "yz"' in capsys.readouterr().err
+
+
+def test_the_true_robot_has_friction_that_the_controller_learns(tmp_path):
+    scenario = Scenario.read(written(tmp_path, ARM4))
+    true, model = scenario.true.friction, scenario.estimated.friction
+    assert (true.viscous > 0.0).all() and (true.coulomb > 0.0).all() and not model.present
+    names = scenario.controller.dynamics.names
+    assert all(any(kind in name for name in names) for kind in ("viscous", "coulomb"))

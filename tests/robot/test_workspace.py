@@ -7,9 +7,14 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
-from pinadapt.description.chain import position_limits
+from pinadapt.description.chain import (
+    configuration_from_angles,
+    effort_limits,
+    position_limits,
+    velocity_limits,
+)
 from pinadapt.robot.home import conditioning
-from pinadapt.robot.workspace import find_circle
+from pinadapt.robot.workspace import find_circle, find_swing
 from tests.support.chains import catalogue_robot
 from tests.support.followed import followed
 from tests.support.paths import ARM4
@@ -141,3 +146,28 @@ def test_the_searched_home_beats_random_poses_inside_the_limits():
 
     others = [quality(rng.uniform(lower, upper)) for _ in range(300)]
     assert quality(robot.home_angles) > max(others)
+
+
+@pytest.mark.parametrize("name", ["panda", "scara", "solo8_fl_leg"])
+def test_the_sines_of_the_joints_keep_all_limits(name):
+    robot = pa.load(name, task="joint")
+    swing, model = find_swing(robot), robot.model
+    assert np.abs(swing.amplitude).min() > 0.02 and len(set(swing.period)) == model.nv
+    motion = swing.motion(robot.home_angles)
+    lower, upper = position_limits(model)
+    for t in np.linspace(0.0, 12.0, 300):
+        desired = motion.at(t)
+        assert (desired.x_d > lower).all() and (desired.x_d < upper).all()
+        assert (np.abs(desired.xd_d) < velocity_limits(model)).all()
+        q = configuration_from_angles(model, desired.x_d)
+        torque = pin.rnea(model, model.createData(), q, desired.xd_d, desired.xdd_d)
+        assert (np.abs(torque) < effort_limits(model)).all()
+    start = motion.at(0.0)
+    assert np.allclose(start.x_d, robot.home_angles, atol=1e-9) and np.allclose(start.xd_d, 0.0)
+
+
+def test_sines_from_outside_the_limits_are_refused():
+    with pytest.warns(UserWarning, match="outside"):
+        robot = pa.load("panda", task="joint", q0=[0.0, -3.0, 0.0, -2.0, 0.0, 1.5, 0.0])
+    with pytest.raises(pa.exceptions.RobotError, match="outside the joint limits"):
+        find_swing(robot)

@@ -248,6 +248,44 @@ def test_settings_make_tables_that_are_missing_and_reach_into_inline_ones():
     assert np.allclose(scenario.true.friction.viscous, 0.1)
 
 
+def test_another_kind_of_reference_drops_the_keys_of_the_files_kind():
+    reference = planar("reference.kind=hold").tables.reference
+    assert reference.model_dump(exclude_none=True) == {"kind": "hold", "center": [0.8, 0.0]}
+    turned = planar(
+        "reference.kind=lissajous", "reference.amplitude=[0.1, 0.1]", "reference.cycles=[1, 2]"
+    ).tables.reference
+    assert turned.period == planar().tables.reference.period  # a key of both kinds
+    with pytest.raises(pa.exceptions.ScenarioError, match=r"--set reference\.amplitude=VALUE"):
+        planar("reference.kind=lissajous")
+    with pytest.raises(pa.exceptions.ScenarioError, match="radius: unknown key"):  # not of the file
+        planar("reference.kind=hold", "reference.radius=0.1")
+
+
+@pytest.mark.parametrize("setting", ["robot.frame=panda_link5", "robot.task=joint"])
+def test_another_chain_says_what_else_to_set(setting, tmp_path):
+    with pytest.raises(pa.exceptions.InputError) as caught:
+        Scenario.read(write(tmp_path, INTERFACE), [setting])
+    words = str(caught.value)
+    assert f"--set has changed {setting.partition('=')[0]}" in words
+    assert "robot.q0" in words and "pinadapt init panda --frame" in words
+
+
+def test_a_misspelt_frame_is_no_other_chain():
+    with pytest.raises(pa.exceptions.RobotError) as caught:
+        Scenario.read(robots_folder() / "panda/tool_and_load.toml", ["robot.frame=panda_hnd"])
+    assert "Did you mean 'panda_hand'?" in str(caught.value)
+    assert "--set has changed" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["arm.urdf", "arm.xml", "arm.urdf.xacro", "panda"])
+def test_a_robot_in_place_of_a_scenario_is_sent_to_init(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(
+        pa.exceptions.ScenarioError, match=f"not a scenario.*`pinadapt init {name}`"
+    ):
+        Scenario.read(name)
+
+
 def test_bare_words_are_strings():
     assert (
         planar("controller.adaptation=gradient", "title=A first try").tables.title == "A first try"

@@ -30,14 +30,15 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--task",
         metavar="TASK",
-        help="xyz, xy, xz, yz or pose (default: xyz, or a plane if the chain is planar)",
+        help="xyz, xy, xz, yz, pose or joint (default: xyz, or a plane if the chain is planar)",
     )
     parser.add_argument(
         "--law",
-        choices=[name for name, law in LAWS.items() if law.adapts and not law.joint_space],
+        choices=[name for name, law in LAWS.items() if law.adapts],
         default=DEFAULT,
         metavar="NAME",
-        help="an adaptive law for a frame: %(choices)s (default: %(default)s)",
+        help="an adaptive law: %(choices)s; those of joint space get the task joint (default: "
+        "%(default)s)",
     )
     add_description(parser)
     add_out_file(parser, "the robot's name and .toml")
@@ -66,10 +67,10 @@ def init(options: argparse.Namespace) -> int:
         )
     check_writable(file.parent, [file.name])
     write_text(file, scenario_text(template, file.parent))
-    robot, circle = template.robot, template.circle
-    print(f"{file}: {robot.model.nv} joints to '{robot.frame}', task {robot.task.name}, ", end="")
-    way = f"a circle of radius {circle.radius} m in {circle.period} s"
-    print(f"{'to a set point' if template.rests else way}.")
+    print(f"{file}: {template.words}")
+    if template.planar:
+        plane = template.robot.task.name
+        print(f"No circle in space is within this chain's limits; the task is the plane {plane}.")
     warn_of_findings(Scenario.read(file))
     print(f"\npinadapt run {file}")
     return 0

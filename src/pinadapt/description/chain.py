@@ -13,6 +13,7 @@ from .._checks import LARGEST
 from ..exceptions import RobotError, did_you_mean
 
 _WORLD = "universe"
+ENDS = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)  # frames at which a chain may end
 _SUPPORTED = ("JointModelR", "JointModelP")
 _LINK_MARK = "(link) "
 _ROUNDING = 1e-9  # [rad or m] by which a home pose may exceed a limit without a warning
@@ -33,7 +34,7 @@ def frame_id(model: pin.Model, name: str) -> int:
     """
     found = [i for i, frame in enumerate(model.frames) if frame.name == name]
     if not found:
-        names = [frame.name for frame in model.frames]
+        names = [str(frame.name) for frame in model.frames if frame.type in ENDS]
         raise RobotError(
             f"'{model.name}' has no frame '{name}'.{did_you_mean(name, names)}",
             where="frame",

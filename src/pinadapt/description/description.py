@@ -196,6 +196,11 @@ class NamedDescription:
     packages: Mapping[str, str]
 
 
+def is_robot_name(source: str) -> bool:
+    """Return whether a name is in the catalogue or one of robot_descriptions."""
+    return source in catalogue() or is_description_name(source)
+
+
 def is_description_name(source: str) -> bool:
     """Return whether a name is one of robot_descriptions, such as ``iiwa14_description``."""
     return source.endswith("_description")

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from .._checks import arithmetic, flag, instance, keywords, name_list, vector
 from ..description.chain import (
+    ENDS,
     chain_joints,
     check_joints,
     check_mass_matrix,
@@ -37,9 +38,9 @@ from .home import MountingPlane, conditioning, find_home, home_inside_limits
 from .robot import Robot, Visual
 
 JOINT = "joint"  # the name of the task of the joints
-_ENDS = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
 _MOST_TRIED = 8  # ends of chains that are tried as the task frame
-_LARGEST, _PLANES = "xyz", ("xy", "xz", "yz")
+_SUGGESTED = 4  # of them, named where a frame does not exist
+_LARGEST, PLANES = "xyz", ("xy", "xz", "yz")
 # Words in names of frames: tools and feet, fingers, sensors.
 _TOOLS = (
     *("tcp", "tool", "tip", "ee", "end", "flange", "foot", "sole", "toe"),
@@ -106,6 +107,8 @@ def load(
         task or found.task, [*found.locked, *locked], q0, gravity, weld or found.weld_root
     )
     ends, known = end_links(found.model, found.mimics), frame or found.frame
+    if known:
+        _check_frame(found.model, known, ends)
     frames = [known] if known else choose_frames(found.model, ends, task)
     robot = _first_able(frames, lambda name: _load_chain(found, name, ends, wanted))
     if not flag(joint_effects, "joint_effects"):
@@ -156,6 +159,19 @@ def _load_chain(found: Description, name: str, ends: Sequence[str], wanted: _Wan
         model, [robot.q0, *(configuration_from_angles(model, sample) for sample in samples)]
     )
     return robot
+
+
+def _check_frame(model: pin.Model, name: str, ends: Sequence[str]) -> None:
+    """Check that a frame exists.
+
+    Raises:
+        RobotError: it does not; the message suggests the closest name and the likely ends.
+    """
+    try:
+        frame_id(model, name)
+    except RobotError as error:
+        likely = f"Likely ends of the chain: {', '.join(ends[:_SUGGESTED])}." if ends else None
+        raise RobotError(error.what, where=error.where, hint=likely) from None
 
 
 def _kept_joints(
@@ -276,7 +292,7 @@ def end_links(model: pin.Model, mimics: Collection[str] = ()) -> list[str]:
     depth = cache(partial(_joints_behind, model))
     found = []
     for index, frame in enumerate(model.frames):
-        if frame.type not in _ENDS:
+        if frame.type not in ENDS:
             continue
         joint = int(frame.parentJoint)
         palm = carried[index] >= 2 and depth(joint) < len(model.supports[joint]) - 1
@@ -339,7 +355,7 @@ def choose_task(
     if task is not None:
         return _with_home(model, frame, task, poses, plane)
     found, refused = [], None
-    for name in (_LARGEST, *_PLANES):
+    for name in (_LARGEST, *PLANES):
         try:
             found.append(_with_home(model, frame, name, poses, plane))
         except RobotError as error:

@@ -1,4 +1,4 @@
-"""The largest circle that a robot can follow inside its joint limits, with an unknown tool too."""
+"""Motions inside a robot's limits: a circle of its frame, with an unknown tool; sines of joints."""
 
 from __future__ import annotations
 
@@ -11,10 +11,17 @@ import numpy as np
 import pinocchio as pin
 
 from .._checks import arithmetic, instance, positive
-from ..description.chain import is_slide, position_limits, velocity_limits
+from ..description.chain import (
+    configuration_from_angles,
+    effort_limits,
+    is_slide,
+    position_limits,
+    velocity_limits,
+)
 from ..exceptions import InputError, RobotError
-from ..trajectories.periodic import Circle
+from ..trajectories.periodic import Circle, Sinusoid
 from ..trajectories.pose import PoseCircle
+from ..trajectories.trajectory import Trajectory
 from .home import MountingPlane
 from .robot import Robot
 
@@ -28,6 +35,10 @@ _LONGEST = 3600.0  # [s], longest period
 _JOINT_SPEED, _SLIDE_SPEED = 1.5, 0.75  # [rad/s], [m/s]
 _SPEED_SHARE = 0.8  # of the velocity limits in the description
 _RETURN = 4.0  # [rad/s], bandwidth of the return to the home pose in the null space, as in the laws
+_SWING, _SLIDE_SWING = 0.3, 0.1  # [rad], [m], largest amplitudes of a joint
+_SPREAD = 1.5  # longest period of a joint, relative to the shortest
+_SWING_SAMPLES, _HALVINGS = 120, 6
+_EFFORT_SHARE = 0.8  # of the effort limits in the description
 _TRACKED = 0.05  # [radii] and [rad], largest errors of the inverse kinematics
 
 
@@ -135,8 +146,93 @@ def find_circle(robot: Robot, *, largest: float = 0.1, tool_error: float = 0.05)
         f"no circle through the home pose {np.round(robot.home_angles, 3).tolist()} stays inside "
         "the joint limits and away from singularities.",
         where=robot.name,
-        hint="Give a home pose q0 further from both.",
+        hint="Give a home pose q0 further from both"
+        + (', or take a plane as the task, such as "yz".' if len(planes) > 1 else "."),
     )
+
+
+@dataclass(frozen=True)
+class JointSwing:
+    """Sines of all joints from home, found by ``find_swing``: each joint goes away and comes back.
+
+    Attributes:
+        amplitude: (nv) half the way of each joint [rad or m], negative where it goes down.
+        period: (nv) [s], all different.
+    """
+
+    amplitude: np.ndarray
+    period: np.ndarray
+
+    def motion(self, start: np.ndarray) -> Trajectory:
+        """Return the motion that starts at rest at joint positions (nv) [rad or m]."""
+        return Sinusoid(start, self.amplitude, self.period).starting_at(start)
+
+
+@arithmetic("robot", RobotError)
+def find_swing(robot: Robot) -> JointSwing:
+    """Return sines of all joints that a robot can follow from its home pose.
+
+    Each joint goes by up to 0.6 rad, or 0.2 m, to the side of its range with more room, or else all
+    of them to the other side, and keeps 5 % of its range from the limit. The periods differ, so
+    that the joints pass many poses together: the shortest is 3 s, or 3 sqrt(L) s for a reach of L >
+    1 m. The amplitudes are smaller where joints would exceed 80 % of their velocity limits. All of
+    them are halved until the chain stays on its side of the mounting plane, and the torques of the
+    described robot within 80 % of the effort limits, but no more than five times: where home itself
+    is at a limit nothing helps.
+
+    Args:
+        robot: any robot; read only.
+
+    Raises:
+        RobotError: the home pose of a joint is outside its limits.
+    """
+    model, home = instance(robot, Robot, "robot").model, robot.home_angles
+    lower, upper = position_limits(model)
+    if (home < lower).any() or (home > upper).any():
+        raise RobotError(
+            f"the home pose {np.round(home, 3).tolist()} is outside the joint limits.",
+            where=robot.name,
+            hint="Give another home pose q0.",
+        )
+    margin = np.where(np.isfinite(upper - lower), _LIMIT_MARGIN * (upper - lower), 0.0)
+    first = _PERIOD * sqrt(max(robot.reach, 1.0))
+    period = np.round(first * np.linspace(1.0, _SPREAD, model.nv), 1)
+    slides = np.array([is_slide(joint) for joint in model.joints[1:]])
+    most = np.minimum(
+        np.where(slides, _SLIDE_SWING, _SWING),
+        _SPEED_SHARE * velocity_limits(model) * period / (2.0 * pi),
+    )
+    margin = np.where(np.isfinite(upper - lower), _LIMIT_MARGIN * (upper - lower), 0.0)
+    room = np.array([upper - home, home - lower]) - margin
+    up = room[0] >= room[1]
+    for share in 0.5 ** np.arange(_HALVINGS):
+        for side in (up, ~up):  # what sinks towards the plane on one side rises on the other
+            way = np.minimum(share * most, np.maximum(np.where(side, *room), 0.0) / 2.0)
+            amplitude = np.array([rounded_down(a) if a else 0.0 for a in way])
+            swing = JointSwing(np.where(side, amplitude, -amplitude), period)
+            if _stays(robot, swing):
+                return swing
+    return swing
+
+
+def _stays(robot: Robot, swing: JointSwing) -> bool:
+    """Return whether a motion of the joints stays above the plane and within the efforts."""
+    model, data, efforts = robot.model, robot.model.createData(), effort_limits(robot.model)
+    held = np.abs(pin.computeGeneralizedGravity(model, data, robot.q0))
+    efforts = np.maximum(_EFFORT_SHARE * efforts, 1.05 * held)  # where gravity needs more at home
+    plane = robot.mounting
+    if plane is not None and plane.distance(model, data, robot.frame_id, robot.q0) < 0.0:
+        plane = None
+    motion = swing.motion(robot.home_angles)
+    for t in np.linspace(0.0, _SPREAD * float(swing.period.max()), _SWING_SAMPLES):
+        desired = motion.at(float(t))
+        q = configuration_from_angles(model, desired.x_d)
+        torque = pin.rnea(model, data, q, desired.xd_d, desired.xdd_d)
+        if (np.abs(torque) > efforts).any():
+            return False
+        if plane is not None and plane.distance(model, data, robot.frame_id, q) < 0.0:
+            return False
+    return True
 
 
 @dataclass(frozen=True)

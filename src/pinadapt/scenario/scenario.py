@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -51,6 +52,33 @@ from .schema import (
 _NOT_GAINS = {"law", "adaptation", "acceleration", "damping", "guards", "watch"}
 
 
+_CHAIN = tuple(f"robot.{key}" for key in ("source", "frame", "task", "locked"))
+
+
+@contextmanager
+def _hint_of_another_chain(changed: Sequence[str], tables: ScenarioTables) -> Iterator[None]:
+    """Add to errors raised inside what else to set where a setting has changed the chain.
+
+    Raises:
+        InputError: the error raised inside, with its own type.
+    """
+    try:
+        yield
+    except InputError as error:
+        if not changed or error.where in changed:
+            raise
+        robot = tables.robot
+        frame, task = (f" --{name} {getattr(robot, name)}" for name in ("frame", "task"))
+        hint = (
+            f"--set has changed {', '.join(changed)}, and the file has numbers of another chain: "
+            "set its home pose robot.q0, and what else has one number per joint or coordinate; or "
+            f"write a new file: `pinadapt init {robot.source}{frame if robot.frame else ''}"
+            f"{task if robot.task else ''}`."
+        )
+        before = f"{error.hint} " if error.hint else ""
+        raise type(error)(error.what, where=error.where, hint=before + hint) from error
+
+
 @dataclass(frozen=True, eq=False)
 class Scenario:
     """Everything that a run needs, built and checked before anything moves.
@@ -90,7 +118,10 @@ class Scenario:
             InputError: the file, the robot or the gains cannot be used.
         """
         path = Path(path)
-        return cls.build(read_tables(path, settings), path.parent)
+        tables = read_tables(path, settings)
+        changed = [text.partition("=")[0].strip() for text in settings]
+        with _hint_of_another_chain([key for key in changed if key in _CHAIN], tables):
+            return cls.build(tables, path.parent)
 
     @classmethod
     def build(cls, tables: ScenarioTables, folder: Path) -> Scenario:

@@ -12,8 +12,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from .._checks import LARGEST, SMALLEST, shown
 from .._files import read_toml, toml
+from ..description.description import is_robot_name
 from ..exceptions import InputError, ScenarioError, did_you_mean
 from ..laws import DEFAULT
+
+_DESCRIPTIONS = (".urdf", ".xacro", ".xml", ".mjcf")  # files that describe robots
 
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 Positive = Annotated[float, Field(ge=SMALLEST, le=LARGEST, allow_inf_nan=False)]
@@ -406,10 +409,45 @@ def read_tables(path: Path, settings: Sequence[str] = ()) -> ScenarioTables:
     Raises:
         ScenarioError: the file is missing or not TOML, or a key or value is not allowed.
     """
+    _refuse_robots(path)
     raw = read_toml(path)
-    for setting in settings:
-        _apply(raw, setting)
+    kind = _kind_of(raw)
+    keys = [_apply(raw, setting) for setting in settings]
+    if _kind_of(raw) != kind:
+        _drop_keys_of(kind, raw, keys)
     return check_tables(raw, str(path))
+
+
+def _refuse_robots(path: Path) -> None:
+    """Refuse the file or the name of a robot in place of a scenario.
+
+    Raises:
+        ScenarioError: it is one; the message says how to get a scenario.
+    """
+    named = not path.exists() and is_robot_name(str(path))
+    if not named and path.suffix.lower() not in _DESCRIPTIONS:
+        return
+    raise ScenarioError(
+        "this is a robot, not a scenario.",
+        where=str(path),
+        hint=f"Write a scenario for it first: `pinadapt init {path}`.",
+    )
+
+
+def _kind_of(raw: Mapping[str, Any]) -> Any:
+    """Return the kind of reference that raw tables have, even a wrong one."""
+    reference = raw.get("reference", {})
+    return reference.get("kind", "circle") if isinstance(reference, dict) else None
+
+
+def _drop_keys_of(kind: Any, raw: dict[str, Any], given: Sequence[str]) -> None:
+    """Drop the file's keys that only the former kind of reference has; those given stay."""
+    old, new = (REFERENCES.get(name) for name in (kind, _kind_of(raw)))
+    if old is None or new is None:
+        return
+    for key in set(old.model_fields) - set(new.model_fields):
+        if f"reference.{key}" not in given:
+            raw["reference"].pop(key, None)
 
 
 def check_tables(raw: Mapping[str, Any], where: str) -> ScenarioTables:
@@ -428,8 +466,8 @@ def check_tables(raw: Mapping[str, Any], where: str) -> ScenarioTables:
         raise ScenarioError(_explain(error, raw), where=where) from error
 
 
-def _apply(raw: dict[str, Any], setting: str) -> None:
-    """Write one dotted ``key=value`` into raw tables."""
+def _apply(raw: dict[str, Any], setting: str) -> str:
+    """Write one dotted ``key=value`` into raw tables and return the key."""
     key, equals, text = setting.partition("=")
     parts = key.strip().split(".")
     if not equals or not all(parts):
@@ -442,6 +480,7 @@ def _apply(raw: dict[str, Any], setting: str) -> None:
         if not isinstance(table, dict):
             raise ScenarioError(f"'{part}' in '{key}' is not a table.", where="--set")
     table[parts[-1]] = _value(text.strip())
+    return ".".join(parts)
 
 
 def _value(text: str) -> Any:
@@ -499,7 +538,7 @@ def _sentence(problem: Any, location: tuple[Any, ...], raw: dict[str, Any]) -> s
         guess = did_you_mean(str(location[-1]), allowed)
         return f"unknown key; allowed here: {', '.join(allowed)}.{guess}"
     if problem["type"] == "missing":
-        return "this key is required"
+        return f"this key is required; in the file, or by --set {_dotted(location)}=VALUE"
     if problem["type"] == "model_type":
         return f"expected a table, got {shown(problem['input'])}"
     message = _message(problem)

@@ -1,13 +1,14 @@
-"""A new scenario for a robot: frame, task, home, tool, load, and a circle that it can follow."""
+"""A new scenario for a robot: frame, task, home, tool, load, friction and a safe motion."""
 
 from __future__ import annotations
 
 import os
 import textwrap
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from math import ceil
 from pathlib import Path
 from typing import Any
@@ -25,12 +26,15 @@ from ..description.chain import links_of, massless_joints
 from ..description.description import describe
 from ..description.urdf import is_path
 from ..description.xacro import XacroArguments
+from ..exceptions import RobotError
 from ..laws import DEFAULT, LAWS
+from ..models.joint_effects import typical_coefficients
 from ..robot.changes import Payload
-from ..robot.loading import load
+from ..robot.loading import JOINT, PLANES, load
 from ..robot.robot import Robot
-from ..robot.workspace import WorkspaceCircle, find_circle
+from ..robot.workspace import JointSwing, WorkspaceCircle, find_circle, find_swing
 from ..tuning.make_controller import make_controller
+from ..tuning.unknowns import Unknown
 from .schema import SimulationSection
 
 _MEANINGS = {
@@ -52,16 +56,19 @@ def default_gains(controller: Controller) -> Iterable[tuple[str, str, str]]:
     velocity, position = law.units
     if _diagonal(law.K_v):  # a full matrix is too long for a comment
         yield "Kv", _gain(law.K_v), f"velocity gain [{velocity}]"
-    if hasattr(law, "K_P"):
+    if hasattr(law, "K_P") and position:  # else it follows from the other gains
         yield "Kp", _gain(law.K_P), f"position gain [{position}]"
     for name, meaning in _MEANINGS.items():
-        if hasattr(law, name):
+        framed = name in ("lambda_", "R_k")  # of the frame's velocity and position
+        if hasattr(law, name) and (controller.kinematics.task.positions or not framed):
             yield name.rstrip("_"), _gain(getattr(law, name)), meaning
+    if law.learns_from_torque:  # its rates depend on the prediction
+        return
     bodies, joints = _parts(controller.adaptation_d)
     yield "gamma_d", _gain(bodies.gamma), "rate of the inertial parameters"
     if joints is not None:
         yield "gamma_joint", _gain(joints.gamma), "rate of armature and friction"
-    if law.learns_kinematics:
+    if law.learns_kinematics and controller.kinematics.size:
         rate_k = controller.adaptation_k.gain(controller.kinematics.initial)
         yield "gamma_k", _gain(rate_k), "rate of the tool"
 
@@ -99,6 +106,7 @@ def three_digits(number: float) -> float:
 
 _TOOL = 0.05  # length of the unknown tool, relative to the reach
 _LOAD = 0.05  # mass of the unknown load, relative to the moving mass
+_FRICTION = 0.5  # unknown friction, relative to what is typical for a robot of this size
 
 
 @dataclass(frozen=True)
@@ -108,20 +116,22 @@ class Template:
     Attributes:
         source: a path or a name of a robot.
         robot: the robot as described, at its home pose.
-        circle: a circle that it can follow.
+        path: a motion that it can follow: a circle, or for a joint task sines of its joints.
         xacro: arguments of a xacro file.
         mass: total mass of the robot [kg], if links are described without inertia; else None.
         massless: names of these links, one for each such body.
         law: name of the control law.
+        planar: whether the task is a plane because no circle in space is within the limits.
     """
 
     source: str
     robot: Robot
-    circle: WorkspaceCircle
+    path: WorkspaceCircle | JointSwing
     xacro: XacroArguments
     mass: float | None
     massless: Sequence[str]
     law: str = DEFAULT
+    planar: bool = False
 
     @classmethod
     def of(
@@ -134,17 +144,26 @@ class Template:
         mass: float | None = None,
         law: str = DEFAULT,
     ) -> Template:
-        """Load a robot, with the choices of ``load`` for what is not given, and find a circle.
+        """Load a robot, with the choices of ``load`` for what is not given, and find a motion.
+
+        A law of joint space gets the joint task. Where a task in space is not asked for and no
+        circle in space is within the limits, the task is the plane with the largest circle.
 
         Raises:
-            RobotError: as ``load`` and ``find_circle``.
+            RobotError: as ``load``, ``find_circle`` and ``find_swing``.
         """
-        robot = load(source, frame=frame, task=task, xacro=xacro, mass=mass)
+        if task is None and LAWS[law].joint_space:
+            task = JOINT
+        make = partial(load, source, xacro=xacro, mass=mass)
+        robot, path = _with_path(make(frame=frame, task=task))
+        planar = task is None and robot.task.positions == 3 and path is None
+        if path is None:
+            robot, path = _in_a_plane(robot, make) if planar else (robot, find_circle(robot))
         massless: list[str] = []
         if mass is not None:
             model = describe(source, xacro=xacro).model
             massless = [links_of(model, joint)[0] for joint in massless_joints(model)]
-        return cls(source, robot, find_circle(robot), xacro or {}, mass, massless, law)
+        return cls(source, robot, path, xacro or {}, mass, massless, law, planar)
 
     @property
     def name(self) -> str:
@@ -179,12 +198,69 @@ class Template:
         """The controller with default gains for the robot as described."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the file itself contains what matters
-            return make_controller(self.robot, law=self.law, dt=SimulationSection().dt)
+            return make_controller(
+                self.robot,
+                law=self.law,
+                unknown=Unknown.of_tables(**self.unknown),
+                dt=SimulationSection().dt,
+            )
+
+    @property
+    def unknown(self) -> dict[str, Any]:
+        """The keys of [unknown]."""
+        if self.rests:
+            return {"dynamic": "all"}
+        tool: dict[str, Any] = {"kinematic": ["tool"]} if self.robot.task.positions else {}
+        return {**tool, "dynamic": "all", "joint": "all"}
+
+    @cached_property
+    def friction(self) -> tuple[list[float], list[float]]:
+        """The unknown viscous and Coulomb friction, one number per joint."""
+        _, viscous, coulomb = _FRICTION * typical_coefficients(self.robot)
+        return _numbers(viscous, 2), _numbers(coulomb, 2)
 
     @property
     def rests(self) -> bool:
-        """Whether the law regulates to a set point; it is the opposite point of the circle."""
+        """Whether the law regulates to a set point; it is the opposite point of the motion."""
         return LAWS[self.law].set_point
+
+    @property
+    def words(self) -> str:
+        """Frame, task and motion in words."""
+        robot, path = self.robot, self.path
+        if self.rests:
+            way = "to a set point"
+        elif isinstance(path, JointSwing):
+            way = f"sines of all joints in {path.period.min():g} to {path.period.max():g} s"
+        else:
+            way = f"a circle of radius {path.radius} m in {path.period} s"
+        return f"{robot.model.nv} joints to '{robot.frame}', task {robot.task.name}, {way}."
+
+
+def _with_path(robot: Robot) -> tuple[Robot, WorkspaceCircle | JointSwing | None]:
+    """Return a robot and its motion; None if there is no circle for it."""
+    if not robot.task.positions:
+        return robot, find_swing(robot)
+    try:
+        return robot, find_circle(robot)
+    except RobotError:
+        return robot, None
+
+
+def _in_a_plane(robot: Robot, make: Callable[..., Robot]) -> tuple[Robot, WorkspaceCircle]:
+    """Return the robot with the plane that has the largest circle as its task, and that circle.
+
+    Raises:
+        RobotError: that of ``find_circle`` in space, as there is none in a plane either.
+    """
+    found = []
+    for plane in PLANES:
+        with suppress(RobotError):
+            planar = make(frame=robot.frame, task=plane)
+            found.append((planar, find_circle(planar)))
+    if not found:
+        find_circle(robot)  # raises
+    return max(found, key=lambda both: both[1].radius)
 
 
 def _ball(mass: float, gyration: float, com: np.ndarray) -> Payload:
@@ -198,11 +274,10 @@ def _further_out(robot: Robot) -> np.ndarray:
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, robot.q0)
     frame, seen = data.oMf[robot.frame_id], np.zeros(3)
+    place = robot.frame_task.place if robot.task.positions else slice(None)
     length = _TOOL * robot.reach
     for placement in reversed(list(data.oMi)):
-        seen[robot.frame_task.place] = (frame.translation - placement.translation)[
-            robot.frame_task.place
-        ]
+        seen[place] = (frame.translation - placement.translation)[place]
         if np.linalg.norm(seen) > 0.1 * length:
             break
     tool = frame.rotation.T @ seen * (length / np.linalg.norm(seen))
@@ -225,24 +300,15 @@ def scenario_text(template: Template, folder: Path) -> str:
 def _sections(template: Template, folder: Path) -> Iterable[tuple[str, str, Table | None]]:
     """Return name, preceding comment and content of each table."""
     yield "robot", "", _robot(template, folder)
-    yield (
-        "truth",
-        _TRUTH.format(tool=100 * template.tool_share, load=100 * template.load_share),
-        (_truth(template)),
-    )
-    if template.rests:
-        yield "unknown", _GRAVITY, _filled({"dynamic": "all"})
-    else:
-        yield (
-            "unknown",
-            _UNKNOWN,
-            _filled({"kinematic": ["tool"], "dynamic": "all", "joint": "all"}),
-        )
+    joints, rests = isinstance(template.path, JointSwing), template.rests
+    truth = _TRUTH_OF_JOINTS if joints else _TRUTH
+    shares = {"tool": 100 * template.tool_share, "load": 100 * template.load_share}
+    yield "truth", truth.format(**shares), _truth(template)
+    unknown = _GRAVITY if rests else _UNKNOWN_OF_JOINTS if joints else _UNKNOWN
+    yield "unknown", unknown, _filled(template.unknown)
     yield "controller", "", _controller(template)
-    if template.rests:
-        yield "reference", _SET_POINT, _way(template)
-    else:
-        yield "reference", _REFERENCE, _reference(template)
+    reference = _SET_POINT if rests else _SINES if joints else _REFERENCE
+    yield "reference", reference, (_way if rests else _reference)(template)
     yield "simulation", "", _simulation(template)
 
 
@@ -251,6 +317,20 @@ _TRUTH = (
     "know. Here: a tool longer by {tool:g} % of the reach [m, frame's axes], with a ball of "
     "{load:g} % of the mass at its end [kg; com in m from the described frame; Ixx Ixy Iyy Ixz Iyz "
     "Izz in kg m^2]. Replace them by what you expect of your robot."
+)
+_TRUTH_OF_JOINTS = (
+    "Differences between the simulated robot and its description, which the controller does not "
+    "know. Here: a ball of {load:g} % of the mass, {tool:g} % of the reach beyond the frame [kg; "
+    "com in m from the frame; Ixx Ixy Iyy Ixz Iyz Izz in kg m^2]. Replace it by what you expect of "
+    "your robot."
+)
+_PLANAR = (
+    "This chain can follow no circle in space within its joint limits and away from "
+    "singularities; the task is the plane in which it can follow the largest one."
+)
+_FRICTION_AT_REST = (
+    "Coulomb friction is left out: this law does not learn it, and would rest where it holds the "
+    "arm. Viscous friction does no harm."
 )
 _MASS = (
     "Total mass of the robot [kg]. These links are described without inertia: {links}. The mass "
@@ -261,17 +341,26 @@ _UNKNOWN = (
     "What the controller adapts: the tool's translation, all inertial parameters of every body, "
     "rotor inertia and friction of every joint."
 )
+_UNKNOWN_OF_JOINTS = (
+    "What the controller adapts: all inertial parameters of every body, rotor inertia and friction "
+    "of every joint."
+)
 _GRAVITY = (
     "What the controller adapts: the inertial parameters of every body, as far as gravity depends "
     "on them. It does not adapt the tool."
 )
 _SET_POINT = (
-    "A set point that the arm can reach within its joint limits, as an offset from the tool's "
-    'initial position [m], and the duration of the way to it [s]; kind = "hold" stays at the start.'
+    "A set point that the arm can reach within its joint limits, as an offset from the initial "
+    "position [m, or rad of joints], and the duration of the way to it [s]; "
+    'kind = "hold" stays at the start.'
 )
 _REFERENCE = (
     "A circle through the tool's initial position. The arm can follow it within its joint limits "
     "and away from singularities, even with a tool error of 5 % of its reach."
+)
+_SINES = (
+    "Sines of all joints that start at rest at the home pose: amplitudes [rad or m], negative "
+    "where the joint goes down, and periods [s]. Joint limits are kept."
 )
 
 
@@ -292,8 +381,10 @@ def _robot(template: Template, folder: Path) -> Table:
     _remark(
         table,
         "The controlled coordinates of the frame, in world axes: xyz, xy, xz, yz, or pose, which "
-        "adds the orientation.",
+        "adds the orientation; or joint, the joints themselves.",
     )
+    if template.planar:
+        _remark(table, _PLANAR)
     table["task"] = robot.task.name
     if robot.welded:
         _remark(
@@ -315,17 +406,26 @@ def _robot(template: Template, folder: Path) -> Table:
 
 
 def _truth(template: Template) -> Table:
-    table = _filled({"tool_translation": _numbers(template.tool)})
+    table = tomlkit.table()
+    if template.robot.task.positions:
+        table["tool_translation"] = _numbers(template.tool)
     table["payload"] = _payload(template.load)
     _option(table, "inertial_scale = 1.3", "every mass and inertia 30 % larger than described", 45)
-    friction = "friction = { viscous = 0.1, coulomb = 0.05 }"
-    _option(table, friction, "[N m s/rad, N m], numbers or lists with one per joint", 45)
+    viscous, coulomb = template.friction
+    if template.rests:
+        _remark(table, _FRICTION_AT_REST)
+        _option(table, f"friction = {{ viscous = {viscous[0]} }}", "[N m s/rad]", 45)
+        return table
+    _remark(table, "Friction of the joints [N m s/rad, N m], numbers or lists with one per joint.")
+    table["friction"] = _inline({"viscous": viscous, "coulomb": coulomb})
     return table
 
 
 def _controller(template: Template) -> Table:
     controller = template.controller
-    table = _filled({"law": controller.law.name, "adaptation": "natural"})
+    law = controller.law
+    kind = "natural-composite" if law.learns_from_torque else "natural"
+    table = _filled({"law": law.name, "adaptation": kind})
     _remark(
         table,
         'Other adaptations also use the measured torque and converge faster: "natural-memory", '
@@ -341,29 +441,36 @@ def _controller(template: Template) -> Table:
 
 
 def _reference(template: Template) -> Table:
-    circle = template.circle
+    path = template.path
+    if isinstance(path, JointSwing):
+        sizes = {"amplitude": _numbers(path.amplitude), "period": _numbers(path.period)}
+        return _filled({"kind": "sinusoid", **sizes})
     return _filled(
         {
             "kind": "circle",
-            "radius": circle.radius,
-            "period": circle.period,
-            "plane": circle.plane,
-            "phase": float(f"{circle.phase:.12g}"),
+            "radius": path.radius,
+            "period": path.period,
+            "plane": path.plane,
+            "phase": float(f"{path.phase:.12g}"),
         }
     )
 
 
 def _way(template: Template) -> Table:
-    """Return the motion to the opposite point of the circle."""
-    circle, task = template.circle, template.robot.task
-    motion = circle.motion(task.positions)
-    across = motion.at(0.5 * circle.period).x_d - motion.at(0.0).x_d
-    segment = float(f"{0.5 * circle.period:.3g}")
+    """Return the motion to the opposite point of the circle, or of the sines."""
+    path = template.path
+    if isinstance(path, JointSwing):
+        across, half = 2.0 * path.amplitude, 0.5 * float(path.period.max())
+    else:
+        motion, half = path.motion(template.robot.task.positions), 0.5 * path.period
+        across = motion.at(half).x_d - motion.at(0.0).x_d
+    segment = float(f"{half:.3g}")
     return _filled({"kind": "waypoints", "points": [_numbers(across.round(6))], "segment": segment})
 
 
 def _simulation(template: Template) -> Table:
-    duration = float(ceil(max(20.0 if template.rests else 10.0, 2 * template.circle.period)))
+    longest = 2.0 * float(np.max(template.path.period))
+    duration = float(ceil(max(20.0 if template.rests else 10.0, longest)))
     table = _filled({"duration": duration, "dt": SimulationSection().dt})
     meaning = "ignore the effort limits of the description"
     _option(table, "torque_limits = false", meaning, 45)
