@@ -157,7 +157,7 @@ def test_lyapunov_equality_along_the_trajectory(law, name, adaptation, modificat
     )
     energy = energy_along(true.changed(viscous=0.3) if name == "panda" else true, controller, path,
                           seconds=0.015)  # fmt: skip
-    assert energy.mismatch(after=20) <= 1e-4
+    assert energy.mismatch(after=10) <= 1e-4
     assert np.abs(energy.rate).max() > 1e-4
 
 

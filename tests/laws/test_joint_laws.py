@@ -142,7 +142,7 @@ def test_an_unknown_load_is_tracked(law):
     runs = [
         pa.simulate(
             loaded(robot),
-            pa.make_controller(believed, law=law, adaptation=kind),
+            pa.make_controller(believed, law=law, adaptation=kind, dt=2e-3),
             path,
             duration=4.0,
         )
@@ -214,7 +214,11 @@ def test_direct_adaptation_of_the_composite_paper():
     }
     controller = pa.make_controller(true, adaptation="gradient", gamma_d=0.03, **options)
     assert np.allclose(controller.dynamics.initial, [0.15, 0.04, 0.03, 0.025])
-    run = {"duration": 4.0, "engine": pa.Engine(continuous=True), "start": {"a_d": np.zeros(4)}}
+    run = {
+        "duration": 4.0,
+        "engine": pa.Engine(dt=2e-3, continuous=True),
+        "start": {"a_d": np.zeros(4)},
+    }
     rollout = pa.simulate(true, controller, path, **run)
     assert np.allclose(worst(rollout, T), [[5.04, 1.15], [0.81, 1.15], [0.15, 0.07]], atol=6e-3)
     assert np.allclose(rollout.a_d[-1], [0.1458, 0.0369, 0.0295, 0.0241], atol=6e-5)

@@ -43,8 +43,10 @@ def zeta(controller, s):
 @pytest.mark.parametrize(("name", "adaptation"), LOOPS)
 def test_the_parameters_alone_fall_as_the_prediction_error_says(name, adaptation):
     true, controller, path = loop(name, adaptation)
-    energy = energy_along(true, controller, path, seconds=0.02)
-    assert energy.mismatch(after=20) <= 1e-4  # at first R rises from W = 0 within a few samples
+    dt = 2e-4 if name == "planar_2r" else 4e-4  # its R rises faster
+    energy = energy_along(true, controller, path, seconds=0.02, dt=dt)
+    # at first R rises from W = 0 within a few samples
+    assert energy.mismatch(after=round(4e-3 / dt)) <= 1e-4
     assert np.abs(energy.rate).max() > 1e-9 * energy.V[0]
     assert (energy.rate <= 0.0).all() and energy.largest_rise() <= 1e-12
 
@@ -116,7 +118,7 @@ def test_an_unknown_load_is_tracked(name, adaptation):
     runs = [
         pa.simulate(
             loaded(robot),
-            pa.make_controller(believed, law=LAW, adaptation=kind),
+            pa.make_controller(believed, law=LAW, adaptation=kind, dt=2e-3),
             path,
             duration=2.0,
         )

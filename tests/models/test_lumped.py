@@ -340,7 +340,8 @@ def test_unknown_lengths_choose_the_lumped_dynamics():
 
 
 def test_ur5_learns_five_lengths_and_all_inertias():
-    rollout = Scenario.read(ROBOTS / "ur5" / "unknown_lengths.toml").run()
+    scenario = Scenario.read(ROBOTS / "ur5" / "unknown_lengths.toml", ["simulation.duration=6.0"])
+    rollout = scenario.run()
     assert rollout.diverged is None
     assert (len(rollout.dynamic_names), len(rollout.kinematic_names)) == (56, 5)
     assert rollout.summary()["max_error_last"] <= 1e-3

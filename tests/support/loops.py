@@ -99,7 +99,7 @@ def energy_along(
     path: pa.trajectories.Trajectory,
     *,
     seconds: float,
-    dt: float = 2e-4,
+    dt: float = 4e-4,
     **start: Any,
 ) -> Energy:
     """Run the continuous loop with ideal acceleration from home at rest, and trace V.
@@ -124,8 +124,11 @@ def energy_along(
     for sample in list(islice(stream, round(seconds / dt))):
         signals, command = controller.command(sample.state, sample.measurement, sample.desired)
         q, v = sample.measurement.q, sample.measurement.v
-        a = plant.acceleration_at(q, v, command.torque, command.feedthrough)
-        drives = controller.respond(sample.state, signals.replaced(a=a))[1]
+        if controller.law.uses_acceleration:
+            a = plant.acceleration_at(q, v, command.torque, command.feedthrough)
+            drives = controller.respond(sample.state, signals.replaced(a=a))[1]
+        else:
+            drives = controller.sent(signals, command)[1]
         truth, law = truth_at(plant, sample, a_k, a_d), controller.law
         V.append(law.storage(signals, truth) + controller.parameter_storage(sample.state, a_k, a_d))
         learned = sum(

@@ -289,6 +289,10 @@ class Natural(Adaptation):
         length = np.sqrt(step @ metric @ step)
         return Estimate(a + step * min(1.0, kernels.LARGEST_STEP / length if length else 1.0))
 
+    def gain(self, value: np.ndarray) -> np.ndarray:
+        """Return Gamma (p, p) at a value (p)."""
+        return self.gain_times(value, np.eye(value.size))
+
     def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:
         """Return Gamma X (p, l); Gamma is block-diagonal, one block a matrix of the cone."""
         cone = self.cone

@@ -278,7 +278,14 @@ class Controller:
         of the parameters, and would wind the estimates up. They then learn only from what holds
         for any torque, the prediction errors.
         """
-        command, limits = self.law.command(s, model), self.limits.torque
+        return self.sent(s, self.law.command(s, model))
+
+    def sent(self, s: Signals, command: Command) -> tuple[np.ndarray, Drives]:
+        """Return the torque (n) to send for the command of these signals, and the drives.
+
+        As ``respond``, without another evaluation of the law.
+        """
+        limits = self.limits.torque
         torque, drives = command.torque, command.drives
         if command.feedthrough is not None:
             torque = command.at(s.a)

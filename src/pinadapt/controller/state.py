@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -56,43 +57,70 @@ class ControllerState(NamedTuple):
 
     def flat(self) -> np.ndarray:
         """Return what moves, estimates and filters with their memories, as one array."""
-        moving = (*self[1:5], self.torque_filter)
-        return np.concatenate([part.ravel() for part in _leaves(moving)])
+        leaves: list[np.ndarray] = []
+        for part in (*self[1:5], self.torque_filter):
+            _collect(part, leaves)
+        return np.concatenate(leaves)
 
     def with_flat(self, values: np.ndarray) -> ControllerState:
         """Return the state whose ``flat`` is ``values``."""
-        parts, used = _filled((*self[1:5], self.torque_filter), values, 0)
-        assert used == values.size
-        names = ("dynamic", "kinematic", "a_0", "filters", "torque_filter")
-        return self._replace(**dict(zip(names, parts, strict=True)))
+        return self.filler()(values)
+
+    def filler(self) -> Callable[[np.ndarray], ControllerState]:
+        """Return ``with_flat`` as a function, faster where many states of one shape are made."""
+        moving, size = _filler((*self[1:5], self.torque_filter), 0)
+        t, adapting, load, sensed = self.t, self.adapting, self.load, self.sensed
+
+        def filled(values: np.ndarray) -> ControllerState:
+            assert size == values.size
+            dynamic, kinematic, a_0, filters, torque_filter = moving(values)
+            return ControllerState(
+                t, dynamic, kinematic, a_0, filters, adapting, load, sensed, torque_filter
+            )
+
+        return filled
 
 
-def _leaves(part: Any) -> list[np.ndarray]:
-    """Return the arrays in estimates and nested tuples, in order; constants are left out."""
-    if isinstance(part, Estimate):
-        return [part.value, *_leaves(part.memory)]
-    if isinstance(part, tuple):
-        return [leaf for inner in part for leaf in _leaves(inner)]
-    return [part] if isinstance(part, np.ndarray) else []
+def _collect(part: Any, leaves: list[np.ndarray]) -> None:
+    """Append the arrays in estimates and nested tuples, flat and in order, without constants."""
+    if isinstance(part, np.ndarray):
+        leaves.append(part if part.ndim == 1 else part.ravel())
+    elif isinstance(part, Estimate):
+        leaves.append(part.value)
+        _collect(part.memory, leaves)
+    elif isinstance(part, tuple):
+        for inner in part:
+            _collect(inner, leaves)
 
 
-def _filled(part: Any, values: np.ndarray, start: int) -> tuple[Any, int]:
-    """Return estimates and nested tuples with their arrays taken from values, and how many were.
+def _filler(part: Any, start: int) -> tuple[Callable[[np.ndarray], Any], int]:
+    """Return what makes a part anew with its arrays taken from flat values, and where they end.
 
-    They are taken from ``start`` on; the number is that of all used by then.
+    The part is an estimate, an array, a constant, or nested tuples of them; its values begin at
+    ``start``.
     """
+    if isinstance(part, np.ndarray):
+        stop, shape = start + part.size, part.shape
+        if part.ndim == 1:
+            return lambda values: values[start:stop], stop
+        return lambda values: values[start:stop].reshape(shape), stop
     if isinstance(part, Estimate):
-        (value, memory), start = _filled((part.value, part.memory), values, start)
-        return Estimate(value, memory), start
-    if not isinstance(part, tuple | np.ndarray):
-        return part, start
-    if not isinstance(part, tuple):
-        return values[start : start + part.size].reshape(part.shape), start + part.size
-    inner = []
+        value, middle = _filler(part.value, start)
+        memory, stop = _filler(part.memory, middle)
+        if stop == middle:
+            kept = part.memory
+            return lambda values: Estimate(value(values), kept), stop
+        return lambda values: Estimate(value(values), memory(values)), stop
+    if not isinstance(part, tuple) or not part:
+        return lambda values: part, start
+    pieces, stop = [], start
     for piece in part:
-        filled, start = _filled(piece, values, start)
-        inner.append(filled)
-    return (type(part)(*inner) if hasattr(part, "_fields") else tuple(inner)), start
+        filled, stop = _filler(piece, stop)
+        pieces.append(filled)
+    if hasattr(part, "_fields"):
+        make = type(part)
+        return lambda values: make(*[piece(values) for piece in pieces]), stop
+    return lambda values: tuple([piece(values) for piece in pieces]), stop
 
 
 class Sample(NamedTuple):

@@ -18,7 +18,6 @@ from ..models.typical_motion import (
     felt_inertia,
     felt_mass,
     joint_inertia,
-    unit_mass,
 )
 from ..signals import Signals
 from ..tasks.frame import PoseTask
@@ -84,6 +83,7 @@ class AdaptiveJacobian(Law):
     sources = ("CheahLiuSlotine2006",)
     needs_task_velocity = True
     velocity_error = True
+    uses_acceleration = False
     units = ("N s/m, for rotations N m s/rad", "N/m, for rotations N m/rad")
 
     def __post_init__(self) -> None:
@@ -195,13 +195,20 @@ class AdaptiveJacobian(Law):
     def feedback(self, motion: TypicalMotion) -> Sequence[Feedback]:
         """Return the feedback at each state, joints in coordinates of unit mass."""
         return [
-            self._feedback_at(J, M)
-            for J, M in zip(motion.jacobians, motion.mass_matrices, strict=True)
+            self._feedback_at(*state)
+            for state in zip(
+                motion.jacobians,
+                motion.right_inverses,
+                motion.mass_matrices,
+                motion.unit_masses,
+                strict=True,
+            )
         ]
 
-    def _feedback_at(self, J: np.ndarray, M: np.ndarray) -> Feedback:
-        W = unit_mass(M)
-        tracked = np.linalg.pinv(J, rcond=1e-2) @ J
+    def _feedback_at(
+        self, J: np.ndarray, inverse: np.ndarray, M: np.ndarray, W: np.ndarray
+    ) -> Feedback:
+        tracked = inverse @ J
         null = np.eye(len(M)) - tracked
         damping = self.posture.damping if self.posture else np.zeros(len(M))
         N = W @ null @ np.diag(damping) @ null @ W.T

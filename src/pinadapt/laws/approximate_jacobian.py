@@ -13,7 +13,7 @@ from .._checks import definite_matrix, numbers, positive
 from ..adaptation.adaptation import Drive, Drives
 from ..exceptions import GainError
 from ..models.task_kinematics import TaskKinematics
-from ..models.typical_motion import TypicalMotion, unit_mass
+from ..models.typical_motion import TypicalMotion
 from ..signals import Signals
 from ..tasks.task import Task
 from .adaptive_jacobian import felt_by_task
@@ -158,6 +158,7 @@ class ApproximateJacobian(Law):
         "CheahHiranoKawamuraArimoto2003",
     )
     set_point = True
+    uses_acceleration = False
     learns_kinematics = False
     adaptation_mode = 2.0
     bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "Kp": 2.0}
@@ -272,15 +273,14 @@ class ApproximateJacobian(Law):
         """Return Phi = M_hat^-1/2 Z (n, p_d) at each state."""
         rest = np.zeros(motion.robot.model.nv)
         return [
-            unit_mass(M) @ motion.dynamics.regressor(q, rest, rest)
-            for q, M in zip(motion.states.q, motion.mass_matrices, strict=True)
+            W @ motion.dynamics.regressor(q, rest, rest)
+            for q, W in zip(motion.states.q, motion.unit_masses, strict=True)
         ]
 
     def feedback(self, motion: TypicalMotion) -> Sequence[Feedback]:
         """Return the feedback at each state, joints in coordinates of unit mass."""
         found = []
-        for J, M in zip(motion.jacobians, motion.mass_matrices, strict=True):
-            W = unit_mass(M)
+        for J, W in zip(motion.jacobians, motion.unit_masses, strict=True):
             D = W @ self.K_v @ W.T
             found.append(Feedback(W @ J.T @ self.K_P @ J @ W.T, D, 0.0 * D, D))
         return found
@@ -288,13 +288,14 @@ class ApproximateJacobian(Law):
 
 def joint_damping(motion: TypicalMotion, stiffness: Any, w: float) -> np.ndarray:
     """Return the default K_v (n, n) for a stiffness of the task and a bandwidth w [rad/s]."""
-    K_P, dampings = np.diag(np.broadcast_to(stiffness, motion.kinematics.task.size)), []
-    for J, M in zip(motion.jacobians, motion.mass_matrices, strict=True):
-        W = unit_mass(M)
-        squares, modes = np.linalg.eigh(W @ J.T @ K_P @ J @ W.T)
-        root = np.linalg.solve(W, modes)
-        dampings.append((root * np.sqrt(np.maximum(squares, (_NULL * w) ** 2))) @ root.T)
-    return np.asarray(2.0 * np.mean(dampings, axis=0))
+    K_P = np.diag(np.broadcast_to(stiffness, motion.kinematics.task.size))
+    W, J = motion.unit_masses, np.array(motion.jacobians)
+    J_W = J @ W.swapaxes(1, 2)  # in coordinates of unit mass
+    squares, modes = np.linalg.eigh(J_W.swapaxes(1, 2) @ K_P @ J_W)
+    root = np.linalg.solve(W, modes)
+    frequencies = np.sqrt(np.maximum(squares, (_NULL * w) ** 2))
+    dampings = (root * frequencies[:, None]) @ root.swapaxes(1, 2)
+    return np.asarray(2.0 * dampings.mean(axis=0))
 
 
 def default_width(motion: TypicalMotion) -> np.ndarray:

@@ -232,10 +232,10 @@ def _worst_gravity(motion: TypicalMotion) -> np.ndarray:
     robot = motion.robot.changed(inertial_scale=_HEAVIER, payload=Payload(load))
     model, rng = robot.model, np.random.default_rng(0)
     data, (low, high) = model.createData(), position_bounds(model)
-    worst = np.abs(pin.computeGeneralizedGravity(model, data, robot.q0))
-    for _ in range(_CONFIGURATIONS):
-        q = pin.integrate(model, pin.neutral(model), rng.uniform(low, high))
-        worst = np.maximum(worst, np.abs(pin.computeGeneralizedGravity(model, data, q)))
+    torque, neutral = pin.computeGeneralizedGravity, pin.neutral(model)
+    moves = rng.uniform(low, high, (_CONFIGURATIONS, model.nv))
+    asked = [torque(model, data, pin.integrate(model, neutral, move)).copy() for move in moves]
+    worst = np.abs([torque(model, data, robot.q0).copy(), *asked]).max(axis=0)
     weight, turns = load * np.linalg.norm(model.gravity.linear), _levers(motion.kinematics)[1]
     return np.asarray(worst + weight * _ARM * robot.reach * turns)
 

@@ -31,6 +31,7 @@ class ResolvedAcceleration(EstimatedVelocityLaw):
     name = "resolved-acceleration"
     sources: ClassVar[tuple[str, ...]] = ("LuhWalkerPaul1980",)
     adapts = False
+    uses_acceleration = False
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return M v + C qd + g, (8); nothing drives the estimates."""

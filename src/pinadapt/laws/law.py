@@ -187,6 +187,8 @@ class Law(ABC):
         uses_position_error: whether ``Signals.epsilon`` drives its kinematic estimate, so that it
             learns from positions; else it learns from velocities.
         velocity_error: whether the error of the joint velocity drives the dynamic estimate.
+        uses_acceleration: whether ``command`` reads ``Signals.a`` for torque or drives. If not, a
+            continuous loop with the ideal acceleration evaluates the law once instead of twice.
         inverts_estimate: whether it needs M_hat^-1 at the moving estimate.
         joint_space: whether it is for joint tasks only.
         set_point: whether it needs a desired motion that comes to rest, see ``Trajectory.settles``.
@@ -213,6 +215,7 @@ class Law(ABC):
     needs_task_velocity: ClassVar[bool] = False
     uses_position_error: ClassVar[bool] = False
     velocity_error: ClassVar[bool] = False
+    uses_acceleration: ClassVar[bool] = True
     inverts_estimate: ClassVar[bool] = False
     joint_space: ClassVar[bool] = False
     set_point: ClassVar[bool] = False

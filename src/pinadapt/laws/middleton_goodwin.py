@@ -67,6 +67,7 @@ class MiddletonGoodwin(AccelerationLaw):
     joint_space = True
     inverts_estimate = True
     learns_from_torque = True
+    uses_acceleration = False
     prediction_mode = 4.0
 
     @property

@@ -17,7 +17,7 @@ from .._kernels import laws as kernels
 from ..adaptation.adaptation import Drive, Drives
 from ..exceptions import GainError
 from ..filters import PositionObserver
-from ..models.typical_motion import TypicalMotion, joint_inertia, unit_mass
+from ..models.typical_motion import TypicalMotion, joint_inertia
 from ..robot.changes import Payload
 from ..robot.robot import Robot
 from ..signals import Signals
@@ -103,6 +103,7 @@ class Separation(Law):
     name = "separation"
     sources = ("Wang2017",)
     uses_position_error = True
+    uses_acceleration = False
     velocity_error = True
     joint_effects = "all"
     bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0, "lag": -1.0}
@@ -247,11 +248,11 @@ class Separation(Law):
 
         The null space follows its reference motion, which feels nothing of it.
         """
-        found = []
-        for J, M, q in zip(motion.jacobians, motion.mass_matrices, motion.states.q, strict=True):
-            W = unit_mass(M)
+        found, inverses, unit = [], motion.right_inverses, motion.unit_masses
+        states = zip(motion.jacobians, motion.mass_matrices, motion.states.q, strict=True)
+        for (J, M, q), inverse, W in zip(states, inverses, unit, strict=True):
             D = W @ self.K_D(q) @ W.T
-            tracked = W @ M @ np.linalg.pinv(J, rcond=1e-2) @ J @ W.T
+            tracked = W @ M @ inverse @ J @ W.T
             null = self.posture.frequency * (np.eye(len(M)) - tracked)
             found.append(Feedback(self.alpha * D @ tracked, D + self.alpha * tracked, null, D))
         return found

@@ -228,10 +228,8 @@ class BodyDynamics(InertialDynamics):
             RobotError: unknown joint.
         """
         super().__init__(robot)
-        self.bodies = chosen_bodies(robot, unknown)
-        self.names = tuple(
-            f"{robot.joint_names[body]}.{label}" for body in self.bodies for label in LABELS
-        )
+        self.bodies, names = chosen_bodies(robot, unknown), robot.joint_names
+        self.names = tuple(f"{names[body]}.{label}" for body in self.bodies for label in LABELS)
         self.size = len(self.names)
         self._columns = np.concatenate(
             [[PER_BODY * b + i for i in range(PER_BODY)] for b in self.bodies] or [[]]

@@ -16,6 +16,7 @@ _SAMPLES = 30
 _SPREAD = 0.3  # of the configurations around home [rad or m]
 _SPEED = 1.0 / 6.0  # task speed, of the reach [1/s]
 _ERROR = 0.01  # task error, of the reach
+_SINGULAR = 1e-2  # singular values left out of inverses, relative to the largest
 _TURN = 1.0  # length in place of the reach for rotations and joints [rad]
 
 
@@ -67,14 +68,15 @@ class TypicalMotion:
         p, m = kinematics.task.positions, kinematics.task.size
         size = np.repeat([self.robot.reach, _TURN], [p, m - p])
         scale = np.array([[_SPEED], [_ERROR * self.bandwidth**2]]) * size
-        states = []
+        found, rest = [], np.zeros(model.nv)
         for _ in range(_SAMPLES):
             q = pin.integrate(model, self.robot.q0, rng.uniform(-_SPREAD, _SPREAD, model.nv))
-            kinematics.update(kinematics.initial, q, np.zeros(model.nv))
-            inverse = np.linalg.pinv(kinematics.J, rcond=1e-2)
-            v, a = scale * rng.standard_normal((2, m))
-            states.append((q, inverse @ v, inverse @ a))
-        return States(*(np.array(column) for column in zip(*states, strict=True)))
+            kinematics.update(kinematics.initial, q, rest)
+            found.append((q, kinematics.J, scale * rng.standard_normal((2, m))))
+        q, J, rates = (np.array(column) for column in zip(*found, strict=True))
+        inverse = np.linalg.pinv(J, rcond=_SINGULAR)
+        v, a = ((inverse @ rates[:, k, :, None])[..., 0] for k in range(2))
+        return States(q, v, a)
 
     @cached_property
     def jacobians(self) -> list[np.ndarray]:
@@ -103,6 +105,16 @@ class TypicalMotion:
         return [np.array(self.dynamics.mass_matrix(q)) for q in self.states.q]
 
     @cached_property
+    def unit_masses(self) -> np.ndarray:
+        """W (N, n, n) with W M_hat W^T = 1 at each state: coordinates of unit mass."""
+        return unit_mass(np.array(self.mass_matrices))
+
+    @cached_property
+    def right_inverses(self) -> np.ndarray:
+        """J^+ (N, n, m) at each state, without directions that J hardly moves."""
+        return np.linalg.pinv(np.array(self.jacobians), rcond=_SINGULAR)
+
+    @cached_property
     def acceleration_effects(self) -> list[np.ndarray]:
         """Phi = J M_hat^-1 Y (m, p_d): task acceleration by parameter errors, at each state."""
         triples = zip(self.jacobians, self.mass_matrices, self.regressors, strict=True)
@@ -111,8 +123,8 @@ class TypicalMotion:
     @cached_property
     def momentum_effects(self) -> list[np.ndarray]:
         """Phi = M_hat^-1/2 Y (n, p_d): joint acceleration by them, in coordinates of unit mass."""
-        pairs = zip(self.mass_matrices, self.regressors, strict=True)
-        return [unit_mass(M) @ Y for M, Y in pairs]
+        pairs = zip(self.unit_masses, self.regressors, strict=True)
+        return [W @ Y for W, Y in pairs]
 
     @cached_property
     def _kinematic(self) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -125,9 +137,10 @@ class TypicalMotion:
 
 
 def unit_mass(M: np.ndarray) -> np.ndarray:
-    """Return W (n, n) with W M W^T = 1 for a mass matrix M: M^-1/2 up to a rotation."""
+    """Return W (..., n, n), W M W^T = 1 for M (..., n, n): M^-1/2 up to a rotation."""
     eigenvalues, vectors = np.linalg.eigh(M)
-    return np.asarray((vectors / np.sqrt(np.abs(eigenvalues))).T)
+    scaled = vectors / np.sqrt(np.abs(eigenvalues))[..., None, :]
+    return np.asarray(scaled.swapaxes(-1, -2))
 
 
 def felt_mass(robot: Robot) -> float:

@@ -96,6 +96,7 @@ class _Loop:
         self._q = plant.robot.q0
         self.measurement: Measurement = plant.measurement(self._q, np.zeros(plant.nv))
         self.state = controller.init(self.measurement) if state is None else state
+        self._filled = self.state.filler()
         self.desired: Desired
         self.torque: np.ndarray
 
@@ -121,7 +122,7 @@ class _Loop:
         if not v.dot(v) < FASTEST**2:  # also true for NaN
             raise DivergedError(f"the joint velocities exceed {FASTEST:g} rad/s or m/s.")
         self._q = self._plant.integrate(self._q, y[:n])
-        state = self.state.with_flat(y[2 * n :])
+        state = self._filled(y[2 * n :])
         kept = self._controller.adaptation_d.project(state.dynamic, self._q)
         if kept is not state.a_d:
             state = state._replace(dynamic=state.dynamic.with_value(kept))
@@ -132,6 +133,7 @@ class _Loop:
         events.change(self._plant, before, now)
         state = self.state.with_flat(y[2 * self._plant.nv :])
         self.state = events.announce(self._controller, state, before, now)
+        self._filled = self.state.filler()
         return np.concatenate([y[: 2 * self._plant.nv], self.state.flat()])
 
     def slope(self, y: np.ndarray, t: float) -> np.ndarray:
@@ -142,14 +144,17 @@ class _Loop:
         """
         plant, controller, n = self._plant, self._controller, self._plant.nv
         q, v = plant.integrate(self._q, y[:n]), y[n : 2 * n]
-        self.state = self.state.with_flat(y[2 * n :])
+        self.state = self._filled(y[2 * n :])
         self.measurement, self.desired = plant.measurement(q, v, t), self._trajectory.at(t)
         if not np.isfinite(np.concatenate(self.desired)).all():
             raise InputError(f"the motion is not finite: {self.desired}.", where="desired")
         if self._ideal:
             signals, command = controller.command(self.state, self.measurement, self.desired)
             a = plant.acceleration_at(q, v, command.torque, command.feedthrough)
-            tau, drives = controller.respond(self.state, signals.replaced(a=a))
+            if controller.law.uses_acceleration:
+                tau, drives = controller.respond(self.state, signals.replaced(a=a))
+            else:
+                tau, drives = controller.sent(signals, command)
             self.torque = plant.motors_at(q, tau)
         else:
             signals = controller.observe(self.state, self.measurement, self.desired)

@@ -32,8 +32,11 @@ from ..robot.robot import Robot
 
 def frequency(effects: Sequence[np.ndarray], Gamma: np.ndarray) -> float:
     """Return the median over the states of sqrt of the largest eigenvalue of Phi Gamma Phi^T."""
-    largest = [np.linalg.eigvalsh(Phi @ Gamma @ Phi.T)[-1] for Phi in effects if len(Phi)]
-    return float(np.sqrt(max(np.median(largest), 0.0))) if largest else 0.0
+    squares = [Phi @ Gamma @ Phi.T for Phi in effects if len(Phi)]
+    if not squares:
+        return 0.0
+    largest = np.linalg.eigvalsh(np.array(squares))[:, -1]
+    return float(np.sqrt(max(np.median(largest), 0.0)))
 
 
 def rate_for(

@@ -323,11 +323,12 @@ def _tuned(
     tuned = chosen.tuned(motion, dt, **gains)
     if any(gains.get(name) is not None for name in ("Kv", "Kp", "alpha")):
         return tuned, motion.bandwidth * tuned.bandwidth_share
-    share = stable_share_of_feedback(
-        lambda share: chosen.tuned(motion, dt, share, **gains).feedback(motion), dt
-    )
-    if share != 1.0:
-        tuned = chosen.tuned(motion, dt, share, **gains)
+
+    def slowed(share: float) -> Law:
+        return tuned if share == 1.0 else chosen.tuned(motion, dt, share, **gains)
+
+    share = stable_share_of_feedback(lambda share: slowed(share).feedback(motion), dt)
+    tuned = slowed(share)
     return tuned, share * motion.bandwidth * tuned.bandwidth_share
 
 

@@ -88,14 +88,14 @@ def lightest_joint(motion: TypicalMotion, law: Law) -> LightJoint | None:
         return None
     rows, arm = robot.task.groups[0].rows, _ARM * robot.reach
     stiffness, data = float(np.linalg.eigvalsh(law.K_P[rows, rows])[0]), model.createData()
-    angles, inertias = [], []  # (N, n) per kilogram of load, and M_jj
-    for q, M in zip(motion.states.q, motion.mass_matrices, strict=True):
-        inertia = np.diag(M)
-        J = pin.computeJointJacobians(model, data, q).reshape(6, n)
-        weight = np.linalg.norm(np.cross(J[3:].T, model.gravity.linear), axis=1)  # zero for slides
-        floor = np.finfo(float).eps * inertia.max()
-        angles.append(weight * arm / (np.maximum(inertia, floor) * stiffness))
-        inertias.append(inertia)
+    turns = [
+        pin.computeJointJacobians(model, data, q).reshape(6, n)[3:].T.copy()
+        for q in motion.states.q
+    ]  # the joints' axes (n, 3), zero for slides
+    weights = np.linalg.norm(np.cross(turns, model.gravity.linear), axis=2)  # of 1 kg on 1 m
+    inertias = np.diagonal(motion.mass_matrices, axis1=1, axis2=2)
+    floors = np.finfo(float).eps * inertias.max(axis=1, keepdims=True)
+    angles = weights * arm / (np.maximum(inertias, floors) * stiffness)  # (N, n) a kilogram
     largest = np.max(angles, axis=0)
     j = int(np.argmax(largest))
     if _LOAD * pin.computeTotalMass(model) * largest[j] <= _ANGLE:
@@ -186,8 +186,10 @@ def preflight(controller: Controller, dt: float) -> list[Finding]:
     instance(controller, Controller, "controller")
     dt, findings = positive(dt, "dt"), []
     for part, gains, radius in _parts(controller):
+        if radius(dt=dt, factor=1.0) <= _UNSTABLE:
+            continue
         helps = radius(dt=dt, factor=0.0) <= _UNSTABLE
-        if radius(dt=dt, factor=1.0) > _UNSTABLE and (helps or part == _FEEDBACK):
+        if helps or part == _FEEDBACK:
             longest = _largest(lambda period, of=radius: of(dt=period, factor=1.0), dt)
             factor = (
                 _largest(lambda factor, of=radius: of(dt=dt, factor=factor), 1.0) if helps else 0.0
@@ -214,7 +216,8 @@ def stable_share_of_feedback(of: Callable[[float], Sequence[Feedback]], dt: floa
     def radius(share: float) -> float:
         return _feedback_radius(of(share), dt, 1.0)
 
-    if not of(1.0) or radius(1.0) <= _UNSTABLE or radius(_LEAST) > _UNSTABLE:
+    whole = of(1.0)
+    if not whole or _feedback_radius(whole, dt, 1.0) <= _UNSTABLE or radius(_LEAST) > _UNSTABLE:
         return 1.0
     return _SLACK * _largest(radius, 1.0)
 
