@@ -82,7 +82,7 @@ def test_a_rollout_is_a_log(tmp_path):
 
 
 def test_velocities_are_not_needed(name="ur5"):
-    log = replace(recorded(name, noisy=True), v=None)
+    log = replace(recorded(name, noisy=True, duration=6.0), v=None)
     found = pa.identify(log, catalogue_robot(name))
     load = found.payload()
     assert found.smoothed and found.torque_errors.gain > 10.0

@@ -119,7 +119,7 @@ def controlled(name, law, adaptation="natural"):
     ("law", "adaptation"), list(product(pa.laws.LAWS, ["natural", "gradient", "none"]))
 )
 def test_step_is_pure(law, adaptation):
-    controller, state, measurement, desired = controlled("ur5", law, adaptation)
+    controller, state, measurement, desired = controlled("scara", law, adaptation)
     given = state, measurement, desired
     before = [snapshot(record) for record in given]
     tau, after = controller.step(state, measurement, desired, 1e-3)
