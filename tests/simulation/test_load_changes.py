@@ -545,7 +545,8 @@ def test_a_belief_that_the_parameters_cannot_express_is_refused_before_the_run()
 
 def test_plots_mark_the_changes_and_step_the_truth():
     rollout = ran(TOLD)
-    for axes in (error_figure(rollout).axes, parameter_figure(rollout).axes):
+    parameters = parameter_figure(rollout).axes
+    for axes in (error_figure(rollout).axes, parameters):
         assert [text.get_text() for text in axes[0].texts] == [
             "-1.5 kg, announced",
             "+3 kg, announced",
@@ -553,7 +554,7 @@ def test_plots_mark_the_changes_and_step_the_truth():
         for ax in axes:
             marks = [line.get_xdata()[0] for line in ax.lines if line.get_linestyle() == ":"]
             assert marks == [2.0, 3.5]
-    masses = parameter_figure(rollout).axes[1]
+    masses = parameters[1]
     truth = [line for line in masses.lines if line.get_linestyle() == "--"][-1].get_ydata()
     steps = np.flatnonzero(np.diff(truth))
     assert list(steps) == [1999, 3499] and np.allclose(np.diff(truth)[steps], [-1.5, 3.0])
