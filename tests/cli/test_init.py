@@ -38,12 +38,12 @@ def test_the_written_file_runs_and_the_controller_learns(tmp_path, source, frame
     file = written(tmp_path, source)
     tables = read_toml(file)
     assert (tables["robot"]["frame"], tables["robot"]["task"]) == (frame, task)
-    scenario = Scenario.read(file, ["simulation.duration=4.0"])
+    scenario = Scenario.read(file, ["simulation.duration=3.0"])
     tool = np.linalg.norm(tables["truth"]["tool_translation"])
     assert np.isclose(tool, 0.05 * scenario.estimated.reach, rtol=0.01)
     rollout, fixed = (
         scenario.run(),
-        Scenario.read(file, ["simulation.duration=4.0", "controller.adaptation='none'"]).run(),
+        Scenario.read(file, ["simulation.duration=3.0", "controller.adaptation='none'"]).run(),
     )
     assert rollout.diverged is None
     last = rollout.distance[-400:].max()
@@ -103,7 +103,7 @@ def test_an_arm_with_a_light_wrist_holds_an_unmodelled_load(arguments, tmp_path)
     beside = f"truth.payload.com={(0.6 * np.roll(tables['truth']['tool_translation'], 1)).tolist()}"
     for mass in (1e-3, tables["truth"]["payload"]["mass"]):
         rollout = Scenario.read(
-            file, ["simulation.duration=4.0", f"truth.payload.mass={mass}", beside]
+            file, ["simulation.duration=3.0", f"truth.payload.mass={mass}", beside]
         ).run()
         assert rollout.diverged is None
         assert rollout.distance[-400:].max() < 0.02 * tables["reference"]["radius"]

@@ -1,5 +1,7 @@
 """The shipped scenarios under the same controllers in both engines."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -13,24 +15,32 @@ ROBOTS = ROOT / "robots"
 SHIPPED = ("panda/tool_and_load.toml", "panda/pose.toml", "ur5/unknown_lengths.toml")
 ENGINES = ("pinocchio", "mujoco")
 SOONER = "truth.change=[{at=0.4, payload={mass=0.0}}, {at=0.7, payload={mass=3.0}}]"
-SHORTER = "simulation.duration=4.0"
+SHORTER = "simulation.duration=2.5"
 LINE = 'reference={kind="lissajous", amplitude=[0.0, 0.15, 0.0], cycles=[1, 1, 1], period=4.0}'
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::UserWarning")]
 
 
+@cache
 def run(name, engine, *settings):
-    """Return a scenario and its rollout."""
+    """Return a scenario and its rollout, which several tests look at."""
     scenario = Scenario.read(ROBOTS / name, [f'simulation.engine="{engine}"', *settings])
     rollout = scenario.run()
     assert rollout.diverged is None
     return scenario, rollout
 
 
-@pytest.mark.parametrize("name", SHIPPED)
-def test_the_remaining_error_is_within_a_tenth_of_that_in_pinocchio(name):
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        ("panda/tool_and_load.toml", "simulation.duration=4.0"),
+        ("panda/pose.toml", SHORTER),
+        ("ur5/unknown_lengths.toml", SHORTER),
+    ],
+)
+def test_the_remaining_error_is_within_a_tenth_of_that_in_pinocchio(name, settings):
     """All of the scenario: the Panda's has dry friction, which the engines model differently."""
-    ours, theirs = (run(name, engine, SHORTER)[1] for engine in ENGINES)
+    ours, theirs = (run(name, engine, settings)[1] for engine in ENGINES)
     one, other = (rollout.summary()["max_error_last"] for rollout in (ours, theirs))
     assert other < 0.5e-3 and np.isclose(one, other, rtol=0.1)
     assert ours.limits.verdict() == theirs.limits.verdict()
@@ -39,17 +49,17 @@ def test_the_remaining_error_is_within_a_tenth_of_that_in_pinocchio(name):
 @pytest.mark.parametrize(
     ("name", "settings"),
     [
-        ("panda/load_changes.toml", [SOONER]),
-        ("panda/pose.toml", []),
-        ("ur5/unknown_lengths.toml", []),
+        ("panda/load_changes.toml", ["simulation.duration=1.0", SOONER]),
+        ("panda/pose.toml", [SHORTER]),
+        ("ur5/unknown_lengths.toml", [SHORTER]),
     ],
 )
 def test_without_coulomb_friction_the_paths_agree_to_a_micrometre(name, settings):
-    ours, theirs = (
-        run(name, engine, "simulation.duration=1.0", *settings)[1] for engine in ENGINES
-    )
-    assert np.allclose(ours.x, theirs.x, rtol=0.0, atol=1e-6)
-    assert np.linalg.norm(ours.error[:, :3], axis=1).max() > 2e-3
+    """For a second, that is; small differences grow."""
+    ours, theirs = (run(name, engine, *settings)[1] for engine in ENGINES)
+    first = ours.t < 1.0
+    assert np.allclose(ours.x[first], theirs.x[first], rtol=0.0, atol=1e-6)
+    assert np.linalg.norm(ours.error[first, :3], axis=1).max() > 2e-3
 
 
 @pytest.mark.parametrize("name", SHIPPED)

@@ -6,6 +6,8 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +47,13 @@ def test_a_case_has_the_stated_model_errors(name):
     assert (other.true.friction.coulomb != case.true.friction.coulomb).all()
 
 
+@pytest.fixture
+def sooner(monkeypatch):
+    """Let runs end after 12 s, the least of four turns, where robots have converged already."""
+    monkeypatch.setattr("pinadapt.zoo.case._LEAST_DURATION", 12.0)
+
+
+@pytest.mark.usefixtures("sooner")
 def test_a_chain_converges_untuned():
     row = zoo_row("a1_fl_leg", "adaptive-jacobian")
     assert row.verdict == CONVERGED
@@ -79,6 +88,7 @@ def test_effort_limits_too_small_for_gravity_are_ignored():
 def test_without_adaptation_a_shorter_run_ends_like_the_whole():
     """Whole turns are left out, so that the last of both runs is the same part of a turn."""
     case = zoo_case("so101")
+    case = replace(case, duration=case.repeating + 2.0 * case.period)
     left_out = (case.duration - case.repeating) / case.period
     assert left_out == round(left_out) > 0 and case.repeating >= 9.0
     controller = pa.make_controller(
@@ -120,15 +130,15 @@ def test_a_wrist_that_spins_away_is_named():
 def test_without_a_failed_hypothesis_the_verdict_reports_progress(monkeypatch):
     monkeypatch.setattr("pinadapt.zoo.experiment.ACCURATE", 1e-9)
     monkeypatch.setattr("pinadapt.zoo.case._LEAST_DURATION", 2.0)
+    monkeypatch.setattr("pinadapt.zoo.case._SETTLED", 2.0)
     assert "no hypothesis failed within" in zoo_row("finger_edu", "adaptive-jacobian").verdict
 
 
-def test_chains_converge_under_the_default_law_and_the_command_writes_their_rows_in_order(
-    tmp_path, capsys
-):
+@pytest.mark.usefixtures("sooner")
+def test_chains_converge_under_the_default_law(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("pinadapt.zoo.experiment.workers", ThreadPoolExecutor)  # as shortened here
     names = ["asr_twodof", "double_pendulum"]
-    arguments = ["--robots", ",".join(names), "--processes", "1", "--out", str(tmp_path)]
-    assert main(["zoo", *arguments]) == 0
+    assert main(["zoo", "--robots", ",".join(names), "--out", str(tmp_path)]) == 0
     rows = json.loads((tmp_path / "zoo.json").read_text())
     assert [row["robot"] for row in rows] == names
     assert [row["verdict"] for row in rows] == [CONVERGED] * 2
@@ -137,6 +147,17 @@ def test_chains_converge_under_the_default_law_and_the_command_writes_their_rows
         assert row["adapted"] <= 0.1 * row["unadapted"]
         assert row["task"] == "position" and row["adapted_angle"] is None
     assert "2 of 2 converged" in capsys.readouterr().out
+
+
+def test_the_command_writes_the_rows_of_its_processes_in_the_order_of_the_robots(tmp_path, capsys):
+    """Robots with most joints start first; these are refused at once."""
+    names = ["planar_2r", "scara"]
+    arguments = ["--robots", ",".join(names), "--processes", "1", "--task", "pose"]
+    assert main(["zoo", *arguments, "--out", str(tmp_path)]) == 0
+    rows = json.loads((tmp_path / "zoo.json").read_text())
+    assert [row["robot"] for row in rows] == names
+    assert all(row["verdict"].startswith("refused: ") for row in rows)
+    assert "0 of 2 converged" in capsys.readouterr().out
 
 
 def test_the_command_refuses_unknown_robots(capsys):
