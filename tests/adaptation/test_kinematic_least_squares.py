@@ -75,10 +75,10 @@ def known_after(seconds, name="panda", *, base=False, sensors=None, **options):
     if base:
         true = true.changed(link_translation={robot.joint_names[0]: [0.2, -0.1, 0.05]})
     unknown = pa.Unknown(tool=True, base=base)
-    controller = pa.make_controller(robot, unknown=unknown, sensors=sensors, **options)
+    controller = pa.make_controller(robot, unknown=unknown, sensors=sensors, dt=2e-3, **options)
     path = pa.trajectories.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(true.position(true.q0))
     rollout = pa.simulate(
-        true, controller, path, duration=seconds, record_every=20, sensors=sensors
+        true, controller, path, duration=seconds, record_every=10, sensors=sensors
     )
     assert rollout.diverged is None
     wrong = np.linalg.norm(rollout.a_k - controller.kinematics.value(true), axis=1)

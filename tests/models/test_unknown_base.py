@@ -44,10 +44,13 @@ def test_base_and_tool_are_adapted_together(name, camera):
     """Their errors compensate while the tool hardly rotates; the path is followed nevertheless."""
     robot, true, circle = moved(name)
     controller = pa.make_controller(
-        robot, unknown=pa.Unknown(tool=True, base=True), sensors=pa.Sensors(camera=camera)
+        robot,
+        unknown=pa.Unknown(tool=True, base=True),
+        sensors=pa.Sensors(camera=camera),
+        dt=2e-3,
     )
     rollout = pa.simulate(
-        true, controller, circle, duration=8.0, record_every=10, sensors=pa.Sensors(camera=camera)
+        true, controller, circle, duration=8.0, record_every=5, sensors=pa.Sensors(camera=camera)
     )
     assert rollout.diverged is None
     last = rollout.distance[-80:].max()

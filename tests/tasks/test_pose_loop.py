@@ -58,7 +58,7 @@ def test_errors_of_position_and_orientation_vanish_with_true_parameters(angle, d
         robot, law="resolved-acceleration", unknown=pa.Unknown(tool=False)
     )
     rollout = pa.simulate(
-        robot, controller, path, duration=duration, engine=pa.Engine(continuous=True)
+        robot, controller, path, duration=duration, engine=pa.Engine(dt=2e-3, continuous=True)
     )
     assert np.isclose(rollout.angle[0], angle) and np.isclose(
         rollout.distance[0], np.linalg.norm([0.02, -0.01, 0.03])
@@ -95,10 +95,8 @@ def test_without_adaptation_the_pose_error_is_large():
     robot = pose_robot()
     true = robot.changed(tool_translation=[0.03, -0.02, 0.12], payload=LOAD)
     believed, law = robot.changed(inertial_scale=0.7), "adaptive-inverse-dynamics"
-    controller = pa.make_controller(believed, law=law, adaptation="none")
-    summary = pa.simulate(
-        true, controller, circle(true), duration=2.0, engine=pa.Engine(substeps=1)
-    ).summary()
+    controller = pa.make_controller(believed, law=law, adaptation="none", dt=2e-3)
+    summary = pa.simulate(true, controller, circle(true), duration=2.0).summary()
     assert summary["max_error_last"] > 0.01 and summary["max_angle_last"] > np.radians(1.0)
 
 
@@ -369,7 +367,7 @@ def test_a_planar_leg_learns_its_foot(task, axis, tmp_path):
     true = described.changed(tool_translation=[0.01, 0.01, -0.05], inertial_scale=1.2)
     start = true.position(true.q0)
     assert start.shape == (2,)
-    controller = pa.make_controller(described)
+    controller = pa.make_controller(described, dt=2e-3)
     path = pa.trajectories.Circle([0.0, 0.0], 0.04, 1.5).starting_at(start)
     rollout = pa.simulate(
         true,
@@ -379,7 +377,7 @@ def test_a_planar_leg_learns_its_foot(task, axis, tmp_path):
         engine=pa.Engine(continuous=True, ideal_acceleration=True),
     )
     assert (np.diff(rollout.lyapunov) < 0.0).all()
-    rollout = pa.simulate(true, controller, path, duration=5.0, engine=pa.Engine(substeps=1))
+    rollout = pa.simulate(true, controller, path, duration=5.0)
     assert rollout.summary()["max_error_last"] < 0.1 * rollout.summary()["max_error_first"]
     page = rollout.animate().save(tmp_path / "a.html")
     assert page.stat().st_size > 100_000
