@@ -18,7 +18,7 @@ def blocks(page):
     return re.findall(r"```python\n(.*?)```", (DOCS / f"{page}.md").read_text(), re.S)
 
 
-def test_the_quickstart_runs(tmp_path, monkeypatch, capsys):
+def test_the_quickstart_runs(tmp_path, monkeypatch, capsys, blank_pictures):
     monkeypatch.chdir(tmp_path)
     scope = {}
     for block in blocks("quickstart"):

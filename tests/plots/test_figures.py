@@ -17,14 +17,15 @@ pytestmark = pytest.mark.slow
 
 
 @cache
-def panda():
-    """Return a short rollout of a Panda."""
-    return run("panda", duration=0.05)
+def drawn(name):
+    """Return a short rollout of a robot and its figures."""
+    rollout = run(name, duration=0.05)
+    return rollout, rollout.plot()
 
 
 @pytest.mark.parametrize("name", ["planar_2r", "panda"])
 def test_every_panel_has_a_legend_that_covers_no_curve(name):
-    for figure in run(name, duration=0.05).plot():
+    for figure in drawn(name)[1]:
         FigureCanvasAgg(figure).draw()
         for ax in figure.axes:
             box = ax.get_legend().get_window_extent()
@@ -33,8 +34,8 @@ def test_every_panel_has_a_legend_that_covers_no_curve(name):
 
 
 def test_torque_legends_have_names_and_limits_of_joints():
-    rollout = panda()
-    torques, shares, _ = rollout.plot().torque.axes
+    rollout, figures = drawn("panda")
+    torques, shares, _ = figures.torque.axes
     named = [text.get_text() for text in torques.get_legend().get_texts()]
     assert named[:7] == catalogue_robot("panda").joint_names
     limits = [line for line in shares.lines if line.get_linestyle() == "-."]
@@ -45,7 +46,7 @@ def test_torque_legends_have_names_and_limits_of_joints():
 
 
 def test_curves_of_a_panel_differ_in_colour_or_marker():
-    for figure in panda().plot():
+    for figure in drawn("panda")[1]:
         for ax in figure.axes:
             looks = [
                 (line.get_color(), line.get_marker())
@@ -56,14 +57,14 @@ def test_curves_of_a_panel_differ_in_colour_or_marker():
 
 
 def test_every_parameter_is_in_a_panel():
-    rollout = panda()
-    drawn = [
+    rollout, figures = drawn("panda")
+    curves = [
         line.get_ydata()
-        for ax in rollout.plot().parameters.axes
+        for ax in figures.parameters.axes
         for line in ax.lines
         if line.get_linestyle() == "-"
     ]
-    assert len(drawn) == rollout.a_k.shape[1] + rollout.a_d.shape[1]
+    assert len(curves) == rollout.a_k.shape[1] + rollout.a_d.shape[1]
 
 
 def test_figures_are_displayed_once_and_not_kept_open(monkeypatch):
