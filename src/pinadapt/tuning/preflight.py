@@ -16,7 +16,7 @@ filters and rates were chosen.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import cycle
@@ -191,10 +191,7 @@ def preflight(controller: Controller, dt: float) -> list[Finding]:
         helps = radius(dt=dt, factor=0.0) <= _UNSTABLE
         if helps or part == _FEEDBACK:
             longest = _largest(lambda period, of=radius: of(dt=period, factor=1.0), dt)
-            factor = (
-                _largest(lambda factor, of=radius: of(dt=dt, factor=factor), 1.0) if helps else 0.0
-            )
-            factors = {gain: factor**power for gain, power in gains.items() if helps}
+            factors = _stable_factors(gains, radius, dt) if helps else {}
             values = _values(controller.law, factors)
             findings.append(Finding(part, dt, longest, factors, values))
     return findings
@@ -202,9 +199,16 @@ def preflight(controller: Controller, dt: float) -> list[Finding]:
 
 def stable_share_of_adaptation(controller: Controller, dt: float) -> float:
     """Return the share of the rates of the dynamic adaptation that passes the check at dt [s]."""
-    findings = [finding for finding in preflight(controller, dt) if finding.part == _DYNAMICS]
-    factors = [factor for finding in findings for factor in finding.factors.values()]
-    return _SLACK * min(factors) if factors else 1.0
+    for part, gains, radius in _parts(controller):
+        if part == _DYNAMICS and radius(dt=dt, factor=0.0) <= _UNSTABLE < radius(dt=dt, factor=1.0):
+            return _SLACK * min(_stable_factors(gains, radius, dt).values())
+    return 1.0
+
+
+def _stable_factors(gains: Mapping[str, float], radius: Radius, dt: float) -> dict[str, float]:
+    """Return with what each gain, given with its power, is multiplied to be stable at dt [s]."""
+    factor = _largest(lambda factor: radius(dt=dt, factor=factor), 1.0)
+    return {gain: factor**power for gain, power in gains.items()}
 
 
 def stable_share_of_feedback(of: Callable[[float], Sequence[Feedback]], dt: float) -> float:
