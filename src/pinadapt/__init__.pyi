@@ -17,6 +17,7 @@ from .citation import citation as citation
 from .controller import Controller as Controller
 from .controller import ControllerState as ControllerState
 from .controller import Estimator as Estimator
+from .controller import Governor as Governor
 from .controller import LearnedParameters as LearnedParameters
 from .controller import Limits as Limits
 from .controller import Sample as Sample

@@ -58,3 +58,88 @@ def exceeds(torque: np.ndarray, limits: np.ndarray) -> bool:
         beyond |= abs(torque[i]) > limits[i]
         effort += torque[i] * torque[i]
     return beyond and np.isfinite(effort)
+
+
+@compiled("f8(f8[:], f8[:], i8)", fills=0)
+def stop_errors(dx: np.ndarray, weight: np.ndarray, positions: int) -> float:
+    """Return the error dx (m) in stop errors, one over ``weight`` (m); the largest of the groups.
+
+    The groups are the norm of the positions, the first rows, and that of the other rows, a
+    rotation; or each joint by itself, where ``positions`` is negative.
+    """
+    place, turn, joint = 0.0, 0.0, 0.0
+    for i in range(len(dx)):
+        share = abs(dx[i] * weight[i])
+        if positions < 0:
+            joint = max(joint, share)
+        elif i < positions:
+            place += share * share
+        else:
+            turn += share * share
+    return max(joint, np.sqrt(max(place, turn)))
+
+
+@compiled(
+    "i8(f8[:], f8[:], i8, f8, f8, f8, f8, f8[:], f8[:], f8, f8[:], f8[:], f8[:], f8, f8[:], f8[:],"
+    " f8, f8[:])"
+)
+def path_rate(
+    dx: np.ndarray,
+    weight: np.ndarray,
+    positions: int,
+    slow: float,
+    hold: float,
+    creep: float,
+    late: float,
+    torque: np.ndarray,
+    effort_limits: np.ndarray,
+    effort: float,
+    q: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    lead: float,
+    feedforward: np.ndarray,
+    velocity_limits: np.ndarray,
+    rate: float,
+    factor: np.ndarray,
+) -> int:
+    """Fill factor (1) with the smallest of the governor's factors and return which one it is.
+
+    0: none is below 1; 1: error; 2: frames; 3 + i, 3 + n + i, 3 + 2 n + i: effort, stop and speed
+    of joint i. See ``Governor``.
+    """
+    n, found, least = len(q), 0, 1.0
+    place, turn, joint = 0.0, 0.0, 0.0
+    for i in range(len(dx)):
+        share = abs(dx[i] * weight[i])
+        if positions < 0:
+            joint = max(joint, share)
+        elif i < positions:
+            place += share * share
+        else:
+            turn += share * share
+    e = max(joint, np.sqrt(max(place, turn)))
+    # 1 up to slow, creep from 1 to hold - 1, 0 from hold on
+    bound = max(creep, 1.0 - (1.0 - creep) * (e - slow) / (1.0 - slow))
+    bound = min(bound, creep * (hold - e))
+    if e > slow and bound < least:
+        found, least = 1, max(bound, 0.0)
+    if late > 0.0 and 1.0 - late < least:
+        found, least = 2, max(1.0 - late, 0.0)
+    for i in range(n):
+        share = abs(torque[i]) / effort_limits[i]
+        bound = max((1.0 - share) / (1.0 - effort), 0.0)
+        if share > effort and bound < least:
+            found, least = 3 + i, bound
+        if rate < 1e-6:
+            continue
+        speed = feedforward[i] / rate  # of the path at full rate
+        room = upper[i] - q[i] if speed > 0.0 else q[i] - lower[i]
+        if room < lead * abs(speed):
+            bound = max(room / (lead * abs(speed)), creep)
+            if bound < least:
+                found, least = 3 + n + i, bound
+        if abs(speed) > velocity_limits[i] and velocity_limits[i] / abs(speed) < least:
+            found, least = 3 + 2 * n + i, velocity_limits[i] / abs(speed)
+    factor[0] = least
+    return found

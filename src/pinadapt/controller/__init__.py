@@ -4,6 +4,8 @@ from ..records import SensorQuality as SensorQuality
 from .announcement import NominalRobot as NominalRobot
 from .controller import Controller as Controller
 from .estimator import Estimator as Estimator
+from .governor import Governor as Governor
+from .governor import PathTime as PathTime
 from .learned import LearnedParameters as LearnedParameters
 from .limits import ControllerLimits as ControllerLimits
 from .limits import Limits as Limits

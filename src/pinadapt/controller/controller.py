@@ -28,7 +28,9 @@ from ..robot.changes import Payload
 from ..robot.motors import Compensation
 from ..robot.robot import Robot
 from ..signals import Signals
+from ..trajectories.trajectory import Trajectory
 from .announcement import NominalRobot, announced_state
+from .governor import PathTime
 from .inputs import InputCheck, initial_estimate
 from .learned import learned_robot
 from .limits import ControllerLimits
@@ -111,7 +113,10 @@ class Controller:
     def limited(self, torque: np.ndarray | None) -> Controller:
         """Return this controller with other torque limits (n) [N m or N]; it shares the scratch."""
         other = copy.copy(self)
-        other.limits = replace(self.limits, torque=torque)
+        governor = self.limits.governor
+        if governor is not None:
+            governor = governor.limited(torque)
+        other.limits = replace(self.limits, torque=torque, governor=governor)
         return other
 
     def init(
@@ -156,7 +161,16 @@ class Controller:
             torque_filter=()
             if torque_filter is None
             else torque_filter.init(measurement.q, measurement.v),
+            path=None if self.limits.governor is None else PathTime(),
         )
+
+    def desired(self, state: ControllerState, motion: Trajectory, t: float) -> Desired:
+        """Return the desired motion at a time t [s], counted as the motion counts it.
+
+        With a governor that is the motion at its own time s = t - lag, with derivatives by the
+        chain rule; without one ``motion.at(t)``.
+        """
+        return motion.at(t) if state.path is None else state.path.desired(motion, t)
 
     def announce(
         self,
@@ -218,9 +232,12 @@ class Controller:
             dynamic = model.adaptation_d.step(model.dynamic, drives.dynamic, elapsed)
             kinematic = model.adaptation_k.step(model.kinematic, drives.kinematic, elapsed)
             filters = self._filters.step(state.filters, s, elapsed)
-            torque_filter = state.torque_filter
-            if self._torque_filter is not None:
+            torque_filter, path = state.torque_filter, state.path
+            if path is not None or self._torque_filter is not None:
                 given = torque if self.compensation is None else torque + self.compensation(s.q)
+            if path is not None:
+                path = self._governed(path, s, sensed, given, elapsed)
+            if self._torque_filter is not None:
                 torque_filter = self._torque_filter.step(s.filtered_torque, given, elapsed)
             size = kernels.size_of_estimates(dynamic.value, kinematic.value, torque)
             if not size < self.limits.estimate**2:
@@ -231,8 +248,27 @@ class Controller:
             raise DivergedError(str(error)) from error
         return torque, ControllerState(
             s.t, dynamic, kinematic, s.a_0, filters, state.adapting, state.load, sensed,
-            torque_filter,
+            torque_filter, path,
         )  # fmt: skip
+
+    def _governed(
+        self,
+        path: PathTime,
+        s: Signals,
+        sensed: SensedState,
+        torque: np.ndarray,
+        elapsed: float | None,
+    ) -> PathTime:
+        """Return the time of the path after the elapsed time [s], or its derivative for None."""
+        governor = self.limits.governor
+        if governor is None:  # the state is that of a controller with one
+            return path if elapsed is not None else PathTime(0.0, 0.0)
+        age = 0.0 if sensed.frame is None else s.t - sensed.frame.t
+        feedforward = s.inverse.solve(s.xd_d, None)
+        target, cause = governor.target(path, s.dx, s.q, feedforward, torque, age)
+        if elapsed is None:
+            return governor.rate(path, target, cause)
+        return governor.step(path, target, cause, elapsed)
 
     def observe(
         self, state: ControllerState, measurement: Measurement, desired: Desired
@@ -330,7 +366,7 @@ class Controller:
         """
         measurement, desired = self._inputs.sample(state, measurement, desired)
         senses, kinematics, dynamics = self.senses, self.kinematics, self.dynamics
-        t_before, dynamic, kinematic, a_0, filters, adapting, _, before, torque_filter = state
+        t_before, dynamic, kinematic, a_0, filters, adapting, _, before, torque_filter, _ = state
         task, a_k, (x_d, xd_d, xdd_d) = kinematics.task, kinematic.value, desired
         t, elapsed = measurement.t, 0.0
         if dt is not ...:
@@ -391,6 +427,9 @@ class Controller:
             torque_filter=()
             if torque_filter is None
             else torque_filter.rate(s.filtered_torque, torque),
+            path=None
+            if state.path is None
+            else self._governed(state.path, s, state.sensed, torque, None),
         )
 
     def watch(self, torque: np.ndarray, a_d: np.ndarray, a_k: np.ndarray) -> None:

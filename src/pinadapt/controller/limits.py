@@ -14,8 +14,10 @@ from ..models.dynamics import Dynamics
 from ..models.right_inverse import RightInverse
 from ..models.task_kinematics import TaskKinematics
 from ..models.translations import FIRST
+from ..records import Sensors
 from ..robot.motors import torque_limits
 from ..robot.robot import Robot
+from .governor import Governor, PathGovernor
 
 _ABSURD = 1e4
 _SHORTEST, _LONGEST = 0.2, 5.0
@@ -41,9 +43,14 @@ class Limits:
         stop_on_divergence: whether a run ends, with a message, when an M_hat to be inverted is not
             positive definite or the estimates run away.
 
+        governor: whether the time of the path slows where the arm cannot follow it, see
+            ``Governor``; True for its defaults. ``Controller.desired`` gives the desired motion at
+            the time of the path.
+
     Raises:
         GainError: a damping outside [0, 1).
-        InputError: a ``stop_on_divergence`` that is neither True nor False.
+        InputError: a ``stop_on_divergence`` that is neither True nor False, or a ``governor`` that
+            is none.
     """
 
     torque: ArrayLike | bool | None = True
@@ -51,6 +58,7 @@ class Limits:
     damping: float = 0.2
     guards: Mapping[str, bool] | bool = True
     stop_on_divergence: bool = True
+    governor: Governor | bool = False
 
     def __post_init__(self) -> None:
         """Refuse what does not depend on the robot."""
@@ -59,6 +67,8 @@ class Limits:
                 f"must be a fraction of home's, below 1, got {self.damping:g}.", where="damping"
             )
         flag(self.stop_on_divergence, "stop_on_divergence")
+        if not isinstance(self.governor, Governor):
+            flag(self.governor, "governor")
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,16 +81,22 @@ class ControllerLimits:
         singular: s_0, below which the right inverse of J_hat is damped; zero never damps it.
         estimate: bound on the norm of all estimates together, infinite for none.
         stop_on_divergence: whether estimates that went wrong end the run.
+        governor: of the time of the path, or None.
     """
 
     torque: np.ndarray | None = None
     singular: float = 0.0
     estimate: float = np.inf
     stop_on_divergence: bool = True
+    governor: PathGovernor | None = None
 
 
 def limits_for(
-    robot: Robot, kinematics: TaskKinematics, dynamics: Dynamics, limits: Limits
+    robot: Robot,
+    kinematics: TaskKinematics,
+    dynamics: Dynamics,
+    limits: Limits,
+    sensors: Sensors,
 ) -> ControllerLimits:
     """Return the limits of a controller for a robot.
 
@@ -92,6 +108,7 @@ def limits_for(
         kinematics: its kinematics.
         dynamics: its dynamics.
         limits: as given.
+        sensors: as declared.
 
     Raises:
         GainError: torque limits that are not positive.
@@ -103,11 +120,14 @@ def limits_for(
         + sum(body.mass for body in robot.model.inertias)
         + robot.reach
     )
+    torque = torque_limits(robot, limits.torque)
+    governor = Governor() if limits.governor is True else limits.governor or None
     return ControllerLimits(
-        torque_limits(robot, limits.torque),
+        torque,
         limits.damping * s_home,
         _ABSURD * size if limits.stop_on_divergence else np.inf,
         limits.stop_on_divergence,
+        None if governor is None else governor.of(robot, kinematics.task, sensors, torque),
     )
 
 

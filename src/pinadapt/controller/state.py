@@ -11,6 +11,7 @@ from ..adaptation.adaptation import Estimate
 from ..models.delay_compensation import SensedState
 from ..records import Desired, Measurement
 from ..robot.changes import Payload
+from .governor import PathTime
 
 _NOTHING = SensedState(np.zeros(0), np.zeros(0))
 
@@ -29,6 +30,7 @@ class ControllerState(NamedTuple):
         sensed: what the sensors said at the last sample, see ``SensedState``.
         torque_filter: state of the low pass of torque and regressor, where the adaptation uses
             their prediction error.
+        path: time of the path, where a governor may slow it; else None.
     """
 
     t: float
@@ -40,6 +42,7 @@ class ControllerState(NamedTuple):
     load: Payload | None = None
     sensed: SensedState = _NOTHING
     torque_filter: Any = ()
+    path: PathTime | None = None
 
     @property
     def a_d(self) -> np.ndarray:
@@ -56,9 +59,9 @@ class ControllerState(NamedTuple):
         return self._replace(adapting=adapting)
 
     def flat(self) -> np.ndarray:
-        """Return what moves, estimates and filters with their memories, as one array."""
+        """Return what moves, estimates, filters with their memories, path time, as one array."""
         leaves: list[np.ndarray] = []
-        for part in (*self[1:5], self.torque_filter):
+        for part in (*self[1:5], self.torque_filter, self.path):
             _collect(part, leaves)
         return np.concatenate(leaves)
 
@@ -68,14 +71,14 @@ class ControllerState(NamedTuple):
 
     def filler(self) -> Callable[[np.ndarray], ControllerState]:
         """Return ``with_flat`` as a function, faster where many states of one shape are made."""
-        moving, size = _filler((*self[1:5], self.torque_filter), 0)
+        moving, size = _filler((*self[1:5], self.torque_filter, self.path), 0)
         t, adapting, load, sensed = self.t, self.adapting, self.load, self.sensed
 
         def filled(values: np.ndarray) -> ControllerState:
             assert size == values.size
-            dynamic, kinematic, a_0, filters, torque_filter = moving(values)
+            dynamic, kinematic, a_0, filters, torque_filter, path = moving(values)
             return ControllerState(
-                t, dynamic, kinematic, a_0, filters, adapting, load, sensed, torque_filter
+                t, dynamic, kinematic, a_0, filters, adapting, load, sensed, torque_filter, path
             )
 
         return filled
@@ -88,6 +91,8 @@ def _collect(part: Any, leaves: list[np.ndarray]) -> None:
     elif isinstance(part, Estimate):
         leaves.append(part.value)
         _collect(part.memory, leaves)
+    elif isinstance(part, PathTime):
+        leaves.append(np.array(part[:3]))
     elif isinstance(part, tuple):
         for inner in part:
             _collect(inner, leaves)
@@ -111,6 +116,9 @@ def _filler(part: Any, start: int) -> tuple[Callable[[np.ndarray], Any], int]:
             kept = part.memory
             return lambda values: Estimate(value(values), kept), stop
         return lambda values: Estimate(value(values), memory(values)), stop
+    if isinstance(part, PathTime):
+        stop, cause = start + 3, part.cause
+        return lambda values: PathTime._make([*values[start:stop].tolist(), cause]), stop
     if not isinstance(part, tuple) or not part:
         return lambda values: part, start
     pieces, stop = [], start

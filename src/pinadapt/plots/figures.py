@@ -47,6 +47,13 @@ def draw_errors(run: Drawable) -> tuple[Picture, Any]:
     axes = np.atleast_1d(figure.subplots(panels, 1, sharex=True))
     for k, group in enumerate(groups):
         _draw_group(axes[2 * k : 2 * k + 2], run, group)
+    slowed = np.zeros(len(run.t), dtype=bool)
+    for start, end, *_ in run.slowed:
+        slowed |= (run.t >= start) & (run.t <= end)
+    for ax in axes[: 2 * len(groups)]:
+        shade(ax, run.t, slowed, BLUE, "path slowed")
+        if run.slowed:
+            legend(ax)
     if run.lyapunov_curve is not None:
         axes[-1].plot(*run.lyapunov_curve, color=PURPLE, lw=1.0, label="Lyapunov function")
         axes[-1].set_ylabel("V")

@@ -202,6 +202,10 @@ class Drawable(Protocol):
         """Time (N) [s]."""
 
     @property
+    def slowed(self) -> Sequence[tuple[float, float, str, float]]:
+        """Intervals in which the path was slowed: start and end [s], cause, least rate."""
+
+    @property
     def error(self) -> np.ndarray:
         """Task error (N, m) [m or rad]."""
 

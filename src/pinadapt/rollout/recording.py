@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -176,6 +177,50 @@ def _of_finite(
     return result
 
 
+SLOWED = 0.99  # rate of the path's time below which it counts as slowed
+_PART = 0.1  # of an interval, from which a cause is named
+
+
+class Slowdown(NamedTuple):
+    """An interval in which a governor slowed the path.
+
+    Attributes:
+        start, end: time [s].
+        cause: as ``PathTime.cause``; several by the time that they acted, the longest first.
+        least_rate: smallest ds/dt.
+    """
+
+    start: float
+    end: float
+    cause: str
+    least_rate: float
+
+
+def path_times(samples: Sequence[Sample]) -> np.ndarray | None:
+    """Return the time of the path at each of the samples (N) [s], None without a governor."""
+    paths = [(sample.t, sample.state.path) for sample in samples]
+    times = [path.at(t) for t, path in paths if path is not None]
+    return np.array(times) if times and len(times) == len(paths) else None
+
+
+def slowdowns(samples: Sequence[Sample]) -> tuple[Slowdown, ...]:
+    """Return the intervals in which the path was slowed, in order."""
+    found, acting = [], list[Sample]()
+    for sample in (*samples, None):
+        path = None if sample is None else sample.state.path
+        if sample is not None and path is not None and path.rate < SLOWED:
+            acting.append(sample)
+        elif acting:
+            paths = [each.state.path for each in acting if each.state.path is not None]
+            causes = Counter(each.cause for each in paths).most_common()
+            named = [cause for cause, count in causes if count >= _PART * len(paths)]
+            end = acting[-1].t if sample is None else sample.t
+            least = min(each.rate for each in paths)
+            found.append(Slowdown(acting[0].t, end, ", ".join(named), least))
+            acting = []
+    return tuple(found)
+
+
 CLOSE = 1e-3  # [m or rad] error below which a run has recovered from an event
 _TENTH = 10  # parts of a run, of which errors are stated for the first and the last
 _DRAWN = 1000  # samples of V in a figure
@@ -228,6 +273,8 @@ class Recording:
             zero for a point; None where the motion does not say.
         unadapted: largest error in the last 10 % of the same loop without adaptation [m or rad],
             or None where it is not known.
+        path_time: (N) time s of the path [s]; None for a run without a governor.
+        slowed: when a governor slowed the path, and why, in order; see ``Limits.governor``.
     """
 
     title: str
@@ -256,6 +303,8 @@ class Recording:
     interrupted: float | None = None
     path_extent: float | None = None
     unadapted: float | None = None
+    path_time: np.ndarray | None = None
+    slowed: tuple[Slowdown, ...] = ()
 
     @cached_property
     def error(self) -> np.ndarray:

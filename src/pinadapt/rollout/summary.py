@@ -12,11 +12,11 @@ from .._files import whole_file, write_text
 from .._table import Sheet, Table, number
 from .._version import __version__
 from ..tasks.task import DISPLAYS
-from .recording import CLOSE, Recording, Transient, extreme, window
-from .verdict import error_share, verdict
+from .recording import CLOSE, Recording, Slowdown, Transient, extreme, window
+from .verdict import error_share, slowed_words, verdict
 
 # The arrays of ``rollout.npz``.
-RECORDED = ("t", "q", "v", "tau", "x", "x_d", "a_k", "a_d", "saturated")
+RECORDED = ("t", "q", "v", "tau", "x", "x_d", "a_k", "a_d", "saturated", "path_time")
 COMPUTED = ("error", "a_k_true", "a_d_true", "lyapunov")
 WATCHED = ("min_eig_M_hat", "min_singular_J_hat", "damping", "damping_share")
 
@@ -52,6 +52,7 @@ def summary(rollout: Recording) -> dict[str, Any]:
         "dynamic_names": list(rollout.dynamic_names),
         "kinematic_base": rollout.kinematic_base,
         "changes": [_transient(transient) for transient in rollout.transients],
+        "slowed": [_slowdown(slowdown) for slowdown in rollout.slowed],
         "version": __version__,
     }
 
@@ -73,6 +74,11 @@ def _transient(transient: Transient) -> dict[str, Any]:
         "max_error": worst,
         "time_back": transient.back,
     }
+
+
+def _slowdown(slowdown: Slowdown) -> dict[str, Any]:
+    start, end, cause, least = slowdown
+    return {"from": start, "to": end, "cause": cause, "least_rate": least}
 
 
 def brief(rollout: Recording) -> Sheet:
@@ -156,6 +162,8 @@ def _remarks(rollout: Recording, numbers: dict[str, Any]) -> list[tuple[str, str
         rows.append(("damped near a singularity", words))
     if numbers["saturated"]:
         rows.append(("torque at its limit", f"{numbers['saturated']:.1%} of the time"))
+    if rollout.slowed:
+        rows.append(("path slowed", slowed_words(rollout)))
     if rollout.step_time:
         rows.append(("controller step (mean)", number(numbers["step_time_us"], "us", digits=0)))
     return rows + _ended_early(rollout)

@@ -17,6 +17,7 @@ _OFTEN, _MOSTLY = 0.05, 0.5  # shares of the samples
 _SETTLED = 5.0  # [s] after which a loop with default gains has converged
 _READABLE = 1e6  # larger numbers are written with an exponent
 _MOTION = "desired"  # first word of the reason if the desired motion ended the loop
+_SHOWN = 2  # times at which the path was slowed, in words
 _FALLING = 0.7  # error in the last third of a run relative to the second, below which it falls
 
 
@@ -41,7 +42,8 @@ def grade(rollout: Recording) -> str:
 def verdict(rollout: Recording) -> str:
     """Return the verdict in one line."""
     reason = str(rollout.reason or "").rstrip(".")
-    parts = (reason, _error(rollout), _beyond(rollout), _advice(rollout))
+    slowed = f"path slowed {slowed_words(rollout)}" if rollout.slowed else ""
+    parts = (reason, _error(rollout), slowed, _beyond(rollout), _advice(rollout))
     return f"{grade(rollout)}: {'; '.join(part for part in parts if part)}."
 
 
@@ -86,6 +88,21 @@ def _short(value: float, digits: int = 3) -> str:
     """Return a number with some significant digits, without an exponent up to a million."""
     whole = 10.0**digits <= value < _READABLE
     return f"{value:.0f}" if whole else f"{value:.{digits}g}"
+
+
+def slowed_words(rollout: Recording) -> str:
+    """Return when a governor slowed the path, and why, and how late the path is at the end."""
+    longest = sorted(rollout.slowed, key=lambda each: each.start - each.end)[:_SHOWN]
+    words = [
+        f"from {_short(each.start)} to {_short(each.end)} s by {each.cause} (rate down to "
+        f"{round(each.least_rate, 2):g})"
+        for each in sorted(longest)
+    ]
+    if more := len(rollout.slowed) - len(longest):
+        words.append(f"{more} more times")
+    if rollout.path_time is not None:
+        words.append(f"{_short(float(rollout.t[-1] - rollout.path_time[-1]), 2)} s late at the end")
+    return ", ".join(words)
 
 
 def _beyond(rollout: Recording) -> str:

@@ -96,7 +96,7 @@ class _Loop:
         self._q = plant.robot.q0
         self.measurement: Measurement = plant.measurement(self._q, np.zeros(plant.nv))
         self.state = controller.init(self.measurement) if state is None else state
-        self._filled = self.state.filler()
+        self._filled, self._cause = self.state.filler(), ""
         self.desired: Desired
         self.torque: np.ndarray
 
@@ -144,8 +144,11 @@ class _Loop:
         """
         plant, controller, n = self._plant, self._controller, self._plant.nv
         q, v = plant.integrate(self._q, y[:n]), y[n : 2 * n]
-        self.state = self._filled(y[2 * n :])
-        self.measurement, self.desired = plant.measurement(q, v, t), self._trajectory.at(t)
+        self.state = state = self._filled(y[2 * n :])
+        if state.path is not None:
+            self.state = state._replace(path=state.path._replace(cause=self._cause))
+        self.measurement = plant.measurement(q, v, t)
+        self.desired = controller.desired(self.state, self._trajectory, t)
         if not np.isfinite(np.concatenate(self.desired)).all():
             raise InputError(f"the motion is not finite: {self.desired}.", where="desired")
         if self._ideal:
@@ -162,4 +165,6 @@ class _Loop:
             self.torque = plant.motors_at(q, tau)
             a = plant.acceleration_at(q, v, self.torque)
         rate = controller.rate(self.state, signals, drives, self.torque)
+        if rate.path is not None:
+            self._cause = rate.path.cause
         return np.concatenate([v, a, rate.flat()])

@@ -150,7 +150,7 @@ def run(
     plant.reset()
     if sensors is not None:
         sensors.reset()
-    given = None
+    given, governed = None, getattr(controller, "desired", None)
     for _ in count() if duration is None else sample_indices(duration, dt):
         truth = plant.measure()
         if not truth.v.dot(truth.v) < FASTEST**2:  # also true for NaN
@@ -159,7 +159,10 @@ def run(
         if state is None:
             state = controller.init(measurement)
         try:
-            desired = trajectory.at(truth.t)
+            if governed is None:
+                desired = trajectory.at(truth.t)
+            else:
+                desired = governed(state, trajectory, truth.t)
             if ideal_acceleration:
                 measurement = _accelerated(plant, controller, state, measurement, desired)
             started = perf_counter()

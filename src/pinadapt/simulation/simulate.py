@@ -27,7 +27,7 @@ from ..plants.sensors import SimulatedSensors
 from ..records import Sensors
 from ..robot.robot import Robot
 from ..robot.succession import Succession
-from ..rollout.recording import Evaluation
+from ..rollout.recording import Evaluation, path_times, slowdowns
 from ..rollout.rollout import Rollout
 from ..trajectories.given import TrajectoryLike, as_trajectory
 from .continuous import run_continuous
@@ -341,6 +341,8 @@ def rollout_of(
         marks=_marks(robots, announced),
         interrupted=kept.interrupted,
         path_extent=extent,
+        path_time=path_times(samples),
+        slowed=slowdowns(samples),
     )
 
 

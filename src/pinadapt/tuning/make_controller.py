@@ -17,6 +17,7 @@ from ..adaptation.natural import MatrixInequality
 from ..controller.announcement import NominalRobot
 from ..controller.controller import Controller
 from ..controller.estimator import Estimator
+from ..controller.governor import Governor
 from ..controller.limits import Limits, limits_for, make_box
 from ..controller.sensing import Guards, Senses, make_guards
 from ..exceptions import InputError, did_you_mean
@@ -152,7 +153,7 @@ def make_controller(
     rates = {name: gains.pop(name, None) for name in RATES}
     lengths = lumped_lengths(kinematics, unknown, metric_of(kind), chosen)
     dynamics = nominal_dynamics(robot, unknown, chosen.joint_effects, lengths)
-    applied = limits_for(robot, kinematics, dynamics, limits)
+    applied = limits_for(robot, kinematics, dynamics, limits, sensors)
     motion = TypicalMotion(robot, kinematics, dynamics, bandwidth(robot, dt), applied.torque)
     tuned, w = _tuned(law, motion, dt, gains)
     quality = sensors.quality(robot.model.nv, dt)
@@ -181,7 +182,7 @@ def make_controller(
         adaptation_k=adaptation_k,
         adaptation_d=adaptation_d(),
         limits=applied,
-        senses=_senses(guards, settings, sensors, quality),
+        senses=_senses(guards, settings, sensors, quality, limits.governor),
         motion=motion,
         compensation=compensation_of(robot, compensated),
         period=dt,
@@ -249,11 +250,21 @@ def _warn(
 
 
 def _senses(
-    guards: Guards, settings: NoiseSettings, sensors: Sensors, quality: SensorQuality
+    guards: Guards,
+    settings: NoiseSettings,
+    sensors: Sensors,
+    quality: SensorQuality,
+    governor: Governor | bool,
 ) -> Senses:
-    """Return how measurements are checked, filtered and predicted to the present."""
+    """Return how measurements are checked, filtered and predicted to the present.
+
+    With a governor the arm may wait for frames, for as long as that says.
+    """
     low_pass = None if isinf(settings.velocity) else LowPass(settings.velocity, "velocity filter")
     compensator = DelayCompensator(settings.smoothing, sensors.compensate_delay)
+    if governor:
+        blind = (Governor() if governor is True else governor).blind
+        compensator = replace(compensator, longest_gap=blind)
     return Senses(guards, compensator, low_pass, quality, sensors)
 
 

@@ -1,0 +1,287 @@
+"""The governor: slows the time of the path where the arm cannot follow, and goes on afterwards.
+
+The path has a time of its own, s, and the desired motion is x_d(s(t)). Its derivatives follow by
+the chain rule, xd_d = x_d' ds/dt and xdd_d = x_d'' (ds/dt)^2 + x_d' d^2s/dt^2; with a twice
+differentiable s this is a motion like any other, so the proofs of the laws hold unchanged. The task
+error stays an error in space: while the path waits, the error does not grow by its waiting.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy import empty
+
+from .._checks import positive
+from .._kernels import samples as kernels
+from ..description.chain import is_slide, position_limits, velocity_limits
+from ..exceptions import GainError
+from ..records import Desired, Sensors
+from ..robot.robot import Robot
+from ..tasks.joint import JointTask
+from ..tasks.task import Task
+from ..trajectories.trajectory import Trajectory
+
+ERROR, FRAMES = "error", "frames"
+EFFORT, STOP, SPEED = "effort", "joint stop", "joint speed"
+_RARE = 1e-6  # share of frames with more lost ones before them than a declared camera explains
+_SPARE = 0.05  # [s] by which a frame may be older than the camera explains
+
+
+class PathTime(NamedTuple):
+    """The time of the path, s = t - lag, at one instant t.
+
+    Attributes:
+        lag: t - s, by how much the path is late [s].
+        rate: ds/dt, from 0 to 1.
+        acceleration: d^2s/dt^2 [1/s].
+        cause: what slowed the path last, empty at full rate: "error", "frames", or "effort",
+            "joint stop" or "joint speed" with the name of the joint, as in "effort of elbow".
+    """
+
+    lag: float = 0.0
+    rate: float = 1.0
+    acceleration: float = 0.0
+    cause: str = ""
+
+    def at(self, t: float) -> float:
+        """Return s at time t [s]."""
+        return t - self.lag
+
+    def desired(self, motion: Trajectory, t: float) -> Desired:
+        """Return x_d(s(t)) with its derivatives by the chain rule."""
+        desired = motion.at(t - self.lag)
+        rate, acceleration = self.rate, self.acceleration
+        if rate == 1.0 and acceleration == 0.0:
+            return desired
+        x_d, velocity, curvature = desired
+        return Desired(x_d, rate * velocity, rate * rate * curvature + acceleration * velocity)
+
+
+@dataclass(frozen=True)
+class Governor:
+    """When the time of the path slows down; the defaults do not act on a run that goes well.
+
+    The target of the rate ds/dt is the smallest of five factors from 0 to 1:
+
+    error        1 up to the share ``slow`` of a stop error, ``creep`` from there on, 0 from
+                 ``hold`` stop errors on, so that a path that leaves the workspace comes back by
+                 itself and one that is lost waits;
+    effort       1 up to the share ``effort`` of a motor's limit, 0 at the limit;
+    joint stop   1 while the path at full rate needs longer than ``lead`` to a joint's stop,
+                 in proportion below, at least ``creep``;
+    joint speed  what brings the velocity of the joints for the path, J_hat^+ x_d', to the share
+                 ``speed`` of the limits of the description;
+    frames       1 while the latest frame is as old as the declared camera explains, 0 at ``gap``
+                 more.
+
+    The rate follows the target through two low passes in a row, dy/dt = w (target - y) and
+    d(rate)/dt = quick (y - rate), w = ``quick`` where the target is below y and ``recovery`` above:
+    the path slows down quickly, critically damped, and recovers slowly. So s is twice continuously
+    differentiable, and the rate stays in [0, 1].
+
+    Attributes:
+        position: stop error of positions and sliding joints, of the reach.
+        angle: stop error of rotations and turning joints [rad].
+        slow: of the stop error, from which the path slows.
+        hold: of the stop error, from which the path does not move at all.
+        creep: least rate below ``hold`` errors and at joint stops.
+        effort: of the torque limits of the controller, from which the path slows.
+        speed: of the velocity limits that the path may ask for.
+        lead: time to a joint's stop [s].
+        gap: by which a frame may be older than the camera explains when the path rests [s].
+        blind: time without a frame after which the step is refused [s].
+        quick: bandwidth of the rate [1/s].
+        recovery: bandwidth at which it rises again [1/s].
+
+    Raises:
+        GainError: numbers that are not positive, or shares that are not in order.
+    """
+
+    position: float = 0.05
+    angle: float = 0.3
+    slow: float = 0.3
+    hold: float = 6.0
+    creep: float = 0.2
+    effort: float = 0.9
+    speed: float = 0.9
+    lead: float = 0.3
+    gap: float = 0.25
+    blind: float = 10.0
+    quick: float = 20.0
+    recovery: float = 2.0
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that make no governor."""
+        for part in fields(self):
+            number = positive(getattr(self, part.name), f"governor.{part.name}", error=GainError)
+            object.__setattr__(self, part.name, number)
+        for name in ("slow", "creep", "effort"):
+            if getattr(self, name) >= 1.0:
+                raise GainError(
+                    f"must be a share below 1, got {getattr(self, name):g}.",
+                    where=f"governor.{name}",
+                )
+        if self.hold <= 1.0:
+            raise GainError(
+                f"must be more than one stop error, got {self.hold:g}.", where="governor.hold"
+            )
+
+    def of(
+        self, robot: Robot, task: Task, sensors: Sensors, torque: np.ndarray | None
+    ) -> PathGovernor:
+        """Return the governor of one robot.
+
+        Args:
+            robot: as described.
+            task: the controlled coordinates.
+            sensors: as declared.
+            torque: (n) limits of the controller [N m or N], or None.
+        """
+        model = robot.model
+        lower, upper = position_limits(model)
+        slides = np.array([is_slide(joint) for joint in model.joints[1:]])
+        joints = isinstance(task, JointTask)
+        length, angle = 1.0 / (self.position * robot.reach), 1.0 / self.angle
+        weight = np.full(task.size, angle)
+        weight[: task.positions] = length
+        if joints:
+            weight[slides] = length
+        return PathGovernor(
+            self,
+            names=_causes(robot.joint_names),
+            weight=weight,
+            positions=-1 if joints else task.positions,
+            places=None
+            if model.nq == model.nv
+            else np.array([joint.idx_q for joint in model.joints[1:]]),
+            lower=lower,
+            upper=upper,
+            velocity=self.speed * velocity_limits(model),
+            torque=np.full(model.nv, np.inf) if torque is None else torque,
+            frames=explained_age(sensors) + _SPARE,
+        )
+
+
+def _causes(joints: list[str]) -> tuple[str, ...]:
+    """Return what each answer of the kernel ``path_rate`` means."""
+    of_joints = (f"{what} of {joint}" for what in (EFFORT, STOP, SPEED) for joint in joints)
+    return ("", ERROR, FRAMES, *of_joints)
+
+
+def explained_age(sensors: Sensors) -> float:
+    """Return the age [s] of the latest frame that the declared camera explains.
+
+    With the share p of lost frames k of them in a row are lost with probability p^k; those with
+    less than one in a million are not explained.
+    """
+    camera = sensors.camera
+    if camera is None:
+        return 0.0
+    lost = math.ceil(math.log(_RARE) / math.log(camera.dropout)) if camera.dropout else 0
+    return camera.delay + (0.0 if camera.rate is None else (1 + lost) / camera.rate)
+
+
+@dataclass(frozen=True, eq=False)
+class PathGovernor:
+    """The governor of one robot: pure functions of a ``PathTime``.
+
+    Attributes:
+        settings: as given.
+        names: of the causes, by the answer of the kernel.
+        weight: (m) one over the stop errors.
+        positions: number of positions among the rows of the error; -1 for joints.
+        places: where joints without full turns are in q; None where q has one number a joint.
+        lower, upper: (n) position limits [rad or m].
+        velocity: (n) velocities that the path may ask for [rad/s or m/s].
+        torque: (n) limits of the controller [N m or N].
+        frames: age of a frame from which the path slows [s].
+    """
+
+    settings: Governor
+    names: tuple[str, ...]
+    weight: np.ndarray
+    positions: int
+    places: np.ndarray | None
+    lower: np.ndarray
+    upper: np.ndarray
+    velocity: np.ndarray
+    torque: np.ndarray
+    frames: float
+
+    def target(
+        self,
+        path: PathTime,
+        dx: np.ndarray,
+        q: np.ndarray,
+        feedforward: np.ndarray,
+        torque: np.ndarray,
+        age: float,
+    ) -> tuple[float, str]:
+        """Return the target of the rate and what it comes from, empty at full rate.
+
+        Args:
+            path: now.
+            dx: (m) task error [m or rad].
+            q: (nq) configuration.
+            feedforward: (n) joint velocity for the desired one, J_hat^+ xd_d [rad/s or m/s].
+            torque: (n) of the motors [N m or N].
+            age: of the latest frame [s].
+        """
+        given, factor = self.settings, empty(1)
+        found = kernels.path_rate(
+            dx, self.weight, self.positions, given.slow, given.hold, given.creep,
+            (age - self.frames) / given.gap,
+            torque, self.torque, given.effort,
+            q if self.places is None else q[self.places], self.lower, self.upper, given.lead,
+            feedforward, self.velocity, path.rate, factor,
+        )  # fmt: skip
+        return float(factor[0]), self.names[found]
+
+    def limited(self, torque: np.ndarray | None) -> PathGovernor:
+        """Return the governor with other torque limits (n) [N m or N], None for none."""
+        return replace(self, torque=np.full(self.lower.size, np.inf) if torque is None else torque)
+
+    def off_path(self, dx: np.ndarray) -> bool:
+        """Whether the error dx (m) [m or rad] is beyond the stop error."""
+        return bool(kernels.stop_errors(dx, self.weight, self.positions) >= 1.0)
+
+    def step(self, path: PathTime, target: float, cause: str, dt: float) -> PathTime:
+        """Return the time of the path after dt [s] with the target held: exact for any dt."""
+        lag, rate, acceleration, before = path
+        if target == rate == 1.0 and acceleration == 0.0:
+            return PathTime(lag)
+        w = self.settings.quick
+        y = rate + acceleration / w
+        w_y = w if target <= y else self.settings.recovery
+        # y = target + (y_0 - target) e_y; rate = target + A e_y + B e, by partial fractions
+        e, e_y = math.exp(-w * dt), math.exp(-w_y * dt)
+        if w_y == w:
+            A, B = 0.0, rate - target
+            ramp = (y - target) * w * dt * e
+            area = (y - target) * (1.0 - e * (1.0 + w * dt)) / w
+        else:
+            A = (y - target) * w / (w - w_y)
+            B, ramp = rate - target - A, 0.0
+            area = A * (1.0 - e_y) / w_y
+        after = target + A * e_y + B * e + ramp
+        y_after = target + (y - target) * e_y
+        moved = target * dt + area + B * (1.0 - e) / w
+        if target == 1.0 and 1.0 - min(after, y_after) < _DONE:
+            return PathTime(lag + dt - moved)
+        return PathTime(lag + dt - moved, after, w * (y_after - after), cause or before)
+
+    def rate(self, path: PathTime, target: float, cause: str) -> PathTime:
+        """Return the time derivative, for an integration; the cause is that of now."""
+        _, rate, acceleration, before = path
+        w = self.settings.quick
+        y = rate + acceleration / w
+        y_rate = (w if target <= y else self.settings.recovery) * (target - y)
+        name = cause or (before if rate < 1.0 - _DONE else "")
+        return PathTime(1.0 - rate, acceleration, w * (y_rate - acceleration), name)
+
+
+_DONE = 1e-4  # of the rate: the path counts as fast as its time again

@@ -1,0 +1,232 @@
+"""The governor: the rate of the path's time, its factors, and what it does to a loop."""
+
+import copy
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from pinadapt.controller.governor import PathTime, explained_age
+from tests.support.chains import catalogue_robot
+from tests.support.loops import circle_at_home, with_tool_and_load
+
+GOVERNED = pa.Limits(governor=True)
+
+
+@pytest.fixture(scope="module")
+def governor():
+    """Return the governor of a panda with a camera, and what leaves the path at full rate."""
+    robot = catalogue_robot("panda")
+    sensors = pa.Sensors(camera=pa.Camera(rate=30.0, delay=0.06))
+    limits = np.full(7, 50.0)
+    return pa.Governor().of(robot, robot.task, sensors, limits), {
+        "path": PathTime(),
+        "dx": np.zeros(3),
+        "q": robot.q0.copy(),
+        "feedforward": np.zeros(7),
+        "torque": np.zeros(7),
+        "age": 0.0,
+    }
+
+
+def target(governor, **changes):
+    """Return target and cause with other inputs."""
+    found, healthy = governor
+    return found.target(**{**healthy, **changes})
+
+
+# --- the time of the path ---
+
+
+def test_the_rate_stays_between_zero_and_one(governor):
+    """For any targets and periods, however long."""
+    rng, path, seen = np.random.default_rng(1), PathTime(), []
+    for _ in range(2000):
+        goal = float(rng.choice([0.0, 1.0, rng.uniform()]))
+        after = governor[0].step(path, goal, "error", float(10.0 ** rng.uniform(-4.0, 0.5)))
+        assert 0.0 <= after.rate <= 1.0 and after.lag >= path.lag
+        path = after
+        seen.append(path.rate)
+    assert min(seen) < 0.01 and max(seen) > 0.9
+
+
+def test_a_step_is_exact_for_any_period(governor):
+    """Two halves make a whole, and small steps follow the derivative."""
+    found = governor[0]
+    for start in (PathTime(0.3, 0.7, -2.0, "error"), PathTime(0.3, 0.2, 1.0, "error")):
+        for goal in (0.0, 0.9):
+            whole = found.step(start, goal, "error", 0.02)
+            half = found.step(found.step(start, goal, "error", 0.01), goal, "error", 0.01)
+            np.testing.assert_allclose(half[:3], whole[:3], rtol=1e-9)
+            little = np.array(found.step(start, goal, "error", 1e-7)[:3]) - np.array(start[:3])
+            np.testing.assert_allclose(
+                little / 1e-7, found.rate(start, goal, "error")[:3], rtol=1e-4, atol=1e-4
+            )
+
+
+def test_at_full_rate_nothing_moves(governor):
+    path = PathTime()
+    for _ in range(1000):
+        path = governor[0].step(path, 1.0, "", 1e-3)
+    assert path == PathTime() and path.at(3.0) == 3.0
+
+
+def test_it_slows_down_quickly_and_recovers_slowly(governor):
+    found = governor[0]
+    down = found.step(PathTime(), 0.0, "effort", 0.3)
+    up = found.step(PathTime(0.0, 0.0, 0.0, "effort"), 1.0, "", 0.3)
+    assert down.rate < 0.03 and up.rate < 0.5
+    later = found.step(up, 1.0, "", 10.0)
+    assert later.rate == 1.0 and later.cause == ""
+
+
+def test_velocity_and_acceleration_are_derivatives_along_the_slowed_path(governor):
+    """x_d(s(t)) by differences over time, for positions and for a turning frame."""
+    circle = pa.trajectories.Circle(np.zeros(3), 0.1, 2.0)
+    swing = pa.trajectories.Swing([0.0, 0.0, 1.0], 0.3, 2.0)
+    h = 1e-4
+    for motion in (circle, pa.trajectories.PoseTrajectory(circle, swing)):
+        path, x, v, a = PathTime(0.0, 0.8, -1.0, "error"), [], [], []
+        for k in range(3000):
+            desired = path.desired(motion, k * h)
+            x.append(desired.x_d[:3])
+            v.append(desired.xd_d)
+            a.append(desired.xdd_d)
+            path = governor[0].step(path, 0.2 if k < 1500 else 1.0, "error", h)
+        x, v, a = (np.array(rows) for rows in (x, v, a))
+        assert 0.2 < path.rate < 0.8
+        np.testing.assert_allclose(np.gradient(x, h, axis=0)[5:-5], v[5:-5, :3], atol=1e-5)
+        np.testing.assert_allclose(np.gradient(v, h, axis=0)[5:-5], a[5:-5], atol=3e-3)
+
+
+# --- its factors ---
+
+
+def test_each_factor_has_a_name(governor):
+    robot = catalogue_robot("panda")
+    one = np.eye(7)
+    assert target(governor) == (1.0, "")
+    e = 0.05 * robot.reach  # the stop error
+    assert target(governor, dx=np.array([0.29 * e, 0.0, 0.0])) == (1.0, "")
+    rate, cause = target(governor, dx=np.array([0.0, 0.65 * e, 0.0]))
+    assert cause == "error" and rate == pytest.approx(1.0 - 0.8 * 0.5)
+    assert target(governor, dx=np.array([0.0, 0.0, 1.5 * e])) == (0.2, "error")
+    assert target(governor, dx=np.array([6.5 * e, 0.0, 0.0])) == (0.0, "error")
+    rate, cause = target(governor, torque=-47.5 * one[3])
+    assert cause == "effort of panda_joint4" and rate == pytest.approx(0.5)
+    assert target(governor, torque=50.0 * one[3])[0] == 0.0
+    fast = 2.0 * robot.model.velocityLimit[2]
+    rate, cause = target(governor, feedforward=fast * one[2])
+    assert cause == "joint speed of panda_joint3" and rate == pytest.approx(0.45)
+    slowed = target(governor, feedforward=0.25 * fast * one[2], path=PathTime(0.0, 0.25))
+    assert slowed == (rate, cause)  # of the path at full rate
+    near = robot.q0.copy()
+    near[4] = robot.model.upperPositionLimit[4] - 0.15
+    rate, cause = target(governor, q=near, feedforward=one[4])
+    assert cause == "joint stop of panda_joint5" and rate == pytest.approx(0.5)
+    assert target(governor, q=near, feedforward=-one[4]) == (1.0, "")
+    assert target(governor, age=0.09) == (1.0, "")
+    rate, cause = target(governor, age=0.06 + 1 / 30 + 0.05 + 0.125)
+    assert cause == "frames" and rate == pytest.approx(0.5)
+    assert target(governor, age=0.5)[0] == 0.0
+
+
+def test_lost_frames_are_explained_by_the_camera_that_loses_them():
+    assert explained_age(pa.Sensors()) == 0.0
+    assert explained_age(pa.Sensors(camera=pa.Camera(rate=20.0))) == pytest.approx(0.05)
+    often = explained_age(pa.Sensors(camera=pa.Camera(rate=20.0, delay=0.1, dropout=0.1)))
+    assert often == pytest.approx(0.1 + 7 / 20)
+
+
+def test_errors_of_rotations_and_of_joints_are_angles():
+    robot = catalogue_robot("panda", task="pose")
+    found = pa.Governor().of(robot, robot.task, pa.Sensors(), None)
+    rest = robot.q0.copy(), np.zeros(7), np.zeros(7), 0.0
+    assert found.target(PathTime(), np.array([0, 0, 0, 0.2, 0.2, 0.2]), *rest) == (0.2, "error")
+    assert found.target(PathTime(), np.array([0, 0, 0, 0.05, 0.05, 0.0]), *rest) == (1.0, "")
+    joints = catalogue_robot("panda", task="joint")
+    found = pa.Governor().of(joints, joints.task, pa.Sensors(), None)
+    assert found.target(PathTime(), np.full(7, 0.08), *rest) == (1.0, "")
+    assert found.target(PathTime(), np.full(7, 0.31), *rest) == (0.2, "error")
+
+
+def test_continuous_joints_have_no_stop():
+    robot = catalogue_robot("kinova")
+    found = pa.Governor().of(robot, robot.task, pa.Sensors(), None)
+    fast = np.full(6, 0.5)
+    assert found.target(PathTime(), np.zeros(3), robot.q0, fast, np.zeros(6), 0.0) == (1.0, "")
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"slow": 1.0}, {"hold": 1.0}, {"creep": 0.0}, {"quick": -1.0}, {"effort": "high"}]
+)
+def test_settings_that_make_no_governor_are_refused(wrong):
+    with pytest.raises(pa.GainError, match=f"governor.{next(iter(wrong))}"):
+        pa.Governor(**wrong)
+
+
+def test_limits_take_a_governor_or_a_flag():
+    with pytest.raises(pa.InputError, match="governor"):
+        pa.Limits(governor="yes")
+    robot = catalogue_robot("planar_2r")
+    assert pa.make_controller(robot).limits.governor is None
+    given = pa.make_controller(robot, limits=pa.Limits(governor=pa.Governor(creep=0.3)))
+    assert given.limits.governor.settings.creep == 0.3
+
+
+# --- the state ---
+
+
+def loop_of(name="ur5", limits=GOVERNED, **options):
+    """Return a short run of an arm with an unknown tool and load."""
+    robot = catalogue_robot(name)
+    true = with_tool_and_load(robot)
+    controller = pa.make_controller(robot, limits=limits)
+    return pa.simulate(true, controller, circle_at_home(true), duration=0.3, **options)
+
+
+def test_a_run_that_goes_well_is_the_same_to_the_bit():
+    with_one, without = loop_of(), loop_of(limits=None)
+    for name in ("q", "v", "tau", "a_d", "a_k", "x_d"):
+        assert np.array_equal(getattr(with_one, name), getattr(without, name))
+    assert np.array_equal(with_one.path_time, with_one.t) and with_one.slowed == ()
+    assert without.path_time is None
+    assert "slowed" not in with_one.verdict and with_one.summary()["slowed"] == []
+
+
+def test_the_state_can_be_copied_and_flattened():
+    robot = catalogue_robot("ur5")
+    controller = pa.make_controller(robot, limits=GOVERNED)
+    state = controller.init(pa.plants.PinocchioPlant(robot).measure())
+    slowed = state._replace(path=PathTime(0.2, 0.5, -1.0, "frames"))
+    flat = slowed.flat()
+    assert flat[-3:].tolist() == [0.2, 0.5, -1.0]
+    assert slowed.with_flat(flat).path == slowed.path
+    for copied in (copy.deepcopy(slowed), pickle.loads(pickle.dumps(slowed))):
+        assert copied.path == slowed.path
+    motion = circle_at_home(robot)
+    desired = controller.desired(slowed, motion, 1.0)
+    assert np.array_equal(desired.x_d, motion.at(0.8).x_d)
+    plain = slowed._replace(path=None)
+    assert np.array_equal(controller.desired(plain, motion, 1.0).xd_d, motion.at(1.0).xd_d)
+
+
+def test_sampled_and_continuous_loops_slow_alike():
+    """With a governor that takes the first errors for large ones."""
+    limits = pa.Limits(governor=pa.Governor(position=2e-3, slow=0.2))
+    sampled = loop_of(limits=limits, engine=pa.Engine(dt=2e-4))
+    whole = loop_of(limits=limits, engine=pa.Engine(dt=1e-3, continuous=True))
+    late = [float(run.t[-1] - run.path_time[-1]) for run in (sampled, whole)]
+    assert late[0] > 0.02
+    assert late[1] == pytest.approx(late[0], rel=0.05)
+    assert whole.slowed[0].cause == sampled.slowed[0].cause == "error"
+
+
+def test_other_torque_limits_are_those_of_the_governor_too():
+    robot = catalogue_robot("ur5")
+    controller = pa.make_controller(robot, limits=GOVERNED).limited(np.full(6, 3.0))
+    assert (controller.limits.governor.torque == 3.0).all()
+    assert np.isinf(controller.limited(None).limits.governor.torque).all()
+    assert replace(controller.limits).governor is controller.limits.governor
