@@ -80,13 +80,17 @@ class MeasurementError(PinadaptError):
         field: name of the measured signal.
         value: what was measured.
         flaw: what is wrong with it.
+        guess: how a sensor or a driver may have caused it, or nothing.
     """
 
-    def __init__(self, field: str, value: object, flaw: str = "is not finite") -> None:
-        """Name the signal, its value and what is wrong with it."""
-        self.field, self.value, self.flaw = field, value, flaw
+    def __init__(
+        self, field: str, value: object, flaw: str = "is not finite", guess: str = ""
+    ) -> None:
+        """Name the signal, its value, what is wrong with it and the likely fault of a sensor."""
+        self.field, self.value, self.flaw, self.guess = field, value, flaw, guess
+        why = f" ({guess})" if guess else ""
         super().__init__(
-            f"measurement '{field}' {flaw}: {value}. The estimates were left as they were; "
+            f"measurement '{field}' {flaw}{why}: {value}. The estimates were left as they were; "
             "repeat the step with a valid measurement or hold the last torque."
         )
 

@@ -235,6 +235,32 @@ def test_a_loop_that_is_lost_ends_with_what_the_guard_says():
         list(pa.run(pa.plants.PinocchioPlant(robot), controller, path, duration=1.0))
     assert error.value.time == rollout.diverged
     assert isinstance(error.value.__cause__, pa.ImplausibleError)
+    assert "no sensor is wrong" in rollout.reason and "in degrees?" not in rollout.reason
+
+    class Arm(pa.plants.Plant):
+        """The same loop, and nothing says that the plant is simulated."""
+
+        def __init__(self, plant):
+            self.plant = plant
+
+        def __getattr__(self, name):
+            return getattr(self.plant, name)
+
+        def reset(self):
+            self.plant.reset()
+
+        def measure(self):
+            return self.plant.measure()
+
+        def motors(self, torque):
+            return self.plant.motors(torque)
+
+        def step(self, torque, dt):
+            self.plant.step(torque, dt)
+
+    with pytest.raises(pa.DivergedError, match="in degrees") as error:
+        list(pa.run(Arm(pa.plants.PinocchioPlant(robot)), controller, path, duration=1.0))
+    assert "no sensor is wrong" not in error.value.reason
 
 
 def test_a_broken_sensor_is_an_error_and_no_divergence():

@@ -82,6 +82,17 @@ def test_plots_of_a_run_without_unknowns_are_drawn(tmp_path):
     )
 
 
+def test_a_law_that_learns_from_torques_alone_says_which_adaptation_runs():
+    robot = load("planar_2r", task="joint")
+    controller = pa.make_controller(robot, law="middleton-goodwin", adaptation="natural")
+    assert "natural-composite" in str(controller)
+    rollout = pa.simulate(
+        robot, controller, pa.trajectories.Hold(robot.home_angles), duration=0.002
+    )
+    assert rollout.summary()["adaptation"] == "natural-composite"
+    assert "natural-composite: 0 kinematic" in str(rollout)
+
+
 def test_the_summary_names_the_adaptation_that_ran():
     for adaptation in ("natural", "gradient", "none"):
         assert (
@@ -144,6 +155,38 @@ def test_a_pickled_rollout_has_the_same_numbers_and_no_controller():
     for name in RECORDED + COMPUTED + WATCHED:
         assert np.array_equal(getattr(copy, name), getattr(rollout, name)), name
     assert copy.summary() == rollout.summary() and str(copy) == str(rollout)
+
+
+def joint_run():
+    """Return a short run of a joint task with a continuous joint that exceeds a limit."""
+    robot = pa.load("kinova", task="joint")
+    motion = pa.trajectories.Sinusoid(robot.home_angles, 0.3, 0.3).starting_at(robot.home_angles)
+    changed = pa.Events(changes={0.02: robot.changed(inertial_scale=1.2)})
+    return pa.simulate(robot, pa.make_controller(robot), motion, duration=0.05, events=changed)
+
+
+@pytest.mark.parametrize("make", [lambda: tracked("pose")[0], joint_run, run], ids=range(3))
+def test_a_saved_rollout_is_loaded_with_its_numbers_and_plots(make, tmp_path):
+    rollout = replace(make(), unadapted=0.01)
+    rollout.save(tmp_path)
+    loaded = pa.Rollout.load(tmp_path)
+    for name in RECORDED + COMPUTED + WATCHED:
+        assert np.array_equal(getattr(loaded, name), getattr(rollout, name)), name
+    assert loaded.summary() == json.loads(json.dumps(rollout.summary()))
+    assert str(loaded) == str(rollout) and loaded.task == rollout.task
+    assert np.array_equal(loaded.lyapunov_ends, rollout.lyapunov_ends)
+    assert len(loaded.plot(tmp_path / "plots")) == 3
+    with pytest.raises(pa.InputError, match="no robots"):
+        loaded.learned()
+
+
+def test_a_folder_without_a_run_is_not_loaded(tmp_path):
+    with pytest.raises(pa.InputError, match=r"has no summary\.json"):
+        pa.Rollout.load(tmp_path)
+    (tmp_path / "summary.json").write_text('{"title": "of an older version"}')
+    (tmp_path / "rollout.npz").write_bytes(b"nothing")
+    with pytest.raises(pa.InputError, match="does not hold a run of this version"):
+        pa.Rollout.load(tmp_path)
 
 
 def test_joint_errors_are_in_radians_and_shown_in_degrees():

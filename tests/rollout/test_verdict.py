@@ -68,7 +68,15 @@ def test_the_grade_depends_on_the_error_relative_to_the_path(rollout, last, grad
         ({}, "try controller.gamma_d three times as large"),
         ({"first": 0.2}, "try a longer simulation.duration"),
         ({"diverged": 0.1, "reason": "the torque is lost."}, "s: the torque is lost; error"),
-        ({"diverged": 0.1, "reason": "the torque is lost."}, "try a fifth of"),
+        ({"diverged": 0.1, "reason": "the torque is lost."}, "; try a fifth of"),
+        (
+            {"diverged": 0.1, "reason": "lost.", "saturated": np.arange(100) < 96},
+            "the motors were at their limit 96% of the time: try a longer",
+        ),
+        (
+            {"diverged": 0.1, "reason": "lost.", "saturated": np.arange(100) < 30},
+            "the motors were at their limit 30% of the time; try a fifth of",
+        ),
     ],
 )
 def test_the_verdict_of_a_bad_run_says_what_to_try(rollout, changes, words):

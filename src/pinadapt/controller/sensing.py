@@ -69,14 +69,16 @@ class Guards:
                 "x",
                 x,
                 f"is implausible: {distance:.3g} m from the estimated position of the last joint, "
-                f"more than {self.far:.3g} m (in millimetres? in another frame?)",
+                f"more than {self.far:.3g} m",
+                "in millimetres? in another frame?",
             )
         joint = found - kernels.FAST
         return ImplausibleError(
             "v",
             v,
             f"is implausible: {kinematics.joint_names[joint]} at {v[joint]:.3g} rad/s or m/s, over "
-            f"{_FAST:g} times the limit of its description (in degrees?)",
+            f"{_FAST:g} times the limit of its description",
+            "in degrees?",
         )
 
     def elapsed(self, before: float, now: float, dt: float, period: float) -> float:

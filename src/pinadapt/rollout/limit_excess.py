@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -76,6 +76,22 @@ class LimitExcess:
             None if desired is None else limits.excess(desired),
         )
 
+    @classmethod
+    def of_summary(
+        cls,
+        given: Mapping[str, Mapping[str, Mapping[str, float]] | None],
+        slides: tuple[bool, ...],
+        *,
+        stated: bool,
+    ) -> LimitExcess:
+        """Return what ``summary`` was made of, given slides and ``stated`` as well."""
+        plant, reference = (
+            None if given[motion] is None else _excess(given, motion)
+            for motion in ("plant", "reference")
+        )
+        assert plant is not None  # every run has one
+        return cls(tuple(given["plant"] or ()), slides, stated, plant, reference)
+
     @property
     def exceeded(self) -> bool:
         """Whether the motion or the desired motion of any joint exceeds a limit."""
@@ -142,6 +158,12 @@ class LimitExcess:
             return f"{value:.4g} {'N' if slide else 'N m'}"
         shown = DISPLAYS["m" if slide else "rad"]
         return f"{value * shown.scale:.4g} {shown.unit}{'/s' if kind == 'velocity' else ''}"
+
+
+def _excess(given: Mapping[str, Any], motion: str) -> Excess:
+    """Return the excess of a motion from its numbers by joint and kind of limit."""
+    rows = [[numbers[kind] for kind in Excess._fields] for numbers in given[motion].values()]
+    return Excess(*np.array(rows, dtype=float).reshape(-1, len(Excess._fields)).T)
 
 
 class JointMotion(NamedTuple):

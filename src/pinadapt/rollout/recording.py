@@ -434,13 +434,15 @@ class Recording:
         """Return what the properties are computed by: robots, controller and samples.
 
         Raises:
-            InputError: the rollout was copied to another process and has only the numbers left.
+            InputError: the rollout was loaded or copied to another process and has only the
+                numbers left.
         """
         if self.evaluation is None:
             raise InputError(
-                "a rollout that was copied to another process has its numbers, but no robots.",
+                "a rollout that was loaded, or copied to another process, has its numbers, but "
+                "no robots.",
                 where="rollout",
-                hint="Animate it where it ran.",
+                hint="Ask for this where it ran.",
             )
         return self.evaluation
 

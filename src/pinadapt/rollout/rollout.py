@@ -82,6 +82,19 @@ class Rollout(Recording):
         """Write ``summary.json`` and ``rollout.npz`` into a folder, made if it is missing."""
         summary.save(self, Path(folder))
 
+    @classmethod
+    def load(cls, folder: Path | str) -> Rollout:
+        """Return the run that ``save``, or ``pinadapt run``, wrote into a folder.
+
+        It has the numbers, the verdict and the plots of the run. Robots and controller are not in
+        the files, so that ``animate``, ``learned``, ``excitation`` and ``payload`` need the run
+        itself; ``learned.json`` and ``learned.urdf`` lie beside it.
+
+        Raises:
+            InputError: the files are missing, broken, or of another version of pinadapt.
+        """
+        return summary.load(Path(folder), cls)
+
     def plot(self, folder: Path | str | None = None) -> Any:
         """Draw error, parameters and torque.
 

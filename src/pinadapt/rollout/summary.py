@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 import json
+import zipfile
+from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from .._files import whole_file, write_text
 from .._table import Sheet, Table, number
 from .._version import __version__
-from ..tasks.task import DISPLAYS
+from ..exceptions import InputError
+from ..tasks.frame import TASKS
+from ..tasks.joint import JointTask
+from ..tasks.task import DISPLAYS, Task
+from .limit_excess import LimitExcess
 from .recording import CLOSE, Recording, Slowdown, Transient, extreme, window
 from .verdict import error_share, slowed_words, verdict
+
+Run = TypeVar("Run", bound=Recording)
 
 # The arrays of ``rollout.npz``.
 RECORDED = ("t", "q", "v", "tau", "x", "x_d", "a_k", "a_d", "saturated", "path_time")
@@ -53,7 +62,23 @@ def summary(rollout: Recording) -> dict[str, Any]:
         "kinematic_base": rollout.kinematic_base,
         "changes": [_transient(transient) for transient in rollout.transients],
         "slowed": [_slowdown(slowdown) for slowdown in rollout.slowed],
+        "recorded": _recorded(rollout),
         "version": __version__,
+    }
+
+
+def _recorded(rollout: Recording) -> dict[str, Any]:
+    """Return what ``load`` needs beside the arrays and the numbers that people read."""
+    limits = rollout.limits
+    continuous = rollout.task.continuous if isinstance(rollout.task, JointTask) else ()
+    return {
+        "path_extent": rollout.path_extent,
+        "unadapted": rollout.unadapted,
+        "marks": [[at, what] for at, what in rollout.marks],
+        "continuous": list(continuous),
+        "slides": list(limits.slides),
+        "limits_stated": limits.stated,
+        "effort_limits": [x if np.isfinite(x) else None for x in rollout.effort_limits.tolist()],
     }
 
 
@@ -206,6 +231,69 @@ def save(rollout: Recording, folder: Path) -> None:
         with whole_file(folder / "rollout.npz") as file:
             np.savez_compressed(file, **{name: a for name, a in arrays.items() if a is not None})
     write_text(folder / "summary.json", json.dumps(summary(rollout), indent=2) + "\n")
+
+
+def load(folder: Path, kind: type[Run]) -> Run:
+    """Return the run that ``save`` wrote into a folder, with its numbers and without its robots.
+
+    Args:
+        folder: that has ``rollout.npz`` and ``summary.json``.
+        kind: the class of the run.
+
+    Raises:
+        InputError: the files are missing, broken, or of another version of pinadapt.
+    """
+    try:
+        numbers = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+        with np.load(folder / "rollout.npz") as file:
+            arrays = {name: file[name] for name in file.files}
+        rest = numbers["recorded"]
+        names = {field.name for field in fields(kind)}
+        given = {name: value for name, value in numbers.items() if name in names}
+        given |= {name: array for name, array in arrays.items() if name in names}
+        given |= {name: rest[name] for name in ("path_extent", "unadapted")}
+        given |= {name: tuple(numbers[name]) for name in _NAMES}
+        given["task"] = _task(numbers["task"], given["joint_names"], rest["continuous"])
+        given["marks"] = tuple((at, what) for at, what in rest["marks"])
+        given["step_time"], given["wall_time"] = (
+            numbers["step_time_us"] / 1e6,
+            numbers["wall_time_s"],
+        )
+        run = kind(**given, evaluation=None)
+        V = arrays.get("lyapunov")
+        computed = {name: arrays.get(name) for name in (*COMPUTED, *WATCHED)}
+        del computed["damping_share"]  # follows from the others
+        efforts = [np.inf if x is None else x for x in rest["effort_limits"]]
+        run.__dict__.update(
+            computed,
+            lyapunov_ends=None if V is None or not len(V) else V[[0, -1]],
+            kinematic_base=numbers["kinematic_base"],
+            effort_limits=np.array(efforts),
+            limits=LimitExcess.of_summary(
+                numbers["limits"], tuple(rest["slides"]), stated=rest["limits_stated"]
+            ),
+        )
+    except FileNotFoundError as error:
+        raise InputError(
+            f"has no {Path(error.filename).name}.",
+            where=str(folder),
+            hint="`rollout.save` and `pinadapt run` write one.",
+        ) from error
+    except (KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
+        raise InputError(
+            f"does not hold a run of this version of pinadapt ({type(error).__name__}: {error}).",
+            where=str(folder),
+            hint="Run it again.",
+        ) from error
+    return run
+
+
+_NAMES = ("joint_names", "kinematic_names", "dynamic_names")
+
+
+def _task(name: str, joints: tuple[str, ...], continuous: Sequence[bool]) -> Task:
+    """Return a task by its name; of the joint task the joints, and which of them are continuous."""
+    return TASKS[name] if name in TASKS else JointTask(name, joints, tuple(continuous))
 
 
 def _rms(values: np.ndarray) -> float:

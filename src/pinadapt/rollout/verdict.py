@@ -120,9 +120,10 @@ def _advice(rollout: Recording) -> str:
             return ""
         if rollout.saturated.mean() > _MOSTLY:
             return _relief(rollout)
+        often = f"{_at_limit(rollout)}; " if rollout.saturated.mean() > _OFTEN else ""
         return (
-            "try a fifth of controller.gamma_k or gamma_d, a longer reference.period, or a shorter "
-            "simulation.dt"
+            f"{often}try a fifth of controller.gamma_k or gamma_d, a longer reference.period, or a "
+            "shorter simulation.dt"
         )
     law = LAWS.get(rollout.law)
     if law is not None and not law.adapts:
@@ -150,10 +151,12 @@ def _set_point() -> str:
 
 def _relief(rollout: Recording) -> str:
     """Return the remedy for saturated motors."""
-    return (
-        f"the motors were at their limit {rollout.saturated.mean():.0%} of the time: try a "
-        "longer reference.period, a smaller path, or a smaller load"
-    )
+    return f"{_at_limit(rollout)}: try a longer reference.period, a smaller path, or a smaller load"
+
+
+def _at_limit(rollout: Recording) -> str:
+    """Return how often the motors were saturated."""
+    return f"the motors were at their limit {rollout.saturated.mean():.0%} of the time"
 
 
 def _falling(distance: np.ndarray) -> bool:

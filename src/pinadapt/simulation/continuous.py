@@ -63,7 +63,7 @@ def run_continuous(
             k3 = loop.slope(y + (0.5 * dt) * k2, t + 0.5 * dt)
             k4 = loop.slope(y + dt * k3, t + dt)
         except ImplausibleError as error:
-            raise DivergedError(lost(error), t) from error
+            raise DivergedError(lost(error, real=True), t) from error
         except InputError as error:
             raise unusable(error, t) from error
         except (DivergedError, np.linalg.LinAlgError) as error:

@@ -12,7 +12,7 @@ from .._checks import instance, mapping, positive
 from ..controller.controller import Controller
 from ..controller.state import ControllerState, Sample
 from ..exceptions import DivergedError, ImplausibleError, InputError, did_you_mean
-from ..plants.plant import Plant
+from ..plants.plant import Plant, SimulatedPlant
 from ..plants.sensors import SimulatedSensors
 from ..records import Desired, Measurement
 from ..robot.robot import Robot
@@ -171,7 +171,8 @@ def run(
         except DivergedError as error:
             raise DivergedError(error.reason, truth.t) from error
         except ImplausibleError as error:
-            raise DivergedError(lost(error), truth.t) from error
+            real = isinstance(plant, SimulatedPlant)
+            raise DivergedError(lost(error, real=real), truth.t) from error
         except InputError as error:
             raise unusable(error, truth.t) from error
         given = plant.motors(torque)
@@ -184,9 +185,18 @@ def run(
             state = events.announce(controller, state, truth.t, now)
 
 
-def lost(error: ImplausibleError) -> str:
-    """Return why a loop ends at a measurement that its controller refuses."""
-    return f"measurement '{error.field}' {error.flaw}."
+def lost(error: ImplausibleError, *, real: bool) -> str:
+    """Return why a loop ends at a measurement that its controller refuses.
+
+    Args:
+        error: the refusal.
+        real: whether the plant is simulated, so that the arm really moves as measured; else a
+            sensor may be wrong.
+    """
+    said = f"measurement '{error.field}' {error.flaw}"
+    if real and error.field in ("v", "x") and error.value is not None:
+        return f"{said}; no sensor is wrong, the simulated arm moves like this."
+    return f"{said} ({error.guess})." if error.guess else f"{said}."
 
 
 def unusable(error: InputError, t: float) -> Exception:
