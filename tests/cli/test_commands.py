@@ -234,6 +234,20 @@ def test_compare_shows_the_laws_side_by_side(tmp_path, capsys):
     assert [summary["law"] for summary in summaries] == laws
     assert all(not set(SUMMARY) - set(summary) for summary in summaries)
     assert all((tmp_path / law / "rollout.npz").is_file() for law in laws)
+    assert (tmp_path / "compare.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_compare_warns_once_and_names_the_laws(tmp_path, capsys):
+    laws = ["separation", "adaptive-jacobian", "craig"]
+    file = tmp_path / "slow.toml"
+    file.write_text('[robot]\nsource = "planar_2r"\ntask = "joint"\n[reference]\nkind = "hold"\n')
+    slow = ["simulation.duration=0.1", "simulation.dt=0.001", "controller.Kv=5000.0"]
+    arguments = ["compare", str(file), "--laws", ",".join(laws), "--out", str(tmp_path / "out")]
+    assert main([*arguments, "--set", *slow]) == 0
+    warned = [line for line in capsys.readouterr().err.splitlines() if "too long" in line]
+    assert len(warned) == len(set(warned)) > 0
+    named = [line.partition("warning: ")[2].partition(": ")[0].split(", ") for line in warned]
+    assert sorted(name for names in named for name in names) == sorted(laws)
 
 
 def test_compare_refuses_an_unknown_law_before_it_runs_any(tmp_path, capsys):

@@ -10,6 +10,7 @@ import pytest
 from matplotlib import pyplot
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
+from pinadapt.plots.figures import overlay_figure
 from tests.support.chains import catalogue_robot
 from tests.support.loops import run
 
@@ -102,3 +103,14 @@ def test_joints_are_named_beside_their_torque():
     labels = [text.get_text() for text in torque_figure(rollout).axes[0].get_legend().get_texts()]
     assert labels == [" _shoulder", r"el\$bow\$"]
     assert "N m (joint1)" in str(rollout) or "N m (joint2)" in str(rollout)
+
+
+def test_an_overlay_has_a_curve_for_each_law_and_is_not_stretched_by_a_lost_one():
+    one = panda()
+    lost = replace(one, law="lost", diverged=0.04, x=one.x + 1e6)
+    ax = overlay_figure([one, lost]).axes[0]
+    named = [text.get_text().partition(",")[0] for text in ax.get_legend().get_texts()]
+    assert named == [one.law, "lost"]
+    assert np.allclose(ax.lines[0].get_ydata(), 1e3 * one.distance)
+    assert ax.get_ylim()[1] < 3e3 * one.distance.max()
+    assert [line.get_marker() for line in ax.lines][-1] == "x"

@@ -5,13 +5,15 @@ from __future__ import annotations
 import argparse
 import json
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
-from .._files import check_writable, write_text
+from .._files import check_writable, whole_file, write_text
 from .._table import columns, number
 from ..exceptions import UnusedGainWarning
 from ..laws import LAWS
+from ..plots.figures import overlay_figure
 from ..rollout.rollout import Rollout
 from ..scenario.scenario import Scenario
 from ..tasks.joint import JointTask
@@ -21,7 +23,7 @@ from .outputs import RUN_FILES, check_place, write_run
 from .run import run_beside, unadapted
 from .status import DONE, INTERRUPTED, interrupted
 
-TABLE = "compare.json"
+TABLE, FIGURE = "compare.json", "compare.png"
 _ERRORS = 7  # number of columns up to the errors
 
 
@@ -39,27 +41,37 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def compare(options: argparse.Namespace) -> int:
-    """Run a scenario under several laws, print one table, write outputs and ``compare.json``.
+    """Run a scenario under several laws, print one table, write outputs, table and one figure.
 
-    A law that diverges is a row of the table, not a failure of the command.
+    The table is ``compare.json``, the figure with the errors of all laws ``compare.png``. A law
+    that diverges is a row of the table, not a failure of the command. Each warning is printed once,
+    with the laws that it concerns.
     """
     folder = options.out or Path("out") / f"{options.scenario.stem}-compare"
     # Building the scenarios checks them all before the first one runs.
     laws = options.laws or _laws(Scenario.read(options.scenario, options.set))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UnusedGainWarning)  # all laws get the same set of gains
-        pairs = [_scenarios(options, law) for law in laws]
-    check_writable(folder, [TABLE])
+    pairs, said = [], _Warnings()
+    for law in laws:
+        with said.of(law):
+            pairs.append(_scenarios(options, law))
+            for finding in pairs[-1][0].findings():
+                warnings.warn(finding, stacklevel=1)
+    said.show()
+    check_writable(folder, [TABLE, FIGURE])
     folders = [check_place(folder / law) for law in laws]
     rollouts: list[Rollout] = []
     try:
-        for (scenario, without), place in zip(pairs, folders, strict=True):
-            rollouts.append(run_beside(scenario, without))
+        for law, (scenario, without), place in zip(laws, pairs, folders, strict=True):
+            with said.of(law):
+                rollouts.append(run_beside(scenario, without))
+            said.show()
             if len(rollouts) == 1:
                 _clear(folder)
             summaries = [rollout.summary() for rollout in rollouts]
             write_text(folder / TABLE, json.dumps(summaries, indent=2) + "\n")
             write_run(rollouts[-1], place, html=False)
+            with whole_file(folder / FIGURE) as file:
+                file.write(overlay_figure(rollouts).png(dpi=130))
             if interrupted(rollouts):
                 break
     finally:
@@ -76,9 +88,38 @@ def _scenarios(options: argparse.Namespace, law: str) -> tuple[Scenario, Scenari
     return adapted, unadapted(options, setting) if beside else None
 
 
+class _Warnings:
+    """Warnings of several laws, each shown once and with the laws that it concerns."""
+
+    def __init__(self) -> None:
+        self._new: dict[str, list[str]] = {}
+        self._shown: set[str] = set()
+
+    @contextmanager
+    def of(self, law: str) -> Iterator[None]:
+        """Collect what is warned of inside, for a law."""
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", UserWarning)
+            warnings.simplefilter("ignore", UnusedGainWarning)  # all laws get the same gains
+            try:
+                yield
+            finally:
+                for text in dict.fromkeys(str(warning.message) for warning in caught):
+                    self._new.setdefault(text, []).append(law)
+
+    def show(self) -> None:
+        """Warn of what has not been shown."""
+        for text, laws in self._new.items():
+            if text not in self._shown:
+                warnings.warn(f"{', '.join(laws)}: {text}", stacklevel=2)
+        self._shown |= set(self._new)
+        self._new = {}
+
+
 def _clear(folder: Path) -> None:
-    """Remove the table and the runs of an earlier comparison."""
-    (folder / TABLE).unlink(missing_ok=True)
+    """Remove table, figure and runs of an earlier comparison."""
+    for name in (TABLE, FIGURE):
+        (folder / name).unlink(missing_ok=True)
     for file in (folder / law / name for law in LAWS for name in reversed(RUN_FILES)):
         file.unlink(missing_ok=True)
 

@@ -253,6 +253,42 @@ def prediction_figure(
     return figure
 
 
+def overlay_figure(runs: Sequence[Drawable]) -> Picture:
+    """Return one figure with the error norms of several runs of one task, named by their laws.
+
+    A panel for each group of rows. A run that diverged ends with a cross; it does not stretch the
+    axis.
+    """
+    groups = runs[0].task.groups
+    with matplotlib.rc_context(RC):
+        figure = Picture(figsize=(9, 1.4 + 2.6 * len(groups)), layout="constrained")
+        axes = np.atleast_1d(figure.subplots(len(groups), 1, sharex=True))
+        for ax, group in zip(axes, groups, strict=True):
+            _overlay(ax, runs, group)
+        axes[-1].set_xlabel("time [s]")
+        figure.suptitle(literal(f"{runs[0].title}: errors"), fontsize=10)
+    return figure
+
+
+def _overlay(ax: Any, runs: Sequence[Drawable], group: RowGroup) -> None:
+    """Draw the error norm of each run in one panel."""
+    unit, scale = DISPLAYS[group.unit]
+    norms = [
+        np.maximum(scale * np.linalg.norm(run.error[:, group.rows], axis=1), 1e-12) for run in runs
+    ]
+    for i, (run, norm) in enumerate(zip(runs, norms, strict=True)):
+        curve(ax, run.t, norm, i, i, literal(f"{run.law}, {run.adaptation}"))
+        if run.diverged is not None and len(norm):
+            ax.plot(run.t[-1], norm[-1], color=colour(i), marker="x", markersize=9, ls="")
+    ax.set_yscale("log")
+    ended = [n for run, n in zip(runs, norms, strict=True) if run.diverged is None and len(n)]
+    if ended:
+        low = min(float(np.quantile(norm, 0.01)) for norm in ended)
+        ax.set_ylim(0.5 * low, 2.0 * max(float(norm.max()) for norm in ended))
+    ax.set_ylabel(f"{_NORMS[group.name]} [{unit}]")
+    legend(ax)
+
+
 class Figures(NamedTuple):
     """The figures of a run; Jupyter displays each once.
 
