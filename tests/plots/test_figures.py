@@ -106,7 +106,7 @@ def test_joints_are_named_beside_their_torque():
 
 
 def test_an_overlay_has_a_curve_for_each_law_and_is_not_stretched_by_a_lost_one():
-    one = panda()
+    one, _ = drawn("panda")
     lost = replace(one, law="lost", diverged=0.04, x=one.x + 1e6)
     ax = overlay_figure([one, lost]).axes[0]
     named = [text.get_text().partition(",")[0] for text in ax.get_legend().get_texts()]

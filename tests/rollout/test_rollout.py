@@ -10,6 +10,7 @@ import pytest
 import pinadapt as pa
 from pinadapt.models.right_inverse import RightInverse
 from pinadapt.plots.figures import draw_errors
+from pinadapt.rollout.recording import Slowdown
 from pinadapt.rollout.summary import COMPUTED, RECORDED, WATCHED
 from tests.support.chains import catalogue_robot as load
 from tests.support.loops import ARRAYS, run, with_tool_and_load
@@ -167,7 +168,9 @@ def joint_run():
 
 @pytest.mark.parametrize("make", [lambda: tracked("pose")[0], joint_run, run], ids=range(3))
 def test_a_saved_rollout_is_loaded_with_its_numbers_and_plots(make, tmp_path):
-    rollout = replace(make(), unadapted=0.01)
+    rollout = make()
+    slowed = (Slowdown(0.01, 0.02, "error", 0.5),)
+    rollout = replace(rollout, unadapted=0.01, path_time=0.5 * rollout.t, slowed=slowed)
     rollout.save(tmp_path)
     loaded = pa.Rollout.load(tmp_path)
     for name in RECORDED + COMPUTED + WATCHED:

@@ -101,9 +101,11 @@ def _transient(transient: Transient) -> dict[str, Any]:
     }
 
 
+_SLOWDOWN = ("from", "to", "cause", "least_rate")
+
+
 def _slowdown(slowdown: Slowdown) -> dict[str, Any]:
-    start, end, cause, least = slowdown
-    return {"from": start, "to": end, "cause": cause, "least_rate": least}
+    return dict(zip(_SLOWDOWN, slowdown, strict=True))
 
 
 def brief(rollout: Recording) -> Sheet:
@@ -254,6 +256,9 @@ def load(folder: Path, kind: type[Run]) -> Run:
         given |= {name: rest[name] for name in ("path_extent", "unadapted")}
         given |= {name: tuple(numbers[name]) for name in _NAMES}
         given["task"] = _task(numbers["task"], given["joint_names"], rest["continuous"])
+        given["slowed"] = tuple(
+            Slowdown(*(part[name] for name in _SLOWDOWN)) for part in numbers["slowed"]
+        )
         given["marks"] = tuple((at, what) for at, what in rest["marks"])
         given["step_time"], given["wall_time"] = (
             numbers["step_time_us"] / 1e6,
