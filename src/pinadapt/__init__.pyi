@@ -8,6 +8,7 @@ from . import information as information
 from . import laws as laws
 from . import models as models
 from . import plants as plants
+from . import reference as reference
 from . import robot as robot
 from . import simulation as simulation
 from . import tasks as tasks

@@ -36,7 +36,7 @@ LAYERS = [
     {"filters"},
     {"laws"},
     {"controller"},
-    {"tuning", "citation"},
+    {"tuning", "citation", "reference"},
     {"plants"},
     {"information"},
     {"plots", "view"},

@@ -64,7 +64,8 @@ def test_panda_with_plain_gradient_loses_its_mass_matrix():
 
 def test_panda_survives_a_start_far_from_its_path():
     """The path begins 23 cm from the tool; the estimates must not blow up between two samples."""
-    far = ["reference.center=[0.5, 0.0, 0.5]", "simulation.duration=3.0"]
+    place = ["reference.center=[0.5, 0.0, 0.5]", 'reference.start="moving"']
+    far = [*place, "simulation.duration=3.0"]
     for setting in ("simulation.torque_limits=false", "simulation.camera={}"):
         rollout = Scenario.read(ROBOTS / "panda" / "tool_and_load.toml", [*far, setting]).run()
         assert rollout.diverged is None

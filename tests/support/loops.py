@@ -45,16 +45,15 @@ class Energy:
 
 
 def circle_at_home(robot, radius=0.05, period=2.0):
-    """Return a circle that starts at the robot's home."""
-    return pa.trajectories.Circle(np.zeros(robot.task.size), radius, period).starting_at(
-        robot.position(robot.q0)
-    )
+    """Return a circle that starts at the robot's home at full speed: short loops show motion."""
+    circle = pa.trajectories.Circle(np.zeros(robot.task.size), radius, period)
+    return circle.starting_at(robot.position(robot.q0)).as_given()
 
 
 def motion_at_home(robot):
     """Return a motion that starts at the robot's home: of its frame a circle, of joints a swing."""
     if isinstance(robot.task, pa.tasks.JointTask):
-        return pa.trajectories.Sinusoid(robot.home_angles + 0.1, 0.1, 2.0)
+        return pa.trajectories.Sinusoid(robot.home_angles + 0.1, 0.1, 2.0).as_given()
     return circle_at_home(robot)
 
 
@@ -75,10 +74,9 @@ def with_tool_and_load(robot: pa.Robot) -> pa.Robot:
 def circle_beside(
     robot: pa.Robot, plane: str, by: Sequence[float] = (0.01, -0.01, 0.02)
 ) -> pa.trajectories.Trajectory:
-    """Return a circle of 5 cm in two seconds, starting beside home by an offset (3) [m]."""
-    return pa.trajectories.Circle(np.zeros(3), 0.05, 2.0, plane).starting_at(
-        robot.position(robot.q0) + np.array(by)
-    )
+    """Return a circle of 5 cm in two seconds, at speed beside home by an offset (3) [m]."""
+    circle = pa.trajectories.Circle(np.zeros(3), 0.05, 2.0, plane)
+    return circle.starting_at(robot.position(robot.q0) + np.array(by)).as_given()
 
 
 def check_holds_home(robot: pa.Robot) -> None:

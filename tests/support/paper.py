@@ -10,7 +10,7 @@ from tests.support.chains import catalogue_robot
 
 BASIS = np.loadtxt(robots_folder() / "planar_2r" / "basis.csv", delimiter=",")  # of a1, a2, a3
 LMI = pa.adaptation.MatrixInequality.from_file(robots_folder() / "planar_2r" / "lmi.csv")
-CIRCLE = pa.trajectories.Circle([0.8, 0.0], 0.3, 2.0)
+CIRCLE = pa.trajectories.Circle([0.8, 0.0], 0.3, 2.0).as_given()
 WRONG = {"a_k": [1.4, 1.5], "a_d": [4.0, 0.5, 0.5]}
 
 

@@ -545,7 +545,7 @@ def test_a_function_that_fails_during_a_run_ends_it_with_the_rollout_so_far(mode
     def f(t):
         return circle.at(t).x_d if t < 0.03 else "lost"
 
-    rollout = pa.simulate(
-        robot, controller, f, duration=0.1, engine=pa.Engine(continuous=mode == "continuous")
-    )
+    motion = pa.trajectories.as_trajectory(f, robot.task).as_given()
+    engine = pa.Engine(continuous=mode == "continuous")
+    rollout = pa.simulate(robot, controller, motion, duration=0.1, engine=engine)
     assert 0.02 < rollout.diverged <= 0.03 and "got 'lost'" in rollout.reason

@@ -123,12 +123,29 @@ def _in_time(changes: Sequence[Any], where: str) -> list[tuple[int, Any]]:
 
 
 def trajectory_of(reference: Reference, true: Robot) -> Trajectory:
-    """Return the desired motion; by default it starts at the true robot's home pose.
+    """Return the desired motion; by default its path starts at the true robot's home pose.
+
+    With ``start = "moving"`` it is one to be taken as it is, with a ``ramp`` one from rest. Without
+    either it begins at speed, and ``simulate`` starts it.
 
     Raises:
-        InputError: points or centre have the wrong size, or the task has no such plane or no
-            orientation.
+        InputError: points or centre have the wrong size, the task has no such plane or no
+            orientation, or a motion that is moving has a ramp.
     """
+    motion = _path(reference, true)
+    if reference.start == "rest":
+        return motion if reference.ramp is None else motion.from_rest(reference.ramp)
+    if reference.ramp is not None:
+        raise ScenarioError(
+            'start = "moving" has no ramp.',
+            where="reference.ramp",
+            hint='Remove ramp, or take start = "rest".',
+        )
+    return motion.as_given()
+
+
+def _path(reference: Reference, true: Robot) -> Trajectory:
+    """Return the motion of [reference] at its own speed."""
     start, task = true.position(true.q0), true.task
     motion, anchored = _motion(reference, task)
     motion = motion if anchored else motion.starting_at(start[: _size(task)])

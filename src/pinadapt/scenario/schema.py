@@ -194,8 +194,15 @@ class OrientationSection(Section):
 
 
 class ReferenceSection(Section):
-    """[reference]: keys of every kind."""
+    """[reference]: keys of every kind.
 
+    ``start`` is "rest": the motion begins where the robot is, at rest, after an approach if its
+    first point is elsewhere; ``ramp`` [s] is the duration of the smooth start. Or it is "moving":
+    the motion is taken exactly as it is, with its own speed and place at time 0.
+    """
+
+    start: Literal["rest", "moving"] = "rest"
+    ramp: Positive | None = None
     orientation: OrientationSection | None = None
 
 

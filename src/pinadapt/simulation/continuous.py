@@ -34,7 +34,7 @@ def run_continuous(
     Args:
         plant: the true robot, which starts from its home and from rest.
         controller: the controller.
-        trajectory: the desired motion, as in ``simulate``.
+        trajectory: the desired motion, exactly as it is, as in ``run``.
         dt: integration step [s].
         duration: s, whose end has a sample of its own; None for as long as samples are taken.
         state: the controller's initial state; None for its own at the first measurement.

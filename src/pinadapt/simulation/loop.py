@@ -122,7 +122,9 @@ def run(
     Args:
         plant: what is driven; it is reset first.
         controller: the controller.
-        trajectory: the desired motion, as in ``simulate``.
+        trajectory: the desired motion, as in ``simulate``, but exactly as it is: with its own speed
+            and place at time 0. ``reference.starting_from`` returns one that begins where the robot
+            is, at rest.
         dt: controller period, for which each torque is held [s].
         duration: s; None for as long as samples are taken from the iterator.
         state: the controller's initial state; None for its own at the first measurement.

@@ -25,6 +25,7 @@ from ..plants.pinocchio_plant import PinocchioPlant
 from ..plants.plant import PlantMaker, SimulatedPlant
 from ..plants.sensors import SimulatedSensors
 from ..records import Sensors
+from ..reference.start import starting_from
 from ..robot.robot import Robot
 from ..robot.succession import Succession
 from ..rollout.recording import Evaluation, path_times, slowdowns
@@ -152,7 +153,9 @@ def simulate(
             the true one.
         trajectory: the desired motion x_d(t) of the task's coordinates: a ``Trajectory``; any
             object with ``at(t)``; a function of t; or times (N) [s] and positions (N, m). See
-            ``trajectories.as_trajectory``.
+            ``trajectories.as_trajectory``. It begins where the robot is, at rest: from rest on its
+            own path, after an approach if its first point is elsewhere (``reference
+            .starting_from``). ``motion.as_given()`` is taken exactly as it is.
         duration: s.
         sensors: of the true robot; None: those that the controller was made for.
         events: changes of the true robot, and announcements to the controller; None for none.
@@ -196,6 +199,8 @@ def simulate(
     indices = sample_indices(duration, dt, ends=engine.continuous)
     trajectory = as_trajectory(trajectory, true.task)
     state = prepare(plant, controller, trajectory, start, duration)
+    believed = controller.kinematics.robot
+    trajectory = starting_from(trajectory, believed, plant.measure(), duration=duration)
     check_memory(controller, len(indices), record_every)
     robots = replace(Succession.of(true, events.changes), known=plant.described)
     events.check(controller, state)

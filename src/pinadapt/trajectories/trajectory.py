@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 
 import numpy as np
 import pinocchio as pin
@@ -40,6 +41,10 @@ class Trajectory(ABC):
     @abstractmethod
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
+
+    def __repr__(self) -> str:
+        """Return the kind of motion."""
+        return type(self).__name__
 
     @property
     def extent(self) -> float | None:
@@ -93,9 +98,8 @@ class Trajectory(ABC):
         if ramp is not None:
             positive(ramp, "ramp", error=InputError)
         span = _START if duration is None else min(_START, duration)
-        looks = [self.at(float(t)) for t in np.linspace(0.0, span, _LOOKS_AT_START)]
-        speeds = np.array([np.linalg.norm(look.xd_d) for look in looks])
-        rates = np.array([np.linalg.norm(look.xdd_d) for look in looks])
+        looks = list(_looks(self, np.linspace(0.0, span, _LOOKS_AT_START)))
+        speeds, rates = np.linalg.norm(looks, axis=2).T
         v, a = float(speeds.max()), float(rates.max())
         if speeds[0] <= max(_AT_REST, _RESTS * v) and rates[0] <= max(_AT_REST, _RESTS * a):
             return self
@@ -134,11 +138,32 @@ class Trajectory(ABC):
         return np.stack([self.at(float(t)).x_d for t in times])
 
 
+def _looks(motion: Trajectory, times: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield velocity and acceleration (m) at the first of these times (N) [s], while there are any.
+
+    What a user's motion cannot say ends a run when it comes to that, not before it begins.
+    """
+    for t in times:
+        try:
+            _, xd_d, xdd_d = motion.at(float(t))
+        except Exception:
+            if t == times[0]:
+                raise
+            return
+        if not (np.isfinite(xd_d).all() and np.isfinite(xdd_d).all()):
+            return
+        yield xd_d, xdd_d
+
+
 class _Shifted(Trajectory):
     """A motion displaced by a constant."""
 
     def __init__(self, motion: Trajectory, by: np.ndarray) -> None:
         self._motion, self._by = motion, by
+
+    def __repr__(self) -> str:
+        """Return the kind of the motion that is displaced."""
+        return repr(self._motion)
 
     @property
     def extent(self) -> float | None:
@@ -189,8 +214,7 @@ class Retimed(Trajectory):
 
     def __repr__(self) -> str:
         """Return the motion and what its time law does."""
-        words = repr(self.motion) if isinstance(self.motion, Retimed) else _kind(self.motion)
-        return f"{words}, {self.law!r}"
+        return f"{self.motion!r}, {self.law!r}"
 
     @property
     def extent(self) -> float | None:
@@ -226,13 +250,6 @@ class Retimed(Trajectory):
         return Desired(x_d, rate * xd_d, rate * rate * xdd_d + acceleration * xd_d)
 
 
-def _kind(motion: Trajectory) -> str:
-    """Return what kind of motion it is, in one word."""
-    while isinstance(motion, _Shifted):
-        motion = motion._motion
-    return type(motion).__name__
-
-
 class AsGiven(Trajectory):
     """A motion to be taken exactly as it is, although it starts at speed or beside the robot.
 
@@ -243,6 +260,10 @@ class AsGiven(Trajectory):
     def __init__(self, motion: Trajectory) -> None:
         """Take the motion."""
         self.motion = motion
+
+    def __repr__(self) -> str:
+        """Return the motion, and that it is as given."""
+        return f"{self.motion!r}, as given"
 
     @property
     def extent(self) -> float | None:

@@ -1,0 +1,5 @@
+"""Motions that a given robot can start, and follow: approaches, and time scaling to its limits."""
+
+from .joint_motion import JointMotion as JointMotion
+from .joint_motion import joint_motion as joint_motion
+from .start import starting_from as starting_from

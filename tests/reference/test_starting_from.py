@@ -1,0 +1,177 @@
+"""Motions that begin where the robot is: approaches as slow as its limits ask for."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from pinadapt.description.chain import effort_limits, velocity_limits
+from pinadapt.reference import joint_motion, starting_from
+from pinadapt.scenario.scenario import Scenario
+from pinadapt.trajectories import Approach, AsGiven, Hold, Retimed
+from tests.support.chains import catalogue_robot
+from tests.support.differences import derivative
+from tests.support.paths import ROOT
+
+ROBOTS = ROOT / "robots"
+
+
+def resting(robot, q=None):
+    """Return a measurement of a robot at rest, at home or at q."""
+    q = robot.q0 if q is None else q
+    return pa.Measurement(0.0, q, np.zeros(robot.model.nv), robot.position(q))
+
+
+def circle(robot, by=0.0):
+    """Return a circle of 10 cm in 3 s that starts beside home."""
+    path = pa.trajectories.Circle(np.zeros(robot.task.size), 0.1, 3.0)
+    return path.starting_at(robot.position(robot.q0) + by)
+
+
+@pytest.mark.parametrize("name", ["planar_2r", "panda"])
+def test_a_motion_that_begins_at_the_robot_gets_no_approach(name):
+    robot = catalogue_robot(name)
+    begun = starting_from(circle(robot), robot, resting(robot))
+    assert isinstance(begun, Retimed) and not begun.at(0.0).xdd_d.any()
+    close = circle(robot, by=0.9e-3 * robot.reach)
+    assert isinstance(starting_from(close, robot, resting(robot)), Retimed)
+    further = circle(robot, by=1.1e-3 * robot.reach)
+    approach = starting_from(further, robot, resting(robot))
+    assert isinstance(approach, Approach) and approach.duration == 0.3
+    given = further.as_given()
+    assert starting_from(given, robot, resting(robot)) is given
+
+
+@pytest.mark.parametrize(
+    ("name", "by"),
+    [("planar_2r", 0.3), ("ur5", -0.1), ("panda", 0.3), ("scara", 0.1), ("z1", -0.1)],
+)
+def test_an_approach_keeps_the_limits(name, by):
+    """The way of one robot with the exact model, computed again at its own speed."""
+    robot = catalogue_robot(name)
+    point = robot.position(robot.q0)
+    point[0] += by
+    approach = starting_from(Hold(point), robot, resting(robot))
+    assert 0.3 <= approach.duration < 5.0
+    s = np.linspace(0.0, approach.duration, 201)
+    joints = joint_motion(approach, robot, s)
+    assert joints.off.max() < 0.1
+    assert (np.abs(joints.v) <= 1.01 * np.minimum(0.75, 0.8 * velocity_limits(robot.model))).all()
+    torque = np.array(
+        [
+            pin.rnea(robot.model, robot.model.createData(), q, v, a)
+            for q, v, a in zip(joints.q, joints.v, joints.a, strict=True)
+        ]
+    )
+    assert (
+        np.abs(torque)
+        <= np.maximum(0.51, 0.11 + np.abs(joints.still / effort_limits(robot.model)))
+        * effort_limits(robot.model)
+    ).all()
+
+
+@pytest.mark.parametrize("task", ["xyz", "joint"])
+def test_the_motion_of_the_joints_is_that_of_the_task(task):
+    robot = catalogue_robot("panda", task=task)
+    motion = (
+        circle(robot).from_rest()
+        if task == "xyz"
+        else pa.trajectories.Sinusoid(robot.home_angles + 0.1, 0.1, 2.0)
+    )
+    s = np.linspace(0.0, 3.0, 601)
+    joints = joint_motion(motion, robot, s)
+    assert joints.off.max() < 1e-2 and joints.beyond.max() < 0.0
+    data = robot.model.createData()
+    for k in (60, 250, 470):
+        now, q, v, a = motion.at(s[k]), joints.q[k], joints.v[k], joints.a[k]
+        assert np.allclose(robot.position(q), now.x_d, atol=1e-5)
+        xd = robot.task.motion(robot.model, data, robot.frame_id, q, v)[1]
+        assert np.allclose(xd, now.xd_d, atol=2e-4)
+        # torque at another rate and acceleration of the path's time
+        r, b = 0.7, -0.4
+        torque = pin.rnea(robot.model, data, q, r * v, r * r * a + b * v)
+        parts = joints.still[k] + r * r * joints.curve[k] + b * joints.inertia[k]
+        assert np.allclose(parts, torque, atol=1e-9)
+        slope = derivative(lambda h, k=k: np.array([np.interp(s[k] + h, s, x) for x in joints.v.T]))
+        assert np.allclose(a, slope, atol=0.05 * np.abs(joints.a).max())
+
+
+def test_the_path_through_an_unreachable_point_is_known_to_be():
+    robot = catalogue_robot("panda")
+    away = robot.position(robot.q0) + np.array([1.0, 0.0, 0.0])
+    joints = joint_motion(
+        pa.trajectories.Waypoints([robot.position(robot.q0), away], 2.0),
+        robot,
+        np.linspace(0.0, 2.0, 201),
+    )
+    assert joints.off[0] < 1.0 < joints.off[-1]
+
+
+def test_a_run_begins_where_the_robot_is_and_at_rest():
+    robot = catalogue_robot("panda")
+    true = robot.changed(tool_translation=[0.03, -0.02, 0.08])
+    controller = pa.make_controller(robot.changed(inertial_scale=0.7))
+    for motion in (circle(true), circle(true, by=0.05), Hold(true.position(true.q0) + 0.1)):
+        rollout = pa.simulate(true, controller, motion, duration=0.2)
+        assert np.allclose(rollout.x_d[0], rollout.x[0], atol=1e-12)
+        assert np.linalg.norm(np.diff(rollout.x_d[:3], axis=0)) < 1e-6
+        at_speed = pa.simulate(true, controller, motion.as_given(), duration=0.01)
+        assert np.array_equal(at_speed.x_d[0], motion.at(0.0).x_d)
+        gravity = np.abs(
+            pin.computeGeneralizedGravity(true.model, true.model.createData(), true.q0)
+        )
+        beyond = [(np.abs(run.tau) - gravity).max() for run in (rollout, at_speed)]
+        assert beyond[0] < beyond[1]
+
+
+def test_a_set_point_far_from_the_joints_is_a_motion():
+    """0.3 rad away a step asks for all that the motors have."""
+    robot = catalogue_robot("panda", task="joint")
+    controller = pa.make_controller(robot.changed(inertial_scale=0.7))
+    goal = robot.home_angles + 0.3
+    rollout = pa.simulate(robot, controller, Hold(goal), duration=2.0)
+    assert rollout.diverged is None and not rollout.saturated.any()
+    assert np.abs(rollout.q[-1] - goal).max() < 2e-3
+    assert rollout.path_extent == 0.0  # still a set point to the verdict
+
+
+@pytest.mark.parametrize(
+    "law", ["approximate-jacobian", "approximate-jacobian-gravity", "bounded-torque"]
+)
+def test_laws_for_set_points_take_a_point_beside_the_robot(law):
+    robot = catalogue_robot("planar_2r")
+    controller = pa.make_controller(robot, law=law)
+    point = robot.position(robot.q0) + np.array([-0.1, 0.1])
+    rollout = pa.simulate(robot, controller, Hold(point), duration=0.1)
+    assert rollout.diverged is None and np.allclose(rollout.x_d[0], rollout.x[0], atol=1e-12)
+    with pytest.raises(pa.InputError, match="does not come to rest"):
+        pa.simulate(robot, controller, circle(robot), duration=0.1)
+
+
+def test_an_approach_longer_than_the_run_is_warned_of():
+    robot = catalogue_robot("panda")
+    point = robot.position(robot.q0) + np.array([0.0, 0.2, 0.0])
+    with pytest.warns(UserWarning, match=r"needs .* s to the first point .* ends after 0.1 s"):
+        pa.simulate(robot, pa.make_controller(robot), Hold(point), duration=0.1)
+
+
+def test_a_scenario_starts_from_rest_unless_it_says_otherwise():
+    file = ROBOTS / "panda" / "tool_and_load.toml"
+    short = "simulation.duration=0.05"
+    begun, moving, slow = (
+        Scenario.read(file, [short, *settings])
+        for settings in ([], ['reference.start="moving"'], ["reference.ramp=2.5"])
+    )
+    assert isinstance(moving.trajectory, AsGiven) and slow.trajectory.law.ramp == 2.5
+    speeds = [np.diff(each.run(False).x_d, axis=0)[0] / 1e-3 for each in (begun, moving, slow)]
+    assert np.linalg.norm(speeds[1]) == pytest.approx(2 * np.pi / 3 * 0.1, rel=1e-3)
+    assert np.linalg.norm(speeds[0]) < 1e-6 and np.linalg.norm(speeds[2]) < 1e-6
+    with pytest.raises(pa.ScenarioError, match=r"reference.ramp: start = \"moving\" has no ramp"):
+        Scenario.read(file, ['reference.start="moving"', "reference.ramp=1.0"])
+    with pytest.raises(pa.ScenarioError, match=r"reference\.start"):
+        Scenario.read(file, ['reference.start="running"'])
+
+
+@pytest.mark.parametrize("path", ["planar_2r/wang_xie_2009.toml", "two_link/slotine_li_1991.toml"])
+def test_published_motions_start_as_published(path):
+    assert isinstance(Scenario.read(ROBOTS / path).trajectory, AsGiven)

@@ -1,0 +1,80 @@
+"""The way to a motion's first point: smooth, straight, and the short way round."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from pinadapt.trajectories import Approach
+from tests.support.differences import derivative
+
+XYZ, POSE = pa.tasks.TASKS["xyz"], pa.tasks.TASKS["pose"]
+TURNING = pa.tasks.JointTask("joint", ("a", "b"), (True, False))
+CIRCLE = pa.trajectories.Circle([0.5, 0.1, 0.4], 0.1, 3.0, plane="yz")
+SWING = pa.trajectories.Swing([0.0, 1.0, 0.5], 0.3, 2.0, quaternion=[0.5, 0.5, 0.5, 0.5])
+CASES = {
+    "xyz": (XYZ, CIRCLE, [0.3, 0.2, 0.1]),
+    "xy": (pa.tasks.TASKS["xy"], pa.trajectories.Circle([0.8, 0.0], 0.3, 2.0), [0.3, 0.2]),
+    "pose": (
+        POSE,
+        pa.trajectories.PoseTrajectory(CIRCLE, SWING),
+        [0.3, 0.2, 0.1, 0.0, 0.0, -1.0, 0.0],
+    ),
+    "joints": (TURNING, pa.trajectories.Sinusoid([7.0, 0.4], 0.2, 2.0), [-0.4, -0.3]),
+    "hold": (XYZ, pa.trajectories.Hold([0.5, 0.1, 0.4]), [0.3, 0.2, 0.1]),
+}
+cases = pytest.mark.parametrize(("task", "motion", "start"), CASES.values(), ids=CASES.keys())
+
+
+@cases
+def test_an_approach_is_smooth_and_ends_in_the_motion(task, motion, start):
+    begun = motion.from_rest(0.7)
+    approach = Approach(begun, start, 0.6, task)
+    first = approach.at(0.0)
+    assert np.allclose(task.error(first.x_d, np.array(start)), 0.0, atol=1e-12)
+    assert not first.xd_d.any() and not first.xdd_d.any()
+    for t in (0.1, 0.3, 0.47, 0.9, 2.0):
+        now = approach.at(t)
+        assert np.allclose(
+            now.xd_d,
+            derivative(lambda h, t=t, now=now: task.error(approach.at(t + h).x_d, now.x_d)),
+            atol=1e-8,
+        )
+        assert np.allclose(now.xdd_d, derivative(lambda h, t=t: approach.at(t + h).xd_d), atol=1e-6)
+    before, after = approach.at(0.6 - 1e-9), approach.at(0.6 + 1e-9)
+    assert np.allclose(task.error(after.x_d, before.x_d), 0.0, atol=1e-8)
+    assert np.allclose(before.x_d[-1:], after.x_d[-1:], atol=1e-8)  # no whole turn in between
+    assert np.allclose(before.xdd_d, after.xdd_d, atol=1e-6)
+    for t in (0.6, 1.0, 5.0):
+        pairs = zip(approach.at(t), begun.at(t - 0.6), strict=True)
+        assert all(np.array_equal(*pair) for pair in pairs)
+
+
+@cases
+def test_an_approach_goes_straight_and_the_short_way(task, motion, start):
+    approach = Approach(motion.from_rest(), start, 1.0, task)
+    ways = [task.error(approach.at(t).x_d, motion.at(0.0).x_d) for t in (0.0, 0.3, 0.5, 0.8)]
+    shares = [1.0 - t**3 * (10.0 - 15.0 * t + 6.0 * t * t) for t in (0.0, 0.3, 0.5, 0.8)]
+    assert np.allclose(ways, np.outer(shares, ways[0]), atol=1e-12)
+    if task is POSE:
+        turn = pin.Quaternion(np.array(start[3:])), pin.Quaternion(motion.at(0.0).x_d[3:])
+        assert np.isclose(np.linalg.norm(ways[0][3:]), turn[0].angularDistance(turn[1]))
+    if task is TURNING:
+        assert np.isclose(ways[0][0], -0.4 - (6.8 - 2 * np.pi))
+
+
+def test_what_follows_an_approach_is_later():
+    rest = pa.trajectories.Waypoints([[0.0, 0.0], [0.1, 0.0]], 0.8)
+    later = Approach(rest, [0.1, 0.1], 0.5, pa.tasks.TASKS["xy"])
+    assert later.settles == later.at_rest_from() == 1.3
+    assert later.extent == rest.extent and later.repeats is None
+    circling = Approach(CIRCLE.from_rest(0.7), [0.1, 0.1, 0.1], 0.5, XYZ)
+    assert circling.repeats == (1.2, 3.0)
+    assert repr(circling) == "approach of 0.5 s, Circle, from rest within 0.7 s"
+
+
+def test_approaches_that_do_not_fit_are_refused():
+    with pytest.raises(pa.InputError, match="start: expected 3 numbers"):
+        Approach(CIRCLE, [0.1, 0.2], 0.5, XYZ)
+    with pytest.raises(pa.InputError, match="duration: must be positive"):
+        Approach(CIRCLE, [0.1, 0.2, 0.3], 0.0, XYZ)
