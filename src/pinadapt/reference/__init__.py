@@ -3,3 +3,6 @@
 from .joint_motion import JointMotion as JointMotion
 from .joint_motion import joint_motion as joint_motion
 from .start import starting_from as starting_from
+from .within_limits import Slowing as Slowing
+from .within_limits import WithinLimits as WithinLimits
+from .within_limits import within_limits as within_limits

@@ -1,0 +1,391 @@
+"""Time scaling: a motion slowed down where a robot's limits ask for it."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._checks import instance, positive, vector
+from ..description.chain import velocity_limits
+from ..exceptions import InputError
+from ..robot.motors import torque_limits
+from ..robot.robot import Robot
+from ..trajectories.given import TrajectoryLike, as_trajectory
+from ..trajectories.time_law import SlowedTime
+from ..trajectories.trajectory import Retimed, Trajectory
+from .joint_motion import JointMotion, joint_motion
+
+_SHARE, _MARGIN = 0.8, 0.3
+_HORIZON = 60.0  # [s]
+_KNOT, _LEAST_CELLS = 0.15, 4  # [s] of an interval of the spline, and how many there are at least
+_PER_KNOT, _MOST_POINTS = 12, 6000  # instants looked at
+_SETTLED = 3.0  # [s] after which the null space moves as periodically as the motion
+_LEAST_SHARE = 0.05  # of a limit, left for the motion beside gravity where that takes it all
+_SLOWEST = 50.0  # largest factor on the duration
+_TOLERANCE, _SHOWN = 1e-3, 4
+_ROUNDS, _STRONGER = 60, 1.02
+
+
+@dataclass(frozen=True)
+class Slowing:
+    """A stretch of a motion that was slowed down.
+
+    Attributes:
+        since, until: by the motion's own time [s]; without end infinite.
+        rate: least ds/dt there.
+        cause: the limit that asks for it, and the joint.
+    """
+
+    since: float
+    until: float
+    rate: float
+    cause: str
+
+    def __str__(self) -> str:
+        """Return the stretch, the rate and the cause."""
+        return f"{self.since:.3g} s to {self.until:.3g} s at {100 * self.rate:.3g} % ({self.cause})"
+
+
+class WithinLimits(SlowedTime):
+    """The time law of ``within_limits``, with what it was made for.
+
+    Attributes:
+        slowed: where and why.
+        speed_share: largest share of a velocity limit that is used, and the joint; None: no limits.
+        effort_share: the same of the effort limits, with the torque of the robot as believed.
+    """
+
+    slowed: tuple[Slowing, ...] = ()
+    speed_share: tuple[float, str] | None = None
+    effort_share: tuple[float, str] | None = None
+
+    def __repr__(self) -> str:
+        """Return where and why the motion is slower, and the largest shares of the limits."""
+        words = "; ".join(map(str, self.slowed[:_SHOWN]))
+        if len(self.slowed) > _SHOWN:
+            words += f"; {len(self.slowed) - _SHOWN} more"
+        words = f"slowed: {words}" if words else "nowhere slowed"
+        for name, found in (("speed", self.speed_share), ("effort", self.effort_share)):
+            if found is not None:
+                words += f", {name} up to {100 * found[0]:.3g} % ({found[1]})"
+        return words
+
+
+def within_limits(
+    motion: TrajectoryLike,
+    robot: Robot,
+    *,
+    share: float = _SHARE,
+    margin: float = _MARGIN,
+    acceleration: ArrayLike | None = None,
+    efforts: ArrayLike | bool = True,
+    q: ArrayLike | None = None,
+    horizon: float = _HORIZON,
+) -> Trajectory:
+    """Return a motion slowed down where a robot would exceed its limits; the path stays the same.
+
+    Speeds, accelerations and torques of the joints follow from those along the motion, see
+    ``JointMotion``: with the rate r = ds/dt of the motion's own time s the velocity of a joint is v
+    r and its torque g + f r + c r^2 + m d^2s/dt^2. First the largest rate is found at each instant
+    for d^2s/dt^2 = 0. Then a rate below it that is twice continuously differentiable: 1/r is a
+    cubic B-spline whose control values are the largest 1/r within their range, so it is nowhere
+    below what is needed. Where d^2s/dt^2 then breaks a limit, the rate is reduced further, and
+    all is computed again until every limit is kept. The motion is never faster than given.
+
+    A motion that starts at speed is begun from rest, unless it is ``as_given``. A motion that
+    repeats itself is slowed in each turn as in the others (``Trajectory.repeats``). Any other is
+    looked at up to its ``horizon``, or until it settles; beyond the horizon it goes on at the
+    slowest rate found.
+
+    Without model of the task's frame there is no way around a point that cannot be reached: where
+    the motion leaves the workspace, or a joint its range, a warning says when and where. Time
+    scaling does not mend it; those instants do not count for the rate.
+
+    Args:
+        motion: of the task's coordinates, as ``as_trajectory`` takes it.
+        robot: the robot as it is believed to be, with its friction; read only. Redundant joints
+            move as under the default posture of the control laws.
+        share: of the velocity limits, and of the effort limits, that may be used.
+        margin: by how much the true torque may exceed that of the model, relative to it; the torque
+            of the model stays within share / (1 + margin) of the efforts.
+        acceleration: limits, one number or (n) [rad/s^2 or m/s^2]; None: none.
+        efforts: limits, one number or (n) [N m or N]; True: those of the description; False: none.
+        q: (n) where the joints are at the start [rad or m]; None: home.
+        horizon: [s] of the motion's own time.
+
+    Returns:
+        A ``Retimed`` motion, whose representation says what was slowed and why.
+
+    Raises:
+        InputError: the motion does not suit the task, or numbers that are not positive.
+        GainError: effort limits that are not positive.
+    """
+    instance(robot, Robot, "robot")
+    given = as_trajectory(motion, robot.task).from_rest()
+    for value, name in ((share, "share"), (horizon, "horizon")):
+        positive(value, name, error=InputError)
+    positive(margin, "margin", zero=True, error=InputError)
+    span, turn = _span(given, horizon)
+    cells = max(_LEAST_CELLS, math.ceil((turn or span) / _KNOT - 1e-9))
+    step = (turn or span) / cells
+    lead = 0 if not turn else math.ceil((span - turn) / step - 1e-9)
+    count = lead + cells
+    each = max(2, min(_PER_KNOT, _MOST_POINTS // count))
+    s = np.linspace(0.0, count * step, each * count + 1)
+    start = robot.q0 if q is None else robot.at(vector(q, robot.model.nv, "q")).q0
+    joints = joint_motion(given, robot, s, start)
+    _warn(joints, given, robot)
+    limits = _Limits.of(robot, joints, share, margin, acceleration, efforts)
+    slowness = _Slowness(step, each, count, cells if turn else 0, given.settles is None)
+    values = slowness.fitted(limits)
+    law = WithinLimits(values, step, cells if turn else 0)
+    p, slope = slowness.along(values)
+    law.slowed = tuple(_slowings(s, p, *limits.nearest(p, slope), given.settles is None))
+    law.speed_share, law.effort_share = limits.used(p, slope)
+    return Retimed(given, law)
+
+
+def _span(motion: Trajectory, horizon: float) -> tuple[float, float]:
+    """Return until when a motion is looked at, and the period of its last part, or zero [s]."""
+    if motion.settles is not None:
+        return max(min(motion.settles, horizon), _KNOT), 0.0
+    found = motion.repeats
+    if found is None or sum(found) > horizon:
+        return horizon, 0.0
+    since, period = found
+    return since + period * max(2, math.ceil(_SETTLED / period)), period
+
+
+def _warn(joints: JointMotion, motion: Trajectory, robot: Robot) -> None:
+    """Say when and where a motion leaves the workspace, or a joint its range."""
+    if (lost := joints.off > 1.0).any():
+        first, last = joints.s[lost][[0, -1]]
+        where = motion.at(float(first)).x_d[: robot.task.positions].round(3).tolist()
+        warnings.warn(
+            f"the motion leaves the workspace from {first:.3g} s on, at {where} m, last at "
+            f"{last:.3g} s of its own time.",
+            stacklevel=3,
+        )
+        return  # what the joints do then means nothing
+    for name, beyond in zip(robot.joint_names, joints.beyond.T, strict=True):
+        if (out := beyond > 0.0).any():
+            k = int(np.argmax(out))
+            warnings.warn(
+                f"the motion takes joint '{name}' beyond its range from {joints.s[k]:.3g} s of its "
+                f"own time on, by up to {beyond.max():.3g} rad or m.",
+                stacklevel=3,
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class _Limits:
+    """The limits along a motion: what each joint may use at each instant.
+
+    Attributes:
+        joints: what the motion asks for, N instants.
+        names: of the joints.
+        speeds: (n) velocities [rad/s or m/s].
+        accelerations: (n) [rad/s^2 or m/s^2].
+        above, below: (N, n) torque left beside gravity and friction [N m or N], both positive.
+        valid: (N) whether the instant counts.
+        real: (n) velocity limits, (n) effort limits, as described.
+    """
+
+    joints: JointMotion
+    names: Sequence[str]
+    speeds: np.ndarray
+    accelerations: np.ndarray
+    above: np.ndarray
+    below: np.ndarray
+    valid: np.ndarray
+    real: tuple[np.ndarray, np.ndarray]
+
+    @classmethod
+    def of(
+        cls,
+        robot: Robot,
+        joints: JointMotion,
+        share: float,
+        margin: float,
+        acceleration: ArrayLike | None,
+        efforts: ArrayLike | bool,
+    ) -> _Limits:
+        """Return the limits of a robot, and warn where gravity alone exceeds them."""
+        n = robot.model.nv
+        velocities, most = velocity_limits(robot.model), torque_limits(robot, efforts)
+        most = np.full(n, np.inf) if most is None else most
+        accelerations = np.full(n, np.inf)
+        if acceleration is not None:
+            accelerations = vector(acceleration, n, "acceleration", names=robot.joint_names)
+            if (accelerations <= 0.0).any():
+                raise InputError("must be positive.", where="acceleration")
+        usable = share * most / (1.0 + margin)
+        least = _LEAST_SHARE * most
+        still = np.where(np.isinf(most), 0.0, joints.still)
+        heavy = np.abs(still).max(axis=0) / most
+        if (heavy > 1.0).any():
+            i = int(np.argmax(heavy))
+            warnings.warn(
+                f"gravity alone takes {100 * heavy[i]:.3g} % of the effort limit of joint "
+                f"'{robot.joint_names[i]}' on the way; no time scaling mends that.",
+                stacklevel=3,
+            )
+        return cls(
+            joints,
+            robot.joint_names,
+            share * velocities,
+            accelerations,
+            np.maximum(usable - still, least),
+            np.maximum(usable + still, least),
+            joints.off <= 1.0,
+            (velocities, most),
+        )
+
+    def needed(self) -> np.ndarray:
+        """Return the least slowness (N), at least 1, at which a constant rate keeps the limits."""
+        found = np.abs(self.joints.v) / self.speeds
+        found = np.maximum(found, np.sqrt(np.abs(self.joints.a) / self.accelerations))
+        for c, f, room in (
+            (self.joints.curve, self.joints.drag, self.above),
+            (-self.joints.curve, -self.joints.drag, self.below),
+        ):  # room p^2 - f p - c >= 0
+            half = 0.5 * f / room
+            square = half**2 + c / room
+            root = half + np.sqrt(np.maximum(square, 0.0))
+            found = np.maximum(found, np.where(square > 0.0, root, 0.0))
+        return np.clip(np.where(self.valid, found.max(axis=1), 1.0), 1.0, _SLOWEST)
+
+    def ratios(self, p: np.ndarray, slope: np.ndarray) -> np.ndarray:
+        """Return what is used of what may be (3, N, n): speed, acceleration, torque.
+
+        Args:
+            p: (N) slowness 1 / (ds/dt).
+            slope: (N) dp/ds [1/s].
+        """
+        r, b = 1.0 / p[:, None], (-slope / p**3)[:, None]
+        j = self.joints
+        torque = j.drag * r + j.curve * r**2 + j.inertia * b
+        ratios = np.stack(
+            [
+                np.abs(j.v * r) / self.speeds,
+                np.abs(j.a * r**2 + j.v * b) / self.accelerations,
+                np.maximum(torque / self.above, -torque / self.below),
+            ]
+        )
+        ratios[:, ~self.valid] = 0.0
+        return ratios
+
+    def nearest(self, p: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, list[str]]:
+        """Return for each instant (N) how near the nearest limit is, and its name."""
+        ratios = self.ratios(p, slope).transpose(1, 0, 2).reshape(len(p), -1)
+        kinds = ("speed", "acceleration", "effort")
+        words = [f"{kind} of {name}" for kind in kinds for name in self.names]
+        return ratios.max(axis=1), [words[k] for k in ratios.argmax(axis=1)]
+
+    def used(
+        self, p: np.ndarray, slope: np.ndarray
+    ) -> tuple[tuple[float, str] | None, tuple[float, str] | None]:
+        """Return the largest shares of the described limits that are used, and their joints."""
+        r, b = 1.0 / p[:, None], (-slope / p**3)[:, None]
+        j, (velocities, efforts) = self.joints, self.real
+        torque = j.still + j.drag * r + j.curve * r**2 + j.inertia * b
+        return self._largest(j.v * r, velocities), self._largest(torque, efforts)
+
+    def _largest(self, what: np.ndarray, limits: np.ndarray) -> tuple[float, str] | None:
+        if not np.isfinite(limits).any():
+            return None
+        shares = np.abs(what[self.valid]).max(axis=0, initial=0.0) / limits
+        i = int(np.argmax(shares))
+        return float(shares[i]), self.names[i]
+
+
+@dataclass(frozen=True)
+class _Slowness:
+    """Control values of the slowness along a grid: ``count`` intervals of ``each`` instants.
+
+    Attributes:
+        step: length of an interval [s].
+        each: instants in an interval.
+        count: number of intervals.
+        turn: how many of the last recur, or zero.
+        goes_on: whether the motion goes on after the last one.
+    """
+
+    step: float
+    each: int
+    count: int
+    turn: int
+    goes_on: bool
+
+    def fitted(self, limits: _Limits) -> np.ndarray:
+        """Return control values (count + 3) with which all limits are kept."""
+        needed = limits.needed()
+        values = self._above(needed)
+        for _ in range(_ROUNDS):
+            p, slope = self.along(values)
+            worst = limits.ratios(p, slope).max(axis=(0, 2))
+            if worst.max(initial=0.0) <= 1.0 + _TOLERANCE:
+                return values
+            asked = np.where(worst > 1.0, p * _STRONGER * np.sqrt(worst), 1.0)
+            needed = np.minimum(np.maximum(needed, asked), _SLOWEST)
+            values = self._above(needed)
+        return np.full_like(values, limits.needed().max())  # one rate for all
+
+    def along(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return p and dp/ds (N) on the grid."""
+        u = np.arange(self.each) / self.each
+        basis = np.stack(
+            [(1 - u) ** 3, 3 * u**3 - 6 * u**2 + 4, -3 * u**3 + 3 * u**2 + 3 * u + 1, u**3]
+        )
+        slopes = np.stack([-((1 - u) ** 2), 3 * u**2 - 4 * u, -3 * u**2 + 2 * u + 1, u**2]) * (
+            3.0 / self.step
+        )
+        around = np.lib.stride_tricks.sliding_window_view(values, 4)  # (count, 4)
+        p, slope = (around @ basis).ravel() / 6.0, (around @ slopes).ravel() / 6.0
+        end = values[-3:]
+        return (
+            np.append(p, (end[0] + 4.0 * end[1] + end[2]) / 6.0),
+            np.append(slope, 0.5 * (end[2] - end[0]) / self.step),
+        )
+
+    def _above(self, needed: np.ndarray) -> np.ndarray:
+        """Return control values (count + 3) of a spline that is nowhere below ``needed`` (N)."""
+        inside = needed[:-1].reshape(self.count, self.each).max(axis=1)
+        inside = np.maximum(inside, needed[self.each :: self.each])  # both ends of each interval
+        end = 1.0
+        if self.turn:  # the last turn is as slow as any but the first moments ask for
+            after = inside[-self.turn :][:3]
+            padded = np.concatenate([[inside[0]] * 3, inside, after])
+        else:
+            end = float(inside.max()) if self.goes_on else float(inside[-3:].max())
+            padded = np.concatenate([[inside[0]] * 3, inside, [end] * 3])
+        values = np.lib.stride_tricks.sliding_window_view(padded, 4).max(axis=1)[: self.count + 3]
+        if self.turn:
+            n, turn = self.count, self.turn
+            first = np.maximum(values[n : n + 3], values[n - turn : n - turn + 3])
+            values[n : n + 3] = values[n - turn : n - turn + 3] = first
+        else:
+            values[-3:] = max(end, float(values[-3:].max()))
+        return np.asarray(values, dtype=float)
+
+
+def _slowings(
+    s: np.ndarray, p: np.ndarray, near: np.ndarray, words: Sequence[str], goes_on: bool
+) -> list[Slowing]:
+    """Return the stretches where the slowness p (N) is above 1, with the limit that is nearest."""
+    slow = p > 1.0 + _TOLERANCE
+    edges = [0, *(np.flatnonzero(np.diff(slow)) + 1).tolist(), len(slow)]
+    found = []
+    for begin, end in pairwise(edges):
+        if slow[begin]:
+            until = math.inf if goes_on and end == len(s) else float(s[end - 1])
+            cause = words[begin + int(np.argmax(near[begin:end]))]
+            rate = 1.0 / float(p[begin:end].max())
+            found.append(Slowing(float(s[begin]), until, rate, cause))
+    return found

@@ -1,0 +1,198 @@
+"""Motions slowed down to a robot's limits, against independent runs and formulas."""
+
+import time
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from pinadapt.description.chain import effort_limits, velocity_limits
+from pinadapt.reference import joint_motion
+from pinadapt.trajectories import Retimed
+from tests.support.chains import catalogue_robot
+from tests.support.differences import derivative
+
+
+def fast_circle(robot, period, radius=0.1, plane="yz"):
+    """Return a circle through home, too fast for a robot."""
+    path = pa.trajectories.Circle(
+        np.zeros(robot.task.size), radius, period, "xy" if robot.task.size == 2 else plane
+    )
+    return path.starting_at(robot.position(robot.q0))
+
+
+def rates(motion, until):
+    """Return times, ds/dt and d^2s/dt^2 of a slowed motion, every 5 ms."""
+    times = np.arange(0.0, until, 5e-3)
+    return (times, *np.array([motion.law.at(t)[1:] for t in times]).T)
+
+
+def test_a_motion_within_the_limits_keeps_its_own_time():
+    robot = catalogue_robot("panda")
+    circle = fast_circle(robot, 3.0)
+    slowed = pa.within_limits(circle, robot)
+    begun = circle.from_rest()
+    for t in (0.0, 0.4, 2.0, 33.3):
+        assert all(np.allclose(*pair) for pair in zip(slowed.at(t), begun.at(t), strict=True))
+    assert "nowhere slowed" in repr(slowed) and slowed.law.slowed == ()
+    started = time.perf_counter()
+    pa.within_limits(circle, robot)
+    assert time.perf_counter() - started < 1.0
+
+
+@pytest.mark.parametrize(
+    ("name", "period", "options"),
+    [
+        ("panda", 0.3, {}),
+        ("ur5", 0.3, {}),
+        ("scara", 0.3, {}),
+        ("panda", 1.0, {"efforts": [10.0, 60.0, 20.0, 40.0, 5.0, 6.0, 3.0]}),
+        ("panda", 2.0, {"acceleration": 0.5}),
+    ],
+    ids=["panda, speed", "ur5", "scara, a slide", "panda, weak motors", "panda, accelerations"],
+)
+def test_a_fast_circle_keeps_the_limits_for_as_long_as_it_goes_on(name, period, options):
+    """The joints of one robot with the exact model, computed again in the slowed motion's time."""
+    robot = catalogue_robot(name).changed(viscous=0.5, coulomb=0.2)
+    circle = fast_circle(robot, period)
+    slowed = pa.within_limits(circle, robot, **options)
+    since, turn = slowed.repeats
+    assert turn > 1.2 * period
+    s = np.arange(0.0, since + 2.2 * turn, 4e-3)
+    again = joint_motion(slowed, robot, s)
+    assert again.off.max() < 0.05
+    limit = velocity_limits(robot.model)
+    speeds = np.abs(again.v) / limit
+    most = np.asarray(options.get("efforts", effort_limits(robot.model)))
+    efforts = np.abs(again.still + again.drag + again.curve) / most
+    accelerations = np.abs(again.a[2:-2]) / options.get("acceleration", np.inf)
+    used = speeds.max() / 0.8, efforts.max() / (0.8 / 1.3), accelerations.max()
+    # 3 %: the null space has more time to return than at the motion's own speed
+    assert max(used) < 1.03
+    assert max(used) > 0.9  # and not slower than it has to be
+    # what is said is so
+    assert slowed.law.speed_share[0] == pytest.approx(speeds.max(), rel=0.05)
+    assert slowed.law.effort_share[0] == pytest.approx(efforts.max(), rel=0.05)
+    # every turn is like the others, far beyond what was looked at
+    for t in (0.1, 0.6 * turn):
+        pair = slowed.at(since + t), slowed.at(since + t + 40 * turn)
+        assert all(np.allclose(*each, atol=1e-8) for each in zip(*pair, strict=True))
+
+
+def test_only_the_stretch_that_needs_it_is_slowed_and_smoothly():
+    robot = catalogue_robot("panda", task="joint")
+    home = robot.home_angles
+
+    def swing(t):  # fast between 1.5 s and 2.5 s
+        return home + 0.4 * np.tanh(6.0 * (t - 2.0)) * np.eye(7)[0]
+
+    slowed = pa.within_limits(swing, robot, horizon=4.0)
+    stretch, beyond = slowed.law.slowed
+    assert 3.5 < beyond.since < 4.0 and beyond.until == np.inf  # unknown beyond the horizon
+    assert 1.2 < stretch.since < 1.9 < 2.1 < stretch.until < 2.8
+    assert stretch.cause == "speed of panda_joint1"
+    assert stretch.rate == pytest.approx(0.8 * 2.175 / 2.4, rel=0.03)  # tanh' = 1
+    times, rate, acceleration = rates(slowed, 4.5)
+    assert rate.max() <= 1.0 and rate[times < 1.0].min() == 1.0
+    speeds = np.array([slowed.at(t).xd_d[0] for t in times])
+    assert np.abs(speeds).max() <= 0.8 * 2.175 * 1.002
+    jumps = np.abs(np.diff(acceleration))
+    assert jumps.max() < 0.05 * max(1.0, np.abs(acceleration).max())  # continuous
+    for t in (1.7, 1.9, 2.2):
+        found = derivative(lambda h, t=t: slowed.at(t + h).x_d)
+        assert np.allclose(slowed.at(t).xd_d, found, atol=1e-5)
+        s = slowed.law.at(t)[0]
+        assert np.allclose(slowed.at(t).x_d, swing(s))  # on the same path
+
+
+def test_a_robot_that_follows_the_slowed_motion_keeps_its_limits():
+    robot = catalogue_robot("ur5")
+    slowed = pa.within_limits(fast_circle(robot, 0.3), robot)
+    controller = pa.make_controller(robot, law="resolved-acceleration", adaptation="none")
+    rollout = pa.simulate(robot, controller, slowed, duration=4.0)
+    assert rollout.distance.max() < 2e-3
+    assert (np.abs(rollout.v) <= 0.83 * velocity_limits(robot.model)).all()
+    assert (np.abs(rollout.tau) <= 0.8 / 1.3 * 1.05 * effort_limits(robot.model)).all()
+    assert not rollout.saturated.any()
+
+
+def test_a_motion_that_ends_ends_later_and_one_as_given_starts_at_speed():
+    robot = catalogue_robot("panda")
+    home = robot.position(robot.q0)
+    aside = home + np.array([0.0, 0.3, 0.0])
+    legs = pa.trajectories.Waypoints([home, aside], 0.3)
+    slowed = pa.within_limits(legs, robot)
+    assert slowed.settles > 0.32
+    assert np.allclose(slowed.at(slowed.settles).x_d, aside)
+    assert slowed.at_rest_from() == slowed.settles
+    given = pa.within_limits(fast_circle(robot, 0.5).as_given(), robot)
+    assert np.linalg.norm(given.at(0.0).xd_d) > 0.3
+    begun = pa.within_limits(fast_circle(robot, 0.5), robot)
+    assert not begun.at(0.0).xd_d.any() and not begun.at(0.0).xdd_d.any()
+    assert begun.from_rest() is begun
+
+
+def test_beyond_the_horizon_a_motion_of_unknown_period_goes_on_at_the_slowest_rate():
+    robot = catalogue_robot("panda")
+    home = robot.position(robot.q0)
+    slowed = pa.within_limits(
+        lambda t: home + 0.2 * np.sin(11.0 * t) * np.sin(0.9 * t) * np.eye(3)[1],
+        robot,
+        horizon=6.0,
+    )
+    assert slowed.repeats is None
+    least = min(stretch.rate for stretch in slowed.law.slowed)
+    assert least < 0.9
+    assert slowed.law.at(30.0)[1:] == pytest.approx((least, 0.0), rel=1e-6)
+
+
+def test_what_time_scaling_cannot_mend_is_said():
+    robot = catalogue_robot("panda")
+    home = robot.position(robot.q0)
+    with pytest.warns(UserWarning, match=r"leaves the workspace from [12]\.\d+ s on, at \["):
+        away = pa.within_limits(
+            pa.trajectories.Waypoints([home, home + 0.8 * np.eye(3)[0], home], 2.0), robot
+        )
+    assert isinstance(away, Retimed) and away.settles < 60.0
+    joints = catalogue_robot("panda", task="joint")
+    swing = pa.trajectories.Sinusoid(
+        joints.home_angles + 1.4 * np.eye(7)[1], 1.4 * np.eye(7)[1], 9.0
+    )
+    with pytest.warns(UserWarning, match=r"'panda_joint2' beyond its range from .* by up to 0\.25"):
+        pa.within_limits(swing, joints)
+    with pytest.warns(UserWarning, match=r"gravity alone takes .* % of the effort limit"):
+        pa.within_limits(fast_circle(robot, 3.0), robot, efforts=5.0)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"share": 0.0}, "share: must be positive"),
+        ({"margin": -0.1}, "margin: must be"),
+        ({"acceleration": -1.0}, "acceleration: must be positive"),
+        ({"acceleration": [1.0, 2.0]}, "acceleration: expected 7 numbers"),
+        ({"horizon": float("nan")}, "horizon"),
+        ({"q": [0.0]}, "q: expected 7 numbers"),
+        ({"efforts": -1.0}, "torque_limits: must be positive"),
+    ],
+)
+def test_settings_that_mean_nothing_are_refused(options, words):
+    robot = catalogue_robot("panda")
+    with pytest.raises(pa.InputError, match=words):
+        pa.within_limits(fast_circle(robot, 3.0), robot, **options)
+
+
+def test_a_pose_and_a_prismatic_joint_are_slowed_too():
+    robot = catalogue_robot("panda", task="pose")
+    circle = pa.trajectories.Circle(np.zeros(3), 0.1, 1.0, "yz")
+    swing = pa.trajectories.Swing([0.0, 1.0, 0.0], 0.3, 0.5)
+    path = pa.trajectories.PoseTrajectory(circle, swing).starting_at(robot.position(robot.q0))
+    slowed = pa.within_limits(path, robot)
+    again = joint_motion(slowed, robot, np.arange(0.0, 6.0, 4e-3))
+    assert again.off.max() < 0.05
+    assert 0.75 < (np.abs(again.v) / velocity_limits(robot.model)).max() < 0.82
+    torque = pin.rnea(
+        robot.model, robot.model.createData(), again.q[700], again.v[700], again.a[700]
+    )
+    assert np.allclose(again.still[700] + again.curve[700], torque)
