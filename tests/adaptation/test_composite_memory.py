@@ -159,12 +159,12 @@ LOAD = pa.Payload(1.5, [0.02, -0.01, 0.05], [0.01, 0.0, 0.012, 0.0, 0.0, 0.004])
 
 
 def circling(name, friction=False):
-    """Return the described robot, the true one, and a circle of 0.1 m in 3 s."""
+    """Return the described robot, the true one, and a circle of 0.1 m in 3 s, at speed."""
     robot = catalogue_robot(name)
     rough = {"viscous": 1.0, "coulomb": 0.5} if friction else {}
     true = robot.changed(tool_translation=[0.03, -0.02, 0.12], payload=LOAD, **rough)
     path = pa.trajectories.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(true.position(true.q0))
-    return robot, true, path
+    return robot, true, path.as_given()
 
 
 @pytest.mark.parametrize("name", ["panda", "z1"])

@@ -297,14 +297,14 @@ ERRORS = {  # [mm] at the end of three seconds, with a camera of 30 frames a sec
 
 
 def closed_loop(law, *, duration=3.0, every=5, compensate_delay=True):
-    """Return the rollout of a panda with unknown tool and load on a circle of 10 cm."""
+    """Return the rollout of a panda with unknown tool and load on a circle of 10 cm, at speed."""
     robot = catalogue_robot("panda")
     true = with_tool_and_load(robot)
     believed = robot if pa.laws.LAWS[law].adapts else true
     sensors = pa.Sensors(camera=CAMERA, compensate_delay=compensate_delay)
     controller = pa.make_controller(believed, law=law, sensors=sensors)
     path = pa.trajectories.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(true.position(true.q0))
-    return pa.simulate(true, controller, path, duration=duration, record_every=every)
+    return pa.simulate(true, controller, path.as_given(), duration=duration, record_every=every)
 
 
 FOLLOWING = [n for n, law in pa.laws.LAWS.items() if not (law.joint_space or law.set_point)]

@@ -65,9 +65,9 @@ def test_the_panda_that_was_learned_learns_from_torques_and_tool(tmp_path):
     path = pa.trajectories.Lissajous(
         described.position(described.q0), [0.12, 0.2, 0.12], [3, 4, 5], 14.0
     )
-    pa.simulate(true, pa.make_controller(believed, dt=4e-3), path, duration=18.0).learned().save(
-        tmp_path / "learned.urdf"
-    )
+    controller = pa.make_controller(believed, dt=4e-3)
+    rollout = pa.simulate(true, controller, path.as_given(), duration=18.0)
+    rollout.learned().save(tmp_path / "learned.urdf")
     learned = pa.load(tmp_path / "learned.urdf", frame=described.frame, joint_effects=True)
     rng, times = np.random.default_rng(3), np.linspace(0.0, 10.0, 200)
     w, phase = rng.uniform(0.5, 2.5, 7), rng.uniform(0.0, 6.0, 7)

@@ -19,7 +19,7 @@ from tests.support.chains import catalogue_robot as load
 from tests.support.chains import robot_of, seeded, seeds
 from tests.support.differences import derivative
 from tests.support.drives import rate_of, stepped
-from tests.support.loops import motion_at_home
+from tests.support.loops import circle_at_home, motion_at_home
 from tests.support.paths import ROOT
 
 pytestmark = pytest.mark.slow
@@ -194,7 +194,7 @@ def saturating(law, monkeypatch=None, **options):
         believed, law=law, limits=pa.Limits(torque=limits, guards=False), dt=2e-3, **slow
     )
     start = true.position(true.q0) + np.array([0.1, 0.05, 0.1])
-    path = pa.trajectories.Circle(np.zeros(3), 0.05, 2.0, "yz").starting_at(start)
+    path = pa.trajectories.Circle(np.zeros(3), 0.05, 2.0, "yz").starting_at(start).as_given()
     return limits, pa.simulate(
         true,
         controller,
@@ -295,7 +295,7 @@ def test_a_saturated_sample_teaches_by_prediction_alone(law):
 
 def test_limits_that_are_not_reached_change_nothing():
     robot = load("ur5")
-    path = pa.trajectories.Circle(np.zeros(3), 0.05, 2.0).starting_at(robot.position(robot.q0))
+    path = circle_at_home(robot)
     believed = robot.changed(inertial_scale=0.8)
     runs = [
         pa.simulate(
@@ -313,7 +313,7 @@ def test_a_controller_without_limits_is_given_the_motors():
     stiff = {"law": "adaptive-inverse-dynamics", "Kp": 4e4, "Kv": 400.0}
     believed = robot.changed(inertial_scale=0.8)
     controller = pa.make_controller(believed, limits=pa.Limits(torque=False), **stiff)
-    path = pa.trajectories.Hold(robot.position(robot.q0) + 0.1)
+    path = pa.trajectories.Hold(robot.position(robot.q0) + 0.1).as_given()
     rollout = pa.simulate(
         robot, controller, path, duration=0.05, engine=pa.Engine(torque_limits=True)
     )

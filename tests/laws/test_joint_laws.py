@@ -219,7 +219,7 @@ def test_direct_adaptation_of_the_composite_paper():
         "engine": pa.Engine(dt=2e-3, continuous=True),
         "start": {"a_d": np.zeros(4)},
     }
-    rollout = pa.simulate(true, controller, path, **run)
+    rollout = pa.simulate(true, controller, path.as_given(), **run)
     assert np.allclose(worst(rollout, T), [[5.04, 1.15], [0.81, 1.15], [0.15, 0.07]], atol=6e-3)
     assert np.allclose(rollout.a_d[-1], [0.1458, 0.0369, 0.0295, 0.0241], atol=6e-5)
 

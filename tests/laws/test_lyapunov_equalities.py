@@ -75,7 +75,7 @@ def test_resolved_acceleration_obeys_its_linear_closed_loop():
     rollout = pa.simulate(
         robot,
         controller,
-        pa.trajectories.Hold(robot.position(robot.q0) - start),
+        pa.trajectories.Hold(robot.position(robot.q0) - start).as_given(),
         duration=0.5,
         engine=pa.Engine(dt=5e-4, continuous=True),
     )

@@ -223,7 +223,7 @@ def test_bounds_near_gravity_are_kept_at_every_sample():
     )
     law = controller.law
     assert np.allclose(law.gravity + law.brake_limit + levers_times_force(law), bound)
-    goal = pa.trajectories.Hold(true.position(true.q0) + np.array([-0.1, 0.1, -0.1]))
+    goal = pa.trajectories.Hold(true.position(true.q0) + np.array([-0.1, 0.1, -0.1])).as_given()
     rollout = pa.simulate(
         true, controller, goal, duration=10.0, engine=pa.Engine(torque_limits=False)
     )

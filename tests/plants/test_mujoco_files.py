@@ -86,7 +86,7 @@ def test_a_joint_task_needs_no_frame(path):
     mjcf = pa.plants.MujocoFile(path, joints=TABLE, base="stand")
     controller, motion = (
         pa.make_controller(robot),
-        pa.trajectories.Sinusoid(robot.home_angles + 0.05, 0.05, 2.0),
+        pa.trajectories.Sinusoid(robot.home_angles + 0.05, 0.05, 2.0).as_given(),
     )
     ours, theirs = (
         pa.simulate(robot, controller, motion, duration=0.1, engine=e) for e in ("mujoco", mjcf)

@@ -108,7 +108,7 @@ def far_hinge():
     """Return an arm without and with friction, and a joint motion beyond its limits."""
     robot = arm()
     swing = pa.trajectories.Sinusoid([1.0, 0.15, 0.0], [0.4, 0.05, 3.0], 1.2, [0.0, 0.0, 0.0])
-    return robot, robot.changed(viscous=1.5, coulomb=0.4, armature=0.2), swing
+    return robot, robot.changed(viscous=1.5, coulomb=0.4, armature=0.2), swing.as_given()
 
 
 def test_the_reference_of_joints_is_compared_with_its_exact_torques():

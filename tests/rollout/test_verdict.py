@@ -202,7 +202,7 @@ def test_a_motion_that_turns_nan_ends_the_run_with_its_rollout(mode, part):
     rollout = pa.simulate(
         robot,
         pa.make_controller(robot),
-        path,
+        path.as_given(),
         duration=0.05,
         engine=pa.Engine(continuous=mode == "continuous"),
     )
@@ -214,7 +214,7 @@ def test_a_motion_that_turns_nan_ends_the_run_with_its_rollout(mode, part):
         pa.simulate(
             robot,
             pa.make_controller(robot),
-            path,
+            path.as_given(),
             duration=0.05,
             engine=pa.Engine(continuous=mode == "continuous"),
         )

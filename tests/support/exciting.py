@@ -30,7 +30,7 @@ def time_to(share, controller, true, path, seconds):
 
 def times_to(shares, controller, true, path, seconds):
     """Return the same for several shares."""
-    rollout = pa.simulate(true, controller, path, duration=seconds)
+    rollout = pa.simulate(true, controller, path.as_given(), duration=seconds)
     assert rollout.diverged is None
     truth, rng = controller.dynamics.value(true), np.random.default_rng(4)
     regressors = [controller.dynamics.regressor(*random_state(true, rng)) for _ in range(40)]

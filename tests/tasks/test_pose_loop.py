@@ -53,7 +53,8 @@ def test_errors_of_position_and_orientation_vanish_with_true_parameters(angle, d
         pa.trajectories.Circle(np.zeros(3), 0.05, 3.0, "yz"),
         pa.trajectories.Swing([0.0, 1.0, 1.0], 0.2, 2.0),
     )
-    path = path.starting_at(POSE.moved(start, np.concatenate([np.zeros(3), angle * tool_z])))
+    there = POSE.moved(start, np.concatenate([np.zeros(3), angle * tool_z]))
+    path = path.starting_at(there).as_given()
     controller = pa.make_controller(
         robot, law="resolved-acceleration", unknown=pa.Unknown(tool=False)
     )

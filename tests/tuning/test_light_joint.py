@@ -119,7 +119,7 @@ def arm():
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             controller = pa.make_controller(believed, **{"law": INVERSE, **options})
-            return pa.simulate(true, controller, circle, duration=2.0)
+            return pa.simulate(true, controller, circle.as_given(), duration=2.0)
 
     return robot, found, run
 
