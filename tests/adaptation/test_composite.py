@@ -88,6 +88,26 @@ def published(kind):
     return tracked(adaptations[kind], dt=STEPS[kind])
 
 
+def test_least_squares_with_ten_parameters_a_body_keeps_forgetting():
+    """A load is picked up when |P| is 1 and the gain seen by the motion is a hundredth of P(0)."""
+    robot, errors = catalogue_robot("planar_2r", task="joint"), {}
+    path = pa.trajectories.Sinusoid(robot.home_angles, 0.5, [1.0, 1.3])
+    heavy = pa.Events(changes={2.0: robot.changed(payload=pa.Payload(mass=2.0))})
+    for directional in (False, True):
+        controller = pa.make_controller(
+            robot.changed(inertial_scale=0.7), adaptation="least-squares", unknown="bodies", dt=2e-3
+        )
+        fit = controller.adaptation_d
+        assert fit.directional  # by default
+        fit.directional = directional
+        motion = path.starting_at(robot.home_angles)
+        rollout = pa.simulate(robot, controller, motion, duration=5.0, events=heavy)
+        errors[directional] = rollout.distance[rollout.t > 4.0].max()
+        (P,) = rollout.evaluation.samples[-1].state.dynamic.memory
+        assert fit.size(P) > 0.999  # some combination is not excited
+    assert errors[True] < 0.1 * errors[False], errors
+
+
 @pytest.mark.parametrize(
     ("kind", "errors", "estimate"),
     [

@@ -70,7 +70,8 @@ class LeastSquares(Adaptation):
     |P| is the largest eigenvalue of P relative to P(0). The first is that of Slotine and Li (1989),
     whose k_0 is 1 in these units; if the motion leaves one combination of parameters unexcited,
     |P| = 1 and nothing is forgotten. The second is an exponential resetting in the manner of
-    Salgado, Goodwin and Middleton (1988), in which each direction forgets on its own. Both keep
+    Salgado, Goodwin and Middleton (1988), in which each direction forgets on its own; it is what
+    ``make_controller`` takes, as ten parameters per body are never all excited. Both keep
     P <= P(0), so that estimates can follow parameters that change.
 
     V:          the adaptation's part is da^T P^-1 da / 2. dV/dt changes by
@@ -212,7 +213,8 @@ class LeastSquares(Adaptation):
         beyond = R if drive.weight is None else R - drive.weight
         learned = predicted @ beyond @ drive.residual - 0.5 * predicted @ R @ predicted
         in_P = np.linalg.solve(P, error)
-        return float(-learned - 0.5 * in_P @ self._recovery(P) @ in_P)
+        forgotten = max(float(in_P @ self._recovery(P) @ in_P), 0.0)  # below zero is rounding
+        return float(-learned - 0.5 * forgotten)
 
     def gain(self, value: np.ndarray) -> np.ndarray:
         """Return P(0) (p, p)."""

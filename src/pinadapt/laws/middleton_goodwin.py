@@ -31,9 +31,10 @@ class MiddletonGoodwin(AccelerationLaw):
                   zeta = M_hat^-1 epsilon / lambda, epsilon = W a_d - y the prediction error.
                   W = F Y and y = F tau are regressor and torque through F = lambda / (p + lambda),
                   see ``FilteredRegressor``; dM_hat/dt holds the motion of the estimate, too.
-    Adaptation:   da_d/dt = -P W^T R epsilon, dP/dt = forgetting P - P W^T R W P ("least-squares",
-                  as published), or the same gradient in another metric ("natural-composite",
-                  "composite"). The tracking error drives nothing.
+    Adaptation:   da_d/dt = -P W^T R epsilon, dP/dt = forgetting - P W^T R W P ("least-squares", as
+                  published but for the forgetting, which is that of ``LeastSquares``), or the same
+                  gradient in another metric ("natural-composite", "composite"). The tracking error
+                  drives nothing.
     Closed loop:  edd + K_v ed + K_P e = d(zeta)/dt + lambda zeta.
                   Proof: the torque gives M_hat (qdd - u) = Y da_d + (what was added), da_d = a_d -
                   a; epsilon = W da_d and dW/dt = lambda (Y - W) give d(epsilon)/dt = lambda (Y da_d
