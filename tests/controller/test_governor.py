@@ -9,9 +9,11 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.controller.governor import PathTime, explained_age
+from pinadapt.models.right_inverse import RightInverse
 from tests.support.chains import catalogue_robot
 from tests.support.loops import circle_at_home, with_tool_and_load
 
+JACOBIAN = np.eye(3, 7)
 GOVERNED = pa.Limits(governor=True)
 
 
@@ -25,7 +27,8 @@ def governor():
         "path": PathTime(),
         "dx": np.zeros(3),
         "q": robot.q0.copy(),
-        "feedforward": np.zeros(7),
+        "desired": (np.zeros(3), np.zeros(3)),
+        "inverse": RightInverse(JACOBIAN),
         "torque": np.zeros(7),
         "age": 0.0,
     }
@@ -106,7 +109,7 @@ def test_velocity_and_acceleration_are_derivatives_along_the_slowed_path(governo
 
 def test_each_factor_has_a_name(governor):
     robot = catalogue_robot("panda")
-    one = np.eye(7)
+    one, still = np.eye(7), np.zeros(3)
     assert target(governor) == (1.0, "")
     e = 0.05 * robot.reach  # the stop error
     assert target(governor, dx=np.array([0.29 * e, 0.0, 0.0])) == (1.0, "")
@@ -117,16 +120,22 @@ def test_each_factor_has_a_name(governor):
     rate, cause = target(governor, torque=-47.5 * one[3])
     assert cause == "effort of panda_joint4" and rate == pytest.approx(0.5)
     assert target(governor, torque=50.0 * one[3])[0] == 0.0
-    fast = 2.0 * robot.model.velocityLimit[2]
-    rate, cause = target(governor, feedforward=fast * one[2])
+    fast = 2.0 * robot.model.velocityLimit[2] * one[2, :3]
+    rate, cause = target(governor, desired=(fast, still))
     assert cause == "joint speed of panda_joint3" and rate == pytest.approx(0.45)
-    slowed = target(governor, feedforward=0.25 * fast * one[2], path=PathTime(0.0, 0.25))
-    assert slowed == (rate, cause)  # of the path at full rate
+    slowed = target(governor, desired=(0.25 * fast, still), path=PathTime(0.0, 0.25))
+    assert slowed == (pytest.approx(rate), cause)  # of the path at full rate
+    slowing = target(
+        governor, desired=(0.25 * fast, -2.0 * fast), path=PathTime(0.0, 0.25, -2.0, "error")
+    )
+    assert slowing == (pytest.approx(rate), cause)  # whatever the rate does
+    soon = target(governor, desired=(still, 10.0 * fast))  # and a tenth of a second ahead
+    assert soon == (pytest.approx(rate), cause)
     near = robot.q0.copy()
-    near[4] = robot.model.upperPositionLimit[4] - 0.15
-    rate, cause = target(governor, q=near, feedforward=one[4])
-    assert cause == "joint stop of panda_joint5" and rate == pytest.approx(0.5)
-    assert target(governor, q=near, feedforward=-one[4]) == (1.0, "")
+    near[1] = robot.model.upperPositionLimit[1] - 0.15
+    rate, cause = target(governor, q=near, desired=(one[1, :3], still))
+    assert cause == "joint stop of panda_joint2" and rate == pytest.approx(0.5)
+    assert target(governor, q=near, desired=(-one[1, :3], still)) == (1.0, "")
     assert target(governor, age=0.09) == (1.0, "")
     rate, cause = target(governor, age=0.06 + 1 / 30 + 0.05 + 0.125)
     assert cause == "frames" and rate == pytest.approx(0.5)
@@ -143,11 +152,14 @@ def test_lost_frames_are_explained_by_the_camera_that_loses_them():
 def test_errors_of_rotations_and_of_joints_are_angles():
     robot = catalogue_robot("panda", task="pose")
     found = pa.Governor().of(robot, robot.task, pa.Sensors(), None)
-    rest = robot.q0.copy(), np.zeros(7), np.zeros(7), 0.0
+    still, inverse = (np.zeros(6), np.zeros(6)), RightInverse(np.eye(6, 7))
+    rest = robot.q0.copy(), still, inverse, np.zeros(7), 0.0
     assert found.target(PathTime(), np.array([0, 0, 0, 0.2, 0.2, 0.2]), *rest) == (0.2, "error")
     assert found.target(PathTime(), np.array([0, 0, 0, 0.05, 0.05, 0.0]), *rest) == (1.0, "")
     joints = catalogue_robot("panda", task="joint")
     found = pa.Governor().of(joints, joints.task, pa.Sensors(), None)
+    still, inverse = (np.zeros(7), np.zeros(7)), RightInverse(np.eye(7))
+    rest = robot.q0.copy(), still, inverse, np.zeros(7), 0.0
     assert found.target(PathTime(), np.full(7, 0.08), *rest) == (1.0, "")
     assert found.target(PathTime(), np.full(7, 0.31), *rest) == (0.2, "error")
 
@@ -155,8 +167,9 @@ def test_errors_of_rotations_and_of_joints_are_angles():
 def test_continuous_joints_have_no_stop():
     robot = catalogue_robot("kinova")
     found = pa.Governor().of(robot, robot.task, pa.Sensors(), None)
-    fast = np.full(6, 0.5)
-    assert found.target(PathTime(), np.zeros(3), robot.q0, fast, np.zeros(6), 0.0) == (1.0, "")
+    fast, inverse = (np.full(3, 0.5), np.zeros(3)), RightInverse(np.eye(3, 6))
+    rest = robot.q0, fast, inverse, np.zeros(6), 0.0
+    assert found.target(PathTime(), np.zeros(3), *rest) == (1.0, "")
 
 
 @pytest.mark.parametrize(

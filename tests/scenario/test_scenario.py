@@ -251,7 +251,7 @@ def test_settings_make_tables_that_are_missing_and_reach_into_inline_ones():
 def test_another_kind_of_reference_drops_the_keys_of_the_files_kind():
     reference = planar("reference.kind=hold").tables.reference
     kept = {"kind": "hold", "center": [0.8, 0.0], "start": "moving"}
-    assert reference.model_dump(exclude_none=True) == kept
+    assert reference.model_dump(exclude_defaults=True) == kept
     turned = planar(
         "reference.kind=lissajous", "reference.amplitude=[0.1, 0.1]", "reference.cycles=[1, 2]"
     ).tables.reference

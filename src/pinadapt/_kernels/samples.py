@@ -81,7 +81,7 @@ def stop_errors(dx: np.ndarray, weight: np.ndarray, positions: int) -> float:
 
 @compiled(
     "i8(f8[:], f8[:], i8, f8, f8, f8, f8, f8[:], f8[:], f8, f8[:], f8[:], f8[:], f8, f8[:], f8[:],"
-    " f8, f8[:])"
+    " f8[:,:], f8[:,:], f8[:], f8, f8, f8, f8[:])"
 )
 def path_rate(
     dx: np.ndarray,
@@ -98,17 +98,24 @@ def path_rate(
     lower: np.ndarray,
     upper: np.ndarray,
     lead: float,
-    feedforward: np.ndarray,
+    xd_d: np.ndarray,
+    xdd_d: np.ndarray,
+    J: np.ndarray,
+    gram_inverse: np.ndarray,
     velocity_limits: np.ndarray,
     rate: float,
+    acceleration: float,
+    ahead: float,
     factor: np.ndarray,
 ) -> int:
     """Fill factor (1) with the smallest of the governor's factors and return which one it is.
 
     0: none is below 1; 1: error; 2: frames; 3 + i, 3 + n + i, 3 + 2 n + i: effort, stop and speed
-    of joint i. See ``Governor``.
+    of joint i. See ``Governor``. The velocity of the joints for the path at full rate is J^+ (x_d'
+    + ahead ds/dt x_d''), with J^+ = J^T gram_inverse, x_d' = xd_d / rate and x_d'' (ds/dt)^2 =
+    xdd_d - x_d' d^2s/dt^2.
     """
-    n, found, least = len(q), 0, 1.0
+    n, m, found, least = len(q), len(xd_d), 0, 1.0
     place, turn, joint = 0.0, 0.0, 0.0
     for i in range(len(dx)):
         share = abs(dx[i] * weight[i])
@@ -126,14 +133,22 @@ def path_rate(
         found, least = 1, max(bound, 0.0)
     if late > 0.0 and 1.0 - late < least:
         found, least = 2, max(1.0 - late, 0.0)
+    moving = rate >= 1e-6
+    lead_s = ahead if rate >= 1e-2 else 0.0
     for i in range(n):
         share = abs(torque[i]) / effort_limits[i]
         bound = max((1.0 - share) / (1.0 - effort), 0.0)
         if share > effort and bound < least:
             found, least = 3 + i, bound
-        if rate < 1e-6:
+        if not moving:
             continue
-        speed = feedforward[i] / rate  # of the path at full rate
+        speed = 0.0
+        for j in range(m):
+            transposed = 0.0
+            for k in range(m):
+                transposed += J[k, i] * gram_inverse[k, j]
+            velocity = xd_d[j] / rate
+            speed += transposed * (velocity + lead_s * (xdd_d[j] - velocity * acceleration) / rate)
         room = upper[i] - q[i] if speed > 0.0 else q[i] - lower[i]
         if room < lead * abs(speed):
             bound = max(room / (lead * abs(speed)), creep)

@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._checks import shown
 from .._compiled import compile_all
 from .._kernels import samples as kernels
 from .._table import Sheet, Table
 from ..adaptation.adaptation import Adaptation, Drives, Estimate, Frozen
-from ..exceptions import DivergedError
+from ..exceptions import DivergedError, InputError
 from ..filters import FilteredRegressor
 from ..laws.law import Command, EstimatedModel, Law
 from ..models.delay_compensation import SensedState
@@ -169,7 +170,16 @@ class Controller:
 
         With a governor that is the motion at its own time s = t - lag, with derivatives by the
         chain rule; without one ``motion.at(t)``.
+
+        Raises:
+            InputError: a motion without ``at``.
         """
+        if not hasattr(motion, "at"):
+            raise InputError(
+                f"expected a motion with at(t), got {shown(motion)}.",
+                where="motion",
+                hint="pa.trajectories.as_trajectory makes one of a function, or of samples.",
+            )
         return motion.at(t) if state.path is None else state.path.desired(motion, t)
 
     def announce(
@@ -264,8 +274,7 @@ class Controller:
         if governor is None:  # the state is that of a controller with one
             return path if elapsed is not None else PathTime(0.0, 0.0)
         age = 0.0 if sensed.frame is None else s.t - sensed.frame.t
-        feedforward = s.inverse.solve(s.xd_d, None)
-        target, cause = governor.target(path, s.dx, s.q, feedforward, torque, age)
+        target, cause = governor.target(path, s.dx, s.q, (s.xd_d, s.xdd_d), s.inverse, torque, age)
         if elapsed is None:
             return governor.rate(path, target, cause)
         return governor.step(path, target, cause, elapsed)

@@ -19,6 +19,7 @@ from .._checks import positive
 from .._kernels import samples as kernels
 from ..description.chain import is_slide, position_limits, velocity_limits
 from ..exceptions import GainError
+from ..models.right_inverse import RightInverse
 from ..records import Desired, Sensors
 from ..robot.robot import Robot
 from ..tasks.joint import JointTask
@@ -73,8 +74,8 @@ class Governor:
     effort       1 up to the share ``effort`` of a motor's limit, 0 at the limit;
     joint stop   1 while the path at full rate needs longer than ``lead`` to a joint's stop,
                  in proportion below, at least ``creep``;
-    joint speed  what brings the velocity of the joints for the path, J_hat^+ x_d', to the share
-                 ``speed`` of the limits of the description;
+    joint speed  what brings the velocity of the joints for the path, J_hat^+ x_d' as it will be
+                 when the rate has followed, to the share ``speed`` of the description's limits;
     frames       1 while the latest frame is as old as the declared camera explains, 0 at ``gap``
                  more.
 
@@ -217,7 +218,8 @@ class PathGovernor:
         path: PathTime,
         dx: np.ndarray,
         q: np.ndarray,
-        feedforward: np.ndarray,
+        desired: tuple[np.ndarray, np.ndarray],
+        inverse: RightInverse,
         torque: np.ndarray,
         age: float,
     ) -> tuple[float, str]:
@@ -227,7 +229,8 @@ class PathGovernor:
             path: now.
             dx: (m) task error [m or rad].
             q: (nq) configuration.
-            feedforward: (n) joint velocity for the desired one, J_hat^+ xd_d [rad/s or m/s].
+            desired: (m) velocity xd_d and (m) acceleration xdd_d of the task coordinates.
+            inverse: of J_hat.
             torque: (n) of the motors [N m or N].
             age: of the latest frame [s].
         """
@@ -237,7 +240,8 @@ class PathGovernor:
             (age - self.frames) / given.gap,
             torque, self.torque, given.effort,
             q if self.places is None else q[self.places], self.lower, self.upper, given.lead,
-            feedforward, self.velocity, path.rate, factor,
+            *desired, inverse.J, inverse.gram_inverse, self.velocity,
+            path.rate, path.acceleration, 2.0 / given.quick, factor,
         )  # fmt: skip
         return float(factor[0]), self.names[found]
 

@@ -322,6 +322,7 @@ def _controller(
             damping=controller.damping,
             guards=guards if isinstance(guards, bool) else guards.model_dump(),
             stop_on_divergence=controller.watch,
+            governor=tables.reference.governor,
         ),
         compensated=compensation_of(described, simulation.compensated),
         dt=1e-3 if simulation.mode == "continuous" else simulation.dt,

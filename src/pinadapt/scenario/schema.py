@@ -204,6 +204,7 @@ class ReferenceSection(Section):
     start: Literal["rest", "moving"] = "rest"
     ramp: Positive | None = None
     orientation: OrientationSection | None = None
+    governor: bool = False
 
 
 class CircleSection(ReferenceSection):

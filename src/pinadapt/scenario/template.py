@@ -308,7 +308,10 @@ def _sections(template: Template, folder: Path) -> Iterable[tuple[str, str, Tabl
     yield "unknown", unknown, _filled(template.unknown)
     yield "controller", "", _controller(template)
     reference = _SET_POINT if rests else _SINES if joints else _REFERENCE
-    yield "reference", reference, (_way if rests else _reference)(template)
+    motion = (_way if rests else _reference)(template)
+    _remark(motion, _GOVERNOR)
+    motion["governor"] = True
+    yield "reference", reference, motion
     yield "simulation", "", _simulation(template)
 
 
@@ -331,6 +334,10 @@ _PLANAR = (
 _FRICTION_AT_REST = (
     "Coulomb friction is left out: this law does not learn it, and would rest where it holds the "
     "arm. Viscous friction does no harm."
+)
+_GOVERNOR = (
+    "The path waits while the error is large, a motor is at its limit, a joint near its stop or "
+    "its velocity limit, or frames are missing, and goes on afterwards."
 )
 _MASS = (
     "Total mass of the robot [kg]. These links are described without inertia: {links}. The mass "
