@@ -183,6 +183,21 @@ def test_a_correct_description_is_reported():
     assert "already correct" in found.verdict and "WORSE" not in found.verdict
 
 
+def test_the_log_of_another_robot_is_doubted():
+    log = recorded("ur5", dt=4e-3)
+    other = catalogue_robot("ur5").changed(
+        link_translation={"elbow_joint": [0.0, 0.3, 0.0], "wrist_1_joint": [0.2, 0.0, -0.2]}
+    )
+    found = pa.identify(log, other)
+    assert "Is this the log of another robot" in found.verdict
+    assert "mm off even as identified" in found.verdict
+    turned = replace(log, q=log.q[:, ::-1], v=log.v[:, ::-1], tau=log.tau[:, ::-1], x=None)
+    found = pa.identify(replace(turned, joints=()), catalogue_robot("ur5"))
+    assert "or are its joints in another order" in found.verdict
+    assert "explains nothing of the torques" in found.verdict
+    assert "another robot" not in identified("ur5").verdict
+
+
 def test_a_joint_that_does_not_move_is_not_identifiable_and_stays_as_described():
     log, robot = recorded("ur5", duration=4.0), catalogue_robot("ur5")
     _, q, v, a = motion("ur5", duration=4.0)

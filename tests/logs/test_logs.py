@@ -163,6 +163,19 @@ def test_an_impossible_log_is_refused(robot, log):
     assert pa.read_log(log, robot) is not None
 
 
+def test_the_log_of_another_robot_is_named_as_such(tmp_path, robot, log):
+    named = replace(log, joints=tuple(f"axis_{j}" for j in range(6)))
+    with pytest.raises(pa.LogError, match="seems to be the log of another robot"):
+        pa.read_log(named, robot)
+    q = log.q.copy()
+    q[:, 2] = -5.0  # [rad], beyond the elbow's limits, and no angle in degrees
+    with pytest.raises(pa.LogError, match="Is this the log of another robot"):
+        pa.read_log(replace(log, q=q, v=None), robot)
+    columns = {**columns_of(log, range(1, 7)), "q7": log.t}
+    with pytest.warns(UserWarning, match="more than the robot's 6 joints"):
+        assert same(pa.read_log(write_csv(tmp_path / "seven.csv", columns), robot), log)
+
+
 def test_a_file_that_cannot_be_read_is_refused(tmp_path, robot, log):
     good = write_csv(tmp_path / "good.csv", columns_of(log, range(6))).read_text().splitlines()
     files = {

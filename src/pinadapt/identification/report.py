@@ -33,6 +33,8 @@ FILES = (
 )
 _HARDLY = 2.0  # gain up to which the estimate is hardly better than the description
 _RIGHT = 1e-3  # share of the torques up to which a description is correct
+_OFF = 0.02  # of the reach, error of the identified positions
+_LEFT = 0.05  # share of the torques that the estimate does not explain
 _GRAVITY = 0.7  # share of the error left when gravity is added to a log without it
 
 
@@ -50,6 +52,8 @@ def verdict(found: IdentifiedModel) -> str:
         errors.gain or 0.0,
     )
     words = f"torque, held out: {before:.3g} -> {after:.3g} N m or N (rms), {gain:.3g} times less"
+    if (doubt := of_another_robot(found)) is not None:
+        return f"{words}. {doubt}"
     if gain >= _HARDLY:
         return words + "."
     if max(before, after) < _RIGHT * rms(errors.size):
@@ -62,6 +66,34 @@ def verdict(found: IdentifiedModel) -> str:
     if gain < 1.0:
         return f"{words}: WORSE. The estimate from the first part does not predict the last."
     return f"{words}, hardly better than the description. Are these the joints' torques?"
+
+
+def of_another_robot(found: IdentifiedModel) -> str | None:
+    """Return why a log seems to be that of another robot, None where it does not.
+
+    Either the identified model is off the measured positions by more than 2 % of the reach, or the
+    description explains nothing of the torques and the estimate leaves 5 % of them.
+    """
+    reasons, positions = [], found.position_errors
+    if positions is not None and found.described.task.positions:
+        off = float(np.linalg.norm(positions.learned_held_out))
+        if off > _OFF * found.described.reach:
+            reasons.append(f"the positions are {1e3 * off:.3g} mm off even as identified")
+    errors = found.torque_errors
+    nothing = rms(errors.described) > rms(errors.size)
+    if nothing and rms(errors.learned_held_out) > _LEFT * rms(errors.size):
+        share = rms(errors.learned_held_out) / rms(errors.size)
+        if not leaves_gravity_out(found):
+            reasons.append(
+                "the description explains nothing of the torques, and the estimate leaves "
+                f"{share:.0%} of them"
+            )
+    if not reasons:
+        return None
+    return (
+        f"Is this the log of another robot, frame or base, or are its joints in another order? "
+        f"{'; '.join(reasons).capitalize()}."
+    )
 
 
 def leaves_gravity_out(found: IdentifiedModel) -> bool:

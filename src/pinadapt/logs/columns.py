@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -122,10 +123,18 @@ class _SignalFinder:
             array = self._table.get(self._known.get(name, ""))
             if array is not None and array.ndim == 2:
                 return array
-        joints = self._selection.joints
-        for labels in (joints, *(_indices(len(joints), first) for first in (0, 1))):
+        joints, n = self._selection.joints, len(self._selection.joints)
+        for labels in (joints, *(_indices(n, first) for first in (0, 1))):
             found = [self._of_joint(signal, label, labels is joints) for label in labels]
             if all(column is not None for column in found):
+                after = str(int(labels[0]) + n) if labels is not joints else ""
+                if after and signal == "q" and self._of_joint(signal, after, False) is not None:
+                    warnings.warn(
+                        f"{self._source} has positions of more than the robot's {n} joints: those "
+                        f"of {list(joints)} are taken from {found[0]} to {found[-1]}. Is it the "
+                        f"log of another robot? --columns {signal}=NAME,NAME,... names them.",
+                        stacklevel=2,
+                    )
                 return _stacked([self._table[column] for column in found if column is not None])
             if any(column is not None for column in found) and labels is joints:
                 lacking = labels[[column is None for column in found].index(True)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -20,6 +20,7 @@ _SHORTEST, _FEWEST = 1.0, 100  # [s] and samples
 _SLOWEST = 0.2  # [s] between samples, beyond which inertia has no visible effect
 _MEASURED = 0.5  # share of the samples that must be finite
 _TURNS = 4.0 * math.pi  # [rad] beyond which a joint without limits hardly turns
+_TURN = 2.0 * math.pi  # [rad] up to which numbers are angles in radians rather than in degrees
 _BEYOND, _RANGE = 0.5, 0.25  # beyond a limit by more than calibration: [rad], or share of the range
 _OUTSIDE = 0.5  # share of the samples there
 _TOO_STRONG = 5.0  # times the effort limit, root mean square
@@ -104,7 +105,7 @@ class Log:
         """
         names = instance(robot, Robot, "robot").joint_names
         if self.joints and list(self.joints) != names:
-            order = [self._column(name) for name in names]
+            order = [self._column(name, names) for name in names]
             v = None if self.v is None else self.v[:, order]
             q, tau = self.q[:, order], self.tau[:, order]
             return replace(self, joints=tuple(names), q=q, v=v, tau=tau).of(robot)
@@ -148,7 +149,15 @@ class Log:
             self, t=self.t[kept], q=self.q[kept], tau=self.tau[kept], v=v, x=x, x_time=x_time
         )
 
-    def _column(self, joint: str) -> int:
+    def _column(self, joint: str, names: Sequence[str]) -> int:
+        """Return the column of one of the robot's joints, all ``names``."""
+        if joint not in self.joints and not set(self.joints) & set(names):
+            raise LogError(
+                f"none of its joints {list(self.joints)} is one of the robot's, {names}. It seems "
+                "to be the log of another robot.",
+                where=self.source,
+                hint="Name the robot that moved, or rename the columns after its joints.",
+            )
         if joint not in self.joints:
             raise LogError(
                 f"the robot's joint '{joint}' is missing; there are {list(self.joints)}."
@@ -225,7 +234,7 @@ def _check_finite(log: Log, robot: Robot) -> None:
 
 
 def _check_degrees(log: Log, robot: Robot) -> None:
-    """Refuse positions far outside of the limits, which are often in degrees."""
+    """Refuse positions far outside of the limits: in degrees, or those of another robot."""
     if log.q.shape[1] != robot.model.nv:
         return
     for j, low, high in _revolute(robot):
@@ -233,12 +242,14 @@ def _check_degrees(log: Log, robot: Robot) -> None:
         margin = max(_BEYOND, _RANGE * (high - low))
         outside = np.mean((q < low - margin) | (q > high + margin))
         if outside > _OUTSIDE:
+            turned = float(np.abs(q).max()) > _TURN
+            what = "Are these degrees?" if turned else "Is this the log of another robot?"
+            degrees = "--degrees reads angles in degrees. " if turned else ""
             raise LogError(
                 f"{robot.joint_names[j]} is at {q.min():.4g} to {q.max():.4g}, and its limits are "
-                f"{low:.4g} and {high:.4g} rad. Are these degrees?",
+                f"{low:.4g} and {high:.4g} rad. {what}",
                 where=f"{log.source}: q",
-                hint="--degrees reads angles in degrees. Columns without joint names must be in "
-                "the robot's order.",
+                hint=f"{degrees}Columns without joint names must be in the robot's order.",
             )
 
 
