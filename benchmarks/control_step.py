@@ -7,7 +7,8 @@ arguments prepared: forward kinematics and Jacobian at the estimate, the estimat
 into a model, RNEA, CRBA and the regressor; for separation the Jacobian's variation and the two
 regressors of which that of Slotine and Li is made. Step and floor run alternately in one process,
 so that both have the same state of caches and clock; the ratio is the median over pairs. The bare
-floor omits the writing of the estimates.
+floor omits the writing of the estimates. The step is one of an arm that has moved; ``first_us`` is
+one of the first samples, until v has been found to be the rate of q.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ CASES: dict[str, tuple[str, str, bool]] = {  # robot, law, whether friction and 
     "panda_separation": ("panda", DEFAULT, False),
     "panda_separation_joints": ("panda", DEFAULT, True),
 }
-ROUNDS = 3000
+ROUNDS, DT = 3000, 1e-3
 Call = Callable[[], object]
 
 
@@ -138,11 +139,16 @@ def measure(name: str) -> dict[str, Any]:
     measurement = plant.measurement(robot.q0, v)
     circle = pa.trajectories.Circle(np.zeros(robot.task.size), 0.1, 3.0)
     desired = circle.starting_at(robot.position(robot.q0)).at(0.1)
-    state = control.step(control.init(measurement), measurement, desired, 1e-3)[1]
+    first = control.step(control.init(measurement), measurement, desired, DT)[1]
+    state, later = (
+        first._replace(sensed=first.sensed._replace(first=None)),
+        measurement._replace(t=DT),
+    )
     calls = floor_calls(robot, robot.q0, v, control.law.name)
     times = in_turn(
         {
-            "step": run([lambda: control.step(state, measurement, desired, 1e-3)]),
+            "step": run([lambda: control.step(state, later, desired, DT)]),
+            "first": run([lambda: control.step(first, later, desired, DT)]),
             "floor": run([call for call, _ in calls.values()]),
             "bare": run([call for call, bare in calls.values() if bare]),
         },
@@ -154,6 +160,7 @@ def measure(name: str) -> dict[str, Any]:
         "kinematic": control.kinematics.size,
         "dynamic": control.dynamics.size,
         "step_us": 1e6 * float(np.median(times["step"])),
+        "first_us": 1e6 * float(np.median(times["first"])),
         "floor_us": 1e6 * float(np.median(times["floor"])),
         "bare_floor_us": 1e6 * float(np.median(times["bare"])),
         "ratio": float(np.median(times["step"] / times["floor"])),
@@ -170,13 +177,15 @@ def main() -> None:
     before = saved(path)
     rows = [measure(name) for name in CASES]
     print(
-        f"{'case':23} {'params':>7} {'step us':>8} {'floor us':>9} {'ratio':>6} {'was':>6} "
+        f"{'case':23} {'params':>7} {'step us':>8} {'first us':>9} {'floor us':>9} "
+        f"{'ratio':>6} {'was':>6} "
         f"{'bare us':>8} {'bare ratio':>11}"
     )
     for row in rows:
         was = before.get(row["name"], {}).get("ratio", float("nan"))
         print(
             f"{row['name']:23} {row['kinematic'] + row['dynamic']:7d} {row['step_us']:8.1f} "
+            f"{row['first_us']:9.1f} "
             f"{row['floor_us']:9.1f} {row['ratio']:6.2f} {was:6.2f} "
             f"{row['bare_floor_us']:8.1f} {row['bare_ratio']:11.2f}"
         )

@@ -81,17 +81,23 @@ class MeasurementError(PinadaptError):
         value: what was measured.
         flaw: what is wrong with it.
         guess: how a sensor or a driver may have caused it, or nothing.
+        hint: what to do.
     """
 
     def __init__(
-        self, field: str, value: object, flaw: str = "is not finite", guess: str = ""
+        self,
+        field: str,
+        value: object,
+        flaw: str = "is not finite",
+        guess: str = "",
+        hint: str = "Repeat the step with a valid measurement or hold the last torque.",
     ) -> None:
-        """Name the signal, its value, what is wrong with it and the likely fault of a sensor."""
+        """Name the signal, its value, what is wrong with it, and the likely fault of a sensor."""
         self.field, self.value, self.flaw, self.guess = field, value, flaw, guess
-        why = f" ({guess})" if guess else ""
+        self.hint, why = hint, f" ({guess})" if guess else ""
         super().__init__(
-            f"measurement '{field}' {flaw}{why}: {value}. The estimates were left as they were; "
-            "repeat the step with a valid measurement or hold the last torque."
+            f"measurement '{field}' {flaw}{why}: {value}. The estimates were left as they were. "
+            f"{hint}"
         )
 
 

@@ -158,3 +158,140 @@ def path_rate(
             found, least = 3 + 2 * n + i, velocity_limits[i] / abs(speed)
     factor[0] = least
     return found
+
+
+# What is kept of the first samples: numbers of the window in which the arm's gravity is judged, and
+# then rows of n, one number a joint.
+JUDGED, TIME, EARLIER, WEIGHT, HEALTHY, MOVED, AGE, HEARD, SUSPECT = range(9)
+HEADER = 9
+WAY, SAID, SAID_PATH, PATH, PEAK, AGREED, HELD, DRIVE, FORMER, LATTER, OFFSET, SPEED = range(12)
+ROWS = 12
+NOTHING, WINDOW, TOLD, APART = 0, 1, 2, 3
+MEMORY = 0.5  # [s] over which ways are summed
+LAG = 0.01  # [s] by which q and v may be late, one of the other
+_SHARE = 0.5  # of the way, by which the two may differ
+_SHAKEN, _SHOWN = 5.0, 10.0  # the path that v says: of that of q, and of the tolerance, at most
+_TELLING = 4.0  # tolerances after which a way that agrees is believed
+_LATEST = 2.0  # [s] after the first joint that agrees
+_LONGEST = 60.0  # [s]
+_STILL = 0.02  # of tol_0, a change of way in half a window that need not be judged
+_ROUND = 1e-9  # [s]
+
+
+@compiled("i8(f8[:], f8[:], f8[:], f8, f8[:,:], i8[:], f8, f8, f8[:], f8[:])")
+def first_samples(
+    q: np.ndarray,
+    q_before: np.ndarray,
+    v: np.ndarray,
+    dt: float,
+    bounds: np.ndarray,
+    places: np.ndarray,
+    longest: float,
+    half: float,
+    before: np.ndarray,
+    after: np.ndarray,
+) -> int:
+    """Return 3 + i for the first joint whose v is not the rate of its q, and what else is due.
+
+    1: a window in which the arm's speed has changed is over; 2: all is told; 0: neither. ``after``
+    becomes ``before`` with the sample added. For each joint, with sums that forget over 0.5 s,
+
+        D = sum dq,   W = sum v dt,   P = sum |dq|,   P_v = sum |v dt| of what a count shows.
+
+    A v that is the rate of q, both late by up to L = 10 ms, and up to a half too large or small,
+    has |W - D| <= max(|W|, |D|) / 2 + tol, with tol = tol_0 + L min(|v|, v_max), and
+    P_v <= 5 P + 10 tol.
+
+    Args:
+        q: (nq) configuration, of a continuous joint cosine and sine.
+        q_before: (nq) at the sample before.
+        v: (n) joint velocity [rad/s or m/s].
+        dt: time since that sample [s]; nothing is learned from none, or from a long one.
+        bounds: (3, n) tol_0 [rad or m], v_max [rad/s or m/s], and the smallest way that an encoder
+            shows [rad or m].
+        places: (n + 1) where each joint begins in q, and the end.
+        longest: time [s] from which on a sample does not follow the one before.
+        half: of the window [s].
+        before: what the samples before have told.
+        after: the same with this one.
+    """
+    n = len(v)
+    for k in range(len(before)):
+        after[k] = before[k]
+    if not dt > 0.0:
+        return NOTHING
+    if dt > longest:
+        for k in range(len(after)):
+            row = (k - HEADER) // n
+            if TIME <= k <= WEIGHT or (k >= HEADER and row != AGREED):
+                after[k] = 0.0
+        for i in range(n):
+            after[HEADER + SPEED * n + i] = v[i]
+            after[HEADER + HELD * n + i] = np.nan
+        return NOTHING
+    after[AGE] += dt
+    keep = np.exp(-dt / MEMORY)
+    apart, agreed, some = -1, True, False
+    for i in range(n):
+        first = places[i]
+        if places[i + 1] - first == 1:
+            way = q[first] - q_before[first]
+        else:
+            way = np.arctan2(
+                q[first + 1] * q_before[first] - q[first] * q_before[first + 1],
+                q[first] * q_before[first] + q[first + 1] * q_before[first + 1],
+            )
+        at = HEADER + i
+        said = 0.5 * dt * (v[i] + before[at + SPEED * n])  # exact for a torque that is held
+        after[at + SPEED * n] = v[i]
+        after[at + WAY * n] = D = keep * before[at + WAY * n] + way
+        after[at + SAID * n] = W = keep * before[at + SAID * n] + said
+        shown = abs(said) if abs(said) > bounds[2, i] else 0.0
+        after[at + SAID_PATH * n] = P_v = keep * before[at + SAID_PATH * n] + shown
+        after[at + PATH * n] = P = keep * before[at + PATH * n] + abs(way)
+        after[at + PEAK * n] = peak = max(keep * before[at + PEAK * n], abs(v[i]))
+        if before[at + AGREED * n] == 0.0:
+            tolerance = bounds[0, i] + LAG * min(peak, bounds[1, i])
+            most = max(abs(W), abs(D))
+            if abs(W - D) > _SHARE * most + tolerance or P_v > _SHAKEN * P + _SHOWN * tolerance:
+                apart = i if apart < 0 else apart
+            elif most > _TELLING * tolerance:
+                after[at + AGREED * n] = 1.0
+        told = after[at + AGREED * n] != 0.0
+        agreed &= told
+        some |= told
+    if apart >= 0:
+        return APART + apart
+    if some:
+        after[MOVED] += dt
+    if after[MOVED] > _LATEST:
+        after[JUDGED] = 0.0
+        for i in range(n):
+            after[HEADER + AGREED * n + i] = 1.0
+        agreed = True
+    if after[AGE] > _LONGEST or (agreed and after[JUDGED] == 0.0):
+        return TOLD
+    if after[JUDGED] == 0.0 or np.isnan(after[HEADER + HELD * n]):
+        return NOTHING
+    if before[TIME] > 2.0 * half - _ROUND:  # the next window
+        after[TIME] = after[EARLIER] = after[WEIGHT] = 0.0
+        for k in range(HEADER + DRIVE * n, HEADER + SPEED * n):
+            after[k] = 0.0
+    time = after[TIME] + 0.5 * dt
+    weight = dt * max(min(time, 2.0 * half - time), 0.0)
+    earlier = after[TIME] < half - _ROUND
+    row = FORMER if earlier else LATTER
+    for i in range(n):
+        after[HEADER + DRIVE * n + i] += weight * after[HEADER + HELD * n + i]
+        after[HEADER + row * n + i] += dt * v[i]
+    after[TIME] += dt
+    after[EARLIER] += dt if earlier else 0.0
+    after[WEIGHT] += weight
+    if after[TIME] < 2.0 * half - _ROUND:
+        return NOTHING
+    moved = after[HEARD] + after[SUSPECT] > 0.0
+    for i in range(n):
+        latter, former = after[HEADER + LATTER * n + i], after[HEADER + FORMER * n + i]
+        change = latter / (after[TIME] - after[EARLIER]) - former / after[EARLIER]
+        moved |= abs(change) * half > _STILL * bounds[0, i]
+    return WINDOW if moved else NOTHING

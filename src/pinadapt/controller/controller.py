@@ -91,6 +91,8 @@ class Controller:
         self._inputs = InputCheck(kinematics, dynamics.size)
         self._filters, self._projects = law.filters, adaptation_d.projects
         self._position_error = law.uses_position_error
+        first = self.senses.guards.first
+        self._held = slice(0) if first is None else first.held
         bandwidth = adaptation_d.torque_bandwidth
         self._torque_filter = None if bandwidth is None else FilteredRegressor(dynamics, bandwidth)
         nothing = Estimate(np.zeros(0))
@@ -139,6 +141,7 @@ class Controller:
 
         Raises:
             MeasurementError: measurements of the wrong size, not finite, or missing.
+            ImplausibleError: the robot cannot be there, see ``FirstSamples``.
             InputError: no measurement.
             ParameterError: estimates of the wrong size, non-finite, or outside of their domain.
         """
@@ -148,12 +151,13 @@ class Controller:
         dynamic = self.adaptation_d.init(
             initial_estimate(a_d, dynamics.initial, "belief.dynamic", dynamics.names)
         )
-        sensed = self.senses.init(measurement, kinematics)
+        kinematic = self.adaptation_k.init(a_k)
+        sensed = self.senses.init(measurement, kinematics, kinematic.value)
         torque_filter = self._torque_filter
         return ControllerState(
             t=measurement.t,
             dynamic=dynamic,
-            kinematic=self.adaptation_k.init(a_k),
+            kinematic=kinematic,
             a_0=dynamic.value.copy(),
             filters=self._filters.init(sensed, kinematics),
             adapting=adapting,
@@ -231,6 +235,8 @@ class Controller:
         Raises:
             MeasurementError: a signal that the law uses is missing, of the wrong size or type, or
                 not finite.
+            ImplausibleError: a measurement that cannot be true of this robot, see ``Guards`` and
+                ``FirstSamples``.
             InputError: the desired motion, dt or the state cannot be used.
             DivergedError: torque or estimates went wrong, see ``watch``, or the law met a
                 singularity.
@@ -242,9 +248,11 @@ class Controller:
             dynamic = model.adaptation_d.step(model.dynamic, drives.dynamic, elapsed)
             kinematic = model.adaptation_k.step(model.kinematic, drives.kinematic, elapsed)
             filters = self._filters.step(state.filters, s, elapsed)
-            torque_filter, path = state.torque_filter, state.path
-            if path is not None or self._torque_filter is not None:
+            torque_filter, path, first = state.torque_filter, state.path, sensed.first
+            if path is not None or first is not None or self._torque_filter is not None:
                 given = torque if self.compensation is None else torque + self.compensation(s.q)
+            if first is not None:
+                first[self._held] = given
             if path is not None:
                 path = self._governed(path, s, sensed, given, elapsed)
             if self._torque_filter is not None:
@@ -381,9 +389,16 @@ class Controller:
         if dt is not ...:
             elapsed = senses.guards.elapsed(t_before, t, dt, self.period)
         sensed, still = senses.read(
-            before, t_before, measurement, desired, kinematics, a_k, self._position_error
+            before,
+            t_before,
+            measurement,
+            desired,
+            kinematics,
+            a_k,
+            self._position_error,
+            dt is not ...,
         )
-        q, v, x, epsilon, X_k, _, _ = sensed
+        q, v, x, epsilon, X_k, _, _, _ = sensed
         a_d = dynamic.value
         if self._projects:
             a_d = self.adaptation_d.project(dynamic, q)

@@ -76,7 +76,9 @@ class Estimator:
         )
         senses = controller.senses
         self._senses = replace(
-            senses, compensator=replace(senses.compensator, longest_gap=math.inf)
+            senses,
+            compensator=replace(senses.compensator, longest_gap=math.inf),
+            guards=senses.guards.without_torque(),
         )
         self._inputs = InputCheck(kinematics, controller.dynamics.size)
         rest = np.zeros(kinematics.task.size)
@@ -98,21 +100,22 @@ class Estimator:
 
         Raises:
             MeasurementError: measurements of the wrong size, not finite, or missing.
+            ImplausibleError: the robot cannot be there, see ``FirstSamples``.
             ParameterError: estimates of the wrong size, non-finite, or outside of their domain.
         """
         sample, parts = self._checked(measurement), self.controller
         kinematics, dynamics = parts.kinematics, parts.dynamics
         a_k = initial_estimate(a_k, kinematics.initial, "belief.kinematic", kinematics.names)
         a_d = initial_estimate(a_d, dynamics.initial, "belief.dynamic", dynamics.names)
-        dynamic = parts.adaptation_d.init(a_d)
+        dynamic, kinematic = parts.adaptation_d.init(a_d), parts.adaptation_k.init(a_k)
         return ControllerState(
             t=sample.t,
             dynamic=dynamic,
-            kinematic=parts.adaptation_k.init(a_k),
+            kinematic=kinematic,
             a_0=dynamic.value.copy(),
             filters=(),
             load=None if parts.nominal is None else parts.nominal.load,
-            sensed=parts.senses.init(sample, kinematics),
+            sensed=self._senses.init(sample, kinematics, kinematic.value),
             torque_filter=self._anew(sample.q, sample.v),
         )
 
@@ -139,7 +142,13 @@ class Estimator:
         if elapsed <= 0.0:
             raise ImplausibleError("t", sample.t, f"is not after the last sample's, {state.t:g} s")
         sensed, still = self._senses.read(
-            state.sensed, state.t, sample, self._nowhere, self._kinematics, state.a_k
+            state.sensed,
+            state.t,
+            sample,
+            self._nowhere,
+            self._kinematics,
+            state.a_k,
+            stepping=True,
         )
         dynamic, kinematic = state.dynamic, state.kinematic
         filtered = self._filtered(state, sensed, sample.tau, elapsed)

@@ -38,8 +38,8 @@ class Limits:
         damping: the right inverse of J_hat is damped where its smallest singular value, estimated
             from below, falls under this fraction of its value at home; zero never damps.
         guards: which measurements are refused as implausible, and when estimates rest; False for no
-            guard, or a mapping from some of "position", "velocity", "time" and "rest" to False. See
-            ``Guards``.
+            guard, or a mapping from some of "position", "velocity", "time", "rest", "limits",
+            "differences" and "gravity" to False. See ``Guards`` and ``FirstSamples``.
         stop_on_divergence: whether a run ends, with a message, when an M_hat to be inverted is not
             positive definite or the estimates run away.
 

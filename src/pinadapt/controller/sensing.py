@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -20,9 +20,11 @@ from ..models.delay_compensation import DelayCompensator, SensedState
 from ..models.task_kinematics import TaskKinematics
 from ..models.translations import FIRST
 from ..records import Desired, Measurement, SensorQuality, Sensors
+from ..robot.motors import Compensation
 from ..robot.robot import Robot
+from .first_samples import FirstSamples, make_first_samples
 
-GUARDS = ("position", "velocity", "time", "rest")
+GUARDS = ("position", "velocity", "time", "rest", "limits", "differences", "gravity")
 _FAR, _FAR_BASE = 2.0, 20.0  # of the reach: x from x_hat, with the base in its place and unknown
 _FAST = 10.0  # of the description's velocity limits
 _SLOW, _NEAR = 1e-3, 1e-4  # [1/s] and share, of a radian or the reach, of an arm that rests
@@ -44,6 +46,7 @@ class Guards:
             where one was dropped.
         slow: joint velocities below which an arm may be resting [rad/s or m/s]; zero: it never is.
         near: of the errors as well [m or rad].
+        first: what the first samples are held against; None: nothing.
     """
 
     fast: np.ndarray
@@ -51,9 +54,20 @@ class Guards:
     clock: bool = False
     slow: float = 0.0
     near: float = 0.0
+    first: FirstSamples | None = None
+
+    def without_torque(self) -> Guards:
+        """Return the guards where no torque is sent: gravity is not judged."""
+        first = None if self.first is None else replace(self.first, gravity=None)
+        return replace(self, first=first)
 
     def implausible(
-        self, found: int, v: np.ndarray, x: np.ndarray, kinematics: TaskKinematics
+        self,
+        found: int,
+        v: np.ndarray,
+        x: np.ndarray,
+        kinematics: TaskKinematics,
+        first: np.ndarray | None = None,
     ) -> ImplausibleError:
         """Return the error for what the kernel ``check_sample`` found.
 
@@ -62,6 +76,7 @@ class Guards:
             v: (n) joint velocity [rad/s or m/s].
             x: measured coordinates.
             kinematics: updated to the sample.
+            first: what the first samples have told, if they have not told all.
         """
         if found == kernels.FAR:
             distance = np.linalg.norm(x[: kinematics.positions] - kinematics.last_joint)
@@ -71,14 +86,17 @@ class Guards:
                 f"is implausible: {distance:.3g} m from the estimated position of the last joint, "
                 f"more than {self.far:.3g} m",
                 "in millimetres? in another frame?",
+                "Give x in metres, in the axes and from the origin of the robot's base.",
             )
         joint = found - kernels.FAST
+        known = self.first
+        ratio = known.ratio(first, joint) if known is not None and first is not None else ""
         return ImplausibleError(
             "v",
             v,
             f"is implausible: {kinematics.joint_names[joint]} at {v[joint]:.3g} rad/s or m/s, over "
             f"{_FAST:g} times the limit of its description",
-            "in degrees?",
+            f"in degrees?{ratio}",
         )
 
     def elapsed(self, before: float, now: float, dt: float, period: float) -> float:
@@ -137,12 +155,22 @@ class Senses:
     quality: SensorQuality = _PERFECT
     sensors: Sensors = field(default_factory=Sensors)
 
-    def init(self, measurement: Measurement, kinematics: TaskKinematics) -> SensedState:
-        """Return what is kept of the first sample."""
+    def init(
+        self, measurement: Measurement, kinematics: TaskKinematics, a_k: np.ndarray
+    ) -> SensedState:
+        """Return what is kept of the first sample, with the kinematic estimate a_k (p) [m].
+
+        Raises:
+            ImplausibleError: this robot cannot be there; see ``FirstSamples``.
+        """
         _, q, v, x, *_ = measurement
+        first = None
+        if self.guards.first is not None:
+            kinematics.update(a_k, q, v)
+            first = self.guards.first.init(q, v, x, kinematics)
         if not kinematics.positions:  # a joint task
-            return SensedState(q.copy(), v.copy(), kinematics.task.measured(None, q))
-        return SensedState(q.copy(), v.copy(), None if x is None else x.copy())
+            x = kinematics.task.measured(None, q)
+        return SensedState(q.copy(), v.copy(), None if x is None else x.copy(), first=first)
 
     def read(
         self,
@@ -153,6 +181,7 @@ class Senses:
         kinematics: TaskKinematics,
         a_k: np.ndarray,
         position_error: bool = True,
+        stepping: bool = False,
     ) -> tuple[SensedState, bool]:
         """Return what is known at a sample, and whether joints and reference are at rest.
 
@@ -166,34 +195,67 @@ class Senses:
             kinematics: the estimated kinematics.
             a_k: (p_k) their estimate [m].
             position_error: whether the prediction error of the position is used.
+            stepping: whether the sample follows that one; otherwise it is only looked at.
 
         Raises:
-            ImplausibleError: a joint is faster or the position farther than the guards allow, or
-                the last frame of the camera is too old.
+            ImplausibleError: a joint is faster or the position farther than the guards allow, the
+                last frame of the camera is too old, or what the first samples tell is impossible.
             MeasurementError: a frame was taken later than the sample.
         """
         t, q, v, x, x_time, _, _, _ = measurement
         q, v = q.copy(), v.copy()
         if self.low_pass is not None:
             v = self.low_pass.advance(before.v, v, t - t_before)
+        first = before.first
+        if first is not None and stepping:
+            first = self._first(before.q, first, measurement, t - t_before)
         kinematics.update(a_k, q, v)
         guards, seen = self.guards, _NOTHING if x is None else x
         found = kernels.check_sample(
             v, guards.fast, guards.slow, seen, kinematics.last_joint, guards.far
         )
         if found >= kernels.FAR:
-            raise guards.implausible(found, v, seen, kinematics)
+            raise guards.implausible(found, v, seen, kinematics, first)
         still = found == kernels.STILL and not (desired.xd_d.any() or desired.xdd_d.any())
         if not kinematics.positions:  # a joint task
-            return SensedState(q, v, kinematics.x_hat, kinematics.p_hat, kinematics.X_k), still
+            return SensedState(
+                q, v, kinematics.x_hat, kinematics.p_hat, kinematics.X_k, None, (), first
+            ), still
         late = x_time is not None and x_time != t
         if x is None or late or self.compensator.smoothing < math.inf:
-            return self.compensator.update(before, t_before, t, q, v, x, x_time, kinematics), still
+            sensed = self.compensator.update(before, t_before, t, q, v, x, x_time, kinematics)
+            return sensed if first is None else sensed._replace(first=first), still
         if not position_error:
-            return SensedState(q, v, x.copy()), still
+            return SensedState(q, v, x.copy(), first=first), still
         x, epsilon = x.copy(), empty(kinematics.positions)
         linear_algebra.subtract(kinematics.p_hat, x, epsilon)
-        return SensedState(q, v, x, epsilon, kinematics.X_k), still
+        return SensedState(q, v, x, epsilon, kinematics.X_k, None, (), first), still
+
+    def _first(
+        self, q_before: np.ndarray, first: np.ndarray, measurement: Measurement, elapsed: float
+    ) -> np.ndarray | None:
+        """Return what the first samples have told with one more, None once that is all.
+
+        Args:
+            q_before: (nq) at the sample before.
+            first: what they have told by then.
+            measurement: the sample.
+            elapsed: time between the two [s].
+
+        Raises:
+            ImplausibleError: it is impossible.
+        """
+        known, after = self.guards.first, empty(first.size)
+        assert known is not None  # else nothing would be remembered
+        found = kernels.first_samples(
+            measurement.q, q_before, measurement.v, elapsed,
+            known.bounds, known.places, known.longest, known.half, first, after,
+        )  # fmt: skip
+        if measurement.tau is not None:
+            known.hear(after, measurement.tau, elapsed)
+        if found == kernels.NOTHING:
+            return after
+        return known.judge(found, after, measurement.q, measurement.v)
 
 
 def make_guards(
@@ -201,14 +263,25 @@ def make_guards(
     kinematics: TaskKinematics,
     guards: Mapping[str, bool] | bool,
     quality: SensorQuality,
+    *,
+    unloaded: Robot,
+    box: np.ndarray | None,
+    sensors: Sensors,
+    compensation: Compensation | None,
+    dt: float,
 ) -> Guards:
     """Return the guards of a controller for a robot.
 
     Args:
         robot: the nominal robot.
         kinematics: its kinematics.
-        guards: False for none, or some of "position", "velocity", "time" and "rest" with False.
+        guards: False for none, or some of ``GUARDS`` with False.
         quality: of the sensors, whose noise an arm that rests still shows.
+        unloaded: the robot without the load announced at first.
+        box: (2, p) in which the kinematic estimates stay [m], or None where there are none.
+        sensors: of the robot.
+        compensation: what the arm is said to add to the torques sent, or None.
+        dt: sampling period [s].
 
     Raises:
         InputError: an unknown guard.
@@ -240,4 +313,15 @@ def make_guards(
         if on["rest"]
         else 0.0,
         near=_NEAR * scale + _NOISE * quality.x,
+        first=make_first_samples(
+            robot,
+            unloaded=unloaded,
+            on=on,
+            box=np.zeros((2, 0)) if box is None else box,
+            sensors=sensors,
+            compensation=compensation,
+            dt=dt,
+        )
+        if any(on[name] for name in ("position", "limits", "differences", "gravity"))
+        else None,
     )

@@ -61,6 +61,7 @@ class SensedState(NamedTuple):
         X_k: (m_p, p) its regressor, dx/da_k at the configuration of that measurement.
         frame: the last frame of the camera; None if x was measured at this sample.
         history: (t, q) of the samples since the last frame was taken, oldest first.
+        first: what the first samples have told, see ``FirstSamples``; None once they have told all.
     """
 
     q: np.ndarray
@@ -70,6 +71,7 @@ class SensedState(NamedTuple):
     X_k: np.ndarray = _NO_COLUMNS
     frame: Frame | None = None
     history: tuple[tuple[float, np.ndarray], ...] = ()
+    first: np.ndarray | None = None
 
 
 @dataclass(frozen=True)

@@ -132,6 +132,9 @@ class GuardsSection(Section):
     velocity: bool = True
     time: bool = True
     rest: bool = True
+    limits: bool = True
+    differences: bool = True
+    gravity: bool = True
 
 
 class ControllerSection(Section):

@@ -174,7 +174,18 @@ def make_controller(
             return modified(tuned.guarded(adaptation, dynamics), modifying, tuning)
         return _adaptation(kind, modifying, tuning, rates, unknown.lmi, share)
 
-    guards = make_guards(robot, kinematics, limits.guards, quality)
+    compensation = compensation_of(robot, compensated)
+    guards = make_guards(
+        robot,
+        kinematics,
+        limits.guards,
+        quality,
+        unloaded=nominal.unloaded,
+        box=make_box(robot, kinematics, None) if box is None else box,
+        sensors=sensors,
+        compensation=compensation,
+        dt=dt,
+    )
     controller = Controller(
         tuned,
         kinematics,
@@ -184,7 +195,7 @@ def make_controller(
         limits=applied,
         senses=_senses(guards, settings, sensors, quality, limits.governor),
         motion=motion,
-        compensation=compensation_of(robot, compensated),
+        compensation=compensation,
         period=dt,
         nominal=nominal,
     )

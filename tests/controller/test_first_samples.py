@@ -1,0 +1,452 @@
+"""Nonsense is refused at the first samples: units, orders, signs, frames, gravity."""
+
+import math
+from itertools import count, pairwise
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from pinadapt.robot import Gravity
+from tests.support.chains import catalogue_robot
+from tests.support.snapshots import snapshot, unchanged
+
+DT = 1e-3
+
+
+class Loop:
+    """A closed loop, one sample after another, with sensors and a plant that may be spoilt."""
+
+    def __init__(self, robot, *, true=None, plant=None, guards=True, dt=DT, **options):
+        self.robot, self.dt = robot, dt
+        self.true = robot if true is None else true
+        self.controller = pa.make_controller(
+            robot, limits=pa.Limits(guards=guards), dt=dt, **options
+        )
+        self.plant = pa.plants.PinocchioPlant(self.true) if plant is None else plant
+        circle = pa.reachable_circle(robot)
+        self.path = circle.starting_at(self.true.position(self.true.q0))
+
+    def desired(self, t):
+        """Return the circle, begun from rest within a second."""
+        share = min(t, 1.0)
+        s = 2.5 * share**4 - 3.0 * share**5 + share**6 + max(t - 1.0, 0.0)
+        rate = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+        slope = 30.0 * (share * (1.0 - share)) ** 2
+        x, v, a = self.path.at(s)
+        return pa.Desired(x, rate * v, rate**2 * a + slope * v)
+
+    def run(self, seconds, spoil=lambda sample: sample, measures_torque=False):
+        """Yield the controller's state after each sample; an error leaves the last one as it is."""
+        seen = pa.plants.SimulatedSensors(self.true, self.dt, self.controller.sensors)
+        state, torque, given = None, None, None
+        for _ in range(round(seconds / self.dt)):
+            truth = self.plant.measure()
+            sample = spoil(seen.measure(truth, given))
+            if measures_torque and given is not None:
+                sample = sample._replace(tau=given)
+            state = self.controller.init(sample) if state is None else state
+            before = snapshot(state)
+            try:
+                torque, after = self.controller.step(state, sample, self.desired(truth.t), self.dt)
+            except pa.ImplausibleError:
+                assert unchanged(state, before)
+                raise
+            state = after
+            yield state
+            given = self.plant.motors(torque)
+            self.plant.step(torque, self.dt)
+
+    def refused(self, words, seconds=0.6, **options):
+        """Return the error, and how far the farthest joint is from home [deg] when it comes."""
+        with pytest.raises(pa.ImplausibleError, match=words) as caught:
+            list(self.run(seconds, **options))
+        way = pin.difference(self.robot.model, self.true.q0, self.plant.measure().q)
+        return caught.value, math.degrees(np.abs(way).max())
+
+
+def scaled(**factors):
+    """Return what multiplies signals of a sample."""
+    return lambda sample: sample._replace(
+        **{name: factor * getattr(sample, name) for name, factor in factors.items()}
+    )
+
+
+def first_sample(robot, angles=None, **changed):
+    """Return the sample of a robot at rest at home or elsewhere, with some of it changed."""
+    q = robot.q0 if angles is None else robot.at(angles).q0
+    return (
+        pa.plants.PinocchioPlant(robot).measurement(q, np.zeros(robot.model.nv))._replace(**changed)
+    )
+
+
+def check_first(robot, words, guard, sample, **options):
+    """The first sample is refused, unless its guard is off."""
+    for others_off in ({}, dict.fromkeys(set(GUARDS) - {guard}, False)):
+        controller = pa.make_controller(robot, limits=pa.Limits(guards=others_off), **options)
+        with pytest.raises(pa.ImplausibleError, match=words) as caught:
+            controller.init(sample)
+    assert f"guards={{'{guard}': False}}" in str(caught.value)
+    open_minded = pa.Limits(guards=dict.fromkeys(("position", "limits"), False))
+    pa.make_controller(robot, limits=open_minded, **options).init(sample)
+    return caught.value
+
+
+GUARDS = ("position", "velocity", "time", "rest", "limits", "differences", "gravity")
+
+
+# --- q against the limits of the joints ---
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5", "xarm7", "tiago_arm"])
+def test_degrees_are_recognised(name):
+    robot = catalogue_robot(name)
+    slides = np.array(list(robot.slides.values()))
+    q = np.where(slides, robot.q0, np.degrees(robot.q0))
+    error = check_first(
+        robot,
+        r"joint '\w+' at .* rad, (limits|over) .*q \* pi / 180 would fit",
+        "limits",
+        first_sample(robot, q=q),
+    )
+    assert error.field == "q"
+
+
+def test_a_slide_in_millimetres_is_recognised():
+    robot = catalogue_robot("tiago_arm")
+    slides = np.array(list(robot.slides.values()))
+    assert slides.any()
+    q = np.where(slides, 1e3 * robot.q0, robot.q0)
+    check_first(robot, r"in millimetres\? q / 1000", "limits", first_sample(robot, q=q))
+
+
+def test_the_last_joint_first_is_recognised():
+    robot = catalogue_robot("panda")
+    check_first(
+        robot, "from the last to the first would fit", "limits",
+        first_sample(robot, q=robot.q0[::-1].copy()),
+    )  # fmt: skip
+
+
+def test_an_arm_may_rest_a_little_outside_of_its_limits():
+    robot = catalogue_robot("panda")
+    model = robot.model
+    low, high = model.lowerPositionLimit, model.upperPositionLimit
+    margin = math.radians(10.0) + 0.05 * (high - low)
+    for joint in range(7):
+        for limit, sign in ((low, -1.0), (high, 1.0)):
+            q = robot.q0.copy()
+            for share, fits in ((0.99, True), (1.01, False)):
+                q[joint] = limit[joint] + sign * share * margin[joint]
+                sample = first_sample(robot, q=q, x=robot.position(q))
+                if fits:
+                    pa.make_controller(robot).init(sample)
+                else:
+                    check_first(robot, robot.joint_names[joint], "limits", sample)
+
+
+def test_a_continuous_joint_needs_a_point_of_the_circle():
+    robot = catalogue_robot("kinova")
+    first = next(j for j in robot.model.joints[1:] if j.nq == 2)
+    q = robot.q0.copy()
+    q[first.idx_q : first.idx_q + 2] = 90.0, 0.0
+    words = r"continuous joint 'j2s6s200_joint_1' .*cosine and the sine, and \(90, 0\)"
+    check_first(robot, words, "limits", first_sample(robot, q=q))
+
+
+def test_a_joint_without_limits_stays_within_some_turns():
+    robot = pa.load("planar_2r")  # of its own, to be changed
+    robot.model.lowerPositionLimit = robot.model.upperPositionLimit = np.zeros(2)
+    for turns in (3.9, -3.9):
+        pa.make_controller(robot).init(first_sample(robot, [2.0 * np.pi * turns, 0.5]))
+    words = r"joint 'joint1' at 90 rad, over 25.13 \(in degrees\? q \* pi / 180 would fit"
+    check_first(robot, words, "limits", first_sample(robot, q=np.array([90.0, 30.0])))
+
+
+# --- x against the model ---
+
+
+@pytest.mark.parametrize("task", ["xyz", "pose"])
+@pytest.mark.parametrize(("factor", "unit"), [(1e3, "millimetres"), (1e2, "centimetres")])
+def test_an_x_in_another_unit_is_recognised(task, factor, unit):
+    robot = pa.load("panda", task=task)
+    sample = first_sample(robot)
+    x = sample.x.copy()
+    x[:3] *= factor
+    words = rf"the unknown tool can explain \(in {unit}\? x / {factor:g} would fit"
+    check_first(robot, words, "position", sample._replace(x=x))
+
+
+def test_what_is_unknown_widens_where_x_may_be():
+    robot = catalogue_robot("ur5")
+    sample = first_sample(robot)
+
+    def farthest(**unknown):
+        controller = pa.make_controller(robot, unknown=pa.Unknown(**unknown))
+        for away in np.geomspace(0.05, 100.0, 200):
+            try:
+                controller.init(sample._replace(x=sample.x + np.array([0.0, 0.0, away])))
+            except pa.ImplausibleError:
+                return away / robot.reach
+        return math.inf
+
+    known, tool, base = farthest(tool=False), farthest(tool=True), farthest(tool=True, base=True)
+    assert 0.24 < known < 0.27  # a quarter of the reach
+    assert 1.1 < tool < 1.2  # and half the reach along each axis
+    assert base > 15.0
+
+
+def test_another_frame_is_named_and_nan_is_as_before():
+    robot = catalogue_robot("ur5")
+    sample = first_sample(robot)
+    controller = pa.make_controller(robot, unknown="payload")
+    with pytest.raises(pa.ImplausibleError, match=r"in another frame\?.*Unknown\(base=True\)"):
+        controller.init(sample._replace(x=sample.x + 1.0))
+    with pytest.raises(pa.MeasurementError, match="'x' is not finite"):
+        controller.init(sample._replace(x=np.nan * sample.x))
+
+
+def test_x_may_tell_the_order_of_q():
+    """The joints of a UR5 by the alphabet, as ROS publishes them, are all within their limits."""
+    robot = catalogue_robot("ur5")
+    order = np.argsort(robot.joint_names)
+    q = robot.q0[order]
+    with pytest.raises(pa.ImplausibleError, match="the alphabetical one, of ROS, would fit"):
+        pa.make_controller(robot, unknown="payload").init(first_sample(robot, q=q))
+
+
+@pytest.mark.parametrize(
+    ("order", "words"),
+    [([3, 0, 1, 2], "wxyz"), ([1, 2, 0, 3], "axes of another frame")],
+)
+def test_a_quaternion_of_another_order_is_recognised(order, words):
+    robot = pa.load("panda", task="pose").at([0.3, 0.4, 0.2, -1.8, 0.3, 1.5, 0.9])
+    sample = first_sample(robot)
+    x = np.concatenate([sample.x[:3], sample.x[3:][order]])
+    check_first(robot, f"turned by .* degrees.*{words}", "position", sample._replace(x=x))
+
+
+# --- v against the differences of q ---
+
+SPOILT = {
+    "degrees": (scaled(v=180.0 / np.pi), r"degrees/s\? v \* pi / 180 would fit", 1.5),
+    "sign": (scaled(v=-1.0), r"-1 times as far \(the wrong sign\?\)", 5.0),
+    "stuck": (scaled(v=0.0), r"v says 0 rad \(v stuck at zero", 1.0),
+    "gear": (scaled(v=100.0), r"before a gear\?\)", 1.5),
+    "rpm": (scaled(v=30.0 / np.pi), r"turns a minute\?", 1.5),
+}
+
+
+@pytest.mark.parametrize("how", SPOILT)
+@pytest.mark.parametrize("name", ["panda", "ur5", "kinova", "planar_2r"])
+def test_a_velocity_that_is_not_the_rate_of_q_is_refused(name, how):
+    spoil, words, degrees = SPOILT[how]
+    error, moved = Loop(catalogue_robot(name)).refused(words, spoil=spoil)
+    assert error.field == "v" and moved < degrees
+
+
+def test_one_joint_of_the_wrong_sign_is_named():
+    robot = catalogue_robot("ur5")
+    signs = np.array([1.0, -1.0, 1.0, 1.0, 1.0, 1.0])
+    words = r"is not the rate of q: joint 'shoulder_lift_joint' moved by .*the wrong sign\?"
+    error, moved = Loop(robot).refused(words, spoil=scaled(v=signs))
+    assert moved < 2.0 and "guards={'differences': False}" in str(error)
+
+
+def test_q_in_degrees_from_zero_on_is_refused_as_it_moves():
+    """At zero all units are alike."""
+    robot = pa.load("panda", task="joint")
+    controller = pa.make_controller(robot, limits=pa.Limits(guards={"limits": False}))
+    v = np.array([0.0, 0.1, 0.0, -0.1, 0.0, 0.1, 0.0])
+    still = np.zeros(7)
+    desired, state = pa.Desired(robot.home_angles, still, still), None
+    with pytest.raises(pa.ImplausibleError, match=r"is q in degrees\? q \* pi / 180 would fit"):
+        for k in count():
+            q = np.degrees(v) * k * DT
+            sample = pa.Measurement(k * DT, q, v)
+            state = controller.init(sample) if state is None else state
+            state = controller.step(state, sample, desired, DT)[1]
+            assert k < 500
+
+
+def test_the_comparison_can_be_switched_off():
+    loop = Loop(catalogue_robot("ur5"), guards={"differences": False})
+    assert len(list(loop.run(0.5, scaled(v=0.0)))) == 500
+
+
+class Stale:
+    """Sensors that repeat a sample so many times."""
+
+    def __init__(self, times, names=("q", "v")):
+        self.times, self.names, self.k, self.kept = times, names, 0, {}
+
+    def __call__(self, sample):
+        if self.k % self.times == 0:
+            self.kept = {name: getattr(sample, name) for name in self.names}
+        self.k += 1
+        return sample._replace(**self.kept)
+
+
+class Low:
+    """A low pass on v that the driver of an arm has [s]."""
+
+    def __init__(self, lag):
+        self.rest, self.v = math.exp(-DT / lag), 0.0
+
+    def __call__(self, sample):
+        self.v = self.rest * self.v + (1.0 - self.rest) * sample.v
+        return sample._replace(v=self.v)
+
+
+def noisy(of_v, of_q):
+    """Return what adds white noise to v and q."""
+    rng = np.random.default_rng(0)
+
+    def spoil(sample):
+        v = sample.v + of_v * rng.standard_normal(sample.v.size)
+        return sample._replace(v=v, q=sample.q + of_q * rng.standard_normal(sample.q.size))
+
+    return spoil
+
+
+def counted(resolution):
+    """Return what rounds q to counts, of which v knows nothing."""
+    return lambda sample: sample._replace(q=resolution * np.rint(sample.q / resolution))
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Stale(4),
+        lambda: Stale(8, ("q",)),
+        lambda: Low(0.005),
+        lambda: noisy(0.05, 1e-4),
+        lambda: counted(2.0 * np.pi / 2**12),
+        lambda: lambda sample: sample._replace(v=sample.v + 0.02),
+    ],
+    ids=["repeated", "repeated q", "filtered", "noisy", "12 bits", "offset"],
+)
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_sensors_that_nobody_described_raise_no_alarm(name, make):
+    robot = catalogue_robot(name)
+    true = robot.changed(inertial_scale=1.2, payload=pa.Payload(0.1 * robot.mass), viscous=0.2)
+    assert len(list(Loop(robot, true=true).run(0.5, make()))) == 500
+
+
+@pytest.mark.parametrize(
+    "sensors",
+    [
+        pa.Sensors(encoder=2.0 * np.pi / 2**14),
+        pa.Sensors(camera=pa.Camera(rate=30.0, delay=0.06), noise={"x": 1e-3, "v": 0.02}),
+    ],
+    ids=["14 bits", "camera"],
+)
+def test_sensors_as_described_raise_no_alarm(sensors):
+    robot = catalogue_robot("ur5")
+    true = robot.changed(inertial_scale=1.3, payload=pa.Payload(0.3 * robot.mass))
+    assert len(list(Loop(robot, true=true, sensors=sensors).run(0.5))) == 500
+
+
+def test_missed_samples_raise_no_alarm():
+    loop = Loop(catalogue_robot("ur5"))
+    state, torque = None, np.zeros(6)
+    for k in range(500):
+        sample = loop.plant.measure()
+        state = loop.controller.init(sample) if state is None else state
+        if k % 11 < 6:
+            torque, state = loop.controller.step(state, sample, loop.desired(sample.t), DT)
+        loop.plant.step(torque, DT)
+
+
+def test_once_all_is_told_nothing_is_remembered():
+    """And the torque is the same to the bit, with the guards and without."""
+    robot = catalogue_robot("ur5")
+    runs = [list(Loop(robot, guards=guards).run(3.5)) for guards in (True, False)]
+    remembered = [state.sensed.first is not None for state in runs[0]]
+    assert remembered[0] and not remembered[-1]
+    assert all(one or not other for one, other in pairwise(remembered))  # and never again
+    assert unchanged(runs[0][-1], snapshot(runs[1][-1]))
+
+
+def test_a_controller_in_continuous_time_compares_nothing():
+    robot = catalogue_robot("planar_2r")
+    rollout = pa.simulate(
+        robot, pa.make_controller(robot), pa.reachable_circle(robot).starting_at(
+            robot.position(robot.q0)
+        ), duration=0.05, engine=pa.Engine(continuous=True),
+    )  # fmt: skip
+    assert rollout.diverged is None
+
+
+# --- gravity that the arm adds, or not ---
+
+ARMS = ["panda", "ur5", "kinova", "scara"]
+
+
+def adding(robot, true=None):
+    """Return the plant of an arm that adds its gravity torque."""
+    return pa.plants.PinocchioPlant(robot if true is None else true, compensation=Gravity(robot))
+
+
+@pytest.mark.parametrize("sensors", [None, pa.Sensors(encoder=2.0 * np.pi / 2**17)])
+@pytest.mark.parametrize("name", ARMS)
+def test_an_arm_that_adds_gravity_unasked_is_refused_before_it_has_moved(name, sensors):
+    robot = catalogue_robot(name)
+    loop = Loop(robot, plant=adding(robot), sensors=sensors)
+    error, moved = loop.refused(
+        r"adds its own gravity torque: .*: \d+ %.*compensated=\"nominal\"", 0.1
+    )
+    assert moved < 0.5 and 80.0 < float(error.value.split()[0]) < 110.0
+    assert "guards={'gravity': False}" in str(error)
+    other = Loop(robot, plant=adding(robot), guards={"gravity": False})
+    assert len(list(other.run(0.1))) == 100
+
+
+def test_a_model_ten_percent_too_heavy_makes_no_difference():
+    robot = catalogue_robot("panda")
+    true = robot.changed(inertial_scale=0.9)
+    assert Loop(robot, true=true, plant=adding(robot, true)).refused("adds its own", 0.1)[1] < 0.5
+
+
+@pytest.mark.parametrize("name", ["kinova", "tiago_arm", "baxter_left", "talos_left_arm"])
+def test_an_arm_that_does_not_add_what_was_said_is_refused(name):
+    robot = catalogue_robot(name)
+    loop = Loop(robot, compensated="nominal")
+    _, moved = loop.refused("does not add the torque of `compensated`.*Leave `compensated`", 0.1)
+    assert moved < 0.5
+
+
+@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("wrong", ["adds", "does not add"])
+def test_a_measured_torque_tells_at_once(name, wrong):
+    robot = catalogue_robot(name)
+    adds = wrong == "adds"
+    loop = Loop(
+        robot, plant=adding(robot) if adds else None, compensated=None if adds else "nominal"
+    )
+    error, moved = loop.refused(f"{wrong}.*measured torques", 0.1, measures_torque=True)
+    assert error.field == "tau" and moved < 0.2
+
+
+@pytest.mark.parametrize("compensated", [None, "nominal"])
+@pytest.mark.parametrize("scale", [2.0 / 3.0, 1.5])
+@pytest.mark.parametrize("name", [*ARMS, "planar_2r", "tiago_arm"])
+def test_wrong_inertias_and_a_load_raise_no_alarm(name, scale, compensated):
+    robot = catalogue_robot(name)
+    for share in (0.0, 0.3):
+        true = robot.changed(inertial_scale=scale)
+        if share:
+            true = true.changed(payload=pa.Payload(share * true.mass))
+        plant = None if compensated is None else adding(robot, true)
+        loop = Loop(robot, true=true, plant=plant, compensated=compensated)
+        try:
+            list(loop.run(0.15))
+        except pa.ImplausibleError as error:  # an arm that falls is one, but for no such reason
+            assert "10 times the limit" in str(error)
+
+
+def test_gravity_means_nothing_to_a_horizontal_arm():
+    robot = catalogue_robot("planar_2r")
+    first = pa.make_controller(robot).senses.guards.first
+    assert first.gravity is None and len(list(Loop(robot, plant=adding(robot)).run(0.1))) == 100
