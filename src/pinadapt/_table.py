@@ -91,3 +91,9 @@ def _drawn(rows: Sequence[Sequence[str]], sides: str, *, header: bool) -> str:
 def number(value: float | None, unit: str = "", *, scale: float = 1.0, digits: int = 3) -> str:
     """Return ``value * scale`` with its unit, or a dash for None."""
     return "-" if value is None else f"{value * scale:.{digits}f} {unit}".rstrip()
+
+
+def percent(share: float, digits: int = 2) -> str:
+    """Return a share as a percentage with some significant digits, without an exponent."""
+    value = 100.0 * share
+    return f"{value:.0f} %" if value >= 10.0**digits else f"{float(f'{value:.{digits}g}'):g} %"

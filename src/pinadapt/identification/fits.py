@@ -23,10 +23,10 @@ from ..information.information import Information
 from ..information.measured_motion import MeasuredMotion
 from ..logs.log import Log
 from ..models.dynamics import Dynamics
+from ..models.physical_fit import PhysicalSet, physical_fit
 from ..models.regressor import PER_BODY
 from ..models.task_kinematics import TaskKinematics
 from ..robot.robot import Robot
-from .physical_fit import PhysicalSet, physical_fit
 
 LENGTH = 0.2  # [s] of a window, which is at half (-6 dB) at 6.5 Hz
 CUTOFF = 15.0  # [Hz] for noisy positions, above the band of a window

@@ -18,6 +18,7 @@ from ..exceptions import InputError, LogError, ParameterError
 from ..information.measured_motion import motion_of_log
 from ..logs.log import Log
 from ..logs.read import read_log
+from ..models.physical_fit import physical_set
 from ..models.translations import FIRST, PlacedTranslations
 from ..robot.loading import load
 from ..robot.motors import Compensation, compensation_of
@@ -40,7 +41,6 @@ from .fits import (
 )
 from .identified_model import IdentifiedModel
 from .online import estimate_online, measurements
-from .physical_fit import physical_set
 
 _FEWEST = 4  # windows, both in the fitted and in the held-out part
 

@@ -21,7 +21,7 @@ from ..models.dynamics import Dynamics
 from .measured_motion import motion_of_samples
 
 BLOCK = 0.05  # [s] over which rows of the torque are averaged, so that their noise is independent
-_CUTOFF = 30.0  # [Hz] for noisy positions; averages over a block are at half (-6 dB) at 12 Hz
+CUTOFF = 30.0  # [Hz] for noisy positions; averages over a block are at half (-6 dB) at 12 Hz
 _UNEXCITED = 1e-10  # share of the largest eigenvalue up to which a direction was not excited
 _OUTSIDE = 1e-3  # share of a gradient that may lie along directions that were not excited
 _INVISIBLE = 1e-8  # share of the largest scale up to which a parameter has no effect
@@ -146,7 +146,7 @@ def dynamic_information(
     """
     dynamics.load(a_d)
     nv = model.nv
-    motion = motion_of_samples(model, samples, cutoff=_CUTOFF)
+    motion = motion_of_samples(model, samples, cutoff=CUTOFF)
     _, q, v, a, tau, smooth = motion
     reverses = dynamics.joints if smooth else None
     size = max(1, round(BLOCK / motion.period)) if motion.period else 1

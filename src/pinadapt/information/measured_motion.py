@@ -97,6 +97,49 @@ def motion_of_samples(
     return _smoothed(model, q[0], halfway, travelled, tau, period, cutoff)
 
 
+def instants_of_samples(
+    model: pin.Model, samples: Sequence[Sample], *, cutoff: float, window: float, most: int
+) -> MeasuredMotion:
+    """Return the motion of ``motion_of_samples`` at up to ``most`` instants, evenly chosen.
+
+    Where measured velocities agree with the positions, only these instants are looked at. Where
+    they do not, torques are averaged over a window around each.
+
+    Args:
+        model: of the chain.
+        samples: of a run.
+        cutoff: of the low pass for noisy positions [Hz].
+        window: over which torques of a noisy run are averaged [s].
+        most: instants.
+    """
+    count = len(samples) - 1
+    chosen = np.unique(np.linspace(0, max(count - 1, 0), most).astype(int))
+    pairs = [(samples[k], samples[k + 1]) for k in chosen if k < count]
+    t, after = (np.array([pair[side].t for pair in pairs]) for side in (0, 1))
+    if count < 2 or (after <= t).any():
+        return motion_of_samples(model, (), cutoff=cutoff)
+    measured = [(before.measurement, then.measurement) for before, then in pairs]
+    moved = np.array([pin.difference(model, one.q, other.q) for one, other in measured])
+    v, v_after = (np.array([both[side].v for both in measured]) for side in (0, 1))
+    steps, mean = (after - t)[:, None], 0.5 * (v + v_after)
+    if _agree(moved / steps, mean, _RUN_TOLERANCE):
+        q = [
+            pin.integrate(model, one.q, 0.5 * d)
+            for (one, _), d in zip(measured, moved, strict=True)
+        ]
+        tau = np.array([_torque(*pair) for pair in pairs])
+        halfway = 0.5 * (t + after)
+        return MeasuredMotion(halfway, np.array(q), mean, (v_after - v) / steps, tau, False)
+    motion = motion_of_samples(model, samples, cutoff=cutoff)
+    some = np.unique(np.linspace(0, len(motion.t) - 1, most).astype(int))
+    width = max(round(window / motion.period), 1)
+    tau = np.column_stack(
+        [np.convolve(row, np.ones(width) / width, "same") for row in motion.tau.T]
+    )
+    t, q, v, a = (part[some] for part in motion[:4])
+    return MeasuredMotion(t, q, v, a, tau[some], True)
+
+
 def _torque(sample: Sample, after: Sample) -> np.ndarray:
     """Return the torque (n) between two samples: measured, or else as it was commanded."""
     measured = after.measurement.tau

@@ -34,6 +34,7 @@ def _coefficients() -> np.ndarray:
 
 
 COEFFICIENTS = _coefficients()
+UNCERTAINTY = 0.3  # as far as a described body may be off, in the metric of natural adaptation
 
 
 def pseudo_inertia(pi: np.ndarray) -> np.ndarray:

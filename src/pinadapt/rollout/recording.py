@@ -14,6 +14,7 @@ from ..controller.controller import Controller
 from ..controller.state import ControllerState, Sample
 from ..description.chain import effort_limits
 from ..exceptions import InputError, ParameterError
+from ..information.motion_torques import MotionTorques, TorquePrediction, motion_torques
 from ..laws.law import Truth
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..robot.robot import Robot
@@ -371,6 +372,38 @@ class Recording:
         Of each sample (N, p_d) where the true robot changes during the run.
         """
         return self.evaluated().a_d_true
+
+    @cached_property
+    def prediction(self) -> TorquePrediction | None:
+        """How well the estimates predict the torques since the last mark, and which it excites.
+
+        None where nothing of the dynamics is estimated, or a number is not finite.
+        """
+        if self.evaluation is None:
+            return None
+        torques, truth = self.motion_torques(), self.a_d_true
+        if torques is None:
+            return None
+        return TorquePrediction.of(
+            torques, truth if truth is None or truth.ndim == 1 else truth[-1]
+        )
+
+    def motion_torques(self) -> MotionTorques | None:
+        """Return the torques since the last mark, and what of the parameters they depend on.
+
+        Raises:
+            InputError: the rollout has only the numbers left.
+        """
+        return motion_torques(self.evaluated().controller, self.samples_since_last_mark())
+
+    def samples_since_last_mark(self) -> Sequence[Sample]:
+        """Return the samples since the last change of the robot or announcement.
+
+        Raises:
+            InputError: the rollout was copied to another process.
+        """
+        since = max((at for at, _ in self.marks), default=-np.inf)
+        return [sample for sample in self.evaluated().samples if sample.t >= since]
 
     @cached_property
     def kinematic_base(self) -> int:

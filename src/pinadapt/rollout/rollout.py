@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from .._checks import instance, positive
 from .._table import Sheet
 from ..controller.learned import LearnedParameters
-from ..controller.state import Sample
 from ..exceptions import InputError, ParameterError
 from ..information.information import (
     Excitation,
@@ -159,7 +155,7 @@ class Rollout(Recording):
         Raises:
             InputError: as ``learned``.
         """
-        evaluation, samples = self.evaluated(), self._samples_since_last_mark()
+        evaluation, samples = self.evaluated(), self.samples_since_last_mark()
         controller, state = evaluation.controller, evaluation.last_state
         return Excitation(
             torque_information(controller, samples, state),
@@ -189,7 +185,7 @@ class Rollout(Recording):
             InputError: as ``learned``, or a share that is negative.
         """
         arm = positive(arm, "arm", zero=True, error=InputError)
-        evaluation, samples = self.evaluated(), self._samples_since_last_mark()
+        evaluation, samples = self.evaluated(), self.samples_since_last_mark()
         controller, state = evaluation.controller, evaluation.last_state
         if not arm and empty is None:
             found = torque_information(controller, samples, state)
@@ -214,10 +210,5 @@ class Rollout(Recording):
                 hint="Take a run of the same arm.",
             )
         return whole_arm_information(
-            controller, dynamics, self._samples_since_last_mark(), evaluation.last_state
+            controller, dynamics, self.samples_since_last_mark(), evaluation.last_state
         )
-
-    def _samples_since_last_mark(self) -> Sequence[Sample]:
-        """Return the samples since the last change of the robot or announcement."""
-        since = max((at for at, _ in self.marks), default=-np.inf)
-        return [sample for sample in self.evaluated().samples if sample.t >= since]

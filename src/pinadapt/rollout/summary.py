@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import json
 import zipfile
-from collections.abc import Sequence
-from dataclasses import fields
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, fields
 from pathlib import Path
+from textwrap import wrap
 from typing import Any, TypeVar
 
 import numpy as np
 
 from .._files import whole_file, write_text
-from .._table import Sheet, Table, number
+from .._table import Sheet, Table, number, percent
 from .._version import __version__
 from ..exceptions import InputError
+from ..information.motion_torques import TorquePrediction
 from ..tasks.frame import TASKS
 from ..tasks.joint import JointTask
 from ..tasks.task import DISPLAYS, Task
@@ -27,6 +29,7 @@ Run = TypeVar("Run", bound=Recording)
 # The arrays of ``rollout.npz``.
 RECORDED = ("t", "q", "v", "tau", "x", "x_d", "a_k", "a_d", "saturated", "path_time")
 COMPUTED = ("error", "a_k_true", "a_d_true", "lyapunov")
+_WIDTH = 70  # characters of a long cell
 WATCHED = ("min_eig_M_hat", "min_singular_J_hat", "damping", "damping_share")
 
 
@@ -60,6 +63,7 @@ def summary(rollout: Recording) -> dict[str, Any]:
         "kinematic_names": list(rollout.kinematic_names),
         "dynamic_names": list(rollout.dynamic_names),
         "kinematic_base": rollout.kinematic_base,
+        "torque_prediction": _prediction(rollout),
         "changes": [_transient(transient) for transient in rollout.transients],
         "slowed": [_slowdown(slowdown) for slowdown in rollout.slowed],
         "recorded": _recorded(rollout),
@@ -89,6 +93,41 @@ def _errors(norms: np.ndarray, name: str) -> dict[str, float | None]:
         f"max_{name}_last": extreme(np.max, window(norms, False)),
         f"rms_{name}_last": extreme(_rms, window(norms, False)),
     }
+
+
+def _prediction(rollout: Recording) -> dict[str, Any] | None:
+    """Return how the first and the last estimate predict the torques, and what was excited."""
+    found = rollout.prediction
+    if found is None:
+        return None
+    shares = {"share_first": found.share_first, "share_last": found.share_last}
+    return asdict(found) | {"not_excited": list(found.not_excited)} | shares
+
+
+def _prediction_of(numbers: Mapping[str, Any] | None) -> TorquePrediction | None:
+    """Return what ``_prediction`` has written."""
+    if numbers is None:
+        return None
+    given = {field.name: numbers[field.name] for field in fields(TorquePrediction)}
+    return TorquePrediction(**given | {"not_excited": tuple(given["not_excited"])})
+
+
+def _prediction_rows(rollout: Recording) -> list[tuple[str, str]]:
+    """Return rows for the predicted torques, for what was identifiable, and for what was not."""
+    found = rollout.prediction
+    if found is None:
+        return []
+    errors = f"{found.error_first:.3g} -> {found.error_last:.3g} N m"
+    shares = f"{percent(found.share_first)} -> {percent(found.share_last)} of the torque"
+    words = f"{found.identifiable} combinations of {len(rollout.dynamic_names)} parameters"
+    if found.identifiable_error is not None:
+        words += f", error {percent(found.identifiable_error)} of the start"
+    still = "\n".join(wrap(found.not_excited_words(), _WIDTH, break_long_words=False))
+    return [
+        ("predicted torque (rms error)", f"{errors}, {shares}"),
+        ("identifiable by this motion", words),
+        *([("not excited by this motion", still)] if still else []),
+    ]
 
 
 def _transient(transient: Transient) -> dict[str, Any]:
@@ -145,6 +184,7 @@ def sheet(rollout: Recording) -> Sheet:
             "smallest singular value of J_hat",
             number(numbers["min_singular_J_hat"], singular, digits=4),
         ),
+        *_prediction_rows(rollout),
         ("V, first and last", _ends(rollout.lyapunov_ends)),
         ("joint limits", rollout.limits.verdict()),
         ("samples", f"{numbers['steps']} in {rollout.wall_time:.1f} s"),
@@ -273,6 +313,7 @@ def load(folder: Path, kind: type[Run]) -> Run:
             computed,
             lyapunov_ends=None if V is None or not len(V) else V[[0, -1]],
             kinematic_base=numbers["kinematic_base"],
+            prediction=_prediction_of(numbers["torque_prediction"]),
             effort_limits=np.array(efforts),
             limits=LimitExcess.of_summary(
                 numbers["limits"], tuple(rest["slides"]), stated=rest["limits_stated"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from .._table import percent
 from ..laws import DEFAULT, LAWS
 from ..tasks.task import DISPLAYS
 from .recording import CLOSE, Recording, extreme, window
@@ -43,7 +44,8 @@ def verdict(rollout: Recording) -> str:
     """Return the verdict in one line."""
     reason = str(rollout.reason or "").rstrip(".")
     slowed = f"path slowed {slowed_words(rollout)}" if rollout.slowed else ""
-    parts = (reason, _error(rollout), slowed, _beyond(rollout), _advice(rollout))
+    predicted = _prediction(rollout)
+    parts = (reason, _error(rollout), slowed, _beyond(rollout), predicted, _advice(rollout))
     return f"{grade(rollout)}: {'; '.join(part for part in parts if part)}."
 
 
@@ -74,6 +76,16 @@ def _error(rollout: Recording) -> str:
         without = f"{_short(scale * rollout.unadapted)} {unit} without adaptation"
         text += f", {_relative(error, rollout.unadapted)} the {without}"
     return text
+
+
+def _prediction(rollout: Recording) -> str:
+    """Return how well the last estimate predicts the torques of the motion, and the first did."""
+    found = rollout.prediction
+    if found is None or rollout.diverged is not None:
+        return ""
+    return (
+        f"torques predicted to {percent(found.share_last)}, at first {percent(found.share_first)}"
+    )
 
 
 def _relative(error: float, other: float) -> str:

@@ -24,7 +24,7 @@ import pinocchio as pin
 
 from ..adaptation.adaptation import Adaptation
 from ..models.dynamics import Dynamics
-from ..models.pseudo_inertia import nearest_physical, pseudo_inertia, ten_parameters
+from ..models.pseudo_inertia import UNCERTAINTY, nearest_physical, pseudo_inertia, ten_parameters
 from ..models.translations import PlacedTranslations
 from ..models.typical_motion import TypicalMotion
 from ..robot.robot import Robot
@@ -54,7 +54,7 @@ def rate_for(
     return (mode / natural) ** 2 if natural > 0.0 else 1.0
 
 
-INERTIA, LENGTH = 0.3, 0.1  # relative standard deviations
+INERTIA, LENGTH = UNCERTAINTY, 0.1  # relative standard deviations
 _SAMPLES_PER_PARAMETER = 10
 _RIDGE = 1e-6  # share of its own variance added to each parameter: no combination is known
 _LEAST_RADIUS = 1e-3  # [m] of gyration, for bodies that a description leaves without extent

@@ -22,10 +22,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..exceptions import ParameterError
-from ..models.dynamics import Dynamics
-from ..models.pseudo_inertia import COEFFICIENTS, nearest_physical
-from ..models.regressor import PER_BODY
 from ..robot.robot import Robot
+from .dynamics import Dynamics
+from .pseudo_inertia import COEFFICIENTS, nearest_physical
+from .regressor import PER_BODY
 
 GAMMA = 1e-4  # weight of the description, relative to one row
 _FALL = 10.0  # of gamma, from one value to the next

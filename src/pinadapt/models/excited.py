@@ -1,0 +1,192 @@
+"""Which combinations of the dynamic parameters a motion excites, by the torques that it takes.
+
+Let the parameters be off by da = L z, where |z| = 1 is as far as a description may be off: 30 % of
+a body in the metric of natural adaptation, a typical coefficient of a joint. Along the motion the
+torques change by Y da, in shares of each joint's own root mean square by A da. The right singular
+vectors of A L are combinations of the parameters that change the torques independently of each
+other, and their singular values the shares. A combination is identifiable in practice if its share
+is above one per cent; what is below, the motion does not excite, and no adaptation moves it much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from .dynamics import Dynamics
+from .physical_fit import PhysicalSet
+from .pseudo_inertia import UNCERTAINTY, nearest_physical, unphysical_bodies
+from .regressor import LABELS, PER_BODY
+
+TOLD_APART = 0.01  # share of the torques from which a combination is identifiable in practice
+_QUIET = 0.01  # of the most loaded joint's torque: the least one that a joint's are compared with
+_LEAST = 1e-3  # of the largest typical parameter: the least scale of one
+_LEAST_MASS, _LEAST_RADIUS = 1e-6, 1e-3  # [kg], [m] of bodies that a description leaves without
+_WHOLE = {"bodies": LABELS, "masses": LABELS[:1], "mc": LABELS[1:4], "I": LABELS[4:]}
+_PARTS = dict.fromkeys(LABELS[1:4], "parts of mc") | dict.fromkeys(LABELS[4:], "parts of I")
+
+
+class TorqueSums:
+    """Sums over the instants of a motion, from which follow the errors of predicted torques.
+
+    They belong to the parameters ``at`` (p) at which the residuals were taken, and give the error
+    for any others: tau - Y a - tau_0 = r - Y (a - at).
+    """
+
+    def __init__(self, joints: int, at: np.ndarray) -> None:
+        """Begin with no instant, for n joints and p parameters."""
+        self._at, p = at, at.size
+        self._YY, self._Yr = np.zeros((joints, p, p)), np.zeros((joints, p))
+        self._rr, self._squares, self._count = np.zeros(joints), np.zeros(joints), 0
+
+    def add(self, Y: np.ndarray, residual: np.ndarray, tau: np.ndarray) -> None:
+        """Add k instants: regressors (k, n, p), residuals and torques (k, n) [N m or N]."""
+        rows = Y.transpose(1, 0, 2)
+        self._YY += rows.transpose(0, 2, 1) @ rows
+        self._Yr += np.einsum("knp,kn->np", Y, residual)
+        self._rr += np.sum(residual**2, axis=0)
+        self._squares += np.sum(tau**2, axis=0)
+        self._count += len(Y)
+
+    @property
+    def size(self) -> float:
+        """Root mean square of the torques, all joints together [N m or N]."""
+        return float(np.sqrt(self._squares.sum() / max(self._count * self._rr.size, 1)))
+
+    def error(self, a: np.ndarray) -> float:
+        """Return the root mean square error of the torques at a (p) [N m or N]."""
+        return float(np.sqrt(self._mean_squares(a).mean()))
+
+    def relative_error(self, a: np.ndarray) -> float:
+        """Return the error at a (p) with each joint in shares of its own torque, rms of both."""
+        return float(np.sqrt(np.mean(self._mean_squares(a) / self._levels**2)))
+
+    def excited(self, names: Sequence[str], root: np.ndarray) -> Excited:
+        """Return what the motion excites of p parameters with the scales L (p, p)."""
+        weights = 1.0 / (max(self._count * self._rr.size, 1) * self._levels**2)
+        return Excited(tuple(names), np.tensordot(weights, self._YY, axes=1), root)
+
+    @property
+    def _levels(self) -> np.ndarray:
+        """Root mean square (n) of each joint's torque, at least 1 % of the largest."""
+        levels = np.sqrt(self._squares / max(self._count, 1))
+        return np.maximum(levels, max(_QUIET * levels.max(initial=0.0), np.finfo(float).tiny))
+
+    def _mean_squares(self, a: np.ndarray) -> np.ndarray:
+        """Return the mean squared error (n) of the torques at a (p)."""
+        d = a - self._at
+        squares = self._rr - 2.0 * self._Yr @ d + (self._YY @ d) @ d
+        return np.maximum(squares, 0.0) / max(self._count, 1)
+
+
+@dataclass(frozen=True, eq=False)
+class Excited:
+    """What a motion excites of p dynamic parameters.
+
+    Attributes:
+        names: of the parameters (p).
+        squares: (p, p) A^T A, da^T A^T A da the mean squared change of the torques in shares of
+            their size.
+        root: (p, p) L, as far as parameters may be off.
+    """
+
+    names: tuple[str, ...]
+    squares: np.ndarray
+    root: np.ndarray
+
+    @cached_property
+    def _eigen(self) -> tuple[np.ndarray, np.ndarray]:
+        values, vectors = np.linalg.eigh(self.root.T @ self.squares @ self.root)
+        return np.sqrt(np.maximum(values[::-1], 0.0)), vectors[:, ::-1]
+
+    @property
+    def effects(self) -> np.ndarray:
+        """Share (p) by which each independent combination may change the torques, descending."""
+        return self._eigen[0]
+
+    @property
+    def rank(self) -> int:
+        """Number of combinations that are identifiable in practice."""
+        return int(np.count_nonzero(self.effects > TOLD_APART))
+
+    @cached_property
+    def still(self) -> np.ndarray:
+        """Whether the motion does not excite a parameter (p).
+
+        It then changes the torques by less than one per cent if it alone is as far off as it may
+        be, whatever the others are.
+        """
+        alone = np.sum(self.root**2, axis=1) * np.diag(self.squares)
+        return np.asarray(alone < TOLD_APART**2)
+
+    @cached_property
+    def combinations(self) -> np.ndarray:
+        """The identifiable combinations C (r, p): z = C da, |z| = 1 as far as one may be off."""
+        return np.linalg.solve(self.root.T, self._eigen[1][:, : self.rank]).T
+
+    @cached_property
+    def rows(self) -> np.ndarray:
+        """A (p, p) up to a rotation: |A da| is the change of the torques, in shares of them."""
+        values, vectors = self._eigen
+        return values[:, None] * np.linalg.solve(self.root.T, vectors).T
+
+    def distance(self, a: np.ndarray, truth: np.ndarray) -> float:
+        """Return how far the identifiable combinations of a (p) are off: |C (a - truth)|."""
+        return float(np.linalg.norm(self.combinations @ (a - truth)))
+
+
+def scales(dynamics: Dynamics, a: np.ndarray) -> np.ndarray:
+    """Return L (p, p), as far as the parameters of a model may be off around a (p).
+
+    Bodies by 30 % in the metric of natural adaptation, coefficients of joints by a typical one,
+    combinations by 30 % of their typical values.
+    """
+    typical, size = np.abs(dynamics.typical), dynamics.inertial.size
+    typical = np.maximum(typical, _LEAST * typical.max(initial=0.0) or 1.0)
+    L = np.diag(np.concatenate([UNCERTAINTY * typical[:size], typical[size:]]))
+    if dynamics.per_body:
+        bodies = around(dynamics, a)
+        L[:size, :size] = UNCERTAINTY * bodies.local(bodies.center)[0][:size, :size]
+    return L
+
+
+def around(dynamics: Dynamics, a: np.ndarray) -> PhysicalSet:
+    """Return the physical parameters of bodies and joints, centred at a (p) or close by.
+
+    Bodies at a that are not physical are replaced by the nearest that are, coefficients that are
+    not positive by a thousandth of the typical one.
+    """
+    size = dynamics.inertial.size
+    tens = [
+        nearest_physical(pi, least_mass=_LEAST_MASS, least_radius=_LEAST_RADIUS)
+        if unphysical_bodies(pi, [""])
+        else pi
+        for pi in a[:size].reshape(-1, PER_BODY)
+    ]
+    joints = np.where(a[size:] > 0.0, a[size:], _LEAST * dynamics.typical[size:])
+    return PhysicalSet(len(tens), np.concatenate([*tens, joints]))
+
+
+def names_together(names: Sequence[str]) -> str:
+    """Return names of parameters as words, those of a whole body or of one kind together."""
+    left = dict.fromkeys(names)
+    groups: dict[str, list[str]] = {words: [] for words in _WHOLE}
+    for owner in dict.fromkeys(name.rpartition(".")[0] for name in names):
+        for words, labels in _WHOLE.items():
+            members = [f"{owner}.{label}" for label in labels]
+            if all(member in left for member in members):
+                groups[words].append(owner)
+                for member in members:
+                    del left[member]
+    for name in left:
+        owner, _, label = name.rpartition(".")
+        owners = groups.setdefault(_PARTS.get(label, label), [])
+        owners += [owner] if owner not in owners else []
+    return "; ".join(
+        f"{words} of {', '.join(owners)}" if owners[0] else words
+        for words, owners in groups.items()
+        if owners
+    )
