@@ -69,7 +69,7 @@ def figures(run: Run) -> dict[str, Any]:
     at = at.informed() if run.informed else at
     controller = CONTENDERS[run.contender].make(at, **run.gains)
     known = {"radius": at.radius, "bandwidth": at.w}
-    path = at.circle(run.period)
+    path = at.circle(run.period).as_given()  # at speed from the first sample
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of a light joint, and of unphysical starts
         try:

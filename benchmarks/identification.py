@@ -30,7 +30,8 @@ def rollout(name: str, engine: str = "pinocchio") -> tuple[pa.Robot, pa.Rollout]
         payload=LOAD, tool_translation=TOOL, viscous=0.5, coulomb=0.8, armature=0.05
     )
     path = pa.trajectories.Lissajous(robot.position(robot.q0), [0.12, 0.2, 0.12], [3, 4, 5], 8.0)
-    run = pa.simulate(true, pa.make_controller(robot), path, duration=14.0, engine=engine)
+    controller = pa.make_controller(robot)
+    run = pa.simulate(true, controller, path.as_given(), duration=14.0, engine=engine)
     return robot, run
 
 

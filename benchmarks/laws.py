@@ -55,7 +55,8 @@ class Case:
     def error(self, sensors: pa.Sensors | None = None) -> float | None:
         """Return the largest error of the last tenth [m or rad]; None if the loop diverges."""
         controller = self.controller(sensors)
-        rollout = pa.simulate(self.true, controller, self.path, duration=DURATION)
+        path = self.path.as_given()  # at speed, or a step of the set point, from the first sample
+        rollout = pa.simulate(self.true, controller, path, duration=DURATION)
         return None if rollout.diverged else float(rollout.summary()["max_error_last"])
 
     def cost(self) -> float:

@@ -112,7 +112,7 @@ def measure(name: str, disturbed: str, modified: str, duration: float) -> dict[s
         rollout = pa.simulate(
             true,
             controller,
-            path,
+            path.as_given(),
             duration=duration,
             engine=case.engine,
             sensors=case.sensors,

@@ -80,11 +80,11 @@ class Run:
         return robot, robot.changed(payload=load, **tool)
 
     def path(self, true: pa.Robot) -> pa.trajectories.Trajectory:
-        """Return the motion, from home."""
+        """Return the motion, from home, at speed from the first sample."""
         if self.joints:
-            return pa.trajectories.Sinusoid(true.home_angles + SWING, SWING, PERIOD)
+            return pa.trajectories.Sinusoid(true.home_angles + SWING, SWING, PERIOD).as_given()
         circle = pa.trajectories.Circle(np.zeros(3), RADIUS, PERIOD, "yz")
-        return circle.starting_at(true.position(true.q0))
+        return circle.starting_at(true.position(true.q0)).as_given()
 
     def errors(self) -> list[float | None]:
         """Return the error after each time [m or rad]; None once the loop has diverged."""

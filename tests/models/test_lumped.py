@@ -345,7 +345,6 @@ def test_ur5_learns_five_lengths_and_all_inertias():
     assert rollout.diverged is None
     assert (len(rollout.dynamic_names), len(rollout.kinematic_names)) == (56, 5)
     assert rollout.summary()["max_error_last"] <= 1e-3
-    last = rollout.summary()["max_error_last"]
-    assert rollout.distance[rollout.t < 1.0].max() > 20.0 * last  # the initial error is large
+    assert rollout.distance[rollout.t < 1.0].max() > 4e-3  # the initial error is large
     assert (np.diff(rollout.lyapunov) < 1e-4 * rollout.lyapunov[0]).all()
     assert rollout.lyapunov[-1] < 0.5 * rollout.lyapunov[0]

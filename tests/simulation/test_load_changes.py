@@ -476,7 +476,9 @@ def test_the_scenario_and_simulate_agree():
         ours = pa.simulate(
             true,
             controller,
-            pa.trajectories.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(true.position(true.q0)),
+            pa.trajectories.Circle(np.zeros(3), 0.1, 3.0, "yz")
+            .starting_at(true.position(true.q0))
+            .as_given(),
             duration=0.12,
             events=pa.Events(
                 changes={
