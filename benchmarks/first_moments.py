@@ -55,14 +55,15 @@ def row(source: str | Path) -> dict[str, Any]:
     tool = robot.reach * TOOL
     load = pa.Payload(mass=LOAD * robot.mass, com=tool)
     true = robot.changed(tool_translation=tool, payload=load)
-    circle = pa.reachable_circle(robot).starting_at(true.position(true.q0))
+    circle = pa.reachable_circle(robot)
+    path = circle.starting_at(true.position(true.q0))
     adaptive = pa.make_controller(robot.changed(inertial_scale=INERTIAS))
     informed = pa.make_controller(true, adaptation="none")
     limits = effort_limits(robot.model)
     data = true.model.createData()
     gravity = np.abs(pin.computeGeneralizedGravity(true.model, data, true.q0)) / limits
     found: dict[str, Any] = {"name": Path(source).stem, "gravity": float(gravity.max())}
-    for name, motion in (("at speed", circle.as_given()), ("from rest", circle.from_rest())):
+    for name, motion in (("at speed", path.as_given()), ("from rest", path.from_rest())):
         first = pa.simulate(true, adaptive, motion, duration=FIRST)
         known = pa.simulate(true, informed, motion, duration=TENTH * TURNS * circle.period)
         found[name] = {

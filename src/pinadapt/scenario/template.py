@@ -309,6 +309,10 @@ def _sections(template: Template, folder: Path) -> Iterable[tuple[str, str, Tabl
     yield "controller", "", _controller(template)
     reference = _SET_POINT if rests else _SINES if joints else _REFERENCE
     motion = (_way if rests else _reference)(template)
+    if not rests:
+        _option(
+            motion, 'start = "moving"', "at full speed from the first sample, not from rest", 20
+        )
     _remark(motion, _GOVERNOR)
     motion["governor"] = True
     yield "reference", reference, motion
