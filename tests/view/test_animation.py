@@ -2,6 +2,7 @@
 
 import base64
 import gzip
+import json
 import re
 import shutil
 import subprocess
@@ -9,9 +10,12 @@ from dataclasses import replace
 from functools import cache
 from html import unescape
 
+import numpy as np
 import pytest
 
 import pinadapt as pa
+from pinadapt.robot.succession import Succession
+from pinadapt.view.scene import ShownEstimates, motion_of
 from tests.support.chains import catalogue_robot
 from tests.support.loops import run
 from tests.support.streams import parted, sent
@@ -113,11 +117,9 @@ def test_a_rollout_from_another_process_cannot_be_animated():
     assert len(rollout.plot()) == 3
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
-@pytest.mark.parametrize("name", ["planar_2r", "ur5"])
-def test_a_browser_shows_the_page_without_errors(name, tmp_path):
-    page = run(name, duration=0.5).animate().save(tmp_path / "page.html")
-    done = subprocess.run(
+def browsed(page, folder):
+    """Open a page in a browser of 1280 x 800 pixels without a screen; return what it says."""
+    return subprocess.run(
         [
             CHROMIUM,
             "--headless",
@@ -130,7 +132,8 @@ def test_a_browser_shows_the_page_without_errors(name, tmp_path):
             "--no-first-run",
             "--disable-background-networking",
             "--host-resolver-rules=MAP * ~NOTFOUND",
-            f"--user-data-dir={tmp_path / 'profile'}",
+            f"--user-data-dir={folder / 'profile'}",
+            "--window-size=1280,800",
             "--virtual-time-budget=4000",
             "--enable-logging=stderr",
             "--dump-dom",
@@ -140,8 +143,71 @@ def test_a_browser_shows_the_page_without_errors(name, tmp_path):
         text=True,
         timeout=120,
     )
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+@pytest.mark.parametrize("name", ["planar_2r", "ur5"])
+def test_a_browser_shows_the_page_without_errors(name, tmp_path):
+    page = run(name, duration=0.5).animate().save(tmp_path / "page.html")
+    done = browsed(page, tmp_path)
     harmless = "ColladaLoader: File version", "GL Driver Message"  # of the software renderer
     said = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
     assert not [line for line in said if not any(words in line for words in harmless)]
     assert re.search(r'id="time">t = \d\.\d s<', done.stdout)
     assert re.search(r"<b>[\d.e-]+ mm</b>", done.stdout)
+
+
+# Writes where the robot, its paths and the panels are in the picture [pixels].
+MEASURED = """<script>setTimeout(() => {
+  const {camera, scene_tree} = viewer, seen = [];
+  camera.updateMatrixWorld();
+  for (const name of ["true", "paths"])
+    scene_tree.find(["meshcat", name]).object.traverse((part) => {
+      const points = part.isMesh ? part.geometry.attributes.position : {count: 0};
+      for (let k = 0; k < points.count; k++) {
+        const point = new MeshCat.THREE.Vector3().fromBufferAttribute(points, k);
+        seen.push(part.localToWorld(point).project(camera));
+      }
+    });
+  const panels = [...document.querySelectorAll(".panel")];
+  const pixels = {
+    left: Math.min(...seen.map(({x}) => 0.5 * (1 + x) * innerWidth)),
+    right: Math.max(...seen.map(({x}) => 0.5 * (1 + x) * innerWidth)),
+    panels: Math.max(...panels.map((one) => one.getBoundingClientRect().right)), innerWidth};
+  document.body.append("MEASURED" + JSON.stringify(pixels) + "END");
+}, 2500)</script>"""
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+def test_no_panel_covers_robot_or_path(tmp_path):
+    page = run("planar_2r", duration=0.3).animate().save(tmp_path / "page.html")
+    page.write_text(page.read_text().replace("</body>", MEASURED + "</body>"))
+    found = re.search(r"MEASURED(\{[^}]*\})END", browsed(page, tmp_path).stdout)
+    pixels = json.loads(found[1])
+    assert pixels["innerWidth"] == 1280 and pixels["panels"] > 300
+    assert pixels["left"] > pixels["panels"] and pixels["right"] < 1280
+
+
+def test_differences_that_no_motion_can_show_are_not_drawn():
+    """The translation along a joint's axis may belong to the joint or to the link behind it."""
+    robot = catalogue_robot("ur5")
+    unknown = pa.Unknown(tool=True, translations=["elbow_joint", "wrist_1_joint"])
+    controller = pa.make_controller(robot, unknown=unknown, adaptation="gradient")
+    kinematics = controller.kinematics
+    assert kinematics.base() < kinematics.size
+    true = robot.changed(link_translation={"elbow_joint": [0.0, 0.0, 0.03]})
+    truth, rng = kinematics.value(true), np.random.default_rng(0)
+    shown = ShownEstimates(Succession.of(true, None), kinematics)
+    a_k = truth + 0.02 * rng.standard_normal((4, kinematics.size))
+    drawn, t = shown.at(np.zeros(4), a_k), np.zeros(4)
+    assert np.abs(drawn - a_k).max() > 1e-3
+    for _ in range(3):  # the tool is where the estimate has it, at every pose
+        q = np.repeat(rng.uniform(-3.0, 3.0, (1, 6)), 4, axis=0)
+        tips = [motion_of(robot, q, kinematics, part).tip for part in (a_k, drawn)]
+        assert np.allclose(*tips, atol=1e-9)
+    hidden = truth + (a_k - drawn)  # differs from the truth, and nobody can tell
+    assert np.allclose(shown.at(t, hidden), truth, atol=1e-9)
+    only = pa.make_controller(robot, unknown=pa.Unknown(tool=True)).kinematics
+    alone = ShownEstimates(Succession.of(true, None), only)
+    a_k = rng.standard_normal((1, 3))
+    assert np.allclose(alone.at(np.zeros(1), a_k), a_k)  # a tool alone always shows

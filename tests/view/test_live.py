@@ -192,6 +192,36 @@ def test_run_live_prints_the_address_and_writes_the_usual_files(tmp_path, capsys
     assert (tmp_path / "animation.html").is_file()
 
 
+@pytest.mark.parametrize("visited", [True, False])
+def test_without_a_display_a_run_waits_for_a_visitor_at_a_terminal(visited, monkeypatch, capsys):
+    monkeypatch.setattr("pinadapt.view.live.on_terminal", lambda: True)
+    monkeypatch.setattr("pinadapt.view.live._PATIENT", 5.0 if visited else 0.05)
+    if visited:
+        waited = Broadcast.wait_for_reader
+
+        readers = []
+
+        def come(window, timeout):
+            readers.append(window.read())
+            threading.Thread(target=next, args=(readers[-1],), daemon=True).start()
+            return waited(window, timeout)
+
+        monkeypatch.setattr(Broadcast, "wait_for_reader", come)
+    view = loop(0.1)[-1]
+    if visited:
+        readers[0].close()
+    view.close()
+    said = capsys.readouterr().err
+    assert "the run starts with the first visitor" in " ".join(said.lower().split())
+    assert ("Nobody came" in said) != visited
+
+
+def test_without_display_and_terminal_a_run_says_how_to_look_afterwards(monkeypatch, capsys):
+    monkeypatch.setattr("pinadapt.view.live.on_terminal", lambda: False)
+    loop(0.1)[-1].close()
+    assert "`pinadapt view FOLDER`" in capsys.readouterr().err
+
+
 def test_view_of_a_scenario_runs_it_and_writes_nothing(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["view", PLANAR, "--set", "simulation.duration=0.1"]) == 0

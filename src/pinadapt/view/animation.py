@@ -13,7 +13,7 @@ from .._files import write_text
 from ..controller.controller import Controller
 from ..robot.succession import Succession
 from .page import Curve, Messages, Moment, Page, curves_of, reading_of, viewpoint_for
-from .scene import Scene, desired_tip, motion_in_time, motion_of
+from .scene import Scene, ShownEstimates, desired_tip, motion_in_time, motion_of
 from .shapes import DESIRED, TRUE
 from .window import Keyframes
 
@@ -118,7 +118,8 @@ def animation_of(
     a_k = rollout.a_k if some else np.asarray(kinematics.initial)[None]
     frames, line = _samples(t, rate, _MOST_FRAMES), _samples(t, _LINE_RATE, _MOST_POINTS)
     truth = motion_in_time(robots, t[frames], q[frames])
-    estimated = motion_of(kinematics.robot, q[frames], kinematics, a_k[frames])
+    drawn = ShownEstimates(robots, kinematics).at(t[frames], a_k[frames])
+    estimated = motion_of(kinematics.robot, q[frames], kinematics, drawn)
     traced = motion_in_time(robots, t[line], q[line]).tip
     desired = desired_tip(true, rollout.x_d[line], traced) if some else traced
     viewpoint = viewpoint_for(np.vstack([truth.points, desired]), desired)

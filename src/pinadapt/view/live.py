@@ -21,7 +21,7 @@ from ..robot.robot import Robot
 from ..robot.succession import Succession
 from ..trajectories.given import TrajectoryLike, as_trajectory
 from .page import Moment, Page, curves_of, reading_of, viewpoint_for
-from .scene import Scene, desired_tip, motion_in_time, motion_of
+from .scene import Scene, ShownEstimates, desired_tip, motion_in_time, motion_of
 from .shapes import DESIRED, TRUE
 from .window import Poses, Window, framed
 
@@ -170,14 +170,29 @@ _RATE = 30.0  # [1/s] frames
 _PIECE = 30  # frames of the traced path that are drawn as one object
 _ARRIVAL = 10.0  # [s] to wait for the browser that was opened
 _DESIRED_POINTS = 600
+_PATIENT = 30.0  # [s] to wait for a visitor from elsewhere
+_LATER = (
+    "To look at a run afterwards: `pinadapt run` writes a page, which `pinadapt view FOLDER` and "
+    "any browser show; in Python `rollout.animate().save(...)`."
+)
+
+
+def on_terminal() -> bool:
+    """Return whether somebody is at a terminal and reads standard error."""
+    return sys.stderr is not None and sys.stderr.isatty()
+
+
+def _say(words: str) -> None:
+    print(f"live view: {words}", file=sys.stderr, flush=True)
 
 
 class LiveView:
     """A page that shows a run while it goes on; close it, or use it in a ``with`` statement.
 
     The server is a thread of this process and answers this machine only. If there is a display, a
-    browser is opened. The address is printed to standard error, and browsers may connect and leave
-    at any time.
+    browser is opened. Without one, somebody at a terminal gets half a minute to open the address,
+    and the run starts with the first visitor. The address is printed to standard error, and
+    browsers may connect and leave at any time.
 
     ```
     with LiveView(true, controller, trajectory, duration=10.0) as view:
@@ -219,6 +234,7 @@ class LiveView:
         """
         self._robots, self._controller = Succession.of(true, changes), controller
         self._curves = curves_of(self._robots, controller)
+        self._shown = ShownEstimates(self._robots, controller.kinematics)
         self._window, self._poses = Broadcast(), Poses()
         self._started: float | None = None
         self._next = 0.0
@@ -237,8 +253,25 @@ class LiveView:
         self._server = Server(page.html(), self._window, port)
         self.url = self._server.url
         print(f"live view: {self.url}", file=sys.stderr, flush=True)
-        if browser and open_in_browser(self.url):
+        if not browser:
+            return
+        if open_in_browser(self.url):
             self._window.wait_for_reader(_ARRIVAL)
+        elif on_terminal():
+            self._wait_for_visitor()
+        else:
+            _say(f"There is no display here. {_LATER}")
+
+    def _wait_for_visitor(self) -> None:
+        """Give somebody at a terminal without a display the time to open the page elsewhere."""
+        port = self.url.rpartition(":")[2].rstrip("/")
+        _say(
+            f"There is no display here: open the address in a browser of this machine, or of "
+            f"another one after `ssh -L {port}:127.0.0.1:{port}`. The run starts with the first "
+            f"visitor, at the latest in {_PATIENT:g} s."
+        )
+        if not self._window.wait_for_reader(_PATIENT):
+            _say(f"Nobody came; the run starts. {_LATER}")
 
     def watch(self, samples: Iterable[Sample]) -> Iterator[Sample]:
         """Yield the samples of a run, at most in real time, and show them."""
@@ -271,7 +304,8 @@ class LiveView:
         t = np.array([sample.t])
         truth = motion_in_time(self._robots, t, q[None])
         kinematics = self._controller.kinematics
-        estimated = motion_of(kinematics.robot, q[None], kinematics, a_k[None])
+        drawn = self._shown.at(t, a_k[None])
+        estimated = motion_of(kinematics.robot, q[None], kinematics, drawn)
         self._scene.place(t, truth, estimated, self._poses)
         desired = desired_tip(self._robots.robots[0], sample.desired.x_d[None], truth.tip)
         self._scene.move_point(desired, self._poses)
