@@ -8,6 +8,8 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.cli.command_line import main
+from pinadapt.models.excited import around
+from pinadapt.models.pseudo_inertia import unphysical_bodies
 from pinadapt.robot.succession import Succession
 from tests.support.chains import catalogue_robot
 
@@ -32,7 +34,8 @@ def run(name, duration=0.3, **options):
 @pytest.mark.parametrize("name", ROBOTS)
 def test_the_learned_robot_has_the_estimates_for_its_parameters(name):
     controller, rollout = run(name)
-    learned, state = rollout.learned(), rollout.evaluated().samples[-1].state
+    learned = rollout.learned(all_estimates=True)
+    state = rollout.evaluated().samples[-1].state
     assert not np.allclose(state.a_d, controller.dynamics.initial)
     assert np.allclose(controller.kinematics.value(learned), state.a_k, atol=1e-12)
     assert np.allclose(controller.dynamics.value(learned), state.a_d, rtol=1e-9, atol=1e-12)
@@ -110,6 +113,99 @@ def test_unphysical_bodies_are_refused():
         controller.learned(state._replace(dynamic=state.dynamic.with_value(a_d)))
 
 
+# --- what the motion does not excite ---
+
+
+def predicted(rollout, a_d):
+    """Return the error of the torques of a run's motion at parameters (p), each joint alike."""
+    return rollout.motion_torques().sums.relative_error(a_d)
+
+
+@pytest.mark.parametrize(
+    ("name", "adaptation"),
+    [
+        ("panda", "natural"),
+        ("ur5", "natural-memory"),
+        ("scara", "gradient"),
+        ("ur5", "least-squares"),
+    ],
+)
+def test_what_the_motion_does_not_excite_stays_and_its_torques_too(name, adaptation):
+    controller, rollout = run(name, 2.0, dt=4e-3, adaptation=adaptation)
+    state, dynamics = rollout.evaluated().last_state, controller.dynamics
+    kept = rollout.parameters().start(controller)["a_d"]
+    before, after = (predicted(rollout, a) for a in (state.a_d, kept))
+    assert abs(after - before) < min(0.1 * before, 1e-3) + 1e-9
+    assert not unphysical_bodies(kept[: dynamics.inertial.size], rollout.joint_names)
+    physical = around(dynamics, state.a_0)
+    assert physical.divergence(kept) <= physical.divergence(state.a_d) + 1e-6
+    excited = rollout.motion_torques().excited
+    open_ones = excited.root @ excited._eigen[1][:, excited.effects < 1e-7]
+    T, h = physical.local(kept)
+    slopes = np.linalg.solve(T.T, h) @ open_ones  # of the distance, along what the torques leave
+    assert open_ones.shape[1] > 3
+    assert np.abs(slopes).max() < 1e-3 * np.linalg.norm(np.linalg.solve(T.T, h) @ excited.root)
+
+
+def test_noise_moves_masses_that_only_the_start_can_know():
+    """A memory under quantised encoders drifts far where the motion says next to nothing."""
+    sensors = pa.Sensors(encoder=2.0 * np.pi / 2**14)
+    described = catalogue_robot("ur5")
+    true = described.changed(payload=pa.Payload(0.5, (0.0, 0.0, 0.03)))
+    controller = pa.make_controller(
+        described, adaptation="natural-memory", sensors=sensors, dt=4e-3
+    )
+    path = pa.reachable_circle(true)
+    rollout = pa.simulate(true, controller, path, duration=6.0, sensors=sensors)
+    state, start = rollout.evaluated().last_state, around(controller.dynamics, rollout.a_d[0])
+    kept = rollout.parameters().start(controller)["a_d"]
+    assert start.divergence(kept) < 0.8 * start.divergence(state.a_d)
+    before, after = (predicted(rollout, a) for a in (state.a_d, kept))
+    assert after == pytest.approx(before, rel=0.1)
+
+
+def test_lumped_parameters_stay_in_the_metric_of_their_adaptation():
+    controller, rollout = run(
+        "ur5",
+        1.0,
+        unknown=pa.Unknown(tool=False, translations=["tool", "elbow_joint"]),
+        adaptation="gradient",
+        dt=4e-3,
+    )
+    learned = rollout.parameters()
+    kept, last = learned.start(controller)["a_d"], rollout.a_d[-1]
+    assert "as near to the start" in learned.remark and not np.array_equal(kept, last)
+    assert predicted(rollout, kept) == pytest.approx(predicted(rollout, last), rel=0.1)
+
+
+def test_the_urdf_says_what_is_as_at_the_start(tmp_path):
+    _, rollout = run("ur5", 1.0, dt=4e-3)
+    assert "Not excited by the motion: bodies of shoulder_pan_joint" in rollout.learned().urdf()
+    assert "Not excited" not in rollout.learned(all_estimates=True).urdf()
+
+
+def test_samples_of_hardware_say_what_they_excite():
+    controller, rollout = run("ur5", 1.0, dt=4e-3)
+    evaluation = rollout.evaluated()
+    along = pa.information.along_excited(controller, evaluation.samples)
+    robot = controller.learned(evaluation.last_state, along)
+    same = rollout.learned().model.inertias
+    assert all(a.isApprox(b) for a, b in zip(robot.model.inertias, same, strict=True))
+
+
+def test_estimates_without_a_neighbour_are_as_learned():
+    """A mass of a thousand tons that the motion excites: no body near it has a positive inertia."""
+    controller, rollout = run("ur5", 0.5, dt=4e-3, adaptation="gradient")
+    along = pa.information.along_excited(controller, rollout.evaluated().samples)
+    state = rollout.evaluated().last_state
+    a_d = state.a_d.copy()
+    a_d[controller.dynamics.names.index("wrist_1_joint.coulomb")] = -1e3
+    other = state._replace(dynamic=state.dynamic.with_value(a_d))
+    with pytest.warns(UserWarning, match="as learned"):
+        given, words = along.estimate(controller, other)
+    assert given is a_d and "All estimates are as learned" in words
+
+
 # --- numbers to start from ---
 
 
@@ -120,7 +216,9 @@ def test_a_file_keeps_every_number_with_name_and_unit(name, tmp_path):
     learned.save(tmp_path / "learned.json")
     assert pa.LearnedParameters.load(tmp_path / "learned.json") == learned
     start, state = learned.start(controller), rollout.evaluated().samples[-1].state
-    assert (start["a_k"] == state.a_k).all() and (start["a_d"] == state.a_d).all()
+    assert (start["a_k"] == state.a_k).all() and learned.remark
+    start = rollout.parameters(all_estimates=True).start(controller)
+    assert (start["a_d"] == state.a_d).all()
     slide = "slide_joint.viscous"
     assert learned.units.get(slide, "N s/m") == "N s/m" and "" not in learned.units.values()
 
@@ -194,7 +292,9 @@ def test_a_run_leaves_what_it_learned_and_another_starts_there(tmp_path):
     assert (
         main(["run", str(tmp_path / "two.toml"), "--out", str(tmp_path / "two"), "--no-html"]) == 0
     )
-    ends = [np.load(tmp_path / part / "rollout.npz")["a_d"] for part in ("one", "two")]
-    assert (ends[0][-1] == ends[1][0]).all()
+    written = json.loads((tmp_path / "one" / "learned.json").read_text())
+    assert "Not excited by the motion" in written["remark"]
+    first = np.load(tmp_path / "two" / "rollout.npz")["a_d"][0]
+    assert first.tolist() == [row["value"] for row in written["dynamic"]]
     wrong = [*("run", str(tmp_path / "two.toml")), "--set", "unknown.dynamic='payload'"]
     assert main([*wrong, "--out", str(tmp_path / "three")]) == 2

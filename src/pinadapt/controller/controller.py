@@ -33,7 +33,7 @@ from ..trajectories.trajectory import Trajectory
 from .announcement import NominalRobot, announced_state
 from .governor import PathTime
 from .inputs import InputCheck, initial_estimate
-from .learned import learned_robot
+from .learned import AlongExcited, learned_robot
 from .limits import ControllerLimits
 from .sensing import Guards, Senses
 from .state import ControllerState
@@ -213,17 +213,23 @@ class Controller:
         """
         return announced_state(self, state, payload, tool_translation)
 
-    def learned(self, state: ControllerState) -> Robot:
+    def learned(self, state: ControllerState, along: AlongExcited | None = None) -> Robot:
         """Return the robot with the estimates of a state: bodies, translations, joints.
 
         What is not adapted is as described, with the load announced at first. The robot can serve
         as the model of another controller or as a plant, or be written with ``Robot.save``.
 
+        Args:
+            state: with the estimates.
+            along: what the motion excited, from ``information.along_excited(controller, samples)``:
+                bodies and joints are then the nearest to those at the start that predict the same
+                torques. None: every estimate as it is.
+
         Raises:
             ParameterError: the bodies are not physical, as adaptation "gradient" may leave them, or
                 the parameters are lumped products of lengths and inertias.
         """
-        return learned_robot(self, state)
+        return learned_robot(self, state, along)
 
     def step(
         self, state: ControllerState, measurement: Measurement, desired: Desired, dt: float

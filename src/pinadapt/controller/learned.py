@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,8 +13,12 @@ import numpy as np
 
 from .._checks import instance, numbers
 from .._files import write_text
+from .._table import percent
 from .._version import __version__
 from ..exceptions import ParameterError, did_you_mean
+from ..models.excited import Excited, around, names_together
+from ..models.physical_fit import PhysicalSet, nearest_with
+from ..models.regressor import PER_BODY
 from ..models.translations import PlacedTranslations
 from ..robot.robot import Robot
 from .announcement import ControllerParts
@@ -22,18 +27,114 @@ from .state import ControllerState
 _FORMAT = "pinadapt learned parameters"
 
 
-def learned_robot(controller: ControllerParts, state: ControllerState) -> Robot:
+_TOLERANCE = 1e-3  # largest change of the torques, as a share of them,
+_OF_ERROR, _LEAST = 0.1, 1e-9  # and of the error of those that the estimate predicts
+_FALLS = 20  # of gamma, in steps of ten
+_SLOW = 1e-3  # least and largest rate of a body's adaptation relative to the median one
+
+
+@dataclass(frozen=True, eq=False)
+class AlongExcited:
+    """What a motion says of the estimates, beside where they started.
+
+    Attributes:
+        excited: the combinations of the parameters that the motion excites.
+        error: of the torques that the estimate predicts, as ``TorqueSums.relative_error``.
+    """
+
+    excited: Excited
+    error: float = np.inf
+
+    def estimate(
+        self, controller: ControllerParts, state: ControllerState
+    ) -> tuple[np.ndarray, str]:
+        """Return the parameters (p) nearest to the start that predict the same torques.
+
+        Nearest in the metric of natural adaptation, each body with its rate, where the parameters
+        are those of bodies, so that these are physical; else in the metric of the adaptation. The
+        torques of the motion change by a tenth of their present error, and by at most a thousandth
+        of themselves.
+
+        Returns:
+            The parameters, and words that say which are as at the start. Where there are no such
+            parameters, those of the state.
+        """
+        rows, a, start = self.excited.rows, state.a_d, state.a_0
+        tolerance = float(np.clip(_OF_ERROR * self.error, _LEAST, _TOLERANCE))
+        dynamics, adaptation = controller.dynamics, controller.adaptation_d
+        Gamma = adaptation.gain(start)
+        if dynamics.per_body:
+            physical = around(dynamics, start)
+            physical = replace(physical, body_weights=_body_weights(Gamma, physical))
+            found = nearest_with(rows, a, physical, tolerance)
+        else:
+            found = _nearest_in(Gamma, rows, a, start, tolerance)
+            found = found if found is not None and adaptation.contains(found) else None
+        if found is None:
+            words = (
+                "All estimates are as learned: no parameters near those of the start predict the "
+                "same torques."
+            )
+            warnings.warn(words, stacklevel=4)
+            return a, words
+        still = [n for n, no in zip(self.excited.names, self.excited.still, strict=True) if no]
+        moved = percent(float(np.linalg.norm(rows @ (found - a))))
+        kept = f"Not excited by the motion: {names_together(still)}. " if still else ""
+        words = (
+            f"{kept}What the torques of the motion leave open is as near to the start as they "
+            f"allow; they are those of the last estimate to {moved}."
+        )
+        return found, words
+
+
+def _body_weights(Gamma: np.ndarray, physical: PhysicalSet) -> np.ndarray:
+    """Return the median rate of the bodies' adaptation relative to that of each (k)."""
+    T, rates = physical.local(physical.center)[0], []
+    for b in range(physical.bodies):
+        block = slice(PER_BODY * b, PER_BODY * (b + 1))
+        inverse = np.linalg.inv(T[block, block])
+        rates.append(np.trace(inverse @ Gamma[block, block] @ inverse.T))
+    positive = [rate for rate in rates if rate > 0.0]
+    if not positive:
+        return np.ones(1)
+    relative = np.array(rates) / np.median(positive)
+    return np.asarray(1.0 / np.clip(relative, _SLOW, 1.0 / _SLOW))
+
+
+def _nearest_in(
+    Gamma: np.ndarray, rows: np.ndarray, a: np.ndarray, start: np.ndarray, tolerance: float
+) -> np.ndarray | None:
+    """Return x (p) = start + Gamma rows^T y that keeps rows x to a tolerance, for some y.
+
+    It minimises |rows (x - a)|^2 + gamma |x - start|^2 in the metric Gamma^-1, with the first gamma
+    that keeps the tolerance.
+    """
+    values, vectors = np.linalg.eigh(0.5 * (Gamma + Gamma.T))
+    G = vectors * np.sqrt(np.maximum(values, 0.0))
+    U, s, Vt = np.linalg.svd(rows @ G)
+    c, gamma = U.T @ (rows @ (a - start)), float(s.max(initial=0.0) ** 2)
+    for _ in range(_FALLS):
+        if np.linalg.norm(gamma / np.maximum(s**2 + gamma, np.finfo(float).tiny) * c) <= tolerance:
+            return np.asarray(start + G @ (Vt.T @ (s / (s**2 + gamma) * c)))
+        gamma /= 10.0
+    return None
+
+
+def learned_robot(
+    controller: ControllerParts, state: ControllerState, along: AlongExcited | None = None
+) -> Robot:
     """Return the robot with the estimates of a state; see ``Controller.learned``.
 
     Raises:
         ParameterError: no physical bodies have these parameters.
     """
+    a_d, words = (state.a_d, "") if along is None else along.estimate(controller, state)
     kinematics, made_for = controller.kinematics, controller.nominal
     nominal = kinematics.robot if made_for is None else made_for.robot(made_for.load)
-    learned = controller.dynamics.robot(state.a_d, nominal)
+    learned = controller.dynamics.robot(a_d, nominal)
     model = learned.model.copy()
     PlacedTranslations(model, learned.frame_id, kinematics.translations).write(state.a_k)
-    return replace(learned, model=model, loads=())
+    return replace(learned, model=model, loads=(), remark=words)
 
 
 @dataclass(frozen=True)
@@ -50,6 +151,7 @@ class LearnedParameters:
         dynamic: name -> value.
         units: name -> unit of its value; empty for parameters of a basis of one's own.
         version: of the library that learned them.
+        remark: which of them are as at the start, because the motion did not excite them.
     """
 
     robot: str
@@ -57,18 +159,32 @@ class LearnedParameters:
     dynamic: Mapping[str, float]
     units: Mapping[str, str]
     version: str = __version__
+    remark: str = ""
 
     @classmethod
-    def of(cls, controller: ControllerParts, state: ControllerState) -> LearnedParameters:
-        """Return the estimates in a state of a controller."""
+    def of(
+        cls,
+        controller: ControllerParts,
+        state: ControllerState,
+        along: AlongExcited | None = None,
+    ) -> LearnedParameters:
+        """Return the estimates in a state of a controller.
+
+        Args:
+            controller: that adapted.
+            state: of it.
+            along: what a motion excites; combinations that it does not are as at the start.
+        """
+        a_d, words = (state.a_d, "") if along is None else along.estimate(controller, state)
         kinematics, dynamics = controller.kinematics, controller.dynamics
         units = {name: "m" for name in kinematics.names}
         units |= dict(zip(dynamics.names, dynamics.units, strict=True))
         return cls(
             kinematics.robot.name,
             dict(zip(kinematics.names, state.a_k.tolist(), strict=True)),
-            dict(zip(dynamics.names, state.a_d.tolist(), strict=True)),
+            dict(zip(dynamics.names, a_d.tolist(), strict=True)),
             units,
+            remark=words,
         )
 
     def start(self, controller: ControllerParts) -> dict[str, np.ndarray]:
@@ -89,6 +205,7 @@ class LearnedParameters:
             "format": _FORMAT,
             "version": self.version,
             "robot": self.robot,
+            **({"remark": self.remark} if self.remark else {}),
             "kinematic": self._rows(self.kinematic),
             "dynamic": self._rows(self.dynamic),
         }
@@ -114,11 +231,12 @@ class LearnedParameters:
                 for kind in ("kinematic", "dynamic")
             ]
             robot, version = str(content["robot"]), str(content["version"])
+            remark = str(content.get("remark", ""))
         except (KeyError, TypeError) as error:
             raise ParameterError(f"lacks {error}.", where=str(path)) from error
         kinematic, dynamic = (_values(table, str(path)) for table in tables)
         units = {name: str(unit) for table in tables for name, (_, unit) in table.items()}
-        return cls(robot, kinematic, dynamic, units, version)
+        return cls(robot, kinematic, dynamic, units, version, remark)
 
     def _rows(self, values: Mapping[str, float]) -> list[dict[str, Any]]:
         return [

@@ -44,6 +44,7 @@ class WrittenChain:
         frame: name of the task frame.
         viscous, coulomb: (nv) joint friction [N m s/rad or N s/m], [N m or N].
         origin: the URDF that the robot was read from, or None.
+        remark: for the first comment.
     """
 
     name: str
@@ -52,6 +53,7 @@ class WrittenChain:
     viscous: np.ndarray
     coulomb: np.ndarray
     origin: Origin | None = None
+    remark: str = ""
 
     @property
     def joint_names(self) -> list[str]:
@@ -79,6 +81,7 @@ def urdf_text(chain: WrittenChain, *, shapes: bool = True) -> str:
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             link.remove(shape)
     note = f" Written by pinadapt {__version__}. Changed: {changed}. "
+    note += f"{chain.remark} " if chain.remark else ""
     if chain.model.armature.any():
         note += (
             "URDF does not define rotor inertias: the attribute armature [kg m^2 or kg] of "

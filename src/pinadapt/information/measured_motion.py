@@ -132,12 +132,12 @@ def instants_of_samples(
         return MeasuredMotion(halfway, np.array(q), mean, (v_after - v) / steps, tau, False)
     motion = motion_of_samples(model, samples, cutoff=cutoff)
     some = np.unique(np.linspace(0, len(motion.t) - 1, most).astype(int))
-    width = max(round(window / motion.period), 1)
-    tau = np.column_stack(
-        [np.convolve(row, np.ones(width) / width, "same") for row in motion.tau.T]
-    )
+    half = max(round(0.5 * window / motion.period), 1)
+    sums = np.vstack([np.zeros(model.nv), np.cumsum(motion.tau, axis=0)])
+    first, last = np.maximum(some - half, 0), np.minimum(some + half + 1, len(motion.t))
+    tau = (sums[last] - sums[first]) / (last - first)[:, None]
     t, q, v, a = (part[some] for part in motion[:4])
-    return MeasuredMotion(t, q, v, a, tau[some], True)
+    return MeasuredMotion(t, q, v, a, tau, motion.smoothed)
 
 
 def _torque(sample: Sample, after: Sample) -> np.ndarray:

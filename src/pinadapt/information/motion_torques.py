@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..controller.controller import Controller
+from ..controller.learned import AlongExcited
 from ..controller.state import Sample
 from ..models.excited import Excited, TorqueSums, names_together, scales
 from .information import BLOCK, CUTOFF
@@ -108,3 +109,22 @@ def motion_torques(controller: Controller, samples: Sequence[Sample]) -> MotionT
     sums = TorqueSums(model.nv, last)
     sums.add(Y, motion.tau - predicted, motion.tau)
     return MotionTorques(sums.excited(dynamics.names, scales(dynamics, first)), sums, first, last)
+
+
+def along_excited(
+    controller: Controller, samples: Sequence[Sample], *, since: float = -np.inf
+) -> AlongExcited | None:
+    """Return what a motion excites, for ``Controller.learned``; None as of ``motion_torques``.
+
+    Args:
+        controller: that adapted.
+        samples: of the whole motion.
+        since: time of the last change of the robot [s]; the error of the torques is that of the
+            later samples.
+    """
+    whole = motion_torques(controller, samples)
+    later = [sample for sample in samples if sample.t >= since]
+    last = whole if len(later) == len(samples) else motion_torques(controller, later)
+    if whole is None or last is None:
+        return None
+    return AlongExcited(whole.excited, last.sums.relative_error(last.last))

@@ -29,6 +29,7 @@ from .regressor import PER_BODY
 
 GAMMA = 1e-4  # weight of the description, relative to one row
 _FALL = 10.0  # of gamma, from one value to the next
+_LIGHTEST = 1e-20  # gamma, as a share of the first
 _STEPS = 50
 _DECREMENT = 1e-8  # squared, of Newton's step in units of gamma
 _BACK, _LEAST = 0.5, 1e-12
@@ -45,11 +46,13 @@ class PhysicalSet:
         center: (p) inside the set.
         weights: (p - 10 k) w of the positive coefficients of the joints, by default ones. D grows
             with c / c_0, so a coefficient that may be many times its description needs a small w.
+        body_weights: (k) factors of the bodies' D, by default ones.
     """
 
     bodies: int
     center: np.ndarray
     weights: np.ndarray = field(default_factory=lambda: np.ones(1))
+    body_weights: np.ndarray = field(default_factory=lambda: np.ones(1))
 
     def matrices(self, a: np.ndarray) -> np.ndarray:
         """Return P (k, 4, 4) of the bodies at a (p)."""
@@ -71,7 +74,7 @@ class PhysicalSet:
             return np.inf
         logs = 2.0 * np.log(np.diagonal(L, axis1=1, axis2=2)).sum(axis=1)
         traces = np.trace(np.linalg.solve(P_0, P), axis1=1, axis2=2)
-        of_bodies = traces - logs + np.linalg.slogdet(P_0)[1] - 4.0
+        of_bodies = self.body_weights * (traces - logs + np.linalg.slogdet(P_0)[1] - 4.0)
         shares = c / self.coefficients(self.center)
         of_joints = self.weights * (shares - np.log(shares) - 1.0)
         return float(of_bodies.sum() + of_joints.sum())
@@ -85,9 +88,10 @@ class PhysicalSet:
         B = (inverse @ COEFFICIENTS @ inverse.swapaxes(2, 3)).reshape(-1, PER_BODY, 16)
         Q, R = np.linalg.qr(B.swapaxes(1, 2))
         push = (L.swapaxes(1, 2) @ np.linalg.solve(P_0, L) - np.eye(4)).reshape(-1, 1, 16) @ Q
-        for b, block_of_T in enumerate(np.linalg.inv(R)):
+        factors = np.sqrt(np.broadcast_to(self.body_weights, self.bodies))
+        for b, (block_of_T, factor) in enumerate(zip(np.linalg.inv(R), factors, strict=True)):
             block = slice(PER_BODY * b, PER_BODY * (b + 1))
-            T[block, block], h[block] = block_of_T, push[b, 0]
+            T[block, block], h[block] = block_of_T / factor, factor * push[b, 0]
         c, first = self.coefficients(a), PER_BODY * self.bodies
         root = np.sqrt(self.weights)
         T[first:, first:] = np.diag(c / root)
@@ -131,6 +135,34 @@ def physical_fit(
         if weight <= gamma:
             return a
         weight = max(weight / _FALL, gamma)
+
+
+def nearest_with(
+    rows: np.ndarray, a: np.ndarray, physical: PhysicalSet, tolerance: float
+) -> np.ndarray | None:
+    """Return physical parameters x (p) close to the centre with |rows (x - a)| <= tolerance.
+
+    They minimise |rows (x - a)|^2 / 2 + gamma D(x), with the first gamma, falling in steps of ten,
+    that keeps the tolerance: directions that the rows weigh little stay at the centre.
+
+    Args:
+        rows: (k, p) with k <= p.
+        a: (p) the parameters, physical or not.
+        physical: the set, with its centre.
+        tolerance: of the rows.
+
+    Returns:
+        x, or None where no physical parameters were found within the tolerance.
+    """
+    x, target = physical.center, rows @ a
+    scale = float(np.linalg.norm(rows @ physical.local(x)[0], 2) ** 2)
+    weight = scale
+    while weight > _LIGHTEST * scale:
+        if np.linalg.norm(rows @ x - target) <= tolerance:
+            return x
+        weight /= _FALL
+        x = _newton(rows, target, physical, x, weight)
+    return x if np.linalg.norm(rows @ x - target) <= tolerance else None
 
 
 def _square(A: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -62,6 +62,7 @@ class Robot:
             the catalogue.
         loads: loads added with ``changed``, in the axes of the last joint; the model contains them.
         origin: the URDF that the robot was read from, or None.
+        remark: about where its parameters come from, for the first comment of its URDF.
     """
 
     name: str
@@ -77,6 +78,7 @@ class Robot:
     mounting: MountingPlane | None = None
     loads: tuple[pin.Inertia, ...] = ()
     origin: Origin | None = None
+    remark: str = ""
 
     @property
     def visual(self) -> pin.GeometryModel | None:
@@ -234,6 +236,7 @@ class Robot:
             self.friction.viscous,
             self.friction.coulomb,
             self.origin,
+            self.remark,
         )
         return urdf_text(chain, shapes=flag(shapes, "shapes"))
 

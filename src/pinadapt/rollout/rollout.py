@@ -6,9 +6,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from .._checks import instance, positive
 from .._table import Sheet
-from ..controller.learned import LearnedParameters
+from ..controller.learned import AlongExcited, LearnedParameters
 from ..exceptions import InputError, ParameterError
 from ..information.information import (
     Excitation,
@@ -16,6 +18,7 @@ from ..information.information import (
     position_information,
     torque_information,
 )
+from ..information.motion_torques import along_excited
 from ..information.payload import (
     ArmPrior,
     PayloadEstimate,
@@ -123,28 +126,44 @@ class Rollout(Recording):
             self, evaluation.true, evaluation.controller, frames_per_second=frames_per_second
         )
 
-    def learned(self) -> Robot:
+    def learned(self, *, all_estimates: bool = False) -> Robot:
         """Return the model with the last estimates as a robot; see ``Controller.learned``.
 
-        Its shape is that of the robot that was driven. ``learned().save("learned.urdf")`` writes
-        it.
+        Bodies and joints are the nearest to those at the start of the run that predict the same
+        torques along its motion: what the motion did not excite is as it was. Its shape is that of
+        the robot that was driven. ``learned().save("learned.urdf")`` writes it.
+
+        Args:
+            all_estimates: take every estimate as it is at the end.
 
         Raises:
             ParameterError: as ``Controller.learned``, or the estimates are not finite.
             InputError: the rollout was copied to another process, or has no sample.
         """
         evaluation = self.evaluated()
-        learned = evaluation.controller.learned(evaluation.last_state)
+        state, along = evaluation.last_state, None if all_estimates else self._along_excited()
+        learned = evaluation.controller.learned(state, along)
         return replace(learned, drawn=evaluation.true.robots[0].drawn)
 
-    def parameters(self) -> LearnedParameters:
+    def parameters(self, *, all_estimates: bool = False) -> LearnedParameters:
         """Return the last estimates by name, from which another controller can start.
+
+        What the motion did not excite is as at the start of the run, as of ``learned``.
+
+        Args:
+            all_estimates: take every estimate as it is at the end.
 
         Raises:
             InputError: as ``learned``.
         """
         evaluation = self.evaluated()
-        return LearnedParameters.of(evaluation.controller, evaluation.last_state)
+        state, along = evaluation.last_state, None if all_estimates else self._along_excited()
+        return LearnedParameters.of(evaluation.controller, state, along)
+
+    def _along_excited(self) -> AlongExcited | None:
+        """Return what the motion of the whole run excites."""
+        evaluation, since = self.evaluated(), max((at for at, _ in self.marks), default=-np.inf)
+        return along_excited(evaluation.controller, evaluation.samples, since=since)
 
     def excitation(self) -> Excitation:
         """Return which parameters the motion since the last mark can identify, and how well.
