@@ -234,7 +234,7 @@ def test_saturation_leaves_the_prediction_part():
         modifications={"normalised": 0.5, "dead-zone": 1e-4},
     ).limited(np.full(6, 1e-3))
     path = pa.trajectories.Sinusoid(robot.home_angles + 0.1, 0.1, 2.0)
-    rollout = pa.simulate(true, weak, path, duration=0.2)
+    rollout = pa.simulate(true, weak, path.as_given(), duration=0.2)
     V = [weak.adaptation_d.divergence(a, weak.dynamics.value(true)) for a in rollout.a_d]
     assert V[-1] < V[0] and (np.diff(V) <= 1e-9 * V[0]).all()
 

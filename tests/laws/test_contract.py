@@ -50,17 +50,17 @@ def real(robot):
 
 
 def beside(robot, law):
-    """Return a motion, or a set point for a law that has no other, that begins beside home."""
+    """Return a motion, or a set point for a law that has no other, that is at speed beside home."""
     if pa.laws.LAWS[law].set_point:
-        return pa.trajectories.Hold(robot.position(robot.q0) + 0.02)
+        return pa.trajectories.Hold(robot.position(robot.q0) + 0.02).as_given()
     if joint_space(robot):
         return pa.trajectories.Sinusoid(
             robot.home_angles + 0.05, 0.3, np.linspace(2.0, 3.0, robot.model.nv)
-        )
+        ).as_given()
     if robot.task.size == 3:
         return circle_beside(robot, "xy" if robot.name == "scara" else "yz")
     path = pa.trajectories.Circle(np.zeros(2), 0.05, 2.0)
-    return path.starting_at(robot.position(robot.q0) + np.array([0.01, -0.02]))
+    return path.starting_at(robot.position(robot.q0) + np.array([0.01, -0.02])).as_given()
 
 
 def at_home(robot, law):

@@ -115,7 +115,7 @@ def tracked(task=None, singular=0.0):
     path = (pa.trajectories.PoseTrajectory(path) if task == "pose" else path).starting_at(
         true.position(true.q0)
     )
-    return pa.simulate(true, controller, path, duration=0.05), controller
+    return pa.simulate(true, controller, path.as_given(), duration=0.05), controller
 
 
 def test_nothing_is_evaluated_before_it_is_read():
@@ -163,6 +163,7 @@ def joint_run():
     robot = pa.load("kinova", task="joint")
     motion = pa.trajectories.Sinusoid(robot.home_angles, 0.3, 0.3).starting_at(robot.home_angles)
     changed = pa.Events(changes={0.02: robot.changed(inertial_scale=1.2)})
+    motion = motion.as_given()
     return pa.simulate(robot, pa.make_controller(robot), motion, duration=0.05, events=changed)
 
 

@@ -34,11 +34,12 @@ def circle(robot, axis=(0.0, 0.0, 1.0)):
     path = pa.trajectories.PoseTrajectory(
         pa.trajectories.Circle(np.zeros(3), 0.1, 3.0, "yz"), pa.trajectories.Swing(axis, 0.3, 2.0)
     )
-    return path.starting_at(robot.position(robot.q0))
+    return path.starting_at(robot.position(robot.q0)).as_given()
 
 
 def short(*settings):
-    return Scenario.read(SCENARIO, ["simulation.duration=0.05", *settings])
+    at_speed = ["simulation.duration=0.05", 'reference.start="moving"']
+    return Scenario.read(SCENARIO, [*at_speed, *settings])
 
 
 # --- convergence ---

@@ -47,7 +47,12 @@ def test_a_spinning_wrist_does_not_swing_the_estimate_of_the_tool(direction, cam
     controller = pa.make_controller(robot.changed(inertial_scale=0.7))
     circle = pa.reachable_circle(robot).starting_at(true.position(true.q0))
     rollout = pa.simulate(
-        true, controller, circle, duration=6.0, record_every=10, sensors=pa.Sensors(camera=camera)
+        true,
+        controller,
+        circle.as_given(),
+        duration=6.0,
+        record_every=10,
+        sensors=pa.Sensors(camera=camera),
     )
     assert rollout.diverged is None
     assert rollout.distance[-100:].max() <= 0.05 * circle.radius
