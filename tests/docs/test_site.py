@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import sys
 from importlib.util import module_from_spec, spec_from_file_location
 from types import SimpleNamespace
 
@@ -138,3 +139,27 @@ def test_formulas_in_docstrings_are_escaped():
         "       more.",
         ":V: e.",
     ]
+
+
+@pytest.mark.slow
+def test_the_gallery_draws_the_shapes_of_the_descriptions(tmp_path, monkeypatch):
+    spec = spec_from_file_location("gallery", DOCS / "gallery.py")
+    gallery = module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, "gallery", gallery)
+    spec.loader.exec_module(gallery)
+    drawn = {}
+    monkeypatch.setattr(gallery.plt, "close", lambda figure: drawn.update(figure=figure))
+    case = gallery.zoo_case("scara")
+    monkeypatch.setattr(gallery, "DURATION", 0.2)
+    runs = {"not adapted": gallery.simulated(case, "none")}
+    runs["adapted"] = runs["not adapted"]
+    gallery.draw(case, runs, tmp_path / "scara.png")
+    space, panel = drawn["figure"].axes
+    assert panel.get_xlim() == (0.0, pytest.approx(0.195))
+    body, colours = gallery.drawn(case.true, runs["adapted"].q[-1])
+    assert len(space.collections[0].get_facecolor()) == len(body) == len(colours)
+    low, high = body.min(axis=(0, 1)), body.max(axis=(0, 1))
+    shown = [space.get_xlim(), space.get_ylim(), space.get_zlim()]
+    for (lower, upper), first, last in zip(shown, low, high, strict=True):
+        assert lower <= first + 1e-9 and upper >= last - 1e-9
+    assert len(gallery.triangles(pinadapt.load("panda").visual.geometryObjects[1])) > 500  # a mesh
