@@ -1,5 +1,6 @@
 """Motions slowed down to a robot's limits, against independent runs and formulas."""
 
+import re
 import time
 
 import numpy as np
@@ -90,6 +91,11 @@ def test_only_the_stretch_that_needs_it_is_slowed_and_smoothly():
     slowed = pa.within_limits(swing, robot, horizon=4.0)
     stretch, beyond = slowed.law.slowed
     assert 3.5 < beyond.since < 4.0 and beyond.until == np.inf  # unknown beyond the horizon
+    assert re.search(
+        r"^Function, slowed: from 1\.\d+ s to 2\.\d+ s at 7\d\.\d % \(speed of panda_joint1\); "
+        r"from 3\.\d+ s on at 7\d\.\d % \(.*\), speed up to 80 % \(panda_joint1\), effort up to ",
+        repr(slowed),
+    )
     assert 1.2 < stretch.since < 1.9 < 2.1 < stretch.until < 2.8
     assert stretch.cause == "speed of panda_joint1"
     assert stretch.rate == pytest.approx(0.8 * 2.175 / 2.4, rel=0.03)  # tanh' = 1

@@ -49,7 +49,8 @@ class Slowing:
 
     def __str__(self) -> str:
         """Return the stretch, the rate and the cause."""
-        return f"{self.since:.3g} s to {self.until:.3g} s at {100 * self.rate:.3g} % ({self.cause})"
+        end = "on" if math.isinf(self.until) else f"to {self.until:.3g} s"
+        return f"from {self.since:.3g} s {end} at {100 * self.rate:.3g} % ({self.cause})"
 
 
 class WithinLimits(SlowedTime):
