@@ -1,0 +1,98 @@
+"""Runs that go wrong without the governor: obstacle, blind camera, edge of the workspace, lift."""
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from benchmarks.governor import HEALTHY, Held, HeldLonger, begun, run, unknown, way_out
+from tests.support.chains import catalogue_robot
+
+pytestmark = pytest.mark.slow
+DT = 2e-3  # [s]
+
+
+@pytest.fixture(scope="module")
+def ur5():
+    """Return true robot, model and a circle of the UR5."""
+    true, model = unknown(catalogue_robot("ur5"))
+    return true, model, begun(pa.reachable_circle(model), true)
+
+
+def test_an_obstacle_is_waited_out(ur5):
+    """The error while held stops growing, and nothing winds up however long it lasts."""
+    without = run(*ur5, 3.5, governed=False, plant=Held, dt=DT)
+    short = run(*ur5, 5.0, governed=True, plant=Held, dt=DT)
+    long = run(*ur5, 8.0, governed=True, plant=HeldLonger, dt=DT)
+    assert without["largest"] > 150.0
+    assert short["lost"] is None and short["largest"] < 45.0 and short["last"] < 0.5
+    assert long["largest"] == pytest.approx(short["largest"], rel=1e-3)
+    assert long["estimates"] == pytest.approx(short["estimates"], rel=1e-3)
+    assert long["last"] < 0.5
+    (slowed,) = long["slowed"]
+    assert slowed["from"] == pytest.approx(2.0, abs=0.15) and slowed["least_rate"] < 1e-3
+    assert "effort of" in slowed["cause"]
+    assert long["late"] - short["late"] == pytest.approx(3.0, abs=0.05)
+
+
+def test_a_blind_camera_is_waited_for(ur5):
+    without = run(*ur5, 3.0, governed=False, blind=True, dt=DT)
+    assert without["lost"] == pytest.approx(2.93, abs=0.05)  # a second after the last frame
+    with_one = run(*ur5, 7.5, governed=True, blind=True, dt=DT)
+    assert with_one["lost"] is None and with_one["largest"] < 5.0 and with_one["last"] < 0.5
+    (slowed,) = with_one["slowed"]
+    assert slowed["cause"] == "frames" and slowed["least_rate"] < 0.01
+    assert 2.9 < with_one["late"] < 3.6
+
+
+def test_a_camera_that_stays_blind_ends_the_run_at_the_stated_time():
+    true, model = unknown(catalogue_robot("ur5"))
+    limits = pa.Limits(governor=pa.Governor(blind=2.0))
+    sensors = pa.Sensors(camera=pa.Camera(rate=30.0, dropout=0.9999))
+    controller = pa.make_controller(model, limits=limits, sensors=sensors, dt=DT)
+    rollout = pa.simulate(true, controller, pa.reachable_circle(model), duration=2.5)
+    assert rollout.diverged == pytest.approx(2.0, abs=2e-3)
+    assert "'x' has not been seen for" in rollout.reason
+
+
+def test_a_path_that_leaves_the_workspace_comes_back(ur5):
+    true, model, _ = ur5
+    found = run(true, model, way_out(true, 0.95), 13.0, governed=True, dt=DT)
+    assert found["lost"] is None and found["last"] < 1.0
+    assert found["largest"] > 100.0  # it was outside
+    assert found["late"] > 3.0 and any("error" in one["cause"] for one in found["slowed"])
+
+
+def test_a_slow_lift_slows_its_path():
+    """The circle asks for nine times the velocity limit of Tiago's torso."""
+    robot = catalogue_robot("tiago_arm")
+    circle = begun(pa.trajectories.Circle(np.zeros(3), 0.15, 1.2, "yz"), robot)
+    without = run(robot, robot.changed(inertial_scale=0.7), circle, 0.8, governed=False)
+    assert without["lost"] is not None
+    found = run(robot, robot.changed(inertial_scale=0.7), circle, 3.0, governed=True)
+    assert found["lost"] is None and found["last"] < 1.0
+    assert found["speed"] < 2.0
+    assert found["slowed"][0]["cause"].startswith("joint speed of torso_lift_joint")
+
+
+@pytest.mark.parametrize("name", HEALTHY[:3])
+def test_on_runs_that_go_well_it_never_acts(name):
+    """All ten are in the benchmark's file."""
+    true, model = unknown(catalogue_robot(name))
+    found = run(true, model, begun(pa.reachable_circle(model), true), 1.0, governed=True)
+    assert found["lost"] is None and found["slowed"] == [] and found["late"] == 0.0
+
+
+def test_a_rollout_says_what_slowed_it(ur5, tmp_path, blank_pictures):
+    true, model, circle = ur5
+    controller = pa.make_controller(model, limits=pa.Limits(governor=True), dt=DT)
+    rollout = pa.simulate(true, controller, circle, duration=3.5, engine=Held, record_every=5)
+    (slowed,) = rollout.slowed
+    assert slowed.start == pytest.approx(2.0, abs=0.15) and slowed.least_rate < 1e-3
+    assert f"path slowed from {slowed.start:.3g} to" in rollout.verdict
+    assert "effort of" in rollout.verdict and "path slowed" in str(rollout)
+    assert rollout.summary()["slowed"][0]["cause"] == slowed.cause
+    rollout.save(tmp_path)
+    with np.load(tmp_path / "rollout.npz") as arrays:
+        late = arrays["t"] - arrays["path_time"]
+    assert (np.diff(late) >= 0.0).all() and late[-1] > 1.0 and late[150] == 0.0
+    assert rollout.plot(tmp_path)
