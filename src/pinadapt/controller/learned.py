@@ -51,7 +51,8 @@ class AlongExcited:
         """Return the parameters (p) nearest to the start that predict the same torques.
 
         Nearest in the metric of natural adaptation, each body with its rate, where the parameters
-        are those of bodies, so that these are physical; else in the metric of the adaptation. The
+        are those of bodies, so that these are physical; else in the metric of the adaptation. Where
+        no physical ones predict the torques, as of estimates that are not, the nearest others. The
         torques of the motion change by a tenth of their present error, and by at most a thousandth
         of themselves.
 
@@ -62,15 +63,18 @@ class AlongExcited:
         rows, a, start = self.excited.rows, state.a_d, state.a_0
         tolerance = float(np.clip(_OF_ERROR * self.error, _LEAST, _TOLERANCE))
         dynamics, adaptation = controller.dynamics, controller.adaptation_d
-        Gamma = adaptation.gain(start)
+        Gamma, L, found, note = adaptation.gain(start), self.excited.root, None, ""
         if dynamics.per_body:
             physical = around(dynamics, start)
             physical = replace(physical, body_weights=_body_weights(Gamma, physical))
             found = nearest_with(rows, a, physical, tolerance)
+            if found is None:
+                note = "No physical parameters predict these torques, so some are not physical. "
+                warnings.warn(note, stacklevel=4)
+                found = _nearest_in(L @ L.T, rows, a, start, tolerance)
         else:
             found = _nearest_in(Gamma, rows, a, start, tolerance)
-            found = found if found is not None and adaptation.contains(found) else None
-        if found is None:
+        if found is None or not adaptation.contains(found):
             words = (
                 "All estimates are as learned: no parameters near those of the start predict the "
                 "same torques."
@@ -81,8 +85,8 @@ class AlongExcited:
         moved = percent(float(np.linalg.norm(rows @ (found - a))))
         kept = f"Not excited by the motion: {names_together(still)}. " if still else ""
         words = (
-            f"{kept}What the torques of the motion leave open is as near to the start as they "
-            f"allow; they are those of the last estimate to {moved}."
+            f"{note}{kept}What the torques of the motion leave open is as near to the start as "
+            f"they allow; they are those of the last estimate to {moved}."
         )
         return found, words
 
