@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import argparse
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -133,7 +133,8 @@ def run(
         driven = plant(true, torque_limits=torque_limits(true, True))
         seen = None if sensors is None else Blinded(true, dt, sensors)
         stream = pa.run(driven, controller, motion, dt=dt, sensors=seen)
-        samples, lost = [], None
+        samples: list[pa.Sample] = []
+        lost = None
         try:
             samples.extend(islice(stream, round(duration / dt)))
         except pa.DivergedError as error:
@@ -152,6 +153,7 @@ def summary(true: pa.Robot, samples: list[pa.Sample], lost: float | None) -> dic
     error = [
         np.linalg.norm(true.task.error(sample.truth.x, sample.desired.x_d)[m])
         for sample in samples
+        if sample.truth.x is not None
     ]  # fmt: skip
     distance = 1e3 * np.array(error if error else [np.nan])
     limits, efforts = true.model.velocityLimit, true.model.effortLimit
@@ -253,17 +255,18 @@ def cost() -> dict[str, Any]:
     """Return the time of a step of the Panda's default controller [us], and the governor's part."""
     true, model = unknown(pa.load("panda"))
     measurement = pa.plants.PinocchioPlant(true).measure()
-    motion = pa.reachable_circle(model).starting_at(measurement.x)
-    calls = {}
+    motion = pa.reachable_circle(model).starting_at(true.position(true.q0))
+    calls: dict[str, Callable[[], float | None]] = {}
     for key, governed in (("without", False), ("with", True)):
         controller = pa.make_controller(model, limits=pa.Limits(governor=governed))
         start = controller.init(measurement)
 
-        def steps(controller: pa.Controller = controller, state: Any = start) -> None:
+        def steps(controller: pa.Controller = controller, state: Any = start) -> float | None:
             for k in range(50):
                 at = k * DT
                 desired = controller.desired(state, motion, at)
                 _, state = controller.step(state, measurement._replace(t=at), desired, DT)
+            return None
 
         calls[key] = steps
     times = in_turn(calls, 200)
