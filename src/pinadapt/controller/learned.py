@@ -117,6 +117,8 @@ def _nearest_in(
     G = vectors * np.sqrt(np.maximum(values, 0.0))
     U, s, Vt = np.linalg.svd(rows @ G)
     c, gamma = U.T @ (rows @ (a - start)), float(s.max(initial=0.0) ** 2)
+    if not gamma > 0.0:  # no torque shows any parameter
+        return np.asarray(start)
     for _ in range(_FALLS):
         if np.linalg.norm(gamma / np.maximum(s**2 + gamma, np.finfo(float).tiny) * c) <= tolerance:
             return np.asarray(start + G @ (Vt.T @ (s / (s**2 + gamma) * c)))

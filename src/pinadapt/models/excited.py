@@ -23,6 +23,7 @@ from .regressor import LABELS, PER_BODY
 
 TOLD_APART = 0.01  # share of the torques from which a combination is identifiable in practice
 _QUIET = 0.01  # of the most loaded joint's torque: the least one that a joint's are compared with
+_NONE = 1e-30  # [N m or N] where there is no torque at all; its square is still a number
 _LEAST = 1e-3  # of the largest typical parameter: the least scale of one
 _LEAST_MASS, _LEAST_RADIUS = 1e-6, 1e-3  # [kg], [m] of bodies that a description leaves without
 _WHOLE = {"bodies": LABELS, "masses": LABELS[:1], "mc": LABELS[1:4], "I": LABELS[4:]}
@@ -73,7 +74,7 @@ class TorqueSums:
     def _levels(self) -> np.ndarray:
         """Root mean square (n) of each joint's torque, at least 1 % of the largest."""
         levels = np.sqrt(self._squares / max(self._count, 1))
-        return np.maximum(levels, max(_QUIET * levels.max(initial=0.0), np.finfo(float).tiny))
+        return np.maximum(levels, max(_QUIET * levels.max(initial=0.0), _NONE))
 
     def _mean_squares(self, a: np.ndarray) -> np.ndarray:
         """Return the mean squared error (n) of the torques at a (p)."""
