@@ -1,6 +1,12 @@
 """Fixtures of all tests."""
 
+import gc
+
 import pytest
+
+# Rewritten tests and recorded runs keep hundreds of thousands of small objects. Searched for
+# garbage as often as by default, they take a quarter of the collection, and 5 % of closed loops.
+gc.set_threshold(100_000, 50, 100)
 
 
 @pytest.fixture
