@@ -147,14 +147,20 @@ class Picture(Figure):
     """A figure outside of pyplot: shown only on request, and freed with its last reference."""
 
     def png(self, dpi: int = 100) -> bytes:
-        """Return the picture as a PNG file."""
-        FigureCanvasAgg(self)
-        buffer = BytesIO()
+        """Return the picture as a PNG file.
+
+        The canvas draws it once; ``savefig`` would draw it twice, first to find its layout.
+        """
+        canvas, buffer, shown = FigureCanvasAgg(self), BytesIO(), self.dpi
         with matplotlib.rc_context({"text.usetex": False}), warnings.catch_warnings():
             warnings.filterwarnings(
                 "ignore", message="Glyph"
             )  # characters that are not in the font are drawn as boxes
-            self.savefig(buffer, format="png", dpi=dpi)
+            try:
+                self.dpi = dpi
+                canvas.print_png(buffer)
+            finally:
+                self.dpi = shown
         return buffer.getvalue()
 
     def _repr_png_(self) -> bytes:
