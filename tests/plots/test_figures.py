@@ -11,6 +11,7 @@ from matplotlib import pyplot
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from pinadapt.plots.figures import overlay_figure
+from pinadapt.plots.style import GREY
 from tests.support.chains import catalogue_robot
 from tests.support.loops import run
 
@@ -47,12 +48,13 @@ def test_torque_legends_have_names_and_limits_of_joints():
 
 
 def test_curves_of_a_panel_differ_in_colour_or_marker():
+    """But for those that the motion does not excite, which are all grey."""
     for figure in drawn("panda")[1]:
         for ax in figure.axes:
             looks = [
                 (line.get_color(), line.get_marker())
                 for line in ax.lines
-                if line.get_marker() not in ("None", "")
+                if line.get_marker() not in ("None", "") and line.get_color() != GREY
             ]
             assert len(set(looks)) == len(looks)
 
@@ -66,6 +68,15 @@ def test_every_parameter_is_in_a_panel():
         if line.get_linestyle() == "-"
     ]
     assert len(curves) == rollout.a_k.shape[1] + rollout.a_d.shape[1]
+
+
+def test_parameters_that_the_motion_does_not_excite_are_grey():
+    rollout, figures = drawn("panda")
+    lines = [line for ax in figures.parameters.axes for line in ax.lines]
+    grey = [ax for ax in lines if ax.get_color() == GREY and ax.get_linestyle() == "-"]
+    assert len(grey) == len(rollout.not_excited) > 20
+    titles = [ax.get_legend().get_title().get_text() for ax in figures.parameters.axes]
+    assert "grey" not in titles[0] and "grey: not excited" in titles[3]
 
 
 def test_figures_are_displayed_once_and_not_kept_open(monkeypatch):

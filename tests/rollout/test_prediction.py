@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
+from pinadapt.information.motion_torques import GrowingTorques
 from tests.support.chains import catalogue_robot
 from tests.support.loops import run
 
@@ -84,3 +85,19 @@ def test_noisy_sensors_predict_averages():
         run(**options, control={"dt": 4e-3}).prediction.share_first, rel=0.1
     )
     assert last < 0.3 * first
+
+
+def test_a_motion_that_goes_on_has_the_same_torques_in_the_end(rollout):
+    """From every eighth sample, 32 ms apart, with the mean torque in between."""
+    evaluation, found = rollout.evaluated(), rollout.motion_torques()
+    samples, start = evaluation.samples, rollout.a_d[0]
+    growing = GrowingTorques(evaluation.controller, start)
+    assert growing.share(start) is None and growing.left(start, rollout.a_d_true) is None
+    for k in range(0, len(samples) - 8, 8):
+        torque = np.mean([sample.torque for sample in samples[k : k + 8]], axis=0)
+        growing.add(samples[k], samples[k + 8], torque)
+    assert growing.share(start) == pytest.approx(found.share(start), rel=0.05)
+    last = rollout.a_d[-1]
+    assert growing.share(last) == pytest.approx(found.share(last), rel=0.3, abs=0.01)
+    truth = rollout.a_d_true
+    assert growing.left(last, truth) == pytest.approx(found.left(last, truth), rel=0.3)

@@ -73,6 +73,28 @@ def test_a_page_shows_both_robots_paths_and_curves():
     assert readings[-1]["values"][0] == pytest.approx(1e3 * rollout.distance[-1], rel=1e-3)
 
 
+def test_a_page_shows_the_torques_and_what_the_motion_identifies():
+    rollout, animation = animated("panda")
+    _, notes = messages(animation)
+    readings = [note["reading"]["values"] for note in notes if "reading" in note]
+    found = rollout.prediction
+    assert readings[0][2] == pytest.approx(100.0 * found.share_first, rel=1e-3)
+    assert readings[-1][2] == pytest.approx(100.0 * found.share_last, rel=1e-3)
+    assert readings[0][3] == pytest.approx(100.0)
+    assert readings[-1][3] == pytest.approx(100.0 * found.identifiable_error, rel=1e-3)
+    (still,) = (note["still"] for note in notes if "still" in note)
+    assert found.not_excited_words() in still and "bodies of panda_joint1" in still
+    assert "error of predicted torque" in animation.html
+
+
+def test_before_a_change_of_the_robot_its_torques_are_those_of_another():
+    heavier = pa.Events(changes={0.05: catalogue_robot("planar_2r").changed(inertial_scale=1.5)})
+    _, notes = messages(run(events=heavier).animate())
+    readings = [note["reading"] for note in notes if "reading" in note]
+    known = [reading["values"][2] is not None for reading in readings]
+    assert known == [reading["t"] > 0.0499 for reading in readings]
+
+
 def test_a_page_contains_equal_meshes_once():
     robot = pa.load("a1_rr_leg")  # four like legs
     shapes = [shape for shape in robot.visual.geometryObjects if shape.meshPath]

@@ -13,6 +13,7 @@ from ..tasks.task import DISPLAYS, RowGroup
 from .style import (
     BLUE,
     GREEN,
+    GREY,
     PURPLE,
     RC,
     RED,
@@ -114,6 +115,8 @@ class _Panel(NamedTuple):
 def parameter_figure(run: Drawable, dashed: str = "dashed: truth") -> Picture:
     """Return the figure of the estimates; more than nine dynamic ones get a panel for each kind.
 
+    Those that the motion does not excite are grey.
+
     Args:
         run: the run.
         dashed: legend of the dashed lines, drawn at ``a_k_true`` and ``a_d_true``.
@@ -128,7 +131,7 @@ def parameter_figure(run: Drawable, dashed: str = "dashed: truth") -> Picture:
     figure = Picture(figsize=(9, 2.2 * count + 0.6), layout="constrained")
     axes = np.atleast_1d(figure.subplots(count, 1, sharex=True))
     for ax, panel in zip(axes, panels, strict=False):
-        _draw(ax, run.t, panel, dashed)
+        _draw(ax, run.t, panel, dashed, frozenset(run.not_excited))
     if not panels:
         axes[0].text(0.5, 0.5, "no parameter is unknown", ha="center", transform=axes[0].transAxes)
     finish(figure, axes, run)
@@ -155,23 +158,29 @@ def _kind(name: str) -> str:
     return "dynamic"
 
 
-def _draw(ax: Any, t: np.ndarray, panel: _Panel, dashed: str) -> None:
-    """Draw the estimates of a panel, and the true values dashed."""
+def _draw(ax: Any, t: np.ndarray, panel: _Panel, dashed: str, still: frozenset[str]) -> None:
+    """Draw the estimates of a panel, those that are not excited in grey, and true values dashed."""
     many = len(panel.names) > _MOST_NAMED
     owners = [name.rpartition(".")[0] or name for name in panel.names]
     parts = [name.rpartition(".")[2].lstrip("mcI") for name in panel.names]
     bodies, components = list(dict.fromkeys(owners)), list(dict.fromkeys(parts))
+    greys = [name in still for name in panel.names]
+    first = {owners[i]: i for i in sorted(range(len(owners)), key=lambda i: (not greys[i], -i))}
     for i, name in enumerate(panel.names):
         hue = bodies.index(owners[i]) if many else i
         marker = components.index(parts[i]) if many else i
-        label = owners[i] if owners.index(owners[i]) == i else None
+        label = owners[i] if first[owners[i]] == i else None
         label = label if many else name.removesuffix(".m")
-        curve(ax, t, panel.values[:, i], hue, marker, label and literal(label))
+        shown = label and literal(label)
+        curve(ax, t, panel.values[:, i], hue, marker, shown, grey=greys[i])
         if panel.truth is not None:
             true = np.broadcast_to(panel.truth[..., i], t.shape)
-            ax.plot(t, true, color=colour(hue), ls="--", lw=0.7, alpha=0.7, drawstyle="steps-post")
+            tone = GREY if greys[i] else colour(hue)
+            ax.plot(t, true, color=tone, ls="--", lw=0.7, alpha=0.7, drawstyle="steps-post")
     keys = [marker_key(k, part) for k, part in enumerate(components)] if many else []
-    legend(ax, title=None if panel.truth is None else dashed, more=keys)
+    titles = [dashed] if panel.truth is not None else []
+    titles += ["grey: not excited"] if any(greys) else []
+    legend(ax, title="\n".join(titles) or None, more=keys)
     ax.set_ylabel(panel.label)
 
 

@@ -51,6 +51,7 @@ COLOURS = (
     "#999933",
 )
 MARKERS = "os^vD>X<P"
+GREY = "#BBBBBB"
 RED, BLUE, GREEN, PURPLE = COLOURS[1], COLOURS[5], COLOURS[2], COLOURS[7]
 RC: Any = {
     "font.size": 9,
@@ -68,16 +69,24 @@ def colour(index: int) -> str:
 
 
 def curve(
-    ax: Any, t: np.ndarray, values: np.ndarray, hue: int, marker: int, label: str | None = None
+    ax: Any,
+    t: np.ndarray,
+    values: np.ndarray,
+    hue: int,
+    marker: int,
+    label: str | None = None,
+    *,
+    grey: bool = False,
 ) -> None:
-    """Draw a curve (N) with a colour and a few markers, which together identify it."""
+    """Draw a curve (N) with a colour and a few markers, which together identify it; or in grey."""
     step = max(1, len(t) // _MARKS)
     ax.plot(
         t,
         values,
-        color=colour(hue),
+        color=GREY if grey else colour(hue),
         ls="-",  # also where a user has set a cycle of line styles
         lw=1.0,
+        zorder=1.5 if grey else 2.0,
         marker=MARKERS[marker % len(MARKERS)],
         markevery=((marker + 1) * step // 10, step),
         markersize=3.5,
@@ -226,6 +235,10 @@ class Drawable(Protocol):
     @property
     def a_d(self) -> np.ndarray:
         """Dynamic estimates (N, p_d)."""
+
+    @property
+    def not_excited(self) -> tuple[str, ...]:
+        """Names of the dynamic parameters that the motion does not excite."""
 
     @property
     def a_k_true(self) -> np.ndarray | None:

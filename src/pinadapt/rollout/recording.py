@@ -388,6 +388,11 @@ class Recording:
             torques, truth if truth is None or truth.ndim == 1 else truth[-1]
         )
 
+    @property
+    def not_excited(self) -> tuple[str, ...]:
+        """Names of the dynamic parameters that the motion since the last mark does not excite."""
+        return () if self.prediction is None else self.prediction.not_excited
+
     def motion_torques(self) -> MotionTorques | None:
         """Return the torques since the last mark, and what of the parameters they depend on.
 

@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from html import escape
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from .._checks import positive
 from .._files import write_text
 from ..controller.controller import Controller
+from ..information.motion_torques import MotionTorques
 from ..robot.succession import Succession
-from .page import Curve, Messages, Moment, Page, curves_of, reading_of, viewpoint_for
+from .page import (
+    Curve,
+    Messages,
+    Moment,
+    Page,
+    curves_of,
+    not_excited_words,
+    reading_of,
+    viewpoint_for,
+)
 from .scene import Scene, ShownEstimates, desired_tip, motion_in_time, motion_of
 from .shapes import DESIRED, TRUE
 from .window import Keyframes
@@ -84,6 +95,9 @@ class Animatable(Protocol):
     def a_d(self) -> np.ndarray:
         """Dynamic estimates (N, p_d)."""
 
+    def motion_torques(self) -> MotionTorques | None:
+        """Return the torques since the last event, and which parameters they depend on."""
+
     @property
     def marks(self) -> tuple[tuple[float, str], ...]:
         """Time [s] and description of each event during the run."""
@@ -148,11 +162,37 @@ def _curves(
     t = rollout.t
     readings = np.unique(np.linspace(0, len(t) - 1, _MOST_READINGS).astype(int))
     arrays = rollout.x, rollout.x_d, rollout.a_k, rollout.a_d
-    moments = [Moment(t[k], *(array[k] for array in arrays)) for k in readings]
+    predicted = _predictions(rollout, robots, controller)
+    moments = [
+        Moment(t[k], *(array[k] for array in arrays))._replace(**predicted(k)) for k in readings
+    ]
+    if (torques := rollout.motion_torques()) is not None:
+        window.note("still", still=not_excited_words(torques.excited))
     curves = curves_of(robots, controller)
     for moment in moments:
         window.note(("reading", moment.t), reading=reading_of(curves, moment))
     return curves
+
+
+def _predictions(
+    rollout: Animatable, robots: Succession, controller: Controller
+) -> Callable[[int], dict[str, Any]]:
+    """Return a function from a sample to the two errors of its dynamic estimate, as of ``Moment``.
+
+    They belong to the last true robot, and there is none before the last event.
+    """
+    torques, robot = rollout.motion_torques(), robots.robots[int(robots.index(rollout.t[-1]))]
+    truth = controller.dynamics.value(robot)
+    since = max((at for at, _ in rollout.marks), default=-np.inf)
+
+    def read(k: int) -> dict[str, Any]:
+        if torques is None or rollout.t[k] < since:
+            return {}
+        a = rollout.a_d[k]
+        left = None if truth is None else torques.left(a, truth)
+        return {"torque_error": torques.share(a), "identifiable_error": left}
+
+    return read
 
 
 def _samples(t: np.ndarray, rate: float, most: int) -> np.ndarray:

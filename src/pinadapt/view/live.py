@@ -17,10 +17,11 @@ import numpy as np
 
 from ..controller.controller import Controller
 from ..exceptions import DivergedError
+from ..information.motion_torques import GrowingTorques
 from ..robot.robot import Robot
 from ..robot.succession import Succession
 from ..trajectories.given import TrajectoryLike, as_trajectory
-from .page import Moment, Page, curves_of, reading_of, viewpoint_for
+from .page import Moment, Page, curves_of, not_excited_words, reading_of, viewpoint_for
 from .scene import Scene, ShownEstimates, desired_tip, motion_in_time, motion_of
 from .shapes import DESIRED, TRUE
 from .window import Poses, Window, framed
@@ -239,6 +240,11 @@ class LiveView:
         self._started: float | None = None
         self._next = 0.0
         self._last: Sample | None = None
+        self._looked_at: Sample | None = None
+        self._torques: list[np.ndarray] = []  # since the sample that was looked at
+        self._growing: GrowingTorques | None = None
+        self._truths = [controller.dynamics.value(robot) for robot in self._robots.robots]
+        self._still = ""
         self._end = "the run has ended"
         self._traced: list[np.ndarray] = []
         here = motion_of(true, true.q0[None])
@@ -280,6 +286,7 @@ class LiveView:
                 self._last = sample
                 if sample.t >= self._next:
                     self.show(sample)
+                self._torques.append(sample.torque)
                 yield sample
         except DivergedError as error:
             self._end = f"diverged at {error.time:.2f} s"
@@ -311,8 +318,37 @@ class LiveView:
         self._scene.move_point(desired, self._poses)
         self._trace(truth.tip[0])
         assert sample.truth.x is not None  # perfect sensors see the task
-        moment = Moment(sample.t, sample.truth.x, sample.desired.x_d, a_k, sample.state.a_d)
+        predicted = self._predicted(sample)
+        x, x_d = sample.truth.x, sample.desired.x_d
+        moment = Moment(sample.t, x, x_d, a_k, sample.state.a_d, *predicted)
         self._window.note(("reading", sample.t), reading=reading_of(self._curves, moment))
+
+    def _predicted(self, sample: Sample) -> tuple[float | None, float | None]:
+        """Return the two errors of the dynamic estimate, as of ``Moment``, for the motion so far.
+
+        The motion begins anew where the true robot changes. Takes a millisecond, and once a second
+        some more.
+        """
+        before, torques = self._looked_at, self._torques
+        self._looked_at, self._torques = sample, []
+        a, controller = sample.state.a_d, self._controller
+        if before is None or not torques or not controller.dynamics.size:
+            return None, None
+        robot = int(self._robots.index(sample.t))
+        if self._growing is None or robot != self._robots.index(before.t):
+            self._growing = GrowingTorques(controller, before.state.a_d)
+        if not (np.isfinite(a).all() and np.isfinite(torques).all()):
+            return None, None
+        if sample.t > before.t:
+            self._growing.add(before, sample, np.mean(torques, axis=0))
+        if self._growing.excited is not None:
+            words = not_excited_words(self._growing.excited)
+            if words != self._still:
+                self._still = words
+                self._window.note("still", still=words)
+        truth = self._truths[robot]
+        left = None if truth is None else self._growing.left(a, truth)
+        return self._growing.share(a), left
 
     def close(self) -> None:
         """Show the last sample and stop the server; open pages stay as they are."""

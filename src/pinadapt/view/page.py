@@ -19,6 +19,7 @@ import numpy as np
 
 from ..controller.controller import Controller
 from ..exceptions import PinadaptError
+from ..models.excited import Excited, names_together
 from ..robot.succession import Succession
 from ..tasks.task import DISPLAYS, RowGroup
 from .shapes import ghost
@@ -32,6 +33,8 @@ class Moment(NamedTuple):
         t: time [s].
         x, x_d: true and desired task coordinates.
         a_k, a_d: (p_k), (p_d) estimates.
+        torque_error: error of the torques that a_d predicts along the motion, relative to them.
+        identifiable_error: error of a_d along what the motion excites, relative to the first one.
     """
 
     t: float
@@ -39,6 +42,8 @@ class Moment(NamedTuple):
     x_d: np.ndarray
     a_k: np.ndarray
     a_d: np.ndarray
+    torque_error: float | None = None
+    identifiable_error: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,16 +65,29 @@ class Curve:
 
 
 def curves_of(robots: Succession, controller: Controller) -> list[Curve]:
-    """Return the curves of a loop: task errors, and errors of the estimates where known."""
+    """Return the curves of a loop: errors of the task, of translations, and of the torques."""
     task = robots.robots[0].task
     curves = [_error(task, group) for group in task.groups]
     truths = [controller.kinematics.value(robot) for robot in robots.robots]
     if controller.kinematics.size and all(truth is not None for truth in truths):
         curves.append(_translations(robots, truths))
+    if controller.dynamics.size:
+        curves.append(Curve("error of predicted torque", "%", _percent("torque_error")))
     truths = [controller.dynamics.value(robot) for robot in robots.robots]
     if controller.dynamics.size and all(truth is not None for truth in truths):
-        curves.append(_parameters(robots, truths, controller))
+        read = _percent("identifiable_error")
+        curves.append(Curve("identifiable parameters", "% of the start", read))
     return curves
+
+
+def _percent(name: str) -> Callable[[Moment], float | None]:
+    """Return a function that reads a share of a moment, in per cent."""
+
+    def read(moment: Moment) -> float | None:
+        share: float | None = getattr(moment, name)
+        return None if share is None else 100.0 * share
+
+    return read
 
 
 def reading_of(curves: Sequence[Curve], moment: Moment) -> dict[str, Any]:
@@ -99,20 +117,10 @@ def _translations(robots: Succession, truths: list[Any]) -> Curve:
     return Curve("error of tool and length estimates", "mm", read)
 
 
-def _parameters(robots: Succession, truths: list[Any], controller: Controller) -> Curve:
-    """Return the curve of the dynamic parameters' part of V, in % of its first value."""
-    first: list[float] = []
-
-    def read(moment: Moment) -> float | None:
-        truth = truths[int(robots.index(moment.t))]
-        left = controller.adaptation_d.divergence(moment.a_d, truth)
-        if left is None:
-            return None
-        first.append(left)
-        del first[1:]
-        return 100.0 * left / first[0] if first[0] > 0.0 else None
-
-    return Curve("error of dynamic estimates", "% of the start", read)
+def not_excited_words(excited: Excited) -> str:
+    """Return which parameters a motion does not excite, for the page."""
+    still = [name for name, no in zip(excited.names, excited.still, strict=True) if no]
+    return f"not excited by this motion: {names_together(still)}" if still else ""
 
 
 @dataclass(frozen=True, eq=False)
