@@ -275,11 +275,17 @@ def cost() -> dict[str, Any]:
     return {"name": "cost of a step [us]", "case": "cost", **least, "governor": part}
 
 
+def short(value: float) -> str:
+    """Return a number with two digits, and no exponent."""
+    return f"{value:.0f}" if value >= 100.0 else f"{value:.2g}"
+
+
 def outcome(result: dict[str, Any]) -> str:
     """Return the largest and the last error and the largest joint speed, or when it was lost."""
     if result["lost"] is not None:
         return f"lost at {result['lost']:.2g} s"
-    return f"{result['largest']:.3g}, {result['last']:.2g}, {100 * result['speed']:.0f} %"
+    largest, last = short(result["largest"]), short(result["last"])
+    return f"{largest}, {last}, {100 * result['speed']:.0f} %"
 
 
 def causes(result: dict[str, Any]) -> str:
@@ -299,8 +305,8 @@ def line(row: dict[str, Any]) -> str:
 
 def table(rows: list[dict[str, Any]]) -> str:
     """Return the table of the page on motions."""
-    shown = [row for row in rows if row["case"].split()[0] in ("leaves", "held", "blind", "slow")]
-    head = "| case | robot | without [mm] | with the governor [mm] | what slowed the path |"
+    shown = [row for row in rows if row["case"].startswith(("leaves", "held", "blind", "slow"))]
+    head = "| case | robot | without | with the governor | what slowed the path |"
     return "\n".join([head, "|---|---|---|---|---|", *(line(row) for row in shown)])
 
 
@@ -320,7 +326,7 @@ def counts(rows: list[dict[str, Any]]) -> str:
         cells += [str(sum(row[key]["lost"] is not None for row in draws)) for key in KEYS]
         for key in KEYS:
             kept = [row[key]["last"] for row in draws if row[key]["lost"] is None]
-            cells.append(f"{min(kept):.2g} to {max(kept):.2g}" if kept else "-")
+            cells.append(f"{short(min(kept))} to {short(max(kept))}" if kept else "-")
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 

@@ -1,10 +1,23 @@
 """Runs that go wrong without the governor: obstacle, blind camera, edge of the workspace, lift."""
 
+import json
+
 import numpy as np
 import pytest
 
 import pinadapt as pa
-from benchmarks.governor import HEALTHY, Held, HeldLonger, begun, run, unknown, way_out
+from benchmarks.governor import (
+    HEALTHY,
+    HERE,
+    Held,
+    HeldLonger,
+    begun,
+    counts,
+    run,
+    table,
+    unknown,
+    way_out,
+)
 from tests.support.chains import catalogue_robot
 
 pytestmark = pytest.mark.slow
@@ -96,3 +109,10 @@ def test_a_rollout_says_what_slowed_it(ur5, tmp_path, blank_pictures):
         late = arrays["t"] - arrays["path_time"]
     assert (np.diff(late) >= 0.0).all() and late[-1] > 1.0 and late[150] == 0.0
     assert rollout.plot(tmp_path)
+
+
+def test_the_page_shows_the_figures_of_the_benchmark():
+    rows = json.loads((HERE / "governor.json").read_text())["rows"]
+    page = (HERE.parent / "docs" / "motions.md").read_text()
+    assert table(rows) in page and counts(rows) in page
+    assert all(row["with"]["slowed"] == [] for row in rows if row["case"] == "healthy")
