@@ -121,3 +121,12 @@ def test_lumped_parameters_have_their_typical_values_for_scales():
     scale = np.diag(scales(dynamics, dynamics.initial))[: dynamics.inertial.size]
     typical = np.abs(dynamics.typical[: scale.size])
     assert np.array_equal(scale, 0.3 * np.maximum(typical, 1e-3 * np.abs(dynamics.typical).max()))
+
+
+def test_without_torques_nothing_is_divided_by_them():
+    dynamics = dynamics_of("planar_2r", unknown=pa.Unknown(friction=False, armature=False))
+    rest = [(np.zeros(2), np.zeros(2), np.zeros(2))]
+    sums, *_ = sums_of(dynamics, dynamics.initial, dynamics.initial, rest)
+    found = sums.excited(dynamics.names, scales(dynamics, dynamics.initial))
+    assert sums.size == 0.0 == sums.relative_error(dynamics.initial)
+    assert found.rank == 0 and found.still.all()
