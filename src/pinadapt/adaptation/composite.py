@@ -103,44 +103,69 @@ class Composite(Wrapper):
 
 
 class _Recalled(NamedTuple):
-    """Effect of the memory on an estimate.
+    """What the memory says about an estimate.
 
     Attributes:
-        pull: (p) H da, the gradient that the memory adds.
+        pull: (p) H da, the gradient that the memory adds, times the share of rho that holds now.
+        surprise: d, the normalised innovation.
         fading: mu, the rate at which it is forgotten now [1/s].
     """
 
     pull: np.ndarray
+    surprise: float
     fading: float
 
 
-class CompositeMemory(Wrapper):
-    """da/dt = -Gamma (Y^T e + rho H da), H = A (I + Gamma A)^-1, Gamma that of any adaptation.
+_QUIET = 6.0  # times the time constant of the low pass: its memory of an old load is 0.2 %
+_USUAL = 30.0  # time constants of the low pass over which innovations are averaged
+_UNUSUAL = 10.0  # times the usual innovation
+_CALM = 0.1  # least share of rho
 
-    A and b accumulate the information in the filtered regressor W and torque y of the joints,
+
+class CompositeMemory(Wrapper):
+    """da/dt = -Gamma (Y^T e + (rho / kappa) H da), H = A (I + P A)^-1, P = Gamma / kappa.
+
+    Gamma is that of any adaptation, and P the covariance that the memory takes for that of da. A
+    and b accumulate the information in the filtered regressor W and torque y of the joints,
     weighted by R = bandwidth diag(noise)^-2:
 
         dA/dt = W^T R W - mu A,     db/dt = W^T R y - mu b,     A(0) = 0, b(0) = 0.
 
     For the true parameters W a = y and hence b = A a. So A da = A a_hat - b contains only known
-    quantities, and H da = (I + A Gamma)^-1 (A a_hat - b). Composite adaptation uses the n
+    quantities, and H da = (I + A P)^-1 (A a_hat - b). Composite adaptation uses the n
     combinations of parameters that W shows at one instant; this uses all those that the motion has
     excited so far.
 
-    V:          dV/dt changes by -rho da^T H da, an equality for all mu >= 0 and R >= 0, which may
-                change with time, in the metric of any inner adaptation. H is symmetric and positive
-                semidefinite: H^-1 = A^-1 + Gamma where A is invertible. Under natural adaptation
-                the estimate stays in its cone.
-    Rate:       errors in directions with much information, Gamma A >> 1, decay as exp(-rho t). A
+    V:          dV/dt changes by -(rho / kappa) da^T H da, an equality for all mu >= 0 and R >= 0,
+                which may change with time, in the metric of any inner adaptation. H is symmetric
+                and positive semidefinite: H^-1 = A^-1 + P where A is invertible. Under natural
+                adaptation the estimate stays in its cone.
+    Share:      written with P, da/dt = -P (kappa Y^T e + rho H da), and kappa V has the derivative
+                kappa (that of the law) - rho da^T H da. With kappa below one the tracking error
+                teaches more slowly than the memory, which needs no fast loop of torque and estimate
+                for its accuracy: such a loop rings where motors are late or joints give way.
+    Rate:       errors in directions with much information, P A >> 1, decay as exp(-rho t). A
                 need not have full rank for that, and excitation need not persist. The eigenvalues
-                of rho Gamma H are at most rho, so a step is stable for every period below 2 / rho.
+                of rho P H are at most rho, so a step is stable for every period below 2 / rho.
+    Agreement:  where memory and estimate nearly agree on the torque, rho is reduced, to a tenth at
+                least: rho m / (m + agreement), m the root mean square over the joints of W P H da /
+                noise. Errors that no parameters cause, such as those of sampling, are then left to
+                the tracking error, which compensates them as an integrator does.
     Fading:     1 / mu = 1 / (forgetting d) + 1 / bandwidth, d the normalised innovation of least
                 squares, d = r_m^T (S + diag(noise)^2)^-1 r_m / n. r_m is the prediction error of
-                the memory's own estimate a_hat - Gamma H da; S = W (Gamma^-1 + A)^-1 W^T is the
-                part of its covariance that comes from too little data, with Gamma for the
-                covariance of da. So data are forgotten when new ones contradict them, for example
-                after a change of the load, at most at the bandwidth of the low pass; otherwise they
+                the memory's own estimate a_hat - P H da; S = W (P^-1 + A)^-1 W^T is the
+                part of its covariance that comes from too little data. So data are forgotten when
+                new ones contradict them, at most at the bandwidth of the low pass; otherwise they
                 are kept.
+    Beginning   where d exceeds ``contradiction`` and ten times its own mean over the last
+    anew:       30 / bandwidth, for example after a change of the load, and at an announcement:
+                A = 0 and b = 0. Nothing is stored for 6 / bandwidth, until the low pass has
+                forgotten what it knew of the old load. V does not contain A and b, so nothing
+                jumps. The mean is for errors that no parameters explain, such as friction that is
+                none of them: they contradict all data alike.
+    Sampling:   A and b are integrated, and H da, which needs the solution of p equations, is
+                evaluated and held over steps of ``interval``. As part of an ODE (``rate``) all are
+                continuous, and the memory does not begin anew.
 
     G. Kreisselmeier, *Adaptive observers with exponential rate of convergence*, IEEE TAC 22 (1977)
     2-8 (the integrals); Y. Pan, H. Yu, *Composite learning robot control with guaranteed parameter
@@ -156,6 +181,11 @@ class CompositeMemory(Wrapper):
         speed: rho [1/s].
         noise: standard deviation of the torques, one number or (n) [N m or N].
         forgetting: [1/s] at an innovation as large as expected; zero never forgets.
+        share: kappa.
+        contradiction: d above which the memory begins anew; infinite for never.
+        interval: between evaluations of H da [s]; zero for every sample.
+        agreement: size of the torques that memory and estimate differ by, relative to the noise,
+            below which rho is reduced; zero for never.
     """
 
     sources = ("Kreisselmeier1977", "PanYu2018", "FortescueKershenbaumYdstie1981")
@@ -168,6 +198,10 @@ class CompositeMemory(Wrapper):
         rate: float,
         noise: ArrayLike,
         forgetting: float = 0.0,
+        share: float = 1.0,
+        contradiction: float = math.inf,
+        interval: float = 0.0,
+        agreement: float = 0.0,
     ) -> None:
         """Wrap an adaptation with a memory.
 
@@ -177,47 +211,95 @@ class CompositeMemory(Wrapper):
             rate: rho [1/s].
             noise: standard deviation of the torques, one number or n [N m or N].
             forgetting: rate of fading at an innovation as large as expected [1/s].
+            share: kappa in (0, 1], Gamma / P.
+            contradiction: normalised innovation above which the memory begins anew; infinite:
+                never.
+            interval: between evaluations of H da [s], at most 1 / rho; zero: every sample.
+            agreement: below which difference of the torques, relative to the noise, rho is reduced.
 
         Raises:
-            GainError: gains that are not positive.
+            GainError: gains that are not positive, a share above one or too long an interval.
         """
         super().__init__(inner)
         self.name = _WITH_MEMORY.get(inner.name, inner.name)
-        self.torque_bandwidth = positive(bandwidth, "prediction_filter")
+        self.torque_bandwidth = self._bandwidth = positive(bandwidth, "prediction_filter")
         self.speed = positive(rate, "prediction_rate")
         self.noise = numbers(noise, "noise", error=GainError)
         if self.noise.ndim > 1 or not (self.noise > 0.0).all():
             raise GainError("expected a positive number, or one per joint.", where="noise")
         self.forgetting = positive(forgetting, "forgetting", zero=True)
+        self.share = positive(share, "share")
+        if self.share > 1.0:
+            raise GainError(
+                f"the tracking error teaches at most as fast as the memory, got {share:g} > 1.",
+                where="share",
+            )
+        self.contradiction = math.inf
+        if not (isinstance(contradiction, float) and contradiction == math.inf):
+            self.contradiction = positive(contradiction, "contradiction")
+        self.interval = positive(interval, "interval", zero=True)
+        if self.interval * self.speed > 1.0:
+            raise GainError(
+                f"{interval:g} s is longer than 1 / rho = {1.0 / self.speed:.3g} s.",
+                where="interval",
+            )
+        self.agreement = positive(agreement, "agreement", zero=True)
         self._variance = self.noise * self.noise
 
     def init(self, value: np.ndarray) -> Estimate:
         """Return the inner adaptation's start, with an empty memory."""
-        return self._with_empty_memory(self.inner.init(value))
+        return self._with_empty_memory(self.inner.init(value), 0.0)
 
     def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
-        """Return the inner adaptation's estimate at an announced value (p), with empty memory."""
-        return self._with_empty_memory(self.inner.reset_to(self._inner(estimate), value, start))
+        """Return the inner adaptation's estimate at an announced value (p); memory begins anew."""
+        inner = self.inner.reset_to(self._inner(estimate), value, start)
+        return self._with_empty_memory(inner, _QUIET / self._bandwidth)
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates under drive and memory, dA/dt and db/dt."""
-        A, b = estimate.memory[:2]
-        fading, A_new, b_new, total = self._parts(estimate, drive)
-        rate = self.inner.rate(self._inner(estimate), total)
-        return Estimate(rate.value, (A_new - fading * A, b_new - fading * b, *rate.memory))
+        A, b, pull, clock = estimate.memory[:4]
+        inner, still = self._inner(estimate), (np.zeros(pull.size), np.zeros(clock.size))
+        told = self._recalled(estimate, drive)
+        rate = self.inner.rate(inner, self._total(drive, None if told is None else told.pull))
+        if told is None:
+            still[1][0] = -float(clock[0] > 0.0)
+            return Estimate(rate.value, (np.zeros(A.shape), np.zeros(b.size), *still, *rate.memory))
+        A_new, b_new = self._news(estimate.value, drive)
+        moved = A_new - told.fading * A, b_new - told.fading * b
+        return Estimate(rate.value, (*moved, *still, *rate.memory))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held; fading is integrated exactly."""
-        A, b = estimate.memory[:2]
-        fading, A_new, b_new, total = self._parts(estimate, drive)
-        after, kept = self.inner.step(self._inner(estimate), total, dt), math.exp(-fading * dt)
-        A_new *= dt
-        A_new += kept * A
-        return Estimate(after.value, (A_new, kept * b + dt * b_new, *after.memory))
+        A, b, pull, (quiet, due, usual, looks) = estimate.memory[:4]
+        inner = self._inner(estimate)
+        if quiet > 0.0 or drive.W is None:
+            after = self.inner.step(inner, self._total(drive, None), dt)
+            clock = np.array([quiet - dt, 0.0, usual, looks])
+            return Estimate(after.value, (A, b, pull, clock, *after.memory))
+        if due > 0.5 * dt:
+            after = self.inner.step(inner, self._total(drive, pull), dt)
+            clock = np.array([0.0, due - dt, usual, looks])
+            return Estimate(after.value, (A, b, pull, clock, *after.memory))
+        told = self._recalled(estimate, drive)
+        assert told is not None
+        span, d = max(self.interval, dt), told.surprise
+        weight = max(1.0 / (looks + 1.0), min(1.0, span * self._bandwidth / _USUAL))
+        mean = usual + weight * (d - usual)
+        if d > max(self.contradiction, _UNUSUAL * mean):
+            after = self.inner.step(inner, self._total(drive, None), dt)
+            return self._with_empty_memory(after, _QUIET / self._bandwidth, mean, looks)
+        after = self.inner.step(inner, self._total(drive, told.pull), dt)
+        kept, (A_new, b_new) = math.exp(-told.fading * span), self._news(estimate.value, drive)
+        A_new *= span
+        A_new += A if kept == 1.0 else kept * A
+        clock = np.array([0.0, due + span - dt, mean, looks + 1.0])
+        memory = A_new, kept * b + span * b_new, told.pull, clock
+        return Estimate(after.value, (*memory, *after.memory))
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
-        """Return -rho da^T H da, and what the inner adaptation adds to dV/dt."""
-        total = self._parts(estimate, drive)[-1]
+        """Return -(rho / kappa) da^T H da, and what the inner adaptation adds to dV/dt."""
+        told = self._recalled(estimate, drive)
+        total = self._total(drive, None if told is None else told.pull)
         own = (estimate.value - truth).dot(total.gradient - drive.gradient)
         return float(-own + self.inner.dissipation(self._inner(estimate), total, truth))
 
@@ -233,52 +315,67 @@ class CompositeMemory(Wrapper):
         """Return the inner adaptation's Gamma (p, p) at an estimate with its memory."""
         return self.inner.metric(self._inner(estimate))
 
-    def _parts(
-        self, estimate: Estimate, drive: Drive
-    ) -> tuple[float, np.ndarray, np.ndarray, Drive]:
-        """Return mu [1/s], W^T R W (p, p), W^T R y (p), and the drive with rho H da added.
+    def _total(self, drive: Drive, pull: np.ndarray | None) -> Drive:
+        """Return the drive of the inner adaptation, with the pull H da (p) of the memory."""
+        gradient = drive.gradient
+        if pull is not None:
+            gradient = gradient + (self.speed / self.share) * pull
+        return Drive(drive.Y, drive.e, gradient=gradient)
 
-        Zeros and the drive itself where it has no prediction error.
-        """
-        value, (A, b) = estimate.value, estimate.memory[:2]
+    def _news(self, value: np.ndarray, drive: Drive) -> tuple[np.ndarray, np.ndarray]:
+        """Return W^T R W (p, p) and W^T R y (p) of a drive with a prediction error."""
         W, residual = drive.W, drive.residual
-        if W is None or residual is None:
-            return 0.0, np.zeros(A.shape), np.zeros(b.size), drive
-        pull, fading = self._recalled(value, A, b, W, residual)
-        weighted = (W.T * (self.torque_bandwidth / self._variance)).dot  # W^T R
-        total = Drive(drive.Y, drive.e, gradient=drive.gradient + self.speed * pull)
-        return fading, weighted(W), weighted(W.dot(value) - residual), total
+        assert W is not None and residual is not None
+        weighted = (W.T * (self._bandwidth / self._variance)).dot  # W^T R
+        return weighted(W), weighted(W.dot(value) - residual)
 
-    def _recalled(
-        self, value: np.ndarray, A: np.ndarray, b: np.ndarray, W: np.ndarray, residual: np.ndarray
-    ) -> _Recalled:
-        """Return H da and mu at a value (p), memory A, b and prediction error W (n, p), r (n).
+    def _recalled(self, estimate: Estimate, drive: Drive) -> _Recalled | None:
+        """Return H da, d and mu; None while the memory is quiet or without a prediction error.
 
-        One factorisation of I + A Gamma serves H da and S.
+        One factorisation of I + A P serves H da and S.
         """
+        value, (A, b, _, clock) = estimate.value, estimate.memory[:4]
+        W, residual = drive.W, drive.residual
+        if W is None or residual is None or clock[0] > 0.0:
+            return None
         n, p = W.shape
         sides = np.empty((p, p + n))
         sides[:, :p], sides[:, p:] = A, W.T
-        moved = self.inner.gain_times(value, sides)  # Gamma A, Gamma W^T
+        moved = self.inner.gain_times(value, sides)  # P A, P W^T
+        if self.share != 1.0:
+            moved = moved * (1.0 / self.share)
         system = moved[:, :p].T.copy()
         system.flat[:: p + 1] += 1.0
         sides[:, p - 1] = A.dot(value) - b
         solved = np.linalg.solve(system, sides[:, p - 1 :])
-        pull, W_Gamma = solved[:, 0], moved[:, p:].T
-        innovation = residual - W_Gamma.dot(pull)
-        S = W_Gamma.dot(solved[:, 1:])
+        pull, W_P = solved[:, 0], moved[:, p:].T
+        change = W_P.dot(pull)
+        innovation = residual - change
+        S = W_P.dot(solved[:, 1:])
         S.flat[:: n + 1] += self._variance
-        size = float(innovation.dot(np.linalg.solve(0.5 * (S + S.T), innovation)))
-        fading = self.forgetting * max(size, 0.0) / n  # forgetting d
-        return _Recalled(pull, fading / (1.0 + fading / self.torque_bandwidth))
+        size = innovation.dot(np.linalg.solve(0.5 * (S + S.T), innovation))
+        surprise = max(float(size), 0.0) / n
+        fading = self.forgetting * surprise
+        fading /= 1.0 + fading / self._bandwidth
+        return _Recalled(self._calm(change) * pull, surprise, fading)
+
+    def _calm(self, change: np.ndarray) -> float:
+        """Return the share of rho where the memory would change the torque by so much (n)."""
+        if not self.agreement:
+            return 1.0
+        m = math.sqrt(float(np.mean(change * change / self._variance)))
+        return max(_CALM, m / (m + self.agreement))
 
     @staticmethod
-    def _with_empty_memory(estimate: Estimate) -> Estimate:
-        """Return the inner adaptation's estimate with A = 0 and b = 0."""
+    def _with_empty_memory(
+        estimate: Estimate, quiet: float, usual: float = 0.0, looks: float = 0.0
+    ) -> Estimate:
+        """Return the inner adaptation's estimate with A = 0 and b = 0, quiet for a time [s]."""
         p = estimate.value.size
-        return Estimate(estimate.value, (np.zeros((p, p)), np.zeros(p), *estimate.memory))
+        empty = np.zeros((p, p)), np.zeros(p), np.zeros(p), np.array([quiet, 0.0, usual, looks])
+        return Estimate(estimate.value, (*empty, *estimate.memory))
 
     @staticmethod
     def _inner(estimate: Estimate) -> Estimate:
         """Return the estimate with the inner adaptation's own memory."""
-        return Estimate(estimate.value, estimate.memory[2:])
+        return Estimate(estimate.value, estimate.memory[4:])

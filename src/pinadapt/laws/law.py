@@ -200,6 +200,8 @@ class Law(ABC):
         bandwidth_powers: gains of the feedback, by the names that users write, with the power of
             the bandwidth to which each is proportional.
         adaptation_mode: default of the fastest mode of the adaptation of inertias, in bandwidths.
+        memory_mode: the same beside a memory of all torques, with which the tracking error need not
+            teach so fast: at most this.
         joint_mode: the same for the coefficients of the joints.
         kinematic_mode: the same for the translations.
         prediction_mode: default rate at which the prediction error of the torque decays, in
@@ -225,6 +227,7 @@ class Law(ABC):
     joint_effects: ClassVar[str] = "none"
     bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0, "Kp": 2.0}
     adaptation_mode: ClassVar[float] = 2.0
+    memory_mode: ClassVar[float] = 2.0
     joint_mode: ClassVar[float] = 3.0
     kinematic_mode: ClassVar[float] = 0.15
     prediction_mode: ClassVar[float] = 0.5

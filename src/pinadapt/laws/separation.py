@@ -108,6 +108,7 @@ class Separation(Law):
     joint_effects = "all"
     bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0, "lag": -1.0}
     adaptation_mode = 8.0
+    memory_mode = 1.75
     joint_mode = 8.0
     kinematic_mode = 0.3
     units = ("N m s/rad", "")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -45,12 +46,14 @@ from .preflight import lightest_joint, stable_share_of_adaptation, stable_share_
 from .rates import (
     ADAPTATIONS,
     KINEMATIC_ADAPTATIONS,
+    MEMORIES,
     RATES,
     check_adaptation,
     dynamic_adaptation,
     metric_of,
     predicting_kind,
     prediction_weight,
+    tracking_share,
 )
 from .rates import kinematic_adaptation as moved_kinematics
 from .unknowns import (
@@ -244,11 +247,16 @@ def _adaptation(
 ) -> Adaptation:
     """Return how the dynamic estimate moves; noisy sensors add a leak where none is chosen."""
     law, motion, w, settings = tuning.law, tuning.motion, tuning.bandwidth, tuning.settings
-    moved = dynamic_adaptation(kind, law, motion, w, rates, lmi, share * settings.mode**2)
+    share, jitter = share * tracking_share(kind, law, settings.mode), 0.0
+    if tuning.quality.v:
+        jitter = tuning.quality.v * min(1.0, math.sqrt(0.5 * settings.velocity * tuning.period))
+    moved = dynamic_adaptation(kind, law, motion, w, rates, lmi, share, jitter)
     if kind == "none":
         return moved
     moved = modified(moved, modifying, tuning)
-    return Leak(moved, settings.leak) if settings.leak and SIGMA not in modifying else moved
+    if not settings.leak or SIGMA in modifying or kind in MEMORIES:
+        return moved
+    return Leak(moved, settings.leak)
 
 
 def _warn(

@@ -33,8 +33,8 @@ from .defaults import (
 )
 from .noise import NoiseSettings
 
-_MEMORIES = ("natural-memory", "composite-memory")
-FORGETTING = (*_MEMORIES, LeastSquares.name)
+MEMORIES = ("natural-memory", "composite-memory")
+FORGETTING = (*MEMORIES, LeastSquares.name)
 PREDICTING = ("natural-composite", "composite", *FORGETTING)
 _METRICS = {
     "composite": "gradient",
@@ -65,6 +65,10 @@ _FILTER = 1.25
 _FORGETTING = 0.125
 _DOUBT = 1.0  # at which a memory forgets when contradicted by as much as its noise
 _NOISE = 0.01  # that a memory assumes, in the roots of the units of the floor
+_CONTRADICTION = 0.03  # normalised innovation at which it begins anew
+_INTERVAL = 0.1  # between evaluations, in 1 / rate
+_AGREEMENT = 0.01  # relative to the noise, below which a memory leaves the rest to the loop
+_HORIZON = 2000.0  # in 1 / bandwidth of the low pass: what encoders teach in it is as the prior
 _FLOOR = 1e-2  # of the torque due to the gain for the tracking error over a typical motion
 
 # prediction of position or velocity; rates in bandwidths
@@ -119,6 +123,7 @@ def dynamic_adaptation(
     rates: Mapping[str, Any],
     lmi: ArrayLike | MatrixInequality | None,
     share: float = 1.0,
+    jitter: float = 0.0,
 ) -> Adaptation:
     """Return the dynamic adaptation with given rates or a share of the default ones.
 
@@ -130,6 +135,7 @@ def dynamic_adaptation(
         rates: those given, by the names of ``RATES``.
         lmi: matrix inequality for a basis of the user's own.
         share: of the default rates.
+        jitter: standard deviation of the joint velocity behind its low pass [rad/s or m/s].
 
     Raises:
         InputError: a rate or an inequality that does not fit the parameters.
@@ -138,7 +144,8 @@ def dynamic_adaptation(
         return Frozen()
     moved = _tracking_adaptation(metric_of(kind), law, motion, bandwidth * share**0.5, rates, lmi)
     if kind in _METRICS:
-        moved = predicting(kind, moved, motion, bandwidth, share, rates, law.prediction_mode)
+        mode = law.prediction_mode
+        moved = predicting(kind, moved, motion, bandwidth, share, rates, mode, jitter)
     return law.guarded(moved, motion.dynamics)
 
 
@@ -248,6 +255,7 @@ def predicting(
     share: float,
     rates: Mapping[str, Any],
     mode: float,
+    jitter: float,
 ) -> Adaptation:
     """Return an adaptation that also follows the prediction error of the torque.
 
@@ -263,7 +271,16 @@ def predicting(
     averages the noise and is stable at any period. It assumes noise of 1 % of the torque due to the
     initial uncertainty, and forgets at w where new data contradict it by that much. With perfect
     sensors 3 w would find a changed load twice as fast; with encoders of 17 bits it would forget
-    too much, and a Panda keep four times the error. Without changes neither number matters.
+    too much, and a Panda keep four times the error. Without changes neither number matters. It
+    begins anew at innovations of 0.03, small because the default Gamma, the rate of a loop, is
+    larger than the covariance of the parameters. Its covariance is that of the default rates, of
+    which the tracking error teaches with the given share.
+
+    Noise of the joint velocity, behind its low pass, is noise of the acceleration in W, of the size
+    of the torque filter's bandwidth times it. What it seems to teach of the parameters adds up,
+    whatever the motion, and would move those that nothing excites. The memory's noise is so large
+    that this reaches the initial uncertainty after 2000 time constants of that filter, about a
+    minute; the motion teaches hundreds of times as much meanwhile.
 
     Args:
         kind: of ``PREDICTING``.
@@ -273,6 +290,7 @@ def predicting(
         share: of the default rates, for noise and the period.
         rates: given ``prediction_rate``, ``prediction_filter`` and ``forgetting``.
         mode: ``Law.prediction_mode``.
+        jitter: standard deviation of the joint velocity behind its low pass [rad/s or m/s].
 
     Raises:
         GainError: a rate that is not positive.
@@ -281,17 +299,60 @@ def predicting(
     rate = _given(rates, "prediction_rate", default * bandwidth * share)
     low_pass = _given(rates, "prediction_filter", _FILTER * bandwidth)
     torques = typical_torques(moved, motion)
-    if kind in _MEMORIES:
+    if kind in MEMORIES:
         rate = _given(rates, "prediction_rate", mode * bandwidth)
         doubt = _given(rates, "forgetting", _DOUBT * bandwidth)
-        noise = _NOISE * np.sqrt(torques)
-        return CompositeMemory(moved, low_pass, rate=rate, noise=noise, forgetting=doubt)
+        variance = _NOISE**2 * torques
+        if jitter:
+            variance += _HORIZON * shaken_torques(moved, motion, low_pass * jitter)
+        return CompositeMemory(
+            moved,
+            low_pass,
+            rate=rate,
+            noise=np.sqrt(variance / share),
+            forgetting=doubt,
+            share=share,
+            contradiction=_CONTRADICTION,
+            interval=_INTERVAL / rate,
+            agreement=_AGREEMENT,
+        )
     if kind != LeastSquares.name:
         return Composite(moved, low_pass, rate=rate, floor=_FLOOR * torques)
     forgetting = _given(rates, "forgetting", _FORGETTING * bandwidth * share)
     P_0, size = moved.gain(typical_start(moved, motion)), motion.dynamics.size
     weight = rate / torques
     return LeastSquares(P_0, size, low_pass, weight=weight, forgetting=forgetting, directional=True)
+
+
+def shaken_torques(adaptation: Adaptation, motion: TypicalMotion, a: float) -> np.ndarray:
+    """Return the mean diagonal (n) of E Y Gamma Y^T, Y due to accelerations of the joints alone.
+
+    Args:
+        adaptation: with Gamma.
+        motion: of the model.
+        a: standard deviation of the acceleration of each joint [rad/s^2 or m/s^2].
+    """
+    start, regressor = typical_start(adaptation, motion), motion.dynamics.regressor
+    rest, found = np.zeros(motion.robot.model.nv), []
+    for q in motion.states.q:
+        still = np.array(regressor(q, rest, rest))
+        for e in np.eye(rest.size):
+            Y = regressor(q, rest, e) - still
+            found.append(np.sum(Y.T * adaptation.gain_times(start, Y.T), axis=0))
+    return np.asarray(a**2 * rest.size * np.mean(found, axis=0))
+
+
+def tracking_share(kind: str, law: Law, mode: float) -> float:
+    """Return the share of the law's default rates with which the tracking error teaches.
+
+    Args:
+        kind: of adaptation.
+        law: with its mode, at the default rates.
+        mode: share of it that the noise of the sensors leaves.
+    """
+    if kind in MEMORIES:
+        mode = min(mode, law.memory_mode / law.adaptation_mode)
+    return mode**2
 
 
 def _given(rates: Mapping[str, Any], name: str, default: float) -> float:
