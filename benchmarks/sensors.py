@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 import pinadapt as pa
-from pinadapt.zoo.case import zoo_case
+from pinadapt.zoo.experiment import zoo_case
 
 from .timing import HERE, save
 

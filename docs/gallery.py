@@ -25,7 +25,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from scipy.spatial import ConvexHull
 
 import pinadapt as pa
-from pinadapt.zoo.case import PERIOD, ZooCase, zoo_case
+from pinadapt.zoo.experiment import PERIOD, ZooCase, zoo_case
 
 FOLDER = Path(__file__).parent / "gallery"
 ROBOTS = (

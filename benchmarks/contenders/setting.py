@@ -11,7 +11,7 @@ import numpy as np
 import pinadapt as pa
 from pinadapt.description.chain import velocity_limits
 from pinadapt.tuning.defaults import bandwidth
-from pinadapt.zoo.case import PERIOD, TOOL_ERROR, zoo_case
+from pinadapt.zoo.experiment import PERIOD, TOOL_ERROR, zoo_case
 
 from .inverse_kinematics import InverseKinematics
 from .nominal_robot import NominalRobot

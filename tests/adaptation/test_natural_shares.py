@@ -5,7 +5,7 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.adaptation.adaptation import Drive, Estimate
-from pinadapt.zoo.case import zoo_case
+from pinadapt.zoo.experiment import zoo_case
 from tests.support.chains import catalogue_robot
 
 SHARES = [1.0, 7.0, 0.3]

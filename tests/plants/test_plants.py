@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 import pinadapt as pa
 from pinadapt.plants.pinocchio_plant import FittedMidpoint, RungeKutta
-from pinadapt.zoo.case import zoo_case
+from pinadapt.zoo.experiment import zoo_case
 from tests.support.chains import catalogue_robot as load
 from tests.support.chains import random_state
 

@@ -6,9 +6,9 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.description.chain import effort_limits, velocity_limits
-from pinadapt.reference import joint_motion, starting_from
+from pinadapt.reference import Approach, joint_motion, starting_from
 from pinadapt.scenario.scenario import Scenario
-from pinadapt.trajectories import Approach, AsGiven, Hold, Retimed
+from pinadapt.trajectories import AsGiven, Hold, Retimed
 from tests.support.chains import catalogue_robot
 from tests.support.differences import derivative
 from tests.support.paths import ROOT

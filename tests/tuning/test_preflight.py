@@ -5,7 +5,7 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.tuning.preflight import Finding
-from pinadapt.zoo.case import zoo_case
+from pinadapt.zoo.experiment import zoo_case
 from tests.support.chains import catalogue_robot, robot_of
 
 pytestmark = pytest.mark.slow

@@ -17,8 +17,15 @@ import pytest
 import pinadapt as pa
 from pinadapt.cli.command_line import main
 from pinadapt.cli.zoo import zoo_table
-from pinadapt.zoo.case import SWING, zoo_case
-from pinadapt.zoo.experiment import CONVERGED, ZooRow, last_error, zoo_names, zoo_row
+from pinadapt.zoo.experiment import (
+    CONVERGED,
+    SWING,
+    ZooRow,
+    last_error,
+    zoo_case,
+    zoo_names,
+    zoo_row,
+)
 
 pytestmark = pytest.mark.slow
 
@@ -50,7 +57,7 @@ def test_a_case_has_the_stated_model_errors(name):
 @pytest.fixture
 def sooner(monkeypatch):
     """Let runs end after 12 s, the least of four turns, where robots have converged already."""
-    monkeypatch.setattr("pinadapt.zoo.case._LEAST_DURATION", 12.0)
+    monkeypatch.setattr("pinadapt.zoo.experiment._LEAST_DURATION", 12.0)
 
 
 @pytest.mark.usefixtures("sooner")
@@ -129,8 +136,8 @@ def test_a_wrist_that_spins_away_is_named():
 
 def test_without_a_failed_hypothesis_the_verdict_reports_progress(monkeypatch):
     monkeypatch.setattr("pinadapt.zoo.experiment.ACCURATE", 1e-9)
-    monkeypatch.setattr("pinadapt.zoo.case._LEAST_DURATION", 2.0)
-    monkeypatch.setattr("pinadapt.zoo.case._SETTLED", 2.0)
+    monkeypatch.setattr("pinadapt.zoo.experiment._LEAST_DURATION", 2.0)
+    monkeypatch.setattr("pinadapt.zoo.experiment._SETTLED", 2.0)
     assert "no hypothesis failed within" in zoo_row("finger_edu", "adaptive-jacobian").verdict
 
 
@@ -169,7 +176,7 @@ def test_a_robot_that_cannot_run_is_a_row_with_the_reason(monkeypatch):
     def refuse(*arguments, **words):
         raise pa.RobotError("no circle will do.")
 
-    monkeypatch.setattr("pinadapt.zoo.case.find_circle", refuse)
+    monkeypatch.setattr("pinadapt.zoo.experiment.find_circle", refuse)
     assert zoo_row("ur5", "adaptive-jacobian").verdict == "refused: no circle will do."
 
 

@@ -16,8 +16,8 @@ from ..adaptation.adaptation import Adaptation
 from ..controller.estimator import Estimator
 from ..exceptions import InputError, LogError, ParameterError
 from ..information.measured_motion import motion_of_log
+from ..logs.formats import read_log
 from ..logs.log import Log
-from ..logs.read import read_log
 from ..models.physical_fit import physical_set
 from ..models.translations import FIRST, PlacedTranslations
 from ..robot.loading import load

@@ -1,8 +1,8 @@
 """Models: the estimated kinematics and dynamics of a robot, linear in unknown parameters."""
 
-from .base_parameters import BaseParameters as BaseParameters
-from .base_parameters import base_parameters as base_parameters
+from .basis import BaseParameters as BaseParameters
 from .basis import BasisDynamics as BasisDynamics
+from .basis import base_parameters as base_parameters
 from .bodies import BodyDynamics as BodyDynamics
 from .delay_compensation import DelayCompensator as DelayCompensator
 from .delay_compensation import SensedState as SensedState
@@ -10,10 +10,10 @@ from .dynamics import Dynamics as Dynamics
 from .dynamics import StackedDynamics as StackedDynamics
 from .frame_kinematics import FrameKinematics as FrameKinematics
 from .joint_effects import JointEffects as JointEffects
-from .joint_kinematics import JointKinematics as JointKinematics
 from .lumped import LumpedDynamics as LumpedDynamics
 from .regressor import Momentum as Momentum
 from .regressor import MomentumRegressor as MomentumRegressor
+from .task_kinematics import JointKinematics as JointKinematics
 from .task_kinematics import TaskKinematics as TaskKinematics
 from .translations import Translation as Translation
 from .typical_motion import TypicalMotion as TypicalMotion

@@ -17,7 +17,7 @@ from numpy import empty
 from .._kernels import models as kernels
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
-from .base_parameters import base_parameters
+from .basis import base_parameters
 from .regressor import live_array
 from .task_kinematics import TaskKinematics
 from .translations import PlacedTranslations, Translation, placement_of, unknown_translations

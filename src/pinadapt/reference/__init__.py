@@ -2,6 +2,7 @@
 
 from .joint_motion import JointMotion as JointMotion
 from .joint_motion import joint_motion as joint_motion
+from .start import Approach as Approach
 from .start import starting_from as starting_from
 from .within_limits import Slowing as Slowing
 from .within_limits import WithinLimits as WithinLimits

@@ -31,9 +31,8 @@ from ..robot.succession import Succession
 from ..rollout.recording import Evaluation, path_times, slowdowns
 from ..rollout.rollout import Rollout
 from ..trajectories.given import TrajectoryLike, as_trajectory
-from .continuous import run_continuous
 from .engine import Engine
-from .loop import Events, run, sample_indices
+from .loop import Events, run, run_continuous, sample_indices
 from .prepare import check_options, findings, prepare
 
 _OBJECTS = 1800  # [B] a sample, besides the numbers

@@ -1,6 +1,5 @@
 """Desired motions: coordinates with their first two derivatives at any time."""
 
-from .approach import Approach as Approach
 from .given import Function as Function
 from .given import Spline as Spline
 from .given import TrajectoryLike as TrajectoryLike

@@ -19,9 +19,8 @@ from ..models.bodies import PAYLOAD, BodyDynamics
 from ..models.dynamics import Dynamics, StackedDynamics
 from ..models.frame_kinematics import FrameKinematics
 from ..models.joint_effects import KINDS, JointEffects, chosen_kinds, without_joint_effects
-from ..models.joint_kinematics import JointKinematics
 from ..models.lumped import LumpedDynamics
-from ..models.task_kinematics import TaskKinematics
+from ..models.task_kinematics import JointKinematics, TaskKinematics
 from ..models.translations import BASE, FIRST, LENGTHS, TOOL, Translation
 from ..robot.robot import Robot
 from ..tasks.joint import JointTask

@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
-from pinadapt.trajectories import Approach
+from pinadapt.reference import Approach
 from tests.support.differences import derivative
 
 XYZ, POSE = pa.tasks.TASKS["xyz"], pa.tasks.TASKS["pose"]
