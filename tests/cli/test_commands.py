@@ -1,5 +1,6 @@
 """The command line: exit statuses, messages, and the files that other people's scripts read."""
 
+import gc
 import json
 import os
 import subprocess
@@ -220,6 +221,19 @@ def test_robots_lists_the_catalogue(capsys):
         entry.frame in lines[name] and entry.origin in lines[name]
         for name, entry in pinadapt.catalogue().items()
     )
+
+
+def test_only_in_a_process_of_its_own_the_command_searches_less_for_garbage(monkeypatch, capsys):
+    before = gc.get_threshold()
+    try:
+        gc.set_threshold(700, 10, 10)
+        assert main(["robots"]) == 0
+        assert gc.get_threshold() == (700, 10, 10)
+        monkeypatch.setattr(sys, "argv", ["pinadapt", "robots"])
+        assert main() == 0
+        assert gc.get_threshold()[0] > 10_000
+    finally:
+        gc.set_threshold(*before)
 
 
 def test_compare_shows_the_laws_side_by_side(tmp_path, capsys):

@@ -6,7 +6,7 @@ import pytest
 import pinadapt as pa
 from pinadapt.adaptation.natural import BodyInequality
 from pinadapt.description.chain import is_physical
-from pinadapt.models.pseudo_inertia import pseudo_inertia, ten_parameters
+from pinadapt.models.pseudo_inertia import pseudo_inertia, ten_parameters, with_bodies
 from pinadapt.tuning import defaults as prior
 from pinadapt.tuning.defaults import (
     bandwidth,
@@ -30,23 +30,35 @@ def test_ten_parameters_invert_the_pseudo_inertia():
     assert np.allclose(ten_parameters(pseudo_inertia(ten)), ten)
 
 
-def test_plausible_robots_are_physical_and_differ_only_where_they_may():
+def test_plausible_bodies_are_physical_and_as_far_off_as_stated():
     robot = catalogue_robot("ur5")
     dynamics = pa.models.LumpedDynamics(robot, ["elbow_joint:length"], ["wrist_1_joint"])
-    masses, stretched = [], []
-    for true in plausible(robot, dynamics, 400):
-        for joint in range(1, 7):
-            same = true.model.inertias[joint].isApprox(robot.model.inertias[joint])
-            assert same == (joint != 4)
-            moved = not true.model.jointPlacements[joint].isApprox(
-                robot.model.jointPlacements[joint]
-            )
-            assert moved == (joint == 3)
-        assert is_physical(true.model.inertias[4].toDynamicParameters())
-        masses.append(true.model.inertias[4].mass / robot.model.inertias[4].mass)
-        stretched.append(np.linalg.norm(true.model.jointPlacements[3].translation))
+    tens, stretched = plausible(robot, dynamics, 400)
+    assert tens.shape == (400, 1, 10) and stretched.shape == (400, 1)
+    assert all(is_physical(ten) for (ten,) in tens)
+    masses = tens[:, 0, 0] / robot.model.inertias[4].mass
     assert np.std(np.log(masses)) == pytest.approx(0.3, rel=0.2)
-    assert np.std(stretched) == pytest.approx(0.1 * np.mean(stretched), rel=0.15)
+    length = np.linalg.norm(robot.model.jointPlacements[3].translation)
+    assert np.mean(stretched) == pytest.approx(length, rel=0.02)
+    assert np.std(stretched) == pytest.approx(0.1 * length, rel=0.15)
+
+
+@pytest.mark.parametrize("bodies", ["all", ["wrist_1_joint"]])
+def test_values_of_many_robots_are_those_of_each(bodies):
+    """With the bodies and lengths given, and all else as in the nominal robot."""
+    robot = catalogue_robot("ur5")
+    dynamics = pa.models.LumpedDynamics(robot, lengths(robot), bodies)
+    tens, stretched = plausible(robot, dynamics, 20)
+    values = dynamics.values(robot, tens, stretched)
+    parts = dynamics.translations
+    for value, ten, theta in zip(values, tens, stretched, strict=True):
+        true = with_bodies(robot, dict(zip(dynamics.bodies, ten, strict=True)))
+        places = [robot.model.jointPlacements[part.joint].translation for part in parts]
+        moved = {part.name: part.at(theta[i : i + 1]) - places[i] for i, part in enumerate(parts)}
+        expected = dynamics.value(true.changed(link_translation=moved))
+        assert np.allclose(value, expected, rtol=1e-8, atol=1e-8 * np.abs(expected).max())
+    each = pa.models.Dynamics.values(dynamics, robot, tens, stretched)
+    assert np.allclose(values, each, rtol=1e-8, atol=1e-8 * np.abs(each).max())
 
 
 def test_covariance_of_bodies_is_the_metric_of_natural_adaptation(monkeypatch):
@@ -54,8 +66,8 @@ def test_covariance_of_bodies_is_the_metric_of_natural_adaptation(monkeypatch):
     monkeypatch.setattr(prior, "INERTIA", 0.01)
     robot = catalogue_robot("panda")
     dynamics = pa.models.BodyDynamics(robot, "payload")
-    samples = list(plausible(robot, dynamics, 4000))
-    errors = np.array([dynamics.value(true) - dynamics.initial for true in samples])
+    tens, stretched = plausible(robot, dynamics, 4000)
+    errors = dynamics.values(robot, tens, stretched) - dynamics.initial
     G = np.linalg.solve(pseudo_inertia(dynamics.initial), BodyInequality(["last"]).F)
     H = np.einsum("iab,jba->ij", G, G)
     root = np.linalg.cholesky(H)

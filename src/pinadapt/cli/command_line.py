@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import io
 import sys
 import warnings
@@ -33,6 +34,9 @@ _COMMANDS = {
 }
 
 
+_GARBAGE = (100_000, 50, 100)  # how seldom to search for it: by default a tenth of a run's time
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status.
 
@@ -40,6 +44,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     diverged; 130: interrupted.
     """
     _replace_unprintable_characters()
+    if arguments is None:  # a process of its own, in which nearly all of the many objects stay
+        gc.set_threshold(*_GARBAGE)
     shown, warnings.showwarning = warnings.showwarning, _show_warning
     try:
         with stopped_by_signals():

@@ -268,6 +268,10 @@ class BodyDynamics(InertialDynamics):
         same = same and all(ours.isApprox(theirs, 1e-9) for ours, theirs in pairs[2:])
         return pi[self._columns] if same else None
 
+    def values(self, robot: Robot, tens: np.ndarray, lengths: np.ndarray) -> np.ndarray | None:
+        """Return the ten parameters of each adapted body (N, p): those given."""
+        return tens.reshape(-1, self.size)
+
     def robot(self, a_d: np.ndarray, nominal: Robot) -> Robot:
         """Return the nominal robot with the bodies of the parameters a_d (p).
 

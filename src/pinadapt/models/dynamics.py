@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 
 from ..exceptions import InputError, ParameterError
 from ..robot.robot import Robot
 from .joint_effects import JointEffects, without_joint_effects
 from .regressor import Momentum
-from .translations import Translation
+from .translations import PlacedTranslations, Translation
 
 
 class Dynamics(ABC):
@@ -108,6 +110,26 @@ class Dynamics(ABC):
     @abstractmethod
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the parameters (p) of a robot with the same chain; None if none reproduce it."""
+
+    def values(self, robot: Robot, tens: np.ndarray, lengths: np.ndarray) -> np.ndarray | None:
+        """Return the parameters (N, p) of N robots like a given one; None if one of them has none.
+
+        Args:
+            robot: of which bodies and translations are replaced.
+            tens: (N, b, 10) parameters of ``bodies``.
+            lengths: (N, k) parameters of ``translations`` [m].
+        """
+        found = []
+        for ten, theta in zip(tens, lengths, strict=True):
+            model = robot.model.copy()
+            for body, parameters in zip(self.bodies, ten, strict=True):
+                model.inertias[body + 1] = pin.Inertia.FromDynamicParameters(parameters)
+            PlacedTranslations(model, robot.frame_id, self.translations).write(theta)
+            value = self.value(replace(robot, model=model))
+            if value is None:
+                return None
+            found.append(value)
+        return np.array(found).reshape(-1, self.size)
 
     def robot(self, a_d: np.ndarray, nominal: Robot) -> Robot:
         """Return the nominal robot with the parameters a_d (p) in place of its own.

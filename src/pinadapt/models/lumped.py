@@ -23,7 +23,7 @@ from .._kernels import models as kernels
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from .bodies import ALL, InertialDynamics, InertialModel, chosen_bodies
-from .regressor import LABELS, PER_BODY, Regressor
+from .regressor import LABELS, PER_BODY, Regressor, inertial_parameters
 from .translations import LENGTHS, PlacedTranslations, Translation, unknown_translations
 
 _DEPENDENT = 1e-8  # relative residual of dependent columns: below 1e-12; of others: above 1e-4
@@ -78,6 +78,18 @@ class LumpedBasis:
             if residual <= tolerance * np.linalg.norm(tau)
             else None
         )
+
+    def of_bodies(self, model: pin.Model) -> np.ndarray:
+        """Return A (p, 10 n): A pi is the lumped vector of a chain with bodies pi.
+
+        Args:
+            model: with the lengths of the chain; its inertias are not used.
+        """
+        from scipy.linalg import solve_triangular
+
+        regressor = Regressor(model)
+        Y = np.vstack([regressor(*state) for state in self.states])
+        return np.asarray(solve_triangular(self._R, self._Q.T @ Y))
 
 
 def lumped_basis(model: pin.Model, translations: Sequence[Translation]) -> LumpedBasis:
@@ -336,6 +348,34 @@ class LumpedDynamics(InertialDynamics):
         residual = np.linalg.norm((self.expand(a_d) - whole) * weights)
         return a_d if residual <= _NEGLIGIBLE * np.linalg.norm(whole * weights) else None
 
+    def values(self, robot: Robot, tens: np.ndarray, lengths: np.ndarray) -> np.ndarray | None:
+        """Return the parameters (N, p) of robots with other bodies and lengths.
+
+        They are linear in the bodies and polynomials of degree two in the lengths. So they follow
+        by interpolation between (k + 1) (k + 2) / 2 chains with lengths of the same size.
+
+        Args:
+            robot: with the chain's directions and offsets.
+            tens: (N, b, 10) parameters of ``bodies``.
+            lengths: (N, k) parameters of ``translations`` [m].
+        """
+        if self.value(robot) is None:
+            return None
+        pi = np.tile(inertial_parameters(robot.model), (len(tens), 1))
+        pi.reshape(len(tens), -1, PER_BODY)[:, self.bodies] = tens
+        chain = robot.model.copy()
+        placed = PlacedTranslations(chain, robot.frame_id, self.translations)
+        centre = placed.read()
+        scale = np.abs(lengths - centre).max(axis=0, initial=0.0)
+        scale = np.where(scale > 0.0, scale, 1.0)
+        nodes = _quadratic_nodes(placed.size)
+        shares = _monomials((lengths - centre) / scale) @ np.linalg.inv(_monomials(nodes))
+        values = np.zeros((len(tens), self.size))
+        for node, share in zip(nodes, shares.T, strict=True):
+            placed.write(centre + scale * node)
+            values += share[:, None] * (pi @ self._found.of_bodies(chain)[self._rows].T)
+        return values
+
     def _possible(self, robot: Robot, whole: np.ndarray) -> np.ndarray:
         """Return lumped vectors (N, P) at random lengths and inertias, the nominal one first."""
         rng, model = np.random.default_rng(1), robot.model.copy()
@@ -349,6 +389,19 @@ class LumpedDynamics(InertialDynamics):
             assert sample is not None
             samples.append(sample)
         return np.array(samples)
+
+
+def _quadratic_nodes(k: int) -> np.ndarray:
+    """Return points ((k + 1) (k + 2) / 2, k) that determine a polynomial of degree two."""
+    unit = np.eye(k)
+    pairs = [unit[i] + unit[j] for i in range(k) for j in range(i)]
+    return np.vstack([np.zeros((1, k)), unit, -unit, *pairs])
+
+
+def _monomials(z: np.ndarray) -> np.ndarray:
+    """Return the monomials (N, (k + 1) (k + 2) / 2) up to degree two at points z (N, k)."""
+    first, second = np.triu_indices(z.shape[1])
+    return np.hstack([np.ones((len(z), 1)), z, z[:, first] * z[:, second]])
 
 
 def _random_inertia(rng: np.random.Generator) -> pin.Inertia:

@@ -16,8 +16,7 @@ about the 0.05 that Wang and Xie took for their arm.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -73,37 +72,29 @@ def prior_covariance(robot: Robot, dynamics: Dynamics) -> np.ndarray | None:
     nominal, count = dynamics.value(robot), _SAMPLES_PER_PARAMETER * dynamics.size
     if nominal is None:
         return None
-    values: list[np.ndarray | None] | np.ndarray
-    if dynamics.per_body:  # the parameters are the ten of each body, so no robots are needed
-        S = _roots(robot, dynamics.bodies)
-        values = ten_parameters(_drawn(S, np.random.default_rng(0), count))
-    else:
-        values = [dynamics.value(true) for true in plausible(robot, dynamics, count)]
-        if any(value is None for value in values):
-            return None
-    errors = np.array(values).reshape(-1, dynamics.size) - nominal
+    values = dynamics.values(robot, *plausible(robot, dynamics, count))
+    if values is None:
+        return None
+    errors = values - nominal
     covariance = errors.T @ errors / max(len(errors), 1)
     variances = np.diag(covariance)
     return np.asarray(covariance + _RIDGE * np.diag(variances)) if (variances > 0.0).all() else None
 
 
-def plausible(robot: Robot, dynamics: Dynamics, count: int) -> Iterator[Robot]:
-    """Yield seeded robots that differ from the model in the unknown parameters.
+def plausible(robot: Robot, dynamics: Dynamics, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return bodies (count, b, 10) and lengths (count, k) as they may be in truth, seeded.
 
     The pseudo-inertia P = S S^T of an unknown body becomes S exp(0.3 W) S^T, W symmetric and normal
     with density exp(-tr(W W) / 2): physical, and off by 30 %. Unknown translations are off by 10 %
     of their lengths.
     """
-    rng, bodies = np.random.default_rng(0), list(dynamics.bodies)
-    S, (theta, deviations) = _roots(robot, bodies), _lengths(robot, dynamics)
-    for _ in range(count):
-        model, (drawn,) = robot.model.copy(), _drawn(S, rng, 1)
-        for body, P in zip(bodies, drawn, strict=True):
-            model.inertias[body + 1] = pin.Inertia.FromDynamicParameters(ten_parameters(P))
-        if theta.size:
-            lengths = theta + deviations * rng.standard_normal(theta.size)
-            PlacedTranslations(model, robot.frame_id, dynamics.translations).write(lengths)
-        yield replace(robot, model=model)
+    S, (theta, deviations) = _roots(robot, dynamics.bodies), _lengths(robot, dynamics)
+    drawn = np.random.default_rng(0).standard_normal((count, S.size + theta.size))
+    G = drawn[:, : S.size].reshape(count, *S.shape)
+    w, U = np.linalg.eigh(0.5 * INERTIA * (G + G.swapaxes(-1, -2)))
+    A = S @ U
+    P = (A * np.exp(w)[..., None, :]) @ A.swapaxes(-1, -2)
+    return ten_parameters(P), theta + deviations * drawn[:, S.size :]
 
 
 def _roots(robot: Robot, bodies: Sequence[int]) -> np.ndarray:
@@ -115,14 +106,6 @@ def _roots(robot: Robot, bodies: Sequence[int]) -> np.ndarray:
         for ten in tens
     ]
     return np.linalg.cholesky(np.array(near).reshape(-1, 4, 4))
-
-
-def _drawn(S: np.ndarray, rng: np.random.Generator, count: int) -> np.ndarray:
-    """Return S exp(0.3 W) S^T (count, b, 4, 4) for random W, as ``plausible`` says."""
-    G = rng.standard_normal((count, *S.shape))
-    w, U = np.linalg.eigh(0.5 * INERTIA * (G + G.swapaxes(-1, -2)))
-    A = S @ U
-    return np.asarray((A * np.exp(w)[..., None, :]) @ A.swapaxes(-1, -2))
 
 
 def _lengths(robot: Robot, dynamics: Dynamics) -> tuple[np.ndarray, np.ndarray]:
