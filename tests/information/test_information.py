@@ -100,7 +100,55 @@ def test_an_arm_that_differs_from_its_description_is_reported():
     controller = pa.make_controller(described, dt=2e-3)
     rollout = pa.simulate(true, controller, pa.reachable_circle(true), duration=3.0)
     estimate = rollout.payload(refined=True)
-    assert estimate.explained < 0.9999 and "not as described" in str(estimate)
+    best = estimate.explanations[0]
+    assert estimate.explained < 0.9999 and "each body off" in best.words and best.loaded
+    assert estimate.certain and best.words in str(estimate)
+    assert abs(estimate.mass - MASS) < 3.0 * estimate.mass_known_to
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+@pytest.mark.parametrize("dynamic", ["all", "payload"])
+def test_heavier_links_are_no_certain_load(name, dynamic):
+    """All masses and inertias 30 % up, without a load: one factor says it all."""
+    described = catalogue_robot(name)
+    true = described.changed(inertial_scale=1.3)
+    controller = pa.make_controller(described, unknown=pa.Unknown(bodies=dynamic), dt=2e-3)
+    rollout = pa.simulate(true, controller, pa.reachable_circle(true), duration=3.0)
+    for refined in (False, True):
+        estimate = rollout.payload(refined=refined)
+        assert not estimate.certain and abs(estimate.mass) <= 1.1 * estimate.mass_known_to
+        assert np.isinf(estimate.com_known_to).all()
+        best = estimate.explanations[0]
+        assert not best.loaded and best.explained > 0.9999 and "1.30 times" in best.words
+        assert "not certain" in str(estimate) and "1.30 times" in str(estimate)
+
+
+def test_a_load_on_heavier_links_is_told_from_these():
+    described = catalogue_robot("panda")
+    true = described.changed(payload=pa.Payload(1.5, COM))
+    controller = pa.make_controller(described.changed(inertial_scale=0.7), dt=2e-3)
+    estimate = pa.simulate(true, controller, pa.reachable_circle(true), duration=3.0).payload(
+        refined=True
+    )
+    best = estimate.explanations[0]
+    assert best.loaded and "1.43 times" in best.words and estimate.certain
+    assert best.mass == pytest.approx(1.5, abs=1e-3)
+    assert abs(estimate.mass - 1.5) < 1.1 * estimate.mass_known_to
+
+
+def test_a_load_on_the_arm_as_described_is_the_best_explanation():
+    for name in ("panda", "ur5"):
+        estimate = run(name).payload(refined=True)
+        assert estimate.certain and estimate.explanations[0].words.startswith(
+            "the arm as described"
+        )
+        assert estimate.explanations[0].probability > 0.99
+        assert sum(one.probability for one in estimate.explanations) == pytest.approx(1.0)
+        assert estimate.explanations[0].mass == pytest.approx(MASS, abs=2e-3)
+
+
+def test_a_stated_uncertainty_of_the_arm_leaves_nothing_to_explain():
+    assert run("ur5").payload(arm=0.05).explanations == ()
 
 
 def test_a_load_needs_the_last_body():

@@ -13,7 +13,7 @@ from ..controller.estimator import Estimator
 from ..controller.learned import LearnedParameters
 from ..controller.state import ControllerState
 from ..information.information import Excitation, Information
-from ..information.payload import PayloadEstimate, payload_estimate
+from ..information.payload import PayloadEstimate, explanations_of, payload_estimate
 from ..logs.log import Log
 from ..robot.robot import Robot
 from .fits import PositionRows, Windows
@@ -118,12 +118,16 @@ class IdentifiedModel:
         return LearnedParameters.of(self.estimator.controller, self.state)
 
     def payload(self) -> PayloadEstimate:
-        """Return the load that best explains the change of all bodies.
+        """Return the load that best explains the change of all bodies, and what else does.
 
         Raises:
             ParameterError: the last body is not among the parameters.
         """
-        return payload_estimate(self.estimator.controller, self.dynamic)
+        controller = self.estimator.controller
+        dynamics = controller.dynamics
+        whole = dynamics.per_body and len(dynamics.bodies) == len(self.described.joint_names)
+        others = explanations_of(controller, dynamics, self.dynamic) if whole else ()
+        return payload_estimate(controller, self.dynamic, others=others)
 
     def excitation(self) -> Excitation:
         """Return which parameters the motion can identify, and how well."""

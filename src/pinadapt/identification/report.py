@@ -14,6 +14,7 @@ from .._files import whole_file, write_text
 from .._table import Sheet, Table
 from .._version import __version__
 from ..exceptions import ParameterError
+from ..information.explanations import explanation_table
 from ..information.information import Information, identifiable, known_to
 from ..information.payload import PayloadEstimate
 from ..robot.motors import Gravity
@@ -116,6 +117,8 @@ def sheet(found: IdentifiedModel) -> Sheet:
         tables.append(_torque_table(found))
     if (load := _payload(found)) is not None:
         tables.append(_load_table(load))
+        if load.explanations:
+            tables.append(explanation_table(load.explanations))
     units = found.parameters().units
     start = found.estimator.controller.kinematics.initial
     parts = (
@@ -194,6 +197,10 @@ def _payload(found: IdentifiedModel) -> PayloadEstimate | None:
 
 def _load_table(load: PayloadEstimate) -> Table:
     rows = [*load.rows(), ("accounts for", f"{load.explained:.2%}", "", "of the change")]
+    if not load.certain:
+        rows.append(
+            ("A LOAD IS NOT CERTAIN:", "", "", f"more probable, {load.explanations[0].words}")
+        )
     return Table(rows, ("load", "value", "known to", "unit"))
 
 
@@ -271,6 +278,17 @@ def _load_summary(load: PayloadEstimate) -> dict[str, Any]:
         "com_known_to": finite[11:14],
         "inertia_known_to": finite[14:],
         "explained": load.explained,
+        "certain": load.certain,
+        "explanations": [
+            {
+                "words": one.words,
+                "probability": one.probability,
+                "explained": one.explained,
+                "mass": one.mass if one.loaded else None,
+                "mass_known_to": one.mass_known_to if one.loaded else None,
+            }
+            for one in load.explanations
+        ],
     }
 
 

@@ -130,7 +130,11 @@ def torque_information(
 
 
 def dynamic_information(
-    dynamics: Dynamics, model: pin.Model, samples: Sequence[Sample], a_d: np.ndarray
+    dynamics: Dynamics,
+    model: pin.Model,
+    samples: Sequence[Sample],
+    a_d: np.ndarray,
+    least_noise: float = _LEAST_NOISE,
 ) -> Information:
     """Return what measured motion and torque of a chain say about dynamic parameters.
 
@@ -143,6 +147,7 @@ def dynamic_information(
         model: of the chain.
         samples: of a run, at a constant rate.
         a_d: (p) at which the residuals are taken.
+        least_noise: of a torque, as a share of its mean size.
     """
     dynamics.load(a_d)
     nv = model.nv
@@ -159,7 +164,8 @@ def dynamic_information(
         if reverses is not None:
             kept[k // size] &= reverses.sliding(v[k])
     level = np.abs(tau).mean(axis=0) if blocks else np.zeros(nv)
-    return _information(dynamics.names, a_d, W * kept[:, :, None], r * kept, level, kept)
+    W, r = W * kept[:, :, None], r * kept
+    return _information(dynamics.names, a_d, W, r, level, kept, least_noise)
 
 
 def position_information(
@@ -203,6 +209,7 @@ def _information(
     r: np.ndarray,
     level: np.ndarray,
     kept: np.ndarray | None = None,
+    least_noise: float = _LEAST_NOISE,
 ) -> Information:
     """Return the information of rows W (N, n, p) with residuals r (N, n), zero where not ``kept``.
 
@@ -210,7 +217,7 @@ def _information(
     rounds: signals are weighted by their ``level`` (n) in the first, by their noise in the second.
     """
     counts = np.full(r.shape[1], len(r)) if kept is None else kept.sum(axis=0)
-    count, least = int(counts.sum()), _LEAST_NOISE * np.maximum(level, np.finfo(float).tiny)
+    count, least = int(counts.sum()), least_noise * np.maximum(level, np.finfo(float).tiny)
     noise = np.maximum(level, np.finfo(float).tiny)
     found = _weighted(names, a, W, r, noise)
     for _ in range(2 if count else 0):

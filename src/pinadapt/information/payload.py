@@ -20,14 +20,25 @@ from ..controller.state import ControllerState, Sample
 from ..exceptions import ParameterError
 from ..models.bodies import ALL, BodyDynamics
 from ..models.dynamics import Dynamics, StackedDynamics
+from ..models.physical_fit import PhysicalSet
 from ..models.pseudo_inertia import COEFFICIENTS, ten_parameters
 from ..models.regressor import LABELS, PER_BODY
 from ..robot.changes import Payload
 from ..robot.robot import Robot
 from ..tuning.defaults import INERTIA, prior_covariance
+from .explanations import (
+    AS_DESCRIBED,
+    Explanation,
+    explanation_table,
+    explanations,
+    sure,
+    widened,
+)
 from .information import Information, dynamic_information, known_to
 
 _AS_DESCRIBED = 0.9999  # share explained by the load from which on the arm is as described
+_OF_MASS, _OF_REACH = 0.1, 0.1  # of the robot: mass and radius of a load that is expected
+LEAST_NOISE = 1e-4  # of a torque, where explanations are compared: no model is better
 _STEP = 1e-6  # relative, of numerical derivatives
 _ENTRIES = ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 
@@ -46,7 +57,10 @@ class PayloadEstimate:
         inertia, inertia_known_to: (6) Ixx Ixy Iyy Ixz Iyz Izz about the centre of mass [kg m^2].
         explained: share, from 0 to 1, of the change of all bodies that a load on the last body
             accounts for. Below 0.9999 estimates still move, or the arm is not as described; in the
-            latter case the uncertainties are too small.
+            latter case the uncertainties are too small, unless other explanations are compared.
+        explanations: what else explains the change of the bodies, the most probable first, see
+            ``explanations``; their loads are part of the uncertainties. Empty where an uncertainty
+            of the arm was stated, or its bodies are unknown.
     """
 
     mass: float
@@ -56,6 +70,12 @@ class PayloadEstimate:
     inertia: np.ndarray
     inertia_known_to: np.ndarray
     explained: float
+    explanations: tuple[Explanation, ...] = ()
+
+    @property
+    def certain(self) -> bool:
+        """Whether some load explains the data with a probability of at least 95 %."""
+        return sure(self.explanations)
 
     def payload(self) -> Payload:
         """Return the load, as ``Robot.changed`` and ``Controller.announce`` take it.
@@ -79,14 +99,27 @@ class PayloadEstimate:
                 _ENTRIES, self.inertia, self.inertia_known_to, strict=True
             )
         ]
+        tables = [Table([*self.rows(), *inertia], ("", "value", "known to", "unit"))]
+        if self.explanations:
+            tables.append(explanation_table(self.explanations))
+        return Sheet("Load", tables, self.words())
+
+    def words(self) -> str:
+        """Return in words how much a load explains, and what explains the data better."""
         note = f"A load on the last body accounts for {self.explained:.3%} of the change."
-        if self.explained < _AS_DESCRIBED:
+        if self.explanations:
+            best = self.explanations[0]
+            if not self.certain:
+                note += " It is not certain that there is a load."
+            if not best.words.startswith(AS_DESCRIBED):
+                note += f" More probable: {best.words}"
+                note += f" of {best.mass:.3g} kg." if best.loaded else "."
+        elif self.explained < _AS_DESCRIBED:
             note += (
                 " The rest is estimates that still move, or links that are not as described, which "
                 "may also be part of the load found."
             )
-        rows = [*self.rows(), *inertia]
-        return Sheet("Load", [Table(rows, ("", "value", "known to", "unit"))], note)
+        return note
 
     def rows(self) -> list[tuple[str, ...]]:
         """Return a row of a table for the mass and for each coordinate of its centre."""
@@ -98,7 +131,10 @@ class PayloadEstimate:
 
 
 def payload_estimate(
-    controller: Controller, found: Information, prior: ArmPrior | None = None
+    controller: Controller,
+    found: Information,
+    prior: ArmPrior | None = None,
+    others: tuple[Explanation, ...] = (),
 ) -> PayloadEstimate:
     """Return the load that best explains the change of the bodies, estimated less known.
 
@@ -111,6 +147,7 @@ def payload_estimate(
         controller: that adapted.
         found: information of the run at an estimate; of all bodies if there is a prior.
         prior: of the arm; None: the arm is as described.
+        others: explanations of the same data, which widen the uncertainties.
 
     Raises:
         ParameterError: the last body is not among the parameters.
@@ -139,6 +176,9 @@ def payload_estimate(
     gradient = np.zeros((PER_BODY, len(part)))
     gradient[:, :PER_BODY] = _derivative(_mass_com_inertia, ten) @ to_frame
     value, deviation = _mass_com_inertia(ten), load.deviation(gradient)
+    deviation = widened(load.estimate[:PER_BODY], deviation, gradient[:, :PER_BODY], others)
+    if not sure(others):
+        deviation[1:] = np.inf  # of what is perhaps not there
     return PayloadEstimate(
         float(value[0]),
         float(deviation[0]),
@@ -147,7 +187,32 @@ def payload_estimate(
         value[4:],
         deviation[4:],
         1.0 - rest / rest_without_load if rest_without_load > 0.0 else 1.0,
+        others,
     )
+
+
+def explanations_of(
+    controller: Controller, dynamics: Dynamics, found: Information
+) -> tuple[Explanation, ...]:
+    """Return what explains the change of an arm's bodies; none where the description is lacking.
+
+    A load is expected to have about a tenth of the robot's mass, within a tenth of its reach from
+    the task frame.
+
+    Args:
+        controller: that adapted.
+        dynamics: of all bodies, see ``whole_arm``.
+        found: information about all of them.
+    """
+    robot = described_robot(controller)
+    try:
+        arm = ArmPrior.of(robot, dynamics, INERTIA)
+    except ParameterError:
+        return ()
+    expected = _OF_MASS * robot.mass * np.diag([*[(_OF_REACH * robot.reach) ** 2] * 3, 1.0])
+    ten = ten_parameters(expected)
+    root = PhysicalSet(1, ten).local(ten)[0]
+    return explanations(found, arm.mean, arm.root, np.linalg.solve(_to_task_frame(robot), root))
 
 
 def _restricted(change: Information, part: list[int]) -> tuple[Information, float]:
@@ -272,7 +337,11 @@ def whole_arm(controller: Controller) -> Dynamics:
 
 
 def whole_arm_information(
-    controller: Controller, dynamics: Dynamics, samples: Sequence[Sample], state: ControllerState
+    controller: Controller,
+    dynamics: Dynamics,
+    samples: Sequence[Sample],
+    state: ControllerState,
+    **options: float,
 ) -> Information:
     """Return what a run says about all bodies, those that were not adapted being as described.
 
@@ -281,13 +350,14 @@ def whole_arm_information(
         dynamics: of all bodies, see ``whole_arm``.
         samples: of the run.
         state: whose estimates are taken.
+        options: of ``dynamic_information``.
     """
     robot = described_robot(controller)
     adapted = dict(zip(controller.dynamics.names, state.a_d, strict=True))
     value = dynamics.value(robot)
     described = dynamics.initial if value is None else value
     a = [adapted.get(name, each) for name, each in zip(dynamics.names, described, strict=True)]
-    return dynamic_information(dynamics, robot.model, samples, np.array(a))
+    return dynamic_information(dynamics, robot.model, samples, np.array(a), **options)
 
 
 def described_robot(controller: Controller) -> Robot:

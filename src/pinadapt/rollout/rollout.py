@@ -12,6 +12,7 @@ from .._checks import instance, positive
 from .._table import Sheet
 from ..controller.learned import AlongExcited, LearnedParameters
 from ..exceptions import InputError, ParameterError
+from ..information.explanations import Explanation
 from ..information.information import (
     Excitation,
     Information,
@@ -20,9 +21,11 @@ from ..information.information import (
 )
 from ..information.motion_torques import along_excited
 from ..information.payload import (
+    LEAST_NOISE,
     ArmPrior,
     PayloadEstimate,
     described_robot,
+    explanations_of,
     payload_estimate,
     whole_arm,
     whole_arm_information,
@@ -208,7 +211,10 @@ class Rollout(Recording):
         controller, state = evaluation.controller, evaluation.last_state
         if not arm and empty is None:
             found = torque_information(controller, samples, state)
-            return payload_estimate(controller, found.refined() if refined else found)
+            others = self._explanations()
+            return payload_estimate(
+                controller, found.refined() if refined else found, others=others
+            )
         whole = whole_arm(controller)
         prior = ArmPrior.of(described_robot(controller), whole, arm or INERTIA)
         if empty is not None:
@@ -216,6 +222,18 @@ class Rollout(Recording):
             prior = prior.after(without_load.refined())
         found = self._whole_arm_information(whole)
         return payload_estimate(controller, found.refined() if refined else found, prior)
+
+    def _explanations(self) -> tuple[Explanation, ...]:
+        """Return what explains the change of the bodies; none where these are not estimated."""
+        evaluation = self.evaluated()
+        controller = evaluation.controller
+        if not controller.dynamics.per_body:
+            return ()
+        dynamics, samples = whole_arm(controller), self.samples_since_last_mark()
+        found = whole_arm_information(
+            controller, dynamics, samples, evaluation.last_state, least_noise=LEAST_NOISE
+        )
+        return explanations_of(controller, dynamics, found)
 
     def _whole_arm_information(self, dynamics: Dynamics) -> Information:
         """Return the information of the run about all bodies of an arm."""
