@@ -122,11 +122,12 @@ def _prediction_rows(rollout: Recording) -> list[tuple[str, str]]:
     words = f"{found.identifiable} combinations of {len(rollout.dynamic_names)} parameters"
     if found.identifiable_error is not None:
         words += f", error {percent(found.identifiable_error)} of the start"
-    still = "\n".join(wrap(found.not_excited_words(), _WIDTH, break_long_words=False))
+    still = wrap(found.not_excited_words(), _WIDTH, break_long_words=False)
+    labels = ["not excited by this motion", *[""] * len(still)]
     return [
         ("predicted torque (rms error)", f"{errors}, {shares}"),
         ("identifiable by this motion", words),
-        *([("not excited by this motion", still)] if still else []),
+        *zip(labels, still, strict=False),
     ]
 
 
