@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 from math import ceil, cos, exp, floor, log10, pi, sin, sqrt
@@ -28,6 +28,7 @@ from .robot import Robot
 _RATIO, _SIZES = 0.8, 18  # radii tried: a geometric sequence down to 2 % of the largest
 _PHASES = (0.0, pi / 2, pi, -pi / 2)
 _STEPS, _TURNS = 40, 1.5
+_STEPS_PER_CHECK = 10  # singular values of several steps at once cost little more than of one
 _LEAST_SINGULAR = 0.5  # relative to the smallest singular value at home
 _LIMIT_MARGIN = 0.05  # distance from joint limits, relative to the joint's range
 _PERIOD = 3.0  # [s]
@@ -280,35 +281,36 @@ class _Follower:
         self._low, self._high = _allowed(robot)
         self._plane = robot.mounting if self._clear(robot.mounting, self._q0) else None
         pin.computeJointJacobians(self._model, self._data, self._q0)
-        self._home = self._singular(self._jacobian(self._described))
+        self._home = _least_singular([self._jacobian(self._described)])
+        self._frames = (self._tool, self._described) if shift.any() else (self._tool,)
+        joints = [placement.translation for placement in list(self._data.oMi)[2:]]
+        self._points = [*joints, self._data.oMf[self._tool].translation]  # views
 
     def follow(self, path: _Path) -> _Run | None:
         """Follow a circle; return None if it comes too close to a limit or a singularity."""
         model, data, task, q = self._model, self._data, self._task, self._q0
         home_share = 1.0 - exp(-_RETURN * _PERIOD / _STEPS)
         damping = (0.01 * self._home) ** 2 * np.eye(task.size)
+        offsets, passed = self._offsets(path), list[np.ndarray]()
         speeds, least, start = np.zeros(model.nv), np.inf, None
-        for k in range(int(_TURNS * _STEPS) + 1):
+        for k in range(len(offsets) - 1):
             pin.computeJointJacobians(model, data, q)
-            J = self._jacobian(self._tool)
-            least = min(least, self._singular(J), self._singular(self._jacobian(self._described)))
-            if (
-                least < _LEAST_SINGULAR * self._home
-                or (q < self._low).any()
-                or (q > self._high).any()
-                or not self._clear(self._plane, q)
-            ):
-                return None
             x = task.of(pin.updateFramePlacement(model, data, self._tool))
+            if (q < self._low).any() or (q > self._high).any() or not self._above():
+                return None
+            J, *_ = Js = [self._jacobian(frame) for frame in self._frames]
+            passed += Js
+            if k % _STEPS_PER_CHECK == 0:
+                least, passed = min(least, _least_singular(passed)), []
+                if least < _LEAST_SINGULAR * self._home:
+                    return None
             start = x if start is None else start
-            off = task.error(task.moved(start, self._offset(path, k)), x)
-            if (
-                np.linalg.norm(task.position(off)) > _TRACKED * path.radius
-                or np.linalg.norm(off[task.positions :]) > _TRACKED
-            ):
+            off = task.error(task.moved(start, offsets[k]), x)
+            away, turned = task.position(off), off[task.positions :]
+            if away.dot(away) > (_TRACKED * path.radius) ** 2 or turned.dot(turned) > _TRACKED**2:
                 return None
             psi = home_share * pin.difference(model, q, self._q0)
-            to_go = self._arms * task.error(task.moved(start, self._offset(path, k + 1)), x)
+            to_go = self._arms * task.error(task.moved(start, offsets[k + 1]), x)
             step = psi + J.T @ np.linalg.solve(J @ J.T + damping, to_go - J @ psi)
             speeds = np.maximum(speeds, np.abs(step))
             q = pin.integrate(model, q, step)
@@ -318,18 +320,29 @@ class _Follower:
         """Return whether the chain is on its side of the mounting plane, if there is one."""
         return plane is None or plane.distance(self._model, self._data, self._tool, q) >= 0.0
 
-    def _offset(self, path: _Path, step: int) -> np.ndarray:
-        offset = path.offset(2 * pi * step / _STEPS)
-        return np.array([offset.get(label, 0.0) for label in self._task.labels])
+    def _above(self) -> bool:
+        """As ``_clear``, for the configuration to which the placements in ``_data`` belong."""
+        plane = self._plane
+        if plane is None:
+            return True
+        heights = [self._points[i][2] - plane.level for i in plane.movable]
+        return bool(min(heights) >= 0.0 if plane.side > 0.0 else max(heights) <= 0.0)
+
+    def _offsets(self, path: _Path) -> np.ndarray:
+        """Return the displacement (steps + 1, m) from home at each step, and after the last."""
+        labels, steps = self._task.labels, int(_TURNS * _STEPS) + 2
+        offsets = [path.offset(2 * pi * k / _STEPS) for k in range(steps)]
+        return np.array([[offset.get(label, 0.0) for label in labels] for offset in offsets])
 
     def _jacobian(self, frame: int) -> np.ndarray:
         J = pin.getFrameJacobian(self._model, self._data, frame, pin.LOCAL_WORLD_ALIGNED)
-        J = J[self._task.rows]
-        return np.asarray(self._arms[:, None] * J)
+        return self._arms[:, None] * J[self._task.rows]
 
-    @staticmethod
-    def _singular(J: np.ndarray) -> float:
-        return sqrt(max(np.linalg.eigvalsh(J @ J.T)[0], 0.0))
+
+def _least_singular(Js: Sequence[np.ndarray]) -> float:
+    """Return the smallest singular value of all matrices (m, n)."""
+    J = np.array(Js)
+    return sqrt(max(np.linalg.eigvalsh(J @ J.swapaxes(1, 2))[:, 0].min(), 0.0))
 
 
 def _shifts(size: float) -> list[np.ndarray]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import textwrap
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -155,10 +155,16 @@ class Template:
         if task is None and LAWS[law].joint_space:
             task = JOINT
         make = partial(load, source, xacro=xacro, mass=mass)
-        robot, path = _with_path(make(frame=frame, task=task))
-        planar = task is None and robot.task.positions == 3 and path is None
-        if path is None:
-            robot, path = _in_a_plane(robot, make) if planar else (robot, find_circle(robot))
+        robot, planar = make(frame=frame, task=task), False
+        path: WorkspaceCircle | JointSwing
+        try:
+            path = find_circle(robot) if robot.task.positions else find_swing(robot)
+        except RobotError:
+            planes = PLANES if task is None and robot.task.positions == 3 else ()
+            found = list(_in_planes(robot, make, planes))
+            if not found:
+                raise
+            (robot, path), planar = max(found, key=lambda both: both[1].radius), True
         massless: list[str] = []
         if mass is not None:
             model = describe(source, xacro=xacro).model
@@ -237,30 +243,14 @@ class Template:
         return f"{robot.model.nv} joints to '{robot.frame}', task {robot.task.name}, {way}."
 
 
-def _with_path(robot: Robot) -> tuple[Robot, WorkspaceCircle | JointSwing | None]:
-    """Return a robot and its motion; None if there is no circle for it."""
-    if not robot.task.positions:
-        return robot, find_swing(robot)
-    try:
-        return robot, find_circle(robot)
-    except RobotError:
-        return robot, None
-
-
-def _in_a_plane(robot: Robot, make: Callable[..., Robot]) -> tuple[Robot, WorkspaceCircle]:
-    """Return the robot with the plane that has the largest circle as its task, and that circle.
-
-    Raises:
-        RobotError: that of ``find_circle`` in space, as there is none in a plane either.
-    """
-    found = []
-    for plane in PLANES:
+def _in_planes(
+    robot: Robot, make: Callable[..., Robot], planes: Iterable[str]
+) -> Iterator[tuple[Robot, WorkspaceCircle]]:
+    """Yield the robot with a plane as its task, and its circle, for the planes that have one."""
+    for plane in planes:
         with suppress(RobotError):
             planar = make(frame=robot.frame, task=plane)
-            found.append((planar, find_circle(planar)))
-    if not found:
-        find_circle(robot)  # raises
-    return max(found, key=lambda both: both[1].radius)
+            yield planar, find_circle(planar)
 
 
 def _ball(mass: float, gyration: float, com: np.ndarray) -> Payload:
