@@ -1,0 +1,219 @@
+"""A memory of all torques beside "natural" and none, in realities that no proof knows.
+
+``python -m benchmarks.adaptations [--robots NAMES] [--realities NAMES] [--processes N]`` runs the
+case of the zoo (tool, load, inertias and friction unknown, a circle) with the default law, also
+with a lag of K_D of 10 ms in place of two periods. A reality adds encoders, which are declared to
+the controller; a load twice as heavy from half of the run on, announced or not; motors that are
+late and joints that give way, which nobody declares; a slower loop; or friction that the user calls
+known though the model has none.
+
+Of the last tenth of a run are the largest error relative to the radius and the rms change of the
+torque between samples; the mass is the estimated one of all bodies over the true one, its inverse
+where that is larger. Rows in the file are kept and not run again unless ``--again`` is given.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, field
+from itertools import product
+from multiprocessing import get_context
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+import pinadapt as pa
+from pinadapt.zoo.experiment import LOAD, ZooCase, zoo_case
+
+from .timing import HERE, save, saved
+
+ROBOTS = ("panda", "ur5", "z1", "kinova", "xarm7", "scara", "so101", "g1_left_arm")
+ADAPTATIONS: dict[str, dict[str, Any]] = {
+    "none": {"adaptation": "none"},
+    "natural": {"adaptation": "natural"},
+    "natural-memory": {"adaptation": "natural-memory"},
+    "none, lag 10 ms": {"adaptation": "none", "lag": 0.01},
+    "natural-memory, lag 10 ms": {"adaptation": "natural-memory", "lag": 0.01},
+}
+ROTOR = 0.5, 1e-3  # of the inertia that each joint moves, and least, of the largest of these
+ANNOUNCED, UNANNOUNCED = "announced", "unannounced"
+
+
+@dataclass(frozen=True)
+class Reality:
+    """What one column adds to the case of the zoo.
+
+    Attributes:
+        sensors: of the robot, declared to the controller.
+        engine: what moves the robot.
+        dt: period [s].
+        duration: of the run [s].
+        change: whether the load becomes twice as heavy, and whether that is announced.
+        friction_known: whether the friction is called known; the model has none.
+        rotors: whether the joints have rotors, which are known.
+    """
+
+    sensors: pa.Sensors = field(default_factory=pa.Sensors)
+    engine: Any = "pinocchio"
+    dt: float = 1e-3
+    duration: float = 16.0
+    change: str = ""
+    friction_known: bool = False
+    rotors: bool = False
+
+
+def encoder(bits: int) -> pa.Sensors:
+    """Return encoders of so many bits a turn."""
+    return pa.Sensors(encoder=2.0 * math.pi / 2**bits)
+
+
+REALITIES = {
+    "perfect": Reality(),
+    "17 bit": Reality(encoder(17), duration=60.0),
+    "14 bit": Reality(encoder(14), duration=60.0),
+    "load changes": Reality(change=UNANNOUNCED),
+    "load announced": Reality(change=ANNOUNCED),
+    "friction called known": Reality(friction_known=True),
+    "motors 2 ms late": Reality(engine=pa.plants.MotorDelay(2e-3)),
+    "motors 6 ms late": Reality(engine=pa.plants.MotorDelay(6e-3)),
+    "motors 10 ms late": Reality(engine=pa.plants.MotorDelay(10e-3)),
+    "joints 20 kN m/rad": Reality(engine=pa.plants.JointElasticity(2e4), rotors=True),
+    "joints 5 kN m/rad": Reality(engine=pa.plants.JointElasticity(5e3), rotors=True),
+    "500 Hz": Reality(dt=2e-3),
+    "250 Hz": Reality(dt=4e-3),
+}
+
+
+def events(name: str, zoo: ZooCase, half: float, change: str) -> pa.Events | None:
+    """Return the change of the load at a time [s], and its announcement."""
+    if not change:
+        return None
+    bodies = [inertia.mass for inertia in pa.load(name).model.inertias[1:]]
+    mass = min(LOAD * sum(bodies), bodies[-1])  # as the zoo has it
+    heavier = {half: zoo.true.changed(payload=pa.Payload(mass))}
+    if change == UNANNOUNCED:
+        return pa.Events(changes=heavier)
+    frames = [robot.model.frames[robot.frame_id].placement for robot in (zoo.estimated, zoo.true)]
+    tool = (frames[0].inverse() * frames[1]).translation
+    told = {"payload": pa.Payload(2.0 * mass, tool)}
+    return pa.Events(changes=heavier, announcements={half: told})
+
+
+def measure(name: str, reality: str, adaptation: str) -> dict[str, Any]:
+    """Return the figures of one run."""
+    case, zoo = REALITIES[reality], zoo_case(name)
+    true, model, unknown = zoo.true, zoo.estimated, pa.Unknown()
+    if case.friction_known:
+        unknown = pa.Unknown(friction=False)
+    if case.rotors:
+        own = np.diag(pin.crba(true.model, true.model.createData(), true.q0))
+        rotors = np.maximum(ROTOR[0] * own, ROTOR[1] * own.max())
+        true, model = true.changed(armature=rotors), model.changed(armature=rotors)
+        unknown = pa.Unknown(armature=False)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of descriptions with unphysical bodies
+        controller = pa.make_controller(
+            model,
+            unknown=unknown,
+            sensors=case.sensors,
+            dt=case.dt,
+            limits=pa.Limits(guards={"velocity": False}),
+            **ADAPTATIONS[adaptation],
+        )
+        rollout = pa.simulate(
+            true,
+            controller,
+            zoo.motion,
+            duration=case.duration,
+            sensors=case.sensors,
+            engine=pa.Engine(plant=case.engine, torque_limits=zoo.efforts_suffice),
+            events=events(name, zoo, case.duration / 2.0, case.change),
+            record_every=5,
+        )
+    t, error = rollout.t, rollout.distance / zoo.radius
+    last, lost = t > 0.9 * case.duration, rollout.diverged is not None
+    n = true.model.nv
+    mass = float(rollout.a_d[-1][: 10 * n : 10].sum()) / true.mass
+    second = (t > case.duration / 2 + 0.9) & (t < case.duration / 2 + 1.1)
+    return {
+        "name": f"{name}, {reality}, {adaptation}",
+        "robot": name,
+        "reality": reality,
+        "adaptation": adaptation,
+        "lost": rollout.diverged,
+        "error": None if lost else float(error[last].max()),
+        "second": None if lost or not case.change else float(error[second].max()),
+        "peak": float(error.max()),
+        "mass": None if lost else max(mass, 1.0 / mass),
+        "chatter": None
+        if lost
+        else float(np.sqrt(np.mean(np.diff(rollout.tau[last], axis=0) ** 2))),
+    }
+
+
+def report(rows: Iterable[Mapping[str, Any]]) -> str:
+    """Return a table in Markdown with one line for each reality and adaptation."""
+    head = (
+        "reality, adaptation, taken, robots, median [%], worst [%], lost, mass, peak [%], chatter"
+    )
+    table = [head.split(", "), ["---"] * 10]
+    groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault((row["reality"], row["adaptation"]), []).append(row)
+    for reality, kind in product(REALITIES, ADAPTATIONS):
+        found = groups.get((reality, kind), [])
+        held = [row for row in found if row["error"] is not None]
+        if not found:
+            continue
+        errors = [100.0 * row["error"] for row in held] or [math.nan]
+        cells = [
+            median(errors),
+            max(errors),
+            len(found) - len(held),
+            max((row["mass"] for row in held), default=math.nan),
+            100.0 * median(row["peak"] for row in found),
+            median([row["chatter"] for row in held] or [math.nan]),
+        ]
+        table.append([reality, kind, str(len(found)), *(f"{x:.2g}" for x in cells)])
+    return "\n".join(f"| {' | '.join(line)} |" for line in table)
+
+
+def chosen(robots: Sequence[str], realities: Sequence[str]) -> list[tuple[str, str, str]]:
+    """Return robot, reality and adaptation of each run."""
+    return [
+        (robot, reality, kind) for reality, robot, kind in product(realities, robots, ADAPTATIONS)
+    ]
+
+
+def main() -> None:
+    """Run what is missing, print and save the results."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--save", type=Path, default=HERE / "adaptations.json")
+    parser.add_argument("--robots", default=",".join(ROBOTS))
+    parser.add_argument("--realities", default=",".join(REALITIES))
+    parser.add_argument("--processes", type=int, default=None)
+    parser.add_argument("--again", action="store_true", help="run also what is in the file")
+    options = parser.parse_args()
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    rows = saved(options.save)
+    runs = chosen(options.robots.split(","), options.realities.split(","))
+    missing = [run for run in runs if options.again or ", ".join(run) not in rows]
+    with ProcessPoolExecutor(options.processes, mp_context=get_context("spawn")) as pool:
+        coming = [pool.submit(measure, *run) for run in missing]
+        for done in as_completed(coming):
+            row = done.result()
+            rows[row["name"]] = row
+            save(options.save, list(rows.values()))
+    print(report(rows.values()))
+
+
+if __name__ == "__main__":
+    main()
