@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt._files import UNFINISHED, check_writable, one_run, whole_file, write_text
+from pinadapt._output import UNFINISHED, check_writable, one_run, whole_file, write_text
 from pinadapt.cli.command_line import main
 from pinadapt.cli.outputs import RUN_FILES
 from pinadapt.description.catalogue import robots_folder
@@ -177,7 +177,7 @@ def test_an_out_that_cannot_be_written_is_refused_before_anything_runs(
 
     place = tmp_path / "out"
     if taken == "read-only":
-        monkeypatch.setattr("pinadapt._files.tempfile.TemporaryFile", refuse)
+        monkeypatch.setattr("pinadapt._output.tempfile.TemporaryFile", refuse)
     else:
         place.write_text("in the way")
         place = place / "deeper" if taken == "below" else place

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
-from pinadapt._files import read_toml
+from pinadapt._output import read_toml
 from pinadapt.description.catalogue import robots_folder
 from pinadapt.tasks.frame import TASKS
 from tests.support.chains import catalogue_robot

@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
-from pinadapt._files import read_toml
+from pinadapt._output import read_toml
 from pinadapt.cli.command_line import main
 from pinadapt.description.chain import is_physical
 from pinadapt.description.missing_inertia import _as_it_is, _hull

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt._files import read_toml
+from pinadapt._output import read_toml
 from pinadapt.cli.command_line import main
 from pinadapt.description.xacro import Packages
 from pinadapt.scenario.scenario import Scenario

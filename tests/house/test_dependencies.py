@@ -7,7 +7,7 @@ from functools import cache
 
 import pytest
 
-from pinadapt._files import toml
+from pinadapt._output import toml
 from tests.support.paths import ROOT
 
 TEXT = (ROOT / "pyproject.toml").read_text()

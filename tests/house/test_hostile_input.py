@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pinadapt as pa
-from pinadapt._files import read_toml
+from pinadapt._output import read_toml
 from pinadapt.cli.command_line import main
 from pinadapt.scenario.scenario import Scenario
 from pinadapt.scenario.schema import check_tables

@@ -25,7 +25,7 @@ def module_of(path):
 LAYERS = [
     {"exceptions", "_version"},
     {"_compiled"},
-    {"_checks", "_files", "_kernels", "_table"},
+    {"_checks", "_kernels", "_output"},
     {"records", "tasks"},
     {"trajectories"},
     {"description"},

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
-from pinadapt._files import read_toml
+from pinadapt._output import read_toml
 from pinadapt.cli.command_line import main
 from pinadapt.description.catalogue import example_path
 from pinadapt.description.chain import position_limits

@@ -9,8 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from .._files import check_writable, whole_file, write_text
-from .._table import columns, number
+from .._output import check_writable, columns, number, whole_file, write_text
 from ..exceptions import UnusedGainWarning
 from ..laws import LAWS
 from ..plots.figures import overlay_figure

@@ -10,7 +10,7 @@ from typing import Any
 
 import tomlkit
 
-from .._files import check_writable, read_toml, write_text
+from .._output import check_writable, read_toml, write_text
 from ..description.urdf import is_path
 from ..exceptions import InputError
 from ..excitation.exciting_motion import ExcitingMotion

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from .._files import check_writable, one_run
+from .._output import check_writable, one_run
 from ..exceptions import InputError, ParameterError
 from ..identification.identification import Identification
 from ..identification.identification import identify as identify_log

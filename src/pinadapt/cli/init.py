@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from .._files import check_writable, write_text
+from .._output import check_writable, write_text
 from ..exceptions import InputError
 from ..laws import DEFAULT, LAWS
 from ..scenario.scenario import Scenario

@@ -12,7 +12,7 @@ from typing import TypeVar
 
 from tqdm import tqdm
 
-from .._files import check_writable, one_run
+from .._output import check_writable, one_run
 from ..exceptions import InputError, Interrupted
 from ..rollout.rollout import Rollout
 from ..scenario.scenario import Scenario

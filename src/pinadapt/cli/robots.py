@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from .._table import columns
+from .._output import columns
 from ..description.catalogue import CatalogueEntry, catalogue
 
 

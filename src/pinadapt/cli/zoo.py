@@ -9,8 +9,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from .._files import check_writable, write_text
-from .._table import columns, number
+from .._output import check_writable, columns, number, write_text
 from ..description.catalogue import catalogue_entry
 from ..laws import DEFAULT, LAWS
 from ..zoo.experiment import CONVERGED, POSE, ZooRow, run_zoo, zoo_names

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from .._checks import shown
 from .._compiled import compile_all
 from .._kernels import samples as kernels
-from .._table import Sheet, Table
+from .._output import Sheet, Table
 from ..adaptation.adaptation import Adaptation, Drives, Estimate, Frozen
 from ..exceptions import DivergedError, InputError
 from ..filters import FilteredRegressor

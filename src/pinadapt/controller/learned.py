@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from .._checks import instance, numbers
-from .._files import write_text
-from .._table import percent
+from .._output import percent, write_text
 from .._version import __version__
 from ..exceptions import ParameterError, did_you_mean
 from ..models.excited import Excited, around, names_together

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 from pinocchio.robot_wrapper import RobotWrapper
 
-from .._files import read_toml
+from .._output import read_toml
 from ..exceptions import RobotError, did_you_mean
 from .chain import chain_joints, frame_id, is_free_flyer
 from .urdf import Urdf

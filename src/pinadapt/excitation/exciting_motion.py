@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .._table import Sheet, Table
+from .._output import Sheet, Table
 from ..description.chain import effort_limits, position_limits, velocity_limits
 from ..information.information import Excitation
 from ..trajectories.periodic import FourierSeries

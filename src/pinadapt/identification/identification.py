@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from .._checks import keywords, positive
-from .._table import Sheet
+from .._output import Sheet
 from ..adaptation.adaptation import Adaptation
 from ..controller.estimator import Estimator
 from ..exceptions import InputError, LogError, ParameterError

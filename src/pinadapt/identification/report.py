@@ -10,13 +10,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from .._files import whole_file, write_text
-from .._table import Sheet, Table
+from .._output import Sheet, Table, whole_file, write_text
 from .._version import __version__
 from ..exceptions import ParameterError
-from ..information.explanations import explanation_table
 from ..information.information import Information, identifiable, known_to
-from ..information.payload import PayloadEstimate
+from ..information.payload import PayloadEstimate, explanation_table
 from ..robot.motors import Gravity
 from .fits import CUTOFF
 from .identified_model import IdentifiedModel, rms

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
-from .._table import Sheet, Table
+from .._output import Sheet, Table
 from ..controller.controller import Controller
 from ..controller.state import ControllerState, Sample
 from ..models.dynamics import Dynamics

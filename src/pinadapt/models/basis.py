@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from .._checks import instance, numbers
 from .._kernels import linear_algebra as kernels
-from .._table import Sheet, Table
+from .._output import Sheet, Table
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from .bodies import InertialDynamics

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._files import whole_file
+from .._output import whole_file
 from ..tasks.task import DISPLAYS, RowGroup
 from .style import (
     BLUE,

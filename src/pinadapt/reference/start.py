@@ -15,7 +15,7 @@ from ..robot.robot import Robot
 from ..tasks.task import Task
 from ..trajectories.given import TrajectoryLike, as_trajectory
 from ..trajectories.trajectory import AsGiven, Trajectory
-from .joint_motion import joint_motion
+from .within_limits import joint_motion
 
 
 class Approach(Trajectory):

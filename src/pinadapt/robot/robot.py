@@ -13,8 +13,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._checks import flag, vector
-from .._files import write_text
-from .._table import Sheet, Table
+from .._output import Sheet, Table, write_text
 from ..description.chain import (
     angles_from_configuration,
     configuration_from_angles,

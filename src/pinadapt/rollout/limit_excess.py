@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from .._table import Table
+from .._output import Table
 from ..controller.state import Sample
 from ..description.chain import (
     configuration_from_angles,

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._checks import instance, positive
-from .._table import Sheet
+from .._output import Sheet
 from ..controller.learned import AlongExcited, LearnedParameters
 from ..exceptions import InputError, ParameterError
-from ..information.explanations import Explanation
 from ..information.information import (
     Excitation,
     Information,
@@ -23,6 +22,7 @@ from ..information.motion_torques import along_excited
 from ..information.payload import (
     LEAST_NOISE,
     ArmPrior,
+    Explanation,
     PayloadEstimate,
     described_robot,
     explanations_of,

@@ -12,8 +12,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from .._files import whole_file, write_text
-from .._table import Sheet, Table, number, percent
+from .._output import Sheet, Table, number, percent, whole_file, write_text
 from .._version import __version__
 from ..exceptions import InputError
 from ..information.motion_torques import TorquePrediction

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .._table import percent
+from .._output import percent
 from ..laws import DEFAULT, LAWS
 from ..tasks.task import DISPLAYS
 from .recording import CLOSE, Recording, extreme, window

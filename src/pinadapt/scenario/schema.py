@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from .._checks import LARGEST, SMALLEST, shown
-from .._files import read_toml, toml
+from .._output import read_toml, toml
 from ..description.description import is_robot_name
 from ..exceptions import InputError, ScenarioError, did_you_mean
 from ..laws import DEFAULT

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from .._checks import positive
-from .._files import write_text
+from .._output import write_text
 from ..controller.controller import Controller
 from ..information.motion_torques import MotionTorques
 from ..robot.succession import Succession

@@ -1,6 +1,6 @@
 """Tables in plain text."""
 
-from pinadapt._table import Sheet, Table, columns, number
+from pinadapt._output import Sheet, Table, columns, number
 
 
 def test_numbers_are_right_aligned_and_words_left_aligned():
