@@ -161,10 +161,8 @@ def measure(name: str, reality: str, adaptation: str) -> dict[str, Any]:
 
 def report(rows: Iterable[Mapping[str, Any]]) -> str:
     """Return a table in Markdown with one line for each reality and adaptation."""
-    head = (
-        "reality, adaptation, taken, robots, median [%], worst [%], lost, mass, peak [%], chatter"
-    )
-    table = [head.split(", "), ["---"] * 10]
+    head = "reality, adaptation, robots, median [%], worst [%], lost, mass, peak [%], chatter"
+    table = [head.split(", "), ["---"] * 9]
     groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for row in rows:
         groups.setdefault((row["reality"], row["adaptation"]), []).append(row)
