@@ -35,10 +35,10 @@ strip: $(VENV)/dev
 	$(STRIP) notebooks/*.ipynb
 
 check: lint
-	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow"
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow and not notebooks"
 
 test: lint
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not notebooks"
 
 lint: $(VENV)/dev
 	$(BIN)/ruff format --check src tests benchmarks notebooks docs
@@ -56,6 +56,7 @@ $(VENV)/docs: $(VENV)/dev
 	touch $@
 
 docs: $(VENV)/docs
+	$(BIN)/python -m pytest tests/docs/test_notebooks.py
 	$(BIN)/python docs/gallery.py
 	$(BIN)/sphinx-build -W --keep-going --fresh-env docs build/site
 

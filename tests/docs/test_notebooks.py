@@ -58,7 +58,7 @@ def run():
     run_sync(kernel.shutdown_kernel)(now=True)
 
 
-@pytest.mark.slow
+@pytest.mark.notebooks
 @by_name
 def test_notebook_runs_and_prints_what_its_text_states(path, run):
     """The outputs are written to build/notebooks and shown on the site; see docs/_ext/executed."""
