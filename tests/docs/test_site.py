@@ -148,6 +148,7 @@ def test_the_gallery_draws_the_shapes_of_the_descriptions(tmp_path, monkeypatch)
     monkeypatch.setitem(sys.modules, "gallery", gallery)
     spec.loader.exec_module(gallery)
     drawn = {}
+    close = gallery.plt.close
     monkeypatch.setattr(gallery.plt, "close", lambda figure: drawn.update(figure=figure))
     case = gallery.zoo_case("scara")
     monkeypatch.setattr(gallery, "DURATION", 0.2)
@@ -162,6 +163,7 @@ def test_the_gallery_draws_the_shapes_of_the_descriptions(tmp_path, monkeypatch)
     shown = [space.get_xlim(), space.get_ylim(), space.get_zlim()]
     for (lower, upper), first, last in zip(shown, low, high, strict=True):
         assert lower <= first + 1e-9 and upper >= last - 1e-9
+    close(drawn["figure"])
     assert (
         len(gallery.triangles(pinadapt.load("solo8_fl_leg").visual.geometryObjects[-1])) > 100
     )  # a mesh
