@@ -5,6 +5,7 @@ Imports inside functions count, and so do those for the type checker alone.
 
 import ast
 import importlib
+from collections import Counter
 from functools import cache
 
 import pytest
@@ -114,3 +115,14 @@ def test_every_folder_has_a_layer():
 def test_every_module_imports():
     for module in set(MODULES) - {"pinadapt.__main__"}:
         importlib.import_module(module)
+
+
+def test_no_name_of_a_class_or_file_is_used_twice():
+    stems = Counter(path.stem for path in FILES if path.stem != "__init__")
+    classes = Counter(
+        node.name
+        for path in FILES
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ClassDef)
+    )
+    assert [name for name, count in (stems + classes).items() if count > 1] == []

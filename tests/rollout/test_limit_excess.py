@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
-from pinadapt.rollout.limit_excess import JointMotion, LimitExcess, motion_of_reference
+from pinadapt.rollout.limit_excess import DrivenMotion, LimitExcess, motion_of_reference
 from tests.support.chains import catalogue_robot as load
 from tests.support.loops import circle_at_home, run
 
@@ -39,7 +39,7 @@ def arm(limits=True):
 def excess(robot, q, v, tau, desired=None):
     """Return the excess of a given motion, one row per sample."""
     rows = (np.array(part, dtype=float).reshape(-1, 3) for part in (q, v, tau))
-    return LimitExcess.of(robot, JointMotion(*rows), desired)
+    return LimitExcess.of(robot, DrivenMotion(*rows), desired)
 
 
 MOTION = {

@@ -82,7 +82,7 @@ def joint_motion(
     model, data, n = robot.model, robot.model.createData(), robot.model.nv
     h = float(s[1] - s[0])
     if isinstance(robot.task, FrameTask):
-        follower = _Follower(robot, robot.task)
+        follower = _InverseKinematics(robot, robot.task)
         found = list(follower.along(motion, s, robot.q0 if q is None else q))
         poses, off = np.array([each for each, _ in found]), np.array([far for _, far in found])
         v = np.empty((len(s), n))
@@ -119,7 +119,7 @@ def _beyond(model: pin.Model, poses: np.ndarray) -> np.ndarray:
     return beyond
 
 
-class _Follower:
+class _InverseKinematics:
     """Damped inverse kinematics of one robot along a motion."""
 
     def __init__(self, robot: Robot, task: FrameTask) -> None:
@@ -307,7 +307,7 @@ def within_limits(
     start = robot.q0 if q is None else robot.at(vector(q, robot.model.nv, "q")).q0
     joints = joint_motion(given, robot, s, start)
     _warn(joints, given, robot)
-    limits = _Limits.of(robot, joints, share, margin, acceleration, efforts)
+    limits = _Allowed.of(robot, joints, share, margin, acceleration, efforts)
     slowness = _Slowness(step, each, count, cells if turn else 0, given.settles is None)
     values = slowness.fitted(limits)
     law = WithinLimits(values, step, cells if turn else 0)
@@ -350,7 +350,7 @@ def _warn(joints: JointMotion, motion: Trajectory, robot: Robot) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class _Limits:
+class _Allowed:
     """The limits along a motion: what each joint may use at each instant.
 
     Attributes:
@@ -381,7 +381,7 @@ class _Limits:
         margin: float,
         acceleration: ArrayLike | None,
         efforts: ArrayLike | bool,
-    ) -> _Limits:
+    ) -> _Allowed:
         """Return the limits of a robot, and warn where gravity alone exceeds them."""
         n = robot.model.nv
         velocities, most = velocity_limits(robot.model), torque_limits(robot, efforts)
@@ -489,7 +489,7 @@ class _Slowness:
     turn: int
     goes_on: bool
 
-    def fitted(self, limits: _Limits) -> np.ndarray:
+    def fitted(self, limits: _Allowed) -> np.ndarray:
         """Return control values (count + 3) with which all limits are kept."""
         needed = limits.needed()
         values = self._above(needed)

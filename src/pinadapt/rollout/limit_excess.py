@@ -65,7 +65,7 @@ class LimitExcess:
     reference: Excess | None
 
     @classmethod
-    def of(cls, robot: Robot, moved: JointMotion, desired: JointMotion | None) -> LimitExcess:
+    def of(cls, robot: Robot, moved: DrivenMotion, desired: DrivenMotion | None) -> LimitExcess:
         """Compare motions with the limits of a robot's description."""
         limits = _Limits.of(robot)
         return cls(
@@ -166,7 +166,7 @@ def _excess(given: Mapping[str, Any], motion: str) -> Excess:
     return Excess(*np.array(rows, dtype=float).reshape(-1, len(Excess._fields)).T)
 
 
-class JointMotion(NamedTuple):
+class DrivenMotion(NamedTuple):
     """Motion and torques of the joints of a chain at N samples.
 
     Attributes:
@@ -180,13 +180,13 @@ class JointMotion(NamedTuple):
     tau: np.ndarray
 
 
-def motion_of_plant(true: Robot, samples: Sequence[Sample]) -> JointMotion:
+def motion_of_plant(true: Robot, samples: Sequence[Sample]) -> DrivenMotion:
     """Return the motion of the true robot and the torques of its motors."""
     numbers = [joint.idx_q for joint in true.model.joints[1:]]
     return _stacked(true, [(s.truth.q[numbers], s.truth.v, s.torque) for s in samples])
 
 
-def motion_of_reference(true: Robot, samples: Sequence[Sample]) -> JointMotion | None:
+def motion_of_reference(true: Robot, samples: Sequence[Sample]) -> DrivenMotion | None:
     """Return the desired joint motion, and the torques that the true robot needs to follow it.
 
     None for tasks of the frame, because several joint motions follow the same path: the arm may be
@@ -202,9 +202,9 @@ def motion_of_reference(true: Robot, samples: Sequence[Sample]) -> JointMotion |
     return motion._replace(tau=motion.tau + true.friction.torque(motion.v))
 
 
-def _stacked(robot: Robot, rows: Sequence[tuple[np.ndarray, ...]]) -> JointMotion:
+def _stacked(robot: Robot, rows: Sequence[tuple[np.ndarray, ...]]) -> DrivenMotion:
     stack = np.array(rows, dtype=float).reshape(len(rows), 3, robot.model.nv)
-    return JointMotion(*stack.swapaxes(0, 1))
+    return DrivenMotion(*stack.swapaxes(0, 1))
 
 
 class _Limits(NamedTuple):
@@ -225,7 +225,7 @@ class _Limits(NamedTuple):
         return bool(np.isfinite(np.concatenate(self)).any())
 
     @np.errstate(invalid="ignore")  # inf - inf is no excess
-    def excess(self, motion: JointMotion) -> Excess:
+    def excess(self, motion: DrivenMotion) -> Excess:
         return Excess(
             _largest(np.maximum(motion.q - self.upper, self.lower - motion.q)),
             _largest(np.abs(motion.v) - self.velocity),
