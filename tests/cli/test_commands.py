@@ -227,10 +227,10 @@ def test_only_in_a_process_of_its_own_the_command_searches_less_for_garbage(monk
     before = gc.get_threshold()
     try:
         gc.set_threshold(700, 10, 10)
-        assert main(["robots"]) == 0
+        assert main(["run", "nothing.toml"]) == 2
         assert gc.get_threshold() == (700, 10, 10)
-        monkeypatch.setattr(sys, "argv", ["pinadapt", "robots"])
-        assert main() == 0
+        monkeypatch.setattr(sys, "argv", ["pinadapt", "run", "nothing.toml"])
+        assert main() == 2
         assert gc.get_threshold()[0] > 10_000
     finally:
         gc.set_threshold(*before)

@@ -18,6 +18,7 @@ outweighs the rows.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -34,6 +35,7 @@ _STEPS = 50
 _DECREMENT = 1e-8  # squared, of Newton's step in units of gamma
 _BACK, _LEAST = 0.5, 1e-12
 _INSIDE = 0.9  # of the way to the border of the cone
+_COLUMNS = COEFFICIENTS.reshape(PER_BODY, 16)  # P, row by row, of each of the ten parameters
 _MASS, _RADIUS = 1e-3, 1e-2  # least ones: share of the mean mass, of the reach
 
 
@@ -57,7 +59,13 @@ class PhysicalSet:
     def matrices(self, a: np.ndarray) -> np.ndarray:
         """Return P (k, 4, 4) of the bodies at a (p)."""
         tens = a[: PER_BODY * self.bodies].reshape(self.bodies, PER_BODY)
-        return np.tensordot(tens, COEFFICIENTS, axes=1)
+        return (tens @ _COLUMNS).reshape(-1, 4, 4)
+
+    @cached_property
+    def _centers(self) -> tuple[np.ndarray, np.ndarray]:
+        """P_0 (k, 4, 4) of the bodies at the centre, and log det P_0 (k)."""
+        P_0 = self.matrices(self.center)
+        return P_0, np.linalg.slogdet(P_0)[1]
 
     def coefficients(self, a: np.ndarray) -> np.ndarray:
         """Return c (p - 10 k) at a (p)."""
@@ -65,7 +73,7 @@ class PhysicalSet:
 
     def divergence(self, a: np.ndarray) -> float:
         """Return the sum of w D from the centre to a (p); infinite outside the set."""
-        P, P_0, c = self.matrices(a), self.matrices(self.center), self.coefficients(a)
+        P, (P_0, logs_0), c = self.matrices(a), self._centers, self.coefficients(a)
         try:
             L = np.linalg.cholesky(P)
         except np.linalg.LinAlgError:
@@ -74,14 +82,14 @@ class PhysicalSet:
             return np.inf
         logs = 2.0 * np.log(np.diagonal(L, axis1=1, axis2=2)).sum(axis=1)
         traces = np.trace(np.linalg.solve(P_0, P), axis1=1, axis2=2)
-        of_bodies = self.body_weights * (traces - logs + np.linalg.slogdet(P_0)[1] - 4.0)
+        of_bodies = self.body_weights * (traces - logs + logs_0 - 4.0)
         shares = c / self.coefficients(self.center)
         of_joints = self.weights * (shares - np.log(shares) - 1.0)
         return float(of_bodies.sum() + of_joints.sum())
 
     def local(self, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return T (p, p), h (p) of D(a + T u) - D(a) = h . u + |u|^2 / 2, to second order in u."""
-        P, P_0 = self.matrices(a), self.matrices(self.center)
+        P, P_0 = self.matrices(a), self._centers[0]
         T, h = np.zeros((a.size, a.size)), np.zeros(a.size)
         L = np.linalg.cholesky(P)
         inverse = np.linalg.inv(L)[:, None]
