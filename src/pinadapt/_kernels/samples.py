@@ -191,9 +191,10 @@ def first_samples(
     before: np.ndarray,
     after: np.ndarray,
 ) -> int:
-    """Return 3 + i for the first joint whose v is not the rate of its q, and what else is due.
+    """Compare v with the rate of q, joint by joint, and add the sample to the sums.
 
-    1: a window in which the arm's speed has changed is over; 2: all is told; 0: neither. ``after``
+    The answer is 3 + i if the v of joint i is not the rate of its q; else 1 if a window is over in
+    which the arm's speed has changed, 2 if nothing is left to check, and 0 if neither. ``after``
     becomes ``before`` with the sample added. For each joint, with sums that forget over 0.5 s,
 
         D = sum dq,   W = sum v dt,   P = sum |dq|,   P_v = sum |v dt| of what a count shows.

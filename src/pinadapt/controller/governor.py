@@ -279,7 +279,7 @@ class PathGovernor:
         return PathTime(lag + dt - moved, after, w * (y_after - after), cause or before)
 
     def rate(self, path: PathTime, target: float, cause: str) -> PathTime:
-        """Return the time derivative, for an integration; the cause is that of now."""
+        """Return the time derivative of the path time, with the present cause."""
         _, rate, acceleration, before = path
         w = self.settings.quick
         y = rate + acceleration / w

@@ -34,7 +34,9 @@ _TASK_GAINS = {symbol: name for name, symbol in SYMBOLS.items()}
 
 
 def task_gain(value: ArrayLike, task: Task, name: str, *, copies: int = 1) -> np.ndarray:
-    """Return a number, list or matrix as a gain of the task's m rows (m k, m k), k = ``copies``.
+    """Return a gain matrix (m k, m k) of a task of size m, k = ``copies``.
+
+    A number is a multiple of the identity, a list a diagonal.
 
     Raises:
         GainError: not positive definite, of another size, or on the rotations of a pose no multiple

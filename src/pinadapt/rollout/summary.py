@@ -338,7 +338,7 @@ _NAMES = ("joint_names", "kinematic_names", "dynamic_names")
 
 
 def _task(name: str, joints: tuple[str, ...], continuous: Sequence[bool]) -> Task:
-    """Return a task by its name; of the joint task the joints, and which of them are continuous."""
+    """Return the task of this name; a joint task needs its joints and which are continuous."""
     return TASKS[name] if name in TASKS else JointTask(name, joints, tuple(continuous))
 
 
