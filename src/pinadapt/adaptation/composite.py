@@ -157,8 +157,8 @@ class CompositeMemory(Wrapper):
                 part of its covariance that comes from too little data. So data are forgotten when
                 new ones contradict them, at most at the bandwidth of the low pass; otherwise they
                 are kept.
-    Beginning   where d exceeds ``contradiction`` and ten times its own mean over the last
-    anew:       30 / bandwidth, for example after a change of the load, and at an announcement:
+    New start:  where d exceeds ``contradiction`` and ten times its own mean over the last
+                30 / bandwidth, for example after a change of the load, and at an announcement:
                 A = 0 and b = 0. Nothing is stored for 6 / bandwidth, until the low pass has
                 forgotten what it knew of the old load. V does not contain A and b, so nothing
                 jumps. The mean is for errors that no parameters explain, such as friction that is

@@ -68,16 +68,15 @@ class Governor:
 
     The target of the rate ds/dt is the smallest of five factors from 0 to 1:
 
-    error        1 up to the share ``slow`` of a stop error, ``creep`` from there on, 0 from
-                 ``hold`` stop errors on, so that a path that leaves the workspace comes back by
-                 itself and one that is lost waits;
-    effort       1 up to the share ``effort`` of a motor's limit, 0 at the limit;
-    joint stop   1 while the path at full rate needs longer than ``lead`` to a joint's stop,
-                 in proportion below, at least ``creep``;
-    joint speed  what brings the velocity of the joints for the path, J_hat^+ x_d' as it will be
-                 when the rate has followed, to the share ``speed`` of the description's limits;
-    frames       1 while the latest frame is as old as the declared camera explains, 0 at ``gap``
-                 more.
+    * error: 1 up to the share ``slow`` of a stop error, ``creep`` from there on, 0 from ``hold``
+      stop errors on, so that a path that leaves the workspace comes back by itself, and one that is
+      lost waits;
+    * effort: 1 up to the share ``effort`` of a motor's limit, 0 at the limit;
+    * joint stop: 1 while the path at full rate needs longer than ``lead`` to a joint's stop, in
+      proportion below, at least ``creep``;
+    * joint speed: what brings the velocity of the joints for the path, J_hat^+ x_d' as it will be
+      when the rate has followed, to the share ``speed`` of the description's limits;
+    * frames: 1 while the latest frame is as old as the declared camera explains, 0 at ``gap`` more.
 
     The rate follows the target through two low passes in a row, dy/dt = w (target - y) and
     d(rate)/dt = quick (y - rate), w = ``quick`` where the target is below y and ``recovery`` above:
