@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -44,22 +45,9 @@ class JointElasticity:
         """
         word(self.encoders, ENCODERS, "elasticity.encoders")
 
-    def __call__(
-        self,
-        robot: Robot,
-        *,
-        torque_limits: np.ndarray | None = None,
-        compensation: Compensation | None = None,
-        substeps: int | None = None,
-    ) -> ElasticPlant:
+    def __call__(self, robot: Robot, **options: Any) -> ElasticPlant:
         """Return the plant of a robot with these springs; see ``ElasticPlant``."""
-        return ElasticPlant(
-            robot,
-            self,
-            torque_limits=torque_limits,
-            compensation=compensation,
-            substeps=substeps,
-        )
+        return ElasticPlant(robot, self, **options)
 
 
 class ElasticPlant(SimulatedPlant):

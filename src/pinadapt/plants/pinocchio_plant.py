@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -311,22 +312,9 @@ class MotorDelay:
         """
         positive(self.delay, "delay", zero=True)
 
-    def __call__(
-        self,
-        robot: Robot,
-        *,
-        torque_limits: np.ndarray | None = None,
-        compensation: Compensation | None = None,
-        substeps: int | None = None,
-    ) -> LatePlant:
+    def __call__(self, robot: Robot, **options: Any) -> LatePlant:
         """Return the plant of a robot with these motors; see ``LatePlant``."""
-        return LatePlant(
-            robot,
-            self,
-            torque_limits=torque_limits,
-            compensation=compensation,
-            substeps=substeps,
-        )
+        return LatePlant(robot, self, **options)
 
 
 class LatePlant(PinocchioPlant):
