@@ -14,11 +14,11 @@ from ..records import Desired, Measurement
 from ..robot.robot import Robot
 from ..tasks.task import Task
 from ..trajectories.given import TrajectoryLike, as_trajectory
-from ..trajectories.trajectory import AsGiven, Trajectory
+from ..trajectories.trajectory import AsGiven, Derived, Trajectory
 from .within_limits import joint_motion
 
 
-class Approach(Trajectory):
+class Approach(Derived):
     """From a point to the first point of a motion, at rest at both ends, then the motion.
 
     Coordinates move by minimum jerk, s(u) = 10 u^3 - 15 u^4 + 6 u^5 with u = t / duration: along a
@@ -46,11 +46,6 @@ class Approach(Trajectory):
     def __repr__(self) -> str:
         """Return how long the approach takes, and what follows."""
         return f"approach of {self.duration:.3g} s, {self.motion!r}"
-
-    @property
-    def extent(self) -> float | None:
-        """That of the motion that follows."""
-        return self.motion.extent
 
     @property
     def settles(self) -> float | None:

@@ -155,34 +155,44 @@ def _looks(motion: Trajectory, times: np.ndarray) -> Iterator[tuple[np.ndarray, 
         yield xd_d, xdd_d
 
 
-class _Shifted(Trajectory):
-    """A motion displaced by a constant."""
+class Derived(Trajectory):
+    """A motion made of another one; its extent, rest and repetition are those of the other.
 
-    def __init__(self, motion: Trajectory, by: np.ndarray) -> None:
-        self._motion, self._by = motion, by
+    Attributes:
+        motion: the other one.
+    """
 
-    def __repr__(self) -> str:
-        """Return the kind of the motion that is displaced."""
-        return repr(self._motion)
+    motion: Trajectory
 
     @property
     def extent(self) -> float | None:
-        """The extent of the motion that is displaced."""
-        return self._motion.extent
+        """That of the other motion."""
+        return self.motion.extent
 
     @property
     def settles(self) -> float | None:
-        """When the motion that is displaced comes to rest."""
-        return self._motion.settles
+        """That of the other motion [s], or None."""
+        return self.motion.settles
 
     @property
     def repeats(self) -> tuple[float, float] | None:
-        """That of the motion that is displaced."""
-        return self._motion.repeats
+        """That of the other motion [s], or None."""
+        return self.motion.repeats
+
+
+class _Shifted(Derived):
+    """A motion displaced by a constant."""
+
+    def __init__(self, motion: Trajectory, by: np.ndarray) -> None:
+        self.motion, self._by = motion, by
+
+    def __repr__(self) -> str:
+        """Return the kind of the motion that is displaced."""
+        return repr(self.motion)
 
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
-        (x_d, xd_d, xdd_d), by = self._motion.at(t), self._by
+        (x_d, xd_d, xdd_d), by = self.motion.at(t), self._by
         if x_d.size == xd_d.size:
             return Desired(x_d + by, xd_d, xdd_d)
         n, R = x_d.size - 4, pin.exp3(by[-3:])
@@ -193,7 +203,7 @@ class _Shifted(Trajectory):
         )
 
 
-class Retimed(Trajectory):
+class Retimed(Derived):
     """x_d(s(t)): the path of a motion by another time law.
 
     Velocity x_d' ds/dt and acceleration x_d'' (ds/dt)^2 + x_d' d^2s/dt^2.
@@ -215,11 +225,6 @@ class Retimed(Trajectory):
     def __repr__(self) -> str:
         """Return the motion and what its time law does."""
         return f"{self.motion!r}, {self.law!r}"
-
-    @property
-    def extent(self) -> float | None:
-        """That of the path."""
-        return self.motion.extent
 
     @property
     def settles(self) -> float | None:
@@ -250,7 +255,7 @@ class Retimed(Trajectory):
         return Desired(x_d, rate * xd_d, rate * rate * xdd_d + acceleration * xd_d)
 
 
-class AsGiven(Trajectory):
+class AsGiven(Derived):
     """A motion to be taken exactly as it is, although it starts at speed or beside the robot.
 
     Attributes:
@@ -264,21 +269,6 @@ class AsGiven(Trajectory):
     def __repr__(self) -> str:
         """Return the motion, and that it is as given."""
         return f"{self.motion!r}, as given"
-
-    @property
-    def extent(self) -> float | None:
-        """That of the motion."""
-        return self.motion.extent
-
-    @property
-    def settles(self) -> float | None:
-        """That of the motion [s], or None."""
-        return self.motion.settles
-
-    @property
-    def repeats(self) -> tuple[float, float] | None:
-        """That of the motion [s], or None."""
-        return self.motion.repeats
 
     def from_rest(self, ramp: float | None = None, *, duration: float | None = None) -> Trajectory:
         """Return itself; with a ramp, the motion from rest after all."""
