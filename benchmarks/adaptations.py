@@ -53,7 +53,7 @@ class Reality:
 
     Attributes:
         sensors: of the robot, declared to the controller.
-        engine: what moves the robot.
+        actuators: of the robot, which nobody declares; None: ideal ones.
         dt: period [s].
         duration: of the run [s].
         change: whether the load becomes twice as heavy, and whether that is announced.
@@ -62,7 +62,7 @@ class Reality:
     """
 
     sensors: pa.Sensors = field(default_factory=pa.Sensors)
-    engine: Any = "pinocchio"
+    actuators: pa.robot.Actuators | None = None
     dt: float = 1e-3
     duration: float = 16.0
     change: str = ""
@@ -82,11 +82,11 @@ REALITIES = {
     "load changes": Reality(change=UNANNOUNCED),
     "load announced": Reality(change=ANNOUNCED),
     "friction called known": Reality(friction_known=True),
-    "motors 2 ms late": Reality(engine=pa.plants.MotorDelay(2e-3)),
-    "motors 6 ms late": Reality(engine=pa.plants.MotorDelay(6e-3)),
-    "motors 10 ms late": Reality(engine=pa.plants.MotorDelay(10e-3)),
-    "joints 20 kN m/rad": Reality(engine=pa.plants.JointElasticity(2e4), rotors=True),
-    "joints 5 kN m/rad": Reality(engine=pa.plants.JointElasticity(5e3), rotors=True),
+    "motors 2 ms late": Reality(actuators=pa.robot.Actuators(delay=2e-3)),
+    "motors 6 ms late": Reality(actuators=pa.robot.Actuators(delay=6e-3)),
+    "motors 10 ms late": Reality(actuators=pa.robot.Actuators(delay=10e-3)),
+    "joints 20 kN m/rad": Reality(actuators=pa.robot.Actuators(stiffness=2e4), rotors=True),
+    "joints 5 kN m/rad": Reality(actuators=pa.robot.Actuators(stiffness=5e3), rotors=True),
     "500 Hz": Reality(dt=2e-3),
     "250 Hz": Reality(dt=4e-3),
 }
@@ -134,7 +134,7 @@ def measure(name: str, reality: str, adaptation: str) -> dict[str, Any]:
             zoo.motion,
             duration=case.duration,
             sensors=case.sensors,
-            engine=pa.Engine(plant=case.engine, torque_limits=zoo.efforts_suffice),
+            engine=pa.Engine(torque_limits=zoo.efforts_suffice, actuators=case.actuators),
             events=events(name, zoo, case.duration / 2.0, case.change),
             record_every=5,
         )

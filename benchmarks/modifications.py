@@ -82,7 +82,7 @@ DISTURBANCES = {
     "noise": Disturbance(pa.Sensors(encoder=2.0 * math.pi / 2**17)),
     "late motors": Disturbance(engine=LateMotors),
     "friction": Disturbance(friction=FRICTION),
-    "elastic joints": Disturbance(engine=pa.plants.JointElasticity(5e3)),
+    "elastic joints": Disturbance(engine=pa.robot.Actuators(stiffness=5e3)),
     "noise, law (11), gradient": Disturbance(
         pa.Sensors(encoder=2.0 * math.pi / 2**17),
         options={"law": "adaptive-inverse-dynamics", "adaptation": "gradient"},

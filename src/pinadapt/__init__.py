@@ -18,6 +18,7 @@ _RENAMED = {
     "Belief": "NominalRobot",
     "Believed": "EstimatedModel",
     "Carrier": "DelayCompensator",
+    "JointElasticity": "Actuators",
     "Mjcf": "MujocoFile",
     "Sensed": "SensedState",
 }

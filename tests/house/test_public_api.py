@@ -79,7 +79,7 @@ DOWN = {
     "models": "BaseParameters BasisDynamics BodyDynamics Dynamics FrameKinematics JointEffects "
     "JointKinematics LumpedDynamics Momentum MomentumRegressor StackedDynamics TaskKinematics "
     "Translation TypicalMotion base_parameters",
-    "plants": "ElasticPlant JointElasticity MujocoPlant PinocchioPlant Plant",
+    "plants": "ElasticPlant MujocoPlant PinocchioPlant Plant",
     "robot": "Gravity Succession",
     "simulation": "run_continuous",
     "tasks": "JointTask PoseTask PositionTask Task",
@@ -89,6 +89,7 @@ DOWN = {
 OTHERWISE = {  # former name -> its present one
     "Believed": "laws.EstimatedModel",
     "Carrier": "models.DelayCompensator",
+    "JointElasticity": "robot.Actuators",
     "Mjcf": "plants.MujocoFile",
     "Sensed": "models.SensedState",
 }

@@ -1,11 +1,8 @@
 """Plants: the simulated robots that a controller drives, and their simulated sensors."""
 
 from .elastic_plant import ElasticPlant as ElasticPlant
-from .elastic_plant import JointElasticity as JointElasticity
 from .mujoco_file import MujocoFile as MujocoFile
 from .mujoco_plant import MujocoPlant as MujocoPlant
-from .pinocchio_plant import LatePlant as LatePlant
-from .pinocchio_plant import MotorDelay as MotorDelay
 from .pinocchio_plant import PinocchioPlant as PinocchioPlant
 from .plant import Plant as Plant
 from .plant import SimulatedPlant as SimulatedPlant

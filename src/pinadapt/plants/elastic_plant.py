@@ -2,52 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike
 
-from .._checks import vector, word
-from ..exceptions import RobotError
+from ..exceptions import InputError, RobotError
 from ..records import Measurement
 from ..robot.changes import Friction
-from ..robot.motors import Compensation
+from ..robot.motors import Actuators, Compensation
 from ..robot.robot import Robot
 from ..robot.succession import check_successor
 from .plant import SimulatedPlant
-
-ENCODERS = ("motor", "link")
-
-
-@dataclass(frozen=True, eq=False)
-class JointElasticity:
-    """Springs between motors and links; as ``engine`` of a simulation it gives an ``ElasticPlant``.
-
-    Attributes:
-        stiffness: K, a number or one per joint [N m/rad or N/m].
-        damping: D of the springs, a number or one per joint [N m s/rad or N s/m].
-        encoders: what q and qd are measured at: "motor" (after the gear) or "link".
-    """
-
-    stiffness: ArrayLike
-    damping: ArrayLike = 0.0
-    encoders: str = "motor"
-
-    sources = ("Spong1987",)
-
-    def __post_init__(self) -> None:
-        """Check the place of the encoders.
-
-        Raises:
-            InputError: neither "motor" nor "link".
-        """
-        word(self.encoders, ENCODERS, "elasticity.encoders")
-
-    def __call__(self, robot: Robot, **options: Any) -> ElasticPlant:
-        """Return the plant of a robot with these springs; see ``ElasticPlant``."""
-        return ElasticPlant(robot, self, **options)
 
 
 class ElasticPlant(SimulatedPlant):
@@ -66,15 +30,15 @@ class ElasticPlant(SimulatedPlant):
     friction at the midpoint: of second order, without numerical energy gain, stable for any
     stiffness. Friction is weighted as in ``FittedMidpoint``, so it never accelerates a motor.
 
-    Attributes:
-        elasticity: the springs.
     """
+
+    springs = True
 
     def __init__(
         self,
         robot: Robot,
-        elasticity: JointElasticity,
         *,
+        actuators: Actuators,
         torque_limits: np.ndarray | None = None,
         compensation: Compensation | None = None,
         substeps: int | None = None,
@@ -82,29 +46,27 @@ class ElasticPlant(SimulatedPlant):
         """Take the robot, its springs and the properties of its motors.
 
         Raises:
-            InputError: springs or limits of a wrong size.
-            RobotError: a stiffness that is not positive, a negative damping, or a motor without
-                inertia.
+            InputError: actuators without springs, springs or limits of a wrong size.
+            RobotError: a motor without inertia.
         """
         super().__init__(
-            robot, torque_limits=torque_limits, compensation=compensation, substeps=substeps
+            robot,
+            torque_limits=torque_limits,
+            compensation=compensation,
+            actuators=actuators,
+            substeps=substeps,
         )
-        self.elasticity = elasticity
-        names = robot.joint_names
-        self._K = vector(elasticity.stiffness, self.nv, "elasticity.stiffness", names=names)
-        self._D = vector(elasticity.damping, self.nv, "elasticity.damping", names=names)
-        if not (self._K > 0.0).all() or not (self._D >= 0.0).all():
-            raise RobotError(
-                "expected positive stiffness and non-negative damping, got "
-                f"{self._K.tolist()} and {self._D.tolist()}.",
-                where="elasticity",
-            )
+        if not actuators.elastic:
+            raise InputError("expected springs, got rigid joints.", where="actuators.stiffness")
+        joints = actuators.of(robot)
+        self._K, self._D = joints.stiffness, joints.damping
         self._first = robot
         self._take(robot)
         self.reset()
 
     def reset(self) -> None:
         """Return to the first robot at its home pose at rest, springs loaded by gravity, time 0."""
+        super().reset()
         if self.robot is not self._first:
             self._take(self._first)
         self._t, self._links, self._v = 0.0, self.robot.q0, np.zeros(self.nv)
@@ -136,12 +98,15 @@ class ElasticPlant(SimulatedPlant):
         self._data = self._model.createData()
 
     def motors(self, torque: np.ndarray) -> np.ndarray:
-        """Return the torque (nv) that the motors apply now for a commanded one (nv) [N m or N]."""
+        """Return the torque (nv) that the motors are to apply for a commanded one (nv) [N m or N].
+
+        As ``SimulatedPlant.motors``; what the arm adds is that at the measured q.
+        """
         return self.motors_at(self._measured_q(), torque)
 
     def _measured_q(self) -> np.ndarray:
         """Return the configuration (nq) that the encoders measure."""
-        if self.elasticity.encoders == "link":
+        if self.actuators.encoders == "link":
             return self._links
         return np.asarray(pin.integrate(self._model, self._links, self._d))
 
@@ -149,12 +114,12 @@ class ElasticPlant(SimulatedPlant):
         """Return what ideal sensors measure now."""
         robot, model = self.robot, self._model
         x, xd = robot.task.motion(model, self._data, robot.frame_id, self._links, self._v)
-        v = self._v if self.elasticity.encoders == "link" else self._w
+        v = self._v if self.actuators.encoders == "link" else self._w
         return Measurement(self._t, self._measured_q(), v, x, None, xd)
 
-    def step(self, torque: np.ndarray, dt: float) -> None:
-        """Command a torque (nv) [N m or N], and hold what the motors apply now for dt [s]."""
-        tau, count = self.motors(torque), self.steps_in(dt)
+    def hold(self, tau: np.ndarray, dt: float) -> None:
+        """Move for dt [s] under a torque tau (nv) that the motors apply [N m or N]."""
+        count = self.steps_in(dt)
         h = dt / count
         for _ in range(count):
             links, v, w = self._links, self._v, self._w

@@ -7,7 +7,7 @@ import numpy as np
 from ..description.chain import configuration_from_angles
 from ..exceptions import DivergedError, InputError, did_you_mean
 from ..records import Measurement
-from ..robot.motors import Compensation
+from ..robot.motors import Actuators, Compensation
 from ..robot.robot import Robot
 from ..robot.succession import check_successor
 from ..tasks.frame import FrameTask
@@ -47,6 +47,7 @@ class MujocoPlant(SimulatedPlant):
         mjcf: MujocoFile | None = None,
         torque_limits: np.ndarray | None = None,
         compensation: Compensation | None = None,
+        actuators: Actuators | None = None,
         substeps: int | None = None,
         integrator: str | None = None,
         drawn: bool = False,
@@ -58,17 +59,22 @@ class MujocoPlant(SimulatedPlant):
             mjcf: model file to simulate in place of the robot, or None.
             torque_limits: (nv) limits of the motor torques [N m or N], or None.
             compensation: function of q (nq): torque that the arm adds to the command, or None.
+            actuators: how a commanded torque comes to the links; None: ideal ones.
             substeps: integration steps per ``step``; None: chosen.
             integrator: one of ``INTEGRATORS``; None: that of the file, "runge-kutta" without one.
             drawn: add the visual geometry of the robot for the viewer of MuJoCo, which takes
                 seconds; files have their own.
 
         Raises:
-            InputError: MuJoCo is not installed, unknown integrator, less than one substep, or a
-                file that does not match the robot.
+            InputError: MuJoCo is not installed, unknown integrator, less than one substep, elastic
+                actuators, or a file that does not match the robot.
         """
         super().__init__(
-            robot, torque_limits=torque_limits, compensation=compensation, substeps=substeps
+            robot,
+            torque_limits=torque_limits,
+            compensation=compensation,
+            actuators=actuators,
+            substeps=substeps,
         )
         mj = mujoco_module()
         if integrator is not None and integrator not in INTEGRATORS:
@@ -95,6 +101,7 @@ class MujocoPlant(SimulatedPlant):
 
         Everything else in a file returns to its initial state.
         """
+        super().reset()
         if self.robot is not self._first:
             self._take(self._first)
         mujoco_module().mj_resetData(self.model, self.data)
@@ -128,13 +135,13 @@ class MujocoPlant(SimulatedPlant):
             x, xd = task.measured(None, self._q), self._v
         return Measurement(self._t, self._q, self._v, x, None, xd)
 
-    def step(self, torque: np.ndarray, dt: float) -> None:
-        """Command a torque (nv) [N m or N], and hold what the motors apply now for dt [s].
+    def hold(self, tau: np.ndarray, dt: float) -> None:
+        """Move for dt [s] under a torque tau (nv) that the motors apply [N m or N].
 
         Raises:
             DivergedError: the torque is not finite.
         """
-        count, tau = self.steps_in(dt), self.motors(torque)
+        count = self.steps_in(dt)
         if not np.isfinite(tau).all():  # MuJoCo would write a log file
             raise DivergedError("the torque is not finite.", self._t)
         self.data.qfrc_applied[self._dofs] = tau

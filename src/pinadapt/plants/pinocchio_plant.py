@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections import deque
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy import empty
 
-from .._checks import positive, word
+from .._checks import word
 from .._compiled import compile_all, compiled
 from ..exceptions import DivergedError
 from ..records import Measurement
-from ..robot.motors import Compensation
+from ..robot.motors import Actuators, Compensation
 from ..robot.robot import Robot
 from ..robot.succession import check_successor
 from .plant import SimulatedPlant
@@ -186,6 +183,7 @@ class PinocchioPlant(SimulatedPlant):
         *,
         torque_limits: np.ndarray | None = None,
         compensation: Compensation | None = None,
+        actuators: Actuators | None = None,
         substeps: int | None = None,
         integrator: str = "midpoint",
     ) -> None:
@@ -195,15 +193,20 @@ class PinocchioPlant(SimulatedPlant):
             robot: the true robot.
             torque_limits: (nv) limits of the motor torques [N m or N], or None.
             compensation: function of q (nq): torque that the arm adds to the command, or None.
+            actuators: how a commanded torque comes to the links; None: ideal ones.
             substeps: integration steps per ``step``; None: chosen.
             integrator: "midpoint", see ``FittedMidpoint``, or "runge-kutta".
 
         Raises:
-            InputError: unknown integrator, or less than one substep.
+            InputError: unknown integrator, less than one substep, or elastic actuators.
         """
         word(integrator, INTEGRATORS, "integrator")
         super().__init__(
-            robot, torque_limits=torque_limits, compensation=compensation, substeps=substeps
+            robot,
+            torque_limits=torque_limits,
+            compensation=compensation,
+            actuators=actuators,
+            substeps=substeps,
         )
         self._first, self._integrator = robot, INTEGRATORS[integrator]
         self._take(robot)
@@ -211,6 +214,7 @@ class PinocchioPlant(SimulatedPlant):
 
     def reset(self) -> None:
         """Return to the first robot, at its home pose at rest, at time 0."""
+        super().reset()
         if self.robot is not self._first:
             self._take(self._first)
         self._t, self._q, self._v = 0.0, self.robot.q0, np.zeros(self.nv)
@@ -235,12 +239,8 @@ class PinocchioPlant(SimulatedPlant):
         """Return what ideal sensors measure now."""
         return self.measurement(self._q, self._v, self._t)
 
-    def step(self, torque: np.ndarray, dt: float) -> None:
-        """Command a torque (nv) [N m or N], and hold what the motors apply now for dt [s]."""
-        self._hold(self.motors(torque), dt)
-
-    def _hold(self, tau: np.ndarray, dt: float) -> None:
-        """Move for dt [s] under a held torque tau (nv) of the motors [N m or N]."""
+    def hold(self, tau: np.ndarray, dt: float) -> None:
+        """Move for dt [s] under a torque tau (nv) that the motors apply [N m or N]."""
         q, v, count = self._q, self._v, self.steps_in(dt)
         for _ in range(count):
             q, v = self._integrate(q, v, tau, dt / count)
@@ -292,70 +292,3 @@ class PinocchioPlant(SimulatedPlant):
     def integrate(self, q: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Return q moved by a tangent step (nv) [rad or m]."""
         return np.asarray(pin.integrate(self._model, q, step))
-
-
-@dataclass(frozen=True)
-class MotorDelay:
-    """Motors that apply each torque a time after its command; as ``engine`` a ``LatePlant``.
-
-    Attributes:
-        delay: [s], the same for all joints.
-    """
-
-    delay: float
-
-    def __post_init__(self) -> None:
-        """Check the delay.
-
-        Raises:
-            InputError: a negative one.
-        """
-        positive(self.delay, "delay", zero=True)
-
-    def __call__(self, robot: Robot, **options: Any) -> LatePlant:
-        """Return the plant of a robot with these motors; see ``LatePlant``."""
-        return LatePlant(robot, self, **options)
-
-
-class LatePlant(PinocchioPlant):
-    """A robot whose motors apply each torque late: first and until then, the first one.
-
-    The delay need not be a whole number of periods: a period in which another torque arrives is
-    integrated in two parts. What the arm adds to the command by itself is late too.
-
-    Attributes:
-        late: the delay.
-    """
-
-    def __init__(
-        self,
-        robot: Robot,
-        late: MotorDelay,
-        *,
-        torque_limits: np.ndarray | None = None,
-        compensation: Compensation | None = None,
-        substeps: int | None = None,
-    ) -> None:
-        """Take the robot, the delay and the properties of its motors."""
-        self.late = late
-        super().__init__(
-            robot, torque_limits=torque_limits, compensation=compensation, substeps=substeps
-        )
-
-    def reset(self) -> None:
-        """Return home, with no torque on its way."""
-        super().reset()
-        self._coming: deque[tuple[float, np.ndarray]] = deque()
-        self._applied: np.ndarray | None = None
-
-    def step(self, torque: np.ndarray, dt: float) -> None:
-        """Command a torque (nv) [N m or N], and move for dt [s] under those that have arrived."""
-        tau, end, least = self.motors(torque), self._t + dt, 1e-6 * dt
-        self._coming.append((self._t + self.late.delay, tau))
-        if self._applied is None:
-            self._applied = tau
-        while self._t < end - least:
-            while self._coming and self._coming[0][0] <= self._t + least:
-                self._applied = self._coming.popleft()[1]
-            arrival = self._coming[0][0] if self._coming else end
-            self._hold(self._applied, (arrival if arrival < end - least else end) - self._t)

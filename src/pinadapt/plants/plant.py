@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from math import ceil
-from typing import TypeAlias
+from typing import ClassVar, TypeAlias
 
 import numpy as np
 
 from .._checks import instance, whole
 from ..exceptions import InputError
 from ..records import Measurement
-from ..robot.motors import Compensation, compensation_of
+from ..robot.motors import Actuators, Compensation, JointActuators, compensation_of
 from ..robot.motors import torque_limits as limits_of
 from ..robot.robot import Robot
 
@@ -73,10 +73,65 @@ class Plant(ABC):
 
 _MOST_SUBSTEPS = 100_000
 LONGEST_STEP = 1e-3  # [s]; integration errors stay below 0.1 % of the tracking error
+_ROUNDING = 1e-6  # of a period, by which arrivals may differ and be the same
+
+
+class LateTorque:
+    """What motors apply that follow their commands late: after a delay, through a low pass.
+
+    The first command counts from before the start: until another one has arrived, it is applied.
+    The low pass is exact: within each piece of time the mean of its output is held.
+    """
+
+    def __init__(self, joints: JointActuators) -> None:
+        """Take the delays and bandwidths of n joints."""
+        self._delays = np.unique(joints.delay)
+        self._joints = [np.flatnonzero(joints.delay == delay) for delay in self._delays]
+        self._bandwidth = joints.bandwidth
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all commands."""
+        self._coming: list[tuple[float, int, np.ndarray]] = []  # arrival, which delay, command
+        self._arrived: np.ndarray | None = None
+        self._applied = np.zeros(0)
+        self._t = 0.0
+
+    def pieces(self, command: np.ndarray, dt: float) -> Iterator[tuple[np.ndarray, float]]:
+        """Yield the torque (n) applied, and for how long [s], over the next dt [s].
+
+        A piece ends where a command arrives, and lasts at most ``LONGEST_STEP`` where there is a
+        low pass.
+        """
+        if self._arrived is None:
+            self._arrived, self._applied = command.copy(), command
+        coming, least = self._coming, _ROUNDING * dt
+        coming += [(self._t + late, k, command) for k, late in enumerate(self._delays)]
+        coming.sort(key=lambda each: each[0])
+        end, smooth = self._t + dt, bool(np.isfinite(self._bandwidth).any())
+        while self._t < end - least:
+            while coming and coming[0][0] <= self._t + least:
+                _, k, arriving = coming.pop(0)
+                self._arrived[self._joints[k]] = arriving[self._joints[k]]
+            stop = min(end, coming[0][0]) if coming else end
+            stop = end if stop > end - least else stop
+            if smooth:
+                stop = min(stop, self._t + LONGEST_STEP)
+            yield self._passed(stop - self._t), stop - self._t
+            self._t = stop
+
+    def _passed(self, h: float) -> np.ndarray:
+        """Return the mean (n) of the low pass's output over h [s], and move it on."""
+        assert self._arrived is not None  # pieces sets it
+        z, off = self._bandwidth * h, self._applied - self._arrived
+        self._applied = self._arrived + np.exp(-z) * off
+        return self._arrived - np.expm1(-z) / z * off
 
 
 class SimulatedPlant(Plant):
     """A simulated robot that starts at its home pose at rest, with limited motor torques.
+
+    A subclass moves under a held torque, ``hold``; delay and bandwidth of the motors are here.
 
     Attributes:
         robot: the true robot as it is now; ``reset`` restores the first one.
@@ -85,15 +140,18 @@ class SimulatedPlant(Plant):
             or None.
         compensation: function of q (nq): torque that the arm itself adds to the command; or None.
             The limits apply to the sum.
+        actuators: how a commanded torque comes to the links; what the arm adds is late too.
         substeps: integration steps per ``step``; None: as many as ``longest_step`` requires.
         longest_step: largest integration step [s] if ``substeps`` is None.
         described: whether the simulated parameters are those of ``robot``. If not, only joints and
             frame are, and the true parameters are unknown.
+        springs: whether joints of this class may be elastic.
     """
 
     robot: Robot
     longest_step: float = LONGEST_STEP
     described: bool = True
+    springs: ClassVar[bool] = False
     _q: np.ndarray
 
     def __init__(
@@ -102,13 +160,14 @@ class SimulatedPlant(Plant):
         *,
         torque_limits: np.ndarray | None = None,
         compensation: Compensation | None = None,
+        actuators: Actuators | None = None,
         substeps: int | None = None,
     ) -> None:
         """Take the robot and the properties of its motors; see the attributes.
 
         Raises:
-            InputError: not a robot, limits or compensation of a wrong size, or more than 100000
-                substeps.
+            InputError: not a robot, limits, compensation or actuators of a wrong size, springs that
+                this plant has not, or more than 100000 substeps.
         """
         instance(robot, Robot, "robot")
         if substeps is not None and whole(substeps, "substeps", 1) > _MOST_SUBSTEPS:
@@ -116,13 +175,45 @@ class SimulatedPlant(Plant):
         self.torque_limits, self.substeps = limits_of(robot, torque_limits), substeps
         self.compensation = compensation_of(robot, compensation)
         self.nv = int(robot.model.nv)
+        self.actuators = instance(
+            Actuators() if actuators is None else actuators, Actuators, "actuators"
+        )
+        if self.actuators.elastic and not self.springs:
+            raise InputError(
+                f"{type(self).__name__} has rigid joints.",
+                where="actuators.stiffness",
+                hint='Springs are simulated by ElasticPlant, with engine = "pinocchio".',
+            )
+        joints = self.actuators.of(robot)
+        self._late = LateTorque(joints) if self.actuators.late else None
+
+    def reset(self) -> None:
+        """Forget the commands that have not arrived; a subclass returns home besides."""
+        if self._late is not None:
+            self._late.reset()
+
+    @abstractmethod
+    def hold(self, tau: np.ndarray, dt: float) -> None:
+        """Move for dt [s] under a torque tau (nv) that the motors apply [N m or N]."""
+
+    def step(self, torque: np.ndarray, dt: float) -> None:
+        """Command a torque (nv) [N m or N], and move for dt [s] under what the motors apply."""
+        tau = self.motors(torque)
+        if self._late is None:
+            self.hold(tau, dt)
+            return
+        for applied, part in self._late.pieces(tau, dt):
+            self.hold(applied, part)
 
     def steps_in(self, dt: float) -> int:
         """Return the number of integration steps in dt [s]."""
         return self.substeps or ceil(dt / self.longest_step - 1e-9)
 
     def motors(self, torque: np.ndarray) -> np.ndarray:
-        """Return the torque (nv) that the motors apply now for a commanded one (nv) [N m or N]."""
+        """Return the torque (nv) that the motors are to apply for a commanded one (nv) [N m or N].
+
+        It is limited, and holds what the arm adds by itself; late motors apply it later.
+        """
         return self.motors_at(self._q, torque)
 
     def motors_at(self, q: np.ndarray, torque: np.ndarray) -> np.ndarray:
@@ -136,4 +227,7 @@ class SimulatedPlant(Plant):
 
 
 PlantMaker: TypeAlias = Callable[..., SimulatedPlant]
-"""Function of a true robot, torque_limits, compensation and substeps that returns its plant."""
+"""Function of a true robot that returns its plant.
+
+Its options are torque_limits, compensation, substeps, and actuators where these are not ideal.
+"""

@@ -3,6 +3,7 @@
 from .changes import Friction as Friction
 from .changes import Payload as Payload
 from .loading import load as load
+from .motors import Actuators as Actuators
 from .motors import Gravity as Gravity
 from .motors import torque_limits as torque_limits
 from .robot import Robot as Robot

@@ -1,15 +1,16 @@
-"""Motors: their torque limits, and the gravity torque that some arms add by themselves."""
+"""Motors: limits, delay, bandwidth, elastic gears, gravity torque that some arms add."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeAlias
+from dataclasses import dataclass, fields
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import instance, numbers
+from .._checks import LARGEST, instance, numbers, word
 from ..description.chain import effort_limits, is_slide
 from ..exceptions import GainError, InputError, did_you_mean
 from .robot import Robot
@@ -18,6 +19,137 @@ Compensation: TypeAlias = Callable[[np.ndarray], np.ndarray]
 """Function of a configuration q (nq): torque (nv) [N m or N] that the arm adds to the command."""
 
 NOMINAL = "nominal"
+ENCODERS = ("motor", "link")
+
+
+class JointActuators(NamedTuple):
+    """``Actuators`` of n joints in numbers.
+
+    Attributes:
+        delay: (n) [s].
+        bandwidth: (n) [rad/s], infinite where a torque rises at once.
+        stiffness: (n) [N m/rad or N/m], infinite if the joints are rigid.
+        damping: (n) [N m s/rad or N s/m].
+    """
+
+    delay: np.ndarray
+    bandwidth: np.ndarray
+    stiffness: np.ndarray
+    damping: np.ndarray
+
+
+@dataclass(frozen=True)
+class Actuators:
+    """How a commanded torque comes to the links: after a delay, through a low pass, over springs.
+
+    ``pa.Limits(actuators=...)`` declares the actuators to a controller, which takes gains that they
+    can follow; ``pa.Engine(actuators=...)``, or ``engine=`` of ``simulate`` itself, gives them to
+    the simulated robot. The default is ideal.
+
+    Attributes:
+        delay: from a command until the motors have it [s], one number or one per joint (n).
+        bandwidth: of the torque's first-order low pass behind the delay [rad/s], one number or one
+            per joint (n); infinite: the torque is there at once.
+        stiffness: K of the springs between motors (after their gears) and links [N m/rad or N/m],
+            one number or one per joint (n); infinite for rigid joints, all or none of them.
+        damping: D of the springs, one number or one per joint (n) [N m s/rad or N s/m].
+        encoders: what q and qd are measured at where there are springs: "motor" (after the gear)
+            or "link".
+
+    Raises:
+        InputError: a negative delay or damping, a bandwidth or stiffness that is not positive, NaN,
+            no numbers, or another word for ``encoders``; lists of different sizes.
+    """
+
+    delay: float | tuple[float, ...]
+    bandwidth: float | tuple[float, ...]
+    stiffness: float | tuple[float, ...]
+    damping: float | tuple[float, ...]
+    encoders: str
+
+    sources = ("Spong1987",)
+
+    def __init__(
+        self,
+        delay: ArrayLike = 0.0,
+        bandwidth: ArrayLike = np.inf,
+        stiffness: ArrayLike = np.inf,
+        damping: ArrayLike = 0.0,
+        encoders: str = "motor",
+    ) -> None:
+        """Check and keep the actuators."""
+        given = {"delay": delay, "bandwidth": bandwidth, "stiffness": stiffness, "damping": damping}
+        sizes = set()
+        for name, value in given.items():
+            array = _numbers(value, name, zero=name in ("delay", "damping"))
+            sizes |= {array.size} if array.ndim else set()
+            kept = tuple(array.tolist()) if array.ndim else float(array)
+            object.__setattr__(self, name, kept)
+        if len(sizes) > 1:
+            raise InputError(
+                f"expected lists of one size, one number per joint, got sizes {sorted(sizes)}.",
+                where="actuators",
+            )
+        rigid = np.isinf(self.stiffness)
+        if rigid.any() and not rigid.all():
+            raise InputError(
+                f"expected springs at all joints or at none, got {self.stiffness}.",
+                where="actuators.stiffness",
+                hint="Give a rigid joint a stiffness far above that of the others.",
+            )
+        object.__setattr__(self, "encoders", word(encoders, ENCODERS, "actuators.encoders"))
+
+    @property
+    def late(self) -> bool:
+        """Whether a torque comes later than it is commanded."""
+        return bool(np.any(self.delay) or np.isfinite(self.bandwidth).any())
+
+    @property
+    def elastic(self) -> bool:
+        """Whether there are springs."""
+        return bool(np.isfinite(self.stiffness).any())
+
+    @property
+    def ideal(self) -> bool:
+        """Whether each torque is at the links at once."""
+        return not (self.late or self.elastic)
+
+    def of(self, robot: Robot) -> JointActuators:
+        """Return the actuators of a robot's n joints.
+
+        Raises:
+            InputError: numbers for another number of joints.
+        """
+        values, names = [], robot.joint_names
+        for part in fields(self)[:4]:
+            array = np.asarray(getattr(self, part.name), dtype=float)
+            if array.ndim and array.size != len(names):
+                raise InputError(
+                    f"expected a number or {len(names)} numbers {list(names)}, got {array.size}.",
+                    where=f"actuators.{part.name}",
+                )
+            values.append(np.broadcast_to(array, len(names)).copy())
+        return JointActuators(*values)
+
+
+def _numbers(value: ArrayLike, name: str, *, zero: bool) -> np.ndarray:
+    """Return a number or a list (n): not negative and finite with ``zero``, else positive.
+
+    Raises:
+        InputError: it is not.
+    """
+    where = f"actuators.{name}"
+    array = numbers(value, where, infinite=not zero)
+    if array.ndim > 1:
+        raise InputError(f"expected one number or one per joint, got {value!r}.", where=where)
+    if not ((array >= 0.0) if zero else (array > 0.0)).all():
+        raise InputError(
+            f"must {'not be negative' if zero else 'be positive'}, got {array.tolist()}.",
+            where=where,
+        )
+    if (array[np.isfinite(array)] > LARGEST).any():
+        raise InputError(f"is too large to compute with, over {LARGEST:g}.", where=where)
+    return array
 
 
 def torque_limits(robot: Robot, limits: ArrayLike | bool | None) -> np.ndarray | None:

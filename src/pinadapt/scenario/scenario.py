@@ -16,15 +16,14 @@ from ..controller.limits import Limits
 from ..description.urdf import is_path
 from ..exceptions import InputError, ScenarioError
 from ..models.basis import read_matrix
-from ..plants.elastic_plant import JointElasticity
 from ..plants.mujoco_file import MujocoFile
 from ..records import Camera, Sensors
 from ..robot.changes import Payload
 from ..robot.loading import load
-from ..robot.motors import compensation_of, torque_limits
+from ..robot.motors import Actuators, compensation_of, torque_limits
 from ..robot.robot import Robot
 from ..rollout.rollout import Rollout
-from ..simulation.engine import Engine, plant_maker
+from ..simulation.engine import Engine
 from ..simulation.loop import Events
 from ..simulation.prepare import findings, prepare
 from ..simulation.simulate import Progress, simulate
@@ -177,7 +176,7 @@ class Scenario:
                 hint="Change the model file, or remove this table.",
             )
         with prefix_errors("simulation.engine"):
-            plant = plant_maker(self.engine.plant)(self.true)
+            plant = self.engine.maker()(self.true)
         with prefix_errors("belief"), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # they are shown when the run starts
             state = prepare(plant, self.controller, self.trajectory, self.start)
@@ -278,25 +277,39 @@ def _engine(tables: ScenarioTables, folder: Path) -> Engine:
         continuous=simulation.mode == "continuous",
         ideal_acceleration=tables.controller.acceleration == "ideal",
         torque_limits=simulation.torque_limits,
+        actuators=_true_actuators(simulation),
     )
 
 
-def _plant(simulation: SimulationSection, folder: Path) -> str | MujocoFile | JointElasticity:
-    """Return the engine's name, a MuJoCo model file or elastic joints.
-
-    Raises:
-        ScenarioError: elastic joints with another engine than Pinocchio.
-    """
-    if simulation.elasticity is not None:
-        if simulation.engine != "pinocchio":
-            raise ScenarioError(
-                'elastic joints need engine = "pinocchio".', where="simulation.elasticity"
-            )
-        return JointElasticity(**simulation.elasticity.model_dump())
+def _plant(simulation: SimulationSection, folder: Path) -> str | MujocoFile:
+    """Return the engine's name, or a MuJoCo model file."""
     if isinstance(simulation.engine, str):
         return simulation.engine
     named = simulation.engine.model_dump(exclude={"mjcf"})
     return MujocoFile(folder / simulation.engine.mjcf, **named)
+
+
+def _true_actuators(simulation: SimulationSection) -> Actuators | None:
+    """Return late motors and elastic joints of the true robot, or None.
+
+    Raises:
+        ScenarioError: springs are given twice, or with another engine than Pinocchio.
+    """
+    springs, given = simulation.elasticity, simulation.actuators
+    own = {} if given is None else given.model_dump(exclude_none=True)
+    if springs is not None:
+        if own.keys() & {"stiffness"}:
+            raise ScenarioError(
+                "simulation.actuators has the stiffness already; give it once.",
+                where="simulation.elasticity",
+            )
+        own |= springs.model_dump()
+    if "stiffness" in own and simulation.engine != "pinocchio":
+        raise ScenarioError(
+            'elastic joints need engine = "pinocchio".',
+            where=f"simulation.{'actuators' if springs is None else 'elasticity'}",
+        )
+    return Actuators(**own) if own else None
 
 
 def _controller(

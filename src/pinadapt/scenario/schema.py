@@ -137,6 +137,28 @@ class GuardsSection(Section):
     gravity: bool = True
 
 
+class ElasticitySection(Section):
+    """[simulation] elasticity: the springs of ``actuators``, in a table of their own."""
+
+    stiffness: Positive | list[Positive]
+    damping: NotNegative | list[NotNegative] = 0.0
+    encoders: Literal["motor", "link"] = "motor"
+
+
+class ActuatorsSection(Section):
+    """[simulation] actuators: late motors and elastic joints.
+
+    Delay [s], bandwidth [rad/s], stiffness [N m/rad] and damping [N m s/rad] are numbers or one per
+    joint.
+    """
+
+    delay: NotNegative | list[NotNegative] = 0.0
+    bandwidth: Positive | list[Positive] | None = None
+    stiffness: Positive | list[Positive] | None = None
+    damping: NotNegative | list[NotNegative] = 0.0
+    encoders: Literal["motor", "link"] = "motor"
+
+
 class ControllerSection(Section):
     """[controller]: law, adaptation, gains."""
 
@@ -325,14 +347,6 @@ class MjcfSection(Section):
     base: str | None = None
 
 
-class ElasticitySection(Section):
-    """[simulation] elasticity: springs between motors and links."""
-
-    stiffness: Positive | list[Positive]
-    damping: NotNegative | list[NotNegative] = 0.0
-    encoders: Literal["motor", "link"] = "motor"
-
-
 class SimulationSection(Section):
     """[simulation]: duration, sampling, engine, sensors and actuators."""
 
@@ -342,6 +356,7 @@ class SimulationSection(Section):
     substeps: Annotated[Count, Field(ge=1)] | None = None
     engine: Literal["pinocchio", "mujoco"] | MjcfSection = "pinocchio"
     elasticity: ElasticitySection | None = None
+    actuators: ActuatorsSection | None = None
     noise: NoiseSection = NoiseSection()
     delay: NotNegative = 0.0
     camera: CameraSection | None = None

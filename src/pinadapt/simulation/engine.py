@@ -8,13 +8,15 @@ from math import isfinite
 
 import numpy as np
 
-from .._checks import flag, positive
+from .._checks import flag, instance, positive
 from ..controller.controller import Controller
 from ..exceptions import InputError, did_you_mean
+from ..plants.elastic_plant import ElasticPlant
 from ..plants.mujoco_file import MujocoFile
 from ..plants.mujoco_plant import MujocoPlant
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..plants.plant import PlantMaker, SimulatedPlant
+from ..robot.motors import Actuators
 from ..robot.motors import torque_limits as limits_of
 from ..robot.robot import Robot
 
@@ -26,7 +28,8 @@ _PERIOD = 1e-3  # [s] of controllers that were made for none
 class Engine:
     """What moves the true robot, and in which steps.
 
-    ``simulate(engine=...)`` takes a name, a ``MujocoFile`` or what makes a plant in its place.
+    ``simulate(engine=...)`` takes a name, a ``MujocoFile``, what makes a plant, or ``Actuators`` in
+    its place.
 
     Attributes:
         plant: "pinocchio", "mujoco", a ``MujocoFile``, which MuJoCo simulates in place of the true
@@ -42,6 +45,8 @@ class Engine:
             infinity are none. None: they do, but not with the ideal acceleration, which is that of
             the unclipped torque: there the controller's own limits are left out too. A controller
             without limits is given these, so that its adaptation rests while they clip.
+        actuators: of the true robot: late motors, elastic joints; None: ideal ones. What the
+            controller is told of them is its own, ``Limits(actuators=...)``.
 
     Raises:
         InputError: unknown name, invalid values, or values that exclude each other.
@@ -53,10 +58,12 @@ class Engine:
     continuous: bool = False
     ideal_acceleration: bool = False
     torque_limits: bool | None = None
+    actuators: Actuators | None = None
 
     def __post_init__(self) -> None:
         """Refuse invalid values."""
-        plant_maker(self.plant)
+        instance(self.actuators, Actuators | None, "actuators")
+        self.maker()
         if self.dt is not None:
             positive(self.dt, "dt")
         for name in ("continuous", "ideal_acceleration"):
@@ -68,14 +75,29 @@ class Engine:
                 "the ideal acceleration is that of the unclipped torque; choose one.",
                 where="torque_limits",
             )
+        if self.actuators is None or self.actuators.ideal:
+            return
+        if self.ideal_acceleration:
+            raise InputError(
+                "the ideal acceleration is that of a torque which is there at once; choose one.",
+                where="actuators",
+            )
+        if self.continuous:
+            raise InputError(
+                "late motors and elastic joints are simulated in samples only.",
+                where="mode",
+                hint='Take mode = "sampled" (continuous=False).',
+            )
 
     @classmethod
-    def of(cls, given: Engine | str | MujocoFile | PlantMaker) -> Engine:
-        """Return an engine given as one, or by its plant.
+    def of(cls, given: Engine | str | MujocoFile | PlantMaker | Actuators) -> Engine:
+        """Return an engine given as one, by its plant, or by the actuators of Pinocchio's.
 
         Raises:
             InputError: as the class.
         """
+        if isinstance(given, Actuators):
+            return cls(actuators=given)
         return given if isinstance(given, cls) else cls(given)  # type: ignore[arg-type]
 
     def period(self, controller: Controller) -> float:
@@ -97,7 +119,7 @@ class Engine:
             InputError: a plant that cannot be integrated as one equation with the controller, or as
                 the plant's class.
         """
-        plant = plant_maker(self.plant)(
+        plant = self.maker()(
             true,
             torque_limits=self.motors(true),
             compensation=controller.compensation,
@@ -111,6 +133,19 @@ class Engine:
                 hint='Take mode = "sampled" (continuous=False), or engine = "pinocchio".',
             )
         return plant
+
+    def maker(self) -> PlantMaker:
+        """Return what makes the plant, with its actuators.
+
+        Raises:
+            InputError: no such plant, or springs with another one than Pinocchio's.
+        """
+        maker, actuators = plant_maker(self.plant), self.actuators
+        if actuators is None or actuators.ideal:
+            return maker
+        if actuators.elastic and self.plant == "pinocchio":
+            maker = ElasticPlant
+        return partial(maker, actuators=actuators)
 
 
 def plant_maker(plant: str | MujocoFile | PlantMaker) -> PlantMaker:

@@ -26,6 +26,7 @@ from ..plants.plant import PlantMaker, SimulatedPlant
 from ..plants.sensors import SimulatedSensors
 from ..records import Sensors
 from ..reference.start import starting_from
+from ..robot.motors import Actuators
 from ..robot.robot import Robot
 from ..robot.succession import Succession
 from ..rollout.recording import Evaluation, path_times, slowdowns
@@ -137,7 +138,7 @@ def simulate(
     duration: float = 10.0,
     sensors: Sensors | None = None,
     events: Events | None = None,
-    engine: Engine | str | MujocoFile | PlantMaker = "pinocchio",
+    engine: Engine | str | MujocoFile | PlantMaker | Actuators = "pinocchio",
     start: LearnedParameters | Mapping[str, ArrayLike | None] | None = None,
     seed: int = 0,
     record_every: int = 1,
@@ -159,7 +160,8 @@ def simulate(
         sensors: of the true robot; None: those that the controller was made for.
         events: changes of the true robot, and announcements to the controller; None for none.
         engine: what moves the true robot, and in which steps: an ``Engine``, or its plant alone:
-            "pinocchio", "mujoco", a ``MujocoFile``, or a class of plants.
+            "pinocchio", "mujoco", a ``MujocoFile``, or a class of plants; or the ``Actuators`` of
+            Pinocchio's.
         start: initial estimates, ``a_k`` (p_k) [m] and ``a_d`` (p_d) by name, or what was learned
             before; by default those of the controller's model.
         seed: of the noise and of lost frames.
