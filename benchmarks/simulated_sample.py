@@ -56,7 +56,7 @@ class Loop:
         """Run the next block; return its time without the control steps [s]."""
         started = perf_counter()
         with np.errstate(all="ignore"):
-            kept = record(self._stream, range(BLOCK))
+            kept = record(self._stream, range(BLOCK), self._controller)
         if kept.reason:
             raise RuntimeError(f"this loop cannot be timed: {kept.reason}")
         self.kept.samples += kept.samples

@@ -374,7 +374,11 @@ class FilteredRegressor:
         """
         Y_M, u = self._inputs(q, v)
         if state.__class__ is not TorqueFilterState or state.Z.shape != u.shape:
-            raise InputError("the filters are those of other dynamics.", where="state")
+            raise InputError(
+                "the filters are those of other dynamics.",
+                where="state",
+                hint="Of a recorded run only the last state has them.",
+            )
         Z, y, before, held, (share_u, share_tau) = state
         Z = Z + share_u * (u - before)
         if tau is not None:

@@ -30,9 +30,9 @@ from pinadapt.plots.style import Picture
 Picture.png = lambda picture, dpi=100: b"not painted"
 module = sys.modules["pinadapt.simulation.simulate"]
 record, signals = module.record, [signal.SIGINT, signal.SIGTERM]
-def told(stream, indices, every):
+def told(stream, indices, *options):
     tell = lambda k: k != 50 or os.kill(os.getpid(), signals.pop(0)) is None
-    return record(stream, (k for k in indices if tell(k)), every)
+    return record(stream, (k for k in indices if tell(k)), *options)
 module.record = told
 place, *arguments = sys.argv[1:]
 assert main(["run", *arguments, "--out", place + "/SIGINT"]) == 130

@@ -10,7 +10,7 @@ import pytest
 import pinadapt as pa
 from pinadapt.models.right_inverse import RightInverse
 from pinadapt.plots.figures import draw_errors
-from pinadapt.rollout.recording import Slowdown
+from pinadapt.rollout.recording import Evaluation, Slowdown
 from pinadapt.rollout.summary import COMPUTED, RECORDED, WATCHED
 from tests.support.chains import catalogue_robot as load
 from tests.support.loops import ARRAYS, run, with_tool_and_load
@@ -116,6 +116,31 @@ def tracked(task=None, singular=0.0):
         true.position(true.q0)
     )
     return pa.simulate(true, controller, path.as_given(), duration=0.05), controller
+
+
+@pytest.mark.parametrize("modifications", [None, "sigma"])
+def test_a_record_is_without_memory_and_filters_and_has_the_same_v(modifications):
+    """The last state is whole: the loop can go on from it, and from no other."""
+    described = pa.load("ur5")
+    true = with_tool_and_load(described)
+    controller = pa.make_controller(
+        described, adaptation="natural-memory", modifications=modifications
+    )
+    path = pa.trajectories.Circle(np.zeros(3), 0.05, 2.0, "yz")
+    path = path.starting_at(true.position(true.q0)).as_given()
+    rollout = pa.simulate(true, controller, path, duration=0.1)
+    plant = pa.plants.PinocchioPlant(true)
+    whole = list(pa.run(plant, controller, path, duration=0.1))
+    kept = rollout.evaluation.samples
+    sizes = [sample.state.flat().size for sample in kept]
+    assert sizes[-1] == whole[-1].state.flat().size > 10 * max(sizes[:-1])
+    V = [Evaluation(controller, rollout.evaluation.true, each).lyapunov for each in (whole, kept)]
+    assert np.array_equal(*V) and np.isfinite(V[0]).all()
+    last, before = kept[-1], kept[-2]
+    torque, _ = controller.step(last.state, last.measurement, last.desired, 1e-3)
+    assert np.array_equal(torque, last.torque)
+    with pytest.raises(pa.InputError, match="filters are those of other dynamics"):
+        controller.step(before.state, before.measurement, before.desired, 1e-3)
 
 
 def test_nothing_is_evaluated_before_it_is_read():

@@ -207,6 +207,10 @@ class Adaptation(ABC):
         """
         return estimate.with_value(value)
 
+    def recorded(self, estimate: Estimate) -> Estimate:
+        """Return what a record keeps of an estimate: what ``storage`` and ``project`` need."""
+        return estimate
+
     @abstractmethod
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the time derivatives of the value (p) and of the memory."""
@@ -308,6 +312,10 @@ class Wrapper(Adaptation):
     def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
         """Return the inner adaptation's estimate at an announced value (p)."""
         return self.inner.reset_to(estimate, value, start)
+
+    def recorded(self, estimate: Estimate) -> Estimate:
+        """Return what a record of the inner adaptation keeps."""
+        return self.inner.recorded(estimate)
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates."""
@@ -415,6 +423,10 @@ class Stacked(Adaptation):
             part.reset_to(own, value[block], start[block])
             for part, block, own in self._split(estimate)
         )
+
+    def recorded(self, estimate: Estimate) -> Estimate:
+        """Return the estimate with what the records of its blocks keep."""
+        return self._joined(part.recorded(own) for part, _, own in self._split(estimate))
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the rates of all blocks."""

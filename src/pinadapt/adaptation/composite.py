@@ -116,6 +116,7 @@ class _Recalled(NamedTuple):
     fading: float
 
 
+_NOTHING = np.zeros(0)
 _QUIET = 6.0  # times the time constant of the low pass: its memory of an old load is 0.2 %
 _USUAL = 30.0  # time constants of the low pass over which innovations are averaged
 _UNUSUAL = 10.0  # times the usual innovation
@@ -255,6 +256,12 @@ class CompositeMemory(Wrapper):
         inner = self.inner.reset_to(self._inner(estimate), value, start)
         return self._with_empty_memory(inner, _QUIET / self._bandwidth)
 
+    def recorded(self, estimate: Estimate) -> Estimate:
+        """Return the estimate without A, b and H da, which V does not contain."""
+        inner = self.inner.recorded(self._inner(estimate))
+        kept = _NOTHING, _NOTHING, _NOTHING, estimate.memory[3]
+        return Estimate(inner.value, (*kept, *inner.memory))
+
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates under drive and memory, dA/dt and db/dt."""
         A, b, pull, clock = estimate.memory[:4]
@@ -306,6 +313,11 @@ class CompositeMemory(Wrapper):
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the inner adaptation's part of V."""
         return self.inner.storage(self._inner(estimate), truth)
+
+    @property
+    def projects(self) -> bool:
+        """Whether the inner adaptation projects."""
+        return self.inner.projects
 
     def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:
         """Return the value (p) that the inner adaptation uses at q (nq)."""

@@ -64,6 +64,16 @@ class Leak(Wrapper):
         inner = self.inner.reset_to(self._inner(estimate), value, start)
         return Estimate(inner.value, (start.copy(), *inner.memory))
 
+    def recorded(self, estimate: Estimate) -> Estimate:
+        """Return a_0 and what a record of the inner adaptation keeps."""
+        inner = self.inner.recorded(self._inner(estimate))
+        return Estimate(inner.value, (estimate.memory[0], *inner.memory))
+
+    @property
+    def projects(self) -> bool:
+        """Whether the inner adaptation projects."""
+        return self.inner.projects
+
     def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:
         """Return the value (p) that the inner adaptation uses at q (nq)."""
         return self.inner.project(self._inner(estimate), q)

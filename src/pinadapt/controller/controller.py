@@ -231,6 +231,18 @@ class Controller:
         """
         return learned_robot(self, state, along)
 
+    def recorded(self, state: ControllerState) -> ControllerState:
+        """Return what a record keeps of a state: enough to ``observe``, and for V, not to go on.
+
+        The filters of torque and regressor and a memory of past torques are left out: at every
+        sample they would be most of what a run leaves.
+        """
+        return state._replace(
+            dynamic=self.adaptation_d.recorded(state.dynamic),
+            kinematic=self.adaptation_k.recorded(state.kinematic),
+            torque_filter=(),
+        )
+
     def step(
         self, state: ControllerState, measurement: Measurement, desired: Desired, dt: float
     ) -> tuple[np.ndarray, ControllerState]:
@@ -418,7 +430,7 @@ class Controller:
         if a is None:
             a = self._filters.acceleration(filtered)
         filtered_torque = None
-        if self._torque_filter is not None:
+        if self._torque_filter is not None and (torque_filter or dt is not ...):
             tau = self._inputs.torque(measurement.tau)
             filtered_torque = self._torque_filter.observe(torque_filter, q, v, tau)
         s = Signals()

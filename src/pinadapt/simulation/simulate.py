@@ -224,7 +224,7 @@ def simulate(
     shown = {"duration": duration, "changes": events.changes, "title": title} if live else None
     steps = watched(indices, None if live else progress, title or true.name)
     with np.errstate(all="ignore"), _shown_live(stream, loop, shown) as samples:  # may overflow
-        kept = record(samples, steps, record_every)
+        kept = record(samples, steps, controller, record_every)
     rollout = rollout_of(
         kept,
         plant,
@@ -276,18 +276,26 @@ class Record:
     interrupted: float | None = None
 
 
-def record(stream: Iterator[Sample], indices: Iterable[int], every: int = 1) -> Record:
+def record(
+    stream: Iterator[Sample], indices: Iterable[int], controller: Controller, every: int = 1
+) -> Record:
     """Take a sample for each index and keep those whose index is a multiple of ``every``.
 
-    What there is by then is kept where the loop diverges or a ``KeyboardInterrupt`` stops it.
+    The last state is kept whole, the others as ``Controller.recorded`` has them. What there is by
+    then is kept where the loop diverges or a ``KeyboardInterrupt`` stops it.
     """
     kept, last = Record(), 0.0
+    samples, before = kept.samples, None
     try:
         for k, sample in zip(indices, stream, strict=False):
             kept.steps, last = kept.steps + 1, sample.t
             kept.step_time += sample.step_time
-            if k % every == 0:
-                kept.samples.append(sample)
+            if k % every:
+                continue
+            if before is not None:
+                samples[-1] = before._replace(state=controller.recorded(before.state))
+            samples.append(sample)
+            before = sample
     except DivergedError as error:
         kept.diverged, kept.reason = error.time, error.reason
     except KeyboardInterrupt:
