@@ -1,0 +1,106 @@
+"""How well robots are identified from recorded motions of real arms.
+
+``python -m benchmarks.real_logs FOLDER`` identifies each robot whose log is in the folder and
+prints the error of the torques in the last quarter of the log, which nothing was learned from: the
+root mean square over time and all joints of averages over windows. Its columns are
+
+* described: the description as it is;
+* OLS, WLS: base parameters by ordinary and by weighted least squares, with the same effects of the
+  joints, unconstrained, from the first three quarters;
+* identify: ``pinadapt.identify`` from the first three quarters.
+
+The folder has the files named in ``LOGS``, or says in a ``logs.toml`` what it has::
+
+    [[log]]
+    name = "my arm"
+    file = "log.csv"           # relative to the folder
+    robot = "my_robot.urdf"    # relative to the folder, or a name
+    locked = ["torso_joint"]   # optional, as are frame and other arguments of pinadapt.load
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import pinadapt as pa
+from pinadapt._output import toml
+
+LOGS: tuple[dict[str, Any], ...] = (
+    {"name": "panda", "file": "panda_unisa.csv", "robot": "panda"},
+    {"name": "ur10", "file": "ur10_unisa/ur10_exciting_trajectory.db3", "robot": "ur10"},
+    {"name": "tx40", "file": "tx40.csv", "robot": "tx40_link6_inertia.urdf"},
+    {
+        "name": "tiago",
+        "file": "tiago.csv",
+        "robot": "tiago.urdf",
+        "frame": "arm_7_link",
+        "locked": ["torso_lift_joint"],
+    },
+)
+
+
+def logs_of(folder: Path) -> Iterator[tuple[str, Path, pa.Robot]]:
+    """Yield name, file and robot of each log in a folder."""
+    table = folder / "logs.toml"
+    found = toml.loads(table.read_text())["log"] if table.is_file() else LOGS
+    for entry in found:
+        options = dict(entry)
+        name, file, source = (options.pop(key) for key in ("name", "file", "robot"))
+        beside = folder / source
+        if (folder / file).exists():
+            yield name, folder / file, pa.load(beside if beside.exists() else source, **options)
+
+
+def rms(values: np.ndarray) -> float:
+    """Return the root mean square of all numbers."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def least_squares(found: pa.Identification) -> tuple[float, float]:
+    """Return the held-out errors of base parameters by ordinary and weighted least squares."""
+    dynamics = found.estimator.controller.dynamics
+    chosen = pa.models.base_parameters(dynamics, found.described).chosen
+    first = found.windows.between(-np.inf, found.split)
+    last = found.windows.between(found.split, np.inf)
+    W, errors = first.W[:, :, chosen], []
+    noise = np.ones(W.shape[1])
+    for _ in range(2):
+        A = (W / noise[:, None]).reshape(-1, len(chosen))
+        a = np.linalg.lstsq(A, (first.y / noise).ravel(), rcond=1e-10)[0]
+        errors.append(rms(last.y - last.W[:, :, chosen] @ a))
+        noise = np.sqrt(np.mean((first.y - W @ a) ** 2, axis=0))
+    return errors[0], errors[1]
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--only", default="", help="names of logs, separated by commas")
+    options = parser.parse_args()
+    warnings.simplefilter("ignore")
+    print("log | described | OLS | WLS | identify | N m of torque | s")
+    for name, file, robot in logs_of(options.folder):
+        if options.only and name not in options.only.split(","):
+            continue
+        start = time.perf_counter()
+        found = pa.identify(file, robot, progress=False)
+        took, errors = time.perf_counter() - start, found.torque_errors
+        described, learned = rms(errors.described_held_out), rms(errors.learned_held_out)
+        plain, weighted = least_squares(found)
+        print(
+            f"{name} | {described:.3g} | {plain:.3g} | {weighted:.3g} | {learned:.3g} | "
+            f"{rms(errors.size):.3g} | {took:.1f}",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()
