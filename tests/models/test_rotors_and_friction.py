@@ -10,6 +10,7 @@ import pinadapt as pa
 from pinadapt.models.joint_effects import KINDS, coefficients
 from tests.support.chains import catalogue_robot, chains, each_size, random_state, seeded, seeds
 from tests.support.drives import rate_of, stepped
+from tests.support.effects import torque_of_everything, with_everything
 from tests.support.loops import circle_beside, energy_along
 
 
@@ -70,6 +71,70 @@ def test_regressor_torque_and_mass_matrix_of_random_chains(robot, seed, unknown)
         np.testing.assert_allclose(Y, dynamics.regressor(q, v, a), atol=1e-9 * np.abs(Y).max())
 
 
+@each_size(seed=0)
+@given(robot=chains, seed=seeds)
+@seeded
+def test_all_effects_of_random_chains(robot, seed):
+    rng = np.random.default_rng(seed)
+    true = with_everything(robot, rng)
+    bodies = pa.models.BodyDynamics(robot.changed(armature=0.0, viscous=0.0, coulomb=0.0))
+    effects = pa.models.JointEffects(true, KINDS)
+    dynamics = pa.models.StackedDynamics(bodies, effects)
+    n, shafts = robot.model.nv, len(true.friction.shafts)
+    assert effects.size == 6 * n + 3 * shafts and effects.signed == 2 * n
+    a_d = dynamics.value(true)
+    dynamics.load(a_d)
+    for _ in range(3):
+        q, v, a = random_state(robot, rng)
+        tau = torque_of_everything(true, q, v, a)
+        near = {"rtol": 1e-9, "atol": 1e-10 * np.abs(tau).max()}
+        np.testing.assert_allclose(dynamics.torque(q, v, a), tau, **near)
+        np.testing.assert_allclose(dynamics.regressor(q, v, a) @ a_d, tau, **near)
+        Y, feedforward = dynamics.slotine_li(q, v, v, a)
+        np.testing.assert_allclose(Y @ a_d, tau, **near)
+        np.testing.assert_allclose(feedforward, tau, **near)
+        rest = dynamics.torque(q, v, np.zeros(n))
+        np.testing.assert_allclose(dynamics.mass_matrix(q) @ a, tau - rest, rtol=1e-7, atol=1e-9)
+        momentum = dynamics.mass_matrix(q) @ v
+        np.testing.assert_allclose(
+            dynamics.momentum(q, v).Y_M @ a_d, momentum, rtol=1e-7, atol=1e-9
+        )
+    back = dynamics.robot(a_d, true)
+    np.testing.assert_allclose(torque_of_everything(back, q, v, a), tau, **near)
+
+
+def test_effects_of_single_joints_and_their_words():
+    robot = catalogue_robot("ur5")
+    effects = pa.models.JointEffects(robot, ["viscous", "elbow_joint.offset", "elbow_joint.load"])
+    assert effects.size == 8 and effects.signed == 1
+    assert effects.names[-2:] == ("elbow_joint.load", "elbow_joint.offset")
+    with pytest.raises(pa.ParameterError, match="elbow_joint"):
+        pa.models.JointEffects(robot, ["elbw_joint.offset"])
+    words = pa.make_controller(robot, unknown=["friction", "offset"]).dynamics
+    assert words.size == 18 and words.names[-1] == "wrist_3_joint.offset"
+
+
+@pytest.mark.parametrize("law", ["adaptive-inverse-dynamics", "adaptive-jacobian"])
+def test_lyapunov_equality_with_offset_and_asymmetry(law):
+    """The equality holds with the effects that are linear and act at rest too."""
+    robot = catalogue_robot("ur5")
+    friction = pa.Friction(
+        np.full(6, 0.4), np.full(6, 0.3), asymmetry=0.1, offset=np.linspace(-1.0, 1.0, 6)
+    )
+    true = robot.changed(armature=0.05, friction=friction)
+    controller = pa.make_controller(
+        robot.changed(inertial_scale=0.8),
+        law=law,
+        unknown=pa.Unknown(friction=True, armature=True, effects=["offset", "asymmetry"]),
+        gamma_d=2.0,
+        gamma_joint=2.0,
+    )
+    path = circle_beside(true, "xy", by=(0.01, -0.01, 0.01))
+    energy = energy_along(true, controller, path, seconds=0.02)
+    assert energy.mismatch(after=25) <= 1e-4
+    assert (energy.rate <= 0.0).all() and np.abs(energy.rate).max() > 1e-4
+
+
 def test_talos_arm_keeps_its_rotors():
     robot = catalogue_robot("talos_arm")
     assert (robot.model.armature > 0.0).all()
@@ -101,7 +166,7 @@ def test_known_friction_is_compensated_and_unknown_friction_starts_positive():
     )
     assert dynamics.size == 60 and dynamics.value(robot) is None
     assert (stacked(robot).initial[-18:] > 0.0).all()
-    np.testing.assert_array_equal(coefficients(known)[1:], [[1.0] * 6, [0.5] * 6])
+    np.testing.assert_array_equal(coefficients(known)[1:3], [[1.0] * 6, [0.5] * 6])
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from pinadapt.plants.pinocchio_plant import FittedMidpoint, RungeKutta
 from pinadapt.zoo.experiment import zoo_case
 from tests.support.chains import catalogue_robot as load
 from tests.support.chains import random_state
+from tests.support.effects import torque_of_everything, with_everything
 
 ORDERS = {FittedMidpoint: 2, RungeKutta: 4}
 
@@ -215,3 +216,51 @@ def test_integration_errors_are_below_a_hundredth_of_the_tracking_error(name):
     coarse, fine = paths
     tracking = np.linalg.norm(fine[-100:, 0] - fine[-100:, 1], axis=1).max()
     assert np.linalg.norm(coarse[:, 0] - fine[:, 0], axis=1).max() < 0.01 * tracking
+
+
+@pytest.mark.parametrize("name", ["planar_2r", "ur5", "scara"])
+def test_offsets_loads_stribeck_and_shafts_act_as_their_equation_says(name):
+    """The acceleration under a torque solves the equation of motion, whatever the integrator."""
+    rng = np.random.default_rng(2)
+    robot = with_everything(load(name), rng)
+    plant, runge = pa.plants.PinocchioPlant(robot), RungeKutta(robot)
+    fitted = FittedMidpoint(robot)
+    for _ in range(5):
+        q, v, _ = random_state(robot, rng)
+        tau = rng.standard_normal(robot.model.nv)
+        a = plant.acceleration_at(q, v, tau)
+        assert np.allclose(torque_of_everything(robot, q, v, a), tau, atol=1e-8)
+        assert np.allclose(runge.acceleration(q, v, tau), a)
+        h = 1e-7
+        for step in (runge, fitted):
+            assert np.allclose((step(q, v, tau, h)[1] - v) / h, a, rtol=2e-3, atol=1e-3)
+        assert np.allclose(plant.mass_matrix(q) @ a, tau - plant_rest(robot, q, v), atol=1e-7)
+
+
+def plant_rest(robot, q, v):
+    """Return the torque at acceleration zero."""
+    return torque_of_everything(robot, q, v, np.zeros(len(v)))
+
+
+def test_a_spring_offset_moves_a_mass_as_in_closed_form():
+    """A joint with armature I and offset o alone: v = (tau - o) t / I."""
+    robot = load("scara")
+    j = 3
+    model = robot.model.copy()
+    model.armature = np.full(model.nv, 5.0)
+    model.gravity.linear = np.zeros(3)
+    offset = np.zeros(model.nv)
+    offset[j] = 0.3
+    friction = pa.Friction(np.zeros(model.nv), np.zeros(model.nv), offset=offset)
+    floating = pa.Robot(robot.name, model, robot.frame, robot.task, robot.q0, friction)
+    plant, tau = pa.plants.PinocchioPlant(floating), offset.copy()
+    plant.step(tau, 0.5)
+    assert np.allclose(plant.measure().v, 0.0, atol=1e-12)  # held against the offset
+    assert plant.acceleration(np.zeros(model.nv))[j] < 0.0
+
+
+def test_mujoco_refuses_friction_that_it_does_not_have():
+    robot = load("ur5")
+    special = robot.changed(friction=pa.Friction(np.ones(6), np.ones(6), offset=1.0))
+    with pytest.raises(pa.RobotError, match="MuJoCo has viscous and Coulomb friction alone"):
+        pa.plants.MujocoPlant(special)

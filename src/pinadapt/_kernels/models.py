@@ -244,54 +244,104 @@ def positions_at(
             X_k[i, j] += R[p, r, 2] * directions[2, j]
 
 
-@compiled("void(f8[:], i8[:], f8[:,:])")
-def take_coefficients(a: np.ndarray, kinds: np.ndarray, values: np.ndarray) -> None:
-    """Write a, one row a kind after the other, into the rows ``kinds`` of the values (3, n)."""
-    n = values.shape[1]
+@compiled("void(f8[:], i8[:], i8[:], f8[:,:])")
+def take_coefficients(
+    a: np.ndarray, kinds: np.ndarray, shafts: np.ndarray, values: np.ndarray
+) -> None:
+    """Write a (p) into the entries (kinds, shafts) of the values (6, m)."""
     for k in range(len(kinds)):
-        for i in range(n):
-            values[kinds[k], i] = a[k * n + i]
+        values[kinds[k], shafts[k]] = a[k]
 
 
-@compiled("void(f8[:,:], f8[:], f8[:], f8, f8[:], f8[:])")
+@compiled("void(f8[:,:], f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8[:])")
 def joint_torque(
     values: np.ndarray,
+    shape: np.ndarray,
+    directions: np.ndarray,
     v: np.ndarray,
     a: np.ndarray,
-    threshold: float,
+    g: np.ndarray,
     inertial: np.ndarray,
     tau: np.ndarray,
 ) -> None:
-    """Write inertial + armature a + viscous v + coulomb tanh(v / threshold) (n)."""
-    for i in range(len(tau)):
-        friction = values[1, i] * v[i] + values[2, i] * math.tanh(v[i] / threshold)
-        tau[i] = inertial[i] + values[0, i] * a[i] + friction
+    """Write inertial (n) plus the torques of n joints and of the shafts along directions (k, n).
+
+    Of each shaft armature a + viscous v + (coulomb + load g + asymmetry sign(v)) s + offset, with
+    s = tanh(v shape_0) (1 + shape_1 exp(-|v| shape_2)), values (6, n + k) in this order.
+    """
+    n = len(tau)
+    for i in range(n):
+        tau[i] = inertial[i]
+    for k in range(values.shape[1]):
+        u, w, load = 0.0, 0.0, 0.0
+        if k < n:
+            u, w, load = v[k], a[k], g[k]
+        else:
+            for i in range(n):
+                u += directions[k - n, i] * v[i]
+                w += directions[k - n, i] * a[i]
+        s = math.tanh(u * shape[0, k])
+        if shape[1, k] != 0.0:
+            s *= 1.0 + shape[1, k] * math.exp(-abs(u) * shape[2, k])
+        f = values[0, k] * w + values[1, k] * u + (values[2, k] + values[3, k] * load) * s
+        f += values[4, k] * abs(s) + values[5, k]
+        if k < n:
+            tau[k] += f
+        else:
+            for i in range(n):
+                tau[i] += directions[k - n, i] * f
 
 
-@compiled("void(f8[:,:], i8[:], f8[:], f8[:], f8, f8[:,:])")
+@compiled("void(f8[:,:], i8[:], i8[:], f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8, f8[:,:])")
 def joint_columns(
     inertial: np.ndarray,
     kinds: np.ndarray,
+    shafts: np.ndarray,
+    shape: np.ndarray,
+    directions: np.ndarray,
     v: np.ndarray,
     a: np.ndarray,
-    threshold: float,
+    g: np.ndarray,
+    one: float,
     Y: np.ndarray,
 ) -> None:
-    """Write [inertial, diag of each kind] (n, p); kinds 0, 1, 2: a, v, tanh(v / threshold)."""
+    """Write [inertial, a column of each coefficient (kinds, shafts)] (n, p); see ``joint_torque``.
+
+    ``one`` is the column of a constant torque.
+    """
     n, p = inertial.shape
     for i in range(n):
         for j in range(p):
             Y[i, j] = inertial[i, j]
         for j in range(p, Y.shape[1]):
             Y[i, j] = 0.0
-        for k in range(len(kinds)):
-            if kinds[k] == 0:
-                x = a[i]
-            elif kinds[k] == 1:
-                x = v[i]
-            else:
-                x = math.tanh(v[i] / threshold)
-            Y[i, p + k * n + i] = x
+    for j in range(len(kinds)):
+        k = shafts[j]
+        u, w, load = 0.0, 0.0, 0.0
+        if k < n:
+            u, w, load = v[k], a[k], g[k]
+        else:
+            for i in range(n):
+                u += directions[k - n, i] * v[i]
+                w += directions[k - n, i] * a[i]
+        x = one
+        if kinds[j] == 0:
+            x = w
+        elif kinds[j] == 1:
+            x = u
+        elif kinds[j] < 5:
+            x = math.tanh(u * shape[0, k])
+            if shape[1, k] != 0.0:
+                x *= 1.0 + shape[1, k] * math.exp(-abs(u) * shape[2, k])
+            if kinds[j] == 3:
+                x *= load
+            elif kinds[j] == 4:
+                x = abs(x)
+        if k < n:
+            Y[k, p + j] = x
+        else:
+            for i in range(n):
+                Y[i, p + j] = directions[k - n, i] * x
 
 
 @compiled(

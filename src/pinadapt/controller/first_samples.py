@@ -318,7 +318,7 @@ class FirstSamples:
             rest = offset - sign * measured * own
             if measured > _MEASURED and rest @ np.linalg.solve(M, rest) < (_ASIDE**2) * size:
                 raise self._gravity_error(measured, "the measured torques differ from those sent")
-        friction = self.robot.friction.torque(v)
+        friction = self.robot.friction_at(q).torque(v)
         drive = tau - friction - pin.rnea(model, data, q, v, zero)
         excess = M @ a - drive
         share = sign * float(falling @ excess) / size

@@ -207,28 +207,29 @@ class StackedDynamics(Dynamics):
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return M a + C v + g + friction (n)."""
-        return self.joints.torque(v, a, self._inertial.torque(q, v, a))
+        return self.joints.torque(q, v, a, self._inertial.torque(q, v, a))
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return M (n, n), rotors included."""
         M = self._inertial.mass_matrix(q)
-        M.flat[:: len(M) + 1] += self.joints.armature
+        self.joints.add_inertia(M)
         return M
 
     def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y (n, p)."""
-        return self.joints.regressor(v, a, self._inertial.regressor(q, v, a))
+        return self.joints.regressor(q, v, a, self._inertial.regressor(q, v, a))
 
     def slotine_li(
         self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return Y_r (n, p) and the torque M a_r + C v_r + g + friction (n) at the estimate."""
         Y, tau = self._inertial.slotine_li(q, v, v_r, a_r)
-        return self.joints.regressor(v_r, a_r, Y), self.joints.torque(v_r, a_r, tau)
+        joints = self.joints
+        return joints.regressor(q, v_r, a_r, Y), joints.torque(q, v_r, a_r, tau)
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:
         """Return momentum, with that of the rotors, and the rest of the torque, with friction."""
-        return self.joints.momentum(v, self._inertial.momentum(q, v))
+        return self.joints.momentum(q, v, self._inertial.momentum(q, v))
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the parameters (p) of a robot with the same chain; None if a block has none."""

@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from .dynamics import Dynamics
-from .physical_fit import PhysicalSet
+from .physical_fit import PhysicalSet, signed_scales
 from .pseudo_inertia import UNCERTAINTY, nearest_physical, unphysical_bodies
 from .regressor import LABELS, PER_BODY
 
@@ -168,8 +168,10 @@ def around(dynamics: Dynamics, a: np.ndarray) -> PhysicalSet:
         else pi
         for pi in a[:size].reshape(-1, PER_BODY)
     ]
+    scales = signed_scales(dynamics)
     joints = np.where(a[size:] > 0.0, a[size:], _LEAST * dynamics.typical[size:])
-    return PhysicalSet(len(tens), np.concatenate([*tens, joints]))
+    joints[joints.size - scales.size :] = a[a.size - scales.size :]
+    return PhysicalSet(len(tens), np.concatenate([*tens, joints]), scales=scales)
 
 
 def names_together(names: Sequence[str]) -> str:

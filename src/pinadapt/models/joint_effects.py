@@ -1,8 +1,14 @@
-"""Effects of the joints on the dynamics: rotor inertia, viscous and Coulomb friction."""
+"""Effects of the joints on the dynamics: rotor inertia, friction and constant torques.
+
+A shaft is what a motor turns: one for each joint, and further ones that turn with two joints, see
+``Shaft``. The torque of each is linear in its coefficients; see ``Friction`` for the equation.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -12,6 +18,7 @@ from .._checks import name_list
 from .._kernels import models as kernels
 from ..description.chain import effort_limits
 from ..exceptions import ParameterError, did_you_mean
+from ..robot.changes import Friction
 from ..robot.robot import Robot
 from .regressor import Momentum
 
@@ -20,8 +27,14 @@ _UNITS = {
     "armature": ("kg m^2", "kg"),
     "viscous": ("N m s/rad", "N s/m"),
     "coulomb": ("N m", "N"),
+    "load": ("", ""),
+    "asymmetry": ("N m", "N"),
+    "offset": ("N m", "N"),
 }
 KINDS = tuple(_UNITS)
+USUAL = KINDS[:3]  # "all" that is usually unknown
+_SIGNED = KINDS.index("asymmetry")  # this and the following kinds may be negative
+_OF_SHAFTS = len(USUAL)  # kinds that a shaft of two joints has
 ALL, NONE = "all", "none"
 _SAMPLES = 100  # random states
 _SPEED = 0.5  # typical joint speed and acceleration [rad/s, rad/s^2, or in m]
@@ -29,142 +42,251 @@ _OF_EFFORT = 0.02  # Coulomb friction of a motor, as a share of its effort limit
 _BRAKING = 50.0  # and the largest deceleration that it causes [rad/s^2 or m/s^2]
 _SLIDING = 3.0  # thresholds of speed at which the smoothed sign is 0.995
 _START = 0.1  # initial value of an unknown coefficient, as a share of the typical one
+_LOAD = 0.1  # typical friction by load, as a share of it
 
 
 def chosen_kinds(unknown: str | Sequence[str]) -> tuple[str, ...]:
     """Return the kinds of coefficients that a user's words name, in the order of ``KINDS``.
 
     Args:
-        unknown: "all", "none", or some of "armature", "viscous" and "coulomb".
+        unknown: "all" (armature, viscous and coulomb), "none", or some of ``KINDS``; also a kind of
+            one joint or shaft, as "elbow.offset".
 
     Raises:
         ParameterError: another word; the message suggests the nearest one.
     """
     chosen = name_list(unknown, "unknown.joint", ParameterError)
     if len(chosen) == 1:
-        chosen = list({ALL: KINDS, NONE: ()}.get(chosen[0], chosen))
+        chosen = list({ALL: USUAL, NONE: ()}.get(chosen[0], chosen))
     for word in chosen:
-        if word not in KINDS:
+        if _kind(word) not in KINDS:
             raise ParameterError(
                 f"'{word}' must be one of {list(KINDS)}, 'all' or 'none'."
                 f"{did_you_mean(word, (*KINDS, ALL, NONE))}",
                 where="unknown.joint",
             )
-    return tuple(kind for kind in KINDS if kind in chosen)
+    return tuple(sorted(dict.fromkeys(chosen), key=lambda word: KINDS.index(_kind(word))))
+
+
+def _kind(word: str) -> str:
+    """Return the kind in "elbow.offset" or "offset"."""
+    return word.rpartition(".")[2]
 
 
 class JointEffects:
-    """tau = diag(armature) a + diag(viscous) v + diag(coulomb) tanh(v / threshold).
+    """The torque of all shafts, D^T f(D v, D a), with D the identity above ``directions``.
+
+        f = armature a + viscous v + (coulomb + load |g|) sigma(v) + asymmetry |sigma(v)| + offset.
 
     The coefficients of the unknown kinds are parameters, one per joint. Those of the other kinds
-    have their nominal values. n: joints, p: n times the number of unknown kinds.
+    have their nominal values. sigma is known, and g(q), the gravity torque of the believed robot:
+    see ``Friction``. n: joints, m: shafts, p: unknown coefficients.
 
     Attributes:
         names: one name a parameter.
         size: p.
+        signed: number of parameters that may be negative, the last ones.
         initial: (p) nominal values. An unknown coefficient with the nominal value zero starts from
             a tenth of the typical one: an estimate kept positive by its metric cannot leave zero.
+            Those that may be negative start from zero.
         typical: (p) typical coefficients, the scales of their adaptation.
         units: one unit a parameter.
-        armature: (n) at the loaded estimate [kg m^2 or kg].
     """
 
     def __init__(self, robot: Robot, unknown: str | Sequence[str] = ALL) -> None:
         """Choose the unknown kinds, as ``chosen_kinds``.
 
         Raises:
-            ParameterError: as ``chosen_kinds``.
+            ParameterError: as ``chosen_kinds``, or a joint that does not exist.
         """
-        kinds = chosen_kinds(unknown)
-        n = robot.model.nv
-        self._threshold = robot.friction.threshold
-        self._unknown = [KINDS.index(kind) for kind in kinds]
+        friction, self._n = robot.friction, robot.model.nv
+        names = [*robot.joint_names, *(part.name(robot.joint_names) for part in friction.shafts)]
+        pairs = _pairs(chosen_kinds(unknown), names, self._n)
+        self._kinds = np.array([kind for kind, _ in pairs], dtype=np.int64)
+        self._shafts = np.array([shaft for _, shaft in pairs], dtype=np.int64)
+        self._shape, self._directions = _shape(friction), friction.directions
         self._values = coefficients(robot)
         typical = typical_coefficients(robot)
-        for kind in self._unknown:
-            self._values[kind] = np.where(
-                self._values[kind] > 0.0, self._values[kind], _START * typical[kind]
-            )
-        self.names = tuple(f"{joint}.{kind}" for kind in kinds for joint in robot.joint_names)
-        self.size = len(self.names)
-        self.units = tuple(
-            _UNITS[kind][slides] for kind in kinds for slides in robot.slides.values()
-        )
-        self.initial = self._values[self._unknown].ravel()
-        self.typical = expected_coefficients(robot, typical)[self._unknown].ravel()
-        self._kinds = np.array(self._unknown, dtype=np.int64)
-        self._n = n
+        at = self._kinds, self._shafts
+        start = np.where(self._values > 0.0, self._values, _START * _all_shafts(robot, typical))
+        start[_SIGNED:] = self._values[_SIGNED:]
+        self._values[at] = start[at]
+        self.names = tuple(f"{names[shaft]}.{KINDS[kind]}" for kind, shaft in pairs)
+        self.size = len(pairs)
+        self.signed = int(np.count_nonzero(self._kinds >= _SIGNED))
+        slides = list(robot.slides.values())
+        slides += [slides[part.joints[0]] for part in friction.shafts]
+        self.units = tuple(_UNITS[KINDS[kind]][slides[shaft]] for kind, shaft in pairs)
+        self.initial = self._values[at].copy()
+        self.typical = _all_shafts(robot, expected_coefficients(robot, typical))[at]
+        self._model, self._zero = friction.bodies or robot.model, np.zeros(self._n)
+        loaded = friction.loaded or KINDS.index("load") in self._kinds
+        self._data = self._model.createData() if loaded else None
 
-    @property
-    def armature(self) -> np.ndarray:
-        """Rotor inertias (n) at the loaded estimate [kg m^2 or kg]."""
-        return self._values[0]
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copy without Pinocchio's data, which is scratch."""
+        state = {**self.__dict__, "_data": None if self._data is None else self._model}
+        return _restored, (state,)
+
+    def add_inertia(self, M: np.ndarray) -> None:
+        """Add the rotor inertias at the loaded estimate to a mass matrix (n, n)."""
+        rotors = self._values[0]
+        M.flat[:: self._n + 1] += rotors[: self._n]
+        for d, armature in zip(self._directions, rotors[self._n :], strict=True):
+            M += armature * np.outer(d, d)
 
     def load(self, a: np.ndarray) -> None:
         """Make a (p) the estimate at which the torque is evaluated."""
-        kernels.take_coefficients(a, self._kinds, self._values)
+        kernels.take_coefficients(a, self._kinds, self._shafts, self._values)
 
-    def torque(self, v: np.ndarray, a: np.ndarray, inertial: np.ndarray) -> np.ndarray:
+    def torque(
+        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, inertial: np.ndarray
+    ) -> np.ndarray:
         """Return the torque (n) [N m or N] at the loaded estimate plus an inertial torque (n)."""
-        tau = empty(self._n)
-        kernels.joint_torque(self._values, v, a, self._threshold, inertial, tau)
+        tau, g = empty(self._n), self._loads(q)
+        kernels.joint_torque(self._values, self._shape, self._directions, v, a, g, inertial, tau)
         return tau
 
-    def regressor(self, v: np.ndarray, a: np.ndarray, inertial: np.ndarray) -> np.ndarray:
-        """Return (n, p_b + p): an inertial regressor (n, p_b), then the unknown coefficients'."""
+    def regressor(
+        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, inertial: np.ndarray, one: float = 1.0
+    ) -> np.ndarray:
+        """Return (n, p_b + p): an inertial regressor (n, p_b), then the unknown coefficients'.
+
+        ``one`` is the entry of a constant torque, zero for the momentum.
+        """
         if not self.size:
             return inertial
-        Y = empty((self._n, inertial.shape[1] + self.size))
-        kernels.joint_columns(inertial, self._kinds, v, a, self._threshold, Y)
+        Y, shape = empty((self._n, inertial.shape[1] + self.size)), self._shape
+        which, g = (self._kinds, self._shafts), self._loads(q)
+        kernels.joint_columns(inertial, *which, shape, self._directions, v, a, g, one, Y)
         return Y
+
+    def _loads(self, q: np.ndarray) -> np.ndarray:
+        """Return |g| (n), the torques that load the gears; zero where nothing depends on them."""
+        if self._data is None:
+            return self._zero
+        return np.abs(pin.computeGeneralizedGravity(self._model, self._data, q))
 
     def sliding(self, v: np.ndarray) -> np.ndarray:
         """Tell for each joint (n) whether noise of v (n) cannot change the sign of its friction.
 
         That is, whether it moves faster than three thresholds, or its Coulomb friction is known.
         """
-        if KINDS.index("coulomb") not in self._unknown:
+        if KINDS.index("coulomb") not in self._kinds:
             return np.ones(self._n, dtype=bool)
-        return np.abs(v) > _SLIDING * self._threshold
+        return np.abs(v) * self._shape[0, : self._n] > _SLIDING
 
     def robot(self, a: np.ndarray, nominal: Robot) -> Robot:
         """Return the nominal robot with the coefficients a (p)."""
-        values = coefficients(nominal)
-        values[self._unknown] = a.reshape(len(self._unknown), self._n)
-        armature, viscous, coulomb = values
-        return nominal.changed(armature=armature, viscous=viscous, coulomb=coulomb)
+        values, n = coefficients(nominal), self._n
+        values[self._kinds, self._shafts] = a
+        armature, viscous, coulomb, load, asymmetry, offset = values
+        shafts = tuple(
+            replace(
+                part,
+                armature=float(armature[k]),
+                viscous=float(viscous[k]),
+                coulomb=float(coulomb[k]),
+            )
+            for k, part in enumerate(nominal.friction.shafts, n)
+        )
+        friction = replace(
+            nominal.friction,
+            viscous=viscous[:n],
+            coulomb=coulomb[:n],
+            load=load[:n],
+            asymmetry=asymmetry[:n],
+            offset=offset[:n],
+            shafts=shafts,
+        )
+        return nominal.changed(armature=armature[:n], friction=friction)
 
-    def momentum(self, v: np.ndarray, inertial: Momentum) -> Momentum:
+    def momentum(self, q: np.ndarray, v: np.ndarray, inertial: Momentum) -> Momentum:
         """Return an inertial momentum and rest with those of the joints added.
 
         Rotors have the momentum diag(armature) v. Friction has none and belongs to the rest.
         """
-        known, zero = self._values.copy(), np.zeros(self._n)
-        known[self._unknown] = 0.0
-        p_0, tau_0 = empty(self._n), empty(self._n)
-        kernels.joint_torque(known, zero, v, self._threshold, inertial.p_0, p_0)
-        kernels.joint_torque(known, v, zero, self._threshold, inertial.tau_0, tau_0)
-        Y_M, Y_0 = self.regressor(zero, v, inertial.Y_M), self.regressor(v, zero, inertial.Y_0)
-        return Momentum(Y_M, Y_0, p_0, tau_0)
+        known, zero = self._values.copy(), self._zero
+        known[self._kinds, self._shafts] = 0.0
+        moving = known.copy()
+        moving[1:] = 0.0
+        p_0, tau_0, g = empty(self._n), empty(self._n), self._loads(q)
+        shafts = self._shape, self._directions
+        kernels.joint_torque(moving, *shafts, zero, v, g, inertial.p_0, p_0)
+        kernels.joint_torque(known, *shafts, v, zero, g, inertial.tau_0, tau_0)
+        Y_M = self.regressor(q, zero, v, inertial.Y_M, 0.0)
+        return Momentum(Y_M, self.regressor(q, v, zero, inertial.Y_0), p_0, tau_0)
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the coefficients (p) of a robot; None if those of a known kind differ."""
-        true = coefficients(robot)
-        known = [kind for kind in range(len(KINDS)) if kind not in self._unknown]
+        if len(robot.friction.shafts) != len(self._directions):
+            return None
+        true, known = coefficients(robot), np.ones(self._values.shape, dtype=bool)
+        known[self._kinds, self._shafts] = False
         same = np.allclose(true[known], self._values[known])
-        same = same and robot.friction.threshold == self._threshold
-        return true[self._unknown].ravel() if same else None
+        same = same and np.allclose(_shape(robot.friction), self._shape, atol=0.0)
+        same = same and np.array_equal(robot.friction.directions, self._directions)
+        return true[self._kinds, self._shafts] if same else None
+
+
+def _restored(state: dict[str, Any]) -> JointEffects:
+    """Return the effects with these attributes, and data of their own."""
+    found = JointEffects.__new__(JointEffects)
+    model = state["_data"]
+    found.__dict__.update(state, _data=None if model is None else model.createData())
+    return found
+
+
+def _pairs(words: Sequence[str], names: Sequence[str], n: int) -> list[tuple[int, int]]:
+    """Return kind and shaft of each coefficient that is named, kinds together, in their order.
+
+    Raises:
+        ParameterError: a joint or shaft that does not exist, or has no such coefficient.
+    """
+    found: list[tuple[int, int]] = []
+    for word in words:
+        owner, _, kind = word.rpartition(".")
+        number = KINDS.index(kind)
+        shafts = len(names) if number < _OF_SHAFTS else n
+        if owner and owner not in names[:shafts]:
+            raise ParameterError(
+                f"there is no joint '{owner}' with such a coefficient."
+                f"{did_you_mean(owner, names[:shafts])}",
+                where="unknown.joint",
+            )
+        chosen = [names.index(owner)] if owner else list(range(shafts))
+        found += [(number, shaft) for shaft in chosen if (number, shaft) not in found]
+    return sorted(found)
+
+
+def _shape(friction: Friction) -> np.ndarray:
+    """Return 1 / threshold, breakaway - 1 and 1 / fading (3, m) of all shafts."""
+    threshold, excess, rate = friction.shape
+    of_shafts = [[1.0 / part.threshold, 0.0, 1.0] for part in friction.shafts]
+    return np.column_stack([np.array([1.0 / threshold, excess, rate]), *of_shafts])
+
+
+def _all_shafts(robot: Robot, typical: np.ndarray) -> np.ndarray:
+    """Return typical coefficients (6, m), from those of the usual kinds of the joints (3, n)."""
+    n = robot.model.nv
+    others = [np.full(n, _LOAD), typical[2], typical[2]]
+    joints = np.array([*typical, *others])
+    of_shafts = [joints[:, part.joints].mean(axis=1) for part in robot.friction.shafts]
+    return np.column_stack([joints, *of_shafts])
 
 
 def coefficients(robot: Robot) -> np.ndarray:
-    """Return armature, viscous and Coulomb coefficients (3, n) of a robot."""
-    friction = robot.friction
-    return np.array([robot.model.armature, friction.viscous, friction.coulomb], dtype=float)
+    """Return the coefficients (6, m) of all shafts of a robot, kinds in the order of ``KINDS``."""
+    friction, zero = robot.friction, [0.0] * (len(KINDS) - _OF_SHAFTS)
+    joints = (friction.viscous, friction.coulomb, friction.load, friction.asymmetry)
+    own = np.array([robot.model.armature, *joints, friction.offset], dtype=float)
+    shafts = [[part.armature, part.viscous, part.coulomb, *zero] for part in friction.shafts]
+    return np.column_stack([own, *shafts])
 
 
 def without_joint_effects(robot: Robot) -> Robot:
     """Return a robot with the same bodies, no rotors and no friction."""
-    return robot.changed(armature=0.0, viscous=0.0, coulomb=0.0)
+    return robot.changed(armature=0.0, friction=Friction.none(robot.model.nv))
 
 
 def typical_coefficients(robot: Robot) -> np.ndarray:

@@ -43,18 +43,23 @@ _MASS, _RADIUS = 1e-3, 1e-2  # least ones: share of the mean mass, of the reach
 class PhysicalSet:
     """The physical parameters, of bodies and then of joints, and the centre of the regularisation.
 
+    The parameters are those of k bodies, then l coefficients that are positive, then others, which
+    may be negative and have D = ((x - x_0) / scale)^2 / 2.
+
     Attributes:
-        bodies: number of bodies, of ten parameters each.
+        bodies: number k of bodies, of ten parameters each.
         center: (p) inside the set.
-        weights: (p - 10 k) w of the positive coefficients of the joints, by default ones. D grows
+        weights: (l) w of the positive coefficients of the joints, by default ones. D grows
             with c / c_0, so a coefficient that may be many times its description needs a small w.
         body_weights: (k) factors of the bodies' D, by default ones.
+        scales: (p - 10 k - l) of the coefficients that may be negative, by default none.
     """
 
     bodies: int
     center: np.ndarray
     weights: np.ndarray = field(default_factory=lambda: np.ones(1))
     body_weights: np.ndarray = field(default_factory=lambda: np.ones(1))
+    scales: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def matrices(self, a: np.ndarray) -> np.ndarray:
         """Return P (k, 4, 4) of the bodies at a (p)."""
@@ -68,8 +73,13 @@ class PhysicalSet:
         return P_0, np.linalg.slogdet(P_0)[1]
 
     def coefficients(self, a: np.ndarray) -> np.ndarray:
-        """Return c (p - 10 k) at a (p)."""
-        return a[PER_BODY * self.bodies :]
+        """Return the positive coefficients c (l) at a (p)."""
+        return a[PER_BODY * self.bodies : a.size - self.scales.size]
+
+    def signed(self, a: np.ndarray) -> np.ndarray:
+        """Return (x - x_0) / scale of the coefficients that may be negative."""
+        first = a.size - self.scales.size
+        return np.asarray((a[first:] - self.center[first:]) / self.scales)
 
     def divergence(self, a: np.ndarray) -> float:
         """Return the sum of w D from the centre to a (p); infinite outside the set."""
@@ -85,7 +95,8 @@ class PhysicalSet:
         of_bodies = self.body_weights * (traces - logs + logs_0 - 4.0)
         shares = c / self.coefficients(self.center)
         of_joints = self.weights * (shares - np.log(shares) - 1.0)
-        return float(of_bodies.sum() + of_joints.sum())
+        of_signed = 0.5 * self.signed(a) ** 2
+        return float(of_bodies.sum() + of_joints.sum() + of_signed.sum())
 
     def local(self, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return T (p, p), h (p) of D(a + T u) - D(a) = h . u + |u|^2 / 2, to second order in u."""
@@ -101,9 +112,10 @@ class PhysicalSet:
             block = slice(PER_BODY * b, PER_BODY * (b + 1))
             T[block, block], h[block] = block_of_T / factor, factor * push[b, 0]
         c, first = self.coefficients(a), PER_BODY * self.bodies
-        root = np.sqrt(self.weights)
-        T[first:, first:] = np.diag(c / root)
-        h[first:] = root * (c / self.coefficients(self.center) - 1.0)
+        root, last = np.sqrt(self.weights), first + c.size
+        T[first:last, first:last] = np.diag(c / root)
+        h[first:last] = root * (c / self.coefficients(self.center) - 1.0)
+        T[last:, last:], h[last:] = np.diag(self.scales), self.signed(a)
         return T, h
 
 
@@ -128,7 +140,13 @@ def physical_set(dynamics: Dynamics, robot: Robot) -> PhysicalSet:
         nearest_physical(pi, least_mass=least_mass, least_radius=least_radius)
         for pi in inertial.reshape(-1, PER_BODY)
     ]
-    return PhysicalSet(len(tens), np.concatenate([*tens, rest]))
+    return PhysicalSet(len(tens), np.concatenate([*tens, rest]), scales=signed_scales(dynamics))
+
+
+def signed_scales(dynamics: Dynamics) -> np.ndarray:
+    """Return typical values of the coefficients that may be negative, the last parameters."""
+    signed = 0 if dynamics.joints is None else dynamics.joints.signed
+    return dynamics.typical[dynamics.size - signed :]
 
 
 def physical_fit(

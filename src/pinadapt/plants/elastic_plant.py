@@ -11,7 +11,7 @@ from ..robot.changes import Friction
 from ..robot.motors import Actuators, Compensation
 from ..robot.robot import Robot
 from ..robot.succession import check_successor
-from .plant import SimulatedPlant
+from .plant import SimulatedPlant, refuse_special_friction
 
 
 class ElasticPlant(SimulatedPlant):
@@ -92,6 +92,7 @@ class ElasticPlant(SimulatedPlant):
                 where="armature",
                 hint="Set it with Robot.changed(armature=...), in a scenario truth.armature.",
             )
+        refuse_special_friction(robot, "elastic joints")
         self.robot, self._B, self._friction = robot, rotors, robot.friction
         self._model = robot.model.copy()
         self._model.armature = np.zeros(self.nv)

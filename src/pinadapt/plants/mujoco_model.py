@@ -13,6 +13,7 @@ import pinocchio as pin
 from ..description.chain import position_limits
 from ..exceptions import InputError
 from ..robot.robot import Robot
+from .plant import refuse_special_friction
 
 if TYPE_CHECKING:
     import mujoco
@@ -186,6 +187,7 @@ def write_robot(model: mujoco.MjModel, robot: Robot) -> None:
     They are written after compilation, as the compiler refuses what many descriptions have: bodies
     without mass, and inertias that are not physical.
     """
+    refuse_special_friction(robot, "MuJoCo")
     mj, chain = mujoco_module(), robot.model
     for i in range(1, chain.njoints):
         write_place(chain.jointPlacements[i], model.body_pos[i], model.body_quat[i])
@@ -215,7 +217,7 @@ def _soften(model: mujoco.MjModel, robot: Robot) -> None:
     """
     friction = robot.friction
     for i in np.flatnonzero(friction.coulomb):
-        product = 2.0 * friction.threshold / (model.dof_invweight0[i] * friction.coulomb[i])
+        product = 2.0 * friction.threshold[i] / (model.dof_invweight0[i] * friction.coulomb[i])
         constant = max(_FASTEST, product / (1.0 - _SOFTEST))
         share = 1.0 - product / constant
         model.dof_solref[i] = [constant, 1.0]

@@ -12,19 +12,22 @@ from .._checks import word
 from .._compiled import compile_all, compiled
 from ..exceptions import DivergedError
 from ..records import Measurement
+from ..robot.changes import Friction, Shaft
 from ..robot.motors import Actuators, Compensation
 from ..robot.robot import Robot
 from ..robot.succession import check_successor
 from .plant import SimulatedPlant
+
+_SMALL = 1e-4  # below which tanh(x) / x is taken from its series
 
 
 class FittedMidpoint:
     """Integrator of second order in the step h, stable for any friction.
 
     It evaluates the forward dynamics twice per step. Friction is stiff: near rest,
-    tau_f = viscous v + coulomb tanh(v / threshold) has the slope coulomb / threshold, and a light
+    tau_f = viscous v + coulomb sigma(v) has the slope coulomb / threshold, and a light
     wrist stops within microseconds. Therefore friction is written with its secant, tau_f = D(v) v,
-    D_i = viscous_i + coulomb_i tanh(v_i / threshold) / v_i, which is even and bounded, and is
+    D_i = viscous_i + coulomb_i sigma(v_i) / v_i, which is bounded, and is
     integrated implicitly. Both stages start from v and solve, with D at the latest velocity,
 
         (M + theta h D) a = tau - C v - g - D v.
@@ -49,11 +52,11 @@ class FittedMidpoint:
         self._armature = self._model.armature  # a view, to write into
         rotors = np.array(self._armature)
         inertia = np.diag(pin.crba(self._model, self._data, robot.q0)).copy()
-        friction, self._present = robot.friction, robot.friction.present
+        self._friction, self._present = robot.friction, robot.friction.present
         self._theta, self._drive = np.full((2, self._model.nv), 0.5)
-        joints = friction.viscous, friction.coulomb, friction.threshold
-        self._constants = (*joints, inertia, rotors)
+        self._constants = self._friction.shape, inertia, rotors
         self._fitted = self._armature, self._drive, self._theta
+        self._loaded = _LoadedFriction(robot)
         self._none = np.zeros(self._model.nv)
         compile_all()
 
@@ -83,17 +86,57 @@ class FittedMidpoint:
         self, q: np.ndarray, v: np.ndarray, start: np.ndarray, tau: np.ndarray, h: float
     ) -> np.ndarray:
         """Return a (nv) with terms at q and v, for a step of h [s] from velocity ``start``."""
-        _fit(*self._constants, h, v, start, tau, *self._fitted)
-        return pin.aba(self._model, self._data, q, v, self._drive)
+        part = self._loaded.at(q)
+        coefficients = part.viscous, part.coulomb, part.asymmetry, part.offset
+        _fit(*coefficients, *self._constants, h, v, start, tau, *self._fitted)
+        if not part.shafts:
+            return pin.aba(self._model, self._data, q, v, self._drive)
+        M = symmetric(pin.crba(self._model, self._data, q))
+        drive = self._drive - pin.nonLinearEffects(self._model, self._data, q, v)
+        for d, shaft in zip(part.directions, part.shafts, strict=True):
+            D = _shaft_secant(shaft, float(d @ v))
+            drive -= D * float(d @ start) * d
+            M += (shaft.armature + h * D) * np.outer(d, d)  # implicit
+        return np.asarray(np.linalg.solve(M, drive))
+
+
+class _LoadedFriction:
+    """The friction of a robot at a configuration, under the gravity torque there."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._friction, self._model = robot.friction, robot.friction.bodies or robot.model
+        self._data = self._model.createData() if robot.friction.loaded else None
+
+    def at(self, q: np.ndarray) -> Friction:
+        """Return the friction at configuration q (nq)."""
+        if self._data is None:
+            return self._friction
+        return self._friction.under(pin.computeGeneralizedGravity(self._model, self._data, q))
+
+
+def symmetric(upper: np.ndarray) -> np.ndarray:
+    """Return the symmetric matrix (n, n) whose upper half is given, in new memory."""
+    return np.asarray(np.triu(upper) + np.triu(upper, 1).T)
+
+
+def _shaft_secant(shaft: Shaft, u: float) -> float:
+    """Return the friction of a shaft over its speed u."""
+    x = u / shaft.threshold
+    ratio = 1.0 - x * x / 3.0 if abs(x) < _SMALL else math.tanh(x) / x
+    return shaft.viscous + shaft.coulomb / shaft.threshold * ratio
 
 
 @compiled(
-    "void(f8[:], f8[:], f8, f8[:], f8[:], f8, f8[:], f8[:], f8[:], f8[:], f8[:], f8[:])", fills=3
+    "void(f8[:], f8[:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8, f8[:], f8[:], f8[:], "
+    "f8[:], f8[:], f8[:])",
+    fills=3,
 )
 def _fit(
     viscous: np.ndarray,
     coulomb: np.ndarray,
-    threshold: float,
+    asymmetry: np.ndarray,
+    offset: np.ndarray,
+    shape: np.ndarray,
     inertia: np.ndarray,
     rotors: np.ndarray,
     h: float,
@@ -106,13 +149,16 @@ def _fit(
 ) -> None:
     """Write rotors + theta h D, tau - D start and theta (nv) of ``FittedMidpoint``."""
     for i in range(len(v)):
-        x = v[i] / threshold
+        x = v[i] / shape[0, i]
         ratio = 1.0 - x * x / 3.0 if abs(x) < 1e-4 else math.tanh(x) / x
-        D = viscous[i] + coulomb[i] / threshold * ratio
+        if shape[1, i] != 0.0:
+            ratio *= 1.0 + shape[1, i] * math.exp(-abs(v[i]) * shape[2, i])
+        dry = coulomb[i] + asymmetry[i] if v[i] >= 0.0 else coulomb[i] - asymmetry[i]
+        D = viscous[i] + dry / shape[0, i] * ratio
         z = h * D / inertia[i]
         theta[i] = 0.5 + z / 12.0 if z < 1e-3 else -1.0 / math.expm1(-z) - 1.0 / z
         armature[i] = rotors[i] + theta[i] * h * D
-        drive[i] = tau[i] - D * start[i]
+        drive[i] = tau[i] - offset[i] - D * start[i]
 
 
 @compiled("void(f8[:], f8[:], f8[:], f8, f8[:], f8[:])", fills=2)
@@ -137,12 +183,14 @@ class RungeKutta:
         """Copy the model."""
         self._model = robot.model.copy()
         self._data = self._model.createData()
-        self._friction, self._present = robot.friction, robot.friction.present
+        self._loaded, self._present = _LoadedFriction(robot), robot.friction.present
 
     def acceleration(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """Return the joint acceleration (nv) under torque tau (nv), friction included."""
-        drive = tau - self._friction.torque(v) if self._present else tau
-        return np.asarray(pin.aba(self._model, self._data, q, v, drive))
+        if not self._present:
+            return np.asarray(pin.aba(self._model, self._data, q, v, tau))
+        friction = self._loaded.at(q)
+        return _accelerated(self._model, self._data, q, v, tau - friction.torque(v), friction)
 
     def __call__(
         self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, h: float
@@ -162,6 +210,28 @@ class RungeKutta:
         a4 = self.acceleration(integrate(model, q, h * v3), v4, tau)
         dq = (h / 6.0) * (v + 2.0 * (v2 + v3) + v4)
         return integrate(model, q, dq), v + (h / 6.0) * (a1 + 2.0 * (a2 + a3) + a4)
+
+
+def _accelerated(
+    model: pin.Model,
+    data: pin.Data,
+    q: np.ndarray,
+    v: np.ndarray,
+    drive: np.ndarray,
+    friction: Friction,
+) -> np.ndarray:
+    """Return the acceleration (nv) under a torque less friction, with the inertia of shafts."""
+    if not friction.shafts:
+        return np.asarray(pin.aba(model, data, q, v, drive))
+    M = _with_shafts(symmetric(pin.crba(model, data, q)), friction)
+    return np.asarray(np.linalg.solve(M, drive - pin.nonLinearEffects(model, data, q, v)))
+
+
+def _with_shafts(M: np.ndarray, friction: Friction) -> np.ndarray:
+    """Return a mass matrix (nv, nv) with the rotor inertias of the shafts added."""
+    for d, shaft in zip(friction.directions, friction.shafts, strict=True):
+        M = M + shaft.armature * np.outer(d, d)
+    return M
 
 
 INTEGRATORS: dict[str, type[FittedMidpoint] | type[RungeKutta]] = {
@@ -233,7 +303,7 @@ class PinocchioPlant(SimulatedPlant):
         self.robot, self._model = robot, robot.model.copy()
         self._data = self._model.createData()
         self._motion = robot.task.motion_of(self._model, self._data, robot.frame_id)
-        self._integrate = self._integrator(robot)
+        self._integrate, self._loaded = self._integrator(robot), _LoadedFriction(robot)
 
     def measure(self) -> Measurement:
         """Return what ideal sensors measure now."""
@@ -258,12 +328,12 @@ class PinocchioPlant(SimulatedPlant):
         Raises:
             DivergedError: M - feedthrough is singular.
         """
-        friction = self.robot.friction
+        friction = self.friction_at(q)
         if friction.present:
             tau = tau - friction.torque(v)
         if feedthrough is None:
-            return np.asarray(pin.aba(self._model, self._data, q, v, tau))
-        M = pin.crba(self._model, self._data, q)
+            return _accelerated(self._model, self._data, q, v, tau, friction)
+        M = _with_shafts(pin.crba(self._model, self._data, q), friction)
         bias = pin.nonLinearEffects(self._model, self._data, q, v)
         try:
             return np.asarray(np.linalg.solve(M - feedthrough, tau - bias))
@@ -283,7 +353,11 @@ class PinocchioPlant(SimulatedPlant):
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return the true M(q) (nv, nv)."""
-        return np.asarray(pin.crba(self._model, self._data, q))
+        return np.asarray(_with_shafts(pin.crba(self._model, self._data, q), self.robot.friction))
+
+    def friction_at(self, q: np.ndarray) -> Friction:
+        """Return the friction at configuration q (nq), under the gravity torque there."""
+        return self._loaded.at(q)
 
     def coriolis_matrix(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the true C(q, v) (nv, nv), dM/dt = C + C^T."""

@@ -10,7 +10,7 @@ from typing import ClassVar, TypeAlias
 import numpy as np
 
 from .._checks import instance, whole
-from ..exceptions import InputError
+from ..exceptions import InputError, RobotError
 from ..records import Measurement
 from ..robot.motors import Actuators, Compensation, JointActuators, compensation_of
 from ..robot.motors import torque_limits as limits_of
@@ -231,3 +231,18 @@ PlantMaker: TypeAlias = Callable[..., SimulatedPlant]
 
 Its options are torque_limits, compensation, substeps, and actuators where these are not ideal.
 """
+
+
+def refuse_special_friction(robot: Robot, simulator: str) -> None:
+    """Raise an error for friction that a simulator does not have.
+
+    Raises:
+        RobotError: friction other than viscous and Coulomb.
+    """
+    if not robot.friction.plain:
+        raise RobotError(
+            f"{simulator} has viscous and Coulomb friction alone, without offsets, loads, Stribeck "
+            "effects and coupled shafts.",
+            where="friction",
+            hint="Simulate rigid joints with Pinocchio, or take pa.Friction(viscous, coulomb).",
+        )

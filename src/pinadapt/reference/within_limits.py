@@ -102,7 +102,9 @@ def joint_motion(
         g[k] = pin.rnea(model, data, pose, rest, rest)
         inertia[k] = pin.rnea(model, data, pose, rest, v[k])
         curve[k] = pin.rnea(model, data, pose, v[k], a[k])
-    still = g + robot.friction.coulomb * np.sign(v)
+    friction = robot.friction
+    dry = friction.coulomb + friction.load * np.abs(g) + friction.asymmetry * np.sign(v)
+    still = g + friction.offset + dry * np.maximum(friction.breakaway, 1.0) * np.sign(v)
     drag = robot.friction.viscous * v
     beyond = _beyond(model, poses)
     return JointMotion(s, poses, v, a, still, drag, curve - g, inertia - g, off, beyond)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -121,25 +121,98 @@ def shift_joints(model: pin.Model, translations: Mapping[str, ArrayLike] | None)
         )
 
 
+@dataclass(frozen=True)
+class Shaft:
+    """A motor that turns with two joints, u = v_first + sign v_second, as of a coupled wrist.
+
+    Its rotor inertia and friction act on both joints: with f its torque, the first gets f, the
+    second sign f.
+
+    Attributes:
+        joints: indices of the two joints, from 0.
+        sign: 1 or -1.
+        armature: rotor inertia, as seen by the joints [kg m^2 or kg].
+        viscous: [N m s/rad or N s/m].
+        coulomb: [N m or N].
+        threshold: speed [rad/s or m/s] at which the smoothed sign reaches tanh(1).
+    """
+
+    joints: tuple[int, int]
+    sign: int = 1
+    armature: float = 0.0
+    viscous: float = 0.0
+    coulomb: float = 0.0
+    threshold: float = 0.01
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            RobotError: negative coefficients, or another sign.
+        """
+        for name in ("armature", "viscous", "coulomb", "threshold"):
+            zero = name != "threshold"
+            positive(getattr(self, name), f"friction.shafts.{name}", zero=zero, error=RobotError)
+        if self.sign not in (1, -1):
+            raise RobotError(f"must be 1 or -1, got {self.sign}.", where="friction.shafts.sign")
+
+    def name(self, joints: Sequence[str]) -> str:
+        """Return the name, given those of all joints: "joint_5+joint_6"."""
+        first, second = (joints[j] for j in self.joints)
+        return f"{first}{'+' if self.sign > 0 else '-'}{second}"
+
+    def direction(self, nv: int) -> np.ndarray:
+        """Return d (nv), u = d . v."""
+        d = np.zeros(nv)
+        d[self.joints[0]], d[self.joints[1]] = 1.0, self.sign
+        return d
+
+
+_SIGNED = ("asymmetry", "offset")
+
+
 @dataclass(frozen=True, eq=False)
 class Friction:
-    """Viscous and Coulomb friction, tau_f = diag(viscous) v + diag(coulomb) tanh(v / threshold).
+    """Friction of joints and whatever else their motors add, at velocity v and gravity g(q).
+
+        tau_f = viscous v + (coulomb + load |g| + asymmetry sign(v)) sigma(v) + offset,
+        sigma(v) = tanh(v / threshold) (1 + (breakaway - 1) exp(-|v| / fading)).
+
+    sigma is a smoothed sign: it rises within ``threshold``, and near rest it may be larger
+    (Stribeck) or smaller than at speed. The torques of ``shafts`` are added.
+
+    All but viscous and coulomb may be one number for all joints.
 
     Attributes:
         viscous: (nv) N m s/rad or N s/m.
         coulomb: (nv) N m or N.
-        threshold: speed [rad/s or m/s] at which the smoothed sign reaches tanh(1).
+        threshold: (nv) speed [rad/s or m/s] at which the smoothed sign reaches tanh(1).
+        load: (nv) Coulomb friction that the load of the gears adds, as a share of the gravity
+            torque that they carry.
+        asymmetry: (nv) half the difference of the Coulomb friction forwards and backwards [N m, N].
+        offset: (nv) constant torque, as of a sensor that is off or a spring [N m or N].
+        breakaway: (nv) dry friction near rest as a share of that at speed.
+        fading: (nv) speed at which a share 1/e of that difference is left [rad/s or m/s].
+        shafts: motors that turn with two joints.
+        bodies: the model whose gravity torques load the gears. None: the robot's own.
     """
 
     viscous: np.ndarray
     coulomb: np.ndarray
-    threshold: float = 0.01
+    threshold: np.ndarray = 0.01  # type: ignore[assignment]
+    load: np.ndarray = 0.0  # type: ignore[assignment]
+    asymmetry: np.ndarray = 0.0  # type: ignore[assignment]
+    offset: np.ndarray = 0.0  # type: ignore[assignment]
+    breakaway: np.ndarray = 1.0  # type: ignore[assignment]
+    fading: np.ndarray = 0.1  # type: ignore[assignment]
+    shafts: tuple[Shaft, ...] = ()
+    bodies: pin.Model | None = None
 
     def __post_init__(self) -> None:
         """Check the coefficients.
 
         Raises:
-            RobotError: negative coefficients, different sizes, or a threshold that is not positive.
+            RobotError: negative coefficients, different sizes, or a speed that is not positive.
         """
         for name in ("viscous", "coulomb"):
             given = numbers(getattr(self, name), f"friction.{name}", error=RobotError)
@@ -151,13 +224,53 @@ class Friction:
             object.__setattr__(self, name, given)
         if self.viscous.size != self.coulomb.size:
             raise RobotError("viscous and coulomb have different sizes.", where="friction")
-        threshold = positive(self.threshold, "friction.threshold", error=RobotError)
-        object.__setattr__(self, "threshold", threshold)
+        for name in ("load", *_SIGNED, "threshold", "breakaway", "fading"):
+            given = numbers(getattr(self, name), f"friction.{name}", error=RobotError)
+            given = np.full(self.viscous.size, given) if given.ndim == 0 else given
+            if given.shape != self.viscous.shape:
+                raise RobotError(
+                    f"expected one number, or one for each of {self.viscous.size} joints, got "
+                    f"{given.tolist()}.",
+                    where=f"friction.{name}",
+                )
+            speeds = name in ("threshold", "fading")
+            low = bool((given <= 0.0).any()) if speeds else bool((given < 0.0).any())
+            if low and name not in _SIGNED:
+                raise RobotError(
+                    f"must {'be positive' if speeds else 'not be negative'}, got {given.tolist()}.",
+                    where=f"friction.{name}",
+                )
+            object.__setattr__(self, name, given)
+        for shaft in self.shafts:
+            instance(shaft, Shaft, "friction.shafts", RobotError)
 
     @cached_property
     def present(self) -> bool:
-        """Whether any joint has friction."""
-        return bool(self.viscous.any() or self.coulomb.any())
+        """Whether any joint has friction or an offset."""
+        parts = (self.viscous, self.coulomb, self.load, self.asymmetry, self.offset)
+        return bool(self.shafts) or any(part.any() for part in parts)
+
+    @cached_property
+    def loaded(self) -> bool:
+        """Whether friction depends on the gravity torque."""
+        return bool(self.load.any())
+
+    @cached_property
+    def plain(self) -> bool:
+        """Whether it is viscous and Coulomb friction alone, which simulators know."""
+        parts = (self.load, self.asymmetry, self.offset, self.breakaway - 1.0)
+        return not self.shafts and not any(part.any() for part in parts)
+
+    @cached_property
+    def shape(self) -> np.ndarray:
+        """The rows threshold, breakaway - 1 and 1 / fading (3, nv) of sigma."""
+        return np.array([self.threshold, self.breakaway - 1.0, 1.0 / self.fading])
+
+    @cached_property
+    def directions(self) -> np.ndarray:
+        """The directions (k, nv) of the shafts: their speeds are ``directions`` v."""
+        nv = self.viscous.size
+        return np.array([part.direction(nv) for part in self.shafts]).reshape(-1, nv)
 
     @classmethod
     def none(cls, nv: int) -> Friction:
@@ -165,6 +278,33 @@ class Friction:
         joints = whole(nv, "friction", 0, RobotError)
         return cls(np.zeros(joints), np.zeros(joints))
 
+    def under(self, gravity: np.ndarray) -> Friction:
+        """Return the friction under a gravity torque (nv), which is then part of ``coulomb``."""
+        if not self.loaded:
+            return self
+        coulomb = self.coulomb + self.load * np.abs(gravity)
+        return replace(self, coulomb=coulomb, load=np.zeros(coulomb.size))
+
+    def smoothed_sign(self, v: np.ndarray) -> np.ndarray:
+        """Return sigma (nv) at joint velocity v (nv)."""
+        threshold, excess, rate = self.shape
+        return np.asarray(np.tanh(v / threshold) * (1.0 + excess * np.exp(-np.abs(v) * rate)))
+
     def torque(self, v: np.ndarray) -> np.ndarray:
-        """Return the friction torque tau_f (nv) [N m or N] at joint velocity v (nv)."""
-        return self.viscous * v + self.coulomb * np.tanh(v / self.threshold)
+        """Return tau_f (nv) [N m or N] at joint velocity v (nv), of a load only as of ``under``.
+
+        Raises:
+            RobotError: the friction depends on the gravity torque.
+        """
+        if self.loaded:
+            raise RobotError(
+                "this friction depends on the gravity torque.",
+                where="friction.load",
+                hint="friction.under(g).torque(v) takes the gravity torque g.",
+            )
+        sigma = self.smoothed_sign(v)
+        tau = self.viscous * v + self.coulomb * sigma + self.asymmetry * np.abs(sigma) + self.offset
+        for d, part in zip(self.directions, self.shafts, strict=True):
+            u = float(d @ v)
+            tau = tau + d * (part.viscous * u + part.coulomb * np.tanh(u / part.threshold))
+        return np.asarray(tau)

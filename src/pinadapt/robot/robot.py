@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import flag, vector
+from .._checks import flag, instance, vector
 from .._output import Sheet, Table, write_text
 from ..description.chain import (
     angles_from_configuration,
@@ -174,6 +174,7 @@ class Robot:
         armature: ArrayLike | None = None,
         viscous: ArrayLike | None = None,
         coulomb: ArrayLike | None = None,
+        friction: Friction | None = None,
     ) -> Robot:
         """Return a robot with the stated changes; the models share no data.
 
@@ -186,6 +187,7 @@ class Robot:
             armature: rotor inertia at the joint, number or (nv) [kg m^2 or kg]; None: unchanged.
             viscous: friction, number or (nv) [N m s/rad or N s/m]; None: unchanged.
             coulomb: friction, number or (nv) [N m or N]; None: unchanged.
+            friction: all of the joints' friction, before ``viscous`` and ``coulomb`` are set.
 
         Raises:
             RobotError: unknown joints, wrong sizes, or factors or masses that are not positive.
@@ -199,9 +201,11 @@ class Robot:
         if tool_translation is not None:
             changes.shift_tool(model, self.frame_id, tool_translation)
         model.armature = self._coefficients(armature, "armature", model.armature)
-        friction = Friction(
-            self._coefficients(viscous, "friction.viscous", self.friction.viscous),
-            self._coefficients(coulomb, "friction.coulomb", self.friction.coulomb),
+        friction = self._own(friction)
+        friction = replace(
+            friction,
+            viscous=self._coefficients(viscous, "friction.viscous", friction.viscous),
+            coulomb=self._coefficients(coulomb, "friction.coulomb", friction.coulomb),
         )
         return replace(self, model=model, friction=friction, loads=loads)
 
@@ -257,6 +261,26 @@ class Robot:
 
     def _repr_html_(self) -> str:
         return robot_sheet(self).html()
+
+    def _own(self, given: Friction | None) -> Friction:
+        """Return a friction for the joints of this robot, its own where none is given."""
+        if given is None:
+            return self.friction
+        nv = instance(given, Friction, "friction", RobotError).viscous.size
+        farthest = max((max(part.joints) for part in given.shafts), default=0)
+        if nv != self.model.nv or farthest >= nv:
+            raise RobotError(
+                f"is of {max(nv, farthest + 1)} joints, and there are {self.model.nv}.",
+                where="friction",
+            )
+        return given
+
+    def friction_at(self, q: np.ndarray) -> Friction:
+        """Return the friction at configuration q (nq), under the gravity torque there."""
+        if not self.friction.loaded:
+            return self.friction
+        model = self.friction.bodies or self.model
+        return self.friction.under(pin.computeGeneralizedGravity(model, model.createData(), q))
 
     def _coefficients(self, given: ArrayLike | None, where: str, default: np.ndarray) -> np.ndarray:
         """Return coefficients (nv), one per joint; negative ones are refused."""

@@ -127,6 +127,8 @@ def _parts(robot: Robot) -> dict[str, np.ndarray]:
         "inertias": np.array([body.toDynamicParameters() for body in model.inertias]),
         "tool": model.frames[robot.frame_id].placement.homogeneous,
         "links": np.array([placement.homogeneous for placement in model.jointPlacements]),
-        "friction": np.array([friction.viscous, friction.coulomb]),
+        "friction": np.array(
+            [friction.viscous, friction.coulomb, friction.load, friction.asymmetry, friction.offset]
+        ),
         "rotors": np.array(model.armature),
     }

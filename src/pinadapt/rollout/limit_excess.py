@@ -197,9 +197,9 @@ def motion_of_reference(true: Robot, samples: Sequence[Sample]) -> DrivenMotion 
     model, data, rows = true.model, true.model.createData(), []
     for x_d, xd_d, xdd_d in (sample.desired for sample in samples):
         q = configuration_from_angles(model, x_d)
-        rows.append((x_d, xd_d, pin.rnea(model, data, q, xd_d, xdd_d)))
-    motion = _stacked(true, rows)
-    return motion._replace(tau=motion.tau + true.friction.torque(motion.v))
+        tau = pin.rnea(model, data, q, xd_d, xdd_d)
+        rows.append((x_d, xd_d, tau + true.friction_at(q).torque(xd_d)))
+    return _stacked(true, rows)
 
 
 def _stacked(robot: Robot, rows: Sequence[tuple[np.ndarray, ...]]) -> DrivenMotion:

@@ -162,7 +162,7 @@ def truth_at(
     """Return the quantities of the true robot at one sample on which a law's V depends."""
     q, v = sample.measurement.q, sample.measurement.v
     M, C = plant.mass_matrix(q), plant.coriolis_matrix(q, v)
-    return Truth(a_k_true, a_d_true, M, C, plant.robot.friction)
+    return Truth(a_k_true, a_d_true, M, C, plant.friction_at(q))
 
 
 def _of_finite(

@@ -169,10 +169,22 @@ def _tracking_adaptation(
     typical, gamma_joint = joints.typical, rates.get("gamma_joint")
     if gamma_joint is None:
         own = [Phi[:, inertial.size :] for Phi in effects]
-        unit = ExponentiatedGradient(1.0, typical)
+        unit = Stacked(_of_joints(1.0, typical, joints.signed))
         gamma_joint = rate_for(law.joint_mode * w, own, unit, typical)
-    of_joints = ExponentiatedGradient(gamma_joint, typical)
-    return Stacked([(adaptation, inertial.size), (of_joints, joints.size)])
+    of_joints = _of_joints(gamma_joint, typical, joints.signed)
+    return Stacked([(adaptation, inertial.size), *of_joints])
+
+
+def _of_joints(gamma: float, typical: np.ndarray, signed: int) -> list[tuple[Adaptation, int]]:
+    """Return the adaptations of coefficients (p), the last ``signed`` of which may be negative."""
+    count = typical.size - signed
+    parts: list[tuple[Adaptation, int]] = []
+    if count:
+        parts.append((ExponentiatedGradient(gamma, typical[:count], "gamma_joint"), count))
+    if signed:
+        gain = positive(gamma, "gamma_joint") * typical[count:] ** 2
+        parts.append((Gradient(gain, signed, "gamma_joint"), signed))
+    return parts
 
 
 def _inertial_adaptation(

@@ -18,7 +18,13 @@ from ..models.basis import BasisDynamics
 from ..models.bodies import PAYLOAD, BodyDynamics
 from ..models.dynamics import Dynamics, StackedDynamics
 from ..models.frame_kinematics import FrameKinematics
-from ..models.joint_effects import KINDS, JointEffects, chosen_kinds, without_joint_effects
+from ..models.joint_effects import (
+    KINDS,
+    USUAL,
+    JointEffects,
+    chosen_kinds,
+    without_joint_effects,
+)
 from ..models.lumped import LumpedDynamics
 from ..models.task_kinematics import JointKinematics, TaskKinematics
 from ..models.translations import BASE, FIRST, LENGTHS, TOOL, Translation
@@ -27,7 +33,8 @@ from ..tasks.joint import JointTask
 from .rates import FORGETTING, PREDICTING
 
 REGRESSORS = ("exact", "nominal")
-WORDS = (TOOL, BASE, LENGTHS, "bodies", PAYLOAD, "friction", "armature")
+EFFECTS = tuple(kind for kind in KINDS if kind not in USUAL)
+WORDS = (TOOL, BASE, LENGTHS, "bodies", PAYLOAD, "friction", "armature", *EFFECTS)
 _FRICTION = ("viscous", "coulomb")
 
 Words = str | Sequence[str | Translation]
@@ -39,8 +46,8 @@ class Unknown:
 
     ``make_controller``, ``make_estimator``, ``identify`` and ``excite`` also take plain words in
     its place, such as ``unknown="payload"`` or ``unknown=["tool", "friction"]``: what they do not
-    name is known then. The words are "tool", "base", "lengths", "bodies", "payload", "friction" and
-    "armature".
+    name is known then. The words are "tool", "base", "lengths", "bodies", "payload", "friction",
+    "armature", "load", "asymmetry" and "offset".
 
     The kinematic estimates stand in the order of the chain: base, ``translations``, ``lengths``,
     tool.
@@ -60,6 +67,8 @@ class Unknown:
         friction: whether the friction of the joints is unknown: True, False, or "viscous" or
             "coulomb" alone. None: it is with the law "separation", and known with published laws.
         armature: whether the rotor inertias are unknown; None: as for friction.
+        effects: further unknown coefficients of the joints, see ``Friction``: "offset",
+            "asymmetry", "load", or of one joint or shaft, as "elbow.offset" and "elbow.armature".
         basis: (10 n, p) matrix B of the user's own dynamic parameters, pi = B a, instead of bodies.
         lmi: (p, k, k) coefficient matrices of the inequality that natural adaptation keeps, for a
             basis.
@@ -77,6 +86,7 @@ class Unknown:
     bodies: str | Sequence[str] = "all"
     friction: bool | str | None = None
     armature: bool | None = None
+    effects: str | Sequence[str] = ()
     basis: ArrayLike | None = None
     lmi: ArrayLike | MatrixInequality | None = None
     regressor: str = "exact"
@@ -91,6 +101,7 @@ class Unknown:
             name_list(self.lengths, "unknown.lengths")
         if not isinstance(self.friction, bool | None):
             word(self.friction, _FRICTION, "unknown.friction")
+        chosen_kinds(self.effects)
         word(self.regressor, REGRESSORS, "unknown.regressor")
         if self.lmi is not None and self.basis is None:
             raise ParameterError(
@@ -133,6 +144,7 @@ class Unknown:
             bodies=bodies,
             friction="friction" in words,
             armature="armature" in words,
+            effects=[name for name in words if name in EFFECTS],
         )
 
     @classmethod
@@ -160,6 +172,7 @@ class Unknown:
             if len(friction) == 1
             else bool(friction),
             armature=None if own is None else "armature" in own,
+            effects=() if own is None else [kind for kind in own if kind not in USUAL],
             **others,
         )
 
@@ -198,11 +211,11 @@ class Unknown:
     def joint_kinds(self, default: str | Sequence[str]) -> tuple[str, ...]:
         """Return the unknown joint coefficients, of those by default where nothing else is said."""
         usual, kinds = chosen_kinds(default), []
-        for kind in KINDS:
+        for kind in USUAL:
             said = self.armature if kind == "armature" else self.friction
             if said is True or said == kind or (said is None and kind in usual):
                 kinds.append(kind)
-        return tuple(kinds)
+        return *kinds, *chosen_kinds(self.effects)
 
 
 def nominal_kinematics(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskKinematics:
