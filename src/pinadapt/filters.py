@@ -12,10 +12,13 @@ import numpy as np
 from numpy import empty
 
 from ._checks import instance, numbers, positive
+from ._compiled import compile_all
 from ._kernels import laws as kernels
+from ._kernels import models as regressors
 from .exceptions import InputError
 from .models.delay_compensation import SensedState
 from .models.dynamics import Dynamics
+from .models.regressor import Momentum
 from .models.task_kinematics import TaskKinematics
 from .signals import Signals
 
@@ -345,13 +348,14 @@ class FilteredRegressor:
         """
         self.dynamics = instance(dynamics, Dynamics, "dynamics")
         self.low_pass = LowPass(bandwidth, "prediction filter")
+        compile_all()
 
     def init(self, q: np.ndarray, v: np.ndarray) -> TorqueFilterState:
         """Return the state at the first q (nq), v (n), at which W and y are zero."""
-        Y_M, u = self._inputs(q, v)
-        n = v.size
-        Z = self.low_pass.bandwidth * Y_M
-        return TorqueFilterState(Z, np.zeros(n), u, np.zeros(n), np.zeros(2))
+        momentum, n = self.dynamics.momentum(q, v), v.size
+        still = np.zeros((n, self.dynamics.size + 1))
+        u, _, W = self._regressors(momentum, still, still, 0.0)
+        return TorqueFilterState(W, np.zeros(n), u, np.zeros(n), np.zeros(2))
 
     def observe(
         self,
@@ -372,18 +376,18 @@ class FilteredRegressor:
         Raises:
             InputError: the state of another filter.
         """
-        Y_M, u = self._inputs(q, v)
-        if state.__class__ is not TorqueFilterState or state.Z.shape != u.shape:
+        momentum = self.dynamics.momentum(q, v)
+        n, p = momentum.Y_M.shape
+        if state.__class__ is not TorqueFilterState or state.Z.shape != (n, p + 1):
             raise InputError(
                 "the filters are those of other dynamics.",
                 where="state",
                 hint="Of a recorded run only the last state has them.",
             )
         Z, y, before, held, (share_u, share_tau) = state
-        Z = Z + share_u * (u - before)
+        u, Z, W = self._regressors(momentum, Z, before, share_u)
         if tau is not None:
             y, held = y + share_tau * (tau - held), tau
-        W = self.low_pass.bandwidth * Y_M - Z
         now = TorqueFilterState(Z, y, u, held, np.zeros(2))
         return FilteredTorque(W[:, :-1], y - W[:, -1], now, self.low_pass.bandwidth)
 
@@ -393,7 +397,10 @@ class FilteredRegressor:
         x = self.low_pass.bandwidth * dt
         share = -math.expm1(-x)
         shares = np.array([1.0 - share / x if x > 0.0 else 0.0, share])
-        return TorqueFilterState(Z + share * (u - Z), y + share * (tau - y), u, tau, shares)
+        change = u - Z
+        change *= share
+        change += Z
+        return TorqueFilterState(change, y + share * (tau - y), u, tau, shares)
 
     def rate(self, now: FilteredTorque, tau: np.ndarray) -> TorqueFilterState:
         """Return the time derivative of the state at the torque tau (n), as part of an ODE."""
@@ -439,13 +446,15 @@ class FilteredRegressor:
                 state = self.step(now, tau[k], float(steps[k]))
         return np.array([now.W for now in found]), np.array([now.y for now in found])
 
-    def _inputs(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return Y_M and lambda Y_M - Y_0 (n, p + 1), the known parts in the last column."""
-        Y_M, Y_0, p_0, tau_0 = self.dynamics.momentum(q, v)
-        n, p = Y_M.shape
-        momentum, u = np.empty((n, p + 1)), np.empty((n, p + 1))
-        momentum[:, :p], momentum[:, p] = Y_M, p_0
-        np.multiply(momentum, self.low_pass.bandwidth, out=u)
-        u[:, :p] -= Y_0
-        u[:, p] -= tau_0
-        return momentum, u
+    def _regressors(
+        self, momentum: Momentum, Z: np.ndarray, before: np.ndarray, share: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return u = lambda Y_M - Y_0, Z + share (u - before) and W = lambda Y_M - Z (n, p + 1).
+
+        The known parts stand in the last column.
+        """
+        u, Z_now, W = empty(Z.shape), empty(Z.shape), empty(Z.shape)
+        regressors.filtered_regressor(
+            *momentum, self.low_pass.bandwidth, Z, before, share, u, Z_now, W
+        )
+        return u, Z_now, W

@@ -110,6 +110,38 @@ def test_geodesics(which, size, rng):
     assert np.isnan(cone.follow_geodesic(a, g, h)).any()
 
 
+def test_gain_of_bodies(rng, laid):
+    """P L P of every body, with tr(L P(da)) = x . da for each column x."""
+    names, gamma = ["shoulder", "elbow"], np.array([0.5, 3.0])
+    bodies = pa.adaptation.BodyInequality(names)
+    whole = pa.adaptation.MatrixInequality(bodies.F, blocks=2)
+    root = rng.standard_normal((2, 4, 4))
+    a, X = bodies.components(root @ root.swapaxes(1, 2)), laid(rng.standard_normal((20, 3)))
+    P = bodies.matrices(a)
+    expected = [
+        bodies.components(gamma[:, None, None] * (P @ bodies.covectors(x) @ P)) for x in X.T
+    ]
+    for cone in (bodies, whole):
+        assert close(cone.metric_inverse_times(laid(a), X, gamma), np.transpose(expected))
+    X[3, 1] = NAN
+    product = bodies.metric_inverse_times(a, X, gamma)
+    assert np.isnan(product[:10, 1]).all() and np.isfinite(product[:, [0, 2]]).all()
+
+
+def test_filtered_regressor(rng, laid):
+    Y_M, Y_0 = laid(rng.standard_normal((2, 3, 4)))
+    p_0, tau_0 = laid(rng.standard_normal((2, 3)))
+    Z, before = laid(rng.standard_normal((2, 3, 5)))
+    u, Z_now, W = filled(3, 3, 5)
+    models.filtered_regressor(Y_M, Y_0, p_0, tau_0, 7.0, Z, before, 0.3, u, Z_now, W)
+    momentum = 7.0 * np.column_stack([Y_M, p_0])
+    assert close(u, momentum - np.column_stack([Y_0, tau_0]))
+    assert close(Z_now, Z + 0.3 * (u - before)) and close(W, momentum - Z_now)
+    Y_0[1, 2] = NAN
+    models.filtered_regressor(Y_M, Y_0, p_0, tau_0, 7.0, Z, before, 0.3, u, Z_now, W)
+    assert np.isnan(u[1, 2]) and np.isnan(W).sum() == 1
+
+
 def test_descent(rng, laid):
     (a, g), after = rng.standard_normal((2, 9)), filled(9)
     Gamma = a[:, None] * a + np.diag(g)

@@ -176,3 +176,53 @@ def follow_geodesic_of_bodies(a: np.ndarray, g: np.ndarray, h: float, after: np.
         after[i + 1], after[i + 2], after[i + 3] = P[b, 3, 0], P[b, 3, 1], P[b, 3, 2]
         after[i + 4], after[i + 6], after[i + 9] = yy + zz, xx + zz, xx + yy
         after[i + 5], after[i + 7], after[i + 8] = -P[b, 1, 0], -P[b, 2, 0], -P[b, 2, 1]
+
+
+@compiled("void(f8[:], f8[:], f8[:,::1], f8[:,::1])")
+def gain_of_bodies_times(
+    a: np.ndarray, gamma: np.ndarray, X: np.ndarray, product: np.ndarray
+) -> None:
+    """Write Gamma X (10 k, l): gamma_b P L P of every body, as ``follow_geodesic_of_bodies``."""
+    work, g, Gamma = np.empty((3, 4, 4)), np.empty(10), np.empty((10, 10))
+    P, L, A = work[0], work[1], work[2]
+    for b in range(len(gamma)):
+        i = 10 * b
+        half = 0.5 * (a[i + 4] + a[i + 6] + a[i + 9])
+        P[0, 0], P[1, 1], P[2, 2] = half - a[i + 4], half - a[i + 6], half - a[i + 9]
+        P[1, 0], P[2, 0], P[2, 1] = -a[i + 5], -a[i + 7], -a[i + 8]
+        P[3, 0], P[3, 1], P[3, 2], P[3, 3] = a[i + 1], a[i + 2], a[i + 3], a[i]
+        for r in range(4):
+            for s in range(r):
+                P[s, r] = P[r, s]
+        for k in range(10):  # column k of Gamma_b
+            for r in range(10):
+                g[r] = 0.0
+            g[k] = 1.0
+            L[0, 0], L[1, 1], L[2, 2] = g[6] + g[9], g[4] + g[9], g[4] + g[6]
+            L[1, 0], L[2, 0], L[2, 1] = -0.5 * g[5], -0.5 * g[7], -0.5 * g[8]
+            L[3, 0], L[3, 1], L[3, 2], L[3, 3] = 0.5 * g[1], 0.5 * g[2], 0.5 * g[3], g[0]
+            for r in range(4):
+                for s in range(r):
+                    L[s, r] = L[r, s]
+            for r in range(4):
+                for s in range(4):
+                    A[r, s] = 0.0
+                    for t in range(4):
+                        A[r, s] += P[r, t] * L[t, s]
+            for r in range(4):
+                for s in range(r + 1):
+                    x = 0.0
+                    for t in range(4):
+                        x += A[r, t] * P[t, s]
+                    L[r, s] = gamma[b] * x
+            xx, yy, zz = L[0, 0], L[1, 1], L[2, 2]
+            Gamma[4, k], Gamma[6, k], Gamma[9, k] = yy + zz, xx + zz, xx + yy
+            Gamma[5, k], Gamma[7, k], Gamma[8, k] = -L[1, 0], -L[2, 0], -L[2, 1]
+            Gamma[1, k], Gamma[2, k], Gamma[3, k], Gamma[0, k] = L[3, 0], L[3, 1], L[3, 2], L[3, 3]
+        for r in range(10):
+            for j in range(X.shape[1]):
+                product[i + r, j] = 0.0
+            for k in range(10):
+                factor = Gamma[r, k]
+                for j in range(X.shape[1]):
+                    product[i + r, j] += factor * X[i + k, j]

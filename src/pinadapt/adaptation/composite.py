@@ -257,10 +257,10 @@ class CompositeMemory(Wrapper):
         return self._with_empty_memory(inner, _QUIET / self._bandwidth)
 
     def recorded(self, estimate: Estimate) -> Estimate:
-        """Return the estimate without A, b and H da, which V does not contain."""
+        """Return the estimate without what the memory holds, which V does not contain."""
         inner = self.inner.recorded(self._inner(estimate))
-        kept = _NOTHING, _NOTHING, _NOTHING, estimate.memory[3]
-        return Estimate(inner.value, (*kept, *inner.memory))
+        own = len(estimate.memory) - len(self._inner(estimate).memory)
+        return Estimate(inner.value, (*[_NOTHING] * own, *inner.memory))
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates under drive and memory, dA/dt and db/dt."""
@@ -353,13 +353,10 @@ class CompositeMemory(Wrapper):
         n, p = W.shape
         sides = np.empty((p, p + n))
         sides[:, :p], sides[:, p:] = A, W.T
-        moved = self.inner.gain_times(value, sides)  # P A, P W^T
-        if self.share != 1.0:
-            moved = moved * (1.0 / self.share)
-        system = moved[:, :p].T.copy()
-        system.flat[:: p + 1] += 1.0
+        moved = self.inner.gain_times(value, sides) / self.share  # P A, P W^T
+        moved.flat[:: p + n + 1] += 1.0
         sides[:, p - 1] = A.dot(value) - b
-        solved = np.linalg.solve(system, sides[:, p - 1 :])
+        solved = np.linalg.solve(moved[:, :p].T, sides[:, p - 1 :])
         pull, W_P = solved[:, 0], moved[:, p:].T
         change = W_P.dot(pull)
         innovation = residual - change

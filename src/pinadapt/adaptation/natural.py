@@ -17,6 +17,7 @@ from numpy import empty
 from numpy.typing import ArrayLike
 
 from .._checks import instance, numbers, positive, vector, whole
+from .._compiled import compile_all
 from .._kernels import estimates as kernels
 from ..exceptions import InputError, ParameterError
 from ..models.basis import read_matrix
@@ -121,13 +122,21 @@ class MatrixInequality:
         """
         return g.reshape(-1, self._p).dot(self._dual).reshape(-1, self._n, self._n)
 
-    def metric_inverses(self, P: np.ndarray) -> np.ndarray:
-        """Return the inverse metric of -log det (k, p, p) at P (k, n, n); complete sets only.
+    def metric_inverse_times(self, a: np.ndarray, X: np.ndarray, gamma: np.ndarray) -> np.ndarray:
+        """Return the inverse metric of -log det at a (k p), of block b times gamma_b, times X.
 
-        Column i holds the coordinates of P L P with tr(L P(da)) = da_i.
+        For complete sets only. Column i of a block has the coordinates of P L P with
+        tr(L P(da)) = da_i.
+
+        Args:
+            a: (k p) parameters.
+            X: (k p, l).
+            gamma: (k) factors of the blocks.
         """
+        P = gamma[:, None, None] ** 0.5 * self.matrices(a)
         moved = P[:, None] @ self._dual.reshape(self.F.shape) @ P[:, None]
-        return moved.reshape(len(P), self._p, -1).dot(self._dual_T)
+        blocks = moved.reshape(self.blocks, self._p, -1).dot(self._dual_T)
+        return np.asarray((blocks @ X.reshape(self.blocks, -1, X.shape[1])).reshape(X.shape))
 
     def contains(self, a: np.ndarray) -> bool:
         """Tell whether every block is positive definite at a (k p)."""
@@ -183,6 +192,7 @@ class BodyInequality(MatrixInequality):
                 least mass times radius squared.
         """
         super().__init__(COEFFICIENTS, blocks=len(names))
+        compile_all()
         self._names = tuple(names)
         self._repair = partial(nearest_physical, least_mass=least_mass, least_radius=least_radius)
 
@@ -191,6 +201,13 @@ class BodyInequality(MatrixInequality):
         after = empty(a.size)
         kernels.follow_geodesic_of_bodies(a, g, h, after)
         return after
+
+    def metric_inverse_times(self, a: np.ndarray, X: np.ndarray, gamma: np.ndarray) -> np.ndarray:
+        """Return the product (10 k, l), by the explicit form of P and L."""
+        X = np.ascontiguousarray(X, dtype=float)
+        product = empty(X.shape)
+        kernels.gain_of_bodies_times(a, gamma, X, product)
+        return product
 
     def validate(self, a: np.ndarray) -> np.ndarray:
         """Return a (10 k) with unphysical bodies made physical; a warning names them."""
@@ -260,6 +277,9 @@ class Natural(Adaptation):
             for share in self.shares:
                 positive(share, "shares", error=InputError)
             self._scale = np.repeat(self.shares, self.cone.size // self.cone.blocks)
+        self._gammas = self.gamma * (
+            np.ones(self.cone.blocks) if self.shares is None else self.shares
+        )
 
     def validate(self, value: np.ndarray) -> np.ndarray:
         """Return an initial value (p) inside the cone; see ``MatrixInequality.validate``."""
@@ -295,12 +315,10 @@ class Natural(Adaptation):
 
     def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:
         """Return Gamma X (p, l); Gamma is block-diagonal, one block a matrix of the cone."""
-        cone = self.cone
-        P, X = cone.matrices(value), self._scaled(X.T).T
-        if not cone.complete:
-            return np.asarray(self.gamma * np.linalg.solve(self._metric(P[0]), X))
-        rows = X.reshape(cone.blocks, -1, X.shape[1])
-        return np.asarray(self.gamma * (cone.metric_inverses(P) @ rows).reshape(X.shape))
+        if self.cone.complete:
+            return self.cone.metric_inverse_times(value, X, self._gammas)
+        P, X = self.cone.matrices(value), self._scaled(X.T).T
+        return np.asarray(self.gamma * np.linalg.solve(self._metric(P[0]), X))
 
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
         """Return the log-det divergence from the truth over gamma; None outside the cone."""

@@ -111,6 +111,9 @@ class JointEffects:
         start = np.where(self._values > 0.0, self._values, _START * _all_shafts(robot, typical))
         start[_SIGNED:] = self._values[_SIGNED:]
         self._values[at] = start[at]
+        known = self._values.copy()
+        known[at] = 0.0
+        self._known = known * (np.arange(len(KINDS)) == 0)[:, None], known  # rotors, all
         self.names = tuple(f"{names[shaft]}.{KINDS[kind]}" for kind, shaft in pairs)
         self.size = len(pairs)
         self.signed = int(np.count_nonzero(self._kinds >= _SIGNED))
@@ -206,10 +209,7 @@ class JointEffects:
 
         Rotors have the momentum diag(armature) v. Friction has none and belongs to the rest.
         """
-        known, zero = self._values.copy(), self._zero
-        known[self._kinds, self._shafts] = 0.0
-        moving = known.copy()
-        moving[1:] = 0.0
+        (moving, known), zero = self._known, self._zero
         p_0, tau_0, g = empty(self._n), empty(self._n), self._loads(q)
         shafts = self._shape, self._directions
         kernels.joint_torque(moving, *shafts, zero, v, g, inertial.p_0, p_0)
