@@ -25,21 +25,25 @@ from typing import Any, TypeVar
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 kernels: dict[str, Any] = {}  # numba's dispatchers, by module and name, once compiled
-_waiting: list[tuple[Callable[..., Any], str, int]] = []
+_waiting: list[tuple[Callable[..., Any], str, int, bool]] = []
 
 
-def compiled(signature: str, fills: int = 1) -> Callable[[Function], Function]:
+def compiled(
+    signature: str, fills: int = 1, allocates: bool = False
+) -> Callable[[Function], Function]:
     """Make a function of a module a kernel with a signature as in numba: "void(f8[:,:], f8[:])".
 
     The last ``fills`` arguments are the arrays that it fills; it only reads the others, so they may
-    be read-only. Until ``compile_all`` its name means the Python function, and from then on the
+    be read-only. A kernel that makes arrays of its own says so by ``allocates``; the others are
+    compiled without numba's counting of references, which takes as long as a small kernel's
+    arithmetic. Until ``compile_all`` its name means the Python function, and from then on the
     entry point of the machine code, which has no dispatch by argument types; so call a kernel by
     its name in its own module.
     """
 
     def register(function: Function) -> Function:
         """Put the function on the list of ``compile_all``."""
-        _waiting.append((function, signature, fills))
+        _waiting.append((function, signature, fills, allocates))
         return function
 
     return register
@@ -55,8 +59,8 @@ def compile_all() -> None:
     random.Random(os.getpid()).shuffle(_waiting)
     with _without_garbage_collector():
         while _waiting:
-            function, signature, fills = _waiting[-1]
-            dispatcher = _machine_code(function, signature, fills)
+            function, signature, fills, allocates = _waiting[-1]
+            dispatcher = _machine_code(function, signature, fills, allocates)
             kernels[f"{function.__module__}.{function.__name__}"] = dispatcher
             (compiled_for,) = dispatcher.overloads.values()
             function.__globals__[function.__name__] = compiled_for.entry_point
@@ -76,7 +80,7 @@ def _without_garbage_collector() -> Iterator[None]:
         gc.enable()
 
 
-def _machine_code(function: Callable[..., Any], signature: str, fills: int) -> Any:
+def _machine_code(function: Callable[..., Any], signature: str, fills: int, allocates: bool) -> Any:
     """Return numba's dispatcher of a kernel, compiled for its one signature."""
     from numba import njit, types  # here, because most imports need no compiler
     from numba.core.sigutils import normalize_signature
@@ -89,8 +93,11 @@ def _machine_code(function: Callable[..., Any], signature: str, fills: int) -> A
             for i, kind in enumerate(arguments)
         )
     )
+    counting: dict[str, Any] = (
+        {} if allocates else {"_nrt": False}
+    )  # in no documentation of numba's
     try:
-        return njit(typed, cache=True, error_model="numpy")(function)
+        return njit(typed, cache=True, error_model="numpy", **counting)(function)
     except Exception:  # a cache that cannot be written, or a damaged one: any error of unpickling
         _empty_cache(function)
         return njit(typed, error_model="numpy")(function)

@@ -162,7 +162,7 @@ class MotionFilters(Filters):
         """
         if state.__class__ is np.ndarray:
             X_k, p_hat = kinematics.X_k, kinematics.p_hat
-            x = p_hat if sensed.x is None else sensed.x[: p_hat.size]
+            x = p_hat if sensed.x is None else sensed.x
             W_k, y, a = empty(X_k.shape), empty(p_hat.size), empty(kinematics.nv)
             if kernels.filtered_rates(
                 state, X_k, p_hat, kinematics.a_k, x, self.task_velocity.bandwidth,

@@ -60,7 +60,7 @@ def inside(a: np.ndarray, low: np.ndarray, high: np.ndarray) -> bool:
     return within
 
 
-@compiled("void(f8[:], f8[:], f8, f8[:,:], i8[:,::1], f8[::1], f8[::1], f8[:])")
+@compiled("void(f8[:], f8[:], f8, f8[:,:], i8[:,::1], f8[::1], f8[::1], f8[:])", allocates=True)
 def follow_geodesic(
     a: np.ndarray,
     g: np.ndarray,
@@ -119,7 +119,7 @@ def follow_geodesic(
             after[b * p + entries[e, 0]] -= D[e] * P[entries[e, 1], entries[e, 2]]
 
 
-@compiled("void(f8[:], f8[:], f8, f8[:])")
+@compiled("void(f8[:], f8[:], f8, f8[:])", allocates=True)
 def follow_geodesic_of_bodies(a: np.ndarray, g: np.ndarray, h: float, after: np.ndarray) -> None:
     """Write P+ = exp(-h P L) P of every body's pseudo-inertia (10 k), as ``follow_geodesic``.
 

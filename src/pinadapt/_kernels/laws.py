@@ -177,7 +177,8 @@ def kinematic_drive(
 
 @compiled(
     "void(f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], "
-    "f8[:,:], f8[:,:], f8[:], f8[:], f8[:,:], f8, f8[:])"
+    "f8[:,:], f8[:,:], f8[:], f8[:], f8[:,:], f8, f8[:], f8[:])",
+    fills=2,
 )
 def commanded_acceleration(
     xdd_d: np.ndarray,
@@ -195,12 +196,13 @@ def commanded_acceleration(
     q: np.ndarray,
     posture: np.ndarray,
     w: float,
+    missed: np.ndarray,
     v: np.ndarray,
 ) -> None:
-    """Write v = psi + J^T G (u - J psi) (n), psi = -2 w qd - w^2 offset, G (m, m) as in J^+.
+    """Write u - J psi (m), which psi misses, and v = psi + J^T G (u - J psi) (n), G as in J^+.
 
-    u = xdd_d - K_v (xd - xd_d) - K_P dx - (dJ/dt(a_k) qd + Y_k da_k/dt) (m); offset is the
-    ``posture_offset`` of q, not read for w = 0.
+    psi = -2 w qd - w^2 offset, and u = xdd_d - K_v (xd - xd_d) - K_P dx - (dJ/dt(a_k) qd +
+    Y_k da_k/dt) (m); offset is the ``posture_offset`` of q, not read for w = 0.
     """
     m, n = J.shape
     for t in range(n):
@@ -210,7 +212,6 @@ def commanded_acceleration(
         d = q[t] - posture[0, t]
         e = max(d - posture[2, t], 0.0) + min(d - posture[1, t], 0.0)
         v[t] = -2.0 * w * qd[t] - w * w * (d + 2.0 * e * abs(e) / posture[3, t])
-    missed = np.empty(m)  # u - J psi
     for i in range(m):
         x = xdd_d[i] - Jdot_v[i]
         for j in range(m):
@@ -333,7 +334,7 @@ def reference(
         ud[i] = xdd_d[i] - alpha * rate
 
 
-@compiled("void(f8[:], f8[:,:], f8[:,:], f8, f8[:], f8[:], f8[:], f8[:])", fills=2)
+@compiled("void(f8[:], f8[:,:], f8[:,:], f8, f8[:], f8[:], f8[:], f8[:])", fills=2, allocates=True)
 def subtract_limited_damping(
     feedforward: np.ndarray,
     D: np.ndarray,

@@ -11,7 +11,7 @@ from .._compiled import compiled
 _LOST_RANK = 1e14  # (|J|_F / s)^2; the Gram matrix cannot tell more from rounding
 
 
-@compiled("Tuple((f8, f8, b1))(f8[:,:], f8, f8[:,::1])")
+@compiled("Tuple((f8, f8, b1))(f8[:,:], f8, f8[:,::1])", allocates=True)
 def invert_gram(J: np.ndarray, threshold: float, inverse: np.ndarray) -> tuple[float, float, bool]:
     """Write (J J^T + mu^2 I)^-1 (m, m); return s, mu^2 and whether the rank is lost.
 
@@ -57,14 +57,22 @@ def invert_gram(J: np.ndarray, threshold: float, inverse: np.ndarray) -> tuple[f
     return s, mu_2, lost
 
 
-@compiled("b1(f8[:,:], f8[:,:], f8[:], f8[:])")
-def solve_definite(M: np.ndarray, J: np.ndarray, e: np.ndarray, solution: np.ndarray) -> bool:
-    """Write M^-1 J^T e (n) by Cholesky, M = L L^T, of which only the lower triangle is read.
+@compiled("b1(f8[:,:], f8[:,:], f8[:], f8[:,:], f8[:,::1], f8[:], f8[:])", fills=3)
+def gradient_through_inverse(
+    M: np.ndarray,
+    J: np.ndarray,
+    e: np.ndarray,
+    Y: np.ndarray,
+    L: np.ndarray,
+    solution: np.ndarray,
+    gradient: np.ndarray,
+) -> bool:
+    """Write M^-1 J^T e (n) and Phi^T e = Y^T M^-1 J^T e (p), Phi = J M^-1 Y.
 
-    Return False if M is not positive definite.
+    By Cholesky, M = L L^T; only the lower triangles of M and L (n, n) are read and written. Return
+    False, without the gradient, if M is not positive definite.
     """
     m, n = J.shape
-    L = np.empty((n, n))
     for i in range(n):
         for j in range(i + 1):
             x = M[i, j]
@@ -85,10 +93,15 @@ def solve_definite(M: np.ndarray, J: np.ndarray, e: np.ndarray, solution: np.nda
         for t in range(i + 1, n):
             x -= L[t, i] * solution[t]
         solution[i] = x / L[i, i]
+    for j in range(len(gradient)):
+        gradient[j] = 0.0
+    for i in range(n):
+        for j in range(len(gradient)):
+            gradient[j] += Y[i, j] * solution[i]
     return True
 
 
-@compiled("void(f8[:,:], f8[:,:], f8[:], f8[:], f8[:])")
+@compiled("void(f8[:,:], f8[:,:], f8[:], f8[:], f8[:])", allocates=True)
 def right_inverse(
     J: np.ndarray, gram_inverse: np.ndarray, u: np.ndarray, psi: np.ndarray, solution: np.ndarray
 ) -> None:
@@ -110,7 +123,10 @@ def right_inverse(
             solution[t] += J[i, t] * x
 
 
-@compiled("void(f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8[:,:], f8, f8[:], f8[:])", fills=2)
+@compiled(
+    "void(f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8[:,:], f8, f8[:], f8[:], f8[:], f8[:])",
+    fills=4,
+)
 def right_inverse_and_rate(
     J: np.ndarray,
     gram_inverse: np.ndarray,
@@ -120,15 +136,17 @@ def right_inverse_and_rate(
     psid: np.ndarray,
     Jdot: np.ndarray,
     damping_rate: float,
+    missed: np.ndarray,
+    y: np.ndarray,
     x: np.ndarray,
     rate: np.ndarray,
 ) -> None:
     """Write x = psi + J^T y (n), y = G (u - J psi) (m), and its derivative (n).
 
-    It is psid + Jdot^T y + J^T G (ud - Jdot x - damping_rate y - J (psid + Jdot^T y)).
+    It is psid + Jdot^T y + J^T G (ud - Jdot x - damping_rate y - J (psid + Jdot^T y)). In between,
+    missed (m) and y hold what psi misses, of the task's velocity and then of its acceleration.
     """
     m, n = J.shape
-    missed, y = np.empty(m), np.empty(m)
     for i in range(m):
         missed[i] = u[i]
         for t in range(n):
@@ -156,7 +174,7 @@ def right_inverse_and_rate(
             rate[t] += J[i, t] * y[i]
 
 
-@compiled("void(f8[:,:], f8[:,:], f8[:], f8[:])")
+@compiled("void(f8[:,:], f8[:,:], f8[:], f8[:])", allocates=True)
 def null_space(J: np.ndarray, gram_inverse: np.ndarray, z: np.ndarray, null: np.ndarray) -> None:
     """Write z - J^T G J z (n)."""
     m, n = J.shape
@@ -175,7 +193,7 @@ def null_space(J: np.ndarray, gram_inverse: np.ndarray, z: np.ndarray, null: np.
             null[t] -= J[i, t] * x
 
 
-@compiled("void(f8[:,:], f8[:,:], f8[:], f8[:], f8[:])")
+@compiled("void(f8[:,:], f8[:,:], f8[:], f8[:], f8[:])", allocates=True)
 def subtract_null_space_damping(
     J: np.ndarray, gram_inverse: np.ndarray, D: np.ndarray, z: np.ndarray, torque: np.ndarray
 ) -> None:
@@ -200,13 +218,6 @@ def subtract_null_space_damping(
                 null[t] *= D[t]
     for t in range(n):
         torque[t] -= null[t]
-
-
-@compiled("void(f8[:], f8[:], f8[:])")
-def subtract(a: np.ndarray, b: np.ndarray, difference: np.ndarray) -> None:
-    """Write a - b (n)."""
-    for i in range(len(difference)):
-        difference[i] = a[i] - b[i]
 
 
 @compiled("void(f8[:,:], f8[:], f8[:])")

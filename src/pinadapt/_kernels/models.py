@@ -48,7 +48,7 @@ def place(
 
 
 @compiled(
-    "void(f8[:,:,:], f8[:,:], f8[:,:], f8[:,:], f8[:,:], f8[:], f8[:], i8[:], "
+    "void(f8[:,:,:], f8[:,:], f8[:,:], f8[:,:], f8[:,:], f8[:], i8[:], "
     "i8[:], f8[:,:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], f8[:,:])",
     fills=6,
 )
@@ -59,7 +59,6 @@ def frame_motion(
     A: np.ndarray,
     S: np.ndarray,
     lever: np.ndarray,
-    v: np.ndarray,
     rows: np.ndarray,
     parent: np.ndarray,
     directions: np.ndarray,
@@ -99,11 +98,12 @@ def frame_motion(
         r = rows[i]
         if r < 3:
             Jdot_v[i] = R[c, r, 0] * ax + R[c, r, 1] * ay + R[c, r, 2] * az
+            xd_hat[i] = R[c, r, 0] * ux + R[c, r, 1] * uy + R[c, r, 2] * uz
         else:
             k = r - 3
             Jdot_v[i] = R[c, k, 0] * A[c, 3] + R[c, k, 1] * A[c, 4] + R[c, k, 2] * A[c, 5]
-        xd = 0.0
-        for t in range(len(v)):
+            xd_hat[i] = R[c, k, 0] * wx + R[c, k, 1] * wy + R[c, k, 2] * wz
+        for t in range(J.shape[1]):
             column = S[r, t]
             if r == 0:
                 column += S[4, t] * z - S[5, t] * y
@@ -112,8 +112,6 @@ def frame_motion(
             elif r == 2:
                 column += S[3, t] * y - S[4, t] * x
             J[i, t] = column
-            xd += column * v[t]
-        xd_hat[i] = xd
     for j in range(len(parent)):
         k = parent[j]
         x = V[k, 4] * directions[2, j] - V[k, 5] * directions[1, j]
@@ -382,6 +380,7 @@ def joint_columns(
 @compiled(
     "void(f8[:,:,:], f8[:,:], f8[:,:], f8[:,:], f8[:,:], i8[:], i8[:], f8[:], f8[:,:], f8[:,:])",
     fills=2,
+    allocates=True,
 )
 def momentum_columns(
     R: np.ndarray,

@@ -262,7 +262,7 @@ class Controller:
         try:
             s, sensed, elapsed = self._observe(state, measurement, desired, dt)
             model = self._model(state, s, elapsed)
-            torque, drives = self._respond(s, model)
+            torque, drives = self.sent(s, self.law.command(s, model))
             dynamic = model.adaptation_d.step(model.dynamic, drives.dynamic, elapsed)
             kinematic = model.adaptation_k.step(model.kinematic, drives.kinematic, elapsed)
             filters = self._filters.step(state.filters, s, elapsed)
@@ -338,23 +338,16 @@ class Controller:
             s: the signals; ``s.a`` may be replaced by another acceleration.
             dt: time for which the torque is held [s]; None in an integration in continuous time.
         """
-        return self._respond(s, self._model(state, s, dt))
+        return self.sent(s, self.law.command(s, self._model(state, s, dt)))
 
-    def _respond(self, s: Signals, model: EstimatedModel) -> tuple[np.ndarray, Drives]:
-        """Return the torque (n) to send, within the limits of the motors, and the drives.
+    def sent(self, s: Signals, command: Command) -> tuple[np.ndarray, Drives]:
+        """Return the torque (n) to send for a command of the law [N m or N], and the drives.
 
-        The limits hold for the torque of the motors with the compensation that the arm adds.
+        The limits of the motors hold for their torque, with the compensation that the arm adds.
 
         While a motor saturates, the tracking error shows the missing torque as well as the errors
         of the parameters, and would wind the estimates up. They then learn only from what holds
         for any torque, the prediction errors.
-        """
-        return self.sent(s, self.law.command(s, model))
-
-    def sent(self, s: Signals, command: Command) -> tuple[np.ndarray, Drives]:
-        """Return the torque (n) to send for the command of these signals, and the drives.
-
-        As ``respond``, without another evaluation of the law.
         """
         limits = self.limits.torque
         torque, drives = command.torque, command.drives

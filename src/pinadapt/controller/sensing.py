@@ -11,7 +11,6 @@ import numpy as np
 from numpy import empty
 
 from .._checks import shown
-from .._kernels import linear_algebra
 from .._kernels import samples as kernels
 from ..description.chain import is_slide, velocity_limits
 from ..exceptions import ImplausibleError, InputError, did_you_mean
@@ -227,9 +226,8 @@ class Senses:
             return sensed if first is None else sensed._replace(first=first), still
         if not position_error:
             return SensedState(q, v, x.copy(), first=first), still
-        x, epsilon = x.copy(), empty(kinematics.positions)
-        linear_algebra.subtract(kinematics.p_hat, x, epsilon)
-        return SensedState(q, v, x, epsilon, kinematics.X_k, None, (), first), still
+        epsilon = kinematics.p_hat - x[: kinematics.positions]
+        return SensedState(q, v, x.copy(), epsilon, kinematics.X_k, None, (), first), still
 
     def _first(
         self, q_before: np.ndarray, first: np.ndarray, measurement: Measurement, elapsed: float

@@ -88,9 +88,11 @@ class EstimatedModel:
             DivergedError: M is not positive definite, as every mass matrix is; without
                 ``stop_on_divergence`` only if M is singular.
         """
+        gradient = None
         if self.stop_on_divergence:
-            solution = empty(len(M))
-            solved = kernels.solve_definite(M, J, e, solution)
+            n, p = Y.shape
+            L, solution, gradient = empty((n, n)), empty(n), empty(p)
+            solved = kernels.gradient_through_inverse(M, J, e, Y, L, solution, gradient)
         else:
             from scipy.linalg.lapack import dgesv  # slow to import, and seldom needed
 
@@ -104,7 +106,7 @@ class EstimatedModel:
                 "try a smaller gamma_d, or the law 'separation' or 'adaptive-jacobian', which "
                 "invert no mass matrix."
             )
-        return Drive(Y, solution)
+        return Drive(Y, solution, gradient=gradient)
 
 
 class Truth(NamedTuple):

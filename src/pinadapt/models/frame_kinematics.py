@@ -116,7 +116,7 @@ class FrameKinematics(TaskKinematics):
         Y_k, p_hat, X_k = empty(self._Y_shape), empty(m_p), empty(self._X_shape)
         kernels.frame_motion(
             self._rotations, self._origins, self._velocities, self._accelerations, self._axes,
-            self._lever, v, self._row_numbers, self._parent_of, self._placed.directions,
+            self._lever, self._row_numbers, self._parent_of, self._placed.directions,
             J, Jdot_v, xd_hat, Y_k, p_hat, X_k,
         )  # fmt: skip
         self.J, self.Jdot_v, self.xd_hat = J, Jdot_v, xd_hat

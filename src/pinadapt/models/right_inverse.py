@@ -78,10 +78,10 @@ class RightInverse:
         if psi is None or psid is None:
             r = self.solve(u, None)
             return r, self.solve(ud - Jdot.dot(r), None)
-        r, rate = empty(psi.size), empty(psi.size)
+        missed, y, r, rate = empty(u.size), empty(u.size), empty(psi.size), empty(psi.size)
         damping_rate = self._damping_rate(Jdot) if self.damping else 0.0
         kernels.right_inverse_and_rate(
-            self.J, self.gram_inverse, u, psi, ud, psid, Jdot, damping_rate, r, rate
+            self.J, self.gram_inverse, u, psi, ud, psid, Jdot, damping_rate, missed, y, r, rate
         )
         return r, rate
 

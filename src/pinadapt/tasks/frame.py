@@ -11,7 +11,6 @@ import numpy as np
 import pinocchio as pin
 from numpy import empty
 
-from .._kernels import linear_algebra
 from .._kernels import models as kernels
 from .task import RowGroup, Task
 
@@ -156,9 +155,7 @@ class PositionTask(FrameTask):
         xd_d: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, None]:
         """Return dx = x - x_d, the velocity, measured or else estimated, and None."""
-        dx = empty(x.size)
-        linear_algebra.subtract(x, x_d, dx)
-        return dx, xd_hat if xd is None else xd, None
+        return x - x_d, xd_hat if xd is None else xd, None
 
 
 class PositionMotion:
