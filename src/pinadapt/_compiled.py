@@ -93,9 +93,8 @@ def _machine_code(function: Callable[..., Any], signature: str, fills: int, allo
             for i, kind in enumerate(arguments)
         )
     )
-    counting: dict[str, Any] = (
-        {} if allocates else {"_nrt": False}
-    )  # in no documentation of numba's
+    # no counting of references: an option of numba's that its documentation does not have
+    counting: dict[str, Any] = {} if allocates else {"_nrt": False}
     try:
         return njit(typed, cache=True, error_model="numpy", **counting)(function)
     except Exception:  # a cache that cannot be written, or a damaged one: any error of unpickling

@@ -384,19 +384,35 @@ def test_task_force(rng, laid):
 
 @pytest.mark.parametrize("threshold", [1e-2, 1.0])
 def test_joint_effects(threshold, rng, laid):
-    """The torque of armature, damping and friction is linear in them: Y c = tau."""
-    inertial, values = laid(rng.standard_normal(5)), laid(rng.standard_normal((3, 5)))
-    v, a = laid(rng.standard_normal((2, 5)))
-    tau, Y, told = filled(5), filled(5, 4 + 15), filled(3, 5)
-    models.take_coefficients(laid(values[::2].ravel()), np.array([0, 2]), told)
-    assert np.array_equal(told[::2], values[::2]) and np.isnan(told[1]).all()
-    models.joint_torque(values, v, a, threshold, inertial, tau)
-    assert close(tau, inertial + values[0] * a + values[1] * v + values[2] * np.tanh(v / threshold))
-    columns, kinds = laid(rng.standard_normal((5, 4))), np.array([0, 1, 2])
-    models.joint_columns(columns, kinds, v, a, threshold, Y)
-    assert close(Y[:, :4], columns) and close(Y[:, 4:] @ values.ravel(), tau - inertial)
-    models.joint_columns(columns, kinds[::2], v, a, threshold, Y[:, :14])
-    assert close(Y[:, 4:14] @ values[::2].ravel(), tau - inertial - values[1] * v)
+    """The torque of five joints and two coupled shafts, by numpy, and by its regressor."""
+    n, k = 5, 2
+    (inertial, v, a, g), B = laid(rng.standard_normal((4, n))), laid(rng.standard_normal((k, n)))
+    values, shape = laid(rng.standard_normal((6, n + k))), rng.uniform(0.5, 2.0, (3, n + k))
+    shape[0], shape[1, ::2] = 1.0 / threshold, 0.0
+    shape = laid(shape)
+    u, w = np.append(v, B @ v), np.append(a, B @ a)
+    load = np.append(g, np.zeros(k))
+    s = np.tanh(u * shape[0]) * (1.0 + shape[1] * np.exp(-np.abs(u) * shape[2]))
+    armature, viscous, coulomb, loaded, asymmetry, offset = values
+    f = armature * w + viscous * u + (coulomb + loaded * load) * s + asymmetry * np.abs(s) + offset
+    expected = inertial + f[:n] + B.T @ f[n:]
+    tau = filled(n)
+    models.joint_torque(values, shape, B, v, a, g, inertial, tau)
+    assert close(tau, expected, 1e-11)
+    kinds, shafts = (index.ravel() for index in np.indices(values.shape))
+    told, columns, Y = (
+        filled(6, n + k),
+        laid(rng.standard_normal((n, 4))),
+        filled(n, 4 + 6 * (n + k)),
+    )
+    models.take_coefficients(laid(values.ravel()), kinds, shafts, told)
+    assert np.array_equal(told, values)
+    models.joint_columns(columns, kinds, shafts, shape, B, v, a, g, 1.0, Y)
+    assert close(Y[:, :4], columns) and close(Y[:, 4:] @ values.ravel(), expected - inertial, 1e-11)
+    some = kinds != 5  # without the offsets
+    few = filled(n, 4 + int(some.sum()))
+    models.joint_columns(columns, kinds[some], shafts[some], shape, B, v, a, g, 1.0, few)
+    assert np.array_equal(few[:, 4:], Y[:, 4:][:, some])
 
 
 def moving(name, rng, length):
