@@ -511,6 +511,8 @@ def controller_sheet(controller: Controller) -> Sheet:
         ("dynamic", _adapted(dynamics.names, controller.adaptation_d.name)),
         ("torque limits", _limits(controller)),
     ]
+    if not controller.limits.actuators.ideal:
+        rows.append(("made for", controller.limits.actuators.words))
     if np.isfinite(controller.period):
         rows.append(("period", f"{1e3 * controller.period:g} ms"))
     return Sheet(f"controller, {getattr(law, 'name', type(law).__name__)}", [Table(rows)])

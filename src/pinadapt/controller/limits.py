@@ -8,18 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import flag, numbers, positive, vector
+from .._checks import flag, instance, numbers, positive, vector
 from ..exceptions import GainError, ParameterError
 from ..models.dynamics import Dynamics
 from ..models.right_inverse import RightInverse
 from ..models.task_kinematics import TaskKinematics
 from ..models.translations import FIRST
 from ..records import Sensors
-from ..robot.motors import torque_limits
+from ..robot.motors import Actuators, torque_limits
 from ..robot.robot import Robot
 from .governor import Governor, PathGovernor
 
 _ABSURD = 1e4
+_IDEAL = Actuators()
 _SHORTEST, _LONGEST = 0.2, 5.0
 _WIDE, _WIDE_BASE = 0.5, 10.0  # of the reach
 
@@ -42,15 +43,17 @@ class Limits:
             "differences" and "gravity" to False. See ``Guards`` and ``FirstSamples``.
         stop_on_divergence: whether a run ends, with a message, when an M_hat to be inverted is not
             positive definite or the estimates run away.
-
         governor: whether the time of the path slows where the arm cannot follow it, see
             ``Governor``; True for its defaults. ``Controller.desired`` gives the desired motion at
             the time of the path.
+        actuators: what the motors can follow: their delay and bandwidth, and the stiffness of the
+            joints. Default gains and rates are made for them, and the check before a run has them
+            in its loop. None: ideal ones.
 
     Raises:
         GainError: a damping outside [0, 1).
-        InputError: a ``stop_on_divergence`` that is neither True nor False, or a ``governor`` that
-            is none.
+        InputError: a ``stop_on_divergence`` that is neither True nor False, a ``governor`` that is
+            none, or ``actuators`` that are none.
     """
 
     torque: ArrayLike | bool | None = True
@@ -59,6 +62,7 @@ class Limits:
     guards: Mapping[str, bool] | bool = True
     stop_on_divergence: bool = True
     governor: Governor | bool = False
+    actuators: Actuators | None = None
 
     def __post_init__(self) -> None:
         """Refuse what does not depend on the robot."""
@@ -69,6 +73,7 @@ class Limits:
         flag(self.stop_on_divergence, "stop_on_divergence")
         if not isinstance(self.governor, Governor):
             flag(self.governor, "governor")
+        instance(self.actuators, Actuators | None, "actuators")
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +87,7 @@ class ControllerLimits:
         estimate: bound on the norm of all estimates together, infinite for none.
         stop_on_divergence: whether estimates that went wrong end the run.
         governor: of the time of the path, or None.
+        actuators: for which gains and rates were made.
     """
 
     torque: np.ndarray | None = None
@@ -89,6 +95,7 @@ class ControllerLimits:
     estimate: float = np.inf
     stop_on_divergence: bool = True
     governor: PathGovernor | None = None
+    actuators: Actuators = _IDEAL
 
 
 def limits_for(
@@ -128,6 +135,7 @@ def limits_for(
         _ABSURD * size if limits.stop_on_divergence else np.inf,
         limits.stop_on_divergence,
         None if governor is None else governor.of(robot, kinematics.task, sensors, torque),
+        _IDEAL if limits.actuators is None else limits.actuators,
     )
 
 

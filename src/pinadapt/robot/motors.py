@@ -114,6 +114,18 @@ class Actuators:
         """Whether each torque is at the links at once."""
         return not (self.late or self.elastic)
 
+    @property
+    def words(self) -> str:
+        """What is not ideal, in words."""
+        parts = []
+        if np.any(self.delay):
+            parts.append(f"motors that are {1e3 * float(np.max(self.delay)):.3g} ms late")
+        if np.isfinite(self.bandwidth).any():
+            parts.append(f"motors of {float(np.min(self.bandwidth)):.3g} rad/s")
+        if self.elastic:
+            parts.append(f"joints of {float(np.min(self.stiffness)):.3g} N m/rad")
+        return " and ".join(parts)
+
     def of(self, robot: Robot) -> JointActuators:
         """Return the actuators of a robot's n joints.
 

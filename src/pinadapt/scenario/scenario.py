@@ -39,6 +39,7 @@ from .parts import (
     true_robot,
 )
 from .schema import (
+    ActuatorsSection,
     BeliefSection,
     ScenarioTables,
     SimulationSection,
@@ -48,7 +49,7 @@ from .schema import (
     read_tables,
 )
 
-_NOT_GAINS = {"law", "adaptation", "acceleration", "damping", "guards", "watch"}
+_NOT_GAINS = {"law", "adaptation", "acceleration", "damping", "guards", "watch", "actuators"}
 
 
 _CHAIN = tuple(f"robot.{key}" for key in ("source", "frame", "task", "locked"))
@@ -189,7 +190,8 @@ class Scenario:
             return []
         motors = torque_limits(self.true, self.engine.torque_limits is not False)
         dt = self.engine.period(self.controller)
-        return findings(self.true, self.controller, dt, self.sensors, motors)
+        actuators = self.engine.actuators
+        return findings(self.true, self.controller, dt, self.sensors, motors, actuators)
 
     def run(self, progress: Progress | bool | None = None, *, view: bool = False) -> Rollout:
         """Run the closed loop, with ``progress`` and ``view`` as in ``simulate``.
@@ -312,6 +314,11 @@ def _true_actuators(simulation: SimulationSection) -> Actuators | None:
     return Actuators(**own) if own else None
 
 
+def _declared_actuators(section: ActuatorsSection | None) -> Actuators | None:
+    """Return the actuators that [controller] declares, or None."""
+    return None if section is None else Actuators(**section.model_dump(exclude_none=True))
+
+
 def _controller(
     tables: ScenarioTables,
     described: Robot,
@@ -336,6 +343,7 @@ def _controller(
             guards=guards if isinstance(guards, bool) else guards.model_dump(),
             stop_on_divergence=controller.watch,
             governor=tables.reference.governor,
+            actuators=_declared_actuators(controller.actuators),
         ),
         compensated=compensation_of(described, simulation.compensated),
         dt=1e-3 if simulation.mode == "continuous" else simulation.dt,

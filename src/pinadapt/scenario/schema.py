@@ -146,7 +146,7 @@ class ElasticitySection(Section):
 
 
 class ActuatorsSection(Section):
-    """[simulation] actuators: late motors and elastic joints.
+    """Late motors and elastic joints: of the true robot in [simulation], declared in [controller].
 
     Delay [s], bandwidth [rad/s], stiffness [N m/rad] and damping [N m s/rad] are numbers or one per
     joint.
@@ -203,6 +203,7 @@ class ControllerSection(Section):
     watch: bool = True
     posture: Positive | list[Number] | PostureSection | None = None
     guards: bool | GuardsSection = True
+    actuators: ActuatorsSection | None = None
 
 
 class OrientationSection(Section):

@@ -475,6 +475,8 @@ def _simulation(template: Template) -> Table:
     table = _filled({"duration": duration, "dt": SimulationSection().dt})
     meaning = "ignore the effort limits of the description"
     _option(table, "torque_limits = false", meaning, 45)
+    meaning = "[s], [rad/s]: motors that follow late; or stiffness [N m/rad]"
+    _option(table, "actuators = { delay = 0.004, bandwidth = 200.0 }", meaning, 45)
     return table
 
 

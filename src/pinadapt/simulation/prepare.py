@@ -19,7 +19,7 @@ from ..laws import DEFAULT
 from ..plants.plant import SimulatedPlant
 from ..records import Sensors
 from ..robot.home import conditioning
-from ..robot.motors import overloaded
+from ..robot.motors import Actuators, overloaded
 from ..robot.robot import Robot
 from ..tasks.frame import FrameTask
 from ..trajectories.given import TrajectoryLike, as_trajectory
@@ -71,6 +71,7 @@ def findings(
     dt: float,
     sensors: Sensors,
     motors: np.ndarray | None = None,
+    actuators: Actuators | None = None,
 ) -> list[str]:
     """Return what of period, camera, encoders and motors would spoil a run.
 
@@ -80,9 +81,10 @@ def findings(
         dt: sampling period [s].
         sensors: of the true robot.
         motors: limits (n) [N m or N] at which the motors clip, or None.
+        actuators: of the true robot; None: as the controller has them declared.
     """
     quality = sensors.quality(true.model.nv, dt)
-    found = [*preflight(controller, dt), *sensor_findings(controller, quality)]
+    found = [*preflight(controller, dt, actuators), *sensor_findings(controller, quality)]
     words = [str(finding) for finding in found]
     if wrong := jacobian_finding(controller, true):
         words.append(str(wrong))

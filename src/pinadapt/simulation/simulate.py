@@ -217,7 +217,7 @@ def simulate(
     if isinstance(plant, PinocchioPlant) and engine.continuous:
         stream = run_continuous(plant, controller, trajectory, **options)
     else:
-        for finding in findings(true, controller, dt, sensors, motors):
+        for finding in findings(true, controller, dt, sensors, motors, engine.actuators):
             warnings.warn(finding, stacklevel=3)
         stream = run(*loop, sensors=None if sensors.perfect else simulated, **options)
     live = progress == "live"

@@ -26,6 +26,7 @@ from ..models.dynamics import Dynamics
 from ..models.pseudo_inertia import UNCERTAINTY, nearest_physical, pseudo_inertia, ten_parameters
 from ..models.translations import PlacedTranslations
 from ..models.typical_motion import TypicalMotion
+from ..robot.motors import Actuators
 from ..robot.robot import Robot
 
 
@@ -120,6 +121,7 @@ _PUBLISHED, _REACH = 20.0, 2.2  # [rad/s], [m], of Wang and Xie's arm
 _LEAST_REACH = 1e-6  # [m]
 _LARGEST_STEP = 0.075  # bandwidth times sampling period
 _LEAST_EXCITATION = 1e-6  # relative
+_LAG, _GIVING_WAY, _ELASTIC = 2.0, 1.0, 0.5
 
 # of the bandwidth
 PREDICTION_RATE = 0.125
@@ -128,6 +130,50 @@ PREDICTION_RATE = 0.125
 def bandwidth(robot: Robot, dt: float) -> float:
     """Return the default bandwidth w [rad/s] for a robot at sampling period dt [s]."""
     return min(_PUBLISHED * (_REACH / max(robot.reach, _LEAST_REACH)) ** 0.5, _LARGEST_STEP / dt)
+
+
+def feedback_lag(robot: Robot, dt: float, actuators: Actuators) -> float:
+    """Return the lag [s] of K_D with actuators: 1 / lag is the fastest decay that it asks for.
+
+    Twice the time after which a held torque is there: two periods for motors that apply it at once.
+    Springs add 1 / ``elastic_mode``: a motor that K_D holds still lets its link swing on
+    the spring, one that gives way damps it.
+
+    Args:
+        robot: the model.
+        dt: sampling period [s].
+        actuators: of the robot.
+
+    Raises:
+        InputError: actuators of another number of joints.
+    """
+    own = actuators.of(robot)
+    late = float(_LAG * np.max(dt + own.delay + 1.0 / own.bandwidth))
+    return late + _GIVING_WAY / elastic_mode(robot, actuators)
+
+
+def slowest_share(robot: Robot, actuators: Actuators, mode: float) -> float:
+    """Return the share of a mode of adaptation [rad/s] that springs leave.
+
+    The mode stays below half of ``elastic_mode``: a faster adaptation learns wrong inertias from
+    links that swing on their springs.
+    """
+    return min(1.0, _ELASTIC * elastic_mode(robot, actuators) / mode)
+
+
+def elastic_mode(robot: Robot, actuators: Actuators) -> float:
+    """Return the lowest frequency [rad/s] of the links on their springs, the motors held, at home.
+
+    Infinite for rigid joints.
+
+    Raises:
+        InputError: actuators of another number of joints.
+    """
+    if not actuators.elastic:
+        return np.inf
+    M = pin.crba(robot.model, robot.model.createData(), robot.q0) - np.diag(robot.model.armature)
+    soft = np.sqrt(1.0 / actuators.of(robot).stiffness)
+    return float(np.linalg.eigvalsh(soft[:, None] * M * soft)[-1] ** -0.5)
 
 
 def gradient_shape(robot: Robot, dynamics: Dynamics, effects: Sequence[np.ndarray]) -> np.ndarray:

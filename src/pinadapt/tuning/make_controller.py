@@ -29,10 +29,10 @@ from ..models.delay_compensation import DelayCompensator
 from ..models.typical_motion import TypicalMotion
 from ..records import SensorQuality, Sensors
 from ..robot.changes import Payload
-from ..robot.motors import Compensation, compensation_of
+from ..robot.motors import Actuators, Compensation, compensation_of
 from ..robot.robot import Robot
 from ..tasks.joint import JointTask
-from .defaults import bandwidth
+from .defaults import bandwidth, feedback_lag, slowest_share
 from .noise import (
     SIGMA,
     Given,
@@ -158,9 +158,11 @@ def make_controller(
     dynamics = nominal_dynamics(robot, unknown, chosen.joint_effects, lengths)
     applied = limits_for(robot, kinematics, dynamics, limits, sensors)
     motion = TypicalMotion(robot, kinematics, dynamics, bandwidth(robot, dt), applied.torque)
-    tuned, w = _tuned(law, motion, dt, gains)
+    tuned, w = _tuned(law, motion, dt, gains, applied.actuators)
     quality = sensors.quality(robot.model.nv, dt)
     settings = noise_settings(quality, w, robot.reach)
+    elastic = slowest_share(robot, applied.actuators, tuned.adaptation_mode * w)
+    settings = settings._replace(mode=min(settings.mode, elastic))
     if isinstance(law, str):
         tuned = tuned.decorrelated(settings.decorrelation)
     _warn(tuned, (kind, kind_k), motion, gains | rates)
@@ -338,18 +340,24 @@ def _kind(adaptation: str | Adaptation, law: type[Law], where: str, kinds: tuple
 
 
 def _tuned(
-    law: str | Law, motion: TypicalMotion, dt: float, gains: dict[str, Any]
+    law: str | Law,
+    motion: TypicalMotion,
+    dt: float,
+    gains: dict[str, Any],
+    actuators: Actuators,
 ) -> tuple[Law, float]:
     """Return the law, and the bandwidth [rad/s] that it has at the period dt [s].
 
-    The feedback of a law by name is made as slow as a stable loop at dt needs, where none of its
-    gains is given.
+    The feedback of a law by name is made as slow as a stable loop at dt needs with the actuators,
+    where none of its gains is given.
     """
     if isinstance(law, Law):
         if given := [name for name, gain in gains.items() if gain is not None]:
             raise InputError(f"a law given as an object has its gains; got {given}.", where="gains")
         return law, motion.bandwidth * law.bandwidth_share
     chosen = LAWS[law]
+    if not actuators.ideal and gains.get("lag") is None and gains.get("Kv") is None:
+        gains = gains | {"lag": feedback_lag(motion.robot, dt, actuators)}
     tuned = chosen.tuned(motion, dt, **gains)
     if any(gains.get(name) is not None for name in ("Kv", "Kp", "alpha")):
         return tuned, motion.bandwidth * tuned.bandwidth_share
@@ -357,7 +365,9 @@ def _tuned(
     def slowed(share: float) -> Law:
         return tuned if share == 1.0 else chosen.tuned(motion, dt, share, **gains)
 
-    share = stable_share_of_feedback(lambda share: slowed(share).feedback(motion), dt)
+    share = stable_share_of_feedback(
+        lambda share: slowed(share).feedback(motion), dt, motion, actuators
+    )
     tuned = slowed(share)
     return tuned, share * motion.bandwidth * tuned.bandwidth_share
 

@@ -4,7 +4,8 @@ Period: each part of the closed loop is linearised over a typical motion of the 
 the controller does it, torques and gradients held for dt. A part is stable while the spectral
 radius of its transition matrix is below one. The real inertias differ from the model's: stability
 is required with feedback and kinematic adaptation doubled, and with the rates of the dynamic
-adaptation 1.5 times as large, as for bodies a third lighter.
+adaptation 1.5 times as large, as for bodies a third lighter. Where actuators are declared, or known
+of a simulated robot, their delay, bandwidth and springs are in the loop, see ``ActuatedJoints``.
 
 Sensors: a frame that is used without compensation is a delay of the position feedback by up to its
 age; the loop of the typical motion with that delay, in Pade's second-order form, must be stable
@@ -32,6 +33,7 @@ from ..laws.law import Feedback, Law
 from ..models.frame_kinematics import FrameKinematics
 from ..models.typical_motion import TypicalMotion
 from ..records import SensorQuality
+from ..robot.motors import Actuators, JointActuators
 from ..robot.robot import Robot
 from ..robot.workspace import rounded_down
 from ..tasks.joint import JointTask
@@ -106,7 +108,9 @@ def lightest_joint(motion: TypicalMotion, law: Law) -> LightJoint | None:
 
 _MARGIN, _ADAPTATION_MARGIN = 2.0, 1.5
 _FEEDBACK, _DYNAMICS = "task feedback", "adaptation of the dynamics"
-_SLACK = 0.95
+_KINEMATICS = "adaptation of the kinematics"
+_SLACK, _NEARLY_NONE = 0.95, 1e-6
+_SHORTEST = 1e-3  # of the period, at which late motors count as stable at no period
 _LEAST, _HALVINGS = 1e-6, 24  # smallest share, and how far its logarithm is bisected
 _UNSTABLE = 1.0 + 1e-9  # the null space of a redundant arm moves freely
 
@@ -118,10 +122,11 @@ class Finding:
     Attributes:
         part: what it is.
         dt: the given period [s].
-        longest: the longest period at which it is stable [s].
+        longest: the longest period at which it is stable [s]; zero if there is none.
         factors: by name, what each gain must be multiplied with to be stable at ``dt``; empty if
             no gain helps.
         values: by name, the present gains that are one number.
+        actuators: in words, if they are not ideal.
     """
 
     part: str
@@ -129,10 +134,20 @@ class Finding:
     longest: float
     factors: dict[str, float]
     values: dict[str, float] = field(default_factory=dict)
+    actuators: str = ""
 
     def __str__(self) -> str:
         """Return which part is too fast, and the period or the gains to take."""
         gains = [_bound(name, each, self.values.get(name)) for name, each in self.factors.items()]
+        if self.actuators:
+            ways = [f"dt <= {rounded_down(self.longest):.2g} s"] if self.longest else []
+            ways += [f"{'all of ' if len(gains) > 1 else ''}{', '.join(gains)}"] if gains else []
+            advice = f"take {', or '.join(ways)}" if ways else "no period and no gain helps"
+            return (
+                f"the {self.part} is too fast for {self.actuators} at dt = {self.dt:.3g} s: "
+                f"{advice}. Default gains for actuators follow from "
+                "pa.Limits(actuators=...), in a scenario controller.actuators."
+            )
         other = (
             f", or {', '.join(gains)}"
             if gains
@@ -173,34 +188,53 @@ Radius = Callable[..., float]  # of dt [s] and factor, both by name
 
 
 @arithmetic("dt")
-def preflight(controller: Controller, dt: float) -> list[Finding]:
+def preflight(
+    controller: Controller, dt: float, actuators: Actuators | None = None
+) -> list[Finding]:
     """Return the parts of the loop that are unstable at the period dt [s]; empty if stable.
 
     A controller put together by hand, without the typical motion that ``make_controller`` gives it,
     is not checked. If the damping of the feedback alone is too fast for dt, only the feedback is
     returned, as no rate of adaptation would help.
 
+    Args:
+        controller: to be checked.
+        dt: sampling period [s].
+        actuators: of the robot; None: those for which the controller was made.
+
     Raises:
-        InputError: no controller, or a period that is not positive.
+        InputError: no controller, a period that is not positive, or actuators of another size.
     """
     instance(controller, Controller, "controller")
+    instance(actuators, Actuators | None, "actuators")
+    actuators = controller.limits.actuators if actuators is None else actuators
     dt, findings = positive(dt, "dt"), []
-    for part, gains, radius in _parts(controller):
+    for part, gains, radius in _parts(controller, actuators):
         if radius(dt=dt, factor=1.0) <= _UNSTABLE:
             continue
-        helps = radius(dt=dt, factor=0.0) <= _UNSTABLE
+        helps = radius(dt=dt, factor=_NEARLY_NONE) <= _UNSTABLE
         if helps or part == _FEEDBACK:
-            longest = _largest(lambda period, of=radius: of(dt=period, factor=1.0), dt)
             factors = _stable_factors(gains, radius, dt) if helps else {}
             values = _values(controller.law, factors)
-            findings.append(Finding(part, dt, longest, factors, values))
+            words = "" if actuators.ideal or part == _KINEMATICS else actuators.words
+            longest = _longest(radius, dt, late=bool(words))
+            findings.append(Finding(part, dt, longest, factors, values, words))
     return findings
+
+
+def _longest(radius: Radius, dt: float, late: bool) -> float:
+    """Return the longest stable period up to dt [s], zero if late motors leave none."""
+    if late and radius(dt=_SHORTEST * dt, factor=1.0) > _UNSTABLE:
+        return 0.0
+    return _largest(lambda period: radius(dt=period, factor=1.0), dt)
 
 
 def stable_share_of_adaptation(controller: Controller, dt: float) -> float:
     """Return the share of the rates of the dynamic adaptation that passes the check at dt [s]."""
-    for part, gains, radius in _parts(controller):
-        if part == _DYNAMICS and radius(dt=dt, factor=0.0) <= _UNSTABLE < radius(dt=dt, factor=1.0):
+    for part, gains, radius in _parts(controller, controller.limits.actuators):
+        if part != _DYNAMICS or radius(dt=dt, factor=1.0) <= _UNSTABLE:
+            continue
+        if radius(dt=dt, factor=_NEARLY_NONE) <= _UNSTABLE:
             return _SLACK * min(_stable_factors(gains, radius, dt).values())
     return 1.0
 
@@ -211,17 +245,24 @@ def _stable_factors(gains: Mapping[str, float], radius: Radius, dt: float) -> di
     return {gain: factor**power for gain, power in gains.items()}
 
 
-def stable_share_of_feedback(of: Callable[[float], Sequence[Feedback]], dt: float) -> float:
+def stable_share_of_feedback(
+    of: Callable[[float], Sequence[Feedback]],
+    dt: float,
+    motion: TypicalMotion,
+    actuators: Actuators,
+) -> float:
     """Return the share of the feedback's bandwidth that passes the check at dt [s].
 
     One where it passes, and where no share does. ``of`` returns the feedback of a share.
     """
+    joints = None if actuators.ideal else ActuatedJoints(motion, actuators)
 
     def radius(share: float) -> float:
-        return _feedback_radius(of(share), dt, 1.0)
+        if joints is None:
+            return _feedback_radius(of(share), dt, 1.0)
+        return joints.feedback_radius(of(share), dt, 1.0)
 
-    whole = of(1.0)
-    if not whole or _feedback_radius(whole, dt, 1.0) <= _UNSTABLE or radius(_LEAST) > _UNSTABLE:
+    if not of(1.0) or radius(1.0) <= _UNSTABLE or radius(_LEAST) > _UNSTABLE:
         return 1.0
     return _SLACK * _largest(radius, 1.0)
 
@@ -235,22 +276,27 @@ def _largest(radius: Callable[..., float], start: float) -> float:
     return low
 
 
-def _parts(controller: Controller) -> list[tuple[str, dict[str, float], Radius]]:
+def _parts(
+    controller: Controller, actuators: Actuators
+) -> list[tuple[str, dict[str, float], Radius]]:
     """Return of each part of the loop name, gains with the powers of the factor, and radius."""
     motion = controller.motion
     if motion is None:
         return []
     parts: list[tuple[str, dict[str, float], Radius]] = []
     feedback = controller.law.feedback(motion)
+    joints = None if actuators.ideal or not feedback else ActuatedJoints(motion, actuators)
     if feedback:
         powers = controller.law.bandwidth_powers
-        parts.append((_FEEDBACK, powers, partial(_feedback_radius, feedback)))
+        radius = _feedback_radius if joints is None else joints.feedback_radius
+        parts.append((_FEEDBACK, powers, partial(radius, feedback)))
     Gamma_d = _dynamic_gain(controller, motion)
     if feedback and Gamma_d.any():
         damping, effects = cycle(at.E for at in feedback), controller.law.parameter_effects(motion)
         pairs = [(Phi @ Gamma_d @ Phi.T, E) for Phi, E in zip(effects, damping, strict=False)]
         powers = {"gamma_d": 1.0, "gamma_joint": 1.0}
-        parts.append((_DYNAMICS, powers, partial(_dynamic_radius, pairs)))
+        radius = _dynamic_radius if joints is None else joints.adaptation_radius
+        parts.append((_DYNAMICS, powers, partial(radius, pairs)))
     Gamma_k = controller.adaptation_k.gain(motion.kinematics.initial)
     loop = controller.law.kinematic_loop()
     if loop is not None and Gamma_k.any():
@@ -260,7 +306,7 @@ def _parts(controller: Controller) -> list[tuple[str, dict[str, float], Radius]]
             speed = frequency(motion.position_regressors, Gamma_k)
         decay = speed**2 * float(np.linalg.eigvalsh(loop.weight)[-1])
         radius = partial(_kinematic_radius, mode, loop.damping, decay)
-        parts.append(("adaptation of the kinematics", {"gamma_k": 1.0}, radius))
+        parts.append((_KINEMATICS, {"gamma_k": 1.0}, radius))
     return parts
 
 
@@ -299,6 +345,153 @@ def _median_radius(ee: np.ndarray, ez: np.ndarray, ze: np.ndarray, zz: np.ndarra
     blocks = list(np.broadcast_arrays(ee, ez, ze, zz))
     eigenvalues = np.linalg.eigvals(np.block([blocks[:2], blocks[2:]]))
     return float(np.median(np.abs(eigenvalues).max(axis=1)))
+
+
+_RELATIVE_DAMPING = 0.01  # of springs without a stated one
+_ROTOR = 0.5  # of the inertia that a joint moves, where a description has no rotors
+
+
+class ActuatedJoints:
+    """The joints behind their actuators, linearised at rest at states of a typical motion.
+
+    Per state, with M of the model, rotors B, M_l = M - B of the links, and u the torque commanded:
+
+        delay       y = u - 2 b dz/dt, d^2 z/dt^2 = -a z - b dz/dt + u, a = 12 / T^2, b = 6 / T,
+                    Pade's form of second order of exp(-p T)
+        bandwidth   df/dt = w (y - f)
+        rigid       M dv/dt = f
+        elastic     M_l dv/dt = K d + D (w - v), B dw/dt = f - K d - D (w - v), dd/dt = w - v
+
+    The torque is held over each period, which is exact. Feedback sees the joints' displacement and
+    velocity at the encoders. Springs without damping are taken to have 1 % of the critical one of
+    their motors, joints without described rotors to have half of what they move.
+    """
+
+    def __init__(self, motion: TypicalMotion, actuators: Actuators) -> None:
+        """Take the model's states, and the actuators.
+
+        Raises:
+            InputError: actuators of another number of joints.
+        """
+        own, M = actuators.of(motion.robot), np.array(motion.mass_matrices)
+        self._M = M
+        self._roots = M @ np.array(motion.unit_masses).swapaxes(1, 2)  # W^-1
+        self._J = np.array(motion.jacobians)
+        self._inverse = np.array(motion.right_inverses)
+        self._w = motion.bandwidth
+        self._A, self._B, self._C = _chain(M, own, np.array(motion.robot.model.armature))
+        if actuators.elastic and actuators.encoders == "link":
+            n = M.shape[-1]
+            self._C = np.zeros(self._C.shape)
+            self._C[:, :, -2 * n : -n] = np.eye(n)
+
+    def feedback_radius(self, feedback: Sequence[Feedback], dt: float, factor: float) -> float:
+        """Return the median spectral radius of the sampled loop, its gains doubled.
+
+        ``factor`` multiplies the bandwidth of the feedback.
+        """
+        S, D, N, _ = (np.array(part) for part in zip(*feedback, strict=True))
+        K_P = _MARGIN * factor**2 * self._torque(S)
+        K_D = _MARGIN * self._torque(factor * D + N)
+        if len(feedback) < len(self._M):  # of the task: the posture holds the rest
+            null = self._M @ (np.eye(self._M.shape[-1]) - self._inverse @ self._J)
+            K_P, K_D = K_P + 0.25 * self._w**2 * null, K_D + self._w * null
+        A, B, C = self._A, self._B, self._C
+        n, size = C.shape[1:]
+        placed = np.block([[A, np.zeros((len(A), size, n))], [C, np.zeros((len(A), n, n))]])
+        Phi, Gamma = _held(placed, np.pad(B, ((0, 0), (0, n), (0, 0))), dt)
+        return _median_of(Phi - Gamma @ np.concatenate([K_D @ C, K_P], axis=2))
+
+    def adaptation_radius(
+        self, pairs: Sequence[tuple[np.ndarray, np.ndarray]], dt: float, factor: float
+    ) -> float:
+        """Return the median spectral radius of de/dt = -D e + z, dz/dt = -S e behind the actuators.
+
+        e is the error of the joints' velocity; ``factor`` multiplies S, and S has its margin.
+        """
+        S, E = (np.array(part) for part in zip(*pairs, strict=True))
+        S = _ADAPTATION_MARGIN * factor * self._torque(S)
+        Phi, Gamma = _held(self._A, self._B, dt)
+        top = np.concatenate([Phi - Gamma @ self._torque(E) @ self._C, Gamma], axis=2)
+        one = np.broadcast_to(np.eye(S.shape[-1]), S.shape)
+        return _median_of(
+            np.concatenate([top, np.concatenate([-dt * S @ self._C, one], axis=2)], axis=1)
+        )
+
+    def _torque(self, feedback: np.ndarray) -> np.ndarray:
+        """Return a gain of joints of unit mass, or of the task, as a torque of the joints."""
+        if len(feedback) == len(self._M):
+            return np.asarray(self._roots @ feedback @ self._roots.swapaxes(1, 2))
+        return np.asarray(self._M @ self._inverse @ feedback @ self._J)
+
+
+def _chain(
+    M: np.ndarray, joints: JointActuators, rotors: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return A (N, k, k), B (N, k, n) and C (N, n, k) from torques to velocities of the motors.
+
+    The last n states are the velocities of the motors, before them those of the links where there
+    are springs.
+    """
+    N, n = len(M), M.shape[-1]
+    elastic, late = bool(np.isfinite(joints.stiffness).all()), bool(joints.delay.any())
+    slow = bool(np.isfinite(joints.bandwidth).any())
+    one, none = np.eye(n), np.zeros((n, n))
+    size = (2 * late + slow + (3 if elastic else 1)) * n
+    A, B = np.zeros((N, size, size)), np.zeros((N, size, n))
+    at = 0
+    Y, U = np.zeros((n, size)), one  # torque behind the delay: Y x + U u
+    if late:
+        T = np.maximum(joints.delay, 1e-3 * joints.delay.max())
+        a, b = 12.0 / T**2, 6.0 / T
+        z, zd = slice(0, n), slice(n, 2 * n)
+        A[:, z, zd] = one
+        A[:, zd, z], A[:, zd, zd], B[:, zd] = -np.diag(a), -np.diag(b), one
+        Y[:, zd], at = -2.0 * np.diag(b), 2 * n
+    if slow:
+        f = slice(at, at + n)
+        w = np.diag(np.minimum(joints.bandwidth, 1e4))
+        A[:, f], B[:, f] = w @ Y, w @ U
+        A[:, f, f] -= w
+        Y, U, at = np.zeros((n, size)), none, at + n
+        Y[:, f] = one
+    v = slice(size - n, size)
+    if not elastic:
+        moved = np.linalg.inv(M)
+        A[:, v], B[:, v] = A[:, v] + moved @ Y, moved @ U
+    else:
+        own = np.diagonal(M, axis1=1, axis2=2).min(axis=0)
+        motor = np.where(rotors > 0.0, rotors, _ROTOR * own)
+        links = np.linalg.inv(M - np.diag(np.where(rotors > 0.0, rotors, 0.0)))
+        K, D = joints.stiffness, joints.damping
+        D = np.where(D > 0.0, D, 2.0 * _RELATIVE_DAMPING * np.sqrt(K * motor))
+        d, link = slice(at, at + n), slice(at + n, at + 2 * n)
+        A[:, d, v], A[:, d, link] = one, -one
+        A[:, link, d], A[:, link, v] = links @ np.diag(K), links @ np.diag(D)
+        A[:, link, link] = -A[:, link, v]
+        drive = np.diag(1.0 / motor)
+        A[:, v] += drive @ Y
+        B[:, v] = drive @ U
+        A[:, v, d] -= np.diag(K / motor)
+        A[:, v, v] -= np.diag(D / motor)
+        A[:, v, link] += np.diag(D / motor)
+    C = np.zeros((N, n, size))
+    C[:, :, v] = one
+    return A, B, C
+
+
+def _held(A: np.ndarray, B: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the transitions (N, k, k) and (N, k, n) over dt [s] under a held input."""
+    from scipy.linalg import expm  # slow to import, and seldom needed
+
+    N, k, n = B.shape
+    moved = expm(dt * np.concatenate([np.concatenate([A, B], 2), np.zeros((N, n, k + n))], 1))
+    return moved[:, :k, :k], moved[:, :k, k:]
+
+
+def _median_of(transitions: np.ndarray) -> float:
+    """Return the median spectral radius of transitions (N, k, k)."""
+    return float(np.median(np.abs(np.linalg.eigvals(transitions)).max(axis=1)))
 
 
 def _kinematic_radius(mode: float, damping: float, decay: float, dt: float, factor: float) -> float:

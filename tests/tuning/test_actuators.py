@@ -1,0 +1,209 @@
+"""Actuators that are declared: gains, rates and the check before a run follow from them."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from pinadapt.description.catalogue import robots_folder
+from pinadapt.laws.law import Feedback
+from pinadapt.robot import Actuators
+from pinadapt.scenario.scenario import Scenario
+from pinadapt.simulation.prepare import findings
+from pinadapt.tuning.defaults import elastic_mode, feedback_lag
+from pinadapt.tuning.preflight import ActuatedJoints, preflight
+from tests.support.chains import catalogue_robot
+
+DT = 1e-3
+
+
+def made(robot, actuators=None, **options):
+    return pa.make_controller(robot, limits=pa.Limits(actuators=actuators), **options)
+
+
+def one_joint(**changes):
+    """Return a robot of one joint."""
+    robot = catalogue_robot("planar_2r")
+    locked = pa.load("planar_2r", locked=[robot.joint_names[1]], frame=robot.frame, task="joint")
+    return locked.changed(**changes)
+
+
+def radius_of(controller, actuators, K_P, K_D, dt=DT):
+    """Return the spectral radius that the check has for a joint's gains, without its margin."""
+    motion = controller.motion
+    feedback = [
+        Feedback(W @ K_P @ W.T / 2.0, W @ K_D @ W.T / 2.0, 0.0 * K_D, K_D)
+        for W in motion.unit_masses
+    ]
+    return ActuatedJoints(motion, actuators).feedback_radius(feedback, dt, 1.0)
+
+
+@pytest.mark.parametrize("late", [1, 3, 10])
+@pytest.mark.parametrize(("p", "d"), [(400.0, 40.0), (4000.0, 90.0), (9000.0, 150.0)])
+def test_a_delay_of_whole_periods_is_that_of_a_shift_register(late, p, d):
+    """A double integrator under K_P, K_D: the exact sampled loop keeps the torques on their way."""
+    controller = made(one_joint())
+    M = controller.motion.mass_matrices[0]
+    A = np.zeros((2 + late, 2 + late))
+    A[:2, :2] = [[1.0, DT], [0.0, 1.0]]
+    A[:2, 2] = [0.5 * DT**2, DT]  # the oldest torque acts
+    A[2:-1, 3:] = np.eye(late - 1)
+    A[-1, :2] = [-p, -d]
+    exact = np.abs(np.linalg.eigvals(A)).max()
+    found = radius_of(controller, Actuators(delay=late * DT), p * M, d * M)
+    assert found == pytest.approx(exact, abs=1e-3)
+
+
+def test_a_bandwidth_and_a_spring_are_those_of_the_differential_equation():
+    """Slow gains at a short period: eigenvalues of the continuous loop, written out by hand."""
+    B, K, D, w, dt = 0.4, 800.0, 3.0, 60.0, 1e-5
+    controller = made(one_joint(armature=B), unknown=pa.Unknown(armature=False))
+    M = float(controller.motion.mass_matrices[0][0, 0]) - B
+    p, d = 300.0, 20.0
+    slow = [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0 / (M + B)], [-w * p, -w * d, -w]]
+    elastic = [
+        [0.0, 0.0, 1.0, 0.0],
+        [0.0, 0.0, 0.0, 1.0],
+        [-K / M, K / M, -D / M, D / M],
+        [K / B, -(K + p) / B, D / B, -(D + d) / B],
+    ]  # link and motor
+    own = Actuators(stiffness=K, damping=D)
+    one = np.eye(1)
+    for actuators, A in ((Actuators(bandwidth=w), slow), (own, elastic)):
+        growth = np.linalg.eigvals(np.array(A)).real.max()
+        found = radius_of(controller, actuators, p * one, d * one, dt)
+        assert np.log(found) / dt == pytest.approx(growth, rel=1e-2, abs=1e-2)
+
+
+def test_ideal_actuators_are_the_check_without_them():
+    robot = catalogue_robot("ur5")
+    controller, almost = made(robot), Actuators(delay=1e-9)
+    for dt in (DT, 4e-3, 1.7e-2, 2.5e-2, 0.05):
+        with_them, without = preflight(controller, dt, almost), preflight(controller, dt)
+        assert [each.part for each in with_them] == [each.part for each in without]
+        for one, other in zip(with_them, without, strict=True):
+            assert one.longest == pytest.approx(other.longest, rel=1e-3)
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5", "kinova", "z1"])
+@pytest.mark.parametrize(
+    "actuators",
+    [
+        Actuators(delay=2e-3),
+        Actuators(delay=10e-3),
+        Actuators(bandwidth=50.0),
+        Actuators(delay=4e-3, bandwidth=100.0),
+        Actuators(stiffness=5e3),
+        Actuators(delay=2e-3, stiffness=2e4, encoders="motor"),
+    ],
+    ids=lambda each: each.words,
+)
+def test_default_gains_for_declared_actuators_pass(name, actuators):
+    robot = catalogue_robot(name)
+    controller = made(robot, actuators)
+    assert [str(finding) for finding in preflight(controller, DT)] == []
+    assert controller.law.lag == pytest.approx(feedback_lag(robot, DT, actuators))
+    assert controller.law.lag > made(robot).law.lag == 2.0 * DT
+    assert actuators.words in repr(controller)
+
+
+def test_gains_that_are_too_fast_for_late_motors_are_told_with_what_helps():
+    robot, late = catalogue_robot("ur5"), Actuators(delay=10e-3)
+    controller = made(robot)
+    finding = preflight(controller, DT, late)[0]
+    assert finding.part == "task feedback" and finding.longest == 0.0
+    assert "10 ms late" in str(finding) and "dt <=" not in str(finding)
+    gains = {"Kv": controller.law.K_v, "alpha": controller.law.alpha, "lag": controller.law.lag}
+    factors = {name: finding.factors[name] for name in gains}
+    slower = made(robot, **{name: factors[name] * gain for name, gain in gains.items()})
+    assert [each.part for each in preflight(slower, DT, late)] != ["task feedback"]
+    slightly = made(robot, **{name: factors[name] ** 0.9 * gain for name, gain in gains.items()})
+    assert preflight(slightly, DT, late)[0].part == "task feedback"
+
+
+def test_simulations_check_the_loop_with_the_true_actuators():
+    robot, late = catalogue_robot("ur5"), Actuators(delay=10e-3)
+    checked = [
+        findings(robot, made(robot, declared), DT, pa.Sensors(), None, true)
+        for declared, true in ((None, None), (None, late), (late, late), (late, None))
+    ]
+    assert [bool(found) for found in checked] == [False, True, False, False]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "actuators", "adaptation"),
+    [
+        ("ur5", Actuators(delay=10e-3), "natural"),
+        ("panda", Actuators(delay=6e-3), "natural"),
+        ("ur5", Actuators(stiffness=5e3), "natural"),
+        ("panda", Actuators(stiffness=5e3), "natural"),
+    ],
+)
+def test_what_is_lost_undeclared_follows_when_declared(name, actuators, adaptation):
+    robot = catalogue_robot(name)
+    if actuators.elastic:
+        own = np.diag(pin.crba(robot.model, robot.model.createData(), robot.q0))
+        robot = robot.changed(armature=np.maximum(0.5 * own, 1e-3 * own.max()))
+    path, errors, chatter = pa.reachable_circle(robot), [], []
+    for declared in (None, actuators):
+        controller = made(
+            robot.changed(inertial_scale=0.7),
+            declared,
+            adaptation=adaptation,
+            unknown=pa.Unknown(armature=not actuators.elastic),
+        )
+        with pytest.warns() if declared is None and actuators.late else _nothing():
+            rollout = pa.simulate(
+                robot,
+                controller,
+                path.starting_at(robot.position(robot.q0)),
+                duration=6.0,
+                engine=actuators,
+            )
+        assert rollout.diverged is None
+        errors.append(rollout.distance[-600:].max())
+        chatter.append(np.std(np.diff(rollout.tau[-600:], axis=0)))
+    assert errors[1] < 0.2 * errors[0], errors
+    assert chatter[1] < 0.2 * chatter[0], chatter
+
+
+def _nothing():
+    from contextlib import nullcontext
+
+    return nullcontext()
+
+
+def test_the_elastic_mode_of_one_joint():
+    robot = one_joint(armature=0.3)
+    M = float(pin.crba(robot.model, robot.model.createData(), robot.q0)[0, 0]) - 0.3
+    assert elastic_mode(robot, Actuators(stiffness=500.0)) == pytest.approx(np.sqrt(500.0 / M))
+    assert elastic_mode(robot, Actuators(delay=1e-3)) == np.inf
+
+
+def test_what_is_no_declaration_is_refused():
+    robot = catalogue_robot("ur5")
+    with pytest.raises(pa.InputError, match="expected an Actuators"):
+        pa.Limits(actuators=0.01)
+    with pytest.raises(pa.InputError, match="6 numbers"):
+        made(robot, Actuators(delay=[1e-3, 2e-3]))
+    with pytest.raises(pa.InputError, match="6 numbers"):
+        preflight(made(robot), DT, Actuators(bandwidth=[50.0, 60.0]))
+    with pytest.raises(pa.InputError, match="expected an Actuators"):
+        preflight(made(robot), DT, 0.01)
+
+
+def test_a_scenario_declares_actuators():
+    path = robots_folder() / "panda" / "tool_and_load.toml"
+    declared = ["controller.actuators={delay=0.006, bandwidth=100.0}"]
+    scenario = Scenario.read(path, declared)
+    assert scenario.controller.limits.actuators == Actuators(delay=6e-3, bandwidth=100.0)
+    assert scenario.engine.actuators is None
+    for wrong in (
+        "controller.actuators={delay=-0.006}",
+        "controller.actuators={bandwidth=[100.0, 50.0]}",
+        "controller.actuators={dely=0.006}",
+        "controller.actuators={stiffness=nan}",
+    ):
+        with pytest.raises(pa.InputError, match=r"actuators"):
+            Scenario.read(path, [wrong])
