@@ -73,7 +73,7 @@ class Operator:
 
 @pytest.mark.parametrize("after", [200, 10_000])
 def test_the_loop_on_hardware_runs_and_adapts_only_when_enabled(after):
-    (block,) = blocks("hardware")
+    block, _ = blocks("hardware")
     arm = Arm(pa.load("ur5").changed(payload=pa.Payload(mass=1.0)), samples=600)
     block = block.replace('pa.load("my_robot.urdf", frame="tool0")', 'pa.load("ur5")')
     scope = {"arm": arm, "operator": Operator(after)}
@@ -85,3 +85,10 @@ def test_the_loop_on_hardware_runs_and_adapts_only_when_enabled(after):
     reached = scope["motion"].at(0.6).x_d
     assert np.linalg.norm(arm.read().x - reached) < 0.01
     assert np.abs(arm.sent[0]).max() < 30.0  # without the gravity torque that the arm adds itself
+
+
+def test_the_declaration_of_actuators_on_the_page_on_hardware_runs(capsys):
+    scope = {"pa": pa, "robot": pa.load("ur5")}
+    exec(blocks("hardware")[1], scope)
+    assert capsys.readouterr().out == "[]\n"
+    assert scope["springs"].elastic and scope["controller"].limits.actuators is scope["late"]
