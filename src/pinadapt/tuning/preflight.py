@@ -288,15 +288,15 @@ def _parts(
     joints = None if actuators.ideal or not feedback else ActuatedJoints(motion, actuators)
     if feedback:
         powers = controller.law.bandwidth_powers
-        radius = _feedback_radius if joints is None else joints.feedback_radius
-        parts.append((_FEEDBACK, powers, partial(radius, feedback)))
+        of_feedback = _feedback_radius if joints is None else joints.feedback_radius
+        parts.append((_FEEDBACK, powers, partial(of_feedback, feedback)))
     Gamma_d = _dynamic_gain(controller, motion)
     if feedback and Gamma_d.any():
         damping, effects = cycle(at.E for at in feedback), controller.law.parameter_effects(motion)
         pairs = [(Phi @ Gamma_d @ Phi.T, E) for Phi, E in zip(effects, damping, strict=False)]
         powers = {"gamma_d": 1.0, "gamma_joint": 1.0}
-        radius = _dynamic_radius if joints is None else joints.adaptation_radius
-        parts.append((_DYNAMICS, powers, partial(radius, pairs)))
+        of_pairs = _dynamic_radius if joints is None else joints.adaptation_radius
+        parts.append((_DYNAMICS, powers, partial(of_pairs, pairs)))
     Gamma_k = controller.adaptation_k.gain(motion.kinematics.initial)
     loop = controller.law.kinematic_loop()
     if loop is not None and Gamma_k.any():
