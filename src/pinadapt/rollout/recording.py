@@ -222,6 +222,76 @@ def slowdowns(samples: Sequence[Sample]) -> tuple[Slowdown, ...]:
     return tuple(found)
 
 
+_WINDOW, _FEWEST = 1.0, 64  # [s] and samples, of which a spectrum is made
+_SLOWEST = 3.0  # [Hz] of ringing, where no bandwidth is known
+_RINGS, _PURE = 0.05, 0.85  # share of the joint's torque, and of what is fast in it
+_NEAR_PEAK = 0.15  # of its frequency
+
+
+class Ringing(NamedTuple):
+    """A torque that oscillates faster than the motion: a motor is late, or a joint gives way.
+
+    Attributes:
+        joint: whose torque oscillates most.
+        frequency: of the oscillation [Hz].
+        share: its rms over that of all of the joint's torque.
+    """
+
+    joint: str
+    frequency: float
+    share: float
+
+
+def ringing(
+    t: np.ndarray, tau: np.ndarray, joints: Sequence[str], slowest: float = _SLOWEST
+) -> Ringing | None:
+    """Return the ringing of recorded torques in the second half of a run, or None.
+
+    A loop that is at its limit of stability oscillates at one frequency, noise of sensors has all
+    of them. A joint rings where what is faster than ``slowest`` has 5 % of its torque's rms,
+    and 85 % of the power of that lies within 15 % of one frequency. Spectra are means of windows of
+    a second. Frequencies above half of the rate of the record appear below it.
+
+    Args:
+        t: (N) time [s], in equal steps.
+        tau: (N, nv) torque of the motors [N m or N].
+        joints: their names.
+        slowest: frequency above which torques are faster than motions of this robot [Hz].
+    """
+    finite = np.isfinite(tau).all(axis=1)
+    count = len(t) if finite.all() else int(np.argmin(finite))
+    t, tau = t[:count], tau[:count]
+    if count < _FEWEST:
+        return None
+    dt = float(np.median(np.diff(t)))
+    length = min(count, max(_FEWEST, round(_WINDOW / dt))) if dt > 0.0 else 0
+    f = np.fft.rfftfreq(max(length, 1), dt or 1.0)
+    fast = f >= slowest
+    if not length or fast.sum() < 8:
+        return None
+    window, power, windows = np.hanning(length)[:, None], 0.0, 0
+    ramp = np.linspace(0.0, 1.0, length)[:, None]
+    starts = range(max(0, min(count // 2, count - length)), count - length + 1, length // 2)
+    for k in starts:
+        part = tau[k : k + length]
+        part = part - (part[0] + ramp * (part[-1] - part[0]))
+        spectrum = np.fft.rfft((part - part.mean(axis=0)) * window, axis=0)
+        power, windows = power + np.abs(spectrum[fast]) ** 2, windows + 1
+    power = power / (windows * 0.5 * length * np.sum(window**2))  # its sum: the mean square
+    total = power.sum(axis=0)
+    size = np.sqrt(np.mean(tau[starts[0] :] ** 2, axis=0))
+    found = None
+    for joint in np.flatnonzero((size > 0.0) & (np.sqrt(total) > _RINGS * size)):
+        peak = int(np.argmax(power[:, joint]))
+        if peak < 2:  # the fastest part of the motion
+            continue
+        near = np.abs(f[fast] - f[fast][peak]) <= max(_NEAR_PEAK * f[fast][peak], 2.0 * f[1])
+        share = float(np.sqrt(total[joint]) / size[joint])
+        if power[near, joint].sum() > _PURE * total[joint] and (not found or share > found.share):
+            found = Ringing(joints[joint], float(f[fast][peak]), share)
+    return found
+
+
 CLOSE = 1e-3  # [m or rad] error below which a run has recovered from an event
 _TENTH = 10  # parts of a run, of which errors are stated for the first and the last
 _DRAWN = 1000  # samples of V in a figure
@@ -276,6 +346,8 @@ class Recording:
             or None where it is not known.
         path_time: (N) time s of the path [s]; None for a run without a governor.
         slowed: when a governor slowed the path, and why, in order; see ``Limits.governor``.
+        ringing: which torque oscillates faster than the motion, how fast and how much, or None; see
+            ``pinadapt.rollout.ringing``.
     """
 
     title: str
@@ -306,6 +378,7 @@ class Recording:
     unadapted: float | None = None
     path_time: np.ndarray | None = None
     slowed: tuple[Slowdown, ...] = ()
+    ringing: Ringing | None = None
 
     @cached_property
     def error(self) -> np.ndarray:

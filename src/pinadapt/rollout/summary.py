@@ -20,8 +20,8 @@ from ..tasks.frame import TASKS
 from ..tasks.joint import JointTask
 from ..tasks.task import DISPLAYS, Task
 from .limit_excess import LimitExcess
-from .recording import CLOSE, Recording, Slowdown, Transient, extreme, window
-from .verdict import error_share, slowed_words, verdict
+from .recording import CLOSE, Recording, Ringing, Slowdown, Transient, extreme, window
+from .verdict import error_share, ringing_words, slowed_words, verdict
 
 Run = TypeVar("Run", bound=Recording)
 
@@ -65,6 +65,7 @@ def summary(rollout: Recording) -> dict[str, Any]:
         "torque_prediction": _prediction(rollout),
         "changes": [_transient(transient) for transient in rollout.transients],
         "slowed": [_slowdown(slowdown) for slowdown in rollout.slowed],
+        "ringing": None if rollout.ringing is None else rollout.ringing._asdict(),
         "recorded": _recorded(rollout),
         "version": __version__,
     }
@@ -229,6 +230,8 @@ def _remarks(rollout: Recording, numbers: dict[str, Any]) -> list[tuple[str, str
         rows.append(("damped near a singularity", words))
     if numbers["saturated"]:
         rows.append(("torque at its limit", f"{numbers['saturated']:.1%} of the time"))
+    if rollout.ringing is not None:
+        rows.append(("torque rings", ringing_words(rollout.ringing)))
     if rollout.slowed:
         rows.append(("path slowed", slowed_words(rollout)))
     if rollout.step_time:
@@ -299,6 +302,8 @@ def load(folder: Path, kind: type[Run]) -> Run:
         given["slowed"] = tuple(
             Slowdown(*(part[name] for name in _SLOWDOWN)) for part in numbers["slowed"]
         )
+        if numbers["ringing"] is not None:
+            given["ringing"] = Ringing(**numbers["ringing"])
         given["marks"] = tuple((at, what) for at, what in rest["marks"])
         given["step_time"], given["wall_time"] = (
             numbers["step_time_us"] / 1e6,

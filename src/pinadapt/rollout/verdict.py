@@ -7,7 +7,7 @@ import numpy as np
 from .._output import percent
 from ..laws import DEFAULT, LAWS
 from ..tasks.task import DISPLAYS
-from .recording import CLOSE, Recording, extreme, window
+from .recording import CLOSE, Recording, Ringing, extreme, window
 
 ACCURATE, ROUGH = 0.02, 0.2  # errors in the last 10 %, relative to the path's extent
 BETTER = 0.2  # error relative to that without adaptation, above which adaptation hardly helps
@@ -44,8 +44,8 @@ def verdict(rollout: Recording) -> str:
     """Return the verdict in one line."""
     reason = str(rollout.reason or "").rstrip(".")
     slowed = f"path slowed {slowed_words(rollout)}" if rollout.slowed else ""
-    predicted = _prediction(rollout)
-    parts = (reason, _error(rollout), slowed, _beyond(rollout), predicted, _advice(rollout))
+    predicted, rings = _prediction(rollout), _rings(rollout)
+    parts = (reason, _error(rollout), slowed, _beyond(rollout), predicted, rings, _advice(rollout))
     return f"{grade(rollout)}: {'; '.join(part for part in parts if part)}."
 
 
@@ -88,6 +88,22 @@ def _prediction(rollout: Recording) -> str:
     )
 
 
+def ringing_words(ringing: Ringing) -> str:
+    """Return at which frequency which torque rings, and how much."""
+    return f"{ringing.joint} at {ringing.frequency:.2g} Hz, {ringing.share:.0%} of its torque"
+
+
+def _rings(rollout: Recording) -> str:
+    """Return that a torque rings, and what to do about it."""
+    if rollout.ringing is None:
+        return ""
+    return (
+        f"the torque rings, {ringing_words(rollout.ringing)}: motors are late or joints give way, "
+        "more than the controller was told: declare it (controller.actuators, "
+        "pa.Limits(actuators=...)), or take a larger lag and a smaller gamma_d"
+    )
+
+
 def _relative(error: float, other: float) -> str:
     """Return an error relative to another one, as a share or a factor."""
     tiny = np.finfo(float).tiny
@@ -125,7 +141,7 @@ def _beyond(rollout: Recording) -> str:
 
 def _advice(rollout: Recording) -> str:
     """Return the most likely remedy for a run that went badly, or nothing."""
-    if rollout.interrupted is not None or grade(rollout) == FOLLOWS:
+    if rollout.interrupted is not None or grade(rollout) == FOLLOWS or rollout.ringing is not None:
         return ""
     if rollout.diverged is not None:
         if str(rollout.reason).startswith(_MOTION):

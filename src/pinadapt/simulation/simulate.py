@@ -29,7 +29,7 @@ from ..reference.start import starting_from
 from ..robot.motors import Actuators
 from ..robot.robot import Robot
 from ..robot.succession import Succession
-from ..rollout.recording import Evaluation, path_times, slowdowns
+from ..rollout.recording import Evaluation, Ringing, path_times, ringing, slowdowns
 from ..rollout.rollout import Rollout
 from ..trajectories.given import TrajectoryLike, as_trajectory
 from .engine import Engine
@@ -357,7 +357,18 @@ def rollout_of(
         path_extent=extent,
         path_time=path_times(samples),
         slowed=slowdowns(samples),
+        ringing=_ringing(samples, tau, controller, robot),
     )
+
+
+def _ringing(
+    samples: Sequence[Sample], tau: np.ndarray, controller: Controller, robot: Robot
+) -> Ringing | None:
+    """Return the ringing of a run's torques (N, nv), of what its feedback is too slow for."""
+    t, motion = np.array([sample.t for sample in samples]), controller.motion
+    if motion is None:
+        return ringing(t, tau, robot.joint_names)
+    return ringing(t, tau, robot.joint_names, motion.bandwidth / (2.0 * np.pi))
 
 
 def _adaptation(controller: Controller) -> str:
