@@ -225,7 +225,7 @@ def slowdowns(samples: Sequence[Sample]) -> tuple[Slowdown, ...]:
 _WINDOW, _FEWEST = 1.0, 64  # [s] and samples, of which a spectrum is made
 _SLOWEST = 3.0  # [Hz] of ringing, where no bandwidth is known
 _RINGS, _PURE = 0.05, 0.85  # share of the joint's torque, and of what is fast in it
-_NEAR_PEAK = 0.15  # of its frequency
+_NEAR_PEAK, _FEWEST_FREQUENCIES = 0.15, 8  # of its frequency; in a spectrum
 
 
 class Ringing(NamedTuple):
@@ -265,30 +265,31 @@ def ringing(
         return None
     dt = float(np.median(np.diff(t)))
     length = min(count, max(_FEWEST, round(_WINDOW / dt))) if dt > 0.0 else 0
-    f = np.fft.rfftfreq(max(length, 1), dt or 1.0)
-    fast = f >= slowest
-    if not length or fast.sum() < 8:
+    if not length:
         return None
-    window, power, windows = np.hanning(length)[:, None], 0.0, 0
-    ramp = np.linspace(0.0, 1.0, length)[:, None]
-    starts = range(max(0, min(count // 2, count - length)), count - length + 1, length // 2)
-    for k in starts:
+    frequencies = np.fft.rfftfreq(length, dt)
+    fast = frequencies >= slowest
+    if fast.sum() < _FEWEST_FREQUENCIES:
+        return None
+    f, window, ramp = frequencies[fast], np.hanning(length)[:, None], np.linspace(0.0, 1.0, length)
+    first, spectra = max(0, min(count // 2, count - length)), []
+    for k in range(first, count - length + 1, length // 2):
         part = tau[k : k + length]
-        part = part - (part[0] + ramp * (part[-1] - part[0]))
-        spectrum = np.fft.rfft((part - part.mean(axis=0)) * window, axis=0)
-        power, windows = power + np.abs(spectrum[fast]) ** 2, windows + 1
-    power = power / (windows * 0.5 * length * np.sum(window**2))  # its sum: the mean square
-    total = power.sum(axis=0)
-    size = np.sqrt(np.mean(tau[starts[0] :] ** 2, axis=0))
+        part = part - part[0] - np.outer(ramp, part[-1] - part[0])
+        spectra.append(np.fft.rfft((part - part.mean(axis=0)) * window, axis=0)[fast])
+    # its sum over f is the mean square of what is fast
+    power = np.mean(np.abs(spectra) ** 2, axis=0) / (0.5 * length * np.sum(window**2))
+    total, size = power.sum(axis=0), np.sqrt(np.mean(tau[first:] ** 2, axis=0))
     found = None
-    for joint in np.flatnonzero((size > 0.0) & (np.sqrt(total) > _RINGS * size)):
-        peak = int(np.argmax(power[:, joint]))
-        if peak < 2:  # the fastest part of the motion
+    for joint, name in enumerate(joints):
+        own, peak = power[:, joint], int(np.argmax(power[:, joint]))
+        near = np.abs(f - f[peak]) <= max(_NEAR_PEAK * f[peak], 2.0 * frequencies[1])
+        rings = peak >= 2 and own[near].sum() > _PURE * total[joint]  # no edge of the motion's own
+        if not rings or np.sqrt(total[joint]) <= _RINGS * size[joint]:
             continue
-        near = np.abs(f[fast] - f[fast][peak]) <= max(_NEAR_PEAK * f[fast][peak], 2.0 * f[1])
         share = float(np.sqrt(total[joint]) / size[joint])
-        if power[near, joint].sum() > _PURE * total[joint] and (not found or share > found.share):
-            found = Ringing(joints[joint], float(f[fast][peak]), share)
+        if found is None or share > found.share:
+            found = Ringing(name, float(f[peak]), share)
     return found
 
 
