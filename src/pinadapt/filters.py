@@ -194,8 +194,9 @@ class ObserverState(NamedTuple):
     """What the observer remembers.
 
     Attributes:
-        memory: (m_p + 1) observed position x_o [m], less what the velocity at the end of the last
-            step adds, and for how long it adds [s]: half of that step.
+        memory: (m_p + 2) observed position x_o [m], less what the velocity at the end of the last
+            step adds; for how long it adds [s], half of that step; and the time since the start
+            [s].
         s_f: (n) low-passed error of the joint velocity [rad/s or m/s]; empty where nobody asks.
     """
 
@@ -209,10 +210,12 @@ class ObservedPosition(NamedTuple):
     Attributes:
         dx_o: (m_p) x_o - x, observed minus measured [m].
         s_f: (n) low-passed error of the joint velocity [rad/s or m/s]; empty where nobody asks.
+        age: time since the start [s].
     """
 
     dx_o: np.ndarray
     s_f: np.ndarray
+    age: float = math.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,9 +240,9 @@ class PositionObserver(Filters):
     def init(self, sensed: SensedState, kinematics: TaskKinematics) -> ObserverState:
         """Return the observer at the first measured position."""
         s_f = np.zeros(0 if self.error is None else kinematics.nv)
-        memory = np.zeros(kinematics.positions + 1)
+        memory = np.zeros(kinematics.positions + 2)
         if kinematics.positions and sensed.x is not None:
-            memory[:-1] = sensed.x[: kinematics.positions]
+            memory[:-2] = sensed.x[: kinematics.positions]
         return ObserverState(memory, s_f)
 
     def observe(
@@ -251,13 +254,12 @@ class PositionObserver(Filters):
             InputError: the state of other filters.
         """
         m = kinematics.positions
-        if state.__class__ is not ObserverState or state.memory.size != m + 1:
+        if state.__class__ is not ObserverState or state.memory.size != m + 2:
             raise InputError("the filters are those of another controller.", where="state")
-        if not m or sensed.x is None:
-            return ObservedPosition(np.zeros(0), state.s_f)
-        dx_o = empty(m)
-        kernels.observed(state.memory, kinematics.xd_hat, sensed.x, dx_o)
-        return ObservedPosition(dx_o, state.s_f)
+        dx_o, age = empty(0 if sensed.x is None else m), float(state.memory[-1])
+        if dx_o.size:
+            kernels.observed(state.memory, kinematics.xd_hat, sensed.x, dx_o)
+        return ObservedPosition(dx_o, state.s_f, age)
 
     def step(self, state: ObserverState, s: Signals, dt: float) -> ObserverState:
         """Return the state after dt [s]."""
@@ -272,8 +274,8 @@ class PositionObserver(Filters):
         dx_o, s_f = s.filtered.dx_o, state.s_f
         if self.error is not None:
             s_f = self.bandwidth * (self.error(s) - s_f)
-        moved = np.zeros(dx_o.size + 1)
-        moved[:-1] = s.xd_hat[: dx_o.size] - self.beta * dx_o
+        moved = np.zeros(state.memory.size)
+        moved[:dx_o.size], moved[-1] = s.xd_hat[: dx_o.size] - self.beta * dx_o, 1.0
         return ObserverState(moved, s_f)
 
 

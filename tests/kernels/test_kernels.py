@@ -326,8 +326,9 @@ def test_borne_damping(rng, laid):
     feedforward, v, v_r = map(laid, rng.standard_normal((3, 5)))
     D, M = (laid(root @ root.T + np.eye(5)) for root in rng.standard_normal((2, 5, 5)))
     error, torque = filled(5), filled(5)
-    laws.subtract_limited_damping(feedforward, D, M, 0.3, v, v_r, error, torque)
-    borne = np.linalg.inv(np.linalg.inv(D) + 0.3 * np.linalg.inv(M))
+    d = laid(rng.uniform(0.1, 1.0, 5))
+    laws.subtract_limited_damping(feedforward, D, M, 3.0, d, v, v_r, error, torque)
+    borne = np.linalg.inv(np.linalg.inv(D) + np.linalg.inv(3.0 * M + np.diag(d)))
     assert close(error, v - v_r) and close(torque, feedforward - borne @ error, 1e-9)
 
 
@@ -342,13 +343,13 @@ def test_polarisation(rng, laid):
 
 
 def test_carry(rng, laid):
-    memory, xd_hat, x = map(laid, rng.standard_normal((3, 3)))
-    memory[2], dx_o, after = 0.03, filled(2), filled(3)
+    memory, xd_hat, x = map(laid, rng.standard_normal((3, 4)))
+    memory[2:], dx_o, after = (0.03, 0.7), filled(2), filled(4)
     laws.observed(memory, xd_hat, x[:2], dx_o)
     assert close(dx_o, (memory + 0.03 * xd_hat - x)[:2])
     laws.carry(memory, xd_hat, dx_o, 7.0, 0.1, after)
     assert close(after[:2], (memory + 0.08 * xd_hat)[:2] - (1.0 - np.exp(-0.7)) * dx_o)
-    assert close(after[2], 0.05)
+    assert close(after[2:], np.array([0.05, 0.8]))
 
 
 @pytest.mark.parametrize("observed", [0, 2, 3])

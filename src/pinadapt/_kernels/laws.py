@@ -50,7 +50,10 @@ def filtered_rates(
 
 @compiled("void(f8[:], f8[:], f8[:], f8[:])")
 def observed(memory: np.ndarray, xd_hat: np.ndarray, x: np.ndarray, dx_o: np.ndarray) -> None:
-    """Write x_o + half xd_hat - x (m_p); the memory is (x_o, half), half of the last step [s]."""
+    """Write x_o + half xd_hat - x (m_p).
+
+    The memory is (x_o, half, age), half of the last step and the time since the start [s].
+    """
     for i in range(len(dx_o)):
         dx_o[i] = memory[i] + memory[len(dx_o)] * xd_hat[i] - x[i]
 
@@ -64,14 +67,16 @@ def carry(
     dt: float,
     after: np.ndarray,
 ) -> None:
-    """Move (x_o, half) on: x_o + (half + dt / 2) xd_hat - (1 - exp(-bandwidth dt)) dx_o, dt / 2.
+    """Move (x_o, half, age) on for dt.
 
-    The other half of this step comes with the velocity at its end.
+    x_o by (half + dt / 2) xd_hat - (1 - exp(-bandwidth dt)) dx_o; half becomes dt / 2, and the
+    other half of this step comes with the velocity at its end.
     """
     m, share = len(dx_o), -math.expm1(-bandwidth * dt)
     for i in range(m):
         after[i] = memory[i] + (memory[m] + 0.5 * dt) * xd_hat[i] - share * dx_o[i]
     after[m] = 0.5 * dt
+    after[m + 1] = memory[m + 1] + dt
 
 
 @compiled("void(f8[:], f8[:,:], f8[:], f8[:], f8, f8, f8, f8[:])")
@@ -334,20 +339,25 @@ def reference(
         ud[i] = xdd_d[i] - alpha * rate
 
 
-@compiled("void(f8[:], f8[:,:], f8[:,:], f8, f8[:], f8[:], f8[:], f8[:])", fills=2, allocates=True)
+@compiled(
+    "void(f8[:], f8[:,:], f8[:,:], f8, f8[:], f8[:], f8[:], f8[:], f8[:])",
+    fills=2,
+    allocates=True,
+)
 def subtract_limited_damping(
     feedforward: np.ndarray,
     D: np.ndarray,
     M: np.ndarray,
-    lag: float,
+    rate: float,
+    d: np.ndarray,
     v: np.ndarray,
     v_r: np.ndarray,
     error: np.ndarray,
     torque: np.ndarray,
 ) -> None:
-    """Write the error e = v - v_r (n) and feedforward - (D^-1 + lag M^-1)^-1 e (n).
+    """Write the error e = v - v_r (n) and feedforward - (D^-1 + R^-1)^-1 e (n), R = rate M + [d].
 
-    As D e - D (D + M / lag)^-1 D e; D and M are symmetric and positive definite.
+    As D e - D (D + R)^-1 D e; D and M are symmetric and positive definite.
     """
     n = len(error)
     L, y, z = np.empty((n, n)), np.empty(n), np.empty(n)
@@ -360,7 +370,9 @@ def subtract_limited_damping(
         y[i] = x
         torque[i] = feedforward[i] - x
         for j in range(i + 1):
-            x = D[i, j] + M[i, j] / lag
+            x = D[i, j] + rate * M[i, j]
+            if i == j:
+                x += d[i]
             for t in range(j):
                 x -= L[i, t] * L[j, t]
             L[i, j] = math.sqrt(x) if i == j else x / L[j, j]

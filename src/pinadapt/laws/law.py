@@ -18,6 +18,7 @@ from ..models.dynamics import Dynamics
 from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
 from ..robot.changes import Friction
+from ..robot.robot import Robot
 from ..signals import Signals
 
 
@@ -209,6 +210,8 @@ class Law(ABC):
         prediction_mode: default rate at which the prediction error of the torque decays, in
             bandwidths, for adaptations that use it.
         units: of velocity and position gain, as printed.
+        late: delay of motors for which its feedback is [s]; zero where it counts on none, see
+            ``tolerant``.
         bandwidth_share: share of the bandwidth that the law's own gains use; default rates follow
             it.
         sources: keys of ``references.bib``, or BibTeX entries of your own; see ``citation``.
@@ -235,6 +238,7 @@ class Law(ABC):
     prediction_mode: ClassVar[float] = 0.5
     units: ClassVar[tuple[str, str]] = ("", "")
     sources: ClassVar[tuple[str, ...]] = ()
+    late: float = 0.0
     bandwidth_share: float = 1.0
 
     @abstractmethod
@@ -286,6 +290,17 @@ class Law(ABC):
         """Return the law with a regressor free of the noise of v above a bandwidth [1/s].
 
         The law itself where it has no such form.
+        """
+        return self
+
+    def tolerant(self, late: float, robot: Robot) -> Law:
+        """Return the law with a feedback for motors that may be late by up to a time [s].
+
+        The law itself where it has no such form.
+
+        Args:
+            late: the delay [s].
+            robot: the nominal robot.
         """
         return self
 

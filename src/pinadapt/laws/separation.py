@@ -28,6 +28,8 @@ from .posture import Posture
 
 _DAMPING, _STEP = 3.0, 0.5  # K_v in bandwidths times inertia; at most this times inertia / dt
 _LOAD, _ARM = 0.1, 0.05  # load assumed for K_D: of the robot's mass, of its reach off the flange
+_CARRIED, _MOST = 0.02, 2.5  # for late motors: least inertia, of the load's; most, of the joint's
+_EAGER = 3.0  # times the delay of the motors, during which a ringing does not grow
 _OBSERVER = 1.0  # beta in bandwidths
 _FAST = 0.5  # Y_fast in parts of the largest norm of a typical motion
 _TINY = 1e-300
@@ -66,6 +68,8 @@ class Separation(Law):
     home, with an assumed load of a tenth of the robot's mass a twentieth of its reach off the
     flange, and lag = 2 dt, but zero for a K_v of the user's own. What joints move together may be
     much lighter than what each moves by itself, as the elbow of an arm whose shoulder axes align.
+    Beside an adaptation with a memory, which needs no fast loop, the feedback is for motors that
+    are late by 10 ms, see ``tolerant``.
 
     Attributes:
         task: the controlled coordinates, m of them, m_p positions.
@@ -79,6 +83,11 @@ class Separation(Law):
         lag: [s], with which K_D(q)^-1 = K_v^-1 + lag M_0(q)^-1: no eigenvalue of M_0^-1 K_D then
             exceeds 1 / lag, at no configuration. Zero: K_D = K_v.
         M_0: returns the nominal mass matrix (n, n) at q (nq), where there is a lag.
+        late: [s], a longer lag for motors that may be late by so much: K_D^-1 = K_v^-1 + R^-1 with
+            R = M_0 / late + diag(carried). Until 3 late after the start R is M_0 / lag, and goes
+            over within another 3 late. Zero: R stays M_0 / lag.
+        carried: (n) for joints that are light beside the assumed load, see ``tolerant`` [N m s/rad
+            or N s/m].
         Y_fast: norm of Y_k beyond which c is scaled down with its square, sigma = min(1, Y_fast^2 /
             |Y_k|^2): the mode of the kinematic adaptation grows with the speed, and a wrist that an
             unknown load spins would swing the estimate faster than the arm can follow it. With
@@ -98,6 +107,8 @@ class Separation(Law):
     lambda_s: float = math.inf
     lag: float = 0.0
     M_0: Callable[[np.ndarray], np.ndarray] | None = None
+    late: float = 0.0
+    carried: Any = 0.0
     Y_fast: float = math.inf
 
     name = "separation"
@@ -126,6 +137,9 @@ class Separation(Law):
         object.__setattr__(self, "K_v", K_D)
         if positive(self.lag, "lag", zero=True) and self.M_0 is None:
             raise GainError("a lag needs the mass matrix that it belongs to.", where="M_0")
+        positive(self.late, "late", zero=True)
+        carried = np.broadcast_to(np.asarray(self.carried, dtype=float), len(K_D)).copy()
+        object.__setattr__(self, "carried", carried)
 
     @cached_property
     def filters(self) -> PositionObserver:
@@ -141,7 +155,7 @@ class Separation(Law):
         """Return the law with its default gains; see ``Law.tuned``."""
         w = share * motion.bandwidth
         defaults = {
-            "Kv": _damping(motion.robot, w),
+            "Kv": _DAMPING * w * _loaded_inertia(motion.robot),
             "alpha": w,
             "beta": _OBSERVER * w,
             "R_k": 1.0,
@@ -159,11 +173,37 @@ class Separation(Law):
             **gains,
         )
 
-    def K_D(self, q: np.ndarray) -> np.ndarray:
-        """Return K_D (n, n) at q (nq)."""
+    def K_D(self, q: np.ndarray, age: float = math.inf) -> np.ndarray:
+        """Return K_D (n, n) at q (nq), at a time after the start [s]."""
         if self.M_0 is None or not self.lag:
             return np.asarray(self.K_v)
-        return np.linalg.inv(np.linalg.inv(self.K_v) + self.lag * np.linalg.inv(self.M_0(q)))
+        rate, carried = self._limit(age)
+        R = rate * self.M_0(q) + np.diag(carried)
+        return np.linalg.inv(np.linalg.inv(self.K_v) + np.linalg.inv(R))
+
+    def _limit(self, age: float) -> tuple[float, np.ndarray]:
+        """Return r [1/s] and d (n) of R = r M_0 + diag(d) at a time after the start [s]."""
+        if not self.late:
+            return 1.0 / self.lag, self.carried
+        share = min(1.0, max(0.0, age / (_EAGER * self.late) - 1.0))
+        return (1.0 - share) / self.lag + share / self.late, share * self.carried
+
+    def tolerant(self, late: float, robot: Robot) -> Separation:
+        """Return the law with the lag ``late`` [s] in place of a shorter one.
+
+        Feedback through motors that are late by T rings where the damping of a joint exceeds about
+        its inertia / T. A joint that is much lighter than the load assumed for K_v would be spun by
+        such a load before it is learned: its inertia counts as a fiftieth of the load's at least,
+        but at most as 2.5 times its own. No joint is damped more than with the shorter lag. All
+        have that one at the start, when nothing is learned and the errors of the model strike:
+        within 3 T a ringing does not grow.
+        """
+        if not self.lag or late <= self.lag:
+            return self
+        M = pin.crba(robot.model, robot.model.createData(), robot.q0)
+        own, load = 1.0 / np.diag(np.linalg.inv(M)), _loaded_inertia(robot) - np.diag(M)
+        counted = np.clip(_CARRIED * load, own, min(_MOST, late / self.lag) * own)
+        return replace(self, late=late, carried=(counted - own) / late)
 
     def decorrelated(self, bandwidth: float) -> Separation:
         """Return the law with another lambda_s [1/s]."""
@@ -212,7 +252,7 @@ class Separation(Law):
             kernels.subtract_damping(feedforward, self.K_v, s.v, qd_r, error, torque)
         else:
             kernels.subtract_limited_damping(
-                feedforward, self.K_v, M_0, self.lag, s.v, qd_r, error, torque
+                feedforward, self.K_v, M_0, *self._limit(s.filtered.age), s.v, qd_r, error, torque
             )
         return Command(torque, Drives(Drive(Y, error), kinematic))
 
@@ -240,7 +280,7 @@ class Separation(Law):
         """Return dV/dt, but for what a change of sigma adds."""
         error, dx_o, epsilon = self._reference_error(s), s.filtered.dx_o, s.epsilon
         f = truth.friction.torque
-        joints = error @ (self.K_D(s.q) @ error) + error @ (f(s.v) - f(s.v - error))
+        joints = error @ (self.K_D(s.q, s.filtered.age) @ error) + error @ (f(s.v) - f(s.v - error))
         task = self.sigma(s) * self.c * self.beta * dx_o @ dx_o + epsilon @ (self.R_k @ epsilon)
         return float(-joints - task)
 
@@ -279,9 +319,9 @@ class NominalInertia:
         return NominalInertia, (self._robot,)
 
 
-def _damping(robot: Robot, w: float) -> np.ndarray:
-    """Return the default diagonal (n) of K_v [N m s/rad or N s/m]."""
+def _loaded_inertia(robot: Robot) -> np.ndarray:
+    """Return the inertia (n) that each joint moves with the load assumed for K_D [kg m^2 or kg]."""
     mass, arm = _LOAD * pin.computeTotalMass(robot.model), _ARM * robot.reach
     turning = mass * arm**2
     ball = Payload(mass, (0.0, 0.0, 0.0), (turning, 0.0, turning, 0.0, 0.0, turning))
-    return _DAMPING * w * joint_inertia(robot.changed(payload=ball))
+    return joint_inertia(robot.changed(payload=ball))

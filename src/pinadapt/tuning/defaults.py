@@ -126,6 +126,9 @@ _LAG, _GIVING_WAY, _ELASTIC = 2.0, 1.0, 0.5
 # of the bandwidth
 PREDICTION_RATE = 0.125
 
+# [s], of motors that nobody declared late, see ``Law.tolerant``
+LATE = 0.01
+
 
 def bandwidth(robot: Robot, dt: float) -> float:
     """Return the default bandwidth w [rad/s] for a robot at sampling period dt [s]."""

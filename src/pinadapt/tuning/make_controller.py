@@ -32,7 +32,7 @@ from ..robot.changes import Payload
 from ..robot.motors import Actuators, Compensation, compensation_of
 from ..robot.robot import Robot
 from ..tasks.joint import JointTask
-from .defaults import bandwidth, feedback_lag, slowest_share
+from .defaults import LATE, bandwidth, feedback_lag, slowest_share
 from .noise import (
     SIGMA,
     Given,
@@ -165,6 +165,8 @@ def make_controller(
     settings = settings._replace(mode=min(settings.mode, elastic))
     if isinstance(law, str):
         tuned = tuned.decorrelated(settings.decorrelation)
+        if kind in MEMORIES and gains.get("lag") is None and applied.actuators.ideal:
+            tuned = tuned.tolerant(LATE, robot)
     _warn(tuned, (kind, kind_k), motion, gains | rates)
     box, given = make_box(robot, kinematics, limits.box), rates | gains
     adaptation_k = moved_kinematics(kind_k, tuned, motion, w, given, box, settings, quality)
@@ -249,7 +251,7 @@ def _adaptation(
 ) -> Adaptation:
     """Return how the dynamic estimate moves; noisy sensors add a leak where none is chosen."""
     law, motion, w, settings = tuning.law, tuning.motion, tuning.bandwidth, tuning.settings
-    share, jitter = share * tracking_share(kind, law, settings.mode), 0.0
+    share, jitter = share * tracking_share(kind, law, settings.mode, w), 0.0
     if tuning.quality.v:
         jitter = tuning.quality.v * min(1.0, math.sqrt(0.5 * settings.velocity * tuning.period))
     moved = dynamic_adaptation(kind, law, motion, w, rates, lmi, share, jitter)

@@ -68,6 +68,7 @@ _NOISE = 0.01  # that a memory assumes, in the roots of the units of the floor
 _CONTRADICTION = 0.03  # normalised innovation at which it begins anew
 _INTERVAL = 0.2  # between evaluations, in 1 / rate
 _AGREEMENT = 0.01  # relative to the noise, below which a memory leaves the rest to the loop
+_IN_TIME = 0.5  # mode of the tracking error times the delay of motors that are late
 _HORIZON = 2000.0  # in 1 / bandwidth of the low pass: what encoders teach in it is as the prior
 _FLOOR = 1e-2  # of the torque due to the gain for the tracking error over a typical motion
 
@@ -354,16 +355,23 @@ def shaken_torques(adaptation: Adaptation, motion: TypicalMotion, a: float) -> n
     return np.asarray(a**2 * rest.size * np.mean(found, axis=0))
 
 
-def tracking_share(kind: str, law: Law, mode: float) -> float:
+def tracking_share(kind: str, law: Law, mode: float, bandwidth: float) -> float:
     """Return the share of the law's default rates with which the tracking error teaches.
+
+    Beside a memory its mode is ``Law.memory_mode`` bandwidths, and at most half of 1 / T where the
+    feedback is for motors that are late by T: a faster one takes the rest of the phase margin.
 
     Args:
         kind: of adaptation.
         law: with its mode, at the default rates.
         mode: share of it that the noise of the sensors leaves.
+        bandwidth: w [rad/s].
     """
     if kind in MEMORIES:
-        mode = min(mode, law.memory_mode / law.adaptation_mode)
+        own = law.adaptation_mode * bandwidth
+        mode = min(mode, law.memory_mode * bandwidth / own)
+        if law.late:
+            mode = min(mode, _IN_TIME / (law.late * own))
     return mode**2
 
 

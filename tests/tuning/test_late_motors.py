@@ -1,0 +1,120 @@
+"""Motors that are late and joints that give way, which nobody declared."""
+
+import warnings
+from functools import cache
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from pinadapt.tuning.defaults import LATE
+from pinadapt.zoo.experiment import zoo_case
+from tests.support.chains import catalogue_robot
+from tests.tuning.test_heavy_load import light_wrist
+
+MEMORY = "natural-memory"
+
+
+def rates(law, robot, age=np.inf):
+    """Return the eigenvalues of M_0^-1 K_D at home, in ascending order [1/s]."""
+    M = pin.crba(robot.model, robot.model.createData(), robot.q0)
+    return np.sort(np.linalg.eigvals(np.linalg.solve(M, law.K_D(robot.q0, age))).real)
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5", "z1", "so101"])
+def test_beside_a_memory_the_damping_is_for_late_motors_but_at_the_start(name):
+    robot = catalogue_robot(name)
+    fast, slow = (pa.make_controller(robot, adaptation=a).law for a in ("natural", MEMORY))
+    assert rates(fast, robot)[-1] > 1.4 / LATE
+    assert rates(slow, robot)[-1] < 1.0 / LATE
+    for age in (0.0, 3.0 * LATE):
+        assert np.allclose(slow.K_D(robot.q0, age), fast.K_D(robot.q0), rtol=1e-12)
+    ages = [rates(slow, robot, age)[-1] for age in np.linspace(3.0, 6.0, 5) * LATE]
+    assert (np.diff(ages) < 0.0).all() and ages[-1] == rates(slow, robot)[-1]
+
+
+@pytest.mark.parametrize("given", [{"lag": 0.003}, {"Kv": 5.0}, {"dt": 6e-3}], ids=str)
+def test_a_longer_lag_and_gains_of_the_user_stay(given):
+    robot = catalogue_robot("ur5")
+    plain = pa.make_controller(robot, adaptation="natural", **given).law
+    law = pa.make_controller(robot, adaptation=MEMORY, **given).law
+    assert law.lag == plain.lag and not law.late
+    assert np.array_equal(law.K_D(robot.q0), plain.K_D(robot.q0))
+
+
+def test_declared_actuators_have_the_last_word():
+    limits = pa.Limits(actuators=pa.robot.Actuators(delay=2e-3))
+    law = pa.make_controller(catalogue_robot("ur5"), adaptation=MEMORY, limits=limits).law
+    assert law.lag == pytest.approx(6e-3) and not law.late
+
+
+def test_a_joint_that_the_assumed_load_dwarfs_keeps_more_damping():
+    """2.5 times that of its own inertia; no joint of an ordinary arm does."""
+    robot = light_wrist()
+    law = pa.make_controller(robot, adaptation=MEMORY).law
+    own = 1.0 / np.diag(np.linalg.inv(law.M_0(robot.q0)))
+    assert np.allclose((law.carried * LATE / own)[:4], 0.0)
+    assert (law.carried * LATE / own)[4:] == pytest.approx([1.5, 1.5])
+    for name in ("panda", "ur5", "z1", "so101", "xarm7"):
+        assert not pa.make_controller(catalogue_robot(name), adaptation=MEMORY).law.carried.any()
+
+
+@pytest.mark.parametrize("name", ["panda", "so101"])
+def test_the_tracking_error_teaches_no_faster_than_late_motors_can_follow(name):
+    """The mode of the small so101 would be 75 /s."""
+    made = pa.make_controller(catalogue_robot(name), adaptation=MEMORY)
+    share, w = made.adaptation_d.share, made.motion.bandwidth
+    assert made.law.adaptation_mode * w * share**0.5 == pytest.approx(min(1.75 * w, 0.5 / LATE))
+
+
+@cache
+def last_error(name, adaptation, actuators, duration=4.0, **given):
+    """Return the largest error of the last tenth, relative to the radius."""
+    case = zoo_case(name)
+    true, model, unknown = case.true, case.estimated, pa.Unknown()
+    if actuators.elastic:
+        rotors = 0.5 * np.diag(pin.crba(true.model, true.model.createData(), true.q0))
+        true, model = true.changed(armature=rotors), model.changed(armature=rotors)
+        unknown = pa.Unknown(armature=False)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a simulated plant that nobody declared
+        controller = pa.make_controller(
+            model, adaptation=adaptation, unknown=unknown, limits=pa.Limits(guards=False), **given
+        )
+        rollout = pa.simulate(
+            true,
+            controller,
+            case.motion,
+            duration=duration,
+            engine=pa.Engine(actuators=actuators, torque_limits=case.efforts_suffice),
+            record_every=10,
+        )
+    if rollout.diverged is not None:
+        return np.inf
+    return float(rollout.distance[rollout.t > 0.9 * duration].max() / case.radius)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["panda", "so101"])
+@pytest.mark.parametrize(
+    "actuators",
+    [
+        pa.robot.Actuators(delay=2e-3),
+        pa.robot.Actuators(delay=6e-3),
+        pa.robot.Actuators(delay=10e-3),
+        pa.robot.Actuators(stiffness=2e4),
+        pa.robot.Actuators(stiffness=5e3),
+    ],
+    ids=["2 ms", "6 ms", "10 ms", "20 kN m/rad", "5 kN m/rad"],
+)
+def test_a_memory_is_better_than_no_adaptation_whatever_the_actuators(name, actuators):
+    """Than with the damping for ideal motors, and than with the same damping."""
+    least = min(last_error(name, "none", actuators, lag=lag) for lag in (2e-3, LATE))
+    assert last_error(name, MEMORY, actuators) < 0.15 * least
+
+
+@pytest.mark.slow
+def test_the_damping_for_ideal_motors_rings_where_they_are_late():
+    late = pa.robot.Actuators(delay=10e-3)
+    assert last_error("panda", MEMORY, late, lag=2e-3) > 20.0 * last_error("panda", MEMORY, late)
