@@ -256,9 +256,11 @@ class PositionObserver(Filters):
         m = kinematics.positions
         if state.__class__ is not ObserverState or state.memory.size != m + 2:
             raise InputError("the filters are those of another controller.", where="state")
-        dx_o, age = empty(0 if sensed.x is None else m), float(state.memory[-1])
-        if dx_o.size:
-            kernels.observed(state.memory, kinematics.xd_hat, sensed.x, dx_o)
+        age = float(state.memory[-1])
+        if not m or sensed.x is None:
+            return ObservedPosition(np.zeros(0), state.s_f, age)
+        dx_o = empty(m)
+        kernels.observed(state.memory, kinematics.xd_hat, sensed.x, dx_o)
         return ObservedPosition(dx_o, state.s_f, age)
 
     def step(self, state: ObserverState, s: Signals, dt: float) -> ObserverState:
@@ -275,7 +277,7 @@ class PositionObserver(Filters):
         if self.error is not None:
             s_f = self.bandwidth * (self.error(s) - s_f)
         moved = np.zeros(state.memory.size)
-        moved[:dx_o.size], moved[-1] = s.xd_hat[: dx_o.size] - self.beta * dx_o, 1.0
+        moved[: dx_o.size], moved[-1] = s.xd_hat[: dx_o.size] - self.beta * dx_o, 1.0
         return ObserverState(moved, s_f)
 
 
