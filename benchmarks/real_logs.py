@@ -79,6 +79,14 @@ def least_squares(found: pa.Identification) -> tuple[float, float]:
     return errors[0], errors[1]
 
 
+def effects_of(found: pa.Identification) -> str:
+    """Return what cross-validation chose, with the gains."""
+    if found.effects is None or found.weight is None:
+        return "-"
+    gains = [f"{gain.words} {gain.share:.0%}" for gain in found.effects.gains]
+    return f"gamma {found.weight.gamma:.0e}; {', '.join(gains) or 'none'}"
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
@@ -86,7 +94,7 @@ def main() -> None:
     parser.add_argument("--only", default="", help="names of logs, separated by commas")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
-    print("log | described | OLS | WLS | identify | N m of torque | s")
+    print("log | described | OLS | WLS | identify | N m of torque | s | effects of the joints")
     for name, file, robot in logs_of(options.folder):
         if options.only and name not in options.only.split(","):
             continue
@@ -97,7 +105,7 @@ def main() -> None:
         plain, weighted = least_squares(found)
         print(
             f"{name} | {described:.3g} | {plain:.3g} | {weighted:.3g} | {learned:.3g} | "
-            f"{rms(errors.size):.3g} | {took:.1f}",
+            f"{rms(errors.size):.3g} | {took:.1f} | {effects_of(found)}",
             flush=True,
         )
 

@@ -216,7 +216,9 @@ def test_a_joint_that_does_not_move_is_not_identifiable_and_stays_as_described()
 def test_the_report_lists_estimates_and_errors():
     text = identified("panda").report()
     for words in (
-        "62 identifiable combinations of 91",
+        "identifiable combinations of",
+        "weight of the description",
+        "effect of the joints, beside viscous and Coulomb friction",
         "held out: described",
         "panda_joint7",
         "mass",
@@ -280,10 +282,8 @@ def test_the_command_writes_its_files(tmp_path, capsys):
     robot = catalogue_robot("ur5")
     log = as_csv(tmp_path / "log.csv", recorded("ur5", duration=4.0), robot)
     out = tmp_path / "out"
-    assert (
-        main(["identify", str(log), "--robot", "ur5", "--dynamic", "payload", "--out", str(out)])
-        == 0
-    )
+    known = ["--dynamic", "payload", "--joint", "all"]
+    assert main(["identify", str(log), "--robot", "ur5", *known, "--out", str(out)]) == 0
     assert sorted(file.name for file in out.iterdir()) == sorted(FILES)
     printed, summary = capsys.readouterr().out, json.loads((out / "summary.json").read_text())
     assert summary["verdict"] in printed and summary["torque"]["gain"] > 100.0

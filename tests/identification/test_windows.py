@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.identification.fits import CUTOFF, windows_of
+from pinadapt.identification.fits import CUTOFF
+from pinadapt.identification.windows import windows_of
 from pinadapt.information.measured_motion import motion_of_log
 from tests.support.chains import catalogue_robot
 from tests.support.recorded import recorded, torques, true_robot

@@ -49,7 +49,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         ("--dynamic", "unknown bodies: all, payload, none or joint names (default: all)"),
         (
             "--joint",
-            "unknown joint coefficients: all, none, armature, viscous, coulomb (default: all)",
+            "unknown joint coefficients: all, none, armature, viscous, coulomb, load, asymmetry, "
+            "offset (default: viscous, coulomb, and what cross-validation chooses)",
         ),
     ):
         parser.add_argument(option, type=names, metavar="A,B", help=what)

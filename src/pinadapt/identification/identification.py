@@ -15,10 +15,10 @@ from .._output import Sheet
 from ..adaptation.adaptation import Adaptation
 from ..controller.estimator import Estimator
 from ..exceptions import InputError, LogError, ParameterError
-from ..information.measured_motion import motion_of_log
+from ..information.measured_motion import MeasuredMotion, motion_of_log
 from ..logs.formats import read_log
 from ..logs.log import Log
-from ..models.physical_fit import physical_set
+from ..models.physical_fit import GAMMA, physical_set
 from ..models.translations import FIRST, PlacedTranslations
 from ..robot.loading import load
 from ..robot.motors import Compensation, compensation_of
@@ -32,17 +32,18 @@ from . import report
 from .fits import (
     CUTOFF,
     Frames,
-    Windows,
     frames_of,
     position_fit,
     position_rows,
     torque_fit,
-    windows_of,
 )
 from .identified_model import IdentifiedModel
 from .online import estimate_online, measurements
+from .selection import ChosenEffects, choose_effects, choose_weight
+from .windows import Windows, windows_of
 
 _FEWEST = 4  # windows, both in the fitted and in the held-out part
+_ROUGH = 1.0  # weight of the description in a first fit, whose gravity torques load the gears
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -120,7 +121,9 @@ def identify(
     """Identify a robot from a recorded motion, whatever controller moved it.
 
     The result is the least-squares estimate over the whole log in the physical cone, see
-    ``physical_fit``: translations first, then bodies, rotors and friction at the lengths found. An
+    ``physical_fit``: translations first, then bodies, rotors and friction at the lengths found.
+    Effects of the joints beside viscous and Coulomb friction, rotor inertias, and the weight of the
+    description are chosen by cross-validation in the learning part, see ``choose_effects``. An
     ``Estimator`` also runs through the log sample by sample, as it would on the robot. The last
     quarter of the log is held out once, to measure how well the rest predicts it.
 
@@ -128,7 +131,9 @@ def identify(
         log: a file, folder or ``Log``, see ``read_log``; or a rollout.
         robot: as it is described, a ``Robot`` or what ``load`` takes.
         unknown: what is identified, an ``Unknown`` or words for it; by default the tool where the
-            log has positions of the frame, all bodies, friction and rotor inertias.
+            log has positions of the frame, all bodies, and effects of the joints as the log shows
+            them. Those effects are not chosen but taken as told with ``armature``, and with
+            ``friction`` or ``effects``.
         adaptation: of the estimator: one that predicts the torque, by name or as an object.
         compensated: torque that the arm adds by itself and the log leaves out: "nominal" for the
             description's gravity, or a callable of q (nq) that returns the torque (n).
@@ -159,21 +164,32 @@ def identify(
         "unknown": replace(unknown, regressor="nominal"),
         "dt": found.period,
     }
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message=".*nominal regressor")  # there is no loop
-        estimator = make_estimator(nominal, **options)
+    estimator = _estimator(nominal, options)
     dynamics, kinematics = estimator.controller.dynamics, estimator.controller.kinematics
     if not (dynamics.size or kinematics.size):
         raise InputError("nothing is unknown, so there is nothing to identify.", where="identify")
-    physical = physical_set(dynamics, nominal)
+    physical_set(dynamics, nominal)  # refuses other parameters
     motion = motion_of_log(nominal, found, cutoff=CUTOFF)
     split = float(motion.t[-1] - share * (motion.t[-1] - motion.t[0]))
     rows = position_rows(kinematics, motion, frames)
     located = position_fit(kinematics, rows)
     placed = _placed(estimator, nominal, located.estimate, options)
-    windows = windows_of(motion, placed.controller.dynamics, found.period, held=found.held)
+    bodies = windows_of(motion, placed.controller.dynamics.inertial, found.period, held=found.held)
+    _check(bodies, bodies.between(-np.inf, split), found)
+    effects = _effects(placed, nominal, motion, bodies, split, unknown, found)
+    if effects is not None:
+        nominal = replace(nominal, friction=effects.friction)
+        options["unknown"] = replace(options["unknown"], **effects.unknown(unknown))
+        estimator = _estimator(nominal, options)
+        placed = _placed(estimator, nominal, located.estimate, options)
+        dynamics = estimator.controller.dynamics
+    physical = physical_set(dynamics, nominal)
+    windows = windows_of(
+        motion, placed.controller.dynamics, found.period, held=found.held, inertial=bodies
+    )
     first = windows.between(-np.inf, split)
-    _check(windows, first, found)
+    weight = choose_weight(physical, first) if dynamics.size else None
+    gamma = GAMMA if weight is None else weight.gamma
     steps = watched(range(len(found.t)), progress, "online")
     samples = (
         sample for sample, _ in zip(measurements(found, nominal, frames), steps, strict=False)
@@ -186,11 +202,55 @@ def identify(
         rows=rows,
         split=split,
         smoothed=motion.smoothed,
-        dynamic=torque_fit(dynamics, physical, windows),
+        dynamic=torque_fit(dynamics, physical, windows, gamma),
         kinematic=located,
-        before_split=torque_fit(dynamics, physical, first).estimate,
+        before_split=torque_fit(dynamics, physical, first, gamma).estimate,
+        unknown=options["unknown"].with_joints(),
+        effects=effects,
+        weight=weight,
         position_before_split=position_fit(kinematics, rows.split(split)[0]).estimate,
         online=estimate_online(estimator, samples, len(found.t)),
+    )
+
+
+def _estimator(robot: Robot, options: Mapping[str, Any]) -> Estimator:
+    """Return an estimator without the warning that concerns closed loops."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*nominal regressor")
+        return make_estimator(robot, **options)
+
+
+def _effects(
+    placed: Estimator,
+    robot: Robot,
+    motion: MeasuredMotion,
+    bodies: Windows,
+    split: float,
+    unknown: Unknown,
+    log: Log,
+) -> ChosenEffects | None:
+    """Return the effects of the joints that the learning part shows, None if all were named."""
+    dynamics = placed.controller.dynamics
+    armature, others = unknown.armature is None, unknown.friction is None and not unknown.effects
+    if not (armature or others) or dynamics.joints is None:
+        return None
+    learning = bodies.between(-np.inf, split)
+    inertial = dynamics.inertial
+    loading = placed.controller.kinematics.robot
+    if inertial.size:
+        windows = windows_of(motion, dynamics, log.period, held=log.held, inertial=bodies)
+        physical = physical_set(dynamics, robot)
+        rough = torque_fit(dynamics, physical, windows.between(-np.inf, split), _ROUGH).estimate
+        loading = inertial.robot(rough[: inertial.size], dynamics.bare(loading))
+    return choose_effects(
+        robot,
+        motion,
+        log.period,
+        learning,
+        physical_set(inertial, robot),
+        loading=loading.model,
+        armature=armature,
+        effects=others,
     )
 
 
@@ -203,9 +263,7 @@ def _placed(
         return estimator
     model = robot.model.copy()
     PlacedTranslations(model, robot.frame_id, kinematics.translations).write(a_k)
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message=".*nominal regressor")
-        return make_estimator(replace(robot, model=model), **options)
+    return _estimator(replace(robot, model=model), options)
 
 
 def _compensated(log: Log, robot: Robot, compensated: Compensation | str | None) -> Log:

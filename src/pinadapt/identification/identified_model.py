@@ -16,8 +16,11 @@ from ..information.information import Excitation, Information
 from ..information.payload import PayloadEstimate, explanations_of, payload_estimate
 from ..logs.log import Log
 from ..robot.robot import Robot
-from .fits import PositionRows, Windows
+from ..tuning.unknowns import Unknown
+from .fits import PositionRows
 from .online import OnlineEstimates
+from .selection import ChosenEffects, ChosenWeight
+from .windows import Windows
 
 
 class Errors(NamedTuple):
@@ -81,6 +84,10 @@ class IdentifiedModel:
         before_split: (p_d) the dynamic parameters from the log before ``split``.
         position_before_split: (p_k) the translations from it.
         online: the online estimates in time.
+        unknown: what was identified. A controller with the same parameters is
+            ``make_controller(found.robot, unknown=found.unknown)``.
+        effects: of the joints, as cross-validation chose them; None where the caller named them.
+        weight: of the description, as cross-validation chose it; None without dynamic parameters.
     """
 
     log: Log
@@ -95,6 +102,9 @@ class IdentifiedModel:
     before_split: np.ndarray
     position_before_split: np.ndarray
     online: OnlineEstimates
+    unknown: Unknown
+    effects: ChosenEffects | None = None
+    weight: ChosenWeight | None = None
 
     @property
     def state(self) -> ControllerState:
@@ -136,8 +146,9 @@ class IdentifiedModel:
     @cached_property
     def described_parameters(self) -> np.ndarray:
         """The dynamic parameters (p_d) of the description, its friction and rotors included."""
-        value = self.estimator.controller.dynamics.value(self.described)
-        return self.estimator.controller.dynamics.initial if value is None else value
+        controller = self.estimator.controller
+        value = controller.dynamics.value(controller.kinematics.robot)
+        return controller.dynamics.initial if value is None else value
 
     @cached_property
     def torque_errors(self) -> Errors:

@@ -18,6 +18,7 @@ from ..information.payload import PayloadEstimate, explanation_table
 from ..robot.motors import Gravity
 from .fits import CUTOFF
 from .identified_model import IdentifiedModel, rms
+from .selection import ChosenEffects
 
 if TYPE_CHECKING:
     from ..plots.style import Picture
@@ -113,6 +114,8 @@ def sheet(found: IdentifiedModel) -> Sheet:
     tables = [Table(_overview(found))]
     if found.dynamic.names:
         tables.append(_torque_table(found))
+    if found.effects is not None:
+        tables.append(_effect_table(found.effects))
     if (load := _payload(found)) is not None:
         tables.append(_load_table(load))
         if load.explanations:
@@ -148,6 +151,9 @@ def _overview(found: IdentifiedModel) -> list[tuple[str, str]]:
     for name, part in (("kinematic", found.kinematic), ("dynamic", found.dynamic)):
         if part.names:
             rows.append((f"{name} parameters", identifiable(part)))
+    if (weight := found.weight) is not None:
+        words = f"{weight.gamma:.0e} of a row, by cross-validation"
+        rows.append(("weight of the description", words))
     if (errors := found.position_errors) is not None:
         before, after = rms(errors.described_held_out), rms(errors.learned_held_out)
         words = f"{1e3 * before:.4g} -> {1e3 * after:.4g} mm (rms)"
@@ -183,6 +189,13 @@ def _torque_table(found: IdentifiedModel) -> Table:
     gain = "-" if errors.gain is None else f"{errors.gain:.3g}"
     rows.append(("rms, N m or N", *(f"{rms(values):.3g}" for values in columns), gain))
     return Table(rows, header)
+
+
+def _effect_table(effects: ChosenEffects) -> Table:
+    """Return what each effect of the joints gained."""
+    rows = [(gain.words, f"{gain.share:.1%}", f"+- {gain.deviation:.1%}") for gain in effects.gains]
+    header = "effect of the joints, beside viscous and Coulomb friction", "gains", ""
+    return Table(rows or [("none lowers the error in cross-validation", "", "")], header)
 
 
 def _payload(found: IdentifiedModel) -> PayloadEstimate | None:
@@ -247,9 +260,26 @@ def summary(found: IdentifiedModel) -> dict[str, Any]:
         "kinematic_identifiable": found.kinematic.rank,
         "dynamic": _values(found.dynamic),
         "kinematic": _values(found.kinematic),
+        "effects": None if found.effects is None else _effects(found.effects),
+        "weight": None if found.weight is None else found.weight.gamma,
         "payload": None if load is None else _load_summary(load),
         "refused_online": found.online.refused,
         "version": __version__,
+    }
+
+
+def _effects(effects: ChosenEffects) -> dict[str, Any]:
+    """Return the chosen effects, and the friction's shape by joint."""
+    friction = effects.friction
+    return {
+        "unknown": list(effects.words),
+        "gains": [
+            {"words": gain.words, "share": gain.share, "known_to": gain.deviation}
+            for gain in effects.gains
+        ],
+        "threshold": friction.threshold.tolist(),
+        "breakaway": friction.breakaway.tolist(),
+        "fading": friction.fading.tolist(),
     }
 
 

@@ -11,12 +11,14 @@ infinite on the border of the cone, so the estimate is always physical, and it i
 is one minimum. It is the entropic divergence between two mass distributions of T. Lee, P. M.
 Wensing, F. C. Park, *Geometric robot dynamic identification: a convex programming approach*, IEEE
 Trans. Robotics 36 (2020) 348-365. The objective is self-concordant, so Newton's method with a line
-search finds the minimum. gamma falls to its value in steps of ten, from where the description
-outweighs the rows.
+search finds the minimum. gamma falls to its value in steps of three, from where the description
+outweighs the rows: after steps of ten Newton's method needs hundreds of steps where a body is
+nearly at the border of the cone.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -29,9 +31,9 @@ from .pseudo_inertia import COEFFICIENTS, nearest_physical
 from .regressor import PER_BODY
 
 GAMMA = 1e-4  # weight of the description, relative to one row
-_FALL = 10.0  # of gamma, from one value to the next
+_FALL, _STEEP = 3.0, 10.0  # of gamma, from one value to the next; where few rows bind it
 _LIGHTEST = 1e-20  # gamma, as a share of the first
-_STEPS = 50
+_STEPS = 2000  # of Newton's method, at most
 _DECREMENT = 1e-8  # squared, of Newton's step in units of gamma
 _BACK, _LEAST = 0.5, 1e-12
 _INSIDE = 0.9  # of the way to the border of the cone
@@ -153,14 +155,24 @@ def physical_fit(
     A: np.ndarray, b: np.ndarray, physical: PhysicalSet, *, gamma: float = GAMMA
 ) -> np.ndarray:
     """Return the minimiser (p) of |A a - b|^2 / 2 + gamma D(a), A (k, p) and b (k) whitened."""
+    return physical_path(A, b, physical, (gamma,))[0]
+
+
+def physical_path(
+    A: np.ndarray, b: np.ndarray, physical: PhysicalSet, gammas: Sequence[float]
+) -> list[np.ndarray]:
+    """Return the minimisers (p) of ``physical_fit`` at each of descending weights gamma."""
     R, z = _square(A, b)
-    a = physical.center
-    weight = max(gamma, float(np.linalg.norm(R @ physical.local(a)[0], 2) ** 2))
-    while True:
-        a = _newton(R, z, physical, a, weight)
-        if weight <= gamma:
-            return a
-        weight = max(weight / _FALL, gamma)
+    a, found = physical.center, []
+    weight = max(gammas[0], float(np.linalg.norm(R @ physical.local(a)[0], 2) ** 2))
+    for gamma in gammas:
+        while weight > gamma:
+            a = _newton(R, z, physical, a, weight)
+            weight = max(weight / _FALL, gamma)
+        weight = gamma
+        a = _newton(R, z, physical, a, gamma)
+        found.append(a)
+    return found
 
 
 def nearest_with(
@@ -186,7 +198,7 @@ def nearest_with(
     while weight > _LIGHTEST * scale:
         if np.linalg.norm(rows @ x - target) <= tolerance:
             return x
-        weight /= _FALL
+        weight /= _STEEP
         x = _newton(rows, target, physical, x, weight)
     return x if np.linalg.norm(rows @ x - target) <= tolerance else None
 

@@ -1,0 +1,117 @@
+"""Effects of the joints and the weight of the description, chosen by cross-validation."""
+
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from pinadapt.description.chain import configuration_from_angles
+from pinadapt.identification.selection import blocks_of
+from pinadapt.identification.windows import OVERLAP
+from tests.support.chains import catalogue_robot
+from tests.support.effects import torque_of_everything
+from tests.support.recorded import motion
+
+pytestmark = pytest.mark.slow
+
+
+@cache
+def log_of_friction(name="ur5", noise=0.2, duration=20.0, **friction):
+    """Return the log of a robot with these effects, and the robot."""
+    described = catalogue_robot(name)
+    n = described.model.nv
+    usual = {"viscous": np.full(n, 0.5), "coulomb": np.full(n, 0.8)}
+    spread = {key: one_joint(n, *part) for key, part in friction.items() if key != "shafts"}
+    shafts = {"shafts": friction["shafts"]} if "shafts" in friction else {}
+    if "breakaway" in spread:
+        spread["breakaway"] += 1.0
+    if "threshold" in spread:
+        spread["threshold"] += 0.01
+    true = described.changed(inertial_scale=1.1, friction=pa.Friction(**usual, **spread, **shafts))
+    t, q, v, a = motion(name, duration=duration, dt=8e-3)
+    rng = np.random.default_rng(0)
+    tau = np.array(
+        [
+            torque_of_everything(true, configuration_from_angles(true.model, q_k), v_k, a_k)
+            for q_k, v_k, a_k in zip(q, v, a, strict=True)
+        ]
+    )
+    tau += noise * rng.standard_normal(tau.shape)
+    return pa.Log(t, q, tau, v, tuple(described.joint_names)), true
+
+
+def one_joint(n, joint, value):
+    found = np.zeros(n)
+    found[joint] = value
+    return found
+
+
+@pytest.mark.parametrize(
+    ("effect", "words"),
+    [
+        ({"offset": (1, 3.0)}, "shoulder_lift_joint.offset"),
+        ({"load": (1, 0.2)}, "shoulder_lift_joint.load"),
+        ({"threshold": (0, 0.09)}, "shoulder_pan_joint: friction builds up within 0.1 rad/s"),
+        ({"breakaway": (2, -0.9)}, "elbow_joint: other friction near rest, up to 0.1 rad/s"),
+        (
+            {"shafts": (pa.robot.Shaft((4, 5), 1, 0.05, 2.0, 2.0),)},
+            "a motor that turns with wrist_2_joint+wrist_3_joint",
+        ),
+    ],
+)
+def test_an_effect_is_found_and_predicts_the_held_out_torques(effect, words):
+    log, true = log_of_friction(noise=0.05, **effect)
+    robot = catalogue_robot("ur5")
+    found = pa.identify(log, robot, progress=False)
+    plain = pa.identify(log, robot, unknown=["bodies", "friction"], progress=False)
+    assert words in [gain.words for gain in found.effects.gains]
+    assert all(gain.share > 2.0 * gain.deviation for gain in found.effects.gains)
+    left, without = (
+        np.sqrt(np.mean(part.torque_errors.learned_held_out**2)) for part in (found, plain)
+    )
+    assert left < 0.8 * without and plain.effects is None
+    assert words in found.report()
+    # the learned robot has the effect, and a controller can be made for it
+    q, v, a = log.q[700], log.v[700], np.zeros(6)
+    controller = pa.make_controller(found.robot, unknown=found.unknown)
+    assert controller.dynamics.names == found.dynamic.names
+    controller.dynamics.load(controller.dynamics.initial)
+    expected = torque_of_everything(true, q, v, a)
+    assert np.abs(controller.dynamics.torque(q, v, a) - expected).max() < 1.0
+
+
+def test_no_effect_is_found_where_there_is_none():
+    log, _ = log_of_friction()
+    found = pa.identify(log, catalogue_robot("ur5"), progress=False)
+    assert len(found.effects.gains) <= 1  # of about a hundred, at two standard errors
+    assert (found.effects.friction.threshold == 0.01).sum() >= 5
+    assert found.effects.friction.shafts == ()
+
+
+def test_what_the_caller_names_is_not_chosen():
+    log, _ = log_of_friction()
+    told = pa.Unknown(tool=False, friction=True, armature=True, effects=["offset"])
+    found = pa.identify(log, catalogue_robot("ur5"), unknown=told, progress=False)
+    assert found.effects is None and len(found.dynamic.names) == 60 + 4 * 6
+
+
+def test_blocks_share_no_window_and_leave_few_out():
+    for count in (16, 40, 99, 900):
+        blocks = blocks_of(count)
+        assert len(blocks) >= 2 and all(len(block) > 1 for block in blocks)
+        for one, other in pairwise(blocks):
+            assert other[0] - one[-1] >= OVERLAP
+        assert blocks[0][0] == 0 and blocks[-1][-1] == count - 1
+
+
+def test_the_weight_is_large_where_the_description_is_right_and_small_where_data_say_more():
+    log, true = log_of_friction(noise=1.0)
+    right = pa.identify(log, true, unknown=["bodies", "friction"], progress=False)
+    wrong = true.changed(inertial_scale={name: 0.1 for name in true.joint_names[1:3]})
+    other = pa.identify(log, wrong, unknown=["bodies", "friction"], progress=False)
+    assert right.weight.gamma > 10.0 * other.weight.gamma
+    best = other.weight.errors.argmin()
+    chosen = other.weight.gammas.index(other.weight.gamma)
+    assert chosen <= best and other.weight.errors[chosen] <= 1.01
