@@ -38,6 +38,8 @@ class Measurement(NamedTuple):
         tau: (nv) torque that the motors gave until now [N m or N], with what the arm adds by
             itself; read by the adaptations that predict the torque, which else take it to be what
             was commanded.
+        w: (nv) velocity of the motors after their gears [rad/s or m/s], where v is that of the
+            links; read by ``FastFeedback`` alone.
     """
 
     t: float
@@ -48,6 +50,7 @@ class Measurement(NamedTuple):
     xd: np.ndarray | None = None
     a: np.ndarray | None = None
     tau: np.ndarray | None = None
+    w: np.ndarray | None = None
 
 
 class Desired(NamedTuple):

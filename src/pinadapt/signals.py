@@ -49,6 +49,7 @@ class Signals:
         filtered: output of the law's own filters; see ``Law.filters``.
         filtered_torque: filtered regressor and torque of the joints, a ``FilteredTorque``, where
             the adaptation of the dynamics uses their prediction error, else None.
+        w: (n) measured velocity of the motors [rad/s or m/s], or None.
     """
 
     t: float
@@ -74,6 +75,7 @@ class Signals:
     X_k: np.ndarray
     filtered: Any
     filtered_torque: Any
+    w: np.ndarray | None
 
     @property
     def dxd_hat(self) -> np.ndarray:

@@ -435,7 +435,7 @@ class Controller:
         s.J, s.Jdot_v, s.Y_k = kinematics.J, kinematics.Jdot_v, kinematics.Y_k
         s.inverse = inverse
         s.epsilon, s.X_k = epsilon, X_k
-        s.filtered, s.filtered_torque = filtered, filtered_torque
+        s.filtered, s.filtered_torque, s.w = filtered, filtered_torque, measurement.w
         return s, sensed, elapsed
 
     def rate(

@@ -43,7 +43,7 @@ class InputCheck:
             InputError: the same of the desired motion, or the state is that of another controller.
         """
         try:
-            t, q, v, x, x_time, xd, a, _ = measurement
+            t, q, v, x, x_time, xd, a, _, w = measurement
             x_d, xd_d, xdd_d = desired
             a_d, a_k = state.dynamic.value, state.kinematic.value
             fits = (
@@ -65,6 +65,10 @@ class InputCheck:
                 and (x_time is None or (x_time.__class__ is float and x_time - x_time == 0.0))
                 and (xd is None or (xd.shape == self._m and xd.dtype is _FLOAT))
                 and a is None
+                and (
+                    w is None
+                    or (w.shape == self._v and w.dtype is _FLOAT and w.__class__ is _ARRAY)
+                )
                 and t.__class__ is float
                 and t - t == 0.0
             )
@@ -105,13 +109,14 @@ class InputCheck:
         """
         if not isinstance(given, Measurement):
             raise InputError(f"expected a Measurement, got {given!r}.", where="measurement")
-        t, q, v, x, x_time, xd, a, tau = given
+        t, q, v, x, x_time, xd, a, tau, w = given
         q, v = _array(q, self._q, "q"), _array(v, self._v, "v")
         x = None if x is None else _array(x, self._x, "x")
         x_time = None if x_time is None else _number(x_time, "x_time")
         xd = None if xd is None else _array(xd, self._m, "xd")
         a = None if a is None else _array(a, self._v, "a")
-        return Measurement(_number(t, "t"), q, v, x, x_time, xd, a, tau)
+        w = None if w is None else _array(w, self._v, "w")
+        return Measurement(_number(t, "t"), q, v, x, x_time, xd, a, tau, w)
 
     def torque(self, given: Any) -> np.ndarray | None:
         """Return a measured torque (n) as an array of finite floats, None as it is.

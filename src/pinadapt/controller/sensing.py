@@ -201,7 +201,7 @@ class Senses:
                 last frame of the camera is too old, or what the first samples tell is impossible.
             MeasurementError: a frame was taken later than the sample.
         """
-        t, q, v, x, x_time, _, _, _ = measurement
+        t, q, v, x, x_time, _, _, _, _ = measurement
         q, v = q.copy(), v.copy()
         if self.low_pass is not None:
             v = self.low_pass.advance(before.v, v, t - t_before)

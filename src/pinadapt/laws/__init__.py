@@ -17,6 +17,7 @@ from .approximate_jacobian import Saturation as Saturation
 from .bounded_torque import BoundedTorque as BoundedTorque
 from .computed_torque import ComputedTorque as ComputedTorque
 from .computed_torque import ResolvedAcceleration as ResolvedAcceleration
+from .fast_feedback import FastFeedback as FastFeedback
 from .law import Command as Command
 from .law import EstimatedModel as EstimatedModel
 from .law import Feedback as Feedback

@@ -112,11 +112,11 @@ class ElasticPlant(SimulatedPlant):
         return np.asarray(pin.integrate(self._model, self._links, self._d))
 
     def measure(self) -> Measurement:
-        """Return what ideal sensors measure now."""
+        """Return what ideal sensors measure now, with the motors' velocity w."""
         robot, model = self.robot, self._model
         x, xd = robot.task.motion(model, self._data, robot.frame_id, self._links, self._v)
         v = self._v if self.actuators.encoders == "link" else self._w
-        return Measurement(self._t, self._measured_q(), v, x, None, xd)
+        return Measurement(self._t, self._measured_q(), v, x, None, xd, w=self._w)
 
     def hold(self, tau: np.ndarray, dt: float) -> None:
         """Move for dt [s] under a torque tau (nv) that the motors apply [N m or N]."""

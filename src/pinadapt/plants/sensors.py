@@ -131,11 +131,17 @@ class Encoder:
         way = read - last if plain else pin.difference(model, last, read)
         return read, np.where(self._there, way / self._dt, v)
 
+    def rate(self, w: np.ndarray) -> np.ndarray:
+        """Return a velocity (nv) in whole counts per period, as differences of counts have it."""
+        step = self._count / self._dt
+        return np.where(self._there, np.rint(w / step) * step, w)
+
 
 class SimulatedSensors:
     """Encoders, velocity and torque sensors at the joints, and a camera of the task frame.
 
-    For a joint task there is no camera: measurements have neither x nor xd.
+    For a joint task there is no camera: measurements have neither x nor xd. The velocity w of the
+    motors of elastic joints has the noise and the resolution of v.
 
     Attributes:
         sensors: what is simulated.
@@ -195,13 +201,15 @@ class SimulatedSensors:
         if torque is not None and self._tau.any():
             noise = self._tau * self._of_torque.standard_normal(self._tau.size)
             truth = truth._replace(tau=torque + noise)
-        q, v = truth.q, truth.v
+        q, v, w = truth.q, truth.v, truth.w
         if self._noisy:
             q = pin.integrate(self._model, q, self._white("q"))
             v = v + self._white("v")
+            w = None if w is None else w + self._white("v")
         if self._encoder.present:
             q, v = self._encoder.read(q, v)
-        return self._camera.see(truth)._replace(q=q, v=v)
+            w = None if w is None else self._encoder.rate(w)
+        return self._camera.see(truth)._replace(q=q, v=v, w=w)
 
     def _white(self, name: str) -> np.ndarray:
         return self._noise[name] * self._rng.standard_normal(self._model.nv)

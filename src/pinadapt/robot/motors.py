@@ -123,7 +123,8 @@ class Actuators:
         if np.isfinite(self.bandwidth).any():
             parts.append(f"motors of {float(np.min(self.bandwidth)):.3g} rad/s")
         if self.elastic:
-            parts.append(f"joints of {float(np.min(self.stiffness)):.3g} N m/rad")
+            behind = " with encoders at the links" if self.encoders == "link" else ""
+            parts.append(f"joints of {float(np.min(self.stiffness)):.3g} N m/rad{behind}")
         return " and ".join(parts)
 
     def of(self, robot: Robot) -> JointActuators:

@@ -9,6 +9,7 @@ from dataclasses import replace
 from math import isinf
 from typing import Any, TypeVar
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import arithmetic, instance, keywords, positive
@@ -24,6 +25,7 @@ from ..controller.sensing import Guards, Senses, make_guards
 from ..exceptions import InputError, did_you_mean
 from ..filters import LowPass
 from ..laws import DEFAULT, LAWS
+from ..laws.fast_feedback import FastFeedback
 from ..laws.law import Law
 from ..models.delay_compensation import DelayCompensator
 from ..models.typical_motion import TypicalMotion
@@ -65,6 +67,7 @@ from .unknowns import (
 )
 
 T = TypeVar("T")
+_HARDLY = 0.1  # share of the bandwidth
 
 _REPLACED = {
     "believed": "the first argument, 'robot'",
@@ -108,7 +111,8 @@ def make_controller(
 
     Args:
         robot: the nominal model; only read. Its task says what is controlled.
-        law: a name of ``pinadapt.laws.LAWS``, or a law with its gains.
+        law: a name of ``pinadapt.laws.LAWS``, or a law with its gains; either may be inside of a
+            ``FastFeedback``, for elastic joints.
         adaptation: "natural", "gradient", "projected" (gradient that keeps M_hat positive definite)
             or "none"; "natural-composite", "composite" or "least-squares", which also learn from
             the prediction error of the torque; "natural-memory" or "composite-memory", which learn
@@ -149,6 +153,7 @@ def make_controller(
     sensors, limits = _given(sensors, Sensors, "sensors"), _given(limits, Limits, "limits")
     unknown = Unknown.of(unknown)
     robot = nominal.robot(payload)
+    fast, law = (law, law.law) if isinstance(law, FastFeedback) else (None, law)
     chosen = _law_type(law, robot)
     kinematics = nominal_kinematics(robot, unknown, chosen)
     kind, kind_k = _kinds(adaptation, kinematic_adaptation, chosen)
@@ -158,7 +163,8 @@ def make_controller(
     dynamics = nominal_dynamics(robot, unknown, chosen.joint_effects, lengths)
     applied = limits_for(robot, kinematics, dynamics, limits, sensors)
     motion = TypicalMotion(robot, kinematics, dynamics, bandwidth(robot, dt), applied.torque)
-    tuned, w = _tuned(law, motion, dt, gains, applied.actuators)
+    K_f = None if fast is None else fast.gain_for(robot, applied.actuators, dt)
+    tuned, w = _tuned(law, motion, dt, gains, applied.actuators, K_f)
     quality = sensors.quality(robot.model.nv, dt)
     settings = noise_settings(quality, w, robot.reach)
     elastic = slowest_share(robot, applied.actuators, tuned.adaptation_mode * w)
@@ -194,7 +200,7 @@ def make_controller(
         dt=dt,
     )
     controller = Controller(
-        tuned,
+        tuned if fast is None or K_f is None else fast.around(tuned, K_f),
         kinematics,
         dynamics,
         adaptation_k=adaptation_k,
@@ -347,6 +353,7 @@ def _tuned(
     dt: float,
     gains: dict[str, Any],
     actuators: Actuators,
+    K_f: np.ndarray | None,
 ) -> tuple[Law, float]:
     """Return the law, and the bandwidth [rad/s] that it has at the period dt [s].
 
@@ -368,8 +375,15 @@ def _tuned(
         return tuned if share == 1.0 else chosen.tuned(motion, dt, share, **gains)
 
     share = stable_share_of_feedback(
-        lambda share: slowed(share).feedback(motion), dt, motion, actuators
+        lambda share: slowed(share).feedback(motion), dt, motion, actuators, K_f
     )
+    if share < _HARDLY and not actuators.ideal:
+        warnings.warn(
+            f"with {actuators.words} the feedback is stable up to {share:.2g} of the bandwidth "
+            "only, with which no arm follows a motion. Encoders at the links need the motors' "
+            "velocity besides: law=pa.laws.FastFeedback(...).",
+            stacklevel=6,
+        )
     tuned = slowed(share)
     return tuned, share * motion.bandwidth * tuned.bandwidth_share
 

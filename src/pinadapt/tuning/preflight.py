@@ -28,6 +28,7 @@ import pinocchio as pin
 from .._checks import arithmetic, instance, positive
 from ..controller.controller import Controller
 from ..laws.acceleration_law import AccelerationLaw
+from ..laws.fast_feedback import FastFeedback
 from ..laws.gains import SYMBOLS
 from ..laws.law import Feedback, Law
 from ..models.frame_kinematics import FrameKinematics
@@ -115,6 +116,11 @@ _LEAST, _HALVINGS = 1e-6, 24  # smallest share, and how far its logarithm is bis
 _UNSTABLE = 1.0 + 1e-9  # the null space of a redundant arm moves freely
 
 
+_BEHIND = (
+    "; encoders behind springs need the motors' velocity besides, law=pa.laws.FastFeedback(...)"
+)
+
+
 @dataclass(frozen=True)
 class Finding:
     """A part of the closed loop that is unstable at the sampling period.
@@ -146,7 +152,8 @@ class Finding:
             return (
                 f"the {self.part} is too fast for {self.actuators} at dt = {self.dt:.3g} s: "
                 f"{advice}. Default gains for actuators follow from "
-                "pa.Limits(actuators=...), in a scenario controller.actuators."
+                "pa.Limits(actuators=...), in a scenario controller.actuators"
+                f"{_BEHIND if 'at the links' in self.actuators else ''}."
             )
         other = (
             f", or {', '.join(gains)}"
@@ -250,12 +257,14 @@ def stable_share_of_feedback(
     dt: float,
     motion: TypicalMotion,
     actuators: Actuators,
+    K_f: np.ndarray | None = None,
 ) -> float:
     """Return the share of the feedback's bandwidth that passes the check at dt [s].
 
-    One where it passes, and where no share does. ``of`` returns the feedback of a share.
+    One where it passes, and where no share does. ``of`` returns the feedback of a share; K_f (n) is
+    the gain of fast feedback, or None.
     """
-    joints = None if actuators.ideal else ActuatedJoints(motion, actuators)
+    joints = None if actuators.ideal else ActuatedJoints(motion, actuators, K_f)
 
     def radius(share: float) -> float:
         if joints is None:
@@ -285,7 +294,10 @@ def _parts(
         return []
     parts: list[tuple[str, dict[str, float], Radius]] = []
     feedback = controller.law.feedback(motion)
-    joints = None if actuators.ideal or not feedback else ActuatedJoints(motion, actuators)
+    joints, law = None, controller.law
+    if feedback and not actuators.ideal:
+        K_f = law.gain if isinstance(law, FastFeedback) else None
+        joints = ActuatedJoints(motion, actuators, K_f)
     if feedback:
         powers = controller.law.bandwidth_powers
         of_feedback = _feedback_radius if joints is None else joints.feedback_radius
@@ -367,8 +379,10 @@ class ActuatedJoints:
     their motors, joints without described rotors to have half of what they move.
     """
 
-    def __init__(self, motion: TypicalMotion, actuators: Actuators) -> None:
-        """Take the model's states, and the actuators.
+    def __init__(
+        self, motion: TypicalMotion, actuators: Actuators, K_f: np.ndarray | None = None
+    ) -> None:
+        """Take the model's states, the actuators, and the gain (n) of fast feedback.
 
         Raises:
             InputError: actuators of another number of joints.
@@ -380,10 +394,13 @@ class ActuatedJoints:
         self._inverse = np.array(motion.right_inverses)
         self._w = motion.bandwidth
         self._A, self._B, self._C = _chain(M, own, np.array(motion.robot.model.armature))
+        motors, n = self._C, M.shape[-1]
+        self._fast = np.zeros(motors.shape)  # what fast feedback takes off the torque
         if actuators.elastic and actuators.encoders == "link":
-            n = M.shape[-1]
-            self._C = np.zeros(self._C.shape)
+            self._C = np.zeros(motors.shape)
             self._C[:, :, -2 * n : -n] = np.eye(n)
+            if K_f is not None:
+                self._fast = _MARGIN * K_f[:, None] * (motors - self._C)
 
     def feedback_radius(self, feedback: Sequence[Feedback], dt: float, factor: float) -> float:
         """Return the median spectral radius of the sampled loop, its gains doubled.
@@ -400,7 +417,7 @@ class ActuatedJoints:
         n, size = C.shape[1:]
         placed = np.block([[A, np.zeros((len(A), size, n))], [C, np.zeros((len(A), n, n))]])
         Phi, Gamma = _held(placed, np.pad(B, ((0, 0), (0, n), (0, 0))), dt)
-        return _median_of(Phi - Gamma @ np.concatenate([K_D @ C, K_P], axis=2))
+        return _median_of(Phi - Gamma @ np.concatenate([K_D @ C + self._fast, K_P], axis=2))
 
     def adaptation_radius(
         self, pairs: Sequence[tuple[np.ndarray, np.ndarray]], dt: float, factor: float
@@ -412,7 +429,8 @@ class ActuatedJoints:
         S, E = (np.array(part) for part in zip(*pairs, strict=True))
         S = _ADAPTATION_MARGIN * factor * self._torque(S)
         Phi, Gamma = _held(self._A, self._B, dt)
-        top = np.concatenate([Phi - Gamma @ self._torque(E) @ self._C, Gamma], axis=2)
+        damped = Phi - Gamma @ (self._torque(E) @ self._C + self._fast)
+        top = np.concatenate([damped, Gamma], axis=2)
         one = np.broadcast_to(np.eye(S.shape[-1]), S.shape)
         return _median_of(
             np.concatenate([top, np.concatenate([-dt * S @ self._C, one], axis=2)], axis=1)

@@ -1,0 +1,217 @@
+"""Any law on a robot with elastic joints: fast feedback of the springs around it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, get_origin, get_type_hints
+
+import numpy as np
+
+from .._checks import numbers
+from ..adaptation.adaptation import Adaptation
+from ..exceptions import GainError, InputError, MeasurementError, RobotError
+from ..filters import Filters
+from ..models.dynamics import Dynamics
+from ..models.typical_motion import TypicalMotion, joint_inertia
+from ..robot.motors import Actuators
+from ..robot.robot import Robot
+from ..signals import Signals
+from .law import Command, EstimatedModel, Feedback, KinematicLoop, Law, SetPointLoop, Truth
+
+_DAMPING = 0.7  # of the springs' fast modes
+_STEP = 0.4  # of the motor's inertia over the period, at most
+
+
+@dataclass(frozen=True, eq=False)
+class FastFeedback(Law):
+    """Fast feedback for elastic joints, around any law.
+
+    F. Ghorbel, J. Y. Hung, M. W. Spong, *Adaptive control of flexible-joint manipulators*, IEEE
+    Control Systems Magazine 9(7) (1989) 9-13.
+
+    Law:          tau = tau_s + K_f (qd - w), tau_s the torque of a law for the rigid robot at the
+                  links' q and qd, w the velocity of the motors after their gears.
+    Adaptation:   that of the law.
+    Closed loop:  with springs K, rotors B, M_l the links' inertia, z = K (motor - link) the torque
+                  of the springs:  B dw/dt = tau_s - K_f K^-1 dz/dt - z,
+                  d^2z/dt^2 + K (B^-1 K_f K^-1 dz/dt + (B^-1 + M_l^-1) z) = K (B^-1 tau_s + ...).
+    V:            that of the law, of the slow motion alone. dV/dt is that of the law where link and
+                  motor move alike, w = qd; it is no equality elsewhere.
+    Assumptions:  singular perturbation: K = K_1 / eps^2 and K_f = K_2 / eps, eps small, K_1 and K_2
+                  positive diagonal. On the slow manifold z = M_l qdd + C qd + g: the robot is the
+                  rigid one with the inertia M_l + B, and K_f (qd - w) = -eps K_2 K_1^-1 dz/dt is of
+                  the order of eps. The deviation eta of z from the manifold obeys, in the fast time
+                  t / eps, the boundary layer eta'' + K_1 B^-1 K_2 K_1^-1 eta' + K_1 (B^-1 +
+                  M_l^-1) eta = 0. It is exponentially stable, uniformly in q, so that by Tikhonov's
+                  theorem the motion stays within O(eps) of the rigid robot's on finite intervals.
+                  Late motors are not in the proof.
+
+    ``make_controller(robot, law=FastFeedback("separation"), limits=Limits(actuators=...))`` tunes
+    the law as without it, and K_f for declared springs with ``encoders="link"``: the fast modes of
+    each joint at home are damped at 0.7 of the critical value, K_f at most 0.4 B / dt. Every
+    ``Measurement`` then needs w.
+
+    Attributes:
+        law: the law, or the name of one that ``make_controller`` makes.
+        gain: K_f, a number or one per joint (n) [N m s/rad or N s/m]; None: from the springs.
+
+    Raises:
+        GainError: a gain that is not positive.
+        InputError: neither a name nor a law, or a law that is such feedback already.
+    """
+
+    law: Law | str
+    gain: Any = None
+
+    name = "fast feedback"
+    sources = ("GhorbelHungSpong1989",)
+
+    def __post_init__(self) -> None:
+        """Check the gain; state of itself what the law states."""
+        if isinstance(self.law, FastFeedback) or not isinstance(self.law, Law | str):
+            raise InputError(f"expected a name or a law, got {self.law!r}.", where="law")
+        if self.gain is not None:
+            gain = numbers(self.gain, "gain", error=GainError)
+            if gain.ndim > 1 or not (gain > 0.0).all():
+                raise GainError(
+                    f"expected positive numbers, one or one per joint, got {gain.tolist()}.",
+                    where="gain",
+                )
+            object.__setattr__(self, "gain", gain)
+        if isinstance(self.law, Law):
+            for name in _STATED:
+                object.__setattr__(self, name, getattr(self.law, name))
+            object.__setattr__(self, "name", f"{self.law.name}, {type(self).name}")
+            object.__setattr__(self, "sources", (*type(self).sources, *self.law.sources))
+
+    def __getattr__(self, name: str) -> Any:
+        """Return a gain or another attribute of the law.
+
+        Raises:
+            AttributeError: it has none of this name.
+        """
+        if name.startswith("__") or isinstance(self.__dict__.get("law"), str | None):
+            raise AttributeError(name)
+        return getattr(self.__dict__["law"], name)
+
+    def around(self, law: Law, gain: np.ndarray) -> FastFeedback:
+        """Return this feedback with a gain (n) around a law that was made."""
+        return replace(self, law=law, gain=gain)
+
+    def gain_for(self, robot: Robot, actuators: Actuators, dt: float) -> np.ndarray:
+        """Return K_f (n) [N m s/rad or N s/m] for a robot with actuators at a period dt [s].
+
+        Raises:
+            GainError: a given one has another size.
+            InputError: no springs are declared, or encoders at the motors.
+            RobotError: a motor without inertia.
+        """
+        n = robot.model.nv
+        if actuators.elastic and actuators.encoders != "link":
+            raise InputError(
+                "fast feedback needs encoders at the links, and the motors' velocity besides.",
+                where="actuators.encoders",
+                hint='Declare Actuators(..., encoders="link"), or take the law alone.',
+            )
+        if self.gain is not None:
+            if self.gain.ndim and self.gain.size != n:
+                raise GainError(
+                    f"expected a number or {n} numbers, got {self.gain.size}.", where="gain"
+                )
+            return np.broadcast_to(self.gain, n).astype(float)
+        if not actuators.elastic:
+            raise InputError(
+                "the gain of fast feedback follows from the springs, and none are declared.",
+                where="limits.actuators",
+                hint="Give it: FastFeedback(law, gain), or declare Actuators(stiffness=..., "
+                'encoders="link").',
+            )
+        B, K = np.array(robot.model.armature), actuators.of(robot).stiffness
+        if not (B > 0.0).all():
+            raise RobotError(
+                f"motors need inertia, got the armature {B.tolist()} kg m^2.",
+                where="armature",
+                hint="Set it with Robot.changed(armature=...), or give the gain itself.",
+            )
+        fast = np.sqrt(K * (1.0 / B + 1.0 / (joint_inertia(robot) - B)))
+        return np.minimum(2.0 * _DAMPING * fast * B, _STEP * B / dt)
+
+    @property
+    def _law(self) -> Law:
+        """The law.
+
+        Raises:
+            InputError: it is a name.
+        """
+        if isinstance(self.law, str):
+            raise InputError(
+                f"'{self.law}' is not made yet.", where="law", hint="make_controller makes it."
+            )
+        return self.law
+
+    def command(self, s: Signals, model: EstimatedModel) -> Command:
+        """Return the law's command, K_f (qd - w) added to its torque.
+
+        Raises:
+            MeasurementError: the motors' velocity is missing.
+        """
+        found = self._law.command(s, model)
+        if s.w is None:
+            raise MeasurementError("w", None, "is missing, and fast feedback needs it")
+        return Command(found.torque + self.gain * (s.v - s.w), found.drives, found.feedthrough)
+
+    @property
+    def filters(self) -> Filters:
+        """The law's memory besides its estimates."""
+        return self._law.filters
+
+    def storage(self, s: Signals, truth: Truth) -> float:
+        """Return V of the law, without the parts of the parameters."""
+        return self._law.storage(s, truth)
+
+    def dissipation(self, s: Signals, truth: Truth) -> float:
+        """Return dV/dt of the law, where link and motor move alike."""
+        return self._law.dissipation(s, truth)
+
+    def with_prediction_weight(self, weight: float) -> FastFeedback:
+        """Return this feedback around the law with another weight."""
+        return replace(self, law=self._law.with_prediction_weight(weight))
+
+    def decorrelated(self, bandwidth: float) -> FastFeedback:
+        """Return this feedback around the decorrelated law."""
+        return replace(self, law=self._law.decorrelated(bandwidth))
+
+    def guarded(self, adaptation: Adaptation, dynamics: Dynamics) -> Adaptation:
+        """Return the adaptation, wrapped in what the law's proof needs."""
+        return self._law.guarded(adaptation, dynamics)
+
+    def mismatch(self, J_hat: np.ndarray, J: np.ndarray) -> tuple[float, float] | None:
+        """Return that of the law."""
+        return self._law.mismatch(J_hat, J)
+
+    def set_point_loop(self, J_hat: np.ndarray, J: np.ndarray) -> SetPointLoop | None:
+        """Return that of the law."""
+        return self._law.set_point_loop(J_hat, J)
+
+    def parameter_effects(self, motion: TypicalMotion) -> list[np.ndarray]:
+        """Return those of the law."""
+        return self._law.parameter_effects(motion)
+
+    def feedback(self, motion: TypicalMotion) -> Sequence[Feedback]:
+        """Return that of the law, of the links."""
+        return self._law.feedback(motion)
+
+    def kinematic_loop(self) -> KinematicLoop | None:
+        """Return that of the law."""
+        return self._law.kinematic_loop()
+
+
+_STATED = (
+    "bandwidth_share",
+    *(
+        name
+        for name, hint in get_type_hints(Law).items()
+        if get_origin(hint) is ClassVar and name not in ("name", "sources")
+    ),
+)

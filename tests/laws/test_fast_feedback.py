@@ -1,0 +1,234 @@
+"""Fast feedback of elastic joints: boundary layer, closed loops, what is refused."""
+
+import copy
+import pickle
+import warnings
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from pinadapt.laws import FastFeedback
+from pinadapt.robot import Actuators
+from pinadapt.tuning.preflight import preflight
+from tests.support.chains import catalogue_robot
+from tests.support.loops import circle_at_home, with_tool_and_load
+
+SOFT = Actuators(stiffness=5e3, encoders="link")
+
+
+def geared(name):
+    """Return a robot with rotors of half of what each joint moves."""
+    robot = catalogue_robot(name)
+    own = np.diag(pin.crba(robot.model, robot.model.createData(), robot.q0))
+    return robot.changed(armature=np.maximum(0.5 * own, 1e-3 * own.max()))
+
+
+def made(robot, law="separation", actuators=None, **options):
+    return pa.make_controller(
+        robot,
+        law=law,
+        limits=pa.Limits(actuators=actuators),
+        unknown=pa.Unknown(armature=False),
+        **options,
+    )
+
+
+@pytest.mark.parametrize("eps", [1.0, 0.3, 0.1])
+def test_the_boundary_layer_of_one_joint(eps):
+    """A motor and a link on a spring decay as eta'' + K_f / B eta' + K (1 / B + 1 / M) eta = 0.
+
+    K = K_1 / eps^2 and K_f = K_2 / eps: in fast time t / eps the eigenvalues are always the same.
+    """
+    B, K_1, K_2 = 0.4, 800.0, 20.0
+    K, K_f, dt = K_1 / eps**2, K_2 / eps, 1e-5 * eps
+    robot = catalogue_robot("planar_2r")
+    robot = pa.load("planar_2r", locked=[robot.joint_names[1]], frame=robot.frame, task="joint")
+    robot = robot.changed(armature=B)
+    actuators = Actuators(stiffness=K, encoders="link")
+    law = made(robot, FastFeedback("slotine-li", K_f), actuators, adaptation="none").law
+    assert np.array_equal(law.gain, [K_f])
+    M = float(pin.crba(robot.model, robot.model.createData(), robot.q0)[0, 0]) - B
+    plant, moves = pa.plants.ElasticPlant(robot, actuators=actuators), []
+    for d, w in ((1e-4, 0.0), (0.0, 1e-2)):
+        plant.reset()
+        plant._d, plant._w = np.array([d]), np.array([w])
+        at = plant.measure()
+        plant.step(law.gain * (at.v - at.w), dt)
+        moves.append([plant._d[0], plant._w[0] - plant._v[0]])
+    transition = np.array(moves).T / [1e-4, 1e-2]
+    found = np.sort_complex(np.log(np.linalg.eigvals(transition).astype(complex)) / dt)
+    layer = np.sort_complex(np.roots([1.0, K_f / B, K * (1.0 / B + 1.0 / M)]))
+    assert np.allclose(found, layer, rtol=2e-3)
+    fast = np.sort_complex(np.roots([1.0, K_2 / B, K_1 * (1.0 / B + 1.0 / M)]))
+    assert np.allclose(eps * layer, fast) and fast.real.max() < 0.0
+
+
+def test_the_gain_damps_the_springs_of_every_joint():
+    robot = geared("ur5")
+    controller = made(robot, FastFeedback("separation"), SOFT)
+    B = robot.model.armature
+    M = np.diag(pin.crba(robot.model, robot.model.createData(), robot.q0)) - B
+    fast = np.sqrt(5e3 * (1.0 / B + 1.0 / M))
+    damping = controller.law.gain / (2.0 * fast * B)
+    slow = controller.law.gain < 0.4 * B / 1e-3 * (1.0 - 1e-9)
+    assert slow.sum() >= 4 and np.allclose(damping[slow], 0.7)
+    assert preflight(controller, 1e-3) == []
+    assert preflight(made(robot, "separation"), 1e-3, SOFT) != []
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:the .* is too fast for joints")
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+@pytest.mark.parametrize("adaptation", ["none", "natural", "natural-memory"])
+def test_a_loop_on_soft_joints_is_quiet_with_it_and_lost_without(name, adaptation):
+    robot = geared(name)
+    true, runs = with_tool_and_load(robot), []
+    for law, declared in (("separation", None), (FastFeedback("separation"), SOFT)):
+        controller = made(robot.changed(inertial_scale=0.8), law, declared, adaptation=adaptation)
+        run = pa.simulate(
+            true,
+            controller,
+            circle_at_home(true),
+            duration=2.0,
+            engine=SOFT,
+        )
+        runs.append(run)
+    rigid, fast = runs
+    assert rigid.diverged is not None
+    assert fast.diverged is None and fast.ringing is None
+    chatter = [np.sqrt(np.mean(np.diff(run.tau[-200:], axis=0) ** 2)) for run in runs]
+    assert chatter[1] < 0.02 * chatter[0]
+    assert fast.distance[-200:].max() < (1e-2 if adaptation == "none" else 1e-3)
+    assert fast.law == "separation, fast feedback"
+
+
+def test_it_is_the_law_where_link_and_motor_move_alike():
+    robot = catalogue_robot("ur5")
+    plain = made(robot)
+    fast = made(robot, FastFeedback("separation", 30.0))
+    assert fast.law.alpha == plain.law.alpha and np.array_equal(fast.law.K_v, plain.law.K_v)
+    assert fast.adaptation_d.name == plain.adaptation_d.name
+    states, rng = [each.init(start(robot)) for each in (plain, fast)], np.random.default_rng(0)
+    motion = circle_at_home(robot)
+    for k in range(20):
+        at = start(robot)._replace(t=1e-3 * k, v=0.1 * rng.standard_normal(6))
+        w = 0.1 * rng.standard_normal(6)
+        desired = motion.at(at.t)
+        same, _ = fast.step(states[1], at._replace(w=at.v), desired, 1e-3)
+        torque, states[0] = plain.step(states[0], at, desired, 1e-3)
+        other, states[1] = fast.step(states[1], at._replace(w=w), desired, 1e-3)
+        assert np.array_equal(same, torque)
+        limits = fast.limits.torque
+        assert np.allclose(other, np.clip(torque + 30.0 * (at.v - w), -limits, limits))
+    cited = pa.citation(fast)
+    assert "GhorbelHungSpong1989" in cited and "Wang2017" in cited
+
+
+def start(robot):
+    """Return the first measurement of a robot at rest."""
+    return pa.plants.PinocchioPlant(robot).measure()
+
+
+def test_copies_give_the_same_torques():
+    robot = geared("ur5")
+    controller = made(robot, FastFeedback("separation"), SOFT)
+    at = start(robot)._replace(w=np.full(6, 0.1))
+    desired = circle_at_home(robot).at(0.0)
+    torque, _ = controller.step(controller.init(at), at, desired, 1e-3)
+    for other in (copy.deepcopy(controller), pickle.loads(pickle.dumps(controller))):
+        assert np.array_equal(other.step(other.init(at), at, desired, 1e-3)[0], torque)
+
+
+def test_noisy_and_counted_motors():
+    """w has the noise of v, and where v is a difference of counts, w is in whole counts."""
+    robot = geared("ur5")
+    truth = pa.plants.ElasticPlant(robot, actuators=SOFT).measure()._replace(w=np.full(6, 0.0123))
+    count, dt = 2.0 * np.pi / 2**14, 1e-3
+    for sensors in (pa.Sensors(noise={"v": 0.01}), pa.Sensors(encoder=count)):
+        simulated = pa.plants.SimulatedSensors(robot, dt, sensors)
+        w = np.array([simulated.measure(truth).w for _ in range(300)])
+        if sensors.noise.get("v"):
+            assert w.std() == pytest.approx(0.01, rel=0.1)
+            assert w.mean() == pytest.approx(0.0123, abs=1e-3)
+        else:
+            assert np.allclose(w * dt / count, np.rint(w * dt / count)) and (w == 0.0).all()
+    assert pa.plants.SimulatedSensors(robot, dt, pa.Sensors()).measure(start(robot)).w is None
+
+
+@pytest.mark.parametrize(
+    ("w", "words"),
+    [
+        (None, "w.*missing"),
+        (np.zeros(5), "w.*6 numbers"),
+        (np.full(6, np.nan), "w"),
+        (["fast"] * 6, "w.*6 numbers"),
+    ],
+)
+def test_motors_that_are_not_measured_are_refused(w, words):
+    robot = catalogue_robot("ur5")
+    controller, at = made(robot, FastFeedback("separation", 30.0)), start(robot)
+    state, desired = controller.init(at), circle_at_home(robot).at(0.0)
+    with pytest.raises(pa.MeasurementError, match=words):
+        controller.step(state, at._replace(w=w), desired, 1e-3)
+    torque, _ = controller.step(state, at._replace(w=[0] * 6), desired, 1e-3)  # converted
+    assert np.isfinite(torque).all()
+
+
+def test_what_is_no_fast_feedback_is_refused():
+    robot = catalogue_robot("ur5")
+    for gain in (-1.0, 0.0, np.nan, np.inf, "high", [[1.0]]):
+        with pytest.raises(pa.GainError, match="gain"):
+            FastFeedback("separation", gain)
+    with pytest.raises(pa.GainError, match="6 numbers"):
+        made(robot, FastFeedback("separation", [1.0, 2.0]))
+    for law in (FastFeedback("separation"), 3, None):
+        with pytest.raises(pa.InputError, match="expected a name or a law"):
+            FastFeedback(law)
+    with pytest.raises(pa.InputError, match="Did you mean 'separation'"):
+        made(robot, FastFeedback("seperation", 30.0))
+    with pytest.raises(pa.InputError, match="none are declared"):
+        made(robot, FastFeedback("separation"))
+    with pytest.raises(pa.InputError, match="encoders at the links"):
+        made(geared("ur5"), FastFeedback("separation"), Actuators(stiffness=5e3))
+    with pytest.raises(pa.RobotError, match="armature"):
+        made(robot.changed(armature=0.0), FastFeedback("separation"), SOFT)
+    ours = made(robot)
+    with pytest.raises(pa.InputError, match="not made yet"):
+        pa.Controller(
+            FastFeedback("separation", 30.0),
+            ours.kinematics,
+            ours.dynamics,
+            adaptation_k=ours.adaptation_k,
+            adaptation_d=ours.adaptation_d,
+        )
+
+
+def test_encoders_at_the_links_alone_are_warned_of():
+    with pytest.warns(UserWarning, match=r"pa\.laws\.FastFeedback"):
+        made(geared("ur5"), "separation", SOFT)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        made(geared("ur5"), FastFeedback("separation"), SOFT)
+
+
+def test_it_has_the_energy_of_its_law():
+    robot = catalogue_robot("ur5")
+    fast = made(robot, FastFeedback("separation", 30.0))
+    inner, at = fast.law.law, start(robot)._replace(v=np.full(6, 0.1), w=np.zeros(6))
+    signals = fast.observe(fast.init(at), at, circle_at_home(robot).at(0.0))
+    truth = pa.laws.Truth(
+        fast.kinematics.value(robot),
+        fast.dynamics.value(robot),
+        np.eye(6),
+        np.zeros((6, 6)),
+        robot.friction,
+    )
+    assert fast.law.storage(signals, truth) == inner.storage(signals, truth)
+    assert fast.law.dissipation(signals, truth) == inner.dissipation(signals, truth)
+    assert fast.law.feedback(fast.motion)[0].S is not None
+    assert fast.law.uses_position_error is inner.uses_position_error is True
+    assert fast.law.bandwidth_powers is inner.bandwidth_powers
+    with pytest.raises(AttributeError):
+        _ = fast.law.no_such_gain
