@@ -42,7 +42,11 @@ ADAPTATIONS: dict[str, dict[str, Any]] = {
     "natural-memory": {"adaptation": "natural-memory"},
     "none, lag 10 ms": {"adaptation": "none", "lag": 0.01},
     "natural-memory, lag 10 ms": {"adaptation": "natural-memory", "lag": 0.01},
+    "none, declared": {"adaptation": "none"},
+    "natural, declared": {"adaptation": "natural"},
+    "natural-memory, declared": {"adaptation": "natural-memory"},
 }
+DECLARED = "declared"
 ROTOR = 0.5, 1e-3  # of the inertia that each joint moves, and least, of the largest of these
 ANNOUNCED, UNANNOUNCED = "announced", "unannounced"
 
@@ -53,7 +57,7 @@ class Reality:
 
     Attributes:
         sensors: of the robot, declared to the controller.
-        actuators: of the robot, which nobody declares; None: ideal ones.
+        actuators: of the robot; None: ideal ones.
         dt: period [s].
         duration: of the run [s].
         change: whether the load becomes twice as heavy, and whether that is announced.
@@ -85,6 +89,8 @@ REALITIES = {
     "motors 2 ms late": Reality(actuators=pa.robot.Actuators(delay=2e-3)),
     "motors 6 ms late": Reality(actuators=pa.robot.Actuators(delay=6e-3)),
     "motors 10 ms late": Reality(actuators=pa.robot.Actuators(delay=10e-3)),
+    "motors of 100 rad/s": Reality(actuators=pa.robot.Actuators(bandwidth=100.0)),
+    "motors of 50 rad/s": Reality(actuators=pa.robot.Actuators(bandwidth=50.0)),
     "joints 20 kN m/rad": Reality(actuators=pa.robot.Actuators(stiffness=2e4), rotors=True),
     "joints 5 kN m/rad": Reality(actuators=pa.robot.Actuators(stiffness=5e3), rotors=True),
     "500 Hz": Reality(dt=2e-3),
@@ -125,7 +131,10 @@ def measure(name: str, reality: str, adaptation: str) -> dict[str, Any]:
             unknown=unknown,
             sensors=case.sensors,
             dt=case.dt,
-            limits=pa.Limits(guards={"velocity": False}),
+            limits=pa.Limits(
+                guards={"velocity": False},
+                actuators=case.actuators if DECLARED in adaptation else None,
+            ),
             **ADAPTATIONS[adaptation],
         )
         rollout = pa.simulate(
@@ -187,7 +196,9 @@ def report(rows: Iterable[Mapping[str, Any]]) -> str:
 def chosen(robots: Sequence[str], realities: Sequence[str]) -> list[tuple[str, str, str]]:
     """Return robot, reality and adaptation of each run."""
     return [
-        (robot, reality, kind) for reality, robot, kind in product(realities, robots, ADAPTATIONS)
+        (robot, reality, kind)
+        for reality, robot, kind in product(realities, robots, ADAPTATIONS)
+        if DECLARED not in kind or REALITIES[reality].actuators is not None
     ]
 
 

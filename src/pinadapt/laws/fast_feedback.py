@@ -182,6 +182,10 @@ class FastFeedback(Law):
         """Return this feedback around the decorrelated law."""
         return replace(self, law=self._law.decorrelated(bandwidth))
 
+    def tolerant(self, late: float, robot: Robot) -> FastFeedback:
+        """Return this feedback around the law for motors that are late by up to a time [s]."""
+        return replace(self, law=self._law.tolerant(late, robot))
+
     def guarded(self, adaptation: Adaptation, dynamics: Dynamics) -> Adaptation:
         """Return the adaptation, wrapped in what the law's proof needs."""
         return self._law.guarded(adaptation, dynamics)
@@ -208,6 +212,7 @@ class FastFeedback(Law):
 
 
 _STATED = (
+    "late",
     "bandwidth_share",
     *(
         name
