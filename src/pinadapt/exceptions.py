@@ -65,6 +65,21 @@ class LogError(InputError):
     """A recorded motion that cannot be used: file, columns, topics, times, units or lengths."""
 
 
+class TorqueMismatchError(LogError):
+    """A log whose torques cannot be those of the described robot; nothing was learned from it.
+
+    Attributes:
+        check: the ``TorqueCheck``: factors and correlations of the joints, and likely causes.
+    """
+
+    def __init__(
+        self, what: str, *, where: str | None = None, hint: str | None = None, check: Any = None
+    ) -> None:
+        """Say what the check found and keep it."""
+        self.check = check
+        super().__init__(what, where=where, hint=hint)
+
+
 class ScenarioError(InputError):
     """A key or value of a scenario that is not allowed."""
 

@@ -175,13 +175,32 @@ def test_without_a_mass_the_error_names_the_links_and_suggests_it(tmp_path, caps
     assert not list(tmp_path.glob("*.toml"))
 
 
+def with_hand(tmp_path, inertia):
+    """Return an arm whose hand has a mass of 1 kg and some principal moments of inertia."""
+    moments = dict(zip(("ixx", "iyy", "izz"), inertia, strict=True))
+    numbers = " ".join(f'{key}="{value}"' for key, value in moments.items())
+    hand = f'<inertial><mass value="1"/><inertia {numbers} ixy="0" ixz="0" iyz="0"/></inertial>'
+    return arm(tmp_path, inertials=dict.fromkeys(STEPS, HEAVY) | {"hand": hand})
+
+
 def test_another_singular_mass_matrix_names_the_joint(tmp_path):
-    point = '<inertial><mass value="1"/><inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/>'
-    inertials = dict.fromkeys(STEPS, HEAVY) | {"hand": f"{point}</inertial>"}
+    rod = 1.0, 1.0, 0.0  # about the joint's axis
     with pytest.raises(
         pa.RobotError, match="joint 'to_hand', which moves 'hand', moves without inertia"
     ):
-        pa.load(arm(tmp_path, inertials=inertials), frame="tip")
+        pa.load(with_hand(tmp_path, rod), frame="tip")
+
+
+def test_a_point_mass_that_turns_about_itself_becomes_a_ball(tmp_path):
+    with pytest.warns(UserWarning, match="get that of balls of aluminium.*: hand 0.00079"):
+        robot = pa.load(with_hand(tmp_path, (0.0, 0.0, 0.0)), frame="tip")
+    ball = robot.model.inertias[robot.model.njoints - 1]
+    assert ball.mass == pytest.approx(1.0)
+    radius = np.sqrt(ball.inertia[0, 0] / 0.4)
+    assert 2700.0 * 4.0 / 3.0 * np.pi * radius**3 == pytest.approx(1.0)
+    robot.save(tmp_path / "saved.urdf", shapes=False)
+    again = pa.load(tmp_path / "saved.urdf", frame="tip").model.inertias[robot.model.njoints - 1]
+    assert np.allclose(again.inertia, ball.inertia)
 
 
 @pytest.mark.slow

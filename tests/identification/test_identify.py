@@ -164,15 +164,16 @@ def test_torques_without_gravity_are_detected_and_compensated():
     robot, log = catalogue_robot("ur5"), recorded("ur5", duration=4.0)
     gravity = pa.robot.Gravity(robot)
     left_out = replace(log, tau=log.tau - np.array([gravity(q) for q in log.q]))
-    plain = pa.identify(
-        left_out,
-        robot,
-        unknown=pa.Unknown(tool=False, bodies="none", friction="viscous", armature=False),
-    )
-    assert "seem to lack gravity" in plain.verdict
+    viscous = pa.Unknown(tool=False, bodies="none", friction="viscous", armature=False)
+    with pytest.raises(pa.LogError, match=r"without gravity.*--compensated nominal") as refused:
+        pa.identify(left_out, robot, unknown=viscous)
+    assert refused.value.check.causes[0].option == "--compensated nominal"
+    plain = pa.identify(left_out, robot, unknown=viscous, intake={"doubtful": True})
+    assert not plain.trusted and plain.verdict.startswith("NOT TO BE TRUSTED")
     payload = pa.Unknown(tool=False, bodies="payload")
-    whole = pa.identify(left_out, robot, unknown=payload, compensated="nominal")
-    assert whole.torque_errors.gain > 100.0
+    for options in ({"compensated": "nominal"}, {"intake": {"compensated": "nominal"}}):
+        whole = pa.identify(left_out, robot, unknown=payload, **options)
+        assert whole.torque_errors.gain > 100.0 and whole.trusted
 
 
 def test_a_correct_description_is_reported():
@@ -190,11 +191,12 @@ def test_the_log_of_another_robot_is_doubted():
     )
     found = pa.identify(log, other)
     assert "Is this the log of another robot" in found.verdict
-    assert "mm off even as identified" in found.verdict
+    assert "mm off even as identified" in found.verdict and not found.trusted
     turned = replace(log, q=log.q[:, ::-1], v=log.v[:, ::-1], tau=log.tau[:, ::-1], x=None)
-    found = pa.identify(replace(turned, joints=()), catalogue_robot("ur5"))
-    assert "or are its joints in another order" in found.verdict
-    assert "explains nothing of the torques" in found.verdict
+    with pytest.raises(
+        pa.LogError, match=r"the joints are in another order; --joints wrist_3_joint"
+    ):
+        pa.identify(replace(turned, joints=()), catalogue_robot("ur5"))
     assert "another robot" not in identified("ur5").verdict
 
 

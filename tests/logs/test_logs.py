@@ -79,7 +79,7 @@ def test_columns_can_be_named(tmp_path, robot, log):
     path = write_csv(tmp_path / "a.csv", table)
     named = {signal: f"a {signal} of *!" for signal in ("q", "v")}
     named |= {"t": "stamp of mine", "tau": [f"a tau of {j}!" for j in range(6)]}
-    assert same(pa.read_log(path, robot, columns=named), log)
+    assert same(pa.read_log(path, robot, intake={"columns": named}), log)
 
 
 def test_a_slow_camera_leaves_cells_empty(tmp_path, robot, log):
@@ -105,7 +105,7 @@ def test_times_since_an_epoch_begin_at_zero(tmp_path, robot, log):
 def test_degrees_are_read_on_request(tmp_path, robot, log):
     turned = replace(log, q=np.degrees(log.q), v=np.degrees(log.v))
     path = write_csv(tmp_path / "a.csv", columns_of(turned, range(6)))
-    assert same(pa.read_log(path, robot, degrees=True), log)
+    assert same(pa.read_log(path, robot, intake={"degrees": True}), log)
 
 
 def test_continuous_joints_are_angles_or_configurations():
@@ -164,7 +164,8 @@ def test_an_impossible_log_is_refused(robot, log):
 
 
 def test_the_log_of_another_robot_is_named_as_such(tmp_path, robot, log):
-    named = replace(log, joints=tuple(f"axis_{j}" for j in range(6)))
+    columns = {part: np.hstack([getattr(log, part)] * 2)[:, :7] for part in ("q", "v", "tau")}
+    named = replace(log, joints=tuple(f"axis_{'abcdefg'[j]}" for j in range(7)), **columns)
     with pytest.raises(pa.LogError, match="seems to be the log of another robot"):
         pa.read_log(named, robot)
     q = log.q.copy()
@@ -182,7 +183,10 @@ def test_a_file_that_cannot_be_read_is_refused(tmp_path, robot, log):
         "no such file": None,
         "is not a log of a known format": ("a.xyz", "1"),
         "is empty": ("a.csv", "\n"),
-        "no header": ("a.csv", "\n".join(good[1:])),
+        "no header, and 18 columns for 6 joints": (
+            "a.csv",
+            "\n".join(line.rpartition(",")[0] for line in good[1:]),
+        ),
         "line 3: 'one' in column 'q1' is not a number": (
             "a.csv",
             "\n".join([*good[:2], re.sub(r"^([^,]*),([^,]*),[^,]*", r"\1,\2,one", good[2])]),
@@ -205,9 +209,9 @@ def test_a_file_that_cannot_be_read_is_refused(tmp_path, robot, log):
 def test_the_error_of_an_unknown_column_suggests_the_nearest(tmp_path, robot, log):
     path = write_csv(tmp_path / "a.csv", columns_of(log, range(6)))
     with pytest.raises(pa.LogError, match=r"no column 'tua0'.*Did you mean 'tau0'"):
-        pa.read_log(path, robot, columns={"tau": [f"tua{j}" for j in range(6)]})
+        pa.read_log(path, robot, intake={"columns": {"tau": [f"tua{j}" for j in range(6)]}})
     with pytest.raises(pa.LogError, match="no signal 'torque'"):
-        pa.read_log(path, robot, columns={"torque": "tau*"})
+        pa.read_log(path, robot, intake={"columns": {"torque": "tau*"}})
 
 
 def test_a_format_is_one_class_and_one_entry_of_the_registry(tmp_path, robot, log, monkeypatch):
@@ -248,8 +252,13 @@ def stamped(store, ros, k, time):
     return store.types["std_msgs/msg/Header"](stamp=stamp, frame_id="", **extra)
 
 
-def write_bag(path, kind, log, names, *, effort=True, pose="geometry_msgs/msg/PoseStamped"):
-    """Write a bag of joint states, including those of a gripper, and of a tracker's poses."""
+def write_bag(
+    path, kind, log, names, *, effort=True, pose="geometry_msgs/msg/PoseStamped", more=None
+):
+    """Write a bag of joint states, including those of a gripper, and of a tracker's poses.
+
+    ``more`` has topics of one joint state each, by the names of its joints.
+    """
     typesys = pytest.importorskip("rosbags.typesys")
     from rosbags import rosbag1, rosbag2
 
@@ -267,6 +276,17 @@ def write_bag(path, kind, log, names, *, effort=True, pose="geometry_msgs/msg/Po
             "/joint_states", "sensor_msgs/msg/JointState", typestore=store
         )
         frames = writer.add_connection("/tracker", pose, typestore=store)
+        for topic, joints in (more or {}).items():
+            other = writer.add_connection(topic, "sensor_msgs/msg/JointState", typestore=store)
+            zeros = np.zeros(len(joints))
+            message = types["sensor_msgs/msg/JointState"](
+                header=stamped(store, ros, 0, 0.0),
+                name=joints,
+                position=zeros,
+                velocity=zeros,
+                effort=zeros,
+            )
+            writer.write(other, STAMP * 10**9, pack(message, "sensor_msgs/msg/JointState"))
         for k, t in enumerate(log.t):
             message = types["sensor_msgs/msg/JointState"](
                 header=stamped(store, ros, k, t),
@@ -299,7 +319,7 @@ def test_bags_are_matched_by_the_names_of_their_joints(tmp_path, robot, log, kin
     again = {part: getattr(shuffled, part)[twice] for part in ("t", "q", "v", "tau")}
     shuffled = replace(shuffled, **again)
     write_bag(path, kind, shuffled, [robot.joint_names[j] for j in order])
-    read = pa.read_log(path, robot, pose_topic="/tracker")
+    read = pa.read_log(path, robot, intake={"pose_topic": "/tracker"})
     for part in ("t", "q", "v", "tau", "x_time"):
         assert np.allclose(getattr(read, part), getattr(log, part), atol=2e-7), part
     assert np.allclose(read.x[:, :3], log.x) and read.x.shape[1] == 7
@@ -309,7 +329,7 @@ def test_bags_are_matched_by_the_names_of_their_joints(tmp_path, robot, log, kin
 def test_a_file_of_ros2_is_read_without_its_folder(tmp_path, robot, log):
     write_bag(tmp_path / "a", "mcap", log, robot.joint_names, pose="geometry_msgs/msg/PointStamped")
     (file,) = (tmp_path / "a").glob("*.mcap")
-    read = pa.read_log(file.rename(tmp_path / "b.mcap"), robot, pose_topic="/tracker")
+    read = pa.read_log(file.rename(tmp_path / "b.mcap"), robot, intake={"pose_topic": "/tracker"})
     assert same(read, log, ("q", "v", "tau", "x"))
 
 
@@ -326,7 +346,7 @@ def test_a_bag_that_cannot_be_used_says_why(tmp_path, robot, log):
         ("cannot be read", "broken.bag", {}),
     ):
         with pytest.raises(pa.LogError, match=words):
-            pa.read_log(tmp_path / name, robot, **options)
+            pa.read_log(tmp_path / name, robot, intake=options)
 
 
 def test_the_error_of_a_missing_package_names_it(tmp_path, robot, monkeypatch):

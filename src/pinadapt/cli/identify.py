@@ -5,21 +5,24 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from .._output import check_writable, one_run
-from ..exceptions import InputError, ParameterError
-from ..identification.identification import Identification
+from .._output import check_writable, one_run, write_text
+from ..exceptions import InputError, ParameterError, TorqueMismatchError
+from ..identification.identification import Identification, log_and_robot
 from ..identification.identification import identify as identify_log
 from ..identification.report import FILES
+from ..information.torque_check import torque_check
+from ..logs.intake import MOUNTS, REPEATED, SUFFIX, Intake, place_beside
 from ..robot.loading import load
 from ..robot.robot import Robot
 from ..scenario.scenario import Scenario
 from ..tuning.unknowns import Unknown
 from .arguments import add_description, add_out, assignment, names
 from .outputs import RUN_FILES, steps_bar
-from .status import DONE
+from .status import DONE, REFUSED
 
 _SCENARIO = ".toml"
 
@@ -66,12 +69,24 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         default="natural-memory",
         help="adaptation of the online estimator (default: %(default)s)",
     )
-    parser.add_argument(
-        "--compensated",
-        choices=("nominal",),
-        help="the arm compensates gravity itself; the log's torques do not contain it",
+    _add_intake(parser)
+    add_description(parser)
+    add_out(parser, "out/ and the log's name and -identified")
+
+
+def _add_intake(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say how a log is to be read; see ``Intake``."""
+    group = parser.add_argument_group(
+        "how the log is read", "these override the file beside the log, LOG without ending + "
+        f"{SUFFIX}"
+    )  # fmt: skip
+    group.add_argument("--intake", type=Path, metavar="FILE", help="another such file")
+    group.add_argument(
+        "--write-intake",
+        action="store_true",
+        help="read and check the log, write that file, and stop",
     )
-    parser.add_argument(
+    group.add_argument(
         "--columns",
         type=_signal,
         nargs="+",
@@ -79,17 +94,70 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="SIGNAL=NAME,...",
         help="columns of t, q, v, tau, x or x_time, in the robot's order; or one name in which * "
-        "stands for the joint's name or index",
+        "stands for the joint's name or index; in a file without header numbers, such as q=2-8",
     )
-    parser.add_argument("--degrees", action="store_true", help="angles are in degrees")
-    parser.add_argument("--topic", metavar="NAME", help="topic of a bag's joint states")
-    parser.add_argument(
+    group.add_argument(
+        "--files",
+        type=assignment,
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="SIGNAL=FILE",
+        help="other files with q, v or tau, relative to the log's folder",
+    )
+    group.add_argument(
+        "--joints",
+        type=_joint_names,
+        metavar="A,B",
+        help="the log's joints in the robot's order; tau:A,B for the torques alone",
+    )
+    group.add_argument("--rate", type=float, metavar="HZ", help="of logs without usable times")
+    group.add_argument(
+        "--repeated", choices=REPEATED, help="what to do with repeated samples (default: refuse)"
+    )
+    group.add_argument("--degrees", action="store_true", default=None, help="angles are in degrees")
+    for option, metavar, what in (
+        ("--gear", "N", "turns of the motor for one of the joint; the log is that of the motors"),
+        ("--torque-gain", "K", "torque for a unit of the log, such as N m/A"),
+        ("--offset", "RAD", "added to the positions, rad or m"),
+    ):
+        group.add_argument(
+            option,
+            type=_per_joint,
+            metavar=f"{metavar}|JOINT={metavar},...",
+            help=f"{what}; one number, one for each joint, or by joint",
+        )
+    group.add_argument(
+        "--motor-side", type=names, metavar="q,v,tau", help="signals before the gears (default all)"
+    )
+    group.add_argument(
+        "--flip",
+        type=names,
+        metavar="A,B",
+        help="joints whose torque has the other sign; q:A for position and velocity",
+    )
+    group.add_argument("--topic", metavar="NAME", help="topic of a bag's joint states")
+    group.add_argument(
         "--pose-topic",
         metavar="NAME",
         help="topic of a bag's PointStamped, PoseStamped or TransformStamped messages",
     )
-    add_description(parser)
-    add_out(parser, "out/ and the log's name and -identified")
+    group.add_argument(
+        "--compensated",
+        choices=("nominal",),
+        help="the arm compensates gravity itself; the log's torques do not contain it",
+    )
+    group.add_argument(
+        "--gravity", type=_vector, metavar="X,Y,Z", help="m/s^2, in the axes of the robot's base"
+    )
+    group.add_argument("--mount", choices=MOUNTS, help="where the base is mounted")
+    group.add_argument(
+        "--accept-doubts",
+        dest="doubtful",
+        action="store_true",
+        default=None,
+        help="learn although the torques do not fit the description; the exit status stays 2",
+    )
 
 
 def _signal(text: str) -> tuple[str, list[str]]:
@@ -102,34 +170,115 @@ def _signal(text: str) -> tuple[str, list[str]]:
     return name, names(columns)
 
 
+def _joint_names(text: str) -> list[str] | dict[str, list[str]]:
+    """Return names of joints, or a signal with them.
+
+    Raises:
+        ArgumentTypeError: there are none.
+    """
+    signal, colon, listed = text.partition(":")
+    return {signal: names(listed)} if colon else names(text)
+
+
+def _per_joint(text: str) -> float | list[float] | dict[str, float]:
+    """Return a number, one for each joint, or numbers by joint.
+
+    Raises:
+        ArgumentTypeError: no numbers, or an equals sign is missing.
+    """
+    parts = [part for part in text.split(",") if part.strip()]
+    if "=" in text:
+        return {name: _float(value) for name, value in map(assignment, parts)}
+    values = [_float(part) for part in parts]
+    if not values:
+        raise argparse.ArgumentTypeError("at least one number is expected")
+    return values[0] if len(values) == 1 else values
+
+
+def _vector(text: str) -> list[float]:
+    """Return numbers separated by commas.
+
+    Raises:
+        ArgumentTypeError: they are no numbers.
+    """
+    return [_float(part) for part in text.split(",")]
+
+
+def _float(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"a number is expected, got {text}") from None
+
+
+_ELSEWHERE = ("columns", "files")  # fields of an intake that are lists of assignments here
+
+
+def _intake(options: argparse.Namespace) -> Intake:
+    """Return how the log is to be read: the file beside it or another, and the options."""
+    beside = options.intake or Intake.beside(options.log)
+    if beside is not None:
+        print(f"read as {beside} says")
+    given = {one.name: getattr(options, one.name) for one in fields(Intake)}
+    for name in _ELSEWHERE:
+        given[name] = dict(given[name]) or None
+    return Intake.of(beside).updated(**given)
+
+
 def identify(options: argparse.Namespace) -> int:
     """Estimate a robot's parameters from a log, write the outputs and print report and verdict.
 
     Nothing is written before the estimation is complete.
     """
+    intake = _intake(options)
+    if options.write_intake:
+        return _write_intake(options, intake)
     folder = options.out or Path("out") / f"{options.log.stem or 'log'}-identified"
     _check_place(folder, options.log)
     robot, unknown = _robot_and_unknown(options)
     for name in ("kinematic", "dynamic", "joint"):
         given = getattr(options, name)
         unknown |= {} if given is None else {name: _words(given)}
-    found = identify_log(
-        options.log,
-        robot,
-        adaptation=options.adaptation,
-        columns=dict(options.columns),
-        degrees=options.degrees,
-        topic=options.topic,
-        pose_topic=options.pose_topic,
-        unknown=Unknown.of_tables(**unknown),
-        compensated=options.compensated,
-    )
+    try:
+        found = identify_log(
+            options.log,
+            robot,
+            adaptation=options.adaptation,
+            intake=intake,
+            unknown=Unknown.of_tables(**unknown),
+        )
+    except TorqueMismatchError as error:
+        print(error.check.sheet())
+        raise
     try:
         _write(found, folder)
     finally:
         print(found.report())  # even if it could not be written
     print(f"\nwritten to {folder}")
-    return DONE
+    if found.trusted:
+        return DONE
+    print(found.verdict)
+    return REFUSED
+
+
+def _write_intake(options: argparse.Namespace, intake: Intake) -> int:
+    """Read and check a log, write how it was read beside it, and print what was found."""
+    place = options.intake or place_beside(options.log)
+    robot, _ = _robot_and_unknown(options)
+    log, described = log_and_robot(options.log, robot, intake, None)
+    check = torque_check(log, described)
+    about = [
+        f"How {options.log.name} is read by `pinadapt identify`, as a log of {robot.name}.",
+        f"Joints: {', '.join(robot.joint_names)}.",
+        f"{len(log.t)} samples, {log.duration:.4g} s, every {1e3 * log.period:.4g} ms.",
+        f"Checked: {check.verdict}",
+        *check.notes,
+        "Keys that begin with # are as by default.",
+    ]
+    write_text(place, intake.updated(**log.assumed).text(about))
+    print(check.sheet())
+    print(f"\nwritten to {place}")
+    return DONE if check.fits else REFUSED
 
 
 def _check_place(folder: Path, log: Path) -> None:

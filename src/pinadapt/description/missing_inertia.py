@@ -22,6 +22,8 @@ from .._checks import positive
 from ..exceptions import RobotError
 from .chain import links_of, massless_joints
 
+_DENSITY = 2700.0  # [kg/m^3] of aluminium
+_POINT = 1e-12  # [m^2] of inertia over mass: that of a point
 _SLENDER = 0.05  # radius of rods and balls, relative to the longest rod
 _LEAST = 0.1  # [m] length of the longest rod if all are zero
 
@@ -60,6 +62,39 @@ def with_inertias(
         if joint > 0:
             model.inertias[joint] = heavy
     warnings.warn(_summary(model, solids, rods, mass - described, density, name), stacklevel=3)
+    return model
+
+
+def with_solid_points(model: pin.Model, name: str) -> pin.Model | None:
+    """Return a copy of a model with balls of aluminium for point masses; None if it has none.
+
+    Descriptions round a small inertia to zero, and a joint about an axis through the mass then
+    moves without inertia. A warning states what was assigned.
+
+    Args:
+        model: of the chain.
+        name: of the robot, for the warning.
+    """
+    points = [
+        joint
+        for joint in range(1, model.njoints)
+        if (body := model.inertias[joint]).mass > 0.0
+        and np.abs(body.inertia).max() <= _POINT * body.mass
+    ]
+    if not points:
+        return None
+    model, words = model.copy(), []
+    for joint in points:
+        body = model.inertias[joint]
+        radius = (3.0 * body.mass / (4.0 * np.pi * _DENSITY)) ** (1.0 / 3.0)
+        moment = 0.4 * body.mass * radius**2
+        model.inertias[joint] = pin.Inertia(body.mass, body.lever, moment * np.eye(3))
+        words.append(f"{links_of(model, joint)[0]} {moment:.2g}")
+    warnings.warn(
+        f"{name}: bodies with mass are described without inertia and get that of balls of "
+        f"aluminium [kg m^2]: {', '.join(words)}.",
+        stacklevel=3,
+    )
     return model
 
 

@@ -14,9 +14,11 @@ from .._checks import keywords, positive
 from .._output import Sheet
 from ..adaptation.adaptation import Adaptation
 from ..controller.estimator import Estimator
-from ..exceptions import InputError, LogError, ParameterError
+from ..exceptions import InputError, LogError, ParameterError, TorqueMismatchError
 from ..information.measured_motion import MeasuredMotion, motion_of_log
+from ..information.torque_check import on_wall, torque_check
 from ..logs.formats import read_log
+from ..logs.intake import REPLACED, Intake
 from ..logs.log import Log
 from ..models.physical_fit import GAMMA, physical_set
 from ..models.translations import FIRST, PlacedTranslations
@@ -52,6 +54,12 @@ class Identification(IdentifiedModel):
 
     The estimates and their errors are those of ``IdentifiedModel``.
     """
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the log can be one of the described robot, by its torques and positions."""
+        fits = self.check is None or self.check.fits
+        return fits and (not self.dynamic.names or report.of_another_robot(self) is None)
 
     @property
     def verdict(self) -> str:
@@ -103,6 +111,7 @@ class Identification(IdentifiedModel):
     kinematic="unknown=pa.Unknown(tool=True), with base, translations and lengths beside it",
     dynamic='unknown=pa.Unknown(bodies="all")',
     joint="unknown=pa.Unknown(friction=True, armature=True)",
+    **REPLACED,
 )
 def identify(
     log: Path | str | Log | Rollout,
@@ -112,10 +121,7 @@ def identify(
     adaptation: str | Adaptation = "natural-memory",
     compensated: Compensation | str | None = None,
     held_out: float = 0.25,
-    columns: Mapping[str, str | Sequence[str]] | None = None,
-    degrees: bool = False,
-    topic: str | None = None,
-    pose_topic: str | None = None,
+    intake: Intake | Mapping[str, Any] | Path | str | None = None,
     progress: Progress | bool | None = None,
 ) -> Identification:
     """Identify a robot from a recorded motion, whatever controller moved it.
@@ -125,7 +131,8 @@ def identify(
     Effects of the joints beside viscous and Coulomb friction, rotor inertias, and the weight of the
     description are chosen by cross-validation in the learning part, see ``choose_effects``. An
     ``Estimator`` also runs through the log sample by sample, as it would on the robot. The last
-    quarter of the log is held out once, to measure how well the rest predicts it.
+    quarter of the log is held out once, to measure how well the rest predicts it. Before anything
+    is learned, ``torque_check`` compares the torques with the description.
 
     Args:
         log: a file, folder or ``Log``, see ``read_log``; or a rollout.
@@ -138,14 +145,14 @@ def identify(
         compensated: torque that the arm adds by itself and the log leaves out: "nominal" for the
             description's gravity, or a callable of q (nq) that returns the torque (n).
         held_out: share of the log that is held out, at most a half.
-        columns: signal -> its columns in the file; see ``read_log``.
-        degrees: whether angles are in degrees.
-        topic: of a bag's joint states.
-        pose_topic: of the frame's position in a bag.
+        intake: how the log is to be read, an ``Intake``, its fields or a TOML file; by default the
+            one beside the log.
         progress: of the online estimates, as of ``simulate``: by default a bar on a terminal.
 
     Raises:
         LogError: a log that cannot be used.
+        TorqueMismatchError: torques that cannot be those of the described robot; its ``check`` has
+            the likely causes. ``intake={"doubtful": True}`` learns nevertheless.
         RobotError: a robot that cannot be loaded.
         InputError: unknown words, or nothing is unknown.
     """
@@ -153,10 +160,8 @@ def identify(
     share = positive(held_out, "held_out", error=InputError)
     if share > 0.5:
         raise InputError(f"at most a half can be held out, got {share:g}.", where="held_out")
-    found = log_of(
-        log, described, columns=columns, degrees=degrees, topic=topic, pose_topic=pose_topic
-    )
-    found = _compensated(found, described, compensated)
+    intake = Intake.of(Intake.beside(log) if intake is None else intake)
+    found, described = log_and_robot(log, described, intake, compensated)
     unknown = Unknown.of(unknown)
     frames, nominal = _frames_and_task(found, described, unknown)
     options: dict[str, Any] = {
@@ -169,6 +174,15 @@ def identify(
     if not (dynamics.size or kinematics.size):
         raise InputError("nothing is unknown, so there is nothing to identify.", where="identify")
     physical_set(dynamics, nominal)  # refuses other parameters
+    check = torque_check(found, described) if dynamics.size else None
+    if check is not None and not check.fits and not intake.doubtful:
+        raise TorqueMismatchError(
+            check.verdict,
+            where=f"{check.source}: tau",
+            hint="--accept-doubts learns nevertheless, without trust in the result; in Python "
+            'intake={"doubtful": True}.',
+            check=check,
+        )
     motion = motion_of_log(nominal, found, cutoff=CUTOFF)
     split = float(motion.t[-1] - share * (motion.t[-1] - motion.t[0]))
     rows = position_rows(kinematics, motion, frames)
@@ -210,6 +224,8 @@ def identify(
         weight=weight,
         position_before_split=position_fit(kinematics, rows.split(split)[0]).estimate,
         online=estimate_online(estimator, samples, len(found.t)),
+        check=check,
+        intake=intake.updated(**found.assumed),
     )
 
 
@@ -252,6 +268,21 @@ def _effects(
         armature=armature,
         effects=others,
     )
+
+
+def log_and_robot(
+    source: Any, robot: Robot, intake: Intake, compensated: Compensation | str | None
+) -> tuple[Log, Robot]:
+    """Return the log of a path, a ``Log`` or a ``Rollout``, and the robot as it was mounted.
+
+    Raises:
+        LogError: as ``read_log``, or no direction of gravity for an arm on a wall.
+    """
+    robot = intake.mounted(robot)
+    log = log_of(source, robot, intake=intake)
+    if intake.mount == "wall":
+        robot = on_wall(log, robot)
+    return _compensated(log, robot, compensated or intake.compensated), robot
 
 
 def _placed(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -14,6 +14,8 @@ from ..controller.learned import LearnedParameters
 from ..controller.state import ControllerState
 from ..information.information import Excitation, Information
 from ..information.payload import PayloadEstimate, explanations_of, payload_estimate
+from ..information.torque_check import TorqueCheck
+from ..logs.intake import Intake
 from ..logs.log import Log
 from ..robot.robot import Robot
 from ..tuning.unknowns import Unknown
@@ -88,6 +90,8 @@ class IdentifiedModel:
             ``make_controller(found.robot, unknown=found.unknown)``.
         effects: of the joints, as cross-validation chose them; None where the caller named them.
         weight: of the description, as cross-validation chose it; None without dynamic parameters.
+        check: the comparison of the torques with the description, None where none were needed.
+        intake: how the log was read.
     """
 
     log: Log
@@ -105,6 +109,8 @@ class IdentifiedModel:
     unknown: Unknown
     effects: ChosenEffects | None = None
     weight: ChosenWeight | None = None
+    check: TorqueCheck | None = None
+    intake: Intake = field(default_factory=Intake)
 
     @property
     def state(self) -> ControllerState:

@@ -29,6 +29,7 @@ FILES = (
     "parameters.png",
     "learned.json",
     "learned.urdf",
+    "intake.toml",
     "summary.json",
 )
 _HARDLY = 2.0  # gain up to which the estimate is hardly better than the description
@@ -40,6 +41,8 @@ _GRAVITY = 0.7  # share of the error left when gravity is added to a log without
 
 def verdict(found: IdentifiedModel) -> str:
     """Return the result in one line."""
+    if found.check is not None and not found.check.fits:
+        return f"NOT TO BE TRUSTED: {found.check.verdict}"
     if not found.dynamic.names:
         errors = found.position_errors
         assert errors is not None  # else nothing was unknown
@@ -112,6 +115,8 @@ def sheet(found: IdentifiedModel) -> Sheet:
     """Return the whole report."""
     title = f"{found.described.name}, identified from {found.log.source}"
     tables = [Table(_overview(found))]
+    if found.check is not None:
+        tables.append(found.check.table())
     if found.dynamic.names:
         tables.append(_torque_table(found))
     if found.effects is not None:
@@ -154,6 +159,8 @@ def _overview(found: IdentifiedModel) -> list[tuple[str, str]]:
     if (weight := found.weight) is not None:
         words = f"{weight.gamma:.0e} of a row, by cross-validation"
         rows.append(("weight of the description", words))
+    if found.check is not None:
+        rows += [("note", note) for note in found.check.notes]
     if (errors := found.position_errors) is not None:
         before, after = rms(errors.described_held_out), rms(errors.learned_held_out)
         words = f"{1e3 * before:.4g} -> {1e3 * after:.4g} mm (rms)"
@@ -253,6 +260,7 @@ def summary(found: IdentifiedModel) -> dict[str, Any]:
         "velocities_from_positions": found.smoothed,
         "windows": len(found.windows.t),
         "held_out_from": found.split,
+        "check": None if found.check is None else found.check.summary(),
         "torque": found.torque_errors.summary() if found.dynamic.names else None,
         "torque_online_held_out": held_out.tolist() if np.isfinite(held_out).all() else None,
         "position": None if positions is None else positions.summary(),
@@ -338,6 +346,8 @@ def save(found: IdentifiedModel, folder: Path) -> None:
     with whole_file(folder / "estimates.npz") as file:
         np.savez_compressed(file, **arrays)
     found.parameters().save(folder / "learned.json")
+    about = f"How {Path(found.log.source).name} was read."
+    write_text(folder / "intake.toml", found.intake.text([about]))
     write_text(folder / "summary.json", json.dumps(summary(found), indent=2) + "\n")
     found.robot.save(folder / "learned.urdf")
 

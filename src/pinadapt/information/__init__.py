@@ -1,7 +1,9 @@
-"""Which parameters a motion can identify, and how well; the load in what was identified."""
+"""What a motion tells: which parameters, and how well; a load; whether its torques fit a robot."""
 
 from .information import Excitation as Excitation
 from .information import Information as Information
 from .motion_torques import TorquePrediction as TorquePrediction
 from .motion_torques import along_excited as along_excited
 from .payload import PayloadEstimate as PayloadEstimate
+from .torque_check import TorqueCheck as TorqueCheck
+from .torque_check import torque_check as torque_check

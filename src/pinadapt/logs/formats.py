@@ -7,22 +7,24 @@ from __future__ import annotations
 
 import csv
 import json
+import warnings
 import zipfile
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from .._checks import instance, name_list
-from ..description.chain import is_slide
+from .._checks import instance, keywords, name_list, word
 from ..exceptions import LogError, did_you_mean
 from ..robot.robot import Robot
 from .columns import Selection, log_of_columns
-from .log import Log, check
+from .intake import REPLACED, Intake
+from .log import Log, check, match_joints, repeated
 
 
 class Format(ABC):
@@ -134,7 +136,7 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
 
 
 class Csv(Format):
-    """A text file with a header: one row per sample, one column a number."""
+    """A text file: one row per sample, one column a number, with or without a header."""
 
     suffixes = (".csv", ".txt", ".dat", ".tsv")
 
@@ -146,10 +148,19 @@ class Csv(Format):
         """Return the log in a text file; an empty cell was not measured.
 
         Cells are separated by commas, semicolons, tabs or spaces. Lines that begin with ``#`` are
-        comments; without another header the last one before the numbers is the header.
+        comments; without another header the last one before the numbers is the header. Without any,
+        columns are called 1, 2 and so on.
 
         Raises:
-            LogError: no header, rows of other lengths, or cells that are not numbers.
+            LogError: rows of other lengths, or cells that are not numbers.
+        """
+        return log_of_columns(self.table(path), selection, str(path))
+
+    def table(self, path: Path) -> dict[str, np.ndarray]:
+        """Return the columns (N) of a text file by name.
+
+        Raises:
+            LogError: as ``read``.
         """
         try:
             lines = path.read_text(encoding="utf-8-sig").splitlines()
@@ -159,7 +170,7 @@ class Csv(Format):
         values = np.array(
             [_numbers(cells, header, line, str(path)) for line, cells in rows], dtype=float
         ).reshape(len(rows), len(header))
-        return log_of_columns(dict(zip(header, values.T, strict=True)), selection, str(path))
+        return dict(zip(header, values.T, strict=True))
 
 
 _MISSING = {"", "nan", "null", "none", "na"}  # cells of what was not measured
@@ -177,11 +188,7 @@ def _split(lines: Sequence[str], where: str) -> tuple[list[str], list[tuple[int,
         return [name.strip() for name in cells[0][1]], cells[1:]
     if comments and len(names := _cells(comments[-1], mark)) == len(cells[0][1]):
         return [name.strip() for name in names], cells
-    raise LogError(
-        "has no header: its first row holds numbers.",
-        where=where,
-        hint="Begin with a line of column names such as t,q0,q1,v0,v1,tau0,tau1.",
-    )
+    return [str(k + 1) for k in range(len(cells[0][1]))], cells
 
 
 def _cells(line: str, mark: str) -> list[str]:
@@ -228,7 +235,8 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-_JOINTS = "sensor_msgs/msg/JointState"
+_JOINTS, _TRAJECTORY = "sensor_msgs/msg/JointState", "trajectory_msgs/msg/JointTrajectory"
+_LOOKED_AT = 50  # messages of a topic, by which it is chosen
 _INSTALL = 'Install it: pip install "pinadapt[bags]".'
 
 
@@ -272,19 +280,24 @@ class Bag(Format):
             LogError: it cannot be read, has no such topic, or lacks a joint.
         """
         with _opened(path) as bag:
-            names, topic = (
-                list(selection.joints),
-                _topic(bag, selection.topic, (_JOINTS,), path, "topic"),
-            )
-            order, rows = None, []
-            for time, message in _messages(bag, topic):
-                if order is None or [message.name[i] for i in order] != names:
-                    order = _order(list(message.name), names)
+            names, topic = list(selection.joints), _states_topic(bag, selection, path)
+            assumed: dict[str, Any] = {} if topic == selection.topic else {"topic": topic}
+            matched: dict[tuple[str, ...], list[int] | None] = {}
+            rows = []
+            for time, message in _samples(bag, topic):
+                found = tuple(message.name)
+                if found not in matched:
+                    matched[found] = _order(
+                        found, names, f"{path}, {topic}", matched, named=selection.named
+                    )
+                order = matched[found]
                 if order is not None:
                     fields = message.position, message.velocity, message.effort
                     rows.append((time, *(_picked(part, order, message.name) for part in fields)))
             if not rows:
                 raise _missing(bag, topic, names, path)
+            used = next([name[k] for k in order] for name, order in matched.items() if order)
+            assumed |= {} if used == names else {"joints": used}
             x_time, x = None, None
             if selection.pose_topic is not None:
                 pose = _topic(bag, selection.pose_topic, tuple(_POSES), path, "pose-topic")
@@ -311,6 +324,7 @@ class Bag(Format):
             x,
             None if x_time is None else x_time - start,
             source=str(path),
+            assumed=assumed,
         )
 
 
@@ -351,6 +365,56 @@ def _topic(bag: Any, named: str | None, kinds: tuple[str, ...], path: Path, opti
     raise LogError(f"{what}.", where=str(path), hint=hint)
 
 
+def _states_topic(bag: Any, selection: Selection, path: Path) -> str:
+    """Return the topic of the joint states: the one that was named, or the only one that fits.
+
+    Several topics have joint states if a gripper or another arm has its own; one fits if it has all
+    joints of the robot, and efforts.
+    """
+    kinds = (_JOINTS, _TRAJECTORY)
+    found = [name for name, info in bag.topics.items() if info.msgtype in kinds]
+    if selection.topic is None and len(found) > 1:
+        fitting = [name for name in found if _has_efforts(bag, name, selection.joints)]
+        if len(fitting) == 1:
+            others = ", ".join(name for name in found if name != fitting[0])
+            warnings.warn(
+                f"{path}: the joint states are those of '{fitting[0]}'; {others} lack joints or "
+                "efforts. --topic names another one.",
+                stacklevel=2,
+            )
+            return fitting[0]
+    return _topic(bag, selection.topic, kinds, path, "topic")
+
+
+def _has_efforts(bag: Any, topic: str, joints: Sequence[str]) -> bool:
+    """Tell whether messages of a topic have the efforts of all joints."""
+    return any(
+        set(joints) <= set(message.name) and len(message.effort) == len(message.name)
+        for _, message in islice(_samples(bag, topic), _LOOKED_AT)
+    )
+
+
+class _State(NamedTuple):
+    """One point of a trajectory, with the fields of a joint state."""
+
+    name: Sequence[str]
+    position: Sequence[float]
+    velocity: Sequence[float]
+    effort: Sequence[float]
+
+
+def _samples(bag: Any, topic: str) -> Iterator[tuple[float, Any]]:
+    """Yield time [s] and joint state of each message, or of each point of a trajectory."""
+    for time, message in _messages(bag, topic):
+        if not hasattr(message, "points"):
+            yield time, message
+            continue
+        for point in message.points:
+            since = point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec
+            states = point.positions, point.velocities, point.effort
+            yield time + since, _State(message.joint_names, *states)
+
+
 def _messages(bag: Any, topic: str) -> Iterator[tuple[float, Any]]:
     """Yield time [s] and content of each message."""
     for connection, received, raw in bag.messages(bag.topics[topic].connections):
@@ -360,9 +424,24 @@ def _messages(bag: Any, topic: str) -> Iterator[tuple[float, Any]]:
         yield (time if time > 0.0 else 1e-9 * received), message
 
 
-def _order(names: list[str], joints: list[str]) -> list[int] | None:
-    """Return the index of each joint in a message, None where not all are in it."""
-    return [names.index(joint) for joint in joints] if set(joints) <= set(names) else None
+def _order(
+    found: Sequence[str],
+    joints: Sequence[str],
+    where: str,
+    matched: Mapping[tuple[str, ...], list[int] | None],
+    *,
+    named: bool,
+) -> list[int] | None:
+    """Return the index of each joint in a message, None where not all are in it.
+
+    Names that are not the robot's are matched only while no message has those, and only if the
+    log's names were not stated (``named``).
+    """
+    if set(joints) <= set(found):
+        return [list(found).index(joint) for joint in joints]
+    if named or any(order is not None for order in matched.values()):
+        return None
+    return match_joints(found, joints, where)
 
 
 def _picked(values: Any, order: list[int], names: list[str]) -> list[float]:
@@ -373,7 +452,7 @@ def _picked(values: Any, order: list[int], names: list[str]) -> list[float]:
 
 def _missing(bag: Any, topic: str, joints: list[str], path: Path) -> LogError:
     """Return the error of a topic none of whose messages has all joints."""
-    names = sorted({name for _, message in _messages(bag, topic) for name in message.name})
+    names = sorted({name for _, message in _samples(bag, topic) for name in message.name})
     lacking = [joint for joint in joints if joint not in names]
     if not lacking:
         return LogError(
@@ -398,14 +477,12 @@ FORMATS: Mapping[str, Format] = {
 }
 
 
+@keywords(**REPLACED)
 def read_log(
     source: Path | str | Log,
     robot: Robot,
     *,
-    columns: Mapping[str, str | Sequence[str]] | None = None,
-    degrees: bool = False,
-    topic: str | None = None,
-    pose_topic: str | None = None,
+    intake: Intake | Mapping[str, Any] | Path | str | None = None,
 ) -> Log:
     """Return a recorded motion of a robot, checked, its columns in the order of the joints.
 
@@ -416,26 +493,67 @@ def read_log(
             t, q, tau and optionally v and x, by the joints' names or indices; a bag of ROS 1 or 2
             or MCAP (extra ``bags``); or a ``Log``.
         robot: whose motion it is.
-        columns: signal (t, q, v, tau, x, x_time) -> names of its columns in the robot's order, or
-            one with a ``*`` for each joint's name or index, for columns of unusual names.
-        degrees: whether angles and their velocities are in degrees.
-        topic: of a bag's joint states, where there are several.
-        pose_topic: of the frame's position: PointStamped, PoseStamped or TransformStamped.
+        intake: how it is to be read, an ``Intake``, its fields, or a TOML file of it; by default
+            the one beside the log, ``run.intake.toml`` of ``run.csv``, if there is one.
 
     Raises:
         LogError: no such file, an unknown format, a missing signal or joint, or impossible numbers;
             see ``check``.
     """
     instance(robot, Robot, "robot")
+    intake = Intake.of(Intake.beside(source) if intake is None else intake)
     if not isinstance(source, Log):
-        named = {key: name_list(names, "columns") for key, names in (columns or {}).items()}
-        selection = Selection(robot.joint_names, named, topic, pose_topic)
-        source = _read(Path(instance(source, Path | str, "log")), selection)
-    log = source.of(robot).from_zero()
-    if degrees:
-        log = _in_radians(log, robot)
+        path = Path(instance(source, Path | str, "log"))
+        source = _read(path, _selection(path, intake, robot))
+    elif intake.rate is not None:
+        source = replace(source, t=np.arange(len(source.t)) / intake.rate)
+    log = source.from_zero()
+    if intake.repeated == "drop":
+        log = _without_repeated(log)
+    log = intake.converted(log, robot)
     check(log, robot)
     return log
+
+
+def _selection(path: Path, intake: Intake, robot: Robot) -> Selection:
+    """Return what is to be read from a file, and from others beside it."""
+    columns = {key: name_list(names, "columns", LogError) for key, names in intake.columns.items()}
+    tables = {}
+    for signal, name in intake.files.items():
+        word(signal, ("q", "v", "tau"), "intake.files")
+        tables[signal] = (_table(path.parent / name), str(path.parent / name))
+    foreign = intake.foreign(robot)
+    joints = foreign or robot.joint_names
+    topics = intake.topic, intake.pose_topic
+    return Selection(joints, columns, tables, intake.rate, *topics, named=bool(foreign))
+
+
+def _table(path: Path) -> dict[str, np.ndarray]:
+    """Return the columns of another file."""
+    if not path.is_file():
+        raise LogError("there is no such file.", where=str(path))
+    if path.suffix.lower() in Npz.suffixes:
+        return _arrays(path)
+    if path.suffix.lower() in Csv.suffixes:
+        return Csv().table(path)
+    raise LogError(
+        "a signal of its own is read from text files and npz archives only.", where=str(path)
+    )
+
+
+def _without_repeated(log: Log) -> Log:
+    """Return a log without samples that repeat earlier ones; a warning says how many they were."""
+    kept = ~repeated(log)
+    if kept.all():
+        return log
+    warnings.warn(
+        f"{log.source}: {np.count_nonzero(~kept)} of {len(kept)} samples repeat earlier ones and "
+        "are left out.",
+        stacklevel=2,
+    )
+    v, own = None if log.v is None else log.v[kept], log.x is not None and log.x_time is None
+    x = log.x[kept] if own and log.x is not None else log.x
+    return replace(log, t=log.t[kept], q=log.q[kept], tau=log.tau[kept], v=v, x=x)
 
 
 def _read(path: Path, selection: Selection) -> Log:
@@ -451,13 +569,3 @@ def _read(path: Path, selection: Selection) -> Log:
         hint=f"Known are {known}, folders of `pinadapt run`, which have a rollout.npz, and those "
         "of bags, which have a metadata.yaml.",
     )
-
-
-def _in_radians(log: Log, robot: Robot) -> Log:
-    """Return a log whose angles were in degrees."""
-    if log.q.shape[1] != robot.model.nv:
-        return log
-    scale = np.array(
-        [1.0 if is_slide(joint) else np.pi / 180.0 for joint in robot.model.joints[1:]]
-    )
-    return replace(log, q=log.q * scale, v=None if log.v is None else log.v * scale)

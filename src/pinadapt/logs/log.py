@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -18,6 +20,7 @@ from ..robot.robot import Robot
 _EPOCH = 1e6  # [s] beyond which times count from an epoch such as 1970
 _SHORTEST, _FEWEST = 1.0, 100  # [s] and samples
 _SLOWEST = 0.2  # [s] between samples, beyond which inertia has no visible effect
+_REPEATED = 0.05  # share of the samples that may repeat the one before
 _MEASURED = 0.5  # share of the samples that must be finite
 _TURNS = 4.0 * math.pi  # [rad] beyond which a joint without limits hardly turns
 _TURN = 2.0 * math.pi  # [rad] up to which numbers are angles in radians rather than in degrees
@@ -44,6 +47,7 @@ class Log:
         held: whether tau[k] was held from t[k] until the next sample, as a controller's command is;
             otherwise it was measured at t[k].
         source: file or other origin, for messages.
+        assumed: what reading it had to assume, fields of an ``Intake``.
     """
 
     t: np.ndarray
@@ -55,6 +59,7 @@ class Log:
     x_time: np.ndarray | None = None
     held: bool = False
     source: str = "log"
+    assumed: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Convert everything to arrays of floats and check their sizes.
@@ -100,15 +105,20 @@ class Log:
     def of(self, robot: Robot) -> Log:
         """Return the log with the columns of a robot's joints, in its order.
 
+        Joints of other names are matched, see ``match_joints``; a warning says how.
+
         Raises:
             LogError: a joint is missing, or the columns are not as many as there are joints.
         """
         names = instance(robot, Robot, "robot").joint_names
         if self.joints and list(self.joints) != names:
-            order = [self._column(name, names) for name in names]
+            order = self._order(names)
             v = None if self.v is None else self.v[:, order]
             q, tau = self.q[:, order], self.tau[:, order]
-            return replace(self, joints=tuple(names), q=q, v=v, tau=tau).of(robot)
+            read = [self.joints[k] for k in order]
+            assumed = self.assumed if read == names else {**self.assumed, "joints": read}
+            found = replace(self, joints=tuple(names), q=q, v=v, tau=tau, assumed=assumed)
+            return found.of(robot)
         n, nq = robot.model.nv, robot.model.nq
         parts = ("q", self.q, (n, nq)), ("v", self.v, (n,)), ("tau", self.tau, (n,))
         for name, part, sizes in parts:
@@ -149,24 +159,27 @@ class Log:
             self, t=self.t[kept], q=self.q[kept], tau=self.tau[kept], v=v, x=x, x_time=x_time
         )
 
-    def _column(self, joint: str, names: Sequence[str]) -> int:
-        """Return the column of one of the robot's joints, all ``names``."""
-        if joint not in self.joints and not set(self.joints) & set(names):
+    def _order(self, names: Sequence[str]) -> list[int]:
+        """Return the column of each of the robot's joints."""
+        order = match_joints(self.joints, names, self.source)
+        if order is not None:
+            return order
+        if not set(self.joints) & set(names):
             raise LogError(
-                f"none of its joints {list(self.joints)} is one of the robot's, {names}. It seems "
-                "to be the log of another robot.",
+                f"none of its joints {list(self.joints)} is one of the robot's, {list(names)}. It "
+                "seems to be the log of another robot.",
                 where=self.source,
-                hint="Name the robot that moved, or rename the columns after its joints.",
+                hint="Name the robot that moved, or its joints in the robot's order: "
+                "--joints A,B,....",
             )
-        if joint not in self.joints:
-            raise LogError(
-                f"the robot's joint '{joint}' is missing; there are {list(self.joints)}."
-                f"{did_you_mean(joint, self.joints)}",
-                where=self.source,
-                hint="Lock joints that did not move (--lock), choose another frame, or rename "
-                "columns.",
-            )
-        return self.joints.index(joint)
+        joint = next(name for name in names if name not in self.joints)
+        raise LogError(
+            f"the robot's joint '{joint}' is missing; there are {list(self.joints)}."
+            f"{did_you_mean(joint, self.joints)}",
+            where=self.source,
+            hint="Lock joints that did not move (--lock), choose another frame, or name the log's "
+            "joints in the robot's order: --joints A,B,....",
+        )
 
     def _at(self, name: str) -> str:
         return f"{self.source}: {name}"
@@ -182,6 +195,92 @@ class Log:
         return array
 
 
+def match_joints(found: Sequence[str], wanted: Sequence[str], source: str) -> list[int] | None:
+    """Return the index of each wanted joint among those found, None where they do not match.
+
+    Names that differ only in what all of them have in common, such as ``fer_joint1`` and
+    ``panda_joint1``, match. If no name is alike and there are as many, they are taken in their
+    order. A warning says which joint was taken for which.
+
+    Args:
+        found: names in a log.
+        wanted: names of a robot's joints.
+        source: of the log, for the warning.
+    """
+    found, wanted = list(found), list(wanted)
+    if set(wanted) <= set(found):
+        return [found.index(name) for name in wanted]
+    if set(wanted) & set(found):
+        return None
+    order, how = _alike(found, wanted), "by their names"
+    if order is None and len(found) == len(wanted):
+        order, how = list(range(len(wanted))), "in their order"
+    if order is None:
+        return None
+    pairs = ", ".join(f"{found[k]} = {name}" for k, name in zip(order, wanted, strict=True))
+    warnings.warn(
+        f"{source}: its joints have other names than the robot's and were matched {how}: {pairs}. "
+        "--joints A,B,... names them in the robot's order.",
+        stacklevel=2,
+    )
+    return order
+
+
+def _alike(found: Sequence[str], wanted: Sequence[str]) -> list[int] | None:
+    """Return the index of each wanted joint among names with another beginning or end."""
+    low, keys = [name.lower() for name in found], _distinct([name.lower() for name in wanted])
+    if len(keys) < 2 or not all(keys):
+        return None
+    forms = [keys]
+    if all(key.isdecimal() for key in keys):  # counted from another number
+        forms += [[str(int(key) + shift) for key in keys] for shift in (-1, 1)]
+    for form in forms:
+        orders = set()
+        for name in low:
+            for at in range(len(name)):
+                if name.startswith(form[0], at):
+                    before, after = name[:at], name[at + len(form[0]) :]
+                    names = [before + key + after for key in form]
+                    if set(names) <= set(low):
+                        orders.add(tuple(low.index(one) for one in names))
+        if len(orders) == 1:
+            return list(orders.pop())
+        if orders:
+            return None
+    return None
+
+
+def _distinct(names: Sequence[str]) -> list[str]:
+    """Return names without the beginning and the end that all of them have in common."""
+    before = _common(names)
+    before = next((k for k in range(before, 0, -1) if not names[0][k - 1].isdigit()), 0)
+    rest = [name[before:] for name in names]
+    after = _common([name[::-1] for name in rest])
+    return [name[: len(name) - after] for name in rest]
+
+
+def _common(names: Sequence[str]) -> int:
+    """Return how many first letters all names have in common."""
+    columns = enumerate(zip(*names, strict=False))
+    return next((k for k, letters in columns if len(set(letters)) > 1), min(map(len, names)))
+
+
+def repeated(log: Log) -> np.ndarray:
+    """Tell of each sample (N) whether it repeats an earlier one: its time, or all of its numbers.
+
+    A sample at rest that equals the one before counts only if one of the next two differs, as that
+    of a driver that is asked more often than it measures.
+    """
+    latest = np.maximum.accumulate(log.t)
+    late = np.append(False, log.t[1:] <= latest[:-1])
+    parts = [log.q, log.tau] if log.v is None else [log.q, log.v, log.tau]
+    rows = np.hstack(parts)
+    same = np.append(False, (rows[1:] == rows[:-1]).all(axis=1))
+    changed = np.append(~same[1:], True)
+    changed |= np.append(changed[1:], True)
+    return np.asarray(late | (same & changed))
+
+
 def check(log: Log, robot: Robot) -> None:
     """Raise an error for a log from which no parameters can be estimated.
 
@@ -189,7 +288,14 @@ def check(log: Log, robot: Robot) -> None:
         LogError: times that do not ascend, too few or too short a time, more than half of a signal
             not finite, torques that are all zero, or numbers that look like other units.
     """
-    for part in (_check_times, _check_finite, _check_degrees, _check_velocities, _check_torques):
+    for part in (
+        _check_times,
+        _check_repeated,
+        _check_finite,
+        _check_degrees,
+        _check_velocities,
+        _check_torques,
+    ):
         part(log, robot)
 
 
@@ -205,7 +311,8 @@ def _check_times(log: Log, robot: Robot) -> None:
             f"times must ascend; sample {row} is at {log.t[row]:.6g} s, the one before at "
             f"{log.t[row - 1]:.6g} s. There are {np.count_nonzero(steps <= 0.0)} such samples.",
             where=where,
-            hint="Sort the rows, remove repeated ones, or name another column: --columns t=NAME.",
+            hint="--repeated drop leaves out samples of repeated or earlier times. Otherwise name "
+            "another column: --columns t=NAME.",
         )
     if len(log.t) < _FEWEST or log.duration < _SHORTEST:
         raise LogError(
@@ -219,6 +326,17 @@ def _check_times(log: Log, robot: Robot) -> None:
             f"samples are {log.period:.4g} s apart, too far for inertia to have a visible effect.",
             where=where,
             hint="Times must be in seconds, not milliseconds. Otherwise record at 20 Hz or more.",
+        )
+
+
+def _check_repeated(log: Log, robot: Robot) -> None:
+    share = float(np.mean(repeated(log)))
+    if share > _REPEATED:
+        raise LogError(
+            f"{share:.0%} of the samples repeat the one before in all numbers, so that their times "
+            "are wrong.",
+            where=log.source,
+            hint="--repeated drop leaves them out.",
         )
 
 
@@ -243,8 +361,12 @@ def _check_degrees(log: Log, robot: Robot) -> None:
         outside = np.mean((q < low - margin) | (q > high + margin))
         if outside > _OUTSIDE:
             turned = float(np.abs(q).max()) > _TURN
-            what = "Are these degrees?" if turned else "Is this the log of another robot?"
-            degrees = "--degrees reads angles in degrees. " if turned else ""
+            what = (
+                "Are these degrees, or angles of the motor before a gear?"
+                if turned
+                else "Is this the log of another robot?"
+            )
+            degrees = "--degrees or --gear N reads them. " if turned else ""
             raise LogError(
                 f"{robot.joint_names[j]} is at {q.min():.4g} to {q.max():.4g}, and its limits are "
                 f"{low:.4g} and {high:.4g} rad. {what}",
@@ -298,7 +420,12 @@ def _guess(factor: float) -> str:
         return "; the velocities look like degrees a second"
     if abs(factor - math.radians(1.0)) < 2e-3:
         return "; the positions look like degrees"
-    return "; the sign is wrong" if abs(factor + 1.0) < 0.2 else ""
+    if abs(factor + 1.0) < 0.2:
+        return "; the sign is wrong"
+    if not _FACTORS[0] / 2.0 < abs(factor) < 2.0 * _FACTORS[1]:
+        ratio = max(abs(factor), 1.0 / max(abs(factor), 1e-9))
+        return f"; one of them may be that of the motor, before a gear of {ratio:.4g}"
+    return ""
 
 
 def _check_torques(log: Log, robot: Robot) -> None:
@@ -311,6 +438,13 @@ def _check_torques(log: Log, robot: Robot) -> None:
             where=f"{log.source}: tau",
             hint="Record the efforts of the motors.",
         )
+    if not sizes.all():
+        name = robot.joint_names[int(np.argmin(sizes))]
+        raise LogError(
+            f"the torque of {name} is zero in all samples: it was not recorded.",
+            where=f"{log.source}: tau",
+            hint=f"--lock {name} leaves the joint out if it did not move.",
+        )
     limits = effort_limits(robot.model)
     if (sizes > _TOO_STRONG * limits).any():
         joint = int(np.argmax(sizes / limits))
@@ -318,7 +452,8 @@ def _check_torques(log: Log, robot: Robot) -> None:
             f"{robot.joint_names[joint]} gives {sizes[joint]:.4g} on average, and its limit is "
             f"{limits[joint]:g} N m or N. Are these other units?",
             where=f"{log.source}: tau",
-            hint="Torques must be those of the joints, after the gears, in N m or N.",
+            hint="Torques must be those of the joints, after the gears, in N m or N. --torque-gain "
+            "multiplies them, with N m/A for currents.",
         )
 
 

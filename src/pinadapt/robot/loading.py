@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import Any
 
@@ -26,6 +26,7 @@ from ..description.chain import (
     reduce_to_chain,
 )
 from ..description.description import Description, Source, describe
+from ..description.missing_inertia import with_solid_points
 from ..description.urdf import Origin
 from ..description.xacro import XacroArguments
 from ..exceptions import RobotError, did_you_mean
@@ -89,7 +90,8 @@ def load(
             default: True for files, False for objects. In the catalogue, bases are always fixed.
         xacro: arguments of a xacro file, name -> text, number or bool.
         mass: mass of the whole robot, its base included [kg]; bodies that are described without
-            mass share what the other bodies leave, see ``missing_inertia``.
+            mass share what the other bodies leave, see ``missing_inertia``. Where a joint would
+            move without inertia, point masses become balls of aluminium, with a warning.
         joint_effects: take damping, friction and rotor inertia of the joints from the description.
             By default friction is zero, as most descriptions contain placeholder values.
 
@@ -155,9 +157,16 @@ def _load_chain(found: Description, name: str, ends: Sequence[str], wanted: _Wan
     if wanted.q0 is not None:
         robot = robot.at(wanted.q0)
     samples = np.random.default_rng(0).uniform(-1.0, 1.0, (3, model.nv))
-    check_mass_matrix(
-        model, [robot.q0, *(configuration_from_angles(model, sample) for sample in samples)]
-    )
+    at = [robot.q0, *(configuration_from_angles(model, sample) for sample in samples)]
+    try:
+        check_mass_matrix(model, at)
+    except RobotError:
+        solid = with_solid_points(model, found.name)
+        if solid is None:
+            raise
+        check_mass_matrix(solid, at)
+        origin = None if found.urdf is None else Origin(found.urdf, solid.copy())
+        robot = replace(robot, model=solid, origin=origin)
     return robot
 
 

@@ -1,0 +1,428 @@
+"""How a recorded log is to be read: an ``Intake``, kept in a small TOML file beside the log.
+
+It holds whatever a log does not say itself: columns, rate, names and order of the joints, units,
+gears, signs, and how the arm was mounted. It is applied in this order:
+
+1. columns and files give t, q, v and tau, ``rate`` the times, ``repeated`` leaves samples out;
+2. ``joints`` puts the columns into the order of the robot;
+3. ``degrees``, then for motors with gears G, q_m = G q: q = G^-1 q_m, v = G^-1 v_m,
+   tau = G^T K tau_m, with the torque gains K, such as N m/A;
+4. ``flip`` changes signs, ``offset`` is added to the positions.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._checks import flag, mapping, name_list, numbers, positive, vector, word
+from .._output import read_toml
+from ..description.chain import is_slide
+from ..exceptions import InputError, LogError, did_you_mean
+from ..robot.robot import Robot
+from .log import Log
+
+SUFFIX = ".intake.toml"
+REPEATED = ("refuse", "drop")
+MOUNTS = ("floor", "wall", "ceiling")
+REPLACED = {  # former arguments, and how they are given now
+    "columns": 'intake={"columns": {...}}',
+    "degrees": 'intake={"degrees": True}',
+    "topic": 'intake={"topic": ...}',
+    "pose_topic": 'intake={"pose_topic": ...}',
+}
+_SIDES = ("q", "v", "tau")
+_PARALLEL = 1e-9  # relative size of a singular value below which gears cannot be inverted
+
+
+@dataclass(frozen=True)
+class Intake:
+    """How a log is to be read.
+
+    Numbers of the joints are one for all, a list in the order of the robot's joints, or a mapping
+    from some of their names.
+
+    Attributes:
+        columns: signal (t, q, v, tau, x, x_time) -> names of its columns in the robot's order, or
+            one with a ``*`` for each joint's name or index; a file without header has columns 1, 2
+            and so on, also as ranges such as "2-8".
+        files: signal -> another file that has it, relative to the log's folder.
+        joints: names of the log's joints in the order of the robot's; or signal -> such names.
+        rate: of the samples [Hz], for logs without times or with times that jitter.
+        repeated: "refuse" a log with repeated samples, or "drop" these.
+        degrees: whether angles and their velocities are in degrees.
+        gear: turns of the motor for one of the joint, negative where it turns the other way; for
+            coupled joints a matrix G (n, n) of motor angles G q.
+        motor_side: signals (q, v, tau) that were measured before the gears; all by default.
+        torque_gain: torque for a unit of what was recorded, such as N m/A; or a matrix (n, n).
+        flip: joints whose torque has the other sign; "q:NAME" for position and velocity.
+        offset: added to the positions [rad or m].
+        topic: of a bag's joint states.
+        pose_topic: of the frame's position in a bag.
+        compensated: "nominal" if the arm compensates its gravity and logs the rest only.
+        gravity: (3) in the axes of the robot's base [m/s^2].
+        mount: "floor", "ceiling", or "wall": then the torques show where down is.
+        doubtful: whether to go on although the torques do not fit the description.
+    """
+
+    columns: Mapping[str, str | Sequence[str]] = field(default_factory=dict)
+    files: Mapping[str, str] = field(default_factory=dict)
+    joints: Sequence[str] | Mapping[str, Sequence[str]] = ()
+    rate: float | None = None
+    repeated: str = "refuse"
+    degrees: bool = False
+    gear: ArrayLike | Mapping[str, float] | None = None
+    motor_side: Sequence[str] = _SIDES
+    torque_gain: ArrayLike | Mapping[str, float] | None = None
+    flip: Sequence[str] = ()
+    offset: ArrayLike | Mapping[str, float] | None = None
+    topic: str | None = None
+    pose_topic: str | None = None
+    compensated: str | None = None
+    gravity: ArrayLike | None = None
+    mount: str | None = None
+    doubtful: bool = False
+
+    def __post_init__(self) -> None:
+        """Check everything that needs no robot.
+
+        Raises:
+            LogError: values of the wrong kind, unknown words, or both gravity and mount.
+        """
+        try:
+            self._check()
+        except InputError as error:
+            raise LogError(error.what, where=_at(error.where), hint=error.hint) from error
+
+    def _check(self) -> None:
+        for name in ("columns", "files"):
+            mapping(getattr(self, name), name)
+        if self.rate is not None:
+            positive(self.rate, "rate", error=InputError)
+        word(self.repeated, REPEATED, "repeated")
+        for name in ("degrees", "doubtful"):
+            flag(getattr(self, name), name)
+        for side in name_list(self.motor_side, "motor_side"):
+            word(side, _SIDES, "motor_side")
+        name_list(self.flip, "flip")
+        for signal, names in self._joint_lists():
+            word(signal, _SIDES, "joints")
+            name_list(names, "joints")
+        if self.compensated is not None:
+            word(self.compensated, ("nominal",), "compensated")
+        if self.mount is not None:
+            word(self.mount, MOUNTS, "mount")
+        if self.gravity is not None:
+            vector(self.gravity, 3, "gravity")
+            if self.mount is not None:
+                raise InputError("gravity says already how the arm is mounted.", where="mount")
+
+    @classmethod
+    def of(cls, given: Intake | Mapping[str, Any] | Path | str | None) -> Intake:
+        """Return an intake from itself, its fields or a TOML file; for None the plain one.
+
+        Raises:
+            LogError: no such file, no TOML, an unknown key or a wrong value.
+        """
+        if given is None or isinstance(given, Intake):
+            return given or cls()
+        if isinstance(given, Mapping):
+            return cls._of_table(given, "intake")
+        path = Path(given)
+        if not path.is_file():
+            raise LogError("there is no such file.", where=str(path))
+        try:
+            table = read_toml(path)
+        except InputError as error:
+            raise LogError(error.what, where=error.where, hint=error.hint) from error
+        found = cls._of_table(table, str(path))
+        files = {name: str(path.parent / file) for name, file in found.files.items()}
+        return replace(found, files=files)
+
+    @classmethod
+    def beside(cls, log: object) -> Path | None:
+        """Return the path of the intake beside a log, None where there is none."""
+        if not isinstance(log, Path | str):
+            return None
+        path = place_beside(log)
+        return path if path.is_file() else None
+
+    @classmethod
+    def _of_table(cls, table: Mapping[str, Any], where: str) -> Intake:
+        known = [one.name for one in fields(cls)]
+        for key in table:
+            if key not in known:
+                raise LogError(
+                    f"there is no key '{key}'; there are {known}.{did_you_mean(key, known)}",
+                    where=where,
+                )
+        return cls(**table)
+
+    def updated(self, **given: Any) -> Intake:
+        """Return it with other values, mappings merged; None leaves a value as it is."""
+        chosen = {name: value for name, value in given.items() if value is not None}
+        for name in ("columns", "files"):
+            if name in chosen:
+                chosen[name] = {**getattr(self, name), **chosen[name]}
+        if chosen.get("gravity") is not None:
+            chosen.setdefault("mount", None)
+        elif chosen.get("mount") is not None:
+            chosen.setdefault("gravity", None)
+        return replace(self, **chosen)
+
+    def mounted(self, robot: Robot) -> Robot:
+        """Return a robot with the stated gravity; on a wall it is not known here.
+
+        Raises:
+            LogError: the robot has no gravity, so that no mounting can be told.
+        """
+        if self.gravity is None and self.mount in (None, "wall"):
+            return robot
+        model = robot.model.copy()
+        size = float(np.linalg.norm(model.gravity.linear))
+        down = {"floor": -size, "ceiling": size}
+        gravity = (0.0, 0.0, down[self.mount]) if self.mount else self.gravity
+        model.gravity.linear = np.asarray(gravity, dtype=float)
+        return replace(robot, model=model)
+
+    def converted(self, log: Log, robot: Robot) -> Log:
+        """Return a log of a robot's joints, in its order, in SI units and behind the gears.
+
+        Raises:
+            LogError: wrong sizes, unknown joints, gears that cannot be inverted, or positions with
+                more numbers than there are joints.
+        """
+        log = self._ordered(log, robot)
+        names, n = robot.joint_names, robot.model.nv
+        plain = self.gear is None and self.offset is None and not self.degrees
+        turned = [name for name in self.flip if name.startswith("q:")]
+        if log.q.shape[1] != n:
+            if plain and not turned:
+                return self._torques(log, names)
+            raise LogError(
+                f"{log.q.shape[1]} numbers for {n} joints are configurations with cosines and "
+                "sines, which units, gears, signs and offsets do not apply to.",
+                where=f"{log.source}: q",
+                hint="Record one angle for each joint.",
+            )
+        q, v = log.q, log.v
+        if self.degrees:
+            slides = np.array([is_slide(joint) for joint in robot.model.joints[1:]])
+            scale = np.where(slides, 1.0, math.pi / 180.0)
+            q, v = q * scale, None if v is None else v * scale
+        if self.gear is not None:
+            inverse = np.linalg.inv(_gears(self.gear, names)).T
+            q = q @ inverse if "q" in self.motor_side else q
+            v = v @ inverse if v is not None and "v" in self.motor_side else v
+        sign = self._signs("q", names)
+        q, v = q * sign, None if v is None else v * sign
+        if self.offset is not None:
+            q = q + _per_joint(self.offset, names, "offset", 0.0)
+        return self._torques(replace(log, q=q, v=v), names)
+
+    def _torques(self, log: Log, names: Sequence[str]) -> Log:
+        """Return a log with the torques of the joints."""
+        tau = log.tau
+        if self.torque_gain is not None:
+            tau = tau @ _matrix(self.torque_gain, names, "torque_gain").T
+        if self.gear is not None and "tau" in self.motor_side:
+            tau = tau @ _gears(self.gear, names)
+        return replace(log, tau=tau * self._signs("tau", names))
+
+    def _signs(self, signal: str, names: Sequence[str]) -> np.ndarray:
+        """Return the sign (n) of each joint for a signal."""
+        found = np.ones(len(names))
+        for entry in self.flip:
+            of, _, name = entry.rpartition(":")
+            if of not in ("", "q", "tau"):
+                raise LogError(
+                    f"'{entry}' is neither a joint nor q:JOINT or tau:JOINT.", where=_at("flip")
+                )
+            if name not in names:
+                raise _no_joint(name, names, "flip")
+            if (of or "tau") == signal:
+                found[list(names).index(name)] *= -1.0
+        return found
+
+    def _ordered(self, log: Log, robot: Robot) -> Log:
+        """Return a log with its columns in the order of the robot's joints."""
+        given = dict(self._joint_lists())
+        names = robot.joint_names
+        own = bool(given) and all(set(part) <= set(log.joints) for part in given.values())
+        if not own:
+            log = log.of(robot)
+        known = list(log.joints) if own else names
+        for signal, wanted in given.items():
+            if len(wanted) != len(names) or len(set(wanted)) != len(wanted):
+                raise LogError(
+                    f"{len(wanted)} names, and {robot.name} has {len(names)} joints: {names}.",
+                    where=_at("joints"),
+                    hint="Name one joint of the log for each joint of the robot, in its order.",
+                )
+            for name in wanted:
+                if name not in known:
+                    raise _no_joint(name, known, "joints")
+            order = [known.index(name) for name in wanted]
+            part = getattr(log, signal)
+            if part is not None and part.shape[1] == len(known):
+                log = replace(log, **{signal: part[:, order]})
+        return replace(log, joints=tuple(names)).of(robot) if own else log
+
+    def foreign(self, robot: Robot) -> list[str]:
+        """Return the log's names of the joints if they were stated and are not the robot's."""
+        names = [] if isinstance(self.joints, Mapping) else list(self.joints)
+        return [] if set(names) == set(robot.joint_names) else names
+
+    def _joint_lists(self) -> Iterator[tuple[str, list[str]]]:
+        """Yield signal and names of its joints in the robot's order."""
+        if isinstance(self.joints, Mapping):
+            yield from ((signal, list(names)) for signal, names in self.joints.items())
+        elif self.joints:
+            yield from ((signal, list(self.joints)) for signal in _SIDES)
+
+    def text(self, comments: Sequence[str] = ()) -> str:
+        """Return the intake as TOML, what is as by default as a comment."""
+        plain, lines, tables = Intake(), [*(f"# {line}" for line in comments), ""], []
+        for one in fields(self):
+            value = getattr(self, one.name)
+            words = _SAID[one.name]
+            same = _same(value, getattr(plain, one.name))
+            if isinstance(value, Mapping) and not same:
+                tables += ["", f"[{one.name}]  # {words}"]
+                tables += [f"{_toml(str(key))} = {_toml(part)}" for key, part in value.items()]
+            elif same:
+                lines.append(f"# {one.name} = {_EXAMPLES[one.name]}  # {words}")
+            else:
+                lines.append(f"{one.name} = {_toml(value)}  # {words}")
+        return "\n".join([*lines, *tables]) + "\n"
+
+
+_SAID = {
+    "columns": "signal -> its columns",
+    "files": "signal -> another file that has it",
+    "joints": "joints of the log, in the order of the robot's",
+    "rate": "samples a second",
+    "repeated": "or drop repeated samples",
+    "degrees": "angles in degrees",
+    "gear": "turns of the motor for one of the joint, or a matrix",
+    "motor_side": "signals before the gears",
+    "torque_gain": "N m for a unit of the log, such as N m/A",
+    "flip": "joints with torques of the other sign, q:NAME for positions",
+    "offset": "added to the positions, rad",
+    "topic": "of a bag's joint states",
+    "pose_topic": "of the frame's position in a bag",
+    "compensated": "the arm adds its gravity torque by itself",
+    "gravity": "m/s^2, in the axes of the base",
+    "mount": "or wall, ceiling",
+    "doubtful": "go on although the torques do not fit",
+}
+_EXAMPLES = {
+    "columns": '{ t = "stamp", q = "pos_*" }',
+    "files": '{ tau = "torques.csv" }',
+    "joints": '["a1", "a2"]',
+    "rate": "100.0",
+    "repeated": '"refuse"',
+    "degrees": "false",
+    "gear": "[101.0, 101.0, 55.0]",
+    "motor_side": '["q", "v", "tau"]',
+    "torque_gain": "[0.12, 0.12, 0.09]",
+    "flip": '["a2"]',
+    "offset": "{ a2 = 1.5708 }",
+    "topic": '"/joint_states"',
+    "pose_topic": '"/tracker/pose"',
+    "compensated": '"nominal"',
+    "gravity": "[0.0, 0.0, -9.81]",
+    "mount": '"floor"',
+    "doubtful": "false",
+}
+
+
+def place_beside(log: Path | str) -> Path:
+    """Return the place of an intake beside a log: of ``run.csv`` it is ``run.intake.toml``."""
+    path = Path(log)
+    return path.with_name((path.stem if path.suffix else path.name) + SUFFIX)
+
+
+def _same(value: object, default: object) -> bool:
+    """Tell whether a value is the default."""
+    if isinstance(value, np.ndarray) or value is None or default is None:
+        return value is default
+    if isinstance(default, tuple) and isinstance(value, Sequence):
+        return list(value) == list(default)
+    return bool(value == default)
+
+
+def _toml(value: Any) -> str:
+    """Return a value as TOML."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
+        return f'"{escaped}"'
+    if isinstance(value, Mapping):
+        inner = ", ".join(f"{_toml(str(key))} = {_toml(part)}" for key, part in value.items())
+        return f"{{ {inner} }}"
+    if isinstance(value, Sequence):
+        return f"[{', '.join(_toml(part) for part in value)}]"
+    return repr(value)
+
+
+def _at(name: str | None) -> str:
+    return f"intake.{name}"
+
+
+def _no_joint(name: str, names: Sequence[str], key: str) -> LogError:
+    return LogError(
+        f"there is no joint '{name}'; there are {list(names)}.{did_you_mean(name, names)}",
+        where=_at(key),
+    )
+
+
+def _per_joint(given: Any, names: Sequence[str], key: str, default: float) -> np.ndarray:
+    """Return one number for each joint (n)."""
+    if isinstance(given, Mapping):
+        for name in given:
+            if name not in names:
+                raise _no_joint(name, names, key)
+        given = [given.get(name, default) for name in names]
+    return vector(given, len(names), _at(key), names=list(names), error=LogError)
+
+
+def _matrix(given: Any, names: Sequence[str], key: str) -> np.ndarray:
+    """Return gains or gears as a matrix (n, n)."""
+    n = len(names)
+    if not isinstance(given, Mapping):
+        array = numbers(given, _at(key), error=LogError)
+        if array.shape == (n, n) and array.ndim == 2:
+            return array
+        if array.ndim == 2:
+            raise LogError(
+                f"expected a number, {n} numbers or a {n} x {n} matrix, got {array.shape}.",
+                where=_at(key),
+            )
+    return np.diag(_per_joint(given, names, key, 1.0))
+
+
+def _gears(given: Any, names: Sequence[str]) -> np.ndarray:
+    """Return the matrix G (n, n) of the motor angles G q.
+
+    Raises:
+        LogError: it is singular.
+    """
+    G = _matrix(given, names, "gear")
+    sizes = np.linalg.svd(G, compute_uv=False)
+    if sizes[-1] <= _PARALLEL * sizes[0]:
+        raise LogError(
+            "these gears cannot be inverted: some joint would not move.",
+            where=_at("gear"),
+            hint="Row i has the turns of motor i for one turn of each joint.",
+        )
+    return G

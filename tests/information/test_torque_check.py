@@ -1,0 +1,215 @@
+"""Torques of a log are compared with the description; usual mistakes are named, others are not."""
+
+import json
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from pinadapt.description.chain import effort_limits
+from pinadapt.information.torque_check import on_wall, torque_check
+from tests.support.chains import catalogue_robot
+from tests.support.paths import ROOT
+from tests.support.recorded import motion, recorded, torques
+
+RATED = {"panda": 3.0, "ur5": 5.0, "z1": 3.0, "kinova": 1.6, "xarm7": 3.5, "scara": 2.0}  # [kg]
+
+
+@cache
+def panda():
+    """Return a recorded motion of a real arm, and its description, which has a hand too many."""
+    robot = catalogue_robot("panda")
+    return pa.read_log(ROOT / "tests/data/panda_unisa.csv", robot), robot
+
+
+def causes(log, robot):
+    """Return words and options of the likely causes in one text."""
+    check = torque_check(log, robot)
+    assert check.fits != bool(check.causes)
+    return " ".join(str(cause) for cause in check.causes)
+
+
+def with_gravity(robot, gravity):
+    """Return a robot in another gravity."""
+    model = robot.model.copy()
+    model.gravity.linear = np.array(gravity)
+    return replace(robot, model=model)
+
+
+def turned(log, order, parts=("q", "v", "tau")):
+    """Return a log with some columns in another order."""
+    return replace(log, **{part: getattr(log, part)[:, order] for part in parts})
+
+
+def test_the_log_of_a_real_arm_fits():
+    log, robot = panda()
+    check = torque_check(log, robot)
+    judged = [one for one in check.joints if one.judged]
+    assert check.fits and len(judged) >= 4
+    assert all(0.65 < one.factor < 2.0 and one.correlation > 0.79 for one in judged)
+    assert np.linalg.norm(check.gravity) == pytest.approx(9.81, rel=0.3)
+    assert check.gravity[2] < -0.95 * np.linalg.norm(check.gravity)
+
+
+def test_a_hand_that_is_not_mounted_is_found_and_does_no_harm():
+    log, robot = panda()
+    (note,) = torque_check(log, robot).notes
+    assert "panda_hand, panda_leftfinger, panda_rightfinger (0.76 kg)" in note
+    bare = robot.changed()
+    for frame in bare.model.frames:
+        if str(frame.name) in ("panda_hand_joint", "panda_finger_joint1", "panda_finger_joint2"):
+            bare.model.inertias[7] -= frame.placement * frame.inertia
+    assert abs(torque_check(log, bare).load[0]) < 0.2
+    assert torque_check(log, bare).notes == () and torque_check(log, bare).fits
+
+
+def mistakes():
+    """Yield what is wrong, how to make a log or robot so, and words of the check."""
+    n = 7
+    flipped = np.where(np.arange(n) == 1, -1.0, 1.0)
+    gains = np.array([0.05, 0.2, 0.06, 0.12, 0.05, 0.18, 0.1])
+    swap = [0, 2, 1, 3, 4, 5, 6]
+    yield "amperes", lambda log, r: (replace(log, tau=0.1 * log.tau), r), "--torque-gain=11.7"
+    yield (
+        "amperes of several motors",
+        lambda log, r: (replace(log, tau=gains * log.tau), r),
+        "multiples of the described ones",
+    )
+    yield (
+        "torques before the gear",
+        lambda log, r: (replace(log, tau=log.tau / 100.0), r),
+        "before the gear",
+    )
+    yield (
+        "a sign",
+        lambda log, r: (replace(log, tau=flipped * log.tau), r),
+        "--flip panda_joint2 mends",
+    )
+    yield "all signs", lambda log, r: (replace(log, tau=-log.tau), r), "--torque-gain=-1 mends"
+    yield (
+        "the sign of a position",
+        lambda log, r: (replace(log, q=flipped * log.q, v=flipped * log.v), r),
+        "--flip q:panda_joint2",
+    )
+    yield (
+        "a zero",
+        lambda log, r: (replace(log, q=log.q + 0.5 * np.pi * (np.arange(n) == 3)), r),
+        "--offset panda_joint4=-1.5708",
+    )
+    yield "joints swapped", lambda log, r: (turned(log, swap), r), "--joints panda_joint1,panda_j"
+    yield (
+        "torques swapped",
+        lambda log, r: (turned(log, swap, ("tau",)), r),
+        "--joints tau:panda_joint1,panda_joint3",
+    )
+    yield (
+        "degrees",
+        lambda log, r: (replace(log, q=np.degrees(log.q), v=np.degrees(log.v)), r),
+        "--degrees",
+    )
+    yield "a ceiling", lambda log, r: (log, with_gravity(r, (0.0, 0.0, 9.81))), "mounted upright"
+    yield "a wall", lambda log, r: (log, with_gravity(r, (0.0, 9.81, 0.0))), "--gravity=0,0,-9.81"
+    yield (
+        "no gravity",
+        lambda log, r: (replace(log, tau=log.tau - gravity_torques(log, r)), r),
+        "--compensated nominal",
+    )
+    yield "another robot", lambda log, r: (log, catalogue_robot("xarm7")), "log of another robot"
+
+
+def gravity_torques(log, robot):
+    """Return what an arm adds that compensates gravity by its own model, without the hand."""
+    gravity = pa.robot.Gravity(robot)
+    return 0.93 * np.array([gravity(q) for q in log.q])
+
+
+@pytest.mark.parametrize(("what", "make", "words"), list(mistakes()), ids=lambda x: str(x)[:20])
+def test_usual_mistakes_are_named_with_what_mends_them(what, make, words):
+    assert words in causes(*make(*panda()))
+
+
+def test_an_arm_on_a_wall_or_ceiling_is_told_and_put_there():
+    robot = catalogue_robot("ur5")
+    for gravity, place in (((9.81, 0.0, 0.0), "wall"), ((0.0, 0.0, 9.81), "ceiling")):
+        hung = with_gravity(robot, gravity)
+        log = turned_in(hung, "ur5")
+        text = causes(log, robot)
+        assert f"--mount {place}" in text and not causes(log, hung)
+        if place == "wall":
+            assert np.allclose(on_wall(log, robot).model.gravity.linear, gravity)
+        else:
+            with pytest.raises(pa.LogError, match="not that of an arm on a wall"):
+                on_wall(log, robot)
+
+
+def turned_in(robot, name):
+    """Return an exact log of a robot along the motion of a name."""
+    t, q, v, a = motion(name, duration=6.0)
+    return pa.Log(t, q, torques(robot, q, v, a), v, tuple(robot.joint_names))
+
+
+def unlike(name, seed, loaded):
+    """Return a noisy log of a robot that is unlike its description, which is returned too.
+
+    Masses and inertias are wrong by up to a third, friction is 2 to 10 % of the effort limits, the
+    load is up to the rated one, positions are those of encoders of 17 bits without velocities.
+    """
+    rng, robot = np.random.default_rng(seed), catalogue_robot(name)
+    limits = effort_limits(robot.model)
+    friction = rng.uniform(0.02, 0.1, robot.model.nv) * limits
+    scale = {joint: float(rng.uniform(2 / 3, 4 / 3)) for joint in robot.joint_names}
+    true = robot.changed(inertial_scale=scale, viscous=friction, coulomb=friction)
+    if loaded:
+        mass = RATED[name] * rng.uniform(0.2, 1.0)
+        inertia = (0.01 * mass, 0.0, 0.01 * mass, 0.0, 0.0, 0.01 * mass)
+        true = true.changed(payload=pa.Payload(mass, rng.uniform(-0.1, 0.1, 3), inertia))
+    t, q, v, a = motion(name, 10.0, 8e-3, seed)
+    noise = 0.01 * limits * rng.standard_normal(q.shape)
+    count = 2.0 * np.pi / 2**17
+    tau = torques(true, q, v, a) + noise
+    return pa.Log(t, np.round(q / count) * count, tau, None, tuple(robot.joint_names)), robot
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("loaded", [False, True])
+@pytest.mark.parametrize("name", RATED)
+def test_wrong_inertias_friction_noise_and_loads_are_no_mistakes(name, loaded):
+    for seed in range(3):
+        check = torque_check(*unlike(name, seed, loaded))
+        assert check.fits, check
+        assert all("a load of" in note for note in check.notes), check.notes
+
+
+def test_too_little_torque_is_not_judged():
+    robot = catalogue_robot("planar_2r")
+    t = np.arange(0.0, 3.0, 0.01)
+    still = np.zeros((len(t), 2))
+    log = pa.Log(t, still + 0.3, still + np.sin(5.0 * t)[:, None], still)
+    check = torque_check(log, robot)
+    assert check.fits and "too little torque to judge" in check.verdict
+    assert np.isnan(check.gravity).all()
+
+
+def test_the_table_shows_factors_and_the_summary_is_json():
+    log, robot = panda()
+    check = torque_check(replace(log, tau=-log.tau), robot)
+    assert "DOES NOT FIT" in str(check) and "too little to judge" in str(torque_check(log, robot))
+    summary = json.loads(json.dumps(check.summary(), allow_nan=False))
+    assert summary["joints"][1]["factor"] == pytest.approx(-0.93, abs=0.05)
+    assert not summary["fits"] and summary["causes"][0]["option"] == "--torque-gain=-1"
+
+
+def test_gaps_and_samples_that_are_not_finite_are_left_out():
+    log = recorded("ur5", duration=4.0)
+    tau, kept = log.tau.copy(), np.ones(len(log.t), bool)
+    tau[100:120], kept[300:420] = np.nan, False
+    parts = {part: getattr(log, part)[kept] for part in ("t", "q", "v")}
+    check = torque_check(
+        replace(log, tau=tau[kept], x=None, x_time=None, **parts), robot := catalogue_robot("ur5")
+    )
+    whole = torque_check(log, robot)
+    assert check.fits
+    for one, other in zip(check.joints[:3], whole.joints[:3], strict=True):
+        assert one.factor == pytest.approx(other.factor, rel=0.2)
