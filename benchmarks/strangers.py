@@ -85,7 +85,7 @@ def _run(path: Path, duration: float | None, camera: bool, unadapted: bool) -> R
     motion = circle.starting_at(true.position(true.q0))
     sensors = pa.Sensors(CAMERA if camera else None)
 
-    def run(adaptation: str) -> tuple[pa.Rollout, float | None]:
+    def run(adaptation: str | None = None) -> tuple[pa.Rollout, float | None]:
         controller = pa.make_controller(model, unknown=pa.Unknown(tool=True), adaptation=adaptation)
         rollout = pa.simulate(
             true, controller, motion, duration=duration, record_every=10, sensors=sensors
@@ -94,7 +94,7 @@ def _run(path: Path, duration: float | None, camera: bool, unadapted: bool) -> R
         last = rollout.distance[rollout.t > 0.9 * duration]
         return rollout, None if lost else float(last.max())
 
-    rollout, error = run("natural")
+    rollout, error = run()
     without = run("none")[1] if unadapted else None
     return replace(
         row,

@@ -210,7 +210,7 @@ def test_names_and_gains():
     own = pa.make_controller(robot, kinematic_adaptation=pa.adaptation.Gradient(0.1, 3))
     assert isinstance(own.adaptation_k, pa.adaptation.Gradient)
     still = pa.make_controller(robot, kinematic_adaptation="none")
-    assert still.adaptation_k.name == "none" and still.adaptation_d.name == "natural"
+    assert still.adaptation_k.name == "none" and still.adaptation_d.name == "natural-memory"
     alone = pa.make_controller(robot, adaptation="none", **FIT)
     assert alone.adaptation_k.inner.name == "least-squares" and alone.adaptation_d.name == "none"
     for unused in (

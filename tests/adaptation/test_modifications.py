@@ -252,6 +252,7 @@ def test_names_and_gains():
     robot = catalogue_robot("ur5")
 
     def made(modifications, **options):
+        options = {"adaptation": "natural"} | options
         return pa.make_controller(robot, modifications=modifications, **options).adaptation_d
 
     classes = {"sigma": "Leak", "e1": "ErrorLeak", "normalised": "Normalised"}
@@ -264,6 +265,8 @@ def test_names_and_gains():
     assert chain(made(None, **noisy)) == ["Leak"]  # the default for noise
     assert chain(made({"sigma": 0.3}, **noisy)) == ["Leak"]  # instead of the default
     assert not chain(made({"sigma": False}, **noisy))
+    assert chain(made(None, **noisy, adaptation=None)) == ["CompositeMemory"]  # it averages
+    assert chain(made("sigma", adaptation=None)) == ["Leak", "CompositeMemory"]
     zone = made("dead-zone", **noisy)
     assert chain(zone) == ["Leak", "DeadZone"] and 0.0 < zone.inner.size < 0.1
     own = made(["sigma"], adaptation=pa.adaptation.Gradient(1e-3, 78))

@@ -192,11 +192,11 @@ def test_limits_take_a_governor_or_a_flag():
 # --- the state ---
 
 
-def loop_of(name="ur5", limits=GOVERNED, **options):
+def loop_of(name="ur5", limits=GOVERNED, adaptation=None, **options):
     """Return a short run of an arm with an unknown tool and load."""
     robot = catalogue_robot(name)
     true = with_tool_and_load(robot)
-    controller = pa.make_controller(robot, limits=limits)
+    controller = pa.make_controller(robot, limits=limits, adaptation=adaptation)
     return pa.simulate(true, controller, circle_at_home(true), duration=0.3, **options)
 
 
@@ -227,10 +227,13 @@ def test_the_state_can_be_copied_and_flattened():
 
 
 def test_sampled_and_continuous_loops_slow_alike():
-    """With a governor that takes the first errors for large ones."""
+    """With a governor that takes the first errors for large ones.
+
+    A memory looks at intervals, which have no limit as the period shrinks.
+    """
     limits = pa.Limits(governor=pa.Governor(position=2e-3, slow=0.2))
-    sampled = loop_of(limits=limits, engine=pa.Engine(dt=2e-4))
-    whole = loop_of(limits=limits, engine=pa.Engine(dt=1e-3, continuous=True))
+    engines = pa.Engine(dt=2e-4), pa.Engine(dt=1e-3, continuous=True)
+    sampled, whole = (loop_of(limits=limits, adaptation="natural", engine=e) for e in engines)
     late = [float(run.t[-1] - run.path_time[-1]) for run in (sampled, whole)]
     assert late[0] > 0.02
     assert late[1] == pytest.approx(late[0], rel=0.05)

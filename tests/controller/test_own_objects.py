@@ -103,7 +103,7 @@ def test_an_adaptation_as_an_object_is_the_one_by_name(kind):
         ({"law": pa.laws.AdaptiveJacobian}, "a name or a Law"),
         ({"law": 3}, "a name or a Law"),
         ({"adaptation": pa.adaptation.Natural}, "a name or an Adaptation"),
-        ({"adaptation": None}, "a name or an Adaptation"),
+        ({"adaptation": 3.0}, "a name or an Adaptation"),
     ],
     ids=str,
 )

@@ -65,10 +65,14 @@ def test_an_adaptation_is_cited_where_it_is_used():
 
 def test_wrappers_of_an_adaptation_are_cited_with_it():
     plain, noisy = (
-        pa.citation(controller("separation", sensors=pa.Sensors(encoder=e))) for e in (0.0, 1e-4)
+        pa.citation(controller("separation", adaptation="natural", sensors=pa.Sensors(encoder=e)))
+        for e in (0.0, 1e-4)
     )
     assert "IoannouKokotovic1984" not in plain  # the leak
     assert {"IoannouKokotovic1984", "LeeKwonPark2018"} < set(entries(noisy))
+    assert {"Kreisselmeier1977", "LeeKwonPark2018"} < set(
+        entries(pa.citation(controller("separation")))
+    )
     assert "IoannouSun1996" in plain  # the box of the kinematic estimate
     assert "IoannouSun1996" not in pa.citation(
         controller("separation", limits=pa.Limits(box=False))

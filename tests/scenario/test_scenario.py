@@ -128,7 +128,8 @@ def test_defaults(tmp_path):
     assert scenario.true.frame == "tool0" and scenario.true.task.name == "xyz"
     assert scenario.true.model == scenario.estimated.model == pa.load("ur5").model
     assert scenario.controller.law.name == "separation"
-    bodies, joints = (part for part, _ in scenario.controller.adaptation_d.parts)
+    assert scenario.controller.adaptation_d.name == "natural-memory"
+    bodies, joints = (part for part, _ in scenario.controller.adaptation_d.inner.parts)
     assert isinstance(bodies, pa.adaptation.Natural) and isinstance(
         joints, pa.adaptation.ExponentiatedGradient
     )

@@ -70,7 +70,9 @@ def test_limits_of_zero_do_not_take_the_torque_away():
 
 
 def test_continuous_and_sampled_agree_as_the_period_shrinks():
-    control = {"dt": 1e-3, "gamma_d": 1.0, "gamma_joint": 1.0}  # slow enough for Runge-Kutta
+    """Under an adaptation without a memory, which looks at intervals of its own."""
+    rates = {"gamma_d": 1.0, "gamma_joint": 1.0}  # slow enough for Runge-Kutta
+    control = {"dt": 1e-3, "adaptation": "natural", **rates}
     reference = run(
         "planar_2r", control=control, duration=0.4, engine=pa.Engine(continuous=True)
     ).x[-1]
@@ -85,10 +87,9 @@ def test_continuous_and_sampled_agree_as_the_period_shrinks():
 
 
 def test_continuous_mode_converges_with_its_step():
+    control = {"dt": 1e-3, "adaptation": "natural"}
     ends = [
-        run(
-            "scara", duration=0.1, engine=pa.Engine(dt=dt, continuous=True), control={"dt": 1e-3}
-        ).x[-1]
+        run("scara", duration=0.1, engine=pa.Engine(dt=dt, continuous=True), control=control).x[-1]
         for dt in (2e-3, 1e-3, 5e-4)
     ]
     assert np.linalg.norm(ends[1] - ends[2]) < 0.2 * np.linalg.norm(ends[0] - ends[1])

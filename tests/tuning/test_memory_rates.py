@@ -1,5 +1,8 @@
 """The rates of a memory of all torques that follow from robot, law and sensors."""
 
+import warnings
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -32,3 +35,53 @@ def test_memory_takes_what_encoders_do_to_the_regressor_for_noise():
     noises = [noise_for(c) for c in (0.0, 2.0 * np.pi / 2**17, 2.0 * np.pi / 2**14)]
     assert (noises[1] > 3.0 * noises[0]).all() and (noises[2] > 3.0 * noises[1]).all()
     assert np.allclose(noise_for(1e-9), noises[0], rtol=0.01)
+
+
+# --- by default ---
+
+
+@pytest.mark.parametrize(
+    ("options", "kind"),
+    [
+        ({}, "natural-memory"),
+        ({"unknown": pa.Unknown(tool=False, armature=False)}, "natural-memory"),
+        ({"unknown": ["bodies", "friction"], "law": "slotine-li"}, "natural"),
+        ({"unknown": pa.Unknown(friction=False)}, "natural"),
+        ({"unknown": pa.Unknown(friction="viscous")}, "natural"),
+        ({"unknown": pa.Unknown(bodies="payload")}, "natural"),
+        ({"unknown": pa.Unknown(bodies=["joint2"])}, "natural"),
+        ({"adaptation": "natural"}, "natural"),
+        ({"adaptation": "none"}, "none"),
+        ({"law": "computed-torque"}, "none"),
+        ({"law": "middleton-goodwin"}, "natural-composite"),
+        ({"law": "bounded-torque"}, "natural"),
+        ({"sensors": pa.Sensors(encoder=1e-4, camera=pa.Camera(rate=30.0))}, "natural-memory"),
+    ],
+    ids=str,
+)
+def test_a_memory_is_the_default_where_the_parameters_explain_the_torque(options, kind):
+    law = pa.laws.LAWS[options.get("law", "separation")]
+    robot = pa.load("z1", task="joint" if law.joint_space else None)
+    made = pa.make_controller(robot, **options)
+    assert made.adaptation_d.name == kind
+
+
+def test_the_default_is_what_its_name_makes():
+    robot = catalogue_robot("ur5")
+    default, named = pa.make_controller(robot), pa.make_controller(robot, adaptation=MEMORY)
+    start = default.dynamics.initial
+    assert np.array_equal(default.adaptation_d.gain(start), named.adaptation_d.gain(start))
+    assert np.array_equal(default.adaptation_d.noise, named.adaptation_d.noise)
+
+
+@pytest.mark.parametrize("name", ["adaptive-inverse-dynamics-improved", "spong-ortega"])
+def test_a_memory_with_a_held_mass_matrix_is_warned_of(name):
+    """Unless the load is announced, which the mass matrix then includes."""
+    robot = pa.load("ur5", task="joint" if pa.laws.LAWS[name].joint_space else None)
+    make = partial(pa.make_controller, robot, law=name, unknown="bodies")
+    with pytest.warns(UserWarning, match="holds the mass matrix of the initial estimate"):
+        make(adaptation=MEMORY)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert make().adaptation_d.name == "natural"
+        make(adaptation=MEMORY, payload=pa.Payload(1.0))

@@ -39,7 +39,11 @@ def test_perfect_sensors_ask_for_nothing():
     ):
         controller = made(**options)
         assert controller.law.lambda_s == math.inf
-        assert isinstance(controller.adaptation_d, pa.adaptation.Stacked)  # no leak around it
+        memory = controller.adaptation_d
+        assert isinstance(memory, pa.adaptation.CompositeMemory)  # no leak around it
+        assert isinstance(memory.inner, pa.adaptation.Stacked)
+        assert np.array_equal(memory.noise, made().adaptation_d.noise)
+        assert isinstance(made(adaptation="natural", **options).adaptation_d, pa.adaptation.Stacked)
         assert controller.senses.low_pass is None
         assert controller.senses.compensator.smoothing == math.inf
     state = controller.init(pa.plants.PinocchioPlant(catalogue_robot("ur5")).measure())
@@ -47,16 +51,20 @@ def test_perfect_sensors_ask_for_nothing():
 
 
 def test_each_channel_asks_for_its_own():
-    frames = made(sensors=pa.Sensors(noise={"x": 1e-3}, camera=pa.Camera(rate=30.0)))
+    """Noise of the joint velocity is a leak of natural adaptation, and noise of a memory."""
+    camera = pa.Sensors(noise={"x": 1e-3}, camera=pa.Camera(rate=30.0))
+    frames = made(sensors=camera)
     assert math.isfinite(frames.senses.compensator.smoothing) and frames.senses.low_pass is None
-    assert frames.law.lambda_s == math.inf and not isinstance(
-        frames.adaptation_d, pa.adaptation.Leak
-    )
-    joints = made(sensors=pa.Sensors(noise={"v": 0.02}))
+    assert frames.law.lambda_s == math.inf
+    encoders = pa.Sensors(noise={"v": 0.02})
+    joints = made(sensors=encoders)
     assert joints.senses.compensator.smoothing == math.inf
-    assert math.isfinite(joints.law.lambda_s) and isinstance(
-        joints.adaptation_d, pa.adaptation.Leak
-    )
+    assert math.isfinite(joints.law.lambda_s)
+    for sensors, leaks in ((camera, False), (encoders, True)):
+        adaptation = made(adaptation="natural", sensors=sensors).adaptation_d
+        assert isinstance(adaptation, pa.adaptation.Leak) is leaks
+    assert isinstance(joints.adaptation_d, pa.adaptation.CompositeMemory)
+    assert (joints.adaptation_d.noise > frames.adaptation_d.noise).all()
     assert joints.senses.low_pass.bandwidth > joints.law.lambda_s > joints.motion.bandwidth
 
 

@@ -360,8 +360,9 @@ class Controller:
         if torque.dtype is not _FLOAT:
             torque = torque.astype(float)
         if s.filtered_torque is not None:
-            W, residual = s.filtered_torque.W, s.filtered_torque.error(s.a_d)
-            drives = Drives(drives.dynamic.with_prediction_error(W, residual), drives.kinematic)
+            W, y, _, _ = s.filtered_torque
+            dynamic = drives.dynamic.with_prediction_error(W, W.dot(s.a_d) - y)
+            drives = Drives(dynamic, drives.kinematic)
         if limits is not None and kernels.exceeds(torque, limits):
             torque, drives = np.clip(torque, -limits, limits), drives.without_tracking()
         return (torque if self.compensation is None else torque - self.compensation(s.q)), drives
@@ -424,7 +425,9 @@ class Controller:
             a = self._filters.acceleration(filtered)
         filtered_torque = None
         if self._torque_filter is not None and (torque_filter or dt is not ...):
-            tau = self._inputs.torque(measurement.tau)
+            tau = measurement.tau
+            if tau is not None:
+                tau = self._inputs.torque(tau)
             filtered_torque = self._torque_filter.observe(torque_filter, q, v, tau)
         s = Signals()
         s.t, s.q, s.v, s.a, s.x = t, q, v, a, x

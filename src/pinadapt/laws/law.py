@@ -205,6 +205,10 @@ class Law(ABC):
         adaptation_mode: default of the fastest mode of the adaptation of inertias, in bandwidths.
         memory_mode: the same beside a memory of all torques, with which the tracking error need not
             teach so fast: at most this.
+        remembers: whether its default adaptation has a memory of all torques, where the parameters
+            can explain them: where all bodies and the joints' friction are unknown.
+        holds_inertia: whether it uses the mass matrix of the initial estimate beside the moving
+            one, whose difference must stay below the true mass matrix.
         joint_mode: the same for the coefficients of the joints.
         kinematic_mode: the same for the translations.
         prediction_mode: default rate at which the prediction error of the torque decays, in
@@ -233,6 +237,8 @@ class Law(ABC):
     bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0, "Kp": 2.0}
     adaptation_mode: ClassVar[float] = 2.0
     memory_mode: ClassVar[float] = 2.0
+    remembers: ClassVar[bool] = False
+    holds_inertia: ClassVar[bool] = False
     joint_mode: ClassVar[float] = 3.0
     kinematic_mode: ClassVar[float] = 0.15
     prediction_mode: ClassVar[float] = 0.5

@@ -117,6 +117,7 @@ class Separation(Law):
     uses_acceleration = False
     velocity_error = True
     joint_effects = "all"
+    remembers = True
     bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0, "lag": -1.0}
     adaptation_mode = 8.0
     memory_mode = 1.75

@@ -163,17 +163,20 @@ class ControllerSection(Section):
     """[controller]: law, adaptation, gains."""
 
     law: str = DEFAULT
-    adaptation: Literal[
-        "natural",
-        "gradient",
-        "projected",
-        "natural-composite",
-        "natural-memory",
-        "composite",
-        "composite-memory",
-        "least-squares",
-        "none",
-    ] = "natural"
+    adaptation: (
+        Literal[
+            "natural",
+            "gradient",
+            "projected",
+            "natural-composite",
+            "natural-memory",
+            "composite",
+            "composite-memory",
+            "least-squares",
+            "none",
+        ]
+        | None
+    ) = None
     kinematic_adaptation: Literal["gradient", "least-squares", "none"] | None = None
     modifications: str | list[str] | dict[str, bool | Number | list[Number]] | None = None
     Kv: Gain | None = None

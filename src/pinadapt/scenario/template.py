@@ -274,6 +274,10 @@ def _further_out(robot: Robot) -> np.ndarray:
     return np.round(tool, 3 - int(np.floor(np.log10(length))))
 
 
+_ADAPTATIONS = (
+    '"natural" learns from the tracking error alone, "natural-memory" from all torques so far: '
+    "it ends with smaller errors, and needs parameters that explain the torques, friction included."
+)
 _WIDTH = 98  # largest width of a comment
 _SHOWN = 12  # largest number of names in a comment
 
@@ -425,13 +429,8 @@ def _truth(template: Template) -> Table:
 def _controller(template: Template) -> Table:
     controller = template.controller
     law = controller.law
-    kind = "natural-composite" if law.learns_from_torque else "natural"
-    table = _filled({"law": law.name, "adaptation": kind})
-    _remark(
-        table,
-        'Other adaptations also use the measured torque and converge faster: "natural-memory", '
-        'which keeps every body physical as well, and "least-squares", which does not.',
-    )
+    table = _filled({"law": law.name, "adaptation": controller.adaptation_d.name})
+    _remark(table, _ADAPTATIONS)
     _remark(
         table,
         "Default gains for this robot, law and sampling period; remove the # to set your own.",

@@ -51,6 +51,7 @@ from .rates import (
     MEMORIES,
     RATES,
     check_adaptation,
+    default_adaptation,
     dynamic_adaptation,
     metric_of,
     predicting_kind,
@@ -96,7 +97,7 @@ def make_controller(
     robot: Robot,
     *,
     law: str | Law = DEFAULT,
-    adaptation: str | Adaptation = "natural",
+    adaptation: str | Adaptation | None = None,
     kinematic_adaptation: str | Adaptation | None = None,
     modifications: Given = None,
     unknown: Unknown | str | Sequence[str] | None = None,
@@ -116,7 +117,9 @@ def make_controller(
         adaptation: "natural", "gradient", "projected" (gradient that keeps M_hat positive definite)
             or "none"; "natural-composite", "composite" or "least-squares", which also learn from
             the prediction error of the torque; "natural-memory" or "composite-memory", which learn
-            from all of its past; or an adaptation of the dynamic estimate with its gains.
+            from all of its past; or an adaptation of the dynamic estimate with its gains. By
+            default "natural-memory" with the law "separation" where all bodies and the friction of
+            the joints are unknown, else "natural".
         kinematic_adaptation: "gradient", "least-squares" on the prediction error of position or
             velocity, "none", or an adaptation with its gains; by default none where ``adaptation``
             is, else gradient.
@@ -162,6 +165,8 @@ def make_controller(
     lengths = lumped_lengths(kinematics, unknown, metric_of(kind), chosen)
     dynamics = nominal_dynamics(robot, unknown, chosen.joint_effects, lengths)
     applied = limits_for(robot, kinematics, dynamics, limits, sensors)
+    if adaptation is None and kind == "natural":
+        kind = default_adaptation(chosen, robot, dynamics)
     motion = TypicalMotion(robot, kinematics, dynamics, bandwidth(robot, dt), applied.torque)
     K_f = None if fast is None else fast.gain_for(robot, applied.actuators, dt)
     tuned, w = _tuned(law, motion, dt, gains, applied.actuators, K_f)
@@ -173,7 +178,7 @@ def make_controller(
         tuned = tuned.decorrelated(settings.decorrelation)
         if kind in MEMORIES and gains.get("lag") is None and applied.actuators.ideal:
             tuned = tuned.tolerant(LATE, robot)
-    _warn(tuned, (kind, kind_k), motion, gains | rates)
+    _warn(tuned, (kind, kind_k), motion, gains | rates, payload)
     box, given = make_box(robot, kinematics, limits.box), rates | gains
     adaptation_k = moved_kinematics(kind_k, tuned, motion, w, given, box, settings, quality)
     if isinstance(law, str) and gains.get("R_k") is None:
@@ -212,7 +217,11 @@ def make_controller(
         period=dt,
         nominal=nominal,
     )
-    if isinstance(adaptation, str) and rates["gamma_d"] is None and rates["gamma_joint"] is None:
+    if (
+        not isinstance(adaptation, Adaptation)
+        and rates["gamma_d"] is None
+        and rates["gamma_joint"] is None
+    ):
         share = stable_share_of_adaptation(controller, dt)
         controller.adaptation_d = adaptation_d(share) if share < 1.0 else controller.adaptation_d
     return controller
@@ -270,12 +279,24 @@ def _adaptation(
 
 
 def _warn(
-    law: Law, kinds: tuple[str, str], motion: TypicalMotion, gains: Mapping[str, Any]
+    law: Law,
+    kinds: tuple[str, str],
+    motion: TypicalMotion,
+    gains: Mapping[str, Any],
+    payload: Payload | None,
 ) -> None:
-    """Warn of gains that nothing uses, and of a joint too light for the law."""
+    """Warn of gains that nothing uses, a joint too light for the law, or a memory too fast."""
     warn_of_unused_gains(law, kinds, motion.kinematics, motion.dynamics, gains)
     if kinds[0] != "none" and (light := lightest_joint(motion, law)):
         warnings.warn(str(light), stacklevel=5)
+    if law.holds_inertia and kinds[0] in MEMORIES and payload is None:
+        warnings.warn(
+            f"the law '{law.name}' holds the mass matrix of the initial estimate; with a memory "
+            "the moving one may leave it so far behind that motors saturate or the loop diverges. "
+            'Take adaptation = "natural", announce the load (payload=, in a scenario '
+            "belief.payload), or take the law 'separation'.",
+            stacklevel=5,
+        )
 
 
 def _senses(
@@ -324,13 +345,15 @@ def _law_type(law: str | Law, robot: Robot) -> type[Law]:
 
 
 def _kinds(
-    adaptation: str | Adaptation, kinematic: str | Adaptation | None, law: type[Law]
+    adaptation: str | Adaptation | None, kinematic: str | Adaptation | None, law: type[Law]
 ) -> tuple[str, str]:
     """Return the kinds of the dynamic and of the kinematic adaptation.
 
-    "none" for laws that do not adapt, "custom" for objects.
+    "none" for laws that do not adapt, "custom" for objects, "natural" for the default, which is in
+    its metric.
     """
-    kind = _kind(adaptation, law, "adaptation", ADAPTATIONS)
+    given = "natural" if adaptation is None else adaptation
+    kind = _kind(given, law, "adaptation", ADAPTATIONS)
     if kinematic is None:
         return kind, "none" if kind == "none" else "gradient"
     return kind, _kind(kinematic, law, "kinematic_adaptation", KINEMATIC_ADAPTATIONS)

@@ -274,7 +274,7 @@ def zoo_row(name: str, law: str, seed: int = 0, task: str = POSITION) -> ZooRow:
 
 def _row(name: str, law: str, seed: int, task: str) -> ZooRow:
     case = zoo_case(name, seed, POSE if task == POSE else None)
-    controller = _controller(case, law, "natural")
+    controller = _controller(case, law)
     adapted = _run(case, controller, case.duration)
     unadapted = _run(case, _controller(case, law, "none"), case.repeating)
     return ZooRow(
@@ -330,7 +330,7 @@ def run_zoo(
             )
 
 
-def _controller(case: ZooCase, law: str, adaptation: str) -> Controller:
+def _controller(case: ZooCase, law: str, adaptation: str | None = None) -> Controller:
     return make_controller(
         case.estimated,
         law=law,
