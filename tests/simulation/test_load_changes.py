@@ -429,7 +429,7 @@ def changing(table, drop=2.0, lift=3.5):
     )
 
 
-TOLD = changing("belief")
+TOLD, NATURAL = changing("belief"), 'controller.adaptation="natural"'
 
 
 def panda(*settings):
@@ -445,17 +445,27 @@ def ran(*settings):
 
 
 def test_untold_the_panda_is_back_within_a_fifth_of_a_second():
-    drop, lift = ran().transients
+    drop, lift = ran(NATURAL).transients
     assert (drop.at, drop.what, lift.at, lift.what) == (2.0, "-1.5 kg", 3.5, "+3 kg")
     assert 0.5e-3 < drop.worst < 2e-3 and drop.back < 0.2
     assert 1.5e-3 < lift.worst < 4.5e-3 and 0.05 < lift.back < 0.3
-    assert ran().distance[-500:].max() < 0.3e-3
+    assert ran(NATURAL).distance[-500:].max() < 0.3e-3
 
 
 def test_told_it_stays_within_a_fifth_of_a_millimetre():
-    for transient, untold in zip(ran(TOLD).transients, ran().transients, strict=True):
-        assert transient.what == f"{untold.what}, announced"
-        assert transient.worst < 0.2e-3 < untold.worst and transient.back == 0.0
+    told, untold = ran(TOLD, NATURAL).transients, ran(NATURAL).transients
+    for transient, other in zip(told, untold, strict=True):
+        assert transient.what == f"{other.what}, announced"
+        assert transient.worst < 0.2e-3 < other.worst and transient.back == 0.0
+
+
+@pytest.mark.parametrize("settings", [(), (TOLD,)], ids=["untold", "told"])
+def test_with_its_memory_it_errs_more_for_a_moment_and_less_afterwards(settings):
+    """It begins anew, and beside it the tracking error teaches slowly."""
+    with_one, without = ran(*settings), ran(*settings, NATURAL)
+    for transient, other in zip(with_one.transients, without.transients, strict=True):
+        assert transient.worst < 2.0 * max(other.worst, 0.5e-3) and transient.back < 0.3
+    assert with_one.distance[-500:].max() < 0.1 * without.distance[-500:].max()
 
 
 def test_the_scenario_and_simulate_agree():
