@@ -113,7 +113,8 @@ def test_gains_that_are_too_fast_for_late_motors_are_told_with_what_helps():
     finding = preflight(controller, DT, late)[0]
     assert finding.part == "task feedback" and finding.longest == 0.0
     assert "10 ms late" in str(finding) and "dt <=" not in str(finding)
-    gains = {"Kv": controller.law.K_v, "alpha": controller.law.alpha, "lag": controller.law.lag}
+    law = controller.law
+    gains = {"Kv": law.K_v, "alpha": law.alpha, "lag": max(law.lag, law.late)}
     factors = {name: finding.factors[name] for name in gains}
     slower = made(robot, **{name: factors[name] * gain for name, gain in gains.items()})
     assert [each.part for each in preflight(slower, DT, late)] != ["task feedback"]

@@ -188,6 +188,8 @@ def _values(law: Law, names: Iterable[str]) -> dict[str, float]:
         single = value.ndim == 1 or np.array_equal(value, np.diag(diagonal))
         if single and np.isfinite(diagonal).all() and np.ptp(diagonal) == 0.0 and diagonal[0] > 0.0:
             found[name] = float(diagonal[0])
+    if "lag" in found:  # in place of which the law has a longer one after the start
+        found["lag"] = max(found["lag"], law.late)
     return found
 
 
