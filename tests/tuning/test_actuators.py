@@ -12,7 +12,7 @@ from pinadapt.scenario.scenario import Scenario
 from pinadapt.simulation.prepare import findings
 from pinadapt.tuning.defaults import elastic_mode, feedback_lag
 from pinadapt.tuning.preflight import ActuatedJoints, preflight
-from tests.support.chains import catalogue_robot
+from tests.support.chains import catalogue_robot, robot_of
 
 DT = 1e-3
 
@@ -105,6 +105,17 @@ def test_default_gains_for_declared_actuators_pass(name, actuators):
     assert controller.law.lag == pytest.approx(feedback_lag(robot, DT, actuators))
     assert controller.law.lag > made(robot).law.lag == 2.0 * DT
     assert actuators.words in repr(controller)
+
+
+@pytest.mark.parametrize("law", pa.laws.LAWS)
+@pytest.mark.parametrize(
+    "actuators",
+    [Actuators(delay=10e-3), Actuators(bandwidth=50.0), Actuators(stiffness=5e3)],
+    ids=lambda each: each.words,
+)
+def test_every_law_has_gains_for_declared_actuators(law, actuators):
+    controller = made(robot_of(law, "ur5"), actuators, law=law)
+    assert [str(finding) for finding in preflight(controller, DT)] == []
 
 
 def test_gains_that_are_too_fast_for_late_motors_are_told_with_what_helps():

@@ -114,6 +114,7 @@ _SLACK, _NEARLY_NONE = 0.95, 1e-6
 _SHORTEST = 1e-3  # of the period, at which late motors count as stable at no period
 _LEAST, _HALVINGS = 1e-6, 24  # smallest share, and how far its logarithm is bisected
 _UNSTABLE = 1.0 + 1e-9  # the null space of a redundant arm moves freely
+_FREE = 1.0 + 1e-6  # of gains that are nearly zero, whose double roots are rounded
 
 
 _BEHIND = (
@@ -221,7 +222,7 @@ def preflight(
     for part, gains, radius in _parts(controller, actuators):
         if radius(dt=dt, factor=1.0) <= _UNSTABLE:
             continue
-        helps = radius(dt=dt, factor=_NEARLY_NONE) <= _UNSTABLE
+        helps = radius(dt=dt, factor=_NEARLY_NONE) <= _FREE
         if helps or part == _FEEDBACK:
             factors = _stable_factors(gains, radius, dt) if helps else {}
             values = _values(controller.law, factors)
@@ -243,7 +244,7 @@ def stable_share_of_adaptation(controller: Controller, dt: float) -> float:
     for part, gains, radius in _parts(controller, controller.limits.actuators):
         if part != _DYNAMICS or radius(dt=dt, factor=1.0) <= _UNSTABLE:
             continue
-        if radius(dt=dt, factor=_NEARLY_NONE) <= _UNSTABLE:
+        if radius(dt=dt, factor=_NEARLY_NONE) <= _FREE:
             return _SLACK * min(_stable_factors(gains, radius, dt).values())
     return 1.0
 
@@ -266,14 +267,16 @@ def stable_share_of_feedback(
     One where it passes, and where no share does. ``of`` returns the feedback of a share; K_f (n) is
     the gain of fast feedback, or None.
     """
-    joints = None if actuators.ideal else ActuatedJoints(motion, actuators, K_f)
+    whole, joints = of(1.0), None
+    if whole and not actuators.ideal:
+        joints = ActuatedJoints(motion, actuators, K_f, of_task=len(whole) == 1)
 
     def radius(share: float) -> float:
         if joints is None:
             return _feedback_radius(of(share), dt, 1.0)
         return joints.feedback_radius(of(share), dt, 1.0)
 
-    if not of(1.0) or radius(1.0) <= _UNSTABLE or radius(_LEAST) > _UNSTABLE:
+    if not whole or radius(1.0) <= _UNSTABLE or radius(_LEAST) > _FREE:
         return 1.0
     return _SLACK * _largest(radius, 1.0)
 
@@ -299,7 +302,7 @@ def _parts(
     joints, law = None, controller.law
     if feedback and not actuators.ideal:
         K_f = law.gain if isinstance(law, FastFeedback) else None
-        joints = ActuatedJoints(motion, actuators, K_f)
+        joints = ActuatedJoints(motion, actuators, K_f, of_task=len(feedback) == 1)
     if feedback:
         powers = controller.law.bandwidth_powers
         of_feedback = _feedback_radius if joints is None else joints.feedback_radius
@@ -382,15 +385,27 @@ class ActuatedJoints:
     """
 
     def __init__(
-        self, motion: TypicalMotion, actuators: Actuators, K_f: np.ndarray | None = None
+        self,
+        motion: TypicalMotion,
+        actuators: Actuators,
+        K_f: np.ndarray | None = None,
+        *,
+        of_task: bool = False,
     ) -> None:
-        """Take the model's states, the actuators, and the gain (n) of fast feedback.
+        """Take the model's states, and its actuators.
+
+        Args:
+            motion: of the model.
+            actuators: of the robot.
+            K_f: gain (n) of fast feedback, or None.
+            of_task: whether feedback is one of the task; else of the joints, in coordinates of unit
+                mass.
 
         Raises:
             InputError: actuators of another number of joints.
         """
         own, M = actuators.of(motion.robot), np.array(motion.mass_matrices)
-        self._M = M
+        self._M, self._of_task = M, of_task
         self._roots = M @ np.array(motion.unit_masses).swapaxes(1, 2)  # W^-1
         self._J = np.array(motion.jacobians)
         self._inverse = np.array(motion.right_inverses)
@@ -412,7 +427,7 @@ class ActuatedJoints:
         S, D, N, _ = (np.array(part) for part in zip(*feedback, strict=True))
         K_P = _MARGIN * factor**2 * self._torque(S)
         K_D = _MARGIN * self._torque(factor * D + N)
-        if len(feedback) < len(self._M):  # of the task: the posture holds the rest
+        if self._of_task:  # the posture holds the rest
             null = self._M @ (np.eye(self._M.shape[-1]) - self._inverse @ self._J)
             K_P, K_D = K_P + 0.25 * self._w**2 * null, K_D + self._w * null
         A, B, C = self._A, self._B, self._C
@@ -440,9 +455,9 @@ class ActuatedJoints:
 
     def _torque(self, feedback: np.ndarray) -> np.ndarray:
         """Return a gain of joints of unit mass, or of the task, as a torque of the joints."""
-        if len(feedback) == len(self._M):
-            return np.asarray(self._roots @ feedback @ self._roots.swapaxes(1, 2))
-        return np.asarray(self._M @ self._inverse @ feedback @ self._J)
+        if self._of_task:
+            return np.asarray(self._M @ self._inverse @ feedback @ self._J)
+        return np.asarray(self._roots @ feedback @ self._roots.swapaxes(1, 2))
 
 
 def _chain(
