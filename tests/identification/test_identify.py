@@ -284,7 +284,7 @@ def test_the_command_writes_its_files(tmp_path, capsys):
     robot = catalogue_robot("ur5")
     log = as_csv(tmp_path / "log.csv", recorded("ur5", duration=4.0), robot)
     out = tmp_path / "out"
-    known = ["--dynamic", "payload", "--joint", "all"]
+    known = ["--dynamic", "payload", "--joint", "all", "--mjcf"]
     assert main(["identify", str(log), "--robot", "ur5", *known, "--out", str(out)]) == 0
     assert sorted(file.name for file in out.iterdir()) == sorted(FILES)
     printed, summary = capsys.readouterr().out, json.loads((out / "summary.json").read_text())
@@ -299,6 +299,23 @@ def test_the_command_writes_its_files(tmp_path, capsys):
     learned.start(controller)
     assert np.load(out / "estimates.npz")["a_d"].shape[1] == len(summary["dynamic"])
     pa.load(out / "learned.urdf")
+
+
+def test_a_file_that_cannot_be_written_is_told_by_last_line_and_status(
+    tmp_path, capsys, monkeypatch
+):
+    robot, out = catalogue_robot("ur5"), tmp_path / "out"
+    log = as_csv(tmp_path / "log.csv", recorded("ur5", duration=4.0), robot)
+
+    def refuse(self, **_):
+        raise pa.RobotError("no distribution of mass has it.", where="urdf")
+
+    monkeypatch.setattr(pa.Robot, "urdf", refuse)
+    known = ["--dynamic", "payload", "--joint", "all", "--mjcf"]
+    assert main(["identify", str(log), "--robot", "ur5", *known, "--out", str(out)]) == 4
+    last = capsys.readouterr().out.strip().splitlines()[-1]
+    assert last.startswith("INCOMPLETE: not written: learned.urdf") and "distribution" in last
+    assert {file.name for file in out.iterdir()} == set(FILES) - {"learned.urdf"}
 
 
 def test_the_command_takes_the_robot_of_a_scenario(tmp_path, capsys):

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Callable
 from dataclasses import fields
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from ..scenario.scenario import Scenario
 from ..tuning.unknowns import Unknown
 from .arguments import add_description, add_out, assignment, names
 from .outputs import RUN_FILES, steps_bar
-from .status import DONE, REFUSED
+from .status import DONE, INCOMPLETE, REFUSED
 
 _SCENARIO = ".toml"
 
@@ -68,6 +68,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         ),
         default="natural-memory",
         help="adaptation of the online estimator (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--mjcf", action="store_true", help="write the identified robot for MuJoCo too: learned.xml"
     )
     _add_intake(parser)
     add_description(parser)
@@ -250,15 +253,17 @@ def identify(options: argparse.Namespace) -> int:
     except TorqueMismatchError as error:
         print(error.check.sheet())
         raise
+    missing: list[str] = []
     try:
-        _write(found, folder)
+        missing = _write(found, folder, mjcf=options.mjcf)
     finally:
         print(found.report())  # even if it could not be written
     print(f"\nwritten to {folder}")
-    if found.trusted:
-        return DONE
-    print(found.verdict)
-    return REFUSED
+    if not found.trusted:
+        print(found.verdict)
+    if missing:
+        print(f"INCOMPLETE: {'; '.join(missing)}")
+    return (INCOMPLETE if missing else DONE) if found.trusted else REFUSED
 
 
 def _write_intake(options: argparse.Namespace, intake: Intake) -> int:
@@ -315,12 +320,18 @@ def _words(given: str | list[str]) -> str | list[str]:
     return given[0] if isinstance(given, list) and len(given) == 1 else given
 
 
-def _write(found: Identification, folder: Path) -> None:
-    """Replace the files of an earlier identification by those of this one."""
-    steps: list[Callable[[Path], object]] = [found.plot, found.save]
+def _write(found: Identification, folder: Path, *, mjcf: bool) -> list[str]:
+    """Replace the files of an earlier identification by those of this one.
+
+    Returns:
+        What could not be written, and why.
+    """
+    steps: list[Callable[[Path], object]] = [found.plot, partial(found.save, mjcf=mjcf)]
+    missing = []
     with one_run(folder, FILES) as beside:
         for step in steps_bar(steps, "identify: outputs"):
             try:
                 step(beside)
             except ParameterError as reason:
-                print(f"pinadapt: some results were not written: {reason}", file=sys.stderr)
+                missing.append(str(reason))
+    return missing

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from ..rollout.rollout import Rollout
 
-DONE, REFUSED, DIVERGED, INTERRUPTED = 0, 2, 3, 130
+DONE, REFUSED, DIVERGED, INCOMPLETE, INTERRUPTED = 0, 2, 3, 4, 130
 
 
 def status_of(*rollouts: Rollout) -> int:

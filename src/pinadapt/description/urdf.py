@@ -131,11 +131,18 @@ class Urdf:
 
         It is the attribute ``armature`` of <dynamics>, which ``Robot.urdf`` writes.
         """
+        return self.joint_effects("armature")
+
+    def joint_effects(self, attribute: str) -> dict[str, float]:
+        """Return joint name -> the number of an attribute of <dynamics>, for joints that state it.
+
+        ``Robot.urdf`` writes those that URDF does not define.
+        """
         return {
-            joint.get("name", ""): float(dynamics.get("armature", "nan"))
+            joint.get("name", ""): float(dynamics.get(attribute, "nan"))
             for joint in parse_xml(self.text, str(self.path)).findall("joint")
             for dynamics in joint.findall("dynamics")
-            if "armature" in dynamics.attrib
+            if attribute in dynamics.attrib
         }
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import pinocchio as pin
@@ -27,6 +27,7 @@ from .xml_file import parse_xml, xml_text
 _MOVED = 1e-12  # [m] below which a translation counts as unchanged
 _SAME = 1e-9  # relative difference of inertias that counts as rounding
 _HALVINGS = 30  # how often the inertia kept by the other links of a body is halved at most
+_LEAST_RADIUS = 1e-3  # [m] of gyration, of a link that never moves
 _UNLIMITED = 1e9  # [rad or m], written for a joint without position limits
 _ENTRIES = {
     **{"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2)},
@@ -45,6 +46,8 @@ class WrittenChain:
         viscous, coulomb: (nv) joint friction [N m s/rad or N s/m], [N m or N].
         origin: the URDF that the robot was read from, or None.
         remark: for the first comment.
+        effects: further effects of the joints, name of an attribute -> (nv) numbers, which only
+            ``load(..., joint_effects=True)`` reads.
     """
 
     name: str
@@ -54,6 +57,7 @@ class WrittenChain:
     coulomb: np.ndarray
     origin: Origin | None = None
     remark: str = ""
+    effects: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def joint_names(self) -> list[str]:
@@ -82,10 +86,11 @@ def urdf_text(chain: WrittenChain, *, shapes: bool = True) -> str:
             link.remove(shape)
     note = f" Written by pinadapt {__version__}. Changed: {changed}. "
     note += f"{chain.remark} " if chain.remark else ""
-    if chain.model.armature.any():
+    own = ["armature"] if chain.model.armature.any() else []
+    if own := [*own, *chain.effects]:
         note += (
-            "URDF does not define rotor inertias: the attribute armature [kg m^2 or kg] of "
-            "dynamics is read by pinadapt only; Pinocchio and MuJoCo ignore it. "
+            f"URDF does not define {', '.join(own)}: these attributes of dynamics are read by "
+            "pinadapt only; others ignore them. "
         )
     root.insert(0, ElementTree.Comment(note.replace("--", "- -")))
     ElementTree.indent(root)
@@ -121,7 +126,7 @@ class _Edited:
     def changes(self) -> list[tuple[str, str]]:
         """Write everything that differs; return the kind and the name of each change."""
         changed = [*self._place_joints(), *self._place_tool(), *self._fill_bodies()]
-        changed += self._write_joint_effects()
+        changed += [*self._write_joint_effects(), *self._mend_fixed_links()]
         _find_files(self.root, self.packages)
         return changed
 
@@ -198,7 +203,28 @@ class _Edited:
                 if number and number != old:
                     child(self.joints[name], "dynamics").set(attribute, digits([number]))
                     changed.append((attribute, name))
+        for attribute, values in chain.effects.items():
+            for name, number in zip(chain.joint_names, values, strict=True):
+                child(self.joints[name], "dynamics").set(attribute, digits([number]))
+            changed.append((attribute, "all joints"))
         return changed
+
+    def _mend_fixed_links(self) -> list[tuple[str, str]]:
+        """Give links that never move an inertia that MuJoCo accepts, where theirs is impossible."""
+        mended = []
+        for name, (carrier, placement) in self.placed.items():
+            if carrier:
+                continue
+            link = Link(self.links[name], placement)
+            ten = link.read()
+            if ten[0] > 0.0 and not is_physical(ten):
+                radius = np.full(3, max(float(np.abs(ten[4:]).max() / ten[0]), _LEAST_RADIUS**2))
+                centre = ten[1:4] / ten[0]
+                link.write(
+                    pin.Inertia(ten[0], centre, ten[0] * np.diag(radius)).toDynamicParameters()
+                )
+                mended.append(("impossible inertia", name))
+        return mended
 
     def _set_origin(self, joint: ElementTree.Element, placement: pin.SE3) -> None:
         """Set the translation of a joint, given in the axes of the moving joint before it."""
@@ -313,15 +339,15 @@ def chain_as_urdf(chain: WrittenChain) -> ElementTree.Element:
     """
     model, root = chain.model, ElementTree.Element("robot", name=chain.name)
     taken = {chain.frame}
-    names = [_free("base", taken)]
+    names = [free_name("base", taken)]
     ElementTree.SubElement(root, "link", name=names[0])
     for joint, name in enumerate(chain.joint_names, 1):
-        names.append(_free(links_of(model, joint)[0], taken))
+        names.append(free_name(links_of(model, joint)[0], taken))
         link = ElementTree.SubElement(root, "link", name=names[-1])
         Link(link, pin.SE3.Identity()).write(model.inertias[joint].toDynamicParameters())
         element = _joint(root, name, _kind(model, joint), names[-2], names[-1])
         _place(element, model.jointPlacements[joint])
-        ElementTree.SubElement(element, "axis", xyz=digits(_axis(model, joint)))
+        ElementTree.SubElement(element, "axis", xyz=digits(axis_of(model, joint)))
     _write_limits(root, chain)
     frame = chain.tip
     ElementTree.SubElement(root, "link", name=chain.frame)
@@ -346,6 +372,7 @@ def _write_limits(root: ElementTree.Element, chain: WrittenChain) -> None:
         }
         if chain.model.armature[i]:
             effects["armature"] = digits([chain.model.armature[i]])
+        effects |= {name: digits([values[i]]) for name, values in chain.effects.items()}
         ElementTree.SubElement(joint, "dynamics", effects)
 
 
@@ -372,7 +399,7 @@ def _kind(model: pin.Model, joint: int) -> str:
     return "continuous" if model.joints[joint].nq == 2 else "revolute"
 
 
-def _axis(model: pin.Model, joint: int) -> np.ndarray:
+def axis_of(model: pin.Model, joint: int) -> np.ndarray:
     """Return the axis (3) of a joint in the joint frame."""
     part = model.joints[joint]
     scratch = part.createData()
@@ -385,7 +412,7 @@ def _or_zero(limit: float) -> str:
     return digits([limit if np.isfinite(limit) else 0.0])
 
 
-def _free(name: str, taken: set[str]) -> str:
+def free_name(name: str, taken: set[str]) -> str:
     """Return a name that is not taken, and add it to those taken."""
     while name in taken:
         name += "_body"

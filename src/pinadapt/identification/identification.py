@@ -84,15 +84,18 @@ class Identification(IdentifiedModel):
         """Return the numbers of ``summary.json``; None stands for what is not finite."""
         return report.summary(self)
 
-    def save(self, folder: Path | str) -> None:
+    def save(self, folder: Path | str, *, mjcf: bool = False) -> None:
         """Write ``learned.urdf``, ``learned.json``, ``estimates.npz`` and ``summary.json``.
 
+        Args:
+            folder: that takes the files.
+            mjcf: whether to write ``learned.xml`` too, see ``Robot.mjcf``.
+
         Raises:
-            ParameterError: a body on the border of what is physical, which no URDF can describe;
-                the other files are written.
+            ParameterError: files of the robot that could not be written; the others are.
             OSError: they cannot be written.
         """
-        report.save(self, Path(folder))
+        report.save(self, Path(folder), mjcf=mjcf)
 
     def plot(self, folder: Path | str | None = None) -> Any:
         """Draw measured and predicted torques, and the online estimates in time.

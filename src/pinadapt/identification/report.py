@@ -12,7 +12,7 @@ import numpy as np
 
 from .._output import Sheet, Table, whole_file, write_text
 from .._version import __version__
-from ..exceptions import ParameterError
+from ..exceptions import InputError, ParameterError
 from ..information.information import Information, identifiable, known_to
 from ..information.payload import PayloadEstimate, explanation_table
 from ..robot.motors import Gravity
@@ -30,6 +30,7 @@ FILES = (
     "learned.json",
     "learned.urdf",
     "intake.toml",
+    "learned.xml",
     "summary.json",
 )
 _HARDLY = 2.0  # gain up to which the estimate is hardly better than the description
@@ -328,8 +329,12 @@ def _load_summary(load: PayloadEstimate) -> dict[str, Any]:
     }
 
 
-def save(found: IdentifiedModel, folder: Path) -> None:
-    """Write arrays, numbers and the identified robot into a folder, each file atomically."""
+def save(found: IdentifiedModel, folder: Path, *, mjcf: bool = False) -> None:
+    """Write arrays, numbers and the identified robot into a folder, each file atomically.
+
+    Raises:
+        ParameterError: files of the robot that could not be written; all others are.
+    """
     arrays: dict[str, Any] = {
         "t": found.online.t,
         "a_k": found.online.a_k,
@@ -349,7 +354,14 @@ def save(found: IdentifiedModel, folder: Path) -> None:
     about = f"How {Path(found.log.source).name} was read."
     write_text(folder / "intake.toml", found.intake.text([about]))
     write_text(folder / "summary.json", json.dumps(summary(found), indent=2) + "\n")
-    found.robot.save(folder / "learned.urdf")
+    missing = []
+    for name in ("learned.urdf", "learned.xml")[: 1 + mjcf]:
+        try:
+            found.robot.save(folder / name)
+        except InputError as reason:
+            missing.append(f"{name}: {reason}")
+    if missing:
+        raise ParameterError("; ".join(missing), where="not written")
 
 
 class Pictures(NamedTuple):

@@ -169,6 +169,7 @@ class Shaft:
 
 
 _SIGNED = ("asymmetry", "offset")
+FRICTION_ATTRIBUTES = ("threshold", "load", *_SIGNED, "breakaway", "fading")  # (nv) each
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,7 +225,7 @@ class Friction:
             object.__setattr__(self, name, given)
         if self.viscous.size != self.coulomb.size:
             raise RobotError("viscous and coulomb have different sizes.", where="friction")
-        for name in ("load", *_SIGNED, "threshold", "breakaway", "fading"):
+        for name in FRICTION_ATTRIBUTES:
             given = numbers(getattr(self, name), f"friction.{name}", error=RobotError)
             given = np.full(self.viscous.size, given) if given.ndim == 0 else given
             if given.shape != self.viscous.shape:
@@ -249,6 +250,18 @@ class Friction:
         """Whether any joint has friction or an offset."""
         parts = (self.viscous, self.coulomb, self.load, self.asymmetry, self.offset)
         return bool(self.shafts) or any(part.any() for part in parts)
+
+    @property
+    def special(self) -> dict[str, np.ndarray]:
+        """The attributes (nv) beside viscous and coulomb that differ from their defaults."""
+        usual = Friction(self.viscous, self.coulomb)
+        every = {name: getattr(self, name) for name in FRICTION_ATTRIBUTES}
+        found = {
+            name: part
+            for name, part in every.items()
+            if not np.array_equal(part, getattr(usual, name))
+        }
+        return found if "breakaway" in found else {k: v for k, v in found.items() if k != "fading"}
 
     @cached_property
     def loaded(self) -> bool:

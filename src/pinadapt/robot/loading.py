@@ -34,7 +34,7 @@ from ..tasks.frame import TASKS, FrameTask
 from ..tasks.joint import JointTask
 from ..tasks.task import Task
 from . import changes
-from .changes import Friction
+from .changes import FRICTION_ATTRIBUTES, Friction
 from .home import MountingPlane, conditioning, find_home, home_inside_limits
 from .robot import Robot, Visual
 
@@ -242,9 +242,13 @@ def _with_joint_effects(robot: Robot) -> Robot:
         stated.get(name, float(rotor))
         for name, rotor in zip(robot.joint_names, model.armature, strict=True)
     ]
-    return robot.changed(
-        armature=armature, viscous=np.array(model.damping), coulomb=np.array(model.friction)
-    )
+    friction = Friction(np.array(model.damping), np.array(model.friction))
+    own: dict[str, Any] = {}
+    for name in FRICTION_ATTRIBUTES:
+        found = {} if robot.origin is None else robot.origin.urdf.joint_effects(name)
+        usual = zip(robot.joint_names, getattr(friction, name), strict=True)
+        own[name] = np.array([found.get(joint, default) for joint, default in usual])
+    return robot.changed(armature=armature, friction=replace(friction, **own))
 
 
 # The choice of a frame

@@ -26,6 +26,7 @@ from ..description.chain import (
     velocity_limits,
     warn_beyond_limits,
 )
+from ..description.mjcf_writer import WrittenShaft, mjcf_text
 from ..description.urdf import Origin
 from ..description.urdf_writer import WrittenChain, urdf_text
 from ..exceptions import RobotError
@@ -222,8 +223,9 @@ class Robot:
         a part of it. A moved task frame is written as its own fixed joint if it is a last link,
         else as a new link, named in the comment.
 
-        A URDF does not contain gravity or the placement of the base. Rotor inertias are written as
-        an attribute ``armature`` that only ``load(..., joint_effects=True)`` reads.
+        A URDF does not contain gravity or the placement of the base. Rotor inertias and effects of
+        the joints beside viscous and Coulomb friction are written as attributes of ``dynamics``
+        that only ``load(..., joint_effects=True)`` reads; shafts of two joints are not written.
 
         Args:
             shapes: whether to write the visual and collision shapes of the description; MuJoCo
@@ -232,24 +234,62 @@ class Robot:
         Raises:
             RobotError: a changed body without a physical inertia, or a source file that is missing.
         """
-        chain = WrittenChain(
+        chain, names = self._written(), self.joint_names
+        if shafts := ", ".join(part.name(names) for part in self.friction.shafts):
+            words = f"{self.remark} Not in a URDF: the motors that turn with {shafts}."
+            chain = replace(chain, remark=words.strip())
+        return urdf_text(chain, shapes=flag(shapes, "shapes"))
+
+    def mjcf(self) -> str:
+        """Return this robot as MJCF, the format of MuJoCo: the chain alone, without shapes.
+
+        It holds inertias, limits, rotor inertias (``armature``), viscous friction (``damping``),
+        Coulomb friction (``frictionloss``), constant torques (an actuator each) and shafts of two
+        joints (a fixed tendon each). A first comment says which effects of the joints it does not
+        hold. Each joint has a motor, the task frame is a site.
+
+        Raises:
+            RobotError: a body without a physical inertia.
+        """
+        friction, names = self.friction, self.joint_names
+        shafts = [
+            WrittenShaft(
+                part.name(names),
+                (names[part.joints[0]], names[part.joints[1]]),
+                (1.0, float(part.sign)),
+                part.armature,
+                part.viscous,
+                part.coulomb,
+            )
+            for part in friction.shafts
+        ]
+        lost = ", ".join(name for name in friction.special if name != "offset")
+        return mjcf_text(self._written(), friction.offset, shafts, lost)
+
+    def _written(self) -> WrittenChain:
+        """Return what a file holds of this robot."""
+        friction = self.friction
+        return WrittenChain(
             self.name,
             self.model,
             self.frame,
-            self.friction.viscous,
-            self.friction.coulomb,
+            friction.viscous,
+            friction.coulomb,
             self.origin,
             self.remark,
+            friction.special,
         )
-        return urdf_text(chain, shapes=flag(shapes, "shapes"))
 
     def save(self, path: Path | str, *, shapes: bool = True) -> None:
-        """Write the text of ``urdf`` to a file, completely or not at all; its folder is created.
+        """Write a file, completely or not at all; its folder is created.
+
+        It has the text of ``mjcf`` if its name ends with ".xml", else that of ``urdf``.
 
         Raises:
-            RobotError: as ``urdf``.
+            RobotError: as ``urdf`` or ``mjcf``.
         """
-        write_text(Path(path), self.urdf(shapes=shapes))
+        mjcf = Path(path).suffix == ".xml"
+        write_text(Path(path), self.mjcf() if mjcf else self.urdf(shapes=shapes))
 
     def undrawn(self) -> Robot:
         """Return this robot without its visual geometry, which controllers do not need."""

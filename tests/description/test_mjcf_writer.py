@@ -1,0 +1,94 @@
+"""Robots written as MJCF move in MuJoCo as in Pinocchio; effects of joints survive a URDF."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from pinadapt.description.chain import angles_from_configuration
+from tests.support.chains import catalogue_robot, random_state
+from tests.support.effects import with_everything
+
+mujoco = pytest.importorskip("mujoco")
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5", "scara", "kinova"])
+def test_accelerations_and_frames_are_those_of_the_robot(name):
+    rng = np.random.default_rng(4)
+    described = catalogue_robot(name)
+    n = described.model.nv
+    shaft = pa.robot.Shaft((n - 2, n - 1), -1, 0.03, 0.2, 0.4)
+    slides = list(described.slides.values())
+    shafts = (shaft,) if slides[-1] == slides[-2] else ()
+    friction = pa.Friction(
+        rng.uniform(0.1, 1.0, n), rng.uniform(0.1, 1.0, n), offset=rng.normal(size=n), shafts=shafts
+    )
+    robot = described.changed(armature=rng.uniform(0.01, 0.2, n), friction=friction)
+    model = mujoco.MjModel.from_xml_string(robot.mjcf())
+    data = mujoco.MjData(model)
+    assert [model.joint(i).name for i in range(n)] == robot.joint_names
+    np.testing.assert_allclose(model.dof_frictionloss, friction.coulomb)
+    np.testing.assert_allclose(model.dof_damping, friction.viscous)
+    if shafts:
+        np.testing.assert_allclose(model.tendon_frictionloss, shaft.coulomb)
+    for losses in (model.dof_frictionloss, model.tendon_frictionloss):
+        losses[:] = 0.0  # MuJoCo's constraints are soft, so they are compared by number alone
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
+    smooth = replace(
+        friction,
+        coulomb=np.zeros(n),
+        shafts=tuple(replace(part, coulomb=0.0) for part in friction.shafts),
+    )
+    plant = pa.plants.PinocchioPlant(robot.changed(friction=smooth))
+    for _ in range(3):
+        q, v, tau = random_state(robot, rng)
+        data.qpos[:] = angles_from_configuration(robot.model, q)
+        data.qvel[:], data.qfrc_applied[:] = v, tau
+        mujoco.mj_forward(model, data)
+        np.testing.assert_allclose(
+            data.qacc, plant.acceleration_at(q, v, tau), rtol=1e-5, atol=1e-5
+        )
+        site = data.site(robot.frame).xpos
+        np.testing.assert_allclose(site, robot.placement(q).translation, atol=1e-8)
+
+
+def test_a_special_friction_is_named_and_a_body_without_distribution_refused():
+    robot = catalogue_robot("ur5")
+    special = robot.changed(friction=pa.Friction(np.ones(6), np.ones(6), load=0.1, breakaway=1.5))
+    comment = special.mjcf().split("-->")[0]
+    assert "load" in comment and "breakaway" in comment and "offset" not in comment
+    model = robot.model.copy()
+    model.inertias[3] = pin.Inertia(1.0, np.zeros(3), np.diag([0.1, 0.1, 1.0]))
+    bad = pa.Robot(robot.name, model, robot.frame, robot.task, robot.q0, robot.friction)
+    with pytest.raises(pa.RobotError, match="elbow_joint"):
+        bad.mjcf()
+
+
+@pytest.mark.parametrize("name", ["ur5", "planar_2r"])
+def test_effects_of_joints_survive_a_urdf(name, tmp_path):
+    robot = with_everything(catalogue_robot(name), np.random.default_rng(1))
+    robot.save(tmp_path / "robot.urdf", shapes=False)
+    again = pa.load(tmp_path / "robot.urdf", frame=robot.frame, joint_effects=True)
+    for attribute in ("viscous", "coulomb", *robot.friction.special):
+        found, written = (getattr(part.friction, attribute) for part in (again, robot))
+        np.testing.assert_allclose(found, written)
+    np.testing.assert_allclose(again.model.armature, robot.model.armature)
+    text = (tmp_path / "robot.urdf").read_text()
+    assert "Not in a URDF: the motors that turn with" in text
+    plain = pa.load(tmp_path / "robot.urdf", frame=robot.frame)
+    assert not plain.friction.present
+
+
+def test_impossible_links_of_the_base_are_mended(tmp_path):
+    robot = catalogue_robot("ur5")
+    text = robot.urdf(shapes=False)
+    body = '<inertial><mass value="1e-6"/><inertia ixx="1e-8" ixy="9e-8" ixz="0" iyy="1e-8" '
+    body += 'iyz="0" izz="1e-8"/></inertial>'
+    link = f'<link name="antenna">{body}</link><joint name="mast" type="fixed">'
+    link += '<parent link="base_link"/><child link="antenna"/></joint></robot>'
+    (tmp_path / "antenna.urdf").write_text(text.replace("</robot>", link))
+    again = pa.load(tmp_path / "antenna.urdf", frame=robot.frame).urdf(shapes=False)
+    assert "impossible inertia of antenna" in again
+    mujoco.MjModel.from_xml_string(again)
