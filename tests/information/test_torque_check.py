@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
+from benchmarks import corrupted_logs
 from pinadapt.description.chain import effort_limits
-from pinadapt.information.torque_check import on_wall, torque_check
+from pinadapt.information.torque_check import check_torques, on_wall
 from tests.support.chains import catalogue_robot
 from tests.support.paths import ROOT
 from tests.support.recorded import motion, recorded, torques
@@ -26,7 +27,7 @@ def panda():
 
 def causes(log, robot):
     """Return words and options of the likely causes in one text."""
-    check = torque_check(log, robot)
+    check = check_torques(log, robot)
     assert check.fits != bool(check.causes)
     return " ".join(str(cause) for cause in check.causes)
 
@@ -45,7 +46,7 @@ def turned(log, order, parts=("q", "v", "tau")):
 
 def test_the_log_of_a_real_arm_fits():
     log, robot = panda()
-    check = torque_check(log, robot)
+    check = check_torques(log, robot)
     judged = [one for one in check.joints if one.judged]
     assert check.fits and len(judged) >= 4
     assert all(0.65 < one.factor < 2.0 and one.correlation > 0.79 for one in judged)
@@ -55,14 +56,14 @@ def test_the_log_of_a_real_arm_fits():
 
 def test_a_hand_that_is_not_mounted_is_found_and_does_no_harm():
     log, robot = panda()
-    (note,) = torque_check(log, robot).notes
+    (note,) = check_torques(log, robot).notes
     assert "panda_hand, panda_leftfinger, panda_rightfinger (0.76 kg)" in note
     bare = robot.changed()
     for frame in bare.model.frames:
         if str(frame.name) in ("panda_hand_joint", "panda_finger_joint1", "panda_finger_joint2"):
             bare.model.inertias[7] -= frame.placement * frame.inertia
-    assert abs(torque_check(log, bare).load[0]) < 0.2
-    assert torque_check(log, bare).notes == () and torque_check(log, bare).fits
+    assert abs(check_torques(log, bare).load[0]) < 0.2
+    assert check_torques(log, bare).notes == () and check_torques(log, bare).fits
 
 
 def mistakes():
@@ -177,7 +178,7 @@ def unlike(name, seed, loaded):
 @pytest.mark.parametrize("name", RATED)
 def test_wrong_inertias_friction_noise_and_loads_are_no_mistakes(name, loaded):
     for seed in range(3):
-        check = torque_check(*unlike(name, seed, loaded))
+        check = check_torques(*unlike(name, seed, loaded))
         assert check.fits, check
         assert all("a load of" in note for note in check.notes), check.notes
 
@@ -187,15 +188,15 @@ def test_too_little_torque_is_not_judged():
     t = np.arange(0.0, 3.0, 0.01)
     still = np.zeros((len(t), 2))
     log = pa.Log(t, still + 0.3, still + np.sin(5.0 * t)[:, None], still)
-    check = torque_check(log, robot)
+    check = check_torques(log, robot)
     assert check.fits and "too little torque to judge" in check.verdict
     assert np.isnan(check.gravity).all()
 
 
 def test_the_table_shows_factors_and_the_summary_is_json():
     log, robot = panda()
-    check = torque_check(replace(log, tau=-log.tau), robot)
-    assert "DOES NOT FIT" in str(check) and "too little to judge" in str(torque_check(log, robot))
+    check = check_torques(replace(log, tau=-log.tau), robot)
+    assert "DOES NOT FIT" in str(check) and "too little to judge" in str(check_torques(log, robot))
     summary = json.loads(json.dumps(check.summary(), allow_nan=False))
     assert summary["joints"][1]["factor"] == pytest.approx(-0.93, abs=0.05)
     assert not summary["fits"] and summary["causes"][0]["option"] == "--torque-gain=-1"
@@ -206,10 +207,22 @@ def test_gaps_and_samples_that_are_not_finite_are_left_out():
     tau, kept = log.tau.copy(), np.ones(len(log.t), bool)
     tau[100:120], kept[300:420] = np.nan, False
     parts = {part: getattr(log, part)[kept] for part in ("t", "q", "v")}
-    check = torque_check(
+    check = check_torques(
         replace(log, tau=tau[kept], x=None, x_time=None, **parts), robot := catalogue_robot("ur5")
     )
-    whole = torque_check(log, robot)
+    whole = check_torques(log, robot)
     assert check.fits
     for one, other in zip(check.joints[:3], whole.joints[:3], strict=True):
         assert one.factor == pytest.approx(other.factor, rel=0.2)
+
+
+@pytest.mark.slow
+def test_no_mistake_of_the_benchmark_is_accepted():
+    log, robot = panda()
+    names = []
+    for what, case in corrupted_logs.mistakes(log, robot, catalogue_robot("xarm7")):
+        accepted, words = corrupted_logs.checked(*case)
+        assert not accepted, (what, words)
+        names.append(what)
+    assert len(names) == len(set(names)) == 30
+    assert corrupted_logs.checked(log, robot)[0]

@@ -14,7 +14,7 @@ from ..exceptions import InputError, ParameterError, TorqueMismatchError
 from ..identification.identification import Identification, log_and_robot
 from ..identification.identification import identify as identify_log
 from ..identification.report import FILES
-from ..information.torque_check import torque_check
+from ..information.torque_check import check_torques
 from ..logs.intake import MOUNTS, REPEATED, SUFFIX, Intake, place_beside
 from ..robot.loading import load
 from ..robot.robot import Robot
@@ -271,7 +271,7 @@ def _write_intake(options: argparse.Namespace, intake: Intake) -> int:
     place = options.intake or place_beside(options.log)
     robot, _ = _robot_and_unknown(options)
     log, described = log_and_robot(options.log, robot, intake, None)
-    check = torque_check(log, described)
+    check = check_torques(log, described)
     about = [
         f"How {options.log.name} is read by `pinadapt identify`, as a log of {robot.name}.",
         f"Joints: {', '.join(robot.joint_names)}.",

@@ -16,7 +16,7 @@ from ..adaptation.adaptation import Adaptation
 from ..controller.estimator import Estimator
 from ..exceptions import InputError, LogError, ParameterError, TorqueMismatchError
 from ..information.measured_motion import MeasuredMotion, motion_of_log
-from ..information.torque_check import on_wall, torque_check
+from ..information.torque_check import check_torques, on_wall
 from ..logs.formats import read_log
 from ..logs.intake import REPLACED, Intake
 from ..logs.log import Log
@@ -135,7 +135,7 @@ def identify(
     description are chosen by cross-validation in the learning part, see ``choose_effects``. An
     ``Estimator`` also runs through the log sample by sample, as it would on the robot. The last
     quarter of the log is held out once, to measure how well the rest predicts it. Before anything
-    is learned, ``torque_check`` compares the torques with the description.
+    is learned, ``check_torques`` compares the torques with the description.
 
     Args:
         log: a file, folder or ``Log``, see ``read_log``; or a rollout.
@@ -177,7 +177,7 @@ def identify(
     if not (dynamics.size or kinematics.size):
         raise InputError("nothing is unknown, so there is nothing to identify.", where="identify")
     physical_set(dynamics, nominal)  # refuses other parameters
-    check = torque_check(found, described) if dynamics.size else None
+    check = check_torques(found, described) if dynamics.size else None
     if check is not None and not check.fits and not intake.doubtful:
         raise TorqueMismatchError(
             check.verdict,

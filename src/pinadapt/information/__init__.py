@@ -6,4 +6,4 @@ from .motion_torques import TorquePrediction as TorquePrediction
 from .motion_torques import along_excited as along_excited
 from .payload import PayloadEstimate as PayloadEstimate
 from .torque_check import TorqueCheck as TorqueCheck
-from .torque_check import torque_check as torque_check
+from .torque_check import check_torques as check_torques

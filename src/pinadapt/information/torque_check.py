@@ -52,7 +52,8 @@ _FACTORS = (0.5, 2.2)  # between which a joint is as described
 _USUAL = (0.65, 2.0)  # between which residuals are compared
 _CLEAR, _LEAST = 0.75, 0.4  # correlations: of a clear relation, and of one that may be there
 _VISIBLE = 0.05  # of the largest described torque, from where on a joint is judged
-_AGAINST = 0.01  # of it, from where on a wrong sign is seen
+_AGAINST = 0.01  # of it, from where on a wrong sign is seen; of the torques likewise
+_CLOSE = 0.2  # of the torques of judged joints, that a good explanation leaves
 _CLAIMED = 0.3  # of the torque, from where on a description must be seen in it
 _DRIVING = 0.6  # of a joint's torque that follows its velocity, which then has the wrong sign
 _FOREIGN = 0.4  # of a joint's torque that follows another joint's velocity rather than its own
@@ -257,8 +258,10 @@ class _TorqueFit(NamedTuple):
 
     Attributes:
         factor, correlation: see the module.
-        described, torque: root mean squares without friction.
-        left: what neither the description nor friction explains, a share of the torque.
+        described, torque: root mean squares without friction [N m or N].
+        whole: that of the torque with friction [N m or N].
+        left: what neither the description nor friction explains, a share of the torque, at most
+            one: then the description is worse than none.
         driving: share of the torque that follows the velocity with the sign of a motor.
         foreign: share of what the description leaves that follows another joint's velocity,
             less the share that follows its own.
@@ -268,6 +271,7 @@ class _TorqueFit(NamedTuple):
     correlation: np.ndarray
     described: np.ndarray
     torque: np.ndarray
+    whole: np.ndarray
     left: np.ndarray
     driving: np.ndarray
     foreign: np.ndarray
@@ -276,12 +280,18 @@ class _TorqueFit(NamedTuple):
     def against(self) -> np.ndarray:
         """Whether a joint (n) shows clearly that its torque has the wrong sign."""
         seen = self.described > max(_AGAINST * self.described.max(initial=0.0), _ZERO)
-        return np.asarray(seen & (self.correlation <= -_CLEAR) | (self.driving >= _DRIVING))
+        driven = self._strong & (self.driving >= _DRIVING)
+        return np.asarray(seen & (self.correlation <= -_CLEAR) | driven)
 
     @property
     def wrong(self) -> np.ndarray:
-        """Whether a joint (n) is wrong by its sign or by its friction, whatever its size."""
-        return np.asarray(self.against | (self.foreign >= _FOREIGN))
+        """Whether a joint (n) is wrong by its sign or by its friction, even a weak one."""
+        return np.asarray(self.against | (self._strong & (self.foreign >= _FOREIGN)))
+
+    @property
+    def _strong(self) -> np.ndarray:
+        """Whether the torque of a joint (n) is more than the noise of the others may be."""
+        return np.asarray(self.whole > _AGAINST * self.whole.max(initial=0.0))
 
     @property
     def judged(self) -> np.ndarray:
@@ -300,9 +310,10 @@ class _TorqueFit(NamedTuple):
     @property
     def close(self) -> bool:
         """Whether all judged joints are as described to within what is usual."""
-        factor, correlation = self.factor[self.judged], self.correlation[self.judged]
-        low, high = _USUAL[0], 1.0 / _USUAL[0]
-        return bool(((factor > low) & (factor < high) & (correlation > _CLEAR)).all())
+        part = self.judged
+        left, factor, correlation = self.left[part], self.factor[part], self.correlation[part]
+        usual = (factor > _USUAL[0]) & (factor < _USUAL[1]) & (correlation > _CLEAR)
+        return bool(usual.all() and math.sqrt(np.mean(left**2)) < _CLOSE)
 
     @property
     def score(self) -> float:
@@ -337,7 +348,7 @@ class _Load(NamedTuple):
     torque: np.ndarray
 
 
-def torque_check(log: Log, robot: Robot) -> TorqueCheck:
+def check_torques(log: Log, robot: Robot) -> TorqueCheck:
     """Compare the torques of a log with those that a description predicts.
 
     Args:
@@ -434,7 +445,7 @@ def _fit(
     size, level, both = np.linalg.norm(d, axis=0), np.linalg.norm(t, axis=0), (t * d).sum(axis=0)
     factor = np.where(size > _ZERO, both / np.maximum(size, _ZERO) ** 2, 0.0)
     usual, seen = np.clip(factor, *_USUAL), (size > _ZERO) & (level > _ZERO)
-    rest = tau - usual * described
+    rest = tau - factor * described
     shares = np.array([((basis.T @ rest) ** 2).sum(axis=0) for basis in motion.friction])
     shares /= np.maximum((rest**2).sum(axis=0), _ZERO**2)  # (i, j): of joint j, by friction of i
     own = np.diag(shares).copy()
@@ -446,7 +457,8 @@ def _fit(
         np.where(seen, both / np.maximum(size * level, _ZERO**2), 0.0),
         size / math.sqrt(len(tau)),
         level / math.sqrt(len(tau)),
-        np.linalg.norm(t - usual * d, axis=0) / whole,
+        whole / math.sqrt(len(tau)),
+        np.minimum(np.linalg.norm(t - usual * d, axis=0) / whole, 1.0),
         np.where(moving, -power / np.maximum(whole * speed, _ZERO**2), 0.0),
         shares.max(axis=0) - own,
     )
@@ -614,7 +626,8 @@ class _Comparison:
             yield from self._mended(Cause(words, option), 1, turned, motion.tau * sign)
             for quarter in (1, -1, 2) if not slides[j] else ():
                 shift = 0.5 * math.pi * quarter
-                words = f"the zero of {name} is {-90 * quarter} degrees from the described one"
+                words = f"the zero of {name} is {-90 * quarter} degrees from the described one, if "
+                words += "this is not the log of another robot"
                 moved = motion.turned(np.ones(n), shift * here)
                 yield from self._mended(Cause(words, f"--offset {name}={shift:.6g}"), 1, moved)
 
@@ -713,7 +726,7 @@ class _Comparison:
         vector = ",".join(f"{size * x + 0.0:.3g}" for x in direction)
         words = f"the base is mounted {place}: the torques show a gravity along ({arrow}) of it"
         cause = Cause(words, f"--gravity={vector}{mount.get(place, '')}")
-        yield from self._mended(cause, 2, gravity=size * direction)
+        yield from self._mended(cause, 1, gravity=size * direction)
 
     def _orders(self) -> Iterator[_Explanation]:
         """Yield explanations by columns in another order."""
