@@ -2,7 +2,7 @@
 
 ``python -m benchmarks.adaptations [--robots NAMES] [--realities NAMES] [--processes N]`` runs the
 case of the zoo (tool, load, inertias and friction unknown, a circle) with the default law, also
-with a lag of K_D of 10 ms in place of two periods. A reality adds encoders, which are declared to
+each with the lag of K_D that the other has, 10 ms beside a memory and 2 ms. A reality adds encoders, which are declared to
 the controller; a load twice as heavy from half of the run on, announced or not; motors that are
 late and joints that give way, which nobody declares; a slower loop; or friction that the user calls
 known though the model has none.
@@ -41,7 +41,7 @@ ADAPTATIONS: dict[str, dict[str, Any]] = {
     "natural": {"adaptation": "natural"},
     "natural-memory": {"adaptation": "natural-memory"},
     "none, lag 10 ms": {"adaptation": "none", "lag": 0.01},
-    "natural-memory, lag 10 ms": {"adaptation": "natural-memory", "lag": 0.01},
+    "natural-memory, lag 2 ms": {"adaptation": "natural-memory", "lag": 2e-3},
     "none, declared": {"adaptation": "none"},
     "natural, declared": {"adaptation": "natural"},
     "natural-memory, declared": {"adaptation": "natural-memory"},
