@@ -2,10 +2,10 @@
 
 ``python -m benchmarks.adaptations [--robots NAMES] [--realities NAMES] [--processes N]`` runs the
 case of the zoo (tool, load, inertias and friction unknown, a circle) with the default law, also
-each with the lag of K_D that the other has, 10 ms beside a memory and 2 ms. A reality adds encoders, which are declared to
-the controller; a load twice as heavy from half of the run on, announced or not; motors that are
-late and joints that give way, which nobody declares; a slower loop; or friction that the user calls
-known though the model has none.
+without adaptation with the lag of K_D that a memory has, and the other way round. A reality adds
+encoders, which are declared to the controller; a load twice as heavy from half of the run on,
+announced or not; motors that are late and joints that give way, which nobody declares; a slower
+loop; or friction that the user calls known though the model has none.
 
 Of the last tenth of a run are the largest error relative to the radius and the rms change of the
 torque between samples; the mass is the estimated one of all bodies over the true one, its inverse
