@@ -51,7 +51,7 @@ def test_an_obstacle_is_waited_out(ur5):
 def test_an_obstacle_is_waited_out_with_a_memory_too(ur5):
     """It takes the obstacle for inertia while that lasts, and contradicts itself afterwards."""
     long = run(*ur5, 10.0, governed=True, plant=HeldLonger, dt=DT)
-    assert long["lost"] is None and long["largest"] < 45.0 and long["last"] < 0.5
+    assert long["lost"] is None and long["largest"] < 60.0 and long["last"] < 0.5
     (slowed,) = long["slowed"]
     assert slowed["from"] == pytest.approx(2.0, abs=0.15) and slowed["least_rate"] < 1e-3
 
@@ -103,6 +103,14 @@ def test_on_runs_that_go_well_it_never_acts(name):
     true, model = unknown(catalogue_robot(name))
     found = run(true, model, begun(pa.reachable_circle(model), true), 1.0, governed=True)
     assert found["lost"] is None and found["slowed"] == [] and found["late"] == 0.0
+
+
+def test_a_light_wrist_that_the_load_spins_is_waited_for():
+    true, model = unknown(catalogue_robot("ur10"))
+    found = run(true, model, begun(pa.reachable_circle(model), true), 2.0, governed=True)
+    (slowed,) = found["slowed"]
+    assert slowed["cause"] == "error" and slowed["least_rate"] > 0.9
+    assert found["lost"] is None and found["last"] < 0.1 and found["late"] < 0.1
 
 
 def test_a_rollout_says_what_slowed_it(ur5, tmp_path, blank_pictures):

@@ -465,7 +465,7 @@ def test_with_its_memory_it_errs_more_for_a_moment_and_less_afterwards(settings)
     with_one, without = ran(*settings), ran(*settings, NATURAL)
     for transient, other in zip(with_one.transients, without.transients, strict=True):
         assert transient.worst < 2.0 * max(other.worst, 0.5e-3) and transient.back < 0.3
-    assert with_one.distance[-500:].max() < 0.1 * without.distance[-500:].max()
+    assert with_one.distance[-500:].max() < 0.3 * without.distance[-500:].max()
 
 
 def test_the_scenario_and_simulate_agree():

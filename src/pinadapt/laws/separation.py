@@ -235,7 +235,9 @@ class Separation(Law):
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return tau = Y a_d - K_D s, and the drives of both estimates."""
-        M_0 = self.M_0(s.q) if self.M_0 is not None and self.lag else None
+        M_0, limit = None, None
+        if self.M_0 is not None and self.lag:
+            M_0, limit = self.M_0(s.q), self._limit(s.filtered.age)
         u, ud = self._reference(s)
         kinematic = self._kinematic_drive(s)
         a_k_rate = model.adaptation_k.rate(model.kinematic, kinematic).value
@@ -249,11 +251,11 @@ class Separation(Law):
             v, qdd_r = v - noise, qdd_r + self.alpha * (noise - s.inverse.null(noise))
         # tau = Y(q, qd, qd_r, qdd_r) a_d - K_D s
         Y, feedforward = model.dynamics.slotine_li(s.q, v, qd_r, qdd_r)
-        if M_0 is None:
+        if limit is None:
             kernels.subtract_damping(feedforward, self.K_v, s.v, qd_r, error, torque)
         else:
             kernels.subtract_limited_damping(
-                feedforward, self.K_v, M_0, *self._limit(s.filtered.age), s.v, qd_r, error, torque
+                feedforward, self.K_v, M_0, *limit, s.v, qd_r, error, torque
             )
         return Command(torque, Drives(Drive(Y, error), kinematic))
 
