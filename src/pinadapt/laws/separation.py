@@ -251,7 +251,7 @@ class Separation(Law):
             v, qdd_r = v - noise, qdd_r + self.alpha * (noise - s.inverse.null(noise))
         # tau = Y(q, qd, qd_r, qdd_r) a_d - K_D s
         Y, feedforward = model.dynamics.slotine_li(s.q, v, qd_r, qdd_r)
-        if limit is None:
+        if M_0 is None or limit is None:
             kernels.subtract_damping(feedforward, self.K_v, s.v, qd_r, error, torque)
         else:
             kernels.subtract_limited_damping(
