@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
+from pinadapt.cli.command_line import main
 from pinadapt.description.catalogue import robots_folder
 from pinadapt.laws.law import Feedback
 from pinadapt.robot import Actuators
@@ -219,3 +220,16 @@ def test_a_scenario_declares_actuators():
     ):
         with pytest.raises(pa.InputError, match=r"actuators"):
             Scenario.read(path, [wrong])
+
+
+def test_the_comments_of_a_new_scenario_declare_and_simulate_actuators(tmp_path):
+    """Both lines work once their # is removed."""
+    file = tmp_path / "ur5.toml"
+    assert main(["init", "ur5", "--out", str(file)]) == 0
+    text = file.read_text()
+    assert text.count("\n# actuators = {") == 2
+    file.write_text(text.replace("\n# actuators = {", "\nactuators = {"))
+    scenario = Scenario.read(file)
+    own = Actuators(delay=4e-3, bandwidth=200.0)
+    assert scenario.engine.actuators == scenario.controller.limits.actuators == own
+    assert scenario.engine.actuators is not scenario.controller.limits.actuators

@@ -439,6 +439,8 @@ def _controller(template: Template) -> Table:
     )
     for key, value, meaning in default_gains(controller):
         _option(table, f"{key} = {value}", meaning, 20)
+    meaning = "gains for late motors, or stiffness"
+    _option(table, "actuators = { delay = 0.004, bandwidth = 200.0 }", meaning, 20)
     return table
 
 
