@@ -1,11 +1,11 @@
 """A memory of all torques beside "natural" and none, in realities that no proof knows.
 
-``python -m benchmarks.adaptations [--robots NAMES] [--realities NAMES] [--processes N]`` runs the
-case of the zoo (tool, load, inertias and friction unknown, a circle) with the default law, also
-without adaptation with the lag of K_D that a memory has, and the other way round. A reality adds
-encoders, which are declared to the controller; a load twice as heavy from half of the run on,
-announced or not; motors that are late and joints that give way, which nobody declares; a slower
-loop; or friction that the user calls known though the model has none.
+``python -m benchmarks.adaptations [--robots NAMES] [--realities NAMES] [--adaptations NAMES]``
+runs the case of the zoo (tool, load, inertias and friction unknown, a circle) with the default law,
+also without adaptation with the lag of K_D that a memory has, and the other way round. A reality
+adds encoders, which are declared to the controller; a load twice as heavy from half of the run on,
+announced or not; motors that are late and joints that give way, declared or not; a slower loop; or
+friction that the user calls known though the model has none.
 
 Of the last tenth of a run are the largest error relative to the radius and the rms change of the
 torque between samples; the mass is the estimated one of all bodies over the true one, its inverse
@@ -193,11 +193,13 @@ def report(rows: Iterable[Mapping[str, Any]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in table)
 
 
-def chosen(robots: Sequence[str], realities: Sequence[str]) -> list[tuple[str, str, str]]:
+def chosen(
+    robots: Sequence[str], realities: Sequence[str], kinds: Sequence[str]
+) -> list[tuple[str, str, str]]:
     """Return robot, reality and adaptation of each run."""
     return [
         (robot, reality, kind)
-        for reality, robot, kind in product(realities, robots, ADAPTATIONS)
+        for reality, robot, kind in product(realities, robots, kinds)
         if DECLARED not in kind or REALITIES[reality].actuators is not None
     ]
 
@@ -208,12 +210,14 @@ def main() -> None:
     parser.add_argument("--save", type=Path, default=HERE / "adaptations.json")
     parser.add_argument("--robots", default=",".join(ROBOTS))
     parser.add_argument("--realities", default=",".join(REALITIES))
+    parser.add_argument("--adaptations", default="; ".join(ADAPTATIONS), help="with ; in between")
     parser.add_argument("--processes", type=int, default=None)
     parser.add_argument("--again", action="store_true", help="run also what is in the file")
     options = parser.parse_args()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     rows = saved(options.save)
-    runs = chosen(options.robots.split(","), options.realities.split(","))
+    kinds = [kind.strip() for kind in options.adaptations.split(";")]
+    runs = chosen(options.robots.split(","), options.realities.split(","), kinds)
     missing = [run for run in runs if options.again or ", ".join(run) not in rows]
     with ProcessPoolExecutor(options.processes, mp_context=get_context("spawn")) as pool:
         coming = [pool.submit(measure, *run) for run in missing]

@@ -1,5 +1,7 @@
 """Actuators that are declared: gains, rates and the check before a run follow from them."""
 
+import warnings
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -192,6 +194,15 @@ def test_the_elastic_mode_of_one_joint():
     M = float(pin.crba(robot.model, robot.model.createData(), robot.q0)[0, 0]) - 0.3
     assert elastic_mode(robot, Actuators(stiffness=500.0)) == pytest.approx(np.sqrt(500.0 / M))
     assert elastic_mode(robot, Actuators(delay=1e-3)) == np.inf
+
+
+def test_joints_softer_than_the_feedback_are_warned_of():
+    robot = catalogue_robot("ur5")
+    with pytest.warns(UserWarning, match=r"the links swing on joints of 1e\+03 N m/rad at .* Hz"):
+        made(robot, Actuators(stiffness=1e3))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        made(robot, Actuators(stiffness=5e3))
 
 
 def test_what_is_no_declaration_is_refused():

@@ -34,7 +34,7 @@ from ..robot.changes import Payload
 from ..robot.motors import Actuators, Compensation, compensation_of
 from ..robot.robot import Robot
 from ..tasks.joint import JointTask
-from .defaults import LATE, bandwidth, feedback_lag, slowest_share
+from .defaults import LATE, bandwidth, elastic_mode, feedback_lag, slowest_share
 from .noise import (
     SIGMA,
     Given,
@@ -400,6 +400,13 @@ def _tuned(
     share = stable_share_of_feedback(
         lambda share: slowed(share).feedback(motion), dt, motion, actuators, K_f
     )
+    if (swing := elastic_mode(motion.robot, actuators)) < motion.bandwidth:
+        warnings.warn(
+            f"the links swing on {actuators.words} at {swing / (2.0 * math.pi):.2g} Hz, slower than "
+            f"this feedback, {motion.bandwidth / (2.0 * math.pi):.2g} Hz: a controller for rigid "
+            "joints follows no motion with them. Check the unit of the stiffness.",
+            stacklevel=6,
+        )
     if share < _HARDLY and not actuators.ideal:
         warnings.warn(
             f"with {actuators.words} the feedback is stable up to {share:.2g} of the bandwidth "
