@@ -403,8 +403,8 @@ def _tuned(
     if (swing := elastic_mode(motion.robot, actuators)) < motion.bandwidth:
         warnings.warn(
             f"the links swing on {actuators.words} at {swing / (2.0 * math.pi):.2g} Hz, slower "
-            f"than this feedback, {motion.bandwidth / (2.0 * math.pi):.2g} Hz: a controller for rigid "
-            "joints follows no motion with them. Check the unit of the stiffness.",
+            f"than this feedback, {motion.bandwidth / (2.0 * math.pi):.2g} Hz: a controller for "
+            "rigid joints follows no motion with them. Check the unit of the stiffness.",
             stacklevel=6,
         )
     if share < _HARDLY and not actuators.ideal:
