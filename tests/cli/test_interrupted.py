@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.cli.command_line import main
-from pinadapt.cli.status import stopped_by_signals
+from pinadapt.cli.command_line import main, stopped_by_signals
 from pinadapt.description.catalogue import robots_folder
 from tests.support.loops import circle_at_home
 

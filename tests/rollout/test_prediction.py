@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.information.motion_torques import GrowingTorques
+from pinadapt.information.information import GrowingTorques
 from tests.support.chains import catalogue_robot
 from tests.support.loops import run
 

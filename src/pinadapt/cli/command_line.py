@@ -1,21 +1,28 @@
-"""The ``pinadapt`` command."""
+"""The ``pinadapt`` command: its commands, exit statuses, and signals that end it."""
 
 from __future__ import annotations
 
 import argparse
 import gc
 import io
+import signal
 import sys
+import threading
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .._version import __version__
 from ..exceptions import InputError, PinadaptError
-from .status import DIVERGED, DONE, INTERRUPTED, REFUSED, stopped_by_signals
+
+if TYPE_CHECKING:
+    from ..rollout.rollout import Rollout
+
+DONE, REFUSED, DIVERGED, INCOMPLETE, INTERRUPTED = 0, 2, 3, 4, 130
 
 # Each command is a module of this folder: its ``arguments(parser)`` adds the arguments, and its
 # function of the same name runs the command and returns the exit status.
@@ -35,13 +42,16 @@ _COMMANDS = {
 
 
 _GARBAGE = (100_000, 50, 100)  # how seldom to search for it: by default a tenth of a run's time
+_ENDING = [
+    getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)
+]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status.
 
     0: done; 2: the input was refused, or some outputs could not be written; 3: the closed loop
-    diverged; 130: interrupted.
+    diverged; 4: done in part, see the message; 130: interrupted.
     """
     _replace_unprintable_characters()
     if arguments is None:  # a process of its own, in which nearly all of the many objects stay
@@ -129,3 +139,32 @@ def _show_warning(
     message: Any, category: Any, filename: str, lineno: int, file: Any = None, line: Any = None
 ) -> None:
     print(f"pinadapt: warning: {message}", file=sys.stderr)
+
+
+def status_of(*rollouts: Rollout) -> int:
+    """Return the exit status of a command that ran these rollouts."""
+    if interrupted(rollouts):
+        return INTERRUPTED
+    return DONE if all(rollout.diverged is None for rollout in rollouts) else DIVERGED
+
+
+def interrupted(rollouts: Sequence[Rollout]) -> bool:
+    """Tell whether the last rollout was interrupted, so that no other should start."""
+    return bool(rollouts) and rollouts[-1].interrupted is not None
+
+
+@contextmanager
+def stopped_by_signals() -> Iterator[None]:
+    """Let SIGTERM, or the SIGHUP of a closed terminal, stop the work as Ctrl-C does.
+
+    Signals that already have a handler, for example by ``nohup``, are left unchanged.
+    """
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        free = [number for number in _ENDING if signal.getsignal(number) is signal.SIG_DFL]
+        before = {number: signal.signal(number, signal.default_int_handler) for number in free}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

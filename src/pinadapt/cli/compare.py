@@ -18,9 +18,9 @@ from ..scenario.scenario import Scenario
 from ..tasks.joint import JointTask
 from ..tasks.task import DISPLAYS
 from .arguments import add_out, add_scenario, add_unadapted, names
+from .command_line import DONE, INTERRUPTED, interrupted
 from .outputs import RUN_FILES, check_place, write_run
 from .run import run_beside, unadapted
-from .status import DONE, INTERRUPTED, interrupted
 
 TABLE, FIGURE = "compare.json", "compare.png"
 _ERRORS = 7  # number of columns up to the errors

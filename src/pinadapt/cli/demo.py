@@ -14,9 +14,9 @@ from ..exceptions import UnusedGainWarning
 from ..rollout.rollout import Rollout
 from ..scenario.scenario import Scenario
 from .arguments import add_out
+from .command_line import interrupted, status_of
 from .compare import comparison_table
 from .outputs import check_place, run_scenario, write_run
-from .status import interrupted, status_of
 
 _GRADIENT = ('controller.adaptation="gradient"', "controller.gamma_d=[4.5, 1.5, 1.5]")
 _PLANAR, _PANDA = "planar_2r/wang_xie_2009.toml", "panda/tool_and_load.toml"

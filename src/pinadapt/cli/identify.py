@@ -21,8 +21,8 @@ from ..robot.robot import Robot
 from ..scenario.scenario import Scenario
 from ..tuning.unknowns import Unknown
 from .arguments import add_description, add_out, assignment, names
+from .command_line import DONE, INCOMPLETE, REFUSED
 from .outputs import RUN_FILES, steps_bar
-from .status import DONE, INCOMPLETE, REFUSED
 
 _SCENARIO = ".toml"
 

@@ -10,8 +10,8 @@ from ..rollout.rollout import Rollout
 from ..rollout.summary import sheet
 from ..scenario.scenario import Scenario
 from .arguments import add_out, add_scenario, add_unadapted
+from .command_line import status_of
 from .outputs import check_place, run_scenario, write_run
-from .status import status_of
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

@@ -9,8 +9,8 @@ from ..exceptions import InputError
 from ..scenario.scenario import Scenario
 from ..view.live import open_in_browser
 from .arguments import add_settings
+from .command_line import status_of
 from .outputs import run_scenario
-from .status import status_of
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

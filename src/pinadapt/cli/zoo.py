@@ -14,8 +14,8 @@ from ..description.catalogue import catalogue_entry
 from ..laws import DEFAULT, LAWS
 from ..zoo.experiment import CONVERGED, POSE, ZooRow, run_zoo, zoo_names
 from .arguments import add_out, add_seed, names, positive
+from .command_line import DONE, INTERRUPTED
 from .outputs import rows_bar
-from .status import DONE, INTERRUPTED
 
 TABLE = "zoo.json"
 _DEGREES = 180.0 / math.pi

@@ -19,9 +19,8 @@ from .catalogue import catalogue, catalogue_entry
 from .chain import check_names, check_numbers
 from .missing_inertia import with_inertias
 from .mjcf import Mjcf, keyframe
-from .urdf import Urdf, is_path
+from .urdf import Urdf, is_path, read_xml
 from .xacro import XacroArguments
-from .xml_file import read_xml
 
 Source: TypeAlias = "str | Path | pin.Model | RobotWrapper"
 Geometry: TypeAlias = Callable[[pin.GeometryType], "pin.GeometryModel | None"]

@@ -13,8 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..exceptions import RobotError
-from .urdf import flaw_of_numbers
-from .xml_file import read_xml, xml_text
+from .urdf import flaw_of_numbers, read_xml, xml_text
 
 _COMPILED = (
     "Let MuJoCo write the compiled model as one plain file: mujoco.mj_saveLastXML(path, model)."

@@ -12,8 +12,8 @@ import pinocchio as pin
 from .._version import __version__
 from ..exceptions import RobotError
 from .chain import effort_limits, is_physical, is_slide, links_of, position_limits
+from .urdf import xml_text
 from .urdf_writer import WrittenChain, axis_of, digits, free_name
-from .xml_file import xml_text
 
 _LARGEST = 1e3  # [rad or m] position limits beyond which there are none
 

@@ -1,4 +1,4 @@
-"""Reading a URDF file, or a xacro file that expands to one."""
+"""Reading XML, a URDF file, or a xacro file that expands to one."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from xml.parsers.expat import ExpatError, ParserCreate, errors
 
 import coal
 import numpy as np
@@ -15,13 +16,13 @@ import pinocchio as pin
 
 from ..exceptions import RobotError
 from .xacro import WHERE_PACKAGES_ARE, Packages, XacroArguments, expand, is_xacro
-from .xml_file import parse_xml, read_xml, xml_text
 
 _DEEPEST = 3200  # links in one chain; the recursion of Pinocchio needs more stack than 8 MB beyond
 _BOUNDED = ("revolute", "prismatic")
 _LIMITS = ("effort", "velocity")  # attributes of <limit> that URDF requires
 _SHOWN = 3  # unreadable meshes that a warning lists
 _HINT = "Write numbers with a decimal point, and separate several numbers by spaces."
+_UNBOUND = errors.codes[errors.XML_ERROR_UNBOUND_PREFIX]
 # element -> attribute -> count of its numbers
 _NUMBERS: dict[str, dict[str, int]] = {
     "origin": {"xyz": 3, "rpy": 3},
@@ -320,3 +321,75 @@ def _flaw(mesh: ElementTree.Element, packages: Packages, loader: coal.MeshLoader
     except Exception as error:  # the parser of many formats raises errors of any kind
         return str(error).strip().splitlines()[-1]
     return None
+
+
+def read_xml(path: Path) -> ElementTree.Element:
+    """Return the root element of an XML file, without its comments.
+
+    Raises:
+        RobotError: no such file, or not well-formed XML.
+    """
+    if not path.is_file():
+        raise RobotError("no such file.", where=str(path), hint=_neighbours(path))
+    try:
+        return parse_xml(path.read_bytes(), str(path))
+    except OSError as error:
+        raise RobotError(f"cannot be read ({error.strerror}).", where=str(path)) from error
+
+
+def parse_xml(text: bytes | str, where: str) -> ElementTree.Element:
+    """Return the root element of an XML document, without its comments.
+
+    The parser gets the document in one piece: in several, expat takes a time that is quadratic in
+    the length of a comment.
+
+    Raises:
+        RobotError: not well-formed XML.
+    """
+    try:
+        return ElementTree.fromstring(text)
+    except ElementTree.ParseError as error:
+        if error.code != _UNBOUND:
+            raise _malformed(error, where) from error
+    except (ValueError, LookupError) as error:
+        raise _malformed(error, where) from error
+    try:
+        return _without_namespaces(text)
+    except ExpatError as error:
+        raise _malformed(error, where) from error
+
+
+def _malformed(error: Exception, where: str) -> RobotError:
+    return RobotError(f"not well-formed XML ({error}).", where=where)
+
+
+def _without_namespaces(text: bytes | str) -> ElementTree.Element:
+    """Return the root element of a document that uses undeclared namespace prefixes.
+
+    As in other URDF parsers, a prefix is part of the name.
+    """
+    builder, parser = ElementTree.TreeBuilder(), ParserCreate()
+    parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
+    parser.CharacterDataHandler = builder.data
+    parser.Parse(text, True)
+    return builder.close()
+
+
+def xml_text(root: ElementTree.Element, where: str) -> str:
+    """Return an XML document as text.
+
+    Raises:
+        RobotError: its elements are nested too deeply.
+    """
+    try:
+        return ElementTree.tostring(root, encoding="unicode")
+    except RecursionError as error:
+        raise RobotError("its elements are nested too deeply.", where=where) from error
+
+
+def _neighbours(path: Path) -> str | None:
+    """Return which URDF and xacro files are in the folder of a missing one, or None."""
+    if not path.parent.is_dir():
+        return None
+    near = sorted(str(other) for end in ("urdf", "xacro") for other in path.parent.glob(f"*.{end}"))
+    return f"Robot files in that folder: {near}." if near else None

@@ -20,9 +20,8 @@ from .chain import (
     position_limits,
     velocity_limits,
 )
-from .urdf import Origin
+from .urdf import Origin, parse_xml, xml_text
 from .xacro import Packages
-from .xml_file import parse_xml, xml_text
 
 _MOVED = 1e-12  # [m] below which a translation counts as unchanged
 _SAME = 1e-9  # relative difference of inertias that counts as rounding

@@ -2,8 +2,8 @@
 
 from .information import Excitation as Excitation
 from .information import Information as Information
-from .motion_torques import TorquePrediction as TorquePrediction
-from .motion_torques import along_excited as along_excited
+from .information import TorquePrediction as TorquePrediction
+from .information import along_excited as along_excited
 from .payload import PayloadEstimate as PayloadEstimate
 from .torque_check import TorqueCheck as TorqueCheck
 from .torque_check import check_torques as check_torques

@@ -11,8 +11,7 @@ from ..robot.motors import Actuators, Compensation
 from ..robot.robot import Robot
 from ..robot.succession import check_successor
 from ..tasks.frame import FrameTask
-from .mujoco_file import MujocoFile
-from .mujoco_model import chain_of, fastest_decay, mujoco_module, write_robot
+from .mujoco_model import MujocoFile, chain_of, fastest_decay, mujoco_module, write_robot
 from .plant import LONGEST_STEP, SimulatedPlant
 
 INTEGRATORS = {

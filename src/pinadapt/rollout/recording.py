@@ -14,7 +14,7 @@ from ..controller.controller import Controller
 from ..controller.state import ControllerState, Sample
 from ..description.chain import effort_limits
 from ..exceptions import InputError, ParameterError
-from ..information.motion_torques import MotionTorques, TorquePrediction, motion_torques
+from ..information.information import MotionTorques, TorquePrediction, motion_torques
 from ..laws.law import Truth
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..robot.robot import Robot

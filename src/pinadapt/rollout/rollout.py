@@ -15,10 +15,10 @@ from ..exceptions import InputError, ParameterError
 from ..information.information import (
     Excitation,
     Information,
+    along_excited,
     position_information,
     torque_information,
 )
-from ..information.motion_torques import along_excited
 from ..information.payload import (
     LEAST_NOISE,
     ArmPrior,

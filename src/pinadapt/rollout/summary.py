@@ -15,7 +15,7 @@ import numpy as np
 from .._output import Sheet, Table, number, percent, whole_file, write_text
 from .._version import __version__
 from ..exceptions import InputError
-from ..information.motion_torques import TorquePrediction
+from ..information.information import TorquePrediction
 from ..tasks.frame import TASKS
 from ..tasks.joint import JointTask
 from ..tasks.task import DISPLAYS, Task

@@ -20,7 +20,7 @@ from ..controller.controller import Controller
 from ..controller.learned import LearnedParameters
 from ..controller.state import Sample
 from ..exceptions import DivergedError, InputError, Interrupted
-from ..plants.mujoco_file import MujocoFile
+from ..plants.mujoco_model import MujocoFile
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..plants.plant import PlantMaker, SimulatedPlant
 from ..plants.sensors import SimulatedSensors

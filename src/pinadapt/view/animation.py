@@ -12,7 +12,7 @@ import numpy as np
 from .._checks import positive
 from .._output import write_text
 from ..controller.controller import Controller
-from ..information.motion_torques import MotionTorques
+from ..information.information import MotionTorques
 from ..robot.succession import Succession
 from .page import (
     Curve,

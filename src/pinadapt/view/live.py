@@ -17,7 +17,7 @@ import numpy as np
 
 from ..controller.controller import Controller
 from ..exceptions import DivergedError
-from ..information.motion_torques import GrowingTorques
+from ..information.information import GrowingTorques
 from ..robot.robot import Robot
 from ..robot.succession import Succession
 from ..trajectories.given import TrajectoryLike, as_trajectory
