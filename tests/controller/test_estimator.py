@@ -7,7 +7,7 @@ import pytest
 
 import pinadapt as pa
 from tests.support.chains import catalogue_robot
-from tests.support.recorded import recorded, true_robot
+from tests.support.recorded import motion, recorded, torques, true_robot
 
 pytestmark = pytest.mark.slow
 
@@ -61,6 +61,47 @@ def test_torque_and_position_come_to_be_predicted(name, adaptation, share):
     if adaptation != "least-squares":  # least squares keeps no body physical
         robot = estimator.learned(states[-1])
         assert np.allclose(estimator.controller.dynamics.value(robot), states[-1].a_d)
+
+
+def spoilt(measurements, change):
+    """Return measurements whose torques are changed, given their configurations."""
+    return [one._replace(tau=change(one.tau, one.q)) for one in measurements]
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_torques_that_are_not_the_robots_are_refused_in_the_first_seconds(name):
+    robot, measurements = catalogue_robot(name), samples(name, duration=5.0)
+    gravity, n = pa.robot.Gravity(robot), robot.model.nv
+    sign = np.where(np.arange(n) == 1, -1.0, 1.0)
+    for words, change in (
+        ("in amperes", lambda tau, q: 0.1 * tau),
+        ("the wrong sign", lambda tau, q: -tau),
+        ("the wrong sign", lambda tau, q: sign * tau),
+        ("in another unit", lambda tau, q: 1e3 * tau),
+        ("without gravity", lambda tau, q: tau - 1.2 * gravity(q)),
+        ("order of the joints", lambda tau, q: tau[::-1] if n == 6 else tau - 1.1 * gravity(q)),
+    ):
+        estimator = pa.make_estimator(robot, dt=4e-3)
+        state = estimator.init(measurements[0])
+        with pytest.raises(pa.ImplausibleError, match=words) as refused:
+            for measurement in spoilt(measurements, change)[1:]:
+                state = estimator.step(state, measurement)
+        assert refused.value.field == "tau" and 0.9 < state.t < 4.5
+        assert state.filters.time < 4.5 and state is not None
+    off = pa.make_estimator(robot, dt=4e-3, limits=pa.Limits(guards={"gravity": False}))
+    assert learned(off, spoilt(measurements[:400], lambda tau, q: -tau))[-1].filters == ()
+
+
+def test_loads_and_wrong_inertias_are_no_reason_to_refuse_torques():
+    robot, (t, q, v, a) = catalogue_robot("ur5"), motion("ur5", duration=9.0, dt=8e-3)
+    for scale in (2.0 / 3.0, 1.0, 4.0 / 3.0):
+        true = true_robot("ur5", inertial_scale=scale, payload=pa.Payload(5.0, (0.05, 0.0, 0.05)))
+        tau = torques(true, q, v, a)
+        mean = np.vstack([tau[:1], 0.5 * (tau[1:] + tau[:-1])])
+        estimator = pa.make_estimator(robot, dt=8e-3)
+        rows = zip(t.tolist(), q, v, mean, strict=True)
+        states = learned(estimator, [pa.Measurement(*row[:3], tau=row[3]) for row in rows])
+        assert states[100].filters and states[-1].filters == ()
 
 
 def test_it_is_given_what_the_filtered_regressor_gives():

@@ -38,15 +38,18 @@ class Loop:
         x, v, a = self.path.at(s)
         return pa.Desired(x, rate * v, rate**2 * a + slope * v)
 
-    def run(self, seconds, spoil=lambda sample: sample, measures_torque=False):
-        """Yield the controller's state after each sample; an error leaves the last one as it is."""
+    def run(self, seconds, spoil=lambda sample: sample, measures_torque=None):
+        """Yield the controller's state after each sample; an error leaves the last one as it is.
+
+        ``measures_torque`` is the factor of a measured torque, None for none.
+        """
         seen = pa.plants.SimulatedSensors(self.true, self.dt, self.controller.sensors)
         state, torque, given = None, None, None
         for _ in range(round(seconds / self.dt)):
             truth = self.plant.measure()
             sample = spoil(seen.measure(truth, given))
-            if measures_torque and given is not None:
-                sample = sample._replace(tau=given)
+            if measures_torque is not None and given is not None:
+                sample = sample._replace(tau=measures_torque * given)
             state = self.controller.init(sample) if state is None else state
             before = snapshot(state)
             try:
@@ -436,8 +439,18 @@ def test_a_measured_torque_tells_at_once(name, wrong):
     loop = Loop(
         robot, plant=adding(robot) if adds else None, compensated=None if adds else "nominal"
     )
-    error, moved = loop.refused(f"{wrong}.*measured torques", 0.1, measures_torque=True)
+    error, moved = loop.refused(f"{wrong}.*measured torques", 0.1, measures_torque=1.0)
     assert error.field == "tau" and moved < 0.2
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_a_measured_torque_in_another_unit_is_told(name):
+    robot = catalogue_robot(name)
+    for factor, guess in ((0.1, "in amperes"), (-1.0, "the wrong sign"), (0.0, "not measured")):
+        words = f"times the torque that is sent.*{guess}"
+        error, moved = Loop(robot).refused(words, 0.1, measures_torque=factor)
+        assert error.field == "tau" and moved < 0.2
+    assert len(list(Loop(robot).run(0.1, measures_torque=0.8))) == 100
 
 
 @pytest.mark.parametrize("compensated", [None, "nominal"])

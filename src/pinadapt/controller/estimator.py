@@ -18,6 +18,7 @@ from .controller import Controller
 from .inputs import InputCheck, initial_estimate
 from .learned import learned_robot
 from .state import ControllerState
+from .torque_agreement import HeardTorques
 
 _PAUSE = 10.0  # periods after which the filters start anew
 
@@ -33,6 +34,9 @@ class Estimator:
     in the metric, with the weights and rates of the controller it is made of. It sees q, v, the
     torque that the motors gave, and the task frame where that was measured; who moves the robot,
     and why, is not its business.
+
+    In the first seconds of motion the torques are compared with what the initial estimate predicts,
+    see ``HeardTorques``, and refused if they cannot be the robot's.
 
     ``init`` and ``step`` are pure. An implausible sample raises as in a controller, and
     the state is as good as before; go on with the next one. The filters bridge what was left out up
@@ -75,6 +79,10 @@ class Estimator:
             FilteredRegressor(controller.dynamics, bandwidth) if bandwidth is not None else None
         )
         senses = controller.senses
+        first = senses.guards.first
+        self._listens = (
+            self._torque_filter is not None and first is not None and (first.gravity is not None)
+        )
         self._senses = replace(
             senses,
             compensator=replace(senses.compensator, longest_gap=math.inf),
@@ -113,7 +121,7 @@ class Estimator:
             dynamic=dynamic,
             kinematic=kinematic,
             a_0=dynamic.value.copy(),
-            filters=(),
+            filters=HeardTorques.none(kinematics.nv) if self._listens else (),
             load=None if parts.nominal is None else parts.nominal.load,
             sensed=self._senses.init(sample, kinematics, kinematic.value),
             torque_filter=self._anew(sample.q, sample.v),
@@ -131,8 +139,8 @@ class Estimator:
 
         Raises:
             MeasurementError: a signal is missing, of the wrong size or type, or not finite.
-            ImplausibleError: an impossible measurement, see ``Guards``, or its time is not after
-                the last one's.
+            ImplausibleError: an impossible measurement, see ``Guards``, torques that are not the
+                robot's, see ``HeardTorques``, or its time is not after the last one's.
             InputError: the state is that of another controller.
             DivergedError: the estimates diverged.
         """
@@ -153,14 +161,24 @@ class Estimator:
         dynamic, kinematic = state.dynamic, state.kinematic
         filtered = self._filtered(state, sensed, sample.tau, elapsed)
         paused = elapsed > _PAUSE * parts.period
+        heard = state.filters
         if state.adapting and not still and not paused:
+            if heard and isinstance(filtered, FilteredTorque) and sample.tau is not None:
+                decay, error = math.exp(-filtered.bandwidth * elapsed), filtered.error(state.a_0)
+                heard = heard.after(sample.tau, sensed.v, error, decay, elapsed)
+                heard = heard.judged(self._kinematics.joint_names)
             if isinstance(filtered, FilteredTorque):
                 dynamic = self._dynamic_step(dynamic, filtered, sample.q, elapsed)
             kinematic = self._kinematic_step(kinematic, sensed, elapsed)
             torque = np.zeros(0) if sample.tau is None else sample.tau
             parts.watch(torque, dynamic.value, kinematic.value)
         return state._replace(
-            t=sample.t, dynamic=dynamic, kinematic=kinematic, sensed=sensed, torque_filter=filtered
+            t=sample.t,
+            dynamic=dynamic,
+            kinematic=kinematic,
+            filters=heard,
+            sensed=sensed,
+            torque_filter=filtered,
         )
 
     def learned(self, state: ControllerState) -> Robot:

@@ -84,7 +84,7 @@ class FirstSamples:
     inertias of 2/3 to 3/2, body by body, and a load of 30 %, under the same torques. Where p_0
     exceeds 0.9, or r is not along g_a, nothing is refused; nor if |p| is below 0.8 in the window
     after. A measured torque is compared with the
-    one sent, also at rest.
+    one sent, also at rest; where the arm adds nothing, one in other units is refused as well.
 
     Attributes:
         robot: as described, with the load announced at first.
@@ -316,8 +316,11 @@ class FirstSamples:
             offset = _row(first, kernels.OFFSET, n) / time
             measured = sign * float(falling @ offset) / size
             rest = offset - sign * measured * own
-            if measured > _MEASURED and rest @ np.linalg.solve(M, rest) < (_ASIDE**2) * size:
+            along = bool(rest @ np.linalg.solve(M, rest) < _ASIDE**2 * size)
+            if measured > _MEASURED and along:
                 raise self._gravity_error(measured, "the measured torques differ from those sent")
+            if not self.declared and measured < -_MEASURED and along:
+                raise _other_torques(1.0 + measured)
         friction = self.robot.friction_at(q).torque(v)
         drive = tau - friction - pin.rnea(model, data, q, v, zero)
         excess = M @ a - drive
@@ -384,6 +387,18 @@ class FirstSamples:
             for axis in (*np.eye(3), *-np.eye(3)):
                 load = Payload(_LOAD * scale * robot.mass, _TIGHT * robot.reach * axis)
                 yield robot.changed(inertial_scale=scale, payload=load)
+
+
+def _other_torques(ratio: float) -> ImplausibleError:
+    """Return the error of measured torques that are a multiple of those sent."""
+    return ImplausibleError(
+        "tau",
+        f"{ratio:.2f}",
+        "is about so many times the torque that is sent",
+        "the wrong sign?" if ratio < -0.5 else "in amperes? before the gear? not measured at all?",
+        "Give the torques of the joints in N m or N, after the gears, or none. "
+        f"{_SWITCH.format('gravity')}",
+    )
 
 
 def make_first_samples(
