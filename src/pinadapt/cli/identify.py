@@ -32,6 +32,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "log",
         type=Path,
+        nargs="+",
         metavar="LOG",
         help="npz, CSV, ROS bag or MCAP, or a folder that `pinadapt run` wrote; rad, m, N m, N, s",
     )
@@ -68,6 +69,21 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         ),
         default="natural-memory",
         help="adaptation of the online estimator (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--test",
+        type=Path,
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="LOG",
+        help="logs whose torques are predicted, in place of the last quarter",
+    )
+    parser.add_argument(
+        "--empty",
+        type=Path,
+        metavar="LOG",
+        help="a log of the arm without its load: the load is the difference to it",
     )
     parser.add_argument(
         "--mjcf", action="store_true", help="write the identified robot for MuJoCo too: learned.xml"
@@ -233,6 +249,7 @@ def identify(options: argparse.Namespace) -> int:
 
     Nothing is written before the estimation is complete.
     """
+    options.log, *more = options.log
     intake = _intake(options)
     if options.write_intake:
         return _write_intake(options, intake)
@@ -244,8 +261,10 @@ def identify(options: argparse.Namespace) -> int:
         unknown |= {} if given is None else {name: _words(given)}
     try:
         found = identify_log(
-            options.log,
+            [options.log, *more],
             robot,
+            test=options.test,
+            empty=options.empty,
             adaptation=options.adaptation,
             intake=intake,
             unknown=Unknown.of_tables(**unknown),

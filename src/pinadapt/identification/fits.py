@@ -8,18 +8,21 @@ solves for all of them with the description as a weak prior.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
-from ..exceptions import LogError
+from ..exceptions import LogError, ParameterError
 from ..information.information import Information
 from ..information.measured_motion import MeasuredMotion
+from ..information.payload import PayloadEstimate, payload_of
 from ..logs.log import Log
 from ..models.dynamics import Dynamics
 from ..models.physical_fit import GAMMA, PhysicalSet, physical_fit
-from ..models.regressor import PER_BODY
+from ..models.regressor import LABELS, PER_BODY
 from ..models.task_kinematics import TaskKinematics
 from ..robot.robot import Robot
 from .windows import Windows
@@ -32,23 +35,48 @@ _PRIOR = 0.5  # of the reach: standard deviation of a described translation
 _LEAST_WEIGHT = 1e-6
 _TINY = 1e-300
 _POSITION, _POSE = 3, 7  # coordinates
+_BALL = 0.05  # of the robot's mass and reach: mass and radius of gyration of a likely load
+_FREE = 1e-2  # weight of that, relative to the description of a body
 _FARTHEST = 4.0  # of the reach, farther than any frame of the robot moves
 
 
 def torque_fit(
-    dynamics: Dynamics, physical: PhysicalSet, windows: Windows, gamma: float = GAMMA
+    dynamics: Dynamics,
+    physical: PhysicalSet,
+    windows: Windows,
+    gamma: float = GAMMA,
+    blocks: Sequence[np.ndarray] = (),
 ) -> Information:
     """Return the physical least-squares estimate of all dynamic parameters with its information.
 
     The noise of a joint is the residual of its torque, found in rounds. Windows overlap, and errors
     of the model last longer than one of them: in the end the variance of a joint is multiplied by
     the sum of the residual's autocorrelation, as its rows are not independent.
+
+    Args:
+        dynamics: of the parameters.
+        physical: the set of physical ones.
+        windows: the rows.
+        gamma: weight of the description.
+        blocks: of windows that are left out in turn, for the ``spread`` of the estimate; an error
+            of the model that some of them show and others do not shows in it. By default none.
     """
+    return _fitted(tuple(dynamics.names), physical, windows, gamma, blocks)
+
+
+def _fitted(
+    names: tuple[str, ...],
+    physical: PhysicalSet,
+    windows: Windows,
+    gamma: float,
+    blocks: Sequence[np.ndarray],
+) -> Information:
+    """Return the physical least-squares estimate of parameters with these names."""
     level = np.sqrt(np.mean(windows.tau**2, axis=0)) if len(windows.t) else np.zeros(0)
     level = np.maximum(level, 1e-12 * max(level.max(initial=0.0), _TINY))
     noise, a, rows = _TORQUE_NOISE * level, physical.center, windows.y.size
     fitted: np.ndarray | None = None  # the noise at which a is the fit
-    if not dynamics.size:
+    if not names:
         return Information((), a, np.zeros((0, 0)), a, level, rows)
     physical = weighted(physical, windows)
     for last in (*(False,) * _ROUNDS, True):
@@ -63,7 +91,94 @@ def torque_fit(
         noise = np.maximum(deviation, _LEAST_TORQUE_NOISE * level)
     A, b = _whitened(windows.W, windows.y, noise)
     score = A.T @ (b - A @ a)
-    return Information(tuple(dynamics.names), a, A.T @ A, score, noise, rows)
+    assert fitted is not None  # set in the first round
+    spread = jackknife(physical, windows, fitted, gamma, blocks) if blocks else None
+    return Information(names, a, A.T @ A, score, noise, rows, spread)
+
+
+def jackknife(
+    physical: PhysicalSet,
+    windows: Windows,
+    noise: np.ndarray,
+    gamma: float,
+    blocks: Sequence[np.ndarray],
+) -> np.ndarray:
+    """Return the spread (B, p) of estimates without one of B blocks of windows each.
+
+    Its squares sum to the jackknife's variance, (B - 1) / B sum_b (a_b - mean)^2, times the squared
+    ratio of the two-sided 95 % points of Student's distribution with B - 1 degrees of freedom and
+    of the normal one, as the variance is itself estimated from B numbers.
+    """
+    from scipy.special import stdtrit  # here, because scipy is slow to import
+
+    p = windows.W.shape[2]
+    A = np.concatenate([windows.W, windows.y[:, :, None]], axis=2) / noise[:, None]
+    roots = [root_of(A[block].reshape(-1, p + 1)) for block in blocks]
+    found = np.empty((len(blocks), p))
+    for b in range(len(blocks)):
+        rows = np.vstack([root for k, root in enumerate(roots) if k != b])
+        found[b] = physical_fit(rows[:, :-1], rows[:, -1], physical, gamma=gamma)
+    few = float(stdtrit(len(blocks) - 1, 0.975)) / 1.96
+    share = np.sqrt((len(blocks) - 1) / len(blocks))
+    return np.asarray(few * share * (found - found.mean(axis=0)))
+
+
+def root_of(rows: np.ndarray) -> np.ndarray:
+    """Return at most p + 1 rows with the same sums of squares as rows (N, p + 1)."""
+    return np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) > rows.shape[1] else rows
+
+
+def load_fit(
+    dynamics: Dynamics,
+    physical: PhysicalSet,
+    both: tuple[Windows, Windows],
+    robot: Robot,
+    gamma: float,
+    blocks: tuple[Sequence[np.ndarray], Sequence[np.ndarray]],
+) -> PayloadEstimate:
+    """Return the load that an arm carries in one log and not in another.
+
+    Bodies of the arm and effects of its joints are common to both logs, so that what is wrong with
+    their model, and their friction, cancels as far as both motions show it.
+
+    Args:
+        dynamics: of the arm, its last body among them.
+        physical: the set of its physical parameters.
+        both: windows of the log with the load, and of that without.
+        robot: as described, with its task frame.
+        gamma: weight of the description.
+        blocks: of windows of both logs, left out in turn for the uncertainty.
+
+    Raises:
+        ParameterError: the last body is not among the parameters.
+    """
+    size, n = dynamics.inertial.size, robot.model.nv
+    if not dynamics.per_body or n - 1 not in dynamics.bodies:
+        raise ParameterError(
+            "the last body is not among the parameters, so there is no estimate of a load.",
+            where="empty",
+        )
+    last, loaded = slice(size - PER_BODY, size), [1.0, 0.0]
+    W = [
+        np.concatenate([w.W[:, :, :size], share * w.W[:, :, last], w.W[:, :, size:]], axis=2)
+        for w, share in zip(both, loaded, strict=True)
+    ]
+    y, tau = (np.concatenate([getattr(w, part) for w in both]) for part in ("y", "tau"))
+    windows = Windows(np.arange(float(len(y))), np.concatenate(W), y, tau, both[0].length)
+    shift = len(both[0].t)
+    turns = [np.concatenate([one, other + shift]) for one, other in zip(*blocks, strict=False)]
+    ball = pin.Inertia(
+        _BALL * robot.mass,
+        robot.model.frames[robot.frame_id].placement.translation,
+        _BALL * robot.mass * (_BALL * robot.reach) ** 2 * np.eye(3),
+    )
+    start = np.insert(physical.center, size, ball.toDynamicParameters())
+    weights = np.append(np.ones(physical.bodies), _FREE)
+    whole = replace(physical, bodies=physical.bodies + 1, center=start, body_weights=weights)
+    names = list(dynamics.names)
+    names[size:size] = [f"load.{label}" for label in LABELS]
+    found = _fitted(tuple(names), whole, windows, gamma, turns)
+    return payload_of(found, slice(size, size + PER_BODY), robot)
 
 
 def noise_of(physical: PhysicalSet, windows: Windows, gamma: float) -> np.ndarray:

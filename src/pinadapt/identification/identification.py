@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from .._checks import keywords, positive
 from .._output import Sheet
@@ -16,10 +17,11 @@ from ..adaptation.adaptation import Adaptation
 from ..controller.estimator import Estimator
 from ..exceptions import InputError, LogError, ParameterError, TorqueMismatchError
 from ..information.measured_motion import MeasuredMotion, motion_of_log
+from ..information.payload import PayloadEstimate
 from ..information.torque_check import check_torques, on_wall
 from ..logs.formats import read_log
 from ..logs.intake import REPLACED, Intake
-from ..logs.log import Log
+from ..logs.log import Log, joined, starts_of
 from ..models.physical_fit import GAMMA, physical_set
 from ..models.translations import FIRST, PlacedTranslations
 from ..robot.loading import load
@@ -35,16 +37,18 @@ from .fits import (
     CUTOFF,
     Frames,
     frames_of,
+    load_fit,
     position_fit,
     position_rows,
     torque_fit,
 )
 from .identified_model import IdentifiedModel
 from .online import estimate_online, measurements
-from .selection import ChosenEffects, choose_effects, choose_weight
+from .selection import ChosenEffects, blocks_of, choose_effects, choose_weight
 from .windows import Windows, windows_of
 
 _FEWEST = 4  # windows, both in the fitted and in the held-out part
+_PAUSE = 5.0  # [s] between logs, longer than any window
 _ROUGH = 1.0  # weight of the description in a first fit, whose gravity torques load the gears
 
 
@@ -117,9 +121,11 @@ class Identification(IdentifiedModel):
     **REPLACED,
 )
 def identify(
-    log: Path | str | Log | Rollout,
+    log: Path | str | Log | Rollout | Sequence[Any],
     robot: Robot | Path | str,
     *,
+    test: Any = (),
+    empty: Any = None,
     unknown: Unknown | str | Sequence[str] | None = None,
     adaptation: str | Adaptation = "natural-memory",
     compensated: Compensation | str | None = None,
@@ -138,8 +144,12 @@ def identify(
     is learned, ``check_torques`` compares the torques with the description.
 
     Args:
-        log: a file, folder or ``Log``, see ``read_log``; or a rollout.
+        log: a file, folder or ``Log``, see ``read_log``; or a rollout; or several of these.
         robot: as it is described, a ``Robot`` or what ``load`` takes.
+        test: a log, or several, from which nothing is learned and whose torques are predicted, in
+            place of the last part of ``log``.
+        empty: a log of the same arm without its load: the load is then estimated from both, with
+            bodies, friction and offsets in common.
         unknown: what is identified, an ``Unknown`` or words for it; by default the tool where the
             log has positions of the frame, all bodies, and effects of the joints as the log shows
             them. Those effects are not chosen but taken as told with ``armature``, and with
@@ -163,8 +173,13 @@ def identify(
     share = positive(held_out, "held_out", error=InputError)
     if share > 0.5:
         raise InputError(f"at most a half can be held out, got {share:g}.", where="held_out")
-    intake = Intake.of(Intake.beside(log) if intake is None else intake)
-    found, described = log_and_robot(log, described, intake, compensated)
+    sources, tests = _several(log), _several(test)
+    intake = Intake.of(Intake.beside(sources[0]) if intake is None else intake)
+    logs: list[Log] = []
+    for source in (*sources, *tests):
+        one, described = log_and_robot(source, described, intake, compensated)
+        logs.append(one)
+    first_log, found = logs[0], joined(logs, _PAUSE)
     unknown = Unknown.of(unknown)
     frames, nominal = _frames_and_task(found, described, unknown)
     options: dict[str, Any] = {
@@ -186,10 +201,12 @@ def identify(
             'intake={"doubtful": True}.',
             check=check,
         )
-    motion = motion_of_log(nominal, found, cutoff=CUTOFF)
+    motion, starts = _motion_of(nominal, logs), starts_of(logs, _PAUSE)
     split = float(motion.t[-1] - share * (motion.t[-1] - motion.t[0]))
+    if tests:
+        split = starts[len(sources)] + float(logs[len(sources)].t[0]) - 0.5 * _PAUSE
     rows = position_rows(kinematics, motion, frames)
-    located = position_fit(kinematics, rows)
+    located = position_fit(kinematics, rows.split(split)[0] if tests else rows)
     placed = _placed(estimator, nominal, located.estimate, options)
     bodies = windows_of(motion, placed.controller.dynamics.inertial, found.period, held=found.held)
     _check(bodies, bodies.between(-np.inf, split), found)
@@ -207,9 +224,17 @@ def identify(
     first = windows.between(-np.inf, split)
     weight = choose_weight(physical, first) if dynamics.size else None
     gamma = GAMMA if weight is None else weight.gamma
-    steps = watched(range(len(found.t)), progress, "online")
+    load_estimate = None
+    if empty is not None:
+        one, _ = log_and_robot(empty, described, intake, compensated)
+        loaded = first if tests else windows
+        load_estimate = _load_between(
+            placed, nominal, loaded, one, gamma, options, located.estimate
+        )
+    learned_from = first if tests else windows
+    steps = watched(range(len(first_log.t)), progress, "online")
     samples = (
-        sample for sample, _ in zip(measurements(found, nominal, frames), steps, strict=False)
+        sample for sample, _ in zip(measurements(first_log, nominal, frames), steps, strict=False)
     )
     return Identification(
         log=found,
@@ -219,17 +244,75 @@ def identify(
         rows=rows,
         split=split,
         smoothed=motion.smoothed,
-        dynamic=torque_fit(dynamics, physical, windows, gamma),
+        dynamic=torque_fit(dynamics, physical, learned_from, gamma, blocks_of(len(learned_from.t))),
         kinematic=located,
         before_split=torque_fit(dynamics, physical, first, gamma).estimate,
         unknown=options["unknown"].with_joints(),
         effects=effects,
         weight=weight,
         position_before_split=position_fit(kinematics, rows.split(split)[0]).estimate,
-        online=estimate_online(estimator, samples, len(found.t)),
+        online=estimate_online(estimator, samples, len(first_log.t)),
+        tested=tuple(one.source for one in logs[len(sources) :]),
+        load=load_estimate,
         check=check,
         intake=intake.updated(**found.assumed),
     )
+
+
+def _loading(
+    placed: Estimator, robot: Robot, motion: MeasuredMotion, bodies: Windows, split: float, log: Log
+) -> pin.Model:
+    """Return a model whose gravity torques load the gears: bodies of a first fit."""
+    dynamics, nominal = placed.controller.dynamics, placed.controller.kinematics.robot
+    inertial = dynamics.inertial
+    if not inertial.size:
+        return nominal.model
+    windows = windows_of(motion, dynamics, log.period, held=log.held, inertial=bodies)
+    learning = windows.between(-np.inf, split)
+    rough = torque_fit(dynamics, physical_set(dynamics, robot), learning, _ROUGH).estimate
+    return inertial.robot(rough[: inertial.size], dynamics.bare(nominal)).model
+
+
+def _load_between(
+    placed: Estimator,
+    nominal: Robot,
+    loaded: Windows,
+    empty: Log,
+    gamma: float,
+    options: Mapping[str, Any],
+    located: np.ndarray,
+) -> PayloadEstimate:
+    """Return the load that an arm carries in some windows, and not in a log.
+
+    Friction that depends on the load of the gears takes the gravity torques of the empty arm there.
+    """
+    dynamics = placed.controller.dynamics
+    motion = motion_of_log(nominal, empty, cutoff=CUTOFF)
+    if nominal.friction.bodies is not None:
+        bodies = windows_of(motion, dynamics.inertial, empty.period, held=empty.held)
+        model = _loading(placed, nominal, motion, bodies, np.inf, empty)
+        robot = replace(nominal, friction=replace(nominal.friction, bodies=model))
+        dynamics = _placed(_estimator(robot, options), robot, located, options).controller.dynamics
+    without = windows_of(motion, dynamics, empty.period, held=empty.held)
+    blocks = blocks_of(len(loaded.t)), blocks_of(len(without.t))
+    physical = physical_set(dynamics, nominal)
+    return load_fit(dynamics, physical, (loaded, without), nominal, gamma, blocks)
+
+
+def _several(given: Any) -> tuple[Any, ...]:
+    """Return one or several logs as a tuple."""
+    return tuple(given) if isinstance(given, list | tuple) else (given,)
+
+
+def _motion_of(robot: Robot, logs: Sequence[Log]) -> MeasuredMotion:
+    """Return the motions of logs one after another, as in ``joined``; each is smoothed alone."""
+    parts = [motion_of_log(robot, log, cutoff=CUTOFF) for log in logs]
+    if len(parts) == 1:
+        return parts[0]
+    shifts = starts_of(logs, _PAUSE)
+    t = np.concatenate([part.t + shift for part, shift in zip(parts, shifts, strict=True)])
+    q, v, a, tau = (np.concatenate([part[k] for part in parts]) for k in range(1, 5))
+    return MeasuredMotion(t, q, v, a, tau, any(part.smoothed for part in parts))
 
 
 def _estimator(robot: Robot, options: Mapping[str, Any]) -> Estimator:
@@ -253,21 +336,14 @@ def _effects(
     armature, others = unknown.armature is None, unknown.friction is None and not unknown.effects
     if not (armature or others) or dynamics.joints is None:
         return None
-    learning = bodies.between(-np.inf, split)
     inertial = dynamics.inertial
-    loading = placed.controller.kinematics.robot
-    if inertial.size:
-        windows = windows_of(motion, dynamics, log.period, held=log.held, inertial=bodies)
-        physical = physical_set(dynamics, robot)
-        rough = torque_fit(dynamics, physical, windows.between(-np.inf, split), _ROUGH).estimate
-        loading = inertial.robot(rough[: inertial.size], dynamics.bare(loading))
     return choose_effects(
         robot,
         motion,
         log.period,
-        learning,
+        bodies.between(-np.inf, split),
         physical_set(inertial, robot),
-        loading=loading.model,
+        loading=_loading(placed, robot, motion, bodies, split, log),
         armature=armature,
         effects=others,
     )

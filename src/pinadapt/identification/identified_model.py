@@ -89,6 +89,8 @@ class IdentifiedModel:
         unknown: what was identified. A controller with the same parameters is
             ``make_controller(found.robot, unknown=found.unknown)``.
         effects: of the joints, as cross-validation chose them; None where the caller named them.
+        tested: names of the logs that were held out; empty where it is the last part of one log.
+        load: estimated from this log and one without it; None without such a log.
         weight: of the description, as cross-validation chose it; None without dynamic parameters.
         check: the comparison of the torques with the description, None where none were needed.
         intake: how the log was read.
@@ -109,6 +111,8 @@ class IdentifiedModel:
     unknown: Unknown
     effects: ChosenEffects | None = None
     weight: ChosenWeight | None = None
+    tested: tuple[str, ...] = ()
+    load: PayloadEstimate | None = None
     check: TorqueCheck | None = None
     intake: Intake = field(default_factory=Intake)
 
@@ -136,9 +140,13 @@ class IdentifiedModel:
     def payload(self) -> PayloadEstimate:
         """Return the load that best explains the change of all bodies, and what else does.
 
+        With a log of the arm without its load: the load that explains the difference.
+
         Raises:
             ParameterError: the last body is not among the parameters.
         """
+        if self.load is not None:
+            return self.load
         controller = self.estimator.controller
         dynamics = controller.dynamics
         whole = dynamics.per_body and len(dynamics.bodies) == len(self.described.joint_names)

@@ -148,7 +148,7 @@ def _overview(found: IdentifiedModel) -> list[tuple[str, str]]:
         ("velocities", velocities),
         ("torques", "held until the next sample" if log.held else "measured at each sample"),
         ("torque rows", f"{len(found.windows.t)} windows of {found.windows.length:.2g} s"),
-        ("held out", f"from {found.split:.4g} s on"),
+        ("held out", ", ".join(found.tested) or f"from {found.split:.4g} s on"),
     ]
     if found.log.v is None:
         rows.append(("online", f"velocities from a causal low pass, {CUTOFF:g} Hz"))
@@ -261,6 +261,7 @@ def summary(found: IdentifiedModel) -> dict[str, Any]:
         "velocities_from_positions": found.smoothed,
         "windows": len(found.windows.t),
         "held_out_from": found.split,
+        "tested": list(found.tested),
         "check": None if found.check is None else found.check.summary(),
         "torque": found.torque_errors.summary() if found.dynamic.names else None,
         "torque_online_held_out": held_out.tolist() if np.isfinite(held_out).all() else None,

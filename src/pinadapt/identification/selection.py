@@ -32,7 +32,7 @@ from ..models.physical_fit import PhysicalSet, physical_path
 from ..robot.changes import Friction, Shaft
 from ..robot.robot import Robot
 from ..tuning.unknowns import Unknown
-from .fits import noise_of, weighted
+from .fits import noise_of, root_of, weighted
 from .windows import OVERLAP, Averages, Windows
 
 BLOCKS = 8  # of time, in cross-validation
@@ -78,6 +78,10 @@ class Gain(NamedTuple):
     words: str
     share: float
     deviation: float
+
+    def enough(self, sure: float, least: float) -> bool:
+        """Tell whether it gains some standard errors and some share of the error."""
+        return self.share > max(sure * self.deviation, least)
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +176,15 @@ def choose_effects(
         if best is None:
             break
         gain, candidate = best
+        before, shape = model.squares, model.shapes[candidate.joint].copy()
         model.take(candidate)
+        if candidate.shape is not None:  # its ratio is bounded, so it may gain less than promised
+            found = model.gain_since(before)
+            gain = gain._replace(share=found[0], deviation=found[1])
+            if not gain.enough(_SURE, _LEAST):
+                model.restore(candidate.joint, shape)
+                candidates.remove(candidate)
+                continue
         gains.append(gain)
         chosen.append(candidate)
     return _described(robot, model, chosen, gains, loading)
@@ -367,6 +379,22 @@ class _Model:
             self._size()
         self._renew()
 
+    def restore(self, joint: int, shape: np.ndarray) -> None:
+        """Give the dry friction of a joint the shape back that it had."""
+        self._bank.reshape(joint, *shape.tolist())
+        self._size()
+        self._renew()
+
+    @property
+    def squares(self) -> np.ndarray:
+        """Mean squares (B, n) of the residuals of each block, predicted from the others."""
+        return self._before
+
+    def gain_since(self, before: np.ndarray) -> tuple[float, float]:
+        """Return how much the error fell since it had these mean squares, and its uncertainty."""
+        gains = relative_loss(before, before) - relative_loss(self._before, before)
+        return float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains)))
+
     @property
     def shapes(self) -> np.ndarray:
         """Threshold, breakaway and fading of each joint (n, 3)."""
@@ -449,13 +477,12 @@ class _Model:
             squares = self._extended(index, [part.columns for part in parts])
             gains = now - relative_loss(squares, self._before)
             for part, gain in zip(parts, gains, strict=True):
-                mean = float(gain.mean())
                 error = float(gain.std(ddof=1) / np.sqrt(len(gain)))
+                one = Gain(part.words, float(gain.mean()), error)
                 shaft = part.shaft is not None
-                sure, least = (_SHAFT_SURE, _SHAFT_LEAST) if shaft else (_SURE, _LEAST)
-                enough = mean > max(sure * error, least)
-                if enough and (found is None or mean > found[0].share):
-                    found = Gain(part.words, mean, error), part
+                enough = one.enough(*((_SHAFT_SURE, _SHAFT_LEAST) if shaft else (_SURE, _LEAST)))
+                if enough and (found is None or one.share > found[0].share):
+                    found = one, part
         return found
 
 
@@ -481,7 +508,7 @@ def choose_weight(physical: PhysicalSet, windows: Windows) -> ChosenWeight:
     blocks, (n, p) = blocks_of(len(windows.t)), windows.W.shape[1:]
     A = windows.W / noise[:, None]
     both = np.concatenate([A, (windows.y / noise)[:, :, None]], axis=2)
-    roots = [_root(both[block].reshape(-1, p + 1)) for block in blocks]
+    roots = [root_of(both[block].reshape(-1, p + 1)) for block in blocks]
     squares = np.empty((len(GAMMAS), len(blocks), n))
     for b, block in enumerate(blocks):
         rows = np.vstack([root for k, root in enumerate(roots) if k != b])
@@ -496,8 +523,3 @@ def choose_weight(physical: PhysicalSet, windows: Windows) -> ChosenWeight:
     errors = losses.mean(axis=1) / losses[best].mean()
     within = away.mean(axis=1) <= np.minimum(deviations, _COST * losses[best].mean())
     return ChosenWeight(GAMMAS[int(np.argmax(within))], GAMMAS, errors, deviations)
-
-
-def _root(rows: np.ndarray) -> np.ndarray:
-    """Return at most p + 1 rows with the same sums of squares as rows (N, p + 1)."""
-    return np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) > rows.shape[1] else rows

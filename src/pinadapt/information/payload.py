@@ -401,6 +401,30 @@ def _restricted(change: Information, part: list[int]) -> tuple[Information, floa
     return replace(start, estimate=fitted, H=H / variance, score=score / variance), squared
 
 
+def payload_of(found: Information, part: slice, robot: Robot) -> PayloadEstimate:
+    """Return the load whose ten parameters, at the last joint, are a part of an estimate.
+
+    Args:
+        found: the estimate with its information.
+        part: where the ten parameters are.
+        robot: with the task frame.
+    """
+    to_frame = _to_task_frame(robot)
+    ten = to_frame @ found.estimate[part]
+    gradient = np.zeros((PER_BODY, len(found.names)))
+    gradient[:, part] = _derivative(_mass_com_inertia, ten) @ to_frame
+    value, deviation = _mass_com_inertia(ten), found.deviation(gradient)
+    return PayloadEstimate(
+        float(value[0]),
+        float(deviation[0]),
+        value[1:4],
+        deviation[1:4],
+        value[4:],
+        deviation[4:],
+        1.0,
+    )
+
+
 def _to_task_frame(robot: Robot) -> np.ndarray:
     """Return the matrix (10, 10) that takes ten parameters of the last joint to the task frame."""
     G = robot.model.frames[robot.frame_id].placement.inverse().homogeneous

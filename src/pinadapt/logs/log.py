@@ -148,6 +148,11 @@ class Log:
         x_time = None if self.x_time is None else self.x_time - self.t[0]
         return replace(self, t=self.t - self.t[0], x_time=x_time)
 
+    @property
+    def frames_time(self) -> np.ndarray:
+        """Times (M) of the positions of the frame [s], those of the samples if not stated."""
+        return self.t if self.x_time is None else self.x_time
+
     def after(self, t: float) -> Log:
         """Return the log from a time [s] on."""
         kept = self.t >= t
@@ -464,3 +469,44 @@ def _rms(values: np.ndarray) -> float:
 def _averages(values: np.ndarray) -> np.ndarray:
     """Return running averages, in which the noise of differenced encoders cancels."""
     return np.convolve(values, np.full(_AVERAGED, 1.0 / _AVERAGED), mode="same")
+
+
+def joined(logs: Sequence[Log], pause: float) -> Log:
+    """Return logs of the same robot one after another, with a pause in between [s].
+
+    Times of each count on from the one before. Velocities and positions of the frame are kept if
+    all logs have them.
+
+    Raises:
+        LogError: torques that are held in one log and measured at their instants in another.
+    """
+    first, *others = logs
+    if not others:
+        return first
+    if len({log.held for log in logs}) > 1:
+        raise LogError(
+            "torques are held in one of the logs, and measured at their instants in another.",
+            where=", ".join(log.source for log in logs),
+        )
+    shifts = starts_of(logs, pause)
+    parts: dict[str, Any] = {}
+    for name in ("q", "tau", "v", "x"):
+        arrays = [getattr(log, name) for log in logs]
+        missing = any(array is None or array.shape[1] != arrays[0].shape[1] for array in arrays)
+        parts[name] = None if missing else np.concatenate(arrays)
+    parts["t"] = np.concatenate([log.t + shift for log, shift in zip(logs, shifts, strict=True)])
+    parts["x_time"] = None
+    if parts["x"] is not None:
+        parts["x_time"] = np.concatenate(
+            [log.frames_time + shift for log, shift in zip(logs, shifts, strict=True)]
+        )
+    source = ", ".join(log.source for log in logs)
+    return replace(first, **parts, source=source)
+
+
+def starts_of(logs: Sequence[Log], pause: float) -> list[float]:
+    """Return what is added to the times of each log in ``joined`` [s]."""
+    shifts = [0.0]
+    for before, log in pairwise(logs):
+        shifts.append(float(before.t[-1]) + shifts[-1] + pause - float(log.t[0]))
+    return shifts

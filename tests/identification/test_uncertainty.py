@@ -1,0 +1,145 @@
+"""Uncertainties of identified parameters, loads by difference, and logs to test on."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from pinadapt.cli.command_line import main
+from pinadapt.description.chain import configuration_from_angles
+from pinadapt.logs.log import joined
+from tests.support.chains import catalogue_robot
+from tests.support.effects import torque_of_everything
+from tests.support.recorded import motion
+
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("blank_pictures")]
+
+LOAD = pa.Payload(2.805, (0.01, -0.02, 0.09), (0.006, 0.0, 0.006, 0.0, 0.0, 0.004))
+
+
+@cache
+def arm(loaded=False):
+    """Return an arm that differs from its description in bodies and friction."""
+    described, rng = catalogue_robot("ur5"), np.random.default_rng(100)
+    friction = pa.Friction(
+        rng.uniform(0.3, 2.0, 6),
+        rng.uniform(0.3, 2.0, 6),
+        breakaway=rng.uniform(0.6, 1.4, 6),
+        offset=rng.normal(0.0, 0.5, 6),
+        load=[0.0, 0.1, 0.1, 0.0, 0.0, 0.0],
+    )
+    scale = dict(zip(described.joint_names, rng.uniform(0.8, 1.3, 6).tolist(), strict=True))
+    return described.changed(
+        inertial_scale=scale, friction=friction, payload=LOAD if loaded else None
+    )
+
+
+@cache
+def log_of_arm(seed, loaded=False, duration=20.0):
+    """Return a log with errors that last: ripple of the gears, and torques that wander for 1 s."""
+    true, rng = arm(loaded), np.random.default_rng(seed)
+    t, q, v, a = motion("ur5", duration=duration, dt=8e-3, seed=seed)
+    tau = np.array(
+        [
+            torque_of_everything(true, configuration_from_angles(true.model, q_k), v_k, a_k)
+            for q_k, v_k, a_k in zip(q, v, a, strict=True)
+        ]
+    )
+    tau += 0.3 * np.sin(7.0 * q + rng.uniform(0.0, 6.0, 6))
+    wander = np.zeros(6)
+    for k in range(len(t)):
+        wander += -8e-3 * wander + 0.3 * np.sqrt(2.0 * 8e-3) * rng.standard_normal(6)
+        tau[k] += wander
+    tau += 0.3 * rng.standard_normal(tau.shape)
+    return pa.Log(t, q, tau, v, tuple(true.joint_names), source=f"log {seed}")
+
+
+@cache
+def identified(seed):
+    return pa.identify(log_of_arm(seed), catalogue_robot("ur5"), progress=False)
+
+
+def test_two_logs_of_an_arm_agree_within_their_uncertainties():
+    """And with the truth: errors last for seconds, so rows are far from independent."""
+    near, right = [], []
+    for one, other in ((0, 50), (1, 51), (2, 52)):
+        parts = [identified(seed).dynamic for seed in (one, other)]
+        names = [name for name in parts[0].names if name in parts[1].names]
+        picked = [[part.names.index(name) for name in names] for part in parts]
+        estimates, deviations = (
+            np.array([getattr(p, what)[i] for p, i in zip(parts, picked, strict=True)])
+            for what in ("estimate", "deviations")
+        )
+        known = np.isfinite(deviations).all(axis=0)
+        assert np.count_nonzero(known) > 15
+        away = np.abs(estimates[0] - estimates[1])[known]
+        near += (away < 2.0 * deviations[:, known].min(axis=0)).tolist()
+        dynamics = identified(one).estimator.controller.dynamics.inertial
+        truth = dynamics.value(arm().changed(armature=0.0, friction=pa.Friction.none(6)))
+        own = parts[0].deviations[: truth.size]
+        off = np.abs(parts[0].estimate[: truth.size] - truth)
+        right += (off < 2.0 * own)[np.isfinite(own)].tolist()
+    assert np.mean(near) > 0.85 and np.mean(right) > 0.9
+
+
+def test_the_load_is_the_difference_to_a_log_of_the_empty_arm():
+    found = pa.identify(
+        log_of_arm(5, loaded=True), catalogue_robot("ur5"), empty=log_of_arm(0), progress=False
+    )
+    load = found.payload()
+    assert load.mass == pytest.approx(LOAD.mass, abs=0.15)
+    assert abs(load.mass - LOAD.mass) < 2.5 * load.mass_known_to
+    assert load.mass_known_to < 0.3
+    assert np.abs(load.com - LOAD.com).max() < 0.02
+    known = np.isfinite(load.com_known_to)
+    assert (np.abs(load.com - LOAD.com) < 3.0 * load.com_known_to)[known].all()
+    assert found.summary()["payload"]["mass"] == load.mass
+    with pytest.raises(pa.ParameterError, match="no estimate of a load"):
+        known = pa.Unknown(tool=False, bodies="none")
+        pa.identify(
+            log_of_arm(5, loaded=True),
+            catalogue_robot("ur5"),
+            empty=log_of_arm(0),
+            unknown=known,
+            progress=False,
+        )
+
+
+def test_several_logs_are_learned_from_and_others_predicted():
+    robot, logs = catalogue_robot("ur5"), [log_of_arm(seed) for seed in (0, 1, 2)]
+    both = pa.identify(logs[:2], robot, test=logs[2], progress=False)
+    assert both.tested == ("log 2",) and "log 2" in both.report()
+    counts = [len(pa.identify(log, robot, progress=False).windows.t) for log in logs]
+    assert len(both.windows.t) == sum(counts)  # none across two logs
+    learned = both.windows.between(-np.inf, both.split)
+    assert len(learned.t) == sum(counts[:2])
+    assert np.array_equal(both.before_split, both.dynamic.estimate)  # nothing from the test
+    one = pa.identify(logs[0], robot, test=logs[2], progress=False)
+    left, alone = (np.sqrt(np.mean(part.torque_errors.learned_held_out**2)) for part in (both, one))
+    described = np.sqrt(np.mean(both.torque_errors.described_held_out**2))
+    assert left < 1.1 * alone < 0.5 * described
+
+
+def test_logs_one_after_another():
+    logs = [log_of_arm(seed) for seed in (0, 1)]
+    whole = joined(logs, 5.0)
+    assert len(whole.t) == sum(len(log.t) for log in logs) and (np.diff(whole.t) > 0.0).all()
+    assert np.diff(whole.t).max() == pytest.approx(5.0)
+    assert joined(logs[:1], 5.0) is logs[0]
+    held = pa.Log(logs[0].t, logs[0].q, logs[0].tau, held=True)
+    with pytest.raises(pa.LogError, match="held in one of the logs"):
+        joined([logs[0], held], 5.0)
+
+
+def test_the_command_takes_several_logs_a_test_and_an_empty_arm(tmp_path, capsys):
+    files = []
+    for k, (seed, loaded) in enumerate(((5, True), (6, True), (7, True), (0, False))):
+        log = log_of_arm(seed, loaded=loaded, duration=8.0)
+        files.append(str(tmp_path / f"log{k}.npz"))
+        np.savez(files[-1], t=log.t, q=log.q, v=log.v, tau=log.tau, joint_names=log.joints)
+    command = ["identify", *files[:2], "--robot", "ur5", "--test", files[2], "--empty", files[3]]
+    assert main([*command, "--out", str(tmp_path / "out")]) == 0
+    printed = capsys.readouterr().out
+    assert "log2.npz" in printed and "mass" in printed
+    assert (tmp_path / "out" / "learned.urdf").is_file()
