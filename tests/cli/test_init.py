@@ -82,6 +82,7 @@ def test_q0_and_the_circle_are_those_of_the_library(tmp_path):
 
 
 def test_the_gains_in_the_comments_are_the_ones_in_use(tmp_path):
+    """But for the lag, which is shorter at the start unless it is given."""
     file = written(tmp_path, "solo8_fl_leg")
     text = file.read_text()
     uncommented = text
@@ -92,7 +93,7 @@ def test_the_gains_in_the_comments_are_the_ones_in_use(tmp_path):
     other.write_text(uncommented)
     short = ["simulation.duration=0.2"]
     assert np.allclose(
-        Scenario.read(file, short).run().x, Scenario.read(other, short).run().x, atol=1e-5
+        Scenario.read(file, short).run().x, Scenario.read(other, short).run().x, atol=1e-4
     )
 
 

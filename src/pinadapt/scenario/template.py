@@ -60,9 +60,9 @@ def default_gains(controller: Controller) -> Iterable[tuple[str, str, str]]:
         yield "Kp", _gain(law.K_P), f"position gain [{position}]"
     for name, meaning in _MEANINGS.items():
         framed = name in ("lambda_", "R_k")  # of the frame's velocity and position
-        if name == "lag" and law.late:  # one number of its own replaces both
-            continue
-        if hasattr(law, name) and (controller.kinematics.task.positions or not framed):
+        if name == "lag" and law.late:
+            yield name, _gain(law.late), f"{meaning}; by default shorter for a moment at the start"
+        elif hasattr(law, name) and (controller.kinematics.task.positions or not framed):
             yield name.rstrip("_"), _gain(getattr(law, name)), meaning
     if law.learns_from_torque:  # its rates depend on the prediction
         return
