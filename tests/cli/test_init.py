@@ -82,19 +82,21 @@ def test_q0_and_the_circle_are_those_of_the_library(tmp_path):
 
 
 def test_the_gains_in_the_comments_are_the_ones_in_use(tmp_path):
-    """But for the lag, which is shorter at the start unless it is given."""
+    """One lag of the user's own takes the place of the two that the feedback has."""
     file = written(tmp_path, "solo8_fl_leg")
     text = file.read_text()
     uncommented = text
-    for key in ("Kv", "alpha", "beta", "lag", "gamma_d", "gamma_joint", "gamma_k", "R_k"):
+    for key in ("alpha", "beta", "gamma_d", "gamma_joint", "gamma_k", "R_k"):
         assert f"\n# {key} = " in text
         uncommented = uncommented.replace(f"\n# {key} = ", f"\n{key} = ")
     other = tmp_path / "uncommented.toml"
     other.write_text(uncommented)
     short = ["simulation.duration=0.2"]
-    assert np.allclose(
-        Scenario.read(file, short).run().x, Scenario.read(other, short).run().x, atol=1e-4
-    )
+    scenario = Scenario.read(file, short)
+    assert np.allclose(scenario.run().x, Scenario.read(other, short).run().x, atol=1e-5)
+    law = scenario.controller.law
+    gains = ", ".join(f"{gain:.3g}" for gain in np.diag(law.K_v))
+    assert f"\n# Kv = [{gains}] " in text and f"\n# lag = {law.late:g} " in text
 
 
 @pytest.mark.parametrize(
