@@ -93,6 +93,57 @@ def test_lyapunov_equality_with_friction_and_rotors():
     assert energy.largest_rise() <= 1e-12
 
 
+@pytest.mark.parametrize(
+    ("name", "adaptation"), [("ur5", "natural-memory"), ("panda", "natural-memory")]
+)
+def test_what_a_log_told_holds_while_the_rest_is_learned(name, adaptation):
+    """Information of the truth: dV/dt is an equality and V falls, and its combinations stay."""
+    robot = catalogue_robot(name)
+    true = with_tool_and_load(robot)
+    unknown = pa.Unknown(friction=False, armature=False)
+    made = [
+        pa.make_controller(robot, adaptation=adaptation, gamma_d=5.0, unknown=unknown)
+        for _ in range(2)
+    ]
+    truth = made[0].dynamics.value(true)
+    rows = np.random.default_rng(5).standard_normal((8, truth.size)) / np.abs(truth).max()
+    off = np.array([made[0].dynamics.initial - truth]).T
+    known = rows - (rows @ off) @ off.T / (off.T @ off)  # which the description has right
+    start = {"a_d": made[0].dynamics.initial, "information": 1e4 * known}
+    for controller in made:
+        with_share(controller, 1 / 16, contradiction=np.inf, unit=1.0)
+    energy = energy_along(true, made[0], circle_beside(true, "yz"), seconds=0.02, **start)
+    assert energy.mismatch(after=10) <= 1e-4
+    assert (energy.rate <= 0.0).all() and energy.largest_rise() <= 1e-12
+    runs = [
+        pa.simulate(true, c, pa.reachable_circle(true), duration=1.0, start=given)
+        for c, given in zip(made, (start, {"a_d": start["a_d"]}), strict=True)
+    ]
+    moved = [np.linalg.norm(known @ (run.a_d[-1] - truth)) for run in runs]
+    assert moved[0] < 0.1 * moved[1]
+    assert runs[0].distance[-100:].max() < 0.1 * runs[0].distance.max()
+
+
+def test_least_squares_begins_with_the_information_of_other_data():
+    """P(0) and the log's rows, in units of P(0), give the gain of both together."""
+    rng = np.random.default_rng(6)
+    R, P_0 = rng.standard_normal((3, 4)), np.diag(rng.uniform(0.5, 2.0, 4))
+    made = pa.adaptation.LeastSquares(P_0, 4, 10.0, unit=0.5)
+    start = made.init(rng.standard_normal(4))
+    told = made.informed(start, R.T @ R)
+    assert np.allclose(told.memory[0], np.linalg.inv(np.linalg.inv(P_0) + 0.5 * R.T @ R))
+    assert (told.value == start.value).all()
+    assert (
+        np.linalg.eigvalsh(P_0 - told.memory[0]).min() > -1e-12
+    )  # the bound that forgetting keeps
+    leaking = pa.adaptation.Leak(made, 0.2)
+    assert np.allclose(
+        leaking.informed(leaking.init(start.value), R.T @ R).memory[1], told.memory[0]
+    )
+    natural = pa.adaptation.Gradient(P_0, 4)
+    assert natural.informed(start, R.T @ R) is start
+
+
 def remembering(p=6, n=2, **gains):
     """Return an adaptation of p parameters with its start, an estimate, and the truth (p)."""
     rng = np.random.default_rng(0)

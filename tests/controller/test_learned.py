@@ -247,6 +247,32 @@ def test_a_run_goes_on_where_another_one_ended(tmp_path):
     assert np.linalg.norm(warm.distance[125:]) < 0.3 * np.linalg.norm(fresh.distance[125:])
 
 
+def test_information_leaves_the_last_body_out_unless_the_load_is_the_same(tmp_path):
+    """Without the last body it is the Schur complement of that body's block."""
+    controller = pa.make_controller(catalogue_robot("ur5"))
+    names, size = controller.dynamics.names, controller.dynamics.size
+    state = controller.init(
+        pa.Measurement(0.0, catalogue_robot("ur5").q0, np.zeros(6), np.zeros(3))
+    )
+    R = np.random.default_rng(2).standard_normal((size, size))
+    pa.LearnedParameters.of(controller, state, rows=R).save(tmp_path / "learned.json")
+    learned = pa.LearnedParameters.load(tmp_path / "learned.json")
+    assert np.allclose(learned.start(controller, same_load=True)["information"], R, rtol=1e-8)
+    own = np.array(["wrist_3_joint." in name and "." not in name[14:] for name in names])
+    own &= np.arange(size) < 60
+    assert np.count_nonzero(own) == 10
+    H, left = R.T @ R, learned.start(controller)["information"]
+    schur = H[~own][:, ~own] - H[~own][:, own] @ np.linalg.solve(H[own][:, own], H[own][:, ~own])
+    H_left = left.T @ left
+    assert np.allclose(H_left[~own][:, ~own], schur, rtol=1e-6, atol=1e-6)
+    assert not H_left[own].any()
+    with pytest.raises(pa.ParameterError, match="rows of"):
+        controller.init(
+            pa.Measurement(0.0, catalogue_robot("ur5").q0, np.zeros(6), np.zeros(3)),
+            information=R[:, 1:],
+        )
+
+
 def test_other_parameters_are_refused():
     _, rollout = run("ur5", 0.05)
     learned = rollout.parameters()

@@ -12,6 +12,7 @@ import pinadapt as pa
 from pinadapt.cli.command_line import main
 from pinadapt.identification.identification import log_of
 from pinadapt.identification.report import FILES
+from pinadapt.scenario.scenario import Scenario
 from tests.support.chains import catalogue_robot
 from tests.support.paths import ROOT
 from tests.support.recorded import LOAD, motion, recorded, torques, true_robot
@@ -316,6 +317,38 @@ def test_a_file_that_cannot_be_written_is_told_by_last_line_and_status(
     last = capsys.readouterr().out.strip().splitlines()[-1]
     assert last.startswith("INCOMPLETE: not written: learned.urdf") and "distribution" in last
     assert {file.name for file in out.iterdir()} == set(FILES) - {"learned.urdf"}
+
+
+def test_a_scenario_starts_from_what_a_log_identified(tmp_path):
+    """Its joints have the effects of the file, and the loop is good from the first sample."""
+    robot = catalogue_robot("ur5")
+    sticky = pa.Friction(np.full(6, 0.5), np.full(6, 0.8), threshold=0.05)
+    log = replace(
+        recorded("ur5", duration=6.0),
+        tau=torques(true_robot("ur5").changed(friction=sticky), *motion("ur5", duration=6.0)[1:]),
+    )
+    found = pa.identify(log, robot)
+    found.save(tmp_path)
+    learned = pa.LearnedParameters.load(tmp_path / "learned.json")
+    assert learned == found.parameters()
+    load = "mass = 1.5, com = [0.02, -0.01, 0.05], inertia = [0.01, 0.0, 0.012, 0.0, 0.0, 0.004]"
+    scenario = tmp_path / "one.toml"
+    scenario.write_text(
+        f'[robot]\nsource = "ur5"\n[truth]\npayload = {{{load}}}\n'
+        "tool_translation = [0.03, -0.02, 0.12]\nfriction = {viscous = 0.5, coulomb = 0.8}\n"
+        '[reference]\nkind = "circle"\nradius = 0.08\nperiod = 3.0\n'
+        "[simulation]\nduration = 1.0\ndt = 2e-3\n"
+    )
+    cold = Scenario.read(scenario)
+    warm = Scenario.read(scenario, ["belief.learned=learned.json"])
+    names = warm.controller.dynamics.names
+    assert sorted(names) == sorted(learned.dynamic) != sorted(cold.controller.dynamics.names)
+    friction = warm.controller.kinematics.robot.friction
+    for part in ("threshold", "breakaway", "fading"):
+        assert np.allclose(getattr(friction, part), getattr(found.robot.friction, part))
+    assert warm.start["information"].shape[1] == len(names)
+    errors = [scenario.run().distance.max() for scenario in (cold, warm)]
+    assert errors[1] < 0.2 * errors[0]  # friction in a scenario is sharper than in this log
 
 
 def test_the_command_takes_the_robot_of_a_scenario(tmp_path, capsys):

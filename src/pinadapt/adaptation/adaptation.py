@@ -207,6 +207,18 @@ class Adaptation(ABC):
         """
         return estimate.with_value(value)
 
+    def informed(self, estimate: Estimate, H: np.ndarray) -> Estimate:
+        """Return the estimate with a memory of other data, whose best value is the estimate's.
+
+        Adaptations without a memory of data return the estimate itself.
+
+        Args:
+            estimate: at the start.
+            H: (p, p) information matrix of the other data, the inverse covariance where it has full
+                rank.
+        """
+        return estimate
+
     def recorded(self, estimate: Estimate) -> Estimate:
         """Return what a record keeps of an estimate: what ``storage`` and ``project`` need."""
         return estimate
@@ -312,6 +324,10 @@ class Wrapper(Adaptation):
     def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
         """Return the inner adaptation's estimate at an announced value (p)."""
         return self.inner.reset_to(estimate, value, start)
+
+    def informed(self, estimate: Estimate, H: np.ndarray) -> Estimate:
+        """Return the estimate with the inner adaptation's memory of other data."""
+        return self.inner.informed(estimate, H)
 
     def recorded(self, estimate: Estimate) -> Estimate:
         """Return what a record of the inner adaptation keeps."""

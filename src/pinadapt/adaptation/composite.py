@@ -137,6 +137,8 @@ class CompositeMemory(Wrapper):
     combinations of parameters that W shows at one instant; this uses all those that the motion has
     excited so far.
 
+    Other data: A and b may begin with the information of a recorded motion, see ``informed``.
+
     V:          dV/dt changes by -(rho / kappa) da^T H da, an equality for all mu >= 0 and R >= 0,
                 which may change with time, in the metric of any inner adaptation. H is symmetric
                 and positive semidefinite: H^-1 = A^-1 + P where A is invertible. Under natural
@@ -187,6 +189,8 @@ class CompositeMemory(Wrapper):
         interval: between evaluations of H da [s]; zero for every sample.
         agreement: size of the torques that memory and estimate differ by, relative to the noise,
             below which rho is reduced; zero for never.
+        unit: the parameters' covariance before any data is about ``unit`` P: P is the rate of a
+            loop, and larger.
     """
 
     sources = ("Kreisselmeier1977", "PanYu2018", "FortescueKershenbaumYdstie1981")
@@ -203,6 +207,7 @@ class CompositeMemory(Wrapper):
         contradiction: float = math.inf,
         interval: float = 0.0,
         agreement: float = 0.0,
+        unit: float = 1.0,
     ) -> None:
         """Wrap an adaptation with a memory.
 
@@ -217,6 +222,7 @@ class CompositeMemory(Wrapper):
                 never.
             interval: between evaluations of H da [s], at most 1 / rho; zero: every sample.
             agreement: below which difference of the torques, relative to the noise, rho is reduced.
+            unit: of P, by which information of other data is multiplied.
 
         Raises:
             GainError: gains that are not positive, a share above one or too long an interval.
@@ -245,11 +251,21 @@ class CompositeMemory(Wrapper):
                 where="interval",
             )
         self.agreement = positive(agreement, "agreement", zero=True)
+        self.unit = positive(unit, "unit")
         self._variance = self.noise * self.noise
 
     def init(self, value: np.ndarray) -> Estimate:
         """Return the inner adaptation's start, with an empty memory."""
         return self._with_empty_memory(self.inner.init(value), 0.0)
+
+    def informed(self, estimate: Estimate, H: np.ndarray) -> Estimate:
+        """Return the estimate with A = unit H and b = A a_hat.
+
+        Where the other data's best value is off by e, dV/dt changes by (rho / kappa) da^T
+        (I + A P)^-1 A e besides: the memory holds what it was told, as exactly as it was told.
+        """
+        A = self.unit * H
+        return Estimate(estimate.value, (A, A.dot(estimate.value), *estimate.memory[2:]))
 
     def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
         """Return the inner adaptation's estimate at an announced value (p); memory begins anew."""

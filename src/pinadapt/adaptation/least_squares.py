@@ -95,6 +95,8 @@ class LeastSquares(Adaptation):
         directional: whether each direction forgets on its own.
         torque_bandwidth: bandwidth of the low pass [1/s]; None where the law's own drive has the
             prediction error, of the position or velocity of the frame.
+        unit: the parameters' covariance before any data is about ``unit`` P(0): P(0) is the rate of
+            a loop. The start with information H of other data is (P(0)^-1 + unit H)^-1.
     """
 
     name = "least-squares"
@@ -112,6 +114,7 @@ class LeastSquares(Adaptation):
         floor: ArrayLike = 0.0,
         forgetting: float = 1.0,
         directional: bool = False,
+        unit: float = 1.0,
     ) -> None:
         """Choose gain, weight and forgetting for p = ``size`` parameters.
 
@@ -127,6 +130,7 @@ class LeastSquares(Adaptation):
             floor: with a rate: a positive number or l of them, in units of W P W^T.
             forgetting: lambda_0 [1/s]; zero forgets nothing.
             directional: whether each direction forgets on its own.
+            unit: of P, see the attribute.
 
         Raises:
             GainError: gains that are not positive (definite), or of another size.
@@ -138,7 +142,7 @@ class LeastSquares(Adaptation):
             None if bandwidth is None else positive(bandwidth, "prediction_filter")
         )
         self.forgetting = positive(forgetting, "forgetting", zero=True)
-        self.directional = flag(directional, "directional")
+        self.directional, self.unit = flag(directional, "directional"), positive(unit, "unit")
         if self.directional:
             self.sources = (*self.sources, "SalgadoGoodwinMiddleton1988")
         self._constant = None if weight is None else checked_weight(weight)
@@ -151,6 +155,11 @@ class LeastSquares(Adaptation):
     def init(self, value: np.ndarray) -> Estimate:
         """Return the estimate to start from, with P(0)."""
         return Estimate(super().init(value).value, (self.P_0.copy(),))
+
+    def informed(self, estimate: Estimate, H: np.ndarray) -> Estimate:
+        """Return the estimate with the gain (P(0)^-1 + unit H)^-1."""
+        P = np.linalg.inv(self._prior + self.unit * H)
+        return estimate if not H.any() else Estimate(estimate.value, (0.5 * (P + P.T),))
 
     def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
         """Return the estimate at an announced value (p), with P(0) again."""

@@ -64,6 +64,11 @@ class Leak(Wrapper):
         inner = self.inner.reset_to(self._inner(estimate), value, start)
         return Estimate(inner.value, (start.copy(), *inner.memory))
 
+    def informed(self, estimate: Estimate, H: np.ndarray) -> Estimate:
+        """Return the estimate with the inner adaptation's memory of other data."""
+        inner = self.inner.informed(self._inner(estimate), H)
+        return Estimate(inner.value, (estimate.memory[0], *inner.memory))
+
     def recorded(self, estimate: Estimate) -> Estimate:
         """Return a_0 and what a record of the inner adaptation keeps."""
         inner = self.inner.recorded(self._inner(estimate))

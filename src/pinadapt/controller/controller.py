@@ -32,7 +32,7 @@ from ..signals import Signals
 from ..trajectories.trajectory import Trajectory
 from .announcement import NominalRobot, announced_state
 from .governor import PathTime
-from .inputs import InputCheck, initial_estimate
+from .inputs import InputCheck, initial_estimate, rows_of
 from .learned import AlongExcited, learned_robot
 from .limits import ControllerLimits
 from .sensing import Guards, Senses
@@ -128,6 +128,7 @@ class Controller:
         *,
         a_k: np.ndarray | None = None,
         a_d: np.ndarray | None = None,
+        information: np.ndarray | None = None,
         adapting: bool = True,
     ) -> ControllerState:
         """Return the state to start from: filters at rest, estimates as given or nominal.
@@ -137,6 +138,8 @@ class Controller:
             a_k: (p_k) initial kinematic estimate [m].
             a_d: (p_d) initial dynamic estimate; natural adaptation moves unphysical bodies into the
                 cone, with a warning.
+            information: (r, p_d) rows R of what other data say of it, R^T R its inverse covariance;
+                an adaptation with a memory begins with it. None: nothing.
             adapting: whether the estimates move from the start; see ``ControllerState.adapt``.
 
         Raises:
@@ -151,6 +154,9 @@ class Controller:
         dynamic = self.adaptation_d.init(
             initial_estimate(a_d, dynamics.initial, "belief.dynamic", dynamics.names)
         )
+        if information is not None:
+            rows = rows_of(information, dynamics.size)
+            dynamic = self.adaptation_d.informed(dynamic, rows.T @ rows)
         kinematic = self.adaptation_k.init(a_k)
         sensed = self.senses.init(measurement, kinematics, kinematic.value)
         torque_filter = self._torque_filter

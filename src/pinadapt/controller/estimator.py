@@ -15,7 +15,7 @@ from ..models.delay_compensation import SensedState
 from ..records import Desired, Measurement
 from ..robot.robot import Robot
 from .controller import Controller
-from .inputs import InputCheck, initial_estimate
+from .inputs import InputCheck, initial_estimate, rows_of
 from .learned import learned_robot
 from .state import ControllerState
 from .torque_agreement import HeardTorques
@@ -98,6 +98,7 @@ class Estimator:
         *,
         a_k: np.ndarray | None = None,
         a_d: np.ndarray | None = None,
+        information: np.ndarray | None = None,
     ) -> ControllerState:
         """Return the state to start from, estimates as given or nominal.
 
@@ -105,6 +106,7 @@ class Estimator:
             measurement: the first sample; x may come later, or never.
             a_k: (p_k) initial kinematic estimate [m].
             a_d: (p_d) initial dynamic estimate.
+            information: (r, p_d) of other data on it, as of ``Controller.init``.
 
         Raises:
             MeasurementError: measurements of the wrong size, not finite, or missing.
@@ -116,6 +118,9 @@ class Estimator:
         a_k = initial_estimate(a_k, kinematics.initial, "belief.kinematic", kinematics.names)
         a_d = initial_estimate(a_d, dynamics.initial, "belief.dynamic", dynamics.names)
         dynamic, kinematic = parts.adaptation_d.init(a_d), parts.adaptation_k.init(a_k)
+        if information is not None:
+            rows = rows_of(information, dynamics.size)
+            dynamic = parts.adaptation_d.informed(dynamic, rows.T @ rows)
         return ControllerState(
             t=sample.t,
             dynamic=dynamic,

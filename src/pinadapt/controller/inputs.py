@@ -228,6 +228,17 @@ def _number(value: Any, name: str) -> float:
     return number
 
 
+def rows_of(given: np.ndarray, size: int) -> np.ndarray:
+    """Return the rows (r, p) of an information of ``size`` p parameters, or refuse them."""
+    rows = numbers(given, "information", error=ParameterError)
+    if rows.ndim != 2 or rows.shape[1] != size:
+        raise ParameterError(
+            f"expected rows of {size} numbers, one a dynamic parameter, got shape {rows.shape}.",
+            where="information",
+        )
+    return rows
+
+
 def initial_estimate(
     given: np.ndarray | None, default: np.ndarray, where: str, names: tuple[str, ...]
 ) -> np.ndarray:

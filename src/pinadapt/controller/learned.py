@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +16,11 @@ from .._output import percent, write_text
 from .._version import __version__
 from ..exceptions import ParameterError, did_you_mean
 from ..models.excited import Excited, around, names_together
+from ..models.joint_effects import KINDS
 from ..models.physical_fit import PhysicalSet, nearest_with
-from ..models.regressor import PER_BODY
+from ..models.regressor import LABELS, PER_BODY
 from ..models.translations import PlacedTranslations
+from ..robot.changes import Friction, Shaft
 from ..robot.robot import Robot
 from .announcement import ControllerParts
 from .state import ControllerState
@@ -142,6 +144,10 @@ def learned_robot(
     return replace(learned, model=model, loads=(), remark=words)
 
 
+_SHAPES = ("threshold", "breakaway", "fading")
+_NEGLIGIBLE = 1e-9  # share of the largest singular value
+
+
 @dataclass(frozen=True)
 class LearnedParameters:
     """Estimates by name, which a file keeps for the next controller.
@@ -157,6 +163,11 @@ class LearnedParameters:
         units: name -> unit of its value; empty for parameters of a basis of one's own.
         version: of the library that learned them.
         remark: which of them are as at the start, because the motion did not excite them.
+        information: rows R of numbers, one a dynamic parameter: R^T R is the information of the
+            data, the inverse covariance of the estimates where it has full rank. Empty if unknown.
+        shape: of the joints' friction, whose coefficients are parameters: ``threshold``,
+            ``breakaway`` and ``fading``, one number a joint, and ``shafts`` of two joints; see
+            ``Friction``. Empty for the usual one.
     """
 
     robot: str
@@ -165,6 +176,8 @@ class LearnedParameters:
     units: Mapping[str, str]
     version: str = __version__
     remark: str = ""
+    information: tuple[tuple[float, ...], ...] = ()
+    shape: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -172,6 +185,7 @@ class LearnedParameters:
         controller: ControllerParts,
         state: ControllerState,
         along: AlongExcited | None = None,
+        rows: np.ndarray | None = None,
     ) -> LearnedParameters:
         """Return the estimates in a state of a controller.
 
@@ -179,6 +193,7 @@ class LearnedParameters:
             controller: that adapted.
             state: of it.
             along: what a motion excites; combinations that it does not are as at the start.
+            rows: (r, p) the information of the data.
         """
         a_d, words = (state.a_d, "") if along is None else along.estimate(controller, state)
         kinematics, dynamics = controller.kinematics, controller.dynamics
@@ -190,19 +205,59 @@ class LearnedParameters:
             dict(zip(dynamics.names, a_d.tolist(), strict=True)),
             units,
             remark=words,
+            information=() if rows is None else _rounded(rows),
+            shape=_shape_of(kinematics.robot.friction),
         )
 
-    def start(self, controller: ControllerParts) -> dict[str, np.ndarray]:
-        """Return ``a_k`` (p_k) and ``a_d`` (p_d) for a controller with the same parameters.
+    @property
+    def joint_coefficients(self) -> list[str]:
+        """The dynamic parameters of joints and shafts, as ``Unknown.effects`` names them."""
+        return [name for name in self.dynamic if name.rpartition(".")[2] in KINDS]
+
+    def start(
+        self, controller: ControllerParts, *, same_load: bool = False
+    ) -> dict[str, np.ndarray | None]:
+        """Return ``a_k`` (p_k), ``a_d`` (p_d) and ``information`` (r, p_d) to start from.
+
+        Translations of which nothing was learned start as the controller's model has them.
+
+        Args:
+            controller: with the same dynamic parameters.
+            same_load: whether the load is the one that was learned. Otherwise the information
+                leaves the last body out: it says of the others what it does whatever is carried.
 
         Raises:
             ParameterError: its parameters have other names.
         """
         kinematic, dynamic = controller.kinematics.names, controller.dynamics.names
-        return {
-            "a_k": _in_order(self.kinematic, kinematic, "learned.kinematic"),
+        start: dict[str, np.ndarray | None] = {
+            "a_k": None
+            if not self.kinematic
+            else _in_order(self.kinematic, kinematic, "learned.kinematic"),
             "a_d": _in_order(self.dynamic, dynamic, "learned.dynamic"),
         }
+        if self.information:
+            rows, names = np.array(self.information), list(self.dynamic)
+            if not same_load:
+                rows = _without(rows, names, controller.kinematics.robot.joint_names[-1])
+            start["information"] = rows[:, [names.index(name) for name in dynamic]]
+        return start
+
+    def shaped(self, robot: Robot) -> Robot:
+        """Return a robot whose friction has the learned shape, with its own coefficients.
+
+        Raises:
+            RobotError: a shape for other joints.
+        """
+        if not self.shape:
+            return robot
+        given: dict[str, Any] = dict(self.shape)
+        if "shafts" in given:
+            given["shafts"] = tuple(
+                Shaft(tuple(joints), sign, threshold=width)
+                for joints, sign, width in given["shafts"]
+            )
+        return replace(robot, friction=replace(robot.friction, **given))
 
     def save(self, path: Path | str) -> None:
         """Write a JSON file, whole or not at all; its folder is made if it is missing."""
@@ -211,10 +266,15 @@ class LearnedParameters:
             "version": self.version,
             "robot": self.robot,
             **({"remark": self.remark} if self.remark else {}),
+            **({"friction": dict(self.shape)} if self.shape else {}),
             "kinematic": self._rows(self.kinematic),
             "dynamic": self._rows(self.dynamic),
         }
-        write_text(Path(path), json.dumps(content, indent=1, allow_nan=False) + "\n")
+        text = json.dumps(content, indent=1, allow_nan=False)
+        if self.information:
+            rows = ",\n  ".join(json.dumps(row) for row in self.information)  # one a line
+            text = text.removesuffix("\n}") + f',\n "information": [\n  {rows}\n ]\n}}'
+        write_text(Path(path), text + "\n")
 
     @classmethod
     def load(cls, path: Path | str) -> LearnedParameters:
@@ -236,18 +296,64 @@ class LearnedParameters:
                 for kind in ("kinematic", "dynamic")
             ]
             robot, version = str(content["robot"]), str(content["version"])
-            remark = str(content.get("remark", ""))
-        except (KeyError, TypeError) as error:
+            remark, shape = str(content.get("remark", "")), dict(content.get("friction", {}))
+        except (KeyError, TypeError, ValueError) as error:
             raise ParameterError(f"lacks {error}.", where=str(path)) from error
         kinematic, dynamic = (_values(table, str(path)) for table in tables)
         units = {name: str(unit) for table in tables for name, (_, unit) in table.items()}
-        return cls(robot, kinematic, dynamic, units, version, remark)
+        rows = numbers(content.get("information", []), str(path), error=ParameterError)
+        if rows.size and rows.shape[1:] != (len(dynamic),):
+            raise ParameterError(
+                f"information has rows of {rows.shape[1:]} numbers, there are {len(dynamic)} "
+                "dynamic parameters.",
+                where=str(path),
+            )
+        information = tuple(tuple(row) for row in rows.tolist())
+        return cls(robot, kinematic, dynamic, units, version, remark, information, shape)
 
     def _rows(self, values: Mapping[str, float]) -> list[dict[str, Any]]:
         return [
             {"name": name, "value": value, "unit": self.units[name]}
             for name, value in values.items()
         ]
+
+
+def _rounded(rows: np.ndarray) -> tuple[tuple[float, ...], ...]:
+    """Return rows of numbers with the nine digits that a file keeps."""
+    return tuple(tuple(float(f"{x:.9g}") for x in row) for row in rows)
+
+
+def _without(rows: np.ndarray, names: Sequence[str], body: str) -> np.ndarray:
+    """Return what rows (r, p) say whatever the ten parameters of a body are.
+
+    With Q an orthonormal basis of the columns of these, (1 - Q Q^T) R: its square is the Schur
+    complement of their block in R^T R.
+    """
+    own = [k for k, name in enumerate(names) if name in {f"{body}.{part}" for part in LABELS}]
+    if not own:
+        return rows
+    sizes = np.linalg.norm(rows[:, own], axis=0)
+    columns = rows[:, own] / np.maximum(sizes, np.finfo(float).tiny)
+    U, s, _ = np.linalg.svd(columns, full_matrices=False)
+    Q = U[:, s > _NEGLIGIBLE * s.max(initial=0.0)]
+    left = rows - Q @ (Q.T @ rows)
+    left[:, own] = 0.0
+    return np.asarray(left)
+
+
+def _shape_of(friction: Friction) -> dict[str, Any]:
+    """Return what differs from the usual shape of friction, as ``LearnedParameters.shape``."""
+    usual = Friction(friction.viscous, friction.coulomb)
+    shape: dict[str, Any] = {
+        name: getattr(friction, name).tolist()
+        for name in _SHAPES
+        if not np.array_equal(getattr(friction, name), getattr(usual, name))
+    }
+    if friction.shafts:
+        shape["shafts"] = [
+            [list(part.joints), part.sign, part.threshold] for part in friction.shafts
+        ]
+    return shape
 
 
 def _values(table: Mapping[str, tuple[Any, Any]], where: str) -> dict[str, float]:

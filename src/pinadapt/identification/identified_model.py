@@ -134,8 +134,9 @@ class IdentifiedModel:
         return replace(learned, drawn=self.described.drawn, task=self.described.task)
 
     def parameters(self) -> LearnedParameters:
-        """Return the estimates by name, from which a controller can start."""
-        return LearnedParameters.of(self.estimator.controller, self.state)
+        """Return the estimates by name and their information, from which a controller can start."""
+        rows = self.dynamic.equations[0][: self.dynamic.rank]
+        return LearnedParameters.of(self.estimator.controller, self.state, rows=rows)
 
     def payload(self) -> PayloadEstimate:
         """Return the load that best explains the change of all bodies, and what else does.

@@ -135,14 +135,18 @@ class Scenario:
         with prefix_errors("truth"):
             true = true_robot(described, tables.truth)
         with prefix_errors("belief"):
+            learned = _learned(tables.belief, folder)
             unloaded = initial_model(described, tables.belief)
+            if learned is not None:
+                unloaded = learned.shaped(unloaded)
             load = payload_of(tables.belief.payload)
             estimated = unloaded.changed(payload=load)
         with prefix_errors("controller"):
             sensors = _sensors(tables.simulation)
-            controller = _controller(tables, described, unloaded, load, sensors, folder)
+            unknown = _unknown(tables.unknown, learned, folder)
+            controller = _controller(tables, described, unloaded, load, sensors, unknown)
         with prefix_errors("belief"):
-            start = _start(tables.belief, controller, folder)
+            start = _start(tables.belief, learned, controller)
         with prefix_errors("reference"):
             trajectory = trajectory_of(tables.reference, true)
         changes, announced = true_changes(described, tables.truth), announcements_of(tables.belief)
@@ -232,20 +236,32 @@ def _described(tables: ScenarioTables, folder: Path) -> Robot:
     )
 
 
-def _start(belief: BeliefSection, controller: Controller, folder: Path) -> dict[str, Any]:
-    """Return the initial estimates ``a_k`` and ``a_d``; None: those of the estimated model.
+def _learned(belief: BeliefSection, folder: Path) -> LearnedParameters | None:
+    """Return what was learned before; None where the scenario names no file.
 
     Raises:
-        InputError: the learned parameters are others than the unknown ones, or are given twice.
+        InputError: the file cannot be used, or estimates are given twice.
     """
-    given = {"a_k": belief.kinematic, "a_d": belief.dynamic}
     if belief.learned is None:
-        return given
-    if any(values is not None for values in given.values()):
+        return None
+    if belief.kinematic is not None or belief.dynamic is not None:
         raise ScenarioError(
             "contains these already; remove kinematic and dynamic.", where="learned"
         )
-    return dict(LearnedParameters.load(folder / belief.learned).start(controller))
+    return LearnedParameters.load(folder / belief.learned)
+
+
+def _start(
+    belief: BeliefSection, learned: LearnedParameters | None, controller: Controller
+) -> dict[str, Any]:
+    """Return the initial estimates, and the information; None: those of the estimated model.
+
+    Raises:
+        InputError: the learned parameters are others than the unknown ones.
+    """
+    if learned is None:
+        return {"a_k": belief.kinematic, "a_d": belief.dynamic}
+    return dict(learned.start(controller))
 
 
 def _sensors(simulation: SimulationSection) -> Sensors:
@@ -325,7 +341,7 @@ def _controller(
     unloaded: Robot,
     load: Payload | None,
     sensors: Sensors,
-    folder: Path,
+    unknown: Unknown,
 ) -> Controller:
     controller, simulation = tables.controller, tables.simulation
     guards = controller.guards
@@ -334,7 +350,7 @@ def _controller(
         payload=load,
         law=controller.law,
         adaptation=controller.adaptation,
-        unknown=_unknown(tables.unknown, folder),
+        unknown=unknown,
         sensors=sensors,
         limits=Limits(
             torque=simulation.torque_limits is not False,
@@ -351,8 +367,8 @@ def _controller(
     )
 
 
-def _unknown(unknown: UnknownSection, folder: Path) -> Unknown:
-    """Return the unknown parameters of [unknown].
+def _unknown(unknown: UnknownSection, learned: LearnedParameters | None, folder: Path) -> Unknown:
+    """Return the unknown parameters of [unknown]; by default those of the joints are the learned.
 
     Raises:
         InputError: the names, the basis or the inequality cannot be used.
@@ -361,10 +377,13 @@ def _unknown(unknown: UnknownSection, folder: Path) -> Unknown:
         basis = None if unknown.basis is None else read_matrix(folder / unknown.basis)
     with prefix_errors("unknown.lmi"):
         lmi = None if unknown.lmi is None else MatrixInequality.from_file(folder / unknown.lmi)
+    joint = unknown.joint
+    if joint is None and learned is not None:
+        joint = learned.joint_coefficients or "none"
     return Unknown.of_tables(
         unknown.kinematic,
         unknown.dynamic,
-        unknown.joint,
+        joint,
         basis=basis,
         lmi=lmi,
         regressor=unknown.regressor,

@@ -27,6 +27,7 @@ from ..trajectories.trajectory import Trajectory
 from ..tuning.preflight import jacobian_finding, preflight, sensor_findings
 
 _STARTS = {"a_k": "belief.kinematic", "a_d": "belief.dynamic"}
+_INFORMATION = "information"
 
 _SINGULAR = 1e-6
 
@@ -58,11 +59,13 @@ def prepare(
         _warn_of_box(plant.robot, controller)
     if isinstance(start, LearnedParameters):
         start = start.start(controller)
+    given = dict(mapping(start, "start"))
+    rows = given.pop(_INFORMATION, None)
     estimates: dict[str, Any] = {
-        word(name, _STARTS, "start"): _array(value, _STARTS[name])
-        for name, value in mapping(start, "start").items()
+        word(name, (*_STARTS, _INFORMATION), "start"): _array(value, _STARTS[name])
+        for name, value in given.items()
     }
-    return controller.init(plant.measure(), **estimates)
+    return controller.init(plant.measure(), information=rows, **estimates)
 
 
 def findings(

@@ -162,8 +162,9 @@ def simulate(
         engine: what moves the true robot, and in which steps: an ``Engine``, or its plant alone:
             "pinocchio", "mujoco", a ``MujocoFile``, or a class of plants; or the ``Actuators`` of
             Pinocchio's.
-        start: initial estimates, ``a_k`` (p_k) [m] and ``a_d`` (p_d) by name, or what was learned
-            before; by default those of the controller's model.
+        start: initial estimates, ``a_k`` (p_k) [m] and ``a_d`` (p_d) by name, with ``information``
+            as of ``Controller.init``; or what was learned before. By default those of the
+            controller's model.
         seed: of the noise and of lost frames.
         record_every: keep one sample of so many; the loop itself runs at every one.
         title: of the rollout.

@@ -27,6 +27,7 @@ from .defaults import (
     PREDICTION_RATE,
     frequency,
     gradient_shape,
+    prior_covariance,
     rate_for,
     typical_start,
     typical_torques,
@@ -343,13 +344,31 @@ def predicting(
             contradiction=_CONTRADICTION,
             interval=_INTERVAL / rate,
             agreement=_AGREEMENT,
+            unit=_unit(moved, motion) * share,
         )
     if kind != LeastSquares.name:
         return Composite(moved, low_pass, rate=rate, floor=_FLOOR * torques)
     forgetting = _given(rates, "forgetting", _FORGETTING * bandwidth * share)
     P_0, size = moved.gain(typical_start(moved, motion)), motion.dynamics.size
     weight = rate / torques
-    return LeastSquares(P_0, size, low_pass, weight=weight, forgetting=forgetting, directional=True)
+    return LeastSquares(
+        P_0,
+        size,
+        low_pass,
+        weight=weight,
+        forgetting=forgetting,
+        directional=True,
+        unit=_unit(moved, motion),
+    )
+
+
+def _unit(adaptation: Adaptation, motion: TypicalMotion) -> float:
+    """Return the size of the prior covariance relative to Gamma, the median over the bodies."""
+    prior = prior_covariance(motion.robot, motion.dynamics)
+    if prior is None:
+        return 1.0
+    Gamma = adaptation.gain(typical_start(adaptation, motion))
+    return float(np.median(np.diag(prior) / np.diag(Gamma)[: len(prior)]))
 
 
 def shaken_torques(adaptation: Adaptation, motion: TypicalMotion, a: float) -> np.ndarray:
