@@ -268,7 +268,7 @@ class Arm:
 
 def test_the_code_of_the_page_runs(tmp_path, monkeypatch):
     page = ROOT / "docs" / "identify.md"
-    whole, online = re.findall(r"```python\n(.*?)```", page.read_text(), re.S)
+    whole, loop, online = re.findall(r"```python\n(.*?)```", page.read_text(), re.S)
     robot, log = catalogue_robot("ur5"), recorded("ur5", duration=3.0)
     robot.save(tmp_path / "my_robot.urdf", shapes=False)
     as_csv(tmp_path / "log.csv", log, robot)
@@ -279,6 +279,12 @@ def test_the_code_of_the_page_runs(tmp_path, monkeypatch):
     assert (tmp_path / "identified" / "summary.json").is_file()
     exec(online, scope)
     assert len(scope["numbers"].dynamic) == 78
+    true = pa.load("my_robot.urdf")
+    start = pa.Measurement(0.0, true.q0, np.zeros(6), true.position(true.q0))
+    scope |= {"true": true, "path": pa.reachable_circle(true), "measurement": start}
+    exec(loop, scope)
+    assert (scope["state"].a_d == scope["found"].dynamic.estimate).all()
+    assert scope["rollout"].diverged is None
 
 
 def test_the_command_writes_its_files(tmp_path, capsys):
