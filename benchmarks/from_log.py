@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import argparse
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ import pinadapt as pa
 
 from .identification import CAMERA, COUNT, LOAD, TOOL, with_noise
 
-FRICTION = {"viscous": 0.5, "coulomb": 0.8, "armature": 0.05}
+FRICTION: dict[str, Any] = {"viscous": 0.5, "coulomb": 0.8, "armature": 0.05}
 OTHER = pa.Payload(2.5, (0.0, 0.03, 0.08))
 LOADS = {"panda": 1.0, "ur5": 1.0, "xarm7": 1.0}  # of the loads above
 LIGHTER, DT, DURATION = 0.7, 2e-3, 10.0
@@ -58,7 +58,9 @@ def real(robot: pa.Robot, load: pa.Payload) -> pa.Robot:
 def torque_error(controller: pa.Controller, true: pa.Robot, a_d: np.ndarray) -> float:
     """Return the rms error of the predicted torque over random states [N m]."""
     rng, model, truth = np.random.default_rng(1), true.model, pa.make_controller(true).dynamics
-    truth.load(truth.value(true))
+    exact = truth.value(true)
+    assert exact is not None  # all bodies and joints are parameters
+    truth.load(exact)
     controller.dynamics.load(a_d)
     errors = []
     for _ in range(STATES):
@@ -101,7 +103,7 @@ def rows(name: str) -> Iterator[tuple[str, ...]]:
             )
 
 
-def report(table: Mapping[str, Any]) -> str:
+def report(table: Sequence[str]) -> str:
     """Return a row in Markdown."""
     return f"| {' | '.join(table)} |"
 
