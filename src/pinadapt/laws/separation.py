@@ -28,7 +28,7 @@ from .posture import Posture
 
 _DAMPING, _STEP = 3.0, 0.5  # K_v in bandwidths times inertia; at most this times inertia / dt
 _LOAD, _ARM = 0.1, 0.05  # load assumed for K_D: of the robot's mass, of its reach off the flange
-_CARRIED, _MOST = 0.02, 2.5  # for late motors: least inertia, of the load's; most, of the joint's
+_CARRIED, _MOST = 0.05, 2.5  # for late motors: least inertia, of the load's; most, of the joint's
 _EAGER = 3.0  # times the delay of the motors, during which a ringing does not grow
 _OBSERVER = 1.0  # beta in bandwidths
 _FAST = 0.5  # Y_fast in parts of the largest norm of a typical motion
@@ -194,7 +194,7 @@ class Separation(Law):
 
         Feedback through motors that are late by T rings where the damping of a joint exceeds about
         its inertia / T. A joint that is much lighter than the load assumed for K_v would be spun by
-        such a load before it is learned: its inertia counts as a fiftieth of the load's at least,
+        such a load before it is learned: its inertia counts as a twentieth of the load's at least,
         but at most as 2.5 times its own. No joint is damped more than with the shorter lag. All
         have that one at the start, when nothing is learned and the errors of the model strike:
         within 3 T a ringing does not grow.
