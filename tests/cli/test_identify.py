@@ -42,7 +42,8 @@ def options_of(*arguments):
     """Return the intake of arguments of the command line."""
     parser = argparse.ArgumentParser()
     command.arguments(parser)
-    return command._intake(parser.parse_args([*arguments, "--robot", "panda"]))
+    found = command._intake(parser.parse_args([*arguments, "--robot", "panda"]))
+    return Intake.of(Intake.beside(arguments[0])) if found is None else found
 
 
 def test_every_field_of_an_intake_is_an_option():
@@ -87,6 +88,14 @@ def test_options_override_the_file_beside_the_log(tmp_path, capsys):
     assert options_of(log, "--rate", "20", "--gravity", "0,0,9") == Intake(
         rate=20.0, gravity=[0, 0, 9]
     )
+    other = str(tmp_path / "other.csv")
+    (tmp_path / "other.intake.toml").write_text("rate = 60.0\n")
+    with pytest.raises(
+        pa.InputError, match=r"how all logs are read, and .*other\.intake\.toml how one"
+    ):
+        options_of(log, other, "--degrees")
+    assert options_of(log, other) == Intake(rate=50.0, mount="wall")
+    assert f"{other} is read as" in capsys.readouterr().out
     (tmp_path / "other.toml").write_text("degrees = true\n")
     assert options_of(log, "--intake", str(tmp_path / "other.toml")) == Intake(degrees=True)
 
@@ -139,6 +148,15 @@ def test_a_doubtful_log_is_no_success(copy, tmp_path, capsys):
     assert main([*arguments, "--write-intake"]) == 2
     assert "do not fit" in (tmp_path / "log.intake.toml").read_text()
     (tmp_path / "log.intake.toml").unlink()
+
+
+def test_each_of_several_logs_is_checked(copy, tmp_path, capsys):
+    bad = copy(lambda t, q, v, tau: {"tau": -tau})
+    for arguments in (["--test", str(bad)], ["--empty", str(bad)], []):
+        logs = [str(LOG)] if arguments else [str(LOG), str(bad)]
+        options = ["--dynamic", "payload", "--joint", "none", "--out", str(tmp_path / "out")]
+        assert main(["identify", *logs, *arguments, "--robot", "panda", *options]) == 2
+        assert f"{bad}: tau: the torques do not fit" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -233,15 +233,33 @@ def _float(text: str) -> float:
 _ELSEWHERE = ("columns", "files")  # fields of an intake that are lists of assignments here
 
 
-def _intake(options: argparse.Namespace) -> Intake:
-    """Return how the log is to be read: the file beside it or another, and the options."""
-    beside = options.intake or Intake.beside(options.log)
-    if beside is not None:
-        print(f"read as {beside} says")
+def _intake(options: argparse.Namespace) -> Intake | None:
+    """Return how the logs are to be read; None: each by the file beside it.
+
+    Raises:
+        InputError: options for several logs, of which others than the first have such a file.
+    """
     given = {one.name: getattr(options, one.name) for one in fields(Intake)}
     for name in _ELSEWHERE:
         given[name] = dict(given[name]) or None
-    return Intake.of(beside).updated(**given)
+    logs = [*options.log, *options.test, *([options.empty] if options.empty else [])]
+    beside = {log: place for log in logs if (place := Intake.beside(log)) is not None}
+    stated = options.intake is not None or any(value is not None for value in given.values())
+    if not stated:
+        for log, place in beside.items():
+            print(f"{log} is read as {place} says")
+        return None
+    first, *others = logs
+    if options.intake is None and (own := [beside[log] for log in others if log in beside]):
+        raise InputError(
+            f"options say how all logs are read, and {own[0]} how one of them is.",
+            where="identify",
+            hint="Write the options into the files beside the logs: --write-intake, one by one.",
+        )
+    place = options.intake or beside.get(first)
+    if place is not None:
+        print(f"read as {place} says")
+    return Intake.of(place).updated(**given)
 
 
 def identify(options: argparse.Namespace) -> int:
@@ -249,10 +267,10 @@ def identify(options: argparse.Namespace) -> int:
 
     Nothing is written before the estimation is complete.
     """
-    options.log, *more = options.log
     intake = _intake(options)
+    options.log, *more = options.log
     if options.write_intake:
-        return _write_intake(options, intake)
+        return max(_write_intake(options, log, intake) for log in (options.log, *more))
     folder = options.out or Path("out") / f"{options.log.stem or 'log'}-identified"
     _check_place(folder, options.log)
     robot, unknown = _robot_and_unknown(options)
@@ -285,14 +303,15 @@ def identify(options: argparse.Namespace) -> int:
     return (INCOMPLETE if missing else DONE) if found.trusted else REFUSED
 
 
-def _write_intake(options: argparse.Namespace, intake: Intake) -> int:
+def _write_intake(options: argparse.Namespace, source: Path, intake: Intake | None) -> int:
     """Read and check a log, write how it was read beside it, and print what was found."""
-    place = options.intake or place_beside(options.log)
+    place = options.intake or place_beside(source)
     robot, _ = _robot_and_unknown(options)
-    log, described = log_and_robot(options.log, robot, intake, None)
+    intake = Intake.of(Intake.beside(source)) if intake is None else intake
+    log, described = log_and_robot(source, robot, intake, None)
     check = check_torques(log, described)
     about = [
-        f"How {options.log.name} is read by `pinadapt identify`, as a log of {robot.name}.",
+        f"How {source.name} is read by `pinadapt identify`, as a log of {robot.name}.",
         f"Joints: {', '.join(robot.joint_names)}.",
         f"{len(log.t)} samples, {log.duration:.4g} s, every {1e3 * log.period:.4g} ms.",
         f"Checked: {check.verdict}",

@@ -18,7 +18,7 @@ from ..controller.estimator import Estimator
 from ..exceptions import InputError, LogError, ParameterError, TorqueMismatchError
 from ..information.measured_motion import MeasuredMotion, motion_of_log
 from ..information.payload import PayloadEstimate
-from ..information.torque_check import check_torques, on_wall
+from ..information.torque_check import TorqueCheck, check_torques, on_wall
 from ..logs.formats import read_log
 from ..logs.intake import REPLACED, Intake
 from ..logs.log import Log, joined, starts_of
@@ -158,8 +158,8 @@ def identify(
         compensated: torque that the arm adds by itself and the log leaves out: "nominal" for the
             description's gravity, or a callable of q (nq) that returns the torque (n).
         held_out: share of the log that is held out, at most a half.
-        intake: how the log is to be read, an ``Intake``, its fields or a TOML file; by default the
-            one beside the log.
+        intake: how all logs are to be read, an ``Intake``, its fields or a TOML file; by default,
+            each by the file beside it.
         progress: of the online estimates, as of ``simulate``: by default a bar on a terminal.
 
     Raises:
@@ -174,10 +174,11 @@ def identify(
     if share > 0.5:
         raise InputError(f"at most a half can be held out, got {share:g}.", where="held_out")
     sources, tests = _several(log), _several(test)
-    intake = Intake.of(Intake.beside(sources[0]) if intake is None else intake)
+    given = (*sources, *tests, *(() if empty is None else (empty,)))
+    intakes = [Intake.of(Intake.beside(one) if intake is None else intake) for one in given]
     logs: list[Log] = []
-    for source in (*sources, *tests):
-        one, described = log_and_robot(source, described, intake, compensated)
+    for source, way in zip((*sources, *tests), intakes, strict=False):
+        one, described = log_and_robot(source, described, way, compensated)
         logs.append(one)
     first_log, found = logs[0], joined(logs, _PAUSE)
     unknown = Unknown.of(unknown)
@@ -192,15 +193,8 @@ def identify(
     if not (dynamics.size or kinematics.size):
         raise InputError("nothing is unknown, so there is nothing to identify.", where="identify")
     physical_set(dynamics, nominal)  # refuses other parameters
-    check = check_torques(found, described) if dynamics.size else None
-    if check is not None and not check.fits and not intake.doubtful:
-        raise TorqueMismatchError(
-            check.verdict,
-            where=f"{check.source}: tau",
-            hint="--accept-doubts learns nevertheless, without trust in the result; in Python "
-            'intake={"doubtful": True}.',
-            check=check,
-        )
+    doubtful = any(way.doubtful for way in intakes)
+    check = _torques_checked(logs, described, doubtful=doubtful) if dynamics.size else None
     motion, starts = _motion_of(nominal, logs), starts_of(logs, _PAUSE)
     split = float(motion.t[-1] - share * (motion.t[-1] - motion.t[0]))
     if tests:
@@ -226,7 +220,8 @@ def identify(
     gamma = GAMMA if weight is None else weight.gamma
     load_estimate = None
     if empty is not None:
-        one, _ = log_and_robot(empty, described, intake, compensated)
+        one, _ = log_and_robot(empty, described, intakes[-1], compensated)
+        _torques_checked([one], described, doubtful=doubtful)
         loaded = first if tests else windows
         load_estimate = _load_between(
             placed, nominal, loaded, one, gamma, options, located.estimate
@@ -255,7 +250,7 @@ def identify(
         tested=tuple(one.source for one in logs[len(sources) :]),
         load=load_estimate,
         check=check,
-        intake=intake.updated(**found.assumed),
+        intake=intakes[0].updated(**first_log.assumed),
     )
 
 
@@ -346,6 +341,25 @@ def _effects(
         loading=_loading(placed, robot, motion, bodies, split, log),
         armature=armature,
         effects=others,
+    )
+
+
+def _torques_checked(logs: Sequence[Log], robot: Robot, *, doubtful: bool) -> TorqueCheck:
+    """Return the check of the first log, or of the first one that does not fit.
+
+    Raises:
+        TorqueMismatchError: one does not fit, and doubts are not accepted.
+    """
+    checks = [check_torques(one, robot) for one in logs]
+    check = next((one for one in checks if not one.fits), checks[0])
+    if check.fits or doubtful:
+        return check
+    raise TorqueMismatchError(
+        check.verdict,
+        where=f"{check.source}: tau",
+        hint="--accept-doubts learns nevertheless, without trust in the result; in Python "
+        'intake={"doubtful": True}.',
+        check=check,
     )
 
 
