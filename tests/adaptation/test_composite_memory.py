@@ -10,7 +10,6 @@ from scipy.linalg import eigh
 import pinadapt as pa
 from pinadapt.description.catalogue import robots_folder
 from pinadapt.scenario.scenario import Scenario
-from pinadapt.tuning.defaults import LATE
 from tests.support.chains import catalogue_robot, robot_of
 from tests.support.exciting import panda_swung, time_to, times_to
 from tests.support.loops import circle_beside, energy_along, motion_at_home, with_tool_and_load
@@ -233,22 +232,121 @@ def test_memory_with_two_gains_pulls_at_the_same_rate():
     assert np.allclose(0.25 * rates[0], rates[1], rtol=1e-9, atol=1e-12)
 
 
-def test_contradicted_memory_begins_anew_and_rests_until_the_low_pass_has_forgotten():
-    adaptation, estimate, truth = remembering(rate=6.0, contradiction=9.0)
-    rng, dt, quiet = np.random.default_rng(3), 1e-3, []
-    for k in range(3000):
-        W = rng.standard_normal((2, 6))
-        now = truth if k < 1500 else truth + 1.0
-        before = estimate
-        estimate = adaptation.step(estimate, shown(now, W, estimate), dt)
-        A, b, pull, clock = estimate.memory
-        if clock[0] > 0.0:
-            quiet.append(k)
-            assert not A.any() and not b.any() and not pull.any()
-            assert np.array_equal(estimate.value, before.value) or k == 1500
-    assert quiet == list(range(1500, 1500 + len(quiet)))
-    assert len(quiet) == pytest.approx(600, abs=2)  # 6 / bandwidth
-    assert np.abs(estimate.value - truth - 1.0).max() < 0.01
+def filtered(truths, dt=1e-3, seed=3):
+    """Yield W (2, 6) and y (2) behind one low pass of 10 / s, for the truths (6) of the samples."""
+    rng, share = np.random.default_rng(seed), -np.expm1(-10.0 * dt)
+    W, y = np.zeros((2, 6)), np.zeros(2)
+    for truth in truths:
+        yield W, y
+        new = 10.0 * rng.standard_normal((2, 6))
+        W, y = W + share * (new - W), y + share * (new @ truth - y)
+
+
+def predicting(W, y, estimate, Y=None, e=None):
+    """Return the drive of a prediction error, W (n, p) and y (n), beside that of a tracking one."""
+    Y = np.zeros((1, estimate.value.size)) if Y is None else Y
+    return pa.adaptation.Drive(Y, e).with_prediction_error(W, W @ estimate.value - y)
+
+
+def test_contradicted_memory_begins_anew_without_what_its_low_pass_knew():
+    """From then on b = A a for the new parameters, exactly: new data count at once."""
+    adaptation, estimate, truth = remembering(rate=6.0, contradiction=0.1)
+    changed, since, wrong = truth + 1.0, None, []
+    for k, (W, y) in enumerate(filtered([truth] * 1500 + [changed] * 1500)):
+        estimate = adaptation.step(estimate, predicting(W, y, estimate), 1e-3)
+        A, b, pull = estimate.memory[:3]
+        if since is None and not A.any() and k > 1:
+            since = k
+            assert not b.any() and not pull.any()
+        if since is not None and k > since:
+            wrong.append(np.abs(A @ changed - b).max() / np.abs(b).max())
+    assert 1500 < since <= 1520
+    assert max(wrong) < 1e-6
+    assert np.abs(estimate.value - changed).max() < 0.01
+
+
+def test_announced_memory_begins_anew_without_what_its_low_pass_knew():
+    adaptation, estimate, truth = remembering(rate=6.0)
+    changed = truth + 1.0
+    for k, (W, y) in enumerate(filtered([truth] * 500 + [changed] * 300)):
+        if k == 500:
+            estimate = adaptation.reset_to(estimate, estimate.value + 0.9, truth)
+        estimate = adaptation.step(estimate, predicting(W, y, estimate), 1e-3)
+        A, b = estimate.memory[:2]
+        if k > 500:
+            assert np.allclose(A @ changed, b, rtol=1e-6, atol=1e-6 * np.abs(b).max())
+    assert A.any() and np.abs(estimate.value - changed).max() < 0.05
+
+
+def test_tracking_error_teaches_fast_beside_an_empty_memory_only():
+    """The share falls from the first one as exp(-bandwidth t), as a step and as an ODE."""
+    adaptation, estimate, truth = remembering(noise=1e3, share=0.1, first_share=0.8)
+    for k, (W, y) in enumerate(filtered([truth] * 600)):
+        assert adaptation.emphasis(estimate) == pytest.approx(1.0 + 7.0 * np.exp(-0.01 * k))
+        Y = np.random.default_rng(k).standard_normal((1, 6))
+        drive = predicting(W, y, estimate, Y, np.ones(1))
+        rate = adaptation.rate(estimate, drive)
+        told = -adaptation.inner.gain_times(truth, Y.T)[:, 0] * adaptation.emphasis(estimate)
+        assert np.allclose(rate.value, told, rtol=1e-3, atol=1e-3)  # with the noise: no memory
+        later = adaptation.step(estimate, drive, 1e-3)
+        fresh = later.memory[5][2] - estimate.memory[5][2]
+        assert rate.memory[5][2] == pytest.approx(fresh / 1e-3, rel=0.01)
+        estimate = later
+    assert adaptation.emphasis(adaptation.reset_to(estimate, truth, truth)) == pytest.approx(8.0)
+
+
+@pytest.mark.parametrize(("name", "share"), [("panda", 1 / 16), ("ur5", 1 / 4), ("planar_2r", 0.1)])
+def test_lyapunov_equality_while_the_share_falls(name, share):
+    """V is kappa(t) (the law's) + D: its derivative has the law's V times that of kappa."""
+    robot = robot_of("separation", name)
+    controller = pa.make_controller(
+        robot.changed(inertial_scale=0.7),
+        adaptation="natural-memory",
+        gamma_d=5.0,
+        unknown=pa.Unknown(friction=False, armature=False),
+    )
+    with_share(controller, share, first_share=2.0 * share)
+    energy = energy_along(real(robot), controller, beside(real(robot)), seconds=0.02)
+    assert energy.mismatch(after=10) <= 1e-4
+    assert (energy.rate[2:-2] <= 0.0).all() and energy.largest_rise() <= 1e-12
+    with_share(controller, share)
+    slower = energy_along(real(robot), controller, beside(real(robot)), seconds=0.02)
+    assert np.abs(energy.V[0] - slower.V[0]) > 1e-3 * slower.V[0]  # the law's part counts twice
+
+
+def test_memory_is_not_trusted_where_innovations_last():
+    """A torque that no parameter explains; if it alternates, the trust stays."""
+    gains = {"rate": 6.0, "share": 0.1, "lone_share": 0.5, "unexplained": 0.1}
+    emphases = []
+    for sign in (lambda k: 1.0, lambda k: (-1.0) ** (k // 20)):
+        adaptation, estimate, truth = remembering(**gains)
+        W = np.random.default_rng(4).standard_normal((1, 2, 6))[0]
+        for k in range(3000):
+            turned = W * np.cos(0.02 * k + np.arange(6))
+            drive = predicting(turned, turned @ truth + 0.05 * sign(k), estimate)
+            estimate = adaptation.step(estimate, drive, 1e-3)
+        emphases.append(adaptation.emphasis(estimate))
+    assert emphases[0] > 4.0 and emphases[1] < 1.5, emphases
+
+
+def test_memory_rests_while_a_motor_saturates():
+    """The missing torque may be an obstacle's; afterwards it goes on without it."""
+    adaptation, estimate, truth = remembering(rate=6.0)
+    held = truth + 1.0
+    truths = [truth] * 300 + [held] * 200 + [truth] * 800
+    for k, (W, y) in enumerate(filtered(truths)):
+        drive, before = predicting(W, y, estimate, np.ones((1, 6)), np.ones(1)), estimate
+        if 300 <= k < 500:
+            estimate = adaptation.step(estimate, drive.without_tracking(), 1e-3)
+            assert np.array_equal(estimate.value, before.value)
+            assert all(map(np.array_equal, estimate.memory[:3], before.memory[:3]))
+            assert not adaptation.rate(estimate, drive.without_tracking()).value.any()
+            assert adaptation.dissipation(estimate, drive.without_tracking(), truth) == 0.0
+        else:
+            estimate = adaptation.step(estimate, predicting(W, y, estimate), 1e-3)
+            A, b = estimate.memory[:2]
+            assert np.allclose(A @ truth, b, rtol=1e-6, atol=1e-9 * np.abs(b).max(initial=1.0))
+    assert np.abs(estimate.value - truth).max() < 0.1
 
 
 def test_memory_leaves_small_differences_to_the_tracking_error():
@@ -317,15 +415,12 @@ def circling(name, friction=False):
 
 @pytest.mark.parametrize("name", ["panda", "z1"])
 def test_tracking_error_after_four_seconds_is_that_of_known_parameters(name):
-    """Tool, load and inertias unknown; with the same feedback known ones leave a micrometre."""
+    """Tool, load and inertias unknown; with known ones the error is a micrometre."""
     robot, true, path = circling(name)
     nominal, last = robot.changed(inertial_scale=0.7), {}
     for who, controller in {
         "informed": pa.make_controller(
-            true,
-            adaptation="none",
-            unknown=pa.Unknown(friction=False, armature=False),
-            lag=LATE,
+            true, adaptation="none", unknown=pa.Unknown(friction=False, armature=False)
         ),
         "adapted": pa.make_controller(
             nominal,
@@ -336,7 +431,7 @@ def test_tracking_error_after_four_seconds_is_that_of_known_parameters(name):
         rollout = pa.simulate(true, controller, path, duration=4.0)
         last[who] = rollout.distance[-400:].max()
     assert last["informed"] < 1.5e-6
-    assert last["adapted"] < 3.0 * last["informed"], last
+    assert last["adapted"] < 2.5 * last["informed"], last
 
 
 @pytest.mark.parametrize(("friction", "share"), [(False, 0.1), (True, 0.2)])
@@ -392,7 +487,7 @@ def test_fixed_mass_matrix_must_include_the_load(announced):
         largest.append(eigh(change, M, eigvals_only=True)[-1])
     last = rollout.distance[-150:].max()
     assert (
-        (max(largest) < 0.6 and last < 1e-4) if announced else (max(largest) > 1.2 and last > 5e-3)
+        (max(largest) < 0.6 and last < 1e-4) if announced else (max(largest) > 1.0 and last > 5e-3)
     )
 
 
@@ -406,7 +501,7 @@ def test_memory_is_empty_after_an_announced_load():
     before = snapshot(last)
     announced = controller.announce(last, payload=pa.Payload(2.0))
     assert unchanged(last, before)
-    A, b, pull, clock = announced.dynamic.memory[:4]
+    A, b, pull, _, _, clock = announced.dynamic.memory[:6]
     assert not A.any() and not b.any() and not pull.any()
     assert clock[0] == pytest.approx(6.0 / controller.adaptation_d.torque_bandwidth)
 
@@ -453,7 +548,10 @@ def test_names_gains_and_sources():
         {"forgetting": -1.0},
         {"share": 0.0},
         {"share": 1.5},
+        {"share": 0.5, "first_share": 0.4},
+        {"share": 0.5, "lone_share": 1.5},
         {"contradiction": 0.0},
+        {"unexplained": 0.0},
         {"interval": 2.0},
         {"agreement": -1.0},
     ):

@@ -49,9 +49,13 @@ def test_an_obstacle_is_waited_out(ur5):
 
 
 def test_an_obstacle_is_waited_out_with_a_memory_too(ur5):
-    """It takes the obstacle for inertia while that lasts, and contradicts itself afterwards."""
-    long = run(*ur5, 10.0, governed=True, plant=HeldLonger, dt=DT)
-    assert long["lost"] is None and long["largest"] < 60.0 and long["last"] < 0.5
+    """While a motor saturates it learns nothing: it does not take the obstacle for inertia."""
+    short = run(*ur5, 5.0, governed=True, plant=Held, dt=DT)
+    long = run(*ur5, 8.0, governed=True, plant=HeldLonger, dt=DT)
+    assert long["lost"] is None and long["largest"] < 55.0 and long["last"] < 0.2
+    assert long["largest"] == pytest.approx(short["largest"], rel=1e-3)
+    assert long["estimates"] == pytest.approx(short["estimates"], rel=1e-3)
+    assert long["late"] - short["late"] == pytest.approx(3.0, abs=0.05)
     (slowed,) = long["slowed"]
     assert slowed["from"] == pytest.approx(2.0, abs=0.15) and slowed["least_rate"] < 1e-3
 

@@ -460,12 +460,12 @@ def test_told_it_stays_within_a_fifth_of_a_millimetre():
 
 
 @pytest.mark.parametrize("settings", [(), (TOLD,)], ids=["untold", "told"])
-def test_with_its_memory_it_errs_more_for_a_moment_and_less_afterwards(settings):
-    """It begins anew, and beside it the tracking error teaches slowly."""
-    with_one, without = ran(*settings), ran(*settings, NATURAL)
+def test_with_its_memory_it_errs_no_more_than_without_at_the_same_feedback(settings):
+    """Beside an empty memory the tracking error teaches as fast as without one."""
+    with_one, without = ran(*settings), ran(*settings, NATURAL, "controller.lag=0.01")
     for transient, other in zip(with_one.transients, without.transients, strict=True):
-        assert transient.worst < 2.0 * max(other.worst, 0.5e-3) and transient.back < 0.3
-    assert with_one.distance[-500:].max() < 0.3 * without.distance[-500:].max()
+        assert transient.worst < 1.05 * other.worst and transient.back < 0.3
+    assert with_one.distance[-500:].max() < 0.1 * without.distance[-500:].max()
 
 
 def test_the_scenario_and_simulate_agree():

@@ -118,7 +118,7 @@ def energy_along(
         plant, controller, path, dt=dt, state=state, ideal_acceleration=True
     )
     a_k, a_d = controller.kinematics.value(true), controller.dynamics.value(true)
-    V, rate, dx, delta = [], [], [], []
+    V, rate, dx, delta, others, emphasis = [], [], [], [], [], []
     for sample in list(islice(stream, round(seconds / dt))):
         signals, command = controller.command(sample.state, sample.measurement, sample.desired)
         q, v = sample.measurement.q, sample.measurement.v
@@ -128,19 +128,25 @@ def energy_along(
         else:
             drives = controller.sent(signals, command)[1]
         truth, law = truth_at(plant, sample, a_k, a_d), controller.law
-        V.append(law.storage(signals, truth) + controller.parameter_storage(sample.state, a_k, a_d))
-        learned = sum(
-            adaptation.dissipation(estimate, drive, true)
-            for adaptation, estimate, drive, true in (
-                (controller.adaptation_d, sample.state.dynamic, drives.dynamic, a_d),
-                (controller.adaptation_k, sample.state.kinematic, drives.kinematic, a_k),
-            )
+        state, adaptation_k, adaptation_d = (
+            sample.state,
+            controller.adaptation_k,
+            controller.adaptation_d,
         )
-        rate.append(law.dissipation(signals, truth) + learned)
+        emphasis.append(adaptation_d.emphasis(state.dynamic))
+        of_law, learned = law.storage(signals, truth), controller.parameter_storage(state, a_k, a_d)
+        V.append(emphasis[-1] * of_law + learned)
+        others.append((V[-1] - adaptation_d.storage(state.dynamic, a_d)) / emphasis[-1])
+        of_law = law.dissipation(signals, truth)
+        of_law += adaptation_k.dissipation(state.kinematic, drives.kinematic, a_k)
+        learned = adaptation_d.dissipation(state.dynamic, drives.dynamic, a_d)
+        rate.append(emphasis[-1] * of_law + learned)
         dx.append(signals.dx.copy())
         delta.append(np.zeros_like(signals.dx) if signals.delta is None else signals.delta.copy())
-    V = np.array(V)
-    return Energy(V, np.array(rate), sampled_derivative(V, dt), np.array(dx), np.array(delta))
+    V, rate = np.array(V), np.array(rate)
+    if np.ptp(emphasis):  # dV/dt contains the law's V times the rate of its factor
+        rate[2:-2] += np.array(others)[2:-2] * sampled_derivative(np.array(emphasis), dt)
+    return Energy(V, rate, sampled_derivative(V, dt), np.array(dx), np.array(delta))
 
 
 def same(one, other):

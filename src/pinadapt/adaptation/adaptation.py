@@ -51,9 +51,10 @@ class Drive:
         gradient: (p) g.
         observed: whether e is the error of an observer, which is valid for any torque; then
             ``without_tracking`` keeps it.
+        saturated: whether a motor was at its limit; an obstacle may then hold the robot.
     """
 
-    __slots__ = ("W", "Y", "e", "gradient", "observed", "residual", "weight")
+    __slots__ = ("W", "Y", "e", "gradient", "observed", "residual", "saturated", "weight")
 
     def __init__(
         self,
@@ -66,7 +67,7 @@ class Drive:
         observed: bool = False,
     ) -> None:
         """Combine the parts; ``gradient`` is computed unless given."""
-        self.Y, self.e, self.observed = Y, e, observed
+        self.Y, self.e, self.observed, self.saturated = Y, e, observed, False
         self.W, self.residual, self.weight = W, residual, weight
         if gradient is None:
             gradient = np.zeros(Y.shape[1]) if e is None else e.dot(Y)
@@ -76,9 +77,11 @@ class Drive:
 
     def without_tracking(self) -> Drive:
         """Return the parts that are valid for any torque: prediction and observer error."""
-        if self.e is None or self.observed:
+        if self.observed:
             return self
-        return Drive(self.Y, None, self.W, self.residual, self.weight)
+        left = Drive(self.Y, None, self.W, self.residual, self.weight)
+        left.saturated = True
+        return left
 
     def with_prediction_error(self, W: np.ndarray, residual: np.ndarray) -> Drive:
         """Return the drive with a prediction error W (l, p), r (l), weighted by the adaptation."""
@@ -223,6 +226,14 @@ class Adaptation(ABC):
         """Return what a record keeps of an estimate: what ``storage`` and ``project`` need."""
         return estimate
 
+    def emphasis(self, estimate: Estimate) -> float:
+        """Return the factor of the parts of V that are not this adaptation's, one for most.
+
+        With an adaptation of the dynamic estimate that at times follows c g instead of g, V is c
+        (the law's part and that of the kinematic estimate) + ``storage``.
+        """
+        return 1.0
+
     @abstractmethod
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the time derivatives of the value (p) and of the memory."""
@@ -332,6 +343,10 @@ class Wrapper(Adaptation):
     def recorded(self, estimate: Estimate) -> Estimate:
         """Return what a record of the inner adaptation keeps."""
         return self.inner.recorded(estimate)
+
+    def emphasis(self, estimate: Estimate) -> float:
+        """Return the inner adaptation's factor of the other parts of V."""
+        return self.inner.emphasis(estimate)
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates."""

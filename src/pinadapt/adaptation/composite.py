@@ -108,18 +108,48 @@ class _Recalled(NamedTuple):
     Attributes:
         pull: (p) H da, the gradient that the memory adds, times the share of rho that holds now.
         surprise: d, the normalised innovation.
+        innovation: (n) r_m [N m or N].
         fading: mu, the rate at which it is forgotten now [1/s].
     """
 
     pull: np.ndarray
     surprise: float
+    innovation: np.ndarray
     fading: float
 
 
+class _Clock(NamedTuple):
+    """Numbers of the memory's state; times in s.
+
+    Attributes:
+        quiet: until the low pass has forgotten what it knew before a new start.
+        due: until the next look.
+        fresh: exp(-bandwidth t) at a time t after a new start.
+        left: the same after ``origin`` was taken.
+        usual: mean of d.
+        unexplained: mean size of the innovations that last.
+        residual: mean square of the prediction errors at the last look, relative to the noise.
+    """
+
+    quiet: float
+    due: float
+    fresh: float
+    left: float
+    usual: float
+    unexplained: float
+    residual: float
+
+
 _NOTHING = np.zeros(0)
-_QUIET = 6.0  # times the time constant of the low pass: its memory of an old load is 0.2 %
-_USUAL = 30.0  # time constants of the low pass over which innovations are averaged
+_OWN = 6  # parts of the state before those of the inner adaptation
+# in time constants of the low pass
+_QUIET = 6.0  # after which it knows 0.2 % of an old load
+_RISE, _FALL = 20.0, 40.0  # over which innovations are averaged, if they rise or fall
+_LASTING = 10.0  # of innovations that do not alternate
+_FORGOTTEN = 1e-6  # share of the origin that is left out
+_SETTLED = math.exp(-10.0)  # share of fresh after which it may begin anew again
 _UNUSUAL = 10.0  # times the usual innovation
+_FIRST = 3e-3  # innovation that is usual at a new start
 _CALM = 0.1  # least share of rho
 
 
@@ -160,15 +190,35 @@ class CompositeMemory(Wrapper):
                 part of its covariance that comes from too little data. So data are forgotten when
                 new ones contradict them, at most at the bandwidth of the low pass; otherwise they
                 are kept.
-    New start:  where d exceeds ``contradiction`` and ten times its own mean over the last
-                30 / bandwidth, for example after a change of the load, and at an announcement:
-                A = 0 and b = 0. Nothing is stored for 6 / bandwidth, until the low pass has
-                forgotten what it knew of the old load. V does not contain A and b, so nothing
-                jumps. The mean is for errors that no parameters explain, such as friction that is
-                none of them: they contradict all data alike.
+    New start:  where d exceeds ``contradiction`` and ten times its own mean, for example after a
+                change of the load, at most once in 10 / bandwidth, and at an announcement: A = 0
+                and b = 0. V does not contain A and b. What the low pass still knows of the old load
+                is subtracted: with W_0, y_0 at the new start, t ago, W - exp(-bandwidth t) W_0 and
+                y - exp(-bandwidth t) y_0 are those of a low pass that started then, so new data
+                count at once. The mean of d, over 20 / bandwidth where it rises and 40 / bandwidth
+                where it falls, is for errors that no parameters explain: they contradict all data
+                alike.
+    Teaching:   kappa(t) = kappa + (kappa_1 - kappa) exp(-bandwidth t) at a time t after a new
+                start. An empty memory has nothing to say; meanwhile the tracking error teaches as
+                fast as without one. V = kappa(t) (that of the law) + D, D in the metric P^-1, has
+                the derivative kappa (dV/dt of the law) + dkappa/dt (the law's V) - rho da^T H da:
+                with dkappa/dt <= 0 and a law's V >= 0 it decreases at least as fast as with a
+                constant kappa. At a new start kappa, and with it V, jumps up. ``emphasis`` is
+                kappa(t) / kappa, for V in the metric Gamma^-1, this V over kappa.
+    Distrust:   innovations that last contradict the assumption W a = y itself, as friction does
+                that is in no parameter. With q^2 the mean square of the innovations, scaled to d
+                and averaged over 10 / bandwidth with their signs, rho is multiplied by 1 / (1 +
+                (q^2 / unexplained)^2), and kappa(t) is at least the complementary share of
+                kappa_2. Where nothing is explained this is the inner adaptation at that share of
+                its speed. V may rise by dkappa/dt (the law's V) while q^2 rises.
+    Limits:     while a motor saturates, the missing torque may be that of an obstacle. The memory
+                then stores nothing and adds nothing; afterwards it goes on as if its low pass
+                started there.
     Sampling:   A and b are integrated, and H da, which needs the solution of p equations, is
-                evaluated and held over steps of ``interval``. As part of an ODE (``rate``) all are
-                continuous, and the memory does not begin anew.
+                evaluated and held over steps of ``interval``; a prediction error that grows like a
+                contradiction is looked at immediately. As part of an ODE (``rate``) all are
+                continuous; the memory neither begins anew nor trusts itself less, and is quiet
+                for 6 / bandwidth after an announcement.
 
     G. Kreisselmeier, *Adaptive observers with exponential rate of convergence*, IEEE TAC 22 (1977)
     2-8 (the integrals); Y. Pan, H. Yu, *Composite learning robot control with guaranteed parameter
@@ -185,7 +235,10 @@ class CompositeMemory(Wrapper):
         noise: standard deviation of the torques, one number or (n) [N m or N].
         forgetting: [1/s] at an innovation as large as expected; zero never forgets.
         share: kappa.
+        first_share: kappa_1, with which the tracking error teaches beside an empty memory.
+        lone_share: kappa_2, with which it teaches beside a memory that explains nothing.
         contradiction: d above which the memory begins anew; infinite for never.
+        unexplained: q^2 at which the memory is trusted by half; infinite for always wholly.
         interval: between evaluations of H da [s]; zero for every sample.
         agreement: size of the torques that memory and estimate differ by, relative to the noise,
             below which rho is reduced; zero for never.
@@ -204,7 +257,10 @@ class CompositeMemory(Wrapper):
         noise: ArrayLike,
         forgetting: float = 0.0,
         share: float = 1.0,
+        first_share: float | None = None,
+        lone_share: float | None = None,
         contradiction: float = math.inf,
+        unexplained: float = math.inf,
         interval: float = 0.0,
         agreement: float = 0.0,
         unit: float = 1.0,
@@ -218,14 +274,19 @@ class CompositeMemory(Wrapper):
             noise: standard deviation of the torques, one number or n [N m or N].
             forgetting: rate of fading at an innovation as large as expected [1/s].
             share: kappa in (0, 1], Gamma / P.
+            first_share: kappa_1 from kappa to 1; None: kappa.
+            lone_share: kappa_2, the same.
             contradiction: normalised innovation above which the memory begins anew; infinite:
                 never.
+            unexplained: mean square of lasting innovations at which the memory is trusted by half;
+                infinite: always wholly.
             interval: between evaluations of H da [s], at most 1 / rho; zero: every sample.
             agreement: below which difference of the torques, relative to the noise, rho is reduced.
             unit: of P, by which information of other data is multiplied.
 
         Raises:
-            GainError: gains that are not positive, a share above one or too long an interval.
+            GainError: gains that are not positive, shares that are not 0 < kappa <= kappa_1 <= 1, or
+                too long an interval.
         """
         super().__init__(inner)
         self.name = _WITH_MEMORY.get(inner.name, inner.name)
@@ -241,9 +302,10 @@ class CompositeMemory(Wrapper):
                 f"the tracking error teaches at most as fast as the memory, got {share:g} > 1.",
                 where="share",
             )
-        self.contradiction = math.inf
-        if not (isinstance(contradiction, float) and contradiction == math.inf):
-            self.contradiction = positive(contradiction, "contradiction")
+        self.first_share = self._greater(first_share, "first_share")
+        self.lone_share = self._greater(lone_share, "lone_share")
+        self.contradiction = _positive_or_infinite(contradiction, "contradiction")
+        self.unexplained = _positive_or_infinite(unexplained, "unexplained")
         self.interval = positive(interval, "interval", zero=True)
         if self.interval * self.speed > 1.0:
             raise GainError(
@@ -273,58 +335,92 @@ class CompositeMemory(Wrapper):
         return self._with_empty_memory(inner, _QUIET / self._bandwidth)
 
     def recorded(self, estimate: Estimate) -> Estimate:
-        """Return the estimate without what the memory holds, which V does not contain."""
+        """Return the estimate with what V needs of the memory: the numbers that kappa follows."""
         inner = self.inner.recorded(self._inner(estimate))
-        own = len(estimate.memory) - len(self._inner(estimate).memory)
-        return Estimate(inner.value, (*[_NOTHING] * own, *inner.memory))
+        own = [_NOTHING] * (_OWN - 1)
+        return Estimate(inner.value, (*own, estimate.memory[_OWN - 1], *inner.memory))
+
+    def emphasis(self, estimate: Estimate) -> float:
+        """Return kappa(t) / kappa."""
+        return self._emphasis(_Clock(*estimate.memory[_OWN - 1]))
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
-        """Return the inner adaptation's rates under drive and memory, dA/dt and db/dt."""
-        A, b, pull, clock = estimate.memory[:4]
-        inner, still = self._inner(estimate), (np.zeros(pull.size), np.zeros(clock.size))
-        told = self._recalled(estimate, drive)
-        rate = self.inner.rate(inner, self._total(drive, None if told is None else told.pull))
-        if told is None:
-            still[1][0] = -float(clock[0] > 0.0)
-            return Estimate(rate.value, (np.zeros(A.shape), np.zeros(b.size), *still, *rate.memory))
-        A_new, b_new = self._news(estimate.value, drive)
-        moved = A_new - told.fading * A, b_new - told.fading * b
-        return Estimate(rate.value, (*moved, *still, *rate.memory))
+        """Return the inner adaptation's rates under drive and memory, dA/dt, db/dt, dkappa/dt."""
+        A, b, _, _, _, numbers_now = estimate.memory[:_OWN]
+        clock, inner = _Clock(*numbers_now), self._inner(estimate)
+        told = None
+        if clock.quiet <= 0.0 and not drive.saturated:
+            told = self._recalled(estimate, drive)
+        rate = self.inner.rate(inner, self._total(drive, None if told is None else told.pull, clock))
+        still = [np.zeros(part.shape) for part in estimate.memory[:_OWN]]
+        if told is not None:
+            A_new, b_new = self._news(estimate.value, drive)
+            still[0], still[1] = A_new - told.fading * A, b_new - told.fading * b
+        fades = -self._bandwidth
+        still[_OWN - 1][:4] = -float(clock.quiet > 0.0), 0.0, fades * clock.fresh, fades * clock.left
+        return Estimate(rate.value, (*still, *rate.memory))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held; fading is integrated exactly."""
-        A, b, pull, (quiet, due, usual, looks) = estimate.memory[:4]
-        inner = self._inner(estimate)
-        if quiet > 0.0 or drive.W is None:
-            after = self.inner.step(inner, self._total(drive, None), dt)
-            clock = np.array([quiet - dt, 0.0, usual, looks])
-            return Estimate(after.value, (A, b, pull, clock, *after.memory))
-        if due > 0.5 * dt:
-            after = self.inner.step(inner, self._total(drive, pull), dt)
-            clock = np.array([0.0, due - dt, usual, looks])
-            return Estimate(after.value, (A, b, pull, clock, *after.memory))
+        A, b, pull, origin, lasting, numbers_now = estimate.memory[:_OWN]
+        clock, inner = _Clock(*numbers_now), self._inner(estimate)
+        fades = math.exp(-self._bandwidth * dt)
+        later = clock._replace(fresh=fades * clock.fresh, left=fades * clock.left)
+        if drive.W is None or drive.saturated:
+            after = self.inner.step(inner, self._total(drive, None, clock), dt)
+            later = later._replace(quiet=_QUIET / self._bandwidth, due=0.0)
+            memory = A, b, pull, origin, lasting, np.array(later)
+            return Estimate(after.value, (*memory, *after.memory))
+        if clock.quiet > 0.0:
+            after = self.inner.step(inner, self._total(drive, None, clock), dt)
+            later = later._replace(quiet=0.0, left=fades)
+            memory = A, b, pull, _origin(estimate.value, drive), lasting, np.array(later)
+            return Estimate(after.value, (*memory, *after.memory))
+        whole = drive
+        if clock.left < _FORGOTTEN:
+            origin = origin[:0]
+        elif len(origin):
+            drive = _since(origin, clock.left, estimate.value, drive)
+        residual = float(np.mean(drive.residual * drive.residual / self._variance))
+        usual = _UNUSUAL * max(clock.usual, clock.residual)
+        if clock.due > 0.5 * dt and residual <= max(self.contradiction, usual):
+            after = self.inner.step(inner, self._total(drive, pull, clock), dt)
+            later = later._replace(due=clock.due - dt)
+            memory = A, b, pull, origin, lasting, np.array(later)
+            return Estimate(after.value, (*memory, *after.memory))
         told = self._recalled(estimate, drive)
         assert told is not None
         span, d = max(self.interval, dt), told.surprise
-        weight = max(1.0 / (looks + 1.0), min(1.0, span * self._bandwidth / _USUAL))
-        mean = usual + weight * (d - usual)
-        if d > max(self.contradiction, _UNUSUAL * mean):
-            after = self.inner.step(inner, self._total(drive, None), dt)
-            return self._with_empty_memory(after, _QUIET / self._bandwidth, mean, looks)
-        after = self.inner.step(inner, self._total(drive, told.pull), dt)
+        later = later._replace(due=span - dt, residual=residual, usual=self._mean(clock.usual, d, span))
+        if clock.fresh < _SETTLED and d > max(self.contradiction, _UNUSUAL * later.usual):
+            later = later._replace(due=0.0, fresh=1.0, usual=max(later.usual, _FIRST))
+            after = self.inner.step(inner, self._total(drive, None, later), dt)
+            empty = np.zeros(A.shape), np.zeros(b.size), np.zeros(b.size)
+            later = later._replace(fresh=fades, left=fades)
+            taken = _origin(estimate.value, whole)
+            return Estimate(after.value, (*empty, taken, lasting, np.array(later), *after.memory))
+        after = self.inner.step(inner, self._total(drive, told.pull, clock), dt)
         kept, (A_new, b_new) = math.exp(-told.fading * span), self._news(estimate.value, drive)
         A_new *= span
         A_new += A if kept == 1.0 else kept * A
-        clock = np.array([0.0, due + span - dt, mean, looks + 1.0])
-        memory = A_new, kept * b + span * b_new, told.pull, clock
+        now = told.innovation / self.noise
+        now *= math.sqrt(d * now.size / max(float(now @ now), 1e-300))
+        lasting = lasting + min(1.0, span * self._bandwidth / _LASTING) * (now - lasting)
+        size = math.sqrt(float(np.mean(lasting * lasting)))
+        later = later._replace(unexplained=self._mean(clock.unexplained, size, span))
+        memory = A_new, kept * b + span * b_new, told.pull, origin, lasting, np.array(later)
         return Estimate(after.value, (*memory, *after.memory))
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return -(rho / kappa) da^T H da, and what the inner adaptation adds to dV/dt."""
-        told = self._recalled(estimate, drive)
-        total = self._total(drive, None if told is None else told.pull)
-        own = (estimate.value - truth).dot(total.gradient - drive.gradient)
-        return float(-own + self.inner.dissipation(self._inner(estimate), total, truth))
+        clock = _Clock(*estimate.memory[_OWN - 1])
+        told = None
+        if clock.quiet <= 0.0 and not drive.saturated:
+            told = self._recalled(estimate, drive)
+        total = self._total(drive, None if told is None else told.pull, clock)
+        pulled = total.gradient - self._emphasis(clock) * drive.gradient
+        own = -float((estimate.value - truth).dot(pulled))
+        return own + self.inner.dissipation(self._inner(estimate), total, truth)
 
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the inner adaptation's part of V."""
@@ -343,12 +439,38 @@ class CompositeMemory(Wrapper):
         """Return the inner adaptation's Gamma (p, p) at an estimate with its memory."""
         return self.inner.metric(self._inner(estimate))
 
-    def _total(self, drive: Drive, pull: np.ndarray | None) -> Drive:
+    def _trust(self, clock: _Clock) -> float:
+        """Return the share of rho that holds where some innovations last."""
+        return 1.0 / (1.0 + (clock.unexplained**2 / self.unexplained) ** 2)
+
+    def _emphasis(self, clock: _Clock) -> float:
+        """Return kappa(t) / kappa."""
+        first = 1.0 + (self.first_share / self.share - 1.0) * clock.fresh
+        return max(first, (1.0 - self._trust(clock)) * self.lone_share / self.share)
+
+    def _greater(self, share: float | None, name: str) -> float:
+        """Return a share between kappa and one, kappa for None.
+
+        Raises:
+            GainError: it is another number.
+        """
+        if share is None:
+            return self.share
+        if not self.share <= positive(share, name) <= 1.0:
+            raise GainError(f"expected {self.share:g} to 1, got {share:g}.", where=name)
+        return share
+
+    def _total(self, drive: Drive, pull: np.ndarray | None, clock: _Clock) -> Drive:
         """Return the drive of the inner adaptation, with the pull H da (p) of the memory."""
-        gradient = drive.gradient
+        gradient = self._emphasis(clock) * drive.gradient
         if pull is not None:
-            gradient = gradient + (self.speed / self.share) * pull
+            gradient = gradient + (self._trust(clock) * self.speed / self.share) * pull
         return Drive(drive.Y, drive.e, gradient=gradient)
+
+    def _mean(self, mean: float, value: float, span: float) -> float:
+        """Return a mean after a time [s], the faster where it rises."""
+        over = _RISE if value > mean else _FALL
+        return mean + min(1.0, span * self._bandwidth / over) * (value - mean)
 
     def _news(self, value: np.ndarray, drive: Drive) -> tuple[np.ndarray, np.ndarray]:
         """Return W^T R W (p, p) and W^T R y (p) of a drive with a prediction error."""
@@ -358,13 +480,13 @@ class CompositeMemory(Wrapper):
         return weighted(W), weighted(W.dot(value) - residual)
 
     def _recalled(self, estimate: Estimate, drive: Drive) -> _Recalled | None:
-        """Return H da, d and mu; None while the memory is quiet or without a prediction error.
+        """Return H da, d, r_m and mu; None without a prediction error.
 
         One factorisation of I + A P serves H da and S.
         """
-        value, (A, b, _, clock) = estimate.value, estimate.memory[:4]
+        value, (A, b) = estimate.value, estimate.memory[:2]
         W, residual = drive.W, drive.residual
-        if W is None or residual is None or clock[0] > 0.0:
+        if W is None or residual is None:
             return None
         n, p = W.shape
         sides = np.empty((p, p + n))
@@ -382,7 +504,7 @@ class CompositeMemory(Wrapper):
         surprise = max(float(size), 0.0) / n
         fading = self.forgetting * surprise
         fading /= 1.0 + fading / self._bandwidth
-        return _Recalled(self._calm(change) * pull, surprise, fading)
+        return _Recalled(self._calm(change) * pull, surprise, innovation, fading)
 
     def _calm(self, change: np.ndarray) -> float:
         """Return the share of rho where the memory would change the torque by so much (n)."""
@@ -391,16 +513,40 @@ class CompositeMemory(Wrapper):
         m = math.sqrt(float(np.mean(change * change / self._variance)))
         return max(_CALM, m / (m + self.agreement))
 
-    @staticmethod
-    def _with_empty_memory(
-        estimate: Estimate, quiet: float, usual: float = 0.0, looks: float = 0.0
-    ) -> Estimate:
+    def _with_empty_memory(self, estimate: Estimate, quiet: float) -> Estimate:
         """Return the inner adaptation's estimate with A = 0 and b = 0, quiet for a time [s]."""
         p = estimate.value.size
-        empty = np.zeros((p, p)), np.zeros(p), np.zeros(p), np.array([quiet, 0.0, usual, looks])
-        return Estimate(estimate.value, (*empty, *estimate.memory))
+        clock = _Clock(quiet, 0.0, 1.0, 0.0, _FIRST, 0.0, 0.0)
+        empty = np.zeros((p, p)), np.zeros(p), np.zeros(p), np.zeros((0, p + 1))
+        memory = *empty, np.zeros(self.noise.size), np.array(clock)
+        return Estimate(estimate.value, (*memory, *estimate.memory))
 
     @staticmethod
     def _inner(estimate: Estimate) -> Estimate:
         """Return the estimate with the inner adaptation's own memory."""
-        return Estimate(estimate.value, estimate.memory[4:])
+        return Estimate(estimate.value, estimate.memory[_OWN:])
+
+
+def _positive_or_infinite(value: float, name: str) -> float:
+    """Return a positive number or infinity.
+
+    Raises:
+        GainError: it is neither.
+    """
+    if isinstance(value, float) and value == math.inf:
+        return value
+    return positive(value, name)
+
+
+def _origin(value: np.ndarray, drive: Drive) -> np.ndarray:
+    """Return W and y (n, p + 1) of a drive with a prediction error, at the value (p)."""
+    assert drive.W is not None and drive.residual is not None
+    return np.column_stack([drive.W, drive.W.dot(value) - drive.residual])
+
+
+def _since(origin: np.ndarray, left: float, value: np.ndarray, drive: Drive) -> Drive:
+    """Return the drive whose low pass started at W and y (n, p + 1), of which a share is left."""
+    assert drive.W is not None and drive.residual is not None
+    W_0, y_0 = origin[:, :-1], origin[:, -1]
+    W, residual = drive.W - left * W_0, drive.residual - left * (W_0.dot(value) - y_0)
+    return Drive(drive.Y, drive.e, W, residual, None, drive.gradient)

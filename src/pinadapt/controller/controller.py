@@ -504,7 +504,9 @@ class Controller:
         if self.law.learns_kinematics:
             kinematic = self.adaptation_k.storage(state.kinematic, a_k_true)
         dynamic = self.adaptation_d.storage(state.dynamic, a_d_true)
-        return None if kinematic is None or dynamic is None else kinematic + dynamic
+        if kinematic is None or dynamic is None:
+            return None
+        return self.adaptation_d.emphasis(state.dynamic) * kinematic + dynamic
 
 
 def controller_sheet(controller: Controller) -> Sheet:

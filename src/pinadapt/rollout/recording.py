@@ -152,7 +152,8 @@ class Evaluation:
             if parts is None:
                 return None
             signals = self.controller.observe(sample.state, sample.measurement, sample.desired)
-            V.append(parts + law.storage(signals, truth_at(plant, sample, a_k, a_d)))
+            of_law = law.storage(signals, truth_at(plant, sample, a_k, a_d))
+            V.append(parts + self.controller.adaptation_d.emphasis(sample.state.dynamic) * of_law)
         return np.array(V)
 
 

@@ -53,6 +53,7 @@ from .rates import (
     check_adaptation,
     default_adaptation,
     dynamic_adaptation,
+    learns_friction,
     metric_of,
     predicting_kind,
     prediction_weight,
@@ -176,7 +177,8 @@ def make_controller(
     settings = settings._replace(mode=min(settings.mode, elastic))
     if isinstance(law, str):
         tuned = tuned.decorrelated(settings.decorrelation)
-        if kind in MEMORIES and gains.get("lag") is None and applied.actuators.ideal:
+        patient = kind in MEMORIES and applied.actuators.ideal and gains.get("lag") is None
+        if patient and learns_friction(robot, dynamics):  # else the feedback compensates it
             tuned = tuned.tolerant(LATE, robot)
     _warn(tuned, (kind, kind_k), motion, gains | rates, payload)
     box, given = make_box(robot, kinematics, limits.box), rates | gains
