@@ -285,8 +285,8 @@ class CompositeMemory(Wrapper):
             unit: of P, by which information of other data is multiplied.
 
         Raises:
-            GainError: gains that are not positive, shares that are not 0 < kappa <= kappa_1 <= 1, or
-                too long an interval.
+            GainError: gains that are not positive, shares above one or below kappa, or too long an
+                interval.
         """
         super().__init__(inner)
         self.name = _WITH_MEMORY.get(inner.name, inner.name)
@@ -351,13 +351,20 @@ class CompositeMemory(Wrapper):
         told = None
         if clock.quiet <= 0.0 and not drive.saturated:
             told = self._recalled(estimate, drive)
-        rate = self.inner.rate(inner, self._total(drive, None if told is None else told.pull, clock))
+        rate = self.inner.rate(
+            inner, self._total(drive, None if told is None else told.pull, clock)
+        )
         still = [np.zeros(part.shape) for part in estimate.memory[:_OWN]]
         if told is not None:
             A_new, b_new = self._news(estimate.value, drive)
             still[0], still[1] = A_new - told.fading * A, b_new - told.fading * b
         fades = -self._bandwidth
-        still[_OWN - 1][:4] = -float(clock.quiet > 0.0), 0.0, fades * clock.fresh, fades * clock.left
+        still[_OWN - 1][:4] = (
+            -float(clock.quiet > 0.0),
+            0.0,
+            fades * clock.fresh,
+            fades * clock.left,
+        )
         return Estimate(rate.value, (*still, *rate.memory))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
@@ -366,7 +373,7 @@ class CompositeMemory(Wrapper):
         clock, inner = _Clock(*numbers_now), self._inner(estimate)
         fades = math.exp(-self._bandwidth * dt)
         later = clock._replace(fresh=fades * clock.fresh, left=fades * clock.left)
-        if drive.W is None or drive.saturated:
+        if drive.W is None or drive.residual is None or drive.saturated:
             after = self.inner.step(inner, self._total(drive, None, clock), dt)
             later = later._replace(quiet=_QUIET / self._bandwidth, due=0.0)
             memory = A, b, pull, origin, lasting, np.array(later)
@@ -381,9 +388,10 @@ class CompositeMemory(Wrapper):
             origin = origin[:0]
         elif len(origin):
             drive = _since(origin, clock.left, estimate.value, drive)
-        residual = float(np.mean(drive.residual * drive.residual / self._variance))
+        assert drive.residual is not None
+        size = float(np.mean(drive.residual * drive.residual / self._variance))
         usual = _UNUSUAL * max(clock.usual, clock.residual)
-        if clock.due > 0.5 * dt and residual <= max(self.contradiction, usual):
+        if clock.due > 0.5 * dt and size <= max(self.contradiction, usual):
             after = self.inner.step(inner, self._total(drive, pull, clock), dt)
             later = later._replace(due=clock.due - dt)
             memory = A, b, pull, origin, lasting, np.array(later)
@@ -391,7 +399,7 @@ class CompositeMemory(Wrapper):
         told = self._recalled(estimate, drive)
         assert told is not None
         span, d = max(self.interval, dt), told.surprise
-        later = later._replace(due=span - dt, residual=residual, usual=self._mean(clock.usual, d, span))
+        later = later._replace(due=span - dt, residual=size, usual=self._mean(clock.usual, d, span))
         if clock.fresh < _SETTLED and d > max(self.contradiction, _UNUSUAL * later.usual):
             later = later._replace(due=0.0, fresh=1.0, usual=max(later.usual, _FIRST))
             after = self.inner.step(inner, self._total(drive, None, later), dt)
