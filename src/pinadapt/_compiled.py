@@ -15,12 +15,16 @@ Pinocchio made, or that were checked, see ``controller.inputs``.
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import os
 import random
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any, TypeVar
+
+import numpy as np
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -108,3 +112,45 @@ def _empty_cache(function: Callable[..., Any]) -> None:
 
     with suppress(RuntimeError, OSError):
         njit(cache=True)(function)._cache.flush()  # type: ignore[attr-defined]
+
+
+_BLAS = (
+    "scipy_openblas_{}_num_threads64_",
+    "openblas_{}_num_threads64_",
+    "openblas_{}_num_threads",
+)
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Have numpy's own linear algebra use one thread meanwhile, where it is the usual OpenBLAS.
+
+    Matrices of a hundred parameters gain nothing from several threads, and lose most of the time
+    where there are more threads than processors, as in a container. Nothing else is changed, and
+    nothing at all with another library.
+    """
+    found = _blas_threads()
+    if found is None:
+        yield
+        return
+    get, put = found
+    before = int(get())
+    put(1)
+    try:
+        yield
+    finally:
+        put(before)
+
+
+def _blas_threads() -> tuple[Any, Any] | None:
+    """Return functions that get and set the number of threads of numpy's OpenBLAS, or None."""
+    folder = Path(np.__file__).parent
+    for file in (*folder.parent.glob("numpy.libs/*openblas*"), *folder.glob(".dylibs/*openblas*")):
+        try:
+            library = ctypes.CDLL(str(file))
+        except OSError:
+            continue
+        for name in _BLAS:
+            if hasattr(library, name.format("set")):
+                return getattr(library, name.format("get")), getattr(library, name.format("set"))
+    return None

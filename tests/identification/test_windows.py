@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
+from pinadapt._compiled import _blas_threads, one_blas_thread
 from pinadapt.identification.fits import CUTOFF
-from pinadapt.identification.windows import windows_of
+from pinadapt.identification.windows import Averages, windows_of
 from pinadapt.information.measured_motion import motion_of_log
 from tests.support.chains import catalogue_robot
 from tests.support.recorded import recorded, torques, true_robot
@@ -87,3 +88,28 @@ def test_noisy_velocities_are_replaced():
     noisy = recorded("ur5", noisy=True, dt=2e-3)
     assert motion_of_log(robot, noisy, cutoff=CUTOFF).smoothed
     assert not motion_of_log(robot, recorded("ur5"), cutoff=CUTOFF).smoothed
+
+
+def test_linear_algebra_uses_one_thread_for_a_while():
+    threads = _blas_threads()
+    if threads is None:
+        pytest.skip("numpy has another linear algebra here")
+    get, put = threads
+    before = get()
+    put(2)
+    several = get()
+    with pytest.raises(ValueError, match="inside"), one_blas_thread():
+        assert get() == 1
+        raise ValueError("inside")
+    assert get() == several
+    put(before)
+
+
+def test_averages_are_integrals_and_rates_are_derivatives():
+    t = np.linspace(0.0, 3.0, 900)
+    averages = Averages(t, t[1])
+    mean, rate = averages.mean(np.sin(t)), averages.rate(np.sin(t))
+    assert np.allclose(averages.mean(np.ones_like(t)), 1.0, atol=1e-6)
+    damping = mean[10] / np.sin(averages.t[10])  # the low pass of the window
+    assert 0.99 < damping < 1.0 and np.allclose(mean, damping * np.sin(averages.t), atol=1e-6)
+    assert np.allclose(rate, damping * np.cos(averages.t), atol=1e-6)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from .._checks import keywords, positive
+from .._compiled import one_blas_thread
 from .._output import Sheet
 from ..adaptation.adaptation import Adaptation
 from ..controller.estimator import Estimator
@@ -120,6 +121,7 @@ class Identification(IdentifiedModel):
     joint="unknown=pa.Unknown(friction=True, armature=True)",
     **REPLACED,
 )
+@one_blas_thread()
 def identify(
     log: Path | str | Log | Rollout | Sequence[Any],
     robot: Robot | Path | str,
@@ -160,7 +162,8 @@ def identify(
         held_out: share of the log that is held out, at most a half.
         intake: how all logs are to be read, an ``Intake``, its fields or a TOML file; by default,
             each by the file beside it.
-        progress: of the online estimates, as of ``simulate``: by default a bar on a terminal.
+        progress: of the stages, then of the online estimates, as of ``simulate``: by default a bar
+            on a terminal. A function wraps the samples of the online estimates alone.
 
     Raises:
         LogError: a log that cannot be used.
@@ -195,6 +198,7 @@ def identify(
     physical_set(dynamics, nominal)  # refuses other parameters
     doubtful = any(way.doubtful for way in intakes)
     check = _torques_checked(logs, described, doubtful=doubtful) if dynamics.size else None
+    bar = _stages(progress)
     motion, starts = _motion_of(nominal, logs), starts_of(logs, _PAUSE)
     split = float(motion.t[-1] - share * (motion.t[-1] - motion.t[0]))
     if tests:
@@ -204,6 +208,7 @@ def identify(
     placed = _placed(estimator, nominal, located.estimate, options)
     bodies = windows_of(motion, placed.controller.dynamics.inertial, found.period, held=found.held)
     _check(bodies, bodies.between(-np.inf, split), found)
+    next(bar)
     effects = _effects(placed, nominal, motion, bodies, split, unknown, found)
     if effects is not None:
         nominal = replace(nominal, friction=effects.friction)
@@ -216,8 +221,10 @@ def identify(
         motion, placed.controller.dynamics, found.period, held=found.held, inertial=bodies
     )
     first = windows.between(-np.inf, split)
+    next(bar)
     weight = choose_weight(physical, first) if dynamics.size else None
     gamma = GAMMA if weight is None else weight.gamma
+    next(bar)
     load_estimate = None
     if empty is not None:
         one, _ = log_and_robot(empty, described, intakes[-1], compensated)
@@ -227,6 +234,9 @@ def identify(
             placed, nominal, loaded, one, gamma, options, located.estimate
         )
     learned_from = first if tests else windows
+    blocks = blocks_of(len(learned_from.t))
+    dynamic = torque_fit(dynamics, physical, learned_from, gamma, blocks)
+    next(bar, None)
     steps = watched(range(len(first_log.t)), progress, "online")
     samples = (
         sample for sample, _ in zip(measurements(first_log, nominal, frames), steps, strict=False)
@@ -239,7 +249,7 @@ def identify(
         rows=rows,
         split=split,
         smoothed=motion.smoothed,
-        dynamic=torque_fit(dynamics, physical, learned_from, gamma, blocks_of(len(learned_from.t))),
+        dynamic=dynamic,
         kinematic=located,
         before_split=torque_fit(dynamics, physical, first, gamma).estimate,
         unknown=options["unknown"].with_joints(),
@@ -292,6 +302,16 @@ def _load_between(
     blocks = blocks_of(len(loaded.t)), blocks_of(len(without.t))
     physical = physical_set(dynamics, nominal)
     return load_fit(dynamics, physical, (loaded, without), nominal, gamma, blocks)
+
+
+def _stages(progress: Progress | bool | None) -> Iterator[int]:
+    """Return a bar of the stages before the online estimates: next() ends one.
+
+    They are the windows, the effects of the joints, the weight of the description, the estimate.
+    """
+    stages = iter(watched(range(4), False if callable(progress) else progress, "identify"))
+    next(stages)
+    return stages
 
 
 def _several(given: Any) -> tuple[Any, ...]:
