@@ -31,6 +31,7 @@ import numpy as np
 
 import pinadapt as pa
 from pinadapt._output import toml
+from pinadapt.identification.report_page import least_squares_errors
 
 LOGS: tuple[dict[str, Any], ...] = (
     {"name": "panda", "file": "panda_unisa.csv", "robot": "panda"},
@@ -63,22 +64,6 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def least_squares(found: pa.Identification) -> tuple[float, float]:
-    """Return the held-out errors of base parameters by ordinary and weighted least squares."""
-    dynamics = found.estimator.controller.dynamics
-    chosen = pa.models.base_parameters(dynamics, found.described).chosen
-    first = found.windows.between(-np.inf, found.split)
-    last = found.windows.between(found.split, np.inf)
-    W, errors = first.W[:, :, chosen], []
-    noise = np.ones(W.shape[1])
-    for _ in range(2):
-        A = (W / noise[:, None]).reshape(-1, len(chosen))
-        a = np.linalg.lstsq(A, (first.y / noise).ravel(), rcond=1e-10)[0]
-        errors.append(rms(last.y - last.W[:, :, chosen] @ a))
-        noise = np.sqrt(np.mean((first.y - W @ a) ** 2, axis=0))
-    return errors[0], errors[1]
-
-
 def effects_of(found: pa.Identification) -> str:
     """Return what cross-validation chose, with the gains."""
     if found.effects is None or found.weight is None:
@@ -102,7 +87,7 @@ def main() -> None:
         found = pa.identify(file, robot, progress=False)
         took, errors = time.perf_counter() - start, found.torque_errors
         described, learned = rms(errors.described_held_out), rms(errors.learned_held_out)
-        plain, weighted = least_squares(found)
+        plain, weighted = (rms(part) for part in least_squares_errors(found))
         print(
             f"{name} | {described:.3g} | {plain:.3g} | {weighted:.3g} | {learned:.3g} | "
             f"{rms(errors.size):.3g} | {took:.1f} | {effects_of(found)}",

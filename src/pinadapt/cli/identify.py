@@ -11,6 +11,7 @@ from typing import Any
 
 from .._output import check_writable, one_run, write_text
 from ..exceptions import InputError, ParameterError, TorqueMismatchError
+from ..excitation.search import excite
 from ..identification.identification import Identification, log_and_robot
 from ..identification.identification import identify as identify_log
 from ..identification.report import FILES
@@ -84,6 +85,21 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="LOG",
         help="a log of the arm without its load: the load is the difference to it",
+    )
+    parser.add_argument(
+        "--compare",
+        type=Path,
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="FILE",
+        help="other models of the robot, such as a published one: URDF with friction; their errors "
+        "stand in the report",
+    )
+    parser.add_argument(
+        "--excite",
+        action="store_true",
+        help="find a motion that tells more (some seconds), and report what it would tell",
     )
     parser.add_argument(
         "--mjcf", action="store_true", help="write the identified robot for MuJoCo too: learned.xml"
@@ -274,6 +290,7 @@ def identify(options: argparse.Namespace) -> int:
     folder = options.out or Path("out") / f"{options.log.stem or 'log'}-identified"
     _check_place(folder, options.log)
     robot, unknown = _robot_and_unknown(options)
+    options.compared = _compared(options, robot)
     for name in ("kinematic", "dynamic", "joint"):
         given = getattr(options, name)
         unknown |= {} if given is None else {name: _words(given)}
@@ -292,7 +309,7 @@ def identify(options: argparse.Namespace) -> int:
         raise
     missing: list[str] = []
     try:
-        missing = _write(found, folder, mjcf=options.mjcf)
+        missing = _write(found, folder, options)
     finally:
         print(found.report())  # even if it could not be written
     print(f"\nwritten to {folder}")
@@ -358,13 +375,35 @@ def _words(given: str | list[str]) -> str | list[str]:
     return given[0] if isinstance(given, list) and len(given) == 1 else given
 
 
-def _write(found: Identification, folder: Path, *, mjcf: bool) -> list[str]:
+def _compared(options: argparse.Namespace, robot: Robot) -> dict[str, Robot]:
+    """Return the models that ``--compare`` names, as chains with the frame and joints of a robot.
+
+    Raises:
+        InputError: a file that is none, or of another chain.
+    """
+    return {
+        path.name: load(path, frame=robot.frame, locked=options.lock or (), joint_effects=True)
+        for path in options.compare
+    }
+
+
+def _write(found: Identification, folder: Path, options: argparse.Namespace) -> list[str]:
     """Replace the files of an earlier identification by those of this one.
 
     Returns:
         What could not be written, and why.
     """
-    steps: list[Callable[[Path], object]] = [found.plot, partial(found.save, mjcf=mjcf)]
+
+    def page(beside: Path) -> None:
+        motion = excite(found.described, unknown=found.unknown) if options.excite else None
+        frame = f" --frame {found.described.frame}"
+        command = f"pinadapt excite {options.robot}{frame * (not is_scenario)}"
+        text = found.page(options.compared, motion, command)
+        write_text(beside / "report.html", text)
+
+    is_scenario = Path(options.robot).suffix == _SCENARIO
+    save = partial(found.save, mjcf=options.mjcf)
+    steps: list[Callable[[Path], object]] = [found.plot, page, save]
     missing = []
     with one_run(folder, FILES) as beside:
         for step in steps_bar(steps, "identify: outputs"):

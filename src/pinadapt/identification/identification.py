@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
@@ -45,8 +45,12 @@ from .fits import (
 )
 from .identified_model import IdentifiedModel
 from .online import estimate_online, measurements
+from .report_page import page
 from .selection import ChosenEffects, blocks_of, choose_effects, choose_weight
 from .windows import Windows, windows_of
+
+if TYPE_CHECKING:
+    from ..excitation.exciting_motion import ExcitingMotion
 
 _FEWEST = 4  # windows, both in the fitted and in the held-out part
 _PAUSE = 5.0  # [s] between logs, longer than any window
@@ -101,6 +105,25 @@ class Identification(IdentifiedModel):
             OSError: they cannot be written.
         """
         report.save(self, Path(folder), mjcf=mjcf)
+
+    def page(
+        self,
+        compared: Mapping[str, Robot] | None = None,
+        motion: ExcitingMotion | None = None,
+        command: str = "",
+    ) -> str:
+        """Return the report as one web page with pictures, without external resources.
+
+        Args:
+            compared: other models of the same chain by name, such as a published one, with their
+                friction; the page compares their errors.
+            motion: from ``excite`` for ``found.unknown``; the page says what it would tell besides.
+            command: that finds such a motion, shown on the page.
+
+        Raises:
+            ParameterError: a compared robot has other joints.
+        """
+        return page(self, compared, motion, command)
 
     def plot(self, folder: Path | str | None = None) -> Any:
         """Draw measured and predicted torques, and the online estimates in time.
@@ -243,6 +266,7 @@ def identify(
     )
     return Identification(
         log=found,
+        motion=motion,
         described=described,
         estimator=estimator,
         windows=windows,

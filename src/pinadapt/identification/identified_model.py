@@ -13,6 +13,7 @@ from ..controller.estimator import Estimator
 from ..controller.learned import LearnedParameters
 from ..controller.state import ControllerState
 from ..information.information import Excitation, Information
+from ..information.measured_motion import MeasuredMotion
 from ..information.payload import PayloadEstimate, explanations_of, payload_estimate
 from ..information.torque_check import TorqueCheck
 from ..logs.intake import Intake
@@ -75,6 +76,7 @@ class IdentifiedModel:
 
     Attributes:
         log: the motion, its columns in the order of the joints.
+        motion: in it, with the velocities that were used.
         described: the robot as described.
         estimator: of the online estimates; its ``controller`` has models and names.
         windows: equations of the torque, averaged over windows.
@@ -97,6 +99,7 @@ class IdentifiedModel:
     """
 
     log: Log
+    motion: MeasuredMotion
     described: Robot
     estimator: Estimator
     windows: Windows

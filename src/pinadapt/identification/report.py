@@ -30,6 +30,7 @@ FILES = (
     "learned.json",
     "learned.urdf",
     "intake.toml",
+    "report.html",
     "learned.xml",
     "summary.json",
 )
@@ -121,19 +122,10 @@ def sheet(found: IdentifiedModel) -> Sheet:
     if found.dynamic.names:
         tables.append(_torque_table(found))
     if found.effects is not None:
-        tables.append(_effect_table(found.effects))
-    if (load := _payload(found)) is not None:
-        tables.append(_load_table(load))
-        if load.explanations:
-            tables.append(explanation_table(load.explanations))
-    units = found.parameters().units
-    start = found.estimator.controller.kinematics.initial
-    parts = (
-        (found.kinematic, start),
-        (found.dynamic, found.described_parameters),
-    )
-    tables += [_parameter_table(part, before, units) for part, before in parts if part.names]
-    return Sheet(title, tables, verdict(found))
+        tables.append(effect_table(found.effects))
+    if (load := payload_of(found)) is not None:
+        tables += load_tables(load)
+    return Sheet(title, [*tables, *parameter_tables(found)], verdict(found))
 
 
 def _overview(found: IdentifiedModel) -> list[tuple[str, str]]:
@@ -199,14 +191,14 @@ def _torque_table(found: IdentifiedModel) -> Table:
     return Table(rows, header)
 
 
-def _effect_table(effects: ChosenEffects) -> Table:
+def effect_table(effects: ChosenEffects) -> Table:
     """Return what each effect of the joints gained."""
     rows = [(gain.words, f"{gain.share:.1%}", f"+- {gain.deviation:.1%}") for gain in effects.gains]
     header = "effect of the joints, beside viscous and Coulomb friction", "gains", ""
     return Table(rows or [("none lowers the error in cross-validation", "", "")], header)
 
 
-def _payload(found: IdentifiedModel) -> PayloadEstimate | None:
+def payload_of(found: IdentifiedModel) -> PayloadEstimate | None:
     """Return the load, or None where the last body was not among the parameters."""
     try:
         return found.payload()
@@ -214,13 +206,23 @@ def _payload(found: IdentifiedModel) -> PayloadEstimate | None:
         return None
 
 
-def _load_table(load: PayloadEstimate) -> Table:
+def load_tables(load: PayloadEstimate) -> list[Table]:
+    """Return a table of a load, and one of what explains the torques."""
     rows = [*load.rows(), ("accounts for", f"{load.explained:.2%}", "", "of the change")]
     if not load.certain:
         rows.append(
             ("A LOAD IS NOT CERTAIN:", "", "", f"more probable, {load.explanations[0].words}")
         )
-    return Table(rows, ("load", "value", "known to", "unit"))
+    tables = [Table(rows, ("load", "value", "known to", "unit"))]
+    return [*tables, *([explanation_table(load.explanations)] if load.explanations else [])]
+
+
+def parameter_tables(found: IdentifiedModel) -> list[Table]:
+    """Return the identified translations, and the dynamic parameters."""
+    units = found.parameters().units
+    start = found.estimator.controller.kinematics.initial
+    parts = ((found.kinematic, start), (found.dynamic, found.described_parameters))
+    return [_parameter_table(part, before, units) for part, before in parts if part.names]
 
 
 def _parameter_table(part: Information, before: np.ndarray, units: Mapping[str, str]) -> Table:
@@ -248,7 +250,7 @@ def _parameter_table(part: Information, before: np.ndarray, units: Mapping[str, 
 
 def summary(found: IdentifiedModel) -> dict[str, Any]:
     """Return the numbers of ``summary.json``; None stands for what is not finite."""
-    load, positions = _payload(found), found.position_errors
+    load, positions = payload_of(found), found.position_errors
     held_out = found.online_held_out
     return {
         "verdict": verdict(found),

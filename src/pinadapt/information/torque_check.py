@@ -165,7 +165,7 @@ class TorqueCheck:
             (
                 one.joint,
                 *(f"{value:.3g}" for value in (one.torque, one.described)),
-                *(f"{value:.2f}" for value in one[3:7]),
+                *(f"{value:.2f}" if np.isfinite(value) else "-" for value in one[3:7]),
                 ("fits" if one.fits else "DOES NOT FIT") if one.judged else "too little to judge",
             )
             for one in self.joints
