@@ -81,14 +81,23 @@ def test_effects_of_joints_survive_a_urdf(name, tmp_path):
     assert not plain.friction.present
 
 
-def test_impossible_links_of_the_base_are_mended(tmp_path):
+@pytest.mark.parametrize("parent", ["base_link", "wrist_3_link"])
+def test_links_with_an_impossible_inertia_are_mended(parent, tmp_path):
+    """Of a moving body the total stays: the link that the joint moves takes the difference."""
     robot = catalogue_robot("ur5")
     text = robot.urdf(shapes=False)
     body = '<inertial><mass value="1e-6"/><inertia ixx="1e-8" ixy="9e-8" ixz="0" iyy="1e-8" '
     body += 'iyz="0" izz="1e-8"/></inertial>'
     link = f'<link name="antenna">{body}</link><joint name="mast" type="fixed">'
-    link += '<parent link="base_link"/><child link="antenna"/></joint></robot>'
+    link += f'<parent link="{parent}"/><child link="antenna"/></joint></robot>'
     (tmp_path / "antenna.urdf").write_text(text.replace("</robot>", link))
-    again = pa.load(tmp_path / "antenna.urdf", frame=robot.frame).urdf(shapes=False)
-    assert "impossible inertia of antenna" in again
+    loaded = pa.load(tmp_path / "antenna.urdf", frame=robot.frame).changed(inertial_scale=1.2)
+    again = loaded.urdf(shapes=False)
+    assert ("impossible inertia of antenna" in again) == (parent == "base_link")
     mujoco.MjModel.from_xml_string(again)
+    (tmp_path / "again.urdf").write_text(again)
+    back = pa.load(tmp_path / "again.urdf", frame=robot.frame)
+    for one, other in zip(loaded.model.inertias[1:], back.model.inertias[1:], strict=True):
+        np.testing.assert_allclose(
+            one.toDynamicParameters(), other.toDynamicParameters(), rtol=1e-8, atol=1e-10
+        )

@@ -214,14 +214,7 @@ class _Edited:
         for name, (carrier, placement) in self.placed.items():
             if carrier:
                 continue
-            link = Link(self.links[name], placement)
-            ten = link.read()
-            if ten[0] > 0.0 and not is_physical(ten):
-                radius = np.full(3, max(float(np.abs(ten[4:]).max() / ten[0]), _LEAST_RADIUS**2))
-                centre = ten[1:4] / ten[0]
-                link.write(
-                    pin.Inertia(ten[0], centre, ten[0] * np.diag(radius)).toDynamicParameters()
-                )
+            if Link(self.links[name], placement).mend():
                 mended.append(("impossible inertia", name))
         return mended
 
@@ -290,6 +283,17 @@ class Link:
         for name, (i, j) in _ENTRIES.items():
             inertia.set(name, digits([body.inertia[i, j]]))
 
+    def mend(self) -> bool:
+        """Give it a small possible inertia, if it has mass and no body has its; return if so."""
+        ten = self.read()
+        if not ten[0] > 0.0 or is_physical(ten):
+            return False
+        centre = ten[1:4] / ten[0]
+        about = np.abs(np.diag(pin.Inertia.FromDynamicParameters(ten).inertia)).max()
+        ball = max(float(about), ten[0] * _LEAST_RADIUS**2) * np.eye(3)
+        self.write(np.array(pin.Inertia(ten[0], centre, ball).toDynamicParameters()))
+        return True
+
 
 def distribute(ten: np.ndarray, main: Link, others: Sequence[Link], body: str) -> bool:
     """Distribute ten inertial parameters (10) over the links of a body; return if they changed.
@@ -307,9 +311,11 @@ def distribute(ten: np.ndarray, main: Link, others: Sequence[Link], body: str) -
     Raises:
         RobotError: the total is not physical.
     """
+    before = main.read() + sum((link.read() for link in others), np.zeros(10))
+    mended = [link.mend() for link in others]  # MuJoCo refuses the file otherwise
     kept = [(link, link.read()) for link in others]
     rest = sum((part for _, part in kept), np.zeros(10))
-    if np.allclose(main.read() + rest, ten, rtol=_SAME, atol=_SAME * np.abs(ten).max()):
+    if not any(mended) and np.allclose(before, ten, rtol=_SAME, atol=_SAME * np.abs(ten).max()):
         return False
     for halvings in range(_HALVINGS):
         share = 0.5**halvings
