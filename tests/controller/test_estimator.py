@@ -199,3 +199,11 @@ def test_what_never_learns_is_refused():
         law = pa.make_controller(robot, law="adaptive-jacobian", adaptation="natural-composite")
     with pytest.raises(pa.GainError, match="separation"):
         pa.Estimator(law)
+
+
+def test_joints_alone_are_estimated_with_a_memory():
+    joints = pa.Unknown(tool=False, bodies="none", friction="viscous", armature=False)
+    robot, measurements = catalogue_robot("ur5"), samples("ur5", duration=1.0)
+    estimator = pa.make_estimator(robot, unknown=joints, dt=4e-3)
+    state = learned(estimator, measurements)[-1]
+    assert state.a_d.shape == (6,) and np.isfinite(state.a_d).all()

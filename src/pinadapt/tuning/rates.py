@@ -378,7 +378,12 @@ def predicting(
 
 
 def _unit(adaptation: Adaptation, motion: TypicalMotion) -> float:
-    """Return the size of the prior covariance relative to Gamma, the median over the bodies."""
+    """Return the size of the prior covariance relative to Gamma, the median over the bodies.
+
+    One where there is none, or no body is unknown.
+    """
+    if not motion.dynamics.inertial.size:
+        return 1.0
     prior = prior_covariance(motion.robot, motion.dynamics)
     if prior is None:
         return 1.0
