@@ -259,6 +259,7 @@ def identify(
     learned_from = first if tests else windows
     blocks = blocks_of(len(learned_from.t))
     dynamic = torque_fit(dynamics, physical, learned_from, gamma, blocks)
+    for_load = torque_fit(dynamics, physical, learned_from) if empty is None else None
     next(bar, None)
     steps = watched(range(len(first_log.t)), progress, "online")
     samples = (
@@ -283,6 +284,7 @@ def identify(
         online=estimate_online(estimator, samples, len(first_log.t)),
         tested=tuple(one.source for one in logs[len(sources) :]),
         load=load_estimate,
+        for_load=for_load,
         check=check,
         intake=intakes[0].updated(**first_log.assumed),
     )

@@ -92,6 +92,8 @@ class IdentifiedModel:
             ``make_controller(found.robot, unknown=found.unknown)``.
         effects: of the joints, as cross-validation chose them; None where the caller named them.
         tested: names of the logs that were held out; empty where it is the last part of one log.
+        for_load: the dynamic parameters with hardly any weight of the description, from which the
+            load follows; None: ``dynamic``.
         load: estimated from this log and one without it; None without such a log.
         weight: of the description, as cross-validation chose it; None without dynamic parameters.
         check: the comparison of the torques with the description, None where none were needed.
@@ -116,6 +118,7 @@ class IdentifiedModel:
     weight: ChosenWeight | None = None
     tested: tuple[str, ...] = ()
     load: PayloadEstimate | None = None
+    for_load: Information | None = None
     check: TorqueCheck | None = None
     intake: Intake = field(default_factory=Intake)
 
@@ -154,8 +157,9 @@ class IdentifiedModel:
         controller = self.estimator.controller
         dynamics = controller.dynamics
         whole = dynamics.per_body and len(dynamics.bodies) == len(self.described.joint_names)
-        others = explanations_of(controller, dynamics, self.dynamic) if whole else ()
-        return payload_estimate(controller, self.dynamic, others=others)
+        found = self.for_load or self.dynamic
+        others = explanations_of(controller, dynamics, found) if whole else ()
+        return payload_estimate(controller, found, others=others)
 
     def excitation(self) -> Excitation:
         """Return which parameters the motion can identify, and how well."""

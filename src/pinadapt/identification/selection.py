@@ -171,6 +171,12 @@ def choose_effects(
     model = _Model(bank, windows, physical)
     gains: list[Gain] = []
     chosen: list[_Candidate] = []
+    rotors = [part for part in candidates if part.unknown.endswith(".armature")]
+    if rotors and (gain := model.gain_of(rotors)).enough(_SURE, _LEAST):
+        for part in rotors:  # together, as what one lacks looks like a shaft of two joints
+            model.take(part)
+        gains.append(gain._replace(words="rotor inertias of all joints"))
+        chosen += rotors
     while len(chosen) < _MOST:
         best = model.best([part for part in candidates if part not in chosen])
         if best is None:
@@ -462,6 +468,13 @@ class _Model:
                 beta = np.linalg.solve(S[np.ix_(part, part)], s[part])
                 found[c, b] = np.mean((r - E[:, :, part] @ beta) ** 2, axis=0)
         return found
+
+    def gain_of(self, candidates: Sequence[_Candidate]) -> Gain:
+        """Return what candidates that are no shapes gain together."""
+        columns = tuple(column for part in candidates for column in part.columns)
+        squares = self._extended(self._all(), [columns])[0]
+        gains = relative_loss(self._before, self._before) - relative_loss(squares, self._before)
+        return Gain("", float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains))))
 
     def best(self, candidates: Sequence[_Candidate]) -> tuple[Gain, _Candidate] | None:
         """Return the candidate that gains most, or None where none gains enough."""
