@@ -1,7 +1,10 @@
 """Exciting motions: within all limits, of larger information gain than others, reproducible."""
 
+import time
 from functools import cache
+from itertools import combinations
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -9,7 +12,7 @@ import pytest
 import pinadapt as pa
 from pinadapt.cli.command_line import main
 from pinadapt.description.chain import configuration_from_angles, position_limits, velocity_limits
-from pinadapt.excitation.allowance import Allowance
+from pinadapt.excitation.allowance import Allowance, Shapes
 from pinadapt.excitation.exciting_motion import RestToRest
 from pinadapt.excitation.search import _nominal_and_aim, _Search
 from pinadapt.scenario.scenario import Scenario
@@ -221,3 +224,108 @@ def test_the_command_takes_robot_and_unknowns_of_a_scenario(tmp_path, capsys):
     assert scenario.true.task.name == "joint" and "a3" in capsys.readouterr().out
     assert main(["excite", source, "--unknown", "all", "--out", str(tmp_path / "b.toml")]) == 2
     assert "[unknown]" in capsys.readouterr().err
+
+
+# --- nothing touches ---
+
+
+def joints_of(motion, count=400):
+    """Return the configurations of a motion of joints that are all limited."""
+    return np.array([motion.trajectory.at(t).x_d for t in np.linspace(0.0, motion.duration, count)])
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+def test_bodies_and_floor_stay_apart(name):
+    """Distances of the meshes themselves; without shapes the search finds a motion that collides."""
+    robot = catalogue_robot(name)
+    options = {"unknown": "bodies", "duration": 6.0, "harmonics": 2}
+    wide = {"excursion": 2.8, "progress": False}
+    free = pa.excite(robot.undrawn(), **options, **wide)
+    kept = pa.excite(robot, floor=-0.05, **options, **wide)
+    geometry, links = robot.drawn.solids()
+    joints = [shape.parentJoint for shape in geometry.geometryObjects]
+    for i, j in combinations(range(len(links)), 2):
+        if abs(joints[i] - joints[j]) > 1:
+            geometry.addCollisionPair(pin.CollisionPair(i, j))
+    data, found = robot.model.createData(), geometry.createData()
+
+    def closest(motion):
+        distances = []
+        for q in joints_of(motion, 100):
+            pin.computeDistances(robot.model, data, geometry, found, q)
+            distances.append(min(result.min_distance for result in found.distanceResults))
+        return min(distances)
+
+    assert Shapes.of(robot, None, None).distances(joints_of(free)).min() < -0.01
+    assert closest(kept) > 5e-3
+    assert kept.limits.apart > 5e-3 and kept.limits.shapes and not free.limits.shapes
+    heights = []
+    for q in joints_of(kept, 100):
+        pin.updateGeometryPlacements(robot.model, data, geometry, found, q)
+        for shape, M, joint in zip(geometry.geometryObjects, found.oMg, joints, strict=True):
+            if joint > 1 and isinstance(shape.geometry, coal.BVHModelBase):
+                corners = np.array(shape.geometry.vertices())
+                heights.append((corners @ M.rotation.T + M.translation)[:, 2].min())
+    assert min(heights) > -0.05
+    assert " between " in str(kept) and "no collision geometry" in str(free)
+    assert kept.excitation.dynamic.rank == kept.identifiable[0]
+    assert kept.information_gain > 0.8 * free.information_gain
+
+
+def test_the_search_costs_at_most_three_times_as_much():
+    robot, times = catalogue_robot("panda"), []
+    for each in (robot.undrawn(), robot):
+        start = time.process_time()
+        pa.excite(each, unknown="payload", duration=6.0, harmonics=2, progress=False)
+        times.append(time.process_time() - start)
+    assert times[1] < 3.0 * times[0] + 3.0
+
+
+def test_distances_in_contact_have_a_derivative():
+    """Differences over 1e-6 rad, with which the search steps, are those over 1e-4 rad."""
+    robot, rng = catalogue_robot("ur5"), np.random.default_rng(4)
+    shapes = Shapes.of(robot, None, None)
+    for q in robot.q0 + rng.uniform(-1.5, 1.5, (20, 6)):
+        e, here = np.eye(6)[2], shapes.distances(q[None])
+        fine = (shapes.distances((q + 1e-6 * e)[None]) - here) / 1e-6
+        coarse = (shapes.distances((q + 1e-4 * e)[None]) - here) / 1e-4
+        assert np.median(np.abs(fine - coarse)) < 1e-3 and np.abs(fine - coarse).max() < 0.1
+
+
+def test_an_srdf_lets_links_touch(tmp_path):
+    robot = catalogue_robot("ur5")
+    srdf = tmp_path / "ur5.srdf"
+    srdf.write_text(
+        '<robot name="ur5"><disable_collisions link1="forearm_link" link2="wrist_2_link"/></robot>'
+    )
+    pair = ("forearm_link", "wrist_2_link")
+    every, some = (Shapes.of(robot, given, None) for given in (None, srdf))
+    assert pair in every.names and set(every.names) - set(some.names) == {pair}
+    with pytest.raises(pa.InputError, match=r"none\.srdf"):
+        pa.excite(robot, srdf=tmp_path / "none.srdf")
+
+
+def test_a_robot_without_shapes_keeps_its_joints_off_the_floor():
+    robot = catalogue_robot("ur5").undrawn()
+    assert Shapes.of(robot, None, None) is None
+    shapes = Shapes.of(robot, None, 0.1)
+    assert all("the floor" in names for names in shapes.names)
+    model, data = robot.model, robot.model.createData()
+    pin.framesForwardKinematics(model, data, robot.q0)
+    height = data.oMf[robot.frame_id].translation[2] - 0.1
+    assert shapes.distances(robot.q0[None])[0, -1] == pytest.approx(height, abs=1e-3)
+    with pytest.raises(pa.RobotError, match="below the floor"):
+        Shapes.of(robot, None, 0.9)
+
+
+def test_distances_of_alike_configurations_are_exact_where_bodies_are_near():
+    """One stands for all where no pair is near its margin; elsewhere each is computed."""
+    robot, rng = catalogue_robot("ur5"), np.random.default_rng(4)
+    shapes = Shapes.of(robot, None, None)
+    q = robot.q0 + rng.uniform(-1.5, 1.5, (40, 6))
+    q = np.concatenate([q, q + 1e-6 * rng.standard_normal(q.shape)])
+    together = shapes.distances(q)
+    each = np.vstack([shapes.distances(one[None]) for one in q])
+    near = (each - shapes.margins).min(axis=1) < 5e-4
+    assert near.any() and np.allclose(together[near], each[near], atol=1e-9)
+    assert np.abs(together - each).max() < 1e-4

@@ -8,7 +8,7 @@ import pytest
 from example_robot_data import robots_loader
 
 import pinadapt as pa
-from pinadapt.description.catalogue import example_robot, example_visual
+from pinadapt.description.catalogue import example_geometry, example_robot
 
 
 def test_loading_reads_no_mesh_and_drawing_reads_them_once(monkeypatch):
@@ -19,7 +19,7 @@ def test_loading_reads_no_mesh_and_drawing_reads_them_once(monkeypatch):
         return built(*arguments, **options)
 
     monkeypatch.setattr(pin, "buildGeomFromUrdf", build)
-    example_visual.cache_clear()
+    example_geometry.cache_clear()
     robot = pa.load("ur5")
     true = robot.changed(inertial_scale=2.0)
     assert not read
@@ -49,4 +49,6 @@ def test_models_equal_those_of_their_loaders(origin):
     for field in ("armature", "effortLimit", "velocityLimit"):
         assert np.array_equal(getattr(model, field), getattr(whole.model, field))
     names = [thing.name for thing in whole.visual_model.geometryObjects]
-    assert [thing.name for thing in example_visual(origin).geometryObjects] == names
+    assert [
+        thing.name for thing in example_geometry(origin, pin.GeometryType.VISUAL).geometryObjects
+    ] == names

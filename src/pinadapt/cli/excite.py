@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Mapping, MutableMapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -56,8 +57,12 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         ("duration", 10.0, "S", "duration of the motion (default: %(default)s)"),
         ("excursion", None, "RAD", "largest distance of a joint from home (default: pi/2)"),
         ("load", None, "KG", "heaviest load to allow for (default: a tenth of the robot's mass)"),
+        ("floor", None, "M", "height of the floor, in the axes of the base (default: none)"),
     ):
         parser.add_argument(f"--{option}", type=float, default=default, metavar=unit, help=text)
+    parser.add_argument(
+        "--srdf", type=Path, metavar="FILE", help="its disable_collisions name links that may touch"
+    )
     add_seed(parser, "the search")
     add_out_file(parser, "the robot's name and _excited.toml")
 
@@ -96,7 +101,12 @@ def _of_scenario(options: argparse.Namespace) -> tuple[dict[str, Any], ExcitingM
             where="--unknown" if options.unknown else "--joint",
         )
     path = Path(options.source)
-    return read_toml(path), find(Scenario.read(path).controller, **_found(options))
+    scenario = Scenario.read(path)
+    controller, drawn = scenario.controller, scenario.estimated.drawn
+    if controller.nominal is not None:  # with the shapes, which a controller does not need
+        unloaded = replace(controller.nominal.unloaded, drawn=drawn)
+        controller.nominal = replace(controller.nominal, unloaded=unloaded)
+    return read_toml(path), find(controller, **_found(options))
 
 
 def _of_robot(options: argparse.Namespace) -> tuple[dict[str, Any], ExcitingMotion]:
@@ -116,6 +126,8 @@ def _found(options: argparse.Namespace) -> dict[str, Any]:
         "duration": options.duration,
         "excursion": options.excursion,
         "load": options.load,
+        "floor": options.floor,
+        "srdf": options.srdf,
         "seed": options.seed,
     }
 

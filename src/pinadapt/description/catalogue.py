@@ -62,7 +62,7 @@ class CatalogueEntry:
         """Return the visual or collision geometry of the whole robot, or None if it has none."""
         if self.path is not None:
             return Urdf.read(self.path).geometry(kind)
-        return example_visual(self.origin) if kind == pin.GeometryType.VISUAL else None
+        return example_geometry(self.origin, kind)
 
     @property
     def urdf(self) -> Path:
@@ -178,13 +178,14 @@ def example_robot(origin: str) -> tuple[pin.Model, np.ndarray]:
 
 
 @lru_cache(maxsize=8)  # the meshes of a robot take up to 200 MB
-def example_visual(origin: str) -> pin.GeometryModel:
-    """Return the visual geometry of a loader's robot; callers must not change it."""
+def example_geometry(origin: str, kind: pin.GeometryType) -> pin.GeometryModel:
+    """Return visual or collision geometry of a loader's robot; callers must not change it."""
     if _is_special(origin):
-        return _whole(origin).visual_model
+        whole, visual = _whole(origin), kind == pin.GeometryType.VISUAL
+        return whole.visual_model if visual else whole.collision_model
     model, file = example_robot(origin)[0], str(example_path(origin))
     packages = [str(_folder(origin) / ".." / "..")]
-    return pin.buildGeomFromUrdf(model, file, pin.GeometryType.VISUAL, package_dirs=packages)
+    return pin.buildGeomFromUrdf(model, file, kind, package_dirs=packages)
 
 
 def _loaders() -> Any:

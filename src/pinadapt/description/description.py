@@ -63,6 +63,11 @@ class Description:
         """Function that reads the visual geometry."""
         return partial(self.geometry, pin.GeometryType.VISUAL)
 
+    @property
+    def collision(self) -> Callable[[], pin.GeometryModel | None]:
+        """Function that reads the collision geometry."""
+        return partial(self.geometry, pin.GeometryType.COLLISION)
+
 
 def describe(
     source: Source, *, xacro: XacroArguments | None = None, mass: float | None = None

@@ -72,7 +72,14 @@ class ExcitingMotion:
         rows.append(("efforts", f"with and without a load of {limits.load:.3g} kg"))
         if np.isfinite(limits.clearance):
             rows.append(("clearance", f"{limits.clearance:.3g} m above the mounting plane"))
-        note = "Collisions of the robot with itself or with its surroundings are not checked."
+        if np.isfinite(limits.apart):
+            rows.append(("distance", f"{limits.apart:.3g} m between {limits.closest}"))
+        note = "Collisions of the robot with its surroundings are not checked."
+        if not limits.shapes:
+            note = (
+                "The description has no collision geometry: collisions of the robot with itself or "
+                "with its surroundings are not checked."
+            )
         return Sheet("Exciting motion", [Table(rows), limits.table(), *found.tables()], note)
 
 
@@ -92,6 +99,10 @@ class LimitUse:
         load: mass of the heaviest load [kg], in the origin of the frame.
         clearance: smallest distance of a joint or the frame from the mounting plane [m]; infinite
             for a robot that moves along that plane.
+        apart: smallest distance of two bodies, or of a body from the floor [m]; infinite where
+            none was checked.
+        closest: the names of these two.
+        shapes: whether the bodies have shapes; otherwise only joints and frame stay off the floor.
     """
 
     joints: tuple[str, ...]
@@ -100,6 +111,9 @@ class LimitUse:
     effort: np.ndarray
     load: float
     clearance: float
+    apart: float = np.inf
+    closest: str = ""
+    shapes: bool = False
 
     @classmethod
     def of(
@@ -119,6 +133,8 @@ class LimitUse:
             efforts / effort_limits(robot.model),
             allowed.load,
             allowed.clearance(q),
+            *allowed.apart(q),
+            allowed.shapes is not None and not allowed.shapes.alone,
         )
 
     def table(self) -> Table:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -33,7 +34,7 @@ from ..tasks.frame import TASKS
 from ..tasks.joint import JointTask
 from ..tuning.defaults import prior_covariance
 from ..tuning.unknowns import Unknown, nominal_dynamics
-from .allowance import Allowance, configurations
+from .allowance import Allowance, Shapes, configurations
 from .exciting_motion import ExcitingMotion, LimitUse, RestToRest
 
 _TORQUE_NOISE = 0.01  # of the effort limit, or of the typical torque of a joint without one
@@ -254,6 +255,8 @@ def excite(
     harmonics: int | None = None,
     excursion: ArrayLike | None = None,
     load: float | None = None,
+    srdf: Path | str | None = None,
+    floor: float | None = None,
     seed: int = 0,
     progress: Progress | bool | None = None,
 ) -> ExcitingMotion:
@@ -265,8 +268,8 @@ def excite(
 
     It stays away from the ends of each joint's range by a twentieth of it, uses at most four fifths
     of the velocity and effort limits, the latter with and without a load, and keeps joints and
-    frame above the horizontal plane that the robot is mounted on. Collisions of the robot with
-    itself are not checked: a smaller ``excursion`` avoids them.
+    frame above the horizontal plane that the robot is mounted on. Bodies with collision geometry
+    stay apart from each other, and all stay above a floor, see ``Shapes``.
 
     Args:
         robot: the nominal model, of any task, at its home; or a controller, whose unknown
@@ -281,6 +284,8 @@ def excite(
             quarter of a turn and half a metre.
         load: mass of the heaviest load at the frame [kg]; by default a tenth of the robot's mass,
             halved until the motors hold it at home.
+        srdf: a file whose ``disable_collisions`` name links that may touch.
+        floor: height of a floor [m], in the axes of the robot's base; None for none.
         seed: of the random series.
         progress: as in ``simulate``.
 
@@ -294,7 +299,7 @@ def excite(
     if harmonics is None:
         harmonics = min(max(round(_FASTEST * duration), _FEWEST), _MOST)
     harmonics = whole(harmonics, "harmonics", 2)
-    allowed = Allowance.of(nominal, excursion, load)
+    allowed = Allowance.of(nominal, excursion, load, Shapes.of(nominal, srdf, floor))
     search = _Search(aim, allowed, RestToRest(harmonics, duration, _PER_HARMONIC * harmonics))
     theta = search.best(whole(seed, "seed", 0), watched(range(_ITERATIONS), progress, "excite"))
     fine = RestToRest(harmonics, duration, _FINE * harmonics)
@@ -325,8 +330,7 @@ def _nominal_and_aim(
             raise InputError("a controller has its own unknown parameters.", where="unknown")
         nominal = described_robot(given)
         return nominal, Aim(nominal, given.dynamics, given.kinematics)
-    nominal = given.undrawn()
-    unknown = Unknown.of(unknown)
+    nominal, unknown = given, Unknown.of(unknown)
     dynamics = nominal_dynamics(nominal, unknown, ALL)
     translations = unknown.translation_words(tool=False)
     kinematics: TaskKinematics

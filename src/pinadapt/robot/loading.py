@@ -147,7 +147,7 @@ def _load_chain(found: Description, name: str, ends: Sequence[str], wanted: _Wan
         chosen,
         home,
         Friction.none(model.nv),
-        Visual(found.visual, found.model, tuple(keep), found.q_reference),
+        Visual(found.visual, found.model, tuple(keep), found.q_reference, found.collision),
         ends=tuple(end for end in ends if end != name),
         locked=_off_chain(found.model, keep),
         welded=welded,

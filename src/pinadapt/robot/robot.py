@@ -334,19 +334,21 @@ class Robot:
 
 @dataclass(frozen=True, eq=False)
 class Visual:
-    """The visual geometry of a chain, read from its files at first use.
+    """The visual geometry of a chain, and its collision geometry, read from files at first use.
 
     Attributes:
         read: function that returns the visual geometry of the whole robot, or None.
         whole: Pinocchio model of the whole robot.
         keep: indices of the joints of the chain in that model.
         q_reference: (nq) configuration at which the other joints are locked.
+        read_solids: function that returns the collision geometry of the whole robot, or None.
     """
 
     read: Callable[[], pin.GeometryModel | None]
     whole: pin.Model
     keep: tuple[int, ...]
     q_reference: np.ndarray
+    read_solids: Callable[[], pin.GeometryModel | None] | None = None
 
     @cached_property
     def geometry(self) -> pin.GeometryModel | None:
@@ -356,9 +358,18 @@ class Visual:
             return None
         return reduce_visual(self.whole, visual, self.keep, self.q_reference)
 
+    def solids(self) -> tuple[pin.GeometryModel, list[str]] | None:
+        """Return the collision geometry of the chain and the link of each shape, or None."""
+        found = None if self.read_solids is None else self.read_solids()
+        if found is None or not found.ngeoms:
+            return None
+        links = [str(self.whole.frames[part.parentFrame].name) for part in found.geometryObjects]
+        return reduce_visual(self.whole, found, self.keep, self.q_reference), links
+
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle without the meshes; the copy reads them again on demand."""
-        return type(self), (self.read, self.whole, self.keep, self.q_reference)
+        own = self.read, self.whole, self.keep, self.q_reference, self.read_solids
+        return type(self), own
 
 
 def robot_sheet(robot: Robot) -> Sheet:
