@@ -236,7 +236,7 @@ def joints_of(motion, count=400):
 
 @pytest.mark.parametrize("name", ["ur5", "panda"])
 def test_bodies_and_floor_stay_apart(name):
-    """Distances of the meshes themselves; without shapes the search finds a motion that collides."""
+    """Distances of the meshes; without shapes the search finds a motion that collides."""
     robot = catalogue_robot(name)
     options = {"unknown": "bodies", "duration": 6.0, "harmonics": 2}
     wide = {"excursion": 2.8, "progress": False}
