@@ -1,7 +1,7 @@
 """What the governor does to runs that go wrong without it, and to runs that go well.
 
-``python -m benchmarks.governor [PATH...] [--save FILE]`` runs each case without and with
-``pa.Limits(governor=True)``, from rest, with the unknowns of the README: a tool of 5 % of the
+``python -m benchmarks.governor [PATH...] [--cases PATTERN] [--save FILE]`` runs each case without and
+with ``pa.Limits(governor=True)``, from rest, with the unknowns of the README: a tool of 5 % of the
 reach, a load of 5 % of the mass, every inertia of the model 30 % too small.
 
 * leaves: a way out of the workspace, a second beyond it, and back, each in a second;
@@ -20,6 +20,7 @@ largest of the run, and of its last tenth.
 from __future__ import annotations
 
 import argparse
+import re
 import warnings
 from collections.abc import Callable, Iterator
 from itertools import islice
@@ -34,7 +35,7 @@ from pinadapt.plants.sensors import SimulatedSensors
 from pinadapt.robot.motors import torque_limits
 from pinadapt.rollout.recording import slowdowns
 
-from .timing import HERE, in_turn, save
+from .timing import HERE, in_turn, save, saved
 
 DT = 1e-3  # [s]
 TOOL = np.array([0.02, -0.02, 0.04])  # of the reach, in the frame's axes
@@ -192,6 +193,14 @@ def way_out(true: pa.Robot, reach: float) -> pa.trajectories.Trajectory:
     return pa.trajectories.Waypoints([start, far, far, start], 1.0)
 
 
+Case = tuple[str, str, dict[str, Any]]  # what happens, robot, options of ``run``
+
+
+def case(name: str, robot: str, **options: Any) -> Case:
+    """Return what happens, the robot and the options of ``run``."""
+    return name, robot, options
+
+
 def both(name: str, robot: str, **options: Any) -> dict[str, Any]:
     """Return a row: the run without and with the governor."""
     row: dict[str, Any] = {"name": f"{name} {robot}", "case": name, "robot": robot}
@@ -201,22 +210,22 @@ def both(name: str, robot: str, **options: Any) -> dict[str, Any]:
     return row
 
 
-def small_cases() -> Iterator[dict[str, Any]]:
-    """Yield a row for each case but "everything"."""
+def small_cases() -> Iterator[Case]:
+    """Yield each case but "everything"."""
     for name in ("ur5", "panda"):
         true, model = unknown(pa.load(name))
         arm = {"true": true, "model": model}
         circle = begun(pa.reachable_circle(model), true)
-        yield both("leaves", name, **arm, motion=way_out(true, FAR[name]), duration=30.0)
-        yield both("leaves, law (11)", name, **arm, motion=way_out(true, FAR[name]), duration=30.0,
+        yield case("leaves", name, **arm, motion=way_out(true, FAR[name]), duration=30.0)
+        yield case("leaves, law (11)", name, **arm, motion=way_out(true, FAR[name]), duration=30.0,
                    law="adaptive-inverse-dynamics")  # fmt: skip
-        yield both("held 1 s", name, **arm, motion=circle, duration=12.0, plant=Held)
-        yield both("held 4 s", name, **arm, motion=circle, duration=15.0, plant=HeldLonger)
-        yield both("blind 3 s", name, **arm, motion=circle, duration=12.0, blind=True)
+        yield case("held 1 s", name, **arm, motion=circle, duration=12.0, plant=Held)
+        yield case("held 4 s", name, **arm, motion=circle, duration=15.0, plant=HeldLonger)
+        yield case("blind 3 s", name, **arm, motion=circle, duration=12.0, blind=True)
 
 
-def slow_torso(fetch: Path | None) -> Iterator[dict[str, Any]]:
-    """Yield a row for Tiago's lift, and for Fetch's if there is its description."""
+def slow_torso(fetch: Path | None) -> Iterator[Case]:
+    """Yield Tiago's lift, and Fetch's if there is its description."""
     circle = pa.trajectories.Circle(np.zeros(3), 0.15, 1.2, "yz")
     robots = {"tiago_arm": pa.load("tiago_arm")}
     if fetch is not None:
@@ -225,12 +234,12 @@ def slow_torso(fetch: Path | None) -> Iterator[dict[str, Any]]:
     for name, robot in robots.items():
         true = robot.changed(tool_translation=robot.reach * TOOL)
         model = robot.changed(inertial_scale=0.7)
-        yield both("slow torso", name, true=true, model=model, motion=begun(circle, true),
+        yield case("slow torso", name, true=true, model=model, motion=begun(circle, true),
                    duration=20.0)  # fmt: skip
 
 
-def all_at_once(paths: list[Path]) -> Iterator[dict[str, Any]]:
-    """Yield a row for each draw of "everything", arm and adaptation."""
+def all_at_once(paths: list[Path]) -> Iterator[Case]:
+    """Yield each draw of "everything", arm and adaptation."""
     robots = {name: pa.load(name) for name in ("panda", "ur5", "kinova")}
     robots |= {path.parent.name: pa.load(path) for path in paths}
     for name, robot in robots.items():
@@ -238,18 +247,18 @@ def all_at_once(paths: list[Path]) -> Iterator[dict[str, Any]]:
             for draw in range(DRAWS):
                 true, model = everything(robot, draw)
                 circle = begun(pa.reachable_circle(robot), true)
-                yield both(
+                yield case(
                     f"everything {draw}, {adaptation}", name, true=true, model=model,
                     motion=circle, duration=12.0, adaptation=adaptation,
                 )  # fmt: skip
 
 
-def healthy() -> Iterator[dict[str, Any]]:
-    """Yield a row for each arm on which nothing goes wrong."""
+def healthy() -> Iterator[Case]:
+    """Yield each arm on which nothing goes wrong."""
     for name in HEALTHY:
         true, model = unknown(pa.load(name))
         circle = begun(pa.reachable_circle(model), true)
-        yield both("healthy", name, true=true, model=model, motion=circle, duration=8.0)
+        yield case("healthy", name, true=true, model=model, motion=circle, duration=8.0)
 
 
 def cost() -> dict[str, Any]:
@@ -340,11 +349,21 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("paths", nargs="*", type=Path, help="URDFs of other arms")
     parser.add_argument("--fetch", type=Path, help="URDF of Fetch")
+    parser.add_argument("--cases", default="", help="pattern of names; the other rows stay")
     parser.add_argument("--save", type=Path, default=HERE / "governor.json")
     given = parser.parse_args()
-    rows = [*small_cases(), *slow_torso(given.fetch), *healthy(), *all_at_once(given.paths), cost()]
-    save(given.save, rows)
-    print(f"\n{table(rows)}\n\n{counts(rows)}\n\n{rows[-1]}")
+    cases = *small_cases(), *slow_torso(given.fetch), *healthy(), *all_at_once(given.paths)
+    rows = saved(given.save)
+    for name, robot, options in cases:
+        if re.search(given.cases, f"{name} {robot}"):
+            row = both(name, robot, **options)
+            rows[row["name"]] = row
+    if re.search(given.cases, "cost"):
+        row = cost()
+        rows[row["name"]] = row
+    found = list(rows.values())
+    save(given.save, found)
+    print(f"\n{table(found)}\n\n{counts(found)}\n\n{rows['cost of a step [us]']}")
 
 
 if __name__ == "__main__":
