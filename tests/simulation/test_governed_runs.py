@@ -109,14 +109,6 @@ def test_on_runs_that_go_well_it_never_acts(name):
     assert found["lost"] is None and found["slowed"] == [] and found["late"] == 0.0
 
 
-def test_a_light_wrist_that_the_load_spins_is_waited_for():
-    true, model = unknown(catalogue_robot("ur10"))
-    found = run(true, model, begun(pa.reachable_circle(model), true), 2.0, governed=True)
-    (slowed,) = found["slowed"]
-    assert slowed["cause"] == "error" and slowed["least_rate"] > 0.9
-    assert found["lost"] is None and found["last"] < 0.1 and found["late"] < 0.1
-
-
 def test_a_rollout_says_what_slowed_it(ur5, tmp_path, blank_pictures):
     true, model, circle = ur5
     controller = pa.make_controller(model, limits=pa.Limits(governor=True), dt=DT)
