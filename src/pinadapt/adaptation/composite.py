@@ -389,7 +389,7 @@ class CompositeMemory(Wrapper):
         elif len(origin):
             drive = _since(origin, clock.left, estimate.value, drive)
         assert drive.residual is not None
-        size = float(np.mean(drive.residual * drive.residual / self._variance))
+        size = self._mean_square(drive.residual)
         usual = _UNUSUAL * max(clock.usual, clock.residual)
         if clock.due > 0.5 * dt and size <= max(self.contradiction, usual):
             after = self.inner.step(inner, self._total(drive, pull, clock), dt)
@@ -414,7 +414,7 @@ class CompositeMemory(Wrapper):
         now = told.innovation / self.noise
         now *= math.sqrt(d * now.size / max(float(now @ now), 1e-300))
         lasting = lasting + min(1.0, span * self._bandwidth / _LASTING) * (now - lasting)
-        size = math.sqrt(float(np.mean(lasting * lasting)))
+        size = math.sqrt(float(lasting @ lasting) / lasting.size)
         later = later._replace(unexplained=self._mean(clock.unexplained, size, span))
         memory = A_new, kept * b + span * b_new, told.pull, origin, lasting, np.array(later)
         return Estimate(after.value, (*memory, *after.memory))
@@ -472,8 +472,12 @@ class CompositeMemory(Wrapper):
         """Return the drive of the inner adaptation, with the pull H da (p) of the memory."""
         gradient = self._emphasis(clock) * drive.gradient
         if pull is not None:
-            gradient = gradient + (self._trust(clock) * self.speed / self.share) * pull
+            gradient += (self._trust(clock) * self.speed / self.share) * pull
         return Drive(drive.Y, drive.e, gradient=gradient)
+
+    def _mean_square(self, torque: np.ndarray) -> float:
+        """Return the mean square over the joints of a torque (n) relative to the noise."""
+        return float(torque @ (torque / self._variance)) / torque.size
 
     def _mean(self, mean: float, value: float, span: float) -> float:
         """Return a mean after a time [s], the faster where it rises."""
@@ -518,7 +522,7 @@ class CompositeMemory(Wrapper):
         """Return the share of rho where the memory would change the torque by so much (n)."""
         if not self.agreement:
             return 1.0
-        m = math.sqrt(float(np.mean(change * change / self._variance)))
+        m = math.sqrt(self._mean_square(change))
         return max(_CALM, m / (m + self.agreement))
 
     def _with_empty_memory(self, estimate: Estimate, quiet: float) -> Estimate:
