@@ -2,7 +2,7 @@
 
 ``python -m benchmarks.control_step [--save FILE]`` times law (11), kinematics and every inertial
 parameter adapted, on three robots, and the default law, separation, on the Panda with the joints'
-coefficients known and adapted. The floor is the sequence of raw calls, listed by name, with the
+coefficients known and adapted, all under natural adaptation. The floor is the sequence of raw calls, listed by name, with the
 arguments prepared: forward kinematics and Jacobian at the estimate, the estimated inertias written
 into a model, RNEA, CRBA and the regressor; for separation the Jacobian's variation and the two
 regressors of which that of Slotine and Li is made. Step and floor run alternately in one process,
@@ -42,9 +42,8 @@ def controller(name: str, law: str = LAW, joints: bool = False) -> tuple[pa.Robo
     """Return a robot and its controller: tool and bodies unknown, the planar arm in a basis."""
     robot = pa.load(name)
     if name != "planar_2r":
-        return robot, pa.make_controller(
-            robot, law=law, unknown=pa.Unknown(tool=True, friction=joints, armature=joints)
-        )
+        unknown = pa.Unknown(tool=True, friction=joints, armature=joints)
+        return robot, pa.make_controller(robot, law=law, adaptation="natural", unknown=unknown)
     basis = np.loadtxt(PLANAR / "basis.csv", delimiter=",")
     return robot, pa.make_controller(
         robot,

@@ -1,8 +1,8 @@
 """What the governor does to runs that go wrong without it, and to runs that go well.
 
 ``python -m benchmarks.governor [PATH...] [--cases PATTERN] [--save FILE]`` runs each case without
-and with ``pa.Limits(governor=True)``, from rest, with the unknowns of the README: a tool of 5 % of the
-reach, a load of 5 % of the mass, every inertia of the model 30 % too small.
+and with ``pa.Limits(governor=True)``, from rest, with the unknowns of the README: a tool of 5 % of
+the reach, a load of 5 % of the mass, every inertia of the model 30 % too small.
 
 * leaves: a way out of the workspace, a second beyond it, and back, each in a second;
 * held: an obstacle holds every joint for a second, and for four;

@@ -2,7 +2,7 @@
 
 ``python -m benchmarks.growth [--save FILE] [--plot FILE]`` makes chains of 2 to 32 revolute joints
 with turning axes, every body, the joints' coefficients and the tool unknown (13 n + 3 parameters),
-and times alternately, in one process: one step of the default law, the rest of a simulated sample,
+and times alternately, in one process: one step of the default law under natural adaptation, the rest of a simulated sample,
 and Pinocchio's regressor, the call that every law on these parameters needs.
 """
 
@@ -57,7 +57,7 @@ def measure(n: int) -> dict[str, Any]:
     model, data, v = robot.model, robot.model.createData(), np.full(n, 0.1)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of the sampling period; a short run is enough here
-        controller = pa.make_controller(robot.changed(inertial_scale=0.9))
+        controller = pa.make_controller(robot.changed(inertial_scale=0.9), adaptation="natural")
     hold = pa.trajectories.Hold(robot.position(robot.q0))
     loop = Loop(pa.plants.PinocchioPlant(robot), controller, hold)
     calls = {
