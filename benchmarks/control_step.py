@@ -2,13 +2,14 @@
 
 ``python -m benchmarks.control_step [--save FILE]`` times law (11), kinematics and every inertial
 parameter adapted, on three robots, and the default law, separation, on the Panda with the joints'
-coefficients known and adapted, all under natural adaptation. The floor is the sequence of raw calls, listed by name, with the
-arguments prepared: forward kinematics and Jacobian at the estimate, the estimated inertias written
-into a model, RNEA, CRBA and the regressor; for separation the Jacobian's variation and the two
-regressors of which that of Slotine and Li is made. Step and floor run alternately in one process,
-so that both have the same state of caches and clock; the ratio is the median over pairs. The bare
-floor omits the writing of the estimates. The step is one of an arm that has moved; ``first_us`` is
-one of the first samples, until v has been found to be the rate of q.
+coefficients known and adapted, all under natural adaptation. The floor is the sequence of raw
+calls, listed by name, with the arguments prepared: forward kinematics and Jacobian at the
+estimate, the estimated inertias written into a model, RNEA, CRBA and the regressor; for separation
+the Jacobian's variation and the two regressors of which that of Slotine and Li is made. Step and
+floor run alternately in one process, so that both have the same state of caches and clock; the
+ratio is the median over pairs. The bare floor omits the writing of the estimates. The step is one
+of an arm that has moved; ``first_us`` is one of the first samples, until v has been found to be
+the rate of q.
 """
 
 from __future__ import annotations

@@ -2,8 +2,9 @@
 
 ``python -m benchmarks.first_moments [PATH...] [--robots NAMES] [--save FILE]`` runs arms of the
 catalogue, and further descriptions by their paths, on the circle that ``reachable_circle`` finds,
-with the default law, natural adaptation and default gains at 1 kHz, each as given (at full speed from the first sample) and
-from rest, as ``simulate`` does by default. Rows of other robots in the file are kept.
+with the default law, natural adaptation and default gains at 1 kHz, each as given (at full speed
+from the first sample) and from rest, as ``simulate`` does by default. Rows of other robots in the
+file are kept.
 
 Torques: a tool of 5 % of the reach and a load of 5 % of the mass are unknown, every inertia of the
 model is 30 % too small. The largest torque of the first 0.3 s, relative to the effort limit of its

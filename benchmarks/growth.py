@@ -2,8 +2,9 @@
 
 ``python -m benchmarks.growth [--save FILE] [--plot FILE]`` makes chains of 2 to 32 revolute joints
 with turning axes, every body, the joints' coefficients and the tool unknown (13 n + 3 parameters),
-and times alternately, in one process: one step of the default law under natural adaptation, the rest of a simulated sample,
-and Pinocchio's regressor, the call that every law on these parameters needs.
+and times alternately, in one process: one step of the default law under natural adaptation, the
+rest of a simulated sample, and Pinocchio's regressor, the call that every law on these parameters
+needs.
 """
 
 from __future__ import annotations
