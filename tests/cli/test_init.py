@@ -12,6 +12,7 @@ from pinadapt.description.catalogue import example_path
 from pinadapt.description.urdf import Urdf
 from pinadapt.robot.loading import end_links
 from pinadapt.scenario.scenario import Scenario
+from pinadapt.scenario.template import three_digits
 from tests.support.paths import ARM4
 
 pytestmark = pytest.mark.slow
@@ -82,11 +83,11 @@ def test_q0_and_the_circle_are_those_of_the_library(tmp_path):
 
 
 def test_the_gains_in_the_comments_are_the_ones_in_use(tmp_path):
-    """One lag of the user's own takes the place of the two that the feedback has."""
+    """A lag and rates of the user's own take the place of those that change after the start."""
     file = written(tmp_path, "solo8_fl_leg")
     text = file.read_text()
     uncommented = text
-    for key in ("alpha", "beta", "gamma_d", "gamma_joint", "gamma_k", "R_k"):
+    for key in ("alpha", "beta", "gamma_k", "R_k"):
         assert f"\n# {key} = " in text
         uncommented = uncommented.replace(f"\n# {key} = ", f"\n{key} = ")
     other = tmp_path / "uncommented.toml"
@@ -94,7 +95,8 @@ def test_the_gains_in_the_comments_are_the_ones_in_use(tmp_path):
     short = ["simulation.duration=0.2"]
     scenario = Scenario.read(file, short)
     assert np.allclose(scenario.run().x, Scenario.read(other, short).run().x, atol=1e-5)
-    law = scenario.controller.law
+    law, bodies = scenario.controller.law, scenario.controller.adaptation_d.inner.parts[0][0]
+    assert f"\n# gamma_d = {three_digits(bodies.gamma)} " in text
     gains = ", ".join(f"{gain:.3g}" for gain in np.diag(law.K_v))
     assert f"\n# Kv = [{gains}] " in text and f"\n# lag = {law.late:g} " in text
 

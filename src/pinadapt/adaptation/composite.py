@@ -205,12 +205,13 @@ class CompositeMemory(Wrapper):
                 with dkappa/dt <= 0 and a law's V >= 0 it decreases at least as fast as with a
                 constant kappa. At a new start kappa, and with it V, jumps up. ``emphasis`` is
                 kappa(t) / kappa, for V in the metric Gamma^-1, this V over kappa.
-    Distrust:   innovations that last contradict the assumption W a = y itself, as friction does
-                that is in no parameter. With q^2 the mean square of the innovations, scaled to d
-                and averaged over 10 / bandwidth with their signs, rho is multiplied by 1 / (1 +
-                (q^2 / unexplained)^2), and kappa(t) is at least the complementary share of
-                kappa_2. Where nothing is explained this is the inner adaptation at that share of
-                its speed. V may rise by dkappa/dt (the law's V) while q^2 rises.
+    Distrust:   where there is a tracking error, innovations that last contradict the assumption
+                W a = y itself, as friction does that is in no parameter. With q^2 the mean square
+                of the innovations, scaled to d and averaged over 10 / bandwidth with their signs,
+                rho is multiplied by 1 / (1 + (q^2 / unexplained)^2), and kappa(t) is at least the
+                complementary share of kappa_2. Where nothing is explained this is the inner
+                adaptation at that share of its speed. V may rise by dkappa/dt (the law's V) while
+                q^2 rises.
     Limits:     while a motor saturates, the missing torque may be that of an obstacle. The memory
                 then stores nothing and adds nothing; afterwards it goes on as if its low pass
                 started there.
@@ -472,7 +473,8 @@ class CompositeMemory(Wrapper):
         """Return the drive of the inner adaptation, with the pull H da (p) of the memory."""
         gradient = self._emphasis(clock) * drive.gradient
         if pull is not None:
-            gradient += (self._trust(clock) * self.speed / self.share) * pull
+            trust = 1.0 if drive.e is None else self._trust(clock)
+            gradient += (trust * self.speed / self.share) * pull
         return Drive(drive.Y, drive.e, gradient=gradient)
 
     def _mean_square(self, torque: np.ndarray) -> float:

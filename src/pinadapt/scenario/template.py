@@ -67,9 +67,10 @@ def default_gains(controller: Controller) -> Iterable[tuple[str, str, str]]:
     if law.learns_from_torque:  # its rates depend on the prediction
         return
     bodies, joints = _parts(controller.adaptation_d)
-    yield "gamma_d", _gain(bodies.gamma), "rate of the inertial parameters"
+    faster = "; by default larger for a moment at the start" if law.late else ""
+    yield "gamma_d", _gain(bodies.gamma), f"rate of the inertial parameters{faster}"
     if joints is not None:
-        yield "gamma_joint", _gain(joints.gamma), "rate of armature and friction"
+        yield "gamma_joint", _gain(joints.gamma), f"rate of armature and friction{faster}"
     if law.learns_kinematics and controller.kinematics.size:
         rate_k = controller.adaptation_k.gain(controller.kinematics.initial)
         yield "gamma_k", _gain(rate_k), "rate of the tool"

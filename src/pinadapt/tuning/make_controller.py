@@ -268,10 +268,11 @@ def _adaptation(
 ) -> Adaptation:
     """Return how the dynamic estimate moves; noisy sensors add a leak where none is chosen."""
     law, motion, w, settings = tuning.law, tuning.motion, tuning.bandwidth, tuning.settings
-    share, jitter = share * tracking_share(kind, law, settings.mode, w), 0.0
+    first, jitter = share * settings.mode**2, 0.0
+    share *= tracking_share(kind, law, settings.mode, w)
     if tuning.quality.v:
         jitter = tuning.quality.v * min(1.0, math.sqrt(0.5 * settings.velocity * tuning.period))
-    moved = dynamic_adaptation(kind, law, motion, w, rates, lmi, share, jitter)
+    moved = dynamic_adaptation(kind, law, motion, w, rates, lmi, share, jitter, first)
     if kind == "none":
         return moved
     moved = modified(moved, modifying, tuning)

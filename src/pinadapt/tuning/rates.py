@@ -148,6 +148,7 @@ def dynamic_adaptation(
     lmi: ArrayLike | MatrixInequality | None,
     share: float = 1.0,
     jitter: float = 0.0,
+    first: float = 1.0,
 ) -> Adaptation:
     """Return the dynamic adaptation with given rates or a share of the default ones.
 
@@ -160,6 +161,8 @@ def dynamic_adaptation(
         lmi: matrix inequality for a basis of the user's own.
         share: of the default rates.
         jitter: standard deviation of the joint velocity behind its low pass [rad/s or m/s].
+        first: share of the default rates with which the tracking error teaches beside a memory that
+            is empty.
 
     Raises:
         InputError: a rate or an inequality that does not fit the parameters.
@@ -169,7 +172,7 @@ def dynamic_adaptation(
     moved = _tracking_adaptation(metric_of(kind), law, motion, bandwidth * share**0.5, rates, lmi)
     if kind in _METRICS:
         mode = law.prediction_mode
-        moved = predicting(kind, moved, motion, bandwidth, share, rates, mode, jitter)
+        moved = predicting(kind, moved, motion, bandwidth, share, rates, mode, jitter, first)
     return law.guarded(moved, motion.dynamics)
 
 
@@ -292,6 +295,7 @@ def predicting(
     rates: Mapping[str, Any],
     mode: float,
     jitter: float,
+    first: float,
 ) -> Adaptation:
     """Return an adaptation that also follows the prediction error of the torque.
 
@@ -312,9 +316,9 @@ def predicting(
     larger than the covariance of the parameters: a load that doubles causes 0.01 to 1, late
     motors and elastic joints 1e-6 to 5e-4, encoders less. Friction that is in no parameter causes
     innovations of 0.005 to 0.1 all the time; half of the trust is left at 0.003. Its covariance is
-    that of the default rates, of which the tracking error teaches with the given share, with all
-    beside an empty memory, and with a quarter beside one that explains nothing. Where gamma_d or
-    gamma_joint is given, it teaches at that rate all the time.
+    that of the default rates, of which the tracking error teaches with the given share, with the
+    share ``first`` beside an empty memory, and with a quarter beside one that explains nothing.
+    Where gamma_d or gamma_joint is given, it teaches at that rate all the time.
 
     Noise of the joint velocity, behind its low pass, is noise of the acceleration in W, of the size
     of the torque filter's bandwidth times it. What it seems to teach of the parameters adds up,
@@ -331,6 +335,8 @@ def predicting(
         rates: given ``prediction_rate``, ``prediction_filter`` and ``forgetting``.
         mode: ``Law.prediction_mode``.
         jitter: standard deviation of the joint velocity behind its low pass [rad/s or m/s].
+        first: share of the default rates with which the tracking error teaches beside a memory that
+            is empty.
 
     Raises:
         GainError: a rate that is not positive.
@@ -343,6 +349,7 @@ def predicting(
         rate = _given(rates, "prediction_rate", mode * bandwidth)
         doubt = _given(rates, "forgetting", _DOUBT * bandwidth)
         given = any(rates.get(name) is not None for name in ("gamma_d", "gamma_joint"))
+        first = share if given else max(share, first)
         variance = _NOISE**2 * torques
         if jitter:
             variance += _HORIZON * shaken_torques(moved, motion, low_pass * jitter)
@@ -353,8 +360,8 @@ def predicting(
             noise=np.sqrt(variance / share),
             forgetting=doubt,
             share=share,
-            first_share=share if given else 1.0,
-            lone_share=share if given else max(share, _LONE),
+            first_share=first,
+            lone_share=max(share, min(first, _LONE)),
             contradiction=_CONTRADICTION,
             unexplained=_UNEXPLAINED,
             interval=_INTERVAL / rate,
