@@ -8,8 +8,8 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.description.chain import configuration_from_angles
+from pinadapt.identification.fits import OVERLAP
 from pinadapt.identification.selection import blocks_of
-from pinadapt.identification.windows import OVERLAP
 from tests.support.chains import catalogue_robot
 from tests.support.effects import torque_of_everything
 from tests.support.recorded import motion

@@ -7,8 +7,7 @@ import pytest
 
 import pinadapt as pa
 from pinadapt._compiled import _blas_threads, one_blas_thread
-from pinadapt.identification.fits import CUTOFF
-from pinadapt.identification.windows import Averages, windows_of
+from pinadapt.identification.fits import CUTOFF, Averages, windows_of
 from pinadapt.information.measured_motion import motion_of_log
 from tests.support.chains import catalogue_robot
 from tests.support.recorded import recorded, torques, true_robot

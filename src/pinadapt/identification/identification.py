@@ -37,17 +37,17 @@ from . import report
 from .fits import (
     CUTOFF,
     Frames,
+    Windows,
     frames_of,
     load_fit,
     position_fit,
     position_rows,
     torque_fit,
+    windows_of,
 )
-from .identified_model import IdentifiedModel
-from .online import estimate_online, measurements
+from .identified_model import IdentifiedModel, estimate_online, measurements
 from .report_page import page
 from .selection import ChosenEffects, blocks_of, choose_effects, choose_weight
-from .windows import Windows, windows_of
 
 if TYPE_CHECKING:
     from ..excitation.exciting_motion import ExcitingMotion

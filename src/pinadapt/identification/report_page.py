@@ -21,8 +21,8 @@ from ..robot.robot import Robot
 from ..tuning.defaults import prior_covariance
 from ..tuning.unknowns import Unknown, nominal_dynamics
 from . import report
+from .fits import windows_of
 from .identified_model import IdentifiedModel, rms
-from .windows import windows_of
 
 if TYPE_CHECKING:
     from ..excitation.exciting_motion import ExcitingMotion

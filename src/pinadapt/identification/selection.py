@@ -32,8 +32,7 @@ from ..models.physical_fit import PhysicalSet, physical_path
 from ..robot.changes import Friction, Shaft
 from ..robot.robot import Robot
 from ..tuning.unknowns import Unknown
-from .fits import noise_of, root_of, weighted
-from .windows import OVERLAP, Averages, Windows
+from .fits import OVERLAP, Averages, Windows, noise_of, root_of, weighted
 
 BLOCKS = 8  # of time, in cross-validation
 _FEWEST = 4  # windows in a block, else there are fewer blocks

@@ -26,7 +26,7 @@ from ..description.chain import (
     velocity_limits,
     warn_beyond_limits,
 )
-from ..description.mjcf_writer import WrittenShaft, mjcf_text
+from ..description.mjcf import WrittenShaft, mjcf_text
 from ..description.urdf import Origin
 from ..description.urdf_writer import WrittenChain, urdf_text
 from ..exceptions import RobotError
