@@ -101,12 +101,16 @@ def test_a_slow_lift_slows_its_path():
     assert found["slowed"][0]["cause"].startswith("joint speed of torso_lift_joint")
 
 
-@pytest.mark.parametrize("name", HEALTHY[:3])
-def test_on_runs_that_go_well_it_takes_no_time(name):
-    """All ten are in the benchmark's file."""
+@pytest.mark.parametrize(
+    ("name", "adaptation"), [("panda", None), ("ur5", None), ("xarm7", None), ("ur10", "natural")]
+)
+def test_on_runs_that_go_well_it_never_acts(name, adaptation):
+    """Others are in the benchmark's file; the memory's start costs a ur10 a millisecond."""
+    assert name in HEALTHY
     true, model = unknown(catalogue_robot(name))
-    found = run(true, model, begun(pa.reachable_circle(model), true), 1.0, governed=True)
-    assert found["lost"] is None and found["slowed"] == [] and found["late"] < 1e-3
+    circle = begun(pa.reachable_circle(model), true)
+    found = run(true, model, circle, 1.0, governed=True, adaptation=adaptation)
+    assert found["lost"] is None and found["slowed"] == [] and found["late"] == 0.0
 
 
 def test_a_rollout_says_what_slowed_it(ur5, tmp_path, blank_pictures):
