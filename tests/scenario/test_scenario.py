@@ -220,6 +220,74 @@ def test_belief_inertial_scale_is_the_initial_estimate(tmp_path):
     assert np.allclose(scenario.run().a_d[0, :40], factors * truth, atol=1e-12)
 
 
+JOINTS = """
+[truth]
+armature = 0.1
+[truth.friction]
+viscous = 2.0
+coulomb = [3.0, 2.0, 1.0, 1.0]
+offset = { wrist_joint = 0.5 }
+asymmetry = -0.2
+load = 0.1
+threshold = 0.05
+breakaway = 1.3
+fading = 0.2
+shafts = [{ joints = ["slide_joint", "wrist_joint"], sign = -1, armature = 0.02, coulomb = 0.3 }]
+[belief.friction]
+threshold = 0.05
+breakaway = 1.3
+fading = 0.2
+viscous = 1.0
+shafts = [{ joints = ["slide_joint", "wrist_joint"], sign = -1 }]
+[unknown]
+joint = ["armature", "viscous", "coulomb", "load", "asymmetry", "wrist_joint.offset"]
+"""
+
+
+def test_effects_of_the_joints_are_true_believed_and_adapted(tmp_path):
+    scenario = scara(tmp_path, JOINTS)
+    dynamics, names = scenario.controller.dynamics, scenario.true.joint_names
+    true, believed = scenario.true.friction, scenario.estimated.friction
+    shaft = pa.robot.Shaft((2, 3), -1, 0.02, 0.0, 0.3)
+    stated = pa.Friction(
+        np.full(4, 2.0),
+        [3.0, 2.0, 1.0, 1.0],
+        threshold=0.05,
+        load=0.1,
+        asymmetry=-0.2,
+        offset=[0.0, 0.0, 0.0, 0.5],
+        breakaway=1.3,
+        fading=0.2,
+        shafts=(shaft,),
+    )
+    v, g = np.array([0.3, -0.02, 0.1, -0.4]), np.array([0.0, 1.0, -20.0, 0.3])
+    assert np.allclose(true.under(g).torque(v), stated.under(g).torque(v))
+    assert true.shafts == (shaft,)
+    assert not believed.load.any() and not believed.offset.any() and not believed.coulomb.any()
+    assert np.array_equal(believed.viscous, np.ones(4))
+    found = dict(zip(dynamics.names, dynamics.value(scenario.true), strict=True))
+    assert found["wrist_joint.offset"] == 0.5 and found[f"{names[0]}.asymmetry"] == -0.2
+    assert found["slide_joint-wrist_joint.coulomb"] == 0.3 and found[f"{names[1]}.load"] == 0.1
+    assert "slide_joint.offset" not in found
+
+
+def test_described_friction_stays_unless_the_table_replaces_it(tmp_path):
+    """``robot.joint_effects`` takes it from the description, for both robots."""
+    described = pa.load("z1", joint_effects=True)
+    assert described.friction.viscous.all()
+    text = '[robot]\nsource = "z1"\njoint_effects = true\n'
+    scenario = Scenario.read(write(tmp_path, text), ["truth.friction.coulomb={ joint2 = 9.0 }"])
+    expected = described.friction.coulomb.copy()
+    expected[1] = 9.0
+    for robot in (scenario.true, scenario.estimated):
+        assert np.array_equal(robot.friction.viscous, described.friction.viscous)
+        assert np.array_equal(robot.model.armature, described.model.armature)
+    assert np.array_equal(scenario.true.friction.coulomb, expected)
+    assert np.array_equal(scenario.estimated.friction.coulomb, described.friction.coulomb)
+    plain = Scenario.read(write(tmp_path, text), ["belief.friction={ viscous = 0.0, coulomb = 0 }"])
+    assert not plain.estimated.friction.present
+
+
 def test_paths_are_relative_to_the_scenario_file(tmp_path, monkeypatch):
     folder = tmp_path / "somewhere"
     (folder / "robots").mkdir(parents=True)
@@ -317,6 +385,8 @@ def test_malformed_settings_are_refused(setting):
         ("truth.paylod=1", "truth.paylod", "payload"),
         ("truth.payload={ mass = 1.0, con = [0, 0, 0] }", "truth.payload.con", "com"),
         ("truth.friction={ viscos = 1.0 }", "truth.friction.viscos", "viscous"),
+        ("belief.friction.lod=0.1", "belief.friction.lod", "load"),
+        ("truth.friction.shafts=[{ joint = [] }]", "truth.friction.shafts.0.joint", "joints"),
         ("belief.dynamc=[1.0]", "belief.dynamc", "dynamic"),
         ("unknown.kinematc=[]", "unknown.kinematc", "kinematic"),
         ("controller.kv=3.0", "controller.kv", "Kv"),
@@ -422,6 +492,8 @@ def test_a_wrong_value_names_its_dotted_key(setting, key):
         ("robot.task=xyzz", "xyz"),
         ("truth.inertial_scale={ jont1 = 1.0 }", "joint1"),
         ("truth.link_translation={ jont1 = [0.0, 0.0, 0.0] }", "joint1"),
+        ("truth.friction.offset={ jont1 = 1.0 }", "joint1"),
+        ("truth.friction.shafts=[{ joints = ['joint1', 'jont2'] }]", "joint2"),
         ("unknown.kinematic=['tol']", "tool"),
         ("controller.law=adaptive-invers-dynamics", "adaptive-inverse-dynamics"),
         ("controller.adaptation=natrual", "natural"),

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from ..exceptions import ScenarioError
-from ..robot.changes import Payload
+from .._checks import vector
+from ..exceptions import RobotError, ScenarioError
+from ..robot.changes import Friction, Payload, Shaft, joint_id
 from ..robot.robot import Robot
 from ..tasks.frame import PoseTask
 from ..tasks.task import Task
@@ -20,6 +22,7 @@ from .schema import (
     BeliefSection,
     CircleSection,
     FourierSection,
+    FrictionSection,
     HoldSection,
     LissajousSection,
     OrientationSection,
@@ -45,8 +48,7 @@ def true_robot(described: Robot, truth: TruthKeys) -> Robot:
         tool_translation=truth.tool_translation,
         link_translation=truth.link_translation,
         armature=truth.armature,
-        viscous=truth.friction.viscous,
-        coulomb=truth.friction.coulomb,
+        friction=friction_of(described, truth.friction),
     )
 
 
@@ -59,9 +61,39 @@ def initial_model(described: Robot, belief: BeliefSection) -> Robot:
     return described.changed(
         inertial_scale=belief.inertial_scale,
         armature=belief.armature,
-        viscous=belief.friction.viscous,
-        coulomb=belief.friction.coulomb,
+        friction=friction_of(described, belief.friction),
     )
+
+
+def friction_of(described: Robot, section: FrictionSection) -> Friction:
+    """Return the described friction with what a table says of it.
+
+    Raises:
+        RobotError: an unknown joint, wrong sizes, or a shaft of one joint.
+    """
+    names, friction = described.joint_names, described.friction
+    given = section.model_dump(exclude_none=True)
+    shafts = given.pop("shafts")
+    for name, value in given.items():
+        numbers = np.array(getattr(friction, name))
+        if isinstance(value, dict):
+            for joint, number in value.items():
+                numbers[joint_id(described.model, joint, f"friction.{name}") - 1] = number
+        else:
+            numbers = vector(value, len(names), f"friction.{name}", names=names, error=RobotError)
+        given[name] = numbers
+    if shafts:
+        given["shafts"] = tuple(_shaft(described, shaft) for shaft in shafts)
+    return replace(friction, **given)
+
+
+def _shaft(described: Robot, given: dict[str, Any]) -> Shaft:
+    """Return the shaft of a table, which names its joints."""
+    where = "friction.shafts.joints"
+    first, second = (joint_id(described.model, name, where) - 1 for name in given.pop("joints"))
+    if first == second:
+        raise RobotError("expected two joints, got one twice.", where=where)
+    return Shaft((first, second), **given)
 
 
 def payload_of(section: PayloadSection | None) -> Payload | None:

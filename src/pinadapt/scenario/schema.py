@@ -24,6 +24,10 @@ NotNegative = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
 Count = Annotated[int, Field(lt=2**63)]
 Vector3 = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Gain = Number | list[Number] | list[list[Number]]
+# Of all joints, of each, or of those named:
+JointNumber = Number | list[Number] | dict[str, Number]
+JointPositive = Positive | list[Positive] | dict[str, Positive]
+JointNotNegative = NotNegative | list[NotNegative] | dict[str, NotNegative]
 
 
 class Section(BaseModel):
@@ -55,11 +59,33 @@ class PayloadSection(Section):
     inertia: Annotated[list[Number], Field(min_length=6, max_length=6)] = [0.0] * 6
 
 
-class FrictionSection(Section):
-    """Joint friction: viscous [N m s/rad] and Coulomb [N m], each a number or one per joint."""
+class ShaftSection(Section):
+    """A motor that turns with two joints, as of a coupled wrist; see ``pinadapt.robot.Shaft``."""
 
-    viscous: NotNegative | list[NotNegative] = 0.0
-    coulomb: NotNegative | list[NotNegative] = 0.0
+    joints: Annotated[list[str], Field(min_length=2, max_length=2)]
+    sign: Literal[1, -1] = 1
+    armature: NotNegative = 0.0
+    viscous: NotNegative = 0.0
+    coulomb: NotNegative = 0.0
+    threshold: Positive = 0.01
+
+
+class FrictionSection(Section):
+    """[truth] or [belief] friction: effects of the joints beside rotor inertia.
+
+    Numbers are one for all joints, a list, or a table: joint name -> number. The equation and the
+    units are those of ``pinadapt.Friction``. What is not given is as described.
+    """
+
+    viscous: JointNotNegative | None = None
+    coulomb: JointNotNegative | None = None
+    threshold: JointPositive | None = None
+    load: JointNotNegative | None = None
+    asymmetry: JointNumber | None = None
+    offset: JointNumber | None = None
+    breakaway: JointNotNegative | None = None
+    fading: JointPositive | None = None
+    shafts: list[ShaftSection] = []
 
 
 class TruthKeys(Section):
