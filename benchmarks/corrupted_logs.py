@@ -9,17 +9,15 @@ mistake was not.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
 import pinadapt as pa
-from benchmarks.real_logs import logs_of
+from benchmarks.real_logs import chosen_logs
 from pinadapt.information import check_torques
 
 OTHERS = {"panda": "xarm7", "ur10": "z1", "tx40": "z1", "tiago": "xarm7"}
@@ -111,15 +109,9 @@ def mistakes(log: pa.Log, robot: pa.Robot, other: pa.Robot) -> Iterator[tuple[st
 
 def main() -> int:
     """Print the tables; return the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--only", default="", help="names of logs, separated by commas")
-    options = parser.parse_args()
     warnings.simplefilter("ignore")
     wrong = 0
-    for name, file, robot in logs_of(options.folder):
-        if options.only and name not in options.only.split(","):
-            continue
+    for name, file, robot in chosen_logs(__doc__):
         log = pa.read_log(file, robot)
         check = check_torques(log, robot)
         wrong += not check.fits

@@ -47,15 +47,28 @@ LOGS: tuple[dict[str, Any], ...] = (
 )
 
 
-def logs_of(folder: Path) -> Iterator[tuple[str, Path, pa.Robot]]:
-    """Yield name, file and robot of each log in a folder."""
+def chosen_logs(description: str) -> Iterator[tuple[str, Path, pa.Robot]]:
+    """Return name, file and robot of each log that the command line asks for.
+
+    Args:
+        description: of the benchmark; the first line is shown with ``--help``.
+    """
+    parser = argparse.ArgumentParser(description=description.partition("\n")[0])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--only", default="", help="names of logs, separated by commas")
+    options = parser.parse_args()
+    return _logs_of(options.folder, options.only.split(",") if options.only else [])
+
+
+def _logs_of(folder: Path, only: list[str]) -> Iterator[tuple[str, Path, pa.Robot]]:
+    """Yield the logs in a folder, all of them if no names are given."""
     table = folder / "logs.toml"
     found = toml.loads(table.read_text())["log"] if table.is_file() else LOGS
     for entry in found:
         options = dict(entry)
         name, file, source = (options.pop(key) for key in ("name", "file", "robot"))
         beside = folder / source
-        if (folder / file).exists():
+        if (folder / file).exists() and (not only or name in only):
             yield name, folder / file, pa.load(beside if beside.exists() else source, **options)
 
 
@@ -74,15 +87,10 @@ def effects_of(found: pa.Identification) -> str:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--only", default="", help="names of logs, separated by commas")
-    options = parser.parse_args()
     warnings.simplefilter("ignore")
+    logs = chosen_logs(__doc__)
     print("log | described | OLS | WLS | identify | N m of torque | s | effects of the joints")
-    for name, file, robot in logs_of(options.folder):
-        if options.only and name not in options.only.split(","):
-            continue
+    for name, file, robot in logs:
         start = time.perf_counter()
         found = pa.identify(file, robot, progress=False)
         took, errors = time.perf_counter() - start, found.torque_errors

@@ -395,6 +395,7 @@ def _write(found: Identification, folder: Path, options: argparse.Namespace) -> 
     """
 
     def page(beside: Path) -> None:
+        """Write the report page, with a motion to record next if it was asked for."""
         motion = excite(found.described, unknown=found.unknown) if options.excite else None
         frame = f" --frame {found.described.frame}"
         command = f"pinadapt excite {options.robot}{frame * (not is_scenario)}"

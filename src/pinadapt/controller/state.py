@@ -76,6 +76,7 @@ class ControllerState(NamedTuple):
         t, adapting, load, sensed = self.t, self.adapting, self.load, self.sensed
 
         def filled(values: np.ndarray) -> ControllerState:
+            """Return this state with its moving numbers replaced, at the same time."""
             assert size == values.size
             dynamic, kinematic, a_0, filters, torque_filter, path = moving(values)
             return ControllerState(

@@ -127,6 +127,7 @@ def _summary(
     """Return which body got which mass [kg]."""
 
     def each(joints: dict[int, pin.Inertia]) -> str:
+        """Return the first link of each body with its mass."""
         return ", ".join(
             f"{links_of(model, i)[0]} {density * solid.mass:.3g}" for i, solid in joints.items()
         )

@@ -80,12 +80,14 @@ def _without_ros(packages: Packages) -> Iterator[None]:
     parse: Any = xacro.parse
 
     def find(name: str) -> str:
+        """Return the folder of a package, for ``$(find name)``."""
         folder = packages.find(name)
         if folder is None:
             raise RobotError(f"package '{name}' is not found.", hint=WHERE_PACKAGES_ARE)
         return str(folder)
 
     def parse_whole(given: Any, filename: str | None = None) -> Any:
+        """Parse a document as xacro does, but a file in one piece."""
         if given is None and filename is not None and Path(filename).is_file():
             given = minidom.parseString(Path(filename).read_bytes())
         return parse(given, filename)

@@ -367,6 +367,7 @@ class _Search:
         size, steps = np.abs(first).max(), iter(iterations)
 
         def cost(z: np.ndarray) -> tuple[float, np.ndarray]:
+            """Return the cost and its slope in coordinates of order one."""
             value, slope = self._cost(size * z.reshape(shape))
             return value, size * slope.ravel()
 

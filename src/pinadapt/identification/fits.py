@@ -462,6 +462,7 @@ def windows_of(
     none = Momentum(np.zeros((n, 0)), np.zeros((n, 0)), np.zeros(n), np.zeros(n))
 
     def momentum(q: np.ndarray, v: np.ndarray) -> Momentum:
+        """Return the part of the joint effects alone, without that of the bodies."""
         return joints.momentum(q, v, none)
 
     W, y = _equations(motion, averages, momentum, joints.size)

@@ -350,16 +350,8 @@ def payload_estimate(
     deviation = widened(load.estimate[:PER_BODY], deviation, gradient[:, :PER_BODY], others)
     if not sure(others):
         deviation[1:] = np.inf  # of what is perhaps not there
-    return PayloadEstimate(
-        float(value[0]),
-        float(deviation[0]),
-        value[1:4],
-        deviation[1:4],
-        value[4:],
-        deviation[4:],
-        1.0 - rest / rest_without_load if rest_without_load > 0.0 else 1.0,
-        others,
-    )
+    share = 1.0 - rest / rest_without_load if rest_without_load > 0.0 else 1.0
+    return _estimate(value, deviation, share, others)
 
 
 def explanations_of(
@@ -413,7 +405,16 @@ def payload_of(found: Information, part: slice, robot: Robot) -> PayloadEstimate
     ten = to_frame @ found.estimate[part]
     gradient = np.zeros((PER_BODY, len(found.names)))
     gradient[:, part] = _derivative(_mass_com_inertia, ten) @ to_frame
-    value, deviation = _mass_com_inertia(ten), found.deviation(gradient)
+    return _estimate(_mass_com_inertia(ten), found.deviation(gradient))
+
+
+def _estimate(
+    value: np.ndarray,
+    deviation: np.ndarray,
+    share: float = 1.0,
+    others: tuple[Explanation, ...] = (),
+) -> PayloadEstimate:
+    """Return the estimate of mass, centre of mass and inertia (10) with their deviations (10)."""
     return PayloadEstimate(
         float(value[0]),
         float(deviation[0]),
@@ -421,7 +422,8 @@ def payload_of(found: Information, part: slice, robot: Robot) -> PayloadEstimate
         deviation[1:4],
         value[4:],
         deviation[4:],
-        1.0,
+        share,
+        others,
     )
 
 

@@ -330,6 +330,7 @@ class _Explanation(NamedTuple):
 
     @property
     def score(self) -> float:
+        """That of the fit, and a price for each number that was chosen."""
         return self.fit.score + _PRICE * self.numbers
 
 
