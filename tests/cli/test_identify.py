@@ -77,6 +77,8 @@ def test_every_field_of_an_intake_is_an_option():
             assert getattr(given, one.name) == getattr(expected, one.name), one.name
     assert options_of("none.csv", "--mount", "wall").mount == "wall"
     assert options_of("none.csv", "--joints", "tau:a,b").joints == {"tau": ["a", "b"]}
+    topics = {"q": "/js", "tau": "/motors:data"}
+    assert options_of("none.csv", "--topic", "q=/js,tau=/motors:data").topic == topics
     assert options_of("none.csv") == Intake()
 
 

@@ -400,6 +400,56 @@ def test_a_bag_of_several_topics_and_other_names_is_read(tmp_path, robot, log):
     assert same(found, log, ("q", "v", "tau")) and found.assumed == {"topic": "/joint_states"}
 
 
+@pytest.mark.filterwarnings("ignore::UserWarning")
+@pytest.mark.parametrize("kind", ["ros1", "sqlite3", "mcap"])
+def test_torques_of_another_topic_are_interpolated(tmp_path, robot, log, kind):
+    log = replace(log, x=np.zeros((1, 3)), x_time=np.zeros(1))
+    kept = np.arange(0, len(log.t), 2)  # half the rate
+    kept = kept[(kept < 100) | (kept > 120)]  # and a gap
+    slow = replace(log, t=log.t[kept], q=log.q[kept], v=log.v[kept], tau=log.tau[kept])
+    path = tmp_path / ("a.bag" if kind == "ros1" else "a")
+    names = robot.joint_names
+    write_bag(path, kind, log, names, effort=False, torques=slow, late=0.25)
+    inside = (log.t <= slow.t[-1]) & ((log.t <= log.t[100 - 2]) | (log.t >= log.t[122]))
+    expected = np.column_stack([np.interp(log.t, slow.t, column) for column in slow.tau.T])
+    expected[~inside] = np.nan
+    with pytest.warns(UserWarning) as told:
+        found = pa.read_log(path, robot)  # the only topics that go together
+    said = " ".join(str(each.message) for each in told)
+    assert "those of '/joint_states', the torques those of '/efforts'" in said
+    lost = np.count_nonzero(~inside)
+    assert f"{lost} of {len(log.t)} samples have no value" in said and "within 24 ms" in said
+    assert np.allclose(found.tau, expected, atol=1e-4, equal_nan=True)
+    assert found.assumed["topic"] == {"q": "/joint_states", "tau": "/efforts"}
+    with pytest.warns(UserWarning, match="less the 250 ms by which"):
+        found = pa.read_log(path, robot, intake={"topic": {"tau": "/currents"}})
+    assert np.allclose(found.tau, expected, atol=1e-4, equal_nan=True)
+    assert np.allclose(found.q, log.q) and np.allclose(found.v, log.v)
+
+
+def test_topics_of_a_bag_are_listed_where_the_choice_is_open(tmp_path, robot, log):
+    log = replace(log, x=np.zeros((1, 3)), x_time=np.zeros(1))
+    names, path = robot.joint_names, tmp_path / "a"
+    write_bag(path, "mcap", log, names, more={"/wrist": names[3:], "/other": names}, torques=log)
+    listed = (
+        r"/currents:data \(6 numbers\); /efforts \(efforts\); /joint_states \(positions, "
+        r"velocities, efforts\); /other \(positions, .*/wrist \(not of all joints.*--topic q=NAME"
+    )
+    with pytest.raises(pa.LogError, match="several topics fit.*" + listed):
+        pa.read_log(path, robot)
+    with pytest.raises(pa.LogError, match=r"'/effort' is not a topic.*Did you mean '/efforts'"):
+        read(path, robot, topic={"tau": "/effort"})
+    with pytest.raises(pa.LogError, match=r"no field 'dta' of 6 numbers.*/currents:data"):
+        read(path, robot, topic={"q": "/joint_states", "tau": "/currents:dta"})
+    with pytest.raises(pa.LogError, match=r"intake\.topic.*Did you mean 'tau'"):
+        read(path, robot, topic={"tua": "/efforts"})
+    chosen = {"q": "/joint_states", "tau": "/efforts"}
+    assert same(read(path, robot, topic=chosen), log, ("q", "v", "tau"))
+    text = Intake(topic=chosen).text()
+    (tmp_path / "b.toml").write_text(text)
+    assert Intake.of(tmp_path / "b.toml").topics == chosen
+
+
 def test_a_trajectory_with_efforts_is_a_log(tmp_path, robot, log):
     typesys = pytest.importorskip("rosbags.typesys")
     from rosbags import rosbag2

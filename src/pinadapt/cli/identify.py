@@ -171,7 +171,13 @@ def _add_intake(parser: argparse.ArgumentParser) -> None:
         metavar="A,B",
         help="joints whose torque has the other sign; q:A for position and velocity",
     )
-    group.add_argument("--topic", metavar="NAME", help="topic of a bag's joint states")
+    group.add_argument(
+        "--topic",
+        type=_topics,
+        metavar="NAME|SIGNAL=NAME,...",
+        help="topic of a bag's joint states; q=NAME,tau=NAME if the torques have another one, "
+        "tau=NAME:FIELD if its messages are no joint states",
+    )
     group.add_argument(
         "--pose-topic",
         metavar="NAME",
@@ -203,6 +209,15 @@ def _signal(text: str) -> tuple[str, list[str]]:
     """
     name, columns = assignment(text)
     return name, names(columns)
+
+
+def _topics(text: str) -> str | dict[str, str]:
+    """Return a topic, or signals with their topics.
+
+    Raises:
+        ArgumentTypeError: an equals sign is missing.
+    """
+    return dict(map(assignment, names(text))) if "=" in text else text
 
 
 def _joint_names(text: str) -> list[str] | dict[str, list[str]]:

@@ -25,7 +25,7 @@ class Selection:
         columns: signal -> names of its columns, or one with a ``*`` for each joint's name or index.
         tables: signal -> columns of another file that has it, and that file's name.
         rate: of samples without times, or with times that jitter [Hz]; None: they have times.
-        topic: of the joint states of a bag; None: the only one there is.
+        topics: signal -> its topic in a bag; without q the only one that fits.
         pose_topic: of the frame's pose in a bag; None: none.
         named: whether ``joints`` are stated names of the log's, and nothing else is looked for.
     """
@@ -34,7 +34,7 @@ class Selection:
     columns: Mapping[str, Sequence[str]] = field(default_factory=dict)
     tables: Mapping[str, tuple[Mapping[str, np.ndarray], str]] = field(default_factory=dict)
     rate: float | None = None
-    topic: str | None = None
+    topics: Mapping[str, str] = field(default_factory=dict)
     pose_topic: str | None = None
     named: bool = False
 
@@ -69,6 +69,7 @@ _NAMES = {
 }
 _FRAMES = (("x", "y", "z", "qx", "qy", "qz", "qw"), ("x", "y", "z"), ("px", "py", "pz"))
 _SEPARATORS = ("", "_", ".", "/", "[", " ")
+_GAP = 3.0  # typical intervals, beyond which nothing is interpolated
 _SAME_MOTION = 0.8  # correlation of a velocity with the rate of the positions
 
 
@@ -106,37 +107,67 @@ def log_of_columns(table: Mapping[str, np.ndarray], selection: Selection, source
     apart = {"tau", "v"} if "q" in separate else {"tau", "v"} & set(separate)
     homes = {signal: separate.get(signal, finder) for signal in apart}
     if "tau" in homes:
-        tau = _at_times(t, tau, "tau", homes["tau"])
+        tau = _of_file(t, tau, "tau", homes["tau"])
     if "v" in homes and v is not None:
-        v = _at_times(t, v, "v", homes["v"])
+        v = _of_file(t, v, "v", homes["v"])
     x, x_time = finder.of_frame(), finder.single("x_time")
     joints = _joints(table) or (tuple(selection.joints) if selection.named else ())
     assumed |= {"joints": finder.matched} if finder.matched else {}
     return Log(t, q, tau, v, joints, x, x_time, source=source, assumed=assumed)
 
 
-def _at_times(t: np.ndarray, values: np.ndarray, signal: str, home: _SignalFinder) -> np.ndarray:
-    """Return values (M, n) of another file at times (N) [s]; NaN outside of what it has."""
-    own, source = home.times(len(values)), home.source
-    if own is None:
-        if len(values) != len(t):
-            raise LogError(
-                f"{len(values)} rows without times, and the positions have {len(t)}.",
-                where=f"{source}: {signal}",
-                hint="Files without times must have the same number of rows.",
-            )
-        return values
+def _of_file(t: np.ndarray, values: np.ndarray, signal: str, home: _SignalFinder) -> np.ndarray:
+    """Return values (M, n) of another file at times (N) [s]; NaN where it has none."""
+    own, where = home.times(len(values)), f"{home.source}: {signal}"
+    if own is not None:
+        return at_times(t, values, own, where)
+    if len(values) != len(t):
+        raise LogError(
+            f"{len(values)} rows without times, and the positions have {len(t)}.",
+            where=where,
+            hint="Files without times must have the same number of rows.",
+        )
+    return values
+
+
+def at_times(t: np.ndarray, values: np.ndarray, own: np.ndarray, where: str) -> np.ndarray:
+    """Return values (M, n) with times of their own (M) [s] at other times t (N).
+
+    They are interpolated linearly between two that are at most three of their typical intervals
+    apart (the median). Elsewhere they are NaN; a warning says how many.
+
+    Args:
+        t: (N) times of the positions [s].
+        values: (M, n) of another signal.
+        own: (M) their times [s], ascending.
+        where: file or topic, for messages.
+
+    Raises:
+        LogError: the two have no time in common.
+    """
     if len(own) == len(t) and np.allclose(own, t, rtol=0.0, atol=1e-9):
         return values
-    if own[-1] < t[0] or own[0] > t[-1]:
+    if (np.diff(own) < 0.0).any():
+        raise LogError("its times must ascend.", where=where)
+    if len(own) < 2 or own[-1] < t[0] or own[0] > t[-1]:
         raise LogError(
             f"its times, {own[0]:.6g} to {own[-1]:.6g} s, are not those of the positions, "
             f"{t[0]:.6g} to {t[-1]:.6g} s.",
-            where=f"{source}: {signal}",
-            hint="Record all files by the same clock.",
+            where=where,
+            hint="Record all signals by the same clock.",
         )
-    columns = [np.interp(t, own, column, np.nan, np.nan) for column in values.T]
-    return np.column_stack(columns)
+    found = np.column_stack([np.interp(t, own, column, np.nan, np.nan) for column in values.T])
+    after = np.searchsorted(own, t).clip(1, len(own) - 1)
+    longest = _GAP * float(np.median(np.diff(own)))
+    far = (own[after] - own[after - 1] > longest) & (own[after] != t)
+    found[far] = np.nan
+    if lost := np.count_nonzero(far | (t < own[0]) | (t > own[-1])):
+        warnings.warn(
+            f"{where}: interpolated at the times of the positions. {lost} of {len(t)} samples have "
+            f"no value: none were recorded around them within {1e3 * longest:.3g} ms.",
+            stacklevel=2,
+        )
+    return found
 
 
 def ranges(names: Sequence[str]) -> list[str]:

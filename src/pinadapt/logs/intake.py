@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import flag, mapping, name_list, numbers, positive, vector, word
+from .._checks import flag, instance, mapping, name_list, numbers, positive, vector, word
 from .._output import read_toml
 from ..description.chain import is_slide
 from ..exceptions import InputError, LogError, did_you_mean
@@ -37,7 +37,7 @@ REPLACED = {  # former arguments, and how they are given now
     "topic": 'intake={"topic": ...}',
     "pose_topic": 'intake={"pose_topic": ...}',
 }
-_SIDES = ("q", "v", "tau")
+SIDES = ("q", "v", "tau")
 _PARALLEL = 1e-9  # relative size of a singular value below which gears cannot be inverted
 
 
@@ -63,7 +63,9 @@ class Intake:
         torque_gain: torque for a unit of what was recorded, such as N m/A; or a matrix (n, n).
         flip: joints whose torque has the other sign; "q:NAME" for position and velocity.
         offset: added to the positions [rad or m].
-        topic: of a bag's joint states.
+        topic: of a bag's joint states; or signal (q, v, tau) -> its topic, where they have several.
+            One without joint states has as many numbers as joints, in their order, in the field
+            after a colon, as "/states:tau_J".
         pose_topic: of the frame's position in a bag.
         compensated: "nominal" if the arm compensates its gravity and logs the rest only.
         gravity: (3) in the axes of the robot's base [m/s^2].
@@ -78,11 +80,11 @@ class Intake:
     repeated: str = "refuse"
     degrees: bool = False
     gear: ArrayLike | Mapping[str, float] | None = None
-    motor_side: Sequence[str] = _SIDES
+    motor_side: Sequence[str] = SIDES
     torque_gain: ArrayLike | Mapping[str, float] | None = None
     flip: Sequence[str] = ()
     offset: ArrayLike | Mapping[str, float] | None = None
-    topic: str | None = None
+    topic: str | Mapping[str, str] | None = None
     pose_topic: str | None = None
     compensated: str | None = None
     gravity: ArrayLike | None = None
@@ -103,16 +105,19 @@ class Intake:
     def _check(self) -> None:
         for name in ("columns", "files"):
             mapping(getattr(self, name), name)
+        for signal, topic in self.topics.items():
+            word(signal, SIDES, "topic")
+            instance(topic, str, f"topic.{signal}")
         if self.rate is not None:
             positive(self.rate, "rate", error=InputError)
         word(self.repeated, REPEATED, "repeated")
         for name in ("degrees", "doubtful"):
             flag(getattr(self, name), name)
         for side in name_list(self.motor_side, "motor_side"):
-            word(side, _SIDES, "motor_side")
+            word(side, SIDES, "motor_side")
         name_list(self.flip, "flip")
         for signal, names in self._joint_lists():
-            word(signal, _SIDES, "joints")
+            word(signal, SIDES, "joints")
             name_list(names, "joints")
         if self.compensated is not None:
             word(self.compensated, ("nominal",), "compensated")
@@ -170,11 +175,18 @@ class Intake:
         for name in ("columns", "files"):
             if name in chosen:
                 chosen[name] = {**getattr(self, name), **chosen[name]}
+        if isinstance(chosen.get("topic"), Mapping):
+            chosen["topic"] = {**self.topics, **chosen["topic"]}
         if chosen.get("gravity") is not None:
             chosen.setdefault("mount", None)
         elif chosen.get("mount") is not None:
             chosen.setdefault("gravity", None)
         return replace(self, **chosen)
+
+    @property
+    def topics(self) -> Mapping[str, str]:
+        """Signal -> its topic in a bag, of q alone where joint states have all of them."""
+        return {"q": self.topic} if isinstance(self.topic, str) else mapping(self.topic, "topic")
 
     def mounted(self, robot: Robot) -> Robot:
         """Return a robot with the stated gravity; on a wall it is not known here.
@@ -284,7 +296,7 @@ class Intake:
         if isinstance(self.joints, Mapping):
             yield from ((signal, list(names)) for signal, names in self.joints.items())
         elif self.joints:
-            yield from ((signal, list(self.joints)) for signal in _SIDES)
+            yield from ((signal, list(self.joints)) for signal in SIDES)
 
     def text(self, comments: Sequence[str] = ()) -> str:
         """Return the intake as TOML, what is as by default as a comment."""
@@ -315,7 +327,7 @@ _SAID = {
     "torque_gain": "N m for a unit of the log, such as N m/A",
     "flip": "joints with torques of the other sign, q:NAME for positions",
     "offset": "added to the positions, rad",
-    "topic": "of a bag's joint states",
+    "topic": "of a bag's joint states, or signal -> topic",
     "pose_topic": "of the frame's position in a bag",
     "compensated": "the arm adds its gravity torque by itself",
     "gravity": "m/s^2, in the axes of the base",
@@ -334,7 +346,7 @@ _EXAMPLES = {
     "torque_gain": "[0.12, 0.12, 0.09]",
     "flip": '["a2"]',
     "offset": "{ a2 = 1.5708 }",
-    "topic": '"/joint_states"',
+    "topic": '{ q = "/joint_states", tau = "/motor_torques" }',
     "pose_topic": '"/tracker/pose"',
     "compensated": '"nominal"',
     "gravity": "[0.0, 0.0, -9.81]",
