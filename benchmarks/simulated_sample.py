@@ -30,7 +30,7 @@ from pinadapt.simulation.simulate import Record, record, rollout_of
 from .timing import HERE, in_turn, repeated, save, saved
 
 SCENARIO = HERE.parent / "robots" / "panda" / "tool_and_load.toml"
-BLOCK, ROUNDS = 200, 60
+BLOCK, ROUNDS = 20, 600
 
 
 class Loop:
@@ -60,6 +60,7 @@ class Loop:
         if kept.reason:
             raise RuntimeError(f"this loop cannot be timed: {kept.reason}")
         self.kept.samples += kept.samples
+        self.kept.rows += kept.rows
         self.steps.append(kept.step_time)
         return perf_counter() - started - kept.step_time
 

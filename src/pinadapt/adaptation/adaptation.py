@@ -456,7 +456,9 @@ class Stacked(Adaptation):
         )
 
     def recorded(self, estimate: Estimate) -> Estimate:
-        """Return the estimate with what the records of its blocks keep."""
+        """Return the estimate with what the records of its blocks keep; itself without a memory."""
+        if not any(estimate.memory):
+            return estimate
         return self._joined(part.recorded(own) for part, _, own in self._split(estimate))
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:

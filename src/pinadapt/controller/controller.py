@@ -243,11 +243,11 @@ class Controller:
         The filters of torque and regressor and a memory of past torques are left out: at every
         sample they would be most of what a run leaves.
         """
-        return state._replace(
-            dynamic=self.adaptation_d.recorded(state.dynamic),
-            kinematic=self.adaptation_k.recorded(state.kinematic),
-            torque_filter=(),
-        )
+        dynamic = self.adaptation_d.recorded(state.dynamic)
+        kinematic = self.adaptation_k.recorded(state.kinematic)
+        if dynamic is state.dynamic and kinematic is state.kinematic and not state.torque_filter:
+            return state
+        return state._replace(dynamic=dynamic, kinematic=kinematic, torque_filter=())
 
     def step(
         self, state: ControllerState, measurement: Measurement, desired: Desired, dt: float

@@ -200,13 +200,16 @@ class Slowdown(NamedTuple):
 
 def path_times(samples: Sequence[Sample]) -> np.ndarray | None:
     """Return the time of the path at each of the samples (N) [s], None without a governor."""
+    if not samples or samples[0].state.path is None:
+        return None
     paths = [(sample.t, sample.state.path) for sample in samples]
-    times = [path.at(t) for t, path in paths if path is not None]
-    return np.array(times) if times and len(times) == len(paths) else None
+    return np.array([path.at(t) for t, path in paths if path is not None])
 
 
 def slowdowns(samples: Sequence[Sample]) -> tuple[Slowdown, ...]:
     """Return the intervals in which the path was slowed, in order."""
+    if not samples or samples[0].state.path is None:
+        return ()
     found, acting = [], list[Sample]()
     for sample in (*samples, None):
         path = None if sample is None else sample.state.path

@@ -13,6 +13,7 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+from numpy import concatenate
 from numpy.typing import ArrayLike
 
 from .._checks import instance, keywords
@@ -262,6 +263,8 @@ class Record:
 
     Attributes:
         samples: one of so many.
+        rows: of each sample true q, v, the torque, true x, x_d and both estimates as one array: it
+            is made while they are in the processor's cache, where none is at the end of a run.
         steps: how many there were.
         step_time: seconds that the controller spent in all of them.
         diverged: time [s] at which the loop diverged, or None.
@@ -270,6 +273,7 @@ class Record:
     """
 
     samples: list[Sample] = field(default_factory=list)
+    rows: list[np.ndarray] = field(default_factory=list)
     steps: int = 0
     step_time: float = 0.0
     diverged: float | None = None
@@ -294,14 +298,27 @@ def record(
             if k % every:
                 continue
             if before is not None:
-                samples[-1] = before._replace(state=controller.recorded(before.state))
+                state = controller.recorded(before.state)
+                if state is not before.state:
+                    samples[-1] = before._replace(state=state)
             samples.append(sample)
+            kept.rows.append(_row(sample))
             before = sample
     except DivergedError as error:
         kept.diverged, kept.reason = error.time, error.reason
     except KeyboardInterrupt:
         kept.interrupted = last
     return kept
+
+
+def _row(sample: Sample) -> np.ndarray:
+    """Return a row of ``Record.rows``."""
+    truth, state = sample.truth, sample.state
+    parts: Any = (
+        truth.q, truth.v, sample.torque, truth.x, sample.desired.x_d,
+        state.kinematic.value, state.dynamic.value,
+    )  # fmt: skip
+    return concatenate(parts)
 
 
 def rollout_of(
@@ -328,8 +345,12 @@ def rollout_of(
         extent: of the desired path, see ``Trajectory.extent``.
     """
     robot, samples = robots.robots[0], kept.samples
-    tau = _rows([sample.torque for sample in samples], plant.nv)
-    coordinates = robot.task.coordinates
+    n, coordinates = plant.nv, robot.task.coordinates
+    sizes = robot.model.nq, n, n, coordinates, coordinates, controller.kinematics.size
+    table = np.concatenate([np.zeros(0), *kept.rows])
+    table = table.reshape(len(samples), sum(sizes) + controller.dynamics.size)
+    columns = np.split(table, np.cumsum(sizes), axis=1)
+    q, v, tau, x, x_d, a_k, a_d = (np.ascontiguousarray(part) for part in columns)
     return Rollout(
         title=title,
         robot=robot.name,
@@ -340,13 +361,13 @@ def rollout_of(
         kinematic_names=controller.kinematics.names,
         dynamic_names=controller.dynamics.names,
         t=np.array([sample.t for sample in samples]),
-        q=_rows([sample.truth.q for sample in samples], robot.model.nq),
-        v=_rows([sample.truth.v for sample in samples], plant.nv),
+        q=q,
+        v=v,
         tau=tau,
-        x=_rows([sample.truth.x for sample in samples], coordinates),
-        x_d=_rows([sample.desired.x_d for sample in samples], coordinates),
-        a_k=_rows([sample.state.kinematic.value for sample in samples], controller.kinematics.size),
-        a_d=_rows([sample.state.dynamic.value for sample in samples], controller.dynamics.size),
+        x=x,
+        x_d=x_d,
+        a_k=a_k,
+        a_d=a_d,
         saturated=_saturated(tau, plant.torque_limits, controller.limits.torque),
         diverged=kept.diverged,
         reason=kept.reason,
@@ -384,10 +405,6 @@ def _marks(robots: Succession, announced: Iterable[float]) -> tuple[tuple[float,
     for time in announced:
         words.setdefault(time, []).append("announced")
     return tuple((time, ", ".join(words[time])) for time in sorted(words))
-
-
-def _rows(arrays: Sequence[np.ndarray | None], width: int) -> np.ndarray:
-    return np.array(arrays, dtype=float).reshape(len(arrays), width)
 
 
 def _saturated(tau: np.ndarray, *limits: np.ndarray | None) -> np.ndarray:
