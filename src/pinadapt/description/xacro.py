@@ -18,6 +18,7 @@ from xml.dom import minidom
 from xml.parsers.expat import ExpatError
 
 from ..exceptions import RobotError, did_you_mean
+from .expressions import CONSTANTS, evaluate
 
 XacroArguments: TypeAlias = "Mapping[str, str | float | bool]"
 
@@ -32,11 +33,29 @@ _UNDEFINED = (
     "`init --xacro name=value`."
 )
 _DEPTH = 4  # folders above a description in which packages are searched
+_NEAR = 2  # of these, how many up a folder without package.xml counts as a package of xacro files
+_ELEMENTS = 15_000  # of an expanded file; an arm with a hand has some 300
+_BOOLEANS = {"true": True, "false": False}
+_CHARACTERS = 20_000_000  # of all texts in which expressions were replaced
 
 
 def is_xacro(path: Path, root: ElementTree.Element) -> bool:
-    """Return whether a file has to be expanded: by its name, or as it has a xacro element."""
-    return path.suffix == ".xacro" or any("xacro}" in str(element.tag) for element in root.iter())
+    """Return whether a file has to be expanded.
+
+    Raises:
+        RobotError: it has xacro elements, and its name says that it has none.
+    """
+    if path.suffix == ".xacro":
+        return True
+    found = next((each for each in root.iter() if "xacro}" in str(each.tag)), None)
+    if found is not None and path.suffix == ".urdf":
+        raise RobotError(
+            f"a .urdf file with the element <xacro:{str(found.tag).split('}')[1]}>, which is not "
+            "expanded.",
+            where=str(path),
+            hint="If it is a xacro file, give it a name that ends in .xacro.",
+        )
+    return found is not None
 
 
 def expand(path: Path, arguments: XacroArguments, packages: Packages) -> str:
@@ -71,33 +90,121 @@ def _word(value: str | float | bool) -> str:
 
 @contextlib.contextmanager
 def _without_ros(packages: Packages) -> Iterator[None]:
-    """Make xacro search the given packages, and parse each file in one piece, which is faster."""
+    """Make xacro search the given packages, run no code of the file, and end in bounded time."""
     from unittest.mock import patch  # here, as it is slow to import
 
     import xacro
     from xacro import substitution_args
 
-    parse: Any = xacro.parse
+    folders, limits = packages.own(), _Budget()
+    parse, load_yaml = xacro.parse, xacro.load_yaml
+    of_xacro: Any = xacro._global_symbols["xacro"]
 
     def find(name: str) -> str:
-        """Return the folder of a package, for ``$(find name)``."""
+        """Return the folder of a package, from which files may be read from now on."""
         folder = packages.find(name)
         if folder is None:
             raise RobotError(f"package '{name}' is not found.", hint=WHERE_PACKAGES_ARE)
+        if packages.is_package(folder):
+            folders.append(folder)
         return str(folder)
 
+    def allowed(name: str) -> Path:
+        """Return the path of a file that is inside one of the packages."""
+        path = Path(xacro.abs_filename_spec(name)).resolve()
+        if not any(path.is_relative_to(folder.resolve()) for folder in folders):
+            raise RobotError(
+                f"the file {path} is outside of the description's packages.",
+                hint="Files may be read from the package of the description (the folder with "
+                "package.xml, else its own folder) and from packages that it finds.",
+            )
+        return path
+
     def parse_whole(given: Any, filename: str | None = None) -> Any:
-        """Parse a document as xacro does, but a file in one piece."""
-        if given is None and filename is not None and Path(filename).is_file():
+        """Parse a document as xacro does, but a file in one piece, which is faster."""
+        if given is None and filename is not None and allowed(filename).is_file():
             given = minidom.parseString(Path(filename).read_bytes())
         return parse(given, filename)
 
+    def yaml_file(name: str) -> Any:
+        """Return the content of a YAML file."""
+        return load_yaml(str(allowed(str(name))))
+
+    names = "abs_filename", "arg", "dotify", "tokenize", "message", "warning", "error", "fatal"
+    functions = {name: dict.__getitem__(of_xacro, name) for name in names} | {
+        "load_yaml": yaml_file
+    }
+
+    def braces(text: str, symbols: Mapping[str, Any], _: object = None) -> Any:
+        """Return the value of ${text}."""
+        return evaluate(str(text), symbols.__getitem__, functions)
+
+    def dollar_eval(text: str, context: Mapping[str, Any]) -> str:
+        """Return the value of $(eval text)."""
+        given = context.get("arg", {})
+
+        def argument(name: str) -> Any:
+            """Return a number, boolean or text."""
+            return substitution_args.convert_value(given[name], "auto")
+
+        def value(name: str) -> Any:
+            """Return an argument or a constant."""
+            return argument(name) if name in given else {**CONSTANTS, **_BOOLEANS}[name]
+
+        called = {
+            "arg": argument,
+            "find": find,
+            "dirname": lambda: substitution_args._eval_dirname(context.get("filename")),
+            "env": substitution_args._eval_env,
+            "optenv": substitution_args._eval_optenv,
+        }
+        return str(evaluate(text, value, called))
+
     with (
         patch.object(substitution_args, "_eval_find", find),
-        patch.dict(substitution_args._eval_dict, {"find": find}),
+        patch.object(substitution_args, "_eval", dollar_eval),
+        patch.object(xacro, "safe_eval", braces),
         patch.object(xacro, "parse", parse_whole),
+        patch.object(xacro, "eval_text", limits.text(xacro.eval_text)),
+        patch.object(xacro, "handle_macro_call", limits.element(xacro.handle_macro_call)),
     ):
         yield
+
+
+@dataclass
+class _Budget:
+    """What is left for the expansion of one file.
+
+    Attributes:
+        elements: that may still be visited.
+        characters: that replaced texts may still have.
+    """
+
+    elements: int = _ELEMENTS
+    characters: int = _CHARACTERS
+
+    def element(self, function: Any) -> Any:
+        """Return a function that visits an element, which counts."""
+
+        def counted(*given: Any) -> Any:
+            self.elements -= 1
+            if self.elements < 0:
+                raise RobotError(f"the expanded file has more than {_ELEMENTS} elements.")
+            return function(*given)
+
+        return counted
+
+    def text(self, function: Any) -> Any:
+        """Return a function that replaces expressions in a text, which counts."""
+
+        def counted(*given: Any) -> Any:
+            found = function(*given)
+            self.characters -= len(found) if isinstance(found, str) else 1
+            if self.characters < 0:
+                raise RobotError(f"expressions give more than {_CHARACTERS} characters.")
+            return found
+
+        return counted
 
 
 def _refusal(error: Exception, path: Path, file: str | Path) -> RobotError:
@@ -170,6 +277,33 @@ class Packages:
             if (place / name).is_dir():
                 return place / name
         return self._by_manifest.get(name) or self._by_stem.get(_stem(name))
+
+    def own(self) -> list[Path]:
+        """Return the folders of the package that the description is in.
+
+        That is the nearest folder above with package.xml, and where that file really is, if it is
+        a link; else the nearest whose name is that of a description; else the folder of the
+        description, or the one above if it is called urdf, xacro or robots.
+        """
+        near = self._above[: _DEPTH + 1]
+        for place in near:
+            if (place / "package.xml").is_file():
+                return [place, (place / "package.xml").resolve().parent]
+        for place in near:
+            if _stem(place.name) != place.name:
+                return [place]
+        return [near[min(near[0].name in ("urdf", "xacro", "robots"), len(near) - 1)]]
+
+    def is_package(self, folder: Path) -> bool:
+        """Tell whether xacro files may be read from a folder that was found.
+
+        It was named, has a package.xml, or is near the description.
+        """
+        return (
+            str(folder) in map(str, self.named.values())
+            or (folder / "package.xml").is_file()
+            or (folder.resolve().parent in self._above[: _NEAR + 1] and folder.parent != folder)
+        )
 
     def file(self, name: str) -> Path | None:
         """Return the file of a ``package://``, ``model://`` or ``file://`` URI or path, or None.
