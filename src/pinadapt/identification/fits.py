@@ -92,7 +92,8 @@ def _fitted(
     for last in (*(False,) * _ROUNDS, True):
         if fitted is None or not np.array_equal(noise, fitted):
             A, b = _whitened(windows.W, windows.y, noise)
-            a, fitted = physical_fit(A, b, physical, gamma=gamma), noise
+            near = None if fitted is None else a
+            a, fitted = physical_fit(A, b, physical, gamma=gamma, near=near), noise
             residual = windows.residual(a)
             rank = min(np.linalg.matrix_rank(A, tol=1e-8 * np.linalg.norm(A)), rows - 1)
         deviation = np.sqrt(np.mean(residual**2, axis=0) / (1.0 - rank / rows))
@@ -102,7 +103,7 @@ def _fitted(
     A, b = _whitened(windows.W, windows.y, noise)
     score = A.T @ (b - A @ a)
     assert fitted is not None  # set in the first round
-    spread = jackknife(physical, windows, fitted, gamma, blocks) if blocks else None
+    spread = jackknife(physical, windows, fitted, gamma, blocks, a) if blocks else None
     return Information(names, a, A.T @ A, score, noise, rows, spread)
 
 
@@ -112,12 +113,14 @@ def jackknife(
     noise: np.ndarray,
     gamma: float,
     blocks: Sequence[np.ndarray],
+    a: np.ndarray,
 ) -> np.ndarray:
     """Return the spread (B, p) of estimates without one of B blocks of windows each.
 
     Its squares sum to the jackknife's variance, (B - 1) / B sum_b (a_b - mean)^2, times the squared
     ratio of the two-sided 95 % points of Student's distribution with B - 1 degrees of freedom and
-    of the normal one, as the variance is itself estimated from B numbers.
+    of the normal one, as the variance is itself estimated from B numbers. ``a`` (p) is the estimate
+    with all windows.
     """
     from scipy.special import stdtrit  # here, because scipy is slow to import
 
@@ -127,7 +130,7 @@ def jackknife(
     found = np.empty((len(blocks), p))
     for b in range(len(blocks)):
         rows = np.vstack([root for k, root in enumerate(roots) if k != b])
-        found[b] = physical_fit(rows[:, :-1], rows[:, -1], physical, gamma=gamma)
+        found[b] = physical_fit(rows[:, :-1], rows[:, -1], physical, gamma=gamma, near=a)
     few = float(stdtrit(len(blocks) - 1, 0.975)) / 1.96
     share = np.sqrt((len(blocks) - 1) / len(blocks))
     return np.asarray(few * share * (found - found.mean(axis=0)))
@@ -196,8 +199,9 @@ def noise_of(physical: PhysicalSet, windows: Windows, gamma: float) -> np.ndarra
     level = np.sqrt(np.mean(windows.tau**2, axis=0))
     level = np.maximum(level, 1e-12 * max(level.max(initial=0.0), _TINY))
     noise, physical = _TORQUE_NOISE * level, weighted(physical, windows)
+    a: np.ndarray | None = None
     for _ in range(_ROUNDS - 1):
-        a = physical_fit(*_whitened(windows.W, windows.y, noise), physical, gamma=gamma)
+        a = physical_fit(*_whitened(windows.W, windows.y, noise), physical, gamma=gamma, near=a)
         residual = np.sqrt(np.mean(windows.residual(a) ** 2, axis=0))
         noise = np.maximum(residual, _LEAST_TORQUE_NOISE * level)
     return noise

@@ -521,10 +521,11 @@ def choose_weight(physical: PhysicalSet, windows: Windows) -> ChosenWeight:
     A = windows.W / noise[:, None]
     both = np.concatenate([A, (windows.y / noise)[:, :, None]], axis=2)
     roots = [root_of(both[block].reshape(-1, p + 1)) for block in blocks]
-    squares = np.empty((len(GAMMAS), len(blocks), n))
+    squares, rows = np.empty((len(GAMMAS), len(blocks), n)), np.vstack(roots)
+    whole = physical_path(rows[:, :-1], rows[:, -1], physical, GAMMAS)
     for b, block in enumerate(blocks):
         rows = np.vstack([root for k, root in enumerate(roots) if k != b])
-        for g, a in enumerate(physical_path(rows[:, :-1], rows[:, -1], physical, GAMMAS)):
+        for g, a in enumerate(physical_path(rows[:, :-1], rows[:, -1], physical, GAMMAS, whole)):
             residual = windows.y[block] - windows.W[block] @ a
             squares[g, b] = np.mean(residual**2, axis=0)
     best = int(np.argmin(squares.sum(axis=(1, 2))))

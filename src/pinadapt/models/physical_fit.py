@@ -34,7 +34,9 @@ GAMMA = 1e-4  # weight of the description, relative to one row
 _FALL, _STEEP = 3.0, 10.0  # of gamma, from one value to the next; where few rows bind it
 _LIGHTEST = 1e-20  # gamma, as a share of the first
 _STEPS = 2000  # of Newton's method, at most
+_FEW = 10  # from the minimum for similar rows, or else gamma falls in steps
 _DECREMENT = 1e-8  # squared, of Newton's step in units of gamma
+_ON_THE_WAY = 1e-2  # the same, at larger gamma: there Newton's method converges quadratically
 _BACK, _LEAST = 0.5, 1e-12
 _INSIDE = 0.9  # of the way to the border of the cone
 _COLUMNS = COEFFICIENTS.reshape(PER_BODY, 16)  # P, row by row, of each of the ten parameters
@@ -152,25 +154,46 @@ def signed_scales(dynamics: Dynamics) -> np.ndarray:
 
 
 def physical_fit(
-    A: np.ndarray, b: np.ndarray, physical: PhysicalSet, *, gamma: float = GAMMA
+    A: np.ndarray,
+    b: np.ndarray,
+    physical: PhysicalSet,
+    *,
+    gamma: float = GAMMA,
+    near: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Return the minimiser (p) of |A a - b|^2 / 2 + gamma D(a), A (k, p) and b (k) whitened."""
-    return physical_path(A, b, physical, (gamma,))[0]
+    """Return the minimiser (p) of |A a - b|^2 / 2 + gamma D(a), A (k, p) and b (k) whitened.
+
+    ``near`` is the minimiser for similar rows, if it is known; it saves time.
+    """
+    return physical_path(A, b, physical, (gamma,), () if near is None else (near,))[0]
 
 
 def physical_path(
-    A: np.ndarray, b: np.ndarray, physical: PhysicalSet, gammas: Sequence[float]
+    A: np.ndarray,
+    b: np.ndarray,
+    physical: PhysicalSet,
+    gammas: Sequence[float],
+    near: Sequence[np.ndarray] = (),
 ) -> list[np.ndarray]:
-    """Return the minimisers (p) of ``physical_fit`` at each of descending weights gamma."""
+    """Return the minimisers (p) of ``physical_fit`` at each of descending weights gamma.
+
+    ``near`` has those for similar rows, if they are known.
+    """
     R, z = _square(A, b)
     a, found = physical.center, []
     weight = max(gammas[0], float(np.linalg.norm(R @ physical.local(a)[0], 2) ** 2))
-    for gamma in gammas:
+    for k, gamma in enumerate(gammas):
+        if near:
+            tried, reached = _newton(R, z, physical, near[k], gamma, most=_FEW)
+            if reached:
+                a, weight = tried, gamma
+                found.append(a)
+                continue
         while weight > gamma:
-            a = _newton(R, z, physical, a, weight)
+            a, _ = _newton(R, z, physical, a, weight, _ON_THE_WAY)
             weight = max(weight / _FALL, gamma)
         weight = gamma
-        a = _newton(R, z, physical, a, gamma)
+        a, _ = _newton(R, z, physical, a, gamma)
         found.append(a)
     return found
 
@@ -199,7 +222,7 @@ def nearest_with(
         if np.linalg.norm(rows @ x - target) <= tolerance:
             return x
         weight /= _STEEP
-        x = _newton(rows, target, physical, x, weight)
+        x, _ = _newton(rows, target, physical, x, weight)
     return x if np.linalg.norm(rows @ x - target) <= tolerance else None
 
 
@@ -212,17 +235,23 @@ def _square(A: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _newton(
-    R: np.ndarray, z: np.ndarray, physical: PhysicalSet, a: np.ndarray, gamma: float
-) -> np.ndarray:
-    """Return the minimum of |R a - z|^2 / 2 + gamma D(a), from a start inside the set."""
+    R: np.ndarray,
+    z: np.ndarray,
+    physical: PhysicalSet,
+    a: np.ndarray,
+    gamma: float,
+    decrement: float = _DECREMENT,
+    most: int = _STEPS,
+) -> tuple[np.ndarray, bool]:
+    """Return the minimum of |R a - z|^2 / 2 + gamma D(a), and whether ``most`` steps reached it."""
     root, value = np.sqrt(gamma), _value(R, z, physical, a, gamma)
-    for _ in range(_STEPS):
+    for _ in range(most):
         T, h = physical.local(a)
         rows = np.vstack([R @ T, root * np.eye(a.size)])
         u = np.linalg.solve(*_square(rows, np.concatenate([z - R @ a, -root * h])))
         step, fall = T @ u, float(np.sum((rows @ u) ** 2))
-        if fall <= _DECREMENT * gamma:
-            return a
+        if fall <= decrement * gamma:
+            return a, True
         share = _share_inside(step, physical, a)
         while share > _LEAST:
             after = _value(R, z, physical, a + share * step, gamma)
@@ -230,9 +259,9 @@ def _newton(
                 break
             share *= _BACK
         else:
-            return a  # rounding prevents further progress
+            return a, True  # rounding prevents further progress
         a, value = a + share * step, after
-    return a
+    return a, False
 
 
 def _share_inside(step: np.ndarray, physical: PhysicalSet, a: np.ndarray) -> float:
