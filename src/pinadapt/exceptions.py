@@ -132,6 +132,10 @@ class Interrupted(KeyboardInterrupt):
         self.rollout = rollout
         super().__init__(f"interrupted at {rollout.interrupted:.3f} s")
 
+    def __reduce__(self) -> tuple[type[Interrupted], tuple[Any]]:
+        """Be made again from the rollout in another process."""
+        return type(self), (self.rollout,)
+
 
 class DivergedError(PinadaptError):
     """The closed loop left every finite bound.

@@ -2,11 +2,13 @@
 
 import json
 import os
+import pickle
 import signal
 import subprocess
 import sys
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -143,6 +145,26 @@ def test_an_interrupted_comparison_keeps_the_laws_that_ran(tmp_path, monkeypatch
     assert [row["steps"] for row in table] == [100, 50]
     kept = {path.parent.name for path in tmp_path.glob("*/*")}  # nothing of the one before
     assert kept == set(laws[:2])
+
+
+@pytest.mark.usefixtures("blank_pictures")
+def test_a_comparison_that_fails_keeps_the_one_before(tmp_path, monkeypatch):
+    arguments = ["compare", PLANAR, "--out", str(tmp_path), "--set", "simulation.duration=0.1"]
+    assert main([*arguments, "--laws", "adaptive-jacobian"]) == 0
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+
+    def fail(_):
+        raise OSError("no space left")
+
+    monkeypatch.setattr("pinadapt.cli.compare.overlay_figure", fail)
+    assert main([*arguments, "--laws", "resolved-acceleration,adaptive-jacobian"]) != 0
+    assert before == {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+
+
+def test_what_stopped_a_run_can_be_sent_to_another_process():
+    run = SimpleNamespace(interrupted=0.01)
+    stop = pickle.loads(pickle.dumps(pa.Interrupted(run)))
+    assert str(stop) == "interrupted at 0.010 s" and stop.rollout == run
 
 
 @pytest.mark.usefixtures("blank_pictures")

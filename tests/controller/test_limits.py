@@ -15,8 +15,8 @@ from pinadapt.controller.limits import make_box
 from pinadapt.models.right_inverse import RightInverse
 from pinadapt.models.typical_motion import felt_mass
 from pinadapt.scenario.scenario import Scenario
+from tests.support.chains import catalogue_robot, robot_of, seeded, seeds
 from tests.support.chains import catalogue_robot as load
-from tests.support.chains import robot_of, seeded, seeds
 from tests.support.differences import derivative
 from tests.support.drives import rate_of, stepped
 from tests.support.loops import circle_at_home, motion_at_home
@@ -563,3 +563,20 @@ def test_scenarios_say_it_all(tmp_path):
 def test_bad_keys_are_refused(setting, words):
     with pytest.raises(pa.InputError, match=words):
         Scenario.read(ROBOTS / "panda" / "tool_and_load.toml", [setting])
+
+
+@pytest.mark.parametrize(
+    "limits", [[1.0], [1.0, -1.0], [1.0, np.nan], np.zeros((2, 2)), [0.0, 1.0]]
+)
+def test_other_torque_limits_are_checked(limits):
+    controller = pa.make_controller(catalogue_robot("planar_2r"), adaptation="natural")
+    with pytest.raises(pa.GainError, match="torque_limits"):
+        controller.limited(limits)
+
+
+def test_other_torque_limits_are_copied():
+    controller = pa.make_controller(catalogue_robot("planar_2r"), adaptation="natural")
+    given = np.array([1.0, 2.0])
+    other = controller.limited(given)
+    given[:] = 100.0
+    assert other.limits.torque.tolist() == [1.0, 2.0]

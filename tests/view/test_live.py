@@ -8,6 +8,7 @@ import sys
 import threading
 import urllib.error
 import urllib.request
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -146,7 +147,7 @@ def test_a_reader_that_does_not_read_does_not_block_closing():
     server = Server("page", messages)
     port = int(server.url.rsplit(":", 1)[1].strip("/"))
     with socket.create_connection(("127.0.0.1", port)) as idle:
-        idle.sendall(b"GET /messages HTTP/1.0\r\n\r\n")
+        idle.sendall(b"GET /messages HTTP/1.0\r\nHost: localhost:%d\r\n\r\n" % port)
         assert messages.wait_for_reader(5.0)
         for k in range(50):
             messages.keep(k, bytes(1_000_000))
@@ -264,3 +265,38 @@ def test_an_interrupted_live_run_ends_its_process_and_frees_its_port():
     assert process.returncode == 130
     with pytest.raises(urllib.error.URLError):
         urllib.request.urlopen(url, timeout=5)
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "evil.example:{port}", "127.0.0.1", "localhost:1"]
+)
+def test_a_page_of_another_site_gets_nothing(host):
+    """DNS rebinding: a foreign name that points to this machine."""
+    server = Server("the page", Broadcast())
+    port = int(server.url.rsplit(":", 1)[1].strip("/"))
+    request = urllib.request.Request(server.url, headers={"Host": host.format(port=port)})
+    with pytest.raises(urllib.error.HTTPError) as refused:
+        urllib.request.urlopen(request, timeout=5)
+    assert refused.value.code == 421
+    at_home = urllib.request.Request(server.url, headers={"Host": f"localhost:{port}"})
+    assert urllib.request.urlopen(at_home, timeout=5).read() == b"the page"
+    server.close()
+
+
+def test_visitors_that_never_read_are_few_and_keep_little():
+    messages = Broadcast()
+    for k in range(40):
+        messages.keep(k, bytes(100_000))
+    server = Server("page", messages)
+    port = int(server.url.rsplit(":", 1)[1].strip("/"))
+    idle = [socket.create_connection(("127.0.0.1", port)) for _ in range(60)]
+    try:
+        for visitor in idle:
+            with suppress(OSError):
+                visitor.sendall(b"GET /messages HTTP/1.1\r\nHost: localhost:%d\r\n\r\n" % port)
+        assert messages.wait_for_reader(5.0)
+        assert messages._readers <= 32
+    finally:
+        for visitor in idle:
+            visitor.close()
+        server.close()

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from .._output import check_writable, columns, number, whole_file, write_text
+from .._output import check_writable, columns, number, one_run, write_text
 from ..exceptions import UnusedGainWarning
 from ..laws import LAWS
 from ..plots.figures import overlay_figure
@@ -23,6 +23,7 @@ from .outputs import RUN_FILES, check_place, write_run
 from .run import run_beside, unadapted
 
 TABLE, FIGURE = "compare.json", "compare.png"
+_FILES = [*(f"{law}/{name}" for law in LAWS for name in RUN_FILES), FIGURE, TABLE]
 _ERRORS = 7  # number of columns up to the errors
 
 
@@ -42,7 +43,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def compare(options: argparse.Namespace) -> int:
     """Run a scenario under several laws, print one table, write outputs, table and one figure.
 
-    The table is ``compare.json``, the figure with the errors of all laws ``compare.png``. A law
+    The table is ``compare.json``, the figure with the errors of all laws ``compare.png``. Files of
+    an earlier comparison stay until those of this one are complete. A law
     that diverges is a row of the table, not a failure of the command. Each warning is printed once,
     with the laws that it concerns.
     """
@@ -57,22 +59,21 @@ def compare(options: argparse.Namespace) -> int:
                 warnings.warn(finding, stacklevel=1)
     said.show()
     check_writable(folder, [TABLE, FIGURE])
-    folders = [check_place(folder / law) for law in laws]
+    for law in laws:
+        check_place(folder / law)
     rollouts: list[Rollout] = []
     try:
-        for law, (scenario, without), place in zip(laws, pairs, folders, strict=True):
-            with said.of(law):
-                rollouts.append(run_beside(scenario, without))
-            said.show()
-            if len(rollouts) == 1:
-                _clear(folder)
+        with one_run(folder, _FILES, partly=False) as beside:
+            for law, (scenario, without) in zip(laws, pairs, strict=True):
+                with said.of(law):
+                    rollouts.append(run_beside(scenario, without))
+                said.show()
+                write_run(rollouts[-1], beside / law, html=False)
+                if interrupted(rollouts):
+                    break
+            (beside / FIGURE).write_bytes(overlay_figure(rollouts).png(dpi=130))
             summaries = [rollout.summary() for rollout in rollouts]
-            write_text(folder / TABLE, json.dumps(summaries, indent=2) + "\n")
-            write_run(rollouts[-1], place, html=False)
-            with whole_file(folder / FIGURE) as file:
-                file.write(overlay_figure(rollouts).png(dpi=130))
-            if interrupted(rollouts):
-                break
+            write_text(beside / TABLE, json.dumps(summaries, indent=2) + "\n")
     finally:
         print(comparison_table(rollouts))
     print(f"\nwritten to {folder}")
@@ -113,14 +114,6 @@ class _Warnings:
                 warnings.warn(f"{', '.join(laws)}: {text}", stacklevel=2)
         self._shown |= set(self._new)
         self._new = {}
-
-
-def _clear(folder: Path) -> None:
-    """Remove table, figure and runs of an earlier comparison."""
-    for name in (TABLE, FIGURE):
-        (folder / name).unlink(missing_ok=True)
-    for file in (folder / law / name for law in LAWS for name in reversed(RUN_FILES)):
-        file.unlink(missing_ok=True)
 
 
 def _laws(scenario: Scenario) -> list[str]:

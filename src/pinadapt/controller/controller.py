@@ -26,7 +26,7 @@ from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
 from ..records import Desired, Measurement
 from ..robot.changes import Payload
-from ..robot.motors import Compensation
+from ..robot.motors import Compensation, torque_limits
 from ..robot.robot import Robot
 from ..signals import Signals
 from ..trajectories.trajectory import Trajectory
@@ -113,9 +113,16 @@ class Controller:
     def _repr_html_(self) -> str:
         return controller_sheet(self).html()
 
-    def limited(self, torque: np.ndarray | None) -> Controller:
-        """Return this controller with other torque limits (n) [N m or N]; it shares the scratch."""
-        other = copy.copy(self)
+    def limited(self, torque: ArrayLike | bool | None) -> Controller:
+        """Return this controller with other torque limits; it shares the scratch.
+
+        Args:
+            torque: a number or (n) [N m or N]; True for those of the description, None for none.
+
+        Raises:
+            GainError: wrong size, or limits that are not positive.
+        """
+        other, torque = copy.copy(self), torque_limits(self.kinematics.robot, torque)
         governor = self.limits.governor
         if governor is not None:
             governor = governor.limited(torque)

@@ -8,7 +8,7 @@ import webbrowser
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from threading import Condition, Thread
+from threading import BoundedSemaphore, Condition, Thread
 from time import perf_counter, sleep
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -42,6 +42,7 @@ def _has_display() -> bool:
     return True
 
 
+_VISITORS = 32  # connections at a time; a browser has up to six
 _PATIENCE = 2.0  # [s] for browsers to read the last messages before the server stops
 
 
@@ -80,8 +81,7 @@ class Broadcast(Window):
                         self._changed.wait()
                     new = self._since(seen)
                     seen, closed = self._count, self._closed
-                if new:
-                    yield b"".join(framed(message) for message in new)
+                yield from map(framed, new)  # one at a time, as a slow reader holds what it gets
         finally:
             with self._changed:
                 self._readers -= 1
@@ -122,8 +122,7 @@ class Server:
         class Handler(_Handler):
             content, source = page.encode(), messages
 
-        self._http = ThreadingHTTPServer(("127.0.0.1", port), Handler)
-        self._http.daemon_threads = True
+        self._http = _Local(port, Handler)
         self.url = f"http://127.0.0.1:{self._http.server_port}/"
         self._thread = Thread(target=self._http.serve_forever, args=(0.05,), daemon=True)
         self._thread.start()
@@ -136,14 +135,46 @@ class Server:
         self._http.server_close()
 
 
+class _Local(ThreadingHTTPServer):
+    """Answers requests for this machine, a bounded number at a time.
+
+    A page of another site whose name was made to point here sends that name as Host, and is
+    refused (DNS rebinding).
+    """
+
+    daemon_threads = True
+
+    def __init__(self, port: int, handler: type[BaseHTTPRequestHandler]) -> None:
+        super().__init__(("127.0.0.1", port), handler)
+        self.hosts = {f"{name}:{self.server_port}" for name in ("127.0.0.1", "localhost")}
+        self._free = BoundedSemaphore(_VISITORS)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Answer in a thread of its own, or end the connection if there are too many."""
+        if self._free.acquire(blocking=False):
+            super().process_request(request, client_address)
+        else:
+            self.shutdown_request(request)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """Answer, and let the next one in."""
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._free.release()
+
+
 class _Handler(BaseHTTPRequestHandler):
+    server: _Local
     content: bytes
     source: Broadcast
     timeout = _PATIENCE  # for a browser that does not read
 
     def do_GET(self) -> None:
         """Send the page, or the messages as they arrive."""
-        if self.path == "/":
+        if self.headers.get("Host") not in self.server.hosts:
+            self.send_error(421, "this page is for visitors on the same machine")
+        elif self.path == "/":
             self._begin("text/html; charset=utf-8")
             self._give(iter([self.content]))
         elif self.path == "/messages":
