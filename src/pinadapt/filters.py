@@ -18,7 +18,6 @@ from ._kernels import models as regressors
 from .exceptions import InputError
 from .models.delay_compensation import SensedState
 from .models.dynamics import Dynamics
-from .models.regressor import Momentum
 from .models.task_kinematics import TaskKinematics
 from .signals import Signals
 
@@ -350,7 +349,7 @@ class FilteredRegressor:
             GainError: the bandwidth is not positive.
             InputError: no dynamics.
         """
-        self.dynamics = instance(dynamics, Dynamics, "dynamics")
+        self.dynamics: Dynamics = instance(dynamics, Dynamics, "dynamics")
         self.low_pass = LowPass(bandwidth, "prediction filter")
         compile_all()
 
@@ -358,7 +357,10 @@ class FilteredRegressor:
         """Return the state at the first q (nq), v (n), at which W and y are zero."""
         momentum, n = self.dynamics.momentum(q, v), v.size
         still = np.zeros((n, self.dynamics.size + 1))
-        u, _, W = self._regressors(momentum, still, still, 0.0)
+        u, Z, W = empty(still.shape), empty(still.shape), empty(still.shape)
+        regressors.filtered_regressor(
+            *momentum, self.low_pass.bandwidth, still, still, 0.0, u, Z, W
+        )
         return TorqueFilterState(W, np.zeros(n), u, np.zeros(n), np.zeros(2))
 
     def observe(
@@ -388,12 +390,14 @@ class FilteredRegressor:
                 where="state",
                 hint="Of a recorded run only the last state has them.",
             )
-        Z, y, before, held, (share_u, share_tau) = state
-        u, Z, W = self._regressors(momentum, Z, before, share_u)
+        Z_before, y, before, held, (share_u, share_tau) = state
+        u, Z, W = empty(before.shape), empty(before.shape), empty(before.shape)
+        bandwidth = self.low_pass.bandwidth
+        regressors.filtered_regressor(*momentum, bandwidth, Z_before, before, share_u, u, Z, W)
         if tau is not None:
             y, held = y + share_tau * (tau - held), tau
         now = TorqueFilterState(Z, y, u, held, np.zeros(2))
-        return FilteredTorque(W[:, :-1], y - W[:, -1], now, self.low_pass.bandwidth)
+        return FilteredTorque(W[:, :-1], y - W[:, -1], now, bandwidth)
 
     def step(self, now: FilteredTorque, tau: np.ndarray, dt: float) -> TorqueFilterState:
         """Return the state after dt [s], over which the torque tau (n) [N m or N] is held."""
@@ -449,16 +453,3 @@ class FilteredRegressor:
             if k < steps.size:
                 state = self.step(now, tau[k], float(steps[k]))
         return np.array([now.W for now in found]), np.array([now.y for now in found])
-
-    def _regressors(
-        self, momentum: Momentum, Z: np.ndarray, before: np.ndarray, share: float
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return u = lambda Y_M - Y_0, Z + share (u - before) and W = lambda Y_M - Z (n, p + 1).
-
-        The known parts stand in the last column.
-        """
-        u, Z_now, W = empty(Z.shape), empty(Z.shape), empty(Z.shape)
-        regressors.filtered_regressor(
-            *momentum, self.low_pass.bandwidth, Z, before, share, u, Z_now, W
-        )
-        return u, Z_now, W

@@ -397,23 +397,22 @@ def test_joint_effects(threshold, rng, laid):
     armature, viscous, coulomb, loaded, asymmetry, offset = values
     f = armature * w + viscous * u + (coulomb + loaded * load) * s + asymmetry * np.abs(s) + offset
     expected = inertial + f[:n] + B.T @ f[n:]
-    tau = filled(n)
-    models.joint_torque(values, shape, B, v, a, g, inertial, tau)
-    assert close(tau, expected, 1e-11)
     kinds, shafts = (index.ravel() for index in np.indices(values.shape))
-    told, columns, Y = (
-        filled(6, n + k),
-        laid(rng.standard_normal((n, 4))),
-        filled(n, 4 + 6 * (n + k)),
-    )
+    told, Y_b = filled(6, n + k), laid(rng.standard_normal((n, 4)))
     models.take_coefficients(laid(values.ravel()), kinds, shafts, told)
     assert np.array_equal(told, values)
-    models.joint_columns(columns, kinds, shafts, shape, B, v, a, g, 1.0, Y)
-    assert close(Y[:, :4], columns) and close(Y[:, 4:] @ values.ravel(), expected - inertial, 1e-11)
-    some = kinds != 5  # without the offsets
-    few = filled(n, 4 + int(some.sum()))
-    models.joint_columns(columns, kinds[some], shafts[some], shape, B, v, a, g, 1.0, few)
-    assert np.array_equal(few[:, 4:], Y[:, 4:][:, some])
+    tau, Y = filled(n), filled(n, 4 + values.size)
+    every = np.arange(values.size).reshape(values.shape)
+    motion = shape, B, v, a, g
+    models.add_joint_effects(values, every, *motion, 1.0, Y_b, inertial, Y, tau)
+    assert close(tau, expected, 1e-11)
+    assert close(Y[:, :4], Y_b) and close(Y[:, 4:] @ values.ravel(), expected - inertial, 1e-11)
+    few = filled(n, 4 + 5 * (n + k))
+    columns = np.where(every < few.shape[1] - 4, every, -1)  # the offsets are known
+    models.add_joint_effects(values, columns, *motion, 0.0, Y_b, inertial, few, tau)
+    assert np.array_equal(few, Y[:, : few.shape[1]])
+    without = offset[:n] + B.T @ offset[n:]
+    assert close(tau, expected - without, 1e-11)
 
 
 def moving(name, rng, length):

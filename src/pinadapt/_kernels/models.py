@@ -251,25 +251,39 @@ def take_coefficients(
         values[kinds[k], shafts[k]] = a[k]
 
 
-@compiled("void(f8[:,:], f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8[:])")
-def joint_torque(
+@compiled(
+    "void(f8[:,:], i8[:,:], f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8, f8[:,:], f8[:], f8[:,:], "
+    "f8[:])",
+    fills=2,
+)
+def add_joint_effects(
     values: np.ndarray,
+    columns: np.ndarray,
     shape: np.ndarray,
     directions: np.ndarray,
     v: np.ndarray,
     a: np.ndarray,
     g: np.ndarray,
-    inertial: np.ndarray,
+    one: float,
+    Y_b: np.ndarray,
+    tau_b: np.ndarray,
+    Y: np.ndarray,
     tau: np.ndarray,
 ) -> None:
-    """Write inertial (n) plus the torques of n joints and of the shafts along directions (k, n).
+    """Write [Y_b, Y_j] (n, p) and tau_b + the joints' torque (n); Y_b and tau_b are the bodies'.
 
-    Of each shaft armature a + viscous v + (coulomb + load g + asymmetry sign(v)) s + offset, with
-    s = tanh(v shape_0) (1 + shape_1 exp(-|v| shape_2)), values (6, n + k) in this order.
+    Of each of n joints, and of the shafts along directions (k, n), the torque is values . f, and
+    f = (a, v, s, g s, |s|, one) with s = tanh(v shape_0) (1 + shape_1 exp(-|v| shape_2)). An entry
+    of f is column ``columns`` (6, n + k) of Y_j, where that is not negative. ``one`` is that of a
+    constant torque, zero for the momentum.
     """
-    n = len(tau)
+    n, p = Y_b.shape
     for i in range(n):
-        tau[i] = inertial[i]
+        tau[i] = tau_b[i]
+        for j in range(p):
+            Y[i, j] = Y_b[i, j]
+        for j in range(p, Y.shape[1]):
+            Y[i, j] = 0.0
     for k in range(values.shape[1]):
         u, w, load = 0.0, 0.0, 0.0
         if k < n:
@@ -281,13 +295,17 @@ def joint_torque(
         s = math.tanh(u * shape[0, k])
         if shape[1, k] != 0.0:
             s *= 1.0 + shape[1, k] * math.exp(-abs(u) * shape[2, k])
-        f = values[0, k] * w + values[1, k] * u + (values[2, k] + values[3, k] * load) * s
-        f += values[4, k] * abs(s) + values[5, k]
-        if k < n:
-            tau[k] += f
-        else:
-            for i in range(n):
-                tau[i] += directions[k - n, i] * f
+        for c, f in enumerate((w, u, s, load * s, abs(s), one)):
+            j = columns[c, k]
+            if k < n:
+                tau[k] += values[c, k] * f
+                if j >= 0:
+                    Y[k, p + j] = f
+            else:
+                for i in range(n):
+                    tau[i] += directions[k - n, i] * values[c, k] * f
+                    if j >= 0:
+                        Y[i, p + j] = directions[k - n, i] * f
 
 
 @compiled(
@@ -323,58 +341,6 @@ def filtered_regressor(
         u[i, p] = momentum - tau_0[i]
         Z_now[i, p] = Z[i, p] + share * (u[i, p] - before[i, p])
         W[i, p] = momentum - Z_now[i, p]
-
-
-@compiled("void(f8[:,:], i8[:], i8[:], f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8, f8[:,:])")
-def joint_columns(
-    inertial: np.ndarray,
-    kinds: np.ndarray,
-    shafts: np.ndarray,
-    shape: np.ndarray,
-    directions: np.ndarray,
-    v: np.ndarray,
-    a: np.ndarray,
-    g: np.ndarray,
-    one: float,
-    Y: np.ndarray,
-) -> None:
-    """Write [inertial, a column of each coefficient (kinds, shafts)] (n, p); see ``joint_torque``.
-
-    ``one`` is the column of a constant torque.
-    """
-    n, p = inertial.shape
-    for i in range(n):
-        for j in range(p):
-            Y[i, j] = inertial[i, j]
-        for j in range(p, Y.shape[1]):
-            Y[i, j] = 0.0
-    for j in range(len(kinds)):
-        k = shafts[j]
-        u, w, load = 0.0, 0.0, 0.0
-        if k < n:
-            u, w, load = v[k], a[k], g[k]
-        else:
-            for i in range(n):
-                u += directions[k - n, i] * v[i]
-                w += directions[k - n, i] * a[i]
-        x = one
-        if kinds[j] == 0:
-            x = w
-        elif kinds[j] == 1:
-            x = u
-        elif kinds[j] < 5:
-            x = math.tanh(u * shape[0, k])
-            if shape[1, k] != 0.0:
-                x *= 1.0 + shape[1, k] * math.exp(-abs(u) * shape[2, k])
-            if kinds[j] == 3:
-                x *= load
-            elif kinds[j] == 4:
-                x = abs(x)
-        if k < n:
-            Y[k, p + j] = x
-        else:
-            for i in range(n):
-                Y[i, p + j] = directions[k - n, i] * x
 
 
 @compiled(

@@ -9,7 +9,6 @@ from .adaptation import Stacked as Stacked
 from .adaptation import Wrapper as Wrapper
 from .composite import Composite as Composite
 from .composite import CompositeMemory as CompositeMemory
-from .gradient import ExponentiatedGradient as ExponentiatedGradient
 from .gradient import Gradient as Gradient
 from .least_squares import LeastSquares as LeastSquares
 from .modifications import DeadZone as DeadZone
@@ -17,6 +16,7 @@ from .modifications import ErrorLeak as ErrorLeak
 from .modifications import Leak as Leak
 from .modifications import Normalised as Normalised
 from .natural import BodyInequality as BodyInequality
+from .natural import ExponentiatedGradient as ExponentiatedGradient
 from .natural import MatrixInequality as MatrixInequality
 from .natural import Natural as Natural
 from .projections import BoxProjection as BoxProjection

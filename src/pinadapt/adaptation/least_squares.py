@@ -28,6 +28,13 @@ def weight_of(checked: np.ndarray, n: int) -> np.ndarray:
     return checked if checked.ndim == 2 else np.diag(np.broadcast_to(checked, n))
 
 
+def _gradient(drive: Drive, R: np.ndarray) -> np.ndarray:
+    """Return Y^T e + W^T R r (p) of a drive with a prediction error, with the weight R (l, l)."""
+    assert drive.W is not None and drive.residual is not None
+    change = R if drive.weight is None else R - drive.weight
+    return np.asarray(drive.gradient + change.dot(drive.residual).dot(drive.W))
+
+
 class DecayWeight:
     """R = rate (W Gamma W^T + diag(floor))^-1: the prediction error r decays at one rate.
 
@@ -189,7 +196,7 @@ class LeastSquares(Adaptation):
             return Estimate(-P.dot(drive.gradient), (np.zeros(P.shape),))
         R, P_W = self.weight(drive, P), P.dot(W.T)
         learned = P_W.dot(R).dot(P_W.T)
-        return Estimate(-P.dot(drive.weighted(R).gradient), (self._recovery(P) - learned,))
+        return Estimate(-P.dot(_gradient(drive, R)), (self._recovery(P) - learned,))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
@@ -197,12 +204,11 @@ class LeastSquares(Adaptation):
         if W is None:
             return Estimate(estimate.value - dt * P.dot(drive.gradient), (P,))
         R = self.weight(drive, P)
-        drive = drive.weighted(R)
         P_W = P.dot(W.T)  # (P^-1 + dt W^T R W)^-1 by the matrix inversion lemma, for R >= 0
         inner = np.linalg.solve(np.eye(len(R)) + dt * R.dot(W.dot(P_W)), dt * R)
         after = P - P_W.dot(inner).dot(P_W.T)
         after = 0.5 * (after + after.T)
-        value = estimate.value - dt * after.dot(drive.gradient)
+        value = estimate.value - dt * after.dot(_gradient(drive, R))
         return Estimate(value, (self._after_forgetting(P, after, dt),))
 
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float:

@@ -374,8 +374,8 @@ class Controller:
             torque = torque.astype(float)
         if s.filtered_torque is not None:
             W, y, _, _ = s.filtered_torque
-            dynamic = drives.dynamic.with_prediction_error(W, W.dot(s.a_d) - y)
-            drives = Drives(dynamic, drives.kinematic)
+            drive = drives.dynamic
+            drive.W, drive.residual, drive.weight = W, W.dot(s.a_d) - y, None
         if limits is not None and kernels.exceeds(torque, limits):
             torque, drives = np.clip(torque, -limits, limits), drives.without_tracking()
         return (torque if self.compensation is None else torque - self.compensation(s.q)), drives

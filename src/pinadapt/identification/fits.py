@@ -451,7 +451,7 @@ def windows_of(
         held: whether torques were held from each sample to the next; else each is of its instant.
         inertial: the windows of its inertial block alone, if they are known already.
     """
-    averages, n = Averages(motion.t, period), motion.v.shape[1]
+    averages = Averages(motion.t, period)
     whole, t = averages.whole, averages.t[averages.whole]
     if inertial is None:
         W, y = _equations(motion, averages, dynamics.momentum, dynamics.size)
@@ -463,13 +463,7 @@ def windows_of(
     joints = dynamics.joints
     if joints is None:
         return inertial
-    none = Momentum(np.zeros((n, 0)), np.zeros((n, 0)), np.zeros(n), np.zeros(n))
-
-    def momentum(q: np.ndarray, v: np.ndarray) -> Momentum:
-        """Return the part of the joint effects alone, without that of the bodies."""
-        return joints.momentum(q, v, none)
-
-    W, y = _equations(motion, averages, momentum, joints.size)
+    W, y = _equations(motion, averages, joints.momentum, joints.size)
     both = np.concatenate([inertial.W, W[whole]], axis=2)
     return inertial._replace(W=both, y=inertial.y - y[whole])
 

@@ -30,7 +30,8 @@ class Command:
 
     Attributes:
         torque: (n) the part that does not depend on the acceleration [N m or N].
-        drives: what moves the estimates.
+        drives: what moves the estimates; new at every call, as the controller adds the prediction
+            error of the torque to the dynamic one, where the adaptation uses it.
         feedthrough: (n, n) factor of the acceleration [kg m^2 or kg], or None for zero.
     """
 

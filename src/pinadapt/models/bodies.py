@@ -115,7 +115,12 @@ class InertialDynamics(Dynamics):
     Torque and mass matrix come from Pinocchio's RNEA and CRBA on a private model, the regressor
     from its joint torque regressor. Subclasses define how pi follows from a_d (``expand``) and how
     the regressor of a_d follows from that of pi (``reduce``).
+
+    Attributes:
+        complete: whether a_d is pi, and its regressor that of pi.
     """
+
+    complete: bool = False
 
     def __init__(self, robot: Robot) -> None:
         """Copy the model of a nominal robot."""
@@ -170,7 +175,9 @@ class InertialDynamics(Dynamics):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return Y_r (n, p) and the torque M a_r + C v_r + g (n), with known bodies and rotors."""
         Y, tau = self._regressor.slotine_li_torque(self._pi, q, v, v_r, a_r)
-        return self.reduce(Y), tau + self._armature * a_r if self._rotors else tau
+        if self._rotors:
+            tau = tau + self._armature * a_r
+        return Y if self.complete else self.reduce(Y), tau
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:
         """Return the torque as the rate of a momentum and a rest, with known bodies and rotors.
@@ -178,7 +185,10 @@ class InertialDynamics(Dynamics):
         See ``MomentumRegressor`` for the source.
         """
         Y_M, Y_0 = self._regressor.momentum(q, v)
-        p_0, known = self._armature * v, self._known
+        p_0 = self._armature * v
+        if self.complete:
+            return Momentum(Y_M, Y_0, p_0, np.zeros(v.size))
+        known = self._known
         if not known.any():
             return Momentum(self.reduce(Y_M), self.reduce(Y_0), p_0, np.zeros(v.size))
         return Momentum(self.reduce(Y_M), self.reduce(Y_0), p_0 + Y_M.dot(known), Y_0.dot(known))
@@ -235,7 +245,7 @@ class BodyDynamics(InertialDynamics):
             [[PER_BODY * b + i for i in range(PER_BODY)] for b in self.bodies] or [[]]
         ).astype(int)
         self._last = robot.model.nv - 1
-        self._complete = self.size == PER_BODY * robot.model.nv
+        self.complete = self.size == PER_BODY * robot.model.nv
         self._placements = [placement.copy() for placement in robot.model.jointPlacements]
         self.initial = self._pi[self._columns].copy()
 
@@ -246,7 +256,7 @@ class BodyDynamics(InertialDynamics):
 
     def expand(self, a_d: np.ndarray) -> np.ndarray:
         """Return pi (10 n): a_d for the adapted bodies, nominal parameters for the others."""
-        if self._complete:
+        if self.complete:
             return a_d
         pi = self._pi.copy()
         pi[self._columns] = a_d
@@ -254,7 +264,7 @@ class BodyDynamics(InertialDynamics):
 
     def reduce(self, Y: np.ndarray) -> np.ndarray:
         """Return the columns of the adapted bodies (n, p)."""
-        return Y if self._complete else Y[:, self._columns]
+        return Y if self.complete else Y[:, self._columns]
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the ten parameters of each adapted body; None if anything else differs."""

@@ -8,7 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
+from numpy import empty
 
+from .._compiled import compile_all
+from .._kernels import models as kernels
 from ..exceptions import InputError, ParameterError
 from ..robot.robot import Robot
 from .joint_effects import JointEffects, without_joint_effects
@@ -180,6 +183,10 @@ class StackedDynamics(Dynamics):
         self.initial = np.concatenate([inertial.initial, joints.initial])
         self.bodies, self.per_body = inertial.bodies, inertial.per_body
         self.translations = inertial.translations
+        self._values = joints.known.copy()  # of all kinds and shafts, at the loaded estimate
+        self._n = len(joints.zero)
+        self._values[joints.places] = joints.initial
+        compile_all()
 
     @property
     def inertial(self) -> Dynamics:
@@ -202,17 +209,23 @@ class StackedDynamics(Dynamics):
 
     def load(self, a_d: np.ndarray) -> None:
         """Make a_d (p) the estimate, each block with its part."""
-        self._inertial.load(a_d[: self._inertial.size])
-        self.joints.load(a_d[self._inertial.size :])
+        size = self._inertial.size
+        kernels.take_coefficients(a_d[size:], *self.joints.places, self._values)
+        self._inertial.load(a_d[:size])
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return M a + C v + g + friction (n)."""
-        return self.joints.torque(q, v, a, self._inertial.torque(q, v, a))
+        joints, none, tau = self.joints, empty((self._n, 0)), empty(self._n)
+        tau_b, Y, g = self._inertial.torque(q, v, a), empty((self._n, joints.size)), joints.loads(q)
+        kernels.add_joint_effects(self._values, *joints.tables, v, a, g, 1.0, none, tau_b, Y, tau)
+        return tau
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return M (n, n), rotors included."""
-        M = self._inertial.mass_matrix(q)
-        self.joints.add_inertia(M)
+        M, rotors, n = self._inertial.mass_matrix(q), self._values[0], self._n
+        M.flat[:: n + 1] += rotors[:n]
+        for d, armature in zip(self.joints.tables[-1], rotors[n:], strict=True):
+            M += armature * np.outer(d, d)
         return M
 
     def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
@@ -223,13 +236,30 @@ class StackedDynamics(Dynamics):
         self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return Y_r (n, p) and the torque M a_r + C v_r + g + friction (n) at the estimate."""
-        Y, tau = self._inertial.slotine_li(q, v, v_r, a_r)
-        joints = self.joints
-        return joints.regressor(q, v_r, a_r, Y), joints.torque(q, v_r, a_r, tau)
+        Y_b, tau_b = self._inertial.slotine_li(q, v, v_r, a_r)
+        joints, Y, tau = self.joints, empty((self._n, self.size)), empty(self._n)
+        g = joints.loads(q) if joints.loaded else joints.zero
+        kernels.add_joint_effects(
+            self._values, *joints.tables, v_r, a_r, g, 1.0, Y_b, tau_b, Y, tau
+        )
+        return Y, tau
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:
-        """Return momentum, with that of the rotors, and the rest of the torque, with friction."""
-        return self.joints.momentum(q, v, self._inertial.momentum(q, v))
+        """Return momentum and rest of the torque.
+
+        Rotors have the momentum diag(armature) v. Friction has none and belongs to the rest.
+        """
+        Y_Mb, Y_0b, p_0b, tau_0b = self._inertial.momentum(q, v)
+        joints, n, size = self.joints, self._n, self.size
+        Y_M, Y_0, p_0, tau_0 = empty((n, size)), empty((n, size)), empty(n), empty(n)
+        g, zero = joints.loads(q) if joints.loaded else joints.zero, joints.zero
+        kernels.add_joint_effects(
+            joints.known, *joints.tables, zero, v, g, 0.0, Y_Mb, p_0b, Y_M, p_0
+        )
+        kernels.add_joint_effects(
+            joints.known, *joints.tables, v, zero, g, 1.0, Y_0b, tau_0b, Y_0, tau_0
+        )
+        return Momentum(Y_M, Y_0, p_0, tau_0)
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the parameters (p) of a robot with the same chain; None if a block has none."""

@@ -91,6 +91,12 @@ class JointEffects:
             Those that may be negative start from zero.
         typical: (p) typical coefficients, the scales of their adaptation.
         units: one unit a parameter.
+        known: (6, m) coefficients of all kinds and shafts, zero where they are unknown.
+        places: (p), (p) kind and shaft of each parameter.
+        tables: column (6, m) of each coefficient among the parameters, -1 where it is known; shape
+            of the friction (3, m); D (m - n, n); as the kernel ``add_joint_effects`` takes them.
+        loaded: whether the friction depends on the load of the gears.
+        zero: (n) zeros.
     """
 
     def __init__(self, robot: Robot, unknown: str | Sequence[str] = ALL) -> None:
@@ -111,9 +117,11 @@ class JointEffects:
         start = np.where(self._values > 0.0, self._values, _START * _all_shafts(robot, typical))
         start[_SIGNED:] = self._values[_SIGNED:]
         self._values[at] = start[at]
-        known = self._values.copy()
-        known[at] = 0.0
-        self._known = known * (np.arange(len(KINDS)) == 0)[:, None], known  # rotors, all
+        self.known = self._values.copy()
+        self.known[at] = 0.0
+        columns = np.full(self._values.shape, -1, dtype=np.int64)
+        columns[at] = np.arange(len(pairs))
+        self.places, self.tables = at, (columns, self._shape, self._directions)
         self.names = tuple(f"{names[shaft]}.{KINDS[kind]}" for kind, shaft in pairs)
         self.size = len(pairs)
         self.signed = int(np.count_nonzero(self._kinds >= _SIGNED))
@@ -122,52 +130,42 @@ class JointEffects:
         self.units = tuple(_UNITS[KINDS[kind]][slides[shaft]] for kind, shaft in pairs)
         self.initial = self._values[at].copy()
         self.typical = _all_shafts(robot, expected_coefficients(robot, typical))[at]
-        self._model, self._zero = friction.bodies or robot.model, np.zeros(self._n)
-        loaded = friction.loaded or KINDS.index("load") in self._kinds
-        self._data = self._model.createData() if loaded else None
+        self._model, self.zero = friction.bodies or robot.model, np.zeros(self._n)
+        self.loaded = friction.loaded or KINDS.index("load") in self._kinds
+        self._data = self._model.createData() if self.loaded else None
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy without Pinocchio's data, which is scratch."""
         state = {**self.__dict__, "_data": None if self._data is None else self._model}
         return _restored, (state,)
 
-    def add_inertia(self, M: np.ndarray) -> None:
-        """Add the rotor inertias at the loaded estimate to a mass matrix (n, n)."""
-        rotors = self._values[0]
-        M.flat[:: self._n + 1] += rotors[: self._n]
-        for d, armature in zip(self._directions, rotors[self._n :], strict=True):
-            M += armature * np.outer(d, d)
-
-    def load(self, a: np.ndarray) -> None:
-        """Make a (p) the estimate at which the torque is evaluated."""
-        kernels.take_coefficients(a, self._kinds, self._shafts, self._values)
-
-    def torque(
+    def regressor(
         self, q: np.ndarray, v: np.ndarray, a: np.ndarray, inertial: np.ndarray
     ) -> np.ndarray:
-        """Return the torque (n) [N m or N] at the loaded estimate plus an inertial torque (n)."""
-        tau, g = empty(self._n), self._loads(q)
-        kernels.joint_torque(self._values, self._shape, self._directions, v, a, g, inertial, tau)
-        return tau
-
-    def regressor(
-        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, inertial: np.ndarray, one: float = 1.0
-    ) -> np.ndarray:
-        """Return (n, p_b + p): an inertial regressor (n, p_b), then the unknown coefficients'.
-
-        ``one`` is the entry of a constant torque, zero for the momentum.
-        """
-        if not self.size:
-            return inertial
-        Y, shape = empty((self._n, inertial.shape[1] + self.size)), self._shape
-        which, g = (self._kinds, self._shafts), self._loads(q)
-        kernels.joint_columns(inertial, *which, shape, self._directions, v, a, g, one, Y)
+        """Return (n, p_b + p): an inertial regressor (n, p_b), then the unknown coefficients'."""
+        Y = empty((self._n, inertial.shape[1] + self.size))
+        kernels.add_joint_effects(
+            self.known, *self.tables, v, a, self.loads(q), 1.0, inertial, self.zero, Y,
+            empty(self._n),
+        )  # fmt: skip
         return Y
 
-    def _loads(self, q: np.ndarray) -> np.ndarray:
+    def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:
+        """Return momentum and rest of the joints alone, as ``StackedDynamics.momentum`` adds them.
+
+        Rotors have the momentum diag(armature) v. Friction has none and belongs to the rest.
+        """
+        n, zero, none = self._n, self.zero, empty((self._n, 0))
+        Y_M, Y_0, p_0, tau_0 = empty((n, self.size)), empty((n, self.size)), empty(n), empty(n)
+        g, tables = self.loads(q), self.tables
+        kernels.add_joint_effects(self.known, *tables, zero, v, g, 0.0, none, zero, Y_M, p_0)
+        kernels.add_joint_effects(self.known, *tables, v, zero, g, 1.0, none, zero, Y_0, tau_0)
+        return Momentum(Y_M, Y_0, p_0, tau_0)
+
+    def loads(self, q: np.ndarray) -> np.ndarray:
         """Return |g| (n), the torques that load the gears; zero where nothing depends on them."""
         if self._data is None:
-            return self._zero
+            return self.zero
         return np.abs(pin.computeGeneralizedGravity(self._model, self._data, q))
 
     def sliding(self, v: np.ndarray) -> np.ndarray:
@@ -203,19 +201,6 @@ class JointEffects:
             shafts=shafts,
         )
         return nominal.changed(armature=armature[:n], friction=friction)
-
-    def momentum(self, q: np.ndarray, v: np.ndarray, inertial: Momentum) -> Momentum:
-        """Return an inertial momentum and rest with those of the joints added.
-
-        Rotors have the momentum diag(armature) v. Friction has none and belongs to the rest.
-        """
-        (moving, known), zero = self._known, self._zero
-        p_0, tau_0, g = empty(self._n), empty(self._n), self._loads(q)
-        shafts = self._shape, self._directions
-        kernels.joint_torque(moving, *shafts, zero, v, g, inertial.p_0, p_0)
-        kernels.joint_torque(known, *shafts, v, zero, g, inertial.tau_0, tau_0)
-        Y_M = self.regressor(q, zero, v, inertial.Y_M, 0.0)
-        return Momentum(Y_M, self.regressor(q, v, zero, inertial.Y_0), p_0, tau_0)
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the coefficients (p) of a robot; None if those of a known kind differ."""

@@ -19,8 +19,7 @@ import tomlkit
 from tomlkit.items import Comment, InlineTable, Table
 
 from ..adaptation.adaptation import Adaptation, Stacked, Wrapper
-from ..adaptation.gradient import ExponentiatedGradient
-from ..adaptation.natural import Natural
+from ..adaptation.natural import ExponentiatedGradient, Natural
 from ..controller.controller import Controller
 from ..description.chain import links_of, massless_joints
 from ..description.description import describe

@@ -13,9 +13,14 @@ from numpy.typing import ArrayLike
 from .._checks import positive
 from ..adaptation.adaptation import Adaptation, Frozen, Stacked
 from ..adaptation.composite import Composite, CompositeMemory
-from ..adaptation.gradient import ExponentiatedGradient, Gradient
+from ..adaptation.gradient import Gradient
 from ..adaptation.least_squares import LeastSquares
-from ..adaptation.natural import BodyInequality, MatrixInequality, Natural
+from ..adaptation.natural import (
+    BodyInequality,
+    ExponentiatedGradient,
+    MatrixInequality,
+    Natural,
+)
 from ..adaptation.projections import BoxProjection, MassMatrixProjection
 from ..exceptions import InputError, ParameterError, did_you_mean
 from ..laws.law import Law
