@@ -59,7 +59,16 @@ def compile_all() -> None:
     Each process has an order of its own, so that processes which start together without machine
     code on disk find in it what the others compiled, instead of all compiling everything. The
     garbage collector rests meanwhile: numba keeps nearly all of the many objects that it makes.
+    With ``NUMBA_DISABLE_JIT=1`` the kernels stay Python functions, for a debugger; they take some
+    hundred times as long.
     """
+    if not _waiting:
+        return
+    from numba import config  # here, because most imports need no compiler
+
+    if vars(config)["DISABLE_JIT"]:
+        _waiting.clear()
+        return
     random.Random(os.getpid()).shuffle(_waiting)
     with _without_garbage_collector():
         while _waiting:

@@ -1,10 +1,12 @@
 """Machine code on disk: kept, repaired where damaged, done without where none can be written."""
 
+import json
 import os
 import subprocess
 import sys
 from textwrap import dedent
 
+import numpy as np
 import pytest
 
 pytestmark = pytest.mark.slow
@@ -82,3 +84,25 @@ def test_a_damaged_file_is_replaced_and_one_that_cannot_be_written_done_without(
 def test_no_folder_for_the_cache(run, tmp_path):
     (tmp_path / "__pycache__").write_text("")
     run("assert (hits(), hits()) == (0, 0)", cache=NOWHERE)
+
+
+def test_without_compilation_the_same_torques_come_out():
+    code = """
+    import numpy as np, pinadapt as pa
+    robot = pa.load("planar_2r")
+    control = pa.make_controller(robot)
+    measurement = pa.plants.PinocchioPlant(robot).measurement(robot.q0, np.array([0.1, -0.2]))
+    desired = pa.Desired(measurement.x + 0.01, np.zeros(2), np.zeros(2))
+    print(control.step(control.init(measurement), measurement, desired, 1e-3)[0].tolist())
+    """
+    torques = [
+        subprocess.run(
+            [sys.executable, "-c", dedent(code)],
+            env={**os.environ, **settings},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for settings in ({}, {"NUMBA_DISABLE_JIT": "1"})
+    ]
+    np.testing.assert_allclose(*map(json.loads, torques), rtol=1e-12)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections import Counter
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import Any
@@ -13,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import arithmetic, flag, instance, keywords, name_list, vector
+from .._checks import LARGEST, arithmetic, flag, instance, keywords, name_list, vector
 from ..description.chain import (
     ENDS,
     chain_joints,
@@ -104,6 +105,8 @@ def load(
         instance(given, str | None, where, RobotError)
     locked = name_list(locked, "locked", RobotError)
     found = describe(source, xacro=xacro, mass=mass)
+    still = _with_one_position(found.model)
+    found = _locked_at(found, still)
     weld = found.from_file if weld_root is None else flag(weld_root, "weld_root")
     wanted = _Wanted(
         task or found.task, [*found.locked, *locked], q0, gravity, weld or found.weld_root
@@ -113,9 +116,36 @@ def load(
         _check_frame(found.model, known, ends)
     frames = [known] if known else choose_frames(found.model, ends, task)
     robot = _first_able(frames, lambda name: _load_chain(found, name, ends, wanted))
+    chain = chain_joints(found.model, frame_id(found.model, robot.frame))
+    if names := [str(found.model.names[index]) for index in chain if index in still]:
+        warnings.warn(
+            f"{robot.name}: lower and upper limit are equal for {', '.join(names)}: locked there.",
+            stacklevel=2,
+        )
     if not flag(joint_effects, "joint_effects"):
         return robot
     return _with_joint_effects(robot)
+
+
+def _with_one_position(model: pin.Model) -> dict[int, float]:
+    """Return joint -> position [rad or m] of those whose limits are equal, and not zero."""
+    found = {}
+    for index, joint in enumerate(model.joints):
+        if joint.nq == 1:
+            low = float(model.lowerPositionLimit[joint.idx_q])
+            high = float(model.upperPositionLimit[joint.idx_q])
+            if low == high and low != 0.0 and abs(low) < LARGEST:
+                found[index] = low
+    return found
+
+
+def _locked_at(found: Description, positions: Mapping[int, float]) -> Description:
+    """Return a description with more joints locked, at positions [rad or m]."""
+    q = found.q_reference.copy()
+    for index, position in positions.items():
+        q[found.model.joints[index].idx_q] = position
+    names = [str(found.model.names[index]) for index in positions]
+    return replace(found, q_reference=q, locked=(*found.locked, *names))
 
 
 @dataclass(frozen=True)
