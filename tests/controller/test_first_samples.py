@@ -22,9 +22,8 @@ class Loop:
     def __init__(self, robot, *, true=None, plant=None, guards=True, dt=DT, **options):
         self.robot, self.dt = robot, dt
         self.true = robot if true is None else true
-        self.controller = pa.make_controller(
-            robot, limits=pa.Limits(guards=guards), dt=dt, **options
-        )
+        options = {"adaptation": "natural", "limits": pa.Limits(guards=guards), **options}
+        self.controller = pa.make_controller(robot, dt=dt, **options)
         self.plant = pa.plants.PinocchioPlant(self.true) if plant is None else plant
         circle = pa.reachable_circle(robot)
         self.path = circle.starting_at(self.true.position(self.true.q0))
@@ -250,7 +249,7 @@ SPOILT = {
 @pytest.mark.parametrize("name", ["panda", "ur5", "kinova", "planar_2r"])
 def test_a_velocity_that_is_not_the_rate_of_q_is_refused(name, how):
     spoil, words, degrees = SPOILT[how]
-    loop = Loop(catalogue_robot(name), adaptation="natural")
+    loop = Loop(catalogue_robot(name))
     error, moved = loop.refused(words, spoil=spoil)
     assert error.field == "v" and moved < degrees
 
@@ -354,7 +353,8 @@ def test_sensors_that_nobody_described_raise_no_alarm(name, make):
 def test_sensors_as_described_raise_no_alarm(sensors):
     robot = catalogue_robot("ur5")
     true = robot.changed(inertial_scale=1.3, payload=pa.Payload(0.3 * robot.mass))
-    assert len(list(Loop(robot, true=true, sensors=sensors).run(0.5))) == 500
+    loop = Loop(robot, true=true, sensors=sensors, adaptation="natural-memory")
+    assert len(list(loop.run(0.5))) == 500
 
 
 def test_missed_samples_raise_no_alarm():
@@ -376,7 +376,7 @@ def test_once_all_is_told_nothing_is_remembered():
     """
     robot = catalogue_robot("ur5")
     runs = [
-        list(Loop(robot, guards=guards, adaptation="natural").run(3.5)) for guards in (True, False)
+        list(Loop(robot, guards=guards).run(3.5)) for guards in (True, False)
     ]
     remembered = [state.sensed.first is not None for state in runs[0]]
     assert remembered[0] and not remembered[-1]

@@ -26,6 +26,7 @@ def run(name, duration=0.3, **options):
         tool_translation=(0.01, 0.02, 0.03),
         viscous=0.2,
     )
+    options = {"adaptation": "natural", "dt": 4e-3, **options}
     controller = pa.make_controller(described.changed(inertial_scale=0.8), **options)
     path = pa.reachable_circle(true)
     return controller, pa.simulate(true, controller, path, duration=duration)
@@ -126,7 +127,7 @@ def predicted(rollout, a_d):
     [("panda", "natural"), ("ur5", "natural-memory"), ("scara", "gradient"), ("ur5", "gradient")],
 )
 def test_what_the_motion_does_not_excite_stays_and_its_torques_too(name, adaptation):
-    controller, rollout = run(name, 2.0, dt=4e-3, adaptation=adaptation)
+    controller, rollout = run(name, 2.0, adaptation=adaptation)
     state, dynamics = rollout.evaluated().last_state, controller.dynamics
     kept = rollout.parameters().start(controller)["a_d"]
     before, after = (predicted(rollout, a) for a in (state.a_d, kept))
@@ -165,7 +166,6 @@ def test_lumped_parameters_stay_in_the_metric_of_their_adaptation():
         1.0,
         unknown=pa.Unknown(tool=False, translations=["tool", "elbow_joint"]),
         adaptation="gradient",
-        dt=4e-3,
     )
     learned = rollout.parameters()
     kept, last = learned.start(controller)["a_d"], rollout.a_d[-1]
@@ -174,13 +174,13 @@ def test_lumped_parameters_stay_in_the_metric_of_their_adaptation():
 
 
 def test_the_urdf_says_what_is_as_at_the_start(tmp_path):
-    _, rollout = run("ur5", 1.0, dt=4e-3)
+    _, rollout = run("ur5", 1.0)
     assert "Not excited by the motion: bodies of shoulder_pan_joint" in rollout.learned().urdf()
     assert "Not excited" not in rollout.learned(all_estimates=True).urdf()
 
 
 def test_samples_of_hardware_say_what_they_excite():
-    controller, rollout = run("ur5", 1.0, dt=4e-3)
+    controller, rollout = run("ur5", 1.0)
     evaluation = rollout.evaluated()
     along = pa.information.along_excited(controller, evaluation.samples)
     robot = controller.learned(evaluation.last_state, along)
@@ -190,7 +190,7 @@ def test_samples_of_hardware_say_what_they_excite():
 
 def test_torques_of_no_physical_robot_leave_the_rest_at_the_start_all_the_same():
     """A negative friction, as least squares may leave one, is kept; a body at rest stays."""
-    controller, rollout = run("ur5", 0.5, dt=4e-3, adaptation="least-squares")
+    controller, rollout = run("ur5", 0.5, adaptation="least-squares")
     along = pa.information.along_excited(controller, rollout.evaluated().samples)
     state, names = rollout.evaluated().last_state, controller.dynamics.names
     wrong, still = names.index("wrist_1_joint.coulomb"), names.index("shoulder_pan_joint.m")
@@ -205,7 +205,7 @@ def test_torques_of_no_physical_robot_leave_the_rest_at_the_start_all_the_same()
 
 
 def test_estimates_outside_their_domain_are_as_learned():
-    controller, rollout = run("ur5", 0.5, dt=4e-3)
+    controller, rollout = run("ur5", 0.5)
     along = pa.information.along_excited(controller, rollout.evaluated().samples)
     state = rollout.evaluated().last_state
     a_d = state.a_d.copy()
@@ -234,7 +234,7 @@ def test_a_file_keeps_every_number_with_name_and_unit(name, tmp_path):
 
 
 def test_a_run_goes_on_where_another_one_ended(tmp_path):
-    _, first = run("ur5", 4.0, dt=4e-3)
+    _, first = run("ur5", 4.0, adaptation="natural-memory")
     first.parameters().save(tmp_path / "learned.json")
     other = pa.make_controller(catalogue_robot("ur5").changed(inertial_scale=0.7), dt=4e-3)
     start = pa.LearnedParameters.load(tmp_path / "learned.json").start(other)

@@ -234,14 +234,19 @@ def joints_of(motion, count=400):
     return np.array([motion.trajectory.at(t).x_d for t in np.linspace(0.0, motion.duration, count)])
 
 
-@pytest.mark.parametrize("name", ["ur5", "panda"])
-def test_bodies_and_floor_stay_apart(name):
-    """Distances of the meshes; without shapes the search finds a motion that collides."""
-    robot = catalogue_robot(name)
+def test_bodies_and_floor_stay_apart():
+    """Distances of the meshes; without shapes the search finds a motion that collides.
+
+    It costs at most three times as much.
+    """
+    robot, times = catalogue_robot("panda"), [time.process_time()]
     options = {"unknown": "bodies", "duration": 6.0, "harmonics": 2}
     wide = {"excursion": 2.8, "progress": False}
     free = pa.excite(robot.undrawn(), **options, **wide)
+    times.append(time.process_time())
     kept = pa.excite(robot, floor=-0.05, **options, **wide)
+    times.append(time.process_time())
+    assert times[2] - times[1] < 3.0 * (times[1] - times[0]) + 3.0
     geometry, links = robot.drawn.solids()
     joints = [shape.parentJoint for shape in geometry.geometryObjects]
     for i, j in combinations(range(len(links)), 2):
@@ -270,15 +275,6 @@ def test_bodies_and_floor_stay_apart(name):
     assert " between " in str(kept) and "no collision geometry" in str(free)
     assert kept.excitation.dynamic.rank == kept.identifiable[0]
     assert kept.information_gain > 0.8 * free.information_gain
-
-
-def test_the_search_costs_at_most_three_times_as_much():
-    robot, times = catalogue_robot("panda"), []
-    for each in (robot.undrawn(), robot):
-        start = time.process_time()
-        pa.excite(each, unknown="payload", duration=6.0, harmonics=2, progress=False)
-        times.append(time.process_time() - start)
-    assert times[1] < 3.0 * times[0] + 3.0
 
 
 def test_distances_in_contact_have_a_derivative():

@@ -103,7 +103,9 @@ def test_more_data_leave_less_and_none_leave_all():
     assert (after > 0.0).all() and (after <= 1.0).all()
     known = dict(zip(found.dynamic.names, after, strict=True))
     assert known["shoulder_lift_joint.viscous"] < 0.1 < known["shoulder_pan_joint.m"]
-    motion = pa.excite(catalogue_robot("ur5"), unknown=found.unknown, progress=False)
+    robot = catalogue_robot("ur5").undrawn()
+    wide = {"duration": 6.0, "harmonics": 2, "excursion": 2.8, "progress": False}
+    motion = pa.excite(robot, unknown=found.unknown, **wide)
     besides = uncertainty_left(found, motion.excitation.dynamic)
     assert (besides <= after + 1e-9).all() and besides.mean() < 0.95 * after.mean()
     reader = Reader(found.page(motion=motion, command="pinadapt excite ur5 & more"))

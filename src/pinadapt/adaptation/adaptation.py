@@ -496,6 +496,10 @@ class Stacked(Adaptation):
         blocks = self._split(estimate)
         return float(sum(p.dissipation(own, drive.columns(b), truth[b]) for p, b, own in blocks))
 
+    def gain(self, value: np.ndarray) -> np.ndarray:
+        """Return Gamma (p, p) at a value (p), block by block."""
+        return self.gain_times(value, np.eye(value.size))
+
     def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:
         """Return Gamma X (p, l), block by block."""
         blocks = [part.gain_times(value[block], X[block]) for part, block in self.parts]

@@ -33,6 +33,7 @@ from .regressor import PER_BODY
 GAMMA = 1e-4  # weight of the description, relative to one row
 _FALL, _STEEP = 3.0, 10.0  # of gamma, from one value to the next; where few rows bind it
 _LIGHTEST = 1e-20  # gamma, as a share of the first
+_FARTHEST = 1e6  # divergence of parameters that ``nearest_with`` looks for
 _STEPS = 2000  # of Newton's method, at most
 _FEW = 10  # from the minimum for similar rows, or else gamma falls in steps
 _DECREMENT = 1e-8  # squared, of Newton's step in units of gamma
@@ -204,7 +205,9 @@ def nearest_with(
     """Return physical parameters x (p) close to the centre with |rows (x - a)| <= tolerance.
 
     They minimise |rows (x - a)|^2 / 2 + gamma D(x), with the first gamma, falling in steps of ten,
-    that keeps the tolerance: directions that the rows weigh little stay at the centre.
+    that keeps the tolerance: directions that the rows weigh little stay at the centre. As x is a
+    minimiser, parameters y within the tolerance have gamma D(y) >= |rows (x - a)|^2 / 2 -
+    tolerance^2 / 2 + gamma D(x); where that D(y) is a million, there are none.
 
     Args:
         rows: (k, p) with k <= p.
@@ -219,8 +222,12 @@ def nearest_with(
     scale = float(np.linalg.norm(rows @ physical.local(x)[0], 2) ** 2)
     weight = scale
     while weight > _LIGHTEST * scale:
-        if np.linalg.norm(rows @ x - target) <= tolerance:
+        left = float(np.linalg.norm(rows @ x - target))
+        if left <= tolerance:
             return x
+        farther = 0.5 * (left**2 - tolerance**2) / weight + physical.divergence(x)
+        if farther > _FARTHEST:
+            return None
         weight /= _STEEP
         x, _ = _newton(rows, target, physical, x, weight)
     return x if np.linalg.norm(rows @ x - target) <= tolerance else None
