@@ -375,9 +375,7 @@ def test_once_all_is_told_nothing_is_remembered():
     a memory begins to look later.
     """
     robot = catalogue_robot("ur5")
-    runs = [
-        list(Loop(robot, guards=guards).run(3.5)) for guards in (True, False)
-    ]
+    runs = [list(Loop(robot, guards=guards).run(3.5)) for guards in (True, False)]
     remembered = [state.sensed.first is not None for state in runs[0]]
     assert remembered[0] and not remembered[-1]
     assert all(one or not other for one, other in pairwise(remembered))  # and never again
