@@ -136,6 +136,10 @@ def test_the_file_beside_a_log_is_written_and_read_again(copy, tmp_path, capsys)
         same = pa.read_log(path, robot, intake={})
     assert np.array_equal(pa.read_log(path, robot).tau, same.tau)
     assert sorted(file.name for file in tmp_path.iterdir()) == ["log.csv", "log.intake.toml"]
+    elsewhere = tmp_path / "other.toml"
+    given = ["identify", str(path), "--robot", "panda", "--intake", str(elsewhere)]
+    assert main([*given, "--write-intake"]) == 0
+    assert list(Intake.of(elsewhere).joints) == list(Intake.of(beside).joints)
 
 
 def test_a_doubtful_log_is_no_success(copy, tmp_path, capsys):

@@ -120,6 +120,18 @@ def mistakes():
     yield "another robot", lambda log, r: (log, catalogue_robot("xarm7")), "log of another robot"
 
 
+@pytest.mark.parametrize("named", [False, True])
+def test_any_order_of_the_joints_is_found_by_what_fits(named):
+    log, robot = panda()
+    mixed = turned(log, [3, 0, 6, 1, 2, 5, 4])
+    mixed = replace(mixed, joints=tuple(robot.joint_names) if named else ())
+    (cause,) = check_torques(mixed, robot).causes
+    option, listed = cause.option.split()
+    assert option == "--joints" and "in another order" in cause.words
+    found = pa.read_log(mixed, robot, intake={"joints": listed.split(",")})
+    assert np.array_equal(found.q, log.q) and np.array_equal(found.tau, log.tau)
+
+
 def gravity_torques(log, robot):
     """Return what an arm adds that compensates gravity by its own model, without the hand."""
     gravity = pa.robot.Gravity(robot)

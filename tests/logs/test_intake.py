@@ -57,8 +57,8 @@ def test_a_file_without_header_is_recognised(tmp_path, robot, log, signals, time
     with pytest.warns(UserWarning, match="has no header; its columns were taken for"):
         found = pa.read_log(path, robot, intake=options)
     assert same(found, log, ("t", *signals))
-    first = {signal: at[0] for signal, at in found.assumed["columns"].items()}
-    assert first["q"] == str(1 + timed + 6 * signals.index("q"))
+    first = 1 + timed + 6 * signals.index("q")
+    assert found.assumed["columns"]["q"] == [f"{first}-{first + 5}"]
     assert same(read(path, robot, **options, **found.assumed), log, ("t", *signals))
 
 
@@ -85,6 +85,12 @@ def test_a_rate_replaces_missing_or_jittering_times(tmp_path, robot, log):
         assert same(read(path, robot, rate=250.0), log)
     with pytest.raises(pa.LogError, match=r"no times found.*--rate HZ"):
         pa.read_log(path, robot)
+    (tmp_path / "bare.csv").write_text(rows_of([log.q, log.v, log.tau]))
+    with (
+        pytest.raises(pa.LogError, match=r"neither a header nor a column of .*times.*--rate HZ"),
+        pytest.warns(UserWarning, match="q 1-6, v 7-12, tau 13-18"),
+    ):
+        pa.read_log(tmp_path / "bare.csv", robot)
     assert same(read(replace(log, t=log.t**1.1), robot, rate=250.0), log)
     assert same(read(write_csv(tmp_path / "2.csv", jitter), robot), log, ("q", "v", "tau"))
 
@@ -186,6 +192,19 @@ def test_joints_are_put_into_the_stated_order(tmp_path, robot, log):
     )
     torques = replace(log, tau=log.tau[:, order], joints=())
     assert same(read(torques, robot, joints={"tau": stated}), log)
+
+
+def test_stated_joints_are_names_of_columns_that_have_none(tmp_path, robot, log):
+    """Where columns have names, they are those of the log in the robot's order."""
+    order, names = [3, 0, 5, 1, 2, 4], robot.joint_names
+    mixed = replace(log, **{part: getattr(log, part)[:, order] for part in ("q", "v", "tau")})
+    unnamed = write_csv(tmp_path / "a.csv", columns_of(mixed, range(6)))
+    for source in (replace(mixed, joints=()), unnamed):
+        assert same(read(source, robot, joints=[names[k] for k in order]), log)
+    wrong = write_csv(tmp_path / "b.csv", columns_of(mixed, names, "{signal}_{label}"))
+    stated = [names[order.index(k)] for k in range(6)]
+    for source in (replace(mixed, joints=tuple(names)), wrong):
+        assert same(read(source, robot, joints=stated), log)
 
 
 # Units, gears, signs

@@ -142,7 +142,9 @@ def flawed(log, robot):
     return {
         "ascend; sample 40": replace(log, t=backwards),
         "too short": replace(log, t=1e-3 * log.t),
-        "samples are 4 s apart": replace(log, t=1e3 * log.t),
+        "If these are milliseconds, the rate is stated instead: --rate 250": replace(
+            log, t=1e3 * log.t
+        ),
         "all torques are zero": replace(log, tau=0.0 * log.tau),
         "Are these other units": replace(log, tau=far),
         "Are these degrees": replace(log, q=np.degrees(log.q), v=None),

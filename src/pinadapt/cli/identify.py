@@ -288,6 +288,8 @@ def _intake(options: argparse.Namespace) -> Intake | None:
             hint="Write the options into the files beside the logs: --write-intake, one by one.",
         )
     place = options.intake or beside.get(first)
+    if options.write_intake and place is not None and not place.is_file():
+        place = None  # it is to be written
     if place is not None:
         print(f"read as {place} says")
     return Intake.of(place).updated(**given)

@@ -24,7 +24,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations
+from itertools import combinations, islice, permutations
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -71,6 +71,8 @@ _USUAL_LOAD = (0.2, 0.2)  # of the mass of the robot, and of its reach
 _FARTHEST = 0.6  # of the reach: its centre
 _CALIBRATION = 0.2  # [kg] by which the mass of a body may be off
 _LEAST_NOISE = 0.02  # of a joint's torque
+_ORDERED, _SOME_WINDOWS = 7, 40  # joints of which all orders are tried, and by how many windows
+_BEST_ORDERS = 40  # of them that are compared in full
 _ROUNDS = 3  # in which the noise is found
 _SMALLEST, _MATCH = 0.1, 0.15  # [kg] of a body that may be missing; relative difference of its mass
 _SURE = 4.0  # standard deviations
@@ -360,7 +362,8 @@ def check_torques(log: Log, robot: Robot) -> TorqueCheck:
         LogError: fewer than two samples are finite.
     """
     motion = motion_of_log(robot, log, cutoff=CUTOFF)
-    return check_motion(motion, robot, period=log.period, source=log.source)
+    named = bool(log.joints)
+    return check_motion(motion, robot, period=log.period, source=log.source, named=named)
 
 
 def on_wall(log: Log, robot: Robot) -> Robot:
@@ -398,7 +401,12 @@ def _snapped(direction: np.ndarray) -> np.ndarray:
 
 
 def check_motion(
-    motion: MeasuredMotion, robot: Robot, *, period: float, source: str = "log"
+    motion: MeasuredMotion,
+    robot: Robot,
+    *,
+    period: float,
+    source: str = "log",
+    named: bool = True,
 ) -> TorqueCheck:
     """Compare the torques of a measured motion with those that a description predicts.
 
@@ -407,11 +415,12 @@ def check_motion(
         robot: as described.
         period: typical time between samples [s].
         source: for messages.
+        named: whether the log has names for its joints, see ``Intake.joints``.
     """
     averages = _averages(motion, robot, period)
     if len(averages.q) < _FEWEST_WINDOWS:
         return TorqueCheck(source, (), np.full(3, np.nan), (0.0, np.inf), ())
-    return _Comparison(averages, robot).result(source)
+    return _Comparison(averages, robot, named=named).result(source)
 
 
 def _averages(motion: MeasuredMotion, robot: Robot, period: float) -> _Motion:
@@ -468,8 +477,9 @@ def _fit(
 class _Comparison:
     """A motion beside a description, and what mistakes would make of them."""
 
-    def __init__(self, motion: _Motion, robot: Robot) -> None:
+    def __init__(self, motion: _Motion, robot: Robot, *, named: bool = True) -> None:
         self._motion, self._robot, self._model = motion, robot, robot.model.copy()
+        self._named = named
         self._data = self._model.createData()
         self._gravity = np.array(robot.model.gravity.linear)
         self._names, self._n = robot.joint_names, robot.model.nv
@@ -598,12 +608,15 @@ class _Comparison:
         tried = sorted((one for one in fitting if one.cause), key=lambda one: one.score)
         margin = _SURELY if plain.fits.all() else _LIKELIER
         if tried and tried[0].score < healthy - margin:
+            close = tried[0].fit.close
+            order = None if close else self._fitting_order()
             best = [one.cause for one in tried if one.score < tried[0].score + _AS_GOOD]
+            best = best if order is None else [order]
             yield from list(dict.fromkeys(cause for cause in best if cause))[:_NAMED]
-            if not tried[0].fit.close:
+            if not close and order is None:
                 yield Cause("it is the log of another robot, as this does not fit well either")
         elif healthy == np.inf:
-            yield self._unexplained(plain)
+            yield self._fitting_order() or self._unexplained(plain)
 
     def _explanations(self, plain: _TorqueFit) -> Iterator[_Explanation]:
         """Yield all mistakes that are considered, and none, each without and with a load."""
@@ -739,11 +752,46 @@ class _Comparison:
             moved = [names[j] for j in range(n) if order[j] != j]
             who = " and ".join(moved) if len(moved) == 2 else "the joints"
             how = "are swapped" if len(moved) == 2 else "are in another order"
-            listed, tau = ",".join(names[j] for j in order), motion.tau[:, order]
+            listed, tau = self._listed(order), motion.tau[:, order]
             cause = Cause(f"the columns of {who} {how}", f"--joints {listed}")
             yield from self._mended(cause, 1, motion.moved(order), tau)
             cause = Cause(f"the torques of {who} {how}", f"--joints tau:{listed}")
             yield from self._mended(cause, 1, tau=tau)
+
+    def _listed(self, order: Sequence[int]) -> str:
+        """Return what ``--joints`` says of columns (n) in the robot's order."""
+        listed = order if self._named else np.argsort(order)
+        return ",".join(self._names[j] for j in listed)
+
+    def _fitting_order(self) -> Cause | None:
+        """Return the order of the joints with which the log is close, None where none is found.
+
+        All orders of at most seven joints are compared by the torques of some windows, friction
+        included, and the best of them as any other explanation.
+        """
+        motion, n = self._motion, self._n
+        if not 2 < n <= _ORDERED:  # two can only be swapped
+            return None
+        some = np.linspace(0, len(motion.tau) - 1, _SOME_WINDOWS).astype(int)
+        q, v, a, tau = (part[some] for part in (motion.q, motion.v, motion.a, motion.tau))
+        model, data = self._model, self._data
+        model.gravity.linear = self._gravity
+        scores = []
+        for columns in map(list, islice(permutations(range(n)), 1, None)):  # the first is as it is
+            states = zip(*(part[:, columns] for part in (q, v, a)), strict=True)
+            d = np.array([pin.rnea(model, data, *state) for state in states])
+            rest = (tau[:, columns] - d) ** 2
+            share = rest.sum(axis=0) / np.maximum((tau[:, columns] ** 2).sum(axis=0), _ZERO)
+            scores.append((float(np.log(np.maximum(share, _ZERO)).clip(max=0.0).sum()), columns))
+        fits = []
+        for _, order in sorted(scores)[:_BEST_ORDERS]:
+            words = "the columns of the joints are in another order"
+            cause = Cause(words, f"--joints {self._listed(order)}")
+            mended = self._mended(cause, 1, motion.moved(order), motion.tau[:, order])
+            fits.append(min(mended, key=lambda one: one.score))
+        first, second, *_ = sorted(fits, key=lambda one: one.score)
+        good = first.fit.fits.all() and first.fit.close
+        return first.cause if good and first.score < second.score - _LIKELIER else None
 
     def _unexplained(self, plain: _TorqueFit) -> Cause:
         """Return the cause of a log that no single mistake explains."""
@@ -777,9 +825,10 @@ class _Comparison:
             fit = _fit(motion, motion.tau - load.torque, described, sizes)
             if fit.score < plain.score - _LIKELIER - _PRICE * _LOAD_NUMBERS:
                 names = ", ".join(name for name, _ in links[k:])
+                some = "are described and seem" if links[k + 1 :] else "is described and seems"
                 yield (
-                    f"{names} ({mass:.2f} kg) is described and seems not to be mounted: the log "
-                    f"shows {-load.mass:.2f} kg less behind the last joint."
+                    f"{names} ({mass:.2f} kg) {some} not to be mounted: the log shows "
+                    f"{-load.mass:.2f} kg less behind the last joint."
                 )
                 return
 

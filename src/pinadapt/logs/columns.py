@@ -93,6 +93,7 @@ def log_of_columns(table: Mapping[str, np.ndarray], selection: Selection, source
     if set(table) - named and all(name.isdecimal() for name in table) and not named:
         table, assumed["columns"] = _named_columns(table, selection, source)
     finder = _SignalFinder(table, selection, source)
+    finder.headed = "columns" not in assumed
     q, tau, v = (
         separate.get(signal, finder).of_joints(signal, alone=signal in separate)
         for signal in ("q", "tau", "v")
@@ -111,7 +112,8 @@ def log_of_columns(table: Mapping[str, np.ndarray], selection: Selection, source
     if "v" in homes and v is not None:
         v = _of_file(t, v, "v", homes["v"])
     x, x_time = finder.of_frame(), finder.single("x_time")
-    joints = _joints(table) or (tuple(selection.joints) if selection.named else ())
+    stated = tuple(selection.joints) if selection.named or finder.named else ()
+    joints = _joints(table) or stated
     assumed |= {"joints": finder.matched} if finder.matched else {}
     return Log(t, q, tau, v, joints, x, x_time, source=source, assumed=assumed)
 
@@ -218,7 +220,7 @@ def _named_columns(
             "such as t,q0,q1,v0,v1,tau0,tau1.",
         )
     chosen = {"t": ["1"]} if timed else {}
-    chosen |= {signal: list(map(str, at)) for signal, at in zip(order, parts, strict=True)}
+    chosen |= {signal: _shortened(at) for signal, at in zip(order, parts, strict=True)}
     named = {"t": table["1"]} if timed else {}
     for signal, at in zip(order, parts, strict=True):
         named |= {f"{signal}{j}": table[str(k)] for j, k in enumerate(at)}
@@ -229,6 +231,13 @@ def _named_columns(
         stacklevel=2,
     )
     return named, chosen
+
+
+def _shortened(numbers: Sequence[int]) -> list[str]:
+    """Return numbers of columns as text, neighbouring ones as a range such as 2-8."""
+    first, last = numbers[0], numbers[-1]
+    whole = len(numbers) > 1 and list(numbers) == list(range(first, last + 1))
+    return [f"{first}-{last}"] if whole else [str(k) for k in numbers]
 
 
 def _numbered(table: Mapping[str, np.ndarray], numbers: Iterable[int]) -> np.ndarray:
@@ -253,7 +262,14 @@ def _joints(table: Mapping[str, np.ndarray]) -> tuple[str, ...]:
 
 
 class _SignalFinder:
-    """Finds signals among named columns; ``only`` is what a file of one signal has."""
+    """Finds signals among named columns; ``only`` is what a file of one signal has.
+
+    Attributes:
+        source: of the columns, for messages.
+        matched: the log's names of the joints, in the order of the robot's, if they are others.
+        named: whether columns were found by names of joints, so that they are in their order.
+        headed: whether the file has a header.
+    """
 
     def __init__(
         self,
@@ -264,7 +280,7 @@ class _SignalFinder:
     ) -> None:
         self._table, self._selection, self.source = table, selection, source
         self._known = {name.strip().lower(): name for name in reversed(list(table))}
-        self._only, self.matched = only, list[str]()
+        self._only, self.matched, self.named, self.headed = only, list[str](), False, True
         for signal in selection.columns:
             if signal not in SIGNALS:
                 raise LogError(
@@ -310,6 +326,7 @@ class _SignalFinder:
         for labels in (joints, *indices):
             found = [self._of_joint(signal, label, labels is joints) for label in labels]
             if all(column is not None for column in found):
+                self.named |= labels is joints
                 after = str(int(labels[0]) + n) if labels is not joints else ""
                 if after and signal == "q" and self._of_joint(signal, after, False) is not None:
                     warnings.warn(
@@ -359,7 +376,7 @@ class _SignalFinder:
         order = match_joints(list(labels), self._selection.joints, self.source)
         if order is None:
             return None
-        self.matched = [list(labels)[k] for k in order]
+        self.matched, self.named = [list(labels)[k] for k in order], True
         return _stacked([self._table[labels[label]] for label in self.matched])
 
     def _all_of(self, signal: str) -> np.ndarray | None:
@@ -395,6 +412,12 @@ class _SignalFinder:
 
     def missing(self, signal: str) -> LogError:
         """Return the error of a signal that has no columns."""
+        if signal == "t" and not self.headed:
+            return LogError(
+                "has neither a header nor a column of ascending times.",
+                where=self.source,
+                hint="--rate HZ states the rate, or --columns t=NUMBER the column of the times.",
+            )
         what = {"t": "times", "q": "joint positions", "tau": "joint torques"}[signal]
         torque = (
             " Without torques no dynamic parameters can be estimated." if signal == "tau" else ""
@@ -402,9 +425,9 @@ class _SignalFinder:
         return LogError(
             f"no {what} found among the columns {list(self._table)}.{torque}",
             where=self.source,
-            hint=f"Name them like {_NAMES[signal][0]}, {', '.join(_NAMES[signal][1:3])}, or name "
-            f"them: --columns {signal}=NAME"
-            + (". Without times: --rate HZ." if signal == "t" else ",NAME,....")
+            hint=f"Usual names are {', '.join(_NAMES[signal][:3])}. Others are stated: --columns "
+            f"{signal}=NAME"
+            + (", or the rate if there are no times: --rate HZ." if signal == "t" else ",NAME,....")
             + (" In another file: --files tau=FILE." if signal == "tau" else ""),
         )
 

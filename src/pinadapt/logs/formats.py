@@ -314,7 +314,7 @@ class Bag(Format):
             parts["q"],
             parts["tau"],
             v if np.isfinite(v).any() else None,
-            tuple(selection.joints),
+            tuple(selection.joints) if main.joints else (),
             x,
             None if x_time is None else x_time - start,
             source=str(path),

@@ -13,6 +13,7 @@ gears, signs, and how the arm was mounted. It is applied in this order:
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -53,7 +54,8 @@ class Intake:
             one with a ``*`` for each joint's name or index; a file without header has columns 1, 2
             and so on, also as ranges such as "2-8".
         files: signal -> another file that has it, relative to the log's folder.
-        joints: names of the log's joints in the order of the robot's; or signal -> such names.
+        joints: names of the log's joints in the order of the robot's; where the log has no names,
+            those of the robot's joints in the order of its columns; or signal -> such names.
         rate: of the samples [Hz], for logs without times or with times that jitter.
         repeated: "refuse" a log with repeated samples, or "drop" these.
         degrees: whether angles and their velocities are in degrees.
@@ -281,6 +283,8 @@ class Intake:
                 if name not in known:
                     raise _no_joint(name, known, "joints")
             order = [known.index(name) for name in wanted]
+            if not log.joints:  # these are the names that the columns lack
+                order = np.argsort(order).tolist()
             part = getattr(log, signal)
             if part is not None and part.shape[1] == len(known):
                 log = replace(log, **{signal: part[:, order]})
@@ -307,7 +311,7 @@ class Intake:
             same = _same(value, getattr(plain, one.name))
             if isinstance(value, Mapping) and not same:
                 tables += ["", f"[{one.name}]  # {words}"]
-                tables += [f"{_toml(str(key))} = {_toml(part)}" for key, part in value.items()]
+                tables += [f"{_key(key)} = {_toml(part)}" for key, part in value.items()]
             elif same:
                 lines.append(f"# {one.name} = {_EXAMPLES[one.name]}  # {words}")
             else:
@@ -318,7 +322,7 @@ class Intake:
 _SAID = {
     "columns": "signal -> its columns",
     "files": "signal -> another file that has it",
-    "joints": "joints of the log, in the order of the robot's",
+    "joints": "the log's joints in the robot's order; without names there: those of its columns",
     "rate": "samples a second",
     "repeated": "or drop repeated samples",
     "degrees": "angles in degrees",
@@ -380,11 +384,16 @@ def _toml(value: Any) -> str:
         escaped = value.replace("\\", "\\\\").replace('"', '\\"')
         return f'"{escaped}"'
     if isinstance(value, Mapping):
-        inner = ", ".join(f"{_toml(str(key))} = {_toml(part)}" for key, part in value.items())
+        inner = ", ".join(f"{_key(key)} = {_toml(part)}" for key, part in value.items())
         return f"{{ {inner} }}"
     if isinstance(value, Sequence):
         return f"[{', '.join(_toml(part) for part in value)}]"
     return repr(value)
+
+
+def _key(name: Any) -> str:
+    """Return a key as TOML, quoted where it has to be."""
+    return str(name) if re.fullmatch(r"[A-Za-z0-9_-]+", str(name)) else _toml(str(name))
 
 
 def _at(name: str | None) -> str:

@@ -19,6 +19,7 @@ from ..robot.robot import Robot
 
 _EPOCH = 1e6  # [s] beyond which times count from an epoch such as 1970
 _SHORTEST, _FEWEST = 1.0, 100  # [s] and samples
+_FASTEST = 1e-4  # [s] between samples of robots
 _SLOWEST = 0.2  # [s] between samples, beyond which inertia has no visible effect
 _REPEATED = 0.05  # share of the samples that may repeat the one before
 _MEASURED = 0.5  # share of the samples that must be finite
@@ -330,8 +331,17 @@ def _check_times(log: Log, robot: Robot) -> None:
         raise LogError(
             f"samples are {log.period:.4g} s apart, too far for inertia to have a visible effect.",
             where=where,
-            hint="Times must be in seconds, not milliseconds. Otherwise record at 20 Hz or more.",
+            hint=f"Record at 20 Hz or more, with times in seconds.{_other_unit(log.period)}",
         )
+
+
+def _other_unit(period: float) -> str:
+    """Return the unit that the times may have, by a period that is too long in seconds."""
+    for unit, per_second in (("milli", 1e3), ("micro", 1e6), ("nano", 1e9)):
+        if _FASTEST <= period / per_second <= _SLOWEST:
+            rate = per_second / period
+            return f" If these are {unit}seconds, the rate is stated instead: --rate {rate:.4g}."
+    return ""
 
 
 def _check_repeated(log: Log, robot: Robot) -> None:
