@@ -180,7 +180,18 @@ def measure(name: str, reality: str, adaptation: str) -> dict[str, Any]:
 
 def report(rows: Iterable[Mapping[str, Any]]) -> str:
     """Return a table in Markdown with one line for each reality and adaptation."""
-    head = ["reality", "adaptation", "robots", "median [%]", "worst [%]", "lost", "1 s after the change [%]", "mass", "peak [%]", "chatter"]
+    head = [
+        "reality",
+        "adaptation",
+        "robots",
+        "median [%]",
+        "worst [%]",
+        "lost",
+        "1 s after the change [%]",
+        "mass",
+        "peak [%]",
+        "chatter",
+    ]
     table = [head, ["---"] * len(head)]
     groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for row in rows:
