@@ -2,8 +2,10 @@
 
 import copy
 import pickle
+import threading
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -140,3 +142,50 @@ def test_errors_of_a_step_come_back_from_another_process(pool, spoilt, kind):
     there = pool.submit(fails, controller, samples, spoilt).exception(timeout=100)
     assert type(there) is type(here.value) is kind
     assert str(there) == str(here.value) and repr(vars(there)) == repr(vars(here.value))
+
+
+def test_a_second_thread_gets_an_error_never_a_wrong_torque(monkeypatch):
+    """It comes while the first is between the models and the law."""
+    ur5 = catalogue_robot("ur5")
+    controller = pa.make_controller(ur5, adaptation="natural")
+    plant = pa.plants.PinocchioPlant(ur5)
+    samples = [plant.measurement(ur5.q0 + shift, np.zeros(6)) for shift in (0.1, -0.2)]
+    states = [controller.init(sample) for sample in samples]
+    desired = [pa.Desired(sample.x + 0.01, np.zeros(3), np.zeros(3)) for sample in samples]
+
+    def torque(k):
+        return controller.step(states[k], samples[k], desired[k], 1e-3)[0]
+
+    alone, law, refused = torque(0), controller.law, []
+
+    def second():
+        for use in (
+            lambda: torque(1),
+            lambda: controller.observe(states[1], samples[1], desired[1]),
+            lambda: controller.limited(5.0).init(samples[1]),
+        ):
+            with pytest.raises(pa.InputError, match="another thread"):
+                use()
+            refused.append(use)
+
+    def command(s, model):
+        thread = threading.Thread(target=second)
+        thread.start()
+        thread.join()
+        return law.command(s, model)
+
+    monkeypatch.setattr(controller, "law", SimpleNamespace(command=command))
+    assert np.array_equal(torque(0), alone) and len(refused) == 3
+
+
+def test_a_refused_sample_leaves_the_controller_free():
+    ur5 = catalogue_robot("ur5")
+    controller = pa.make_controller(ur5, adaptation="natural")
+    sample = pa.plants.PinocchioPlant(ur5).measurement(ur5.q0, np.zeros(6))
+    state, still = controller.init(sample), np.zeros(3)
+    desired = pa.Desired(sample.x, still, still)
+    with pytest.raises(pa.MeasurementError):
+        controller.step(state, sample._replace(q=np.full(6, np.nan)), desired, 1e-3)
+    with pytest.raises(pa.PinadaptError):
+        controller.init(None)
+    controller.step(state, sample, desired, 1e-3)

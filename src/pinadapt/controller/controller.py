@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from dataclasses import replace
+from threading import Lock
 from types import EllipsisType
 from typing import Any
 
@@ -45,9 +46,9 @@ class Controller:
     """A control law, a model of the robot, and the adaptation of its parameters; immutable.
 
     ``init`` and ``step`` are pure: all memory is in the ``ControllerState`` that goes in and comes
-    out. The models' Pinocchio data are scratch, so one controller serves one thread at a time; a
-    copy (``copy.deepcopy``, ``pickle``) has scratch of its own and gives the same torques to the
-    bit.
+    out. The models' Pinocchio data are scratch, so one controller serves one thread at a time, and
+    a second one gets an error; a copy (``copy.deepcopy``, ``pickle``) has scratch of its own and
+    gives the same torques to the bit.
 
     Attributes:
         law: the control law.
@@ -99,11 +100,17 @@ class Controller:
         self._estimated = EstimatedModel(
             kinematics, dynamics, adaptation_k, adaptation_d, nothing, nothing
         )
+        self._alone = Lock()  # for a thread that uses the scratch
         compile_all()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Copy all but the lock."""
+        return {name: value for name, value in vars(self).items() if name != "_alone"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Have the kernels compiled where a copy arrives in a new process."""
         self.__dict__.update(state)
+        self._alone = Lock()
         compile_all()
 
     def __repr__(self) -> str:
@@ -127,6 +134,7 @@ class Controller:
         if governor is not None:
             governor = governor.limited(torque)
         other.limits = replace(self.limits, torque=torque, governor=governor)
+        other._alone = self._alone
         return other
 
     def init(
@@ -154,8 +162,26 @@ class Controller:
             ImplausibleError: the robot cannot be there, see ``FirstSamples``.
             InputError: no measurement.
             ParameterError: estimates of the wrong size, non-finite, or outside of their domain.
+            InputError: another thread is using this controller.
         """
-        measurement = self._inputs.first(measurement)
+        if not self._alone.acquire(blocking=False):
+            raise _used_by_another_thread()
+        try:
+            return self._first_state(
+                self._inputs.first(measurement), a_k, a_d, information, adapting
+            )
+        finally:
+            self._alone.release()
+
+    def _first_state(
+        self,
+        measurement: Measurement,
+        a_k: np.ndarray | None,
+        a_d: np.ndarray | None,
+        information: np.ndarray | None,
+        adapting: bool,
+    ) -> ControllerState:
+        """Return the state to start from, as ``init``, for a measurement that was checked."""
         kinematics, dynamics = self.kinematics, self.dynamics
         a_k = initial_estimate(a_k, kinematics.initial, "belief.kinematic", kinematics.names)
         dynamic = self.adaptation_d.init(
@@ -271,7 +297,10 @@ class Controller:
             InputError: the desired motion, dt or the state cannot be used.
             DivergedError: torque or estimates went wrong, see ``watch``, or the law met a
                 singularity.
+            InputError: another thread is using this controller.
         """
+        if not self._alone.acquire(blocking=False):
+            raise _used_by_another_thread()
         try:
             s, sensed, elapsed = self._observe(state, measurement, desired, dt)
             model = self._model(state, s, elapsed)
@@ -295,6 +324,8 @@ class Controller:
             # a signal that is not finite is the likelier cause
             self._inputs.finite(*self._inputs.sample(state, measurement, desired))
             raise DivergedError(str(error)) from error
+        finally:
+            self._alone.release()
         return torque, ControllerState(
             s.t, dynamic, kinematic, s.a_0, filters, state.adapting, state.load, sensed,
             torque_filter, path,
@@ -326,7 +357,12 @@ class Controller:
         Raises:
             MeasurementError, InputError: as ``step``.
         """
-        s = self._observe(state, measurement, desired)[0]
+        if not self._alone.acquire(blocking=False):
+            raise _used_by_another_thread()
+        try:
+            s = self._observe(state, measurement, desired)[0]
+        finally:
+            self._alone.release()
         s.xd, s.xd_d, s.xdd_d = s.xd.copy(), s.xd_d.copy(), s.xdd_d.copy()
         return s
 
@@ -514,6 +550,14 @@ class Controller:
         if kinematic is None or dynamic is None:
             return None
         return self.adaptation_d.emphasis(state.dynamic) * kinematic + dynamic
+
+
+def _used_by_another_thread() -> InputError:
+    return InputError(
+        "another thread is using this controller, whose models are scratch.",
+        where="controller",
+        hint="Give each thread a copy: copy.deepcopy(controller). States may be shared.",
+    )
 
 
 def controller_sheet(controller: Controller) -> Sheet:
