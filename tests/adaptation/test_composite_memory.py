@@ -315,11 +315,11 @@ def test_lyapunov_equality_while_the_share_falls(name, share):
 
 
 def test_memory_is_not_trusted_where_innovations_last():
-    """A torque that no parameter explains; if it alternates, the trust stays."""
+    """A torque that no parameter explains; if it alternates, or by request, some trust stays."""
     gains = {"rate": 6.0, "share": 0.1, "lone_share": 0.5, "unexplained": 0.1}
     emphases = []
-    for sign in (lambda k: 1.0, lambda k: (-1.0) ** (k // 20)):
-        adaptation, estimate, truth = remembering(**gains)
+    for sign, least in ((lambda k: 1.0, 0.0), (lambda k: (-1.0) ** (k // 20), 0.0), (lambda k: 1.0, 0.6)):
+        adaptation, estimate, truth = remembering(**gains, least_trust=least)
         W = np.random.default_rng(4).standard_normal((1, 2, 6))[0]
         for k in range(3000):
             turned = W * np.cos(0.02 * k + np.arange(6))
@@ -327,6 +327,7 @@ def test_memory_is_not_trusted_where_innovations_last():
             estimate = adaptation.step(estimate, drive, 1e-3)
         emphases.append(adaptation.emphasis(estimate))
     assert emphases[0] > 4.0 and emphases[1] < 1.5, emphases
+    assert emphases[2] == pytest.approx((1.0 - 0.6) * 0.5 / 0.1)
 
 
 def test_memory_rests_while_a_motor_saturates():
@@ -552,6 +553,7 @@ def test_names_gains_and_sources():
         {"share": 0.5, "lone_share": 1.5},
         {"contradiction": 0.0},
         {"unexplained": 0.0},
+        {"least_trust": 1.5},
         {"interval": 2.0},
         {"agreement": -1.0},
     ):

@@ -111,7 +111,7 @@ def task_feedback(law, s, error):
 
 def joint_feedback(law, s, error):
     """Of the separation law: the torque of its feedback."""
-    return law.K_D(s.q, s.filtered.age) @ error
+    return law.K_D(s.q, s.filtered.age, s.dx) @ error
 
 
 def spring_and_brake(law, s, error):

@@ -1,6 +1,7 @@
 """Motors that are late and joints that give way, which nobody declared."""
 
 import warnings
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -32,6 +33,38 @@ def test_beside_a_memory_the_damping_is_for_late_motors_but_at_the_start(name):
         assert np.allclose(slow.K_D(robot.q0, age), fast.K_D(robot.q0), rtol=1e-12)
     ages = [rates(slow, robot, age)[-1] for age in np.linspace(3.0, 6.0, 5) * LATE]
     assert (np.diff(ages) < 0.0).all() and ages[-1] == rates(slow, robot)[-1]
+
+
+def test_a_large_error_takes_the_damping_back_while_loads_may_be_unknown():
+    """From 2 % of the reach on, wholly in the first second, until two."""
+    robot = catalogue_robot("panda")
+    fast, slow = (pa.make_controller(robot, adaptation=a).law for a in ("natural", MEMORY))
+    q, direction = robot.q0, np.array([0.6, 0.0, -0.8])
+
+    def gain(share, age):
+        return slow.K_D(q, age, share * robot.reach * direction)
+
+    for age in (0.1, 1.0):
+        assert np.allclose(gain(0.02, age), fast.K_D(q), rtol=1e-12)
+    assert np.array_equal(gain(0.01, 0.5), slow.K_D(q))
+    assert np.array_equal(gain(0.5, 2.0), slow.K_D(q))
+    sizes = [np.trace(gain(share, 0.5)) for share in (0.011, 0.014, 0.017, 0.02)]
+    later = [np.trace(gain(0.03, age)) for age in (2.0, 1.8, 1.5, 1.1)]
+    assert (np.diff(sizes) > 0.0).all() and (np.diff(later) > 0.0).all()
+
+
+def test_a_heavy_load_that_nobody_announced_does_not_spin_a_light_wrist():
+    """1 kg 0.1 m off the axis of a flange of 80 g, in the first half second."""
+    robot = light_wrist()
+    true = robot.changed(payload=pa.Payload(1.0, (0.1, 0.0, 0.0)))
+    largest = []
+    for lasting in (True, False):
+        controller = pa.make_controller(robot, adaptation=MEMORY)
+        if not lasting:
+            controller.law = replace(controller.law, far=np.zeros(3))
+        rollout = pa.simulate(true, controller, pa.reachable_circle(robot), duration=0.5)
+        largest.append(rollout.distance.max())
+    assert largest[0] < 0.8 * largest[1], largest
 
 
 @pytest.mark.parametrize("given", [{"lag": 0.003}, {"Kv": 5.0}, {"dt": 6e-3}], ids=str)

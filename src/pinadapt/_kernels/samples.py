@@ -111,9 +111,10 @@ def path_rate(
     """Fill factor (1) with the smallest of the governor's factors and return which one it is.
 
     0: none is below 1; 1: error; 2: frames; 3 + i, 3 + n + i, 3 + 2 n + i: effort, stop and speed
-    of joint i. See ``Governor``. The velocity of the joints for the path at full rate is J^+ (x_d'
-    + ahead ds/dt x_d''), with J^+ = J^T gram_inverse, x_d' = xd_d / rate and x_d'' (ds/dt)^2 =
-    xdd_d - x_d' d^2s/dt^2.
+    of joint i. See ``Governor``. The velocity of the joints for the path at full rate is the larger
+    of J^+ x_d' and J^+ (x_d' + ahead ds/dt x_d''), with J^+ = J^T gram_inverse, x_d' = xd_d / rate
+    and x_d'' (ds/dt)^2 = xdd_d - x_d' d^2s/dt^2. A factor f below the rate becomes f (f / rate)^2:
+    the rate has f as its equilibrium, but follows with more than a lag (damping 1 / sqrt(3)).
     """
     n, m, found, least = len(q), len(xd_d), 0, 1.0
     place, turn, joint = 0.0, 0.0, 0.0
@@ -142,20 +143,26 @@ def path_rate(
             found, least = 3 + i, bound
         if not moving:
             continue
-        speed = 0.0
+        speed, now = 0.0, 0.0
         for j in range(m):
             transposed = 0.0
             for k in range(m):
                 transposed += J[k, i] * gram_inverse[k, j]
             velocity = xd_d[j] / rate
+            now += transposed * velocity
             speed += transposed * (velocity + lead_s * (xdd_d[j] - velocity * acceleration) / rate)
+        if abs(now) > abs(speed):
+            speed = now
         room = upper[i] - q[i] if speed > 0.0 else q[i] - lower[i]
         if room < lead * abs(speed):
             bound = max(room / (lead * abs(speed)), creep)
             if bound < least:
                 found, least = 3 + n + i, bound
-        if abs(speed) > velocity_limits[i] and velocity_limits[i] / abs(speed) < least:
-            found, least = 3 + 2 * n + i, velocity_limits[i] / abs(speed)
+        bound = velocity_limits[i] / max(abs(speed), 1e-300)
+        if bound < rate:
+            bound *= (bound / rate) ** 2
+        if bound < least:
+            found, least = 3 + 2 * n + i, bound
     factor[0] = least
     return found
 

@@ -208,8 +208,11 @@ class CompositeMemory(Wrapper):
     Distrust:   where there is a tracking error, innovations that last contradict the assumption
                 W a = y itself, as friction does that is in no parameter. With q^2 the mean square
                 of the innovations, scaled to d and averaged over 10 / bandwidth with their signs,
-                rho is multiplied by 1 / (1 + (q^2 / unexplained)^2), and kappa(t) is at least the
-                complementary share of kappa_2. Where nothing is explained this is the inner
+                rho is multiplied by 1 / (1 + (q^2 / unexplained)^2), or ``least_trust`` where that
+                is larger, and kappa(t) is at least the complementary share of kappa_2. A least
+                trust is for models that explain all joints' friction: innovations that last then
+                come from a prior that is far too narrow, such as that of a wrist with a heavy load,
+                and only the memory mends that. Where nothing is explained this is the inner
                 adaptation at that share of its speed. V may rise by dkappa/dt (the law's V) while
                 q^2 rises.
     Limits:     while a motor saturates, the missing torque may be that of an obstacle. The memory
@@ -240,6 +243,7 @@ class CompositeMemory(Wrapper):
         lone_share: kappa_2, with which it teaches beside a memory that explains nothing.
         contradiction: d above which the memory begins anew; infinite for never.
         unexplained: q^2 at which the memory is trusted by half; infinite for always wholly.
+        least_trust: from 0 to 1, that lasting innovations leave.
         interval: between evaluations of H da [s]; zero for every sample.
         agreement: size of the torques that memory and estimate differ by, relative to the noise,
             below which rho is reduced; zero for never.
@@ -262,6 +266,7 @@ class CompositeMemory(Wrapper):
         lone_share: float | None = None,
         contradiction: float = math.inf,
         unexplained: float = math.inf,
+        least_trust: float = 0.0,
         interval: float = 0.0,
         agreement: float = 0.0,
         unit: float = 1.0,
@@ -281,13 +286,14 @@ class CompositeMemory(Wrapper):
                 never.
             unexplained: mean square of lasting innovations at which the memory is trusted by half;
                 infinite: always wholly.
+            least_trust: from 0 to 1, that is left of it at the largest ones.
             interval: between evaluations of H da [s], at most 1 / rho; zero: every sample.
             agreement: below which difference of the torques, relative to the noise, rho is reduced.
             unit: of P, by which information of other data is multiplied.
 
         Raises:
-            GainError: gains that are not positive, shares above one or below kappa, or too long an
-                interval.
+            GainError: gains that are not positive, shares above one or below kappa, a trust above
+                one, or too long an interval.
         """
         super().__init__(inner)
         self.name = _WITH_MEMORY.get(inner.name, inner.name)
@@ -307,6 +313,9 @@ class CompositeMemory(Wrapper):
         self.lone_share = self._greater(lone_share, "lone_share")
         self.contradiction = _positive_or_infinite(contradiction, "contradiction")
         self.unexplained = _positive_or_infinite(unexplained, "unexplained")
+        self.least_trust = positive(least_trust, "least_trust", zero=True)
+        if self.least_trust > 1.0:
+            raise GainError(f"must be at most 1, got {self.least_trust:g}.", where="least_trust")
         self.interval = positive(interval, "interval", zero=True)
         if self.interval * self.speed > 1.0:
             raise GainError(
@@ -450,7 +459,8 @@ class CompositeMemory(Wrapper):
 
     def _trust(self, clock: _Clock) -> float:
         """Return the share of rho that holds where some innovations last."""
-        return 1.0 / (1.0 + (clock.unexplained**2 / self.unexplained) ** 2)
+        trust = 1.0 / (1.0 + (clock.unexplained**2 / self.unexplained) ** 2)
+        return max(trust, self.least_trust)
 
     def _emphasis(self, clock: _Clock) -> float:
         """Return kappa(t) / kappa."""

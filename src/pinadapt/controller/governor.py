@@ -74,8 +74,9 @@ class Governor:
     * effort: 1 up to the share ``effort`` of a motor's limit, 0 at the limit;
     * joint stop: 1 while the path at full rate needs longer than ``lead`` to a joint's stop, in
       proportion below, at least ``creep``;
-    * joint speed: what brings the velocity of the joints for the path, J_hat^+ x_d' as it will be
-      when the rate has followed, to the share ``speed`` of the description's limits;
+    * joint speed: what brings the velocity of the joints for the path, J_hat^+ x_d' now or as it
+      will be when the rate has followed, whichever is larger, to the share ``speed`` of the
+      description's limits; less while the rate is still above that;
     * frames: 1 while the latest frame is as old as the declared camera explains, 0 at ``gap`` more.
 
     The rate follows the target through two low passes in a row, dy/dt = w (target - y) and

@@ -30,6 +30,8 @@ _DAMPING, _STEP = 3.0, 0.5  # K_v in bandwidths times inertia; at most this time
 _LOAD, _ARM = 0.1, 0.05  # load assumed for K_D: of the robot's mass, of its reach off the flange
 _CARRIED, _MOST = 0.05, 2.5  # for late motors: least inertia, of the load's; most, of the joint's
 _EAGER = 3.0  # times the delay of the motors, during which a ringing does not grow
+_FAR, _TURNED = 0.01, 0.06  # errors that are large: of the reach, and [rad]
+_UNKNOWN = 1.0  # [s] after the start, during which a load that nobody announced may strike
 _OBSERVER = 1.0  # beta in bandwidths
 _FAST = 0.5  # Y_fast in parts of the largest norm of a typical motion
 _TINY = 1e-300
@@ -85,7 +87,9 @@ class Separation(Law):
         M_0: returns the nominal mass matrix (n, n) at q (nq), where there is a lag.
         late: [s], a longer lag for motors that may be late by so much: K_D^-1 = K_v^-1 + R^-1 with
             R = M_0 / late + diag(carried). Until 3 late after the start R is M_0 / lag, and goes
-            over within another 3 late. Zero: R stays M_0 / lag.
+            over within another 3 late. In the first two seconds a large task error takes it back,
+            see ``tolerant``. Zero: R stays M_0 / lag.
+        far: (m) one over the task errors that are large [1/m or 1/rad].
         carried: (n) for joints that are light beside the assumed load, see ``tolerant`` [N m s/rad
             or N s/m].
         Y_fast: norm of Y_k beyond which c is scaled down with its square, sigma = min(1, Y_fast^2 /
@@ -108,6 +112,7 @@ class Separation(Law):
     lag: float = 0.0
     M_0: Callable[[np.ndarray], np.ndarray] | None = None
     late: float = 0.0
+    far: Any = 0.0
     carried: Any = 0.0
     Y_fast: float = math.inf
 
@@ -174,19 +179,28 @@ class Separation(Law):
             **gains,
         )
 
-    def K_D(self, q: np.ndarray, age: float = math.inf) -> np.ndarray:
-        """Return K_D (n, n) at q (nq), at a time after the start [s]."""
+    def K_D(
+        self, q: np.ndarray, age: float = math.inf, dx: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Return K_D (n, n) at q (nq), at a time after the start [s] and a task error dx (m).
+
+        Without an error, K_D is that of a small one.
+        """
         if self.M_0 is None or not self.lag:
             return np.asarray(self.K_v)
-        rate, carried = self._limit(age)
+        rate, carried = self._limit(age, dx)
         R = rate * self.M_0(q) + np.diag(carried)
         return np.linalg.inv(np.linalg.inv(self.K_v) + np.linalg.inv(R))
 
-    def _limit(self, age: float) -> tuple[float, np.ndarray]:
+    def _limit(self, age: float, dx: np.ndarray | None) -> tuple[float, np.ndarray]:
         """Return r [1/s] and d (n) of R = r M_0 + diag(d) at a time after the start [s]."""
         if not self.late:
             return 1.0 / self.lag, self.carried
         share = min(1.0, max(0.0, age / (_EAGER * self.late) - 1.0))
+        if dx is not None and age < 2.0 * _UNKNOWN:
+            off = self.far * dx
+            large = min(1.0, max(0.0, math.sqrt(off.dot(off)) - 1.0))
+            share *= 1.0 - large * min(1.0, 2.0 - age / _UNKNOWN)
         return (1.0 - share) / self.lag + share / self.late, share * self.carried
 
     def tolerant(self, late: float, robot: Robot) -> Separation:
@@ -198,13 +212,23 @@ class Separation(Law):
         but at most as 2.5 times its own. No joint is damped more than with the shorter lag. All
         have that one at the start, when nothing is learned and the errors of the model strike:
         within 3 T a ringing does not grow.
+
+        A wrist whose load nobody announced may have a hundred times the inertia that the model
+        gives it, and its own inertia / T brakes it within seconds only: the load spins it before it
+        is learned. An error of the position beyond 1 % of the reach, or of an angle beyond 0.06
+        rad, shows that. From twice as much on the shorter lag is back, wholly in the first second
+        and less and less until two: later, with the load learned, a large error is rather that of
+        an obstacle or of motors at their limits, and the shorter lag would only ring. V has the
+        same derivative with any K_D.
         """
         if not self.lag or late <= self.lag:
             return self
         M = pin.crba(robot.model, robot.model.createData(), robot.q0)
         own, load = 1.0 / np.diag(np.linalg.inv(M)), _loaded_inertia(robot) - np.diag(M)
         counted = np.clip(_CARRIED * load, own, min(_MOST, late / self.lag) * own)
-        return replace(self, late=late, carried=(counted - own) / late)
+        far = np.full(self.task.size, 1.0 / _TURNED)
+        far[: self.task.positions] = 1.0 / (_FAR * robot.reach)
+        return replace(self, late=late, far=far, carried=(counted - own) / late)
 
     def decorrelated(self, bandwidth: float) -> Separation:
         """Return the law with another lambda_s [1/s]."""
@@ -237,7 +261,7 @@ class Separation(Law):
         """Return tau = Y a_d - K_D s, and the drives of both estimates."""
         M_0, limit = None, None
         if self.M_0 is not None and self.lag:
-            M_0, limit = self.M_0(s.q), self._limit(s.filtered.age)
+            M_0, limit = self.M_0(s.q), self._limit(s.filtered.age, s.dx)
         u, ud = self._reference(s)
         kinematic = self._kinematic_drive(s)
         a_k_rate = model.adaptation_k.rate(model.kinematic, kinematic).value
@@ -283,7 +307,8 @@ class Separation(Law):
         """Return dV/dt, but for what a change of sigma adds."""
         error, dx_o, epsilon = self._reference_error(s), s.filtered.dx_o, s.epsilon
         f = truth.friction.torque
-        joints = error @ (self.K_D(s.q, s.filtered.age) @ error) + error @ (f(s.v) - f(s.v - error))
+        K_D = self.K_D(s.q, s.filtered.age, s.dx)
+        joints = error @ (K_D @ error) + error @ (f(s.v) - f(s.v - error))
         task = self.sigma(s) * self.c * self.beta * dx_o @ dx_o + epsilon @ (self.R_k @ epsilon)
         return float(-joints - task)
 
