@@ -35,7 +35,6 @@ from .exceptions import PinadaptError as PinadaptError
 from .exceptions import RobotError as RobotError
 from .exceptions import ScenarioError as ScenarioError
 from .exceptions import UnusedGainWarning as UnusedGainWarning
-from .excitation import ExcitingMotion as ExcitingMotion
 from .excitation import excite as excite
 from .identification import Identification as Identification
 from .identification import identify as identify
@@ -56,6 +55,7 @@ from .simulation import Engine as Engine
 from .simulation import Events as Events
 from .simulation import run as run
 from .simulation import simulate as simulate
+from .sweep import sweep as sweep
 from .tuning import Unknown as Unknown
 from .tuning import make_controller as make_controller
 from .tuning import make_estimator as make_estimator

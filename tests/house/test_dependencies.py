@@ -13,7 +13,13 @@ from tests.support.paths import ROOT
 TEXT = (ROOT / "pyproject.toml").read_text()
 PROJECT = toml.loads(TEXT)["project"]
 EXTRAS = PROJECT["optional-dependencies"]
-OPTIONAL = ("mujoco", "bags", "descriptions")  # extras whose packages the library imports
+OPTIONAL = (
+    "mujoco",
+    "bags",
+    "descriptions",
+    "sweep",
+    "dask",
+)  # extras whose packages the library imports
 PROVIDED = {
     "pin": {"pinocchio", "coal"},
     "example_robot_data_loaders": {"example_robot_data"},
@@ -72,4 +78,6 @@ def test_every_extra_that_is_named_exists(folder):
 
 
 def test_the_tests_have_the_packages_of_the_extras_that_need_no_network():
-    assert {"pinadapt[mujoco]", "pinadapt[bags]"} <= set(EXTRAS["dev"])
+    assert {"pinadapt[mujoco]", "pinadapt[bags]", "pinadapt[sweep]", "pinadapt[dask]"} <= set(
+        EXTRAS["dev"]
+    )

@@ -45,6 +45,7 @@ LAYERS = [
     {"simulation"},
     {"excitation"},
     {"scenario", "zoo", "identification"},
+    {"sweep"},
     {"cli"},
 ]
 LAYER = {name: level for level, names in enumerate(LAYERS) for name in names}

@@ -67,7 +67,7 @@ DOWN = {
     "Drive Drives ErrorLeak Estimate ExponentiatedGradient Frozen Gradient GravityProjection Leak "
     "LeastSquares MassMatrixProjection MatrixInequality Natural Normalised Stacked Wrapper",
     "controller": "NominalRobot Guards Senses SensorQuality",
-    "excitation": "LimitUse",
+    "excitation": "ExcitingMotion LimitUse",
     "filters": "FilteredRegressor FilteredTorque Filters LowPass MotionFilters NoFilters "
     "PositionObserver",
     "information": "Excitation Information PayloadEstimate",

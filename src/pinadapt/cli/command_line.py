@@ -33,6 +33,7 @@ _COMMANDS = {
     "run": "run a scenario",
     "view": "show a finished run, or run a scenario and show it live",
     "compare": "run several laws on one scenario",
+    "sweep": "run a scenario or a function with many values on all cores, as one table",
     "identify": "estimate a robot's parameters from a recorded motion, without control",
     "cite": "print the BibTeX entries of what a scenario uses",
     "robots": "list the robots of the catalogue",

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .._output import Table
+from .._output import Table, html_page
 from ..description.chain import position_limits, velocity_limits
 from ..exceptions import ParameterError
 from ..information.information import Information
@@ -30,19 +30,6 @@ if TYPE_CHECKING:
 _BETTER = 1.1  # by which another model must predict better to be worth a warning
 _SINGULAR = 1e-10  # share of the largest singular value that least squares leaves out
 _DPI = 100
-
-_STYLE = """
-body { font: 15px/1.45 system-ui, sans-serif; color: #222; background: #fff; margin: 2em auto;
-  max-width: 1100px; padding: 0 1em; }
-h1 { font-size: 1.5em; margin-bottom: 0.2em; } h2 { font-size: 1.15em; margin-top: 2em; }
-table { border-collapse: collapse; margin: 0.8em 0; font-size: 13px;
-  font-variant-numeric: tabular-nums; }
-th, td { padding: 2px 10px; border-bottom: 1px solid #ddd; } th { border-bottom: 1px solid #777; }
-tr:hover td { background: #f4f6f8; } img { max-width: 100%; }
-.warning, .note { border-left: 4px solid #e08000; padding: 0.5em 1em; margin: 0.4em 0; }
-.warning { background: #fff3e0; } .note { background: #eef3f8; border-color: #4878a8; }
-code { background: #f2f2f2; padding: 0.1em 0.3em; }
-"""
 
 
 def page(
@@ -77,10 +64,7 @@ def page(
     if found.dynamic.names:
         parts += _left_open(found, motion, command)
     parts += _parameters(found)
-    return (
-        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}'
-        f"</title><style>{_STYLE}</style></head><body>\n" + "\n".join(parts) + "\n</body></html>\n"
-    )
+    return html_page(title, parts)
 
 
 def _boxes(kind: str, texts: Sequence[str]) -> list[str]:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from ..adaptation.natural import MatrixInequality
 from ..controller.controller import Controller
@@ -79,6 +79,25 @@ def _hint_of_another_chain(changed: Sequence[str], tables: ScenarioTables) -> It
         raise type(error)(error.what, where=error.where, hint=before + hint) from error
 
 
+class Kept(Protocol):
+    """Robots and controllers that were made before."""
+
+    def once(self, kind: str, of: str, make: Callable[[], Any]) -> Any:
+        """Return what was made before from the same, or make it."""
+
+
+def _anew(kind: str, of: str, make: Callable[[], Any]) -> Any:
+    return make()
+
+
+def _made_from(tables: ScenarioTables, folder: Path) -> tuple[str, str]:
+    """Return what the described robot and the controller are made from, as texts."""
+    robot = f"{folder} {tables.robot.model_dump_json()}"
+    parts = [each.model_dump_json() for each in (tables.belief, tables.unknown, tables.controller)]
+    simulation = tables.simulation.model_dump_json(exclude={"duration", "seed", "substeps"})
+    return robot, " ".join([robot, *parts, str(tables.reference.governor), simulation])
+
+
 @dataclass(frozen=True, eq=False)
 class Scenario:
     """Everything that a run needs, built and checked before anything moves.
@@ -124,14 +143,22 @@ class Scenario:
             return cls.build(tables, path.parent)
 
     @classmethod
-    def build(cls, tables: ScenarioTables, folder: Path) -> Scenario:
+    def build(cls, tables: ScenarioTables, folder: Path, kept: Kept | None = None) -> Scenario:
         """Build a scenario from checked tables; relative paths are relative to ``folder``.
+
+        Args:
+            tables: the checked tables.
+            folder: to which paths are relative.
+            kept: robots and controllers of other scenarios, taken where they are the same; one
+                controller must not step in two threads at a time.
 
         Raises:
             InputError: the tables cannot be used.
         """
+        robot_of, controller_of = _made_from(tables, folder)
+        made = _anew if kept is None else kept.once
         with prefix_errors("robot"):
-            described = _described(tables, folder)
+            described = made("robot", robot_of, lambda: described_robot(tables, folder))
         with prefix_errors("truth"):
             true = true_robot(described, tables.truth)
         with prefix_errors("belief"):
@@ -144,7 +171,11 @@ class Scenario:
         with prefix_errors("controller"):
             sensors = _sensors(tables.simulation)
             unknown = _unknown(tables.unknown, learned, folder)
-            controller = _controller(tables, described, unloaded, load, sensors, unknown)
+            controller = made(
+                "controller",
+                controller_of,
+                lambda: _controller(tables, described, unloaded, load, sensors, unknown),
+            )
         with prefix_errors("belief"):
             start = _start(tables.belief, learned, controller)
         with prefix_errors("reference"):
@@ -220,7 +251,8 @@ class Scenario:
             )
 
 
-def _described(tables: ScenarioTables, folder: Path) -> Robot:
+def described_robot(tables: ScenarioTables, folder: Path) -> Robot:
+    """Return the robot of [robot], as described; paths are relative to ``folder``."""
     robot = tables.robot
     return load(
         folder / robot.source if is_path(robot.source) else robot.source,

@@ -466,12 +466,21 @@ def read_tables(path: Path, settings: Sequence[str] = ()) -> ScenarioTables:
         ScenarioError: the file is missing or not TOML, or a key or value is not allowed.
     """
     _refuse_robots(path)
-    raw = read_toml(path)
+    return tables_with(read_toml(path), dict(map(_parsed, settings)), str(path))
+
+
+def tables_with(raw: dict[str, Any], values: Mapping[str, Any], where: str) -> ScenarioTables:
+    """Return checked tables after writing values by dotted keys into raw ones.
+
+    Raises:
+        ScenarioError: a key or value is not allowed.
+    """
     kind = _kind_of(raw)
-    keys = [_apply(raw, setting) for setting in settings]
+    for key, value in values.items():
+        put(raw, key, value)
     if _kind_of(raw) != kind:
-        _drop_keys_of(kind, raw, keys)
-    return check_tables(raw, str(path))
+        _drop_keys_of(kind, raw, list(values))
+    return check_tables(raw, where)
 
 
 def _refuse_robots(path: Path) -> None:
@@ -522,24 +531,34 @@ def check_tables(raw: Mapping[str, Any], where: str) -> ScenarioTables:
         raise ScenarioError(_explain(error, raw), where=where) from error
 
 
-def _apply(raw: dict[str, Any], setting: str) -> str:
-    """Write one dotted ``key=value`` into raw tables and return the key."""
+def _parsed(setting: str) -> tuple[str, Any]:
+    """Return key and value of one ``key=value``."""
     key, equals, text = setting.partition("=")
-    parts = key.strip().split(".")
-    if not equals or not all(parts):
+    if not equals:
         raise ScenarioError(
             f"expected key=value with a dotted key, got '{setting}'.", where="--set"
         )
+    return key.strip(), toml_value(text.strip())
+
+
+def put(raw: dict[str, Any], key: str, value: Any) -> None:
+    """Write one value into raw tables, by its dotted key.
+
+    Raises:
+        ScenarioError: the key has an empty part, or a part of it is not a table.
+    """
+    parts = key.split(".")
+    if not all(parts):
+        raise ScenarioError(f"expected a dotted key, got '{key}'.", where="--set")
     table = raw
     for part in parts[:-1]:
         table = table.setdefault(part, {})
         if not isinstance(table, dict):
             raise ScenarioError(f"'{part}' in '{key}' is not a table.", where="--set")
-    table[parts[-1]] = _value(text.strip())
-    return ".".join(parts)
+    table[parts[-1]] = value
 
 
-def _value(text: str) -> Any:
+def toml_value(text: str) -> Any:
     """Return the value of a TOML expression; text that is not TOML is taken as a string."""
     try:
         return toml.loads(f"value = {text}")["value"]

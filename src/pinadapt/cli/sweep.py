@@ -1,0 +1,169 @@
+"""``pinadapt sweep``: a scenario or a function with many values, on all cores, as one table."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from ..exceptions import InputError
+from ..rollout.summary import sheet
+from ..sweep.cases import COPY, MANY, METHODS, Plan
+from ..sweep.execution import Progress, ScenarioWork, claimed, engine, run_plan, work_of
+from ..sweep.sweep_report import PAGE, Report
+from ..sweep.table import CaseTable, read
+from .arguments import add_out, add_scenario, not_negative, positive
+from .command_line import DONE, INTERRUPTED, status_of
+from .outputs import check_place, write_run
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    add_scenario(parser)
+    parser.epilog = (
+        "The file is a scenario, a sweep file, or the folder of a sweep. Values: [1.0, 2.0], "
+        "lin(0.5, 2, 16), log(1, 100, 9), uniform(0.5, 2), loguniform(1, 100), normal(1, 0.1), "
+        "choice([...]); after an asterisk they are factors on the scenario's value; KEY.* has one "
+        "number for each joint."
+    )
+    parser.add_argument(
+        "--vary",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="KEY=VALUES",
+        help="a dotted key of the scenario and its values; several keys are combined",
+    )
+    parser.add_argument("--samples", type=positive, metavar="N", help="samples of what is drawn")
+    parser.add_argument("--method", choices=METHODS, help="of the samples (default: random)")
+    parser.add_argument("--repeat", type=positive, metavar="N", help="runs of each case")
+    parser.add_argument("--seed", type=not_negative, metavar="N", help="of the sweep (default: 0)")
+    parser.add_argument(
+        "--timeout", type=float, metavar="S", help="seconds after which a case is given up"
+    )
+    parser.add_argument(
+        "--processes",
+        type=not_negative,
+        metavar="N",
+        help="number of processes, 0 for none besides this one (default: one per core)",
+    )
+    parser.add_argument(
+        "--scheduler", metavar="ADDRESS", help="of Dask, or 'local': run there instead"
+    )
+    parser.add_argument(
+        "--success", metavar="CONDITION", help="such as 'error_share < 0.01' (default: follows)"
+    )
+    parser.add_argument("--column", default="", metavar="NAME", help="the result to rank and draw")
+    parser.add_argument("--csv", action="store_true", default=None, help="write no Parquet")
+    parser.add_argument("--resume", action="store_true", help="run the cases that are missing")
+    parser.add_argument("--case", type=not_negative, metavar="N", help="run one case alone")
+    parser.add_argument("--force", action="store_true", help="remove another sweep in the folder")
+    parser.add_argument("--yes", action="store_true", help=f"run more than {MANY:.0e} cases")
+    add_out(parser, "out/ and the file's name and -sweep")
+
+
+def sweep(options: argparse.Namespace) -> int:
+    """Run the cases of a sweep, print its report and write table, figures and page.
+
+    A folder in place of a file: with ``--resume`` its missing cases are run, with ``--case`` one of
+    them alone, else its report is made anew.
+    """
+    given: Path = options.scenario
+    plan, folder = _plan(options)
+    if options.case is not None:
+        return _alone(plan, options.case, folder)
+    if given.is_dir() and not options.resume:
+        return _show(Report(read(folder), plan, options.column, folder))
+    _ask(len(plan.cases), options.yes)
+    work = work_of(plan)
+    claimed(folder, plan, resume=options.resume or given.is_dir(), anew=options.force)
+    try:
+        with engine(options.processes, options.scheduler, plan.timeout) as workers:
+            table = run_plan(plan, work, workers, folder, Progress(plan))
+    except KeyboardInterrupt:
+        print(
+            f"pinadapt: interrupted; {len(read(folder))} of {len(plan.cases)} cases are kept. "
+            f"Go on: pinadapt sweep {folder} --resume",
+            file=sys.stderr,
+        )
+        return INTERRUPTED
+    return _show(Report(table, plan, options.column, folder))
+
+
+def _plan(options: argparse.Namespace) -> tuple[Plan, Path]:
+    """Return the sweep and its folder.
+
+    Raises:
+        InputError: a folder holds no sweep, or something is varied that the folder has fixed.
+    """
+    path: Path = options.scenario
+    own = {
+        name: getattr(options, name)
+        for name in ("samples", "method", "repeat", "seed", "timeout", "success", "csv")
+    }
+    if not path.is_dir():
+        plan = Plan.read(path, options.vary, options.set, **own)
+        return plan, options.out or Path("out") / f"{path.stem}-sweep"
+    fixed = [name for name in ("samples", "method", "repeat", "seed") if own[name] is not None]
+    fixed += [name for name in ("vary", "set") if getattr(options, name)]
+    if fixed:
+        raise InputError(
+            f"{', '.join(fixed)}: the folder holds a sweep, which says this.",
+            where=str(path),
+            hint=f"Change a copy of {path / COPY} and run that in another folder.",
+        )
+    changed: dict[str, Any] = {
+        name: own[name] for name in ("timeout", "success") if own[name] is not None
+    }
+    return Plan.of(Plan.load(path).tables(bare=True) | changed), path
+
+
+def _ask(count: int, yes: bool) -> None:
+    """Ask whether to run very many cases.
+
+    Raises:
+        InputError: nobody says yes.
+    """
+    if count <= MANY or yes:
+        return
+    if sys.stdin.isatty():
+        print(f"{count:,} cases. Run them? [y/N] ", end="", flush=True, file=sys.stderr)
+        if sys.stdin.readline().strip().lower() in ("y", "yes"):
+            return
+    raise InputError(
+        f"{count:,} cases are more than {MANY:,}.",
+        where="--vary",
+        hint="Take fewer values, or samples in place of a grid; or say --yes.",
+    )
+
+
+def _alone(plan: Plan, number: int, folder: Path) -> int:
+    """Run one case in this process: of a scenario with all outputs, of a function with its row."""
+    if number >= len(plan.cases):
+        raise InputError(
+            f"there are {len(plan.cases)} cases, from 0 to {len(plan.cases) - 1}.", where="--case"
+        )
+    case, work = plan.cases[number], work_of(plan)
+    for key, value in case.values.items():
+        print(f"{key} = {value}")
+    if not isinstance(work, ScenarioWork):
+        print(CaseTable.of([{"case": number, "seed": case.seed, **dict(work(case))}]))
+        return DONE
+    place = check_place(folder / f"case-{number}")
+    rollout = work.scenario(case).run()
+    write_run(rollout, place, html=True)
+    print(f"{sheet(rollout)}\n\nwritten to {place}\n\n{rollout.verdict}")
+    return status_of(rollout)
+
+
+def _show(report: Report) -> int:
+    """Print the report and write its page."""
+    if not len(report.table):
+        print(f"no case has run; go on: pinadapt sweep {report.folder} --resume")
+        return DONE
+    assert report.folder is not None
+    report.save(report.folder)
+    print(report.sheet())
+    print(f"\nwritten to {report.folder}, see {report.folder / PAGE}")
+    return DONE

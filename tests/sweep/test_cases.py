@@ -1,0 +1,226 @@
+"""Values, designs and numbered cases: what they are, and what is refused."""
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from pinadapt.sweep import Cases, Plan
+from pinadapt.sweep.cases import MANY, Values
+
+SCENARIO = """
+[robot]
+source = "planar_2r"
+[truth]
+friction = { viscous = [0.1, 0.2], coulomb = 0.0 }
+[simulation]
+duration = 0.02
+"""
+
+
+@pytest.fixture
+def scenario(tmp_path):
+    (tmp_path / "scenario.toml").write_text(SCENARIO)
+    return tmp_path / "scenario.toml"
+
+
+@pytest.mark.parametrize(
+    ("given", "axis"),
+    [
+        ([1, 2.5], [1, 2.5]),
+        (3.0, [3.0]),
+        (np.array([1.0, 2.0]), [1.0, 2.0]),
+        (range(3), [0, 1, 2]),
+        ("lin(0, 1, 3)", [0.0, 0.5, 1.0]),
+        ("log(1, 100, 3)", [1.0, 10.0, 100.0]),
+        ("['a', 'b']", ["a", "b"]),
+    ],
+)
+def test_lists_and_ranges(given, axis):
+    assert Values.of("k", given).axis == pytest.approx(axis) if axis[0] != "a" else True
+    assert Values.of("k", given).drawn is None
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ([], "k: the list is empty"),
+        ([1.0, float("nan")], "k: the numbers must be finite"),
+        ("lin(1, 1, 5)", "the range is empty"),
+        ("lin(0, 1, 0)", "at least 1"),
+        ("lin(0, 1)", "lin takes 3 arguments, got 2"),
+        ("log(0, 1, 3)", "positive"),
+        ("uniform(2, 1)", "low is not below high"),
+        ("uniform(1, 1e400)", "k: "),
+        ("loguniform(-1, 1)", "positive bounds"),
+        ("normal(0, -1)", "deviation .* negative"),
+        ("normal([1, 2], [1, 2, 3])", "different lengths"),
+        ("choice([])", "at least one"),
+        ("unifrom(0, 1)", "Did you mean 'uniform'"),
+        ("uniform(nan, 1)", "cannot be read"),
+        ("__import__('os')", "unknown kind of values"),
+        ("1 +", "cannot be read"),
+    ],
+)
+def test_what_is_no_range_is_refused(given, words):
+    with pytest.raises(pa.InputError, match=words):
+        Cases.of({"k": given}, samples=2 if "uniform" in str(given) else None)
+
+
+def test_a_grid_with_samples_and_repetitions_is_their_product_in_order():
+    cases = Cases.of({"a": [1, 2], "b": "uniform(0, 1)", "c": [5, 6, 7]}, samples=4, repeat=2)
+    assert len(cases) == 2 * 3 * 4 * 2 == len(list(cases))
+    found = [(case.values["a"], case.values["c"]) for case in cases]
+    assert found[:8] == [(1, 5)] * 8 and found[8] == (1, 6) and found[-1] == (2, 7)
+    b = [case.values["b"] for case in cases]
+    assert b[0] == b[1] != b[2] and b[:8] == b[8:16]  # every point of the grid has the same samples
+    seeds = [case.seed for case in cases]
+    assert len(set(seeds)) == len(seeds) and max(seeds) < 2**63
+    assert seeds[3] == np.random.SeedSequence(0, spawn_key=(0, 3)).generate_state(1, np.uint64) >> 1
+
+
+def test_a_case_follows_from_its_number_alone():
+    cases = Cases.of({"a": "normal(1, 2)"}, samples=50, seed=3)
+    assert [cases[i] for i in range(49, -1, -1)] == list(cases)[::-1]
+    assert cases[7] == Cases.of({"a": "normal(1, 2)"}, samples=90, seed=3)[7]
+    assert cases[7] != Cases.of({"a": "normal(1, 2)"}, samples=50, seed=4)[7]
+
+
+@pytest.mark.parametrize("method", ["random", "lhs", "sobol"])
+def test_distributions_are_what_they_are_called(method):
+    given = {
+        "u": "uniform([0, 10], [1, 20])",
+        "l": "loguniform(1, 10000)",
+        "n": "normal(5, 2)",
+        "c": "choice(['a', 'b'])",
+    }
+    values = [case.values for case in Cases.of(given, samples=1024, method=method)]
+    u = np.array([each["u"] for each in values])
+    assert u.shape == (1024, 2) and (u >= [0, 10]).all() and (u <= [1, 20]).all()
+    close = 0.1 if method == "random" else 0.02
+    assert np.mean(u, axis=0) == pytest.approx([0.5, 15.0], rel=close)
+    assert np.median([each["l"] for each in values]) == pytest.approx(100.0, rel=4 * close)
+    n = np.array([each["n"] for each in values])
+    assert (n.mean(), n.std()) == (pytest.approx(5.0, rel=close), pytest.approx(2.0, rel=close))
+    assert np.mean([each["c"] == "a" for each in values]) == pytest.approx(0.5, abs=close)
+
+
+@pytest.mark.parametrize("method", ["lhs", "sobol"])
+def test_a_design_has_one_point_in_each_stratum(method):
+    drawn = [
+        case.values["a"] for case in Cases.of({"a": "uniform(0, 64)"}, samples=64, method=method)
+    ]
+    assert sorted(int(each) for each in drawn) == list(range(64))
+
+
+@pytest.mark.parametrize(
+    ("given", "options", "words"),
+    [
+        ({"a": "uniform(0, 1)"}, {}, "samples: a is drawn, but the number of samples"),
+        ({"a": [1]}, {"samples": 3}, "nothing is drawn"),
+        ({"a": [1]}, {"repeat": 0}, "repeat: a whole number of at least 1"),
+        ({"a": "uniform(0, 1)"}, {"samples": 3, "method": "latin"}, "method: must be one of"),
+        ([], {}, "cases: the list is empty"),
+        ("a", {}, "expected values by key"),
+    ],
+)
+def test_designs_that_do_not_fit_are_refused(given, options, words):
+    with pytest.raises(pa.InputError, match=words):
+        Cases.of(given, **options)
+
+
+def test_a_product_of_a_billion_cases_is_counted_but_not_made():
+    cases = Cases.of({name: "lin(0, 1, 1000)" for name in "abc"})
+    assert len(cases) == 10**9 > MANY and cases[10**9 - 1].values == {"a": 1.0, "b": 1.0, "c": 1.0}
+    with pytest.raises(pa.InputError, match="1,000,000,000 cases are more than"):
+        pa.sweep(dict, {name: "lin(0, 1, 1000)" for name in "abc"}, executor=0)
+
+
+# --- keys of a scenario ---
+
+
+def plan(scenario, *vary, **options):
+    return Plan.read(scenario, vary, **options)
+
+
+def test_each_joint_has_a_number_where_the_key_has_them(scenario):
+    found = plan(scenario, "truth.friction.viscous=uniform(0, 1)", samples=3).cases[1].values
+    assert len(found["truth.friction.viscous"]) == 2
+    found = plan(scenario, "truth.friction.coulomb=uniform(0, 1)", samples=3).cases[1].values
+    assert isinstance(found["truth.friction.coulomb"], float)
+
+
+def test_an_asterisk_gives_each_joint_a_number_as_list_or_table(scenario):
+    listed = plan(scenario, "truth.friction.coulomb.*=uniform(0, 1)", samples=3).cases[0].values
+    assert len(listed["truth.friction.coulomb"]) == 2
+    table = plan(scenario, "belief.inertial_scale.*=normal(1, 0.1)", samples=3).cases[0].values
+    assert list(table["belief.inertial_scale"]) == ["joint1", "joint2"]
+
+
+def test_factors_multiply_what_the_scenario_has(scenario):
+    found = plan(
+        scenario, "truth.friction.viscous=*[2.0, 3.0]", "simulation.duration=*lin(1, 2, 2)"
+    )
+    values = [each.values for each in found.cases]
+    assert [each["truth.friction.viscous"] for each in values[::2]] == [[0.2, 0.4], [0.3, 0.6]] or (
+        np.allclose(values[2]["truth.friction.viscous"], [0.3, 0.6])
+    )
+    assert [each["simulation.duration"] for each in values[:2]] == [0.02, 0.04]
+    with pytest.raises(pa.InputError, match="no number here that could be multiplied"):
+        plan(scenario, "controller.alpha=*[1, 2]")
+
+
+@pytest.mark.parametrize(
+    ("vary", "words"),
+    [
+        ("truth.payload.mas=[1.0]", "Did you mean 'mass'"),
+        ("contrller.alpha=[1.0]", "Did you mean 'controller'"),
+        ("controller.adaptation=['naturel']", "Did you mean 'natural'"),
+        (
+            "simulation.dt=[1e-3, -1.0]",
+            "--vary simulation.dt: simulation.dt: input should be great",
+        ),
+        ("simulation.dt", "expected key=value"),
+        ("simulation.dt=[0.001", "simulation.dt: cannot be read"),
+    ],
+)
+def test_keys_and_values_that_a_scenario_refuses_are_refused_before_anything_runs(
+    vary, words, scenario
+):
+    with pytest.raises(pa.InputError, match=words):
+        plan(scenario, vary)
+
+
+def test_a_sweep_file_says_all_of_it_and_its_copy_the_same(scenario, tmp_path):
+    file = tmp_path / "sweep_file.toml"
+    file.write_text(
+        'title = "T"\nscenario = "scenario.toml"\nsamples = 3\nmethod = "lhs"\nseed = 4\n'
+        'success = "error_share < 0.5"\n[set]\nsimulation.dt = 0.002\n[vary]\n'
+        'truth.payload.mass = "uniform(0.1, 0.2)"\ncontroller.law = ["separation"]\n'
+        "[[case]]\nreference.radius = 0.05\n[[case]]\nreference.radius = 0.06\n"
+    )
+    found = Plan.read(file)
+    assert len(found.cases) == 6 and found.cases.method == "lhs"
+    assert found.raw["simulation"] == {"duration": 0.02, "dt": 0.002}
+    (tmp_path / "out").mkdir()
+    found.save(tmp_path / "out")
+    again = Plan.load(tmp_path / "out")
+    assert not found.differs(again) and list(again.cases) == list(found.cases)
+    other = Plan.read(file, ["reference.period=[3.0]"], seed=5)
+    assert set(other.differs(again)) == {"vary", "seed"}
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[vary]\na = [1]\n", "either a scenario or a function"),
+        ('function = "math:cos"\nsampels = 3\n', "Did you mean 'samples'"),
+        ('function = "math:cos"\nsamples = "three"\n', "samples cannot be 'three'"),
+        ('function = "math:cos"\nsuccess = "a <"\n', "success: cannot be read"),
+        ('function = "math:cos"\ncase = [1]\n', "write each case as a table"),
+        ('function = "math:cos"\ntimeout = 0.0\n', "timeout: must be positive"),
+    ],
+)
+def test_sweep_files_with_mistakes_are_refused(text, words, tmp_path):
+    (tmp_path / "s.toml").write_text(text)
+    with pytest.raises(pa.InputError, match=words):
+        Plan.read(tmp_path / "s.toml")

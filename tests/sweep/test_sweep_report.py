@@ -1,0 +1,131 @@
+"""Statistics of a sweep against independent computations, and figures of any table."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import pinadapt as pa
+from pinadapt.sweep import Cases, CaseTable, Plan
+from pinadapt.sweep.sweep_report import Report, percentile, rate
+
+
+def test_the_rate_has_wilsons_interval():
+    found, z = rate(np.arange(50) < 47), stats.norm.ppf(0.975)
+    p, n = 0.94, 50
+    middle = (p + z**2 / (2 * n)) / (1 + z**2 / n)
+    half = z / (1 + z**2 / n) * np.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
+    assert (found.low, found.high) == pytest.approx((middle - half, middle + half), rel=1e-12)
+    assert str(found).startswith("47 of 50 (94 %; 95% interval 83.8 % to 97.9 %)")
+    assert rate(np.ones(20, bool)).low < 0.9 and rate(np.zeros(0, bool)).total == 0
+
+
+@pytest.mark.parametrize("p", [0.05, 0.5, 0.95])
+def test_the_interval_of_a_percentile_covers_it_as_often_as_it_says(p):
+    rng, hits = np.random.default_rng(0), 0
+    for _ in range(400):
+        found = percentile(rng.exponential(size=100), p)
+        hits += found.low <= -np.log(1.0 - p) <= found.high
+        assert found.low <= found.value <= found.high
+    assert 0.93 <= hits / 400 <= 1.0
+
+
+def test_lost_cases_count_as_worst():
+    values = np.array([*np.arange(95.0), *[np.inf] * 5])
+    assert percentile(values, 0.5).value == 49.0
+    assert percentile(values, 0.95).value == 94.0 and percentile(values, 0.95).high == np.inf
+    assert percentile(values, 0.99).value == np.inf
+    assert percentile(np.arange(10.0), 0.05).low == -np.inf  # too few cases for a bound
+
+
+def report(count=200, lost=True, **options):
+    """Return a report of results that follow from a, fall with b, and do not depend on c."""
+    cases = Cases.of(
+        {"a": "uniform(1, 2)", "b": "uniform(1, 2)", "c": "normal(0, 1)", "w": ["x", "y"]},
+        samples=count // 2,
+        method="lhs",
+    )
+    rows = []
+    for case in cases:
+        v = case.values
+        gone = lost and v["a"] > 1.9
+        value = v["a"] ** 3 - 0.4 * v["b"] + (5.0 if v["w"] == "y" else 0.0)
+        row = {"case": case.number, "seed": case.seed, **v}
+        row |= (
+            {"status": "diverged", "reason": "at 1 s"} if gone else {"status": "done", "reason": ""}
+        )
+        rows.append(row | ({"value": None, "ok": None} if gone else {"value": value, "ok": True}))
+    return Report(CaseTable.of(rows), Plan(cases, function=dict, success="ok"), **options)
+
+
+def test_influences_are_rank_correlations_and_know_what_does_not_matter():
+    found = {each.name: each for each in report().influences()}
+    values = np.where(report().table.lost, np.inf, report().table["value"])
+    ranks, y = stats.rankdata(values), report().table["w"] == "y"
+    between = sum(own.sum() * (ranks[own].mean() - ranks.mean()) ** 2 for own in (y, ~y))
+    assert found["w"].value == pytest.approx(np.sqrt(between / np.sum((ranks - ranks.mean()) ** 2)))
+    assert next(iter(found)) == "w" and found["w"].p < 1e-9
+    for name in "abc":
+        expected = stats.spearmanr(report().table[name], stats.rankdata(values)).statistic
+        assert found[name].value == pytest.approx(expected)
+        assert found[name].low < found[name].value < found[name].high
+    assert found["a"].value > 0.3 and found["a"].low > 0.0
+    assert found["c"].low < 0.0 < found["c"].high and found["c"].p > 0.05
+
+
+def test_words_of_a_report():
+    found = report()
+    lost = int(found.table.lost.sum())
+    assert found.verdict() == (
+        f"200 of 200 cases; success (ok) {found.success}; {lost} lost: {lost} diverged."
+    )
+    assert found.success.good == 200 - lost
+    text = str(found.sheet())
+    assert "at 1 s" in text and "lost" in text and "value" in text
+    assert report(folder="out").lost().rows[0][-1].startswith("pinadapt sweep out --case ")
+
+
+@pytest.mark.parametrize("lost", [True, False])
+def test_the_page_has_all_figures_and_marks_lost_cases(lost):
+    found = report(60, lost)
+    page = found.page()
+    assert page.count("data:image/png;base64,") == 3 and "http" not in page.split("</style>")[1]
+    assert ("<h2>Lost cases" in page) == lost
+    panels = found.map("a", "b").axes
+    assert [ax.get_title() for ax in panels[:2]] == ["x", "y"]
+    crosses = sum(
+        len(each.get_offsets())
+        for ax in panels[:2]
+        for each in ax.collections
+        if np.array_equal(each.get_facecolor()[:, :3], each.get_edgecolor()[:, :3])
+        and len(each.get_offsets())
+        and each.get_linewidths()[0] > 1.0
+    )
+    assert crosses == int(found.table.lost.sum())
+
+
+def test_a_grid_is_drawn_as_cells_and_a_cell_with_a_lost_case_is_marked():
+    cases = Cases.of({"a": "log(1, 100, 4)", "b": [1.0, 2.0, 3.0]}, repeat=2)
+    rows = [
+        {"case": c.number, "seed": c.seed, **c.values}
+        | {"status": "failed" if c.number == 5 else "done", "reason": "r"}
+        | {"value": None if c.number == 5 else c.values["a"] * c.values["b"]}
+        for c in cases
+    ]
+    found = Report(CaseTable.of(rows), Plan(cases, function=dict))
+    ax = found.map("a", "b").axes[0]
+    mesh, crosses = ax.collections
+    values = np.ma.filled(mesh.get_array().reshape(3, 4), np.nan)
+    np.testing.assert_allclose(values, np.outer([1, 2, 3], np.geomspace(1, 100, 4)))
+    assert crosses.get_offsets().tolist() == [[1.0, 3.0]] and ax.get_xscale() == "log"
+    assert found.success is None and set(found.figures()) >= {"map.png", "bands.png"}
+
+
+def test_a_table_without_numbers_has_a_report():
+    cases = Cases.of({"a": [1, 2]})
+    rows = [{"case": i, "seed": i, "a": i, "status": "failed", "reason": "never"} for i in range(2)]
+    found = Report(CaseTable.of(rows), Plan(cases, function=dict))
+    assert (
+        found.figures() == {} and "never" in found.page() and "2 lost: 2 failed" in found.verdict()
+    )
+    with pytest.raises(pa.InputError, match="Did you mean 'case'"):
+        _ = found.table["cases"]
