@@ -83,7 +83,7 @@ def test_a_camera_that_stays_blind_ends_the_run_at_the_stated_time():
 def test_a_path_that_leaves_the_workspace_comes_back(ur5):
     """At 1 kHz: at half of it the loop of the true model chatters at the singularity, too."""
     true, model, _ = ur5
-    found = run(true, model, way_out(true, 0.95), 14.5, governed=True)
+    found = run(true, model, way_out(true, 0.95), 14.5, governed=True, adaptation="natural")
     assert found["lost"] is None and found["last"] < 1.0
     assert found["largest"] > 100.0  # it was outside
     assert found["late"] > 3.0 and any("error" in one["cause"] for one in found["slowed"])
@@ -93,9 +93,10 @@ def test_a_slow_lift_slows_its_path():
     """The circle asks for nine times the velocity limit of Tiago's torso."""
     robot = catalogue_robot("tiago_arm")
     circle = begun(pa.trajectories.Circle(np.zeros(3), 0.15, 1.2, "yz"), robot)
-    without = run(robot, robot.changed(inertial_scale=0.7), circle, 0.8, governed=False)
+    model, natural = robot.changed(inertial_scale=0.7), {"adaptation": "natural"}
+    without = run(robot, model, circle, 0.8, governed=False, **natural)
     assert without["lost"] is not None
-    found = run(robot, robot.changed(inertial_scale=0.7), circle, 3.0, governed=True)
+    found = run(robot, model, circle, 3.0, governed=True, **natural)
     assert found["lost"] is None and found["last"] < 1.0
     assert found["speed"] < 2.0
     assert found["slowed"][0]["cause"].startswith("joint speed of torso_lift_joint")

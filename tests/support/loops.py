@@ -60,8 +60,8 @@ def motion_at_home(robot):
 def run(name="planar_2r", *, truth=None, control=None, **options):
     """Return a short rollout of an adaptive controller that believes the arm 20 % too light."""
     described = catalogue_robot(name)
-    true = described.changed(**(truth or {}))
-    controller = pa.make_controller(described.changed(inertial_scale=0.8), **(control or {}))
+    true, control = described.changed(**(truth or {})), {"adaptation": "natural", **(control or {})}
+    controller = pa.make_controller(described.changed(inertial_scale=0.8), **control)
     return pa.simulate(true, controller, circle_at_home(true), **{"duration": 0.1, **options})
 
 
