@@ -6,7 +6,7 @@ STRIP  := $(BIN)/nbstripout --keep-id --extra-keys metadata.language_info
 # Small matrices gain nothing from BLAS threads, and two test processes share the cores.
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: install demo notebook strip check test lint bench docs picture clean
+.PHONY: install demo notebook strip check test lint bench realtime docs picture clean
 
 $(VENV)/installed: pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit("pinadapt needs Python >= 3.10; try make PYTHON=python3.12") if sys.version_info < (3, 10) else None'
@@ -50,6 +50,10 @@ bench: $(VENV)/dev
 	$(BIN)/python -m benchmarks.control_step
 	$(BIN)/python -m benchmarks.simulated_sample
 	$(BIN)/python -m benchmarks.growth
+
+realtime: $(VENV)/installed
+	$(BIN)/python -m benchmarks.realtime
+	$(BIN)/python -m benchmarks.realtime --load
 
 $(VENV)/docs: $(VENV)/dev
 	$(BIN)/python -m pip install --quiet -e '.[docs]'

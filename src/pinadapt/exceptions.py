@@ -137,6 +137,22 @@ class Interrupted(KeyboardInterrupt):
         return type(self), (self.rollout,)
 
 
+class ArmError(PinadaptError):
+    """An arm that cannot be driven now: silent, stopped, in error, or refusing the control.
+
+    Attributes:
+        what: what it did.
+        where: its name or address, or None.
+        hint: what to try, or None.
+    """
+
+    def __init__(self, what: str, *, where: str | None = None, hint: str | None = None) -> None:
+        """Put what, where and hint into one message."""
+        self.what, self.where, self.hint = what, where, hint
+        message = f"{where}: {what}" if where else what
+        super().__init__(f"{message} {hint}" if hint else message)
+
+
 class DivergedError(PinadaptError):
     """The closed loop left every finite bound.
 

@@ -71,9 +71,15 @@ class Operator:
         return self.left < 0
 
 
+def test_the_realtime_loop_on_the_page_on_hardware_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    exec(blocks("hardware")[0], {"__name__": "__main__"})
+    assert "stopped" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("after", [200, 10_000])
 def test_the_loop_on_hardware_runs_and_adapts_only_when_enabled(after):
-    block, _ = blocks("hardware")
+    _, block, _ = blocks("hardware")
     arm = Arm(pa.load("ur5").changed(payload=pa.Payload(mass=1.0)), samples=600)
     block = block.replace('pa.load("my_robot.urdf", frame="tool0")', 'pa.load("ur5")')
     scope = {"arm": arm, "operator": Operator(after)}
@@ -89,6 +95,6 @@ def test_the_loop_on_hardware_runs_and_adapts_only_when_enabled(after):
 
 def test_the_declaration_of_actuators_on_the_page_on_hardware_runs(capsys):
     scope = {"pa": pa, "robot": pa.load("ur5")}
-    exec(blocks("hardware")[1], scope)
+    exec(blocks("hardware")[2], scope)
     assert capsys.readouterr().out == "[]\n"
     assert scope["springs"].elastic and scope["controller"].limits.actuators is scope["late"]

@@ -43,7 +43,7 @@ LAYERS = [
     {"plots", "view"},
     {"rollout"},
     {"simulation"},
-    {"excitation"},
+    {"excitation", "realtime"},
     {"scenario", "zoo", "identification"},
     {"sweep"},
     {"cli"},

@@ -25,13 +25,17 @@ if TYPE_CHECKING:
 DONE, REFUSED, DIVERGED, INCOMPLETE, INTERRUPTED = 0, 2, 3, 4, 130
 
 # Each command is a module of this folder: its ``arguments(parser)`` adds the arguments, and its
-# function of the same name runs the command and returns the exit status.
+# function of the same name runs the command and returns the exit status. A command that shares a
+# module with another one, see ``_SHARED``, has ``COMMAND_arguments``.
 _COMMANDS = {
     "demo": "run two showcase scenarios and write reports and animations",
     "init": "write a scenario for a URDF, xacro or MJCF file or a named robot",
     "excite": "find a motion that excites the unknown parameters of a robot",
     "run": "run a scenario",
     "view": "show a finished run, or run a scenario and show it live",
+    "drive": "drive a real or simulated arm on a clock",
+    "replay": "compute the torques of a log of `drive` again, by its controller or another one",
+    "tell": "send a command to a running `drive`",
     "compare": "run several laws on one scenario",
     "sweep": "run a scenario or a function with many values on all cores, as one table",
     "identify": "estimate a robot's parameters from a recorded motion, without control",
@@ -42,6 +46,7 @@ _COMMANDS = {
 }
 
 
+_SHARED = {"replay": "drive", "tell": "drive", "view": "run"}
 _GARBAGE = (100_000, 50, 100)  # how seldom to search for it: by default a tenth of a run's time
 _ENDING = [
     getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)
@@ -128,12 +133,13 @@ class _CommandParser(argparse.ArgumentParser):
         """Return options and remaining arguments, as the base class."""
         if self.command is not None:
             name, self.command = self.command, None
-            _module(name).arguments(self)
+            module = _module(name)
+            getattr(module, f"{name}_arguments" if name in _SHARED else "arguments")(self)
         return super().parse_known_args(args, namespace)
 
 
 def _module(command: str) -> ModuleType:
-    return import_module(f".{command}", __package__)
+    return import_module(f".{_SHARED.get(command, command)}", __package__)
 
 
 def _show_warning(

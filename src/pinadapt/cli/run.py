@@ -1,4 +1,4 @@
-"""``pinadapt run``: run a scenario and write its outputs."""
+"""``pinadapt run`` and ``view``: run a scenario and write its outputs, or show it."""
 
 from __future__ import annotations
 
@@ -6,16 +6,18 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
+from ..exceptions import InputError
 from ..rollout.rollout import Rollout
 from ..rollout.summary import sheet
 from ..scenario.scenario import Scenario
-from .arguments import add_out, add_scenario, add_unadapted
+from ..view.live import open_in_browser
+from .arguments import add_out, add_scenario, add_settings, add_unadapted
 from .command_line import status_of
 from .outputs import check_place, run_scenario, write_run
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's arguments."""
+    """Add the arguments of ``run``."""
     add_scenario(parser)
     add_out(parser, "out/ and the scenario's name")
     parser.add_argument("--no-html", action="store_true", help="write no animation")
@@ -60,3 +62,47 @@ def run_beside(scenario: Scenario, without: Scenario | None, *, live: bool = Fal
     if first.interrupted is not None:
         return first
     return replace(run_scenario(scenario, live=live), unadapted=first.summary()["max_error_last"])
+
+
+def view_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``view``."""
+    parser.add_argument(
+        "scenario",
+        type=Path,
+        nargs="?",
+        metavar="DIR|SCENARIO.toml",
+        help="a folder that `pinadapt run` wrote, or a scenario to run and watch; nothing is "
+        "written",
+    )
+    add_settings(parser)
+
+
+def view(options: argparse.Namespace) -> int:
+    """Show the animation in a folder, or run a scenario live and print its table.
+
+    The address of the page is printed; without a display, nothing else happens. Return 3 if the
+    loop diverged, else 0.
+
+    Raises:
+        InputError: the folder contains no animation, or the scenario cannot be used.
+    """
+    if options.scenario.is_dir():
+        return _show(options.scenario)
+    scenario = Scenario.read(options.scenario, options.set)
+    rollout = run_scenario(scenario, live=True)
+    print(rollout)
+    return status_of(rollout)
+
+
+def _show(folder: Path) -> int:
+    page = folder / "animation.html"
+    if not page.is_file():
+        raise InputError(
+            "holds no animation.html.",
+            where=str(folder),
+            hint="`pinadapt run` writes one unless --no-html is given.",
+        )
+    address = page.resolve().as_uri()
+    print(address)
+    open_in_browser(address)
+    return 0

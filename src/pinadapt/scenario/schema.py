@@ -466,7 +466,7 @@ def read_tables(path: Path, settings: Sequence[str] = ()) -> ScenarioTables:
         ScenarioError: the file is missing or not TOML, or a key or value is not allowed.
     """
     _refuse_robots(path)
-    return tables_with(read_toml(path), dict(map(_parsed, settings)), str(path))
+    return tables_with(read_toml(path), dict(map(parsed, settings)), str(path))
 
 
 def tables_with(raw: dict[str, Any], values: Mapping[str, Any], where: str) -> ScenarioTables:
@@ -531,7 +531,7 @@ def check_tables(raw: Mapping[str, Any], where: str) -> ScenarioTables:
         raise ScenarioError(_explain(error, raw), where=where) from error
 
 
-def _parsed(setting: str) -> tuple[str, Any]:
+def parsed(setting: str) -> tuple[str, Any]:
     """Return key and value of one ``key=value``."""
     key, equals, text = setting.partition("=")
     if not equals:

@@ -1,0 +1,300 @@
+"""``pinadapt drive``, ``replay`` and ``tell``: an arm on a clock, its log, and its commands."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import time
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .._output import Sheet, Table
+from ..controller.controller import Controller
+from ..controller.learned import LearnedParameters
+from ..exceptions import InputError, ScenarioError
+from ..plants.plant import SimulatedPlant
+from ..realtime.arm import Arm, ProcessArm
+from ..realtime.realtime_loop import Ending, RealtimeLoop, Scheduling, Stage
+from ..realtime.recorder import COMMANDS, CycleLog, Recorder
+from ..realtime.recorder import tell as tell_loop
+from ..realtime.safety import Safety
+from ..records import Measurement
+from ..reference.start import starting_from
+from ..robot.robot import Robot
+from ..scenario.parts import trajectory_of
+from ..scenario.scenario import Scenario
+from ..scenario.schema import ScenarioTables, check_tables, parsed, read_tables, tables_with
+from ..trajectories.trajectory import Trajectory
+from ..tuning.preflight import preflight
+from .arguments import add_settings, positive
+from .command_line import DIVERGED, DONE, INTERRUPTED
+
+_STAGES = {
+    "log-only": (Stage.LOG, "compute and log torques, send none (default)"),
+    "gravity": (Stage.GRAVITY, "compensate gravity, to move the arm by hand"),
+    "hold": (Stage.HOLD, "hold the place where the arm is"),
+    "slow": (Stage.SLOW, "the motion five times slower, without adaptation"),
+    "adapt": (Stage.ADAPT, "the motion with adaptation"),
+}
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``drive``."""
+    parser.add_argument(
+        "kind",
+        metavar="ARM",
+        help='"simulated", or FILE.py:CLASS of an Arm of your own',
+    )
+    parser.add_argument("address", nargs="?", metavar="ADDRESS", help="of the arm")
+    parser.add_argument(
+        "--scenario",
+        dest="file",
+        type=Path,
+        metavar="FILE",
+        help="robot, controller and motion",
+    )
+    add_settings(parser)
+    stages = parser.add_mutually_exclusive_group()
+    for name, (stage, text) in _STAGES.items():
+        stages.add_argument(f"--{name}", dest="stage", action="store_const", const=stage, help=text)
+    parser.set_defaults(stage=Stage.LOG)
+    parser.add_argument("--duration", type=float, metavar="S", help="(default: until Ctrl-C)")
+    parser.add_argument(
+        "--log", type=Path, metavar="FILE", help="MCAP file (default: out/ and the time)"
+    )
+    parser.add_argument(
+        "--port",
+        type=int,
+        default=0,
+        metavar="N",
+        help="for `pinadapt tell` and `view`, on this machine only (default: any)",
+    )
+    parser.add_argument("--core", type=positive, metavar="N", help="processor core to stay on")
+    parser.add_argument(
+        "--safety",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="KEY=VALUE",
+        help="numbers of the checklist, such as error=0.05 contact=0.2",
+    )
+
+
+def drive(options: argparse.Namespace) -> int:
+    """Drive an arm, print the histogram of its cycles, and save what was learned beside the log.
+
+    Return 3 if a finding ended it, 130 after Ctrl-C, else 0.
+
+    Raises:
+        InputError: arm, scenario or settings cannot be used.
+        ArmError: the arm refuses.
+    """
+    safety = _safety(options.safety)
+    tables, folder = _tables(options)
+    scenario = Scenario.build(tables, folder)
+    controller = scenario.controller
+    for finding in preflight(controller, tables.simulation.dt):
+        print(f"pre-run check: {finding}")
+    path = options.log or Path("out") / time.strftime("drive-%Y%m%d-%H%M%S.mcap")
+    about = {
+        "scenario": tables.model_dump_json(by_alias=True, exclude_unset=True),
+        "folder": str(folder.resolve()),
+        "arm": options.kind,
+        "stage": options.stage.value,
+    }
+    translate = {"reference": partial(_new_motion, scenario.estimated)}
+    scheduling = Scheduling(core=options.core)
+    recorder = Recorder(path, controller, about=about, port=options.port, translate=translate)
+    with recorder, _arm(options, scenario) as arm:
+        print(f"log {path}, commands at port {recorder.port}: pinadapt tell {recorder.port} stop")
+        loop = RealtimeLoop(
+            arm,
+            controller,
+            scenario.trajectory,
+            stage=options.stage,
+            safety=safety,
+            recorder=recorder,
+            start=scenario.start,
+            scheduling=scheduling,
+        )
+        ending = loop.run(options.duration)
+    print(ending)
+    _keep_learned(controller, ending, options.stage, path)
+    if any("interrupt" in why for _, _, why in ending.phases):
+        return INTERRUPTED
+    return DIVERGED if ending.failed else DONE
+
+
+def _tables(options: argparse.Namespace) -> tuple[ScenarioTables, Path]:
+    """Return the tables of the scenario, and the folder that its paths are relative to."""
+    if options.file is not None:
+        return read_tables(options.file, options.set), options.file.parent
+    raise ScenarioError("is needed.", where="--scenario", hint="`pinadapt init ROBOT` writes one.")
+
+
+def _safety(settings: Sequence[str]) -> Safety:
+    """Return the checklist with the numbers of key=value."""
+    given: dict[str, Any] = {}
+    for text in settings:
+        key, equals, value = text.partition("=")
+        if not equals or key not in Safety.__dataclass_fields__:
+            names = ", ".join(Safety.__dataclass_fields__)
+            raise InputError(f"expected one of {names} as key=value, got '{text}'.", where="safety")
+        try:
+            given[key] = json.loads(value)
+        except ValueError as error:
+            raise InputError(f"'{value}' is no number.", where=f"safety.{key}") from error
+    return Safety(**given)
+
+
+def _arm(options: argparse.Namespace, scenario: Scenario) -> Arm:
+    """Return the arm of the options, connected.
+
+    Raises:
+        InputError: there is no such arm, or nobody answers at its address.
+    """
+    kind, address = options.kind, options.address
+    if kind == "simulated":
+        dt = scenario.engine.period(scenario.controller)
+        make = partial(_plant, scenario.engine, scenario.true.undrawn(), scenario.controller)
+        return ProcessArm(make, dt, sensors=scenario.sensors)
+    file, _, name = kind.rpartition(":")
+    if not file.endswith(".py"):
+        raise InputError(
+            f"no arm is called '{kind}'; there are simulated and FILE.py:CLASS.",
+            where="ARM",
+        )
+    made = _own(Path(file), name)(address, scenario.estimated)
+    if not isinstance(made, Arm):
+        raise InputError("is no pinadapt.realtime.Arm.", where=kind)
+    return made
+
+
+def _plant(engine: Any, true: Robot, controller: Controller) -> SimulatedPlant:
+    """Return the plant of a scenario; called in the process that moves it."""
+    plant: SimulatedPlant = engine.make(true, controller)
+    return plant
+
+
+def _own(file: Path, name: str) -> Any:
+    """Return a class of a user's file.
+
+    Raises:
+        InputError: there is none.
+    """
+    spec = importlib.util.spec_from_file_location(file.stem, file)
+    if not file.is_file() or spec is None or spec.loader is None:
+        raise InputError("no such file.", where=str(file))
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    if not hasattr(module, name):
+        raise InputError(f"has no class '{name}'.", where=str(file))
+    return getattr(module, name)
+
+
+def _new_motion(robot: Robot, table: Any, measurement: Measurement) -> Trajectory:
+    """Return the motion of a [reference] table, beginning where the arm is."""
+    tables = check_tables(
+        {"robot": {"source": ""}, "reference": dict(table or {})}, "the new reference"
+    )
+    here = measurement
+    if here.x is None:
+        here = here._replace(x=robot.position(here.q))
+    return starting_from(trajectory_of(tables.reference, robot), robot, here)
+
+
+def _keep_learned(controller: Controller, ending: Ending, stage: Stage, path: Path) -> None:
+    """Write what was learned beside the log."""
+    if stage is not Stage.ADAPT or ending.state is None:
+        return
+    beside = path.with_suffix(".learned.json")
+    LearnedParameters.of(controller, ending.state).save(beside)
+    print(f"learned parameters in {beside}")
+
+
+# --- replay -------------------------------------------------------------------------------------
+
+
+def replay_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``replay``."""
+    parser.add_argument("log", type=Path, metavar="LOG", help="MCAP file of `pinadapt drive`")
+    add_settings(parser)
+
+
+def replay(options: argparse.Namespace) -> int:
+    """Print the torques of a log beside those that its controller, or another one, asks for.
+
+    Return 3 if the same controller asks for others, else 0.
+
+    Raises:
+        InputError: the log cannot be used, or has no scenario.
+    """
+    log = CycleLog.read(options.log)
+    if "scenario" not in log.about:
+        raise InputError(
+            "has no scenario; replay it in Python: CycleLog.read(path).replay(controller).",
+            where=str(options.log),
+        )
+    raw = json.loads(log.about["scenario"])
+    folder = Path(log.about["folder"])
+    tables = tables_with(raw, dict(map(parsed, options.set)), str(options.log))
+    scenario = Scenario.build(tables, folder)
+    found = log.replay(scenario.controller)
+    at = found.asked
+    if not at.any():
+        raise InputError("no controller was asked in this log.", where=str(options.log))
+    rows = [
+        (name, *(f"{value:.4g}" for value in values))
+        for name, *values in zip(
+            scenario.controller.kinematics.joint_names,
+            _rms(found.logged[at]),
+            _rms(found.torque[at]),
+            found.difference,
+            np.abs(found.torque[at] - found.logged[at]).max(axis=0),
+            strict=True,
+        )
+    ]
+    header = ("[N m, N]", "logged, rms", "replayed, rms", "difference, rms", "largest")
+    print(Sheet(f"{len(log)} cycles of {options.log}", [Table(rows, header)]))
+    if found.same:
+        print("\nthe same torques, bit for bit")
+    elif not options.set:
+        print("\nthe torques differ: other versions of the libraries, or another processor?")
+        return DIVERGED
+    return DONE
+
+
+def _rms(values: np.ndarray) -> np.ndarray:
+    return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
+
+
+# --- tell ---------------------------------------------------------------------------------------
+
+
+def tell_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``tell``."""
+    parser.add_argument("port", type=positive, metavar="PORT", help="of the running loop")
+    parser.add_argument("what", choices=COMMANDS, metavar="COMMAND", help=", ".join(COMMANDS))
+    parser.add_argument("value", nargs="?", metavar="JSON", help='such as true, or {"mass": 1.0}')
+
+
+def tell(options: argparse.Namespace) -> int:
+    """Send a command to a running loop and print its answer.
+
+    Raises:
+        InputError: nobody answers, or the command is refused.
+    """
+    try:
+        value = None if options.value is None else json.loads(options.value)
+    except ValueError as error:
+        raise InputError(f"is no JSON: {error}.", where="value") from error
+    answer: Mapping[str, Any] = tell_loop(options.port, options.what, value)
+    for key, part in answer.items():
+        if key != "about":
+            print(f"{key}: {part}")
+    return DONE

@@ -1,0 +1,379 @@
+"""The safety checklist: what is looked at in every cycle, and what each finding leads to.
+
+Every way out ends in damped rest: the path is held, then the arm is damped by gravity compensation
+and -D v, then the arm's own stop takes over. A finding says at which of the three the loop enters.
+This is a checklist of a program that may itself fail. It does not replace the arm's emergency stop.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from enum import IntEnum
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from .._checks import numbers, positive
+from ..controller.controller import Controller
+from ..controller.governor import explained_age
+from ..description.chain import effort_limits, position_limits, velocity_limits
+from ..exceptions import InputError
+from ..models.dynamics import Dynamics
+from ..records import Measurement
+from .arm import ArmFacts
+
+
+class Answer(IntEnum):
+    """What a finding leads to, the gentlest first."""
+
+    NONE = 0
+    REST = 1  # the adaptation rests, the arm goes on
+    HOLD = 2  # the path stops, then as DAMP
+    DAMP = 3  # gravity compensation and damping until the arm rests, then as STOP
+    STOP = 4  # the arm's own stop, at once
+
+
+@dataclass(frozen=True)
+class SafetyFinding:
+    """What one check found.
+
+    Attributes:
+        check: its name.
+        words: what is wrong, with numbers.
+        answer: what it leads to.
+    """
+
+    check: str
+    words: str
+    answer: Answer
+
+    def __str__(self) -> str:
+        """Return name and words."""
+        return f"{self.check}: {self.words}"
+
+
+@dataclass(frozen=True, eq=False)
+class Safety:
+    """The numbers of the checklist; the defaults come from the description of the arm.
+
+    Attributes:
+        torque_rate: largest change of a sent torque [N m/s or N/s], one number or one per joint;
+            the arm's own limit holds besides.
+        velocity: share of the velocity limits at which the arm is damped.
+        margin: to a joint's stop that the arm must not enter, with its braking distance [rad or m].
+        box: (2, k) corners between which the task position must stay [m], or None.
+        error: largest task error of positions [m]; None: a tenth of the reach.
+        angle: largest error of rotations and of turning joints [rad].
+        saturated: longest time at a torque limit [s].
+        contact: unexplained torque, as a share of the effort limits, at which the arm is damped; at
+            half of it the adaptation rests.
+        camera: longest time without a frame beyond what the declared camera explains [s].
+        stale: cycles with the same measurement after which the arm is damped.
+        late: cycles that may be late in a short while; one on time makes up for a fiftieth of one.
+        damping: rate at which a damped arm loses its speed [1/s].
+
+    Raises:
+        InputError: a number that is not positive, or a box that is none.
+    """
+
+    torque_rate: ArrayLike = 1000.0
+    velocity: float = 0.9
+    margin: float = 0.02
+    box: ArrayLike | None = None
+    error: float | None = None
+    angle: float = 0.5
+    saturated: float = 0.3
+    contact: float = 0.25
+    camera: float = 0.5
+    stale: int = 5
+    late: int = 10
+    damping: float = 30.0
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that make no checklist."""
+        for part in fields(self):
+            value = getattr(self, part.name)
+            if part.name not in ("torque_rate", "box") and value is not None:
+                positive(value, f"safety.{part.name}")
+        if not (numbers(self.torque_rate, "safety.torque_rate", infinite=True) > 0.0).all():
+            raise InputError("must be positive.", where="safety.torque_rate")
+        if self.box is not None:
+            box = numbers(self.box, "safety.box")
+            if box.ndim != 2 or len(box) != 2 or not (box[0] < box[1]).all():
+                raise InputError(
+                    f"expected lower and upper corner, got {box.tolist()}.", where="safety.box"
+                )
+
+
+class MomentumResidual:
+    """The torque that the model does not explain, without accelerations.
+
+    With the momentum form of ``Dynamics.momentum``, tau = dp/dt + beta, and F = lambda / (s +
+    lambda),
+
+        r = F tau - lambda p + F (lambda p - beta)
+
+    is the low-passed torque of everything that is not in the model: contact, and errors of the
+    estimates. It is the momentum observer of A. De Luca, R. Mattone, *Actuator failure detection
+    and isolation using generalized momenta*, ICRA 2003. An obstacle comes suddenly; a wrong model,
+    or a load that is being learned, changes with the motion. So the slow part of r is taken off.
+
+    Attributes:
+        settled: whether the slow part has been found.
+    """
+
+    def __init__(self, dynamics: Dynamics, bandwidth: float = 30.0, slow: float = 2.0) -> None:
+        """Take the dynamics, lambda [1/s] and the bandwidth of the slow part [1/s]."""
+        self._dynamics, self._bandwidth, self._slow = dynamics, bandwidth, slow
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew: whatever is unexplained now is part of the model."""
+        self._z: np.ndarray | None = None
+        self._mean, self._time = np.zeros(0), 0.0
+
+    @property
+    def settled(self) -> bool:
+        """Whether the slow part has been found."""
+        return self._time > 10.0 / self._bandwidth
+
+    def step(
+        self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, a_d: np.ndarray, dt: float
+    ) -> np.ndarray:
+        """Return the unexplained torque (n) [N m or N] at q (nq), v (n).
+
+        Args:
+            q: configuration now.
+            v: joint velocity now [rad/s or m/s].
+            tau: (n) torque of the motors over the last dt, with what the arm adds [N m or N].
+            a_d: (p) dynamic estimate.
+            dt: [s].
+        """
+        Y_M, Y_0, p_0, tau_0 = self._dynamics.momentum(q, v)
+        lp = self._bandwidth * (Y_M.dot(a_d) + p_0)
+        u = tau + lp - Y_0.dot(a_d) - tau_0
+        if self._z is None:
+            self._z, self._mean = lp.copy(), np.zeros(v.size)
+        self._z = self._z - math.expm1(-self._bandwidth * dt) * (u - self._z)
+        r = self._z - lp
+        self._time += dt
+        if not self.settled:
+            self._mean = r
+        else:
+            self._mean = self._mean - math.expm1(-self._slow * dt) * (r - self._mean)
+        return np.asarray(r - self._mean)
+
+
+class Checklist:
+    """The checks of one run, with what they remember.
+
+    Attributes:
+        safety: the numbers.
+        limit: (n) torques that are sent at most [N m or N].
+        latched: why the operator's latch is set, or an empty text; nothing in the program opens it.
+        residual: (n) torque that the model does not explain [N m or N], if it is watched.
+    """
+
+    def __init__(self, safety: Safety, controller: Controller, facts: ArmFacts) -> None:
+        """Take the numbers, a controller with a model of the arm, and the arm's facts.
+
+        Raises:
+            InputError: a box for another number of coordinates.
+        """
+        self.safety, self._facts, kinematics = safety, facts, controller.kinematics
+        robot, self._task = kinematics.robot, kinematics.task
+        model, n = robot.model, robot.model.nv
+        self._names = robot.joint_names
+        self.limit = np.minimum(facts.torque, effort_limits(model))
+        if controller.limits.torque is not None:
+            self.limit = np.minimum(self.limit, controller.limits.torque)
+        rate = np.broadcast_to(numbers(safety.torque_rate, "safety.torque_rate", infinite=True), n)
+        self._rate = np.minimum(rate, facts.torque_rate)
+        self._fast = safety.velocity * np.minimum(facts.velocity, velocity_limits(model))
+        self._lower, self._upper = position_limits(model)
+        self._plain = model.nq == n
+        inertia = np.diag(pin.crba(model, model.createData(), robot.q0))
+        with np.errstate(divide="ignore"):
+            self._brake = 0.5 * self.limit / inertia
+        self._box = None if safety.box is None else numbers(safety.box, "safety.box")
+        if self._box is not None and self._box.shape[1] != self._task.positions:
+            raise InputError(
+                f"has {self._box.shape[1]} coordinates; the task has {self._task.positions}.",
+                where="safety.box",
+            )
+        length = 0.1 * robot.reach if safety.error is None else safety.error
+        far = np.full(self._task.size, safety.angle)
+        far[: self._task.positions] = length
+        self._far = far
+        self._blind = explained_age(controller.sensors) + safety.camera
+        self._contact = safety.contact * self.limit
+        self._residual = MomentumResidual(controller.dynamics) if controller.dynamics.size else None
+        self.residual = np.zeros(n)
+        self.latched = ""
+        self._same = self._late = 0.0
+        self._pushing = 0.0
+        self._before = -math.inf
+
+    # --- the list -------------------------------------------------------------------------------
+
+    def of_arm(self, m: Measurement, dt: float) -> SafetyFinding | None:
+        """Return the first finding of what is checked whenever torques are sent."""
+        for check in (self._operator, self._stale, self._clock, self._speed, self._stops):
+            found = check(m, dt)
+            if found is not None:
+                return found
+        return None
+
+    def of_motion(
+        self,
+        m: Measurement,
+        dt: float,
+        x: np.ndarray | None,
+        dx: np.ndarray,
+        frame_age: float,
+        torque: np.ndarray,
+        given: np.ndarray | None,
+        a_d: np.ndarray,
+    ) -> SafetyFinding | None:
+        """Return the first finding of what is checked besides while a controller moves the arm.
+
+        Args:
+            m: the measurement.
+            dt: since the one before [s].
+            x: where the controller believes the task frame now.
+            dx: (m) task error.
+            frame_age: of the latest frame [s].
+            torque: (n) that the motors are to give now [N m or N].
+            given: (n) that they gave over the last dt, or None.
+            a_d: (p) dynamic estimate.
+        """
+        return (
+            self._obstacle(m, dt, given, a_d)
+            or self._where(x)
+            or self._far_off(dx)
+            or self._saturation(torque, dt)
+            or self._frames(frame_age)
+        )
+
+    def limited(self, torque: np.ndarray, before: np.ndarray, dt: float) -> np.ndarray:
+        """Return a torque (n) within its limits, and near the one before within its rate."""
+        torque = np.minimum(np.maximum(torque, -self.limit), self.limit)
+        change = self._rate * dt
+        return np.minimum(np.maximum(torque, before - change), before + change)
+
+    def announced(self) -> None:
+        """Take what is unexplained from now on for a part of the model: a load was attached."""
+        if self._residual is not None:
+            self._residual.reset()
+
+    # --- its items ------------------------------------------------------------------------------
+
+    def _operator(self, m: Measurement, dt: float) -> SafetyFinding | None:
+        """Has the operator set the latch?"""
+        if not self.latched:
+            return None
+        return SafetyFinding("latch", self.latched, Answer.DAMP)
+
+    def _stale(self, m: Measurement, dt: float) -> SafetyFinding | None:
+        """Do the measurements change?"""
+        self._same = self._same + 1 if m.t == self._before else 0
+        self._before = m.t
+        if self._same < self.safety.stale:
+            return None
+        words = f"the last {self._same + 1:g} measurements are of the same instant"
+        return SafetyFinding("stale data", words, Answer.DAMP)
+
+    def _clock(self, m: Measurement, dt: float) -> SafetyFinding | None:
+        """Does the time go on, by about a period?"""
+        if dt < 0.0:
+            return SafetyFinding("clock", f"the time jumped back by {-dt:.3g} s", Answer.DAMP)
+        if dt > 10.0 * self._facts.period:
+            words = f"{dt:.3g} s passed between two measurements, {dt / self._facts.period:.3g} "
+            return SafetyFinding("late", f"{words}periods", Answer.DAMP)
+        self._late = max(self._late + (1.0 if dt > 1.5 * self._facts.period else -0.02), 0.0)
+        if self._late < self.safety.late:
+            return None
+        self._late = 0.0
+        return SafetyFinding(
+            "late", f"{self.safety.late} cycles in a short while were late", Answer.HOLD
+        )
+
+    def _speed(self, m: Measurement, dt: float) -> SafetyFinding | None:
+        """Are all joints slower than their limits?"""
+        fast = np.abs(m.v) > self._fast
+        if not fast.any():
+            return None
+        j = int(fast.argmax())
+        words = f"{self._names[j]} at {m.v[j]:.3g}, limit {self._fast[j]:.3g} rad/s or m/s"
+        return SafetyFinding("velocity", words, Answer.DAMP)
+
+    def _stops(self, m: Measurement, dt: float) -> SafetyFinding | None:
+        """Can all joints brake before their stops?"""
+        if not self._plain:
+            return None
+        v, margin = m.v, self.safety.margin
+        way = np.maximum(1.5 * np.abs(v) / self.safety.damping, v * v / (2.0 * self._brake))
+        near = (v > 0.0) & (m.q + way > self._upper - margin)
+        near |= (v < 0.0) & (m.q - way < self._lower + margin)
+        near &= np.abs(v) > 0.01
+        if not near.any():
+            return None
+        j = int(near.argmax())
+        words = (
+            f"{self._names[j]} at {m.q[j]:.3g} with {v[j]:.3g} rad/s or m/s needs {way[j]:.2g} to "
+            f"brake, its limits are {self._lower[j]:.3g} and {self._upper[j]:.3g}"
+        )
+        return SafetyFinding("joint stop", words, Answer.DAMP)
+
+    def _obstacle(
+        self, m: Measurement, dt: float, given: np.ndarray | None, a_d: np.ndarray
+    ) -> SafetyFinding | None:
+        """Do the motors work against something that is not in the model?"""
+        if self._residual is None or given is None or not 0.0 < dt <= 10.0 * self._facts.period:
+            return None
+        self.residual = self._residual.step(m.q, m.v, given, a_d, dt)
+        if not self._residual.settled:
+            return None
+        share = np.abs(self.residual) / self._contact
+        j = int(share.argmax())
+        if share[j] < 0.5:
+            return None
+        words = (
+            f"{self.residual[j]:.3g} N m or N at {self._names[j]} that the model does not explain"
+        )
+        return SafetyFinding("contact", words, Answer.DAMP if share[j] >= 1.0 else Answer.REST)
+
+    def _where(self, x: np.ndarray | None) -> SafetyFinding | None:
+        """Is the task frame inside its box?"""
+        if self._box is None or x is None:
+            return None
+        p = x[: self._task.positions]
+        if (p >= self._box[0]).all() and (p <= self._box[1]).all():
+            return None
+        return SafetyFinding("workspace", f"the frame is at {p.round(3).tolist()} m", Answer.DAMP)
+
+    def _far_off(self, dx: np.ndarray) -> SafetyFinding | None:
+        """Is the arm near its path?"""
+        off = np.abs(dx) > self._far
+        if not off.any():
+            return None
+        k = int(off.argmax())
+        words = f"coordinate {k + 1} is {abs(dx[k]):.3g} m or rad off, limit {self._far[k]:.3g}"
+        return SafetyFinding("error", words, Answer.DAMP)
+
+    def _saturation(self, torque: np.ndarray, dt: float) -> SafetyFinding | None:
+        """Are the motors below their limits?"""
+        full = np.abs(torque) >= 0.999 * self.limit
+        self._pushing = self._pushing + dt if full.any() else 0.0
+        if self._pushing < self.safety.saturated:
+            return None
+        words = f"{self._names[int(full.argmax())]} at its limit for {self._pushing:.2g} s"
+        return SafetyFinding("torque", words, Answer.HOLD)
+
+    def _frames(self, age: float) -> SafetyFinding | None:
+        """Does the camera see the frame?"""
+        if not self._task.positions or age < self._blind:
+            return None
+        return SafetyFinding("camera", f"no frame for {age:.2g} s", Answer.HOLD)

@@ -1,0 +1,123 @@
+"""``pinadapt drive``, ``replay`` and ``tell``."""
+
+import re
+import threading
+
+import numpy as np
+import pytest
+
+from pinadapt.cli import main
+from pinadapt.realtime import CycleLog, tell
+from tests.support.paths import ROOT
+
+SCENARIO = """
+[robot]
+source = "planar_2r"
+gravity = [0.0, -9.81, 0.0]
+[truth]
+payload = { mass = 0.3 }
+[controller]
+adaptation = "natural"
+[reference]
+kind = "circle"
+radius = 0.1
+period = 3.0
+[simulation]
+dt = 0.002
+"""
+OWN = """
+from functools import partial
+import pinadapt as pa
+from pinadapt.realtime import PlantArm
+
+class Mine(PlantArm):
+    def __init__(self, address, robot):
+        assert address == "here"
+        super().__init__(pa.plants.PinocchioPlant(robot), 2e-3)
+
+def nothing(address, robot):
+    return None
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Return a folder with a scenario and an arm of one's own."""
+    folder = tmp_path_factory.mktemp("drive")
+    (folder / "arm.toml").write_text(SCENARIO)
+    (folder / "mine.py").write_text(OWN)
+    return folder
+
+
+def drive(folder, *arguments, kind="simulated"):
+    """Return the exit status of ``pinadapt drive`` with the scenario and its log."""
+    given = ("--scenario", str(folder / "arm.toml"), "--log", str(folder / "run.mcap"))
+    return main(["drive", *kind.split(), *given, "--safety", "late=1000000", *arguments])
+
+
+def test_an_arm_of_ones_own_is_driven_replayed_and_learned(folder, capsys):
+    assert drive(folder, "--adapt", "--duration", "0.3", kind=f"{folder}/mine.py:Mine here") == 0
+    out = capsys.readouterr().out
+    assert "worst" in out and "learned parameters in" in out
+    assert (folder / "run.learned.json").is_file()
+    assert main(["replay", str(folder / "run.mcap")]) == 0
+    assert "the same torques, bit for bit" in capsys.readouterr().out
+    assert main(["replay", str(folder / "run.mcap"), "--set", "controller.Kv=5.0"]) == 0
+    out = capsys.readouterr().out
+    largest = [float(number) for number in re.findall(r"^joint\d.* (\S+)$", out, re.M)]
+    assert len(largest) == 2 and max(largest) > 1e-3 and "bit for bit" not in out
+
+
+@pytest.mark.slow
+def test_a_simulated_arm_is_commanded_from_another_process(folder, capsys):
+    """The plant has a process of its own; commands come by the port that is printed."""
+    said = []
+
+    def command():
+        while not (found := re.search(r"port (\d+)", capsys.readouterr().out)):
+            pass
+        port = int(found[1])
+        while tell(port, "state", timeout=20.0)["cycle"] < 50:
+            pass
+        said.append(main(["tell", str(port), "stop"]))
+
+    teller = threading.Thread(target=command)
+    teller.start()
+    assert drive(folder, "--hold", "--duration", "100") == 0
+    teller.join(20.0)
+    log = CycleLog.read(folder / "run.mcap")
+    assert said == [0] and log.about["stage"] == "hold"
+    assert [event["phase"] for event in log.events if "phase" in event][-1] == "stopped"
+    assert np.abs(log.cycles.v[-1]).max() < 0.1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["drive", "spot"], "--scenario: is needed"),
+        (["drive", "spot", "--scenario", "{}/arm.toml"], "no arm is called 'spot'"),
+        (["drive", "{}/none.py:Mine", "--scenario", "{}/arm.toml"], "none.py: no such file"),
+        (["drive", "{}/mine.py:Yours", "--scenario", "{}/arm.toml"], "has no class 'Yours'"),
+        (["drive", "{}/mine.py:nothing", "--scenario", "{}/arm.toml"], "is no pinadapt.realtime"),
+        (["drive", "simulated", "--scenario", "{}/arm.toml", "--safety", "x=1"], "expected one of"),
+        (["drive", "simulated", "--scenario", "{}/arm.toml", "--safety", "error=x"], "no number"),
+        (["replay", "{}/arm.toml"], "is not an MCAP file"),
+        (["tell", "9", "state", "{"], "value: is no JSON"),
+    ],
+)
+def test_wrong_input_is_refused(folder, capsys, arguments, words):
+    log = ["--log", str(folder / "refused.mcap")] if arguments[0] == "drive" else []
+    assert main([each.replace("{}", str(folder)) for each in arguments] + log) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_the_page_names_every_finding_command_and_stage():
+    page = (ROOT / "docs" / "hardware.md").read_text()
+    checks = (ROOT / "src/pinadapt/realtime/safety.py").read_text()
+    loop = (ROOT / "src/pinadapt/realtime/realtime_loop.py").read_text()
+    for name in re.findall(r'Finding\("([\w ]+)"', checks + loop):
+        assert name == "stop" or f"| `{name}` |" in page, name
+    from pinadapt.realtime.recorder import COMMANDS
+
+    for name in COMMANDS:
+        assert re.search(rf"^\| .*`{name}", page, re.M), name

@@ -1,0 +1,328 @@
+"""The loop on an arm: stages, phases, late cycles, signals, faults of drivers."""
+
+import gc
+import itertools
+import os
+import re
+import signal
+import time
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from pinadapt.exceptions import ArmError
+from pinadapt.realtime import ArmFacts, PlantArm, RealtimeLoop, Safety, Scheduling, Stage
+from pinadapt.realtime.realtime_loop import Histogram
+from tests.support.arms import (
+    ORDINARY,
+    PERIOD,
+    Loop,
+    arm,
+    circle,
+    controller,
+    faulty,
+    heavy,
+    robot,
+)
+
+OUT = ["running", "holding", "damping", "stopped"]
+
+
+def moved(loop):
+    """Return how far the arm is from its home [rad]."""
+    return float(np.abs(loop.arm.plant.measure().q - robot().q0).max())
+
+
+# --- stages ---
+
+
+def test_log_only_computes_torques_and_sends_none():
+    loop = Loop(faulty(None), "log")
+    ending = loop.ended()
+    assert loop.arm.sent == [] and ending.step.count > 150 and not ending.failed
+    assert loop.phases == ["running", "stopped"] and moved(loop) == 0.0
+
+
+def test_gravity_compensation_lets_the_arm_be_moved_by_hand():
+    """A push moves it on, and with the right model it neither falls nor returns."""
+
+    class Pushed(PlantArm):
+        def send(self, torque):
+            push = 0.5 if 50 < self._count < 100 else 0.0
+            super().send(torque + np.array([push, 0.0]))
+
+    loop = Loop(arm(robot(), Pushed), "gravity", 0.5)
+    loop.ended()
+    assert loop.phases == ["running", "damping", "stopped"]
+    assert moved(loop) > 0.005
+
+
+def test_gravity_compensation_holds_what_was_learned():
+    dynamics = controller().dynamics
+    a_d = np.where(dynamics.initial > 0.0, dynamics.initial, dynamics.value(heavy()))
+    bodies = dynamics.inertial.size
+    a_d[:bodies] = dynamics.value(heavy())[:bodies]
+    for start, holds in (({"a_d": a_d}, True), ({}, False)):
+        loop = Loop(arm(heavy()), "gravity", 0.2, start=start)
+        loop.ended()
+        assert (moved(loop) < 1e-3) is holds
+
+
+def test_a_hold_stays_and_does_not_learn():
+    loop = Loop(arm(robot()), "hold")
+    ending = loop.ended()
+    assert moved(loop) < 1e-4 and loop.phases == OUT
+    assert np.array_equal(ending.state.a_d, controller().dynamics.initial)
+
+
+def test_a_slow_motion_is_the_motion_and_slower():
+    slow, quick = (Loop(arm(robot()), stage, 0.3) for stage in ("slow", "adapt"))
+    slow.ended(), quick.ended()
+    assert 0.0 < moved(slow) < 0.5 * moved(quick)
+
+
+def test_adaptation_learns_the_load():
+    loop = Loop(stage="adapt", seconds=4.0)
+    ending = loop.ended()
+    truth = controller().dynamics.value(heavy())
+    before = np.abs(controller().dynamics.initial - truth).max()
+    assert np.abs(ending.state.a_d - truth).max() < before
+    assert "adapt" in ending.phases[0][2] and "the time is over" in str(ending)
+
+
+def test_the_stages_are_checked():
+    with pytest.raises(pa.InputError, match="must be one of log, gravity, hold, slow, adapt"):
+        Loop(stage="fly")
+    assert [stage.value for stage in Stage] == ["log", "gravity", "hold", "slow", "adapt"]
+
+
+# --- lateness ---
+
+
+def late(periods, cycles=1):
+    """Return a fault: some cycles in a row take several periods."""
+
+    def fault(arm, m):
+        if arm.cycle < arm.at + cycles:
+            for _ in range(periods - 1):
+                m = PlantArm.read(arm)
+        return m
+
+    return fault
+
+
+def test_a_late_cycle_is_taken_for_what_it_is():
+    loop = Loop(faulty(late(4)))
+    ending = loop.ended()
+    assert ending.late == 1 and not ending.failed
+
+
+def test_many_late_cycles_hold_damp_and_stop_in_this_order():
+    loop = Loop(faulty(late(3, cycles=10**6)), seconds=9.0)
+    ending = loop.ended()
+    assert loop.phases == OUT and ending.failed
+    assert "late: 10 cycles in a short while were late" in ending.reason
+    assert np.abs(loop.arm.plant.measure().v).max() < 1e-2
+
+
+def test_a_very_late_cycle_damps_at_once():
+    loop = Loop(faulty(late(15)))
+    assert "15 periods" in loop.ended().reason and loop.phases == ["running", "damping", "stopped"]
+
+
+def test_a_histogram_has_the_shares_of_its_times():
+    times = np.random.default_rng(1).exponential(2e-4, 5000)
+    histogram = Histogram()
+    for each in times:
+        histogram.add(each)
+    for share in (0.5, 0.99, 0.999):
+        assert histogram.share(share) == pytest.approx(np.quantile(times, share), abs=3e-5)
+    assert histogram.worst == times.max() and histogram.above(1e-3) == (times >= 1e-3).sum()
+    histogram.add(3.0)
+    assert histogram.row()[-1] == "3000000"
+
+
+def test_an_arm_without_a_cycle_is_paced_by_deadlines():
+    """The plant follows the clock, so a loop that drifts would be told by its own measurements."""
+    follower = arm(clock=time.monotonic)
+    began = time.monotonic()
+    loop = Loop(follower, seconds=0.2, safety=Safety(late=10**6))
+    ending = loop.ended()
+    assert not follower.facts.paced and 0.2 < time.monotonic() - began < 20.0
+    assert ending.cycles <= (ending.phases[-1][0]) / PERIOD + 3
+
+
+def test_what_the_system_does_not_allow_is_said(monkeypatch):
+    def refused(*arguments):
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(os, "sched_setscheduler", refused, raising=False)
+    monkeypatch.setattr(os, "sched_setaffinity", refused, raising=False)
+    with Scheduling(80, 0, False).applied() as notes:
+        assert len(notes) == 2 and "rtprio" in notes[0] and "core 0" in notes[1]
+
+
+def test_the_scheduling_is_taken_back():
+    before = os.sched_getaffinity(0), os.sched_getscheduler(0)
+    with Scheduling(1, min(before[0]), False).applied():
+        assert os.sched_getaffinity(0) == {min(before[0])}
+    assert (os.sched_getaffinity(0), os.sched_getscheduler(0)) == before
+
+
+def test_the_loop_keeps_the_garbage_collector_out_and_gives_it_back():
+    seen = []
+    loop = Loop(faulty(lambda arm, m: seen.append(gc.isenabled()) or m))
+    loop.ended()
+    assert not any(seen) and gc.isenabled() and gc.get_freeze_count() == 0
+
+
+# --- signals ---
+
+
+def interrupts(*cycles):
+    """Return a fault: Ctrl-C at some cycles after the first."""
+
+    def fault(arm, m):
+        if arm.cycle - arm.at in cycles:
+            signal.raise_signal(signal.SIGINT)
+        return m
+
+    return fault
+
+
+@pytest.mark.parametrize(
+    ("stage", "cycles", "phases"),
+    [
+        ("log", (0,), ["running", "stopped"]),
+        ("gravity", (0,), ["running", "damping", "stopped"]),
+        ("hold", (0,), OUT),
+        ("slow", (0,), OUT),
+        ("adapt", (0,), OUT),
+        ("adapt", (0, 10), OUT),  # the second one while it holds
+        ("adapt", (0, 10, 20), OUT),  # the third one while it is damped
+    ],
+)
+def test_an_interrupt_in_each_state_ends_in_rest(stage, cycles, phases):
+    before = signal.getsignal(signal.SIGINT)
+    loop = Loop(faulty(interrupts(*cycles)), stage, seconds=9.0)
+    ending = loop.ended()
+    assert loop.phases == phases and "interrupt" in ending.reason and not ending.failed
+    assert np.abs(loop.arm.plant.measure().v).max() < 1e-2
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_an_interrupt_before_the_first_cycle_is_one(monkeypatch):
+    loop = Loop(faulty(interrupts(0), at=1))
+    with pytest.raises(KeyboardInterrupt), loop.arm:
+        loop.run()
+    assert loop.arm.stopped and not loop.arm.sent
+
+
+# --- faults of drivers ---
+
+
+def broken(arm, m):
+    raise ArmError("the connection broke: reset by peer.", where="arm")
+
+
+def with_nan(arm, m):
+    return m._replace(v=m.v * np.nan)
+
+
+def back_in_time(arm, m):
+    return m._replace(t=m.t - 0.5)
+
+
+def frozen(arm, m):
+    arm.last = getattr(arm, "last", m)
+    return arm.last
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        (broken, "the connection broke"),
+        (with_nan, "driver: q, v or the time is not finite"),
+        (back_in_time, r"clock: the time jumped back by 0\.498 s"),
+        (frozen, "stale data: the last 6 measurements are of the same instant"),
+    ],
+)
+@pytest.mark.parametrize("stage", ["log", "gravity", "adapt"])
+def test_a_driver_that_fails_in_mid_motion_stops_the_arm(fault, words, stage):
+    loop = Loop(faulty(fault), stage, seconds=9.0)
+    ending = loop.ended()
+    assert ending.failed and loop.phases[-1] == "stopped"
+    assert pytest.approx(0.0, abs=1e-2) == np.abs(loop.arm.plant.measure().v).max()
+    assert re.search(words, ending.reason)
+
+
+def test_an_arm_in_error_refuses_before_anything_moves():
+    class InError(PlantArm):
+        def begin(self):
+            raise ArmError("is in error: joint limit.", where="arm", hint="Move it by hand.")
+
+    loop = Loop(arm(kind=InError))
+    with pytest.raises(ArmError, match="joint limit"), loop.arm:
+        loop.run()
+    assert loop.loop.ending.failed and moved(loop) == 0.0
+
+
+def test_brakes_that_are_on_are_noticed():
+    class Braked(PlantArm):
+        def send(self, torque):
+            super().send(torque)
+            self._sent = None  # it does not move
+
+        def begin(self):
+            self.plant.step = lambda torque, dt: None
+
+    ending = Loop(arm(kind=Braked), seconds=3.0).ended()
+    assert ending.failed and ending.phases[-1][0] < 2.9
+
+
+@pytest.mark.parametrize(
+    ("facts", "words"),
+    [
+        ({"joints": ("a", "b", "c"), "torque": 9.0, "velocity": 9.0}, "3 joints .* robot 2"),
+        ({"side": "motor"}, "before its gears"),
+        ({"period": 1e-3}, "made for 0.002 s"),
+        ({"compensation": lambda q: 0.0 * q}, 'adds its gravity .*compensated="nominal"'),
+    ],
+)
+def test_an_arm_that_is_not_the_controllers_is_refused(facts, words):
+    other = arm()
+    other.facts = ArmFacts.of(robot(), **{"period": PERIOD, **facts})
+    with pytest.raises(pa.InputError, match=words):
+        RealtimeLoop(other, controller(), circle(), scheduling=ORDINARY)
+
+
+def test_an_arm_that_compensates_gravity_is_sent_the_difference():
+    plant = pa.plants.PinocchioPlant(robot(), compensation=pa.robot.Gravity(robot()))
+    sent = []
+
+    class Listening(PlantArm):
+        def send(self, torque):
+            sent.append(torque)
+            super().send(torque)
+
+    compensated = controller(compensated="nominal")
+    loop = Loop(Listening(plant, PERIOD), "hold", 0.1, of=compensated)
+    loop.ended()
+    assert np.abs(sent[:40]).max() < 1e-6 and moved(loop) < 1e-6
+
+
+def test_a_camera_that_never_comes_is_said():
+    class Blind(PlantArm):
+        def read(self):
+            return super().read()._replace(x=None, xd=None)
+
+    with pytest.raises(ArmError, match="no position of the task frame came for 2 s"):
+        Loop(arm(kind=Blind)).ended()
+
+
+def test_torques_keep_their_rate():
+    loop = Loop(faulty(None), safety=Safety(torque_rate=50.0))
+    loop.ended()
+    changes = [np.abs(b - a).max() for a, b in itertools.pairwise(loop.arm.sent)]
+    assert 0.0 < max(changes) <= 50.0 * PERIOD * (1.0 + 1e-9)

@@ -1,0 +1,304 @@
+"""The log of every cycle, its replay, and the desk: commands and state for other processes."""
+
+import errno
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from functools import partial
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from pinadapt.exceptions import ArmError
+from pinadapt.logs.mcap import McapWriter, Topic, read_mcap, text_message
+from pinadapt.realtime import CycleLog, ProcessArm, Recorder, Safety, tell
+from pinadapt.realtime import recorder as recorder_module
+from tests.support.arms import Loop, arm, controller, faulty, heavy, robot
+from tests.support.paths import ROOT
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """Return the log of a run with a camera, a load that is announced, and many commands."""
+    path = tmp_path_factory.mktemp("log") / "run.mcap"
+    sensors = pa.Sensors(camera=pa.Camera(rate=50.0, delay=0.02))
+    of = controller(sensors=sensors)
+    answers = {}
+
+    def at(cycle, m, arm):
+        commands = {
+            40: ("state", None),
+            60: ("load", {"mass": 0.5}),
+            100: ("hold", None),
+            101: ("fly", None),
+            250: ("reference", {"kind": "hold"}),
+            300: ("adapt", False),
+            310: ("go", None),
+            320: ("frame", {"x": robot().position(m.q).tolist(), "age": 0.0}),
+        }
+        if cycle in commands:
+            name, value = commands[cycle]
+            try:
+                answers[name] = tell(recorder.port, name, value, timeout=20.0)
+            except pa.InputError as error:
+                answers[name] = str(error)
+        return m
+
+    on = faulty(lambda arm, m: at(arm.cycle, m, arm), at=0, sensors=sensors)
+    translate = {"reference": hold_there}
+    with Recorder(path, of, port=0, translate=translate, about={"by": "test"}) as recorder:
+        loop = Loop(on, of=of, seconds=1.0, recorder=recorder)
+        ending = loop.ended()
+    return path, of, loop, ending, answers
+
+
+def hold_there(table, measurement):
+    """Return the motion of a new reference."""
+    return pa.trajectories.Hold(robot().position(measurement.q))
+
+
+# --- the log ---
+
+
+def test_every_cycle_is_in_the_log(run):
+    path, _, loop, ending, _ = run
+    log = CycleLog.read(path)
+    assert log.whole and len(log) == ending.cycles and log.about["by"] == "test"
+    t = log.cycles.t[:, 0]
+    assert np.allclose(np.diff(t), 2e-3) and log.about["robot"] == robot().name
+    assert np.array_equal(log.cycles.sent[:-1], loop.arm.sent)
+    phases = [event["phase"] for event in log.events if "phase" in event]
+    assert phases == ["running", "holding", "damping", "stopped"]
+
+
+def test_a_replay_gives_the_same_torques_bit_for_bit(run):
+    path, of, *_ = run
+    found = CycleLog.read(path).replay(of)
+    assert found.same and found.asked.sum() > 300 and not found.difference.any()
+
+
+def test_a_replay_by_another_controller_shows_what_it_would_have_asked_for(run):
+    path, of, *_ = run
+    log = CycleLog.read(path)
+    for other in (
+        pa.make_controller(robot(), dt=2e-3, adaptation="none", sensors=of.sensors),
+        pa.make_controller(robot(), dt=2e-3, adaptation="natural", Kv=5.0, sensors=of.sensors),
+    ):
+        found = log.replay(other)
+        assert not found.same and (found.difference > 1e-3).any()
+    with pytest.raises(pa.LogError, match="has 2 joints; the controller is for 7"):
+        log.replay(pa.make_controller(pa.load("panda"), adaptation="none"))
+
+
+def test_bags_and_identification_read_it(run):
+    path, *_ = run
+    log = pa.read_log(path, robot())
+    cycles = CycleLog.read(path).cycles
+    assert np.array_equal(log.q, cycles.q) and np.array_equal(log.v, cycles.v)
+    assert np.array_equal(log.tau[5:50], cycles.sent[4:49])
+
+
+def test_mcap_reads_it(run):
+    reader = pytest.importorskip("mcap.reader")
+    with run[0].open("rb") as file:
+        made = reader.make_reader(file)
+        counts = made.get_summary().statistics.channel_message_counts
+        topics = {c.topic: counts[i] for i, c in made.get_summary().channels.items()}
+        assert sum(1 for _ in made.iter_messages()) == sum(counts.values())
+    assert topics["/joint_states"] == topics["/pinadapt/cycle"] == run[3].cycles
+    assert topics["/pinadapt/estimates"] > 0 and topics["/pinadapt/events"] > 5
+
+
+def test_a_file_without_its_end_is_read_up_to_there(run, tmp_path):
+    raw = run[0].read_bytes()
+    for size in (len(raw) // 2, len(raw) // 3):
+        cut = tmp_path / "cut.mcap"
+        cut.write_bytes(raw[:size])
+        log = CycleLog.read(cut)
+        assert not log.whole and 20 < len(log) < len(CycleLog.read(run[0]))
+    cut.write_bytes(raw[:20])
+    with pytest.raises(pa.LogError, match="no cycle"):
+        CycleLog.read(cut)
+    cut.write_bytes(b"table")
+    with pytest.raises(pa.LogError, match="not an MCAP file"):
+        CycleLog.read(cut)
+
+
+def test_a_full_disk_leaves_whole_chunks(tmp_path):
+    class Full:
+        """A file of which the disk is full after some bytes."""
+
+        def __init__(self, file):
+            self.file, self.left = file, 4000
+
+        def write(self, raw):
+            part = raw[: self.left]
+            self.left -= len(part)
+            self.file.write(part)
+            if len(part) < len(raw):
+                raise OSError(errno.ENOSPC, "No space left on device")
+
+        def __getattr__(self, name):
+            return getattr(self.file, name)
+
+    path = tmp_path / "full.mcap"
+    with path.open("wb") as file:
+        writer = McapWriter(Full(file), [Topic("/e", "std_msgs/msg/String")])
+        with pytest.raises(OSError, match="No space"):
+            for k in range(100):
+                writer.add(0, k, text_message("x" * 100))
+                writer.flush()
+    assert path.stat().st_size == writer.size and len(read_mcap(path).messages["/e"]) > 10
+
+
+def test_a_log_that_fails_ends_the_motion(monkeypatch):
+    """Full disks and dead processes are told by the shared memory; here that is written to."""
+    with Recorder(None, controller()) as recorder:
+
+        def fail(arm, m):
+            recorder._head[recorder_module._FAILED] = errno.ENOSPC
+            return m
+
+        loop = Loop(faulty(fail), recorder=recorder, seconds=3.0)
+        ending = loop.ended()
+    assert ending.failed and loop.phases == ["running", "holding", "damping", "stopped"]
+    assert "log: the log cannot be written: No space left" in ending.reason
+
+
+def test_a_ring_that_is_full_drops_and_says_so():
+    recorder = Recorder(None, controller(), rows=4)
+    try:
+        os.kill(recorder.pid, signal.SIGSTOP)
+        for _ in range(10):
+            recorder.commit()
+        assert "6 cycles are not in the log" in recorder.trouble
+    finally:
+        os.kill(recorder.pid, signal.SIGCONT)
+        recorder.close()
+
+
+def test_a_place_that_cannot_be_written_is_refused(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(pa.InputError, match=r"cannot be written.*--log"):
+        Recorder(tmp_path / "file" / "run.mcap", controller())
+
+
+# --- commands ---
+
+
+def test_commands_come_by_the_loopback(run):
+    _, _, loop, _, answers = run
+    state = answers["state"]
+    assert state["phase"] == "running" and state["adapting"] and len(state["q"]) == 2
+    assert len(state["a_d"]) == controller().dynamics.size
+    assert answers["hold"] == {"done": "hold"} and "no command is called 'fly'" in answers["fly"]
+    said = " ".join(loop.said)
+    for words in (
+        "load announced: {'mass': 0.5}",
+        "holding: commanded",
+        "running: new reference",
+        "the adaptation rests: commanded",
+        "refused: go: not while running",
+    ):
+        assert words in said, words
+
+
+def test_nobody_at_a_port_and_a_port_in_use_are_said():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        with pytest.raises(pa.InputError, match=f"port {port} cannot be used: Address already"):
+            Recorder(None, controller(), port=port)
+        with pytest.raises(pa.InputError, match="nobody answers"):
+            tell(port, "state", timeout=0.05)
+
+
+# --- processes that are killed ---
+
+
+def test_a_killed_loop_leaves_its_log_and_an_arm_at_rest(tmp_path):
+    """kill -9: the log is whole, and the arm stops by itself."""
+    code = f"""
+import sys
+from functools import partial
+import pinadapt as pa
+from pinadapt.realtime import ProcessArm, Recorder, RealtimeLoop, Safety
+from tests.support.arms import ORDINARY, circle, controller, heavy
+if __name__ == "__main__":
+    make = partial(pa.plants.PinocchioPlant, heavy())
+    of = controller()
+    with Recorder({str(tmp_path / "run.mcap")!r}, of) as recorder, ProcessArm(make, 2e-3) as arm:
+        print(arm.pid, recorder.pid, flush=True)
+        RealtimeLoop(arm, of, circle(), stage="adapt", recorder=recorder, scheduling=ORDINARY,
+                     safety=Safety(late=10**6)).run()
+"""
+    script = tmp_path / "loop.py"
+    script.write_text(code)
+    paths = os.pathsep.join([str(ROOT), *sys.path])
+    process = subprocess.Popen(
+        [sys.executable, str(script)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": paths},
+    )
+    children = [int(number) for number in process.stdout.readline().split()]
+    for line in process.stderr:
+        if "running" in line:
+            break
+    time.sleep(0.6)
+    process.kill()
+    process.wait(20.0)
+    until = time.monotonic() + 30.0
+    while any(map(runs, children)) and time.monotonic() < until:
+        time.sleep(0.05)
+    assert not any(map(runs, children))  # both have ended by themselves
+    log = CycleLog.read(tmp_path / "run.mcap")
+    assert log.whole and len(log) > 20
+    assert log.events[-1]["lost"] == "the process of the loop has died"
+    assert log.replay(controller()).same
+
+
+def runs(pid):
+    """Return whether a process runs."""
+    try:
+        with open(f"/proc/{pid}/stat") as file:
+            return file.read().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def test_a_plant_in_a_process_of_its_own_that_dies_is_noticed(tmp_path):
+    with ProcessArm(partial(pa.plants.PinocchioPlant, heavy()), 2e-3) as on:
+        assert on.facts.joints == tuple(robot().joint_names)
+        loop = Loop(on, seconds=30.0, safety=Safety(late=10**6))
+        sending, count = on.send, iter(range(10**9))
+
+        def send(torque):
+            if next(count) == 100:
+                os.kill(on.pid, signal.SIGKILL)
+            sending(torque)
+
+        on.send = send
+        ending = loop.run()
+    assert ending.failed and loop.phases[-1] == "stopped"
+    assert "the connection broke" in ending.reason or "has ended its connection" in ending.reason
+
+
+def test_an_arm_that_hears_nothing_stops_by_itself():
+    on = arm()
+    on.read()
+    on.send(np.zeros(2))
+    with pytest.raises(ArmError, match=r"no torque came for 0\.1 s"):
+        for _ in range(60):
+            on.read()
+    assert np.abs(on.plant.measure().v).max() < 1e-2
+
+
+def test_a_plant_that_cannot_be_made_is_said():
+    with pytest.raises(pa.InputError, match="expected a Robot, got None"):
+        ProcessArm(partial(pa.plants.PinocchioPlant, None), 2e-3)

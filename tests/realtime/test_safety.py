@@ -1,0 +1,153 @@
+"""The checklist: each item finds what it is for, and nothing in a good run."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from pinadapt.realtime import Answer, MomentumResidual, PlantArm, Safety
+from tests.support.arms import PERIOD, Loop, arm, controller, faulty, robot
+
+
+def ended(loop):
+    """Run a loop; return what it found first and the phases it went through."""
+    ending = loop.ended()
+    return ending.reason, loop.phases
+
+
+def test_a_good_run_finds_nothing():
+    loop = Loop(seconds=1.0)
+    assert ended(loop) == ("the time is over", ["running", "holding", "damping", "stopped"])
+    assert not loop.loop.ending.failed and len(loop.said) == 4
+
+
+def test_a_joint_that_is_too_fast_is_damped():
+    loop = Loop(safety=Safety(velocity=1e-3))
+    reason, phases = ended(loop)
+    assert reason.startswith("velocity: ") and phases == ["running", "damping", "stopped"]
+
+
+def test_a_joint_brakes_before_its_stop():
+    """The arm never reaches the stop, although its path leads across it."""
+    bounded = robot()
+    model = bounded.model.copy()
+    stop = robot().q0[0] + 0.05
+    model.upperPositionLimit[0] = stop
+    bounded = replace(bounded, model=model)
+    turning = pa.trajectories.Waypoints(
+        [bounded.position(robot().q0), bounded.position(robot().q0 + np.array([0.4, 0.0]))], 0.5
+    )
+    of = pa.make_controller(bounded, dt=PERIOD, adaptation="natural")
+    on = faulty(None, true=bounded)
+    highest = []
+    on.fault, on.at = (lambda arm, m: highest.append(m.q[0]) or m), 0
+    reason, phases = ended(Loop(on, motion=turning, of=of, seconds=1.0))
+    assert reason.startswith("joint stop: ") and phases[1] == "damping"
+    assert max(highest) < stop
+
+
+def test_the_frame_stays_in_its_box():
+    home = robot().position(robot().q0)
+    loop = Loop(safety=Safety(box=[home - 0.01, home + 0.01]), seconds=2.0)
+    reason, _ = ended(loop)
+    assert reason.startswith("workspace: the frame is at ")
+    with pytest.raises(pa.InputError, match=r"safety.box: has 3 coordinates; the task has 2"):
+        Loop(safety=Safety(box=np.array([[0.0] * 3, [1.0] * 3])))
+
+
+def test_an_error_that_is_too_large_is_damped():
+    away = lambda arm, m: m._replace(x=m.x + 0.3)  # noqa: E731
+    reason, phases = ended(Loop(faulty(away)))
+    assert phases[1] == "damping" and ("error: coordinate 1" in reason)
+
+
+def test_a_motor_that_stays_at_its_limit_is_held():
+    of = controller(limits=pa.Limits(torque=[35.0, 10.0]))
+    reason, _ = ended(Loop(of=of, safety=Safety(saturated=0.05, error=1.0), seconds=3.0))
+    assert reason.startswith(("torque: ", "contact: ", "error: "))
+
+
+def test_a_camera_that_stops_is_held():
+    blind = lambda arm, m: m._replace(x=None, xd=None)  # noqa: E731
+    on = faulty(blind)
+    reason, phases = ended(Loop(on, safety=Safety(camera=0.1), seconds=3.0))
+    assert phases == ["running", "holding", "damping", "stopped"]
+    assert reason.startswith("camera: no frame for 0.1")
+
+
+class Wall(PlantArm):
+    """An arm that meets a stiff wall at some angle of its first joint."""
+
+    angle, stiffness, felt = 0.0, 2000.0, None
+
+    def send(self, torque):
+        over = self.plant.measure().q[0] - self.angle
+        push = np.array([self.stiffness * max(over, 0.0), 0.0])
+        if over > 0.0 and self.felt is None:
+            self.felt = self._count
+        super().send(torque - push)
+
+
+def test_an_obstacle_is_told_from_a_load_and_the_adaptation_rests_first():
+    away = pa.trajectories.Waypoints(
+        [robot().position(robot().q0), robot().position(robot().q0 + np.array([0.5, 0.0]))], 0.8
+    )
+    with_load = Loop(motion=away, seconds=1.2)
+    assert ended(with_load)[0] == "the time is over"
+    on = arm(kind=Wall)
+    on.angle = robot().q0[0] + 0.2
+    loop = Loop(on, motion=away, seconds=1.2)
+    reason, phases = ended(loop)
+    assert reason.startswith("contact: ") and phases == ["running", "damping", "stopped"]
+    assert any(words.startswith("the adaptation rests: contact") for words in loop.said)
+
+
+def test_the_latch_stops_and_stays():
+    def pressed(arm, m):
+        loop.loop._checks.latched = "red button"
+        return m
+
+    on = faulty(pressed)
+    loop = Loop(on, seconds=3.0)
+    reason, phases = ended(loop)
+    assert reason == "latch: red button" and phases == ["running", "damping", "stopped"]
+
+
+def test_the_residual_is_the_torque_that_is_not_in_the_model():
+    """A constant external torque appears in full after the filter, less its slow part."""
+    dynamics = controller().dynamics
+    plant = pa.plants.PinocchioPlant(robot())
+    residual = MomentumResidual(dynamics, bandwidth=50.0, slow=1e-6)
+    a, found = dynamics.value(robot()), []
+    gravity = pa.robot.Gravity(robot())
+    before = None
+    for k in range(400):
+        m = plant.measure()
+        if before is not None:
+            found.append(residual.step(m.q, m.v, before, a, PERIOD))
+        external = np.array([0.4, -0.2]) if k > 200 else np.zeros(2)
+        before = gravity(m.q) + 0.3 * np.sin(0.02 * k)
+        plant.step(before + external, PERIOD)
+    assert np.abs(found[199]).max() < 3e-2
+    assert np.allclose(found[-1], [-0.4, 0.2], atol=4e-2)
+    residual.reset()
+    assert not residual.settled
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"velocity": 0.0}, "safety.velocity"),
+        ({"torque_rate": -1.0}, "safety.torque_rate"),
+        ({"box": [[1.0, 1.0], [0.0, 2.0]]}, "lower and upper corner"),
+        ({"box": [1.0, 2.0]}, "lower and upper corner"),
+    ],
+)
+def test_impossible_numbers_are_refused(given, words):
+    with pytest.raises(pa.InputError, match=words):
+        Safety(**given)
+
+
+def test_the_answers_are_in_order():
+    assert sorted(Answer) == [Answer.NONE, Answer.REST, Answer.HOLD, Answer.DAMP, Answer.STOP]

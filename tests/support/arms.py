@@ -1,0 +1,99 @@
+"""A planar arm behind the interface of real ones, and what may go wrong with it."""
+
+from functools import cache, partial
+
+import numpy as np
+
+import pinadapt as pa
+from pinadapt.realtime import PlantArm, RealtimeLoop, Scheduling
+
+PERIOD = 2e-3
+ORDINARY = Scheduling(None, None, False)  # as any program
+
+
+@cache
+def robot():
+    """Return the arm as described, in a vertical plane."""
+    return pa.load("planar_2r", gravity=[0.0, -9.81, 0.0])
+
+
+@cache
+def heavy():
+    """Return the arm as it is: with a load of 0.5 kg."""
+    return robot().changed(payload=pa.Payload(0.5, [0.0, 0.0, 0.0]))
+
+
+@cache
+def controller(**options):
+    """Return a controller of the described arm, without the memory of the default adaptation."""
+    given = {"adaptation": "natural", "limits": pa.Limits(torque=[120.0, 60.0]), **options}
+    return pa.make_controller(robot(), dt=PERIOD, **given)
+
+
+def circle(radius=0.1, period=2.0):
+    """Return a small circle at the home of the arm."""
+    return pa.trajectories.Circle(robot().position(robot().q0), radius, period)
+
+
+def arm(true=None, kind=PlantArm, **options):
+    """Return a simulated arm in this process."""
+    return kind(pa.plants.PinocchioPlant(heavy() if true is None else true), PERIOD, **options)
+
+
+class Loop:
+    """A loop on an arm, its messages, and its ending."""
+
+    def __init__(self, on=None, stage="adapt", seconds=0.4, motion=None, of=None, **options):
+        self.said = []
+        self.arm = arm() if on is None else on
+        self.loop = RealtimeLoop(
+            self.arm,
+            controller() if of is None else of,
+            circle() if motion is None else motion,
+            stage=stage,
+            scheduling=ORDINARY,
+            say=self.said.append,
+            **options,
+        )
+        self.run = partial(self.loop.run, seconds)
+
+    def ended(self):
+        """Run, check that the arm has stopped, and return the ending."""
+        with self.arm:
+            ending = self.run()
+            assert self.arm.stopped
+        return ending
+
+    @property
+    def phases(self):
+        """Names of the phases in their order."""
+        return [phase for _, phase, _ in self.loop.ending.phases]
+
+
+class Faulty(PlantArm):
+    """An arm to which something happens at a cycle of the loop.
+
+    Attributes:
+        cycle: number of measurements so far.
+        sent: torques that it got.
+    """
+
+    def __init__(self, *arguments, at=150, fault=None, **options):
+        super().__init__(*arguments, **options)
+        self.cycle, self.at, self.fault, self.sent = 0, at, fault, []
+
+    def read(self):
+        self.cycle += 1
+        m = super().read()
+        if self.fault is not None and self.cycle >= self.at:
+            return self.fault(self, m)
+        return m
+
+    def send(self, torque):
+        self.sent.append(np.array(torque))
+        super().send(torque)
+
+
+def faulty(fault, at=150, **options):
+    """Return an arm with a fault, a function of the arm and its measurement."""
+    return arm(kind=partial(Faulty, at=at, fault=fault), **options)
