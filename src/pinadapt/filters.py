@@ -284,11 +284,12 @@ class TorqueFilterState(NamedTuple):
     """What the filters remember; the last column belongs to the known part of the torque.
 
     Attributes:
-        Z: (n, p + 1) low-passed lambda Y_M - Y_0.
+        Z: (n, p + 1) low-passed lambda Y_M - Y_0, as it was before the last step.
         y: (n) low-passed torque.
         u: (n, p + 1) lambda Y_M - Y_0 that was held over the last step.
         tau: (n) torque that was held over it.
-        shares: (2) of a change of u and of tau over it that are still to come.
+        shares: (2) that are still to come: of a change of u over it; and of a change of tau, which
+            is also that of u - Z.
     """
 
     Z: np.ndarray
@@ -359,7 +360,7 @@ class FilteredRegressor:
         still = np.zeros((n, self.dynamics.size + 1))
         u, Z, W = empty(still.shape), empty(still.shape), empty(still.shape)
         regressors.filtered_regressor(
-            *momentum, self.low_pass.bandwidth, still, still, 0.0, u, Z, W
+            *momentum, self.low_pass.bandwidth, still, still, 0.0, 0.0, u, Z, W
         )
         return TorqueFilterState(W, np.zeros(n), u, np.zeros(n), np.zeros(2))
 
@@ -393,7 +394,9 @@ class FilteredRegressor:
         Z_before, y, before, held, (share_u, share_tau) = state
         u, Z, W = empty(before.shape), empty(before.shape), empty(before.shape)
         bandwidth = self.low_pass.bandwidth
-        regressors.filtered_regressor(*momentum, bandwidth, Z_before, before, share_u, u, Z, W)
+        regressors.filtered_regressor(
+            *momentum, bandwidth, Z_before, before, share_tau, share_u, u, Z, W
+        )
         if tau is not None:
             y, held = y + share_tau * (tau - held), tau
         now = TorqueFilterState(Z, y, u, held, np.zeros(2))
@@ -405,10 +408,7 @@ class FilteredRegressor:
         x = self.low_pass.bandwidth * dt
         share = -math.expm1(-x)
         shares = np.array([1.0 - share / x if x > 0.0 else 0.0, share])
-        change = u - Z
-        change *= share
-        change += Z
-        return TorqueFilterState(change, y + share * (tau - y), u, tau, shares)
+        return TorqueFilterState(Z, y + share * (tau - y), u, tau, shares)
 
     def rate(self, now: FilteredTorque, tau: np.ndarray) -> TorqueFilterState:
         """Return the time derivative of the state at the torque tau (n), as part of an ODE."""

@@ -133,12 +133,12 @@ def test_filtered_regressor(rng, laid):
     p_0, tau_0 = laid(rng.standard_normal((2, 3)))
     Z, before = laid(rng.standard_normal((2, 3, 5)))
     u, Z_now, W = filled(3, 3, 5)
-    models.filtered_regressor(Y_M, Y_0, p_0, tau_0, 7.0, Z, before, 0.3, u, Z_now, W)
+    models.filtered_regressor(Y_M, Y_0, p_0, tau_0, 7.0, Z, before, 0.2, 0.3, u, Z_now, W)
     momentum = 7.0 * np.column_stack([Y_M, p_0])
     assert close(u, momentum - np.column_stack([Y_0, tau_0]))
-    assert close(Z_now, Z + 0.3 * (u - before)) and close(W, momentum - Z_now)
+    assert close(Z_now, Z + 0.2 * (before - Z) + 0.3 * (u - before)) and close(W, momentum - Z_now)
     Y_0[1, 2] = NAN
-    models.filtered_regressor(Y_M, Y_0, p_0, tau_0, 7.0, Z, before, 0.3, u, Z_now, W)
+    models.filtered_regressor(Y_M, Y_0, p_0, tau_0, 7.0, Z, before, 0.2, 0.3, u, Z_now, W)
     assert np.isnan(u[1, 2]) and np.isnan(W).sum() == 1
 
 

@@ -309,7 +309,7 @@ def add_joint_effects(
 
 
 @compiled(
-    "void(f8[:,:], f8[:,:], f8[:], f8[:], f8, f8[:,:], f8[:,:], f8, f8[:,::1], f8[:,::1], "
+    "void(f8[:,:], f8[:,:], f8[:], f8[:], f8, f8[:,:], f8[:,:], f8, f8, f8[:,::1], f8[:,::1], "
     "f8[:,::1])",
     fills=3,
 )
@@ -321,25 +321,29 @@ def filtered_regressor(
     bandwidth: float,
     Z: np.ndarray,
     before: np.ndarray,
+    held: float,
     share: float,
     u: np.ndarray,
     Z_now: np.ndarray,
     W: np.ndarray,
 ) -> None:
-    """Write u = lambda Y_M - Y_0, Z + share (u - before) and W = lambda Y_M - Z (n, p + 1).
+    """Write u = lambda Y_M - Y_0, Z at its time, and W = lambda Y_M - Z (n, p + 1).
 
-    The last column is that of the known parts p_0 and tau_0 (n), in place of Y_M and Y_0 (n, p).
+    Since the given Z it has moved by held (before - Z) + share (u - before). The last column is
+    that of the known parts p_0 and tau_0 (n), in place of Y_M and Y_0 (n, p).
     """
     n, p = Y_M.shape
     for i in range(n):
         for j in range(p):
             momentum = bandwidth * Y_M[i, j]
             u[i, j] = momentum - Y_0[i, j]
-            Z_now[i, j] = Z[i, j] + share * (u[i, j] - before[i, j])
+            Z_now[i, j] = Z[i, j] + held * (before[i, j] - Z[i, j])
+            Z_now[i, j] += share * (u[i, j] - before[i, j])
             W[i, j] = momentum - Z_now[i, j]
         momentum = bandwidth * p_0[i]
         u[i, p] = momentum - tau_0[i]
-        Z_now[i, p] = Z[i, p] + share * (u[i, p] - before[i, p])
+        Z_now[i, p] = Z[i, p] + held * (before[i, p] - Z[i, p])
+        Z_now[i, p] += share * (u[i, p] - before[i, p])
         W[i, p] = momentum - Z_now[i, p]
 
 

@@ -325,6 +325,7 @@ class CompositeMemory(Wrapper):
         self.agreement = positive(agreement, "agreement", zero=True)
         self.unit = positive(unit, "unit")
         self._variance = self.noise * self.noise
+        self._precision = 1.0 / self._variance
 
     def init(self, value: np.ndarray) -> Estimate:
         """Return the inner adaptation's start, with an empty memory."""
@@ -352,12 +353,12 @@ class CompositeMemory(Wrapper):
 
     def emphasis(self, estimate: Estimate) -> float:
         """Return kappa(t) / kappa."""
-        return self._emphasis(_Clock(*estimate.memory[_OWN - 1]))
+        return self._emphasis(_Clock(*estimate.memory[_OWN - 1].tolist()))
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates under drive and memory, dA/dt, db/dt, dkappa/dt."""
         A, b, _, _, _, numbers_now = estimate.memory[:_OWN]
-        clock, inner = _Clock(*numbers_now), self._inner(estimate)
+        clock, inner = _Clock(*numbers_now.tolist()), self._inner(estimate)
         told = None
         if clock.quiet <= 0.0 and not drive.saturated:
             told = self._recalled(estimate, drive)
@@ -380,9 +381,10 @@ class CompositeMemory(Wrapper):
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held; fading is integrated exactly."""
         A, b, pull, origin, lasting, numbers_now = estimate.memory[:_OWN]
-        clock, inner = _Clock(*numbers_now), self._inner(estimate)
+        clock, inner = _Clock(*numbers_now.tolist()), self._inner(estimate)
         fades = math.exp(-self._bandwidth * dt)
-        later = clock._replace(fresh=fades * clock.fresh, left=fades * clock.left)
+        quiet, due, fresh, left, usual, unexplained, residual = clock
+        later = _Clock(quiet, due - dt, fades * fresh, fades * left, usual, unexplained, residual)
         if drive.W is None or drive.residual is None or drive.saturated:
             after = self.inner.step(inner, self._total(drive, None, clock), dt)
             later = later._replace(quiet=_QUIET / self._bandwidth, due=0.0)
@@ -399,11 +401,9 @@ class CompositeMemory(Wrapper):
         elif len(origin):
             drive = _since(origin, clock.left, estimate.value, drive)
         assert drive.residual is not None
-        size = self._mean_square(drive.residual)
-        usual = _UNUSUAL * max(clock.usual, clock.residual)
-        if clock.due > 0.5 * dt and size <= max(self.contradiction, usual):
+        size, known = self._mean_square(drive.residual), _UNUSUAL * max(usual, residual)
+        if due > 0.5 * dt and size <= max(self.contradiction, known):
             after = self.inner.step(inner, self._total(drive, pull, clock), dt)
-            later = later._replace(due=clock.due - dt)
             memory = A, b, pull, origin, lasting, np.array(later)
             return Estimate(after.value, (*memory, *after.memory))
         told = self._recalled(estimate, drive)
@@ -431,7 +431,7 @@ class CompositeMemory(Wrapper):
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return -(rho / kappa) da^T H da, and what the inner adaptation adds to dV/dt."""
-        clock = _Clock(*estimate.memory[_OWN - 1])
+        clock = _Clock(*estimate.memory[_OWN - 1].tolist())
         told = None
         if clock.quiet <= 0.0 and not drive.saturated:
             told = self._recalled(estimate, drive)
@@ -459,8 +459,8 @@ class CompositeMemory(Wrapper):
 
     def _trust(self, clock: _Clock) -> float:
         """Return the share of rho that holds where some innovations last."""
-        trust = 1.0 / (1.0 + (clock.unexplained**2 / self.unexplained) ** 2)
-        return max(trust, self.least_trust)
+        ratio = clock.unexplained * clock.unexplained / self.unexplained
+        return max(1.0 / (1.0 + ratio * ratio), self.least_trust)
 
     def _emphasis(self, clock: _Clock) -> float:
         """Return kappa(t) / kappa."""
@@ -489,7 +489,7 @@ class CompositeMemory(Wrapper):
 
     def _mean_square(self, torque: np.ndarray) -> float:
         """Return the mean square over the joints of a torque (n) relative to the noise."""
-        return float(torque @ (torque / self._variance)) / torque.size
+        return float(torque.dot(torque * self._precision)) / torque.size
 
     def _mean(self, mean: float, value: float, span: float) -> float:
         """Return a mean after a time [s], the faster where it rises."""
