@@ -2,14 +2,19 @@
 
 ``python -m benchmarks.control_step [--save FILE]`` times law (11), kinematics and every inertial
 parameter adapted, on three robots, and the default law, separation, on the Panda with the joints'
-coefficients known and adapted, all under natural adaptation. The floor is the sequence of raw
-calls, listed by name, with the arguments prepared: forward kinematics and Jacobian at the
+coefficients known and adapted, all under natural adaptation. The last row is the default, with its
+memory of all torques, beside natural adaptation of the same parameters. The floor is the sequence
+of raw calls, listed by name, with the arguments prepared: forward kinematics and Jacobian at the
 estimate, the estimated inertias written into a model, RNEA, CRBA and the regressor; for separation
 the Jacobian's variation and the two regressors of which that of Slotine and Li is made. Step and
 floor run alternately in one process, so that both have the same state of caches and clock; the
 ratio is the median over pairs. The bare floor omits the writing of the estimates. The step is one
 of an arm that has moved; ``first_us`` is one of the first samples, until v has been found to be
 the rate of q.
+
+The memory is timed along a motion, as it solves for an estimate at some of the samples only: two
+loops run alternately, a sample each. The mean is that of the median of these steps and the median
+of the others, each counted as often as it occurs.
 """
 
 from __future__ import annotations
@@ -35,6 +40,7 @@ CASES: dict[str, tuple[str, str, bool]] = {  # robot, law, whether friction and 
     "panda_separation": ("panda", DEFAULT, False),
     "panda_separation_joints": ("panda", DEFAULT, True),
 }
+MEMORY = "panda_memory"
 ROUNDS, DT = 3000, 1e-3
 Call = Callable[[], object]
 
@@ -169,6 +175,45 @@ def measure(name: str) -> dict[str, Any]:
     }
 
 
+def measure_memory() -> dict[str, Any]:
+    """Return the figures of the default beside natural adaptation, both along a circle."""
+    robot = pa.load("panda")
+    true = robot.changed(viscous=1.0, coulomb=0.5)
+    circle = pa.trajectories.Circle(np.zeros(3), 0.1, 3.0)
+    path = circle.starting_at(robot.position(robot.q0))
+    controllers = [pa.make_controller(robot, adaptation=name, dt=DT) for name in ("natural", None)]
+    loops = [pa.run(pa.plants.PinocchioPlant(true), each, path, dt=DT) for each in controllers]
+    seen: list[Any] = []  # A of ``CompositeMemory``, which is another one after a solution
+
+    def natural() -> float:
+        return next(loops[0]).step_time
+
+    def memory() -> float:
+        sample = next(loops[1])
+        seen.append(sample.state.dynamic.memory[0])
+        return sample.step_time
+
+    times = in_turn({"natural": natural, "memory": memory}, ROUNDS)
+    next_one = [*seen[1:], next(loops[1]).state.dynamic.memory[0]]
+    solved = np.array([a is not b for a, b in zip(seen, next_one, strict=True)])[-ROUNDS:]
+    usual, share = float(np.median(times["natural"])), float(solved.mean())
+    between, solving = (float(np.median(times["memory"][which])) for which in (~solved, solved))
+    mean = share * solving + (1.0 - share) * between
+    return {
+        "name": MEMORY,
+        "law": controllers[1].law.name,
+        "kinematic": controllers[1].kinematics.size,
+        "dynamic": controllers[1].dynamics.size,
+        "natural_us": 1e6 * usual,
+        "step_us": 1e6 * between,
+        "solving_us": 1e6 * solving,
+        "solving_share": share,
+        "mean_us": 1e6 * mean,
+        "median_ratio": between / usual,
+        "mean_ratio": mean / usual,
+    }
+
+
 def main() -> None:
     """Print the figures with the previous ones, and save them."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -191,7 +236,13 @@ def main() -> None:
         )
     for law, calls in {row["law"]: row["floor_calls"] for row in rows}.items():
         print(f"floor of {law}: " + ", ".join(calls))
-    save(path, rows)
+    row = measure_memory()
+    print(
+        f"{row['name']:23} {row['kinematic'] + row['dynamic']:7d} {row['step_us']:8.1f} us median, "
+        f"{row['mean_us']:.1f} us mean: {row['median_ratio']:.2f} and {row['mean_ratio']:.2f} of "
+        f"natural's {row['natural_us']:.1f} us"
+    )
+    save(path, [*rows, row])
 
 
 if __name__ == "__main__":

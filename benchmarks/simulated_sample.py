@@ -1,9 +1,10 @@
 """The time of a simulated sample of the Panda relative to its forward dynamics.
 
 ``python -m benchmarks.simulated_sample [--save FILE]`` runs robots/panda/tool_and_load.toml, with
-everything recorded and the rollout made, without and with joint friction, and in MuJoCo. A sample
-consists of the control step and the rest: desired motion, measuring, integrating, recording, and
-its share of the rollout. Both are given in calls ``pin.aba(model, data, q, v, tau)``, of which the
+everything recorded and the rollout made, without and with joint friction, in MuJoCo, and with the
+default's memory of torques, which solves for an estimate twice in a block. A sample consists of
+the control step and the rest: desired motion, measuring, integrating, recording, and its share of
+the rollout. Both are given in calls ``pin.aba(model, data, q, v, tau)``, of which the
 integration of a sample makes two; blocks of samples and of calls run alternately in one process,
 and the ratios are medians over the rounds.
 
@@ -30,7 +31,7 @@ from pinadapt.simulation.simulate import Record, record, rollout_of
 from .timing import HERE, in_turn, repeated, save, saved
 
 SCENARIO = HERE.parent / "robots" / "panda" / "tool_and_load.toml"
-BLOCK, ROUNDS = 20, 600
+BLOCK, ROUNDS = 28, 430
 
 
 class Loop:
@@ -109,6 +110,8 @@ def main() -> None:
         ),
     }
     rows = [measure(name, scenario, plant) for name, plant in plants.items()]
+    default = Scenario.read(SCENARIO, ["controller.adaptation=natural-memory"])
+    rows.append(measure("panda with the memory", default, pa.plants.PinocchioPlant(free)))
     print("in calls of aba:                 step   rest  sample  (was)   aba us")
     for row in rows:
         was = before.get(row["name"], {}).get("sample_ratio", float("nan"))

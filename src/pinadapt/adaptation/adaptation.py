@@ -272,7 +272,7 @@ class Adaptation(ABC):
         return np.column_stack(columns) if columns else np.zeros((0, 0))
 
     def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:
-        """Return Gamma X (p, l) at a value (p) with an empty memory, X (p, l)."""
+        """Return Gamma X (p, l), a new array, at a value (p) with an empty memory, X (p, l)."""
         return self.gain(value).dot(X)
 
     def metric(self, estimate: Estimate) -> np.ndarray:

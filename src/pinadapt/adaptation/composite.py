@@ -418,15 +418,15 @@ class CompositeMemory(Wrapper):
             taken = _origin(estimate.value, whole)
             return Estimate(after.value, (*empty, taken, lasting, np.array(later), *after.memory))
         after = self.inner.step(inner, self._total(drive, told.pull, clock), dt)
-        kept, (A_new, b_new) = math.exp(-told.fading * span), self._news(estimate.value, drive)
-        A_new *= span
+        kept = math.exp(-told.fading * span)
+        A_new, b_new = self._news(estimate.value, drive, span)
         A_new += A if kept == 1.0 else kept * A
         now = told.innovation / self.noise
         now *= math.sqrt(d * now.size / max(float(now @ now), 1e-300))
         lasting = lasting + min(1.0, span * self._bandwidth / _LASTING) * (now - lasting)
         size = math.sqrt(float(lasting @ lasting) / lasting.size)
         later = later._replace(unexplained=self._mean(clock.unexplained, size, span))
-        memory = A_new, kept * b + span * b_new, told.pull, origin, lasting, np.array(later)
+        memory = A_new, kept * b + b_new, told.pull, origin, lasting, np.array(later)
         return Estimate(after.value, (*memory, *after.memory))
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
@@ -496,11 +496,16 @@ class CompositeMemory(Wrapper):
         over = _RISE if value > mean else _FALL
         return mean + min(1.0, span * self._bandwidth / over) * (value - mean)
 
-    def _news(self, value: np.ndarray, drive: Drive) -> tuple[np.ndarray, np.ndarray]:
-        """Return W^T R W (p, p) and W^T R y (p) of a drive with a prediction error."""
+    def _news(
+        self, value: np.ndarray, drive: Drive, span: float = 1.0
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return W^T R W (p, p) and W^T R y (p) of a drive with a prediction error, times a span.
+
+        They are rates, of A and b; span is the time over which they hold [s].
+        """
         W, residual = drive.W, drive.residual
         assert W is not None and residual is not None
-        weighted = (W.T * (self._bandwidth / self._variance)).dot  # W^T R
+        weighted = (W.T * (span * self._bandwidth / self._variance)).dot  # W^T R
         return weighted(W), weighted(W.dot(value) - residual)
 
     def _recalled(self, estimate: Estimate, drive: Drive) -> _Recalled | None:
@@ -513,16 +518,15 @@ class CompositeMemory(Wrapper):
         if W is None or residual is None:
             return None
         n, p = W.shape
-        sides = np.empty((p, p + n))
-        sides[:, :p], sides[:, p:] = A, W.T
-        moved = self.inner.gain_times(value, sides) / self.share  # P A, P W^T
-        moved.flat[:: p + n + 1] += 1.0
-        sides[:, p - 1] = A.dot(value) - b
-        solved = np.linalg.solve(moved[:, :p].T, sides[:, p - 1 :])
-        pull, W_P = solved[:, 0], moved[:, p:].T
-        change = W_P.dot(pull)
+        moved = self.inner.gain_times(value, A)  # kappa P A
+        moved.flat[:: p + 1] += self.share
+        sides = np.empty((p, n + 1))
+        sides[:, 0], sides[:, 1:] = A.dot(value) - b, W.T
+        solved = np.linalg.solve(moved.T, sides)  # (I + A P)^-1 / kappa times A da and W^T
+        W_Gamma = self.inner.gain_times(value, W.T).T
+        pull, change = self.share * solved[:, 0], W_Gamma.dot(solved[:, 0])
         innovation = residual - change
-        S = W_P.dot(solved[:, 1:])
+        S = W_Gamma.dot(solved[:, 1:])
         S.flat[:: n + 1] += self._variance
         size = innovation.dot(np.linalg.solve(0.5 * (S + S.T), innovation))
         surprise = max(float(size), 0.0) / n
