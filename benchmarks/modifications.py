@@ -15,7 +15,6 @@ import argparse
 import math
 import os
 import warnings
-from collections import deque
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from multiprocessing import get_context
@@ -43,21 +42,6 @@ MODIFICATIONS: dict[str, dict[str, Any]] = {
     "dead zone, sigma": {"dead-zone": 0.05, "sigma": 0.2},
 }
 FRICTION = 0.02  # relative to the effort limits
-LATE = 6  # samples
-
-
-class LateMotors(pa.plants.PinocchioPlant):
-    """Motors that deliver each torque some samples after its command."""
-
-    def reset(self) -> None:
-        """Return home without pending torques."""
-        super().reset()
-        self._coming = deque(np.zeros((LATE, self.nv)))
-
-    def step(self, torque: np.ndarray, dt: float) -> None:
-        """Apply the torque commanded some samples ago."""
-        self._coming.append(torque)
-        super().step(self._coming.popleft(), dt)
 
 
 @dataclass(frozen=True)
@@ -80,7 +64,7 @@ class Disturbance:
 DISTURBANCES = {
     "nothing": Disturbance(),
     "noise": Disturbance(pa.Sensors(encoder=2.0 * math.pi / 2**17)),
-    "late motors": Disturbance(engine=LateMotors),
+    "late motors": Disturbance(engine=pa.robot.Actuators(delay=6e-3)),
     "friction": Disturbance(friction=FRICTION),
     "elastic joints": Disturbance(engine=pa.robot.Actuators(stiffness=5e3)),
     "noise, law (11), gradient": Disturbance(

@@ -58,9 +58,7 @@ def measure(robot: str, column: str, duration: float) -> dict[str, Any]:
     case, zoo = CASES[column], zoo_case(robot)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of descriptions with unphysical bodies
-        controller = pa.make_controller(
-            zoo.estimated, adaptation="natural", dt=case.dt, sensors=case.sensors
-        )
+        controller = pa.make_controller(zoo.estimated, dt=case.dt, sensors=case.sensors)
         rollout = pa.simulate(
             zoo.true,
             controller,

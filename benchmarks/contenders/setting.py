@@ -61,9 +61,8 @@ class Setting:
         return np.diag(law.K_D(self.nominal.q0)).copy()
 
     def controller(self, *, compensate_delay: bool = True, **words: Any) -> pa.Controller:
-        """Return a controller for the nominal model and the sensors, by default natural."""
+        """Return a controller for the nominal model and the sensors."""
         sensors = replace(self.sensors, compensate_delay=compensate_delay)
-        words = {"adaptation": "natural"} | words
         return pa.make_controller(self.nominal, dt=PERIOD, sensors=sensors, **words)
 
     def circle(self, period: float) -> pa.trajectories.Trajectory:

@@ -17,6 +17,7 @@ from tests.support.paper import BASIS, CIRCLE, LMI
 pytestmark = pytest.mark.slow
 
 FIT = {"kinematic_adaptation": "least-squares"}
+SLOPE = {"kinematic_adaptation": "gradient"}
 SLOW = {"gamma_d": 1.0, "unknown": pa.Unknown(friction=False, armature=False)}
 
 
@@ -50,6 +51,7 @@ CASES = {
     "ur5, weight": lambda: arm("ur5", R_k=2.0),
     "ur5, Jacobian": lambda: arm("ur5", law="adaptive-jacobian"),
     "panda": lambda: arm("panda"),
+    "panda, memory": lambda: arm("panda", adaptation="natural-memory"),
     "panda, (11)": lambda: arm("panda", law="adaptive-inverse-dynamics", R_k=20.0),
     "panda, (25)": lambda: arm("panda", law="adaptive-inverse-dynamics-velocity"),
     "slides": lambda: arm("scara", "xy"),
@@ -98,14 +100,14 @@ def test_noisy_frames_are_averaged():
     seen = {"sensors": pa.Sensors(camera=pa.Camera(rate=30.0, delay=0.06), noise={"x": 1e-3})}
     wrong, _ = known_after(3.0, **seen, **FIT)
     assert wrong < 4e-4
-    slow, _ = known_after(3.0, **seen)
+    slow, _ = known_after(3.0, **seen, **SLOPE)
     assert slow > 4.0 * wrong
 
 
 def test_base_and_tool_are_both_identified():
     """A small circle hardly excites both; gradient adaptation would take minutes."""
     wrong, _ = known_after(2.0, base=True, **FIT)
-    slow, _ = known_after(2.0, base=True)
+    slow, _ = known_after(2.0, base=True, **SLOPE)
     assert wrong < 1e-3 and slow > 0.05
 
 
@@ -214,7 +216,7 @@ def test_names_and_gains():
     alone = pa.make_controller(robot, adaptation="none", **FIT)
     assert alone.adaptation_k.inner.name == "least-squares" and alone.adaptation_d.name == "none"
     for unused in (
-        {"kinematic_rate": 5.0},
+        {**SLOPE, "kinematic_rate": 5.0},
         {**FIT, "unknown": pa.Unknown(tool=False), "gamma_k": 1.0},
     ):
         with pytest.warns(pa.UnusedGainWarning):
@@ -228,6 +230,45 @@ def test_names_and_gains():
             pa.make_controller(robot, **FIT, kinematic_rate=rate)
     with pytest.raises(pa.GainError, match="weight"):
         pa.adaptation.LeastSquares(1.0, 2, 10.0, weight=None)
+
+
+def test_default_by_what_is_unknown():
+    """Least squares on positions for tool and base; gradient for lengths and published laws."""
+    panda = catalogue_robot("panda")
+
+    def kind(**words):
+        return pa.make_controller(panda, **words).adaptation_k.name
+
+    assert kind() == kind(adaptation="natural") == "least-squares"
+    assert kind(unknown=pa.Unknown(base=True)) == "least-squares"
+    lengths = pa.Unknown(lengths=True, friction=True, armature=True)
+    assert kind(unknown=lengths, adaptation="composite") == "gradient"
+    assert kind(law="adaptive-jacobian") == "gradient"
+    assert kind(adaptation="none") == kind(unknown=pa.Unknown(tool=False)) == "none"
+
+
+@pytest.mark.parametrize("p", [3, 40])
+def test_small_and_large_problems_take_the_same_step(p):
+    """Loops up to 32 parameters, LAPACK beyond: both against inverses as they are written."""
+    rng = np.random.default_rng(3)
+    root = rng.standard_normal((p, p))
+    P, W, R_0 = root @ root.T + np.eye(p), rng.standard_normal((3, p)), 2.0 * np.eye(3)
+    residual, g = rng.standard_normal(3), rng.standard_normal(p)
+    options = {"weight": None, "rate": 5.0, "floor": 0.7, "forgetting": 3.0, "directional": True}
+    fit = pa.adaptation.LeastSquares(P, p, **options)
+    drive = pa.adaptation.Drive(np.zeros((3, p)), None, W, residual, R_0, g)
+    now = 0.5 * P
+    R = 5.0 * np.linalg.inv(W @ now @ W.T + 0.7 * np.eye(3))
+    gradient = g + W.T @ (R - R_0) @ residual
+    estimate = pa.adaptation.Estimate(np.ones(p), (now,))
+    assert np.allclose(fit.weight(drive, now), R, rtol=1e-9)
+    assert np.allclose(fit.rate(estimate, drive).value, -now @ gradient, rtol=1e-9)
+    information = np.linalg.inv(now) + 0.01 * W.T @ R @ W
+    after, kept = fit.step(estimate, drive, 0.01), math.exp(-0.03)
+    value = 1.0 - 0.01 * np.linalg.solve(information, gradient)
+    assert np.allclose(after.value, value, rtol=1e-9, atol=1e-9)
+    gain = np.linalg.inv(kept * information + (1.0 - kept) * np.linalg.inv(P))
+    assert np.allclose(after.memory[0], gain, rtol=1e-8, atol=1e-8 * np.abs(gain).max())
 
 
 def test_scenario_with_the_name():

@@ -371,11 +371,12 @@ def test_missed_samples_raise_no_alarm():
 def test_once_all_is_told_nothing_is_remembered():
     """And the torque is the same to the bit, with the guards and without.
 
-    Guards hold the estimates at the first samples, at rest. That is nothing to natural adaptation;
-    a memory begins to look later.
+    Guards hold the estimates at the first samples, at rest. That is nothing to natural adaptation
+    and a gradient; a memory begins to look later, and so does least squares.
     """
     robot = catalogue_robot("ur5")
-    runs = [list(Loop(robot, guards=guards).run(3.5)) for guards in (True, False)]
+    kinds = {"kinematic_adaptation": "gradient"}
+    runs = [list(Loop(robot, guards=guards, **kinds).run(3.5)) for guards in (True, False)]
     remembered = [state.sensed.first is not None for state in runs[0]]
     assert remembered[0] and not remembered[-1]
     assert all(one or not other for one, other in pairwise(remembered))  # and never again

@@ -90,7 +90,10 @@ def test_an_adaptation_as_an_object_is_the_one_by_name(kind):
     robot = catalogue_robot("panda")
     by_name = pa.make_controller(wrong(robot), adaptation=kind)
     by_object = pa.make_controller(
-        wrong(robot), adaptation=by_name.adaptation_d, gamma_k=by_name.adaptation_k.inner.Gamma
+        wrong(robot),
+        adaptation=by_name.adaptation_d,
+        kinematic_adaptation=by_name.adaptation_k,
+        R_k=by_name.law.R_k[0, 0],
     )
     samples = record(with_tool_and_load(robot), by_name, motion_at_home(robot))
     (torques, state), (same, end) = (replay(each, samples) for each in (by_name, by_object))

@@ -34,6 +34,126 @@ def descend(a: np.ndarray, g: np.ndarray, Gamma: np.ndarray, dt: float, after: n
         after[i] = a[i] + dt * after[i]
 
 
+@compiled(
+    "void(f8[:,:], f8[:,:], f8[:], f8[:,:], f8[:], f8, f8[:], f8[:,:], f8[:])",
+    fills=2,
+    allocates=True,
+)
+def weigh(
+    P: np.ndarray,
+    W: np.ndarray,
+    r: np.ndarray,
+    R_0: np.ndarray,
+    g: np.ndarray,
+    rate: float,
+    floor: np.ndarray,
+    R: np.ndarray,
+    weighted: np.ndarray,
+) -> None:
+    """Write R = rate (W P W^T + diag(floor))^-1 (m, m) and g + W^T (R - R_0) r (p), P symmetric."""
+    m, p = W.shape
+    L, L_inverse, P_w = np.empty((m, m)), np.empty((m, m)), np.empty(p)
+    for i in range(m):
+        for k in range(p):
+            P_w[k] = 0.0
+            for t in range(p):
+                P_w[k] += P[k, t] * W[i, t]
+        for j in range(i + 1):
+            x = floor[i] if i == j else 0.0
+            for k in range(p):
+                x += W[j, k] * P_w[k]
+            L[i, j] = x
+    for i in range(m):
+        for j in range(i + 1):
+            x = L[i, j]
+            for t in range(j):
+                x -= L[i, t] * L[j, t]
+            L[i, j] = math.sqrt(x) if i == j else x / L[j, j]
+        for j in range(i + 1):
+            x = 1.0 if i == j else 0.0
+            for t in range(j, i):
+                x -= L[i, t] * L_inverse[t, j]
+            L_inverse[i, j] = x / L[i, i]
+    for i in range(m):
+        for j in range(i + 1):
+            x = 0.0
+            for t in range(i, m):
+                x += L_inverse[t, i] * L_inverse[t, j]
+            R[i, j] = R[j, i] = rate * x
+    for k in range(p):
+        weighted[k] = g[k]
+    for i in range(m):
+        x = 0.0
+        for j in range(m):
+            x += (R[i, j] - R_0[i, j]) * r[j]
+        for k in range(p):
+            weighted[k] += W[i, k] * x
+
+
+@compiled(
+    "void(f8[:,:], f8[:,:], f8[:,:], f8[:], f8, f8[:,:], f8, f8[:], f8[:,:])",
+    fills=2,
+    allocates=True,
+)
+def fit(
+    P: np.ndarray,
+    W: np.ndarray,
+    R: np.ndarray,
+    g: np.ndarray,
+    dt: float,
+    prior: np.ndarray,
+    kept: float,
+    change: np.ndarray,
+    gain: np.ndarray,
+) -> None:
+    """Write -dt P_1 g (p), P_1^-1 = P^-1 + dt W^T R W, and (kept P_1^-1 + (1 - kept) prior)^-1.
+
+    All matrices are symmetric; P, P_1 and prior are positive definite.
+    """
+    m, p = W.shape
+    X, L, L_inverse, information = gain, np.empty((p, p)), np.empty((p, p)), np.empty((p, p))
+    for i in range(p):
+        for j in range(p):
+            X[i, j] = P[i, j]
+    for turn in range(3):  # X is inverted: P, then P_1^-1, then the inverse of the result
+        for i in range(p):
+            for j in range(i + 1):
+                x = X[i, j]
+                for t in range(j):
+                    x -= L[i, t] * L[j, t]
+                L[i, j] = math.sqrt(x) if i == j else x / L[j, j]
+            for j in range(i + 1):
+                x = 1.0 if i == j else 0.0
+                for t in range(j, i):
+                    x -= L[i, t] * L_inverse[t, j]
+                L_inverse[i, j] = x / L[i, i]
+        for i in range(p):
+            for j in range(i + 1):
+                x = 0.0
+                for t in range(i, p):
+                    x += L_inverse[t, i] * L_inverse[t, j]
+                X[i, j] = X[j, i] = x
+        if turn == 0:
+            for a in range(m):
+                for i in range(p):
+                    x = 0.0
+                    for b in range(m):
+                        x += R[a, b] * W[b, i]
+                    for j in range(p):
+                        X[j, i] += dt * W[a, j] * x
+            for i in range(p):
+                for j in range(p):
+                    information[i, j] = X[i, j]
+        if turn == 1:
+            for i in range(p):
+                change[i] = 0.0
+                for j in range(p):
+                    change[i] -= dt * X[i, j] * g[j]
+            for i in range(p):
+                for j in range(p):
+                    X[i, j] = kept * information[i, j] + (1.0 - kept) * prior[i, j]
+
+
 @compiled("void(f8[:], f8[:], f8[:], f8, f8, f8[:])")
 def exponentiate(
     a: np.ndarray, g: np.ndarray, scale: np.ndarray, h: float, largest: float, after: np.ndarray

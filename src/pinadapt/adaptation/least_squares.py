@@ -8,8 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import definite_matrix, flag, numbers, positive, whole
+from .._compiled import compile_all
+from .._kernels import estimates as kernels
 from ..exceptions import GainError
 from .adaptation import Adaptation, Drive, Estimate
+
+_SMALL = 32  # parameters, up to which loops are faster than LAPACK
 
 
 def checked_weight(weight: ArrayLike, where: str = "weight") -> np.ndarray:
@@ -142,6 +146,7 @@ class LeastSquares(Adaptation):
         Raises:
             GainError: gains that are not positive (definite), or of another size.
         """
+        compile_all()
         self.P_0 = np.ascontiguousarray(definite_matrix(P_0, whole(size, "size", 0), "gamma_d"))
         self._whiten = np.linalg.inv(np.linalg.cholesky(self.P_0))
         self._prior = self._whiten.T @ self._whiten  # P(0)^-1
@@ -174,13 +179,28 @@ class LeastSquares(Adaptation):
 
     def weight(self, drive: Drive, P: np.ndarray) -> np.ndarray:
         """Return R (l, l) for a drive with a prediction error, at the gain P (p, p)."""
-        W = drive.W
-        assert W is not None
+        return self._weighted(drive, P)[0]
+
+    def _weighted(self, drive: Drive, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return R (l, l) and the gradient (p) of a drive with a prediction error weighted by R."""
+        W, residual, given = drive.W, drive.residual, drive.weight
+        assert W is not None and residual is not None
+        m, p = W.shape
+        if self._decay is not None and p <= _SMALL:
+            R, gradient = np.empty((m, m)), np.empty(p)
+            before = np.zeros((m, m)) if given is None else given
+            floor = np.broadcast_to(self._decay.floor, m)
+            kernels.weigh(
+                P, W, residual, before, drive.gradient, self._decay.rate, floor, R, gradient
+            )
+            return R, gradient
         if self._decay is not None:
-            return self._decay.at(W.dot(P).dot(W.T))
-        if self._constant is not None:
-            return weight_of(self._constant, len(W))
-        return np.zeros((len(W), len(W))) if drive.weight is None else drive.weight
+            R = self._decay.at(W.dot(P).dot(W.T))
+        elif self._constant is not None:
+            R = weight_of(self._constant, m)
+        else:
+            R = np.zeros((m, m)) if given is None else given
+        return R, _gradient(drive, R)
 
     def size(self, P: np.ndarray) -> float:
         """Return |P|, the largest eigenvalue of P (p, p) relative to P(0)."""
@@ -194,21 +214,26 @@ class LeastSquares(Adaptation):
         P, W = self._gain(estimate), drive.W
         if W is None:
             return Estimate(-P.dot(drive.gradient), (np.zeros(P.shape),))
-        R, P_W = self.weight(drive, P), P.dot(W.T)
+        (R, gradient), P_W = self._weighted(drive, P), P.dot(W.T)
         learned = P_W.dot(R).dot(P_W.T)
-        return Estimate(-P.dot(_gradient(drive, R)), (self._recovery(P) - learned,))
+        return Estimate(-P.dot(gradient), (self._recovery(P) - learned,))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
         P, W = self._gain(estimate), drive.W
         if W is None:
             return Estimate(estimate.value - dt * P.dot(drive.gradient), (P,))
-        R = self.weight(drive, P)
+        R, gradient = self._weighted(drive, P)
+        if self.directional and len(P) <= _SMALL:
+            change, gain = np.empty(len(P)), np.empty(P.shape)
+            kept = math.exp(-self.forgetting * dt)
+            kernels.fit(P, W, R, gradient, dt, self._prior, kept, change, gain)
+            return Estimate(estimate.value + change, (gain,))
         P_W = P.dot(W.T)  # (P^-1 + dt W^T R W)^-1 by the matrix inversion lemma, for R >= 0
         inner = np.linalg.solve(np.eye(len(R)) + dt * R.dot(W.dot(P_W)), dt * R)
         after = P - P_W.dot(inner).dot(P_W.T)
         after = 0.5 * (after + after.T)
-        value = estimate.value - dt * after.dot(_gradient(drive, R))
+        value = estimate.value - dt * after.dot(gradient)
         return Estimate(value, (self._after_forgetting(P, after, dt),))
 
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float:

@@ -28,6 +28,7 @@ from ..laws import DEFAULT, LAWS
 from ..laws.fast_feedback import FastFeedback
 from ..laws.law import Law
 from ..models.delay_compensation import DelayCompensator
+from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
 from ..records import SensorQuality, Sensors
 from ..robot.changes import Payload
@@ -52,6 +53,7 @@ from .rates import (
     RATES,
     check_adaptation,
     default_adaptation,
+    default_kinematic_adaptation,
     dynamic_adaptation,
     learns_friction,
     metric_of,
@@ -123,7 +125,8 @@ def make_controller(
             the joints are unknown, else "natural".
         kinematic_adaptation: "gradient", "least-squares" on the prediction error of position or
             velocity, "none", or an adaptation with its gains; by default none where ``adaptation``
-            is, else gradient.
+            is, else least squares with the law "separation" where no lengths are unknown, else
+            gradient.
         modifications: of the dynamic adaptation, around it in this order: "projection", "sigma",
             "e1", "dead-zone", "normalised", or a mapping from these to their gain: the leak [1/s],
             that of e1 at an error of 1 mrad, the zone in rad/s or m/s, and the factor by which a
@@ -160,7 +163,7 @@ def make_controller(
     fast, law = (law, law.law) if isinstance(law, FastFeedback) else (None, law)
     chosen = _law_type(law, robot)
     kinematics = nominal_kinematics(robot, unknown, chosen)
-    kind, kind_k = _kinds(adaptation, kinematic_adaptation, chosen)
+    kind, kind_k = _kinds(adaptation, kinematic_adaptation, chosen, kinematics)
     modifying = chosen_modifications(modifications)
     rates = {name: gains.pop(name, None) for name in RATES}
     lengths = lumped_lengths(kinematics, unknown, metric_of(kind), chosen)
@@ -348,7 +351,10 @@ def _law_type(law: str | Law, robot: Robot) -> type[Law]:
 
 
 def _kinds(
-    adaptation: str | Adaptation | None, kinematic: str | Adaptation | None, law: type[Law]
+    adaptation: str | Adaptation | None,
+    kinematic: str | Adaptation | None,
+    law: type[Law],
+    kinematics: TaskKinematics,
 ) -> tuple[str, str]:
     """Return the kinds of the dynamic and of the kinematic adaptation.
 
@@ -358,7 +364,7 @@ def _kinds(
     given = "natural" if adaptation is None else adaptation
     kind = _kind(given, law, "adaptation", ADAPTATIONS)
     if kinematic is None:
-        return kind, "none" if kind == "none" else "gradient"
+        return kind, "none" if kind == "none" else default_kinematic_adaptation(law, kinematics)
     return kind, _kind(kinematic, law, "kinematic_adaptation", KINEMATIC_ADAPTATIONS)
 
 

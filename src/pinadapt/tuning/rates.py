@@ -25,6 +25,8 @@ from ..adaptation.projections import BoxProjection, MassMatrixProjection
 from ..exceptions import InputError, ParameterError, did_you_mean
 from ..laws.law import Law
 from ..models.dynamics import Dynamics
+from ..models.task_kinematics import TaskKinematics
+from ..models.translations import FIRST
 from ..models.typical_motion import TypicalMotion
 from ..records import SensorQuality
 from ..robot.robot import Robot
@@ -114,6 +116,20 @@ def default_adaptation(law: type[Law], robot: Robot, dynamics: Dynamics) -> str:
     bodies = dynamics.per_body and len(dynamics.bodies) == robot.model.nv
     explained = bodies and learns_friction(robot, dynamics)
     return "natural-memory" if law.remembers and explained else "natural"
+
+
+def default_kinematic_adaptation(law: type[Law], kinematics: TaskKinematics) -> str:
+    """Return the kind of kinematic adaptation of a controller that names none but adapts.
+
+    It is "least-squares" with a law that learns from positions where the tool, the base or both are
+    unknown, else "gradient". The prediction of a position is exact for the true translations,
+    whatever the torque does and however late the frame is, and least squares averages the noise
+    of frames. Where lengths of links are unknown too, a motion hardly tells them apart, and a fast
+    change of them disturbs the estimates of the inertias with which they are multiplied. Published
+    laws keep what is published.
+    """
+    few = all(part.joint in (None, FIRST) for part in kinematics.translations)
+    return LeastSquares.name if law.uses_position_error and few else "gradient"
 
 
 def learns_friction(robot: Robot, dynamics: Dynamics) -> bool:
