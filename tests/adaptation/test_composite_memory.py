@@ -318,7 +318,11 @@ def test_memory_is_not_trusted_where_innovations_last():
     """A torque that no parameter explains; if it alternates, or by request, some trust stays."""
     gains = {"rate": 6.0, "share": 0.1, "lone_share": 0.5, "unexplained": 0.1}
     emphases = []
-    for sign, least in ((lambda k: 1.0, 0.0), (lambda k: (-1.0) ** (k // 20), 0.0), (lambda k: 1.0, 0.6)):
+    for sign, least in (
+        (lambda k: 1.0, 0.0),
+        (lambda k: (-1.0) ** (k // 20), 0.0),
+        (lambda k: 1.0, 0.6),
+    ):
         adaptation, estimate, truth = remembering(**gains, least_trust=least)
         W = np.random.default_rng(4).standard_normal((1, 2, 6))[0]
         for k in range(3000):

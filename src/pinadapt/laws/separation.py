@@ -179,9 +179,7 @@ class Separation(Law):
             **gains,
         )
 
-    def K_D(
-        self, q: np.ndarray, age: float = math.inf, dx: np.ndarray | None = None
-    ) -> np.ndarray:
+    def K_D(self, q: np.ndarray, age: float = math.inf, dx: np.ndarray | None = None) -> np.ndarray:
         """Return K_D (n, n) at q (nq), at a time after the start [s] and a task error dx (m).
 
         Without an error, K_D is that of a small one.
