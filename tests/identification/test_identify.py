@@ -113,7 +113,7 @@ def test_translations_are_identified_from_frames_alone():
     )
     true = found.estimator.controller.kinematics.value(true_robot("panda"))
     assert np.allclose(found.kinematic.estimate, true, atol=1e-6)
-    assert "position, held out" in found.verdict and found.summary()["torque"] is None
+    assert "error of held-out positions" in found.verdict and found.summary()["torque"] is None
 
 
 def test_positions_in_other_units_are_refused():
@@ -213,14 +213,14 @@ def test_a_joint_that_does_not_move_is_not_identifiable_and_stays_as_described()
     assert np.isinf(found.dynamic.deviations[friction])
     start = found.estimator.controller.dynamics.initial[friction]
     assert found.dynamic.estimate[friction] == pytest.approx(start, rel=1e-3)
-    assert "only combinations identifiable" in found.report()
+    assert "only combinations of them are identifiable" in found.report()
 
 
 def test_the_report_lists_estimates_and_errors():
     text = identified("panda").report()
     for words in (
         "identifiable combinations of",
-        "weight of the description",
+        "regularisation",
         "effect of the joints, beside viscous and Coulomb friction",
         "held out: described",
         "panda_joint7",

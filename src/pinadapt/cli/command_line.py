@@ -62,7 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     _replace_unprintable_characters()
     if arguments is None:  # a process of its own, in which nearly all of the many objects stay
         gc.set_threshold(*_GARBAGE)
-    shown, warnings.showwarning = warnings.showwarning, _show_warning
+    shown, warnings.showwarning = warnings.showwarning, _Told()
     try:
         with stopped_by_signals():
             options = _options(arguments)
@@ -142,10 +142,16 @@ def _module(command: str) -> ModuleType:
     return import_module(f".{_SHARED.get(command, command)}", __package__)
 
 
-def _show_warning(
-    message: Any, category: Any, filename: str, lineno: int, file: Any = None, line: Any = None
-) -> None:
-    print(f"pinadapt: warning: {message}", file=sys.stderr)
+class _Told:
+    """Shows each warning once, wherever in the code it comes from."""
+
+    def __init__(self) -> None:
+        self._texts: set[str] = set()
+
+    def __call__(self, message: Any, *where: Any, **more: Any) -> None:
+        if (text := str(message)) not in self._texts:
+            self._texts.add(text)
+            print(f"pinadapt: warning: {text}", file=sys.stderr)
 
 
 def status_of(*rollouts: Rollout) -> int:

@@ -38,6 +38,7 @@ _HARDLY = 2.0  # gain up to which the estimate is hardly better than the descrip
 _RIGHT = 1e-3  # share of the torques up to which a description is correct
 _OFF = 0.02  # of the reach, error of the identified positions
 _LEFT = 0.05  # share of the torques that the estimate does not explain
+_DIFFERENCE = "of the difference between log and description"
 _GRAVITY = 0.7  # share of the error left when gravity is added to a log without it
 
 
@@ -49,14 +50,15 @@ def verdict(found: IdentifiedModel) -> str:
         errors = found.position_errors
         assert errors is not None  # else nothing was unknown
         before, after = rms(errors.described_held_out), rms(errors.learned_held_out)
-        return f"position, held out: {1e3 * before:.3g} -> {1e3 * after:.3g} mm (rms)."
+        return f"error of held-out positions: {1e3 * before:.3g} -> {1e3 * after:.3g} mm (rms)."
     errors = found.torque_errors
     before, after, gain = (
         rms(errors.described_held_out),
         rms(errors.learned_held_out),
         errors.gain or 0.0,
     )
-    words = f"torque, held out: {before:.3g} -> {after:.3g} N m or N (rms), {gain:.3g} times less"
+    words = f"error of held-out torques: {before:.3g} -> {after:.3g} {unit_of(found)} (rms), "
+    words += f"{gain:.3g} times less"
     if (doubt := of_another_robot(found)) is not None:
         return f"{words}. {doubt}"
     if gain >= _HARDLY:
@@ -115,31 +117,48 @@ def leaves_gravity_out(found: IdentifiedModel) -> bool:
 
 def sheet(found: IdentifiedModel) -> Sheet:
     """Return the whole report."""
-    title = f"{found.described.name}, identified from {found.log.source}"
-    tables = [Table(_overview(found))]
+    rows = overview(found)
+    tables = [Table(rows)]
     if found.check is not None:
-        tables.append(found.check.table())
+        rows.append(("first table", found.check.legend))
+        tables = [Table(rows), found.check.table()]
     if found.dynamic.names:
         tables.append(_torque_table(found))
     if found.effects is not None:
         tables.append(effect_table(found.effects))
     if (load := payload_of(found)) is not None:
         tables += load_tables(load)
-    return Sheet(title, [*tables, *parameter_tables(found)], verdict(found))
+    return Sheet(title(found), [*tables, *parameter_tables(found)], verdict(found))
 
 
-def _overview(found: IdentifiedModel) -> list[tuple[str, str]]:
+def title(found: IdentifiedModel, *, folders: bool = True) -> str:
+    """Return what was identified from which logs, and on which it was tested."""
+    logs = found.log.source.split(", ")
+    parts = [[name for name in logs if name not in found.tested], list(found.tested)]
+    learned, tested = (
+        ", ".join(name if folders else Path(name).name for name in part) for part in parts
+    )
+    words = f"{found.described.name}, identified from {learned}"
+    return f"{words}, tested on {tested}" if tested else words
+
+
+def unit_of(found: IdentifiedModel) -> str:
+    """Return the unit of the torques."""
+    return "N m or N" if any(found.described.slides.values()) else "N m"
+
+
+def overview(found: IdentifiedModel) -> list[tuple[str, str]]:
     """Return the input, how it was processed, and how many combinations are identifiable."""
     log, online = found.log, found.online
     velocities = "as measured"
     if found.smoothed:
-        reason = "none in the log" if log.v is None else "disagree with the positions"
-        velocities = f"{reason}; computed from the positions (zero-phase, {CUTOFF:g} Hz)"
+        reason = "none" if log.v is None else "those of the log disagree with the positions"
+        velocities = f"{reason}; computed from the positions (zero phase, {CUTOFF:g} Hz)"
     rows = [
         ("log", f"{len(log.t)} samples, {log.duration:.4g} s, every {1e3 * log.period:.4g} ms"),
         ("velocities", velocities),
         ("torques", "held until the next sample" if log.held else "measured at each sample"),
-        ("torque rows", f"{len(found.windows.t)} windows of {found.windows.length:.2g} s"),
+        ("averaged over", f"{len(found.windows.t)} windows of {found.windows.length:.2g} s"),
         ("held out", ", ".join(found.tested) or f"from {found.split:.4g} s on"),
     ]
     if found.log.v is None:
@@ -150,14 +169,13 @@ def _overview(found: IdentifiedModel) -> list[tuple[str, str]]:
         if part.names:
             rows.append((f"{name} parameters", identifiable(part)))
     if (weight := found.weight) is not None:
-        words = f"{weight.gamma:.0e} of a row, by cross-validation"
-        rows.append(("weight of the description", words))
+        rows.append(("regularisation", f"gamma = {weight.gamma:g}, by cross-validation"))
     if found.check is not None:
         rows += [("note", note) for note in found.check.notes]
     if (errors := found.position_errors) is not None:
         before, after = rms(errors.described_held_out), rms(errors.learned_held_out)
         words = f"{1e3 * before:.4g} -> {1e3 * after:.4g} mm (rms)"
-        rows.append(("position, held out", words))
+        rows.append(("held-out positions", words))
     return rows
 
 
@@ -167,7 +185,7 @@ def _torque_table(found: IdentifiedModel) -> Table:
     header = (
         "joint",
         "torque",
-        "described",
+        "error: described",
         "learned",
         "held out: described",
         "learned",
@@ -187,14 +205,15 @@ def _torque_table(found: IdentifiedModel) -> Table:
         for j, name in enumerate(found.described.joint_names)
     ]
     gain = "-" if errors.gain is None else f"{errors.gain:.3g}"
-    rows.append(("rms, N m or N", *(f"{rms(values):.3g}" for values in columns), gain))
+    rows.append((f"rms, {unit_of(found)}", *(f"{rms(values):.3g}" for values in columns), gain))
     return Table(rows, header)
 
 
 def effect_table(effects: ChosenEffects) -> Table:
     """Return what each effect of the joints gained."""
     rows = [(gain.words, f"{gain.share:.1%}", f"+- {gain.deviation:.1%}") for gain in effects.gains]
-    header = "effect of the joints, beside viscous and Coulomb friction", "gains", ""
+    what = "effect of the joints, beside viscous and Coulomb friction"
+    header = what, "lowers the squared error by", ""
     return Table(rows or [("none lowers the error in cross-validation", "", "")], header)
 
 
@@ -208,10 +227,10 @@ def payload_of(found: IdentifiedModel) -> PayloadEstimate | None:
 
 def load_tables(load: PayloadEstimate) -> list[Table]:
     """Return a table of a load, and one of what explains the torques."""
-    rows = [*load.rows(), ("accounts for", f"{load.explained:.2%}", "", "of the change")]
+    rows = [*load.rows(), ("explains", f"{load.explained:.2%}", "", _DIFFERENCE)]
     if not load.certain:
         rows.append(
-            ("A LOAD IS NOT CERTAIN:", "", "", f"more probable, {load.explanations[0].words}")
+            ("A LOAD IS NOT CERTAIN", "", "", f"more probable: {load.explanations[0].words}")
         )
     tables = [Table(rows, ("load", "value", "known to", "unit"))]
     return [*tables, *([explanation_table(load.explanations)] if load.explanations else [])]
@@ -242,7 +261,7 @@ def _parameter_table(part: Information, before: np.ndarray, units: Mapping[str, 
                 "",
                 "",
                 "",
-                "only combinations identifiable",
+                "only combinations of them are identifiable",
             )
         )
     return Table(rows, ("parameter", "described", "learned", "known to", "unit"))

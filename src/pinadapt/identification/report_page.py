@@ -50,17 +50,20 @@ def page(
     Raises:
         ParameterError: a compared robot has other joints.
     """
-    title = f"{found.described.name}, identified from {Path(found.log.source).name}"
+    title = report.title(found, folders=False)
     parts = [f"<h1>{escape(title)}</h1>", *_warnings(found, compared or {})]
     if found.dynamic.names:
         parts += _torques(found, compared or {})
-    tables = report.sheet(found).tables
-    parts += ["<h2>The log</h2>", tables[0].html()]
+    parts += ["<h2>The log</h2>", Table(report.overview(found)).html()]
     if found.check is not None:
         parts += ["<h2>Do the torques fit the description?</h2>", found.check.table().html()]
+        parts.append(f"<p>{escape(found.check.legend)}</p>")
     if found.effects is not None:
         parts += ["<h2>Effects of the joints</h2>", report.effect_table(found.effects).html()]
-        parts.append("<p>Share of the error of held-out blocks of time, by one more effect.</p>")
+        parts.append(
+            "<p>The squared error is that of blocks of time that were held out in turn, with the "
+            "effects of the rows above.</p>"
+        )
     if found.dynamic.names:
         parts += _left_open(found, motion, command)
     parts += _parameters(found)
@@ -84,11 +87,11 @@ def _warnings(found: IdentifiedModel, compared: Mapping[str, Robot]) -> Iterator
             if rms(held_out) * _BETTER < learned:
                 doubts.append(
                     f"{name} predicts the held-out torques better: {rms(held_out):.3g} instead of "
-                    f"{learned:.3g} N m or N (rms)."
+                    f"{learned:.3g} {report.unit_of(found)} (rms)."
                 )
     doubtful |= report.of_another_robot(found) is not None
     if (load := report.payload_of(found)) is not None and not load.certain:
-        doubts.append(f"A load is not certain: more probable, {load.explanations[0].words}.")
+        doubts.append(f"A load is not certain. More probable: {load.explanations[0].words}.")
     if found.online.refused:
         doubts.append(f"{found.online.refused} samples were refused, {found.online.reason}.")
     yield from _boxes("warning" if doubtful else "note", [verdict])
@@ -159,12 +162,13 @@ def _torques(found: IdentifiedModel, compared: Mapping[str, Robot]) -> list[str]
         for j, name in enumerate(found.described.joint_names)
     ]
     rows.append(("all, rms", *(f"{rms(part):.3g}" for part in columns.values()), ""))
-    held_out = ", ".join(found.tested) or f"after {found.split:.4g} s"
+    held_out = ", ".join(Path(name).name for name in found.tested) or f"after {found.split:.4g} s"
     return [
         "<h2>Errors of the torques that were held out</h2>",
-        f"<p>N m or N, root mean squares of averages over {found.windows.length:.2g} s, held out: "
-        f"{escape(held_out)}. The torque is that of the whole log. OLS and WLS are ordinary and "
-        "weighted least squares on base parameters with the same effects of the joints.</p>",
+        f"<p>{report.unit_of(found)}, root mean squares of averages over "
+        f"{found.windows.length:.2g} s, held out: {escape(held_out)}. The torque is that of the "
+        "whole log. OLS and WLS are ordinary and weighted least squares on base parameters with "
+        "the same effects of the joints.</p>",
         Table(rows, ("joint", *columns, "")).html(),
         "<h2>Torques: measured, described, identified</h2>",
         _image(report.pictures_of(found).torque.png(_DPI), "torques of each joint over time"),
@@ -200,6 +204,7 @@ def _parameters(found: IdentifiedModel) -> list[str]:
     parts = []
     if (load := report.payload_of(found)) is not None:
         parts += ["<h2>Load</h2>", *(table.html() for table in report.load_tables(load))]
+        parts.append("<p>What the last body carries in addition to its description.</p>")
     parts.append("<h2>Parameters</h2>")
     parts += [table.html() for table in report.parameter_tables(found)]
     return parts

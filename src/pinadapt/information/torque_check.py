@@ -162,7 +162,7 @@ class TorqueCheck:
 
     def table(self) -> Table:
         """Return one row for each joint."""
-        header = ("joint", "torque", "described", "on gravity", "corr.", "factor", "corr.", "")
+        header = ("joint", "torque", "described", "of gravity", "corr.", "of all", "corr.", "")
         rows = [
             (
                 one.joint,
@@ -173,6 +173,14 @@ class TorqueCheck:
             for one in self.joints
         ]
         return Table(rows, header)
+
+    @property
+    def legend(self) -> str:
+        """What the columns of the table are."""
+        return (
+            "torque and described: rms. of gravity, of all: factor of the torque to what gravity, "
+            "and the whole description, predict. corr.: correlation with it."
+        )
 
     def summary(self) -> dict[str, Any]:
         """Return all numbers and words for a file; None stands for what is not finite."""
@@ -194,7 +202,7 @@ class TorqueCheck:
 
     def sheet(self) -> Sheet:
         """Return table and verdict."""
-        lines = [*(f"{note}" for note in self.notes), self.verdict]
+        lines = [self.legend, *self.notes, self.verdict]
         return Sheet(f"torques of {self.source}", [self.table()], "\n".join(lines))
 
     def __repr__(self) -> str:
