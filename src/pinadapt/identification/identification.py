@@ -162,8 +162,9 @@ def identify(
 
     The result is the least-squares estimate over the whole log in the physical cone, see
     ``physical_fit``: translations first, then bodies, rotors and friction at the lengths found.
-    Effects of the joints beside viscous and Coulomb friction, rotor inertias, and the weight of the
-    description are chosen by cross-validation in the learning part, see ``choose_effects``. An
+    Effects of the joints beside viscous and Coulomb friction, and rotor inertias, are chosen by
+    cross-validation in the learning part, see ``choose_effects``, the weight of the description by
+    its evidence, see ``choose_weight``. An
     ``Estimator`` also runs through the log sample by sample, as it would on the robot. The last
     quarter of the log is held out once, to measure how well the rest predicts it. Before anything
     is learned, ``check_torques`` compares the torques with the description.

@@ -103,7 +103,7 @@ class IdentifiedModel:
         for_load: the dynamic parameters with hardly any weight of the description, from which the
             load follows; None: ``dynamic``.
         load: estimated from this log and one without it; None without such a log.
-        weight: of the description, as cross-validation chose it; None without dynamic parameters.
+        weight: of the description, as its evidence chose it; None without dynamic parameters.
         check: the comparison of the torques with the description, None where none were needed.
         intake: how the log was read.
     """

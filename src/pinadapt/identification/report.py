@@ -169,7 +169,7 @@ def overview(found: IdentifiedModel) -> list[tuple[str, str]]:
         if part.names:
             rows.append((f"{name} parameters", identifiable(part)))
     if (weight := found.weight) is not None:
-        rows.append(("regularisation", f"gamma = {weight.gamma:g}, by cross-validation"))
+        rows.append(("regularisation", f"gamma = {weight.gamma:.1g}, by its evidence"))
     if found.check is not None:
         rows += [("note", note) for note in found.check.notes]
     if (errors := found.position_errors) is not None:

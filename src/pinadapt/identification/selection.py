@@ -1,4 +1,4 @@
-"""What cross-validation chooses: the effects of the joints, and the weight of the description.
+"""What a log chooses: the effects of the joints, and the weight of the description.
 
 The learning part of a log is split into blocks of time. Each block is predicted from the others,
 with and without an effect at a joint. Effects are added one by one, the best one first, as long as
@@ -10,10 +10,13 @@ before, so that neither strong joints nor light ones decide alone. For speed the
 in the physical cone here, but near the description by the quadratic form of the same divergence;
 its weight is chosen by the same errors.
 
-The weight of the description in the fit of the bodies, gamma of ``physical_fit``, is the largest
-one whose error is within one standard error of the least (the rule of one standard error, L.
-Breiman, J. Friedman, R. Olshen, C. Stone, *Classification and regression trees*, 1984), and at most
-1 % above it.
+The weight of the description in the fit of the bodies, gamma of ``physical_fit``, follows from the
+evidence, the probability of the torques when bodies are distributed around their description with
+the density exp(-gamma D) (D. J. C. MacKay, *Bayesian interpolation*, Neural Computation 4 (1992)
+415-447). Of the weights whose evidence differs by less than the factor e from the largest one, it
+is the smallest: what the torques cannot tell is decided in their favour. Cross-validation within a
+log chooses by the errors of motions like that log's own, which leaves weights undecided that differ
+by a factor of a thousand and predict other motions unlike well.
 """
 
 from __future__ import annotations
@@ -44,8 +47,8 @@ _BREAKAWAY = 5.0  # largest dry friction near rest, as a share of that at speed
 _RIDGES = (1e-2, 1e-1, 1.0, 10.0)  # weights of the description
 _JITTER = 1e-10  # of a column's square, for columns that depend on each other
 _MOST = 40  # effects
-GAMMAS = tuple(10.0**k for k in range(3, -5, -1))  # weights of the description
-_COST = 0.01  # share of the squared error that the weight of the description may cost
+GAMMAS = tuple(10.0 ** (0.5 * k) for k in range(6, -9, -1))  # weights of the description
+_UNDECIDED = 1.0  # difference of the logarithms of two evidences that decides nothing
 
 
 def blocks_of(windows: int) -> list[np.ndarray]:
@@ -504,35 +507,31 @@ class ChosenWeight(NamedTuple):
     Attributes:
         gamma: chosen.
         gammas: (G) that were compared, descending.
-        errors: (G) of each in cross-validation, relative to the least.
-        deviations: (G) standard errors of their differences to the least.
+        evidences: (G) the logarithm of each one's evidence, less the largest.
     """
 
     gamma: float
     gammas: tuple[float, ...]
-    errors: np.ndarray
-    deviations: np.ndarray
+    evidences: np.ndarray
 
 
 def choose_weight(physical: PhysicalSet, windows: Windows) -> ChosenWeight:
-    """Return the weight of the description in ``torque_fit`` for windows."""
+    """Return the weight of the description in ``torque_fit`` for windows.
+
+    By Laplace's method, in coordinates u in which D is |u|^2 / 2 around the estimate (p), the
+    logarithm of the evidence of rows A and b in units of their noise is
+
+        -|A a - b|^2 / 2 - gamma D(a) - log det(1 + T^T A^T A T / gamma) / 2,    da = T du.
+    """
     physical, noise = weighted(physical, windows), noise_of(physical, windows, GAMMAS[-1])
-    blocks, (n, p) = blocks_of(len(windows.t)), windows.W.shape[1:]
     A = windows.W / noise[:, None]
     both = np.concatenate([A, (windows.y / noise)[:, :, None]], axis=2)
-    roots = [root_of(both[block].reshape(-1, p + 1)) for block in blocks]
-    squares, rows = np.empty((len(GAMMAS), len(blocks), n)), np.vstack(roots)
-    whole = physical_path(rows[:, :-1], rows[:, -1], physical, GAMMAS)
-    for b, block in enumerate(blocks):
-        rows = np.vstack([root for k, root in enumerate(roots) if k != b])
-        for g, a in enumerate(physical_path(rows[:, :-1], rows[:, -1], physical, GAMMAS, whole)):
-            residual = windows.y[block] - windows.W[block] @ a
-            squares[g, b] = np.mean(residual**2, axis=0)
-    best = int(np.argmin(squares.sum(axis=(1, 2))))
-    losses = relative_loss(squares, squares[best])
-    best = int(np.argmin(losses.mean(axis=1)))
-    away = losses - losses[best]
-    deviations = away.std(axis=1, ddof=1) / np.sqrt(len(blocks))
-    errors = losses.mean(axis=1) / losses[best].mean()
-    within = away.mean(axis=1) <= np.minimum(deviations, _COST * losses[best].mean())
-    return ChosenWeight(GAMMAS[int(np.argmax(within))], GAMMAS, errors, deviations)
+    rows = root_of(both.reshape(-1, both.shape[2]))
+    R, z, found = rows[:, :-1], rows[:, -1], np.empty(len(GAMMAS))
+    for g, a in enumerate(physical_path(R, z, physical, GAMMAS)):
+        stiffness = np.linalg.svd(R @ physical.local(a)[0], compute_uv=False) ** 2
+        told = np.log1p(stiffness / GAMMAS[g]).sum()
+        misfit = np.sum((R @ a - z) ** 2)
+        found[g] = -0.5 * misfit - GAMMAS[g] * physical.divergence(a) - 0.5 * told
+    found -= found.max()
+    return ChosenWeight(GAMMAS[int(np.flatnonzero(found > -_UNDECIDED)[-1])], GAMMAS, found)
