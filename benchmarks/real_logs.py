@@ -7,7 +7,8 @@ root mean square over time and all joints of averages over windows. Its columns 
 * described: the description as it is;
 * OLS, WLS: base parameters by ordinary and by weighted least squares, with the same effects of the
   joints, unconstrained, from the first three quarters;
-* identify: ``pinadapt.identify`` from the first three quarters.
+* identify: ``pinadapt.identify`` from the first three quarters, and how much larger its error is
+  than the better one of OLS and WLS.
 
 The folder has the files named in ``LOGS``, or says in a ``logs.toml`` what it has::
 
@@ -82,14 +83,14 @@ def effects_of(found: pa.Identification) -> str:
     if found.effects is None or found.weight is None:
         return "-"
     gains = [f"{gain.words} {gain.share:.0%}" for gain in found.effects.gains]
-    return f"gamma {found.weight.gamma:.0e}; {', '.join(gains) or 'none'}"
+    return f"gamma {found.weight.gamma:.1g}; {', '.join(gains) or 'none'}"
 
 
 def main() -> None:
     """Print the table."""
     warnings.simplefilter("ignore")
     logs = chosen_logs(__doc__)
-    print("log | described | OLS | WLS | identify | N m of torque | s | effects of the joints")
+    print("log | described | OLS | WLS | identify | to the better | N m of torque | s | effects")
     for name, file, robot in logs:
         start = time.perf_counter()
         found = pa.identify(file, robot, progress=False)
@@ -98,6 +99,7 @@ def main() -> None:
         plain, weighted = (rms(part) for part in least_squares_errors(found))
         print(
             f"{name} | {described:.3g} | {plain:.3g} | {weighted:.3g} | {learned:.3g} | "
+            f"{learned / min(plain, weighted) - 1.0:+.1%} | "
             f"{rms(errors.size):.3g} | {took:.1f} | {effects_of(found)}",
             flush=True,
         )

@@ -47,7 +47,7 @@ from .fits import (
 )
 from .identified_model import IdentifiedModel, estimate_online, measurements
 from .report_page import page
-from .selection import ChosenEffects, blocks_of, choose_effects, choose_weight
+from .selection import ChosenEffects, blocks_of, choose_effects, choose_weight, friction_spread
 
 if TYPE_CHECKING:
     from ..excitation.exciting_motion import ExcitingMotion
@@ -260,6 +260,11 @@ def identify(
     learned_from = first if tests else windows
     blocks = blocks_of(len(learned_from.t))
     dynamic = torque_fit(dynamics, physical, learned_from, gamma, blocks)
+    if effects is not None and unknown.friction is None:
+        others = friction_spread(
+            nominal, motion, found.period, learned_from, physical, dynamic, gamma, effects.loading
+        )
+        dynamic = replace(dynamic, spread=np.vstack([dynamic.spread, others]))
     for_load = torque_fit(dynamics, physical, learned_from) if empty is None else None
     next(bar, None)
     steps = watched(range(len(first_log.t)), progress, "online")

@@ -30,8 +30,10 @@ import numpy as np
 import pinocchio as pin
 
 from .._checks import name_list
+from ..information.information import Information
 from ..information.measured_motion import MeasuredMotion
 from ..models.physical_fit import PhysicalSet, physical_path
+from ..models.regressor import PER_BODY
 from ..robot.changes import Friction, Shaft
 from ..robot.robot import Robot
 from ..tuning.unknowns import Unknown
@@ -42,6 +44,8 @@ _FEWEST = 4  # windows in a block, else there are fewer blocks
 _SURE, _LEAST = 2.0, 0.01  # standard errors and share of the error that an effect has to gain
 _SHAFT_SURE, _SHAFT_LEAST = 3.0, 0.1  # those of a shaft of two joints
 _WIDTHS = (0.003, 0.01, 0.03, 0.1, 0.3)  # [rad/s or m/s] thresholds of Coulomb friction
+_OTHER_WIDTHS = (0.003, 0.1)  # a short and a long one, for the spread of estimates
+_OTHER_FADINGS = (0.1, 1.0)
 _FADINGS = (0.03, 0.1, 0.3, 1.0)  # [rad/s or m/s] of a Stribeck effect
 _BREAKAWAY = 5.0  # largest dry friction near rest, as a share of that at speed
 _RIDGES = (1e-2, 1e-1, 1.0, 10.0)  # weights of the description
@@ -94,11 +98,13 @@ class ChosenEffects:
         friction: with the shapes, the shafts, and the bodies that load the gears.
         words: the unknown coefficients beside friction, as of ``Unknown.effects``.
         gains: of each effect, in the order in which they were chosen.
+        loading: a model of the chain, whose gravity torques load the gears.
     """
 
     friction: Friction
     words: tuple[str, ...]
     gains: tuple[Gain, ...]
+    loading: pin.Model
 
     def unknown(self, given: Unknown) -> dict[str, Any]:
         """Return the fields of ``Unknown`` that differ from those that were given."""
@@ -228,7 +234,7 @@ def _described(
         shafts=tuple(shafts),
         bodies=loading if loaded else friction.bodies,
     )
-    return ChosenEffects(shaped, tuple(words), tuple(gains))
+    return ChosenEffects(shaped, tuple(words), tuple(gains), loading)
 
 
 class _Bank:
@@ -311,11 +317,7 @@ class _Bank:
         self, j: int, threshold: float, breakaway: float, fading: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the averages (K) of the smoothed sign of a joint's velocity, and of its size."""
-        v = self._v[:, j]
-        near = np.exp(-np.abs(v) / fading)
-        sigma = np.tanh(v / threshold) * (1.0 + (breakaway - 1.0) * near)
-        averages = self._averages.mean(np.column_stack([sigma, np.abs(sigma)]))[self._whole]
-        return averages[:, 0], averages[:, 1]
+        return _signs_of(self._v[:, j], self._averages, self._whole, threshold, breakaway, fading)
 
     def reshape(self, j: int, threshold: float, breakaway: float, fading: float) -> None:
         """Give the dry friction of a joint another shape, and what has the same one."""
@@ -323,6 +325,21 @@ class _Bank:
         sign, size = self._signs(j, threshold, breakaway, fading)
         (dry,) = self.own[j]  # then asymmetry and load
         self.X[:, j, dry : dry + 3] = np.column_stack([sign, size, sign * self._load[:, j]])
+
+
+def _signs_of(
+    v: np.ndarray,
+    averages: Averages,
+    whole: np.ndarray,
+    threshold: float,
+    breakaway: float,
+    fading: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the averages (K) of the smoothed sign of a velocity (N), and of its size."""
+    near = np.exp(-np.abs(v) / fading)
+    sigma = np.tanh(v / threshold) * (1.0 + (breakaway - 1.0) * near)
+    found = averages.mean(np.column_stack([sigma, np.abs(sigma)]))[whole]
+    return found[:, 0], found[:, 1]
 
 
 def _loads(loading: pin.Model, motion: MeasuredMotion, averages: Averages) -> np.ndarray:
@@ -499,6 +516,97 @@ class _Model:
                 if enough and (found is None or one.share > found[0].share):
                     found = one, part
         return found
+
+
+def friction_spread(
+    robot: Robot,
+    motion: MeasuredMotion,
+    period: float,
+    windows: Windows,
+    physical: PhysicalSet,
+    found: Information,
+    gamma: float,
+    loading: pin.Model,
+) -> np.ndarray:
+    """Return by how much estimates differ (m, p) with other friction, one joint at a time.
+
+    Each joint is given its viscous and Coulomb friction alone, all effects together, both with
+    friction that builds up within the chosen speed, a short and a long one, and other friction near
+    rest that fades over a short and a long speed. What a log shows of these is not certain, and
+    coefficients depend on it. Least squares take the bodies near the estimate by the same
+    divergence. A row is divided by the root of one plus what its friction adds to the squared error
+    of the joints, in units of that of one joint.
+
+    Args:
+        robot: with the chosen friction.
+        motion: of the whole log.
+        period: typical time between its samples [s].
+        windows: of all parameters, from which they were estimated.
+        physical: the set of the parameters.
+        found: their estimate.
+        gamma: weight of the description.
+        loading: a model of the chain, whose gravity torques load the gears.
+    """
+    averages = Averages(motion.t, period)
+    whole, first = np.isin(averages.t, windows.t), PER_BODY * physical.bodies
+    load, rotor = _loads(loading, motion, averages)[whole], averages.rate(motion.v)[whole]
+    columns, shape, one = _Columns(windows.W), robot.friction, np.ones(len(windows.t))
+    others: list[list[dict[str, int]]] = []  # joint -> for each speed, the columns of all kinds
+    for j in range(robot.model.nv):
+        own = shape.threshold[j], shape.breakaway[j], shape.fading[j]
+        same = {"offset": columns.add({j: one}), "armature": columns.add({j: rotor[:, j]})}
+        others.append([])
+        for way in (own, *((width, 1.0, 1.0) for width in _OTHER_WIDTHS)):
+            sign, size = _signs_of(motion.v[:, j], averages, whole, *way)
+            parts = {"coulomb": sign, "asymmetry": size, "load": sign * load[:, j]}
+            others[j].append(same | {kind: columns.add({j: parts[kind]}) for kind in parts})
+        for fading in _OTHER_FADINGS:
+            near = _signs_of(motion.v[:, j], averages, whole, own[0], 0.0, fading)[0]
+            others[j][0][f"near {fading:g}"] = columns.add({j: near})
+    X, a = columns.stacked(), found.estimate
+    level = np.sqrt(np.mean(windows.tau**2, axis=0))
+    residual = np.sqrt(np.mean(windows.residual(a) ** 2, axis=0))
+    noise = np.maximum(residual, 1e-4 * np.maximum(level, 1e-12 * level.max()))
+    whitened = (X / noise[:, None]).reshape(-1, X.shape[2])
+    sizes, acts = np.linalg.norm(whitened, axis=0), np.argmax(np.abs(X).sum(axis=0), axis=0)
+    rows = root_of(np.column_stack([whitened, (windows.residual(a) / noise).ravel()]))
+    R, z = rows[:, :-1], rows[:, -1]
+    small = sizes * noise[acts] / np.maximum(level[acts], 1e-300) / np.sqrt(len(one))
+    prior = np.diag(small)  # a coefficient that explains all torque is one deviation
+    prior[:first, :first] = np.sqrt(gamma) * np.linalg.inv(physical.local(a)[0][:first, :first])
+
+    def solved(index: list[int]) -> tuple[np.ndarray, float]:
+        """Return the steps (P) from the estimate with some columns, and their squared error."""
+        start = np.zeros(X.shape[2])
+        start[first : a.size] = a[first:]
+        target = z + R[:, : a.size] @ start[: a.size]
+        A = np.vstack([R[:, index], prior[np.ix_(index, index)]])
+        b = np.concatenate([target, np.zeros(len(index))])
+        steps = np.zeros(X.shape[2])
+        steps[index] = np.linalg.lstsq(A, b, rcond=None)[0]
+        return steps, float(np.sum((R[:, index] @ steps[index] - target) ** 2))
+
+    chosen, least = solved(list(range(a.size)))
+    names = {name: k for k, name in enumerate(found.names)}
+    spread = []
+    for joint, ways in zip(robot.joint_names, others, strict=True):
+        if f"{joint}.coulomb" not in names:
+            continue
+        known = {kind: names.get(f"{joint}.{kind}") for kind in ways[-1]}
+        rest = [k for k in range(a.size) if k not in known.values()]
+        for way in ways:
+            faded = [kind for kind in way if kind not in known]
+            every = [kind for kind in way if kind in known]
+            for kinds in (["coulomb"], every, *([*every, kind] for kind in faded)):
+                steps, error = solved(rest + [way[kind] for kind in kinds])
+                for kind in kinds:
+                    if (k := known.get(kind)) is not None:
+                        steps[k] = steps[way[kind]]
+                gone = [k for kind, k in known.items() if k is not None and kind not in kinds]
+                steps[gone] = chosen[gone]
+                more = max(error - least, 0.0) / len(one)
+                spread.append((steps - chosen)[: a.size] / np.sqrt(1.0 + more))
+    return np.array(spread).reshape(-1, a.size)
 
 
 class ChosenWeight(NamedTuple):
