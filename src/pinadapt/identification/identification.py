@@ -260,7 +260,7 @@ def identify(
     learned_from = first if tests else windows
     blocks = blocks_of(len(learned_from.t))
     dynamic = torque_fit(dynamics, physical, learned_from, gamma, blocks)
-    if effects is not None and unknown.friction is None:
+    if effects is not None and unknown.friction is None and dynamic.spread is not None:
         others = friction_spread(
             nominal, motion, found.period, learned_from, physical, dynamic, gamma, effects.loading
         )

@@ -594,14 +594,14 @@ def friction_spread(
             continue
         known = {kind: names.get(f"{joint}.{kind}") for kind in ways[-1]}
         rest = [k for k in range(a.size) if k not in known.values()]
-        for way in ways:
-            faded = [kind for kind in way if kind not in known]
-            every = [kind for kind in way if kind in known]
+        for columns_of in ways:
+            faded = [kind for kind in columns_of if kind not in known]
+            every = [kind for kind in columns_of if kind in known]
             for kinds in (["coulomb"], every, *([*every, kind] for kind in faded)):
-                steps, error = solved(rest + [way[kind] for kind in kinds])
+                steps, error = solved(rest + [columns_of[kind] for kind in kinds])
                 for kind in kinds:
                     if (k := known.get(kind)) is not None:
-                        steps[k] = steps[way[kind]]
+                        steps[k] = steps[columns_of[kind]]
                 gone = [k for kind, k in known.items() if k is not None and kind not in kinds]
                 steps[gone] = chosen[gone]
                 more = max(error - least, 0.0) / len(one)
