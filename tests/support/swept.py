@@ -21,6 +21,11 @@ def troubled(a):
     return {"square": a * a}
 
 
+def fewer_troubles(a):
+    """Return what ``troubled`` would, without its troubles."""
+    return {"square": a * a}
+
+
 def slow(a, place):
     """Leave a mark of having run, and take a moment."""
     with (Path(place) / f"{a}").open("a") as file:

@@ -16,7 +16,7 @@ import pytest
 import pinadapt as pa
 from pinadapt.cli.command_line import main
 from pinadapt.scenario import Scenario
-from pinadapt.sweep import Cases, EngineError, Processes, read, run_case, table
+from pinadapt.sweep import Cases, EngineError, Processes, execution, read, run_case, table
 from pinadapt.sweep.execution import rows
 from pinadapt.sweep.table import JOURNAL, Store
 from tests.support.paths import ROOT
@@ -184,6 +184,19 @@ def test_a_folder_is_completed_and_nothing_runs_twice(tmp_path):
     assert runs == {"0": "x", "1": "x", "2": "xx", "3": "x", "4": "xx", "5": "x"}
 
 
+def test_what_crashed_runs_again_when_it_is_asked_for(tmp_path):
+    given = {"a": [0, 1, 4]}
+    whole = pa.sweep(troubled, given, executor=0, folder=tmp_path)
+    with Store(tmp_path) as store:
+        assert len(store.join(without=("failed",))) == 2 and store.done() == {0, 2}
+    assert pa.sweep(troubled, given, executor=0, folder=tmp_path).same_as(whole)
+    file = (tmp_path / "sweep.toml").read_text()
+    (tmp_path / "sweep.toml").write_text(f"{file}".replace("troubled", "fewer_troubles"))
+    arguments = ["sweep", str(tmp_path), "--retry", "--processes", "0"]
+    assert main(arguments) == 0
+    assert read(tmp_path)["status"].tolist() == ["done"] * 3
+
+
 def test_a_folder_of_another_sweep_is_refused(tmp_path, capsys):
     pa.sweep(doubled, {"a": [1.0]}, executor=0, folder=tmp_path)
     with pytest.raises(pa.InputError, match=r"holds another sweep; vary is different.*--force"):
@@ -302,10 +315,18 @@ def test_the_command_asks_before_a_billion_cases(scenario, tmp_path, capsys):
 
 def test_a_scheduler_that_does_not_answer_is_refused(scenario, tmp_path, capsys, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("pinadapt.sweep.execution._ANSWER", 0.5)
+    monkeypatch.setattr(execution, "_ANSWER", 0.5)
     arguments = ["--vary", "reference.radius=[0.1]", "--scheduler", "tcp://127.0.0.1:9"]
     assert swept(tmp_path / "out", scenario, *arguments) == 2
     assert "does not answer within 0.5 s" in capsys.readouterr().err
+
+
+def test_dask_gives_the_same_bits(scenario):
+    distributed = pytest.importorskip("distributed")
+    serial = pa.sweep(scenario, VARIED, samples=3, executor=0)
+    with distributed.Client(n_workers=1, threads_per_worker=1, dashboard_address=None) as client:
+        found = pa.sweep(scenario, VARIED, samples=3, executor=client.get_executor(pure=False))
+    assert found.same_as(serial)
 
 
 def running(session):

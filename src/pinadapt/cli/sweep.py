@@ -57,6 +57,11 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--column", default="", metavar="NAME", help="the result to rank and draw")
     parser.add_argument("--csv", action="store_true", default=None, help="write no Parquet")
     parser.add_argument("--resume", action="store_true", help="run the cases that are missing")
+    parser.add_argument(
+        "--retry",
+        action="store_true",
+        help="with --resume, run what crashed, failed or took too long again",
+    )
     parser.add_argument("--case", type=not_negative, metavar="N", help="run one case alone")
     parser.add_argument("--force", action="store_true", help="remove another sweep in the folder")
     parser.add_argument("--yes", action="store_true", help=f"run more than {MANY:.0e} cases")
@@ -73,14 +78,14 @@ def sweep(options: argparse.Namespace) -> int:
     plan, folder = _plan(options)
     if options.case is not None:
         return _alone(plan, options.case, folder)
-    if given.is_dir() and not options.resume:
+    if given.is_dir() and not (options.resume or options.retry):
         return _show(Report(read(folder), plan, options.column, folder))
     _ask(len(plan.cases), options.yes)
     work = work_of(plan)
-    claimed(folder, plan, resume=options.resume or given.is_dir(), anew=options.force)
+    claimed(folder, plan, resume=options.resume or options.retry, anew=options.force)
     try:
         with engine(options.processes, options.scheduler, plan.timeout) as workers:
-            table = run_plan(plan, work, workers, folder, Progress(plan))
+            table = run_plan(plan, work, workers, folder, Progress(plan), retry=options.retry)
     except KeyboardInterrupt:
         print(
             f"pinadapt: interrupted; {len(read(folder))} of {len(plan.cases)} cases are kept. "

@@ -52,6 +52,7 @@ from ..scenario.scenario import Scenario
 from ..scenario.schema import tables_with
 from .cases import COPY, MANY, Case, Cases, Plan
 from .table import (
+    AGAIN,
     CRASHED,
     DIVERGED,
     DONE,
@@ -847,6 +848,8 @@ def run_plan(
     workers: Executor,
     folder: Path | None = None,
     progress: Progress | None = None,
+    *,
+    retry: bool = False,
 ) -> CaseTable:
     """Run the cases of a sweep that have no row yet, and return the table of all.
 
@@ -856,6 +859,7 @@ def run_plan(
         workers: the engine.
         folder: that holds the rows; None: memory.
         progress: is told of every row.
+        retry: whether what crashed, failed or took too long runs again.
 
     Raises:
         EngineError: no case can run.
@@ -871,6 +875,8 @@ def run_plan(
             progress.close()
         return CaseTable.of(found)
     with Store(folder, as_csv=plan.csv) as store:
+        if retry:
+            store.join(without=AGAIN)
         done = store.done()
         missing = (
             case for i in range(len(plan.cases)) if i not in done for case in [plan.cases[i]]

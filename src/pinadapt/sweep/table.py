@@ -35,6 +35,7 @@ DONE, DIVERGED, REFUSED, FAILED, CRASHED, TIMEOUT = (
     "crashed",
     "timeout",
 )
+AGAIN = (CRASHED, FAILED, TIMEOUT)  # may end otherwise when they run again
 _ROWS = 10_000  # of a part
 _OBJECTS = ("string", "bool", "null")  # types of a Parquet file that are no numbers
 _SHOWN = 20  # of a printed table
@@ -399,9 +400,16 @@ class Store:
         self._file.truncate(0)
         self._waiting = []
 
-    def join(self) -> CaseTable:
-        """Write one file of all rows in place of the others and return the table."""
+    def join(self, without: Sequence[str] = ()) -> CaseTable:
+        """Write one file of all rows in place of the others and return the table.
+
+        Args:
+            without: rows of these statuses are left out.
+        """
         table = read(self.folder)
+        if without and len(table):
+            keep = ~np.isin(table["status"].astype(str), without)
+            table = CaseTable({name: column[keep] for name, column in table.columns.items()})
         path = self.folder / f"{TABLE}.{self.kind}"
         table.save(path)
         for other in _files(self.folder):
