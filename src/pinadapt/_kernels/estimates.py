@@ -50,7 +50,10 @@ def weigh(
     R: np.ndarray,
     weighted: np.ndarray,
 ) -> None:
-    """Write R = rate (W P W^T + diag(floor))^-1 (m, m) and g + W^T (R - R_0) r (p), P symmetric."""
+    """Write R = rate (W P W^T + diag(floor))^-1 (m, m) and g + W^T (R - R_0) r (p), P symmetric.
+
+    The floor has m entries, or one for all rows.
+    """
     m, p = W.shape
     L, L_inverse, P_w = np.empty((m, m)), np.empty((m, m)), np.empty(p)
     for i in range(m):
@@ -59,7 +62,7 @@ def weigh(
             for t in range(p):
                 P_w[k] += P[k, t] * W[i, t]
         for j in range(i + 1):
-            x = floor[i] if i == j else 0.0
+            x = floor[i % len(floor)] if i == j else 0.0
             for k in range(p):
                 x += W[j, k] * P_w[k]
             L[i, j] = x
@@ -88,6 +91,47 @@ def weigh(
             x += (R[i, j] - R_0[i, j]) * r[j]
         for k in range(p):
             weighted[k] += W[i, k] * x
+
+
+@compiled("void(f8[:,:], f8[:,:], f8[:,:], f8[:], f8[:,:], f8, f8[:,:], f8[:], f8[:,:])", fills=3)
+def fit_rate(
+    P: np.ndarray,
+    W: np.ndarray,
+    R: np.ndarray,
+    g: np.ndarray,
+    prior: np.ndarray,
+    forgetting: float,
+    products: np.ndarray,
+    rate: np.ndarray,
+    gain_rate: np.ndarray,
+) -> None:
+    """Write -P g (p) and forgetting (P - P prior P) - P W^T R W P (p, p).
+
+    Before them it writes P W^T and P prior, side by side (p, m + p).
+
+    All square matrices are symmetric.
+    """
+    m, p = W.shape
+    for i in range(p):
+        rate[i] = 0.0
+        for j in range(m + p):
+            products[i, j] = 0.0
+        for j in range(p):
+            rate[i] -= P[i, j] * g[j]
+            for a in range(m):
+                products[i, a] += P[i, j] * W[a, j]
+            for k in range(p):
+                products[i, m + k] += P[i, j] * prior[j, k]
+    for i in range(p):
+        for j in range(i + 1):
+            x = P[i, j]
+            for k in range(p):
+                x -= products[i, m + k] * P[k, j]
+            x *= forgetting
+            for a in range(m):
+                for b in range(m):
+                    x -= products[i, a] * R[a, b] * products[j, b]
+            gain_rate[i, j] = gain_rate[j, i] = x
 
 
 @compiled(

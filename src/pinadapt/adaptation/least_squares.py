@@ -58,7 +58,7 @@ class DecayWeight:
             GainError: one of them is not positive.
         """
         self.rate = positive(rate, "prediction_rate")
-        self.floor = numbers(floor, "floor", error=GainError)
+        self.floor = np.atleast_1d(numbers(floor, "floor", error=GainError))
         if not (self.floor > 0.0).all():
             raise GainError("must be positive; at rest only it bounds the weight.", where="floor")
 
@@ -189,9 +189,9 @@ class LeastSquares(Adaptation):
         if self._decay is not None and p <= _SMALL:
             R, gradient = np.empty((m, m)), np.empty(p)
             before = np.zeros((m, m)) if given is None else given
-            floor = np.broadcast_to(self._decay.floor, m)
+            decay = self._decay
             kernels.weigh(
-                P, W, residual, before, drive.gradient, self._decay.rate, floor, R, gradient
+                P, W, residual, before, drive.gradient, decay.rate, decay.floor, R, gradient
             )
             return R, gradient
         if self._decay is not None:
@@ -214,7 +214,15 @@ class LeastSquares(Adaptation):
         P, W = self._gain(estimate), drive.W
         if W is None:
             return Estimate(-P.dot(drive.gradient), (np.zeros(P.shape),))
-        (R, gradient), P_W = self._weighted(drive, P), P.dot(W.T)
+        R, gradient = self._weighted(drive, P)
+        if self.directional and len(P) <= _SMALL:
+            (m, p), rate, gain_rate = W.shape, np.empty(len(P)), np.empty(P.shape)
+            products = np.empty((p, m + p))
+            kernels.fit_rate(
+                P, W, R, gradient, self._prior, self.forgetting, products, rate, gain_rate
+            )
+            return Estimate(rate, (gain_rate,))
+        P_W = P.dot(W.T)
         learned = P_W.dot(R).dot(P_W.T)
         return Estimate(-P.dot(gradient), (self._recovery(P) - learned,))
 
