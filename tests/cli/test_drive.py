@@ -101,6 +101,8 @@ def test_a_simulated_arm_is_commanded_from_another_process(folder, capsys):
         (["drive", "{}/mine.py:nothing", "--scenario", "{}/arm.toml"], "is no pinadapt.realtime"),
         (["drive", "simulated", "--scenario", "{}/arm.toml", "--safety", "x=1"], "expected one of"),
         (["drive", "simulated", "--scenario", "{}/arm.toml", "--safety", "error=x"], "no number"),
+        (["drive", "moteus", "--scenario", "{}/arm.toml"], "[[motors.joint]]"),
+        (["drive", "franka"], "ADDRESS: is needed"),
         (["replay", "{}/arm.toml"], "is not an MCAP file"),
         (["tell", "9", "state", "{"], "value: is no JSON"),
     ],

@@ -19,12 +19,15 @@ OPTIONAL = (
     "descriptions",
     "sweep",
     "dask",
+    "franka",
+    "moteus",
 )  # extras whose packages the library imports
 PROVIDED = {
     "pin": {"pinocchio", "coal"},
     "example_robot_data_loaders": {"example_robot_data"},
     "meshcat": {"meshcat", "umsgpack", "IPython"},  # it requires the others
     "numba": {"numba", "llvmlite"},
+    "python_can": {"can"},
 }
 
 

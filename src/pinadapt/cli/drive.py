@@ -41,6 +41,12 @@ _STAGES = {
     "slow": (Stage.SLOW, "the motion five times slower, without adaptation"),
     "adapt": (Stage.ADAPT, "the motion with adaptation"),
 }
+_FRANKA = {
+    "title": "Franka, load unknown",
+    "robot": {"source": "panda", "task": "joint"},
+    "reference": {"kind": "sinusoid", "amplitude": 0.1, "period": 6.0},
+    "simulation": {"compensated": "nominal"},
+}
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -48,7 +54,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "kind",
         metavar="ARM",
-        help='"simulated", or FILE.py:CLASS of an Arm of your own',
+        help='"simulated", "franka", "moteus", or FILE.py:CLASS of an Arm of your own',
     )
     parser.add_argument("address", nargs="?", metavar="ADDRESS", help="of the arm")
     parser.add_argument(
@@ -56,7 +62,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         dest="file",
         type=Path,
         metavar="FILE",
-        help="robot, controller and motion",
+        help="robot, controller and motion; without one a Franka moves its joints",
     )
     add_settings(parser)
     stages = parser.add_mutually_exclusive_group()
@@ -73,6 +79,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         default=0,
         metavar="N",
         help="for `pinadapt tell` and `view`, on this machine only (default: any)",
+    )
+    parser.add_argument(
+        "--recover", action="store_true", help="acknowledge the error of an earlier run (Franka)"
     )
     parser.add_argument("--core", type=positive, metavar="N", help="processor core to stay on")
     parser.add_argument(
@@ -95,6 +104,8 @@ def drive(options: argparse.Namespace) -> int:
         ArmError: the arm refuses.
     """
     safety = _safety(options.safety)
+    if options.kind == "franka" and options.address is None:
+        raise InputError("is needed: the robot's address, such as 172.16.0.2.", where="ADDRESS")
     tables, folder = _tables(options)
     scenario = Scenario.build(tables, folder)
     controller = scenario.controller
@@ -134,7 +145,15 @@ def _tables(options: argparse.Namespace) -> tuple[ScenarioTables, Path]:
     """Return the tables of the scenario, and the folder that its paths are relative to."""
     if options.file is not None:
         return read_tables(options.file, options.set), options.file.parent
-    raise ScenarioError("is needed.", where="--scenario", hint="`pinadapt init ROBOT` writes one.")
+    if options.kind != "franka":
+        raise ScenarioError(
+            "is needed for this arm.",
+            where="--scenario",
+            hint="`pinadapt init ROBOT` writes one.",
+        )
+    if options.set:
+        raise ScenarioError("needs --scenario, whose keys it sets.", where="--set")
+    return check_tables(_FRANKA, "the scenario of a Franka"), Path()
 
 
 def _safety(settings: Sequence[str]) -> Safety:
@@ -163,16 +182,45 @@ def _arm(options: argparse.Namespace, scenario: Scenario) -> Arm:
         dt = scenario.engine.period(scenario.controller)
         make = partial(_plant, scenario.engine, scenario.true.undrawn(), scenario.controller)
         return ProcessArm(make, dt, sensors=scenario.sensors)
+    if kind == "franka":
+        from ..realtime.franka import FrankaArm
+
+        return FrankaArm(address, scenario.estimated, recover=options.recover)
+    if kind == "moteus":
+        return _motors(scenario, address)
     file, _, name = kind.rpartition(":")
     if not file.endswith(".py"):
         raise InputError(
-            f"no arm is called '{kind}'; there are simulated and FILE.py:CLASS.",
+            f"no arm is called '{kind}'; there are simulated, franka, moteus, and FILE.py:CLASS.",
             where="ARM",
         )
     made = _own(Path(file), name)(address, scenario.estimated)
     if not isinstance(made, Arm):
         raise InputError("is no pinadapt.realtime.Arm.", where=kind)
     return made
+
+
+def _motors(scenario: Scenario, channel: str | None) -> Arm:
+    """Return the motors of [motors], at another channel of their interface if one is given.
+
+    Raises:
+        InputError: the scenario has no such table, or the motors cannot be used.
+    """
+    from ..realtime.moteus_arm import MoteusArm, Motor
+
+    table = scenario.tables.motors
+    if table is None:
+        raise ScenarioError(
+            "is needed: one [[motors.joint]] with joint and id for each joint.", where="motors"
+        )
+    return MoteusArm(
+        scenario.estimated,
+        [Motor(**each.model_dump()) for each in table.joint],
+        interface=table.interface,
+        channel=channel or table.channel,
+        period=scenario.tables.simulation.dt,
+        timeout=table.timeout,
+    )
 
 
 def _plant(engine: Any, true: Robot, controller: Controller) -> SimulatedPlant:

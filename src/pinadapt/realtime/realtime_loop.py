@@ -363,9 +363,13 @@ class RealtimeLoop:
                 motion = Retimed(motion, _Slowed(self._slowness))
         self._path, self._begin, self._t = motion, m.t, m.t
         warm, desired = state.adapt(self._adapting), motion.at(0.0)
+        tau = m.tau  # the brakes hold the arm: what is measured now is not what is asked for
         for k in range(_WARM_UPS):
-            sample = m._replace(t=m.t + k * self._facts.period)
+            sample = m._replace(t=m.t + k * self._facts.period, tau=tau)
             torque, warm = controller.step(warm, sample, desired, self._facts.period)
+            if tau is not None:
+                added = controller.compensation
+                tau = torque if added is None else torque + added(m.q)
             self._checks.limited(torque, self._zero, self._facts.period)
             self._checks.of_arm(sample, self._facts.period)
             self._watched(sample, self._facts.period, warm, desired, torque, torque)
@@ -504,7 +508,9 @@ class RealtimeLoop:
         """Return the torque of the controller; a refusal leads to damping."""
         state, controller = self._state, self._controller
         assert state is not None and self._path is not None
-        if m.tau is None and self._clipped:
+        if self.stage is Stage.LOG:  # the torque is not that of the controller
+            self._before, m = m.tau, m._replace(tau=None)
+        elif m.tau is None and self._clipped:
             m = m._replace(tau=self._given)  # the checklist has sent another torque than was asked
         adapting = self._adapting and not self._resting and self._phase is Phase.RUNNING
         if state.adapting is not adapting:

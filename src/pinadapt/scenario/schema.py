@@ -397,6 +397,26 @@ class SimulationSection(Section):
     seed: Annotated[Count, Field(ge=0)] = 0
 
 
+class MotorSection(Section):
+    """[[motors.joint]]: a moteus motor of a joint; see ``realtime.moteus_arm.Motor``."""
+
+    joint: str
+    id: Annotated[Count, Field(ge=1, le=126)]
+    sign: Literal[1, -1] = 1
+    ratio: Positive = 1.0
+    offset: Number = 0.0
+    torque: Positive = 1.0
+
+
+class MotorsSection(Section):
+    """[motors]: moteus motors on a CAN bus, for `pinadapt drive moteus`."""
+
+    interface: str = "socketcan"
+    channel: str = "can0"
+    timeout: Positive = 0.01
+    joint: list[MotorSection]
+
+
 class ScenarioTables(Section):
     """A whole scenario file."""
 
@@ -408,6 +428,7 @@ class ScenarioTables(Section):
     controller: ControllerSection = ControllerSection()
     reference: Reference = CircleSection()
     simulation: SimulationSection = SimulationSection()
+    motors: MotorsSection | None = None
 
 
 def allowed_keys(location: tuple[Any, ...], raw: dict[str, Any]) -> list[str]:

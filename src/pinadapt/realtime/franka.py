@@ -1,0 +1,248 @@
+"""Franka Research 3 and Panda by the vendor's own client, ``pylibfranka`` (extra ``franka``).
+
+Conventions of the Franka Control Interface, 1 kHz:
+
+* A torque is that behind the gears, without gravity and without the friction of the motors: the
+  robot adds both, gravity with the load that is set on it. So the controller is made with
+  ``compensated="nominal"``, and what is wrong in the robot's own gravity is learned like any load.
+* ``tau_J``, the measured torque, has gravity in it and is ``Measurement.tau``.
+* The torque may change by 1000 N m/s. The time is the robot's, in milliseconds.
+* Above the collision thresholds the robot stops by its reflex; then, and after errors, it waits for
+  a recovery. A torque that stays out for some cycles is an error too, so a killed program stops it.
+
+This was run against ``franky-sim``, which serves the same protocol from a MuJoCo model without
+limits, reflexes and errors. It is no evidence about friction, elasticity or timing of a real arm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from ..exceptions import ArmError, InputError
+from ..records import Measurement
+from ..robot.changes import Payload
+from ..robot.motors import Gravity
+from ..robot.robot import Robot
+from .arm import Arm, ArmFacts
+
+TORQUE = (87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0)  # [N m]
+TORQUE_RATE = 1000.0  # [N m/s]
+COLLISION = (40.0, 40.0, 38.0, 38.0, 16.0, 14.0, 12.0)  # [N m] for the reflex of the joints
+FORCES = (40.0, 40.0, 40.0, 25.0, 25.0, 25.0)  # [N], [N m] for that of the flange
+_PERIOD, _JOINTS = 1e-3, 7
+_INSTALL = 'Install it: pip install "pinadapt[franka]".'
+_RECOVER = (
+    "Remove its cause, move the arm by hand from its limits, and acknowledge the error: "
+    "FrankaArm(address, robot, recover=True), on the command line --recover."
+)
+
+Frames = Callable[[], tuple[np.ndarray, float] | None]
+
+
+class FrankaArm(Arm):
+    """A Franka arm.
+
+    Attributes:
+        address: of its control box.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        robot: Robot,
+        *,
+        collision: Sequence[float] = COLLISION,
+        load: Payload | None = None,
+        recover: bool = False,
+        enforce: bool = False,
+        camera: Frames | None = None,
+    ) -> None:
+        """Connect; nothing moves.
+
+        Args:
+            address: of the control box.
+            robot: its description, seven joints; the gravity that the arm adds is taken from it.
+            collision: (7) torques beyond the model at which the robot's own reflex stops it [N m].
+            load: that is set on the robot, which then compensates its gravity; ``robot`` must have
+                it too. com and inertia are given in the axes of the flange. None: nothing is set.
+            recover: acknowledge the error of an earlier run.
+            enforce: refuse a kernel without real-time preemption.
+            camera: returns x of a new frame and its time on the robot's clock [s], or None.
+
+        Raises:
+            InputError: pylibfranka is missing, nobody answers, or a description of another arm.
+        """
+        try:
+            import pylibfranka
+        except ImportError as error:
+            raise InputError(f"pylibfranka is missing: {error}.", hint=_INSTALL) from error
+        if robot.model.nv != _JOINTS:
+            raise InputError(
+                f"a Franka has {_JOINTS} joints; the description has {robot.joint_names}.",
+                where="robot",
+                hint="Lock the fingers, and take a frame behind the seventh joint.",
+            )
+        self._vendor: Any = pylibfranka
+        self._failures = (
+            pylibfranka.FrankaException,
+            pylibfranka.NetworkException,
+            pylibfranka.ControlException,
+            pylibfranka.CommandException,
+            pylibfranka.InvalidOperationException,
+            pylibfranka.RealtimeException,
+            RuntimeError,  # of the network
+        )
+        self.address, self._camera = address, camera
+        self._collision, self._load, self._recover = list(collision), load, recover
+        self.facts = ArmFacts.of(
+            robot,
+            name=f"Franka at {address}",
+            period=_PERIOD,
+            torque=TORQUE,
+            torque_rate=TORQUE_RATE,
+            compensation=Gravity(robot),
+            friction=True,
+        )
+        kind = pylibfranka.RealtimeConfig
+        try:
+            self._robot = pylibfranka.Robot(address, kind.kEnforce if enforce else kind.kIgnore)
+        except self._failures as error:
+            raise InputError(
+                f"cannot be reached: {str(error).rstrip(chr(46))}.",
+                where=address,
+                hint="Is this the address of the control box, and FCI activated in Desk?",
+            ) from error
+        self._control: Any = None
+        self._coming: tuple[np.ndarray, float] | None = None
+        self._stopped = ""
+
+    def read(self) -> Measurement:
+        """Wait for the robot's next cycle and return its state.
+
+        Raises:
+            ArmError: the robot has stopped by a reflex or an error, or the connection broke.
+        """
+        if self._stopped:
+            raise ArmError(f"has stopped: {self._stopped}.", where=self.facts.name)
+        try:
+            if self._control is None:
+                state = self._robot.read_once()
+            else:
+                state, _ = self._control.readOnce()
+        except self._failures as error:
+            raise self._broken(error) from error
+        t = _seconds(state.time)
+        x, x_time = self._frame(t)
+        return Measurement(
+            t,
+            np.array(state.q),
+            np.array(state.dq),
+            x=x,
+            x_time=x_time,
+            tau=np.array(state.tau_J),
+        )
+
+    def _frame(self, t: float) -> tuple[np.ndarray, float] | tuple[None, None]:
+        """Return x and time of a new frame, not before the robot's time t [s] has come to it."""
+        if self._camera is not None:
+            self._coming = self._camera() or self._coming
+        if self._coming is None or self._coming[1] > t:
+            return None, None
+        seen, self._coming = self._coming, None
+        return seen
+
+    def begin(self) -> None:
+        """Set collision behaviour and load, and take over the control.
+
+        Raises:
+            ArmError: the robot is in error, stopped by its user, or controlled by someone else.
+        """
+        vendor = self._vendor
+        try:
+            state = self._robot.read_once()
+            if state.robot_mode == vendor.RobotMode.Reflex or state.current_errors:
+                if not self._recover:
+                    raise ArmError(
+                        f"is in error: {_errors(state.current_errors)}.",
+                        where=self.facts.name,
+                        hint=_RECOVER,
+                    )
+                self._robot.automatic_error_recovery()
+            elif state.robot_mode != vendor.RobotMode.Idle:
+                raise ArmError(
+                    f"is not ready: its mode is {state.robot_mode.name}.",
+                    where=self.facts.name,
+                    hint="Release the user stop, unlock the brakes in Desk, end other programs.",
+                )
+            both = (self._collision, self._collision, list(FORCES), list(FORCES))
+            self._robot.set_collision_behavior(*both)
+            if self._load is not None:
+                com, inertia = np.asarray(self._load.com), _full(self._load)
+                self._robot.set_load(float(self._load.mass), com.tolist(), inertia)
+            self._control = self._robot.start_torque_control()
+        except self._failures as error:
+            raise self._broken(error) from error
+
+    def send(self, torque: np.ndarray) -> None:
+        """Send a torque (7) [N m], without gravity.
+
+        Raises:
+            ArmError: as ``read``.
+        """
+        if self._control is None:
+            return
+        try:
+            self._control.writeOnce(self._vendor.Torques(torque.tolist()))
+        except self._failures as error:
+            raise self._broken(error) from error
+
+    def stop(self, reason: str) -> None:
+        """Finish the motion; the robot then holds its place by its own controller and brakes."""
+        if self._stopped:
+            return
+        self._stopped = reason.rstrip(".") or "stopped"
+        control, self._control = self._control, None
+        if control is None:
+            return
+        with suppress(*self._failures):
+            control.readOnce()
+            torques = self._vendor.Torques([0.0] * _JOINTS)
+            torques.motion_finished = True
+            control.writeOnce(torques)
+            return
+        with suppress(*self._failures):
+            self._robot.stop()
+
+    def close(self) -> None:
+        """Give the connection back."""
+        self._control = self._robot = None
+
+    def _broken(self, error: Exception) -> ArmError:
+        """Return what an error of the vendor's client means."""
+        words = " ".join(str(error).split()).rstrip(".")
+        reflex = isinstance(error, self._vendor.ControlException)
+        hint = _RECOVER if reflex else "Is the cable in, and the control box on?"
+        kind = "has stopped the motion" if reflex else "does not answer"
+        return ArmError(f"{kind}: {words}.", where=self.facts.name, hint=hint)
+
+
+def _seconds(stamp: Any) -> float:
+    """Return a time of the client [s]."""
+    return float(stamp.to_sec()) if hasattr(stamp, "to_sec") else float(stamp)
+
+
+def _errors(errors: Any) -> str:
+    """Return the names of the errors that are set."""
+    names = [name for name in dir(errors) if not name.startswith("_")]
+    found = [name for name in names if getattr(errors, name) is True]
+    return ", ".join(found) or "a reflex that was not acknowledged"
+
+
+def _full(load: Payload) -> list[float]:
+    """Return the inertia of a load as nine numbers."""
+    xx, xy, yy, xz, yz, zz = np.asarray(load.inertia, dtype=float).ravel()[:6]
+    return [float(each) for each in (xx, xy, xz, xy, yy, yz, xz, yz, zz)]

@@ -1,0 +1,279 @@
+"""An arm of moteus motors on a CAN-FD bus, by ``moteus`` and ``python-can`` (extra ``moteus``).
+
+The vendor's client makes the commands and reads the replies, python-can carries them. A cycle asks
+every motor for position, velocity and torque, and sends a torque to each: position mode without
+stiffness and damping, with the watchdog of the motors set, so that they brake by themselves if the
+program dies. Arms of other motors need a file like this one.
+
+With the sign s, the ratio r (turns that the motor counts in one of the joint), the offset and the
+scale k (torque in N m for one that the motor reports),
+
+    q = s 2 pi p / r + offset,        tau = s k r tau_motor.
+
+This was run on python-can's virtual bus with simulated motors, and on no real one.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .._checks import instance, positive, whole
+from ..exceptions import ArmError, InputError
+from ..records import Measurement
+from ..robot.robot import Robot
+from .arm import Arm, ArmFacts
+
+_INSTALL = 'Install them: pip install "pinadapt[moteus]".'
+_TURN = 2.0 * math.pi
+_MISSED = 3  # cycles without a reply after which a motor is lost
+_FAULT, _WATCHDOG = 1, 11  # modes of a motor
+_HIGHEST_ID = 126
+_SIZES = (*range(9), 12, 16, 20, 24, 32, 48, 64)  # of the data of a CAN-FD frame
+_NOTHING = b"\x50"  # a command that does nothing, as padding
+
+
+@dataclass(frozen=True)
+class Motor:
+    """A motor of a joint.
+
+    Attributes:
+        joint: name of the joint.
+        id: on the bus, 1 to 126.
+        sign: 1, or -1 if it turns against the joint.
+        ratio: turns that the motor counts in one turn of the joint; 1 if it counts those behind the
+            gear.
+        offset: angle of the joint where the motor counts zero [rad].
+        torque: true torque over the one that the motor reports.
+
+    Raises:
+        InputError: numbers that no motor has.
+    """
+
+    joint: str
+    id: int
+    sign: int = 1
+    ratio: float = 1.0
+    offset: float = 0.0
+    torque: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that no motor has."""
+        if whole(self.id, "motors.id", 1) > _HIGHEST_ID:
+            raise InputError(f"must be at most {_HIGHEST_ID}, got {self.id}.", where="motors.id")
+        if self.sign not in (1, -1):
+            raise InputError(f"must be 1 or -1, got {self.sign!r}.", where="motors.sign")
+        for name in ("ratio", "torque"):
+            positive(getattr(self, name), f"motors.{name}")
+
+
+class MoteusArm(Arm):
+    """An arm of moteus motors.
+
+    Attributes:
+        motors: in the order of the joints.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        motors: Sequence[Motor],
+        *,
+        interface: str = "socketcan",
+        channel: str = "can0",
+        period: float = 2e-3,
+        timeout: float = 1e-2,
+        silence: float = 0.1,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Open the bus and ask each motor; nothing moves.
+
+        Args:
+            robot: the description, whose joints the motors move.
+            motors: one for each joint.
+            interface: of python-can, such as "socketcan" or "virtual".
+            channel: of the interface.
+            period: of the loop [s].
+            timeout: for the replies of a cycle [s].
+            silence: time without a torque after which the motors stop by themselves [s].
+            clock: of the measurements.
+
+        Raises:
+            InputError: a package is missing, the bus cannot be opened, the motors are not those of
+                the joints, or one does not answer.
+        """
+        try:
+            import can
+            import moteus
+        except ImportError as error:
+            raise InputError(f"moteus or python-can is missing: {error}.", hint=_INSTALL) from error
+        names = instance(robot, Robot, "robot").joint_names
+        by_joint = {motor.joint: motor for motor in motors}
+        if sorted(by_joint) != sorted(names) or len(motors) != len(names):
+            raise InputError(
+                f"the motors are of {[motor.joint for motor in motors]}, the joints are {names}.",
+                where="motors",
+            )
+        self.motors = [by_joint[name] for name in names]
+        if len({motor.id for motor in self.motors}) < len(names):
+            raise InputError("two motors have the same id.", where="motors")
+        self._can, self._moteus, self._clock = can, moteus, clock
+        self._timeout, self._silence = positive(timeout, "timeout"), positive(silence, "silence")
+        self.facts = ArmFacts.of(
+            robot,
+            name=f"motors at {channel}",
+            period=period,
+            paced=False,
+            clock="host",
+            silence=silence,
+        )
+        sign = np.array([motor.sign for motor in self.motors], dtype=float)
+        ratio = np.array([motor.ratio for motor in self.motors])
+        self._angle = sign * _TURN / ratio
+        self._torque = sign * ratio * np.array([motor.torque for motor in self.motors])
+        self._offset = np.array([motor.offset for motor in self.motors])
+        self._places = {motor.id: k for k, motor in enumerate(self.motors)}
+        self._nodes = [moteus.Controller(motor.id) for motor in self.motors]
+        self._queries = [self._message(node.make_query()) for node in self._nodes]
+        self._raw, self._missed = np.zeros((3, len(names))), np.zeros(len(names), dtype=int)
+        self._stopped = ""
+        try:
+            self._bus = can.Bus(interface=interface, channel=channel, fd=True)
+        except (can.CanError, OSError, ValueError, NotImplementedError) as error:
+            raise InputError(
+                f"the bus cannot be opened: {error}.",
+                where=f"{interface}:{channel}",
+                hint="Is the interface up? `ip link set can0 up type can bitrate 1000000 dbitrate "
+                "5000000 fd on`",
+            ) from error
+        heard = self._ask(max(timeout, 0.5))
+        if heard < set(self._places):
+            self.close()
+            quiet = [motor.joint for motor in self.motors if motor.id not in heard]
+            raise InputError(
+                f"no answer from the motors of {quiet}.",
+                where=f"{interface}:{channel}",
+                hint="Are they powered, and are their ids those of the table?",
+            )
+
+    def _message(self, command: Any) -> Any:
+        """Return the message of a command: its reply bit, source and destination are in the id."""
+        destination = command.destination
+        number = getattr(destination, "can_id", destination)
+        source = command.source | (0x80 if command.reply_required else 0)
+        arbitration, data = command.can_prefix << 16 | source << 8 | number, bytes(command.data)
+        size = next(size for size in _SIZES if size >= len(data))
+        return self._can.Message(
+            arbitration_id=arbitration,
+            is_extended_id=arbitration > 0x7FF,
+            data=data + _NOTHING * (size - len(data)),
+            is_fd=True,
+            bitrate_switch=True,
+        )
+
+    def _ask(self, timeout: float) -> set[int]:
+        """Ask all motors and take their replies; return the ids of those that answered in time."""
+        try:
+            while self._bus.recv(0.0) is not None:
+                pass  # late replies of an earlier cycle
+            for query in self._queries:
+                self._bus.send(query)
+            heard: set[int] = set()
+            until = time.monotonic() + timeout
+            while len(heard) < len(self._nodes) and (left := until - time.monotonic()) > 0.0:
+                message = self._bus.recv(left)
+                if message is not None:
+                    self._take(message, heard)
+        except self._can.CanError as error:
+            raise ArmError(f"the bus failed: {error}.", where=self.facts.name) from error
+        return heard
+
+    def _take(self, message: Any, heard: set[int]) -> None:
+        """Take one reply.
+
+        Raises:
+            ArmError: the motor reports a fault, or has stopped by its watchdog.
+        """
+        number = message.arbitration_id >> 8 & 0x7F
+        k = self._places.get(number)
+        if k is None or message.arbitration_id & 0x7F:
+            return
+        register = self._moteus.Register
+        values = self._moteus.parse_registers(bytes(message.data)).response
+        mode, fault = int(values.get(register.MODE, 0)), int(values.get(register.FAULT, 0))
+        if mode in (_FAULT, _WATCHDOG):
+            what = "stopped by its watchdog" if mode == _WATCHDOG else f"has fault {fault}"
+            raise ArmError(
+                f"the motor of {self.motors[k].joint} {what}.",
+                where=self.facts.name,
+                hint="Faults are listed in moteus' reference; they end with a stop command.",
+            )
+        self._raw[:, k] = [
+            values[each] for each in (register.POSITION, register.VELOCITY, register.TORQUE)
+        ]
+        heard.add(number)
+
+    def read(self) -> Measurement:
+        """Ask all motors and return what they say; one that misses a cycle keeps its last values.
+
+        Raises:
+            ArmError: a motor has a fault or has missed three cycles, or the bus failed.
+        """
+        if self._stopped:
+            raise ArmError(f"has stopped: {self._stopped}.", where=self.facts.name)
+        heard = self._ask(self._timeout)
+        self._missed += 1
+        self._missed[[self._places[number] for number in heard]] = 0
+        if (self._missed >= _MISSED).any():
+            lost = self.motors[int(self._missed.argmax())].joint
+            raise ArmError(
+                f"the motor of {lost} has not answered for {_MISSED} cycles.",
+                where=self.facts.name,
+                hint="Is its cable in? Raise `timeout` if the bus is slow.",
+            )
+        position, velocity, torque = self._raw
+        return Measurement(
+            self._clock(),
+            self._angle * position + self._offset,
+            self._angle * velocity,
+            tau=self._torque * torque,
+        )
+
+    def send(self, torque: np.ndarray) -> None:
+        """Send a torque (n) of the joints [N m].
+
+        Raises:
+            ArmError: the bus failed.
+        """
+        try:
+            for node, each in zip(self._nodes, (torque / self._torque).tolist(), strict=True):
+                command = node.make_position(
+                    position=math.nan,
+                    velocity=0.0,
+                    feedforward_torque=each,
+                    kp_scale=0.0,
+                    kd_scale=0.0,
+                    watchdog_timeout=self._silence,
+                )
+                self._bus.send(self._message(command))
+        except self._can.CanError as error:
+            raise ArmError(f"the bus failed: {error}.", where=self.facts.name) from error
+
+    def stop(self, reason: str) -> None:
+        """Let the motors brake, their windings shorted; an arm without brakes sinks slowly."""
+        if self._stopped:
+            return
+        self._stopped = reason.rstrip(".") or "stopped"
+        for node in self._nodes:
+            with suppress(self._can.CanError, OSError, ValueError):
+                self._bus.send(self._message(node.make_brake()))
+
+    def close(self) -> None:
+        """Close the bus."""
+        self._bus.shutdown()

@@ -1,0 +1,162 @@
+"""A Franka by its vendor's client, against ``franky-sim``: the protocol is real, the arm is not."""
+
+import threading
+from functools import cache
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from pinadapt.cli import main
+from pinadapt.realtime import CycleLog, RealtimeLoop, Recorder, Safety, tell
+from tests.support.arms import ORDINARY
+from tests.support.franka_server import TOOL, Franka
+
+pytestmark = pytest.mark.slow
+pytest.importorskip("pylibfranka", reason="the extra franka is not installed")
+pytest.importorskip("franky_sim", reason="franky-sim is not installed")
+from pinadapt.realtime.franka import FrankaArm  # noqa: E402
+
+
+@cache
+def robot():
+    """Return the description: a Panda, whose kinematics are those of the simulated FR3."""
+    return pa.load("panda")
+
+
+@cache
+def controller():
+    """Return a controller of the arm, which adds gravity by itself."""
+    return pa.make_controller(
+        robot(),
+        adaptation="natural",
+        unknown=pa.Unknown(tool=True),
+        sensors=pa.Sensors(camera=pa.Camera(rate=30.0)),
+        compensated="nominal",
+    )
+
+
+@pytest.fixture(scope="module")
+def franka():
+    """Return a server that is as fast as its client."""
+    server = Franka("127.0.0.1")
+    yield server
+    server.close()
+
+
+def drive(server, stage, seconds, *, of=None, recorder=None, each=None, **safety):
+    """Return ending, messages, and positions (N, 7) and torques (N, 7) of a run."""
+    said, q, sent = [], [], []
+    circle = pa.trajectories.Circle(robot().position(robot().q0), 0.04, 3.0)
+    server.camera()  # frames of an earlier connection, whose time was another
+    with FrankaArm(server.address, robot(), camera=server.camera) as arm:
+        read, send = arm.read, arm.send
+
+        def reading():
+            m = read()
+            q.append(m.q)
+            if each is not None:
+                each(len(q), m)
+            return m
+
+        arm.read, arm.send = reading, lambda torque: (sent.append(torque), send(torque))
+        loop = RealtimeLoop(
+            arm,
+            controller() if of is None else of,
+            circle,
+            stage=stage,
+            recorder=recorder,
+            scheduling=ORDINARY,
+            safety=Safety(late=10**6, **{"contact": 1.0, **safety}),
+            say=said.append,
+        )
+        ending = loop.run(seconds)
+    return ending, said, np.array(q), np.array(sent)
+
+
+def test_log_only_sends_nothing(franka):
+    ending, _, q, sent = drive(franka, "log", 0.2)
+    assert not len(sent) and not ending.failed and np.ptp(q, axis=0).max() < 1e-3
+
+
+def test_gravity_compensation_sends_nothing_but_what_differs_from_the_robots_own(franka):
+    ending, _, _, sent = drive(franka, "gravity", 0.1)
+    assert not ending.failed and np.abs(sent[:50]).max() < 2.0
+
+
+def test_a_hold_holds(franka):
+    ending, _, q, _ = drive(franka, "hold", 0.4)
+    assert not ending.failed
+    assert np.abs(q - q[0]).max() < 0.15  # the load hangs on it, and nothing learns
+    assert np.abs(q[-1] - q[-100]).max() < 0.01
+
+
+def test_tool_and_load_are_learned_on_a_circle(franka, tmp_path):
+    path, of = tmp_path / "franka.mcap", controller()
+    with Recorder(path, of) as recorder:
+        ending, *_ = drive(franka, "adapt", 1.6, of=of, recorder=recorder)
+    assert not ending.failed, ending
+    log, model = CycleLog.read(path), robot().changed(tool_translation=TOOL)
+    assert log.replay(of).same
+    at = np.flatnonzero(log.cycles.stepped[:, 0])[:1600:50]
+    x = np.array([model.position(q) for q in log.cycles.q[at]])
+    error = np.linalg.norm(x - log.cycles.x_d[at], axis=1)
+    assert error[-8:].max() < 0.7 * error.max()
+    truth = of.kinematics.value(model)
+    assert (
+        np.abs(ending.state.a_k - truth).max() < 1e-3 < np.abs(of.kinematics.initial - truth).max()
+    )
+
+
+@pytest.mark.parametrize(
+    ("safety", "words"), [({"velocity": 1e-3}, "velocity: "), ({"error": 1e-5}, "error: ")]
+)
+def test_a_limit_stops_it(franka, safety, words):
+    ending, said, q, _ = drive(franka, "adapt", 5.0, **safety)
+    assert ending.failed and words in ending.reason and said[-1].startswith("stopped")
+    assert np.abs(q[-1] - q[-20]).max() < 5e-3
+
+
+def test_the_latch_stops_it(franka):
+    with Recorder(None, controller(), port=0) as recorder:
+
+        def press(count, m):
+            if count == 200:
+                tell(recorder.port, "latch", "red button", timeout=20.0)
+
+        ending, *_ = drive(franka, "adapt", 5.0, recorder=recorder, each=press)
+    assert ending.reason == "latch: red button" and ending.phases[-1][1] == "stopped"
+
+
+def test_a_server_in_real_time_that_is_killed_in_mid_motion_is_told():
+    server = Franka("127.0.0.3", realtime=True)
+    try:
+        killer = threading.Timer(1.0, server.process.kill)
+
+        def each(count, m):
+            if count == 300:
+                killer.start()
+
+        ending, said, q, _ = drive(server, "adapt", 60.0, each=each)
+        assert ending.failed and len(q) > 300 and "does not answer" in ending.reason
+        assert "Is the cable in" in ending.reason and said[-1].startswith("stopped")
+    finally:
+        server.close()
+
+
+def test_nobody_at_an_address_and_another_robot_are_refused(franka):
+    with pytest.raises(pa.InputError, match=r"127\.0\.0\.77: cannot be reached: .*FCI"):
+        FrankaArm("127.0.0.77", robot())
+    with pytest.raises(pa.InputError, match="a Franka has 7 joints"):
+        FrankaArm(franka.address, pa.load("ur5"))
+    plain = pa.make_controller(robot(), adaptation="none")
+    with pytest.raises(pa.InputError, match="adds its gravity torque by itself"):
+        drive(franka, "hold", 0.1, of=plain)
+
+
+def test_one_command_drives_it(franka, tmp_path, capsys):
+    log = ["--log", str(tmp_path / "run.mcap"), "--safety", "late=1000000"]
+    assert main(["drive", "franka", franka.address, "--hold", "--duration", "0.2", *log]) == 0
+    assert "worst" in capsys.readouterr().out
+    assert main(["drive", "franka", "--hold", *log]) == 2
+    assert "ADDRESS: is needed" in capsys.readouterr().err

@@ -1,0 +1,205 @@
+"""Motors on a CAN bus by the vendor's client, on python-can's virtual bus with simulated motors."""
+
+import math
+import struct
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from pinadapt.realtime import RealtimeLoop, Safety
+from tests.support.arms import ORDINARY, PERIOD, robot
+
+can = pytest.importorskip("can", reason="the extra moteus is not installed")
+moteus = pytest.importorskip("moteus", reason="the extra moteus is not installed")
+from pinadapt.realtime.moteus_arm import MoteusArm, Motor  # noqa: E402
+
+MOTORS = [Motor("joint1", 3, -1, 6.0, 0.4, 1.1), Motor("joint2", 7, 1, 1.0, -0.2)]
+SIZES = (*range(9), 12, 16, 20, 24, 32, 48, 64)
+
+
+class Motors(threading.Thread):
+    """Motors of an arm on a virtual bus, each with its own delay; the first query is a period.
+
+    Attributes:
+        plant: that they move.
+        braked: which of them have been told to brake.
+        silent: which of them do not answer any more.
+        fault: of the first one.
+    """
+
+    def __init__(self, channel, delays=(0.0, 3e-4)):
+        super().__init__(daemon=True)
+        self.bus = can.Bus(interface="virtual", channel=channel, fd=True)
+        self.plant = pa.plants.PinocchioPlant(robot())
+        self.torque, self.delays = np.zeros(2), delays
+        self.braked, self.silent, self.fault, self.count = set(), set(), 0, 0
+        self.begun, self.running = False, True
+        self.start()
+
+    def run(self):
+        message = None
+        while self.running or message is not None:
+            message = self.bus.recv(0.2)
+            if message is not None:
+                self.answer(message)
+        self.bus.shutdown()
+
+    def answer(self, message):
+        ids = [motor.id for motor in MOTORS]
+        k = ids.index(message.arbitration_id & 0x7F)
+        said = moteus.parse_registers(bytes(message.data))
+        mode = said.command.get(moteus.Register.MODE)
+        if mode == moteus.Mode.BRAKE:
+            self.braked.add(k)
+        torque = said.command.get(moteus.Register.COMMAND_FEEDFORWARD_TORQUE)
+        if torque is not None:
+            assert said.command[moteus.Register.COMMAND_KP_SCALE] == 0.0
+            assert math.isnan(said.command[moteus.Register.COMMAND_POSITION])
+            motor = MOTORS[k]
+            self.torque[k] = motor.sign * motor.ratio * motor.torque * torque
+            self.begun = True
+        if not message.arbitration_id & 0x8000 or k in self.silent:
+            return
+        if k == 0:
+            self.count += 1
+            if self.begun:
+                self.plant.step(self.torque, PERIOD)
+        time.sleep(self.delays[k])
+        self.bus.send(self.reply(k, message, said.query))
+
+    def reply(self, k, message, query):
+        """Return what a motor says of itself."""
+        seen, motor = self.plant.measure(), MOTORS[k]
+        turns = motor.sign * motor.ratio / (2.0 * np.pi)
+        names = moteus.Register
+        values = {
+            names.MODE: 1 if self.fault and k == 0 else 10,
+            names.POSITION: turns * (seen.q[k] - motor.offset),
+            names.VELOCITY: turns * seen.v[k],
+            names.TORQUE: self.torque[k] / (motor.sign * motor.ratio * motor.torque),
+            names.VOLTAGE: 48,
+            names.TEMPERATURE: 30,
+            names.FAULT: self.fault if k == 0 else 0,
+        }
+        data = b""
+        for register, kind in query:
+            value = values[register]
+            coded = struct.pack("<f", value) if kind == 3 else struct.pack("<b", int(value))
+            data += bytes([0x20 | kind << 2 | 1, register]) + coded
+        size = next(size for size in SIZES if size >= len(data))
+        return can.Message(
+            arbitration_id=motor.id << 8 | message.arbitration_id >> 8 & 0x7F,
+            is_extended_id=True,
+            data=data + b"\x50" * (size - len(data)),
+            is_fd=True,
+        )
+
+
+@pytest.fixture
+def motors(request):
+    """Return motors on a channel of their own."""
+    nodes = Motors(request.node.name)
+    yield nodes
+    nodes.running = False
+    nodes.join(5.0)
+
+
+def arm_of(nodes, motors=MOTORS, **options):
+    """Return the arm of some motors, whose clock counts their periods."""
+    clock = lambda: nodes.count * PERIOD  # noqa: E731
+    return MoteusArm(
+        robot(), motors, interface="virtual", period=PERIOD, timeout=2.0, clock=clock, **options
+    )
+
+
+def channel_of(request):
+    return request.node.name
+
+
+def drive(arm, stage="hold", seconds=0.3, each=None):
+    """Return the ending of a run, and its messages."""
+    described = pa.load("planar_2r", task="joint", gravity=[0.0, -9.81, 0.0])
+    controller = pa.make_controller(described, dt=PERIOD, adaptation="natural")
+    swing = pa.trajectories.Sinusoid(described.home_angles + 0.1, 0.1, 1.0)
+    said, read, count = [], arm.read, iter(range(10**9))
+
+    def reading():
+        if each is not None:
+            each(next(count))
+        return read()
+
+    arm.read = reading
+    with arm:
+        loop = RealtimeLoop(
+            arm,
+            controller,
+            swing,
+            stage=stage,
+            safety=Safety(late=10**6),
+            scheduling=ORDINARY,
+            say=said.append,
+        )
+        return loop.run(seconds), said
+
+
+def test_the_table_turns_counts_into_angles(request, motors):
+    with arm_of(motors, channel=channel_of(request)) as arm:
+        m = arm.read()
+        assert np.allclose(m.q, robot().q0, atol=1e-6) and np.allclose(m.tau, 0.0)
+        assert not arm.facts.paced and arm.facts.joints == ("joint1", "joint2")
+        arm.send(np.array([3.0, -2.0]))
+        arm.read()
+        assert np.allclose(motors.torque, [3.0, -2.0], rtol=1e-6)
+    motors.running = False
+    motors.join(5.0)
+    assert motors.braked == {0, 1}
+
+
+def test_a_motion_is_followed_and_ends_in_brakes(request, motors):
+    arm = arm_of(motors, channel=channel_of(request))
+    ending, said = drive(arm, "adapt", 0.4)
+    assert not ending.failed and said[-1].startswith("stopped"), said
+    assert np.abs(motors.plant.measure().v).max() < 0.05
+    assert np.abs(motors.plant.measure().q - robot().q0).max() > 5e-3
+
+
+def test_a_motor_that_is_silent_or_at_fault_stops_the_others(request, motors):
+    def fault(count):
+        if count == 100:
+            motors.fault = 33
+
+    arm = arm_of(motors, channel=channel_of(request))
+    ending, _ = drive(arm, seconds=9.0, each=fault)
+    assert ending.failed and "the motor of joint1 has fault 33" in ending.reason
+
+
+def test_a_cable_that_is_pulled_is_told(request, motors):
+    arm = arm_of(motors, channel=channel_of(request))
+    arm._timeout = 0.02
+
+    def pull(count):
+        if count == 100:
+            motors.silent.add(1)
+
+    ending, _ = drive(arm, seconds=9.0, each=pull)
+    assert ending.failed
+    assert "the motor of joint2 has not answered for 3 cycles" in ending.reason
+
+
+def test_wrong_tables_are_refused(request, motors):
+    place = {"channel": channel_of(request)}
+    with pytest.raises(pa.InputError, match=r"the motors are of \['joint1'\]"):
+        arm_of(motors, MOTORS[:1], **place)
+    with pytest.raises(pa.InputError, match="two motors have the same id"):
+        arm_of(motors, [Motor("joint1", 3), Motor("joint2", 3)], **place)
+    with pytest.raises(pa.InputError, match=r"no answer from the motors of \['joint2'\]"):
+        motors.silent.add(1)
+        MoteusArm(robot(), MOTORS, interface="virtual", timeout=0.05, **place)
+    with pytest.raises(pa.InputError, match="the bus cannot be opened"):
+        MoteusArm(robot(), MOTORS, interface="socketcan", channel="none0")
+    for given in ({"id": 127}, {"id": 1, "sign": 0}, {"id": 1, "ratio": 0.0}):
+        with pytest.raises(pa.InputError, match=r"motors\."):
+            Motor("joint1", **given)
