@@ -23,6 +23,7 @@ PRINTED = {
     "07_laws_compared": ["times closer by adaptation"],
     "08_your_own_urdf": ["follows: ", "all limits kept", 'law = "separation"', "'flange'?"],
     "09_your_own_law": ["deg at the end", "largest rise in a sample -"],
+    "10_from_a_log": ["not to be mounted", "--torque-gain=13", "times less", "are swapped"],
 }
 ANIMATED = ("01_quickstart", "04_tool_load_camera", "08_your_own_urdf")
 
