@@ -1,8 +1,8 @@
 """A Universal Robot: ``pinadapt drive docs/arms/ur.py:UniversalRobot ADDRESS --scenario ...``.
 
 UNTESTED on any robot: written for the published interface of ``ur-rtde`` (``pip install ur-rtde``,
-``directTorque``, PolyScope 5.23 or 10.10 and later), run against a stand-in with the same calls. The
-robot adds gravity, with its configured payload, and friction: `compensated = "nominal"`,
+``directTorque``, PolyScope 5.23 or 10.10 and later), run against a stand-in with the same calls.
+The robot adds gravity, with its configured payload, and friction: `compensated = "nominal"`,
 `dt = 0.002`. `directTorque` takes other options in each version; its defaults are used here.
 """
 
