@@ -55,6 +55,11 @@ realtime: $(VENV)/installed
 	$(BIN)/python -m benchmarks.realtime
 	$(BIN)/python -m benchmarks.realtime --load
 
+# A table of the documentation, measured again: make sensors.table
+%.table: $(VENV)/dev
+	$(BIN)/pinadapt sweep benchmarks/$*.toml --out out/$*-sweep --force
+	cp out/$*-sweep/table.csv benchmarks/$*.csv
+
 $(VENV)/docs: $(VENV)/dev
 	$(BIN)/python -m pip install --quiet -e '.[docs]'
 	touch $@

@@ -9,13 +9,10 @@ on the circle of 2 s; everything else has the bandwidth of the default.
 from __future__ import annotations
 
 import argparse
-import os
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import product
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -116,7 +113,29 @@ def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def tuned(pool: Executor, robots: Sequence[str]) -> dict[tuple[str, str, str], Gains]:
+def figures_of(
+    robot: str,
+    sensors: str,
+    contender: str,
+    period: float,
+    gains: Gains,
+    informed: bool,
+    tuning: bool,
+) -> dict[str, Any]:
+    """Return the results of a run as a case of a sweep."""
+    return figures(Run(robot, sensors, contender, period, gains, informed, tuning))
+
+
+def swept(runs: Sequence[Run]) -> list[dict[str, Any]]:
+    """Return the results of runs, on all cores."""
+    table = pa.sweep(figures_of, [asdict(run) for run in runs])
+    if table.lost.any():
+        raise RuntimeError(str(table))
+    names = ("radius", "bandwidth", *FIGURES)
+    return [{name: each.get(name) for name in names} for each in table.rows()]
+
+
+def tuned(robots: Sequence[str]) -> dict[tuple[str, str, str], Gains]:
     """Return the gains of each robot, sensors and contender with least error, {} without choice."""
     best: dict[tuple[str, str, str], tuple[float, Gains]] = {}
     runs = [
@@ -127,7 +146,7 @@ def tuned(pool: Executor, robots: Sequence[str]) -> dict[tuple[str, str, str], G
         if sensors in contender.sensors and contender.grid
         for gains in contender.choices()
     ]
-    for run, found in zip(runs, pool.map(figures, runs), strict=True):
+    for run, found in zip(runs, swept(runs), strict=True):
         key, error = (run.robot, run.sensors, run.contender), found["rms"]
         if error is not None and (key not in best or error < best[key][0]):
             best[key] = error, run.gains
@@ -148,10 +167,8 @@ def planned(gains: Mapping[tuple[str, str, str], Gains], robots: Sequence[str]) 
 
 def measure(robots: Sequence[str]) -> list[dict[str, Any]]:
     """Return one row per run."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
-        runs = list(planned(tuned(pool, robots), robots))
-        return [row(run, found) for run, found in zip(runs, pool.map(figures, runs), strict=True)]
+    runs = list(planned(tuned(robots), robots))
+    return [row(run, found) for run, found in zip(runs, swept(runs), strict=True)]
 
 
 def row(run: Run, found: Mapping[str, Any]) -> dict[str, Any]:

@@ -10,10 +10,7 @@ prior of the arm, with one (``arm``), and with a run without load (``empty``).
 from __future__ import annotations
 
 import argparse
-import os
-from collections import defaultdict
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +24,7 @@ from .timing import HERE, save
 ROBOTS = {"panda": 1.5, "ur10": 3.0}  # kg
 COM = 1e3 * np.array([0.02, -0.01, 0.05])  # mm
 OFF = 0.03
+OPTIONS = ("as described", "off, no prior", "off, arm", "off, arm and empty")
 _VARIED = 0.5, 1.5  # shares of the friction
 
 
@@ -66,21 +64,43 @@ def row(name: str, found: list[tuple[np.ndarray, np.ndarray]]) -> dict[str, Any]
     }
 
 
-def measure(robot: str, seeds: int, arms: int) -> list[dict[str, Any]]:
-    """Return a row for the arm as described, and one per option for arms that are not."""
-    mass, cases = ROBOTS[robot], defaultdict(list)
-    for seed in range(seeds):
-        cases["as described"].append(errors(run(robot, seed, 0.0).payload(refined=True), mass))
-    for seed in range(arms):
-        loaded = run(robot, seed, OFF)
-        empty = run(robot, 1000 + seed, OFF, "truth.payload={mass=0.0}")
-        for name, known in (
-            ("off, no prior", {}),
-            ("off, arm", {"arm": OFF}),
-            ("off, arm and empty", {"arm": OFF, "empty": empty}),
-        ):
-            cases[name].append(errors(loaded.payload(refined=True, **known), mass))
-    return [row(f"{robot}, {name}", found) for name, found in cases.items()]
+def one(robot: str, number: int, described: bool) -> dict[str, Any]:
+    """Return errors and uncertainties (4, 4) of one arm's load, by option."""
+    mass = ROBOTS[robot]
+    if described:
+        found = {"as described": errors(run(robot, number, 0.0).payload(refined=True), mass)}
+    else:
+        loaded = run(robot, number, OFF)
+        empty = run(robot, 1000 + number, OFF, "truth.payload={mass=0.0}")
+        options: dict[str, dict[str, Any]] = {
+            "off, no prior": {},
+            "off, arm": {"arm": OFF},
+            "off, arm and empty": {"arm": OFF, "empty": empty},
+        }
+        found = {
+            name: errors(loaded.payload(refined=True, **known), mass)
+            for name, known in options.items()
+        }
+    return {name: [*off, *known] for name, (off, known) in found.items()}
+
+
+def measure(seeds: int, arms: int) -> list[dict[str, Any]]:
+    """Return a row for each arm as described, and one per option for arms that are not."""
+    cases = [
+        {"robot": robot, "number": number, "described": described}
+        for robot in ROBOTS
+        for described, count in ((True, seeds), (False, arms))
+        for number in range(count)
+    ]
+    table = pa.sweep(one, cases)
+    if table.lost.any():
+        raise RuntimeError(str(table))
+    rows = []
+    for robot, name in product(ROBOTS, OPTIONS):
+        numbers = np.column_stack([table[f"{name}[{k}]"] for k in range(8)])
+        numbers = numbers[(table["robot"] == robot) & np.isfinite(numbers).all(axis=1)]
+        rows.append(row(f"{robot}, {name}", [(each[:4], each[4:]) for each in numbers]))
+    return rows
 
 
 def main() -> None:
@@ -90,10 +110,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--arms", type=int, default=8)
     options = parser.parse_args()
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
-        coming = [pool.submit(measure, robot, options.seeds, options.arms) for robot in ROBOTS]
-        rows = [each for future in coming for each in future.result()]
+    rows = measure(options.seeds, options.arms)
     print("mass [g] and centre x, y, z [mm]: rms error, uncertainty, share within twice that")
     for each in rows:
         parts = (each[key] for key in ("rms_g_mm", "known_to_g_mm", "within_two"))

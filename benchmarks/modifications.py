@@ -1,24 +1,20 @@
 """Effect and cost of robust modifications of the adaptation under disturbances.
 
-``python -m benchmarks.modifications [--save FILE] [--duration S]`` runs the default law with
-natural adaptation on UR5 and Panda, load, tool and 20 % of all inertias unknown, on a circle of
-0.1 m. The controller does not know the disturbances: velocities differenced from encoders of 17
-bits a turn, motors that deliver their torque late, joint friction that is not among the parameters,
-elastic joints with encoders at the motors. Law (11) with a gradient tests the projection. The
+``make modifications.table`` runs the sweep ``modifications.toml`` and writes ``modifications.csv``:
+the default law with natural adaptation on UR5 and Panda, load, tool and 20 % of all inertias
+unknown, on a circle of 0.1 m. The controller does not know the disturbances: velocities differenced
+from encoders of 17 bits a turn, motors that deliver their torque late, joint friction that is not
+among the parameters, elastic joints with encoders at the motors. Law (11) with a gradient tests the
+projection. The
 figures of a run are the largest error of the last tenth, the factor by which the pseudo-inertia of
 any body changed in any direction in the last quarter, and the change of the torque between samples.
 """
 
 from __future__ import annotations
 
-import argparse
 import math
-import os
 import warnings
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
-from multiprocessing import get_context
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,9 +23,6 @@ import pinocchio as pin
 import pinadapt as pa
 from pinadapt.models.pseudo_inertia import pseudo_inertia
 
-from .timing import HERE, save
-
-ROBOTS = ("ur5", "panda")
 UNADAPTED = "not adapted"
 MODIFICATIONS: dict[str, dict[str, Any]] = {
     UNADAPTED: {},
@@ -75,23 +68,29 @@ DISTURBANCES = {
 OF_VELOCITY = ("e1", "dead zone", "dead zone, sigma")  # scaled for errors of the joint velocity
 
 
-def measure(name: str, disturbed: str, modified: str, duration: float) -> dict[str, Any]:
-    """Return the figures of one run."""
-    case, robot = DISTURBANCES[disturbed], pa.load(name)
-    own = np.diag(pin.crba(robot.model, robot.model.createData(), robot.q0))
-    robot = robot.changed(armature=np.maximum(0.5 * own, 0.02))
+def measure(robot: str, disturbance: str, modification: str, duration: float) -> dict[str, Any]:
+    """Return the figures of one run.
+
+    Raises:
+        InputError: the modification is scaled for errors of the joint velocity, the law has others.
+    """
+    case, described = DISTURBANCES[disturbance], pa.load(robot)
+    if case.options and modification in OF_VELOCITY:
+        raise pa.InputError("is scaled for errors of the joint velocity.", where=modification)
+    own = np.diag(pin.crba(described.model, described.model.createData(), described.q0))
+    described = described.changed(armature=np.maximum(0.5 * own, 0.02))
     load = pa.Payload(1.5, [0.02, -0.01, 0.05], [0.01, 0.0, 0.01, 0.0, 0.0, 0.01])
-    true = robot.changed(payload=load, tool_translation=[0.03, -0.02, 0.08])
-    efforts = case.friction * robot.model.upperEffortLimit
+    true = described.changed(payload=load, tool_translation=[0.03, -0.02, 0.08])
+    efforts = case.friction * described.model.upperEffortLimit
     true = true.changed(coulomb=efforts, viscous=0.5 * efforts)
     path = pa.trajectories.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(true.position(true.q0))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of undeclared noise
         controller = pa.make_controller(
-            robot.changed(inertial_scale=0.8),
+            described.changed(inertial_scale=0.8),
             unknown=pa.Unknown(friction=False, armature=False),
-            modifications=MODIFICATIONS[modified],
-            **case.options | ({"adaptation": "none"} if modified == UNADAPTED else {}),
+            modifications=MODIFICATIONS[modification],
+            **case.options | ({"adaptation": "none"} if modification == UNADAPTED else {}),
         )
         rollout = pa.simulate(
             true,
@@ -101,20 +100,17 @@ def measure(name: str, disturbed: str, modified: str, duration: float) -> dict[s
             engine=case.engine,
             sensors=case.sensors,
             record_every=5,
+            progress=False,
         )
+    if rollout.diverged is not None:
+        reason = f"at {rollout.diverged:.1f} s"
+        return {"status": "diverged", "reason": reason, "diverged": rollout.diverged}
     last = rollout.t > 0.9 * duration
-    lost = rollout.diverged is not None
     return {
-        "name": f"{name}, {disturbed}, {modified}",
-        "robot": name,
-        "disturbance": disturbed,
-        "modification": modified,
-        "diverged": rollout.diverged,
-        "error_mm": None if lost else 1e3 * float(rollout.distance[last].max()),
-        "factor": None if lost else moved(rollout.a_d, robot.model.nv),
-        "chatter": None
-        if lost
-        else float(np.sqrt(np.mean(np.diff(rollout.tau[last], axis=0) ** 2))),
+        "diverged": None,
+        "error_mm": 1e3 * float(rollout.distance[last].max()),
+        "factor": moved(rollout.a_d, described.model.nv),
+        "chatter": float(np.sqrt(np.mean(np.diff(rollout.tau[last], axis=0) ** 2))),
     }
 
 
@@ -131,30 +127,3 @@ def moved(a_d: np.ndarray, bodies: int) -> float | None:
             return None
         largest = max(largest, float(np.abs(np.log(ratios.real)).max()))
     return math.exp(min(largest, 700.0))
-
-
-def main() -> None:
-    """Print the table and save it."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--save", type=Path, default=HERE / "modifications.json")
-    parser.add_argument("--duration", type=float, default=24.0)
-    options = parser.parse_args()
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    cases = [
-        (robot, disturbed, modified)
-        for robot in ROBOTS
-        for disturbed, case in DISTURBANCES.items()
-        for modified in MODIFICATIONS
-        if not (case.options and modified in OF_VELOCITY)
-    ]
-    with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
-        coming = [pool.submit(measure, *case, options.duration) for case in cases]
-        rows = []
-        for future in coming:
-            rows.append(future.result())
-            print(rows[-1], flush=True)
-    save(options.save, rows)
-
-
-if __name__ == "__main__":
-    main()

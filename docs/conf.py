@@ -4,11 +4,13 @@ import json
 import math
 import sys
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "docs" / "_ext"))
 
 from pinadapt import __version__  # noqa: E402  after the path
+from pinadapt.sweep import CaseTable  # noqa: E402
 
 project = "pinadapt"
 author = "The pinadapt developers"
@@ -79,9 +81,14 @@ def error_text(error: float | None, unit: str) -> str:
     )
 
 
+def swept(name: str) -> list[dict[str, Any]]:
+    """Return the rows of a sweep of the benchmarks, in order: `make NAME.table` measures them."""
+    return list(CaseTable.load(ROOT / "benchmarks" / f"{name}.csv").rows())
+
+
 def modification_table() -> str:
-    """Return the table of `python -m benchmarks.modifications`, by robot and modification."""
-    rows = json.loads((ROOT / "benchmarks" / "modifications.json").read_text())["rows"]
+    """Return the table of modifications, by robot and modification."""
+    rows = swept("modifications")
     columns = list(dict.fromkeys(row["disturbance"] for row in rows))
     cells = {(row["robot"], row["modification"], row["disturbance"]): modified(row) for row in rows}
     lines = ["| | " + " | ".join(columns) + " |", "|---" * (len(columns) + 1) + "|"]
@@ -91,12 +98,31 @@ def modification_table() -> str:
     return "\n".join(lines)
 
 
-def modified(row: dict[str, float | None]) -> str:
-    """Return error and drift of a run."""
-    if row["diverged"] is not None:
-        return f"lost at {row['diverged']:.1f} s"
+def modified(row: dict[str, Any]) -> str:
+    """Return error and drift of a run; nothing where the modification does not fit the law."""
+    if row["status"] != "done":
+        return "" if row["status"] == "refused" else f"lost {row['reason']}"
     drift = "unphysical" if row["factor"] is None else f"{row['factor']:.3g}"
     return f"{row['error_mm']:.2g}\N{NO-BREAK SPACE}mm, {drift}"
 
 
-myst_substitutions = {"laws": law_figures(), "modifications": modification_table()}
+def sensor_table() -> str:
+    """Return the table of sensors, by robot."""
+    rows = swept("sensors")
+    columns = list(dict.fromkeys(row["sensors"] for row in rows))
+    lines = ["| | " + " | ".join(columns) + " |", "|---" * (len(columns) + 1) + "|"]
+    for robot in dict.fromkeys(row["robot"] for row in rows):
+        own = [
+            f"{row['rms_mm']:.2f} / {row['max_mm']:.2f}" if row["status"] == "done" else "lost"
+            for row in rows
+            if row["robot"] == robot
+        ]
+        lines.append(f"| {robot} | " + " | ".join(own) + " |")
+    return "\n".join(lines)
+
+
+myst_substitutions = {
+    "laws": law_figures(),
+    "modifications": modification_table(),
+    "sensors": sensor_table(),
+}

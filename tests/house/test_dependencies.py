@@ -21,6 +21,7 @@ OPTIONAL = (
     "dask",
     "franka",
     "moteus",
+    "tune",
 )  # extras whose packages the library imports
 PROVIDED = {
     "pin": {"pinocchio", "coal"},
@@ -81,6 +82,10 @@ def test_every_extra_that_is_named_exists(folder):
 
 
 def test_the_tests_have_the_packages_of_the_extras_that_need_no_network():
-    assert {"pinadapt[mujoco]", "pinadapt[bags]", "pinadapt[sweep]", "pinadapt[dask]"} <= set(
-        EXTRAS["dev"]
-    )
+    assert {
+        "pinadapt[mujoco]",
+        "pinadapt[bags]",
+        "pinadapt[sweep]",
+        "pinadapt[dask]",
+        "pinadapt[tune]",
+    } <= set(EXTRAS["dev"])

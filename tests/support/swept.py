@@ -32,3 +32,8 @@ def slow(a, place):
         file.write("x")
     time.sleep(0.02)
     return a
+
+
+def valley(place, gain=1.0):
+    """Return how far a gain is from a place, and a tenth."""
+    return {"distance": 0.1 + abs(gain - place)}

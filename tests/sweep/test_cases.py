@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.sweep import Cases, Plan
+from pinadapt.sweep import Cases, CaseTable, Plan
 from pinadapt.sweep.cases import MANY, Values
+from tests.support.paths import ROOT
 
 SCENARIO = """
 [robot]
@@ -224,3 +225,14 @@ def test_sweep_files_with_mistakes_are_refused(text, words, tmp_path):
     (tmp_path / "s.toml").write_text(text)
     with pytest.raises(pa.InputError, match=words):
         Plan.read(tmp_path / "s.toml")
+
+
+@pytest.mark.parametrize("name", ["sensors", "modifications"])
+def test_the_tables_of_the_benchmarks_are_those_of_their_sweep_files(name):
+    plan = Plan.read(ROOT / "benchmarks" / f"{name}.toml")
+    rows = list(CaseTable.load(ROOT / "benchmarks" / f"{name}.csv").rows())
+    assert len(rows) == len(plan.cases)
+    for case, row in zip(plan.cases, rows, strict=True):
+        assert (row["case"], row["seed"]) == (case.number, case.seed)
+        assert {key: row[key] for key in case.values} == case.values
+        assert row["reason"] if row["status"] != "done" else row["reason"] is None

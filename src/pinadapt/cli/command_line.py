@@ -38,6 +38,7 @@ _COMMANDS = {
     "tell": "send a command to a running `drive`",
     "compare": "run several laws on one scenario",
     "sweep": "run a scenario or a function with many values on all cores, as one table",
+    "tune": "search gains over many cases and compare them with the defaults",
     "identify": "estimate a robot's parameters from a recorded motion, without control",
     "cite": "print the BibTeX entries of what a scenario uses",
     "robots": "list the robots of the catalogue",

@@ -504,7 +504,8 @@ class Plan:
         Raises:
             InputError: they cannot be used.
         """
-        listed = [flat(case) for case in tables.get("case", [])]
+        scenario = tables.get("scenario") is not None  # whose tables are flattened to dotted keys
+        listed = [flat(case) if scenario else dict(case) for case in tables.get("case", [])]
         options = {
             key: tables[key] for key in ("samples", "method", "repeat", "seed") if key in tables
         }

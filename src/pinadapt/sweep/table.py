@@ -147,6 +147,15 @@ class CaseTable:
             return False
         return all(_same(self.columns[name], other.columns[name]) for name in names)
 
+    @classmethod
+    def load(cls, path: Path) -> CaseTable:
+        """Return the table of one file, ``.parquet`` or ``.csv``.
+
+        Raises:
+            InputError: it is a Parquet file, but pyarrow is not installed.
+        """
+        return cls.joined([_read_file(path)])
+
     def save(self, path: Path) -> None:
         """Write one file, ``.parquet`` or ``.csv``, completely or not at all."""
         with whole_file(path) as file:
