@@ -166,6 +166,7 @@ def test_each_of_several_logs_is_checked(copy, tmp_path, capsys):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("blank_pictures")
 def test_doubts_that_are_accepted_stay_in_the_last_line_and_the_status(copy, tmp_path, capsys):
     path = copy(lambda t, q, v, tau: {"tau": 0.1 * tau})
     out = tmp_path / "out"

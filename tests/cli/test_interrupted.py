@@ -71,7 +71,7 @@ def stop_run(monkeypatch, number, at=50):
 )
 def test_an_interrupt_carries_the_rollout_so_far(mode, at, tmp_path):
     robot = pa.load("planar_2r")
-    loop = robot, pa.make_controller(robot), circle_at_home(robot)
+    loop = robot, pa.make_controller(robot, adaptation="natural"), circle_at_home(robot)
     whole = pa.simulate(
         *loop, duration=0.05, engine=pa.Engine(continuous=mode == "continuous"), progress=False
     )

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
+from tests.house.test_exceptions import example, kinds, same
 from tests.support.chains import catalogue_robot
 from tests.support.loops import motion_at_home, with_tool_and_load
 from tests.support.paper import BASIS, CIRCLE, LMI
@@ -189,3 +190,13 @@ def test_a_refused_sample_leaves_the_controller_free():
     with pytest.raises(pa.PinadaptError):
         controller.init(None)
     controller.step(state, sample, desired, 1e-3)
+
+
+def fail(kind):
+    raise example(kind)
+
+
+@pytest.mark.slow
+def test_every_error_comes_back_from_another_process(pool):
+    for kind in kinds():
+        assert same(pool.submit(fail, kind).exception(timeout=60), example(kind))

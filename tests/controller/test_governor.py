@@ -184,8 +184,10 @@ def test_limits_take_a_governor_or_a_flag():
     with pytest.raises(pa.InputError, match="governor"):
         pa.Limits(governor="yes")
     robot = catalogue_robot("planar_2r")
-    assert pa.make_controller(robot).limits.governor is None
-    given = pa.make_controller(robot, limits=pa.Limits(governor=pa.Governor(creep=0.3)))
+    assert pa.make_controller(robot, adaptation="natural").limits.governor is None
+    given = pa.make_controller(
+        robot, adaptation="natural", limits=pa.Limits(governor=pa.Governor(creep=0.3))
+    )
     assert given.limits.governor.settings.creep == 0.3
 
 
@@ -211,7 +213,7 @@ def test_a_run_that_goes_well_is_the_same_to_the_bit():
 
 def test_the_state_can_be_copied_and_flattened():
     robot = catalogue_robot("ur5")
-    controller = pa.make_controller(robot, limits=GOVERNED)
+    controller = pa.make_controller(robot, adaptation="natural", limits=GOVERNED)
     state = controller.init(pa.plants.PinocchioPlant(robot).measure())
     slowed = state._replace(path=PathTime(0.2, 0.5, -1.0, "frames"))
     flat = slowed.flat()
@@ -242,7 +244,9 @@ def test_sampled_and_continuous_loops_slow_alike():
 
 def test_other_torque_limits_are_those_of_the_governor_too():
     robot = catalogue_robot("ur5")
-    controller = pa.make_controller(robot, limits=GOVERNED).limited(np.full(6, 3.0))
+    controller = pa.make_controller(robot, adaptation="natural", limits=GOVERNED).limited(
+        np.full(6, 3.0)
+    )
     assert (controller.limits.governor.torque == 3.0).all()
     assert np.isinf(controller.limited(None).limits.governor.torque).all()
     assert replace(controller.limits).governor is controller.limits.governor

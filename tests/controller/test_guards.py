@@ -105,7 +105,9 @@ def test_an_arm_at_ten_times_its_limit_is_the_last_that_is_believed():
 )
 def test_unknown_guards_are_refused(guards, words):
     with pytest.raises(pa.InputError, match=words) as error:
-        pa.make_controller(catalogue_robot("ur5"), limits=pa.Limits(guards=guards))
+        pa.make_controller(
+            catalogue_robot("ur5"), adaptation="natural", limits=pa.Limits(guards=guards)
+        )
     assert error.value.where == "guards"
 
 
@@ -148,7 +150,9 @@ def resting(guards=True, noise=None, encoder=0.0, moving=0.0, x_off=5e-5):
     robot = catalogue_robot("ur5")
     sensors = pa.Sensors(noise=noise, encoder=encoder)
     believed = robot.changed(inertial_scale=0.8)
-    controller = pa.make_controller(believed, limits=pa.Limits(guards=guards), sensors=sensors)
+    controller = pa.make_controller(
+        believed, adaptation="natural", limits=pa.Limits(guards=guards), sensors=sensors
+    )
     plant, seen = (
         pa.plants.PinocchioPlant(robot),
         pa.plants.SimulatedSensors(robot, DT, sensors, seed=1),
@@ -196,7 +200,9 @@ def test_in_a_closed_loop_estimates_stand_still_once_the_arm_does():
     robot = catalogue_robot("ur5")
     true = with_tool_and_load(robot)
     path = pa.trajectories.Hold(true.position(true.q0))
-    rollout = pa.simulate(true, pa.make_controller(robot, dt=2e-3), path, duration=3.0)
+    rollout = pa.simulate(
+        true, pa.make_controller(robot, adaptation="natural", dt=2e-3), path, duration=3.0
+    )
     assert (rollout.a_d[0] != rollout.a_d[-1]).any()
     assert np.array_equal(rollout.a_d[-250], rollout.a_d[-1])
     assert np.array_equal(rollout.a_k[-250], rollout.a_k[-1])
@@ -275,6 +281,11 @@ def test_a_broken_sensor_is_an_error_and_no_divergence():
             return sample._replace(x=np.nan * sample.x) if sample.t > 0.01 else sample
 
     robot = catalogue_robot("ur5")
-    stream = pa.run(Broken(robot), pa.make_controller(robot), circle_at_home(robot), duration=0.1)
+    stream = pa.run(
+        Broken(robot),
+        pa.make_controller(robot, adaptation="natural"),
+        circle_at_home(robot),
+        duration=0.1,
+    )
     with pytest.raises(pa.MeasurementError, match="'x' is not finite"), np.errstate(all="ignore"):
         list(stream)

@@ -341,7 +341,7 @@ def test_taken_for_now_the_same_frames_end_worse():
 def test_a_loop_whose_camera_goes_blind_ends_with_the_reason():
     robot = catalogue_robot("ur5")
     path, camera = circle_at_home(robot), {"rate": 30.0, "dropout": 0.999}
-    controller = pa.make_controller(robot, sensors=pa.Sensors(camera=camera))
+    controller = pa.make_controller(robot, adaptation="natural", sensors=pa.Sensors(camera=camera))
     rollout = pa.simulate(robot, controller, path, duration=1.2)
     assert rollout.diverged == pytest.approx(controller.senses.compensator.longest_gap, abs=2e-3)
     assert "'x' has not been seen for" in rollout.reason

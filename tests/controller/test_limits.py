@@ -147,7 +147,11 @@ def test_ordinary_runs_are_exact(name):
         robot.position(robot.q0)
     )
     rollout = pa.simulate(
-        robot, pa.make_controller(robot), path, duration=1.0, engine=pa.Engine(dt=2e-3, substeps=1)
+        robot,
+        pa.make_controller(robot, adaptation="natural"),
+        path,
+        duration=1.0,
+        engine=pa.Engine(dt=2e-3, substeps=1),
     )
     assert rollout.diverged is None and rollout.summary()["max_damping"] == 0.0
     assert "singularity" not in str(rollout)
@@ -298,7 +302,10 @@ def test_limits_that_are_not_reached_change_nothing():
     believed = robot.changed(inertial_scale=0.8)
     runs = [
         pa.simulate(
-            robot, pa.make_controller(believed, limits=pa.Limits(torque=limits)), path, duration=0.1
+            robot,
+            pa.make_controller(believed, adaptation="natural", limits=pa.Limits(torque=limits)),
+            path,
+            duration=0.1,
         )
         for limits in (False, 1e4)
     ]
@@ -338,7 +345,7 @@ def test_continuous_mode_knows_limits_too():
 @pytest.mark.parametrize("limits", [[1.0, 2.0], [-1.0] * 6, [np.nan] * 6, 0.0, "many"])
 def test_impossible_torque_limits_are_refused(limits):
     with pytest.raises(pa.GainError, match="torque_limits"):
-        pa.make_controller(load("ur5"), limits=pa.Limits(torque=limits))
+        pa.make_controller(load("ur5"), adaptation="natural", limits=pa.Limits(torque=limits))
 
 
 # --- the box ---
@@ -388,7 +395,7 @@ def test_projection_is_the_nearest_point_in_the_metric_and_v_only_improves(diago
 
 def test_an_estimate_outside_its_box_is_refused_by_name():
     robot = load("ur5")
-    controller = pa.make_controller(robot, limits=pa.Limits(box=0.05))
+    controller = pa.make_controller(robot, adaptation="natural", limits=pa.Limits(box=0.05))
     measurement = pa.Measurement(0.0, robot.q0, np.zeros(6), robot.position(robot.q0))
     controller.init(measurement, a_k=controller.kinematics.initial + 0.04)
     with pytest.raises(pa.ParameterError, match=r"unknown\.kinematic_box.*tool_x.*outside.*wider"):
@@ -403,7 +410,9 @@ def test_estimates_stay_in_their_box():
     for engine in (pa.Engine(substeps=1), pa.Engine(continuous=True)):
         runs = {}
         for box in (0.03, False):
-            controller = pa.make_controller(robot, limits=pa.Limits(box=box), gamma_k=0.5, dt=2e-3)
+            controller = pa.make_controller(
+                robot, adaptation="natural", limits=pa.Limits(box=box), gamma_k=0.5, dt=2e-3
+            )
             with (
                 pytest.warns(UserWarning, match=r"\['tool_y'\] are outside")
                 if box
@@ -450,7 +459,7 @@ def test_default_box_keeps_lengths_positive_and_offsets_within_half_the_reach():
 )
 def test_impossible_boxes_are_refused(box):
     with pytest.raises(pa.ParameterError, match=r"unknown\.kinematic_box"):
-        pa.make_controller(load("ur5"), limits=pa.Limits(box=box))
+        pa.make_controller(load("ur5"), adaptation="natural", limits=pa.Limits(box=box))
 
 
 # --- the watch ---
@@ -513,7 +522,7 @@ def test_estimates_that_run_away_end_the_run_with_a_message():
 def test_impossible_dampings_are_refused():
     for damping in (-0.1, 1.0, np.nan):
         with pytest.raises(pa.GainError, match="damping"):
-            pa.make_controller(load("ur5"), limits=pa.Limits(damping=damping))
+            pa.make_controller(load("ur5"), adaptation="natural", limits=pa.Limits(damping=damping))
 
 
 # --- scenarios ---

@@ -307,7 +307,7 @@ def test_signals_can_be_copied():
 
 def test_signals_do_not_share_the_callers_buffers():
     robot = catalogue_robot("ur5")
-    controller = pa.make_controller(robot)
+    controller = pa.make_controller(robot, adaptation="natural")
     (measurement, desired), *_ = record(robot, controller, motion_at_home(robot), 1)
     measurement, desired = (
         type(each)(*(np.array(part) if isinstance(part, np.ndarray) else part for part in each))

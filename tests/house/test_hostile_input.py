@@ -128,7 +128,7 @@ def robot():
 
 @pytest.fixture(scope="module")
 def controller(robot):
-    return pa.make_controller(robot)
+    return pa.make_controller(robot, adaptation="natural")
 
 
 CALLS = {
@@ -161,13 +161,19 @@ CALLS = {
     "inequality": lambda r, c, bad: pa.adaptation.MatrixInequality([[[bad]]]),
     "leak": lambda r, c, bad: pa.adaptation.Leak(bad, 1.0),
     "low pass": lambda r, c, bad: pa.filters.LowPass(bad),
-    "believed": lambda r, c, bad: pa.make_controller(bad),
-    "Kv": lambda r, c, bad: pa.make_controller(r, Kv=bad),
-    "gamma_d": lambda r, c, bad: pa.make_controller(r, gamma_d=bad),
-    "controller dt": lambda r, c, bad: pa.make_controller(r, dt=bad),
-    "encoder": lambda r, c, bad: pa.make_controller(r, sensors=pa.Sensors(encoder=bad)),
-    "watch": lambda r, c, bad: pa.make_controller(r, limits=pa.Limits(stop_on_divergence=bad)),
-    "posture": lambda r, c, bad: pa.make_controller(r, posture={"frequency": bad}),
+    "believed": lambda r, c, bad: pa.make_controller(bad, adaptation="natural"),
+    "Kv": lambda r, c, bad: pa.make_controller(r, adaptation="natural", Kv=bad),
+    "gamma_d": lambda r, c, bad: pa.make_controller(r, adaptation="natural", gamma_d=bad),
+    "controller dt": lambda r, c, bad: pa.make_controller(r, adaptation="natural", dt=bad),
+    "encoder": lambda r, c, bad: pa.make_controller(
+        r, adaptation="natural", sensors=pa.Sensors(encoder=bad)
+    ),
+    "watch": lambda r, c, bad: pa.make_controller(
+        r, adaptation="natural", limits=pa.Limits(stop_on_divergence=bad)
+    ),
+    "posture": lambda r, c, bad: pa.make_controller(
+        r, adaptation="natural", posture={"frequency": bad}
+    ),
     "basis": lambda r, c, bad: pa.make_controller(r, unknown=pa.Unknown(basis=[[bad]])),
     "simulated": lambda r, c, bad: pa.simulate(bad, c, hold(r), duration=0.01),
     "trajectory": lambda r, c, bad: pa.simulate(r, c, bad, duration=0.01),
@@ -251,7 +257,15 @@ def test_a_gain_that_nothing_uses_is_told(options, words, robot):
 def test_gains_that_are_used_are_not_told(robot):
     with warnings.catch_warnings():
         warnings.simplefilter("error", pa.UnusedGainWarning)
-        pa.make_controller(robot, Kv=2.0, alpha=3.0, gamma_d=0.1, gamma_joint=0.1, gamma_k=0.1)
+        pa.make_controller(
+            robot,
+            adaptation="natural",
+            Kv=2.0,
+            alpha=3.0,
+            gamma_d=0.1,
+            gamma_joint=0.1,
+            gamma_k=0.1,
+        )
 
 
 NAMES = ["x\r\ny = 1\n[evil]", '"""a]b\'\\c', "\x7f\u2028\u202eé☃"]

@@ -61,6 +61,7 @@ def test_a_page_is_whole_and_loads_nothing():
     assert all(source.startswith("data:image/png;base64,") for source in reader.sources)
 
 
+@pytest.mark.usefixtures("blank_pictures")
 def test_the_table_has_the_errors_of_all_models():
     """The true robot, as another model, predicts to the noise; least squares to nearly that."""
     found, true = identified(), true_robot("ur5")
@@ -83,6 +84,7 @@ def test_the_table_has_the_errors_of_all_models():
     assert float(total["WLS"]) < 0.2 * float(total["described"])
 
 
+@pytest.mark.usefixtures("blank_pictures")
 def test_a_better_model_and_doubts_stand_on_top():
     found = identified(unknown=pa.Unknown(bodies="payload", friction=False, armature=False))
     text = found.page({"a published one": true_robot("ur5")})
@@ -96,6 +98,7 @@ def test_another_chain_is_refused():
         identified().page({"other": catalogue_robot("panda")})
 
 
+@pytest.mark.usefixtures("blank_pictures")
 def test_more_data_leave_less_and_none_leave_all():
     """Shares are those of (prior^-1 + H)^-1: at most one, and less with an exciting motion."""
     found = identified()

@@ -74,7 +74,11 @@ def test_the_load_is_estimated_with_quantised_encoders():
     true = described.changed(payload=pa.Payload(1.5, COM, INERTIA), viscous=1.0)
     count = 2.0 * np.pi / 2**17
     controller = pa.make_controller(
-        described, unknown=pa.Unknown(bodies="payload"), sensors=pa.Sensors(encoder=count), dt=2e-3
+        described,
+        adaptation="natural",
+        unknown=pa.Unknown(bodies="payload"),
+        sensors=pa.Sensors(encoder=count),
+        dt=2e-3,
     )
     path = pa.reachable_circle(true)
     rollout = pa.simulate(true, controller, path, duration=4.0, sensors=pa.Sensors(encoder=count))
@@ -97,7 +101,7 @@ def test_an_arm_that_differs_from_its_description_is_reported():
     true = described.changed(
         inertial_scale={"elbow_joint": 1.5}, payload=pa.Payload(MASS, COM, INERTIA)
     )
-    controller = pa.make_controller(described, dt=2e-3)
+    controller = pa.make_controller(described, adaptation="natural", dt=2e-3)
     rollout = pa.simulate(true, controller, pa.reachable_circle(true), duration=3.0)
     estimate = rollout.payload(refined=True)
     best = estimate.explanations[0]
@@ -112,7 +116,9 @@ def test_heavier_links_are_no_certain_load(name, dynamic):
     """All masses and inertias 30 % up, without a load: one factor says it all."""
     described = catalogue_robot(name)
     true = described.changed(inertial_scale=1.3)
-    controller = pa.make_controller(described, unknown=pa.Unknown(bodies=dynamic), dt=2e-3)
+    controller = pa.make_controller(
+        described, adaptation="natural", unknown=pa.Unknown(bodies=dynamic), dt=2e-3
+    )
     rollout = pa.simulate(true, controller, pa.reachable_circle(true), duration=3.0)
     for refined in (False, True):
         estimate = rollout.payload(refined=refined)
@@ -126,7 +132,9 @@ def test_heavier_links_are_no_certain_load(name, dynamic):
 def test_a_load_on_heavier_links_is_told_from_these():
     described = catalogue_robot("panda")
     true = described.changed(payload=pa.Payload(1.5, COM))
-    controller = pa.make_controller(described.changed(inertial_scale=0.7), dt=2e-3)
+    controller = pa.make_controller(
+        described.changed(inertial_scale=0.7), adaptation="natural", dt=2e-3
+    )
     estimate = pa.simulate(true, controller, pa.reachable_circle(true), duration=3.0).payload(
         refined=True
     )
@@ -206,7 +214,9 @@ def test_the_table_names_every_parameter():
 def test_only_measurements_since_the_last_change_count():
     described = catalogue_robot("ur5")
     loaded = described.changed(payload=pa.Payload(MASS, COM, INERTIA))
-    controller = pa.make_controller(described, unknown=pa.Unknown(bodies="payload"), dt=2e-3)
+    controller = pa.make_controller(
+        described, adaptation="natural", unknown=pa.Unknown(bodies="payload"), dt=2e-3
+    )
     rollout = pa.simulate(
         described,
         controller,

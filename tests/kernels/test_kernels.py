@@ -75,7 +75,9 @@ def test_kernels_hold_no_array_and_refuse_what_is_none(rng):
 
 def cones():
     panda = pa.load("panda")
-    bodies = pa.make_controller(panda, unknown=pa.Unknown(friction=False, armature=False))
+    bodies = pa.make_controller(
+        panda, adaptation="natural", unknown=pa.Unknown(friction=False, armature=False)
+    )
     return {
         "bodies": (bodies.adaptation_d.cone, bodies.dynamics.initial),
         "planar": (pa.adaptation.MatrixInequality(LMI), np.array([3.34, 1.2, 0.97])),

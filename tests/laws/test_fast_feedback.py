@@ -80,8 +80,10 @@ def test_the_gain_damps_the_springs_of_every_joint():
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:the .* is too fast for joints")
-@pytest.mark.parametrize("name", ["ur5", "panda"])
-@pytest.mark.parametrize("adaptation", ["none", "natural", "natural-memory"])
+@pytest.mark.parametrize(
+    ("name", "adaptation"),
+    [("panda", "none"), ("panda", "natural"), ("panda", "natural-memory"), ("ur5", "natural")],
+)
 def test_a_loop_on_soft_joints_is_quiet_with_it_and_lost_without(name, adaptation):
     robot = geared(name)
     true, runs = with_tool_and_load(robot), []

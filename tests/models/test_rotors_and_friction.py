@@ -24,7 +24,9 @@ def with_joints(robot, rng):
 
 
 def stacked(robot, friction=True):
-    return pa.make_controller(robot, unknown=pa.Unknown(friction=friction, armature=True)).dynamics
+    return pa.make_controller(
+        robot, adaptation="natural", unknown=pa.Unknown(friction=friction, armature=True)
+    ).dynamics
 
 
 def inverse_dynamics(robot, q, v, a):
@@ -110,7 +112,7 @@ def test_effects_of_single_joints_and_their_words():
     assert effects.names[-2:] == ("elbow_joint.load", "elbow_joint.offset")
     with pytest.raises(pa.ParameterError, match="elbow_joint"):
         pa.models.JointEffects(robot, ["elbw_joint.offset"])
-    words = pa.make_controller(robot, unknown=["friction", "offset"]).dynamics
+    words = pa.make_controller(robot, adaptation="natural", unknown=["friction", "offset"]).dynamics
     assert words.size == 18 and words.names[-1] == "wrist_3_joint.offset"
 
 
@@ -138,7 +140,9 @@ def test_lyapunov_equality_with_offset_and_asymmetry(law):
 def test_talos_arm_keeps_its_rotors():
     robot = catalogue_robot("talos_arm")
     assert (robot.model.armature > 0.0).all()
-    known = pa.make_controller(robot, unknown=pa.Unknown(friction=False, armature=False)).dynamics
+    known = pa.make_controller(
+        robot, adaptation="natural", unknown=pa.Unknown(friction=False, armature=False)
+    ).dynamics
     adapted = stacked(robot, friction=False)
     np.testing.assert_allclose(adapted.initial[-robot.model.nv :], robot.model.armature)
     q, v, a = random_state(robot, np.random.default_rng(0))
@@ -157,7 +161,7 @@ def test_known_friction_is_compensated_and_unknown_friction_starts_positive():
     robot = catalogue_robot("ur5")
     known = robot.changed(viscous=1.0, coulomb=0.5)
     dynamics = pa.make_controller(
-        known, unknown=pa.Unknown(friction=False, armature=False)
+        known, adaptation="natural", unknown=pa.Unknown(friction=False, armature=False)
     ).dynamics
     dynamics.load(dynamics.initial)
     q, v, a = random_state(robot, np.random.default_rng(0))
@@ -240,7 +244,7 @@ def test_exponentiated_gradient_keeps_estimates_positive():
 def test_refusals():
     robot = catalogue_robot("planar_2r")
     with pytest.raises(pa.InputError, match="Did you mean 'coulomb'"):
-        pa.make_controller(robot, unknown=pa.Unknown(friction="columb"))
+        pa.make_controller(robot, adaptation="natural", unknown=pa.Unknown(friction="columb"))
     with pytest.raises(pa.ParameterError, match="Did you mean 'coulomb'"):
         pa.models.JointEffects(robot, ["columb"])
     with pytest.raises(pa.RobotError, match="armature"):

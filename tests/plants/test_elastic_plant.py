@@ -103,7 +103,7 @@ def test_a_joint_oscillates_at_the_frequency_of_its_spring():
 def test_a_loop_holds_an_elastic_robot_that_changes():
     robot = catalogue_robot("ur5").changed(armature=0.2)
     true = with_tool_and_load(robot).changed(coulomb=0.3)
-    controller = pa.make_controller(robot)
+    controller = pa.make_controller(robot, adaptation="natural")
     springs = pa.robot.Actuators(stiffness=2e4, damping=5.0)
     heavier = true.changed(payload=pa.Payload(0.5))
     rollout = pa.simulate(
@@ -133,7 +133,7 @@ def test_impossible_springs_are_refused():
     with pytest.raises(pa.InputError, match="mode"):
         pa.simulate(
             robot,
-            pa.make_controller(robot),
+            pa.make_controller(robot, adaptation="natural"),
             circle_at_home(robot),
             duration=0.1,
             engine=pa.Engine(actuators=pa.robot.Actuators(stiffness=1e4), continuous=True),

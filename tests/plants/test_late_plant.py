@@ -175,10 +175,9 @@ def test_a_scenario_states_late_motors():
             Scenario.read(path, wrong)
 
 
-@pytest.mark.parametrize("name", ["ur5", "z1"])
-def test_a_memory_with_a_lag_bears_motors_that_are_ten_milliseconds_late(name):
+def test_a_memory_with_a_lag_bears_motors_that_are_ten_milliseconds_late():
     """Nobody declares it; without adaptation the error is more than ten times as large."""
-    robot = catalogue_robot(name)
+    robot = catalogue_robot("ur5")
     path, last = pa.reachable_circle(robot), {}
     for adaptation in ("none", "natural-memory"):
         controller = pa.make_controller(

@@ -85,7 +85,7 @@ def test_a_joint_task_needs_no_frame(path):
     robot = load("panda", task="joint")
     mjcf = pa.plants.MujocoFile(path, joints=TABLE, base="stand")
     controller, motion = (
-        pa.make_controller(robot),
+        pa.make_controller(robot, adaptation="natural"),
         pa.trajectories.Sinusoid(robot.home_angles + 0.05, 0.05, 2.0).as_given(),
     )
     ours, theirs = (
@@ -134,7 +134,7 @@ def test_the_robot_of_a_file_cannot_change(path):
     with pytest.raises(pa.InputError, match=r"changes: .* model file"):
         pa.simulate(
             robot,
-            pa.make_controller(robot),
+            pa.make_controller(robot, adaptation="natural"),
             circle_at_home(robot),
             engine=mjcf,
             events=pa.Events(changes={1.0: robot.changed(viscous=1.0)}),

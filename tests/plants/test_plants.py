@@ -194,7 +194,7 @@ def test_the_longest_step_bounds_the_substeps():
     assert np.array_equal(ends[0], ends[1]) and not np.array_equal(ends[0], ends[2])
 
 
-@pytest.mark.parametrize("name", ["panda", "z1", "tiago_arm"])
+@pytest.mark.parametrize("name", ["panda", "tiago_arm"])
 @pytest.mark.slow
 def test_integration_errors_are_below_a_hundredth_of_the_tracking_error(name):
     """One step per period against 16 of Runge-Kutta, which differ from 64 by less than 1 nm."""

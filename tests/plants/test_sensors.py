@@ -298,7 +298,7 @@ def test_noise_comes_before_counting():
 @pytest.mark.parametrize("task", ["joint", "xyz"])
 def test_encoders_reach_the_loop(task):
     robot = pa.load("ur5", task=task)
-    control, path = pa.make_controller(robot), motion_at_home(robot)
+    control, path = pa.make_controller(robot, adaptation="natural"), motion_at_home(robot)
     perfect = pa.simulate(robot, control, path, duration=0.05)
     coarse = pa.simulate(
         robot, control, path, duration=0.05, sensors=pa.Sensors(encoder=2 * pi / 2**17)
@@ -311,7 +311,7 @@ def test_encoders_reach_the_loop(task):
 
 def test_a_camera_reaches_the_loop():
     robot = load("ur5")
-    control, path = pa.make_controller(robot), circle_at_home(robot)
+    control, path = pa.make_controller(robot, adaptation="natural"), circle_at_home(robot)
     late = pa.simulate(
         robot, control, path, duration=0.05, sensors=pa.Sensors(camera=pa.Camera(delay=3e-3))
     )
@@ -387,7 +387,7 @@ def test_continuous_mode_has_perfect_sensors(faults):
     with pytest.raises(pa.InputError, match="sampled mode only"):
         pa.simulate(
             robot,
-            pa.make_controller(robot),
+            pa.make_controller(robot, adaptation="natural"),
             circle_at_home(robot),
             engine=pa.Engine(continuous=True),
             sensors=pa.Sensors(**faults),
@@ -426,7 +426,7 @@ def test_torques_are_measured_only_if_they_have_noise():
 def test_measured_torques_are_those_of_the_last_period():
     robot = load("ur5")
     noise = {"tau": 1e-9}
-    controller = pa.make_controller(robot, sensors=pa.Sensors(noise=noise))
+    controller = pa.make_controller(robot, adaptation="natural", sensors=pa.Sensors(noise=noise))
     plant, sensors = (
         pa.plants.PinocchioPlant(robot),
         pa.plants.SimulatedSensors(robot, DT, pa.Sensors(noise=noise)),

@@ -79,7 +79,8 @@ def test_the_controller_subtracts_the_compensation():
     robot, rng = load("panda"), np.random.default_rng(0)
     anywhere = pa.Limits(guards={"limits": False})
     plain, own = (
-        pa.make_controller(robot, compensated=c, limits=anywhere) for c in (None, "nominal")
+        pa.make_controller(robot, adaptation="natural", compensated=c, limits=anywhere)
+        for c in (None, "nominal")
     )
     plant, data = pa.plants.PinocchioPlant(robot), robot.model.createData()
     for _ in range(5):
@@ -109,7 +110,9 @@ def test_a_plant_adds_the_compensation():
 
 def test_a_controller_is_copied_with_its_compensation():
     robot = load("ur5")
-    controller = pa.make_controller(robot, compensated="nominal", limits=pa.Limits(torque=True))
+    controller = pa.make_controller(
+        robot, adaptation="natural", compensated="nominal", limits=pa.Limits(torque=True)
+    )
     measured = pa.plants.PinocchioPlant(robot).measure()
     state, desired = controller.init(measured), motion_at_home(robot).at(0.0)
     torque, _ = controller.step(state, measured, desired, 1e-3)
@@ -147,4 +150,4 @@ def test_a_scenario_compensates_the_description_without_the_believed_load(tmp_pa
 )
 def test_impossible_compensations_are_refused(given, words):
     with pytest.raises(pa.InputError, match=words):
-        pa.make_controller(load("ur5"), compensated=given)
+        pa.make_controller(load("ur5"), adaptation="natural", compensated=given)

@@ -68,7 +68,12 @@ def test_the_model_of_the_user_is_not_changed():
         link_translation={"elbow_joint": [0.1] * 3},
     )
     start = true.position(true.q0)
-    pa.simulate(true, pa.make_controller(robot), pa.trajectories.Hold(start), duration=0.005)
+    pa.simulate(
+        true,
+        pa.make_controller(robot, adaptation="natural"),
+        pa.trajectories.Hold(start),
+        duration=0.005,
+    )
     assert model == before
     assert robot.model == loaded
 

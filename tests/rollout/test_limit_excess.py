@@ -113,7 +113,9 @@ def far_hinge():
 
 def test_the_reference_of_joints_is_compared_with_its_exact_torques():
     robot, true, swing = far_hinge()
-    rollout = pa.simulate(true, pa.make_controller(robot), swing, duration=1.2)
+    rollout = pa.simulate(
+        true, pa.make_controller(robot, adaptation="natural"), swing, duration=1.2
+    )
     reference, rate = rollout.limits.reference, 2 * np.pi / 1.2
     assert np.isclose(reference.position[0], 0.4, rtol=1e-4) and not reference.position[1:].any()
     assert np.allclose(reference.velocity, [0.4 * rate - 2.0, 0.0, 3.0 * rate - 3.0])
@@ -130,7 +132,7 @@ def test_the_reference_of_joints_is_compared_with_its_exact_torques():
 
 def test_a_rollout_reports_the_excess_of_the_true_robot(tmp_path):
     robot, true, swing = far_hinge()
-    free = pa.make_controller(robot, limits=pa.Limits(torque=False))
+    free = pa.make_controller(robot, adaptation="natural", limits=pa.Limits(torque=False))
     rollout = pa.simulate(true, free, swing, duration=0.4, engine=pa.Engine(torque_limits=False))
     plant = rollout.limits.plant
     assert np.isclose(plant.position[0], max(rollout.q[:, 0].max() - 1.0, 0.0)) > 0.0
@@ -138,7 +140,9 @@ def test_a_rollout_reports_the_excess_of_the_true_robot(tmp_path):
     assert np.allclose(plant.velocity, np.maximum(speeds, 0.0)) and plant.velocity.any()
     torques = np.abs(rollout.tau).max(axis=0) - true.model.effortLimit
     assert np.allclose(plant.effort, np.maximum(torques, 0.0)) and plant.effort.any()
-    clipped = pa.simulate(true, pa.make_controller(robot), swing, duration=0.4)
+    clipped = pa.simulate(
+        true, pa.make_controller(robot, adaptation="natural"), swing, duration=0.4
+    )
     assert not clipped.limits.plant.effort.any() and clipped.limits.reference.effort.any()
     rollout.save(tmp_path)
     saved = json.loads((tmp_path / "summary.json").read_text())["limits"]
@@ -148,7 +152,9 @@ def test_a_rollout_reports_the_excess_of_the_true_robot(tmp_path):
 
 def test_a_reference_of_the_frame_has_no_joint_motion():
     robot = load("ur5")
-    rollout = pa.simulate(robot, pa.make_controller(robot), circle_at_home(robot), duration=0.02)
+    rollout = pa.simulate(
+        robot, pa.make_controller(robot, adaptation="natural"), circle_at_home(robot), duration=0.02
+    )
     assert rollout.limits.reference is None and rollout.summary()["limits"]["reference"] is None
     assert rollout.limits.verdict() == "kept" and str(rollout.limits) not in str(rollout)
     assert any(line.split() == ["joint", "limits", "kept"] for line in str(rollout).splitlines())

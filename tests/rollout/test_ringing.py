@@ -93,7 +93,7 @@ def test_a_loop_with_late_motors_rings_until_they_are_declared(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["panda", "ur5", "z1"])
+@pytest.mark.parametrize("name", ["panda", "z1"])
 @pytest.mark.parametrize(
     "sensors",
     [

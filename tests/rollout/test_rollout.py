@@ -109,7 +109,7 @@ def tracked(task=None, singular=0.0):
     """Return a short rollout that adapts a tool and a load, damped below s_0; its controller."""
     described = pa.load("panda", task=task)
     true = with_tool_and_load(described)
-    controller = pa.make_controller(described)
+    controller = pa.make_controller(described, adaptation="natural")
     controller.limits = replace(controller.limits, singular=singular)
     path = pa.trajectories.Circle(np.zeros(3), 0.05, 2.0, "yz")
     path = (pa.trajectories.PoseTrajectory(path) if task == "pose" else path).starting_at(
@@ -189,7 +189,13 @@ def joint_run():
     motion = pa.trajectories.Sinusoid(robot.home_angles, 0.3, 0.3).starting_at(robot.home_angles)
     changed = pa.Events(changes={0.02: robot.changed(inertial_scale=1.2)})
     motion = motion.as_given()
-    return pa.simulate(robot, pa.make_controller(robot), motion, duration=0.05, events=changed)
+    return pa.simulate(
+        robot,
+        pa.make_controller(robot, adaptation="natural"),
+        motion,
+        duration=0.05,
+        events=changed,
+    )
 
 
 @pytest.mark.parametrize("make", [lambda: tracked("pose")[0], joint_run, run], ids=range(3))
@@ -242,7 +248,7 @@ def test_joint_errors_are_in_radians_and_shown_in_degrees():
 def test_a_figure_draws_v_at_some_samples_of_the_run():
     """At most a thousand, the first and the last among them, each as in V of all samples."""
     robot = load("planar_2r")
-    controller = pa.make_controller(robot)
+    controller = pa.make_controller(robot, adaptation="natural")
     rollout = pa.simulate(robot, controller, pa.reachable_circle(robot), duration=1.5)
     t, V = rollout.lyapunov_curve
     assert len(t) == len(V) == 1000 and t[0] == rollout.t[0] and t[-1] == rollout.t[-1]

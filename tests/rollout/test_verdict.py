@@ -158,7 +158,9 @@ def test_the_grade_of_a_pose_depends_on_its_angle_too():
     path = pa.trajectories.PoseTrajectory(
         pa.trajectories.Circle(np.zeros(3), 0.05, 2.0)
     ).starting_at(robot.position(robot.q0))
-    turned = pa.simulate(robot, pa.make_controller(robot), path, duration=0.02, progress=False)
+    turned = pa.simulate(
+        robot, pa.make_controller(robot, adaptation="natural"), path, duration=0.02, progress=False
+    )
     assert turned.grade == FOLLOWS and " deg" in turned.verdict
     lost = replace(turned, x_d=np.hstack([turned.x[:, :3], np.tile([0, 0, 0, 1.0], (20, 1))]))
     assert lost.grade == LOST and lost.error_share == 0.0
@@ -201,7 +203,7 @@ def test_a_motion_that_turns_nan_ends_the_run_with_its_rollout(mode, part):
     path = Broken(np.zeros(2), 0.02, 2.0).starting_at(robot.position(robot.q0))
     rollout = pa.simulate(
         robot,
-        pa.make_controller(robot),
+        pa.make_controller(robot, adaptation="natural"),
         path.as_given(),
         duration=0.05,
         engine=pa.Engine(continuous=mode == "continuous"),
@@ -213,7 +215,7 @@ def test_a_motion_that_turns_nan_ends_the_run_with_its_rollout(mode, part):
     with pytest.raises(pa.InputError, match="desired"):
         pa.simulate(
             robot,
-            pa.make_controller(robot),
+            pa.make_controller(robot, adaptation="natural"),
             path.as_given(),
             duration=0.05,
             engine=pa.Engine(continuous=mode == "continuous"),
@@ -224,7 +226,13 @@ def test_a_motion_that_turns_nan_ends_the_run_with_its_rollout(mode, part):
 def test_progress_is_shown_on_terminals_and_on_request(progress, capsys):
     robot = pa.load("planar_2r")
     path = pa.trajectories.Circle(np.zeros(2), 0.02, 2.0).starting_at(robot.position(robot.q0))
-    pa.simulate(robot, pa.make_controller(robot), path, duration=0.01, progress=progress)
+    pa.simulate(
+        robot,
+        pa.make_controller(robot, adaptation="natural"),
+        path,
+        duration=0.01,
+        progress=progress,
+    )
     assert ("planar_2r" in capsys.readouterr().err) == (progress is True)
 
 

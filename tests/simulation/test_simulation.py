@@ -58,7 +58,7 @@ def test_limits_of_zero_do_not_take_the_torque_away():
     model = load("ur5").model.copy()
     model.effortLimit = np.zeros(6)
     robot = pa.load(model, frame="tool0", q0=load("ur5").home_angles)
-    controller = pa.make_controller(robot)
+    controller = pa.make_controller(robot, adaptation="natural")
     runs = [
         pa.simulate(
             robot, controller, circle(robot), duration=0.02, engine=pa.Engine(torque_limits=limits)
@@ -158,7 +158,7 @@ def test_a_bad_measurement_raises_and_leaves_the_state_alone(law, adaptation, fi
 
 def test_states_do_not_change_when_the_caller_reuses_its_buffers():
     robot = load("ur5")
-    controller = pa.make_controller(robot)
+    controller = pa.make_controller(robot, adaptation="natural")
     q, v, x = robot.q0.copy(), np.full(6, 0.1), robot.position(robot.q0)
     first = controller.init(pa.Measurement(0.0, q, v, x))
     _, second = controller.step(first, pa.Measurement(0.0, q, v, x), circle(robot).at(0.0), 1e-3)
@@ -170,7 +170,7 @@ def test_states_do_not_change_when_the_caller_reuses_its_buffers():
 
 def test_a_bad_first_measurement_is_refused():
     robot = load("ur5")
-    controller = pa.make_controller(robot)
+    controller = pa.make_controller(robot, adaptation="natural")
     with pytest.raises(pa.MeasurementError, match="'x'"):
         controller.init(pa.Measurement(0.0, robot.q0, np.zeros(6), np.full(3, np.nan)))
 
@@ -331,7 +331,7 @@ def test_impossible_runs_are_refused(options, words):
 
 @pytest.mark.parametrize("true", ["planar_2r", "panda", "kinova"])
 def test_a_true_robot_of_another_shape_is_refused(true):
-    controller, robot = pa.make_controller(load("ur5")), load(true)
+    controller, robot = pa.make_controller(load("ur5"), adaptation="natural"), load(true)
     with pytest.raises(pa.InputError, match="differ"):
         pa.simulate(robot, controller, circle(robot), duration=0.002)
 
@@ -340,7 +340,10 @@ def test_a_motion_of_another_size_is_refused():
     robot = load("ur5")
     with pytest.raises(pa.InputError):
         pa.simulate(
-            robot, pa.make_controller(robot), pa.trajectories.Hold([0.3, 0.2]), duration=0.002
+            robot,
+            pa.make_controller(robot, adaptation="natural"),
+            pa.trajectories.Hold([0.3, 0.2]),
+            duration=0.002,
         )
 
 

@@ -115,7 +115,11 @@ def test_an_initial_guess_of_the_load_helps_a_light_wrist():
     path = path.starting_at(true.position(true.q0))
     results = [
         pa.simulate(
-            true, pa.make_controller(believed), path, duration=3.0, engine=pa.Engine(substeps=1)
+            true,
+            pa.make_controller(believed, adaptation="natural"),
+            path,
+            duration=3.0,
+            engine=pa.Engine(substeps=1),
         ).summary()
         for believed in (robot.changed(payload=guess), robot)
     ]
@@ -134,7 +138,7 @@ def sample(robot, x=None):
 
 def test_either_sign_of_the_measured_quaternion_gives_the_same_torque():
     robot = pose_robot()
-    controller, desired = pa.make_controller(robot), circle(robot).at(0.2)
+    controller, desired = pa.make_controller(robot, adaptation="natural"), circle(robot).at(0.2)
     x = robot.position(robot.q0)
     state = controller.init(sample(robot))
     torques = [
@@ -147,7 +151,7 @@ def test_either_sign_of_the_measured_quaternion_gives_the_same_torque():
 @pytest.mark.parametrize("bad", [np.zeros(4), np.full(4, 0.6), np.array([np.nan, 0.0, 0.0, 1.0])])
 def test_an_invalid_quaternion_raises_an_error_and_leaves_the_state(bad):
     robot = pose_robot()
-    controller, desired = pa.make_controller(robot), circle(robot).at(0.2)
+    controller, desired = pa.make_controller(robot, adaptation="natural"), circle(robot).at(0.2)
     x = np.concatenate([robot.position(robot.q0)[:3], bad])
     with pytest.raises(pa.PinadaptError, match="x"):
         controller.init(sample(robot, x))
@@ -235,7 +239,7 @@ def test_gains_may_differ_between_position_and_rotation():
         (lambda: pa.trajectories.FixedOrientation([0.0, 0.0, 0.0, 2.0]), "length 2"),
         (lambda: pa.trajectories.Swing([0.0, 0.0, 0.0], 0.1, 1.0), "direction"),
         (lambda: pa.trajectories.Swing([0.0, 0.0, 1.0], 0.1, 0.0), "period"),
-        (lambda: pa.make_controller(pose_robot(), R_k=np.ones(6)), "R_k"),
+        (lambda: pa.make_controller(pose_robot(), adaptation="natural", R_k=np.ones(6)), "R_k"),
         (
             lambda: sensors_of(catalogue_robot("panda"), "angle", 0.1),
             "no orientation",
@@ -243,7 +247,7 @@ def test_gains_may_differ_between_position_and_rotation():
         (
             lambda: pa.simulate(
                 pose_robot(),
-                pa.make_controller(pose_robot()),
+                pa.make_controller(pose_robot(), adaptation="natural"),
                 pa.trajectories.Circle(np.zeros(3), 0.1, 3.0),
             ),
             "PoseTrajectory",
@@ -325,7 +329,9 @@ def test_rollout_summary_table_plots_and_page_of_a_pose(tmp_path):
 def test_rollouts_without_orientation_have_no_angle_errors():
     robot = catalogue_robot("planar_2r")
     path = pa.trajectories.Hold(robot.position(robot.q0))
-    rollout = pa.simulate(robot, pa.make_controller(robot), path, duration=0.01)
+    rollout = pa.simulate(
+        robot, pa.make_controller(robot, adaptation="natural"), path, duration=0.01
+    )
     assert rollout.angle is None and not [key for key in rollout.summary() if "angle" in key]
     assert "angle" not in str(rollout) and "deg" not in comparison_table([rollout])
 
@@ -369,7 +375,7 @@ def test_a_planar_leg_learns_its_foot(task, axis, tmp_path):
     true = described.changed(tool_translation=[0.01, 0.01, -0.05], inertial_scale=1.2)
     start = true.position(true.q0)
     assert start.shape == (2,)
-    controller = pa.make_controller(described, dt=2e-3)
+    controller = pa.make_controller(described, adaptation="natural", dt=2e-3)
     path = pa.trajectories.Circle([0.0, 0.0], 0.04, 1.5).starting_at(start)
     rollout = pa.simulate(
         true,

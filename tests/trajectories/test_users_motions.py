@@ -389,7 +389,11 @@ def loop():
     """Return robot, controller and a circle."""
     robot = catalogue_robot("planar_2r")
     circle = pa.trajectories.Circle(np.zeros(2), 0.1, 2.0).starting_at(robot.position(robot.q0))
-    return robot, pa.make_controller(robot.changed(inertial_scale=0.8)), circle
+    return (
+        robot,
+        pa.make_controller(robot.changed(inertial_scale=0.8), adaptation="natural"),
+        circle,
+    )
 
 
 GIVEN = {
@@ -405,14 +409,19 @@ GIVEN = {
 @pytest.mark.parametrize("mode", ["sampled", "continuous"])
 def test_a_run_is_the_same_however_its_motion_is_given(given, mode, loop):
     robot, controller, circle = loop
+    duration = 0.3 if mode == "sampled" else 0.15
     one = pa.simulate(
-        robot, controller, circle, duration=0.3, engine=pa.Engine(continuous=mode == "continuous")
+        robot,
+        controller,
+        circle,
+        duration=duration,
+        engine=pa.Engine(continuous=mode == "continuous"),
     )
     other = pa.simulate(
         robot,
         controller,
         given(circle),
-        duration=0.3,
+        duration=duration,
         engine=pa.Engine(continuous=mode == "continuous"),
     )
     assert np.allclose(one.q, other.q, atol=1e-6) and np.ptp(one.q) > 1e-2
@@ -425,7 +434,11 @@ def test_a_run_is_the_same_however_its_motion_is_given(given, mode, loop):
 
 def test_joints_follow_samples_and_functions():
     robot = catalogue_robot("panda", task="joint")
-    controller, q, t = pa.make_controller(robot), robot.home_angles, np.array([0.0, 0.2, 0.4])
+    controller, q, t = (
+        pa.make_controller(robot, adaptation="natural"),
+        robot.home_angles,
+        np.array([0.0, 0.2, 0.4]),
+    )
     bend = np.array([0.0, 0.05, 0.02])
     path = as_trajectory((t, q + bend[:, None]), robot.task)
     for given in ((t, q + bend[:, None]), lambda t: path.at(t).x_d):

@@ -33,7 +33,7 @@ def test_default_gains_pass(name, law, dt):
 @pytest.mark.parametrize("dt", [4e-3, 1e-2])
 @pytest.mark.parametrize("name", ["panda", "ur5", "ur10", "xarm7", "kinova", "tiago_arm"])
 def test_default_gains_of_slow_loops_pass(name, dt):
-    controller = pa.make_controller(catalogue_robot(name), dt=dt)
+    controller = pa.make_controller(catalogue_robot(name), adaptation="natural", dt=dt)
     assert controller.law.alpha * dt <= 0.075 + 1e-12
     assert [str(finding) for finding in pa.preflight(controller, dt)] == []
 
@@ -41,7 +41,7 @@ def test_default_gains_of_slow_loops_pass(name, dt):
 @pytest.mark.parametrize("name, dt, share", [("ur5", 4e-3, 0.004), ("panda", 1e-2, 0.05)])
 def test_slow_loops_hold(name, dt, share):
     case = zoo_case(name)
-    controller = pa.make_controller(case.estimated, dt=dt)
+    controller = pa.make_controller(case.estimated, adaptation="natural", dt=dt)
     rollout = pa.simulate(
         case.true, controller, case.motion, duration=12.0, engine=pa.Engine(dt=dt)
     )
@@ -125,7 +125,7 @@ def test_rates_that_are_too_fast_are_named():
 
 
 def test_a_controller_put_together_by_hand_is_not_checked():
-    made = pa.make_controller(catalogue_robot("ur5"))
+    made = pa.make_controller(catalogue_robot("ur5"), adaptation="natural")
     own = pa.Controller(
         made.law,
         made.kinematics,

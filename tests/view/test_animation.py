@@ -101,7 +101,9 @@ def test_a_page_contains_equal_meshes_once():
     different = {(shape.meshPath, tuple(shape.meshColor)) for shape in shapes}
     assert len(different) < len(shapes)
     path = pa.trajectories.Hold(robot.position(robot.q0))
-    rollout = pa.simulate(robot, pa.make_controller(robot), path, duration=0.01)
+    rollout = pa.simulate(
+        robot, pa.make_controller(robot, adaptation="natural"), path, duration=0.01
+    )
     drawn, copied = set(), 0
     for message in sent(stream(rollout.animate())):
         if message.get("type") == "set_object":
@@ -234,7 +236,7 @@ def test_differences_that_no_motion_can_show_are_not_drawn():
         assert np.allclose(*tips, atol=1e-9)
     hidden = truth + (a_k - drawn)  # differs from the truth, and nobody can tell
     assert np.allclose(shown.at(t, hidden), truth, atol=1e-9)
-    only = pa.make_controller(robot, unknown=pa.Unknown(tool=True)).kinematics
+    only = pa.make_controller(robot, adaptation="natural", unknown=pa.Unknown(tool=True)).kinematics
     alone = ShownEstimates(Succession.of(true, None), only)
     a_k = rng.standard_normal((1, 3))
     assert np.allclose(alone.at(np.zeros(1), a_k), a_k)  # a tool alone always shows

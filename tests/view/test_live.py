@@ -37,7 +37,7 @@ def loop(duration, changes=None):
     """Return plant, controller, path and what a live view of them takes."""
     robot = pa.load("planar_2r")
     true = robot.changed(tool_translation=[0.1, 0.0, 0.0], payload=pa.Payload(0.5))
-    controller = pa.make_controller(robot, unknown=pa.Unknown(tool=True))
+    controller = pa.make_controller(robot, adaptation="natural", unknown=pa.Unknown(tool=True))
     start = true.position(true.q0)
     path = pa.trajectories.Circle(np.zeros(2), 0.2, 2.0).starting_at(start)
     view = LiveView(true, controller, path, duration=duration, changes=changes, title="<two> & two")
@@ -172,7 +172,7 @@ def test_a_load_is_shown_while_it_is_carried():
     loaded = robot.changed(payload=pa.Payload(2.0, com=[0.1, 0.0, 0.0]))
     (load,) = loaded.loads
     assert load.mass == 2.0 and not robot.loads and not robot.changed(inertial_scale=2.0).loads
-    controller = pa.make_controller(robot)
+    controller = pa.make_controller(robot, adaptation="natural")
     path = pa.trajectories.Hold(robot.position(robot.q0))
     view = LiveView(robot, controller, path, duration=0.1, changes={0.05: loaded})
     with view:
