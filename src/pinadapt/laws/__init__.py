@@ -1,15 +1,15 @@
-"""The control laws, one per file."""
+"""The control laws; a file has one and its relatives."""
 
 from ..signals import Signals as Signals
 from .adaptive_inverse_dynamics import AdaptiveInverseDynamics as AdaptiveInverseDynamics
-from .adaptive_inverse_dynamics_improved import (
+from .adaptive_inverse_dynamics import (
     AdaptiveInverseDynamicsImproved as AdaptiveInverseDynamicsImproved,
 )
-from .adaptive_inverse_dynamics_improved import SpongOrtega as SpongOrtega
-from .adaptive_inverse_dynamics_velocity import (
+from .adaptive_inverse_dynamics import (
     AdaptiveInverseDynamicsVelocity as AdaptiveInverseDynamicsVelocity,
 )
-from .adaptive_inverse_dynamics_velocity import Craig as Craig
+from .adaptive_inverse_dynamics import Craig as Craig
+from .adaptive_inverse_dynamics import SpongOrtega as SpongOrtega
 from .adaptive_jacobian import AdaptiveJacobian as AdaptiveJacobian
 from .approximate_jacobian import ApproximateJacobian as ApproximateJacobian
 from .approximate_jacobian import ApproximateJacobianGravity as ApproximateJacobianGravity
