@@ -1,4 +1,4 @@
-"""``pinadapt run`` and ``view``: run a scenario and write its outputs, or show it."""
+"""``pinadapt run``, ``view`` and ``cite``: what is done with one scenario."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
+from ..citation import citation
 from ..exceptions import InputError
 from ..rollout.rollout import Rollout
 from ..rollout.summary import sheet
@@ -105,4 +106,15 @@ def _show(folder: Path) -> int:
     address = page.resolve().as_uri()
     print(address)
     open_in_browser(address)
+    return 0
+
+
+def cite_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``cite``."""
+    add_scenario(parser)
+
+
+def cite(options: argparse.Namespace) -> int:
+    """Print the BibTeX entries of what a scenario's controller uses."""
+    print(citation(Scenario.read(options.scenario, options.set).controller), end="")
     return 0
