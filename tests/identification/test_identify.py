@@ -20,6 +20,9 @@ from tests.support.recorded import LOAD, motion, recorded, torques, true_robot
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("blank_pictures")]
 
 
+TOLD = {"friction": True, "armature": False}  # where the choice of effects is not the point
+
+
 @cache
 def identified(name, noisy=True, **options):
     """Return the identification of a robot's log, of more samples where torques are noisier."""
@@ -98,7 +101,7 @@ def test_velocities_are_not_needed(name="ur5"):
 
 def test_dynamics_are_identified_without_positions_of_the_frame():
     log = recorded("ur5", seen=False, duration=4.0)
-    found = pa.identify(log, catalogue_robot("ur5"))
+    found = pa.identify(log, catalogue_robot("ur5"), unknown=pa.Unknown(tool=False, **TOLD))
     assert found.torque_errors.gain > 100.0 and not found.kinematic.names
     assert found.robot.task == found.described.task
     with pytest.raises(pa.ParameterError, match="no positions of the task frame"):
@@ -128,7 +131,7 @@ def test_inertias_are_identified_at_the_identified_lengths():
     found = pa.identify(
         recorded("ur5", duration=4.0),
         wrong,
-        unknown=pa.Unknown(tool=True, translations=["elbow_joint"]),
+        unknown=pa.Unknown(tool=True, translations=["elbow_joint"], **TOLD),
     )
     at = described.q0
     assert np.allclose(found.robot.position(at), true.position(at), atol=1e-4)
@@ -146,7 +149,8 @@ def test_samples_with_nan_are_left_out_and_counted():
     q, tau = log.q.copy(), log.tau.copy()
     q[150:155, 2], tau[500, :] = np.nan, np.inf
     tau[500, 1] = np.nan
-    found = pa.identify(replace(log, q=q, tau=tau), catalogue_robot("ur5"))
+    told = pa.Unknown(tool=True, **TOLD)
+    found = pa.identify(replace(log, q=q, tau=tau), catalogue_robot("ur5"), unknown=told)
     assert found.online.refused == 6 and "refused online" in found.report()
     assert np.isfinite(found.online.a_d).all() and np.isfinite(found.dynamic.estimate).all()
     assert found.payload().mass == pytest.approx(LOAD.mass, rel=0.02)
@@ -207,7 +211,8 @@ def test_a_joint_that_does_not_move_is_not_identifiable_and_stays_as_described()
     still = np.arange(6) == 5
     q, v, a = (np.where(still, part[:1] if part is q else 0.0, part) for part in (q, v, a))
     tau = torques(true_robot("ur5"), q, v, a)
-    found = pa.identify(replace(log, q=q, v=v, tau=tau, x=None, x_time=None), robot)
+    still_log = replace(log, q=q, v=v, tau=tau, x=None, x_time=None)
+    found = pa.identify(still_log, robot, unknown=pa.Unknown(tool=False, **TOLD))
     names = list(found.dynamic.names)
     friction = names.index("wrist_3_joint.coulomb")
     assert np.isinf(found.dynamic.deviations[friction])
