@@ -15,9 +15,9 @@ import pytest
 import pinadapt as pa
 from pinadapt.exceptions import ArmError
 from pinadapt.logs.mcap import McapWriter, Topic, read_mcap, text_message
-from pinadapt.realtime import CycleLog, ProcessArm, Recorder, Safety, tell
+from pinadapt.realtime import CycleLog, ProcessArm, Recorder, Safety, tell, watched
 from pinadapt.realtime import recorder as recorder_module
-from tests.support.arms import Loop, arm, controller, faulty, heavy, robot
+from tests.support.arms import Loop, arm, circle, controller, faulty, heavy, robot
 from tests.support.paths import ROOT
 
 
@@ -218,6 +218,34 @@ def test_nobody_at_a_port_and_a_port_in_use_are_said():
 
 
 # --- processes that are killed ---
+
+
+def test_a_viewer_sees_the_loop_and_its_death_changes_nothing():
+    """A live view draws what the desk answers; another viewer is killed while it asks."""
+    from pinadapt.view.live import LiveView
+
+    of, shown, seen = controller(), [], []
+    with Recorder(None, of, port=0) as recorder:
+        code = f"from pinadapt.realtime import tell\nwhile True: tell({recorder.port}, 'state')"
+        other = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.DEVNULL)
+
+        def view(arm, m):
+            if not shown:
+                shown.append(watched(recorder.port, of, heavy()))
+            if arm.cycle % 100 == 0:
+                seen.append(next(shown[0]))
+            if arm.cycle == 300:
+                other.kill()
+            return m
+
+        loop = Loop(faulty(view, at=0), of=of, seconds=0.8, recorder=recorder)
+        ending = loop.ended()
+        other.wait(10.0)
+    assert not ending.failed and len(seen) >= 4
+    with LiveView(heavy(), of, circle(), duration=1.0, browser=False) as live:
+        assert len(list(live.watch(seen))) == len(seen)
+    assert np.array_equal(seen[-1].measurement.q, seen[-1].truth.q)
+    assert not np.array_equal(seen[0].state.a_d, seen[-1].state.a_d)
 
 
 def test_a_killed_loop_leaves_its_log_and_an_arm_at_rest(tmp_path):

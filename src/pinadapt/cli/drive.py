@@ -6,7 +6,7 @@ import argparse
 import importlib.util
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -104,8 +104,7 @@ def drive(options: argparse.Namespace) -> int:
         ArmError: the arm refuses.
     """
     safety = _safety(options.safety)
-    if options.kind == "franka" and options.address is None:
-        raise InputError("is needed: the robot's address, such as 172.16.0.2.", where="ADDRESS")
+    connected = _maker(options)
     tables, folder = _tables(options)
     scenario = Scenario.build(tables, folder)
     controller = scenario.controller
@@ -121,7 +120,7 @@ def drive(options: argparse.Namespace) -> int:
     translate = {"reference": partial(_new_motion, scenario.estimated)}
     scheduling = Scheduling(core=options.core)
     recorder = Recorder(path, controller, about=about, port=options.port, translate=translate)
-    with recorder, _arm(options, scenario) as arm:
+    with recorder, connected(scenario) as arm:
         print(f"log {path}, commands at port {recorder.port}: pinadapt tell {recorder.port} stop")
         loop = RealtimeLoop(
             arm,
@@ -171,30 +170,44 @@ def _safety(settings: Sequence[str]) -> Safety:
     return Safety(**given)
 
 
-def _arm(options: argparse.Namespace, scenario: Scenario) -> Arm:
-    """Return the arm of the options, connected.
+def _maker(options: argparse.Namespace) -> Callable[[Scenario], Arm]:
+    """Return what connects the arm of the options, once the scenario is known.
 
     Raises:
-        InputError: there is no such arm, or nobody answers at its address.
+        InputError: there is no such arm.
     """
     kind, address = options.kind, options.address
     if kind == "simulated":
-        dt = scenario.engine.period(scenario.controller)
-        make = partial(_plant, scenario.engine, scenario.true.undrawn(), scenario.controller)
-        return ProcessArm(make, dt, sensors=scenario.sensors)
-    if kind == "franka":
-        from ..realtime.franka import FrankaArm
-
-        return FrankaArm(address, scenario.estimated, recover=options.recover)
+        return _simulated
     if kind == "moteus":
-        return _motors(scenario, address)
+        return partial(_motors, channel=address)
+    if kind == "franka":
+        if address is None:
+            raise InputError("is needed: the robot's address, such as 172.16.0.2.", where="ADDRESS")
+        return partial(_franka, address=address, recover=options.recover)
     file, _, name = kind.rpartition(":")
     if not file.endswith(".py"):
         raise InputError(
             f"no arm is called '{kind}'; there are simulated, franka, moteus, and FILE.py:CLASS.",
             where="ARM",
         )
-    made = _own(Path(file), name)(address, scenario.estimated)
+    return partial(_own_arm, _own(Path(file), name), kind, address)
+
+
+def _simulated(scenario: Scenario) -> Arm:
+    dt = scenario.engine.period(scenario.controller)
+    make = partial(_plant, scenario.engine, scenario.true.undrawn(), scenario.controller)
+    return ProcessArm(make, dt, sensors=scenario.sensors)
+
+
+def _franka(scenario: Scenario, address: str, recover: bool) -> Arm:
+    from ..realtime.franka import FrankaArm
+
+    return FrankaArm(address, scenario.estimated, recover=recover)
+
+
+def _own_arm(made_by: Any, kind: str, address: str | None, scenario: Scenario) -> Arm:
+    made = made_by(address, scenario.estimated)
     if not isinstance(made, Arm):
         raise InputError("is no pinadapt.realtime.Arm.", where=kind)
     return made

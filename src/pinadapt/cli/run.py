@@ -11,9 +11,9 @@ from ..exceptions import InputError
 from ..rollout.rollout import Rollout
 from ..rollout.summary import sheet
 from ..scenario.scenario import Scenario
-from ..view.live import open_in_browser
-from .arguments import add_out, add_scenario, add_settings, add_unadapted
-from .command_line import status_of
+from ..view.live import LiveView, open_in_browser
+from .arguments import add_out, add_scenario, add_settings, add_unadapted, positive
+from .command_line import DONE, status_of
 from .outputs import check_place, run_scenario, write_run
 
 
@@ -76,6 +76,12 @@ def view_arguments(parser: argparse.ArgumentParser) -> None:
         "written",
     )
     add_settings(parser)
+    parser.add_argument(
+        "--attach",
+        type=positive,
+        metavar="PORT",
+        help="show a running `pinadapt drive` of this scenario, which prints its port",
+    )
 
 
 def view(options: argparse.Namespace) -> int:
@@ -90,9 +96,24 @@ def view(options: argparse.Namespace) -> int:
     if options.scenario.is_dir():
         return _show(options.scenario)
     scenario = Scenario.read(options.scenario, options.set)
+    if options.attach is not None:
+        return _attached(scenario, options.attach)
     rollout = run_scenario(scenario, live=True)
     print(rollout)
     return status_of(rollout)
+
+
+def _attached(scenario: Scenario, port: int) -> int:
+    """Show a running loop until it ends; the loop does not notice."""
+    from ..realtime.recorder import watched
+
+    seconds = scenario.tables.simulation.duration
+    robot, controller = scenario.true, scenario.controller
+    samples = watched(port, controller, robot)
+    with LiveView(robot, controller, scenario.trajectory, duration=seconds) as live:
+        for _ in live.watch(samples):
+            pass
+    return DONE
 
 
 def _show(folder: Path) -> int:

@@ -11,6 +11,7 @@ from .recorder import CycleLog as CycleLog
 from .recorder import Recorder as Recorder
 from .recorder import ReplayedTorques as ReplayedTorques
 from .recorder import tell as tell
+from .recorder import watched as watched
 from .safety import Answer as Answer
 from .safety import Checklist as Checklist
 from .safety import MomentumResidual as MomentumResidual

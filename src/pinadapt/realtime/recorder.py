@@ -16,7 +16,7 @@ import select
 import signal
 import socket
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing import get_context
@@ -44,8 +44,9 @@ from .arm import MAIN
 
 if TYPE_CHECKING:
     from ..controller.controller import Controller
-    from ..controller.state import ControllerState
+    from ..controller.state import ControllerState, Sample
     from ..records import Desired, Measurement
+    from ..robot.robot import Robot
 
 PHASES = ("starting", "running", "holding", "damping", "stopped")
 COMMANDS = ("state", "latch", "stop", "hold", "go", "adapt", "load", "reference", "frame")
@@ -515,6 +516,48 @@ def tell(port: int, command: str, value: Any = None, *, timeout: float = 2.0) ->
     if "error" in reply:
         raise InputError(reply["error"], where=command)
     return reply
+
+
+def watched(
+    port: int, controller: Controller, robot: Robot, *, rate: float = 30.0
+) -> Iterator[Sample]:
+    """Yield samples of a running loop as a live view takes them, until it ends.
+
+    The desk answers for the loop, which does not notice. The torque is not in the samples: between
+    two of them there are many cycles.
+
+    Args:
+        port: of the loop, on this machine.
+        controller: as the loop has it.
+        robot: that is shown where the arm is; of a real arm the description.
+        rate: samples a second.
+
+    Raises:
+        InputError: nobody answers there.
+    """
+    from ..controller.state import Sample
+    from ..records import Desired, Measurement
+
+    state: ControllerState | None = None
+    said = tell(port, "state")
+    rest = np.zeros(controller.kinematics.task.size)
+    while said["phase"] != PHASES[-1]:
+        if said["cycle"]:
+            q, v = np.array(said["q"]), np.array(said["v"])
+            seen = Measurement(said["t"], q, v, robot.position(q))
+            state = controller.init(seen) if state is None else state
+            state = state._replace(
+                t=seen.t,
+                dynamic=state.dynamic.with_value(np.array(said["a_d"])),
+                kinematic=state.kinematic.with_value(np.array(said["a_k"])),
+            )
+            desired = Desired(np.array(said["x_d"]), rest, rest)
+            yield Sample(seen.t, seen, desired, state, np.full(v.size, math.nan), seen)
+        time.sleep(1.0 / rate)
+        try:
+            said = tell(port, "state")
+        except InputError:
+            return
 
 
 # --- reading and replaying ----------------------------------------------------------------------
