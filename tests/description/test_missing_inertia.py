@@ -192,7 +192,7 @@ def test_another_singular_mass_matrix_names_the_joint(tmp_path):
 
 
 def test_a_point_mass_that_turns_about_itself_becomes_a_ball(tmp_path):
-    with pytest.warns(UserWarning, match="get that of balls of aluminium.*: hand 0.00079"):
+    with pytest.warns(UserWarning, match="get that of a ball of aluminium: hand 0.00079 kg"):
         robot = pa.load(with_hand(tmp_path, (0.0, 0.0, 0.0)), frame="tip")
     ball = robot.model.inertias[robot.model.njoints - 1]
     assert ball.mass == pytest.approx(1.0)

@@ -2,6 +2,7 @@
 
 import re
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 
 import example_robot_data
@@ -318,14 +319,28 @@ def test_a_spherical_joint_is_refused():
         pa.load(spherical_model(), frame="tip")
 
 
-def test_a_moving_body_without_mass_is_refused(tmp_path):
+def test_a_last_body_without_mass_becomes_a_light_ball(tmp_path):
     text = ARM4.read_text()
     body = text[text.index('<link name="link4">') : text.index('<link name="finger1">')]
     path = arm4(tmp_path, (body, '<link name="link4"/>'), ('mass value="0.1"', 'mass value="0"'))
     path.write_text(path.read_text().replace("0.0001", "0"))
+    with pytest.warns(UserWarning, match=r"a ball of aluminium: link4 0\.06 kg, .* kg m\^2"):
+        robot = pa.load(path, frame="tip")
+    *others, last = [body.mass for body in robot.model.inertias[1:]]
+    assert last == pytest.approx(0.01 * sum(others))
+    assert pa.load(path, frame="tip", locked=["joint4"]).model.nv == 3
+
+
+def test_other_moving_bodies_without_mass_are_refused(tmp_path):
+    text = ARM4.read_text()
+    names = ("link3", "link4", "finger1")
+    for first, after in pairwise(names):
+        body = text[text.index(f'<link name="{first}">') : text.index(f'<link name="{after}">')]
+        text = text.replace(body, f'<link name="{first}"/>')
+    path = tmp_path / "arm4.urdf"
+    path.write_text(text.replace('mass value="0.1"', 'mass value="0"').replace("0.0001", "0"))
     with pytest.raises(pa.RobotError, match=r"mass matrix is singular.*'joint4'"):
         pa.load(path, frame="tip")
-    assert pa.load(path, frame="tip", locked=["joint4"]).model.nv == 3
 
 
 def spoilt(what):

@@ -23,6 +23,7 @@ from ..exceptions import RobotError
 from .chain import links_of, massless_joints
 
 _DENSITY = 2700.0  # [kg/m^3] of aluminium
+_FLANGE = 0.01  # mass of a last body without any, as a share of that of the others
 _POINT = 1e-12  # [m^2] of inertia over mass: that of a point
 _SLENDER = 0.05  # radius of rods and balls, relative to the longest rod
 _LEAST = 0.1  # [m] length of the longest rod if all are zero
@@ -69,30 +70,35 @@ def with_solid_points(model: pin.Model, name: str) -> pin.Model | None:
     """Return a copy of a model with balls of aluminium for point masses; None if it has none.
 
     Descriptions round a small inertia to zero, and a joint about an axis through the mass then
-    moves without inertia. A warning states what was assigned.
+    moves without inertia. A last body without mass, such as a flange, gets a ball of a hundredth of
+    the mass of the others, at its joint. A warning states what was assigned.
 
     Args:
         model: of the chain.
         name: of the robot, for the warning.
     """
-    points = [
-        joint
+    balls = {
+        joint: pin.Inertia(body.mass, body.lever, np.zeros((3, 3)))
         for joint in range(1, model.njoints)
         if (body := model.inertias[joint]).mass > 0.0
         and np.abs(body.inertia).max() <= _POINT * body.mass
-    ]
-    if not points:
+    }
+    masses = [float(model.inertias[joint].mass) for joint in range(1, model.njoints)]
+    bare = model.njoints - 1 if masses[-1:] == [0.0] and all(masses[:-1]) and masses[:-1] else None
+    if bare is not None:
+        balls[bare] = pin.Inertia(_FLANGE * sum(masses), np.zeros(3), np.zeros((3, 3)))
+    if not balls:
         return None
     model, words = model.copy(), []
-    for joint in points:
-        body = model.inertias[joint]
+    for joint, body in balls.items():
         radius = (3.0 * body.mass / (4.0 * np.pi * _DENSITY)) ** (1.0 / 3.0)
         moment = 0.4 * body.mass * radius**2
         model.inertias[joint] = pin.Inertia(body.mass, body.lever, moment * np.eye(3))
-        words.append(f"{links_of(model, joint)[0]} {moment:.2g}")
+        mass = f"{body.mass:.2g} kg, " if joint == bare else ""
+        words.append(f"{links_of(model, joint)[0]} {mass}{moment:.2g} kg m^2")
     warnings.warn(
-        f"{name}: bodies with mass are described without inertia and get that of balls of "
-        f"aluminium [kg m^2]: {', '.join(words)}.",
+        f"{name}: these links are described without inertia and get that of a ball of aluminium: "
+        f"{'; '.join(words)}.",
         stacklevel=3,
     )
     return model
