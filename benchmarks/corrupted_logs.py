@@ -21,6 +21,7 @@ from benchmarks.real_logs import chosen_logs
 from pinadapt.information import check_torques
 
 OTHERS = {"panda": "xarm7", "ur10": "z1", "tx40": "z1", "tiago": "xarm7"}
+SMALLER = {"ur10": "ur5"}  # of the same kind
 GEAR, REPEATED = 100.0, 0.2
 
 Case = tuple[pa.Log, pa.Robot]
@@ -70,7 +71,7 @@ def without(log: pa.Log, joint: int) -> pa.Log:
     return replace(ordered(log, kept), joints=())
 
 
-def mistakes(log: pa.Log, robot: pa.Robot, other: pa.Robot) -> Iterator[tuple[str, Case]]:
+def mistakes(log: pa.Log, robot: pa.Robot, *others: pa.Robot) -> Iterator[tuple[str, Case]]:
     """Yield the name of each mistake, and log and robot with it."""
     n, rng, names = robot.model.nv, np.random.default_rng(0), robot.joint_names
     signs = 1.0 - 2.0 * np.eye(n)
@@ -104,7 +105,8 @@ def mistakes(log: pa.Log, robot: pa.Robot, other: pa.Robot) -> Iterator[tuple[st
     yield "samples twice", (rows(log, np.sort(np.append(samples, samples[chosen]))), robot)
     yield "a torque not recorded", (scaled(log, tau=1.0 - np.eye(n)[1]), robot)
     yield "a joint missing", (without(log, 1), robot)
-    yield f"another robot, {other.name}", (replace(log, joints=()), other)
+    for other in others:
+        yield f"another robot, {other.name}", (replace(log, joints=()), other)
 
 
 def main() -> int:
@@ -116,7 +118,8 @@ def main() -> int:
         check = check_torques(log, robot)
         wrong += not check.fits
         print(f"\n{check}\n")
-        for what, case in mistakes(log, robot, pa.load(OTHERS.get(name, "z1"))):
+        others = [OTHERS.get(name, "z1"), *([SMALLER[name]] if name in SMALLER else [])]
+        for what, case in mistakes(log, robot, *map(pa.load, others)):
             accepted, words = checked(*case)
             wrong += accepted
             print(f"{'ACCEPTED' if accepted else 'refused '}  {what}: {words}", flush=True)

@@ -54,6 +54,25 @@ def test_the_log_of_a_real_arm_fits():
     assert check.gravity[2] < -0.95 * np.linalg.norm(check.gravity)
 
 
+@pytest.mark.parametrize("quarter", range(4))
+def test_a_few_seconds_of_a_real_arm_fit(quarter):
+    log, robot = panda()
+    size = len(log.t) // 4
+    part = slice(quarter * size, (quarter + 1) * size)
+    assert not causes(
+        replace(log, t=log.t[part], q=log.q[part], v=log.v[part], tau=log.tau[part]), robot
+    )
+
+
+def test_turning_joints_in_another_order_are_found():
+    """Of joints without limits, whose configurations have two numbers."""
+    robot = catalogue_robot("kinova")
+    t, q, v, a = motion("kinova", dt=2e-2)
+    log = pa.Log(t, q, torques(robot, q, v, a), v)
+    assert not causes(log, robot)
+    assert "in another order" in causes(turned(log, [1, 2, 0, 4, 5, 3]), robot)
+
+
 def test_a_hand_that_is_not_mounted_is_found_and_does_no_harm():
     log, robot = panda()
     (note,) = check_torques(log, robot).notes

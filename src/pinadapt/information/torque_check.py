@@ -56,14 +56,16 @@ _AGAINST = 0.01  # of it, from where on a wrong sign is seen; of the torques lik
 _CLOSE = 0.2  # of the torques of judged joints, that a good explanation leaves
 _CLAIMED = 0.3  # of the torque, from where on a description must be seen in it
 _DRIVING = 0.6  # of a joint's torque that follows its velocity, which then has the wrong sign
-_FOREIGN = 0.4  # of a joint's torque that follows another joint's velocity rather than its own
+# of what is left of a joint's torque: that follows another joint's velocity rather than its own;
+# then of its torque: that is left
+_FOREIGN, _LEFT = 0.4, 0.25
 _TURNED = math.radians(25.0)  # from the described gravity
 _STRENGTH = (0.6, 1.6)  # of gravity, between which its direction is believed
 _SCATTER = 1.5  # by which the factors of joints differ that have one gain in common
 _PRICE = 0.15  # of each number that an explanation chooses, in log(residual^2)
 _LOAD_NUMBERS = 4  # mass and first moments
-# log(residual^2) by which a mistake must be likelier than none, where the log fits and where not
-_SURELY, _LIKELIER = 2.0, 1.0
+# log(residual^2) by which a mistake must be likelier than none, and a finding than another one
+_SURELY, _LIKELIER = 3.5, 1.0
 _AS_GOOD, _NAMED = 0.5, 3  # log(residual^2) within which mistakes are named together; at most
 _HEAVIEST, _LIGHTEST = 0.8, 0.3  # of the robot's mass: a load; what any arm can carry
 _HELD = 0.6  # of the largest effort limit: the weight of a load at full reach
@@ -275,6 +277,7 @@ class _TorqueFit(NamedTuple):
         driving: share of the torque that follows the velocity with the sign of a motor.
         foreign: share of what the description leaves that follows another joint's velocity,
             less the share that follows its own.
+        rest: what the description leaves, a share of the torque with friction.
     """
 
     factor: np.ndarray
@@ -285,6 +288,7 @@ class _TorqueFit(NamedTuple):
     left: np.ndarray
     driving: np.ndarray
     foreign: np.ndarray
+    rest: np.ndarray
 
     @property
     def against(self) -> np.ndarray:
@@ -296,7 +300,8 @@ class _TorqueFit(NamedTuple):
     @property
     def wrong(self) -> np.ndarray:
         """Whether a joint (n) is wrong by its sign or by its friction, even a weak one."""
-        return np.asarray(self.against | (self._strong & (self.foreign >= _FOREIGN)))
+        turned = (self.foreign >= _FOREIGN) & (self.rest >= _LEFT)
+        return np.asarray(self.against | (self._strong & turned))
 
     @property
     def _strong(self) -> np.ndarray:
@@ -332,11 +337,15 @@ class _TorqueFit(NamedTuple):
 
 
 class _Explanation(NamedTuple):
-    """A mistake, or none, with the fit after it is mended and how many numbers were chosen."""
+    """A mistake, or none, with the fit after it is mended and how many numbers were chosen.
+
+    ``size`` tells whether all torques have one factor, as those of a robot of another size.
+    """
 
     cause: Cause | None
     fit: _TorqueFit
     numbers: float
+    size: bool = False
 
     @property
     def score(self) -> float:
@@ -479,6 +488,7 @@ def _fit(
         np.minimum(np.linalg.norm(t - usual * d, axis=0) / whole, 1.0),
         np.where(moving, -power / np.maximum(whole * speed, _ZERO**2), 0.0),
         shares.max(axis=0) - own,
+        np.linalg.norm(rest, axis=0) / whole,
     )
 
 
@@ -527,14 +537,15 @@ class _Comparison:
                 bool(fit.fits[j]),
             )
 
-    def _configurations(self, motion: _Motion) -> np.ndarray:
+    def _configurations(self, angles: np.ndarray) -> np.ndarray:
+        """Return configurations (K, nq) with angles (K, n)."""
         if self._model.nq == self._n:
-            return motion.q
-        return np.array([configuration_from_angles(self._model, row) for row in motion.q])
+            return angles
+        return np.array([configuration_from_angles(self._model, row) for row in angles])
 
     def _described(self, motion: _Motion) -> _Described:
         """Return the described torques of a motion."""
-        model, data, q = self._model, self._data, self._configurations(motion)
+        model, data, q = self._model, self._data, self._configurations(motion.q)
         model.gravity.linear = np.zeros(3)
         D = np.array(
             [pin.rnea(model, data, *row) for row in zip(q, motion.v, motion.a, strict=True)]
@@ -569,7 +580,7 @@ class _Comparison:
         plain: _TorqueFit,
     ) -> _Load:
         """Return the load, a point mass on the last body, that best explains the rest."""
-        model, q = self._model, self._configurations(motion)
+        model, q = self._model, self._configurations(motion.q)
         model.gravity.linear = gravity
         rows = zip(q, motion.v, motion.a, strict=True)
         Y = np.array([pin.computeJointTorqueRegressor(model, self._data, *row) for row in rows])
@@ -613,9 +624,10 @@ class _Comparison:
             if one.fit.fits.all() and np.count_nonzero(one.fit.judged) >= least
         ]
         healthy = min((one.score for one in fitting if one.cause is None), default=np.inf)
+        if plain.wrong.any():  # no load turns friction
+            healthy = np.inf
         tried = sorted((one for one in fitting if one.cause), key=lambda one: one.score)
-        margin = _SURELY if plain.fits.all() else _LIKELIER
-        if tried and tried[0].score < healthy - margin:
+        if tried and tried[0].score < healthy - _SURELY:
             close = tried[0].fit.close
             order = None if close else self._fitting_order()
             best = [one.cause for one in tried if one.score < tried[0].score + _AS_GOOD]
@@ -625,6 +637,14 @@ class _Comparison:
                 yield Cause("it is the log of another robot, as this does not fit well either")
         elif healthy == np.inf:
             yield self._fitting_order() or self._unexplained(plain)
+        elif not plain.fits.all():
+            size = next((one for one in tried if one.size), None)
+            if size is not None and size.cause and size.score < healthy + _AS_GOOD:
+                yield size.cause
+                yield Cause(
+                    "it carries a heavy load that is not described, which explains them as well; "
+                    "describe it, or --accept-doubts"
+                )
 
     def _explanations(self, plain: _TorqueFit) -> Iterator[_Explanation]:
         """Yield all mistakes that are considered, and none, each without and with a load."""
@@ -728,7 +748,8 @@ class _Comparison:
         option = f"{gain} {flip}" if turned.size and not (alike and every) else gain
         numbers = (1 if alike else int(off.sum())) + (0 if every else turned.size)
         cause = Cause(words, f"{option}, or rather the gains of the data sheet,")
-        yield from self._mended(cause, numbers, tau=tau * gains * signs)
+        for one in self._mended(cause, numbers, tau=tau * gains * signs):
+            yield one._replace(size=alike)
 
     def _gravities(self) -> Iterator[_Explanation]:
         """Yield the explanation by another mounting, if the log shows one."""
@@ -786,7 +807,8 @@ class _Comparison:
         model.gravity.linear = self._gravity
         scores = []
         for columns in map(list, islice(permutations(range(n)), 1, None)):  # the first is as it is
-            states = zip(*(part[:, columns] for part in (q, v, a)), strict=True)
+            angles = self._configurations(q[:, columns])
+            states = zip(angles, v[:, columns], a[:, columns], strict=True)
             d = np.array([pin.rnea(model, data, *state) for state in states])
             rest = (tau[:, columns] - d) ** 2
             share = rest.sum(axis=0) / np.maximum((tau[:, columns] ** 2).sum(axis=0), _ZERO)
