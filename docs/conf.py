@@ -3,6 +3,7 @@
 import json
 import math
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +47,7 @@ math_numfig = False
 # Notebooks are stored without outputs. Those that the tests have run are shown with these outputs,
 # see _ext/executed.py; others are run here, in their folder.
 nb_execution_mode = "auto"
+nb_execution_excludepatterns = [] if find_spec("pylibfranka") else ["*11_behind_a_protocol*"]
 nb_execution_timeout = 600
 nb_execution_raise_on_error = True
 nb_ipywidgets_js = {}  # no requests to other hosts
