@@ -2,7 +2,7 @@
 
 ``python -m benchmarks.adaptations [--robots NAMES] [--realities NAMES] [--adaptations NAMES]``
 runs the case of the zoo (tool, load, inertias and friction unknown, a circle) with the default law,
-also without adaptation with the lag of K_D that a memory has, and the other way round. A reality
+also without adaptation with the lag of K_D that a memory has. A reality
 adds encoders, which are declared to the controller; a load twice as heavy from half of the run on,
 announced or not; motors that are late and joints that give way, declared or not; a slower loop; or
 friction that the user calls known though the model has none. Poses are controlled in place of
@@ -45,7 +45,6 @@ ADAPTATIONS: dict[str, dict[str, Any]] = {
     "natural": {"adaptation": "natural"},
     "natural-memory": {"adaptation": "natural-memory"},
     "none, lag 10 ms": {"adaptation": "none", "lag": 0.01},
-    "natural-memory, lag 2 ms": {"adaptation": "natural-memory", "lag": 2e-3},
     "none, declared": {"adaptation": "none"},
     "natural, declared": {"adaptation": "natural"},
     "natural-memory, declared": {"adaptation": "natural-memory"},
