@@ -2,10 +2,10 @@
 
 ``python -m benchmarks.adaptations [--robots NAMES] [--realities NAMES] [--adaptations NAMES]``
 runs the case of the zoo (tool, load, inertias and friction unknown, a circle) with the default law,
-also without adaptation with the lag of K_D that a memory has. A reality
-adds encoders, which are declared to the controller; a load twice as heavy from half of the run on,
-announced or not; motors that are late and joints that give way, declared or not; a slower loop; or
-friction that the user calls known though the model has none. Poses are controlled in place of
+also without adaptation with the lag of K_D that a memory has. A reality adds encoders or a camera
+that is 60 ms late, which are declared to the controller; a load twice as heavy from half of the run
+on, announced or not; motors that are late and joints that give way, declared or not; a slower loop;
+or friction that the user calls known though the model has none. Poses are controlled in place of
 positions where the arm has joints enough.
 
 Of the last tenth of a run are the largest error relative to the radius and the rms change of the
@@ -88,7 +88,7 @@ def encoder(bits: int) -> pa.Sensors:
 REALITIES = {
     "perfect": Reality(),
     "poses": Reality(task="pose"),
-    "30 Hz, 60 ms late": Reality(pa.Sensors(pa.Camera(rate=30.0, delay=0.06))),
+    "camera of 30 Hz": Reality(pa.Sensors(pa.Camera(rate=30.0, delay=0.06))),
     "17 bit": Reality(encoder(17), duration=60.0),
     "14 bit": Reality(encoder(14), duration=60.0),
     "load changes": Reality(change=UNANNOUNCED),
