@@ -22,7 +22,7 @@ import pinocchio as pin
 import pinadapt as pa
 from pinadapt.scenario.scenario import Scenario
 
-from .simulated_sample import SCENARIO
+from .simulated_sample import NATURAL, SCENARIO
 from .timing import HERE, in_turn, repeated, save
 
 CAMERA = pa.Camera(rate=30.0, delay=0.06)
@@ -98,7 +98,7 @@ def main() -> None:
     """Print the figures and save them."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--save", type=Path, default=HERE / "laws.json")
-    path, scenario = parser.parse_args().save, Scenario.read(SCENARIO)
+    path, scenario = parser.parse_args().save, Scenario.read(SCENARIO, [NATURAL])
     rows = []
     for law in pa.laws.LAWS:
         with warnings.catch_warnings():

@@ -31,6 +31,7 @@ from pinadapt.simulation.simulate import Record, record, rollout_of
 from .timing import HERE, in_turn, repeated, save, saved
 
 SCENARIO = HERE.parent / "robots" / "panda" / "tool_and_load.toml"
+NATURAL = "controller.adaptation=natural"
 BLOCK, ROUNDS = 28, 430
 
 
@@ -96,7 +97,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--save", type=Path, default=HERE / "simulated_sample.json")
     path = parser.parse_args().save
-    before, scenario = saved(path), Scenario.read(SCENARIO)
+    before, scenario = saved(path), Scenario.read(SCENARIO, [NATURAL])
     free = scenario.true.changed(viscous=0.0, coulomb=0.0)
     with_friction = scenario.true.changed(viscous=0.5, coulomb=0.5)
     plants: dict[str, SimulatedPlant] = {
@@ -110,7 +111,7 @@ def main() -> None:
         ),
     }
     rows = [measure(name, scenario, plant) for name, plant in plants.items()]
-    default = Scenario.read(SCENARIO, ["controller.adaptation=natural-memory"])
+    default = Scenario.read(SCENARIO)
     rows.append(measure("panda with the memory", default, pa.plants.PinocchioPlant(free)))
     print("in calls of aba:                 step   rest  sample  (was)   aba us")
     for row in rows:

@@ -26,7 +26,7 @@ def test_the_best_adaptation_has_a_price_of_at_most_five_after_ten_seconds():
 def test_every_law_is_run_with_the_true_model():
     planned = runs(["separation", "craig"], ["ur5"])
     assert [run.law for run in planned if run.adaptation == TRUTH] == ["separation", "craig"]
-    assert len(planned) == len(set(planned)) == 6 + 3
+    assert len(planned) == len(set(planned)) == 8 + 3
 
 
 @pytest.mark.parametrize("law", ["separation", "slotine-li"])
