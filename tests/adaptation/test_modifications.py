@@ -308,9 +308,10 @@ def test_laws_with_another_error_have_no_default_size():
 
 def test_scenario_with_the_names():
     path = robots_folder() / "panda" / "tool_and_load.toml"
-    words = ['controller.modifications=["e1", "normalised"]']
+    natural = "controller.adaptation=natural"
+    words = [natural, 'controller.modifications=["e1", "normalised"]']
     assert chain(Scenario.read(path, words).controller.adaptation_d) == ["Normalised", "ErrorLeak"]
-    table = ["controller.modifications={sigma=0.3, dead-zone=0.02}"]
+    table = [natural, "controller.modifications={sigma=0.3, dead-zone=0.02}"]
     made = Scenario.read(path, table).controller.adaptation_d
     assert chain(made) == ["DeadZone", "Leak"] and made.inner.bandwidth == 0.3
     for wrong in ('"sigmaa"', "{sigma=-1.0}", "{normalized=true}"):
