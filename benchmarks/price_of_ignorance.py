@@ -101,7 +101,7 @@ class Run:
         robot, true = self.robots()
         known = self.adaptation in (TRUTH, SLOWER)
         model = true if known else robot.changed(inertial_scale=LIGHTER)
-        words = {"unknown": pa.Unknown(friction=False, armature=False)}
+        words: dict[str, Any] = {"unknown": pa.Unknown(friction=False, armature=False)}
         words |= ADAPTATIONS[self.adaptation]
         controller = pa.make_controller(model, law=self.law, **words)
         rollout = pa.simulate(true, controller, self.path(true), duration=AFTER[-1])
