@@ -36,7 +36,7 @@ def test_beside_a_memory_the_damping_is_for_late_motors_but_at_the_start(name):
 
 
 def test_a_large_error_takes_the_damping_back_while_loads_may_be_unknown():
-    """From 2 % of the reach on, wholly in the first second, until two."""
+    """From 2 % of the reach on, wholly in the first second, until two; for three times the load."""
     robot = catalogue_robot("panda")
     fast, slow = (pa.make_controller(robot, adaptation=a).law for a in ("natural", MEMORY))
     q, direction = robot.q0, np.array([0.6, 0.0, -0.8])
@@ -44,8 +44,14 @@ def test_a_large_error_takes_the_damping_back_while_loads_may_be_unknown():
     def gain(share, age):
         return slow.K_D(q, age, share * robot.reach * direction)
 
+    M = pin.crba(robot.model, robot.model.createData(), q)
+    heavy = np.linalg.inv(np.linalg.inv(slow.K_far) + slow.lag * np.linalg.inv(M))
     for age in (0.1, 1.0):
-        assert np.allclose(gain(0.02, age), fast.K_D(q), rtol=1e-12)
+        assert np.allclose(gain(0.02, age), heavy, rtol=1e-9)
+    loaded = np.diag(slow.K_far) / np.diag(slow.K_v)
+    assert loaded.min() > 1.0 and 2.0 < loaded.max() < 3.0
+    assert (np.linalg.eigvalsh(heavy - fast.K_D(q)) > 0.0).all()
+    assert np.linalg.eigvals(np.linalg.solve(M, heavy)).real.max() < 1.0 / slow.lag
     assert np.array_equal(gain(0.01, 0.5), slow.K_D(q))
     assert np.array_equal(gain(0.5, 2.0), slow.K_D(q))
     sizes = [np.trace(gain(share, 0.5)) for share in (0.011, 0.014, 0.017, 0.02)]
