@@ -362,6 +362,8 @@ def test_a_scenario_starts_from_what_a_log_identified(tmp_path):
     for part in ("threshold", "breakaway", "fading"):
         assert np.allclose(getattr(friction, part), getattr(found.robot.friction, part))
     assert warm.start["information"].shape[1] == len(names)
+    said = ["belief.learned=learned.json", "unknown.joint=all"]  # as `pinadapt init` writes
+    assert Scenario.read(scenario, said).controller.dynamics.names == names
     errors = [scenario.run().distance.max() for scenario in (cold, warm)]
     assert errors[1] < 0.2 * errors[0]  # friction in a scenario is sharper than in this log
 

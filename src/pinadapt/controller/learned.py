@@ -374,6 +374,7 @@ def _in_order(values: Mapping[str, float], names: tuple[str, ...], where: str) -
             f"{len(lacking)} are missing, {len(foreign)} unknown to it, the first is '{first}'."
             f"{did_you_mean(first, foreign if lacking else lacking)}",
             where=where,
-            hint="Make it for the same robot, with the same unknown.",
+            hint="Make it for the same robot, with the same unknown; in a scenario [unknown] joint "
+            'may be left out, or "all": then it follows from the file.',
         )
     return np.array([values[name] for name in names])

@@ -400,7 +400,7 @@ def _controller(
 
 
 def _unknown(unknown: UnknownSection, learned: LearnedParameters | None, folder: Path) -> Unknown:
-    """Return the unknown parameters of [unknown]; by default those of the joints are the learned.
+    """Return the unknown parameters of [unknown]; all of the joints are those that were learned.
 
     Raises:
         InputError: the names, the basis or the inequality cannot be used.
@@ -410,7 +410,7 @@ def _unknown(unknown: UnknownSection, learned: LearnedParameters | None, folder:
     with prefix_errors("unknown.lmi"):
         lmi = None if unknown.lmi is None else MatrixInequality.from_file(folder / unknown.lmi)
     joint = unknown.joint
-    if joint is None and learned is not None:
+    if joint in (None, "all", ["all"]) and learned is not None:
         joint = learned.joint_coefficients or "none"
     return Unknown.of_tables(
         unknown.kinematic,
