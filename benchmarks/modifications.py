@@ -21,7 +21,7 @@ import numpy as np
 import pinocchio as pin
 
 import pinadapt as pa
-from pinadapt.models.pseudo_inertia import pseudo_inertia
+from pinadapt.models.bodies import pseudo_inertia
 
 UNADAPTED = "not adapted"
 MODIFICATIONS: dict[str, dict[str, Any]] = {

@@ -9,7 +9,7 @@ from hypothesis import assume, given
 
 import pinadapt as pa
 from pinadapt.description.chain import is_physical
-from pinadapt.models.pseudo_inertia import nearest_physical, pseudo_inertia
+from pinadapt.models.bodies import nearest_physical, pseudo_inertia
 from tests.support.chains import random_inertia, seeded, seeds
 from tests.support.differences import derivative
 from tests.support.drives import rate_of, stepped

@@ -8,9 +8,9 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.cli.command_line import main
+from pinadapt.models.bodies import unphysical_bodies
 from pinadapt.models.excited import around
-from pinadapt.models.pseudo_inertia import unphysical_bodies
-from pinadapt.robot.succession import Succession
+from pinadapt.robot.robot import Succession
 from tests.support.chains import catalogue_robot
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("blank_pictures")]

@@ -6,7 +6,7 @@ import time
 import pytest
 
 import pinadapt as pa
-from pinadapt.description.expressions import LONGEST, evaluate
+from pinadapt.description.xacro import LONGEST, evaluate
 from tests.support.descriptions import XMLNS
 from tests.support.paths import ARM4
 

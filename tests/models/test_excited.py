@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
+from pinadapt.models.bodies import unphysical_bodies
 from pinadapt.models.excited import TOLD_APART, TorqueSums, around, names_together, scales
-from pinadapt.models.pseudo_inertia import unphysical_bodies
 from tests.support.chains import catalogue_robot
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from pinadapt.models.bodies import pseudo_inertia, ten_parameters
 from pinadapt.models.physical_fit import PhysicalSet, physical_fit
-from pinadapt.models.pseudo_inertia import pseudo_inertia, ten_parameters
 from tests.support.chains import random_inertia
 
 GAMMA = 1e-2

@@ -11,7 +11,7 @@ from pinadapt.cli.command_line import main
 from pinadapt.cli.compare import comparison_table
 from pinadapt.description.catalogue import robots_folder
 from pinadapt.rollout.limit_excess import LimitExcess
-from pinadapt.rollout.verdict import FOLLOWS, LOST, ROUGHLY
+from pinadapt.rollout.summary import FOLLOWS, LOST, ROUGHLY
 from pinadapt.zoo.experiment import ACCURATE, BETTER
 from tests.support.loops import run
 
@@ -185,9 +185,9 @@ def test_compare_also_runs_each_adaptive_law_without_adaptation(tmp_path, capsys
 
 
 def test_the_zoo_takes_its_thresholds_from_the_verdict():
-    from pinadapt.rollout import verdict
+    from pinadapt.rollout import summary
 
-    assert (ACCURATE, BETTER) == (verdict.ACCURATE, verdict.BETTER)
+    assert (ACCURATE, BETTER) == (summary.ACCURATE, summary.BETTER)
 
 
 @pytest.mark.parametrize("mode", ["sampled", "continuous"])

@@ -14,7 +14,7 @@ import pinadapt as pa
 from pinadapt.description.catalogue import robots_folder
 from pinadapt.plants.plant import Plant
 from pinadapt.plots.figures import error_figure, parameter_figure
-from pinadapt.robot.succession import difference
+from pinadapt.robot.robot import difference
 from pinadapt.scenario.scenario import Scenario
 from pinadapt.view.scene import motion_in_time
 from tests.support.chains import catalogue_robot, random_state

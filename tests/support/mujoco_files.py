@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 
-from pinadapt.plants.mujoco_model import joint_axes
+from pinadapt.plants.mujoco_plant import joint_axes
 
 ROWS, COLUMNS = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)  # of fullinertia
 

@@ -8,7 +8,7 @@ import pytest
 from pinadapt.exceptions import ScenarioError
 from pinadapt.scenario.parts import trajectory_of
 from pinadapt.scenario.schema import check_tables
-from pinadapt.tasks.joint import JointTask
+from pinadapt.tasks.task import JointTask
 from tests.support.chains import catalogue_robot
 
 

@@ -11,7 +11,7 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.tasks.frame import TASKS
-from pinadapt.tasks.joint import JointTask
+from pinadapt.tasks.task import JointTask
 from pinadapt.trajectories import Function, Spline, as_trajectory
 from tests.support.chains import catalogue_robot
 from tests.support.differences import derivative

@@ -6,7 +6,7 @@ import pytest
 import pinadapt as pa
 from pinadapt.adaptation.natural import BodyInequality
 from pinadapt.description.chain import is_physical
-from pinadapt.models.pseudo_inertia import pseudo_inertia, ten_parameters, with_bodies
+from pinadapt.models.bodies import pseudo_inertia, ten_parameters, with_bodies
 from pinadapt.tuning import defaults as prior
 from pinadapt.tuning.defaults import (
     bandwidth,

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.robot.succession import Succession
+from pinadapt.robot.robot import Succession
 from pinadapt.view.scene import ShownEstimates, motion_of
 from tests.support.chains import catalogue_robot
 from tests.support.loops import run

@@ -24,7 +24,7 @@ from .._compiled import compile_all
 from .._kernels import estimates as kernels
 from ..exceptions import GainError, InputError, ParameterError
 from ..models.basis import read_matrix
-from ..models.pseudo_inertia import COEFFICIENTS, nearest_physical, unphysical_bodies
+from ..models.bodies import COEFFICIENTS, nearest_physical, unphysical_bodies
 from ..models.regressor import PER_BODY
 from .adaptation import Adaptation, Drive, Estimate
 

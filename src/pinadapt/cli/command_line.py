@@ -47,7 +47,7 @@ _COMMANDS = {
 }
 
 
-_SHARED = {"replay": "drive", "tell": "drive", "view": "run", "cite": "run"}
+_SHARED = {"replay": "drive", "tell": "drive", "view": "run", "cite": "run", "demo": "compare"}
 _GARBAGE = (100_000, 50, 100)  # how seldom to search for it: by default a tenth of a run's time
 _ENDING = [
     getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)

@@ -1,4 +1,4 @@
-"""``pinadapt compare``: several laws on one scenario."""
+"""``pinadapt compare`` and ``demo``: several runs, one table."""
 
 from __future__ import annotations
 
@@ -7,19 +7,21 @@ import json
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from .._output import check_writable, columns, number, one_run, write_text
+from ..adaptation.adaptation import Frozen
+from ..description.catalogue import robots_folder
 from ..exceptions import UnusedGainWarning
 from ..laws import LAWS
 from ..plots.figures import overlay_figure
 from ..rollout.rollout import Rollout
 from ..scenario.scenario import Scenario
-from ..tasks.joint import JointTask
-from ..tasks.task import DISPLAYS
+from ..tasks.task import DISPLAYS, JointTask
 from .arguments import add_out, add_scenario, add_unadapted, names
-from .command_line import DONE, INTERRUPTED, interrupted
-from .outputs import RUN_FILES, check_place, write_run
+from .command_line import DONE, INTERRUPTED, interrupted, status_of
+from .outputs import RUN_FILES, check_place, run_scenario, write_run
 from .run import run_beside, unadapted
 
 TABLE, FIGURE = "compare.json", "compare.png"
@@ -182,3 +184,73 @@ def _row(rollout: Rollout, scale: float) -> list[str]:
         number(numbers["step_time_us"], digits=0),
         rollout.grade,
     ]
+
+
+# The demo
+
+_GRADIENT = ('controller.adaptation="gradient"', "controller.gamma_d=[4.5, 1.5, 1.5]")
+_PLANAR, _PANDA = "planar_2r/wang_xie_2009.toml", "panda/tool_and_load.toml"
+
+# folder, scenario file, settings
+SHOWCASE: tuple[tuple[str, str, Sequence[str]], ...] = (
+    (
+        "planar_known",
+        _PLANAR,
+        (
+            'title="planar arm, known"',
+            'controller.law="resolved-acceleration"',
+            "belief.kinematic=[1.0, 1.2]",
+            "belief.dynamic=[3.34, 1.2, 0.97]",
+        ),
+    ),
+    (
+        "planar_improved",
+        _PLANAR,
+        (
+            'title="planar arm, improved law"',
+            'controller.law="adaptive-inverse-dynamics-improved"',
+            *_GRADIENT,
+        ),
+    ),
+    (
+        "planar_passivity_based",
+        _PLANAR,
+        ('title="planar arm, passivity based"', 'controller.law="adaptive-jacobian"', *_GRADIENT),
+    ),
+    ("panda_unadapted", _PANDA, ('title="panda, unadapted"', 'controller.adaptation="none"')),
+    ("panda_adaptive", _PANDA, ('title="panda, unknown tool and load"',)),
+)
+
+
+def demo_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``demo``."""
+    add_out(parser, Path("out/demo"))
+
+
+def demo(options: argparse.Namespace) -> int:
+    """Run the showcases, print one table, write all outputs; return 3 if one diverged, else 0."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UnusedGainWarning)  # all laws use the gains of one file
+        scenarios = [Scenario.read(robots_folder() / file, given) for _, file, given in SHOWCASE]
+    folders = [check_place(options.out / name) for name, _, _ in SHOWCASE]
+    rollouts: list[Rollout] = []
+    unadapted: dict[tuple[str, str], float | None] = {}  # (file, law) -> last error
+    try:
+        for scenario, folder, (_, file, _) in zip(scenarios, folders, SHOWCASE, strict=True):
+            rollout = run_scenario(scenario)
+            loop = file, rollout.law
+            if rollout.adaptation == Frozen.name:
+                unadapted[loop] = rollout.summary()["max_error_last"]
+            else:
+                rollout = replace(rollout, unadapted=unadapted.get(loop))
+            rollouts.append(rollout)
+            write_run(rollout, folder, html=True)
+            if interrupted(rollouts):
+                break
+    finally:
+        print(comparison_table(rollouts))
+    print(
+        f"\nplots and animations: {options.out}/*/"
+        "error.png, parameters.png, torque.png, animation.html"
+    )
+    return status_of(*rollouts)

@@ -22,8 +22,7 @@ from ..exceptions import GainError
 from ..models.right_inverse import RightInverse
 from ..records import Desired, Sensors
 from ..robot.robot import Robot
-from ..tasks.joint import JointTask
-from ..tasks.task import Task
+from ..tasks.task import JointTask, Task
 from ..trajectories.trajectory import Trajectory
 
 ERROR, FRAMES = "error", "frames"

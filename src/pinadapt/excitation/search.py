@@ -31,7 +31,7 @@ from ..models.task_kinematics import JointKinematics, TaskKinematics
 from ..robot.robot import Robot
 from ..simulation.simulate import Progress, watched
 from ..tasks.frame import TASKS
-from ..tasks.joint import JointTask
+from ..tasks.task import JointTask
 from ..tuning.defaults import prior_covariance
 from ..tuning.unknowns import Unknown, nominal_dynamics
 from .allowance import Allowance, Shapes, configurations

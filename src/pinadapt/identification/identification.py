@@ -30,7 +30,7 @@ from ..robot.motors import Compensation, compensation_of
 from ..robot.robot import Robot
 from ..rollout.rollout import Rollout
 from ..simulation.simulate import Progress, watched
-from ..tasks.joint import JointTask
+from ..tasks.task import JointTask
 from ..tuning.make_controller import make_estimator
 from ..tuning.unknowns import Unknown
 from . import report

@@ -32,10 +32,9 @@ from .._output import Sheet, Table
 from ..controller.controller import Controller
 from ..controller.state import ControllerState, Sample
 from ..exceptions import ParameterError
-from ..models.bodies import ALL, BodyDynamics
+from ..models.bodies import ALL, COEFFICIENTS, UNCERTAINTY, BodyDynamics, ten_parameters
 from ..models.dynamics import Dynamics, StackedDynamics
 from ..models.physical_fit import PhysicalSet
-from ..models.pseudo_inertia import COEFFICIENTS, UNCERTAINTY, ten_parameters
 from ..models.regressor import LABELS, PER_BODY
 from ..robot.changes import Payload
 from ..robot.robot import Robot

@@ -16,8 +16,7 @@ from ..filters import LowPass, MotionFilters
 from ..models.typical_motion import TypicalMotion
 from ..signals import Signals
 from ..tasks.task import Task
-from .gains import check_in_place, check_margin, merged
-from .law import Feedback, KinematicLoop, Law, Truth
+from .law import Feedback, KinematicLoop, Law, Truth, check_in_place, check_margin, merged
 from .posture import Posture
 
 _NO_POSTURE = np.zeros((4, 0))

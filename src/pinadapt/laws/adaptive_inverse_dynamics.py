@@ -16,8 +16,7 @@ import numpy as np
 from ..adaptation.adaptation import Drive, Drives
 from ..signals import Signals
 from .acceleration_law import AccelerationLaw, EstimatedVelocityLaw
-from .gains import check_margin, task_gain
-from .law import Command, EstimatedModel, Truth
+from .law import Command, EstimatedModel, Truth, check_margin, task_gain
 
 
 class AdaptiveInverseDynamics(EstimatedVelocityLaw):

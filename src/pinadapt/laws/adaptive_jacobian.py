@@ -22,8 +22,16 @@ from ..models.typical_motion import (
 from ..signals import Signals
 from ..tasks.frame import PoseTask
 from ..tasks.task import Task
-from .gains import check_in_place, merged
-from .law import Command, EstimatedModel, Feedback, KinematicLoop, Law, Truth
+from .law import (
+    Command,
+    EstimatedModel,
+    Feedback,
+    KinematicLoop,
+    Law,
+    Truth,
+    check_in_place,
+    merged,
+)
 from .posture import Posture
 
 Own = TypeVar("Own", bound="AdaptiveJacobian")

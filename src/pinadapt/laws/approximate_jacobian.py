@@ -17,8 +17,7 @@ from ..models.typical_motion import TypicalMotion
 from ..signals import Signals
 from ..tasks.task import Task
 from .adaptive_jacobian import felt_by_task
-from .gains import check_in_place, merged
-from .law import Command, EstimatedModel, Feedback, Law, SetPointLoop, Truth
+from .law import Command, EstimatedModel, Feedback, Law, SetPointLoop, Truth, check_in_place, merged
 
 
 @dataclass(frozen=True, eq=False)

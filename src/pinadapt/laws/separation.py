@@ -22,8 +22,16 @@ from ..robot.changes import Payload
 from ..robot.robot import Robot
 from ..signals import Signals
 from ..tasks.task import Task
-from .gains import check_in_place, merged
-from .law import Command, EstimatedModel, Feedback, KinematicLoop, Law, Truth
+from .law import (
+    Command,
+    EstimatedModel,
+    Feedback,
+    KinematicLoop,
+    Law,
+    Truth,
+    check_in_place,
+    merged,
+)
 from .posture import Posture
 
 _DAMPING, _STEP = 3.0, 0.5  # K_v in bandwidths times inertia; at most this times inertia / dt

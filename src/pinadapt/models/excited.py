@@ -16,9 +16,9 @@ from functools import cached_property
 
 import numpy as np
 
+from .bodies import UNCERTAINTY, nearest_physical, unphysical_bodies
 from .dynamics import Dynamics
 from .physical_fit import PhysicalSet, signed_scales
-from .pseudo_inertia import UNCERTAINTY, nearest_physical, unphysical_bodies
 from .regressor import LABELS, PER_BODY
 
 TOLD_APART = 0.01  # share of the torques from which a combination is identifiable in practice

@@ -26,8 +26,8 @@ import numpy as np
 
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
+from .bodies import COEFFICIENTS, nearest_physical
 from .dynamics import Dynamics
-from .pseudo_inertia import COEFFICIENTS, nearest_physical
 from .regressor import PER_BODY
 
 GAMMA = 1e-4  # weight of the description, relative to one row

@@ -11,8 +11,7 @@ import pinocchio as pin
 
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
-from ..tasks.joint import JointTask
-from ..tasks.task import Task
+from ..tasks.task import JointTask, Task
 from .translations import Translation
 
 

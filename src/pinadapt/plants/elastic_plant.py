@@ -9,8 +9,7 @@ from ..exceptions import InputError, RobotError
 from ..records import Measurement
 from ..robot.changes import Friction
 from ..robot.motors import Actuators, Compensation
-from ..robot.robot import Robot
-from ..robot.succession import check_successor
+from ..robot.robot import Robot, check_successor
 from .plant import SimulatedPlant, refuse_special_friction
 
 

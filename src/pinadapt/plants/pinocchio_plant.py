@@ -14,8 +14,7 @@ from ..exceptions import DivergedError
 from ..records import Measurement
 from ..robot.changes import Friction, Shaft
 from ..robot.motors import Actuators, Compensation
-from ..robot.robot import Robot
-from ..robot.succession import check_successor
+from ..robot.robot import Robot, check_successor
 from .plant import SimulatedPlant
 
 _SMALL = 1e-4  # below which tanh(x) / x is taken from its series

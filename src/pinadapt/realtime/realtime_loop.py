@@ -38,8 +38,7 @@ from ..exceptions import ArmError, InputError, PinadaptError
 from ..records import Desired, Measurement
 from ..reference.start import starting_from
 from ..trajectories.given import TrajectoryLike, as_trajectory
-from ..trajectories.time_law import SmoothStart, TimeLaw
-from ..trajectories.trajectory import Hold, Retimed, Trajectory
+from ..trajectories.trajectory import Hold, Retimed, SmoothStart, TimeLaw, Trajectory
 from .arm import Arm
 from .recorder import Recorder, load_of
 from .safety import Answer, Checklist, Safety, SafetyFinding

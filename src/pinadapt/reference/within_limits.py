@@ -20,8 +20,7 @@ from ..robot.motors import torque_limits
 from ..robot.robot import Robot
 from ..tasks.frame import FrameTask
 from ..trajectories.given import TrajectoryLike, as_trajectory
-from ..trajectories.time_law import SlowedTime
-from ..trajectories.trajectory import Retimed, Trajectory
+from ..trajectories.trajectory import Retimed, SlowedTime, Trajectory
 
 TRACKED = 0.01  # [reach] or [rad]: further from the motion, the robot has not followed it
 _DAMPING = 0.01  # of the smallest singular value at home

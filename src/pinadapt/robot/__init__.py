@@ -8,5 +8,5 @@ from .motors import Actuators as Actuators
 from .motors import Gravity as Gravity
 from .motors import torque_limits as torque_limits
 from .robot import Robot as Robot
-from .succession import Succession as Succession
+from .robot import Succession as Succession
 from .workspace import reachable_circle as reachable_circle

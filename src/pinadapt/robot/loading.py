@@ -32,8 +32,7 @@ from ..description.urdf import Origin
 from ..description.xacro import XacroArguments
 from ..exceptions import RobotError, did_you_mean
 from ..tasks.frame import TASKS, FrameTask
-from ..tasks.joint import JointTask
-from ..tasks.task import Task
+from ..tasks.task import JointTask, Task
 from . import changes
 from .changes import FRICTION_ATTRIBUTES, Friction
 from .home import MountingPlane, conditioning, find_home, home_inside_limits

@@ -19,8 +19,7 @@ from ..description.chain import (
     velocity_limits,
 )
 from ..robot.robot import Robot
-from ..tasks.joint import JointTask
-from ..tasks.task import DISPLAYS
+from ..tasks.task import DISPLAYS, JointTask
 
 _NONE = "-"
 _SHOWN = 3  # excesses in the one-line text

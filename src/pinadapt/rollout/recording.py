@@ -17,8 +17,7 @@ from ..exceptions import InputError, ParameterError
 from ..information.information import MotionTorques, TorquePrediction, motion_torques
 from ..laws.law import Truth
 from ..plants.pinocchio_plant import PinocchioPlant
-from ..robot.robot import Robot
-from ..robot.succession import EARLY, Succession
+from ..robot.robot import EARLY, Robot, Succession
 from ..tasks.task import Task
 from .limit_excess import LimitExcess, motion_of_plant, motion_of_reference
 

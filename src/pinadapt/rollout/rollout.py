@@ -33,11 +33,11 @@ from ..information.payload import (
 from ..models.dynamics import Dynamics
 from ..robot.robot import Robot
 from ..tuning.defaults import INERTIA
-from . import summary, verdict
+from . import summary
 from .recording import Recording
 
 if TYPE_CHECKING:
-    from ..view.animation import Animation
+    from ..view.page import Animation
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -50,17 +50,17 @@ class Rollout(Recording):
     @property
     def error_share(self) -> float | None:
         """Largest error of the last 10 % relative to the path's extent; None for a point."""
-        return verdict.error_share(self)
+        return summary.error_share(self)
 
     @property
     def grade(self) -> str:
         """The verdict in a few words: follows, or not, or when it diverged."""
-        return verdict.grade(self)
+        return summary.grade(self)
 
     @property
     def verdict(self) -> str:
         """The outcome of the run in one line: error, limits exceeded, what to try."""
-        return verdict.verdict(self)
+        return summary.verdict(self)
 
     def summary(self) -> dict[str, Any]:
         """Return the numbers of ``summary.json``; None stands for what is not finite."""
@@ -122,7 +122,7 @@ class Rollout(Recording):
                 process.
             PinadaptError: meshcat's viewer cannot be used.
         """
-        from ..view.animation import animation_of
+        from ..view.page import animation_of
 
         evaluation = self.evaluated()
         return animation_of(

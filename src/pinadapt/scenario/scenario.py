@@ -16,7 +16,7 @@ from ..controller.limits import Limits
 from ..description.urdf import is_path
 from ..exceptions import InputError, ScenarioError
 from ..models.basis import read_matrix
-from ..plants.mujoco_model import MujocoFile
+from ..plants.mujoco_plant import MujocoFile
 from ..records import Camera, Sensors
 from ..robot.changes import Payload
 from ..robot.loading import load

@@ -12,8 +12,7 @@ from .._checks import flag, instance, positive
 from ..controller.controller import Controller
 from ..exceptions import InputError, did_you_mean
 from ..plants.elastic_plant import ElasticPlant
-from ..plants.mujoco_model import MujocoFile
-from ..plants.mujoco_plant import MujocoPlant
+from ..plants.mujoco_plant import MujocoFile, MujocoPlant
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..plants.plant import PlantMaker, SimulatedPlant
 from ..robot.motors import Actuators

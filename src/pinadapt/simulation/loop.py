@@ -18,8 +18,7 @@ from ..plants.pinocchio_plant import PinocchioPlant
 from ..plants.plant import Plant, SimulatedPlant
 from ..plants.sensors import SimulatedSensors
 from ..records import Desired, Measurement
-from ..robot.robot import Robot
-from ..robot.succession import EARLY, in_time
+from ..robot.robot import EARLY, Robot, in_time
 from ..trajectories.given import TrajectoryLike
 from ..trajectories.trajectory import Trajectory
 from .prepare import usable_trajectory

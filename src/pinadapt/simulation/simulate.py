@@ -21,15 +21,14 @@ from ..controller.controller import Controller
 from ..controller.learned import LearnedParameters
 from ..controller.state import Sample
 from ..exceptions import DivergedError, InputError, Interrupted
-from ..plants.mujoco_model import MujocoFile
+from ..plants.mujoco_plant import MujocoFile
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..plants.plant import PlantMaker, SimulatedPlant
 from ..plants.sensors import SimulatedSensors
 from ..records import Sensors
 from ..reference.start import starting_from
 from ..robot.motors import Actuators
-from ..robot.robot import Robot
-from ..robot.succession import Succession
+from ..robot.robot import Robot, Succession
 from ..rollout.recording import Evaluation, Ringing, path_times, ringing, slowdowns
 from ..rollout.rollout import Rollout
 from ..trajectories.given import TrajectoryLike, as_trajectory

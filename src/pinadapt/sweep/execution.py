@@ -47,7 +47,7 @@ from .._version import __version__
 from ..exceptions import InputError, PinadaptError
 from ..rollout.recording import extreme
 from ..rollout.rollout import Rollout
-from ..rollout.verdict import FOLLOWS
+from ..rollout.summary import FOLLOWS
 from ..scenario.scenario import Scenario
 from ..scenario.schema import tables_with
 from .cases import COPY, MANY, Case, Cases, Plan

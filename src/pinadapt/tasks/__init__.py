@@ -4,6 +4,6 @@ from .frame import TASKS as TASKS
 from .frame import FrameTask as FrameTask
 from .frame import PoseTask as PoseTask
 from .frame import PositionTask as PositionTask
-from .joint import JointTask as JointTask
+from .task import JointTask as JointTask
 from .task import RowGroup as RowGroup
 from .task import Task as Task

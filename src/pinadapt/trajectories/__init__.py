@@ -12,11 +12,11 @@ from .pose import FixedOrientation as FixedOrientation
 from .pose import PoseCircle as PoseCircle
 from .pose import PoseTrajectory as PoseTrajectory
 from .pose import Swing as Swing
-from .time_law import SlowedTime as SlowedTime
-from .time_law import SmoothStart as SmoothStart
-from .time_law import TimeLaw as TimeLaw
 from .trajectory import AsGiven as AsGiven
 from .trajectory import Hold as Hold
 from .trajectory import Retimed as Retimed
+from .trajectory import SlowedTime as SlowedTime
+from .trajectory import SmoothStart as SmoothStart
+from .trajectory import TimeLaw as TimeLaw
 from .trajectory import Trajectory as Trajectory
 from .trajectory import Waypoints as Waypoints

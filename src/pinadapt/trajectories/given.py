@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike
 from .._checks import arithmetic, numbers, positive, shown, word
 from ..exceptions import InputError
 from ..records import Desired
-from ..tasks.joint import JointTask
-from ..tasks.task import Task
+from ..tasks.task import JointTask, Task
 from .trajectory import Trajectory, half_diagonal
 
 Difference: TypeAlias = Callable[[np.ndarray, np.ndarray], Any]

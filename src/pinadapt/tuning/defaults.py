@@ -22,8 +22,8 @@ import numpy as np
 import pinocchio as pin
 
 from ..adaptation.adaptation import Adaptation
+from ..models.bodies import UNCERTAINTY, nearest_physical, pseudo_inertia, ten_parameters
 from ..models.dynamics import Dynamics
-from ..models.pseudo_inertia import UNCERTAINTY, nearest_physical, pseudo_inertia, ten_parameters
 from ..models.translations import PlacedTranslations
 from ..models.typical_motion import TypicalMotion
 from ..robot.motors import Actuators

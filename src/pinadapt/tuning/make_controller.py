@@ -34,7 +34,7 @@ from ..records import SensorQuality, Sensors
 from ..robot.changes import Payload
 from ..robot.motors import Actuators, Compensation, compensation_of
 from ..robot.robot import Robot
-from ..tasks.joint import JointTask
+from ..tasks.task import JointTask
 from .defaults import LATE, bandwidth, elastic_mode, feedback_lag, slowest_share
 from .noise import (
     SIGMA,

@@ -29,15 +29,14 @@ from .._checks import arithmetic, instance, positive
 from ..controller.controller import Controller
 from ..laws.acceleration_law import AccelerationLaw
 from ..laws.fast_feedback import FastFeedback
-from ..laws.gains import SYMBOLS
-from ..laws.law import Feedback, Law
+from ..laws.law import SYMBOLS, Feedback, Law
 from ..models.frame_kinematics import FrameKinematics
 from ..models.typical_motion import TypicalMotion
 from ..records import SensorQuality
 from ..robot.motors import Actuators, JointActuators
 from ..robot.robot import Robot
 from ..robot.workspace import rounded_down
-from ..tasks.joint import JointTask
+from ..tasks.task import JointTask
 from .defaults import frequency
 from .noise import coarseness
 

@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 from .._checks import flag, name_list, shown, word
 from ..adaptation.natural import MatrixInequality
 from ..exceptions import InputError, ParameterError, UnusedGainWarning, did_you_mean
-from ..laws.gains import NAMES, SYMBOLS
-from ..laws.law import Law
+from ..laws.law import NAMES, SYMBOLS, Law
 from ..models.basis import BasisDynamics
 from ..models.bodies import PAYLOAD, BodyDynamics
 from ..models.dynamics import Dynamics, StackedDynamics
@@ -29,7 +28,7 @@ from ..models.lumped import LumpedDynamics
 from ..models.task_kinematics import JointKinematics, TaskKinematics
 from ..models.translations import BASE, FIRST, LENGTHS, TOOL, Translation
 from ..robot.robot import Robot
-from ..tasks.joint import JointTask
+from ..tasks.task import JointTask
 from .rates import FORGETTING, PREDICTING
 
 REGRESSORS = ("exact", "nominal")

@@ -1,5 +1,5 @@
 """Animations: a rollout as a web page, and a run shown while it goes on."""
 
-from .animation import Animation as Animation
-from .animation import animation_of as animation_of
 from .live import LiveView as LiveView
+from .page import Animation as Animation
+from .page import animation_of as animation_of

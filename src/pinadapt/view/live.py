@@ -18,8 +18,7 @@ import numpy as np
 from ..controller.controller import Controller
 from ..exceptions import DivergedError
 from ..information.information import GrowingTorques
-from ..robot.robot import Robot
-from ..robot.succession import Succession
+from ..robot.robot import Robot, Succession
 from ..trajectories.given import TrajectoryLike, as_trajectory
 from .page import Moment, Page, curves_of, not_excited_words, reading_of, viewpoint_for
 from .scene import Scene, ShownEstimates, desired_tip, motion_in_time, motion_of

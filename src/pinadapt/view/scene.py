@@ -14,8 +14,7 @@ from meshcat.geometry import Cylinder, Material, Sphere
 from ..description.chain import configuration_from_angles
 from ..models.task_kinematics import TaskKinematics
 from ..models.translations import PlacedTranslations
-from ..robot.robot import Robot
-from ..robot.succession import Succession
+from ..robot.robot import Robot, Succession
 from ..tasks.frame import FrameTask
 from .shapes import (
     BONES,

@@ -36,7 +36,7 @@ from ..robot.robot import Robot
 from ..robot.workspace import WorkspaceCircle, find_circle
 from ..rollout.recording import extreme
 from ..rollout.rollout import Rollout
-from ..rollout.verdict import ACCURATE, BETTER
+from ..rollout.summary import ACCURATE, BETTER
 from ..simulation.engine import Engine
 from ..simulation.simulate import simulate
 from ..trajectories.pose import PoseTrajectory, Swing
