@@ -112,10 +112,11 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def _add_intake(parser: argparse.ArgumentParser) -> None:
     """Add the options that say how a log is to be read; see ``Intake``."""
     group = parser.add_argument_group(
-        "how the log is read", "these override the file beside the log, LOG without ending + "
-        f"{SUFFIX}"
-    )  # fmt: skip
-    group.add_argument("--intake", type=Path, metavar="FILE", help="another such file")
+        "how the log is read", f"they override the file beside the log: run{SUFFIX} of run.csv"
+    )
+    group.add_argument(
+        "--intake", type=Path, metavar="FILE", help="in place of the file beside the log"
+    )
     group.add_argument(
         "--write-intake",
         action="store_true",
@@ -144,9 +145,12 @@ def _add_intake(parser: argparse.ArgumentParser) -> None:
         "--joints",
         type=_joint_names,
         metavar="A,B",
-        help="the log's joints in the robot's order; tau:A,B for the torques alone",
+        help="the log's joints in the robot's order; if its columns have no names, the robot's "
+        "joints in the order of the columns; tau:A,B for the torques alone",
     )
-    group.add_argument("--rate", type=float, metavar="HZ", help="of logs without usable times")
+    group.add_argument(
+        "--rate", type=float, metavar="HZ", help="samples a second, of logs without usable times"
+    )
     group.add_argument(
         "--repeated", choices=REPEATED, help="what to do with repeated samples (default: refuse)"
     )
