@@ -8,7 +8,8 @@ root mean square over time and all joints of averages over windows. Its columns 
 * OLS, WLS: base parameters by ordinary and by weighted least squares, with the same effects of the
   joints, unconstrained, from the first three quarters;
 * identify: ``pinadapt.identify`` from the first three quarters, and how much larger its error is
-  than the better one of OLS and WLS.
+  than the better one of OLS and WLS;
+* online: the sample by sample estimates of an ``Estimator`` after the first three quarters.
 
 The folder has the files named in ``LOGS``, or says in a ``logs.toml`` what it has::
 
@@ -90,7 +91,10 @@ def main() -> None:
     """Print the table."""
     warnings.simplefilter("ignore")
     logs = chosen_logs(__doc__)
-    print("log | described | OLS | WLS | identify | to the better | N m of torque | s | effects")
+    print(
+        "log | described | OLS | WLS | identify | to the better | online | "
+        "N m of torque | s | effects"
+    )
     for name, file, robot in logs:
         start = time.perf_counter()
         found = pa.identify(file, robot, progress=False)
@@ -100,6 +104,7 @@ def main() -> None:
         print(
             f"{name} | {described:.3g} | {plain:.3g} | {weighted:.3g} | {learned:.3g} | "
             f"{learned / min(plain, weighted) - 1.0:+.1%} | "
+            f"{rms(found.online_held_out):.3g} | "
             f"{rms(errors.size):.3g} | {took:.1f} | {effects_of(found)}",
             flush=True,
         )
