@@ -1,6 +1,7 @@
 """The pages of the API: one for the package itself, and one for each package of classes below."""
 
 import inspect
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
@@ -52,7 +53,9 @@ def packages():
     top = [name for name in dir(pinadapt) if not name.startswith("_")]
     below = [name for name in top if isinstance(getattr(pinadapt, name), ModuleType)]
     found = {"pinadapt": [name for name in top if name not in below]}
-    return found | {f"pinadapt.{name}": public(getattr(pinadapt, name)) for name in below}
+    below.append("realtime")  # no name of the package itself, which has enough
+    rooms = {name: import_module(f"pinadapt.{name}") for name in sorted(below)}
+    return found | {f"pinadapt.{name}": public(room) for name, room in rooms.items()}
 
 
 def short(full):
@@ -65,6 +68,8 @@ def public(package):
 
     Of a package of one file: what it defines.
     """
+    if hasattr(package, "__all__"):  # imported at first use
+        return sorted(package.__all__)
     things = {name: thing for name, thing in vars(package).items() if not name.startswith("_")}
     if not hasattr(package, "__path__"):
         own = package.__name__

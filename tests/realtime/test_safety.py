@@ -76,6 +76,16 @@ def test_a_camera_that_stops_is_held():
     assert reason.startswith("camera: no frame for 0.1")
 
 
+def test_a_load_that_is_not_learned_does_not_sink_while_the_arm_is_damped():
+    on = faulty(None)
+    q = []
+    on.fault, on.at = (lambda arm, m: q.append(m.q) or m), 0
+    loop = Loop(on, "hold", seconds=0.8)
+    assert ended(loop)[1][-2:] == ["damping", "stopped"]
+    damped = next(t for t, phase, _ in loop.loop.ending.phases if phase == "damping")
+    assert np.abs(np.array(q)[round(damped / PERIOD) :] - q[round(damped / PERIOD)]).max() < 3e-3
+
+
 class Wall(PlantArm):
     """An arm that meets a stiff wall at some angle of its first joint."""
 

@@ -1,12 +1,15 @@
 """A Franka in a process of its own: ``franky-sim`` with a load, and a camera of its tool.
 
-``python -m tests.support.franka_server HOST REALTIME PORT`` serves until it is killed. Frames, time
-and position of the tool as MuJoCo has them, are sent to the port of this machine, thirty a second.
+``python -m tests.support.franka_server HOST REALTIME PORT`` serves until it is killed: in real
+time, or, while it gets torques, a millisecond of the robot with each of them, however late. Frames,
+time and position of the tool as MuJoCo has them, are sent to the port of this machine, thirty a
+second.
 """
 
 import json
 import os
 import re
+import select
 import socket
 import subprocess
 import sys
@@ -17,6 +20,7 @@ from tests.support.paths import ROOT
 
 TOOL = np.array([0.02, -0.01, 0.05])  # [m] beyond panda_hand_tcp, in its axes
 HOME = (0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785)
+PATIENCE = 0.3  # [s] for a torque; libfranka waits longer
 MASS = 0.6  # [kg] at the tool
 
 
@@ -85,7 +89,11 @@ def serve(address, realtime, port):
 
             sim.register_post_step_callback(see)
             print("ready", flush=True)
-            server.run_forever(realtime=realtime)
+            while True:
+                moving = robot_server.current_motion_id and robot_server.udp_connected
+                if moving and not realtime:  # the robot's time goes on with each torque
+                    select.select([robot_server._FrankaServer__udp_socket], [], [], PATIENCE)
+                server.run_once(realtime=realtime or not moving)
 
 
 if __name__ == "__main__":

@@ -244,10 +244,12 @@ class _Halted(TimeLaw):
 class RealtimeLoop:
     """A controller on an arm, cycle by cycle, until the time is over or somebody stops it.
 
-    ```
-    with PlantArm(plant) as arm, Recorder("run.mcap", controller) as recorder:
-        ending = RealtimeLoop(arm, controller, motion, stage=Stage.ADAPT, recorder=recorder).run(10)
-    ```
+    Use it inside of the ``with`` statements of the arm and of the recorder, if there is one.
+
+    Attributes:
+        stage: what it does.
+        safety: numbers of the checklist.
+        ending: what has happened so far; ``run`` returns it.
     """
 
     def __init__(
@@ -488,6 +490,7 @@ class RealtimeLoop:
             torque = self._controlled(m, dt)
         if self._phase is Phase.DAMPING:
             torque = self._gravity(m, self._state) - self._damping(m, self.safety.damping)
+            torque += self._checks.unexplained  # of a load that is not learned: it does not sink
             self._until_rest(m)
         if self._phase is Phase.HOLDING and not self._halted:
             self._quiet += 1

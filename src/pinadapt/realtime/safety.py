@@ -1,8 +1,9 @@
 """The safety checklist: what is looked at in every cycle, and what each finding leads to.
 
-Every way out ends in damped rest: the path is held, then the arm is damped by gravity compensation
-and -D v, then the arm's own stop takes over. A finding says at which of the three the loop enters.
-This is a checklist of a program that may itself fail. It does not replace the arm's emergency stop.
+Every way out ends in damped rest: the path is held, then the arm is damped by gravity compensation,
+with what the momentum tells of an unknown load, and -D v, then the arm's own stop takes over. A
+finding says at which of the three the loop enters. This is a checklist of a program that may itself
+fail. It does not replace the arm's emergency stop.
 """
 
 from __future__ import annotations
@@ -139,6 +140,11 @@ class MomentumResidual:
         """Whether the slow part has been found."""
         return self._time > 10.0 / self._bandwidth
 
+    @property
+    def mean(self) -> np.ndarray | None:
+        """The slow part (n) [N m or N]: what a load that is not in the model asks for; or None."""
+        return self._mean if self.settled else None
+
     def step(
         self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, a_d: np.ndarray, dt: float
     ) -> np.ndarray:
@@ -267,6 +273,17 @@ class Checklist:
         """Take what is unexplained from now on for a part of the model: a load was attached."""
         if self._residual is not None:
             self._residual.reset()
+
+    @property
+    def unexplained(self) -> np.ndarray:
+        """The torque (n) [N m or N] that holds, beside the model, what it does not know of.
+
+        At most half of the limits, and zero before it is known.
+        """
+        mean = None if self._residual is None else self._residual.mean
+        if mean is None:
+            return np.zeros(self.limit.size)
+        return np.minimum(np.maximum(mean, -0.5 * self.limit), 0.5 * self.limit)
 
     # --- its items ------------------------------------------------------------------------------
 
