@@ -123,7 +123,87 @@ def sensor_table() -> str:
     return "\n".join(lines)
 
 
+def tuned_table() -> str:
+    """Return what `pinadapt tune` found for each law, on other seeds than it searched with."""
+    lines = [
+        '| law | defaults | gains found | verdicts "follows" | gains |',
+        "|---|---|---|---|---|",
+    ]
+    for law in ("separation", "adaptive-inverse-dynamics", "adaptive-jacobian"):
+        found = json.loads((ROOT / "benchmarks" / "tuned" / f"{law}.json").read_text())
+        default, best = (100.0 * found["validation"][key] for key in ("default", "best"))
+        follows = " and ".join(
+            f"{found['success'][key]['good']} of {found['success'][key]['total']}"
+            for key in ("default", "best")
+        )
+        words = "**better**" if found["better"] else "the defaults are as good"
+        gains = ", ".join(
+            f"{key.partition('.')[2]} {value:.2g}" for key, value in found["gains"].items()
+        )
+        lines.append(f"| `{law}` | {default:.2g} % | {best:.2g} %, {words} | {follows} | {gains} |")
+    return "\n".join(lines)
+
+
+def pandas_table() -> str:
+    """Return the percentiles of the thousand pandas, with their intervals."""
+    found = json.loads((ROOT / "benchmarks" / "thousand_pandas.json").read_text())["percentiles"]
+    shown = {
+        "error_share": ("error, of the path's radius", 100.0, "%"),
+        "max_error_last": ("largest error of the last tenth", 1e3, "mm"),
+        "torque_use": ("largest torque, of its limit", 100.0, "%"),
+    }
+    lines = ["| | 5 % | 50 % | 95 % |", "|---|---|---|---|"]
+    for name, (words, scale, unit) in shown.items():
+        cells = [
+            f"{scale * each['value']:.3g} {unit} ({scale * each['low']:.3g} to "
+            f"{scale * each['high']:.3g})"
+            for each in found[name]
+        ]
+        lines.append(f"| {words} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def engine_table() -> str:
+    """Return rates of sweeps, by engine."""
+    lines = ["| | cases a second | of cores times the rate in this process |", "|---|---|---|"]
+    for row in benchmark("sweep_engines"):
+        if row["name"] != "short cases":
+            rate = f"{row['cases_per_s']:.2g}" if "cases_per_s" in row else "-"
+            share = f"{row['efficiency']:.2f}" if "efficiency" in row else "-"
+            lines.append(f"| {row['name']} | {rate} | {share} |")
+    return "\n".join(lines)
+
+
+def benchmark(name: str) -> list[dict[str, Any]]:
+    """Return the rows of a benchmark's file."""
+    rows: list[dict[str, Any]] = json.loads((ROOT / "benchmarks" / f"{name}.json").read_text())[
+        "rows"
+    ]
+    return rows
+
+
+(shares,) = benchmark("sample_shares")
+(short,) = (row for row in benchmark("sweep_engines") if row["name"] == "short cases")
+
 myst_substitutions = {
+    "pandas": pandas_table(),
+    "pandas_verdict": json.loads((ROOT / "benchmarks" / "thousand_pandas.json").read_text())[
+        "verdict"
+    ],
+    "engines": engine_table(),
+    "ms_per_case": f"{short['ms_per_case']:.2g} ms",
+    "parent_ms": f"{short['parent_ms_per_case']:.2g} ms",
+    "memory_tenth": f"{short['memory_MB'][0]:.0f} MB",
+    "memory_all": f"{short['memory_MB'][-1]:.0f} MB",
+    "memory_joined": f"{short['memory_joined_MB']:.0f} MB",
+    "shares": (
+        f"{shares['sample_us']:.0f} µs, of which {shares['pinocchio_us']:.0f} µs are in "
+        f"{shares['calls_of_pinocchio']:.0f} calls of Pinocchio, {shares['kernels_us']:.0f} µs in "
+        f"{shares['calls_of_kernels']:.0f} compiled kernels, and {shares['python_us']:.0f} µs in "
+        "Python and numpy around them"
+    ),
+    "largest_gain": f"{shares['largest_gain']:.1f}",
+    "tuned": tuned_table(),
     "laws": law_figures(),
     "modifications": modification_table(),
     "sensors": sensor_table(),

@@ -23,6 +23,7 @@ PRINTED = {
     "07_laws_compared": ["times closer by adaptation"],
     "08_your_own_urdf": ["follows: ", "all limits kept", 'law = "separation"', "'flange'?"],
     "09_your_own_law": ["deg at the end", "largest rise in a sample -"],
+    "12_a_thousand_runs": ["0 lost", "the same bits: True", "nothing ran again"],
     "10_from_a_log": ["not to be mounted", "--torque-gain=13", "times less", "are swapped"],
     "11_behind_a_protocol": [
         "log: the time is over, running -> stopped",
@@ -97,7 +98,8 @@ def shown(cell, kind):
 
 def draws(cell):
     """Return whether the source of a cell draws a figure."""
-    written = re.search(r"^figure, |^(ax = )?draw\(|^rollout\.plot\(\)$", cell.source, re.M)
+    calls = r"^figure, |^(ax = )?draw\(|^rollout\.plot\(\)$|^report\.(tornado|bands|map)\("
+    written = re.search(calls, cell.source, re.M)
     return cell.cell_type == "code" and written
 
 

@@ -276,7 +276,14 @@ def test_the_command_writes_table_page_and_figures_and_runs_a_case_alone(
     text = capsys.readouterr().out
     assert "9 of 9 cases; success (error_share < 5) " in text and "interval" in text
     names = {path.name for path in out.iterdir()}
-    assert {"sweep.toml", "report.html", "map.png", "bands.png", "influence.png"} < names
+    assert {
+        "sweep.toml",
+        "report.html",
+        "report.json",
+        "map.png",
+        "bands.png",
+        "influence.png",
+    } < names
     page = (out / "report.html").read_text()
     assert page.count("data:image/png;base64,") == 3 and "--case 2" in page
     assert main(["sweep", str(out)]) == 0 and "9 of 9 cases" in capsys.readouterr().out

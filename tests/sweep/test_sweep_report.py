@@ -1,5 +1,7 @@
 """Statistics of a sweep against independent computations, and figures of any table."""
 
+import json
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -82,6 +84,18 @@ def test_words_of_a_report():
     text = str(found.sheet())
     assert "at 1 s" in text and "lost" in text and "value" in text
     assert report(folder="out").lost().rows[0][-1].startswith("pinadapt sweep out --case ")
+
+
+def test_the_numbers_of_a_report_are_json():
+    found = report()
+    numbers = json.loads(json.dumps(found.summary(), allow_nan=False))
+    assert (
+        numbers["lost"] == found.table.lost.sum()
+        and numbers["success"]["good"] == found.success.good
+    )
+    last = numbers["percentiles"]["value"][-1]
+    assert last["p"] == 0.95 and last["value"] is None  # the lost ones are more than 5 %
+    assert next(each["name"] for each in numbers["influences"]) == "w"
 
 
 @pytest.mark.parametrize("lost", [True, False])

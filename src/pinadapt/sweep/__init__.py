@@ -9,5 +9,6 @@ from .execution import Processes as Processes
 from .execution import numbers_of as numbers_of
 from .execution import run_case as run_case
 from .execution import sweep as sweep
+from .sweep_report import Report as Report
 from .table import CaseTable as CaseTable
 from .table import read as read

@@ -5,6 +5,7 @@ A lost case has no number and counts as worse than any, in percentiles and in ra
 
 from __future__ import annotations
 
+import json
 from base64 import b64encode
 from collections import Counter
 from collections.abc import Sequence
@@ -17,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._output import Sheet, Table, html_page, percent, whole_file, write_text
+from .._version import __version__
 from ..exceptions import InputError
 from ..plots.style import (
     COLOURS,
@@ -33,7 +35,8 @@ from ..plots.style import (
 from .cases import Plan, condition, flat
 from .table import DONE, LAST, CaseTable
 
-PAGE, FIGURES = "report.html", ("map.png", "bands.png", "influence.png")
+PAGE, NUMBERS = "report.html", "report.json"
+FIGURES = ("map.png", "bands.png", "influence.png")
 LEVEL = 0.95  # of all intervals
 PERCENTILES = (0.05, 0.5, 0.95)
 _MAIN = ("error_share", "max_error_last")
@@ -44,7 +47,7 @@ _CLASSES, _FEW = 12, 24  # classes of a drawn number; distinct values that are n
 _FEWEST = 5  # cases of a class
 _BANDS = (0.05, 0.25, 0.5, 0.75, 0.95)
 _PANELS, _CELLS = 4, 200  # words that are drawn apart, and cells of a map along an axis
-_DECADE = 20.0  # ratio of the ends of an axis above which it is logarithmic
+_WIDE = 5.0  # ratio of the quartiles of an axis above which it is logarithmic; 3 if uniform from 0
 _SHOWN = 20  # rows of a list
 _DPI = 110
 
@@ -363,7 +366,7 @@ class Report:
                     )
                     _lost_marks(ax, a[gone], b[gone])
                 for axis, each in (("x", xs), ("y", ys)):
-                    if each.min() > 0.0 and each.max() > _DECADE * each.min():
+                    if _logarithmic(each):
                         getattr(ax, f"set_{axis}scale")("log")
                 ax.set_title(literal(word), fontsize=9)
                 ax.set_xlabel(literal(x))
@@ -430,7 +433,7 @@ class Report:
             below.set_ylabel("lost [%]")
             below.set_ylim(0.0, max(1.0, 1.1 * below.get_ylim()[1]))
             below.set_xlabel(literal(x))
-            if a.min() > 0.0 and a.max() > _DECADE * a.min():
+            if _logarithmic(a):
                 below.set_xscale("log")
         return figure
 
@@ -509,8 +512,29 @@ class Report:
         rows += [(key, str(given[key]), "") for key in given if key not in ("vary", "case")]
         return Table(rows, ("key", "values", ""))
 
+    def summary(self) -> dict[str, Any]:
+        """Return the numbers of the report; None stands for what is not finite."""
+        finite = [name for name in self.results if np.isfinite(self.values(name)).any()]
+        percentiles = {
+            name: [percentile(self.values(name), p)._asdict() for p in PERCENTILES]
+            for name in finite
+        }
+        return without_infinities(
+            {
+                "title": self.title,
+                "verdict": self.verdict(),
+                "cases": len(self.table),
+                "planned": len(self.plan.cases),
+                "lost": int(self.table.lost.sum()),
+                "success": None if self.success is None else self.success._asdict(),
+                "percentiles": percentiles,
+                "influences": [each._asdict() for each in self.influences()] if finite else [],
+                "version": __version__,
+            }
+        )
+
     def save(self, folder: Path) -> None:
-        """Write ``report.html`` and the figures into a folder."""
+        """Write ``report.html``, ``report.json`` and the figures into a folder."""
         figures = self.figures()
         for name in FIGURES:
             if name in figures:
@@ -518,7 +542,17 @@ class Report:
                     file.write(figures[name].png(dpi=_DPI))
             else:
                 (folder / name).unlink(missing_ok=True)
+        write_text(folder / NUMBERS, json.dumps(self.summary(), indent=2) + "\n")
         write_text(folder / PAGE, self.page())
+
+
+def without_infinities(value: Any) -> Any:
+    """Return nested tables and lists with None in place of numbers that are not finite."""
+    if isinstance(value, dict):
+        return {key: without_infinities(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [without_infinities(each) for each in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
 def _influence(name: str, column: np.ndarray, values: np.ndarray) -> Influence | None:
@@ -565,11 +599,17 @@ def _edges(places: np.ndarray) -> np.ndarray:
     """Return the edges (k + 1) of cells around places (k), in their logarithm if that is even."""
     if len(places) == 1:
         return places[0] + np.array([-0.5, 0.5])
-    log = places[0] > 0.0 and places[-1] > _DECADE * places[0]
+    log = _logarithmic(places)
     p = np.log(places) if log else places
     middle = 0.5 * (p[1:] + p[:-1])
     edges = np.concatenate([[2.0 * p[0] - middle[0]], middle, [2.0 * p[-1] - middle[-1]]])
     return np.exp(edges) if log else edges
+
+
+def _logarithmic(values: np.ndarray) -> bool:
+    """Tell whether an axis is better logarithmic."""
+    low, high = np.quantile(values, (0.25, 0.75))
+    return bool(values.min() > 0.0 and high > _WIDE * low)
 
 
 def _plain_ticks(axis: Any) -> None:
