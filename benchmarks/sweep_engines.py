@@ -1,15 +1,18 @@
 """Throughput of sweeps, the cost of a case's journey, and memory over 100,000 cases.
 
 ``python -m benchmarks.sweep_engines [--save FILE] [--cases N] [--short N]`` runs N cases of two
-seconds of a Panda in this process and in 1, 2, ... processes, up to one a core, and then N short
-cases, a function that returns two numbers, in one process and into a folder. Rates are by the
-clock, so nothing else should run. The efficiency for more processes follows from the measured work
-of the parent for each case, which is all that the processes share.
+seconds of a Panda in this process and in 1, 2, ... processes, up to one a core, and then short
+cases, a function that returns two numbers, in one process and into a folder. Rates by the clock
+need a machine that does nothing else. The efficiency does not: it is the processor time of a case
+in this process, over that in a worker plus the whole journey of a short case, in which the worker
+may wait. Predicted are more processes from the parent's own work for each case, which is all that
+they share.
 """
 
 from __future__ import annotations
 
 import argparse
+import gc
 import os
 import resource
 import tempfile
@@ -17,19 +20,31 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from pinadapt.scenario import Scenario
 from pinadapt.sweep import Here, Plan, Processes
-from pinadapt.sweep.execution import cores, run_plan, work_of
+from pinadapt.sweep.execution import GARBAGE, cores, run_plan, work_of
 
 from .timing import HERE, save
 
 PREDICTED = (2, 4, 8, 16, 32, 64)
 
 
+def panda(mass: float, viscous: float, seed: int) -> dict[str, float]:
+    """Return the error of two seconds of a Panda, and the processor time that they took [s]."""
+    started = time.process_time()
+    path = HERE.parent / "robots" / "panda" / "tool_and_load.toml"
+    settings = [f"truth.payload.mass={mass}", f"truth.friction.viscous={viscous}"]
+    scenario = Scenario.read(path, [*settings, f"simulation.seed={seed}", "simulation.duration=2"])
+    error = scenario.run(progress=False).summary()["max_error_last"]
+    return {"error": error, "processor_s": time.process_time() - started}
+
+
 def pandas(count: int) -> Plan:
     """Return cases of two seconds of a Panda with other loads and frictions."""
-    path = HERE.parent / "robots" / "panda" / "tool_and_load.toml"
-    vary = ["truth.payload.mass=uniform(0.2, 3.0)", "truth.friction.viscous.*=uniform(0.0, 2.0)"]
-    return Plan.read(path, vary, ["simulation.duration=2.0"], samples=count)
+    vary = {"mass": "uniform(0.2, 3.0)", "viscous": "uniform(0.0, 2.0)"}
+    return Plan.of({"function": panda, "vary": vary, "samples": count})
 
 
 def short(a: float, seed: int) -> dict[str, float]:
@@ -38,34 +53,28 @@ def short(a: float, seed: int) -> dict[str, float]:
 
 
 def throughput(count: int) -> list[dict[str, Any]]:
-    """Return cases a second in this process, and in 1, 2, ... processes, which have started."""
-    plan, rows = pandas(count), []
-    work = work_of(plan)
-    run_plan(pandas(1), work, Here())  # compiles
-    alone = timed(plan, work, Here())
-    rows.append({"name": "in this process", "cases": count, "cases_per_s": 1.0 / alone})
-    for processes in range(1, cores() + 1):
-        engine = Processes(processes)
-        run_plan(pandas(2 * processes), work, engine)
-        each = timed(plan, work, engine)
+    """Return rates in this process, and in 1, 2, ... processes, which have started."""
+    rows = []
+    for processes in range(cores() + 1):
+        engine = Processes(processes) if processes else Here()
+        plan = pandas(count)
+        work = work_of(plan)
+        run_plan(pandas(2 * processes + 1), work, engine)  # compiles
+        started = time.perf_counter()
+        table = run_plan(plan, work, engine)
+        took = time.perf_counter() - started
         engine.shutdown()
-        share = alone / (processes * each)
         rows.append(
             {
-                "name": f"{processes} processes",
+                "name": f"{processes} process{'es' * (processes > 1)}"
+                if processes
+                else "in this process",
                 "cases": count,
-                "cases_per_s": 1.0 / each,
-                "efficiency": share,
+                "cases_per_s": count / took,
+                "processor_s": float(np.median(table["processor_s"])),
             }
         )
     return rows
-
-
-def timed(plan: Plan, work: Any, engine: Any) -> float:
-    """Return seconds a case."""
-    started = time.perf_counter()
-    run_plan(plan, work, engine)
-    return (time.perf_counter() - started) / len(plan.cases)
 
 
 def overhead(count: int) -> dict[str, Any]:
@@ -108,13 +117,22 @@ def overhead(count: int) -> dict[str, Any]:
     }
 
 
-def predicted(case: float, parent: float) -> list[dict[str, Any]]:
-    """Return the efficiency of more processes: the parent serves one case after another."""
-    rows = []
-    for count in PREDICTED:
-        rate = min(count / (case + parent), 1.0 / parent)
-        rows.append({"name": f"{count} processes, predicted", "efficiency": rate * case / count})
-    return rows
+def with_efficiency(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the rows with their efficiency, and those of more processes, predicted."""
+    *long, journey = rows
+    alone, trip = long[0]["processor_s"], 1e-3 * journey["ms_per_case"]
+    for row in long[1:]:
+        row["efficiency"] = alone / (row["processor_s"] + trip)
+    worker, parent = long[-1]["processor_s"], 1e-3 * journey["parent_ms_per_case"]
+    more = [
+        {
+            "name": f"{count} processes, predicted",
+            "efficiency": min(count / (worker + trip), 1.0 / parent) * alone / count,
+        }
+        for count in PREDICTED
+        if count > cores()
+    ]
+    return [*long, *more, journey]
 
 
 def main() -> None:
@@ -124,10 +142,9 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=24)
     parser.add_argument("--short", type=int, default=100_000)
     options = parser.parse_args()
+    gc.set_threshold(*GARBAGE)  # as of the command line, and of workers
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    rows = throughput(options.cases)
-    rows.append(overhead(options.short))
-    rows += predicted(1.0 / rows[0]["cases_per_s"], 1e-3 * rows[-1]["parent_ms_per_case"])
+    rows = with_efficiency([*throughput(options.cases), overhead(options.short)])
     for row in rows:
         print(row, flush=True)
     save(options.save, rows)

@@ -138,7 +138,10 @@ def tuned_table() -> str:
         )
         words = "**better**" if found["better"] else "the defaults are as good"
         gains = ", ".join(
-            f"{key.partition('.')[2]} {value:.2g}" for key, value in found["gains"].items()
+            f"{key.partition('.')[2]} {value:.0f}"
+            if value >= 10.0
+            else f"{key.partition('.')[2]} {value:.2g}"
+            for key, value in found["gains"].items()
         )
         lines.append(f"| `{law}` | {default:.2g} % | {best:.2g} %, {words} | {follows} | {gains} |")
     return "\n".join(lines)
@@ -165,10 +168,10 @@ def pandas_table() -> str:
 
 def engine_table() -> str:
     """Return rates of sweeps, by engine."""
-    lines = ["| | cases a second | of cores times the rate in this process |", "|---|---|---|"]
+    lines = ["| | processor time of a case | efficiency |", "|---|---|---|"]
     for row in benchmark("sweep_engines"):
         if row["name"] != "short cases":
-            rate = f"{row['cases_per_s']:.2g}" if "cases_per_s" in row else "-"
+            rate = f"{row['processor_s']:.2f} s" if "processor_s" in row else "-"
             share = f"{row['efficiency']:.2f}" if "efficiency" in row else "-"
             lines.append(f"| {row['name']} | {rate} | {share} |")
     return "\n".join(lines)

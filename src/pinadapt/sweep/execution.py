@@ -67,7 +67,7 @@ from .table import (
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 _KEPT = 4  # robots and controllers that a worker keeps
-_GARBAGE = (100_000, 50, 100)  # as of the command line: how seldom to search for it
+GARBAGE = (100_000, 50, 100)  # as of the command line: how seldom to search for it
 _ANSWER = 10.0  # [s] for a scheduler to answer
 _ATTEMPTS = 3  # in a row to start a process
 _AHEAD = 2  # cases for each worker of somebody else's engine, so that none waits for the next
@@ -540,7 +540,7 @@ def _begin(listen: Connection) -> None:
 
     Its first case then takes no longer than the others, which a time limit has to know.
     """
-    gc.set_threshold(*_GARBAGE)
+    gc.set_threshold(*GARBAGE)
     threading.Thread(target=_end_with, args=(listen,), daemon=True).start()
     compile_all()
 
