@@ -112,7 +112,7 @@ def _machine_code(function: Callable[..., Any], signature: str, fills: int, allo
         return njit(typed, cache=True, error_model="numpy", **counting)(function)
     except Exception:  # a cache that cannot be written, or a damaged one: any error of unpickling
         _empty_cache(function)
-        return njit(typed, error_model="numpy")(function)
+        return njit(typed, error_model="numpy", **counting)(function)
 
 
 def _empty_cache(function: Callable[..., Any]) -> None:

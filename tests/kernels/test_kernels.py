@@ -60,6 +60,11 @@ def test_kernels_have_one_specialisation_each():
         assert len(dispatcher.signatures) == 1 and dispatcher.__doc__
 
 
+def test_all_kernels_are_kept_on_disk():
+    """One that is not is compiled by every process, for a second."""
+    assert [name for name, kernel in _compiled.kernels.items() if not kernel.stats.cache_path] == []
+
+
 def test_kernels_hold_no_array_and_refuse_what_is_none(rng):
     a, low, high = rng.standard_normal(3), -np.full(3, 9.0), np.full(3, 9.0)
     before = [sys.getrefcount(x) for x in (a, low, high)]

@@ -342,7 +342,7 @@ def follow_geodesic_of_bodies(a: np.ndarray, g: np.ndarray, h: float, after: np.
         after[i + 5], after[i + 7], after[i + 8] = -P[b, 1, 0], -P[b, 2, 0], -P[b, 2, 1]
 
 
-@compiled("void(f8[:], f8[:], f8[:,::1], f8[:,::1])")
+@compiled("void(f8[:], f8[:], f8[:,::1], f8[:,::1])", allocates=True)
 def gain_of_bodies_times(
     a: np.ndarray, gamma: np.ndarray, X: np.ndarray, product: np.ndarray
 ) -> None:
