@@ -24,7 +24,7 @@ from ..realtime.recorder import COMMANDS, CycleLog, Recorder
 from ..realtime.recorder import tell as tell_loop
 from ..realtime.safety import Safety
 from ..records import Measurement
-from ..reference.start import starting_from
+from ..reference import starting_from
 from ..robot.robot import Robot
 from ..scenario.parts import trajectory_of
 from ..scenario.scenario import Scenario

@@ -13,8 +13,8 @@ from .adaptive_inverse_dynamics import SpongOrtega as SpongOrtega
 from .adaptive_jacobian import AdaptiveJacobian as AdaptiveJacobian
 from .approximate_jacobian import ApproximateJacobian as ApproximateJacobian
 from .approximate_jacobian import ApproximateJacobianGravity as ApproximateJacobianGravity
+from .approximate_jacobian import BoundedTorque as BoundedTorque
 from .approximate_jacobian import Saturation as Saturation
-from .bounded_torque import BoundedTorque as BoundedTorque
 from .computed_torque import ComputedTorque as ComputedTorque
 from .computed_torque import ResolvedAcceleration as ResolvedAcceleration
 from .fast_feedback import FastFeedback as FastFeedback

@@ -36,7 +36,7 @@ from ..controller.controller import Controller
 from ..controller.state import ControllerState
 from ..exceptions import ArmError, InputError, PinadaptError
 from ..records import Desired, Measurement
-from ..reference.start import starting_from
+from ..reference import starting_from
 from ..trajectories.given import TrajectoryLike, as_trajectory
 from ..trajectories.trajectory import Hold, Retimed, SmoothStart, TimeLaw, Trajectory
 from .arm import Arm

@@ -26,7 +26,7 @@ from ..plants.pinocchio_plant import PinocchioPlant
 from ..plants.plant import PlantMaker, SimulatedPlant
 from ..plants.sensors import SimulatedSensors
 from ..records import Sensors
-from ..reference.start import starting_from
+from ..reference import starting_from
 from ..robot.motors import Actuators
 from ..robot.robot import Robot, Succession
 from ..rollout.recording import Evaluation, Ringing, path_times, ringing, slowdowns
