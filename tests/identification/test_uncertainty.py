@@ -1,5 +1,6 @@
 """Uncertainties of identified parameters, loads by difference, and logs to test on."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 import pinadapt as pa
 from pinadapt.cli.command_line import main
 from pinadapt.description.chain import configuration_from_angles
+from pinadapt.identification.selection import BLOCKS
 from pinadapt.logs.log import joined
 from tests.support.chains import catalogue_robot
 from tests.support.effects import torque_of_everything
@@ -81,6 +83,19 @@ def test_two_logs_of_an_arm_agree_within_their_uncertainties():
         off = np.abs(parts[0].estimate[: truth.size] - truth)
         right += (off < 2.0 * own)[np.isfinite(own)].tolist()
     assert np.mean(near) > 0.85 and np.mean(right) > 0.9
+
+
+def test_deviations_cover_other_friction():
+    """Coefficients belong to the kind of friction that was chosen; inertias hardly depend on it."""
+    whole = identified(0).dynamic
+    alone = replace(whole, spread=whole.spread[:BLOCKS])  # the jackknife
+    known = np.isfinite(whole.deviations)
+    more = whole.deviations[known] / alone.deviations[known]
+    names = np.array(whole.names)[known]
+    dry = np.array([name.endswith("coulomb") for name in names])
+    inertia = np.array([name.endswith(("Ixy", "Ixz", "Iyz")) for name in names])
+    assert (more > 1.0 - 1e-9).all() and dry.sum() == 6
+    assert np.median(more[dry]) > 1.3 > np.median(more[inertia])
 
 
 def test_the_load_is_the_difference_to_a_log_of_the_empty_arm():
