@@ -357,6 +357,7 @@ def main() -> None:
         if re.search(given.cases, f"{name} {robot}"):
             row = both(name, robot, **options)
             rows[row["name"]] = row
+            save(given.save, list(rows.values()))
     if re.search(given.cases, "cost"):
         row = cost()
         rows[row["name"]] = row

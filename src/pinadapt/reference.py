@@ -643,7 +643,8 @@ def starting_from(
     thousandth of the reach, or a milliradian, from where the robot is, an ``Approach`` comes first.
     That takes as long that no joint exceeds 0.75 rad/s, or 0.375 m/s, or 80 % of its velocity
     limit, nor gravity and motion half of its effort limit (a tenth of it is left for the motion in
-    any case); from 0.3 s to 10 s. A motion ``as_given`` is returned as it is.
+    any case); from 0.3 s to 10 s. A motion ``as_given`` is returned as it is. Where the robot does
+    not reach the first point, a warning says so.
 
     Args:
         motion: of the task's coordinates, as ``as_trajectory`` takes it.
@@ -663,10 +664,19 @@ def starting_from(
     way = task.error(x, motion.at(0.0).x_d)
     if (np.abs(way) <= _tolerance(robot)).all():
         return motion
-    needed = 1.0
+    needed, off = 1.0, 0.0
     for _ in range(_PASSES):
-        needed = approach_time(Approach(motion, x, needed, task), robot, measurement.q)
-    if duration is not None and needed > duration:
+        needed, off = approach_time(Approach(motion, x, needed, task), robot, measurement.q)
+    if off > 1.0:
+        first = motion.at(0.0).x_d[: task.positions].round(3).tolist()
+        warnings.warn(
+            f"the robot as described does not reach the first point of the motion, {first} m, on a "
+            f"straight line from where it is, {x[: task.positions].round(3).tolist()} m; its reach "
+            f"is {robot.reach:.3g} m. Is the motion in metres, in the axes and from the origin of "
+            "the robot's base?",
+            stacklevel=3,
+        )
+    elif duration is not None and needed > duration:
         warnings.warn(
             f"the robot needs {needed:.3g} s to the first point of the motion, and the run ends "
             f"after {duration:.3g} s. motion.as_given() omits the approach.",
@@ -675,11 +685,19 @@ def starting_from(
     return Approach(motion, x, needed, task)
 
 
-def approach_time(approach: Approach, robot: Robot, q: np.ndarray) -> float:
-    """Return how long an approach should take [s], from a configuration (nq).
+def approach_time(approach: Approach, robot: Robot, q: np.ndarray) -> tuple[float, float]:
+    """Return how long an approach should take [s], and by how much its end is further off.
+
+    That is in units of what is allowed, see ``JointMotion``. The start may be off already, with a
+    tool that the description lacks.
 
     The null space returns home at its own pace, so an approach of that duration may differ a
     little.
+
+    Args:
+        approach: of any duration.
+        robot: as it is believed to be; read only.
+        q: (nq) configuration where it starts.
     """
     joints = joint_motion(approach, robot, np.linspace(0.0, approach.duration, _POINTS), q)
     caps = [_SLIDE_SPEED if is_slide(joint) else _JOINT_SPEED for joint in robot.model.joints[1:]]
@@ -689,7 +707,9 @@ def approach_time(approach: Approach, robot: Robot, q: np.ndarray) -> float:
     speed = (np.abs(joints.v) / speeds).max(axis=1)
     effort = np.sqrt((np.abs(joints.curve) + np.abs(joints.drag)) / room).max(axis=1)
     needed = float(np.maximum(speed, effort)[joints.off <= 1.0].max(initial=0.0))
-    return min(max(needed * approach.duration, _SHORTEST), _LONGEST)
+    return min(max(needed * approach.duration, _SHORTEST), _LONGEST), float(
+        joints.off[-1] - joints.off[0]
+    )
 
 
 def _tolerance(robot: Robot) -> np.ndarray:

@@ -70,6 +70,14 @@ def test_an_approach_keeps_the_limits(name, by):
     ).all()
 
 
+@pytest.mark.parametrize(("scale", "by"), [(1e3, 0.0), (1.0, 0.9)], ids=["millimetres", "away"])
+def test_a_first_point_out_of_reach_is_said(scale, by):
+    robot = catalogue_robot("ur5")
+    point = scale * robot.position(robot.q0) + np.array([by, 0.0, 0.0])
+    with pytest.warns(UserWarning, match="does not reach the first point.* in metres"):
+        starting_from(Hold(point), robot, resting(robot), duration=4.0)
+
+
 @pytest.mark.parametrize("task", ["xyz", "joint"])
 def test_the_motion_of_the_joints_is_that_of_the_task(task):
     robot = catalogue_robot("panda", task=task)
