@@ -14,6 +14,7 @@ from pinadapt.tuning.defaults import (
     gradient_shape,
     plausible,
     prior_covariance,
+    prior_variances,
 )
 from tests.support.chains import catalogue_robot
 from tests.support.paper import BASIS
@@ -75,6 +76,16 @@ def test_covariance_of_bodies_is_the_metric_of_natural_adaptation(monkeypatch):
     assert (
         np.abs(np.linalg.eigvalsh(whitened) - 1.0).max() < 0.15
     )  # sampling: 10 numbers by 4000 samples
+
+
+@pytest.mark.parametrize("unknown", ["payload", "all"])
+def test_variances_of_bodies_need_no_samples(unknown, monkeypatch):
+    robot = catalogue_robot("ur5")
+    dynamics = pa.models.BodyDynamics(robot, unknown)
+    monkeypatch.setattr(prior, "_SAMPLES_PER_PARAMETER", 6000 // dynamics.size)
+    sampled = np.diag(prior_covariance(robot, dynamics))
+    assert prior_variances(robot, dynamics) == pytest.approx(sampled, rel=0.08)
+    assert np.median(prior_variances(robot, dynamics) / sampled) == pytest.approx(1.0, abs=0.02)
 
 
 @pytest.mark.parametrize("law", ["adaptive-jacobian", "adaptive-inverse-dynamics"])

@@ -34,7 +34,7 @@ from .defaults import (
     PREDICTION_RATE,
     frequency,
     gradient_shape,
-    prior_covariance,
+    prior_variances,
     rate_for,
     typical_start,
     typical_torques,
@@ -416,11 +416,11 @@ def _unit(adaptation: Adaptation, motion: TypicalMotion) -> float:
     """
     if not motion.dynamics.inertial.size:
         return 1.0
-    prior = prior_covariance(motion.robot, motion.dynamics)
+    prior = prior_variances(motion.robot, motion.dynamics)
     if prior is None:
         return 1.0
     Gamma = adaptation.gain(typical_start(adaptation, motion))
-    return float(np.median(np.diag(prior) / np.diag(Gamma)[: len(prior)]))
+    return float(np.median(prior / np.diag(Gamma)[: len(prior)]))
 
 
 def shaken_torques(adaptation: Adaptation, motion: TypicalMotion, a: float) -> np.ndarray:
