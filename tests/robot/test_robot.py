@@ -112,6 +112,13 @@ def test_q0_of_load_is_one_angle_per_joint():
     assert np.allclose(pa.load("scara", q0=angles).home_angles, angles, atol=1e-12)
 
 
+def test_a_description_without_joints_is_refused(tmp_path):
+    table = tmp_path / "table.urdf"
+    table.write_text('<robot name="table"><link name="top"/></robot>')
+    with pytest.raises(pa.RobotError, match="table: no link is moved"):
+        pa.load(table)
+
+
 def test_a_joint_with_equal_limits_is_locked_there(tmp_path):
     text = ARM4.read_text()
     model = pin.buildModelFromXML(text)

@@ -130,7 +130,7 @@ def _with_one_position(model: pin.Model) -> dict[int, float]:
     """Return joint -> position [rad or m] of those whose limits are equal, and not zero."""
     found = {}
     for index, joint in enumerate(model.joints):
-        if joint.nq == 1:
+        if index and joint.nq == 1:  # the first is the universe
             low = float(model.lowerPositionLimit[joint.idx_q])
             high = float(model.upperPositionLimit[joint.idx_q])
             if low == high and low != 0.0 and abs(low) < LARGEST:
