@@ -36,6 +36,7 @@ def loaded(code):
         ("import pinadapt", (*HEAVY, "pinocchio", "numpy")),
         ("from pinadapt.cli import main; main(['robots'])", HEAVY),
         ("import pinadapt; pinadapt.load('planar_2r')", HEAVY),
+        ("from pinadapt.sweep.execution import run_case", ("matplotlib", "scipy", "mujoco")),
     ],
 )
 def test_slow_modules_wait_until_they_are_needed(code, absent):
