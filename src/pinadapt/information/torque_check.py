@@ -21,6 +21,7 @@ those after which it fits is named, by the sum over the joints of log(residual^2
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -117,6 +118,11 @@ class Cause(NamedTuple):
 
     words: str
     option: str = ""
+
+    def turns(self, joint: str) -> bool:
+        """Whether the position or the torque of a joint has the wrong sign, or all torques."""
+        flipped = "--flip" in self.option and joint in re.split(r"[\s,:]+", self.option)
+        return flipped or "--torque-gain=-" in self.option
 
     def __str__(self) -> str:
         """Return both in a sentence."""
@@ -624,9 +630,11 @@ class _Comparison:
             if one.fit.fits.all() and np.count_nonzero(one.fit.judged) >= least
         ]
         healthy = min((one.score for one in fitting if one.cause is None), default=np.inf)
-        if plain.wrong.any():  # no load turns friction
-            healthy = np.inf
         tried = sorted((one for one in fitting if one.cause), key=lambda one: one.score)
+        wrong = [name for name, no in zip(self._names, plain.wrong, strict=True) if no]
+        turning = [one for one in tried if one.cause and any(map(one.cause.turns, wrong))]
+        if turning and turning[0].score < healthy + _SURELY:
+            healthy = np.inf  # a load hardly turns a torque: it would have to be surely likelier
         if tried and tried[0].score < healthy - _SURELY:
             close = tried[0].fit.close
             order = None if close else self._fitting_order()
