@@ -371,7 +371,7 @@ def test_a_scenario_starts_from_what_a_log_identified(tmp_path):
 def test_the_command_takes_the_robot_of_a_scenario(tmp_path, capsys):
     scenario = tmp_path / "ours.toml"
     assert main(["init", "ur5", "--out", str(scenario)]) == 0
-    settings = ["simulation.duration=3.0", "simulation.dt=0.004", "unknown.dynamic=payload"]
+    settings = ["simulation.duration=1.5", "simulation.dt=0.004", "unknown.dynamic=payload"]
     run, out = tmp_path / "run", tmp_path / "out"
     assert main(["run", str(scenario), "--no-html", "--out", str(run), "--set", *settings]) == 0
     assert main(["identify", str(run), "--robot", str(scenario), "--out", str(out)]) == 0
