@@ -227,7 +227,11 @@ def _optuna(
                 chosen[key] = trial.suggest_float(key, low, high, log=kind == "loguniform")
         return trial, chosen
 
-    return suggest, study.tell
+    def tell(trial: Any, objective: float) -> None:
+        """Tell the objective of a trial."""
+        study.tell(trial, objective)
+
+    return suggest, tell
 
 
 def verdict(default: Judged, best: Judged) -> tuple[str, bool]:

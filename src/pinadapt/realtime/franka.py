@@ -109,7 +109,9 @@ class FrankaArm(Arm):
         )
         kind = pylibfranka.RealtimeConfig
         try:
-            self._robot = pylibfranka.Robot(address, kind.kEnforce if enforce else kind.kIgnore)
+            self._robot: Any = pylibfranka.Robot(
+                address, kind.kEnforce if enforce else kind.kIgnore
+            )
         except self._failures as error:
             raise InputError(
                 f"cannot be reached: {str(error).rstrip(chr(46))}.",
