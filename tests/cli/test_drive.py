@@ -24,7 +24,7 @@ kind = "circle"
 radius = 0.1
 period = 3.0
 [simulation]
-dt = 0.002
+dt = 0.01  # ten of them are a long stall, even on a busy machine
 """
 OWN = """
 from functools import partial
@@ -34,7 +34,7 @@ from pinadapt.realtime import PlantArm
 class Mine(PlantArm):
     def __init__(self, address, robot):
         assert address == "here"
-        super().__init__(pa.plants.PinocchioPlant(robot), 2e-3)
+        super().__init__(pa.plants.PinocchioPlant(robot), 1e-2)
 
 def nothing(address, robot):
     return None
