@@ -17,7 +17,7 @@ PRINTED = {
     "01_quickstart": ["same as the simulation: True", "the last body: 2.3"],
     "02_the_paper": ["ended at 34 ms", "no longer positive definite", "largest difference"],
     "03_regressors": ["rank 43 of 70", "translations: 14 of 21"],
-    "04_tool_load_camera": ["delay ignored: lost", "frames up to 93.3 ms old"],
+    "04_tool_load_camera": ["delay ignored: 15", "frames up to 93.3 ms old"],
     "05_unknown_lengths": ["60 parameters", "56 parameters", "no V"],
     "06_physical_consistency": ["gradient (18): det M_hat", "no longer positive definite"],
     "07_laws_compared": ["times closer by adaptation"],
