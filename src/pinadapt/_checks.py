@@ -108,12 +108,14 @@ def keywords(**replaced: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        """Return the function with its keywords checked."""
         parameters = signature(function).parameters.values()
         names = [each.name for each in parameters if each.kind is not Parameter.VAR_KEYWORD]
         any_other = len(names) < len(parameters)
 
         @wraps(function)
         def checked(*args: P.args, **given: P.kwargs) -> R:
+            """Call it if all keywords are its own."""
             for name in given:
                 if name in replaced:
                     raise InputError(f"'{name}' is now {replaced[name]}.", where=function.__name__)

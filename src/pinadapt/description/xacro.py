@@ -191,6 +191,7 @@ class _Budget:
         """Return a function that visits an element, which counts."""
 
         def counted(*given: Any) -> Any:
+            """Visit an element if there are not too many."""
             self.elements -= 1
             if self.elements < 0:
                 raise RobotError(f"the expanded file has more than {_ELEMENTS} elements.")
@@ -202,6 +203,7 @@ class _Budget:
         """Return a function that replaces expressions in a text, which counts."""
 
         def counted(*given: Any) -> Any:
+            """Replace expressions if the texts are not too long."""
             found = function(*given)
             self.characters -= len(found) if isinstance(found, str) else 1
             if self.characters < 0:

@@ -421,6 +421,7 @@ class _Layout:
         return {"q": measurement.q.size, "v": n, "x": x, "xd": xd, "tau": n}
 
     def pack(self, measurement: Measurement) -> bytes:
+        """Return a measurement as bytes."""
         row = self._row
         row[0] = measurement.t
         row[1] = np.nan if measurement.x_time is None else measurement.x_time
@@ -432,6 +433,7 @@ class _Layout:
         return row.tobytes()
 
     def unpack(self, said: bytes) -> Measurement:
+        """Return the measurement in bytes; a signal that was not sent is None."""
         row = np.frombuffer(said).copy()
         found = {
             name: row[self._parts[name]] if row[2 + k] else None for k, name in enumerate(_FIELDS)

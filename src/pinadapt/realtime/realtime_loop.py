@@ -38,7 +38,7 @@ from ..exceptions import ArmError, InputError, PinadaptError
 from ..records import Desired, Measurement
 from ..reference import starting_from
 from ..trajectories.given import TrajectoryLike, as_trajectory
-from ..trajectories.trajectory import Hold, Retimed, SmoothStart, TimeLaw, Trajectory
+from ..trajectories.trajectory import Hold, Retimed, SlowedTime, SmoothStart, TimeLaw, Trajectory
 from .arm import Arm
 from .recorder import Recorder, load_of
 from .safety import Answer, Checklist, Safety, SafetyFinding
@@ -203,22 +203,6 @@ class Ending:
         return str(Sheet(f"loop, {self.reason}", [times, Table(rows)]))
 
 
-class _Slowed(TimeLaw):
-    """s = t / slowness."""
-
-    def __init__(self, slowness: float) -> None:
-        self._rate = 1.0 / slowness
-
-    def at(self, t: float) -> tuple[float, float, float]:
-        return self._rate * t, self._rate, 0.0
-
-    def when(self, s: float) -> float:
-        return s / self._rate
-
-    def repeats(self, since: float, period: float) -> tuple[float, float] | None:
-        return since / self._rate, period / self._rate
-
-
 class _Halted(TimeLaw):
     """s = t up to an instant, then its rate falls to zero within a while; or, resumed, rises."""
 
@@ -227,6 +211,7 @@ class _Halted(TimeLaw):
         self._begin, self._place, self._start = begin, place, SmoothStart(_HALT)
 
     def at(self, t: float) -> tuple[float, float, float]:
+        """Return s [s], ds/dt and d^2s/dt^2 [1/s] at time t [s]."""
         s, rate, acceleration = self._start.at(t - self._begin)
         if self._place is not None:
             return self._place + s, rate, acceleration
@@ -235,9 +220,11 @@ class _Halted(TimeLaw):
         return t - s, 1.0 - rate, -acceleration
 
     def when(self, s: float) -> float:
+        """Return the time t [s] at which the path's time would be s [s], moving."""
         return self._begin + s - self.at(self._begin)[0]
 
     def repeats(self, since: float, period: float) -> tuple[float, float] | None:
+        """Return None: it does not repeat."""
         return None
 
 
@@ -361,7 +348,7 @@ class RealtimeLoop:
         if self._motion is not None and self.stage in (Stage.LOG, Stage.SLOW, Stage.ADAPT):
             motion = starting_from(self._motion, controller.kinematics.robot, m)
             if self.stage is Stage.SLOW:
-                motion = Retimed(motion, _Slowed(self._slowness))
+                motion = Retimed(motion, SlowedTime(np.full(4, self._slowness), 1.0))
         self._path, self._begin, self._t = motion, m.t, m.t
         warm, desired = state.adapt(self._adapting), motion.at(0.0)
         tau = m.tau  # the brakes hold the arm: what is measured now is not what is asked for

@@ -50,6 +50,7 @@ from ..rollout.rollout import Rollout
 from ..rollout.summary import FOLLOWS
 from ..scenario.scenario import Scenario
 from ..scenario.schema import tables_with
+from ..zoo.experiment import deaf
 from .cases import COPY, MANY, Case, Cases, Plan
 from .table import (
     AGAIN,
@@ -483,7 +484,7 @@ class _Process:
         self._case: Future[Any] | None = None
 
     def start(self) -> None:
-        with _one_thread_each(), _deaf():
+        with _one_thread_each(), deaf():
             future = self._pool.submit(os.getpid)
         future.add_done_callback(self._started)
 
@@ -567,19 +568,6 @@ def _one_thread_each() -> Iterator[None]:
                     del os.environ[name]
                 else:
                     os.environ[name] = value
-
-
-@contextmanager
-def _deaf() -> Iterator[None]:
-    """Let processes that are started inside ignore Ctrl-C; this process receives it afterwards."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def cores() -> int:

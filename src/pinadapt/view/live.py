@@ -142,6 +142,7 @@ class _Local(ThreadingHTTPServer):
     """
 
     daemon_threads = True
+    request_queue_size = 2 * _VISITORS  # a few that are refused must not make others wait
 
     def __init__(self, port: int, handler: type[BaseHTTPRequestHandler]) -> None:
         super().__init__(("127.0.0.1", port), handler)
