@@ -125,6 +125,7 @@ def _empty_cache(function: Callable[..., Any]) -> None:
 
 _BLAS = (
     "scipy_openblas_{}_num_threads64_",
+    "scipy_openblas_{}_num_threads",
     "openblas_{}_num_threads64_",
     "openblas_{}_num_threads",
 )
@@ -132,34 +133,36 @@ _BLAS = (
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Have numpy's own linear algebra use one thread meanwhile, where it is the usual OpenBLAS.
+    """Have the linear algebra of numpy and scipy use one thread meanwhile, where it is OpenBLAS.
 
     Matrices of a hundred parameters gain nothing from several threads, and lose most of the time
-    where there are more threads than processors, as in a container. Nothing else is changed, and
-    nothing at all with another library.
+    where there are more threads than processors, as in a container; in a loop on a clock, they wait
+    for threads without its priority. Nothing else is changed, and nothing at all with another
+    library.
     """
-    found = _blas_threads()
-    if found is None:
-        yield
-        return
-    get, put = found
-    before = int(get())
-    put(1)
+    before = [(int(get()), put) for get, put in _blas_threads()]
+    for _, put in before:
+        put(1)
     try:
         yield
     finally:
-        put(before)
+        for count, put in before:
+            put(count)
 
 
-def _blas_threads() -> tuple[Any, Any] | None:
-    """Return functions that get and set the number of threads of numpy's OpenBLAS, or None."""
-    folder = Path(np.__file__).parent
-    for file in (*folder.parent.glob("numpy.libs/*openblas*"), *folder.glob(".dylibs/*openblas*")):
-        try:
+def _blas_threads() -> list[tuple[Any, Any]]:
+    """Return functions that get and set the number of threads of each OpenBLAS of the wheels."""
+    folder, found = Path(np.__file__).parent, []
+    for file in (
+        *folder.parent.glob("numpy.libs/*openblas*"),
+        *folder.parent.glob("scipy.libs/*openblas*"),
+        *folder.glob(".dylibs/*openblas*"),
+        *folder.parent.glob("scipy/.dylibs/*openblas*"),
+    ):
+        with suppress(OSError):
             library = ctypes.CDLL(str(file))
-        except OSError:
-            continue
-        for name in _BLAS:
-            if hasattr(library, name.format("set")):
-                return getattr(library, name.format("get")), getattr(library, name.format("set"))
-    return None
+            named = (name for name in _BLAS if hasattr(library, name.format("set")))
+            for name in [*named][:1]:
+                get, put = (getattr(library, name.format(verb)) for verb in ("get", "set"))
+                found.append((get, put))
+    return found

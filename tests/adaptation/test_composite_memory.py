@@ -392,6 +392,28 @@ def test_memory_looks_at_intervals():
     assert errors[1] < 0.5 * np.abs(first).max()
 
 
+def test_no_sample_pays_for_a_whole_look():
+    """Two samples prepare it: H da is exact, with the P of two samples ago, also far from now."""
+    rng, p, values, differ = np.random.default_rng(4), 6, [], []
+    inner = pa.adaptation.ExponentiatedGradient(2.0, np.ones(p))
+    gains = {"rate": 3.0, "noise": np.full(2, 0.01), "interval": 5e-3}
+    adaptation, truth = pa.adaptation.CompositeMemory(inner, 10.0, **gains), rng.uniform(0.5, 2.0, p)
+    estimate = adaptation.init(rng.uniform(0.5, 2.0, p))
+    for _ in range(100):
+        W, before = rng.standard_normal((2, p)), estimate
+        values.append(before.value)
+        estimate = adaptation.step(before, shown(truth, W, before), 1e-3)
+        A, b, pull = before.memory[:3]
+        if len(values) > 3 and not np.array_equal(estimate.memory[2], pull):
+            told = [
+                np.linalg.solve(np.eye(p) + A @ inner.gain(at), A @ before.value - b)
+                for at in (values[-3], values[-1])
+            ]
+            assert np.allclose(estimate.memory[2], told[0], rtol=1e-8, atol=0.0)
+            differ.append(not np.allclose(*told, rtol=1e-6, atol=0.0))
+    assert len(differ) == 19 and sum(differ) > 10
+
+
 def test_bodies_stay_physical_with_any_memory():
     """Contradictory data, of torques that no body causes, and long steps."""
     controller = pa.make_controller(catalogue_robot("ur5"), adaptation="natural-memory")

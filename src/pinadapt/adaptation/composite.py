@@ -140,8 +140,23 @@ class _Clock(NamedTuple):
     residual: float
 
 
+class _Factors(NamedTuple):
+    """I + A P of the next look, as far as it has been made.
+
+    Attributes:
+        matrix: (p, p) kappa (I + A P), or its triangular factors; (0, 0) before.
+        pivots: (p) of the factors, or empty.
+        value: (p) estimate that P belongs to.
+    """
+
+    matrix: np.ndarray
+    pivots: np.ndarray
+    value: np.ndarray
+
+
 _NOTHING = np.zeros(0)
-_OWN = 6  # parts of the state before those of the inner adaptation
+_UNMADE = _Factors(np.zeros((0, 0)), np.zeros(0, dtype=np.int32), _NOTHING)
+_CLOCK, _OWN = 5, 9  # place of the numbers, and parts before those of the inner adaptation
 # in time constants of the low pass
 _QUIET = 6.0  # after which it knows 0.2 % of an old load
 _RISE, _FALL = 20.0, 40.0  # over which innovations are averaged, if they rise or fall
@@ -220,9 +235,11 @@ class CompositeMemory(Wrapper):
                 started there.
     Sampling:   A and b are integrated, and H da, which needs the solution of p equations, is
                 evaluated and held over steps of ``interval``; a prediction error that grows like a
-                contradiction is looked at immediately. As part of an ODE (``rate``) all are
-                continuous; the memory neither begins anew nor trusts itself less, and is quiet
-                for 6 / bandwidth after an announcement.
+                contradiction is looked at immediately. The two samples before a look make I + A P
+                and its factors, so that no sample pays for all: P is then that of two samples ago.
+                V does not notice, as H is positive semidefinite for every P. As part of an ODE
+                (``rate``) all are continuous; the memory neither begins anew nor trusts itself
+                less, and is quiet for 6 / bandwidth after an announcement.
 
     G. Kreisselmeier, *Adaptive observers with exponential rate of convergence*, IEEE TAC 22 (1977)
     2-8 (the integrals); Y. Pan, H. Yu, *Composite learning robot control with guaranteed parameter
@@ -348,17 +365,18 @@ class CompositeMemory(Wrapper):
     def recorded(self, estimate: Estimate) -> Estimate:
         """Return the estimate with what V needs of the memory: the numbers that kappa follows."""
         inner = self.inner.recorded(self._inner(estimate))
-        own = [_NOTHING] * (_OWN - 1)
-        return Estimate(inner.value, (*own, estimate.memory[_OWN - 1], *inner.memory))
+        own = [_NOTHING] * _OWN
+        own[_CLOCK] = estimate.memory[_CLOCK]
+        return Estimate(inner.value, (*own, *inner.memory))
 
     def emphasis(self, estimate: Estimate) -> float:
         """Return kappa(t) / kappa."""
-        return self._emphasis(_Clock(*estimate.memory[_OWN - 1].tolist()))
+        return self._emphasis(_Clock(*estimate.memory[_CLOCK].tolist()))
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates under drive and memory, dA/dt, db/dt, dkappa/dt."""
-        A, b, _, _, _, numbers_now = estimate.memory[:_OWN]
-        clock, inner = _Clock(*numbers_now.tolist()), self._inner(estimate)
+        A, b = estimate.memory[:2]
+        clock, inner = _Clock(*estimate.memory[_CLOCK].tolist()), self._inner(estimate)
         told = None
         if clock.quiet <= 0.0 and not drive.saturated:
             told = self._recalled(estimate, drive)
@@ -370,7 +388,7 @@ class CompositeMemory(Wrapper):
             A_new, b_new = self._news(estimate.value, drive)
             still[0], still[1] = A_new - told.fading * A, b_new - told.fading * b
         fades = -self._bandwidth
-        still[_OWN - 1][:4] = (
+        still[_CLOCK][:4] = (
             -float(clock.quiet > 0.0),
             0.0,
             fades * clock.fresh,
@@ -380,20 +398,21 @@ class CompositeMemory(Wrapper):
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held; fading is integrated exactly."""
-        A, b, pull, origin, lasting, numbers_now = estimate.memory[:_OWN]
-        clock, inner = _Clock(*numbers_now.tolist()), self._inner(estimate)
+        A, b, pull, origin, lasting, numbers_now, *made = estimate.memory[:_OWN]
+        clock, inner, factors = _Clock(*numbers_now.tolist()), self._inner(estimate), _Factors(*made)
         fades = math.exp(-self._bandwidth * dt)
         quiet, due, fresh, left, usual, unexplained, residual = clock
         later = _Clock(quiet, due - dt, fades * fresh, fades * left, usual, unexplained, residual)
         if drive.W is None or drive.residual is None or drive.saturated:
             after = self.inner.step(inner, self._total(drive, None, clock), dt)
             later = later._replace(quiet=_QUIET / self._bandwidth, due=0.0)
-            memory = A, b, pull, origin, lasting, np.array(later)
+            memory = A, b, pull, origin, lasting, np.array(later), *_UNMADE
             return Estimate(after.value, (*memory, *after.memory))
         if clock.quiet > 0.0:
             after = self.inner.step(inner, self._total(drive, None, clock), dt)
             later = later._replace(quiet=0.0, left=fades)
-            memory = A, b, pull, _origin(estimate.value, drive), lasting, np.array(later)
+            origin = _origin(estimate.value, drive)
+            memory = A, b, pull, origin, lasting, np.array(later), *_UNMADE
             return Estimate(after.value, (*memory, *after.memory))
         whole = drive
         if clock.left < _FORGOTTEN:
@@ -404,9 +423,11 @@ class CompositeMemory(Wrapper):
         size, known = self._mean_square(drive.residual), _UNUSUAL * max(usual, residual)
         if due > 0.5 * dt and size <= max(self.contradiction, known):
             after = self.inner.step(inner, self._total(drive, pull, clock), dt)
-            memory = A, b, pull, origin, lasting, np.array(later)
+            if due < 2.5 * dt:
+                factors = self._prepared(factors, estimate.value, A, last=due < 1.5 * dt)
+            memory = A, b, pull, origin, lasting, np.array(later), *factors
             return Estimate(after.value, (*memory, *after.memory))
-        told = self._recalled(estimate, drive)
+        told = self._recalled(estimate, drive, factors if factors.pivots.size else None)
         assert told is not None
         span, d = max(self.interval, dt), told.surprise
         later = later._replace(due=span - dt, residual=size, usual=self._mean(clock.usual, d, span))
@@ -416,7 +437,8 @@ class CompositeMemory(Wrapper):
             empty = np.zeros(A.shape), np.zeros(b.size), np.zeros(b.size)
             later = later._replace(fresh=fades, left=fades)
             taken = _origin(estimate.value, whole)
-            return Estimate(after.value, (*empty, taken, lasting, np.array(later), *after.memory))
+            memory = *empty, taken, lasting, np.array(later), *_UNMADE
+            return Estimate(after.value, (*memory, *after.memory))
         after = self.inner.step(inner, self._total(drive, told.pull, clock), dt)
         kept = math.exp(-told.fading * span)
         A_new, b_new = self._news(estimate.value, drive, span)
@@ -426,12 +448,14 @@ class CompositeMemory(Wrapper):
         lasting = lasting + min(1.0, span * self._bandwidth / _LASTING) * (now - lasting)
         size = math.sqrt(float(lasting @ lasting) / lasting.size)
         later = later._replace(unexplained=self._mean(clock.unexplained, size, span))
-        memory = A_new, kept * b + b_new, told.pull, origin, lasting, np.array(later)
+        memory = (
+            A_new, kept * b + b_new, told.pull, origin, lasting, np.array(later), *_UNMADE,
+        )  # fmt: skip
         return Estimate(after.value, (*memory, *after.memory))
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return -(rho / kappa) da^T H da, and what the inner adaptation adds to dV/dt."""
-        clock = _Clock(*estimate.memory[_OWN - 1].tolist())
+        clock = _Clock(*estimate.memory[_CLOCK].tolist())
         told = None
         if clock.quiet <= 0.0 and not drive.saturated:
             told = self._recalled(estimate, drive)
@@ -508,22 +532,35 @@ class CompositeMemory(Wrapper):
         weighted = (W.T * (span * self._bandwidth / self._variance)).dot  # W^T R
         return weighted(W), weighted(W.dot(value) - residual)
 
-    def _recalled(self, estimate: Estimate, drive: Drive) -> _Recalled | None:
+    def _prepared(self, made: _Factors, value: np.ndarray, A: np.ndarray, last: bool) -> _Factors:
+        """Return the next part of what a look needs; the last sample before it factorises."""
+        if last:
+            return _factorised(made) if made.value.size else made
+        moved = self.inner.gain_times(value, A)  # kappa P A
+        moved.flat[:: value.size + 1] += self.share
+        return _Factors(moved.T, _UNMADE.pivots, value)
+
+    def _recalled(
+        self, estimate: Estimate, drive: Drive, made: _Factors | None = None
+    ) -> _Recalled | None:
         """Return H da, d, r_m and mu; None without a prediction error.
 
-        One factorisation of I + A P serves H da and S.
+        One factorisation of I + A P serves H da and S: one that was made, or a new one.
         """
         value, (A, b) = estimate.value, estimate.memory[:2]
         W, residual = drive.W, drive.residual
         if W is None or residual is None:
             return None
+        from scipy.linalg.lapack import dgetrs  # slow to import
+
         n, p = W.shape
-        moved = self.inner.gain_times(value, A)  # kappa P A
-        moved.flat[:: p + 1] += self.share
-        sides = np.empty((p, n + 1))
+        if made is None:
+            made = _factorised(self._prepared(_UNMADE, value, A, last=False))
+        sides = np.empty((p, n + 1), order="F")
         sides[:, 0], sides[:, 1:] = A.dot(value) - b, W.T
-        solved = np.linalg.solve(moved.T, sides)  # (I + A P)^-1 / kappa times A da and W^T
-        W_Gamma = self.inner.gain_times(value, W.T).T
+        # (I + A P)^-1 / kappa times A da and W^T
+        solved = dgetrs(made.matrix, made.pivots, sides, overwrite_b=True)[0]
+        W_Gamma = self.inner.gain_times(made.value, W.T).T
         pull, change = self.share * solved[:, 0], W_Gamma.dot(solved[:, 0])
         innovation = residual - change
         S = W_Gamma.dot(solved[:, 1:])
@@ -546,13 +583,21 @@ class CompositeMemory(Wrapper):
         p = estimate.value.size
         clock = _Clock(quiet, 0.0, 1.0, 0.0, _FIRST, 0.0, 0.0)
         empty = np.zeros((p, p)), np.zeros(p), np.zeros(p), np.zeros((0, p + 1))
-        memory = *empty, np.zeros(self.noise.size), np.array(clock)
+        memory = *empty, np.zeros(self.noise.size), np.array(clock), *_UNMADE
         return Estimate(estimate.value, (*memory, *estimate.memory))
 
     @staticmethod
     def _inner(estimate: Estimate) -> Estimate:
         """Return the estimate with the inner adaptation's own memory."""
         return Estimate(estimate.value, estimate.memory[_OWN:])
+
+
+def _factorised(made: _Factors) -> _Factors:
+    """Return the triangular factors of a matrix."""
+    from scipy.linalg.lapack import dgetrf  # slow to import
+
+    matrix, pivots, _ = dgetrf(made.matrix)
+    return made._replace(matrix=matrix, pivots=pivots)
 
 
 def _positive_or_infinite(value: float, name: str) -> float:

@@ -31,6 +31,7 @@ import numpy as np
 import pinocchio as pin
 
 from .._checks import instance, positive, vector
+from .._compiled import one_blas_thread
 from .._output import Sheet, Table
 from ..controller.controller import Controller
 from ..controller.state import ControllerState
@@ -43,7 +44,8 @@ from .arm import Arm
 from .recorder import Recorder, load_of
 from .safety import Answer, Checklist, Safety, SafetyFinding
 
-_WARM_UPS = 20  # steps before the first cycle, by which all kernels have run
+_WARM_UPS = 60  # steps before the first cycle, by which all kernels have run
+_ASIDE = 2e-3  # [m or rad] that they aim beside the arm, as estimates rest where nothing is off
 _HALT, _HOLD = 0.3, 0.5  # [s] until the path rests, and until the arm is damped
 _DAMP, _STILL, _QUIET = 1.5, 0.02, 50  # [s] longest, [rad/s or m/s], cycles below it
 _CALM = 0.5  # [s] without a finding after which the adaptation goes on
@@ -314,7 +316,7 @@ class RealtimeLoop:
             ArmError: the arm refuses to begin.
         """
         recorder = self._recorder
-        with self._signals_caught(), self._scheduling.applied() as notes:
+        with self._signals_caught(), one_blas_thread(), self._scheduling.applied() as notes:
             self.ending.notes += notes
             for note in notes:
                 self._say(note)
@@ -351,6 +353,8 @@ class RealtimeLoop:
                 motion = Retimed(motion, SlowedTime(np.full(4, self._slowness), 1.0))
         self._path, self._begin, self._t = motion, m.t, m.t
         warm, desired = state.adapt(self._adapting), motion.at(0.0)
+        if desired.x_d.size == desired.xd_d.size:  # no quaternion
+            desired = desired._replace(x_d=desired.x_d + _ASIDE)
         tau = m.tau  # the brakes hold the arm: what is measured now is not what is asked for
         for k in range(_WARM_UPS):
             sample = m._replace(t=m.t + k * self._facts.period, tau=tau)
