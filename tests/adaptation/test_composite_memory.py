@@ -397,7 +397,10 @@ def test_no_sample_pays_for_a_whole_look():
     rng, p, values, differ = np.random.default_rng(4), 6, [], []
     inner = pa.adaptation.ExponentiatedGradient(2.0, np.ones(p))
     gains = {"rate": 3.0, "noise": np.full(2, 0.01), "interval": 5e-3}
-    adaptation, truth = pa.adaptation.CompositeMemory(inner, 10.0, **gains), rng.uniform(0.5, 2.0, p)
+    adaptation, truth = (
+        pa.adaptation.CompositeMemory(inner, 10.0, **gains),
+        rng.uniform(0.5, 2.0, p),
+    )
     estimate = adaptation.init(rng.uniform(0.5, 2.0, p))
     for _ in range(100):
         W, before = rng.standard_normal((2, p)), estimate

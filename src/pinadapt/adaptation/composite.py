@@ -399,7 +399,11 @@ class CompositeMemory(Wrapper):
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held; fading is integrated exactly."""
         A, b, pull, origin, lasting, numbers_now, *made = estimate.memory[:_OWN]
-        clock, inner, factors = _Clock(*numbers_now.tolist()), self._inner(estimate), _Factors(*made)
+        clock, inner, factors = (
+            _Clock(*numbers_now.tolist()),
+            self._inner(estimate),
+            _Factors(*made),
+        )
         fades = math.exp(-self._bandwidth * dt)
         quiet, due, fresh, left, usual, unexplained, residual = clock
         later = _Clock(quiet, due - dt, fades * fresh, fades * left, usual, unexplained, residual)
