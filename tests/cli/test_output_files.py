@@ -184,7 +184,7 @@ def test_an_out_that_cannot_be_written_is_refused_before_anything_runs(
     if "demo" not in arguments and "zoo" not in arguments:
         arguments = [*arguments, "--set", "controller.law=adaptive-inverse-dynamics"]
         arguments += ["--laws", "adaptive-jacobian"] if "compare" in arguments else []
-    for module in ("scenario.scenario.simulate", "zoo.experiment.workers"):
+    for module in ("scenario.scenario.simulate", "zoo.experiment.engine"):
         monkeypatch.setattr(f"pinadapt.{module}", lambda *_, **__: pytest.fail("it ran"))
     assert main([*arguments, "--out", str(place)]) == 2
     error = capsys.readouterr().err

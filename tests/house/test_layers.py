@@ -44,8 +44,9 @@ LAYERS = [
     {"rollout"},
     {"simulation"},
     {"excitation", "realtime"},
-    {"scenario", "zoo", "identification"},
+    {"scenario", "identification"},
     {"sweep"},
+    {"zoo"},
     {"cli"},
 ]
 LAYER = {name: level for level, names in enumerate(LAYERS) for name in names}

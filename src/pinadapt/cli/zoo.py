@@ -13,7 +13,7 @@ from .._output import check_writable, columns, number, write_text
 from ..description.catalogue import catalogue_entry
 from ..laws import DEFAULT, LAWS
 from ..zoo.experiment import CONVERGED, POSE, ZooRow, run_zoo, zoo_names
-from .arguments import add_out, add_seed, names, positive
+from .arguments import add_out, add_seed, names, not_negative
 from .command_line import DONE, INTERRUPTED
 from .outputs import rows_bar
 
@@ -50,9 +50,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add_seed(parser, "friction, tools and model errors")
     parser.add_argument(
         "--processes",
-        type=positive,
+        type=not_negative,
         metavar="N",
-        help="number of processes (default: one per core)",
+        help="number of processes, 0 for none besides this one (default: one per core)",
     )
     add_out(parser, Path("out/zoo"))
 

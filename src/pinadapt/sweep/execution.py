@@ -50,7 +50,6 @@ from ..rollout.rollout import Rollout
 from ..rollout.summary import FOLLOWS
 from ..scenario.scenario import Scenario
 from ..scenario.schema import tables_with
-from ..zoo.experiment import deaf
 from .cases import COPY, MANY, Case, Cases, Plan
 from .table import (
     AGAIN,
@@ -484,7 +483,7 @@ class _Process:
         self._case: Future[Any] | None = None
 
     def start(self) -> None:
-        with _one_thread_each(), deaf():
+        with _one_thread_each(), _deaf():
             future = self._pool.submit(os.getpid)
         future.add_done_callback(self._started)
 
@@ -552,6 +551,19 @@ def _end_with(pipe: Connection) -> None:
         pipe.recv_bytes()
     except (EOFError, OSError):
         os._exit(1)
+
+
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """Let processes that are started inside ignore Ctrl-C; this process receives it afterwards."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager

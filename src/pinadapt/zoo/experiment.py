@@ -1,22 +1,15 @@
 """The zoo: robots of the catalogue with a wrong model, with and without adaptation.
 
-Each case is a robot, a wrong model of it, and a motion to follow; the runs go on in parallel
-processes.
+Each case is a robot, a wrong model of it, and a motion to follow; many of them are a sweep.
 """
 
 from __future__ import annotations
 
-import os
-import signal
-import threading
 import warnings
 import zlib
-from collections.abc import Generator, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
-from dataclasses import dataclass
-from multiprocessing import get_context
-from multiprocessing.connection import Connection
+from collections.abc import Generator, Sequence
+from dataclasses import asdict, dataclass, fields
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -26,6 +19,7 @@ from ..controller.limits import Limits
 from ..description.catalogue import catalogue, catalogue_entry
 from ..description.chain import effort_limits
 from ..exceptions import PinadaptError
+from ..laws import DEFAULT
 from ..laws.acceleration_law import AccelerationLaw
 from ..laws.law import Law
 from ..laws.separation import Separation
@@ -39,6 +33,9 @@ from ..rollout.rollout import Rollout
 from ..rollout.summary import ACCURATE, BETTER
 from ..simulation.engine import Engine
 from ..simulation.simulate import simulate
+from ..sweep.cases import Cases
+from ..sweep.execution import FunctionWork, engine, rows
+from ..sweep.table import DONE
 from ..trajectories.pose import PoseTrajectory, Swing
 from ..trajectories.trajectory import Trajectory
 from ..tuning.make_controller import make_controller
@@ -169,58 +166,10 @@ def _tool(robot: Robot, rng: np.random.Generator) -> np.ndarray:
     return np.asarray(robot.placement(robot.q0).rotation.T @ direction)
 
 
-@contextmanager
-def workers(processes: int | None) -> Iterator[ProcessPoolExecutor]:
-    """Yield a pool of new processes, by default one per core.
-
-    Each waits for the end of a pipe to this process. The pipe closes when this process ends, even
-    if it is killed, or when the work is cancelled; then all workers end at once.
-    """
-    context = get_context("spawn")
-    listen, alive = context.Pipe(duplex=False)
-    pool = ProcessPoolExecutor(processes, context, _end_with, (listen,))
-    try:
-        with pool:
-            try:
-                yield pool
-            except BaseException:
-                alive.close()
-                raise
-    finally:
-        alive.close()
-        listen.close()
-
-
-@contextmanager
-def deaf() -> Iterator[None]:
-    """Let processes that are started inside ignore Ctrl-C; this process receives it afterwards."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _end_with(pipe: Connection) -> None:
-    threading.Thread(target=_wait, args=(pipe,), daemon=True).start()
-
-
-def _wait(pipe: Connection) -> None:
-    """End this process when the other end of a pipe closes."""
-    try:
-        pipe.recv_bytes()
-    except (EOFError, OSError):
-        os._exit(1)
-
-
 POSITION, POSE = "position", "pose"
 _LEAST_JOINTS = 6  # for a pose task
 _RECORD_EVERY = 10
 _UNKNOWN = Unknown(friction=True, armature=True)  # the true robot has friction, the model has none
-_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 @dataclass(frozen=True)
@@ -256,25 +205,42 @@ class ZooRow:
     adapted_angle: float | None = None
 
 
+_COLUMNS = [each.name for each in fields(ZooRow)]
+
+
 def zoo_names(task: str = POSITION) -> list[str]:
     """Return the names of the robots of the catalogue for a task, "position" or "pose"."""
     least = _LEAST_JOINTS if task == POSE else 0
     return [name for name, entry in catalogue().items() if entry.joints >= least]
 
 
-def zoo_row(name: str, law: str, seed: int = 0, task: str = POSITION) -> ZooRow:
-    """Run one robot of the catalogue; the verdict says whether and why it failed."""
+def zoo_row(
+    name: str,
+    law: str,
+    seed: int = 0,
+    task: str = POSITION,
+    adaptation: str | None = None,
+) -> ZooRow:
+    """Run one robot of the catalogue; the verdict says whether and why it failed.
+
+    Args:
+        name: name in the catalogue.
+        law: name of a law.
+        seed: seed of the case.
+        task: "position" or "pose".
+        adaptation: name of an adaptation; None: the default.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the verdict reports bodies that are not physical
         try:
-            return _row(name, law, seed, task)
+            return _row(name, law, seed, task, adaptation)
         except (PinadaptError, ArithmeticError, ValueError) as error:
             return ZooRow(name, law=law, verdict=f"refused: {error}", task=task)
 
 
-def _row(name: str, law: str, seed: int, task: str) -> ZooRow:
+def _row(name: str, law: str, seed: int, task: str, adaptation: str | None) -> ZooRow:
     case = zoo_case(name, seed, POSE if task == POSE else None)
-    controller = _controller(case, law)
+    controller = _controller(case, law, adaptation)
     adapted = _run(case, controller, case.duration)
     unadapted = _run(case, _controller(case, law, "none"), case.repeating)
     return ZooRow(
@@ -293,6 +259,26 @@ def _row(name: str, law: str, seed: int, task: str) -> ZooRow:
     )
 
 
+def zoo_numbers(
+    robot: str,
+    law: str = DEFAULT,
+    task: str = POSITION,
+    adaptation: str = "",
+    seed: int = 0,
+) -> dict[str, Any]:
+    """Return a row as a case of a sweep, and whether it converged.
+
+    Args:
+        robot: name in the catalogue.
+        law: name of a law.
+        task: "position" or "pose".
+        adaptation: name of an adaptation; "" is the default.
+        seed: seed of the zoo's case.
+    """
+    row = zoo_row(robot, law, seed, task, adaptation or None)
+    return asdict(row) | {"converged": row.verdict == CONVERGED}
+
+
 def run_zoo(
     names: Sequence[str],
     law: str,
@@ -301,7 +287,7 @@ def run_zoo(
     processes: int | None = None,
     task: str = POSITION,
 ) -> Generator[ZooRow, None, None]:
-    """Run robots in parallel processes and yield their rows as they finish.
+    """Run robots as a sweep and yield their rows as they finish.
 
     Robots with most joints start first, so that the processes finish at about the same time.
 
@@ -309,25 +295,20 @@ def run_zoo(
         names: names in the catalogue.
         law: name of a law.
         seed: seed of the cases.
-        processes: number of processes; None: one per core.
+        processes: number of processes, 0 for none besides this one; None: one per core.
         task: "position", or "pose" for robots with six and more joints.
 
     Raises:
         RobotError: a name is not in the catalogue.
     """
     longest_first = sorted(names, key=lambda name: -catalogue_entry(name).joints)
-    for variable in _THREADS:  # threads do not speed up small matrices
-        os.environ.setdefault(variable, "1")
-    with workers(processes) as pool:
-        with deaf():
-            futures = {pool.submit(zoo_row, name, law, seed, task): name for name in longest_first}
-        for future in as_completed(futures):
-            error = future.exception()
-            yield (
-                future.result()
-                if error is None
-                else ZooRow(futures[future], law=law, verdict=f"failed: {error!r}", task=task)
-            )
+    fixed = {"law": law, "task": task, "seed": seed}
+    cases = Cases.of([{"robot": name, **fixed} for name in longest_first])
+    with engine(processes) as workers:
+        for row in rows(FunctionWork(zoo_numbers), cases, workers):
+            if row["status"] != DONE:
+                row["verdict"] = f"{row['status']}: {row['reason']}"
+            yield ZooRow(**{key: row[key] for key in _COLUMNS if key in row})
 
 
 def _controller(case: ZooCase, law: str, adaptation: str | None = None) -> Controller:
