@@ -55,10 +55,9 @@ realtime: $(VENV)/installed
 	$(BIN)/python -m benchmarks.realtime
 	$(BIN)/python -m benchmarks.realtime --load
 
-# A table of the documentation, measured again: make sensors.table
+# A table of the documentation, measured again and written into its page: make sensors.table
 %.table: $(VENV)/dev
-	$(BIN)/pinadapt sweep benchmarks/$*.toml --out out/$*-sweep --force
-	cp out/$*-sweep/table.csv benchmarks/$*.csv
+	$(BIN)/python -m benchmarks.tables $* --again
 
 $(VENV)/docs: $(VENV)/dev
 	$(BIN)/python -m pip install --quiet -e '.[docs]'

@@ -1,34 +1,29 @@
 """A memory of all torques beside "natural" and none, in realities that no proof knows.
 
-``python -m benchmarks.adaptations [--robots NAMES] [--realities NAMES] [--adaptations NAMES]``
-runs the case of the zoo (tool, load, inertias and friction unknown, a circle) with the default law,
-also without adaptation with the lag of K_D that a memory has. A reality adds encoders or a camera
-that is 60 ms late, which are declared to the controller; a load twice as heavy from half of the run
-on, announced or not; motors that are late and joints that give way, declared or not; a slower loop;
-or friction that the user calls known though the model has none. Poses are controlled in place of
-positions where the arm has joints enough.
+``make adaptations.table`` runs the sweep ``adaptations.toml``, ``make actuators.table`` the sweep
+``actuators.toml``: the case of the zoo (tool, load, inertias and friction unknown, a circle) with
+the default law, also without adaptation with the lag of K_D that a memory has. A reality adds
+encoders or a camera that is 60 ms late, which are declared to the controller; a load twice as heavy
+from half of the run on, announced or not; motors that are late and joints that give way, declared
+or not; a slower loop; or friction that the user calls known though the model has none. Poses are
+controlled in place of positions where the arm has joints enough.
 
 Of the last tenth of a run are the largest error relative to the radius and the rms change of the
 torque between samples; the mass is the estimated one of all bodies over the true one, its inverse
 where that is larger. Where the load changes, the error around one second after it is shown too.
-After the table stand the cells where the default, the memory but where friction is called known, is
-worse than it may be: the median above that
-of "natural" by a tenth or its worst by half, or either above that of no adaptation with the same
-lag. Rows in the file are kept and not run again unless ``--again`` is given.
+
+``python -m benchmarks.adaptations`` prints the cells in which the default, the memory but where
+friction is called known, is worse than it may be: the median above that of "natural" by a tenth or
+its worst by half, or either above that of no adaptation with the same lag.
 """
 
 from __future__ import annotations
 
-import argparse
 import math
-import os
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import product
-from multiprocessing import get_context
-from pathlib import Path
 from statistics import median
 from typing import Any
 
@@ -38,9 +33,8 @@ import pinocchio as pin
 import pinadapt as pa
 from pinadapt.zoo.experiment import LOAD, ZooCase, zoo_case
 
-from .timing import HERE, save, saved
+from .timing import table_rows, two_digits
 
-ROBOTS = ("panda", "ur5", "z1", "kinova", "xarm7", "scara", "so101", "g1_left_arm")
 ADAPTATIONS: dict[str, dict[str, Any]] = {
     "none": {"adaptation": "none"},
     "natural": {"adaptation": "natural"},
@@ -51,7 +45,6 @@ ADAPTATIONS: dict[str, dict[str, Any]] = {
     "natural-memory, declared": {"adaptation": "natural-memory"},
 }
 DECLARED, MEMORY = "declared", "natural-memory"
-POSING = ("panda", "ur5", "z1", "kinova", "xarm7", "g1_left_arm")  # have six joints or more
 ROTOR = 0.5, 1e-3  # of the inertia that each joint moves, and least, of the largest of these
 ANNOUNCED, UNANNOUNCED = "announced", "unannounced"
 
@@ -122,10 +115,10 @@ def events(name: str, zoo: ZooCase, half: float, change: str) -> pa.Events | Non
     return pa.Events(changes=heavier, announcements={half: told})
 
 
-def measure(name: str, reality: str, adaptation: str) -> dict[str, Any]:
+def measure(robot: str, reality: str, adaptation: str) -> dict[str, Any]:
     """Return the figures of one run."""
     case = REALITIES[reality]
-    zoo = zoo_case(name, task=case.task)
+    zoo = zoo_case(robot, task=case.task)
     true, model, unknown = zoo.true, zoo.estimated, pa.Unknown()
     if case.friction_known:
         unknown = pa.Unknown(friction=False)
@@ -154,20 +147,16 @@ def measure(name: str, reality: str, adaptation: str) -> dict[str, Any]:
             duration=case.duration,
             sensors=case.sensors,
             engine=pa.Engine(torque_limits=zoo.efforts_suffice, actuators=case.actuators),
-            events=events(name, zoo, case.duration / 2.0, case.change),
+            events=events(robot, zoo, case.duration / 2.0, case.change),
             record_every=5,
+            progress=False,
         )
     t, error = rollout.t, rollout.distance / zoo.radius
     last, lost = t > 0.9 * case.duration, rollout.diverged is not None
     n = true.model.nv
     mass = float(rollout.a_d[-1][: 10 * n : 10].sum()) / true.mass
     second = (t > case.duration / 2 + 0.9) & (t < case.duration / 2 + 1.1)
-    return {
-        "name": f"{name}, {reality}, {adaptation}",
-        "robot": name,
-        "reality": reality,
-        "adaptation": adaptation,
-        "lost": rollout.diverged,
+    found: dict[str, Any] = {
         "error": None if lost else float(error[last].max()),
         "second": None if lost or not case.change else float(error[second].max()),
         "peak": float(error.max()),
@@ -176,6 +165,9 @@ def measure(name: str, reality: str, adaptation: str) -> dict[str, Any]:
         if lost
         else float(np.sqrt(np.mean(np.diff(rollout.tau[last], axis=0) ** 2))),
     }
+    if lost:
+        found |= {"status": "diverged", "reason": f"at {rollout.diverged:.1f} s"}
+    return found
 
 
 def report(rows: Iterable[Mapping[str, Any]]) -> str:
@@ -246,42 +238,25 @@ def violations(rows: Iterable[Mapping[str, Any]]) -> list[str]:
     return found
 
 
-def chosen(
-    robots: Sequence[str], realities: Sequence[str], kinds: Sequence[str]
-) -> list[tuple[str, str, str]]:
-    """Return robot, reality and adaptation of each run."""
-    return [
-        (robot, reality, kind)
-        for reality, robot, kind in product(realities, robots, kinds)
-        if (DECLARED not in kind or REALITIES[reality].actuators is not None)
-        and (REALITIES[reality].task is None or robot in POSING)
-    ]
+def declared(rows: Iterable[Mapping[str, Any]]) -> str:
+    """Return a table in Markdown of the errors with actuators that are declared, and not."""
+    names = ("none", "natural", MEMORY)
+    lines = [["", *(each for name in names for each in (f"`{name}`", DECLARED))]]
+    lines.append(["---"] * len(lines[0]))
+    errors: dict[str, dict[str, list[float]]] = {}
+    for row in rows:
+        error = math.inf if row["error"] is None else 100.0 * row["error"]
+        errors.setdefault(row["reality"], {}).setdefault(row["adaptation"], []).append(error)
+    for reality, found in errors.items():
+        own = [found[each] for name in names for each in (name, f"{name}, {DECLARED}")]
+        cells = [" / ".join(map(_percent, (median(each), max(each)))) for each in own]
+        lines.append([reality, *cells])
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def main() -> None:
-    """Run what is missing, print and save the results."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--save", type=Path, default=HERE / "adaptations.json")
-    parser.add_argument("--robots", default=",".join(ROBOTS))
-    parser.add_argument("--realities", default=",".join(REALITIES))
-    parser.add_argument("--adaptations", default="; ".join(ADAPTATIONS), help="with ; in between")
-    parser.add_argument("--processes", type=int, default=None)
-    parser.add_argument("--again", action="store_true", help="run also what is in the file")
-    options = parser.parse_args()
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    rows = saved(options.save)
-    kinds = [kind.strip() for kind in options.adaptations.split(";")]
-    runs = chosen(options.robots.split(","), options.realities.split(","), kinds)
-    missing = [run for run in runs if options.again or ", ".join(run) not in rows]
-    with ProcessPoolExecutor(options.processes, mp_context=get_context("spawn")) as pool:
-        coming = [pool.submit(measure, *run) for run in missing]
-        for done in as_completed(coming):
-            row = done.result()
-            rows[row["name"]] = row
-            save(options.save, list(rows.values()))
-    print(report(rows.values()))
-    print("\n".join(["", *violations(rows.values())]))
+def _percent(value: float) -> str:
+    return "lost" if math.isinf(value) else two_digits(value)
 
 
 if __name__ == "__main__":
-    main()
+    print("\n".join(violations(table_rows("adaptations"))))

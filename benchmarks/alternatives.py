@@ -4,29 +4,30 @@ Robots of the zoo with friction, an unknown tool and load, and inertias 30 % off
 in 1, 2 and 5 s, with perfect sensors, and with a camera of 60 Hz that is 20 ms late and encoders of
 17 bits. Integral gains, and gains that a delay requires to be lower, are the best of a small grid
 on the circle of 2 s; everything else has the bandwidth of the default.
+
+``make alternatives.table`` runs the sweep ``alternatives.toml``; a case is one contender on one
+robot with one set of sensors. ``python -m benchmarks.alternatives`` draws the picture.
 """
 
 from __future__ import annotations
 
-import argparse
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from itertools import product
-from pathlib import Path
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 import pinadapt as pa
 
-from .alternatives_report import draw, report
-from .contenders import CONTENDERS, DEFAULT, SENSORS, Gains, setting
-from .timing import HERE, save
+from .alternatives_report import draw
+from .contenders import CONTENDERS, DEFAULT, Gains, setting
+from .timing import HERE, table_rows
 
-ROBOTS, PERIODS = ("panda", "ur5"), (1.0, 2.0, 5.0)
+PERIODS = (1.0, 2.0, 5.0)  # [s]
 TUNING_PERIOD = 2.0  # [s], of the circle on which gains are selected
 INFORMED = (DEFAULT, "computed torque", "computed torque, observer, task integral")
+_INFORMED = "informed"
 FIGURES = ("rms", "max", "first", "peak", "peak_last", "chatter")  # None if the loop diverges
 _DURATION, _REPEATING, _TUNING = 20.0, 8.0, 5.0  # [s]; without adaptation a loop repeats itself
 _TENTH, _DT = 2.0, 1e-3  # [s]
@@ -77,6 +78,7 @@ def figures(run: Run) -> dict[str, Any]:
                 duration=run.duration,
                 sensors=at.sensors,
                 engine=pa.Engine(dt=_DT),
+                progress=False,
             )
         except pa.MeasurementError:  # joints far above their velocity limits
             return known | dict.fromkeys(FIGURES)
@@ -113,91 +115,54 @@ def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def figures_of(
-    robot: str,
-    sensors: str,
-    contender: str,
-    period: float,
-    gains: Gains,
-    informed: bool,
-    tuning: bool,
-) -> dict[str, Any]:
-    """Return the results of a run as a case of a sweep."""
-    return figures(Run(robot, sensors, contender, period, gains, informed, tuning))
+def best_gains(robot: str, sensors: str, contender: str) -> Gains:
+    """Return the gains of the grid with least error, {} for a contender without a grid.
 
-
-def swept(runs: Sequence[Run]) -> list[dict[str, Any]]:
-    """Return the results of runs, on all cores."""
-    table = pa.sweep(figures_of, [asdict(run) for run in runs])
-    if table.lost.any():
-        raise RuntimeError(str(table))
-    names = ("radius", "bandwidth", *FIGURES)
-    return [{name: each.get(name) for name in names} for each in table.rows()]
-
-
-def tuned(robots: Sequence[str]) -> dict[tuple[str, str, str], Gains]:
-    """Return the gains of each robot, sensors and contender with least error, {} without choice."""
-    best: dict[tuple[str, str, str], tuple[float, Gains]] = {}
-    runs = [
-        Run(robot, sensors, name, TUNING_PERIOD, gains, tuning=True)
-        for (robot, sensors), (name, contender) in product(
-            product(robots, SENSORS), CONTENDERS.items()
-        )
-        if sensors in contender.sensors and contender.grid
-        for gains in contender.choices()
+    If every run of the search diverges, these are the first of the grid, which diverge too.
+    """
+    choices = CONTENDERS[contender].choices()
+    if len(choices) == 1:
+        return choices[0]
+    errors = [
+        figures(Run(robot, sensors, contender, TUNING_PERIOD, gains, tuning=True))["rms"]
+        for gains in choices
     ]
-    for run, found in zip(runs, swept(runs), strict=True):
-        key, error = (run.robot, run.sensors, run.contender), found["rms"]
-        if error is not None and (key not in best or error < best[key][0]):
-            best[key] = error, run.gains
-    return {key: gains for key, (_, gains) in best.items()}
+    return min(
+        zip(choices, errors, strict=True), key=lambda each: np.inf if each[1] is None else each[1]
+    )[0]
 
 
-def planned(gains: Mapping[tuple[str, str, str], Gains], robots: Sequence[str]) -> Iterable[Run]:
-    """Yield all runs, the longest first."""
-    for name, contender in reversed(CONTENDERS.items()):
-        for robot, sensors in product(robots, contender.sensors):
-            own = gains.get(
-                (robot, sensors, name), contender.choices()[0]
-            )  # diverges, if none was found
-            yield from (Run(robot, sensors, name, period, own) for period in PERIODS)
-            if name in INFORMED:
-                yield Run(robot, sensors, name, TUNING_PERIOD, own, informed=True)
-
-
-def measure(robots: Sequence[str]) -> list[dict[str, Any]]:
-    """Return one row per run."""
-    runs = list(planned(tuned(robots), robots))
-    return [row(run, found) for run, found in zip(runs, swept(runs), strict=True)]
-
-
-def row(run: Run, found: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a run with its results as one flat row with a name."""
-    suffix = ", informed" if run.informed else ""
-    name = f"{run.robot}, {run.sensors}, {run.period:g} s, {run.contender}{suffix}"
-    words = {"contender": run.contender, "robot": run.robot, "sensors": run.sensors}
-    return {
-        "name": name,
-        **words,
-        "period": run.period,
-        "informed": run.informed,
-        "gains": run.gains,
-        **found,
+def measure(robot: str, sensors: str, contender: str) -> dict[str, Any]:
+    """Return gains, and the figures of each circle and of the true model."""
+    own = best_gains(robot, sensors, contender)
+    runs = {f"{period:g}s": Run(robot, sensors, contender, period, own) for period in PERIODS}
+    if contender in INFORMED:
+        runs[_INFORMED] = Run(robot, sensors, contender, TUNING_PERIOD, own, informed=True)
+    found = {name: figures(run) for name, run in runs.items()}
+    (first, *_) = found.values()
+    known = {name: first[name] for name in ("radius", "bandwidth")}
+    return known | {
+        "gains": own,
+        **{name: {key: each[key] for key in FIGURES} for name, each in found.items()},
     }
 
 
-def main() -> None:
-    """Run all, print the tables, save and draw them."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--robots", default=",".join(ROBOTS), help="names, separated by commas")
-    parser.add_argument("--save", type=Path, default=HERE / "alternatives.json")
-    parser.add_argument("--plot", type=Path, default=HERE.parent / "docs" / "alternatives.png")
-    options = parser.parse_args()
-    rows = measure(options.robots.split(","))
-    print(report(rows))
-    save(options.save, rows)
-    draw(rows, options.plot)
+def runs_of(rows: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
+    """Yield one row a run of the rows of the table, which have one contender each."""
+    for row in rows:
+        gains = {
+            key.removeprefix("gains."): value
+            for key, value in sorted(row.items())
+            if key.startswith("gains.") and value is not None
+        }
+        words = {name: row[name] for name in ("contender", "robot", "sensors")}
+        names = [f"{period:g}s" for period in PERIODS]
+        names += [_INFORMED] * (row["contender"] in INFORMED)
+        for name, period in zip(names, (*PERIODS, TUNING_PERIOD), strict=False):
+            found = {key: row.get(f"{name}.{key}") for key in FIGURES}
+            told = {"period": period, "informed": name == _INFORMED, "gains": gains}
+            yield {**words, **told, **found}
 
 
 if __name__ == "__main__":
-    main()
+    draw(list(runs_of(table_rows("alternatives"))), HERE.parent / "docs" / "alternatives.png")

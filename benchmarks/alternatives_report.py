@@ -12,6 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from .contenders import CONTENDERS, DEFAULT
+from .timing import two_digits
 
 Row = Mapping[str, Any]
 TITLES = {
@@ -23,8 +24,9 @@ _COSTS = {"first": "{:.3g}", "peak": "{:.0%}", "peak_last": "{:.0%}", "chatter":
 _MARKERS = "v^<>sDpXo"
 
 
-def report(rows: Sequence[Row]) -> str:
+def report(rows: Iterable[Row]) -> str:
     """Return all tables in Markdown."""
+    rows = list(rows)
     wrong = [row for row in rows if not row["informed"]]
     parts = []
     for sensors, title in TITLES.items():
@@ -130,13 +132,8 @@ def _error(row: Row | None, least: float) -> str:
         return _NONE
     if row["rms"] is None:
         return _LOST
-    text = f"{_figures(row['rms'])} / {_figures(row['max'])}"
+    text = f"{two_digits(row['rms'])} / {two_digits(row['max'])}"
     return f"**{text}**" if row["rms"] == least else text
-
-
-def _figures(number: float) -> str:
-    """Return a positive number with two digits."""
-    return f"{number:.0f}" if number >= 10.0 else f"{number:#.2g}"
 
 
 def _words(found: Mapping[str, float] | None) -> str:

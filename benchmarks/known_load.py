@@ -1,17 +1,16 @@
 """The load from an exciting motion: its error, and how often the error is within the uncertainty.
 
-``python -m benchmarks.known_load [--save FILE] [--seeds N] [--arms M]`` runs the scenarios
+``make known_load.table`` runs the sweep ``known_load.toml``: the scenarios
 ``robots/panda/excited_load.toml`` and ``robots/ur10/excited_load.toml`` (friction unknown, encoders
-of 17 bits, torque noise of 1 % of the effort limits) with N seeds of noise and friction, the arm as
-described; and with M arms whose bodies' masses and inertias are off by 3 %, estimated without a
-prior of the arm, with one (``arm``), and with a run without load (``empty``).
+of 17 bits, torque noise of 1 % of the effort limits) with several seeds of noise and friction, the
+arm as described; and with arms whose bodies' masses and inertias are off by 3 %, estimated without
+a prior of the arm, with one (``arm``), and with a run without load (``empty``).
 """
 
 from __future__ import annotations
 
-import argparse
+from collections.abc import Iterable, Mapping
 from itertools import product
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,12 +18,19 @@ import numpy as np
 import pinadapt as pa
 from pinadapt.scenario.scenario import Scenario
 
-from .timing import HERE, save
+from .timing import HERE, two_digits
 
 ROBOTS = {"panda": 1.5, "ur10": 3.0}  # kg
 COM = 1e3 * np.array([0.02, -0.01, 0.05])  # mm
 OFF = 0.03
-OPTIONS = ("as described", "off, no prior", "off, arm", "off, arm and empty")
+DESCRIBED = "as described"
+OPTIONS = {
+    "off": "none: other explanations are compared",
+    "off, arm": f"`arm={OFF}`",
+    "off, arm and empty": f"`arm={OFF}`, `empty=...`",
+}
+PARTS = ("mass_g", "x_mm", "y_mm", "z_mm")
+TITLES = {"panda": "Panda", "ur10": "UR10"}
 _VARIED = 0.5, 1.5  # shares of the friction
 
 
@@ -52,72 +58,79 @@ def errors(load: pa.information.PayloadEstimate, mass: float) -> tuple[np.ndarra
     return off, np.array([1e3 * load.mass_known_to, *(1e3 * load.com_known_to)])
 
 
-def row(name: str, found: list[tuple[np.ndarray, np.ndarray]]) -> dict[str, Any]:
-    """Return rms errors, median uncertainty, and the share of errors within twice that."""
-    off, known = (np.array(part) for part in zip(*found, strict=True))
-    return {
-        "name": name,
-        "runs": len(found),
-        "rms_g_mm": np.sqrt(np.mean(off**2, axis=0)).tolist(),
-        "known_to_g_mm": np.median(known, axis=0).tolist(),
-        "within_two": np.mean(np.abs(off) < 2.0 * known, axis=0).tolist(),
-    }
-
-
-def one(robot: str, number: int, described: bool) -> dict[str, Any]:
-    """Return errors and uncertainties (4, 4) of one arm's load, by option."""
+def measure(robot: str, number: int, described: bool) -> dict[str, Any]:
+    """Return errors and uncertainties of one arm's load, by option."""
     mass = ROBOTS[robot]
     if described:
-        found = {"as described": errors(run(robot, number, 0.0).payload(refined=True), mass)}
+        found = {DESCRIBED: errors(run(robot, number, 0.0).payload(refined=True), mass)}
     else:
         loaded = run(robot, number, OFF)
         empty = run(robot, 1000 + number, OFF, "truth.payload={mass=0.0}")
-        options: dict[str, dict[str, Any]] = {
-            "off, no prior": {},
+        known: dict[str, dict[str, Any]] = {
+            "off": {},
             "off, arm": {"arm": OFF},
             "off, arm and empty": {"arm": OFF, "empty": empty},
         }
         found = {
-            name: errors(loaded.payload(refined=True, **known), mass)
-            for name, known in options.items()
+            name: errors(loaded.payload(refined=True, **words), mass)
+            for name, words in known.items()
         }
-    return {name: [*off, *known] for name, (off, known) in found.items()}
+    return {
+        name: {
+            "error": dict(zip(PARTS, off.tolist(), strict=True)),
+            "known_to": dict(zip(PARTS, known_to.tolist(), strict=True)),
+        }
+        for name, (off, known_to) in found.items()
+    }
 
 
-def measure(seeds: int, arms: int) -> list[dict[str, Any]]:
-    """Return a row for each arm as described, and one per option for arms that are not."""
-    cases = [
-        {"robot": robot, "number": number, "described": described}
-        for robot in ROBOTS
-        for described, count in ((True, seeds), (False, arms))
-        for number in range(count)
+def figures(
+    rows: Iterable[Mapping[str, Any]], robot: str, option: str
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return rms error, median uncertainty, and how often the error is within twice that (4)."""
+    keys = [f"{option}.{kind}.{part}" for kind in ("error", "known_to") for part in PARTS]
+    own = [row for row in rows if row["robot"] == robot and row.get(keys[0]) is not None]
+    off, known = np.hsplit(np.array([[row[key] for key in keys] for row in own]), 2)
+    within = np.sum(np.abs(off) < 2.0 * known, axis=0)
+    return np.sqrt(np.mean(off**2, axis=0)), np.median(known, axis=0), within
+
+
+def as_described(rows: Iterable[Mapping[str, Any]]) -> str:
+    """Return a table in Markdown of the arms as described."""
+    rows = list(rows)
+    body = [[TITLES[robot], *_cells(*figures(rows, robot, DESCRIBED))] for robot in ROBOTS]
+    return _table("arm", body)
+
+
+def off_by_some_per_cent(rows: Iterable[Mapping[str, Any]]) -> str:
+    """Return a table in Markdown of the arms whose description is off."""
+    rows = list(rows)
+    body = [
+        [f"{TITLES[robot]}; {words}", *_cells(*figures(rows, robot, option))]
+        for robot, (option, words) in product(ROBOTS, OPTIONS.items())
     ]
-    table = pa.sweep(one, cases)
-    if table.lost.any():
-        raise RuntimeError(str(table))
-    rows = []
-    for robot, name in product(ROBOTS, OPTIONS):
-        numbers = np.column_stack([table[f"{name}[{k}]"] for k in range(8)])
-        numbers = numbers[(table["robot"] == robot) & np.isfinite(numbers).all(axis=1)]
-        rows.append(row(f"{robot}, {name}", [(each[:4], each[4:]) for each in numbers]))
-    return rows
+    return _table("option", body)
 
 
-def main() -> None:
-    """Print the table and save it."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--save", type=Path, default=HERE / "known_load.json")
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--arms", type=int, default=8)
-    options = parser.parse_args()
-    rows = measure(options.seeds, options.arms)
-    print("mass [g] and centre x, y, z [mm]: rms error, uncertainty, share within twice that")
-    for each in rows:
-        parts = (each[key] for key in ("rms_g_mm", "known_to_g_mm", "within_two"))
-        cells = ["  ".join(f"{number:7.3g}" for number in part) for part in parts]
-        print(f"{each['name']:20}" + "   ".join(cells))
-    save(options.save, rows)
+def _cells(rms: np.ndarray, known: np.ndarray, within: np.ndarray) -> list[str]:
+    def centre(numbers: np.ndarray) -> str:
+        return ", ".join(map(two_digits, numbers[1:])) + " mm"
+
+    return [
+        f"{two_digits(rms[0])} g",
+        centre(rms),
+        f"{two_digits(known[0])} g; {centre(known)}",
+        f"{within[0]}; {', '.join(map(str, within[1:]))}",
+    ]
 
 
-if __name__ == "__main__":
-    main()
+def _table(first: str, body: list[list[str]]) -> str:
+    head = [
+        first,
+        "error of the mass, rms",
+        "of the centre x, y, z, rms",
+        "stated",
+        "runs with the truth within two stated deviations: mass; centre",
+    ]
+    lines = [head, ["---"] * len(head), *body]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

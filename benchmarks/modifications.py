@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -127,3 +128,22 @@ def moved(a_d: np.ndarray, bodies: int) -> float | None:
             return None
         largest = max(largest, float(np.abs(np.log(ratios.real)).max()))
     return math.exp(min(largest, 700.0))
+
+
+def report(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return a table in Markdown, by robot and modification: error [mm] and drift."""
+    columns = list(dict.fromkeys(row["disturbance"] for row in rows))
+    cells = {(row["robot"], row["modification"], row["disturbance"]): _cell(row) for row in rows}
+    lines = ["| | " + " | ".join(columns) + " |", "|---" * (len(columns) + 1) + "|"]
+    for robot, kind in dict.fromkeys((row["robot"], row["modification"]) for row in rows):
+        own = [cells.get((robot, kind, column), "") for column in columns]
+        lines.append(f"| {robot}, {kind} | " + " | ".join(own) + " |")
+    return "\n".join(lines)
+
+
+def _cell(row: Mapping[str, Any]) -> str:
+    """Return error and drift of a run; nothing where the modification does not fit the law."""
+    if row["status"] != "done":
+        return "" if row["status"] == "refused" else f"lost {row['reason']}"
+    drift = "unphysical" if row["factor"] is None else f"{row['factor']:.3g}"
+    return f"{row['error_mm']:.2g}\N{NO-BREAK SPACE}mm, {drift}"

@@ -9,6 +9,7 @@ rms and largest of the last tenth of the run.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -66,3 +67,17 @@ def measure(robot: str, sensors: str, adaptation: str, duration: float) -> dict[
         "rms_mm": 1e3 * float(np.sqrt(np.mean(last**2))),
         "max_mm": 1e3 * float(last.max()),
     }
+
+
+def report(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return a table in Markdown, by robot and sensors: rms and largest error [mm]."""
+    columns = list(dict.fromkeys(row["sensors"] for row in rows))
+    lines = ["| | " + " | ".join(columns) + " |", "|---" * (len(columns) + 1) + "|"]
+    for robot in dict.fromkeys(row["robot"] for row in rows):
+        own = [
+            f"{row['rms_mm']:.2f} / {row['max_mm']:.2f}" if row["status"] == "done" else "lost"
+            for row in rows
+            if row["robot"] == robot
+        ]
+        lines.append(f"| {robot} | " + " | ".join(own) + " |")
+    return "\n".join(lines)

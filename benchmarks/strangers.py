@@ -1,7 +1,8 @@
 """The README's lines on descriptions for which nothing was tuned.
 
-``python -m benchmarks.strangers PATH... [--camera] [--duration S] [--unadapted] [--processes N]``
-runs descriptions and folders of them with the defaults and prints a table. A tool of 5 % of the
+``python -m benchmarks.strangers PATH... [--camera] [--duration S] [--unadapted] [--processes N]
+[--out DIR]`` runs descriptions and folders of them with the defaults, as a sweep, and prints a
+table. A folder DIR keeps the rows: what was interrupted goes on there. A tool of 5 % of the
 reach and a load of 5 % of the mass are unknown, every inertia of the model is 30 % too small, and
 the motion is four turns of the circle that the library chooses. With ``--camera`` the position
 comes, as in the README, from a camera of 30 Hz that is 60 ms late. Errors are the largest of
@@ -11,18 +12,17 @@ the last tenth of the run.
 from __future__ import annotations
 
 import argparse
-import os
 import warnings
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
-from multiprocessing import get_context
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from texttable import Texttable
 
 import pinadapt as pa
+from pinadapt.sweep import CaseTable
 
 TOOL = np.array([0.02, -0.02, 0.04])  # of the reach, in the frame's axes
 LOAD, INERTIAS = 0.05, 0.7  # relative to the mass; factor on the inertias of the model
@@ -61,19 +61,30 @@ class Row:
         return None if self.error is None or self.radius is None else self.error / self.radius
 
 
-def stranger(path: Path, duration: float | None, camera: bool, unadapted: bool) -> Row:
-    """Run the README's lines on one description; the row contains any failure."""
+def stranger(path: str, duration: float | None, camera: bool, frozen: bool) -> dict[str, Any]:
+    """Run the README's lines on one description, as a case of a sweep; also without adaptation."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of bodies that are not physical, for example
         try:
-            return _run(path, duration, camera, unadapted)
+            return asdict(_run(Path(path), duration, camera, frozen))
         except pa.PinadaptError as error:
-            return Row(path.stem, message=f"refused: {error}")
-        except Exception as error:  # a failure must not end the table
-            return Row(path.stem, message=f"FAILED: {error!r}")
+            return asdict(Row(Path(path).stem, message=f"refused: {error}"))
 
 
-def _run(path: Path, duration: float | None, camera: bool, unadapted: bool) -> Row:
+def rows_of(table: CaseTable) -> list[Row]:
+    """Return the rows of a sweep; a case that failed or crashed has its reason as message."""
+    names = [each.name for each in fields(Row)]
+    found = []
+    for row in table.rows():
+        if row["status"] != "done":
+            row |= {"name": Path(row["path"]).stem, "message": f"FAILED: {row['reason']}"}
+        own = {name: row[name] for name in names if row.get(name) is not None}
+        joints = own.get("joints")
+        found.append(Row(**own | ({} if joints is None else {"joints": int(joints)})))
+    return found
+
+
+def _run(path: Path, duration: float | None, camera: bool, frozen: bool) -> Row:
     robot = pa.load(path)
     circle = pa.reachable_circle(robot)
     duration = duration or TURNS * circle.period
@@ -95,7 +106,7 @@ def _run(path: Path, duration: float | None, camera: bool, unadapted: bool) -> R
         return rollout, None if lost else float(last.max())
 
     rollout, error = run()
-    without = run("none")[1] if unadapted else None
+    without = run("none")[1] if frozen else None
     return replace(
         row,
         error=error,
@@ -166,14 +177,12 @@ def main() -> None:
     parser.add_argument("--camera", action="store_true")
     parser.add_argument("--unadapted", action="store_true", help="run each without adaptation, too")
     parser.add_argument("--duration", type=float, help="of the motion [s]; default: four turns")
-    parser.add_argument("--processes", type=int)
+    parser.add_argument("--processes", type=int, help="0: none besides this one")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="keeps the rows")
     options = parser.parse_args()
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    settings = options.duration, options.camera, options.unadapted
-    with ProcessPoolExecutor(options.processes, mp_context=get_context("spawn")) as pool:
-        coming = [pool.submit(stranger, path, *settings) for path in descriptions(options.paths)]
-        rows = [future.result() for future in coming]
-    print(table(rows))
+    fixed = {"duration": options.duration, "camera": options.camera, "frozen": options.unadapted}
+    cases = [{"path": str(path.resolve()), **fixed} for path in descriptions(options.paths)]
+    print(table(rows_of(pa.sweep(stranger, cases, executor=options.processes, folder=options.out))))
 
 
 if __name__ == "__main__":

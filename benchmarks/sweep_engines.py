@@ -17,6 +17,7 @@ import os
 import resource
 import tempfile
 import time
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -133,6 +134,17 @@ def with_efficiency(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
         if count > cores()
     ]
     return [*long, *more, journey]
+
+
+def report(rows: Iterable[Mapping[str, Any]]) -> str:
+    """Return a table in Markdown, by engine."""
+    lines = ["| | processor time of a case | efficiency |", "|---|---|---|"]
+    for row in rows:
+        if row["name"] != "short cases":
+            rate = f"{row['processor_s']:.2f} s" if "processor_s" in row else "-"
+            share = f"{row['efficiency']:.2f}" if "efficiency" in row else "-"
+            lines.append(f"| {row['name']} | {rate} | {share} |")
+    return "\n".join(lines)
 
 
 def main() -> None:

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from pinadapt.sweep.table import CaseTable
+
 HERE = Path(__file__).parent
 
 
@@ -45,10 +47,20 @@ def repeated(call: Callable[[], object], count: int) -> Callable[[], None]:
     return calls
 
 
+def two_digits(number: float) -> str:
+    """Return a positive number with two digits."""
+    return f"{number:.0f}" if number >= 10.0 else f"{number:#.2g}"
+
+
 def saved(path: Path) -> dict[str, dict[str, Any]]:
     """Return the rows of a benchmark's file by name; none if there is no file."""
     rows = json.loads(path.read_text())["rows"] if path.is_file() else []
     return {row["name"]: row for row in rows}
+
+
+def table_rows(name: str) -> list[dict[str, Any]]:
+    """Return the rows of the table of a sweep, in order: ``make NAME.table`` measures them."""
+    return list(CaseTable.load(HERE / f"{name}.csv").rows())
 
 
 def save(path: Path, rows: list[dict[str, Any]]) -> None:

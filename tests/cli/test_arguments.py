@@ -13,8 +13,8 @@ from pinadapt.zoo.experiment import ZooRow
     [
         (["--robots", " , "], "--robots: at least one name is expected"),
         (["--seed", "-1"], "--seed: a whole number of at least 0 is expected, got -1"),
-        (["--processes", "0"], "--processes: a whole number of at least 1 is expected, got 0"),
-        (["--processes", "two"], "--processes: a whole number of at least 1 is expected, got two"),
+        (["--processes", "-1"], "--processes: a whole number of at least 0 is expected, got -1"),
+        (["--processes", "two"], "--processes: a whole number of at least 0 is expected, got two"),
         (
             ["--law", "resolved-acceleration"],
             "invalid choice: 'resolved-acceleration'",

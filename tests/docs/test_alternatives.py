@@ -1,12 +1,10 @@
 """The contenders of the comparison do what their names say, and its page has their results."""
 
-import json
-
 import numpy as np
 import pytest
 
 import pinadapt as pa
-from benchmarks.alternatives_report import report
+from benchmarks import alternatives
 from benchmarks.contenders import (
     CONTENDERS,
     SENSORS,
@@ -14,8 +12,8 @@ from benchmarks.contenders import (
     NominalRobot,
     Setting,
 )
+from pinadapt.sweep.table import flat_row
 from tests.support.chains import catalogue_robot
-from tests.support.paths import ROOT
 
 OFFSET = np.array([0.0, 0.02, 0.03])  # [m] of the tool, in the frame's axes
 W = 20.0  # [rad/s], about the bandwidth of these arms
@@ -136,8 +134,21 @@ def _signals(at, law, z):
     return controller.observe(state._replace(filters=memory), measurement, desired)
 
 
-def test_the_page_has_the_measured_tables():
-    rows = json.loads((ROOT / "benchmarks" / "alternatives.json").read_text())["rows"]
-    page = (ROOT / "docs" / "alternatives.md").read_text()
-    for table in report(rows).split("\n\n"):
-        assert table in page, table
+def test_a_case_of_the_table_has_the_figures_of_each_run(monkeypatch):
+    """Gains are those of the grid with the least error, and the rows are taken apart again."""
+
+    def figures(run):
+        error = None if run.gains["k_x"] == 0.5 else abs(run.gains["k_x"] - 0.4) + run.period
+        known = {"radius": 0.1, "bandwidth": 20.0}
+        return known | dict.fromkeys(alternatives.FIGURES) | {"rms": error}
+
+    monkeypatch.setattr(alternatives, "figures", figures)
+    name = "PD + gravity, task integral"
+    found = alternatives.measure("ur5", "perfect", name)
+    assert found["gains"] == {"k_x": 0.25} and found["bandwidth"] == 20.0
+    words = {"robot": "ur5", "sensors": "perfect", "contender": name}
+    runs = list(alternatives.runs_of([flat_row(words | found)]))
+    assert [(run["period"], run["rms"]) for run in runs] == [
+        (period, pytest.approx(period + 0.15)) for period in (1.0, 2.0, 5.0)
+    ]
+    assert all(run["gains"] == {"k_x": 0.25} and not run["informed"] for run in runs)

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.sweep import Cases, CaseTable, Plan
+from pinadapt.sweep import Cases, Plan
 from pinadapt.sweep.cases import MANY, Values
-from tests.support.paths import ROOT
 
 SCENARIO = """
 [robot]
@@ -210,6 +209,20 @@ def test_a_sweep_file_says_all_of_it_and_its_copy_the_same(scenario, tmp_path):
     assert set(other.differs(again)) == {"vary", "seed"}
 
 
+def test_a_text_in_a_listed_case_is_a_case_for_each_of_its_values(tmp_path):
+    (tmp_path / "s.toml").write_text(
+        'function = "math:hypot"\n[vary]\nc = [5]\n'
+        "[[case]]\na = '[1, 2]'\nb = 'lin(3, 4, 2)'\n[[case]]\na = [6, 7]\nb = \"[x\"\n"
+    )
+    with pytest.raises(pa.InputError, match="b: cannot be read"):
+        Plan.read(tmp_path / "s.toml")
+    text = (tmp_path / "s.toml").read_text().replace("[x", "x[")
+    (tmp_path / "s.toml").write_text(text)
+    found = [tuple(case.values.values()) for case in Plan.read(tmp_path / "s.toml").cases]
+    assert found[:4] == [(1, 3.0, 5), (1, 4.0, 5), (2, 3.0, 5), (2, 4.0, 5)]
+    assert found[4:] == [([6, 7], "x[", 5)]  # a list itself is one value
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -225,14 +238,3 @@ def test_sweep_files_with_mistakes_are_refused(text, words, tmp_path):
     (tmp_path / "s.toml").write_text(text)
     with pytest.raises(pa.InputError, match=words):
         Plan.read(tmp_path / "s.toml")
-
-
-@pytest.mark.parametrize("name", ["sensors", "modifications"])
-def test_the_tables_of_the_benchmarks_are_those_of_their_sweep_files(name):
-    plan = Plan.read(ROOT / "benchmarks" / f"{name}.toml")
-    rows = list(CaseTable.load(ROOT / "benchmarks" / f"{name}.csv").rows())
-    assert len(rows) == len(plan.cases)
-    for case, row in zip(plan.cases, rows, strict=True):
-        assert (row["case"], row["seed"]) == (case.number, case.seed)
-        assert {key: row[key] for key in case.values} == case.values
-        assert row["reason"] if row["status"] != "done" else row["reason"] is None

@@ -24,6 +24,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -426,6 +427,7 @@ _KEYS = {
 _MAY_DIFFER = ("title", "timeout", "success", "csv")  # between a sweep and its resumption
 COPY = "sweep.toml"
 SUCCESS = "follows"
+_SPREAD = re.compile(r"\s*(\[|(lin|log)\s*\()")  # a text that is a list or a range
 _CONDITION = re.compile(r"^\s*(\S+)\s*(<=|>=|<|>|==)\s*(\S+)\s*$")
 
 
@@ -505,7 +507,11 @@ class Plan:
             InputError: they cannot be used.
         """
         scenario = tables.get("scenario") is not None  # whose tables are flattened to dotted keys
-        listed = [flat(case) if scenario else dict(case) for case in tables.get("case", [])]
+        listed = [
+            each
+            for case in tables.get("case", [])
+            for each in _expanded(flat(case) if scenario else dict(case))
+        ]
         options = {
             key: tables[key] for key in ("samples", "method", "repeat", "seed") if key in tables
         }
@@ -604,6 +610,24 @@ class Plan:
                 hint="Take that version, or run the sweep again in another folder.",
             )
         return cls.of(tables)
+
+
+def _expanded(case: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the cases of a table [[case]]: one for each value of a text that is a list or range.
+
+    The text is written as on the command line, "[1, 2]" or "lin(0, 1, 5)"; a list itself is one
+    value.
+
+    Raises:
+        InputError: such a text cannot be read.
+    """
+    axes = [
+        _parsed(key, value.strip())[0] or [value]
+        if isinstance(value, str) and _SPREAD.match(value)
+        else [value]
+        for key, value in case.items()
+    ]
+    return [dict(zip(case, values, strict=True)) for values in product(*axes)]
 
 
 def as_plain(value: Any) -> Any:

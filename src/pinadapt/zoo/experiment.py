@@ -264,7 +264,7 @@ def zoo_numbers(
     law: str = DEFAULT,
     task: str = POSITION,
     adaptation: str = "",
-    seed: int = 0,
+    case_seed: int = 0,
 ) -> dict[str, Any]:
     """Return a row as a case of a sweep, and whether it converged.
 
@@ -273,9 +273,9 @@ def zoo_numbers(
         law: name of a law.
         task: "position" or "pose".
         adaptation: name of an adaptation; "" is the default.
-        seed: seed of the zoo's case.
+        case_seed: seed of tool, friction and model errors.
     """
-    row = zoo_row(robot, law, seed, task, adaptation or None)
+    row = zoo_row(robot, law, case_seed, task, adaptation or None)
     return asdict(row) | {"converged": row.verdict == CONVERGED}
 
 
@@ -302,7 +302,7 @@ def run_zoo(
         RobotError: a name is not in the catalogue.
     """
     longest_first = sorted(names, key=lambda name: -catalogue_entry(name).joints)
-    fixed = {"law": law, "task": task, "seed": seed}
+    fixed = {"law": law, "task": task, "case_seed": seed}
     cases = Cases.of([{"robot": name, **fixed} for name in longest_first])
     with engine(processes) as workers:
         for row in rows(FunctionWork(zoo_numbers), cases, workers):

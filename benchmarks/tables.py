@@ -1,0 +1,273 @@
+"""The tables of the documentation: measured by sweeps, written into the pages by this script.
+
+``python -m benchmarks.tables [--check]`` writes every table of the pages anew, between the lines
+``<!-- table: NAME -->`` and ``<!-- end of table -->``; with ``--check`` it only says which pages
+are not as their tables.
+
+``python -m benchmarks.tables NAME... [--again [KEY=VALUE ...]]`` first runs the sweeps
+``NAME.toml`` and writes their rows into ``NAME.csv``. Cases that have a row there are not run,
+unless ``--again`` is given: all, or those with some values. What was interrupted goes on without
+``--again``. ``make NAME.table`` measures a whole table again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import re
+import shutil
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from pinadapt.exceptions import InputError, did_you_mean
+from pinadapt.sweep.cases import COPY, Plan, parsed_setting
+from pinadapt.sweep.execution import Progress, engine, run_plan, work_of
+from pinadapt.sweep.table import AGAIN, FIRST, LAST, CaseTable, flat_row, read
+
+from . import (
+    adaptations,
+    alternatives,
+    alternatives_report,
+    known_load,
+    modifications,
+    price_of_ignorance,
+    sensors,
+    sweep_engines,
+)
+from .timing import HERE, table_rows
+
+PAGES = HERE.parent / "docs"
+RUNNING = HERE.parent / "out" / "tables"  # rows of tables that are being measured
+SWEPT = sorted(path.stem for path in HERE.glob("*.csv"))
+_MARKED = re.compile(r"(<!-- table: (\S+) -->\n\n)(.*?)(\n*<!-- end of table -->)", re.S)
+
+
+# --- tables of what commands of the library write ---
+
+
+def zoo(rows: Iterable[Mapping[str, Any]]) -> str:
+    """Return the results of the zoo as a table in Markdown, by task and adaptation."""
+    lines = [
+        "| task | adaptation | chains | converged | error, median | largest | of the orientation "
+        "| largest |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault((row["task"], row["adaptation"]), []).append(row)
+    for (task, adaptation), own in groups.items():
+        ran = [row for row in own if row["adapted"] is not None]
+        shares = [(100.0 * row["adapted"] / row["radius"], row["robot"]) for row in ran]
+        angles = [
+            (math.degrees(row["adapted_angle"]), row["robot"])
+            for row in ran
+            if row["adapted_angle"] is not None
+        ]
+        cells = [
+            task,
+            f"`{adaptation}`" if adaptation else "the default",
+            str(len(own)),
+            str(sum(row["verdict"] == "converged" for row in own)),
+            *_middle_and_worst(shares, " %"),
+            *_middle_and_worst(angles, "°"),
+        ]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _middle_and_worst(found: Sequence[tuple[float, str]], unit: str) -> tuple[str, str]:
+    """Return the median, and the largest value with its robot."""
+    if not found:
+        return "", ""
+    largest, robot = max(found)
+    return f"{median(value for value, _ in found):.2g}{unit}", f"{largest:.2g}{unit} (`{robot}`)"
+
+
+def tuned() -> str:
+    """Return what `pinadapt tune` found for each law, on other seeds than it searched with."""
+    lines = [
+        '| law | defaults | gains found | verdicts "follows" | gains |',
+        "|---|---|---|---|---|",
+    ]
+    for law in ("separation", "adaptive-inverse-dynamics", "adaptive-jacobian"):
+        found = json.loads((HERE / "tuned" / f"{law}.json").read_text())
+        default, best = (100.0 * found["validation"][key] for key in ("default", "best"))
+        follows = " and ".join(
+            f"{found['success'][key]['good']} of {found['success'][key]['total']}"
+            for key in ("default", "best")
+        )
+        words = "**better**" if found["better"] else "the defaults are as good"
+        gains = ", ".join(
+            f"{key.partition('.')[2]} {value:.0f}"
+            if value >= 10.0
+            else f"{key.partition('.')[2]} {value:.2g}"
+            for key, value in found["gains"].items()
+        )
+        lines.append(f"| `{law}` | {default:.2g} % | {best:.2g} %, {words} | {follows} | {gains} |")
+    return "\n".join(lines)
+
+
+def thousand_pandas() -> str:
+    """Return the percentiles of the thousand pandas, with their intervals."""
+    found = json.loads((HERE / "thousand_pandas.json").read_text())["percentiles"]
+    shown = {
+        "error_share": ("error, of the path's radius", 100.0, "%"),
+        "max_error_last": ("largest error of the last tenth", 1e3, "mm"),
+        "torque_use": ("largest torque, of its limit", 100.0, "%"),
+    }
+    lines = ["| | 5 % | 50 % | 95 % |", "|---|---|---|---|"]
+    for name, (words, scale, unit) in shown.items():
+        cells = [
+            f"{scale * each['value']:.3g} {unit} ({scale * each['low']:.3g} to "
+            f"{scale * each['high']:.3g})"
+            for each in found[name]
+        ]
+        lines.append(f"| {words} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+# --- the pages ---
+
+
+def of(name: str, report: Callable[[list[dict[str, Any]]], str]) -> Callable[[], str]:
+    """Return a function that returns the report of the rows of a table."""
+    return lambda: report(table_rows(name))
+
+
+def of_json(name: str, report: Callable[[list[dict[str, Any]]], str]) -> Callable[[], str]:
+    """Return a function that returns the report of the rows of a benchmark's file."""
+    return lambda: report(json.loads((HERE / f"{name}.json").read_text())["rows"])
+
+
+TABLES: dict[str, Callable[[], str]] = {
+    "actuators": of("actuators", adaptations.declared),
+    "adaptations": of("adaptations", adaptations.report),
+    "alternatives": of(
+        "alternatives", lambda rows: alternatives_report.report(list(alternatives.runs_of(rows)))
+    ),
+    "known_load": of("known_load", known_load.as_described),
+    "known_load_off": of("known_load", known_load.off_by_some_per_cent),
+    "modifications": of("modifications", modifications.report),
+    "price_of_ignorance": of("price_of_ignorance", price_of_ignorance.report),
+    "sensors": of("sensors", sensors.report),
+    "sweep_engines": of_json("sweep_engines", sweep_engines.report),
+    "thousand_pandas": thousand_pandas,
+    "tuned": tuned,
+    "zoo": of("zoo", zoo),
+}
+
+
+def written(text: str) -> str:
+    """Return the text of a page with its tables as they were measured.
+
+    Raises:
+        InputError: it names a table that does not exist.
+    """
+
+    def table(found: re.Match[str]) -> str:
+        name = found[2]
+        if name not in TABLES:
+            raise InputError(
+                f"there is no table '{name}'.{did_you_mean(name, TABLES)}", where="<!--"
+            )
+        return f"{found[1]}{TABLES[name]()}\n\n<!-- end of table -->"
+
+    return _MARKED.sub(table, text)
+
+
+def pages() -> list[Path]:
+    """Return the pages that have tables."""
+    return [path for path in sorted(PAGES.glob("*.md")) if _MARKED.search(path.read_text())]
+
+
+# --- the sweeps ---
+
+
+def measure(name: str, again: Sequence[str] | None, processes: int | None) -> None:
+    """Run the cases of a table that have no row, and write it.
+
+    Args:
+        name: of the sweep file and of the table.
+        again: "key=value" of cases that run again; empty: all; None: none.
+        processes: number of them; None: one a core.
+
+    Raises:
+        InputError: there is no such sweep, or a case failed.
+    """
+    path = HERE / f"{name}.toml"
+    if not path.is_file():
+        guess = did_you_mean(name, SWEPT)
+        raise InputError(f"there is no {path.name}.{guess}", where=name)
+    plan, folder, table = Plan.read(path), RUNNING / name, HERE / f"{name}.csv"
+    begun = (folder / COPY).is_file() and not plan.differs(Plan.load(folder))
+    if again is not None or not begun:
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        rows = [] if not table.is_file() else table_rows(name)
+        CaseTable.of(kept(plan, rows, again)).save(folder / "table.csv")
+        plan.save(folder)
+    with engine(processes, timeout=plan.timeout) as workers:
+        found = run_plan(plan, work_of(plan), workers, folder, Progress(plan), retry=True)
+    bad = [row for row in found.rows() if row["status"] in AGAIN]
+    if bad:
+        words = "\n".join(f"case {row['case']}: {row['reason']}" for row in bad)
+        raise InputError(f"failed; the other rows are in {folder}.\n{words}", where=name)
+    columns = {key: column for key, column in read(folder).columns.items() if key not in LAST}
+    CaseTable(columns).save(table)
+    shutil.rmtree(folder)
+
+
+def kept(
+    plan: Plan, rows: Iterable[Mapping[str, Any]], again: Sequence[str] | None
+) -> list[dict[str, Any]]:
+    """Return the rows of cases that do not run, with their numbers and seeds in this sweep."""
+    wanted = {} if again is None else dict(parsed_setting(text, "--again") for text in again)
+    for key in wanted:
+        if key not in plan.cases.keys:
+            guess = did_you_mean(key, plan.cases.keys)
+            raise InputError(f"'{key}' is not varied.{guess}", where="--again")
+    by_values = {_values(row, plan.cases.keys): row for row in rows}
+    found = []
+    for case in plan.cases:
+        flat = flat_row(case.values)
+        row = by_values.get(_values(flat, plan.cases.keys))
+        stale = again is not None and all(str(flat[key]) == str(wanted[key]) for key in wanted)
+        if row is not None and not stale:
+            found.append({**row, **dict(zip(FIRST, (case.number, case.seed), strict=True))})
+    return found
+
+
+def _values(row: Mapping[str, Any], keys: Sequence[str]) -> tuple[Any, ...]:
+    return tuple("" if row.get(key) is None else row[key] for key in keys)
+
+
+def main() -> int:
+    """Measure what is asked for, and write the pages."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(SWEPT))
+    parser.add_argument("--again", nargs="*", metavar="KEY=VALUE", help="also what has a row")
+    parser.add_argument("--processes", type=int, metavar="N", help="default: one per core")
+    parser.add_argument("--check", action="store_true", help="write no page")
+    options = parser.parse_args()
+    try:
+        for name in options.names:
+            measure(name, options.again, options.processes)
+        changed = [path for path in pages() if written(path.read_text()) != path.read_text()]
+    except InputError as error:
+        print(f"benchmarks.tables: {error}", file=sys.stderr)
+        return 2
+    for path in changed:
+        print(f"{path.relative_to(PAGES.parent)} {'is not as its tables' * options.check}")
+        if not options.check:
+            path.write_text(written(path.read_text()))
+    return int(options.check and bool(changed))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

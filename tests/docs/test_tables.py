@@ -1,0 +1,98 @@
+"""The tables of the pages are those that their sweeps measured."""
+
+import re
+
+import pytest
+
+from benchmarks import tables
+from pinadapt.exceptions import InputError
+from pinadapt.sweep import CaseTable, Plan, read
+from pinadapt.zoo import zoo_names
+
+SWEPT = sorted(path.stem for path in tables.HERE.glob("*.csv"))
+
+
+@pytest.mark.parametrize("page", tables.pages(), ids=lambda path: path.stem)
+def test_a_page_has_the_measured_tables(page):
+    assert tables.written(page.read_text()) == page.read_text(), "run python -m benchmarks.tables"
+
+
+def test_every_table_is_on_one_page():
+    text = "".join(path.read_text() for path in tables.PAGES.glob("*.md"))
+    assert sorted(re.findall("<!-- table: (.+) -->", text)) == sorted(tables.TABLES)
+    assert text.count("<!-- end of table -->") == len(tables.TABLES)
+    with pytest.raises(InputError, match="Did you mean 'sensors'"):
+        tables.written("<!-- table: sensor -->\n\n<!-- end of table -->")
+
+
+@pytest.mark.parametrize("name", SWEPT)
+def test_a_table_has_the_cases_of_its_sweep_file(name):
+    plan = Plan.read(tables.HERE / f"{name}.toml")
+    rows = list(CaseTable.load(tables.HERE / f"{name}.csv").rows())
+    assert len(rows) == len(plan.cases)
+    for case, row in zip(plan.cases, rows, strict=True):
+        assert (row["case"], row["seed"]) == (case.number, case.seed)
+        assert {key: "" if row[key] is None else row[key] for key in case.values} == case.values
+        assert row["reason"] if row["status"] != "done" else row["reason"] is None
+
+
+def test_the_table_of_the_zoo_has_the_whole_catalogue():
+    cases = Plan.read(tables.HERE / "zoo.toml").cases
+    assert {case.values["robot"] for case in cases} == set(zoo_names())
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """A folder with the sweep of a function in place of the benchmarks."""
+    monkeypatch.setattr(tables, "HERE", tmp_path)
+    monkeypatch.setattr("benchmarks.timing.HERE", tmp_path)
+    monkeypatch.setattr(tables, "RUNNING", tmp_path / "running")
+    (tmp_path / "marks").mkdir()
+    return tmp_path
+
+
+def sweep_file(place, values, function="slow"):
+    (place / "t.toml").write_text(
+        f'function = "tests.support.swept:{function}"\npath = "."\ncsv = true\n[vary]\n'
+        f'a = {values}\nplace = ["{place / "marks"}"]\n'
+    )
+
+
+def test_only_what_is_missing_or_asked_for_is_measured(place):
+    def runs():
+        return {path.name: len(path.read_text()) for path in (place / "marks").iterdir()}
+
+    sweep_file(place, [1, 2])
+    tables.measure("t", None, 0)
+    sweep_file(place, [3, 2, 1])
+    tables.measure("t", None, 0)
+    found = CaseTable.load(place / "t.csv")
+    assert runs() == {"1": 1, "2": 1, "3": 1} and found["result"].tolist() == [3.0, 2.0, 1.0]
+    assert "seconds" not in found.columns and not (place / "running" / "t").exists()
+    tables.measure("t", ["a=2"], 0)
+    assert runs() == {"1": 1, "2": 2, "3": 1}
+    tables.measure("t", [], 0)
+    assert runs() == {"1": 2, "2": 3, "3": 2} and CaseTable.load(place / "t.csv").same_as(found)
+    with pytest.raises(InputError, match="Did you mean 'place'"):
+        tables.measure("t", ["plac=2"], 0)
+    with pytest.raises(InputError, match=r"there is no s\.toml"):
+        tables.measure("s", None, 0)
+
+
+def test_a_case_that_fails_leaves_the_table_and_keeps_the_other_rows(place):
+    sweep_file(place, [1, 2])
+    tables.measure("t", None, 0)
+    before = (place / "t.csv").read_text()
+    sweep_file(place, [1, 2, 3], "missing")
+    with pytest.raises(InputError, match="cannot be imported"):
+        tables.measure("t", None, 0)
+    sweep_file(place, [5, "x"])  # a folder of that name cannot be marked
+    (place / "marks" / "x").mkdir()
+    with pytest.raises(InputError, match="case 1: IsADirectoryError"):
+        tables.measure("t", None, 0)
+    assert (place / "t.csv").read_text() == before
+    assert read(place / "running" / "t")["status"].tolist() == ["done", "failed"]
+    (place / "marks" / "x").rmdir()
+    tables.measure("t", None, 0)
+    assert CaseTable.load(place / "t.csv")["status"].tolist() == ["done", "done"]
+    assert len((place / "marks" / "5").read_text()) == 1
