@@ -586,3 +586,23 @@ def test_size_of_estimates(rng):
         assert np.isnan(checks.size_of_estimates(a_d, a_k, np.r_[torque, flaw]))
     assert np.isnan(checks.size_of_estimates(np.r_[a_d, NAN], a_k, torque))
     assert np.isinf(checks.size_of_estimates(a_d, np.r_[a_k, np.inf], torque))
+
+
+def test_checks_of_a_loop(rng, laid):
+    """Each against the same in numpy, and NaN is beyond nothing."""
+    limits = np.full(7, 2.0)
+    for _ in range(50):
+        x = 1.3 * rng.standard_normal(7)
+        beyond = np.flatnonzero(np.abs(x) > limits)
+        assert checks.first_beyond(laid(x), limits) == (beyond[0] if beyond.size else -1)
+        before, out = rng.standard_normal(7), filled(7)
+        changed = checks.limit_torque(laid(x), limits, before, np.full(7, 50.0), 0.01, out)
+        kept = np.clip(np.clip(x, -2.0, 2.0), before - 0.5, before + 0.5)
+        assert np.array_equal(out, kept) and changed is not np.array_equal(x, kept)
+        v, brake = 3.0 * rng.standard_normal(7), rng.uniform(1.0, 20.0, 7)
+        way = np.maximum(1.5 * np.abs(v) / 30.0, v * v / (2.0 * brake))
+        near = np.where(v > 0.0, x + way > 2.0, x - way < -2.0)
+        near = np.flatnonzero(near & (np.abs(v) > 0.01))
+        found = checks.first_near_stop(laid(x), laid(v), -limits, limits, brake, 30.0)
+        assert found == (near[0] if near.size else -1)
+    assert checks.first_beyond(np.full(7, NAN), limits) == -1

@@ -1,6 +1,8 @@
-"""Checks in every step: plausible measurements, rest, torque limits, estimates."""
+"""Checks in every step: plausible measurements, rest, torque limits, estimates; of a loop."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
@@ -58,6 +60,96 @@ def exceeds(torque: np.ndarray, limits: np.ndarray) -> bool:
         beyond |= abs(torque[i]) > limits[i]
         effort += torque[i] * torque[i]
     return beyond and np.isfinite(effort)
+
+
+@compiled("i8(f8[:], f8[:])", fills=0)
+def first_beyond(values: np.ndarray, limits: np.ndarray) -> int:
+    """Return the first i with |values_i| > limits_i, or -1; NaN is not beyond."""
+    for i in range(len(values)):
+        if abs(values[i]) > limits[i]:
+            return i
+    return -1
+
+
+@compiled("i8(f8[:], f8[:], f8[:], f8[:], f8[:], f8)", fills=0)
+def first_near_stop(
+    q: np.ndarray,
+    v: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    brake: np.ndarray,
+    damping: float,
+) -> int:
+    """Return the first joint that moves towards a stop and cannot brake before it, or -1.
+
+    It needs 1.5 |v| / damping or v^2 / (2 brake), whichever is longer; slower than 0.01 it rests.
+    """
+    for i in range(len(v)):
+        speed = abs(v[i])
+        if speed <= 0.01:
+            continue
+        way = max(1.5 * speed / damping, speed * speed / (2.0 * brake[i]))
+        if (v[i] > 0.0 and q[i] + way > upper[i]) or (v[i] < 0.0 and q[i] - way < lower[i]):
+            return i
+    return -1
+
+
+@compiled("b1(f8[:], f8[:], f8[:], f8[:], f8, f8[:])")
+def limit_torque(
+    torque: np.ndarray,
+    limit: np.ndarray,
+    before: np.ndarray,
+    rate: np.ndarray,
+    dt: float,
+    limited: np.ndarray,
+) -> bool:
+    """Write a torque within its limits, then within rate dt of the one before; tell if it changed.
+
+    All are of n joints.
+    """
+    changed = False
+    for i in range(len(torque)):
+        x = min(max(torque[i], -limit[i]), limit[i])
+        x = min(max(x, before[i] - rate[i] * dt), before[i] + rate[i] * dt)
+        changed |= x != torque[i]
+        limited[i] = x
+    return changed
+
+
+@compiled(
+    "void(f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8, f8, f8, f8[:,:], f8[:,:], f8[:])",
+    fills=2,
+)
+def explain_torque(
+    Y_M: np.ndarray,
+    Y_0: np.ndarray,
+    p_0: np.ndarray,
+    tau_0: np.ndarray,
+    a: np.ndarray,
+    tau: np.ndarray,
+    bandwidth: float,
+    dt: float,
+    slow: float,
+    memory: np.ndarray,
+    after: np.ndarray,
+    residual: np.ndarray,
+) -> None:
+    """Write the memory (2, n) after dt [s], low pass and mean, and the residual (n).
+
+    The mean is what the residual is now if ``slow``, its bandwidth, is infinite. A memory of NaN
+    begins at the present momentum.
+    """
+    share, mean_share = -math.expm1(-bandwidth * dt), -math.expm1(-slow * dt)
+    for i in range(len(tau)):
+        p, beta = p_0[i], tau_0[i]
+        for j in range(len(a)):
+            p += Y_M[i, j] * a[j]
+            beta += Y_0[i, j] * a[j]
+        low = memory[0, i] if memory[0, i] == memory[0, i] else bandwidth * p
+        after[0, i] = low + share * (tau[i] + bandwidth * p - beta - low)
+        r = after[0, i] - bandwidth * p
+        after[1, i] = r if mean_share == 1.0 else memory[1, i] + mean_share * (r - memory[1, i])
+        residual[i] = r - after[1, i]
 
 
 @compiled("f8(f8[:], f8[:], i8)", fills=0)

@@ -17,6 +17,8 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._checks import numbers, positive
+from .._compiled import compile_all
+from .._kernels import samples as kernels
 from ..controller.controller import Controller
 from ..controller.governor import explained_age
 from ..description.chain import effort_limits, position_limits, velocity_limits
@@ -127,13 +129,14 @@ class MomentumResidual:
 
     def __init__(self, dynamics: Dynamics, bandwidth: float = 30.0, slow: float = 2.0) -> None:
         """Take the dynamics, lambda [1/s] and the bandwidth of the slow part [1/s]."""
+        compile_all()
         self._dynamics, self._bandwidth, self._slow = dynamics, bandwidth, slow
         self.reset()
 
     def reset(self) -> None:
         """Begin anew: whatever is unexplained now is part of the model."""
-        self._z: np.ndarray | None = None
-        self._mean, self._time = np.zeros(0), 0.0
+        self._memory: np.ndarray | None = None
+        self._time = 0.0
 
     @property
     def settled(self) -> bool:
@@ -143,7 +146,7 @@ class MomentumResidual:
     @property
     def mean(self) -> np.ndarray | None:
         """The slow part (n) [N m or N]: what a load that is not in the model asks for; or None."""
-        return self._mean if self.settled else None
+        return self._memory[1] if self.settled and self._memory is not None else None
 
     def step(
         self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, a_d: np.ndarray, dt: float
@@ -157,19 +160,15 @@ class MomentumResidual:
             a_d: (p) dynamic estimate.
             dt: [s].
         """
-        Y_M, Y_0, p_0, tau_0 = self._dynamics.momentum(q, v)
-        lp = self._bandwidth * (Y_M.dot(a_d) + p_0)
-        u = tau + lp - Y_0.dot(a_d) - tau_0
-        if self._z is None:
-            self._z, self._mean = lp.copy(), np.zeros(v.size)
-        self._z = self._z - math.expm1(-self._bandwidth * dt) * (u - self._z)
-        r = self._z - lp
+        if self._memory is None:
+            self._memory = np.full((2, v.size), math.nan)
         self._time += dt
-        if not self.settled:
-            self._mean = r
-        else:
-            self._mean = self._mean - math.expm1(-self._slow * dt) * (r - self._mean)
-        return np.asarray(r - self._mean)
+        slow = self._slow if self.settled else math.inf
+        after, residual = np.empty((2, v.size)), np.empty(v.size)
+        signals = *self._dynamics.momentum(q, v), a_d, tau
+        kernels.explain_torque(*signals, self._bandwidth, dt, slow, self._memory, after, residual)
+        self._memory = after
+        return residual
 
 
 class Checklist:
@@ -200,6 +199,7 @@ class Checklist:
         self._fast = safety.velocity * np.minimum(facts.velocity, velocity_limits(model))
         self._lower, self._upper = position_limits(model)
         self._plain = model.nq == n
+        self._near = self._lower + safety.margin, self._upper - safety.margin
         inertia = np.diag(pin.crba(model, model.createData(), robot.q0))
         with np.errstate(divide="ignore"):
             self._brake = 0.5 * self.limit / inertia
@@ -214,7 +214,7 @@ class Checklist:
         far[: self._task.positions] = length
         self._far = far
         self._blind = explained_age(controller.sensors) + safety.camera
-        self._contact = safety.contact * self.limit
+        self._contact, self._full = safety.contact * self.limit, 0.999 * self.limit
         self._residual = MomentumResidual(controller.dynamics) if controller.dynamics.size else None
         self.residual = np.zeros(n)
         self.latched = ""
@@ -263,11 +263,10 @@ class Checklist:
             or self._frames(frame_age)
         )
 
-    def limited(self, torque: np.ndarray, before: np.ndarray, dt: float) -> np.ndarray:
-        """Return a torque (n) within its limits, and near the one before within its rate."""
-        torque = np.minimum(np.maximum(torque, -self.limit), self.limit)
-        change = self._rate * dt
-        return np.minimum(np.maximum(torque, before - change), before + change)
+    def limited(self, torque: np.ndarray, before: np.ndarray, dt: float) -> tuple[np.ndarray, bool]:
+        """Return a torque (n) within its limits, near the one before, and whether it is another."""
+        safe = np.empty(torque.size)
+        return safe, kernels.limit_torque(torque, self.limit, before, self._rate, dt, safe)
 
     def announced(self) -> None:
         """Take what is unexplained from now on for a part of the model: a load was attached."""
@@ -319,10 +318,9 @@ class Checklist:
 
     def _speed(self, m: Measurement, dt: float) -> SafetyFinding | None:
         """Are all joints slower than their limits?"""
-        fast = np.abs(m.v) > self._fast
-        if not fast.any():
+        j = kernels.first_beyond(m.v, self._fast)
+        if j < 0:
             return None
-        j = int(fast.argmax())
         words = f"{self._names[j]} at {m.v[j]:.3g}, limit {self._fast[j]:.3g} rad/s or m/s"
         return SafetyFinding("velocity", words, Answer.DAMP)
 
@@ -330,17 +328,12 @@ class Checklist:
         """Can all joints brake before their stops?"""
         if not self._plain:
             return None
-        v, margin = m.v, self.safety.margin
-        way = np.maximum(1.5 * np.abs(v) / self.safety.damping, v * v / (2.0 * self._brake))
-        near = (v > 0.0) & (m.q + way > self._upper - margin)
-        near |= (v < 0.0) & (m.q - way < self._lower + margin)
-        near &= np.abs(v) > 0.01
-        if not near.any():
+        j = kernels.first_near_stop(m.q, m.v, *self._near, self._brake, self.safety.damping)
+        if j < 0:
             return None
-        j = int(near.argmax())
         words = (
-            f"{self._names[j]} at {m.q[j]:.3g} with {v[j]:.3g} rad/s or m/s needs {way[j]:.2g} to "
-            f"brake, its limits are {self._lower[j]:.3g} and {self._upper[j]:.3g}"
+            f"{self._names[j]} at {m.q[j]:.3g} with {m.v[j]:.3g} rad/s or m/s cannot brake before "
+            f"its limits, {self._lower[j]:.3g} and {self._upper[j]:.3g}"
         )
         return SafetyFinding("joint stop", words, Answer.DAMP)
 
@@ -373,20 +366,19 @@ class Checklist:
 
     def _far_off(self, dx: np.ndarray) -> SafetyFinding | None:
         """Is the arm near its path?"""
-        off = np.abs(dx) > self._far
-        if not off.any():
+        k = kernels.first_beyond(dx, self._far)
+        if k < 0:
             return None
-        k = int(off.argmax())
         words = f"coordinate {k + 1} is {abs(dx[k]):.3g} m or rad off, limit {self._far[k]:.3g}"
         return SafetyFinding("error", words, Answer.DAMP)
 
     def _saturation(self, torque: np.ndarray, dt: float) -> SafetyFinding | None:
         """Are the motors below their limits?"""
-        full = np.abs(torque) >= 0.999 * self.limit
-        self._pushing = self._pushing + dt if full.any() else 0.0
+        j = kernels.first_beyond(torque, self._full)
+        self._pushing = self._pushing + dt if j >= 0 else 0.0
         if self._pushing < self.safety.saturated:
             return None
-        words = f"{self._names[int(full.argmax())]} at its limit for {self._pushing:.2g} s"
+        words = f"{self._names[j]} at its limit for {self._pushing:.2g} s"
         return SafetyFinding("torque", words, Answer.HOLD)
 
     def _frames(self, age: float) -> SafetyFinding | None:
