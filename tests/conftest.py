@@ -19,3 +19,9 @@ def blank_pictures(monkeypatch):
     png, figures = blank.png(), Figures(*[blank] * len(Figures._fields))
     monkeypatch.setattr(Figures, "of", lambda run: figures)
     monkeypatch.setattr(Picture, "png", lambda self, dpi=100: png)
+
+
+def pytest_collection_finish(session):
+    """Search what is collected and imported for garbage once, and not in each test that searches."""
+    gc.collect()
+    gc.freeze()

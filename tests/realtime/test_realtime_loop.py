@@ -171,10 +171,15 @@ def test_the_scheduling_is_taken_back():
 
 
 def test_the_loop_keeps_the_garbage_collector_out_and_gives_it_back():
-    seen = []
-    loop = Loop(faulty(lambda arm, m: seen.append(gc.isenabled()) or m))
-    loop.ended()
-    assert not any(seen) and gc.isenabled() and gc.get_freeze_count() == 0
+    seen, frozen = [], gc.get_freeze_count()
+    Loop(faulty(lambda arm, m: seen.append(gc.isenabled()) or m)).ended()
+    assert not any(seen) and gc.isenabled() and gc.get_freeze_count() == frozen
+    gc.disable()
+    try:
+        Loop(seconds=0.02).ended()
+        assert not gc.isenabled()
+    finally:
+        gc.enable()
 
 
 # --- signals ---

@@ -326,7 +326,7 @@ class RealtimeLoop:
             InputError: the arm is where the controller cannot start.
             ArmError: the arm refuses to begin.
         """
-        recorder = self._recorder
+        recorder, collecting = self._recorder, gc.isenabled()
         with self._signals_caught(), one_blas_thread(), self._scheduling.applied() as notes:
             self.ending.notes += notes
             for note in notes:
@@ -343,8 +343,8 @@ class RealtimeLoop:
                 self._enter(Phase.STOPPED, f"{type(error).__name__}: {error}", failed=True)
                 raise
             finally:
-                gc.enable()
-                gc.unfreeze()
+                if collecting:
+                    gc.enable()
                 self._arm.stop(self.ending.reason or "the loop has ended")
                 self.ending.state = self._state
                 if recorder is not None and recorder.trouble:
@@ -380,7 +380,6 @@ class RealtimeLoop:
             self._damping(sample, 1.0)
         self._checks = Checklist(self.safety, controller, self._facts)
         gc.collect()
-        gc.freeze()
         gc.disable()
         arm.read()
         if self.stage is not Stage.LOG:
