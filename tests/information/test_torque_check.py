@@ -86,51 +86,20 @@ def test_a_hand_that_is_not_mounted_is_found_and_does_no_harm():
 
 
 def mistakes():
-    """Yield what is wrong, how to make a log or robot so, and words of the check."""
-    n = 7
-    flipped = np.where(np.arange(n) == 1, -1.0, 1.0)
-    gains = np.array([0.05, 0.2, 0.06, 0.12, 0.05, 0.18, 0.1])
-    swap = [0, 2, 1, 3, 4, 5, 6]
-    yield "amperes", lambda log, r: (replace(log, tau=0.1 * log.tau), r), "--torque-gain=11.7"
-    yield (
-        "amperes of several motors",
-        lambda log, r: (replace(log, tau=gains * log.tau), r),
-        "multiples of the described ones",
-    )
-    yield (
-        "torques before the gear",
-        lambda log, r: (replace(log, tau=log.tau / 100.0), r),
-        "before the gear",
-    )
-    yield (
-        "a sign",
-        lambda log, r: (replace(log, tau=flipped * log.tau), r),
-        "--flip panda_joint2 mends",
-    )
-    yield "all signs", lambda log, r: (replace(log, tau=-log.tau), r), "--torque-gain=-1 mends"
-    yield (
-        "the sign of a position",
-        lambda log, r: (replace(log, q=flipped * log.q, v=flipped * log.v), r),
-        "--flip q:panda_joint2",
-    )
+    """Yield what is wrong, how to make a log or robot so, and words of the check.
+
+    They are those that ``benchmarks.corrupted_logs`` has not, or that reading a log tells there.
+    """
     yield (
         "a zero",
-        lambda log, r: (replace(log, q=log.q + 0.5 * np.pi * (np.arange(n) == 3)), r),
+        lambda log, r: (replace(log, q=log.q + 0.5 * np.pi * (np.arange(7) == 3)), r),
         "--offset panda_joint4=-1.5708",
-    )
-    yield "joints swapped", lambda log, r: (turned(log, swap), r), "--joints panda_joint1,panda_j"
-    yield (
-        "torques swapped",
-        lambda log, r: (turned(log, swap, ("tau",)), r),
-        "--joints tau:panda_joint1,panda_joint3",
     )
     yield (
         "degrees",
         lambda log, r: (replace(log, q=np.degrees(log.q), v=np.degrees(log.v)), r),
         "--degrees",
     )
-    yield "a ceiling", lambda log, r: (log, with_gravity(r, (0.0, 0.0, 9.81))), "mounted upright"
-    yield "a wall", lambda log, r: (log, with_gravity(r, (0.0, 9.81, 0.0))), "--gravity=0,0,-9.81"
     yield (
         "no gravity",
         lambda log, r: (replace(log, tau=log.tau - gravity_torques(log, r)), r),
@@ -208,10 +177,9 @@ def unlike(name, seed, loaded):
 @pytest.mark.parametrize("loaded", [False, True])
 @pytest.mark.parametrize("name", RATED)
 def test_wrong_inertias_friction_noise_and_loads_are_no_mistakes(name, loaded):
-    for seed in range(2):
-        check = check_torques(*unlike(name, seed, loaded))
-        assert check.fits, check
-        assert all("a load of" in note for note in check.notes), check.notes
+    check = check_torques(*unlike(name, int(loaded), loaded))
+    assert check.fits, check
+    assert all("a load of" in note for note in check.notes), check.notes
 
 
 def test_too_little_torque_is_not_judged():
@@ -247,13 +215,28 @@ def test_gaps_and_samples_that_are_not_finite_are_left_out():
         assert one.factor == pytest.approx(other.factor, rel=0.2)
 
 
+SAID = {  # with what mends them
+    "amperes": "--torque-gain=11.7",
+    "amperes of unlike motors": "multiples of the described ones",
+    "torques before the gear": "before the gear",
+    "sign of the torque, panda_joint2": "--flip panda_joint2 mends",
+    "all signs of the torque": "--torque-gain=-1 mends",
+    "sign of the position, panda_joint2": "--flip q:panda_joint2",
+    "panda_joint2 and panda_joint3 swapped": "--joints panda_joint1,panda_joint3,panda_joint2",
+    "torques of panda_joint2 and panda_joint3 swapped": "--joints tau:panda_joint1,panda_joint3",
+    "described upside down": "mounted upright",
+    "described on a wall": "--gravity=0,0,-9.81",
+}
+
+
 @pytest.mark.slow
 def test_no_mistake_of_the_benchmark_is_accepted():
     log, robot = panda()
     names = []
     for what, case in corrupted_logs.mistakes(log, robot, catalogue_robot("xarm7")):
         accepted, words = corrupted_logs.checked(*case)
-        assert not accepted, (what, words)
+        assert not accepted and SAID.get(what, "") in words, (what, words)
         names.append(what)
+    assert set(SAID) < set(names)
     assert len(names) == len(set(names)) == 30
     assert corrupted_logs.checked(log, robot)[0]
