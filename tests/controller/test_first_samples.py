@@ -16,6 +16,9 @@ from tests.support.snapshots import snapshot, unchanged
 DT = 1e-3
 
 
+reachable_circle = cache(pa.reachable_circle)
+
+
 class Loop:
     """A closed loop, one sample after another, with sensors and a plant that may be spoilt."""
 
@@ -25,7 +28,7 @@ class Loop:
         options = {"adaptation": "natural", "limits": pa.Limits(guards=guards), **options}
         self.controller = pa.make_controller(robot, dt=dt, **options)
         self.plant = pa.plants.PinocchioPlant(self.true) if plant is None else plant
-        circle = pa.reachable_circle(robot)
+        circle = reachable_circle(robot)
         self.path = circle.starting_at(self.true.position(self.true.q0))
 
     def desired(self, t):

@@ -202,6 +202,14 @@ class Separation(Law):
         R = rate * self.M_0(q) + np.diag(carried)
         return np.linalg.inv(np.linalg.inv(K) + np.linalg.inv(R))
 
+    def _settled_K_D(self, states: Sequence[np.ndarray]) -> np.ndarray:
+        """Return K_D (N, n, n) long after the start, at each of N configurations."""
+        if self.M_0 is None or not self.lag:
+            return np.asarray(self.K_v)
+        K, rate, carried = self._limit(math.inf, None)
+        R = rate * np.array([self.M_0(q).copy() for q in states]) + np.diag(carried)
+        return np.linalg.inv(np.linalg.inv(K) + np.linalg.inv(R))
+
     def _limit(self, age: float, dx: np.ndarray | None) -> tuple[np.ndarray, float, np.ndarray]:
         """Return K (n, n), r [1/s] and d (n), at a time after the start [s].
 
@@ -338,14 +346,17 @@ class Separation(Law):
 
         The null space follows its reference motion, which feels nothing of it.
         """
-        found, inverses, unit = [], motion.right_inverses, motion.unit_masses
-        states = zip(motion.jacobians, motion.mass_matrices, motion.states.q, strict=True)
-        for (J, M, q), inverse, W in zip(states, inverses, unit, strict=True):
-            D = W @ self.K_D(q) @ W.T
-            tracked = W @ M @ inverse @ J @ W.T
-            null = self.posture.frequency * (np.eye(len(M)) - tracked)
-            found.append(Feedback(self.alpha * D @ tracked, D + self.alpha * tracked, null, D))
-        return found
+        J, M, inverse, W = (
+            np.array(each)
+            for each in (
+                motion.jacobians, motion.mass_matrices, motion.right_inverses, motion.unit_masses
+            )
+        )  # fmt: skip
+        unit = W.swapaxes(1, 2)
+        D, tracked = W @ self._settled_K_D(motion.states.q) @ unit, W @ M @ inverse @ J @ unit
+        null = self.posture.frequency * (np.eye(M.shape[1]) - tracked)
+        K_P, K_D = self.alpha * D @ tracked, D + self.alpha * tracked
+        return [Feedback(*each) for each in zip(K_P, K_D, null, D, strict=True)]
 
     def kinematic_loop(self) -> KinematicLoop:
         """Return the coupling of observation and prediction."""
