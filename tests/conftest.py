@@ -22,6 +22,6 @@ def blank_pictures(monkeypatch):
 
 
 def pytest_collection_finish(session):
-    """Search what is collected and imported for garbage once, and not in each test that searches."""
+    """Search what is collected and imported for garbage once, not whenever a test searches."""
     gc.collect()
     gc.freeze()
