@@ -301,13 +301,15 @@ def runs(pid):
 
 
 def test_a_plant_in_a_process_of_its_own_that_dies_is_noticed(tmp_path):
-    with ProcessArm(partial(pa.plants.PinocchioPlant, heavy()), 2e-3) as on:
+    """At 50 Hz: ten periods, after which the loop ends as late, are then more than a stall."""
+    of = pa.make_controller(robot(), dt=20e-3, adaptation="none")
+    with ProcessArm(partial(pa.plants.PinocchioPlant, heavy()), 20e-3) as on:
         assert on.facts.joints == tuple(robot().joint_names)
-        loop = Loop(on, seconds=30.0, safety=Safety(late=10**6))
+        loop = Loop(on, of=of, seconds=30.0, safety=Safety(late=10**6, error=10.0))
         sending, count = on.send, iter(range(10**9))
 
         def send(torque):
-            if next(count) == 100:
+            if next(count) == 10:
                 os.kill(on.pid, signal.SIGKILL)
             sending(torque)
 

@@ -202,8 +202,8 @@ class Separation(Law):
         R = rate * self.M_0(q) + np.diag(carried)
         return np.linalg.inv(np.linalg.inv(K) + np.linalg.inv(R))
 
-    def _settled_K_D(self, states: Sequence[np.ndarray]) -> np.ndarray:
-        """Return K_D (N, n, n) long after the start, at each of N configurations."""
+    def _settled_K_D(self, states: np.ndarray) -> np.ndarray:
+        """Return K_D (N, n, n) long after the start, at configurations (N, nq)."""
         if self.M_0 is None or not self.lag:
             return np.asarray(self.K_v)
         K, rate, carried = self._limit(math.inf, None)
