@@ -12,9 +12,9 @@ ratio is the median over pairs. The bare floor omits the writing of the estimate
 of an arm that has moved; ``first_us`` is one of the first samples, until v has been found to be
 the rate of q.
 
-The memory is timed along a motion, as it solves for an estimate at some of the samples only: two
-loops run alternately, a sample each. The mean is that of the median of these steps and the median
-of the others, each counted as often as it occurs.
+The memory is timed along a motion, as it solves for an estimate at some of the samples only, and
+prepares this at the two before: two loops run alternately, a sample each. The mean is that of the
+medians of the four kinds of steps, each counted as often as it occurs.
 """
 
 from __future__ import annotations
@@ -175,6 +175,22 @@ def measure(name: str) -> dict[str, Any]:
     }
 
 
+KINDS = range(4)
+
+
+def kind_of(before: tuple[Any, ...], after: tuple[Any, ...]) -> int:
+    """Return what a step did to a memory.
+
+    3: solved for an estimate, which makes another A; 2: factorised the matrix for it; 1: made the
+    matrix; 0: none of these.
+    """
+    A, matrix, pivots = 0, 6, 7  # places in the memory
+    for kind, place in ((3, A), (2, pivots), (1, matrix)):
+        if before[place] is not after[place]:
+            return kind
+    return 0
+
+
 def measure_memory() -> dict[str, Any]:
     """Return the figures of the default beside natural adaptation, both along a circle."""
     robot = pa.load("panda")
@@ -183,22 +199,23 @@ def measure_memory() -> dict[str, Any]:
     path = circle.starting_at(robot.position(robot.q0))
     controllers = [pa.make_controller(robot, adaptation=name, dt=DT) for name in ("natural", None)]
     loops = [pa.run(pa.plants.PinocchioPlant(true), each, path, dt=DT) for each in controllers]
-    seen: list[Any] = []  # A of ``CompositeMemory``, which is another one after a solution
+    seen: list[Any] = []  # memories of ``CompositeMemory``
 
     def natural() -> float:
         return next(loops[0]).step_time
 
     def memory() -> float:
         sample = next(loops[1])
-        seen.append(sample.state.dynamic.memory[0])
+        seen.append(sample.state.dynamic.memory)
         return sample.step_time
 
     times = in_turn({"natural": natural, "memory": memory}, ROUNDS)
-    next_one = [*seen[1:], next(loops[1]).state.dynamic.memory[0]]
-    solved = np.array([a is not b for a, b in zip(seen, next_one, strict=True)])[-ROUNDS:]
-    usual, share = float(np.median(times["natural"])), float(solved.mean())
-    between, solving = (float(np.median(times["memory"][which])) for which in (~solved, solved))
-    mean = share * solving + (1.0 - share) * between
+    after = [*seen[1:], next(loops[1]).state.dynamic.memory]
+    kinds = np.array([kind_of(*pair) for pair in zip(seen, after, strict=True)])[-ROUNDS:]
+    usual, shares = float(np.median(times["natural"])), [float(np.mean(kinds == k)) for k in KINDS]
+    medians = [float(np.median(times["memory"][kinds == k])) for k in KINDS]
+    mean = float(np.dot(shares, medians))
+    between, *preparing, solving = medians
     return {
         "name": MEMORY,
         "law": controllers[1].law.name,
@@ -206,8 +223,9 @@ def measure_memory() -> dict[str, Any]:
         "dynamic": controllers[1].dynamics.size,
         "natural_us": 1e6 * usual,
         "step_us": 1e6 * between,
+        "preparing_us": [1e6 * each for each in preparing],
         "solving_us": 1e6 * solving,
-        "solving_share": share,
+        "solving_share": shares[-1],
         "mean_us": 1e6 * mean,
         "median_ratio": between / usual,
         "mean_ratio": mean / usual,

@@ -404,11 +404,9 @@ class FilteredRegressor:
 
     def step(self, now: FilteredTorque, tau: np.ndarray, dt: float) -> TorqueFilterState:
         """Return the state after dt [s], over which the torque tau (n) [N m or N] is held."""
-        Z, y, u, _, _ = now.state
-        x = self.low_pass.bandwidth * dt
-        share = -math.expm1(-x)
-        shares = np.array([1.0 - share / x if x > 0.0 else 0.0, share])
-        return TorqueFilterState(Z, y + share * (tau - y), u, tau, shares)
+        (Z, y, u, _, _), after, shares = now.state, empty(tau.size), empty(2)
+        kernels.hold(y, tau, self.low_pass.bandwidth * dt, after, shares)
+        return TorqueFilterState(Z, after, u, tau, shares)
 
     def rate(self, now: FilteredTorque, tau: np.ndarray) -> TorqueFilterState:
         """Return the time derivative of the state at the torque tau (n), as part of an ODE."""

@@ -263,6 +263,7 @@ def test_small_and_large_problems_take_the_same_step(p):
     estimate = pa.adaptation.Estimate(np.ones(p), (now,))
     assert np.allclose(fit.weight(drive, now), R, rtol=1e-9)
     assert np.allclose(fit.rate(estimate, drive).value, -now @ gradient, rtol=1e-9)
+    assert np.allclose(fit.value_rate(estimate, drive), -now @ gradient, rtol=1e-9)
     information = np.linalg.inv(now) + 0.01 * W.T @ R @ W
     after, kept = fit.step(estimate, drive, 0.01), math.exp(-0.03)
     value = 1.0 - 0.01 * np.linalg.solve(information, gradient)

@@ -349,6 +349,42 @@ def test_polarisation(rng, laid):
     assert close(taken, Y - Y_0) and close(tau, (Y - Y_0) @ pi)
 
 
+def test_sums_of_a_memory(rng, laid):
+    """What a step of the memory adds up: pull, size of an error, of an innovation, its clock."""
+    g, h, r = map(laid, rng.standard_normal((3, 5)))
+    root, total, clock, after = rng.standard_normal((5, 5)), filled(5), np.arange(7.0), filled(7)
+    adaptation.combine(2.0, g, -0.3, h, total)
+    assert close(total, 2.0 * g - 0.3 * h)
+    precision = np.exp(g)
+    assert close(adaptation.mean_square(r, laid(precision)), np.mean(r * r * precision))
+    assert close(adaptation.mean_square(r, np.array([4.0])), 4.0 * np.mean(r * r))
+    S = laid(root @ root.T + np.eye(5))
+    assert close(adaptation.squared_ratio(r, S), r @ np.linalg.solve(S, r), 1e-10)
+    adaptation.let_pass(clock, 0.25, 0.5, after)
+    assert after.tolist() == [0.0, 0.75, 1.0, 1.5, 4.0, 5.0, 6.0]
+    assert close(laws.weighted_norm(g, h), np.linalg.norm(g * h))
+
+
+def test_prediction_of_a_torque(rng, laid):
+    W, (a, y), residual = laid(rng.standard_normal((4, 6))), rng.standard_normal((2, 6)), filled(4)
+    checks.prediction_error(W, laid(a), laid(y[:4]), residual)
+    assert close(residual, W @ a - y[:4])
+
+
+def test_hold(rng, laid):
+    """A low pass with its input held, and a ramp through it, against many small steps."""
+    (y, tau), x = map(laid, rng.standard_normal((2, 3))), 0.7
+    after, shares, count = filled(3), filled(2), 20000
+    laws.hold(y, tau, x, after, shares)
+    assert close(after, tau + np.exp(-x) * (y - tau))
+    ramp, slow, share = np.linspace(0.0, 1.0, count + 1), 0.0, -np.expm1(-x / count)
+    for middle in 0.5 * (ramp[1:] + ramp[:-1]):
+        slow += share * (middle - slow)
+    assert close(shares, [slow, -np.expm1(-x)], 1e-8)
+    laws.hold(y, tau, 0.0, after, shares)
+    assert close(after, y) and not shares.any()
+
+
 def test_carry(rng, laid):
     memory, xd_hat, x = map(laid, rng.standard_normal((3, 4)))
     memory[2:], dx_o, after = (0.03, 0.7), filled(2), filled(4)
@@ -437,12 +473,12 @@ ROWS = [[0, 1, 2], [0, 2], [0, 1, 2, 3, 4, 5]]
 
 
 def arrays_of(data):
-    """Return rotations, origins, velocities, accelerations and axes of all joints."""
+    """Return rotations, origins and velocities of all joints, their axes and the axes' rates."""
     R, o = (
         np.array([getattr(oMi, part) for oMi in data.oMi]) for part in ("rotation", "translation")
     )
-    V, A = (np.array([np.array(m.vector) for m in motions]) for motions in (data.v, data.a))
-    return R, o, V, A, data.J.reshape(6, -1)
+    V = np.array([np.array(motion.vector) for motion in data.v])
+    return R, o, V, data.J.reshape(6, -1), data.dJ.reshape(6, -1)
 
 
 @pytest.mark.parametrize("rows", ROWS)
@@ -452,19 +488,21 @@ def test_frame_motion(name, rows, rng, laid):
     lever = rng.standard_normal(3)
     model, data, q, v, frame = moving(name, rng, lever)
     place, rows, aligned = [i for i in rows if i < 3], np.array(rows), pin.LOCAL_WORLD_ALIGNED
-    pin.forwardKinematics(model, data, q, v, np.zeros(model.nv))
-    pin.computeJointJacobians(model, data)
+    pin.computeJointJacobiansTimeVariation(model, data, q, v)
     parents, B = np.array([model.njoints - 1, 1]), laid(rng.standard_normal((3, 2)))
-    m, given = len(rows), [laid(part) for part in arrays_of(data)]
-    J, Jdot_v, xd, Y = filled(m, model.nv), filled(m), filled(m), filled(m, 2)
-    x, X = filled(len(place)), filled(len(place), 2)
-    filling = J, Jdot_v, xd, Y, x, X
-    models.frame_motion(*given, laid(lever), rows, parents, B, *filling)
+    m, given = len(rows), [laid(part) for part in (*arrays_of(data), v, lever)]
+    J, Jdot, Jdot_v, xd = filled(m, model.nv), filled(m, model.nv), filled(m), filled(m)
+    Y, x, X = filled(m, 2), filled(len(place)), filled(len(place), 2)
+    filling = J, Jdot, Jdot_v, xd, Y, x, X
+    models.frame_motion(*given, rows, parents, B, *filling)
     assert close(x, pin.updateFramePlacement(model, data, frame).translation[place])
     turned = [data.oMi[int(i)].rotation @ b for i, b in zip(parents, B.T, strict=True)]
     assert close(X, np.transpose(turned)[place])
     expected = pin.getFrameJacobian(model, data, frame, aligned).reshape(6, -1)[rows]
     assert close(J, expected) and close(xd, expected @ v)
+    changing = pin.getFrameJacobianTimeVariation(model, data, frame, aligned).reshape(6, -1)
+    assert close(Jdot, changing[rows], 1e-11)
+    pin.forwardKinematics(model, data, q, v, np.zeros(model.nv))
     fast = pin.getFrameClassicalAcceleration(model, data, frame, aligned).vector
     assert close(Jdot_v, fast[rows], 1e-11)
     assert (Y[len(place) :] == 0.0).all()
@@ -474,8 +512,8 @@ def test_frame_motion(name, rows, rng, laid):
         near = pin.Frame("near", int(parent), 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME)
         ends = _velocities(model, q, v, far, near)
         assert close(column[: len(place)], (ends[0] - ends[1])[place])
-    pin.forwardKinematics(model, data, q, NAN * v, np.zeros(model.nv))
-    models.frame_motion(*arrays_of(data), lever, rows, parents, B, *filling)
+    pin.computeJointJacobiansTimeVariation(model, data, q, NAN * v)
+    models.frame_motion(*arrays_of(data), v, lever, rows, parents, B, *filling)
     assert np.isnan(xd).all()
 
 

@@ -34,12 +34,8 @@ def descend(a: np.ndarray, g: np.ndarray, Gamma: np.ndarray, dt: float, after: n
         after[i] = a[i] + dt * after[i]
 
 
-@compiled(
-    "void(f8[:,:], f8[:,:], f8[:], f8[:,:], f8[:], f8, f8[:], f8[:,:], f8[:])",
-    fills=2,
-    allocates=True,
-)
-def weigh(
+@compiled("void(f8[:,:], f8[:,:], f8[:], f8[:,:], f8[:], f8, f8[:], f8[:])", allocates=True)
+def fit_rate(
     P: np.ndarray,
     W: np.ndarray,
     r: np.ndarray,
@@ -47,155 +43,185 @@ def weigh(
     g: np.ndarray,
     rate: float,
     floor: np.ndarray,
-    R: np.ndarray,
-    weighted: np.ndarray,
+    slope: np.ndarray,
 ) -> None:
-    """Write R = rate (W P W^T + diag(floor))^-1 (m, m) and g + W^T (R - R_0) r (p), P symmetric.
-
-    The floor has m entries, or one for all rows.
-    """
+    """Write -P (g + W^T (R - R_0) r) (p), R as in ``fit``."""
     m, p = W.shape
-    L, L_inverse, P_w = np.empty((m, m)), np.empty((m, m)), np.empty(p)
-    for i in range(m):
+    work, L = np.empty((3, max(m, p))), np.empty((m, m))
+    gradient, x, P_w = work[0], work[1], work[2]
+    for k in range(p):
+        gradient[k] = g[k]
+    for i in range(m if rate > 0.0 else 0):  # W P W^T + diag(floor) = L L^T, L x = r
         for k in range(p):
             P_w[k] = 0.0
             for t in range(p):
                 P_w[k] += P[k, t] * W[i, t]
         for j in range(i + 1):
-            x = floor[i % len(floor)] if i == j else 0.0
+            y = floor[i % len(floor)] if i == j else 0.0
             for k in range(p):
-                x += W[j, k] * P_w[k]
-            L[i, j] = x
-    for i in range(m):
-        for j in range(i + 1):
-            x = L[i, j]
+                y += W[j, k] * P_w[k]
             for t in range(j):
-                x -= L[i, t] * L[j, t]
-            L[i, j] = math.sqrt(x) if i == j else x / L[j, j]
-        for j in range(i + 1):
-            x = 1.0 if i == j else 0.0
-            for t in range(j, i):
-                x -= L[i, t] * L_inverse[t, j]
-            L_inverse[i, j] = x / L[i, i]
-    for i in range(m):
-        for j in range(i + 1):
-            x = 0.0
-            for t in range(i, m):
-                x += L_inverse[t, i] * L_inverse[t, j]
-            R[i, j] = R[j, i] = rate * x
-    for k in range(p):
-        weighted[k] = g[k]
-    for i in range(m):
-        x = 0.0
+                y -= L[i, t] * L[j, t]
+            L[i, j] = math.sqrt(y) if i == j else y / L[j, j]
+        x[i] = r[i]
+        for t in range(i):
+            x[i] -= L[i, t] * x[t]
+        x[i] /= L[i, i]
+    for i in range(m - 1 if rate > 0.0 else -1, -1, -1):  # rate L^-T x = R r
+        for t in range(i + 1, m):
+            x[i] -= L[t, i] * x[t]
+        x[i] /= L[i, i]
+        y = rate * x[i]
         for j in range(m):
-            x += (R[i, j] - R_0[i, j]) * r[j]
+            y -= R_0[i, j] * r[j]
         for k in range(p):
-            weighted[k] += W[i, k] * x
-
-
-@compiled("void(f8[:,:], f8[:,:], f8[:,:], f8[:], f8[:,:], f8, f8[:,:], f8[:], f8[:,:])", fills=3)
-def fit_rate(
-    P: np.ndarray,
-    W: np.ndarray,
-    R: np.ndarray,
-    g: np.ndarray,
-    prior: np.ndarray,
-    forgetting: float,
-    products: np.ndarray,
-    rate: np.ndarray,
-    gain_rate: np.ndarray,
-) -> None:
-    """Write -P g (p) and forgetting (P - P prior P) - P W^T R W P (p, p).
-
-    Before them it writes P W^T and P prior, side by side (p, m + p).
-
-    All square matrices are symmetric.
-    """
-    m, p = W.shape
+            gradient[k] += W[i, k] * y
     for i in range(p):
-        rate[i] = 0.0
-        for j in range(m + p):
-            products[i, j] = 0.0
+        slope[i] = 0.0
         for j in range(p):
-            rate[i] -= P[i, j] * g[j]
-            for a in range(m):
-                products[i, a] += P[i, j] * W[a, j]
-            for k in range(p):
-                products[i, m + k] += P[i, j] * prior[j, k]
-    for i in range(p):
-        for j in range(i + 1):
-            x = P[i, j]
-            for k in range(p):
-                x -= products[i, m + k] * P[k, j]
-            x *= forgetting
-            for a in range(m):
-                for b in range(m):
-                    x -= products[i, a] * R[a, b] * products[j, b]
-            gain_rate[i, j] = gain_rate[j, i] = x
+            slope[i] -= P[i, j] * gradient[j]
 
 
 @compiled(
-    "void(f8[:,:], f8[:,:], f8[:,:], f8[:], f8, f8[:,:], f8, f8[:], f8[:,:])",
+    "void(f8[:], f8[:,:], f8[:,:], f8[:], f8[:,:], f8[:], f8, f8[:], f8, f8[:,:], f8, f8[:], "
+    "f8[:,:])",
     fills=2,
     allocates=True,
 )
 def fit(
+    a: np.ndarray,
     P: np.ndarray,
     W: np.ndarray,
-    R: np.ndarray,
+    r: np.ndarray,
+    R_0: np.ndarray,
     g: np.ndarray,
+    rate: float,
+    floor: np.ndarray,
     dt: float,
     prior: np.ndarray,
     kept: float,
-    change: np.ndarray,
+    after: np.ndarray,
     gain: np.ndarray,
 ) -> None:
-    """Write -dt P_1 g (p), P_1^-1 = P^-1 + dt W^T R W, and (kept P_1^-1 + (1 - kept) prior)^-1.
+    """Write a - dt P_1 (g + W^T (R - R_0) r) (p) and (kept P_1^-1 + (1 - kept) prior)^-1 (p, p).
 
-    All matrices are symmetric; P, P_1 and prior are positive definite.
+    P_1^-1 = P^-1 + dt W^T R W with R = rate (W P W^T + diag(floor))^-1 (m, m), or R_0 for a rate of
+    zero. The floor has m entries, or one for all rows. All square matrices are symmetric; P and
+    prior are positive definite.
     """
+
+    def invert(A: np.ndarray) -> None:
+        """Write A^-1 over A (n, n), symmetric and positive definite, by n sweeps."""
+        n = len(A)
+        for i in range(n):
+            for j in range(i):
+                A[j, i] = A[i, j]
+        for k in range(n):
+            pivot = 1.0 / A[k, k]
+            for i in range(n):
+                for j in range(n):
+                    if i != k and j != k:
+                        A[i, j] -= A[i, k] * A[k, j] * pivot
+            for i in range(n):
+                A[i, k] = A[k, i] = A[i, k] * pivot
+            A[k, k] = -pivot
+        for i in range(n):
+            for j in range(n):
+                A[i, j] = -A[i, j]
+
     m, p = W.shape
-    X, L, L_inverse, information = gain, np.empty((p, p)), np.empty((p, p)), np.empty((p, p))
-    for i in range(p):
-        for j in range(p):
-            X[i, j] = P[i, j]
-    for turn in range(3):  # X is inverted: P, then P_1^-1, then the inverse of the result
-        for i in range(p):
-            for j in range(i + 1):
-                x = X[i, j]
-                for t in range(j):
-                    x -= L[i, t] * L[j, t]
-                L[i, j] = math.sqrt(x) if i == j else x / L[j, j]
-            for j in range(i + 1):
-                x = 1.0 if i == j else 0.0
-                for t in range(j, i):
-                    x -= L[i, t] * L_inverse[t, j]
-                L_inverse[i, j] = x / L[i, i]
-        for i in range(p):
-            for j in range(i + 1):
-                x = 0.0
-                for t in range(i, p):
-                    x += L_inverse[t, i] * L_inverse[t, j]
-                X[i, j] = X[j, i] = x
-        if turn == 0:
-            for a in range(m):
-                for i in range(p):
-                    x = 0.0
-                    for b in range(m):
-                        x += R[a, b] * W[b, i]
-                    for j in range(p):
-                        X[j, i] += dt * W[a, j] * x
-            for i in range(p):
-                for j in range(p):
-                    information[i, j] = X[i, j]
-        if turn == 1:
-            for i in range(p):
-                change[i] = 0.0
-                for j in range(p):
-                    change[i] -= dt * X[i, j] * g[j]
-            for i in range(p):
-                for j in range(p):
-                    X[i, j] = kept * information[i, j] + (1.0 - kept) * prior[i, j]
+    R, information, gradient = np.empty((m, m)), np.empty((p, p)), np.empty(p)
+    for k in range(p):
+        gradient[k] = g[k]
+        for t in range(p):
+            information[k, t] = P[k, t]
+    for i in range(m):
+        for j in range(m):
+            R[i, j] = R_0[i, j]
+    if rate > 0.0:
+        for i in range(m):
+            for k in range(p):
+                after[k] = 0.0  # P W^T, column by column
+                for t in range(p):
+                    after[k] += P[k, t] * W[i, t]
+            for j in range(m):
+                R[i, j] = floor[i % len(floor)] if i == j else 0.0
+                for k in range(p):
+                    R[i, j] += W[j, k] * after[k]
+        invert(R)
+        for i in range(m):
+            x = 0.0
+            for j in range(m):
+                R[i, j] *= rate
+                x += (R[i, j] - R_0[i, j]) * r[j]
+            for k in range(p):
+                gradient[k] += W[i, k] * x
+    invert(information)
+    for i in range(m):
+        for k in range(p):
+            x = 0.0
+            for j in range(m):
+                x += dt * R[i, j] * W[j, k]
+            for t in range(p):
+                information[t, k] += W[i, t] * x
+    for k in range(p):
+        for t in range(p):
+            gain[k, t] = information[k, t]
+    invert(gain)
+    for k in range(p):
+        after[k] = a[k]
+        for t in range(p):
+            after[k] -= dt * gain[k, t] * gradient[t]
+    for k in range(p):
+        for t in range(p):
+            gain[k, t] = kept * information[k, t] + (1.0 - kept) * prior[k, t]
+    invert(gain)
+
+
+@compiled("void(f8, f8[:], f8, f8[:], f8[:])")
+def combine(c: float, g: np.ndarray, d: float, h: np.ndarray, total: np.ndarray) -> None:
+    """Write c g + d h (p)."""
+    for i in range(len(total)):
+        total[i] = c * g[i] + d * h[i]
+
+
+@compiled("f8(f8[:], f8[:])", fills=0)
+def mean_square(r: np.ndarray, precision: np.ndarray) -> float:
+    """Return the mean of r_i^2 precision_i (n); the precision has n entries, or one for all."""
+    square = 0.0
+    for i in range(len(r)):
+        square += r[i] * r[i] * precision[i % len(precision)]
+    return square / len(r)
+
+
+@compiled("f8(f8[:], f8[:,:])", fills=0, allocates=True)
+def squared_ratio(r: np.ndarray, S: np.ndarray) -> float:
+    """Return r^T S^-1 r, S (n, n) symmetric but for rounding: S = L D L^T, L y = r, y^T D^-1 y."""
+    n, square = len(r), 0.0
+    L, D, y = np.empty((n, n)), np.empty(n), np.empty(n)
+    for i in range(n):
+        y[i] = r[i]
+        for j in range(i + 1):
+            x = 0.5 * (S[i, j] + S[j, i])
+            for t in range(j):
+                x -= L[i, t] * D[t] * L[j, t]
+            if i > j:
+                L[i, j] = x / D[j]
+                y[i] -= L[i, j] * y[j]
+            else:
+                D[i] = x
+        square += y[i] * y[i] / D[i]
+    return square
+
+
+@compiled("void(f8[:], f8, f8, f8[:])")
+def let_pass(clock: np.ndarray, dt: float, fades: float, after: np.ndarray) -> None:
+    """Write a memory's clock (quiet, due, fresh, left, ...) after dt: fresh and left fade."""
+    for i in range(len(clock)):
+        after[i] = clock[i]
+    after[1] -= dt
+    after[2] *= fades
+    after[3] *= fades
 
 
 @compiled("void(f8[:], f8[:], f8[:], f8, f8, f8[:])")

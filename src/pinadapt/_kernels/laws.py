@@ -106,6 +106,19 @@ def advance(
         after[m * p + m + i] = low[m * p + m + i] + way_a * a[i]
 
 
+@compiled("void(f8[:], f8[:], f8, f8[:], f8[:])", fills=2)
+def hold(y: np.ndarray, tau: np.ndarray, x: float, after: np.ndarray, shares: np.ndarray) -> None:
+    """Write y + s (tau - y) (n), s = 1 - exp(-x), and (1 - s / x, s) (2), zero for x = 0.
+
+    These are a low pass with its input held for x time constants, and how far it follows an input
+    that changes by one over this time: linearly, or all at the beginning.
+    """
+    share = -math.expm1(-x)
+    for i in range(len(y)):
+        after[i] = y[i] + share * (tau[i] - y[i])
+    shares[0], shares[1] = 1.0 - share / x if x > 0.0 else 0.0, share
+
+
 @compiled("void(f8[:], f8[:,:], f8[:])")
 def posture_offset(q: np.ndarray, posture: np.ndarray, offset: np.ndarray) -> None:
     """Write d + 2 e |e| / margin (n), d = q - rest, e how far d is outside of [low, high].
@@ -312,6 +325,15 @@ def subtract_damping(
         torque[i] = feedforward[i]
         for t in range(len(error)):
             torque[i] -= K_D[i, t] * error[t]
+
+
+@compiled("f8(f8[:], f8[:])", fills=0)
+def weighted_norm(weight: np.ndarray, x: np.ndarray) -> float:
+    """Return the norm of (weight_i x_i) (n)."""
+    square = 0.0
+    for i in range(len(x)):
+        square += (weight[i] * x[i]) ** 2
+    return math.sqrt(square)
 
 
 @compiled("void(f8[:], f8[:], f8[:], f8[:], f8[:], f8, f8, f8[:], f8[:])", fills=2)

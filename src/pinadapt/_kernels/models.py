@@ -48,35 +48,39 @@ def place(
 
 
 @compiled(
-    "void(f8[:,:,:], f8[:,:], f8[:,:], f8[:,:], f8[:,:], f8[:], i8[:], "
-    "i8[:], f8[:,:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], f8[:,:])",
-    fills=6,
+    "void(f8[:,:,:], f8[:,:], f8[:,:], f8[:,:], f8[:,:], f8[:], f8[:], i8[:], i8[:], f8[:,:], "
+    "f8[:,:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], f8[:,:])",
+    fills=7,
 )
 def frame_motion(
     R: np.ndarray,
     o: np.ndarray,
     V: np.ndarray,
-    A: np.ndarray,
     S: np.ndarray,
+    dS: np.ndarray,
+    qd: np.ndarray,
     lever: np.ndarray,
     rows: np.ndarray,
     parent: np.ndarray,
     directions: np.ndarray,
     J: np.ndarray,
+    Jdot: np.ndarray,
     Jdot_v: np.ndarray,
     xd_hat: np.ndarray,
     Y_k: np.ndarray,
     x_hat: np.ndarray,
     X_k: np.ndarray,
 ) -> None:
-    """Write of a frame J (m, n), dJ/dt v (m), J v (m), Y_k (m, p), positions (m_p), X_k (m_p, p).
+    """Write J, dJ/dt (m, n), dJ/dt qd, J qd (m), Y_k (m, p), position (m_p), X_k (m_p, p).
 
-    Of the joints, R (N, 3, 3) and o (N, 3) are rotations and origins, V and A (N, 6) velocities and
-    accelerations for a joint acceleration of zero, linear before angular, in their own axes; the
-    last one carries the frame at ``lever`` (3). S (6, n) are the joints' axes as motions at the
-    origin. ``rows`` (m) of the frame's motion are wanted, linear before angular. Column by column
-    Y_k is R (w x b) in the linear rows, the first m_p, else zero, and X_k is R b there: of each
-    parameter ``parent`` (p) is the joint and b, a column of ``directions`` (3, p), the direction.
+    Of the joints, R (N, 3, 3) and o (N, 3) are rotations and origins, V (N, 6) velocities, linear
+    before angular, in their own axes; the last one carries the frame at ``lever`` (3). S (6, n) are
+    the joints' axes as motions at the world's origin, dS their rates at the joint velocity qd (n).
+    ``rows`` (m) of the frame's motion are wanted, linear before angular. With the frame at x an
+    axis S = (l, r) moves it by J = (l + r x x, r), and dJ/dt = (dl + dr x x + r x xd, dr). Column
+    by column Y_k is R (w x b) in the linear rows, the first m_p, else zero, and X_k is R b there:
+    of each parameter ``parent`` (p) is the joint and b, a column of ``directions`` (3, p), the
+    direction.
     """
     c = len(R) - 1
     x, y, z = o[c, 0], o[c, 1], o[c, 2]
@@ -86,32 +90,33 @@ def frame_motion(
         z += R[c, 2, t] * lever[t]
     for i in range(len(x_hat)):
         x_hat[i] = x if rows[i] == 0 else y if rows[i] == 1 else z
-    wx, wy, wz = V[c, 3], V[c, 4], V[c, 5]
-    lx, ly, lz = lever[0], lever[1], lever[2]
-    ux = V[c, 0] + wy * lz - wz * ly  # V + w x lever
-    uy = V[c, 1] + wz * lx - wx * lz
-    uz = V[c, 2] + wx * ly - wy * lx
-    ax = A[c, 0] + A[c, 4] * lz - A[c, 5] * ly + wy * uz - wz * uy  # A + dw x lever + w x u
-    ay = A[c, 1] + A[c, 5] * lx - A[c, 3] * lz + wz * ux - wx * uz
-    az = A[c, 2] + A[c, 3] * ly - A[c, 4] * lx + wx * uy - wy * ux
+    ux = V[c, 0] + V[c, 4] * lever[2] - V[c, 5] * lever[1]  # V + w x lever
+    uy = V[c, 1] + V[c, 5] * lever[0] - V[c, 3] * lever[2]
+    uz = V[c, 2] + V[c, 3] * lever[1] - V[c, 4] * lever[0]
+    xd = R[c, 0, 0] * ux + R[c, 0, 1] * uy + R[c, 0, 2] * uz
+    yd = R[c, 1, 0] * ux + R[c, 1, 1] * uy + R[c, 1, 2] * uz
+    zd = R[c, 2, 0] * ux + R[c, 2, 1] * uy + R[c, 2, 2] * uz
     for i in range(len(rows)):
         r = rows[i]
         if r < 3:
-            Jdot_v[i] = R[c, r, 0] * ax + R[c, r, 1] * ay + R[c, r, 2] * az
-            xd_hat[i] = R[c, r, 0] * ux + R[c, r, 1] * uy + R[c, r, 2] * uz
+            xd_hat[i] = xd if r == 0 else yd if r == 1 else zd
         else:
             k = r - 3
-            Jdot_v[i] = R[c, k, 0] * A[c, 3] + R[c, k, 1] * A[c, 4] + R[c, k, 2] * A[c, 5]
-            xd_hat[i] = R[c, k, 0] * wx + R[c, k, 1] * wy + R[c, k, 2] * wz
+            xd_hat[i] = R[c, k, 0] * V[c, 3] + R[c, k, 1] * V[c, 4] + R[c, k, 2] * V[c, 5]
+        Jdot_v[i] = 0.0
         for t in range(J.shape[1]):
-            column = S[r, t]
+            column, rate = S[r, t], dS[r, t]
             if r == 0:
                 column += S[4, t] * z - S[5, t] * y
+                rate += dS[4, t] * z - dS[5, t] * y + S[4, t] * zd - S[5, t] * yd
             elif r == 1:
                 column += S[5, t] * x - S[3, t] * z
+                rate += dS[5, t] * x - dS[3, t] * z + S[5, t] * xd - S[3, t] * zd
             elif r == 2:
                 column += S[3, t] * y - S[4, t] * x
-            J[i, t] = column
+                rate += dS[3, t] * y - dS[4, t] * x + S[3, t] * yd - S[4, t] * xd
+            J[i, t], Jdot[i, t] = column, rate
+            Jdot_v[i] += rate * qd[t]
     for j in range(len(parent)):
         k = parent[j]
         x = V[k, 4] * directions[2, j] - V[k, 5] * directions[1, j]
@@ -375,19 +380,25 @@ def momentum_columns(
     for i in range(Y_M.shape[0]):
         for j in range(Y_M.shape[1]):
             Y_M[i, j] = Y_0[i, j] = 0.0
-    s, d, g = np.empty(6), np.empty(6), np.empty(3)
+    s, d, weights = np.empty(6), np.empty(6), np.zeros((len(R), 3))
+    for b in range(len(R)):
+        for t in range(3):
+            for e in range(3):
+                weights[b, t] -= R[b, e, t] * gravity[e]
     for k in range(len(bodies)):
         b, c = bodies[k], columns[k]
         for t in range(3):  # axes of the body; the linear part at its origin
-            s[t] = s[t + 3] = d[t] = d[t + 3] = g[t] = 0.0
-            for e in range(3):
-                f, h = (e + 1) % 3, (e + 2) % 3
-                s[t] += R[b, e, t] * (J[e, c] + J[f + 3, c] * o[b, h] - J[h + 3, c] * o[b, f])
+            s[t] = s[t + 3] = d[t] = d[t + 3] = 0.0
+        for e in range(3):
+            f, h = (e + 1) % 3, (e + 2) % 3
+            moving = J[e, c] + J[f + 3, c] * o[b, h] - J[h + 3, c] * o[b, f]
+            rate = Jdot[e, c] + Jdot[f + 3, c] * o[b, h] - Jdot[h + 3, c] * o[b, f]
+            for t in range(3):
+                s[t] += R[b, e, t] * moving
                 s[t + 3] += R[b, e, t] * J[e + 3, c]
-                rate = Jdot[e, c] + Jdot[f + 3, c] * o[b, h] - Jdot[h + 3, c] * o[b, f]
                 d[t] += R[b, e, t] * rate
                 d[t + 3] += R[b, e, t] * Jdot[e + 3, c]
-                g[t] -= R[b, e, t] * gravity[e]
+        g = weights[b]
         v, w, i = V[b, :3], V[b, 3:], 10 * b
         Y_M[c, i] = s[0] * v[0] + s[1] * v[1] + s[2] * v[2]
         Y_0[c, i] = s[0] * g[0] + s[1] * g[1] + s[2] * g[2]

@@ -52,6 +52,16 @@ def size_of_estimates(a_d: np.ndarray, a_k: np.ndarray, torque: np.ndarray) -> f
     return size + 0.0 * effort
 
 
+@compiled("void(f8[:,:], f8[:], f8[:], f8[:])")
+def prediction_error(W: np.ndarray, a: np.ndarray, y: np.ndarray, residual: np.ndarray) -> None:
+    """Write W a - y (n), W (n, p)."""
+    for i in range(len(y)):
+        x = -y[i]
+        for j in range(len(a)):
+            x += W[i, j] * a[j]
+        residual[i] = x
+
+
 @compiled("b1(f8[:], f8[:])", fills=0)
 def exceeds(torque: np.ndarray, limits: np.ndarray) -> bool:
     """Return whether a finite torque (n) exceeds one of its limits (n)."""

@@ -10,7 +10,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy import concatenate
+from numpy import empty
 
 from .._checks import instance, whole
 from ..exceptions import InputError
@@ -237,6 +237,10 @@ class Adaptation(ABC):
     @abstractmethod
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the time derivatives of the value (p) and of the memory."""
+
+    def value_rate(self, estimate: Estimate, drive: Drive) -> np.ndarray:
+        """Return the value (p) of ``rate``, for laws whose reference contains da/dt."""
+        return self.rate(estimate, drive).value
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held, here by an Euler step."""
@@ -471,12 +475,12 @@ class Stacked(Adaptation):
         """Return the estimate after dt [s] with the drive held."""
         value, own = estimate.value, estimate.memory or self._forgetful
         drives = [drive.columns(block) for _, block in self.parts]
-        values, memories = [], []
+        after, memories = empty(self._size), []
         for (part, block), memory, its_drive in zip(self.parts, own, drives, strict=True):
-            after = part.step(Estimate(value[block], memory), its_drive, dt)
-            values.append(after.value)
-            memories.append(after.memory)
-        return Estimate(concatenate(values), tuple(memories))
+            moved = part.step(Estimate(value[block], memory), its_drive, dt)
+            after[block] = moved.value
+            memories.append(moved.memory)
+        return Estimate(after, tuple(memories))
 
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
         """Return the sum of the blocks' parts of V, or None where one is undefined."""

@@ -9,9 +9,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy import empty
 from numpy.typing import ArrayLike
 
 from .._checks import numbers, positive
+from .._compiled import compile_all
+from .._kernels import estimates as kernels
 from ..exceptions import GainError
 from .adaptation import Adaptation, Drive, Estimate, Wrapper
 from .least_squares import DecayWeight, checked_weight, weight_of
@@ -341,8 +344,9 @@ class CompositeMemory(Wrapper):
             )
         self.agreement = positive(agreement, "agreement", zero=True)
         self.unit = positive(unit, "unit")
+        compile_all()
         self._variance = self.noise * self.noise
-        self._precision = 1.0 / self._variance
+        self._precision = np.atleast_1d(1.0 / self._variance)
 
     def init(self, value: np.ndarray) -> Estimate:
         """Return the inner adaptation's start, with an empty memory."""
@@ -399,22 +403,18 @@ class CompositeMemory(Wrapper):
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held; fading is integrated exactly."""
         A, b, pull, origin, lasting, numbers_now, *made = estimate.memory[:_OWN]
-        clock, inner, factors = (
-            _Clock(*numbers_now.tolist()),
-            self._inner(estimate),
-            _Factors(*made),
-        )
-        fades = math.exp(-self._bandwidth * dt)
-        quiet, due, fresh, left, usual, unexplained, residual = clock
-        later = _Clock(quiet, due - dt, fades * fresh, fades * left, usual, unexplained, residual)
+        clock, factors = _Clock(*numbers_now.tolist()), _Factors(*made)
+        inner = self._inner(estimate)
+        fades, passed = math.exp(-self._bandwidth * dt), empty(len(clock))
+        kernels.let_pass(numbers_now, dt, fades, passed)
         if drive.W is None or drive.residual is None or drive.saturated:
             after = self.inner.step(inner, self._total(drive, None, clock), dt)
-            later = later._replace(quiet=_QUIET / self._bandwidth, due=0.0)
+            later = _Clock(*passed.tolist())._replace(quiet=_QUIET / self._bandwidth, due=0.0)
             memory = A, b, pull, origin, lasting, np.array(later), *_UNMADE
             return Estimate(after.value, (*memory, *after.memory))
         if clock.quiet > 0.0:
             after = self.inner.step(inner, self._total(drive, None, clock), dt)
-            later = later._replace(quiet=0.0, left=fades)
+            later = _Clock(*passed.tolist())._replace(quiet=0.0, left=fades)
             origin = _origin(estimate.value, drive)
             memory = A, b, pull, origin, lasting, np.array(later), *_UNMADE
             return Estimate(after.value, (*memory, *after.memory))
@@ -424,24 +424,26 @@ class CompositeMemory(Wrapper):
         elif len(origin):
             drive = _since(origin, clock.left, estimate.value, drive)
         assert drive.residual is not None
-        size, known = self._mean_square(drive.residual), _UNUSUAL * max(usual, residual)
+        size, due = kernels.mean_square(drive.residual, self._precision), clock.due
+        known = _UNUSUAL * max(clock.usual, clock.residual)
         if due > 0.5 * dt and size <= max(self.contradiction, known):
             after = self.inner.step(inner, self._total(drive, pull, clock), dt)
             if due < 2.5 * dt:
                 factors = self._prepared(factors, estimate.value, A, last=due < 1.5 * dt)
-            memory = A, b, pull, origin, lasting, np.array(later), *factors
+            memory = A, b, pull, origin, lasting, passed, *factors
             return Estimate(after.value, (*memory, *after.memory))
         told = self._recalled(estimate, drive, factors if factors.pivots.size else None)
         assert told is not None
         span, d = max(self.interval, dt), told.surprise
-        later = later._replace(due=span - dt, residual=size, usual=self._mean(clock.usual, d, span))
+        usual = self._mean(clock.usual, d, span)
+        later = _Clock(*passed.tolist())._replace(due=span - dt, residual=size, usual=usual)
         if clock.fresh < _SETTLED and d > max(self.contradiction, _UNUSUAL * later.usual):
             later = later._replace(due=0.0, fresh=1.0, usual=max(later.usual, _FIRST))
             after = self.inner.step(inner, self._total(drive, None, later), dt)
-            empty = np.zeros(A.shape), np.zeros(b.size), np.zeros(b.size)
+            nothing = np.zeros(A.shape), np.zeros(b.size), np.zeros(b.size)
             later = later._replace(fresh=fades, left=fades)
             taken = _origin(estimate.value, whole)
-            memory = *empty, taken, lasting, np.array(later), *_UNMADE
+            memory = *nothing, taken, lasting, np.array(later), *_UNMADE
             return Estimate(after.value, (*memory, *after.memory))
         after = self.inner.step(inner, self._total(drive, told.pull, clock), dt)
         kept = math.exp(-told.fading * span)
@@ -509,15 +511,12 @@ class CompositeMemory(Wrapper):
 
     def _total(self, drive: Drive, pull: np.ndarray | None, clock: _Clock) -> Drive:
         """Return the drive of the inner adaptation, with the pull H da (p) of the memory."""
-        gradient = self._emphasis(clock) * drive.gradient
-        if pull is not None:
-            trust = 1.0 if drive.e is None else self._trust(clock)
-            gradient += (trust * self.speed / self.share) * pull
+        emphasis = self._emphasis(clock)
+        if pull is None:
+            return Drive(drive.Y, drive.e, gradient=emphasis * drive.gradient)
+        trust, gradient = 1.0 if drive.e is None else self._trust(clock), empty(pull.size)
+        kernels.combine(emphasis, drive.gradient, trust * self.speed / self.share, pull, gradient)
         return Drive(drive.Y, drive.e, gradient=gradient)
-
-    def _mean_square(self, torque: np.ndarray) -> float:
-        """Return the mean square over the joints of a torque (n) relative to the noise."""
-        return float(torque.dot(torque * self._precision)) / torque.size
 
     def _mean(self, mean: float, value: float, span: float) -> float:
         """Return a mean after a time [s], the faster where it rises."""
@@ -569,8 +568,7 @@ class CompositeMemory(Wrapper):
         innovation = residual - change
         S = W_Gamma.dot(solved[:, 1:])
         S.flat[:: n + 1] += self._variance
-        size = innovation.dot(np.linalg.solve(0.5 * (S + S.T), innovation))
-        surprise = max(float(size), 0.0) / n
+        surprise = max(kernels.squared_ratio(innovation, S), 0.0) / n
         fading = self.forgetting * surprise
         fading /= 1.0 + fading / self._bandwidth
         return _Recalled(self._calm(change) * pull, surprise, innovation, fading)
@@ -579,15 +577,15 @@ class CompositeMemory(Wrapper):
         """Return the share of rho where the memory would change the torque by so much (n)."""
         if not self.agreement:
             return 1.0
-        m = math.sqrt(self._mean_square(change))
+        m = math.sqrt(kernels.mean_square(change, self._precision))
         return max(_CALM, m / (m + self.agreement))
 
     def _with_empty_memory(self, estimate: Estimate, quiet: float) -> Estimate:
         """Return the inner adaptation's estimate with A = 0 and b = 0, quiet for a time [s]."""
         p = estimate.value.size
         clock = _Clock(quiet, 0.0, 1.0, 0.0, _FIRST, 0.0, 0.0)
-        empty = np.zeros((p, p)), np.zeros(p), np.zeros(p), np.zeros((0, p + 1))
-        memory = *empty, np.zeros(self.noise.size), np.array(clock), *_UNMADE
+        nothing = np.zeros((p, p)), np.zeros(p), np.zeros(p), np.zeros((0, p + 1))
+        memory = *nothing, np.zeros(self.noise.size), np.array(clock), *_UNMADE
         return Estimate(estimate.value, (*memory, *estimate.memory))
 
     @staticmethod

@@ -33,9 +33,13 @@ class Gradient(Adaptation):
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return -Gamma g (p)."""
+        return Estimate(self.value_rate(estimate, drive))
+
+    def value_rate(self, estimate: Estimate, drive: Drive) -> np.ndarray:
+        """Return -Gamma g (p)."""
         rate = empty(estimate.value.size)
         kernels.descent(drive.gradient, self.Gamma, rate)
-        return Estimate(rate)
+        return rate
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""

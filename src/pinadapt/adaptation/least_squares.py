@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy import empty
 from numpy.typing import ArrayLike
 
 from .._checks import definite_matrix, flag, numbers, positive, whole
@@ -157,8 +158,11 @@ class LeastSquares(Adaptation):
         self.directional, self.unit = flag(directional, "directional"), positive(unit, "unit")
         if self.directional:
             self.sources = (*self.sources, "SalgadoGoodwinMiddleton1988")
-        self._constant = None if weight is None else checked_weight(weight)
+        self._constant = None if weight is None or rate is not None else checked_weight(weight)
         self._decay = None if rate is None else DecayWeight(rate, floor)
+        self._rate, self._floor = 0.0, np.ones(1)  # of no weight that decays
+        if self._decay is not None:
+            self._rate, self._floor = self._decay.rate, self._decay.floor
         if bandwidth is not None and weight is None and rate is None:
             raise GainError(
                 "the prediction error of the torque needs a weight or a rate.", where="weight"
@@ -179,27 +183,27 @@ class LeastSquares(Adaptation):
 
     def weight(self, drive: Drive, P: np.ndarray) -> np.ndarray:
         """Return R (l, l) for a drive with a prediction error, at the gain P (p, p)."""
-        return self._weighted(drive, P)[0]
-
-    def _weighted(self, drive: Drive, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return R (l, l) and the gradient (p) of a drive with a prediction error weighted by R."""
-        W, residual, given = drive.W, drive.residual, drive.weight
-        assert W is not None and residual is not None
-        m, p = W.shape
-        if self._decay is not None and p <= _SMALL:
-            R, gradient = np.empty((m, m)), np.empty(p)
-            before = np.zeros((m, m)) if given is None else given
-            decay = self._decay
-            kernels.weigh(
-                P, W, residual, before, drive.gradient, decay.rate, decay.floor, R, gradient
-            )
-            return R, gradient
+        W, given = drive.W, drive.weight
+        assert W is not None
         if self._decay is not None:
-            R = self._decay.at(W.dot(P).dot(W.T))
-        elif self._constant is not None:
-            R = weight_of(self._constant, m)
-        else:
-            R = np.zeros((m, m)) if given is None else given
+            return self._decay.at(W.dot(P).dot(W.T))
+        if self._constant is not None:
+            return weight_of(self._constant, len(W))
+        return np.zeros((len(W), len(W))) if given is None else given
+
+    def _started(self, drive: Drive) -> tuple[np.ndarray, np.ndarray]:
+        """Return the weight R_0 (l, l) that the kernels start from, and the gradient (p) with it.
+
+        R_0 is the constant weight, or else that of the drive.
+        """
+        given, constant = drive.weight, self._constant
+        if constant is None and given is not None:
+            return given, drive.gradient
+        assert drive.W is not None
+        m = len(drive.W)
+        if constant is None:
+            return np.zeros((m, m)), drive.gradient
+        R = weight_of(constant, m)
         return R, _gradient(drive, R)
 
     def size(self, P: np.ndarray) -> float:
@@ -214,35 +218,38 @@ class LeastSquares(Adaptation):
         P, W = self._gain(estimate), drive.W
         if W is None:
             return Estimate(-P.dot(drive.gradient), (np.zeros(P.shape),))
-        R, gradient = self._weighted(drive, P)
-        if self.directional and len(P) <= _SMALL:
-            (m, p), rate, gain_rate = W.shape, np.empty(len(P)), np.empty(P.shape)
-            products = np.empty((p, m + p))
-            kernels.fit_rate(
-                P, W, R, gradient, self._prior, self.forgetting, products, rate, gain_rate
-            )
-            return Estimate(rate, (gain_rate,))
-        P_W = P.dot(W.T)
+        R, P_W = self.weight(drive, P), P.dot(W.T)
         learned = P_W.dot(R).dot(P_W.T)
-        return Estimate(-P.dot(gradient), (self._recovery(P) - learned,))
+        return Estimate(-P.dot(_gradient(drive, R)), (self._recovery(P) - learned,))
+
+    def value_rate(self, estimate: Estimate, drive: Drive) -> np.ndarray:
+        """Return da/dt (p)."""
+        P, W, residual = self._gain(estimate), drive.W, drive.residual
+        if W is None or residual is None or len(P) > _SMALL:
+            return self.rate(estimate, drive).value
+        (R_0, g), slope = self._started(drive), empty(len(P))
+        kernels.fit_rate(P, W, residual, R_0, g, self._rate, self._floor, slope)
+        return slope
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
-        P, W = self._gain(estimate), drive.W
-        if W is None:
+        P, W, residual = self._gain(estimate), drive.W, drive.residual
+        if W is None or residual is None:
             return Estimate(estimate.value - dt * P.dot(drive.gradient), (P,))
-        R, gradient = self._weighted(drive, P)
         if self.directional and len(P) <= _SMALL:
-            change, gain = np.empty(len(P)), np.empty(P.shape)
-            kept = math.exp(-self.forgetting * dt)
-            kernels.fit(P, W, R, gradient, dt, self._prior, kept, change, gain)
-            return Estimate(estimate.value + change, (gain,))
-        P_W = P.dot(W.T)  # (P^-1 + dt W^T R W)^-1 by the matrix inversion lemma, for R >= 0
+            (R_0, g), after, gain = self._started(drive), empty(len(P)), empty(P.shape)
+            kernels.fit(
+                estimate.value, P, W, residual, R_0, g, self._rate, self._floor,
+                dt, self._prior, math.exp(-self.forgetting * dt), after, gain,
+            )  # fmt: skip
+            return Estimate(after, (gain,))
+        R, P_W = self.weight(drive, P), P.dot(W.T)
+        # (P^-1 + dt W^T R W)^-1 by the matrix inversion lemma, for R >= 0
         inner = np.linalg.solve(np.eye(len(R)) + dt * R.dot(W.dot(P_W)), dt * R)
-        after = P - P_W.dot(inner).dot(P_W.T)
-        after = 0.5 * (after + after.T)
-        value = estimate.value - dt * after.dot(gradient)
-        return Estimate(value, (self._after_forgetting(P, after, dt),))
+        updated = P - P_W.dot(inner).dot(P_W.T)
+        updated = 0.5 * (updated + updated.T)
+        value = estimate.value - dt * updated.dot(_gradient(drive, R))
+        return Estimate(value, (self._after_forgetting(P, updated, dt),))
 
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float:
         """Return da^T P(0)^-1 da / 2."""

@@ -110,11 +110,17 @@ class BoxProjection(Wrapper):
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner rates; on the boundary the value's does not point out of the box."""
-        rate, a = self.inner.rate(estimate, drive), estimate.value
-        if kernels.inside(a, self.low, self.high):
+        rate = self.inner.rate(estimate, drive)
+        if kernels.inside(estimate.value, self.low, self.high):
             return rate
-        low, high = np.where(a <= self.low, 0.0, -np.inf), np.where(a >= self.high, 0.0, np.inf)
-        return rate.with_value(self._nearest(rate.value, low, high, estimate))
+        return rate.with_value(self._inward(rate.value, estimate))
+
+    def value_rate(self, estimate: Estimate, drive: Drive) -> np.ndarray:
+        """Return the value (p) of ``rate``."""
+        rate = self.inner.value_rate(estimate, drive)
+        if kernels.inside(estimate.value, self.low, self.high):
+            return rate
+        return self._inward(rate, estimate)
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s]; its value is in the box for any dt."""
@@ -132,6 +138,12 @@ class BoxProjection(Wrapper):
             return own
         change = self.rate(estimate, drive).value - self.inner.rate(estimate, drive).value
         return own + self.inner.power(estimate, change, truth)
+
+    def _inward(self, rate: np.ndarray, at: Estimate) -> np.ndarray:
+        """Return the rate (p) nearest to a given one that does not point out of the box."""
+        a = at.value
+        low, high = np.where(a <= self.low, 0.0, -np.inf), np.where(a >= self.high, 0.0, np.inf)
+        return self._nearest(rate, low, high, at)
 
     def _nearest(
         self, x: np.ndarray, low: np.ndarray, high: np.ndarray, at: Estimate

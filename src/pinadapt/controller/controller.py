@@ -10,6 +10,7 @@ from types import EllipsisType
 from typing import Any
 
 import numpy as np
+from numpy import empty
 from numpy.typing import ArrayLike
 
 from .._checks import shown
@@ -409,9 +410,9 @@ class Controller:
         if torque.dtype is not _FLOAT:
             torque = torque.astype(float)
         if s.filtered_torque is not None:
-            W, y, _, _ = s.filtered_torque
-            drive = drives.dynamic
-            drive.W, drive.residual, drive.weight = W, W.dot(s.a_d) - y, None
+            (W, y, _, _), drive, residual = s.filtered_torque, drives.dynamic, empty(torque.size)
+            kernels.prediction_error(W, s.a_d, y, residual)
+            drive.W, drive.residual, drive.weight = W, residual, None
         if limits is not None and kernels.exceeds(torque, limits):
             torque, drives = np.clip(torque, -limits, limits), drives.without_tracking()
         return (torque if self.compensation is None else torque - self.compensation(s.q)), drives

@@ -28,7 +28,7 @@ _FAR, _FAR_BASE = 2.0, 20.0  # of the reach: x from x_hat, with the base in its 
 _FAST = 10.0  # of the description's velocity limits
 _SLOW, _NEAR = 1e-3, 1e-4  # [1/s] and share, of a radian or the reach, of an arm that rests
 _NOISE = 4.0  # standard deviations
-_NOTHING = np.zeros(0)
+_NOTHING, _NO_COLUMNS = np.zeros(0), np.zeros((0, 0))
 _PERFECT = SensorQuality()
 _MISSED = 1.5  # periods after which a sample was dropped
 _LATEST = 10.0  # periods that one step may bridge
@@ -225,7 +225,7 @@ class Senses:
             sensed = self.compensator.update(before, t_before, t, q, v, x, x_time, kinematics)
             return sensed if first is None else sensed._replace(first=first), still
         if not position_error:
-            return SensedState(q, v, x.copy(), first=first), still
+            return SensedState(q, v, x.copy(), _NOTHING, _NO_COLUMNS, None, (), first), still
         epsilon = kinematics.p_hat - x[: kinematics.positions]
         return SensedState(q, v, x.copy(), epsilon, kinematics.X_k, None, (), first), still
 

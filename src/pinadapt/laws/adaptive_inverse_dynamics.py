@@ -42,7 +42,7 @@ class AdaptiveInverseDynamics(EstimatedVelocityLaw):
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return tau, (11), with the drives of both estimates, (18) and (19)."""
         e, kinematic = self.errors(s)
-        a_k_rate = model.adaptation_k.rate(model.kinematic, kinematic).value
+        a_k_rate = model.adaptation_k.value_rate(model.kinematic, kinematic)
         v = self.commanded_acceleration(s, a_k_rate)
         # tau = M_hat v + C_hat qd + g_hat (11)
         torque = model.dynamics.torque(s.q, s.v, v)
@@ -199,7 +199,7 @@ class AdaptiveInverseDynamicsImproved(EstimatedVelocityLaw):
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return tau, (32) with (34), and the drives of both estimates, (36) and (37)."""
         (e, kinematic), dynamics = self.errors(s), model.dynamics
-        a_k_rate = model.adaptation_k.rate(model.kinematic, kinematic).value
+        a_k_rate = model.adaptation_k.value_rate(model.kinematic, kinematic)
         v = self.commanded_acceleration(s, a_k_rate)
         dynamics.load(s.a_0)
         M_0 = dynamics.mass_matrix(s.q)

@@ -156,7 +156,7 @@ class AdaptiveJacobian(Law):
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return the torque and the drives of both estimates."""
         kinematic = self._kinematic_drive(s)
-        a_k_rate = model.adaptation_k.rate(model.kinematic, kinematic).value
+        a_k_rate = model.adaptation_k.value_rate(model.kinematic, kinematic)
         Jdot = model.kinematics.jacobian_rate(a_k_rate)
         qd_r, qdd_r = self._reference(s, Jdot)
         # tau = Y_r a_d - J_hat^T (K_v dxd_hat + K_P dx) - N D N s, s = qd - qd_r

@@ -156,8 +156,9 @@ class Separation(Law):
         if positive(self.lag, "lag", zero=True) and self.M_0 is None:
             raise GainError("a lag needs the mass matrix that it belongs to.", where="M_0")
         positive(self.late, "late", zero=True)
-        carried = np.broadcast_to(np.asarray(self.carried, dtype=float), len(K_D)).copy()
-        object.__setattr__(self, "carried", carried)
+        for name, size in (("carried", len(K_D)), ("far", self.task.size)):
+            each = np.broadcast_to(np.asarray(getattr(self, name), dtype=float), size).copy()
+            object.__setattr__(self, name, each)
 
     @cached_property
     def filters(self) -> PositionObserver:
@@ -220,13 +221,14 @@ class Separation(Law):
             return K, 1.0 / self.lag, self.carried
         share = min(1.0, max(0.0, age / (_EAGER * self.late) - 1.0))
         if dx is not None and age < 2.0 * _UNKNOWN:
-            off = self.far * dx
-            large = min(1.0, max(0.0, math.sqrt(off.dot(off)) - 1.0))
-            large *= min(1.0, 2.0 - age / _UNKNOWN)
-            share *= 1.0 - large
-            if large and self.K_far is not None:
-                K = K + large * (self.K_far - K)
-        return K, (1.0 - share) / self.lag + share / self.late, share * self.carried
+            large = kernels.weighted_norm(self.far, dx) - 1.0
+            if large > 0.0:
+                large = min(1.0, large) * min(1.0, 2.0 - age / _UNKNOWN)
+                share *= 1.0 - large
+                if self.K_far is not None:
+                    K = K + large * (self.K_far - K)
+        carried = self.carried if share == 1.0 else share * self.carried
+        return K, (1.0 - share) / self.lag + share / self.late, carried
 
     def tolerant(self, late: float, robot: Robot) -> Separation:
         """Return the law with the lag ``late`` [s] in place of a shorter one.
@@ -293,7 +295,7 @@ class Separation(Law):
             M_0, limit = self.M_0(s.q), self._limit(s.filtered.age, s.dx)
         u, ud = self._reference(s)
         kinematic = self._kinematic_drive(s)
-        a_k_rate = model.adaptation_k.rate(model.kinematic, kinematic).value
+        a_k_rate = model.adaptation_k.value_rate(model.kinematic, kinematic)
         # qd_r = J_hat^+ u + N psi and its derivative, dJ_hat/dt with the moving estimate
         Jdot = model.kinematics.jacobian_rate(a_k_rate)
         psi, psid = self.posture.null_motion(s)

@@ -185,7 +185,7 @@ class InertialDynamics(Dynamics):
         See ``MomentumRegressor`` for the source.
         """
         Y_M, Y_0 = self._regressor.momentum(q, v)
-        p_0 = self._armature * v
+        p_0 = self._armature * v if self._rotors else np.zeros(v.size)
         if self.complete:
             return Momentum(Y_M, Y_0, p_0, np.zeros(v.size))
         known = self._known

@@ -49,6 +49,7 @@ class FrameKinematics(TaskKinematics):
         self._turns = self._size > self.positions
         self._J_shape = (self._size, self.nv)
         self._Y_shape, self._X_shape = (self._size, self.size), (self.positions, self.size)
+        self._Jdot = empty(self._J_shape)  # dJ/dt at a constant estimate, scratch
         self._model = robot.model.copy()
         self._data, self._past = self._model.createData(), self._model.createData()
         self._frame = robot.frame_id
@@ -60,11 +61,12 @@ class FrameKinematics(TaskKinematics):
         self._R = [self._data.oMi[i].rotation[self._place] for i in self._parents]
         self._w = [self._data.v[i].angular for i in self._parents]
         self._dw = [self._data.a[i].angular for i in self._parents]
-        # Views into Data of all joints: placements, motions in their own axes, and Jacobian.
+        # Views into Data of all joints: placements, motions in their own axes, Jacobian, its rate.
         self._rotations, self._origins = _placements(self._data)
         self._past_placements = _placements(self._past)
-        self._velocities, self._accelerations = _motions(self._data.v), _motions(self._data.a)
+        self._velocities = _motions(self._data.v)
         self._axes = self._data.J.reshape(6, self.nv)
+        self._axis_rates = self._data.dJ.reshape(6, self.nv)
         self._lever = placement_of(self._model, self._frame, None).translation
         self.last_joint = self._data.oMi[self._model.njoints - 1].translation[self._place]
         self._row_numbers, self._place_numbers = np.arange(6)[self._rows], np.arange(3)[self._place]
@@ -106,18 +108,16 @@ class FrameKinematics(TaskKinematics):
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Evaluate at an estimate a_k (p) [m], configuration q (nq) and velocity v (nv)."""
-        model, data = self._model, self._data
         for first, directions, offset, translation in self._placed.places:
             kernels.place(a_k, first, directions, offset, translation)
-        pin.forwardKinematics(model, data, q, v, self._zero)
-        pin.computeJointJacobians(model, data)
+        pin.computeJointJacobiansTimeVariation(self._model, self._data, q, v)
         m, m_p = self._size, self.positions
         J, Jdot_v, xd_hat = empty(self._J_shape), empty(m), empty(m)
         Y_k, p_hat, X_k = empty(self._Y_shape), empty(m_p), empty(self._X_shape)
         kernels.frame_motion(
-            self._rotations, self._origins, self._velocities, self._accelerations, self._axes,
+            self._rotations, self._origins, self._velocities, self._axes, self._axis_rates, v,
             self._lever, self._row_numbers, self._parent_of, self._placed.directions,
-            J, Jdot_v, xd_hat, Y_k, p_hat, X_k,
+            J, self._Jdot, Jdot_v, xd_hat, Y_k, p_hat, X_k,
         )  # fmt: skip
         self.J, self.Jdot_v, self.xd_hat = J, Jdot_v, xd_hat
         self.Y_k, self.p_hat, self.X_k = Y_k, p_hat, X_k
@@ -179,10 +179,7 @@ class FrameKinematics(TaskKinematics):
         J is affine in a_k, so the second part is linear in a_k_rate. Without it (17) of Wang and
         Xie does not hold.
         """
-        model, data = self._model, self._data
-        pin.computeJointJacobiansTimeVariation(model, data, self._q, self._v)
-        Jdot = pin.getFrameJacobianTimeVariation(model, data, self._frame, pin.LOCAL_WORLD_ALIGNED)
-        Jdot = Jdot[self._rows] if self.nv > 1 else Jdot[self._rows, None]
+        Jdot = self._Jdot.copy()
         kernels.add_translation_rates(
             a_k_rate, self._parent_of, self._placed.directions, self._rotations,
             self._axes, self._last_column, self._place_numbers, Jdot,

@@ -133,6 +133,8 @@ class MomentumRegressor:
         self._rotations = live_array([placement.rotation for placement in oMi])
         self._origins = live_array([placement.translation for placement in oMi])
         self._velocities = live_array([motion.vector for motion in v])
+        shape = (6, self._model.nv)
+        self._axes, self._axis_rates = self._data.J.reshape(shape), self._data.dJ.reshape(shape)
         self._gravity = np.array(model.gravity.linear)
         pairs = [
             (body - 1, column)
@@ -149,12 +151,11 @@ class MomentumRegressor:
 
     def __call__(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return Y_M and Y_0 (nv, 10 N) at q (nq), v (nv)."""
-        data, shape = self._data, (6, self._model.nv)
-        pin.computeJointJacobiansTimeVariation(self._model, data, q, v)
-        Y_M, Y_0 = np.empty(self._shape), np.empty(self._shape)
+        pin.computeJointJacobiansTimeVariation(self._model, self._data, q, v)
+        Y_M, Y_0 = empty(self._shape), empty(self._shape)
         kernels.momentum_columns(
-            self._rotations, self._origins, self._velocities, data.J.reshape(shape),
-            data.dJ.reshape(shape), self._bodies, self._columns, self._gravity, Y_M, Y_0,
+            self._rotations, self._origins, self._velocities, self._axes, self._axis_rates,
+            self._bodies, self._columns, self._gravity, Y_M, Y_0,
         )  # fmt: skip
         return Y_M, Y_0
 
