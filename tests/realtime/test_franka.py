@@ -7,9 +7,10 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.cli import main
+from pinadapt.exceptions import ArmError
 from pinadapt.realtime import CycleLog, RealtimeLoop, Recorder, Safety, tell
 from tests.support.arms import ORDINARY
-from tests.support.franka_server import TOOL, Franka
+from tests.support.franka_server import MASS, TOOL, Franka
 
 pytestmark = pytest.mark.slow
 pytest.importorskip("pylibfranka", reason="the extra franka is not installed")
@@ -43,12 +44,13 @@ def franka():
     server.close()
 
 
-def drive(server, stage, seconds, *, of=None, recorder=None, each=None, **safety):
+def drive(server, stage, seconds, *, of=None, recorder=None, each=None, arm=None, **safety):
     """Return ending, messages, and positions (N, 7) and torques (N, 7) of a run."""
     said, q, sent = [], [], []
     circle = pa.trajectories.Circle(robot().position(robot().q0), 0.04, 3.0)
     server.camera()  # frames of an earlier connection, whose time was another
-    with FrankaArm(server.address, robot(), camera=server.camera) as arm:
+    given = {"robot": robot(), "camera": server.camera, **(arm or {})}
+    with FrankaArm(server.address, **given) as arm:
         read, send = arm.read, arm.send
 
         def reading():
@@ -116,6 +118,58 @@ def test_the_latch_stops_it(franka):
 
         ending, *_ = drive(franka, "adapt", 5.0, recorder=recorder, each=press)
     assert ending.reason == "latch: red button" and ending.phases[-1][1] == "stopped"
+
+
+def test_a_push_beyond_the_collision_behaviour_is_a_reflex_that_is_acknowledged(franka):
+    """Below the thresholds nothing happens; the reflex and its recovery are those of our server."""
+
+    def push(newtons, hold):
+        def pushing(count, m):
+            if count in (150, 150 + hold):
+                franka.tell(push=[0.0, 0.0, newtons if count == 150 else 0.0])
+
+        return pushing
+
+    gentle, *_ = drive(franka, "hold", 0.4, each=push(-20.0, 20))
+    assert not gentle.failed or gentle.reason.startswith("late: ")
+    low = {"collision": [8.0] * 7}
+    reflex, said, _, _ = drive(franka, "hold", 5.0, each=push(-20.0, 10**6), arm=low)
+    franka.tell(push=[0.0, 0.0, 0.0])
+    assert reflex.failed and "has stopped the motion: " in reflex.reason, reflex
+    assert "eflex" in reflex.reason and "--recover" in reflex.reason
+    assert said[-1].startswith("stopped")
+    with pytest.raises(ArmError, match="is in error: joint_reflex"):
+        drive(franka, "hold", 0.2)
+    after, *_ = drive(franka, "hold", 0.2, arm={"recover": True})
+    assert not after.failed, after
+
+
+def test_a_robot_that_its_user_has_stopped_is_refused(franka):
+    franka.tell(stopped=True)
+    try:
+        with pytest.raises(ArmError, match=r"its mode is UserStopped.*Release the user stop"):
+            drive(franka, "gravity", 0.2)
+    finally:
+        franka.tell(stopped=False)
+
+
+def test_a_load_that_is_set_on_the_robot_is_carried_by_it(franka):
+    """com in the axes of the flange there, in those of the tool in the description."""
+    turn = np.array([[1.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, np.sqrt(2.0)]]) / np.sqrt(2.0)
+    load = pa.Payload(
+        MASS, turn @ (TOOL + np.array([0.0, 0.0, 0.1034])), [1e-3, 0.0, 1e-3, 0.0, 0.0, 1e-3]
+    )
+    carrying = robot().changed(payload=pa.Payload(MASS, TOOL, load.inertia))
+    moved = {}
+    for name, arm in {"unset": {}, "set": {"robot": carrying, "load": load}}.items():
+        described = arm.get("robot", robot())
+        of = pa.make_controller(described, adaptation="none", compensated="nominal")
+        _, _, q, sent = drive(franka, "gravity", 0.3, of=of, arm=arm)
+        moved[name] = np.abs(q - q[0]).max()
+        assert np.abs(sent[:20]).max() < 0.5
+    with FrankaArm(franka.address, robot()) as plain:
+        plain._robot.set_load(0.0, [0.0] * 3, [0.0] * 9)
+    assert moved["set"] < 2e-3 < 5e-3 < moved["unset"], moved
 
 
 def test_a_server_in_real_time_that_is_killed_in_mid_motion_is_told():

@@ -226,6 +226,7 @@ class FrankaArm(Arm):
     def _broken(self, error: Exception) -> ArmError:
         """Return what an error of the vendor's client means."""
         words = " ".join(str(error).split()).rstrip(".")
+        self._control = None  # the motion has ended; the client would wait for its next cycle
         reflex = isinstance(error, self._vendor.ControlException)
         hint = _RECOVER if reflex else "Is the cable in, and the control box on?"
         kind = "has stopped the motion" if reflex else "does not answer"
