@@ -8,7 +8,7 @@ from scipy import stats
 
 import pinadapt as pa
 from pinadapt.sweep import Cases, CaseTable, Plan
-from pinadapt.sweep.sweep_report import Report, percentile, rate
+from pinadapt.sweep.sweep_report import Report, _short, percentile, rate
 
 
 def test_the_rate_has_wilsons_interval():
@@ -83,7 +83,31 @@ def test_words_of_a_report():
     assert found.success.good == 200 - lost
     text = str(found.sheet())
     assert "at 1 s" in text and "lost" in text and "value" in text
-    assert report(folder="out").lost().rows[0][-1].startswith("pinadapt sweep out --case ")
+    rows = found.lost().rows
+    assert found.lost().header[1] == "w" and rows[0][-1] == "at 1 s"  # what matters most is first
+    command = f"pinadapt sweep out --case {rows[0][0]}"
+    kept = report(folder="out")
+    assert command in str(kept.sheet()) and f"<code>{command}</code>" in kept.page()
+    assert "--case" not in text + found.page()
+
+
+def test_the_share_of_lost_cases_is_drawn_where_there_are_some():
+    assert len(report().bands("a").axes) == 2
+    rows = [
+        {"case": i, "seed": i, "a": i, "status": "done", "reason": "", "value": 1.0 + i}
+        for i in range(9)
+    ]
+    kept = Report(CaseTable.of(rows), Plan(Cases.of({"a": list(range(9))}), function=dict))
+    assert len(kept.bands("a").axes) == 1
+
+
+def test_names_of_columns_are_short_where_that_tells_them_apart():
+    assert _short(["truth.payload.mass", "belief.payload.mass", "controller.alpha", "a"]) == [
+        "truth.payload.mass",
+        "belief.payload.mass",
+        "alpha",
+        "a",
+    ]
 
 
 def test_the_numbers_of_a_report_are_json():

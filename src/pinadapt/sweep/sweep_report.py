@@ -48,7 +48,7 @@ _FEWEST = 5  # cases of a class
 _BANDS = (0.05, 0.25, 0.5, 0.75, 0.95)
 _PANELS, _CELLS = 4, 200  # words that are drawn apart, and cells of a map along an axis
 _WIDE = 5.0  # ratio of the quartiles of an axis above which it is logarithmic; 3 if uniform from 0
-_SHOWN = 20  # rows of a list
+_SHOWN, _COLUMNS = 20, 6  # rows of a list, and its parameters
 _DPI = 110
 
 
@@ -260,39 +260,54 @@ class Report:
 
     def worst(self) -> Table:
         """Return the cases with the largest result, without the lost ones."""
+        return self._listed(self._worst, [self.main])
+
+    @cached_property
+    def _worst(self) -> list[int]:
+        """The places of the worst cases that are not lost, the worst first."""
         values = np.where(self.table.lost, -np.inf, self.values(self.main))
-        order = [i for i in np.argsort(-values, kind="stable")[:10] if values[i] > -np.inf]
-        return self._listed(order, [self.main])
+        order = np.argsort(-values, kind="stable")[:10].tolist()
+        return [i for i in order if values[i] > -np.inf]
 
     def lost(self) -> Table:
         """Return the lost cases with their reasons; of many the first."""
-        return self._listed(np.flatnonzero(self.table.lost)[:_SHOWN].tolist(), ["status", "reason"])
+        return self._listed(self._lost, ["status", "reason"])
+
+    @cached_property
+    def _lost(self) -> list[int]:
+        """The places of the lost cases; of many the first."""
+        found: list[int] = np.flatnonzero(self.table.lost)[:_SHOWN].tolist()
+        return found
 
     def _listed(self, rows: Sequence[int], names: Sequence[str]) -> Table:
-        shown = self.parameters[:6]
+        """Return cases with the parameters that matter most, and some results."""
+        try:
+            ranked = [each.name for each in self.influences()]
+        except InputError:
+            ranked = []
+        shown = [*ranked, *(each for each in self.parameters if each not in ranked)][:_COLUMNS]
         cells = [
             [
                 str(self.table["case"][i]),
                 *(_cell(name, self.table[name][i]) for name in (*shown, *names)),
-                f"pinadapt sweep {self.folder} --case {self.table['case'][i]}"
-                if self.folder
-                else "",
             ]
             for i in rows
         ]
-        return Table(cells, ["case", *shown, *names, "run it alone"])
+        return Table(cells, ["case", *_short(shown), *names])
 
-    def _command(self, number: int) -> str:
-        """Return the command that runs a case alone."""
-        return f"pinadapt sweep {self.folder} --case {number}" if self.folder else ""
+    def _alone(self, rows: Sequence[int]) -> str:
+        """Return the command that runs the first of some cases alone; empty without a folder."""
+        if self.folder is None or not rows:
+            return ""
+        return f"pinadapt sweep {self.folder} --case {self.table['case'][rows[0]]}"
 
     def sheet(self) -> Sheet:
         """Return verdict, percentiles and lost cases as text."""
         tables = [self.percentiles()] if self.results else []
         tables += [self.lost()] if self.table.lost.any() else []
-        return Sheet(
-            self.title, tables or [Table([("cases", str(len(self.table)))])], self.verdict()
-        )
+        tables = tables or [Table([("cases", str(len(self.table)))])]
+        alone = f"A case alone: {self._alone(self._lost)}\n\n" if self._alone(self._lost) else ""
+        return Sheet(self.title, tables, f"{alone}{self.verdict()}")
 
     @property
     def title(self) -> str:
@@ -407,7 +422,7 @@ class Report:
         return drawn
 
     def bands(self, x: str) -> Picture:
-        """Return percentiles of the main result over one parameter, and the share of lost cases."""
+        """Return percentiles of the main result over one parameter, and the share lost, if any."""
         import matplotlib
 
         a, values = self.table[x], self.values(self.main)
@@ -416,22 +431,28 @@ class Report:
         top = scale * float(shown.max()) if shown.size else 1.0
         with matplotlib.rc_context(RC):
             figure = Picture(figsize=(7.0, 4.6), layout="constrained")
-            ax, below = figure.subplots(2, 1, sharex=True, height_ratios=(4, 1))
+            gone = ~np.isfinite(values)
+            parts = 1 + int(gone.any())
+            ax, below = figure.subplots(
+                parts, 1, sharex=True, height_ratios=(4, 1)[:parts], squeeze=False
+            )[[0, -1], 0]
             for k, (word, own) in enumerate(self._split.items()):
                 places, groups = _classes(a[own])
                 levels = scale * np.array(
                     [np.quantile(values[own][g], _BANDS, method="inverted_cdf") for g in groups]
                 )
                 self._band(ax, places, levels, top, k, word)
-                lost = np.array([np.mean(~np.isfinite(values[own][g])) for g in groups])
-                below.step(places, 100.0 * lost, where="mid", color=colour(k))
+                if gone.any():
+                    lost = np.array([np.mean(gone[own][g]) for g in groups])
+                    below.step(places, 100.0 * lost, where="mid", color=colour(k))
             ax.set_ylabel(literal(_label(self.main)))
             if shown.size and shown.min() > 0.0 and shown.max() > 10.0 * shown.min():
                 ax.set_yscale("log")
                 _plain_ticks(ax.yaxis)
             legend(ax)
-            below.set_ylabel("lost [%]")
-            below.set_ylim(0.0, max(1.0, 1.1 * below.get_ylim()[1]))
+            if gone.any():
+                below.set_ylabel("lost [%]")
+                below.set_ylim(0.0, max(1.0, 1.1 * below.get_ylim()[1]))
             below.set_xlabel(literal(x))
             if _logarithmic(a):
                 below.set_xscale("log")
@@ -496,10 +517,12 @@ class Report:
             picture = b64encode(figure.png(dpi=_DPI)).decode()
             parts.append(f"<h2>{captions[name]}</h2>")
             parts.append(f'<img alt="{captions[name]}" src="data:image/png;base64,{picture}">')
-        if self.results:
-            parts += ["<h2>Worst cases</h2>", self.worst().html()]
-        if lost.any():
-            parts += [f"<h2>Lost cases, {int(lost.sum())}</h2>", self.lost().html()]
+        lists = [("Worst cases", self._worst, self.worst)] if self.results else []
+        lists += [(f"Lost cases, {int(lost.sum())}", self._lost, self.lost)] if lost.any() else []
+        for title, rows, listed in lists:
+            parts += [f"<h2>{title}</h2>", listed().html()]
+            if alone := self._alone(rows):
+                parts.append(f"<p>Run a case alone: <code>{escape(alone)}</code></p>")
         parts += ["<h2>What was varied</h2>", self._varied().html()]
         return html_page(self.title, parts)
 
@@ -650,6 +673,12 @@ def _interval(name: str, found: Percentile) -> str:
         else _amount(name, found.low).rpartition(" ")[0] or _amount(name, found.low)
     )
     return f"{low} to {_amount(name, found.high) if np.isfinite(found.high) else '?'}"
+
+
+def _short(names: Sequence[str]) -> list[str]:
+    """Return dotted names without their first part where the rest tells them apart."""
+    ends = [name.partition(".")[2] or name for name in names]
+    return [end if ends.count(end) == 1 else name for end, name in zip(ends, names, strict=True)]
 
 
 def _cell(name: str, value: Any) -> str:
