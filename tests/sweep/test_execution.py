@@ -324,6 +324,7 @@ def test_a_scheduler_that_does_not_answer_is_refused(scenario, tmp_path, capsys,
     arguments = ["--vary", "reference.radius=[0.1]", "--scheduler", "tcp://127.0.0.1:9"]
     assert swept(tmp_path / "out", scenario, *arguments) == 2
     assert "does not answer within 0.5 s" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 def test_dask_gives_the_same_bits(scenario):

@@ -82,9 +82,10 @@ def sweep(options: argparse.Namespace) -> int:
         return _show(Report(read(folder), plan, options.column, folder))
     _ask(len(plan.cases), options.yes)
     work = work_of(plan)
-    claimed(folder, plan, resume=options.resume or options.retry, anew=options.force)
+    resume = options.resume or options.retry
     try:
         with engine(options.processes, options.scheduler, plan.timeout) as workers:
+            claimed(folder, plan, resume=resume, anew=options.force)
             table = run_plan(plan, work, workers, folder, Progress(plan), retry=options.retry)
     except KeyboardInterrupt:
         print(

@@ -172,6 +172,8 @@ def _finite(key: str, value: Any) -> None:
 
 def _parsed(key: str, text: str) -> tuple[list[Any] | None, Drawn | None]:
     """Return the axis, or what is drawn, that a text stands for."""
+    if re.search(r"\b(nan|inf)\b", text, re.IGNORECASE):
+        raise InputError(f"the numbers must be finite, got {shown(text)}.", where=key)
     known = [*_AXES, *_DRAWN]
     hint = (
         "Write a list such as [1.0, 2.0], or one of lin(a, b, n), log(a, b, n), uniform(a, b), "

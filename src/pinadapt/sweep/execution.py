@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import gc
 import importlib
+import logging
 import os
 import pickle
 import signal
@@ -634,7 +635,10 @@ def _dask(address: str, count: int | None) -> Iterator[Executor]:
         if address == "local":
             with (
                 LocalCluster(
-                    n_workers=count or cores(), threads_per_worker=1, dashboard_address=None
+                    n_workers=count or cores(),
+                    threads_per_worker=1,
+                    dashboard_address=None,
+                    silence_logs=logging.ERROR,  # not of workers that end slowly
                 ) as cluster,
                 Client(cluster) as client,
             ):
@@ -808,8 +812,8 @@ def sweep(
     if len(plan.cases) > MANY:
         raise InputError(f"{len(plan.cases):,} cases are more than {MANY:,}.", where="cases")
     found = work_of(plan)
-    place = None if folder is None else claimed(Path(folder), plan, resume=True)
     with engine(executor, timeout=plan.timeout) as workers:
+        place = None if folder is None else claimed(Path(folder), plan, resume=True)
         return run_plan(plan, found, workers, place, Progress(plan, progress))
 
 

@@ -306,7 +306,9 @@ class Report:
         tables = [self.percentiles()] if self.results else []
         tables += [self.lost()] if self.table.lost.any() else []
         tables = tables or [Table([("cases", str(len(self.table)))])]
-        alone = f"A case alone: {self._alone(self._lost)}\n\n" if self._alone(self._lost) else ""
+        alone = (
+            f"Run a case alone: {self._alone(self._lost)}\n\n" if self._alone(self._lost) else ""
+        )
         return Sheet(self.title, tables, f"{alone}{self.verdict()}")
 
     @property
