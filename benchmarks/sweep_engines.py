@@ -143,7 +143,7 @@ def with_efficiency(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 def report(rows: Iterable[Mapping[str, Any]]) -> str:
     """Return a table in Markdown, by engine."""
     lines = [
-        "| | cases a second | of cores × one process | processor time of a case | share |",
+        "| | cases a second | over cores times one process | processor time of a case | share |",
         "|---|---|---|---|---|",
     ]
     forms = {
