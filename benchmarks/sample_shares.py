@@ -1,9 +1,9 @@
 """What a simulated sample spends in Pinocchio, in kernels, and in Python around them.
 
 ``python -m benchmarks.sample_shares [--save FILE]`` runs robots/panda/tool_and_load.toml sample by
-sample, first as it is and then with a clock around every call of Pinocchio and of every kernel. The
-time that the clock itself takes is subtracted. The last column is the largest factor that a batch
-of cases in one process could gain: if Python cost nothing at all.
+sample under natural adaptation, first as it is and then with a clock around every call of Pinocchio
+and of every kernel. The time that the clock itself takes is subtracted. The last column is the
+largest factor that a batch of cases in one process could gain: if Python cost nothing at all.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ import pinadapt as pa
 from pinadapt import _compiled
 from pinadapt.scenario import Scenario
 
+from .simulated_sample import NATURAL, SCENARIO
 from .timing import HERE, save
 
-SCENARIO = HERE.parent / "robots" / "panda" / "tool_and_load.toml"
 WARM, BLOCK, ROUNDS = 50, 20, 120
 
 
@@ -110,7 +110,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--save", type=Path, default=HERE / "sample_shares.json")
     path = parser.parse_args().save
-    scenario, clock = Scenario.read(SCENARIO), Clock()
+    scenario, clock = Scenario.read(SCENARIO, [NATURAL]), Clock()
     gc.disable()
     whole, *_ = blocks(scenario, clock)
     clock.install()

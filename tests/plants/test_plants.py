@@ -264,3 +264,13 @@ def test_mujoco_refuses_friction_that_it_does_not_have():
     special = robot.changed(friction=pa.Friction(np.ones(6), np.ones(6), offset=1.0))
     with pytest.raises(pa.RobotError, match="MuJoCo has viscous and Coulomb friction alone"):
         pa.plants.MujocoPlant(special)
+
+
+def test_motors_apply_what_their_limits_allow():
+    plant = pa.plants.PinocchioPlant(load("ur5"), torque_limits=2.0)
+    asked = np.array([0.5, 3.0, -3.0, np.inf, -np.inf, np.nan])
+    allowed = np.array([0.5, 2.0, -2.0, 2.0, -2.0, np.nan])
+    assert np.array_equal(plant.motors(asked), allowed, equal_nan=True)
+    assert np.array_equal(plant.motors(5.0), np.full(6, 2.0))
+    with pytest.raises(ValueError, match="broadcast"):
+        plant.motors(np.zeros(3))

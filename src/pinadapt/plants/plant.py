@@ -8,8 +8,10 @@ from math import ceil
 from typing import ClassVar, TypeAlias
 
 import numpy as np
+from numpy import empty
 
 from .._checks import instance, whole
+from .._compiled import compile_all, compiled
 from ..exceptions import InputError, RobotError
 from ..records import Measurement
 from ..robot.motors import Actuators, Compensation, JointActuators, compensation_of
@@ -184,6 +186,7 @@ class SimulatedPlant(Plant):
                 where="actuators.stiffness",
                 hint='Springs are simulated by ElasticPlant, with engine = "pinocchio".',
             )
+        compile_all()
         joints = self.actuators.of(robot)
         self._late = LateTorque(joints) if self.actuators.late else None
 
@@ -223,7 +226,24 @@ class SimulatedPlant(Plant):
             torque = torque + self.compensation(q)
         if limits is None:
             return torque
-        return np.minimum(np.maximum(torque, -limits), limits)
+        if (
+            torque.shape != limits.shape
+        ):  # of a controller of one's own; numpy refuses what is wrong
+            return np.clip(torque, -limits, limits)
+        applied = empty(limits.size)
+        _limit(torque, limits, applied)
+        return applied
+
+
+@compiled("void(f8[:], f8[:], f8[:])")
+def _limit(torque: np.ndarray, limits: np.ndarray, applied: np.ndarray) -> None:
+    """Write the torque (n) between -limits and limits (n); NaN stays NaN."""
+    for i in range(len(applied)):
+        applied[i] = torque[i]
+        if torque[i] > limits[i]:
+            applied[i] = limits[i]
+        elif torque[i] < -limits[i]:
+            applied[i] = -limits[i]
 
 
 PlantMaker: TypeAlias = Callable[..., SimulatedPlant]
