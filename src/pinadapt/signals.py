@@ -50,6 +50,7 @@ class Signals:
         filtered_torque: filtered regressor and torque of the joints, a ``FilteredTorque``, where
             the adaptation of the dynamics uses their prediction error, else None.
         w: (n) measured velocity of the motors [rad/s or m/s], or None.
+        lateness: by which torques may be late, see ``Estimate`` [s].
     """
 
     t: float
@@ -76,6 +77,7 @@ class Signals:
     filtered: Any
     filtered_torque: Any
     w: np.ndarray | None
+    lateness: float
 
     @property
     def dxd_hat(self) -> np.ndarray:

@@ -1,6 +1,7 @@
 """Composite adaptation with memory: its part of V, its accuracy, and its forgetting."""
 
 import pickle
+from dataclasses import fields, replace
 from itertools import islice
 
 import numpy as np
@@ -289,8 +290,8 @@ def test_tracking_error_teaches_fast_beside_an_empty_memory_only():
         told = -adaptation.inner.gain_times(truth, Y.T)[:, 0] * adaptation.emphasis(estimate)
         assert np.allclose(rate.value, told, rtol=1e-3, atol=1e-3)  # with the noise: no memory
         later = adaptation.step(estimate, drive, 1e-3)
-        fresh = later.memory[5][2] - estimate.memory[5][2]
-        assert rate.memory[5][2] == pytest.approx(fresh / 1e-3, rel=0.01)
+        fresh = later.memory[6][2] - estimate.memory[6][2]
+        assert rate.memory[6][2] == pytest.approx(fresh / 1e-3, rel=0.01)
         estimate = later
     assert adaptation.emphasis(adaptation.reset_to(estimate, truth, truth)) == pytest.approx(8.0)
 
@@ -312,6 +313,39 @@ def test_lyapunov_equality_while_the_share_falls(name, share):
     with_share(controller, share)
     slower = energy_along(real(robot), controller, beside(real(robot)), seconds=0.02)
     assert np.abs(energy.V[0] - slower.V[0]) > 1e-3 * slower.V[0]  # the law's part counts twice
+
+
+class Swinging(pa.laws.Separation):
+    """K_D long after the start, beside torques whose lateness goes up and down."""
+
+    def _limit(self, age, dx, lateness):
+        return super()._limit(age + 10.0, dx, 1e-3 * (1.8 + np.sin(300.0 * age)))
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5", "scara"])
+def test_lyapunov_equality_while_damping_and_share_follow_the_lateness(name):
+    """K_D is in no V, and kappa is larger where torques are in time."""
+    robot = robot_of("separation", name)
+    controller = pa.make_controller(
+        robot.changed(inertial_scale=0.7),
+        adaptation="natural-memory",
+        gamma_d=1.0,
+        unknown=pa.Unknown(friction=False, armature=False),
+    )
+    law = controller.law.tolerant(0.01, robot)
+    law = Swinging(**{field.name: getattr(law, field.name) for field in fields(law)})
+    sizes = [np.trace(law.K_D(robot.q0, age)) for age in np.linspace(0.0, 0.02, 9)]
+    assert max(sizes) > 1.2 * min(sizes)
+    controller.law = law
+    adaptation = with_share(controller, 0.1, first_share=0.2).adaptation_d
+    init = adaptation.init
+    adaptation.init = lambda value: replace(init(value), lateness=5e-4)
+    energy = energy_along(real(robot), controller, beside(real(robot)), seconds=0.02)
+    assert energy.mismatch(after=10) <= 1e-4
+    assert (energy.rate[2:-2] <= 0.0).all() and energy.largest_rise() <= 1e-12
+    adaptation.init = init
+    slower = energy_along(real(robot), controller, beside(real(robot)), seconds=0.02)
+    assert energy.V[0] - slower.V[0] > 1e-3 * slower.V[0]  # kappa, and with it the law's part
 
 
 def test_memory_is_not_trusted_where_innovations_last():
@@ -352,6 +386,50 @@ def test_memory_rests_while_a_motor_saturates():
             A, b = estimate.memory[:2]
             assert np.allclose(A @ truth, b, rtol=1e-6, atol=1e-9 * np.abs(b).max(initial=1.0))
     assert np.abs(estimate.value - truth).max() < 0.1
+
+
+def delayed(late, after=0.0, seconds=20.0, dt=0.02):
+    """Return a memory at the end, whose torques were late by a time [s], then at rest for another.
+
+    Each parameter has a frequency of its own, so that none explains the delay of another.
+    """
+    adaptation, estimate, truth = remembering(least_trust=1.0, share=0.1)
+    turned = np.random.default_rng(4).standard_normal((2, 6))
+    pace = 1.0 + np.arange(6) / 3.0
+    for t in np.arange(0.0, seconds + after, dt):
+        W, before = ((t < seconds) * turned * np.sin(pace * at) for at in (t, t - late))
+        drive = predicting(W, before @ truth, estimate)
+        estimate = adaptation.step(estimate, drive, dt)
+    return adaptation, estimate, drive
+
+
+def test_memory_tells_by_how_much_torques_are_late():
+    """By what it does not explain; nothing at the start, at rest, and while a motor saturates."""
+    known = [delayed(late)[1].lateness for late in (0.0, 0.02, 0.05)]
+    assert known[0] < 0.002
+    assert known[1:] == pytest.approx([0.02, 0.05], rel=0.25)
+    adaptation, estimate, drive = delayed(0.0)
+    fresh = adaptation.init(estimate.value)
+    assert np.isinf(fresh.lateness)
+    assert adaptation.step(fresh, drive, 1e-3).lateness > 0.09
+    assert np.isinf(adaptation.step(estimate, drive.without_tracking(), 1e-3).lateness)
+    assert delayed(0.0, after=40.0)[1].lateness == pytest.approx(0.01, rel=0.2)
+    kept = adaptation.recorded(estimate.with_value(estimate.value + 1.0))
+    assert kept.lateness == estimate.lateness
+
+
+def test_tracking_error_teaches_faster_where_torques_are_in_time():
+    """By up to three times, never faster than beside an empty memory, nor for gains of a user."""
+    for first, most in ((1.0, 3.0), (0.2, 2.0), (None, 1.0)):
+        adaptation, estimate, _ = remembering(share=0.1, first_share=first)
+        numbers = estimate.memory[6].copy()
+        numbers[2] = 0.0  # long after the start
+        memory = (*estimate.memory[:6], numbers, *estimate.memory[7:])
+        found = [
+            adaptation.emphasis(replace(estimate, memory=memory, lateness=late))
+            for late in (0.0, 1e-3, 2e-3, np.inf)
+        ]
+        assert found == pytest.approx([most, 0.5 * (1.0 + most), 1.0, 1.0])
 
 
 def test_memory_leaves_small_differences_to_the_tracking_error():
@@ -530,7 +608,7 @@ def test_memory_is_empty_after_an_announced_load():
     before = snapshot(last)
     announced = controller.announce(last, payload=pa.Payload(2.0))
     assert unchanged(last, before)
-    A, b, pull, _, _, clock = announced.dynamic.memory[:6]
+    A, b, pull, _, _, _, clock = announced.dynamic.memory[:7]
     assert not A.any() and not b.any() and not pull.any()
     assert clock[0] == pytest.approx(6.0 / controller.adaptation_d.torque_bandwidth)
 

@@ -17,10 +17,10 @@ from tests.tuning.test_heavy_load import light_wrist
 MEMORY = "natural-memory"
 
 
-def rates(law, robot, age=np.inf):
+def rates(law, robot, age=np.inf, **state):
     """Return the eigenvalues of M_0^-1 K_D at home, in ascending order [1/s]."""
     M = pin.crba(robot.model, robot.model.createData(), robot.q0)
-    return np.sort(np.linalg.eigvals(np.linalg.solve(M, law.K_D(robot.q0, age))).real)
+    return np.sort(np.linalg.eigvals(np.linalg.solve(M, law.K_D(robot.q0, age, **state))).real)
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "z1", "so101"])
@@ -33,6 +33,48 @@ def test_beside_a_memory_the_damping_is_for_late_motors_but_at_the_start(name):
         assert np.allclose(slow.K_D(robot.q0, age), fast.K_D(robot.q0), rtol=1e-12)
     ages = [rates(slow, robot, age)[-1] for age in np.linspace(3.0, 6.0, 5) * LATE]
     assert (np.diff(ages) < 0.0).all() and ages[-1] == rates(slow, robot)[-1]
+
+
+def test_torques_that_are_in_time_take_the_damping_back():
+    """K_D follows three times the time by which torques may be late, between its bounds."""
+    robot = catalogue_robot("panda")
+    slow = pa.make_controller(robot).law
+    fast = replace(slow, late=0.0)
+    times = (0.0, slow.lag / 3.0, 1e-3, 2e-3, LATE / 3.0, 1.0)
+    found = [rates(slow, robot, lateness=late) for late in times]
+    assert np.allclose(found[:2], rates(fast, robot)) and np.allclose(
+        found[-2:], rates(slow, robot)
+    )
+    between = replace(slow, lag=3e-3, late=0.0)
+    assert np.allclose(found[2], rates(between, robot))
+    assert (np.diff([each[-1] for each in found[1:5]]) < 0.0).all()
+
+
+@pytest.mark.slow
+def test_a_run_tells_whether_motors_are_late():
+    """After 6 s with all of the dynamics unknown, by the states that a run records."""
+    case, known = zoo_case("scara"), []
+    for late in (0.0, 6e-3):
+        controller = pa.make_controller(case.estimated, dt=2e-3, limits=pa.Limits(guards=False))
+        engine = pa.Engine(actuators=pa.robot.Actuators(delay=late), torque_limits=False)
+        rollout = pa.simulate(
+            case.true, controller, case.motion, duration=6.0, engine=engine, record_every=100
+        )
+        known.append(rollout.evaluation.last_state.dynamic.lateness)
+    assert known[0] < 1.5e-3 and known[1] > LATE / 3.0, known
+
+
+def test_a_joint_that_is_too_light_for_the_short_lag_has_none_at_the_start():
+    """TIAGo's wrist of 4e-6 kg m^2 would be lost within half a second with motors 10 ms late."""
+    case = zoo_case("tiago_arm")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of bodies that are not physical
+        controller = pa.make_controller(case.estimated, limits=pa.Limits(guards=False))
+        law, q = controller.law, case.estimated.q0
+        assert np.array_equal(law.K_D(q, 0.0), law.K_D(q))
+        late = pa.Engine(actuators=pa.robot.Actuators(delay=LATE), torque_limits=False)
+        rollout = pa.simulate(case.true, controller, case.motion, duration=0.6, engine=late)
+    assert rollout.diverged is None and rollout.distance.max() < 0.05 * case.radius
 
 
 def test_a_large_error_takes_the_damping_back_while_loads_may_be_unknown():

@@ -25,14 +25,17 @@ class Estimate:
     Attributes:
         value: (p) the parameters, floats.
         memory: internal state of the adaptation, arrays or tuples of arrays; empty for most.
+        lateness: by which torques may be late, for all that the adaptation can tell [s]; infinite
+            where it tells nothing.
     """
 
     value: np.ndarray
     memory: tuple = ()
+    lateness: float = math.inf
 
     def with_value(self, value: np.ndarray) -> Estimate:
         """Return an estimate with another value (p) and this memory."""
-        return Estimate(value, self.memory)
+        return Estimate(value, self.memory, self.lateness)
 
 
 class Drive:

@@ -159,7 +159,7 @@ class _Factors(NamedTuple):
 
 _NOTHING = np.zeros(0)
 _UNMADE = _Factors(np.zeros((0, 0)), np.zeros(0, dtype=np.int32), _NOTHING)
-_CLOCK, _OWN = 5, 9  # place of the numbers, and parts before those of the inner adaptation
+_CLOCK, _OWN = 6, 10  # place of the numbers, and parts before those of the inner adaptation
 # in time constants of the low pass
 _QUIET = 6.0  # after which it knows 0.2 % of an old load
 _RISE, _FALL = 20.0, 40.0  # over which innovations are averaged, if they rise or fall
@@ -169,6 +169,10 @@ _SETTLED = math.exp(-10.0)  # share of fresh after which it may begin anew again
 _UNUSUAL = 10.0  # times the usual innovation
 _FIRST = 3e-3  # innovation that is usual at a new start
 _CALM = 0.1  # least share of rho
+_IN_TIME = 2e-3  # [s] lateness below which the tracking error teaches faster
+_KEEN = 2.0  # times kappa, which is added then
+_UNKNOWN = 0.1  # [s] lateness beside an empty memory
+_AT_REST = 1e-6, 1e-2  # mean squares of errors and their rates that tell nothing
 
 
 class CompositeMemory(Wrapper):
@@ -222,7 +226,11 @@ class CompositeMemory(Wrapper):
                 the derivative kappa (dV/dt of the law) + dkappa/dt (the law's V) - rho da^T H da:
                 with dkappa/dt <= 0 and a law's V >= 0 it decreases at least as fast as with a
                 constant kappa. At a new start kappa, and with it V, jumps up. ``emphasis`` is
-                kappa(t) / kappa, for V in the metric Gamma^-1, this V over kappa.
+                kappa(t) / kappa, for V in the metric Gamma^-1, this V over kappa. Where torques are
+                in time, 2 kappa (1 - T / 2 ms) is added, at most kappa_1 - kappa, T the lateness
+                below: a tracking error that teaches faster compensates more of what sampling
+                leaves, and rings only where torques are late. V may rise by dkappa/dt (the law's V)
+                while T falls.
     Distrust:   where there is a tracking error, innovations that last contradict the assumption
                 W a = y itself, as friction does that is in no parameter. With q^2 the mean square
                 of the innovations, scaled to d and averaged over 10 / bandwidth with their signs,
@@ -233,6 +241,13 @@ class CompositeMemory(Wrapper):
                 and only the memory mends that. Where nothing is explained this is the inner
                 adaptation at that share of its speed. V may rise by dkappa/dt (the law's V) while
                 q^2 rises.
+    Lateness:   T with T^2 = mean |r_m|^2 / mean |dy/dt|^2, both relative to the noise and averaged
+                over 20 / bandwidth, is the time by which the torques would have to be late to leave
+                such errors (``Estimate.lateness``). Motors that are late by T do, unless parameters
+                explain a part; a ringing, springs and encoders leave more. An empty memory explains
+                everything: at a new start T is 0.1 s, and decays over 40 / bandwidth to what the
+                new data say. It is 10 ms while all rests, and infinite while a motor saturates; as
+                part of an ODE it does not move.
     Limits:     while a motor saturates, the missing torque may be that of an obstacle. The memory
                 then stores nothing and adds nothing; afterwards it goes on as if its low pass
                 started there.
@@ -371,11 +386,11 @@ class CompositeMemory(Wrapper):
         inner = self.inner.recorded(self._inner(estimate))
         own = [_NOTHING] * _OWN
         own[_CLOCK] = estimate.memory[_CLOCK]
-        return Estimate(inner.value, (*own, *inner.memory))
+        return Estimate(inner.value, (*own, *inner.memory), estimate.lateness)
 
     def emphasis(self, estimate: Estimate) -> float:
         """Return kappa(t) / kappa."""
-        return self._emphasis(_Clock(*estimate.memory[_CLOCK].tolist()))
+        return self._emphasis(_Clock(*estimate.memory[_CLOCK].tolist()), estimate.lateness)
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates under drive and memory, dA/dt, db/dt, dkappa/dt."""
@@ -385,7 +400,7 @@ class CompositeMemory(Wrapper):
         if clock.quiet <= 0.0 and not drive.saturated:
             told = self._recalled(estimate, drive)
         rate = self.inner.rate(
-            inner, self._total(drive, None if told is None else told.pull, clock)
+            inner, self._total(drive, None if told is None else told.pull, clock, estimate.lateness)
         )
         still = [np.zeros(part.shape) for part in estimate.memory[:_OWN]]
         if told is not None:
@@ -402,21 +417,22 @@ class CompositeMemory(Wrapper):
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held; fading is integrated exactly."""
-        A, b, pull, origin, lasting, numbers_now, *made = estimate.memory[:_OWN]
+        A, b, pull, origin, lasting, heard, numbers_now, *made = estimate.memory[:_OWN]
         clock, factors = _Clock(*numbers_now.tolist()), _Factors(*made)
-        inner = self._inner(estimate)
+        inner, late = self._inner(estimate), estimate.lateness
         fades, passed = math.exp(-self._bandwidth * dt), empty(len(clock))
         kernels.let_pass(numbers_now, dt, fades, passed)
         if drive.W is None or drive.residual is None or drive.saturated:
-            after = self.inner.step(inner, self._total(drive, None, clock), dt)
+            after = self.inner.step(inner, self._total(drive, None, clock, late), dt)
             later = _Clock(*passed.tolist())._replace(quiet=_QUIET / self._bandwidth, due=0.0)
-            memory = A, b, pull, origin, lasting, np.array(later), *_UNMADE
+            memory = A, b, pull, origin, lasting, heard, np.array(later), *_UNMADE
             return Estimate(after.value, (*memory, *after.memory))
         if clock.quiet > 0.0:
-            after = self.inner.step(inner, self._total(drive, None, clock), dt)
+            after = self.inner.step(inner, self._total(drive, None, clock, late), dt)
             later = _Clock(*passed.tolist())._replace(quiet=0.0, left=fades)
             origin = _origin(estimate.value, drive)
-            memory = A, b, pull, origin, lasting, np.array(later), *_UNMADE
+            heard = np.concatenate([heard[:2], origin[:, -1]])
+            memory = A, b, pull, origin, lasting, heard, np.array(later), *_UNMADE
             return Estimate(after.value, (*memory, *after.memory))
         whole = drive
         if clock.left < _FORGOTTEN:
@@ -427,11 +443,11 @@ class CompositeMemory(Wrapper):
         size, due = kernels.mean_square(drive.residual, self._precision), clock.due
         known = _UNUSUAL * max(clock.usual, clock.residual)
         if due > 0.5 * dt and size <= max(self.contradiction, known):
-            after = self.inner.step(inner, self._total(drive, pull, clock), dt)
+            after = self.inner.step(inner, self._total(drive, pull, clock, late), dt)
             if due < 2.5 * dt:
                 factors = self._prepared(factors, estimate.value, A, last=due < 1.5 * dt)
-            memory = A, b, pull, origin, lasting, passed, *factors
-            return Estimate(after.value, (*memory, *after.memory))
+            memory = A, b, pull, origin, lasting, heard, passed, *factors
+            return Estimate(after.value, (*memory, *after.memory), late)
         told = self._recalled(estimate, drive, factors if factors.pivots.size else None)
         assert told is not None
         span, d = max(self.interval, dt), told.surprise
@@ -439,13 +455,14 @@ class CompositeMemory(Wrapper):
         later = _Clock(*passed.tolist())._replace(due=span - dt, residual=size, usual=usual)
         if clock.fresh < _SETTLED and d > max(self.contradiction, _UNUSUAL * later.usual):
             later = later._replace(due=0.0, fresh=1.0, usual=max(later.usual, _FIRST))
-            after = self.inner.step(inner, self._total(drive, None, later), dt)
+            after = self.inner.step(inner, self._total(drive, None, later, late), dt)
             nothing = np.zeros(A.shape), np.zeros(b.size), np.zeros(b.size)
             later = later._replace(fresh=fades, left=fades)
             taken = _origin(estimate.value, whole)
-            memory = *nothing, taken, lasting, np.array(later), *_UNMADE
-            return Estimate(after.value, (*memory, *after.memory))
-        after = self.inner.step(inner, self._total(drive, told.pull, clock), dt)
+            heard = np.concatenate([np.zeros(2), taken[:, -1]])
+            memory = *nothing, taken, lasting, heard, np.array(later), *_UNMADE
+            return Estimate(after.value, (*memory, *after.memory), _UNKNOWN)
+        after = self.inner.step(inner, self._total(drive, told.pull, clock, late), dt)
         kept = math.exp(-told.fading * span)
         A_new, b_new = self._news(estimate.value, drive, span)
         A_new += A if kept == 1.0 else kept * A
@@ -454,10 +471,14 @@ class CompositeMemory(Wrapper):
         lasting = lasting + min(1.0, span * self._bandwidth / _LASTING) * (now - lasting)
         size = math.sqrt(float(lasting @ lasting) / lasting.size)
         later = later._replace(unexplained=self._mean(clock.unexplained, size, span))
+        heard = self._heard(heard, estimate.value, whole, told.innovation, span - max(due, 0.0))
+        if clock.fresh > _SETTLED:  # the memory explains all that it has seen
+            heard[:2] = 0.0
+        lateness = self._lateness(heard, clock)
         memory = (
-            A_new, kept * b + b_new, told.pull, origin, lasting, np.array(later), *_UNMADE,
+            A_new, kept * b + b_new, told.pull, origin, lasting, heard, np.array(later), *_UNMADE,
         )  # fmt: skip
-        return Estimate(after.value, (*memory, *after.memory))
+        return Estimate(after.value, (*memory, *after.memory), lateness)
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return -(rho / kappa) da^T H da, and what the inner adaptation adds to dV/dt."""
@@ -465,8 +486,8 @@ class CompositeMemory(Wrapper):
         told = None
         if clock.quiet <= 0.0 and not drive.saturated:
             told = self._recalled(estimate, drive)
-        total = self._total(drive, None if told is None else told.pull, clock)
-        pulled = total.gradient - self._emphasis(clock) * drive.gradient
+        total = self._total(drive, None if told is None else told.pull, clock, estimate.lateness)
+        pulled = total.gradient - self._emphasis(clock, estimate.lateness) * drive.gradient
         own = -float((estimate.value - truth).dot(pulled))
         return own + self.inner.dissipation(self._inner(estimate), total, truth)
 
@@ -492,9 +513,12 @@ class CompositeMemory(Wrapper):
         ratio = clock.unexplained * clock.unexplained / self.unexplained
         return max(1.0 / (1.0 + ratio * ratio), self.least_trust)
 
-    def _emphasis(self, clock: _Clock) -> float:
+    def _emphasis(self, clock: _Clock, lateness: float) -> float:
         """Return kappa(t) / kappa."""
         first = 1.0 + (self.first_share / self.share - 1.0) * clock.fresh
+        if lateness < _IN_TIME:
+            more = min(_KEEN, self.first_share / self.share - 1.0)
+            first += more * (1.0 - lateness / _IN_TIME)
         return max(first, (1.0 - self._trust(clock)) * self.lone_share / self.share)
 
     def _greater(self, share: float | None, name: str) -> float:
@@ -509,14 +533,51 @@ class CompositeMemory(Wrapper):
             raise GainError(f"expected {self.share:g} to 1, got {share:g}.", where=name)
         return share
 
-    def _total(self, drive: Drive, pull: np.ndarray | None, clock: _Clock) -> Drive:
+    def _total(
+        self, drive: Drive, pull: np.ndarray | None, clock: _Clock, lateness: float
+    ) -> Drive:
         """Return the drive of the inner adaptation, with the pull H da (p) of the memory."""
-        emphasis = self._emphasis(clock)
+        emphasis = self._emphasis(clock, lateness)
         if pull is None:
             return Drive(drive.Y, drive.e, gradient=emphasis * drive.gradient)
         trust, gradient = 1.0 if drive.e is None else self._trust(clock), empty(pull.size)
         kernels.combine(emphasis, drive.gradient, trust * self.speed / self.share, pull, gradient)
         return Drive(drive.Y, drive.e, gradient=gradient)
+
+    def _heard(
+        self,
+        before: np.ndarray,
+        value: np.ndarray,
+        drive: Drive,
+        innovation: np.ndarray,
+        elapsed: float,
+    ) -> np.ndarray:
+        """Return mean squares of r_m and dy/dt, relative to the noise, and y: an array (n + 2).
+
+        Args:
+            before: the same at the last look; without y, where that was zero.
+            value: (p) the estimate.
+            drive: with its prediction error.
+            innovation: (n) r_m [N m or N].
+            elapsed: since the last look [s].
+        """
+        assert drive.W is not None and drive.residual is not None
+        y = drive.W.dot(value) - drive.residual
+        change = y - before[2:] if before.size > 2 else y
+        share = min(1.0, elapsed * self._bandwidth / _RISE)
+        now = np.empty(2 + y.size)
+        now[0] = before[0] + share * (kernels.mean_square(innovation, self._precision) - before[0])
+        now[1] = before[1] + share * (
+            kernels.mean_square(change, self._precision) / elapsed**2 - before[1]
+        )
+        now[2:] = y
+        return now
+
+    def _lateness(self, heard: np.ndarray, clock: _Clock) -> float:
+        """Return T [s]."""
+        errors, rates = heard[0] + _AT_REST[0], heard[1] + _AT_REST[1]
+        doubt = _UNKNOWN * _UNKNOWN * clock.fresh ** (1.0 / _RISE)
+        return math.sqrt(doubt + errors / rates)
 
     def _mean(self, mean: float, value: float, span: float) -> float:
         """Return a mean after a time [s], the faster where it rises."""
@@ -585,7 +646,8 @@ class CompositeMemory(Wrapper):
         p = estimate.value.size
         clock = _Clock(quiet, 0.0, 1.0, 0.0, _FIRST, 0.0, 0.0)
         nothing = np.zeros((p, p)), np.zeros(p), np.zeros(p), np.zeros((0, p + 1))
-        memory = *nothing, np.zeros(self.noise.size), np.array(clock), *_UNMADE
+        heard = np.zeros(2)
+        memory = *nothing, np.zeros(self.noise.size), heard, np.array(clock), *_UNMADE
         return Estimate(estimate.value, (*memory, *estimate.memory))
 
     @staticmethod

@@ -489,6 +489,7 @@ class Controller:
         s.inverse = inverse
         s.epsilon, s.X_k = epsilon, X_k
         s.filtered, s.filtered_torque, s.w = filtered, filtered_torque, measurement.w
+        s.lateness = dynamic.lateness
         return s, sensed, elapsed
 
     def rate(
@@ -507,7 +508,7 @@ class Controller:
         torque_filter = self._torque_filter
         return ControllerState(
             t=1.0,
-            dynamic=self.adaptation_d.rate(Estimate(s.a_d, state.dynamic.memory), drives.dynamic),
+            dynamic=self.adaptation_d.rate(state.dynamic.with_value(s.a_d), drives.dynamic),
             kinematic=self.adaptation_k.rate(state.kinematic, drives.kinematic),
             a_0=np.zeros(state.a_0.size),
             filters=self._filters.rate(state.filters, s),

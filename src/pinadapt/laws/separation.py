@@ -40,6 +40,7 @@ _HEAVY = 0.3  # of the robot's mass: the load assumed where a large error shows 
 _CARRIED, _MOST = 0.05, 2.5  # for late motors: least inertia, of the load's; most, of the joint's
 _EAGER = 3.0  # times the delay of the motors, during which a ringing does not grow
 _FAR, _TURNED = 0.01, 0.06  # errors that are large: of the reach, and [rad]
+_MARGIN = 3.0  # lag over the time by which the torques may be late
 _UNKNOWN = 1.0  # [s] after the start, during which a load that nobody announced may strike
 _OBSERVER = 1.0  # beta in bandwidths
 _FAST = 0.5  # Y_fast in parts of the largest norm of a typical motion
@@ -96,8 +97,9 @@ class Separation(Law):
         M_0: returns the nominal mass matrix (n, n) at q (nq), where there is a lag.
         late: [s], a longer lag for motors that may be late by so much: K_D^-1 = K_v^-1 + R^-1 with
             R = M_0 / late + diag(carried). Until 3 late after the start R is M_0 / lag, and goes
-            over within another 3 late. In the first two seconds a large task error takes it back,
-            see ``tolerant``. Zero: R stays M_0 / lag.
+            over within another 3 late; not at all where a joint has a part of ``carried``. In the
+            first two seconds a large task error takes it back, and so do torques that are known to
+            be in time, see ``tolerant``. Zero: R stays M_0 / lag.
         far: (m) one over the task errors that are large [1/m or 1/rad].
         K_far: (n, n) in place of K_v while such an error takes the shorter lag back [N m s/rad or
             N s/m]; None: K_v.
@@ -167,6 +169,11 @@ class Separation(Law):
             return PositionObserver(self.beta)
         return PositionObserver(self.beta, self._reference_error, self.lambda_s)
 
+    @cached_property
+    def _eager(self) -> float:
+        """How long the shorter lag holds at the start [s]: not at all with too light a joint."""
+        return 0.0 if self.carried.any() else _EAGER * self.late
+
     @classmethod
     def tuned(
         cls, motion: TypicalMotion, dt: float, share: float = 1.0, **given: Any
@@ -192,14 +199,21 @@ class Separation(Law):
             **gains,
         )
 
-    def K_D(self, q: np.ndarray, age: float = math.inf, dx: np.ndarray | None = None) -> np.ndarray:
+    def K_D(
+        self,
+        q: np.ndarray,
+        age: float = math.inf,
+        dx: np.ndarray | None = None,
+        lateness: float = math.inf,
+    ) -> np.ndarray:
         """Return K_D (n, n) at q (nq), at a time after the start [s] and a task error dx (m).
 
-        Without an error, K_D is that of a small one.
+        Without an error, K_D is that of a small one; without a lateness [s], see ``Estimate``, that
+        of torques that may be late.
         """
         if self.M_0 is None or not self.lag:
             return np.asarray(self.K_v)
-        K, rate, carried = self._limit(age, dx)
+        K, rate, carried = self._limit(age, dx, lateness)
         R = rate * self.M_0(q) + np.diag(carried)
         return np.linalg.inv(np.linalg.inv(K) + np.linalg.inv(R))
 
@@ -207,11 +221,13 @@ class Separation(Law):
         """Return K_D (N, n, n) long after the start, at configurations (N, nq)."""
         if self.M_0 is None or not self.lag:
             return np.asarray(self.K_v)
-        K, rate, carried = self._limit(math.inf, None)
+        K, rate, carried = self._limit(math.inf, None, math.inf)
         R = rate * np.array([self.M_0(q).copy() for q in states]) + np.diag(carried)
         return np.linalg.inv(np.linalg.inv(K) + np.linalg.inv(R))
 
-    def _limit(self, age: float, dx: np.ndarray | None) -> tuple[np.ndarray, float, np.ndarray]:
+    def _limit(
+        self, age: float, dx: np.ndarray | None, lateness: float
+    ) -> tuple[np.ndarray, float, np.ndarray]:
         """Return K (n, n), r [1/s] and d (n), at a time after the start [s].
 
         K_D^-1 = K^-1 + (r M_0 + diag(d))^-1.
@@ -219,7 +235,12 @@ class Separation(Law):
         K = self.K_v
         if not self.late:
             return K, 1.0 / self.lag, self.carried
-        share = min(1.0, max(0.0, age / (_EAGER * self.late) - 1.0))
+        share, eager = 1.0, self._eager
+        if age < 2.0 * eager:
+            share = max(0.0, age / eager - 1.0)
+        if _MARGIN * lateness < self.late:
+            known = max(_MARGIN * lateness, self.lag)
+            share *= (1.0 / self.lag - 1.0 / known) / (1.0 / self.lag - 1.0 / self.late)
         if dx is not None and age < 2.0 * _UNKNOWN:
             large = kernels.weighted_norm(self.far, dx) - 1.0
             if large > 0.0:
@@ -238,7 +259,12 @@ class Separation(Law):
         such a load before it is learned: its inertia counts as a twentieth of the load's at least,
         but at most as 2.5 times its own. No joint is damped more than with the shorter lag. All
         have that one at the start, when nothing is learned and the errors of the model strike:
-        within 3 T a ringing does not grow.
+        within 3 T a ringing does not grow. Only where a joint counts as heavier than it is, the
+        lag is the longer one from the first sample on: that joint rings before 3 T are over.
+
+        A memory of all torques tells by how much these may be late (``Estimate.lateness``). The lag
+        becomes three times that time, but for the bounds ``lag`` and ``late``: short where the run
+        itself shows that the torques are in time, long again as soon as anything rings.
 
         A wrist whose load nobody announced may have a hundred times the inertia that the model
         gives it, and its own inertia / T brakes it within seconds only: the load spins it before it
@@ -247,8 +273,9 @@ class Separation(Law):
         and less and less until two: later, with the load learned, a large error is rather that of
         an obstacle or of motors at their limits, and the shorter lag would only ring. With it K_v
         becomes that for a load of 30 % of the robot's mass, K_far: the load falls more slowly, and
-        the tracking error, which teaches what it is, exaggerates less. The lag still bounds K_D. V
-        has the same derivative with any K_D.
+        the tracking error, which teaches what it is, exaggerates less. The lag still bounds K_D.
+
+        V does not contain K_D, so that dV/dt is an equality for any K_D(t) > 0, however it moves.
         """
         if not self.lag or late <= self.lag:
             return self
@@ -292,7 +319,7 @@ class Separation(Law):
         """Return tau = Y a_d - K_D s, and the drives of both estimates."""
         M_0, limit = None, None
         if self.M_0 is not None and self.lag:
-            M_0, limit = self.M_0(s.q), self._limit(s.filtered.age, s.dx)
+            M_0, limit = self.M_0(s.q), self._limit(s.filtered.age, s.dx, s.lateness)
         u, ud = self._reference(s)
         kinematic = self._kinematic_drive(s)
         a_k_rate = model.adaptation_k.value_rate(model.kinematic, kinematic)
@@ -338,7 +365,7 @@ class Separation(Law):
         """Return dV/dt, but for what a change of sigma adds."""
         error, dx_o, epsilon = self._reference_error(s), s.filtered.dx_o, s.epsilon
         f = truth.friction.torque
-        K_D = self.K_D(s.q, s.filtered.age, s.dx)
+        K_D = self.K_D(s.q, s.filtered.age, s.dx, s.lateness)
         joints = error @ (K_D @ error) + error @ (f(s.v) - f(s.v - error))
         task = self.sigma(s) * self.c * self.beta * dx_o @ dx_o + epsilon @ (self.R_k @ epsilon)
         return float(-joints - task)
