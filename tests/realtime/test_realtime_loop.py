@@ -244,6 +244,14 @@ def frozen(arm, m):
     return arm.last
 
 
+def test_a_camera_that_says_nonsense_is_told():
+    nonsense = faulty(lambda arm, m: m._replace(x=m.x * np.nan))
+    loop = Loop(nonsense, seconds=9.0)
+    ending = loop.ended()
+    assert ending.failed and loop.phases == ["running", "damping", "stopped"]
+    assert "controller: measurement 'x' is not finite" in ending.reason
+
+
 @pytest.mark.parametrize(
     ("fault", "words"),
     [

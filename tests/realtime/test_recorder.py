@@ -2,6 +2,7 @@
 
 import errno
 import os
+import resource
 import signal
 import socket
 import subprocess
@@ -16,7 +17,6 @@ import pinadapt as pa
 from pinadapt.exceptions import ArmError
 from pinadapt.logs.mcap import McapWriter, Topic, read_mcap, text_message
 from pinadapt.realtime import CycleLog, ProcessArm, Recorder, Safety, tell, watched
-from pinadapt.realtime import recorder as recorder_module
 from tests.support.arms import Loop, arm, circle, controller, faulty, heavy, robot
 from tests.support.paths import ROOT
 
@@ -155,18 +155,38 @@ def test_a_full_disk_leaves_whole_chunks(tmp_path):
     assert path.stat().st_size == writer.size and len(read_mcap(path).messages["/e"]) > 10
 
 
-def test_a_log_that_fails_ends_the_motion(monkeypatch):
-    """Full disks and dead processes are told by the shared memory; here that is written to."""
-    with Recorder(None, controller()) as recorder:
-
-        def fail(arm, m):
-            recorder._head[recorder_module._FAILED] = errno.ENOSPC
-            return m
-
-        loop = Loop(faulty(fail), recorder=recorder, seconds=3.0)
+def test_a_disk_that_is_full_in_mid_motion_ends_it_and_leaves_what_was_written(tmp_path):
+    """The writing process may write no larger files; it hears that as it would of a full disk."""
+    path, recorder = tmp_path / "full.mcap", Recorder(tmp_path / "full.mcap", controller())
+    resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (60_000, 60_000))
+    with recorder:
+        loop = Loop(faulty(lambda arm, m: time.sleep(1e-4) or m), recorder=recorder, seconds=60.0)
         ending = loop.ended()
     assert ending.failed and loop.phases == ["running", "holding", "damping", "stopped"]
-    assert "log: the log cannot be written: No space left" in ending.reason
+    assert "log: the log cannot be written: File too large" in ending.reason
+    log = CycleLog.read(path)
+    assert not log.whole and 20 < len(log) < ending.cycles and path.stat().st_size <= 60_000
+
+
+def test_a_writer_that_is_killed_leaves_all_but_the_last_tenth_of_a_second(tmp_path):
+    """After kill -9 of everything nobody ends the file; and a loop whose writer dies stops."""
+    path = tmp_path / "killed.mcap"
+    with Recorder(path, controller(), port=0) as recorder:
+        seen = []
+
+        def kill(arm, m):
+            if arm.cycle == 400:
+                seen.append(tell(recorder.port, "state", timeout=20.0)["cycle"])
+                time.sleep(0.1)
+                os.kill(recorder.pid, signal.SIGKILL)
+            return m
+
+        loop = Loop(faulty(kill), recorder=recorder, seconds=60.0)
+        ending = loop.ended()
+    assert "log: the process of the log has died" in ending.reason
+    log = CycleLog.read(path)
+    assert not log.whole and len(log) >= seen[0] > 300
+    assert log.replay(controller()).same
 
 
 def test_a_ring_that_is_full_drops_and_says_so():
@@ -179,6 +199,15 @@ def test_a_ring_that_is_full_drops_and_says_so():
     finally:
         os.kill(recorder.pid, signal.SIGCONT)
         recorder.close()
+
+
+def test_no_shared_memory_is_said(monkeypatch):
+    def full(*arguments):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("multiprocessing.heap.Arena", full)
+    with pytest.raises(pa.InputError, match=r"no memory can be shared: No space left.*/dev/shm"):
+        Recorder(None, controller(), rows=10**6)
 
 
 def test_a_place_that_cannot_be_written_is_refused(tmp_path):

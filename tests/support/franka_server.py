@@ -15,6 +15,7 @@ import select
 import socket
 import subprocess
 import sys
+import time
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from tests.support.paths import ROOT
 TOOL = np.array([0.02, -0.01, 0.05])  # [m] beyond panda_hand_tcp, in its axes
 HOME = (0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785)
 PATIENCE = 0.3  # [s] for a torque; libfranka waits longer
+ASLEEP = 0.02  # [s] between two looks for a client
 MASS = 0.6  # [kg] at the tool
 REFLEX = 6  # place of the joints' reflex among the robot's errors
 
@@ -166,6 +168,8 @@ def serve(address, realtime, port):
             sim.register_post_step_callback(see)
             print("ready", eye.getsockname()[1], flush=True)
             while True:
+                if not robot_server.udp_connected:
+                    time.sleep(ASLEEP)
                 moving = robot_server.current_motion_id and robot_server.udp_connected
                 if moving and not realtime:  # the robot's time goes on with each torque
                     select.select([robot_server._FrankaServer__udp_socket], [], [], PATIENCE)

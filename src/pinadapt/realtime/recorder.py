@@ -166,9 +166,16 @@ class Recorder:
             self._check(self.path)
         context = get_context("spawn")
         width, sizes = self.row.values.size, (kinematics.size, controller.dynamics.size)
-        self._raw = context.RawArray("d", rows * width)
-        self._head_raw = context.RawArray("Q", 8)
-        self._now_raw = context.RawArray("d", max(sum(sizes), 1))
+        try:
+            self._raw = context.RawArray("d", rows * width)
+            self._head_raw = context.RawArray("Q", 8)
+            self._now_raw = context.RawArray("d", max(sum(sizes), 1))
+        except OSError as error:
+            raise InputError(
+                f"no memory can be shared: {error.strerror or error}.",
+                where=str(path),
+                hint="Make room in /dev/shm, or in the folder of temporary files.",
+            ) from error
         self._ring = np.frombuffer(self._raw).reshape(rows, width)
         self._head = np.frombuffer(self._head_raw, dtype=np.uint64)
         self._estimates, self._split = np.frombuffer(self._now_raw), sizes[0]
