@@ -6,7 +6,7 @@ STRIP  := $(BIN)/nbstripout --keep-id --extra-keys metadata.language_info
 # Small matrices gain nothing from BLAS threads, and two test processes share the cores.
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: install demo notebook strip check test lint bench realtime docs picture clean
+.PHONY: install demo notebook strip check test floors newest lint bench realtime docs picture clean
 
 $(VENV)/installed: pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit("pinadapt needs Python >= 3.10; try make PYTHON=python3.12") if sys.version_info < (3, 10) else None'
@@ -39,6 +39,22 @@ check: lint
 
 test: lint
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not notebooks"
+
+# The fast tests with the lowest versions that pyproject.toml allows, or the newest: make floors
+# PYTHON=python3.13. An environment of its own each time; ready-made packages only, as old sources
+# need old compilers.
+floors: RESOLUTION := lowest-direct
+newest: RESOLUTION := highest
+floors newest: FOLDER := build/$(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
+floors newest:
+	$(PYTHON) -m venv --clear $(FOLDER)-$@
+	$(FOLDER)-$@/bin/python -m pip install --quiet 'uv>=0.4'
+	$(FOLDER)-$@/bin/uv pip install --quiet --python $(FOLDER)-$@/bin/python --no-build \
+		--resolution $(RESOLUTION) -r pyproject.toml --extra dev
+	$(FOLDER)-$@/bin/uv pip install --quiet --python $(FOLDER)-$@/bin/python --no-deps -e .
+	$(FOLDER)-$@/bin/uv pip list --python $(FOLDER)-$@/bin/python
+	PATH="$(CURDIR)/$(FOLDER)-$@/bin:$$PATH" $(FOLDER)-$@/bin/python -m pytest -n 2 --dist loadfile \
+		-m "not slow and not notebooks"
 
 lint: $(VENV)/dev
 	$(BIN)/ruff format --check src tests benchmarks notebooks docs

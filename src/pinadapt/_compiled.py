@@ -8,9 +8,10 @@ propagates. The machine code is cached beside the source, or in the user's cache
 be written, or not at all; a damaged cache file is replaced.
 
 Kernels fill arrays that their caller has made, because numba is slow at returning arrays, and do
-not call each other, because the cache on disk would not notice a change of the other. They check
-neither the sizes nor the types of their arrays: callers pass arrays of floats that numpy or
-Pinocchio made, or that were checked, see ``controller.inputs``.
+not call each other, because the cache on disk would not notice a change of the other. A kernel
+checks at its beginning that the sizes of its arrays fit, which takes a nanosecond, as it would
+read outside of an array that is too short. It cannot check their types: callers pass arrays of
+floats that numpy or Pinocchio made, or that were checked, see ``controller.inputs``.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+WRONG_SIZE = "the sizes of these arrays do not fit each other."
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 kernels: dict[str, Any] = {}  # numba's dispatchers, by module and name, once compiled

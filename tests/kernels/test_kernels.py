@@ -644,3 +644,25 @@ def test_checks_of_a_loop(rng, laid):
         found = checks.first_near_stop(laid(x), laid(v), -limits, limits, brake, 30.0)
         assert found == (near[0] if near.size else -1)
     assert checks.first_beyond(np.full(7, NAN), limits) == -1
+
+
+SHORT = {  # of each a part of its arrays, one of which is too short
+    "descend": lambda z: adaptation.descend(z(3), z(2), z(3, 3), 0.1, z(3)),
+    "fit rate": lambda z: adaptation.fit_rate(
+        z(2, 2), z(3, 2), z(2), z(3, 3), z(2), 1.0, z(1), z(2)
+    ),
+    "bodies": lambda z: adaptation.follow_geodesic_of_bodies(z(20), z(10), 0.1, z(20)),
+    "posture": lambda z: laws.posture_offset(z(6), z(4, 7), z(7)),
+    "reference": lambda z: laws.reference(z(3), z(2), z(3), z(3), z(3), 1.0, 1.0, z(3), z(3)),
+    "right inverse": lambda z: linear_algebra.right_inverse(z(3, 7), z(3, 3), z(2), z(7), z(7)),
+    "place": lambda z: models.place(z(2), 1, z(3, 2), z(3), z(3)),
+    "polarise": lambda z: models.polarise(z(7), z(6), z(7), z(7)),
+    "limits": lambda z: checks.exceeds(z(7), z(6)),
+}
+
+
+@pytest.mark.parametrize("name", SHORT)
+def test_a_kernel_refuses_arrays_whose_sizes_do_not_fit(name):
+    """Instead of reading or writing outside of them."""
+    with pytest.raises(ValueError, match="sizes of these arrays do not fit"):
+        SHORT[name](lambda *shape: np.zeros(shape))

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from .._compiled import compiled
+from .._compiled import WRONG_SIZE, compiled
 
 LARGEST_STEP = 0.02
 _ONE_TERM = 0.003
@@ -15,6 +15,8 @@ _ONE_TERM = 0.003
 @compiled("void(f8[:], f8[:,::1], f8[::1])")
 def descent(g: np.ndarray, Gamma: np.ndarray, rate: np.ndarray) -> None:
     """Write -Gamma g (p), Gamma symmetric."""
+    if len(g) != len(rate) or Gamma.shape != (len(rate), len(rate)):
+        raise ValueError(WRONG_SIZE)
     for i in range(len(rate)):
         rate[i] = 0.0
     for j in range(len(g)):
@@ -25,6 +27,9 @@ def descent(g: np.ndarray, Gamma: np.ndarray, rate: np.ndarray) -> None:
 @compiled("void(f8[:], f8[:], f8[:,::1], f8, f8[::1])")
 def descend(a: np.ndarray, g: np.ndarray, Gamma: np.ndarray, dt: float, after: np.ndarray) -> None:
     """Write a - dt Gamma g (p), Gamma symmetric."""
+    p = len(a)
+    if len(g) != p or Gamma.shape != (p, p) or len(after) != p:
+        raise ValueError(WRONG_SIZE)
     for i in range(len(a)):
         after[i] = 0.0
     for j in range(len(g)):
@@ -47,6 +52,10 @@ def fit_rate(
 ) -> None:
     """Write -P (g + W^T (R - R_0) r) (p), R as in ``fit``."""
     m, p = W.shape
+    if P.shape != (p, p) or len(r) != m or R_0.shape != (m, m) or len(g) != p:
+        raise ValueError(WRONG_SIZE)
+    if len(floor) == 0 or len(slope) != p:
+        raise ValueError(WRONG_SIZE)
     work, L = np.empty((3, max(m, p))), np.empty((m, m))
     gradient, x, P_w = work[0], work[1], work[2]
     for k in range(p):
@@ -130,6 +139,12 @@ def fit(
                 A[i, j] = -A[i, j]
 
     m, p = W.shape
+    if len(a) != p or P.shape != (p, p) or len(r) != m or R_0.shape != (m, m):
+        raise ValueError(WRONG_SIZE)
+    if len(g) != p or len(floor) == 0 or prior.shape != (p, p):
+        raise ValueError(WRONG_SIZE)
+    if len(after) != p or gain.shape != (p, p):
+        raise ValueError(WRONG_SIZE)
     R, information, gradient = np.empty((m, m)), np.empty((p, p)), np.empty(p)
     for k in range(p):
         gradient[k] = g[k]
@@ -181,6 +196,8 @@ def fit(
 @compiled("void(f8, f8[:], f8, f8[:], f8[:])")
 def combine(c: float, g: np.ndarray, d: float, h: np.ndarray, total: np.ndarray) -> None:
     """Write c g + d h (p)."""
+    if len(g) != len(total) or len(h) != len(total):
+        raise ValueError(WRONG_SIZE)
     for i in range(len(total)):
         total[i] = c * g[i] + d * h[i]
 
@@ -188,6 +205,8 @@ def combine(c: float, g: np.ndarray, d: float, h: np.ndarray, total: np.ndarray)
 @compiled("f8(f8[:], f8[:])", fills=0)
 def mean_square(r: np.ndarray, precision: np.ndarray) -> float:
     """Return the mean of r_i^2 precision_i (n); the precision has n entries, or one for all."""
+    if len(r) == 0 or len(precision) == 0:
+        raise ValueError(WRONG_SIZE)
     square = 0.0
     for i in range(len(r)):
         square += r[i] * r[i] * precision[i % len(precision)]
@@ -198,6 +217,8 @@ def mean_square(r: np.ndarray, precision: np.ndarray) -> float:
 def squared_ratio(r: np.ndarray, S: np.ndarray) -> float:
     """Return r^T S^-1 r, S (n, n) symmetric but for rounding: S = L D L^T, L y = r, y^T D^-1 y."""
     n, square = len(r), 0.0
+    if S.shape != (n, n):
+        raise ValueError(WRONG_SIZE)
     L, D, y = np.empty((n, n)), np.empty(n), np.empty(n)
     for i in range(n):
         y[i] = r[i]
@@ -217,6 +238,8 @@ def squared_ratio(r: np.ndarray, S: np.ndarray) -> float:
 @compiled("void(f8[:], f8, f8, f8[:])")
 def let_pass(clock: np.ndarray, dt: float, fades: float, after: np.ndarray) -> None:
     """Write a memory's clock (quiet, due, fresh, left, ...) after dt: fresh and left fade."""
+    if len(clock) < 4 or len(after) != len(clock):
+        raise ValueError(WRONG_SIZE)
     for i in range(len(clock)):
         after[i] = clock[i]
     after[1] -= dt
@@ -229,6 +252,9 @@ def exponentiate(
     a: np.ndarray, g: np.ndarray, scale: np.ndarray, h: float, largest: float, after: np.ndarray
 ) -> None:
     """Write a exp(-h scale g) (p); exponents are cut to ``largest`` where their norm is larger."""
+    p = len(a)
+    if len(g) != p or len(scale) != p or len(after) != p:
+        raise ValueError(WRONG_SIZE)
     square = 0.0
     for i in range(len(a)):
         exponent = -h * scale[i] * g[i]
@@ -244,6 +270,8 @@ def exponentiate(
 @compiled("b1(f8[:], f8[:], f8[:])", fills=0)
 def inside(a: np.ndarray, low: np.ndarray, high: np.ndarray) -> bool:
     """Tell whether low < a < high in every entry."""
+    if len(low) != len(a) or len(high) != len(a):
+        raise ValueError(WRONG_SIZE)
     within = True
     for i in range(len(a)):
         within &= low[i] < a[i] < high[i]
@@ -268,6 +296,8 @@ def follow_geodesic(
     are the cone's ``tables``.
     """
     n, p = len(F_0), entries[-1, 0] + 1
+    if len(g) != len(a) or len(after) != len(a) or len(a) % p != 0:
+        raise ValueError(WRONG_SIZE)
     k = len(a) // p
     work = np.zeros((2 + 2 * k, n, n))
     P, L, A, change = work[0], work[1], work[2 : 2 + k], work[2 + k :]  # P, L, P L and P L P
@@ -316,6 +346,8 @@ def follow_geodesic_of_bodies(a: np.ndarray, g: np.ndarray, h: float, after: np.
     P = [[tr(I)/2 1 - I, mc], [mc^T, m]] and L = [[tr(G) 1 - G, g_mc/2], [g_mc^T/2, g_m]], G the
     matrix of g_I with its entries off the diagonal halved, for which tr(L P(da)) = g . da.
     """
+    if len(g) != len(a) or len(after) != len(a) or len(a) % 10 != 0:
+        raise ValueError(WRONG_SIZE)
     bodies, square = len(a) // 10, 0.0
     L, work = np.empty((4, 4)), np.empty((3, bodies, 4, 4))
     P, A, change = work[0], work[1], work[2]  # P, P L and P L P
@@ -373,6 +405,8 @@ def gain_of_bodies_times(
     a: np.ndarray, gamma: np.ndarray, X: np.ndarray, product: np.ndarray
 ) -> None:
     """Write Gamma X (10 k, l): gamma_b P L P of every body, as ``follow_geodesic_of_bodies``."""
+    if len(a) != 10 * len(gamma) or len(X) != len(a) or product.shape != X.shape:
+        raise ValueError(WRONG_SIZE)
     work, g, Gamma = np.empty((3, 4, 4)), np.empty(10), np.empty((10, 10))
     P, L, A = work[0], work[1], work[2]
     for b in range(len(gamma)):

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from .._compiled import compiled
+from .._compiled import WRONG_SIZE, compiled
 
 
 @compiled(
@@ -37,6 +37,10 @@ def filtered_rates(
     z = xi + m
     if len(low) != z + len(a):
         return False
+    if len(x_hat) < m or len(a_k) != p or len(x) < m or len(v) != len(a):
+        raise ValueError(WRONG_SIZE)
+    if W_k.shape != (m, p) or len(y) != m:
+        raise ValueError(WRONG_SIZE)
     for i in range(m):
         d = x[i] - x_hat[i]
         for j in range(p):
@@ -54,6 +58,9 @@ def observed(memory: np.ndarray, xd_hat: np.ndarray, x: np.ndarray, dx_o: np.nda
 
     The memory is (x_o, half, age), half of the last step and the time since the start [s].
     """
+    m = len(dx_o)
+    if len(memory) < m + 1 or len(xd_hat) < m or len(x) < m:
+        raise ValueError(WRONG_SIZE)
     for i in range(len(dx_o)):
         dx_o[i] = memory[i] + memory[len(dx_o)] * xd_hat[i] - x[i]
 
@@ -73,6 +80,8 @@ def carry(
     other half of this step comes with the velocity at its end.
     """
     m, share = len(dx_o), -math.expm1(-bandwidth * dt)
+    if len(memory) != m + 2 or len(xd_hat) < m or len(after) != m + 2:
+        raise ValueError(WRONG_SIZE)
     for i in range(m):
         after[i] = memory[i] + (memory[m] + 0.5 * dt) * xd_hat[i] - share * dx_o[i]
     after[m] = 0.5 * dt
@@ -96,6 +105,9 @@ def advance(
     y (m_p) and a (n) are these ways times the bandwidth.
     """
     m, p = W_k.shape
+    size = m * p + m + len(a)
+    if len(low) != size or len(after) != size or len(y) != m:
+        raise ValueError(WRONG_SIZE)
     way = -math.expm1(-bandwidth * dt) / bandwidth
     way_a = -math.expm1(-bandwidth_a * dt) / bandwidth_a
     for i in range(m):
@@ -113,6 +125,9 @@ def hold(y: np.ndarray, tau: np.ndarray, x: float, after: np.ndarray, shares: np
     These are a low pass with its input held for x time constants, and how far it follows an input
     that changes by one over this time: linearly, or all at the beginning.
     """
+    n = len(y)
+    if len(tau) != n or len(after) != n or len(shares) != 2:
+        raise ValueError(WRONG_SIZE)
     share = -math.expm1(-x)
     for i in range(len(y)):
         after[i] = y[i] + share * (tau[i] - y[i])
@@ -125,6 +140,9 @@ def posture_offset(q: np.ndarray, posture: np.ndarray, offset: np.ndarray) -> No
 
     Rows of the posture (4, n): rest, low, high, margin.
     """
+    n = len(offset)
+    if len(q) != n or posture.shape != (4, n):
+        raise ValueError(WRONG_SIZE)
     for i in range(len(offset)):
         d = q[i] - posture[0, i]
         e = max(d - posture[2, i], 0.0) + min(d - posture[1, i], 0.0)
@@ -136,6 +154,9 @@ def posture_velocity(
     q: np.ndarray, posture: np.ndarray, v: np.ndarray, w: float, psi: np.ndarray, rate: np.ndarray
 ) -> None:
     """Write psi = -w ``posture_offset`` and its rate -w (1 + 4 |e| / margin) v, both (n)."""
+    n = len(v)
+    if len(q) != n or posture.shape != (4, n) or len(psi) != n or len(rate) != n:
+        raise ValueError(WRONG_SIZE)
     for i in range(len(v)):
         d = q[i] - posture[0, i]
         e = max(d - posture[2, i], 0.0) + min(d - posture[1, i], 0.0)
@@ -169,6 +190,13 @@ def kinematic_drive(
     e = dxd_hat + alpha dx with dxd_hat = xd_hat - xd_d, error = -(K_P + alpha K_v) dx - alpha
     dxd_hat (m), residual = W_k a_k - y (m_p).
     """
+    m, p, m_p = len(dx), len(a_k), len(y)
+    if K_PV.shape != (m, m) or len(xd_hat) != m or len(xd_d) != m or Y_k.shape != (m, p):
+        raise ValueError(WRONG_SIZE)
+    if W_k.shape != (m_p, p) or R_k.shape != (m_p, m_p) or len(residual) != m_p:
+        raise ValueError(WRONG_SIZE)
+    if len(e) != m or len(error) != m or len(gradient) != p:
+        raise ValueError(WRONG_SIZE)
     for j in range(len(a_k)):
         gradient[j] = 0.0
     for i in range(len(y)):
@@ -223,6 +251,16 @@ def commanded_acceleration(
     Y_k da_k/dt) (m); offset is the ``posture_offset`` of q, not read for w = 0.
     """
     m, n = J.shape
+    if len(xdd_d) != m or K_v.shape != (m, m) or len(xd) != m or len(xd_d) != m:
+        raise ValueError(WRONG_SIZE)
+    if K_P.shape != (m, m) or len(dx) != m or len(Jdot_v) != m or len(Y_k) != m:
+        raise ValueError(WRONG_SIZE)
+    if Y_k.shape[1] < len(a_k_rate) or gram_inverse.shape != (m, m):
+        raise ValueError(WRONG_SIZE)
+    if len(qd) != n or len(missed) != m or len(v) != n:
+        raise ValueError(WRONG_SIZE)
+    if w != 0.0 and (len(q) != n or posture.shape != (4, n)):
+        raise ValueError(WRONG_SIZE)
     for t in range(n):
         v[t] = 0.0
         if w == 0.0:
@@ -266,6 +304,12 @@ def subtract_task_force(
 ) -> None:
     """Write the error v - v_r and feedforward - J^T (K_v (xd - xd_d) + K_P dx), both (n)."""
     m, n = J.shape
+    if K_v.shape != (m, m) or len(xd) != m or len(xd_d) != m or K_P.shape != (m, m):
+        raise ValueError(WRONG_SIZE)
+    if len(dx) != m or len(feedforward) != n or len(v) != n or len(v_r) != n:
+        raise ValueError(WRONG_SIZE)
+    if len(error) != n or len(torque) != n:
+        raise ValueError(WRONG_SIZE)
     for t in range(n):
         error[t] = v[t] - v_r[t]
         torque[t] = feedforward[t]
@@ -293,6 +337,11 @@ def observation_drive(
 
     Y_p are the first m_p rows of Y_k, and sigma = min(1, Y_fast^2 / |Y_k|^2).
     """
+    size, p = len(dx_o), len(gradient)
+    if len(Y_k) < size or Y_k.shape[1] != p or X_k.shape != (size, p):
+        raise ValueError(WRONG_SIZE)
+    if len(epsilon) != size or R.shape != (size, size) or len(error) != size:
+        raise ValueError(WRONG_SIZE)
     m, square = len(dx_o), 0.0
     for i in range(len(Y_k)):
         for j in range(len(gradient)):
@@ -319,6 +368,11 @@ def subtract_damping(
     torque: np.ndarray,
 ) -> None:
     """Write the error v - v_r (n) and feedforward - K_D error (n)."""
+    n = len(torque)
+    if len(feedforward) != n or K_D.shape != (n, n) or len(v) != n:
+        raise ValueError(WRONG_SIZE)
+    if len(v_r) != n or len(error) != n:
+        raise ValueError(WRONG_SIZE)
     for i in range(len(torque)):
         error[i] = v[i] - v_r[i]
     for i in range(len(torque)):
@@ -330,6 +384,8 @@ def subtract_damping(
 @compiled("f8(f8[:], f8[:])", fills=0)
 def weighted_norm(weight: np.ndarray, x: np.ndarray) -> float:
     """Return the norm of (weight_i x_i) (n)."""
+    if len(weight) != len(x):
+        raise ValueError(WRONG_SIZE)
     square = 0.0
     for i in range(len(x)):
         square += (weight[i] * x[i]) ** 2
@@ -352,6 +408,9 @@ def reference(
 
     dx_o (m_p) may be shorter: zeros follow.
     """
+    m = len(u)
+    if len(xd_d) != m or len(dx) != m or len(xdd_d) != m or len(xd) != m or len(ud) != m:
+        raise ValueError(WRONG_SIZE)
     for i in range(len(u)):
         error, rate = dx[i], xd[i] - xd_d[i]
         if i < len(dx_o):
@@ -382,6 +441,10 @@ def subtract_limited_damping(
     As D e - D (D + R)^-1 D e; D and M are symmetric and positive definite.
     """
     n = len(error)
+    if len(feedforward) != n or D.shape != (n, n) or M.shape != (n, n) or len(d) != n:
+        raise ValueError(WRONG_SIZE)
+    if len(v) != n or len(v_r) != n or len(torque) != n:
+        raise ValueError(WRONG_SIZE)
     L, y, z = np.empty((n, n)), np.empty(n), np.empty(n)
     for i in range(n):
         error[i] = v[i] - v_r[i]

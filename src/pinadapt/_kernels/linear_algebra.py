@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from .._compiled import compiled
+from .._compiled import WRONG_SIZE, compiled
 
 _LOST_RANK = 1e14  # (|J|_F / s)^2; the Gram matrix cannot tell more from rounding
 
@@ -19,6 +19,8 @@ def invert_gram(J: np.ndarray, threshold: float, inverse: np.ndarray) -> tuple[f
     of squares in L^-1.
     """
     m, n = J.shape
+    if inverse.shape != (m, m):
+        raise ValueError(WRONG_SIZE)
     L, L_inverse = inverse, np.empty((m, m))  # L stands where the inverse is written in the end
     s, mu_2, lost = 0.0, 0.0, False
     for damped in (False, True):
@@ -73,6 +75,10 @@ def gradient_through_inverse(
     False, without the gradient, if M is not positive definite.
     """
     m, n = J.shape
+    if M.shape != (n, n) or len(e) != m or Y.shape != (n, len(gradient)):
+        raise ValueError(WRONG_SIZE)
+    if L.shape != (n, n) or len(solution) != n:
+        raise ValueError(WRONG_SIZE)
     for i in range(n):
         for j in range(i + 1):
             x = M[i, j]
@@ -107,6 +113,10 @@ def right_inverse(
 ) -> None:
     """Write psi + J^T G (u - J psi) (n), G (m, m) the inverse of the Gram matrix."""
     m, n = J.shape
+    if gram_inverse.shape != (m, m) or len(u) != m or len(psi) != n:
+        raise ValueError(WRONG_SIZE)
+    if len(solution) != n:
+        raise ValueError(WRONG_SIZE)
     rest = np.empty(m)
     for i in range(m):
         x = u[i]
@@ -147,6 +157,12 @@ def right_inverse_and_rate(
     missed (m) and y hold what psi misses, of the task's velocity and then of its acceleration.
     """
     m, n = J.shape
+    if gram_inverse.shape != (m, m) or len(u) != m or len(psi) != n or len(ud) != m:
+        raise ValueError(WRONG_SIZE)
+    if len(psid) != n or Jdot.shape != (m, n) or len(missed) != m:
+        raise ValueError(WRONG_SIZE)
+    if len(y) != m or len(x) != n or len(rate) != n:
+        raise ValueError(WRONG_SIZE)
     for i in range(m):
         missed[i] = u[i]
         for t in range(n):
@@ -178,6 +194,8 @@ def right_inverse_and_rate(
 def null_space(J: np.ndarray, gram_inverse: np.ndarray, z: np.ndarray, null: np.ndarray) -> None:
     """Write z - J^T G J z (n)."""
     m, n = J.shape
+    if gram_inverse.shape != (m, m) or len(z) != n or len(null) != n:
+        raise ValueError(WRONG_SIZE)
     task = np.empty(m)
     for i in range(m):
         task[i] = 0.0
@@ -199,6 +217,8 @@ def subtract_null_space_damping(
 ) -> None:
     """Take N diag(D) N z off the torque (n), N = I - J^T G J, symmetric."""
     m, n = J.shape
+    if gram_inverse.shape != (m, m) or len(D) != n or len(z) != n or len(torque) != n:
+        raise ValueError(WRONG_SIZE)
     null, task = np.empty(n), np.empty(m)
     for t in range(n):
         null[t] = z[t]
@@ -223,6 +243,8 @@ def subtract_null_space_damping(
 @compiled("void(f8[:,:], f8[:], f8[:])")
 def apply(A: np.ndarray, x: np.ndarray, product: np.ndarray) -> None:
     """Write A x (m), A (m, n)."""
+    if A.shape != (len(product), len(x)):
+        raise ValueError(WRONG_SIZE)
     for i in range(len(product)):
         y = 0.0
         for j in range(len(x)):
@@ -234,6 +256,8 @@ def apply(A: np.ndarray, x: np.ndarray, product: np.ndarray) -> None:
 def multiply(A: np.ndarray, B: np.ndarray, product: np.ndarray) -> None:
     """Write A B (m, p), A (m, n), B (n, p)."""
     m, p = product.shape
+    if A.shape != (m, len(B)) or B.shape[1] != p:
+        raise ValueError(WRONG_SIZE)
     for i in range(m):
         for j in range(p):
             product[i, j] = 0.0

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from .._compiled import compiled
+from .._compiled import WRONG_SIZE, compiled
 
 PER_BODY = 10
 _LEAST_MASS = (
@@ -21,6 +21,9 @@ def take(pi: np.ndarray, ballast: np.ndarray, tens: np.ndarray) -> float:
     c is zero where no body needs ballast, else such that no body is much lighter than its ballast:
     centres of mass far outside of the robot would cost digits.
     """
+    n = len(tens)
+    if len(pi) != PER_BODY * n or len(ballast) != len(pi) or tens.shape[1] != PER_BODY:
+        raise ValueError(WRONG_SIZE)
     lightest = pi[0]
     for b in range(len(tens)):
         lightest = min(lightest, pi[PER_BODY * b])
@@ -40,6 +43,11 @@ def place(
     translation: np.ndarray,
 ) -> None:
     """Write offset + directions theta[first : first + k] (3), directions (3, k)."""
+    k = directions.shape[1]
+    if len(directions) != 3 or first < 0 or first + k > len(theta):
+        raise ValueError(WRONG_SIZE)
+    if len(offset) != 3 or len(translation) != 3:
+        raise ValueError(WRONG_SIZE)
     for i in range(3):
         x = offset[i]
         for j in range(directions.shape[1]):
@@ -158,6 +166,9 @@ def point_motion(
 @compiled("void(f8[:], f8[:], f8[:], f8[:])", fills=2)
 def polarise(v: np.ndarray, v_r: np.ndarray, mean: np.ndarray, half: np.ndarray) -> None:
     """Write (v + v_r) / 2 and (v - v_r) / 2 (n)."""
+    n = len(mean)
+    if len(v) != n or len(v_r) != n or len(half) != n:
+        raise ValueError(WRONG_SIZE)
     for t in range(len(mean)):
         mean[t] = 0.5 * (v[t] + v_r[t])
         half[t] = 0.5 * (v[t] - v_r[t])
@@ -166,6 +177,8 @@ def polarise(v: np.ndarray, v_r: np.ndarray, mean: np.ndarray, half: np.ndarray)
 @compiled("void(f8[:,:], f8[:], f8[:,:], f8[:])", fills=2)
 def polarised(Y_0: np.ndarray, pi: np.ndarray, Y: np.ndarray, tau: np.ndarray) -> None:
     """Take Y_0 off Y (n, p), and write tau = Y pi (n)."""
+    if Y.shape != (len(tau), len(pi)) or Y_0.shape != Y.shape:
+        raise ValueError(WRONG_SIZE)
     for i in range(len(tau)):
         x = 0.0
         for j in range(len(pi)):
@@ -177,6 +190,11 @@ def polarised(Y_0: np.ndarray, pi: np.ndarray, Y: np.ndarray, tau: np.ndarray) -
 @compiled("void(f8[:,:], i8[:], f8[:,:])")
 def take_columns(Y: np.ndarray, columns: np.ndarray, chosen: np.ndarray) -> None:
     """Write the columns (p) of Y (n, 10 n) side by side (n, p)."""
+    p = len(columns)
+    if Y.shape[0] != len(chosen) or chosen.shape[1] != p:
+        raise ValueError(WRONG_SIZE)
+    if p > 0 and columns[p - 1] >= Y.shape[1]:
+        raise ValueError(WRONG_SIZE)
     for i in range(len(chosen)):
         for j in range(len(columns)):
             chosen[i, j] = Y[i, columns[j]]
@@ -199,6 +217,9 @@ def add_translation_rates(
     whose rotation is in R (N, 3, 3). Joints up to that one turn it: columns up to ``last`` (N),
     axes in the angular rows of J (6, n), zero for slides. ``place`` (m_p) are their coordinates.
     """
+    p = len(a_k_rate)
+    if len(parent) != p or directions.shape != (3, p):
+        raise ValueError(WRONG_SIZE)
     for j in range(len(a_k_rate)):
         k = parent[j]
         x = y = z = 0.0
@@ -252,6 +273,8 @@ def take_coefficients(
     a: np.ndarray, kinds: np.ndarray, shafts: np.ndarray, values: np.ndarray
 ) -> None:
     """Write a (p) into the entries (kinds, shafts) of the values (6, m)."""
+    if len(a) != len(kinds) or len(shafts) != len(kinds):
+        raise ValueError(WRONG_SIZE)
     for k in range(len(kinds)):
         values[kinds[k], shafts[k]] = a[k]
 
@@ -283,6 +306,10 @@ def add_joint_effects(
     constant torque, zero for the momentum.
     """
     n, p = Y_b.shape
+    if len(v) != n or len(a) != n or len(g) != n or len(tau_b) != n or len(tau) != n:
+        raise ValueError(WRONG_SIZE)
+    if len(Y) != n or Y.shape[1] < p or values.shape[1] != columns.shape[1]:
+        raise ValueError(WRONG_SIZE)
     for i in range(n):
         tau[i] = tau_b[i]
         for j in range(p):
@@ -338,6 +365,12 @@ def filtered_regressor(
     that of the known parts p_0 and tau_0 (n), in place of Y_M and Y_0 (n, p).
     """
     n, p = Y_M.shape
+    if Y_0.shape != (n, p) or len(p_0) != n or len(tau_0) != n:
+        raise ValueError(WRONG_SIZE)
+    if Z.shape != (n, p + 1) or before.shape != (n, p + 1) or u.shape != (n, p + 1):
+        raise ValueError(WRONG_SIZE)
+    if Z_now.shape != (n, p + 1) or W.shape != (n, p + 1):
+        raise ValueError(WRONG_SIZE)
     for i in range(n):
         for j in range(p):
             momentum = bandwidth * Y_M[i, j]

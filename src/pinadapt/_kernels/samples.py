@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from .._compiled import compiled
+from .._compiled import WRONG_SIZE, compiled
 
 MOVES, STILL, FAR, FAST = 0, 1, 2, 3
 
@@ -25,6 +25,8 @@ def check_sample(
     Slow is |v_i| < slow in all joints. NaN is neither fast nor far. place (m_p) may be shorter than
     x, and x be empty.
     """
+    if len(fast) != len(v):
+        raise ValueError(WRONG_SIZE)
     resting = True
     for i in range(len(v)):
         speed = abs(v[i])
@@ -55,6 +57,8 @@ def size_of_estimates(a_d: np.ndarray, a_k: np.ndarray, torque: np.ndarray) -> f
 @compiled("void(f8[:,:], f8[:], f8[:], f8[:])")
 def prediction_error(W: np.ndarray, a: np.ndarray, y: np.ndarray, residual: np.ndarray) -> None:
     """Write W a - y (n), W (n, p)."""
+    if W.shape != (len(y), len(a)) or len(residual) != len(y):
+        raise ValueError(WRONG_SIZE)
     for i in range(len(y)):
         x = -y[i]
         for j in range(len(a)):
@@ -65,6 +69,8 @@ def prediction_error(W: np.ndarray, a: np.ndarray, y: np.ndarray, residual: np.n
 @compiled("b1(f8[:], f8[:])", fills=0)
 def exceeds(torque: np.ndarray, limits: np.ndarray) -> bool:
     """Return whether a finite torque (n) exceeds one of its limits (n)."""
+    if len(limits) != len(torque):
+        raise ValueError(WRONG_SIZE)
     beyond, effort = False, 0.0
     for i in range(len(torque)):
         beyond |= abs(torque[i]) > limits[i]
@@ -75,6 +81,8 @@ def exceeds(torque: np.ndarray, limits: np.ndarray) -> bool:
 @compiled("i8(f8[:], f8[:])", fills=0)
 def first_beyond(values: np.ndarray, limits: np.ndarray) -> int:
     """Return the first i with |values_i| > limits_i, or -1; NaN is not beyond."""
+    if len(limits) != len(values):
+        raise ValueError(WRONG_SIZE)
     for i in range(len(values)):
         if abs(values[i]) > limits[i]:
             return i
@@ -94,6 +102,9 @@ def first_near_stop(
 
     It needs 1.5 |v| / damping or v^2 / (2 brake), whichever is longer; slower than 0.01 it rests.
     """
+    n = len(v)
+    if len(q) != n or len(lower) != n or len(upper) != n or len(brake) != n:
+        raise ValueError(WRONG_SIZE)
     for i in range(len(v)):
         speed = abs(v[i])
         if speed <= 0.01:
@@ -117,6 +128,9 @@ def limit_torque(
 
     All are of n joints.
     """
+    n = len(torque)
+    if len(limit) != n or len(before) != n or len(rate) != n or len(limited) != n:
+        raise ValueError(WRONG_SIZE)
     changed = False
     for i in range(len(torque)):
         x = min(max(torque[i], -limit[i]), limit[i])
@@ -149,6 +163,11 @@ def explain_torque(
     The mean is what the residual is now if ``slow``, its bandwidth, is infinite. A memory of NaN
     begins at the present momentum.
     """
+    n, m = len(tau), len(a)
+    if Y_M.shape != (n, m) or Y_0.shape != (n, m) or len(p_0) != n or len(tau_0) != n:
+        raise ValueError(WRONG_SIZE)
+    if memory.shape != (2, n) or after.shape != (2, n) or len(residual) != n:
+        raise ValueError(WRONG_SIZE)
     share, mean_share = -math.expm1(-bandwidth * dt), -math.expm1(-slow * dt)
     for i in range(len(tau)):
         p, beta = p_0[i], tau_0[i]
@@ -169,6 +188,8 @@ def stop_errors(dx: np.ndarray, weight: np.ndarray, positions: int) -> float:
     The groups are the norm of the positions, the first rows, and that of the other rows, a
     rotation; or each joint by itself, where ``positions`` is negative.
     """
+    if len(weight) < len(dx):
+        raise ValueError(WRONG_SIZE)
     place, turn, joint = 0.0, 0.0, 0.0
     for i in range(len(dx)):
         share = abs(dx[i] * weight[i])
@@ -219,6 +240,14 @@ def path_rate(
     the rate has f as its equilibrium, but follows with more than a lag (damping 1 / sqrt(3)).
     """
     n, m, found, least = len(q), len(xd_d), 0, 1.0
+    if len(weight) < len(dx) or len(torque) != n or len(effort_limits) != n:
+        raise ValueError(WRONG_SIZE)
+    if len(lower) != n or len(upper) != n or len(velocity_limits) != n:
+        raise ValueError(WRONG_SIZE)
+    if len(xdd_d) != m or J.shape != (m, n) or gram_inverse.shape != (m, m):
+        raise ValueError(WRONG_SIZE)
+    if len(factor) != 1:
+        raise ValueError(WRONG_SIZE)
     place, turn, joint = 0.0, 0.0, 0.0
     for i in range(len(dx)):
         share = abs(dx[i] * weight[i])
@@ -326,6 +355,12 @@ def first_samples(
         after: the same with this one.
     """
     n = len(v)
+    if len(places) != n + 1 or len(q) != places[n] or len(q_before) != len(q):
+        raise ValueError(WRONG_SIZE)
+    if bounds.shape != (3, n) or len(before) != HEADER + ROWS * n:
+        raise ValueError(WRONG_SIZE)
+    if len(after) != len(before):
+        raise ValueError(WRONG_SIZE)
     for k in range(len(before)):
         after[k] = before[k]
     if not dt > 0.0:

@@ -20,6 +20,7 @@ from ..robot.robot import Robot
 from .dynamics import Dynamics
 from .regressor import LABELS, PER_BODY, UNITS, Momentum, Regressor, inertial_parameters
 
+_VISIBLE = 1e-4  # a body's least radius over the distance of its centre of mass from the joint
 _ONE_KILOGRAM = np.eye(PER_BODY)[0]  # ten parameters of a point mass at the joint
 
 
@@ -343,14 +344,17 @@ def nearest_physical(pi: np.ndarray, *, least_mass: float, least_radius: float) 
     """Return ten physical parameters (10) close to pi (10), or pi if it has the margins below.
 
     The mass becomes at least ``least_mass`` [kg], the eigenvalues of the second moment about the
-    centre of mass at least mass times ``least_radius`` squared [m]. The centre of mass is kept.
+    centre of mass at least mass times ``least_radius`` squared [m]. The centre of mass is kept; if
+    it is far away, the radius is at least 1e-4 of its distance, as rounding would hide a smaller
+    one.
     """
     m = max(float(pi[0]), least_mass)
     c = pi[1:4] / pi[0] if pi[0] > 0.0 else np.zeros(3)
+    radius = max(least_radius, _VISIBLE * float(np.linalg.norm(c)))
     P = pseudo_inertia(pi)
     about_com = P[:3, :3] - pi[0] * np.outer(c, c)
     eigenvalues, vectors = np.linalg.eigh(about_com)
-    eigenvalues = np.maximum(eigenvalues, m * least_radius**2)
+    eigenvalues = np.maximum(eigenvalues, m * radius**2)
     Sigma = (vectors * eigenvalues) @ vectors.T + m * np.outer(c, c)
     return ten_parameters(np.block([[Sigma, m * c[:, None]], [m * c, m]]))
 
