@@ -88,7 +88,7 @@ def test_an_interrupt_carries_the_rollout_so_far(mode, at, tmp_path):
     assert rollout.interrupted == (rollout.t[-1] if at else 0.0)
     assert rollout.verdict.startswith("interrupted at ") and "INTERRUPTED" in str(rollout)
     rollout.save(tmp_path)
-    if mode == "continuous" or at < 2:  # no sample, one, or some
+    if at < 2:  # no sample, or one; many are drawn elsewhere
         assert all(path.stat().st_size > 5000 for path in rollout.plot(tmp_path))
     assert json.loads((tmp_path / "summary.json").read_text())["steps"] == at
 

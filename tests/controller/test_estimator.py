@@ -14,7 +14,7 @@ pytestmark = pytest.mark.slow
 
 def samples(name, **options):
     """Return measurements of a recorded motion, each with the mean torque since the last one."""
-    log, robot = recorded(name, **options), catalogue_robot(name)
+    log, robot = recorded(name, dt=4e-3, **options), catalogue_robot(name)
     q = log.configurations(robot)
     mean = np.vstack([log.tau[:1], 0.5 * (log.tau[1:] + log.tau[:-1])])
     seen = dict(zip(log.x_time.tolist(), log.x, strict=True))

@@ -378,7 +378,7 @@ def test_once_all_is_told_nothing_is_remembered():
     and a gradient; a memory begins to look later, and so does least squares.
     """
     robot = catalogue_robot("ur5")
-    kinds = {"kinematic_adaptation": "gradient"}
+    kinds = {"kinematic_adaptation": "gradient", "dt": 2e-3}
     runs = [list(Loop(robot, guards=guards, **kinds).run(3.5)) for guards in (True, False)]
     remembered = [state.sensed.first is not None for state in runs[0]]
     assert remembered[0] and not remembered[-1]
@@ -466,7 +466,7 @@ def test_wrong_inertias_and_a_load_raise_no_alarm(name, scale, compensated):
         if share:
             true = true.changed(payload=pa.Payload(share * true.mass))
         plant = None if compensated is None else adding(robot, true)
-        loop = Loop(robot, true=true, plant=plant, compensated=compensated)
+        loop = Loop(robot, true=true, plant=plant, compensated=compensated, dt=2e-3)
         try:
             list(loop.run(0.15))
         except pa.ImplausibleError as error:  # an arm that falls is one, but for no such reason

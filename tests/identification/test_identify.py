@@ -147,8 +147,8 @@ def test_continuous_and_prismatic_joints_are_identified(name):
 def test_samples_with_nan_are_left_out_and_counted():
     log = recorded("ur5", noisy=True, duration=4.0)
     q, tau = log.q.copy(), log.tau.copy()
-    q[150:155, 2], tau[500, :] = np.nan, np.inf
-    tau[500, 1] = np.nan
+    q[150:155, 2], tau[400, :] = np.nan, np.inf
+    tau[400, 1] = np.nan
     told = pa.Unknown(tool=True, **TOLD)
     found = pa.identify(replace(log, q=q, tau=tau), catalogue_robot("ur5"), unknown=told)
     assert found.online.refused == 6 and "refused online" in found.report()

@@ -255,7 +255,7 @@ def prepared(law, name):
 
 
 @pytest.mark.parametrize("law", pa.laws.LAWS)
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=30, deadline=None, derandomize=True)
 @given(
     name=st.sampled_from(ROBOTS),
     seed=st.integers(0, 2**31),

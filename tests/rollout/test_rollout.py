@@ -210,7 +210,8 @@ def test_a_saved_rollout_is_loaded_with_its_numbers_and_plots(make, tmp_path):
     assert loaded.summary() == json.loads(json.dumps(rollout.summary()))
     assert str(loaded) == str(rollout) and loaded.task == rollout.task
     assert np.array_equal(loaded.lyapunov_ends, rollout.lyapunov_ends)
-    assert len(loaded.plot(tmp_path / "plots")) == 3
+    if make is not run:  # of a pose and of joints; of positions they are drawn above
+        assert len(loaded.plot(tmp_path / "plots")) == 3
     with pytest.raises(pa.InputError, match="no robots"):
         loaded.learned()
 

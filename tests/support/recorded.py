@@ -20,7 +20,7 @@ def true_robot(name, **changes):
 
 
 @cache
-def motion(name, duration=8.0, dt=4e-3, seed=1):
+def motion(name, duration=8.0, dt=8e-3, seed=1):
     """Return times, joint angles, velocities and accelerations."""
     robot, rng = catalogue_robot(name), np.random.default_rng(seed)
     t = np.arange(0.0, duration, dt)

@@ -302,7 +302,7 @@ def test_scenarios_hold_the_initial_orientation_by_default():
     assert np.allclose(given.trajectory.at(0.0).x_d, [*start[:3], 1.0, 0.0, 0.0, 0.0], atol=1e-12)
 
 
-def test_rollout_summary_table_plots_and_page_of_a_pose(tmp_path):
+def test_rollout_summary_table_plots_and_page_of_a_pose(tmp_path, blank_pictures):
     scenario = short()
     rollout = scenario.run()
     shapes = {"x": 7, "x_d": 7, "error": 6, "q": 7}
@@ -320,7 +320,7 @@ def test_rollout_summary_table_plots_and_page_of_a_pose(tmp_path):
     )
     assert summary["rms_angle_last"] <= summary["max_angle_last"]
     assert "angle, last 10 % (max)" in str(rollout) and "[deg]" in comparison_table([rollout])
-    assert all(path.stat().st_size > 10_000 for path in rollout.plot(tmp_path))
+    assert all(path.is_file() for path in rollout.plot(tmp_path))  # they are drawn with rollouts
     page = rollout.animate().save(tmp_path / "a.html")
     assert page.stat().st_size > 100_000
 

