@@ -28,6 +28,7 @@ import numpy as np
 import pinocchio as pin
 
 import pinadapt as pa
+from pinadapt.adaptation.composite import _CLOCK
 
 from .timing import HERE, in_turn, save, saved
 
@@ -184,8 +185,7 @@ def kind_of(before: tuple[Any, ...], after: tuple[Any, ...]) -> int:
     3: solved for an estimate, which makes another A; 2: factorised the matrix for it; 1: made the
     matrix; 0: none of these.
     """
-    A, matrix, pivots = 0, 6, 7  # places in the memory
-    for kind, place in ((3, A), (2, pivots), (1, matrix)):
+    for kind, place in ((3, 0), (2, _CLOCK + 2), (1, _CLOCK + 1)):  # A, pivots, matrix
         if before[place] is not after[place]:
             return kind
     return 0
