@@ -37,6 +37,7 @@ from . import (
     price_of_ignorance,
     sensors,
     sweep_engines,
+    tracker,
 )
 from .timing import HERE, table_rows
 
@@ -156,6 +157,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "sensors": of("sensors", sensors.report),
     "sweep_engines": of_json("sweep_engines", sweep_engines.report),
     "thousand_pandas": thousand_pandas,
+    "tracker": of("tracker", tracker.report),
     "tuned": tuned,
     "zoo": of("zoo", zoo),
 }

@@ -33,6 +33,7 @@ from .trajectories.trajectory import AsGiven, Derived, Retimed, SlowedTime, Traj
 TRACKED = 0.01  # [reach] or [rad]: further from the motion, the robot has not followed it
 _DAMPING = 0.01  # of the smallest singular value at home
 _LARGEST_STEP = 0.2  # [rad or m] of all joints together, from one instant to the next
+_WIGGLE = 0.15  # [rad] most of a joint
 _SEARCH = 100  # most steps to the first point
 
 
@@ -628,6 +629,68 @@ _SPEED_SHARE, _EFFORT_SHARE = 0.8, 0.5  # of the limits of the description
 _LEAST_EFFORT = 0.1  # share of the effort limit that is left for the motion beside gravity
 _SHORTEST, _LONGEST = 0.3, 10.0  # [s]
 _POINTS, _PASSES = 61, 2
+
+
+class Wiggle(Trajectory):
+    """A small motion of all joints about a configuration, which begins and ends there at rest.
+
+    Joint j moves by A_j sin^2(pi t / T) sin(2 pi c_j t / T), a number of cycles c_j of its own, so
+    that everything which moves with the arm is seen to move. It is twice differentiable, and at
+    rest from T.
+
+    Attributes:
+        duration: T [s].
+        amplitudes: (n) A [rad or m].
+    """
+
+    def __init__(self, robot: Robot, duration: float = 2.0, *, size: float = 0.05) -> None:
+        """Choose amplitudes that move the frame by ``size`` of the reach each.
+
+        A joint turns by at most 0.15 rad, by a third of the way to its nearer stop, and at half of
+        its velocity limit.
+
+        Args:
+            robot: whose home the motion is about.
+            duration: T [s].
+            size: displacement of the frame by one joint, relative to the reach.
+
+        Raises:
+            InputError: numbers that are not positive.
+        """
+        model, n = robot.model, robot.model.nv
+        self.duration, size = positive(duration, "duration"), positive(size, "size")
+        self._home, self._cycles = robot.home_angles, 1.0 + 0.5 * np.arange(n)
+        J = pin.computeFrameJacobian(
+            model, model.createData(), robot.q0, robot.frame_id, pin.LOCAL_WORLD_ALIGNED
+        )[:3].reshape(3, n)
+        lever = np.linalg.norm(J, axis=0)
+        wanted = size * robot.reach / np.maximum(lever, size * robot.reach / _WIGGLE)
+        low, high = position_limits(model)
+        room = np.minimum(self._home - low, high - self._home)
+        rate = 2.0 * math.pi * self._cycles / self.duration
+        fast = 0.5 * velocity_limits(model) / rate
+        self.amplitudes = np.minimum.reduce([wanted, np.maximum(room, 0.0) / 3.0, fast])
+
+    @property
+    def settles(self) -> float:
+        """T [s]."""
+        return self.duration
+
+    def at(self, t: float) -> Desired:
+        """Return joint positions, velocities and accelerations (n) at time t [s]."""
+        n, T = self._home.size, self.duration
+        if not 0.0 < t < T:
+            return Desired(self._home.copy(), np.zeros(n), np.zeros(n))
+        b, c = 2.0 * math.pi / T, 2.0 * math.pi * self._cycles / T
+        w, wd, wdd = (
+            0.5 - 0.5 * math.cos(b * t), 0.5 * b * math.sin(b * t), 0.5 * b * b * math.cos(b * t)
+        )  # fmt: skip
+        sine, cosine, A = np.sin(c * t), np.cos(c * t), self.amplitudes
+        return Desired(
+            self._home + A * w * sine,
+            A * (wd * sine + w * c * cosine),
+            A * (wdd * sine + 2.0 * wd * c * cosine - w * c * c * sine),
+        )
 
 
 def starting_from(

@@ -30,6 +30,15 @@ def test_the_quickstart_runs(tmp_path, monkeypatch, capsys, blank_pictures):
     assert "@article" in capsys.readouterr().out
 
 
+def test_the_page_without_calibration_runs():
+    scope = {}
+    for block in blocks("without_calibration"):
+        exec(block, scope)
+    assert scope["rollout"].distance.max() < 1e-4
+    found, true = scope["rollout"].tracker().tracker, scope["true"].tracker
+    assert found.placement.homogeneous == pytest.approx(true.homogeneous, abs=1e-5)
+
+
 class Arm:
     """A simulated arm with the interface that the page on hardware describes."""
 

@@ -13,8 +13,7 @@ import pinadapt as pa
 from pinadapt.cli.command_line import main
 from pinadapt.description.chain import configuration_from_angles, position_limits, velocity_limits
 from pinadapt.excitation.allowance import Allowance, Shapes
-from pinadapt.excitation.exciting_motion import RestToRest
-from pinadapt.excitation.search import _nominal_and_aim, _Search
+from pinadapt.excitation.exciting_motion import RestToRest, _nominal_and_aim, _Search
 from pinadapt.scenario.scenario import Scenario
 from tests.support.chains import catalogue_robot, random_robot
 

@@ -17,7 +17,7 @@ from pinadapt._output import read_toml
 from pinadapt.cli.command_line import main
 from pinadapt.scenario.scenario import Scenario
 from pinadapt.scenario.schema import check_tables
-from pinadapt.view.shapes import strange_images
+from pinadapt.view.drawing import strange_images
 from tests.support.paths import ROOT
 
 pytestmark = pytest.mark.slow
@@ -346,7 +346,7 @@ def test_a_page_embeds_the_robots_own_image(textured):
 
 def resources(robot, words):
     """Return the images that a figure of a robot sends to its page."""
-    from pinadapt.view.shapes import Artist
+    from pinadapt.view.drawing import Artist
 
     (shape,) = [s for s in robot.visual.geometryObjects if s.meshPath.endswith(".dae")]
     artist = Artist(robot.model, None, robot.visual)

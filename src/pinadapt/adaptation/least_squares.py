@@ -14,7 +14,7 @@ from .._kernels import estimates as kernels
 from ..exceptions import GainError
 from .adaptation import Adaptation, Drive, Estimate
 
-_SMALL = 32  # parameters, up to which loops are faster than LAPACK
+_SMALL = 40  # parameters, up to which loops are faster than LAPACK
 
 
 def checked_weight(weight: ArrayLike, where: str = "weight") -> np.ndarray:

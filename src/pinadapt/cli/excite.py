@@ -15,7 +15,7 @@ from .._output import check_writable, read_toml, write_text
 from ..description.urdf import is_path
 from ..exceptions import InputError
 from ..excitation.exciting_motion import ExcitingMotion
-from ..excitation.search import excite as find
+from ..excitation.exciting_motion import excite as find
 from ..models.translations import BASE, TOOL
 from ..robot.loading import load
 from ..robot.robot import Robot

@@ -11,7 +11,7 @@ from typing import Any
 
 from .._output import check_writable, one_run, write_text
 from ..exceptions import InputError, ParameterError, TorqueMismatchError
-from ..excitation.search import excite
+from ..excitation.exciting_motion import excite
 from ..identification.identification import Identification, log_and_robot
 from ..identification.identification import identify as identify_log
 from ..identification.report import FILES

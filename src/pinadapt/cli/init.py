@@ -40,6 +40,11 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help="an adaptive law: %(choices)s; those of joint space get the task joint (default: "
         "%(default)s)",
     )
+    parser.add_argument(
+        "--tracker",
+        action="store_true",
+        help="x is measured by a tracker that nobody calibrated against the base",
+    )
     add_description(parser)
     add_out_file(parser, "the robot's name and .toml")
 
@@ -57,6 +62,7 @@ def init(options: argparse.Namespace) -> int:
         xacro=dict(options.xacro),
         mass=options.mass,
         law=options.law,
+        tracker=options.tracker,
     )
     file = options.out or Path(f"{template.name}.toml")
     if file.exists() and not options.force:

@@ -14,7 +14,7 @@ from ..exceptions import ParameterError
 from ..laws.law import Law
 from ..models.dynamics import Dynamics
 from ..models.task_kinematics import TaskKinematics
-from ..models.translations import PlacedTranslations, placement_of
+from ..models.translations import placement_of
 from ..robot.changes import Payload
 from ..robot.robot import Robot
 from .limits import ControllerLimits
@@ -108,7 +108,7 @@ def _loaded(
 def _at_lengths(robot: Robot, kinematics: TaskKinematics, a_k: np.ndarray) -> Robot:
     """Return a robot with its unknown translations at an estimate (p) [m]."""
     model = robot.model.copy()
-    PlacedTranslations(model, robot.frame_id, kinematics.translations).write(a_k)
+    kinematics.write(model, a_k)
     return replace(robot, model=model)
 
 
@@ -121,15 +121,15 @@ def _with_tool(
         InputError: the tool is not among the parameters, or not a value of them.
     """
     model, frame = described.changed(tool_translation=translation).model, described.frame_id
-    placed = PlacedTranslations(model, frame, kinematics.translations)
-    place, true = placement_of(model, frame, None), placement_of(model, frame, None).copy()
-    announced = a_k.copy()
-    for part, window in zip(kinematics.translations, placed.windows, strict=True):
-        if part.joint is None:
-            announced[window] = placed.read()[window]
-            placed.write(announced)
-            if np.allclose(place.translation, true.translation, atol=1e-9):
-                return announced
+    place = placement_of(model, frame, None)
+    tool = place.translation.copy()
+    kinematics.write(model, a_k)
+    place.translation[:] = tool
+    if any(part.joint is None for part in kinematics.translations):
+        announced = kinematics.read(model, a_k)
+        kinematics.write(model, announced)
+        if np.allclose(place.translation, tool, atol=1e-9):
+            return announced
     raise ParameterError(
         f"the kinematic parameters {list(kinematics.names)} cannot express this tool.",
         where="tool_translation",

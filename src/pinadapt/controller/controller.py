@@ -184,7 +184,10 @@ class Controller:
     ) -> ControllerState:
         """Return the state to start from, as ``init``, for a measurement that was checked."""
         kinematics, dynamics = self.kinematics, self.dynamics
-        a_k = initial_estimate(a_k, kinematics.initial, "belief.kinematic", kinematics.names)
+        initial = (
+            kinematics.first(measurement.q, measurement.x) if a_k is None else kinematics.initial
+        )
+        a_k = initial_estimate(a_k, initial, "belief.kinematic", kinematics.names)
         dynamic = self.adaptation_d.init(
             initial_estimate(a_d, dynamics.initial, "belief.dynamic", dynamics.names)
         )

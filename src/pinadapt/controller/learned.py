@@ -19,7 +19,6 @@ from ..models.excited import Excited, around, names_together
 from ..models.joint_effects import KINDS
 from ..models.physical_fit import PhysicalSet, nearest_with
 from ..models.regressor import LABELS, PER_BODY
-from ..models.translations import PlacedTranslations
 from ..robot.changes import Friction, Shaft
 from ..robot.robot import Robot
 from .announcement import ControllerParts
@@ -140,7 +139,7 @@ def learned_robot(
     nominal = kinematics.robot if made_for is None else made_for.robot(made_for.load)
     learned = controller.dynamics.robot(a_d, nominal)
     model = learned.model.copy()
-    PlacedTranslations(model, learned.frame_id, kinematics.translations).write(state.a_k)
+    kinematics.write(model, state.a_k)
     return replace(learned, model=model, loads=(), remark=words)
 
 

@@ -13,7 +13,6 @@ from ..exceptions import GainError, ParameterError
 from ..models.dynamics import Dynamics
 from ..models.right_inverse import RightInverse
 from ..models.task_kinematics import TaskKinematics
-from ..models.translations import FIRST
 from ..records import Sensors
 from ..robot.motors import Actuators, torque_limits
 from ..robot.robot import Robot
@@ -21,8 +20,6 @@ from .governor import Governor, PathGovernor
 
 _ABSURD = 1e4
 _IDEAL = Actuators()
-_SHORTEST, _LONGEST = 0.2, 5.0
-_WIDE, _WIDE_BASE = 0.5, 10.0  # of the reach
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,16 +155,7 @@ def make_box(
         return None
     names, centre = kinematics.names, kinematics.initial
     if given is None or given is True:
-        plain = [
-            part.directions.shape[1] == 1 and not part.offset.any()
-            for part in kinematics.translations
-        ]
-        sizes = [len(part.labels) for part in kinematics.translations]
-        length = np.repeat(plain, sizes) & (centre > 0.0)
-        wide = [_WIDE_BASE if part.joint == FIRST else _WIDE for part in kinematics.translations]
-        margin = np.repeat(wide, sizes) * robot.reach
-        low = np.where(length, _SHORTEST * centre, centre - margin)
-        return np.stack([low, np.where(length, _LONGEST * centre, centre + margin)])
+        return kinematics.bounds
     given = numbers(given, "unknown.kinematic_box", error=ParameterError)
     rows = [given] if given.ndim < 2 else list(given)
     if len(rows) > 2:

@@ -296,7 +296,7 @@ def make_guards(
             )
         on[name] = wanted
     size = robot.reach
-    based = any(part.joint == FIRST for part in kinematics.translations)
+    based = not kinematics.anchored or any(p.joint == FIRST for p in kinematics.translations)
     scale = size if kinematics.positions else 1.0
     slides = any(is_slide(joint) for joint in robot.model.joints[1:])
     return Guards(

@@ -2,4 +2,4 @@
 
 from .exciting_motion import ExcitingMotion as ExcitingMotion
 from .exciting_motion import LimitUse as LimitUse
-from .search import excite as excite
+from .exciting_motion import excite as excite

@@ -1,17 +1,436 @@
-"""An exciting motion, the share of the limits that it uses, and the series it is made of."""
+"""The exciting motion of largest information gain within all limits, and its search.
+
+With a prior covariance P of the parameters and the information matrix H of a motion, the expected
+information gain is log det(1 + P H) / 2 nats (Lindley, *On a measure of the information provided by
+an experiment*, 1956). Without a prior, maximising it is the D-optimal design of Swevers (1997).
+P and H are taken in base parameters, the combinations of parameters that motion can identify.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
 
+from .._checks import instance, keywords, positive, whole
+from .._compiled import compile_all
 from .._output import Sheet, Table
+from ..controller.controller import Controller
 from ..description.chain import effort_limits, position_limits, velocity_limits
-from ..information.information import Excitation
+from ..exceptions import InputError, ParameterError, RobotError
+from ..information.information import BLOCK, Excitation, Information
+from ..information.payload import described_robot
+from ..models.basis import base_parameters, independent_columns
+from ..models.dynamics import Dynamics
+from ..models.frame_kinematics import FrameKinematics
+from ..models.joint_effects import ALL
+from ..models.task_kinematics import JointKinematics, TaskKinematics
+from ..robot.robot import Robot
+from ..simulation.simulate import Progress, watched
+from ..tasks.frame import TASKS
+from ..tasks.task import JointTask
 from ..trajectories.periodic import FourierSeries
-from .allowance import Allowance
+from ..tuning.defaults import prior_covariance
+from ..tuning.unknowns import Unknown, nominal_dynamics
+from .allowance import Allowance, Shapes, configurations
+
+_TORQUE_NOISE = 0.01  # of the effort limit, or of the typical torque of a joint without one
+_POSITION_NOISE = 1e-3  # of the reach
+_TRANSLATION_PRIOR = 0.1  # of the reach: standard deviation of a translation
+_SAMPLES, _SPREAD, _SPEED = 50, 0.5, 1.0  # random states [rad, rad/s, rad/s^2 or m]
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """Parameters (p) of one model: prior in base parameters, and noise of the measured signals."""
+
+    names: tuple[str, ...]
+    initial: np.ndarray
+    chosen: np.ndarray  # (b) indices of the base parameters
+    root: np.ndarray  # (b, b) L of the prior covariance L L^T of the base parameters
+    noise: np.ndarray  # (n) of the signals of a row
+
+    def gain(self, W: np.ndarray, rows: float) -> tuple[float, np.ndarray]:
+        """Return the information gain [nat] and its derivative (N, n, p) by W.
+
+        Args:
+            W: (N, n, p) regressors.
+            rows: number of measurements for which the N stand.
+        """
+        slope = np.zeros(W.shape)
+        if not len(self.chosen):
+            return 0.0, slope
+        share = rows / len(W)
+        scaled = W[:, :, self.chosen] / self.noise[:, None] @ self.root
+        flat = scaled.reshape(-1, len(self.chosen))
+        information = np.eye(len(self.chosen)) + share * (flat.T @ flat)
+        by_scaled = share * np.linalg.solve(information, flat.T).T.reshape(scaled.shape)
+        slope[:, :, self.chosen] = by_scaled @ self.root.T / self.noise[:, None]
+        return 0.5 * float(np.linalg.slogdet(information)[1]), slope
+
+    def information(self, W: np.ndarray, rows: float) -> Information:
+        """Return the information of ``rows`` measurements, for which W (N, n, p) stand."""
+        whitened = (W / self.noise[:, None]).reshape(W.shape[0] * W.shape[1], len(self.names))
+        H, score = rows / max(len(W), 1) * (whitened.T @ whitened), np.zeros(len(self.names))
+        return Information(
+            self.names, self.initial, H, score, self.noise, round(rows * len(self.noise))
+        )
+
+
+class Aim:
+    """The unknown parameters of a robot, to be identified from torques and frame positions.
+
+    Attributes:
+        dynamic, kinematic: numbers of combinations of parameters that any motion can identify.
+    """
+
+    def __init__(self, robot: Robot, dynamics: Dynamics, kinematics: TaskKinematics) -> None:
+        """Take the nominal robot and its models.
+
+        Raises:
+            ParameterError: nothing is unknown, or no motion identifies any of it.
+        """
+        self._robot, self._dynamics, self._kinematics = robot, dynamics, kinematics
+        if not dynamics.size + kinematics.size:
+            raise ParameterError(
+                "nothing is unknown, so there is nothing to excite.",
+                where="unknown",
+                hint='Name bodies ("all", "payload", joints) or translations ("tool", joints).',
+            )
+        dynamics.load(dynamics.initial)
+        self._torque = _torque_part(robot, dynamics)
+        self._position = _position_part(robot, kinematics)
+        self.dynamic, self.kinematic = len(self._torque.chosen), len(self._position.chosen)
+        if not self.dynamic + self.kinematic:
+            names = ", ".join((*dynamics.names, *kinematics.names)[:10])
+            raise ParameterError(
+                f"no motion of '{robot.name}' from its base to '{robot.frame}' identifies any of "
+                f"the unknown parameters ({names}).",
+                where="unknown",
+                hint="Name bodies further out; pinadapt.base_parameters returns the identifiable "
+                "combinations.",
+            )
+
+    def information_gain(
+        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, duration: float
+    ) -> float:
+        """Return the expected information gain [nat] of N states (N, .) over a duration [s]."""
+        rows = duration / BLOCK
+        torque, _ = self._torque.gain(self._regressors(q, v, a), rows)
+        position, _ = self._position.gain(self._position_regressors(q), rows)
+        return torque + position
+
+    def gain_and_changes(
+        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, duration: float, first: int
+    ) -> tuple[float, np.ndarray]:
+        """Return the gain [nat] of the first states, and its change when one of them is replaced.
+
+        The other states are k blocks, each with a replacement for every one of the first. The
+        changes (k first) are to first order, of one replacement at a time.
+        """
+        rows, changes = duration / BLOCK, np.zeros(len(q) - first)
+        total = 0.0
+        for part, W in (
+            (self._torque, self._regressors(q, v, a)),
+            (self._position, self._position_regressors(q)),
+        ):
+            if not W.size:
+                continue
+            gain, slope = part.gain(W[:first], rows)
+            others = W[first:].reshape(-1, *W[:first].shape)
+            changes += np.einsum("tij,ktij->kt", slope, others - W[:first]).ravel()
+            total += gain
+        return total, changes
+
+    def excitation(
+        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, duration: float
+    ) -> Excitation:
+        """Return the information of N states (N, .), spread over a duration [s]."""
+        rows, dynamics = duration / BLOCK, self._dynamics
+        units: Mapping[str, str] = {name: "m" for name in self._kinematics.names} | dict(
+            zip(dynamics.names, dynamics.units, strict=True)
+        )
+        return Excitation(
+            self._torque.information(self._regressors(q, v, a), rows),
+            self._position.information(self._position_regressors(q), rows),
+            units,
+        )
+
+    def _regressors(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return the regressors Y (N, n, p) of the torques."""
+        shape = len(q), self._robot.model.nv, self._dynamics.size
+        if not self._dynamics.size:
+            return np.zeros(shape)
+        return np.array([self._dynamics.regressor(*z) for z in zip(q, v, a, strict=True)])
+
+    def _position_regressors(self, q: np.ndarray) -> np.ndarray:
+        """Return dx/da_k (N, m, p) of the positions."""
+        kinematics = self._kinematics
+        if not kinematics.size:
+            return np.zeros((len(q), kinematics.positions, 0))
+        kinematics.update(kinematics.initial, q[0], np.zeros(kinematics.nv))
+        return np.array([kinematics.at(each)[1] for each in q])
+
+
+def _torque_part(robot: Robot, dynamics: Dynamics) -> _Part:
+    """Return the dynamic parameters; prior: inertias within 30 %, coefficients typical ones."""
+    base, (typical, Y) = base_parameters(dynamics, robot), _typical(robot, dynamics)
+    efforts = effort_limits(robot.model)
+    noise = _TORQUE_NOISE * np.where(
+        np.isfinite(efforts), efforts, np.maximum(typical, typical.max())
+    )
+    sizes = np.sqrt(np.mean(Y**2, axis=(0, 1)))
+    scale = np.sqrt(np.mean(typical**2)) / np.where(sizes > 0.0, sizes, np.inf)
+    prior = _dynamic_prior(robot, dynamics)
+    R = base.regrouping
+    covariance = np.diag(scale[base.chosen] ** 2) if prior is None else R @ prior @ R.T
+    return _Part(tuple(dynamics.names), dynamics.initial, base.chosen, _root(covariance), noise)
+
+
+def _dynamic_prior(robot: Robot, dynamics: Dynamics) -> np.ndarray | None:
+    """Return the prior covariance (p, p) of the dynamic parameters, None where there is none."""
+    size = dynamics.inertial.size
+    inertial = prior_covariance(robot, dynamics) if size else np.zeros((0, 0))
+    if inertial is None:
+        return None
+    covariance = np.diag(dynamics.typical**2)
+    covariance[:size, :size] = inertial
+    return covariance
+
+
+def _position_part(robot: Robot, kinematics: TaskKinematics) -> _Part:
+    """Return the kinematic parameters; prior: each within a tenth of the reach."""
+    rng, m, size = np.random.default_rng(0), kinematics.positions, kinematics.size
+    rows = [np.zeros((0, size))]
+    for _ in range(_SAMPLES if size else 0):
+        q = pin.integrate(robot.model, robot.q0, rng.uniform(-np.pi, np.pi, robot.model.nv))
+        kinematics.update(kinematics.initial, q, np.zeros(robot.model.nv))
+        rows.append(kinematics.X_k)
+    chosen, R = independent_columns(np.vstack(rows))
+    root = _TRANSLATION_PRIOR * robot.reach * _root(R @ R.T)
+    noise = np.full(m, _POSITION_NOISE * robot.reach)
+    return _Part(tuple(kinematics.names), kinematics.initial, chosen, root, noise)
+
+
+def _typical(robot: Robot, dynamics: Dynamics) -> tuple[np.ndarray, np.ndarray]:
+    """Return rms torques (n) over random states around home, and Y (N, n, p) at these."""
+    model, data, rng = robot.model, robot.model.createData(), np.random.default_rng(0)
+    torques, regressors = [], []
+    for _ in range(_SAMPLES):
+        q = pin.integrate(model, robot.q0, rng.uniform(-_SPREAD, _SPREAD, model.nv))
+        v, a = _SPEED * rng.standard_normal((2, model.nv))
+        torques.append(pin.rnea(model, data, q, v, a))
+        regressors.append(dynamics.regressor(q, v, a))
+    return np.sqrt(np.mean(np.square(torques), axis=0)), np.array(regressors)
+
+
+def _root(covariance: np.ndarray) -> np.ndarray:
+    """Return an L with covariance = L L^T."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+_FASTEST = 0.5  # [Hz] of the harmonics, unless the duration is too short
+_FEWEST, _MOST = 3, 8  # harmonics
+_PER_HARMONIC, _FINE = 16, 120  # instants per harmonic, in the search and in the last check
+_STARTS, _ITERATIONS = 24, 60
+_PENALTY = 200.0  # [nat] for exceeding an allowance by its own size at all instants
+_STEP = 1e-6  # of numerical derivatives [rad or m, and per s or s^2]
+_BISECTIONS = 20  # in the last check
+
+
+@keywords(
+    dynamic='unknown=pa.Unknown(bodies="all")',
+    joint="unknown=pa.Unknown(friction=True, armature=True)",
+    kinematic="unknown=pa.Unknown(tool=True), with base, translations and lengths beside it",
+)
+def excite(
+    robot: Robot | Controller,
+    *,
+    unknown: Unknown | str | Sequence[str] | None = None,
+    duration: float = 10.0,
+    harmonics: int | None = None,
+    excursion: ArrayLike | None = None,
+    load: float | None = None,
+    srdf: Path | str | None = None,
+    floor: float | None = None,
+    seed: int = 0,
+    progress: Progress | bool | None = None,
+) -> ExcitingMotion:
+    """Find a motion of the joints that identifies unknown parameters, within all limits.
+
+    The motion is a Fourier series for each joint, from rest at home and back (Swevers and others,
+    1997), with the largest expected information gain about the base parameters (see ``Aim``). It is
+    found by quasi-Newton steps from the best of some random series.
+
+    It stays away from the ends of each joint's range by a twentieth of it, uses at most four fifths
+    of the velocity and effort limits, the latter with and without a load, and keeps joints and
+    frame above the horizontal plane that the robot is mounted on. Bodies with collision geometry
+    stay apart from each other, and all stay above a floor, see ``Shapes``.
+
+    Args:
+        robot: the nominal model, of any task, at its home; or a controller, whose unknown
+            parameters are taken.
+        unknown: what the motion is to excite, an ``Unknown`` or words for it; by default all
+            bodies, friction and rotor inertias. Translations, ``tool`` among them, are those that a
+            camera would show.
+        duration: of the motion, and period of the series [s].
+        harmonics: of the series, at least 2; by default as many as stay within half a hertz, from 3
+            to 8.
+        excursion: how far joints may move from home, one or one per joint [rad or m]; by default a
+            quarter of a turn and half a metre.
+        load: mass of the heaviest load at the frame [kg]; by default a tenth of the robot's mass,
+            halved until the motors hold it at home.
+        srdf: a file whose ``disable_collisions`` name links that may touch.
+        floor: height of a floor [m], in the axes of the robot's base; None for none.
+        seed: of the random series.
+        progress: as in ``simulate``.
+
+    Raises:
+        InputError: nothing is unknown, no motion identifies it, or impossible numbers.
+        RobotError: home is outside the limits, or the motors cannot hold arm and load there.
+    """
+    compile_all()
+    nominal, aim = _nominal_and_aim(robot, unknown)
+    duration = positive(duration, "duration", error=InputError)
+    if harmonics is None:
+        harmonics = min(max(round(_FASTEST * duration), _FEWEST), _MOST)
+    harmonics = whole(harmonics, "harmonics", 2)
+    allowed = Allowance.of(nominal, excursion, load, Shapes.of(nominal, srdf, floor))
+    search = _Search(aim, allowed, RestToRest(harmonics, duration, _PER_HARMONIC * harmonics))
+    theta = search.best(whole(seed, "seed", 0), watched(range(_ITERATIONS), progress, "excite"))
+    fine = RestToRest(harmonics, duration, _FINE * harmonics)
+    check = _Search(aim, allowed, fine)
+    theta = check.inside(theta)
+    angles, q, v, a = check.states(theta)
+    return ExcitingMotion(
+        fine.series(nominal.home_angles, theta),
+        duration,
+        aim.excitation(q, v, a, duration),
+        LimitUse.of(allowed, angles, q, v, a),
+        (aim.dynamic, aim.kinematic),
+        aim.information_gain(q, v, a, duration),
+    )
+
+
+def _nominal_and_aim(
+    given: Robot | Controller, unknown: Unknown | str | Sequence[str] | None
+) -> tuple[Robot, Aim]:
+    """Return the nominal robot and its unknown parameters.
+
+    Raises:
+        InputError: unknown words, or no parameter that a motion identifies.
+    """
+    instance(given, Robot | Controller, "robot")
+    if isinstance(given, Controller):
+        if unknown is not None:
+            raise InputError("a controller has its own unknown parameters.", where="unknown")
+        nominal = described_robot(given)
+        return nominal, Aim(nominal, given.dynamics, given.kinematics)
+    nominal, unknown = given, Unknown.of(unknown)
+    dynamics = nominal_dynamics(nominal, unknown, ALL)
+    translations = unknown.translation_words(tool=False)
+    kinematics: TaskKinematics
+    if not translations:
+        kinematics = JointKinematics(replace(nominal, task=JointTask.of_chain(nominal.model)), ())
+    else:
+        in_joints = isinstance(nominal.task, JointTask)
+        framed = replace(nominal, task=TASKS["xyz"]) if in_joints else nominal
+        kinematics = FrameKinematics(framed, translations)
+    return nominal, Aim(nominal, dynamics, kinematics)
+
+
+class _Search:
+    """Motions of coefficients theta (n, size), evaluated at the instants of a period."""
+
+    def __init__(self, aim: Aim, allowed: Allowance, basis: RestToRest) -> None:
+        """Take the unknown parameters, the allowance, and the family of motions."""
+        self._aim, self._allowed, self._basis = aim, allowed, basis
+        self._home = allowed.robot.home_angles
+
+    def states(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return angles (N, n), configurations (N, nq), velocities and accelerations (N, n)."""
+        displacement, v, a = self._basis.motion(theta)
+        angles = self._home + displacement
+        return angles, configurations(self._allowed.robot, angles), v, a
+
+    def best(self, seed: int, iterations: Iterable[int]) -> np.ndarray:
+        """Return the coefficients of largest gain, nearly within the allowance."""
+        from scipy.optimize import minimize  # here, because scipy is slow to import
+
+        rng, shape = np.random.default_rng(seed), (len(self._home), self._basis.size)
+        starts = [self.inside(rng.standard_normal(shape)) for _ in range(_STARTS)]
+        first = min(starts, key=self._negative_gain)
+        size, steps = np.abs(first).max(), iter(iterations)
+
+        def cost(z: np.ndarray) -> tuple[float, np.ndarray]:
+            """Return the cost and its slope in coordinates of order one."""
+            value, slope = self._cost(size * z.reshape(shape))
+            return value, size * slope.ravel()
+
+        next(steps, None)
+        found = minimize(
+            cost,
+            (first / size).ravel(),
+            jac=True,
+            method="L-BFGS-B",
+            callback=lambda _: next(steps, None),
+            options={"maxiter": _ITERATIONS},
+        )
+        for _ in steps:  # complete the progress bar
+            pass
+        return np.asarray(size * found.x.reshape(shape))
+
+    def inside(self, theta: np.ndarray) -> np.ndarray:
+        """Return theta times the largest factor up to one whose motion keeps all limits.
+
+        Raises:
+            RobotError: no factor does.
+        """
+        if self._kept(theta):
+            return theta
+        low, high = 0.0, 1.0
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if self._kept(middle * theta) else (low, middle)
+        if not low:
+            raise RobotError(
+                "no motion from home keeps the limits.",
+                where=self._allowed.robot.name,
+                hint="Take another home pose, or a lighter load.",
+            )
+        return low * theta
+
+    def _kept(self, theta: np.ndarray) -> bool:
+        return self._allowed.kept(*self.states(theta))
+
+    def _negative_gain(self, theta: np.ndarray) -> float:
+        return -self._aim.information_gain(*self.states(theta)[1:], self._basis.period)
+
+    def _cost(self, theta: np.ndarray) -> tuple[float, np.ndarray]:
+        """Return the penalty for exceeded allowances minus the gain [nat], and its derivative.
+
+        The derivative (n, size) is by differences in the 3 n states of each instant, fewer than the
+        coefficients.
+        """
+        displacement, v, a = self._basis.motion(theta)
+        now = np.stack([self._home + displacement, v, a])  # (3, N, n)
+        count, n = v.shape
+        shifts = _STEP * np.eye(3 * n).reshape(3 * n, 3, 1, n)
+        states = np.concatenate([now[None], now + shifts]).transpose(1, 0, 2, 3)
+        angles, v, a = states.reshape(3, -1, n)
+        q = configurations(self._allowed.robot, angles)
+        gain, changes = self._aim.gain_and_changes(q, v, a, self._basis.period, count)
+        beyond = _PENALTY / count * np.sum(self._allowed.excess(angles, q, v, a) ** 2, axis=1)
+        beyond = beyond.reshape(1 + 3 * n, count)
+        slopes = (beyond[1:] - beyond[0] - changes.reshape(3 * n, count)) / _STEP
+        return float(beyond[0].sum()) - gain, self._basis.derivative(slopes.reshape(3, n, count))
+
 
 _DIGITS = 7  # of a coefficient in a file
 

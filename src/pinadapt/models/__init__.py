@@ -15,5 +15,7 @@ from .regressor import Momentum as Momentum
 from .regressor import MomentumRegressor as MomentumRegressor
 from .task_kinematics import JointKinematics as JointKinematics
 from .task_kinematics import TaskKinematics as TaskKinematics
+from .tracker_kinematics import Tracker as Tracker
+from .tracker_kinematics import TrackerKinematics as TrackerKinematics
 from .translations import Translation as Translation
 from .typical_motion import TypicalMotion as TypicalMotion

@@ -96,6 +96,7 @@ class BasisDynamics(InertialDynamics):
 
         None if there is none.
         """
+        robot = robot.in_base_axes
         if not self.differs_only_in_bodies(robot):
             return None
         return equivalent_parameters(self._regressor, self.B, robot)

@@ -269,6 +269,7 @@ class BodyDynamics(InertialDynamics):
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the ten parameters of each adapted body; None if anything else differs."""
+        robot = robot.in_base_axes
         pi, known = inertial_parameters(robot.model), np.ones(len(self._pi), dtype=bool)
         known[self._columns] = False
         same = np.allclose(pi[known], self._pi[known], rtol=1e-9, atol=1e-12)

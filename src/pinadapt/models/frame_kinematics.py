@@ -20,7 +20,10 @@ from ..robot.robot import Robot
 from .basis import base_parameters
 from .regressor import live_array
 from .task_kinematics import TaskKinematics
-from .translations import PlacedTranslations, Translation, placement_of, unknown_translations
+from .translations import FIRST, PlacedTranslations, Translation, placement_of, unknown_translations
+
+_WIDE, _WIDE_BASE = 0.5, 10.0  # of the reach
+_SHORTEST, _LONGEST = 0.2, 5.0  # of the nominal length
 
 
 class FrameKinematics(TaskKinematics):
@@ -54,13 +57,13 @@ class FrameKinematics(TaskKinematics):
         self._data, self._past = self._model.createData(), self._model.createData()
         self._frame = robot.frame_id
         self._placed = PlacedTranslations(self._model, self._frame, self.translations)
-        self._parents = [self._parent(self._model, part) for part in self.translations]
+        self.parents = [self._parent(self._model, part) for part in self.translations]
         self._B = [None if part.whole else part.directions for part in self.translations]
         # Views into Data of each parent joint: position rows of its rotation, its angular velocity
         # and acceleration in its own axes.
-        self._R = [self._data.oMi[i].rotation[self._place] for i in self._parents]
-        self._w = [self._data.v[i].angular for i in self._parents]
-        self._dw = [self._data.a[i].angular for i in self._parents]
+        self._R = [self._data.oMi[i].rotation[self._place] for i in self.parents]
+        self._w = [self._data.v[i].angular for i in self.parents]
+        self._dw = [self._data.a[i].angular for i in self.parents]
         # Views into Data of all joints: placements, motions in their own axes, Jacobian, its rate.
         self._rotations, self._origins = _placements(self._data)
         self._past_placements = _placements(self._past)
@@ -71,7 +74,7 @@ class FrameKinematics(TaskKinematics):
         self.last_joint = self._data.oMi[self._model.njoints - 1].translation[self._place]
         self._row_numbers, self._place_numbers = np.arange(6)[self._rows], np.arange(3)[self._place]
         sizes = [part.size for part in self.translations]
-        self._parent_of = np.repeat(np.array(self._parents, dtype=np.int64), sizes)
+        self._parent_of = np.repeat(np.array(self.parents, dtype=np.int64), sizes)
         self._last_column = np.array([joint.idx_v for joint in self._model.joints], dtype=np.int64)
         self._zero, self._no_columns = np.zeros(self._model.nv), np.zeros((self.positions, 0))
         self._no_turning = np.zeros((robot.task.size - self.positions, self.size))
@@ -82,11 +85,32 @@ class FrameKinematics(TaskKinematics):
                 where="unknown.kinematic",
                 hint="Use an offset on the line or plane of the nominal translation.",
             )
-        self.initial = initial
+        self.initial, self.sizes = initial, np.ones(self.size)
+        self.bounds = self._bounds(robot.reach)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy by the arguments: Pinocchio's data is scratch."""
         return FrameKinematics, (self.robot, self.translations)
+
+    @property
+    def chain(self) -> tuple[pin.Model, pin.Data]:
+        """Model and data of the last update."""
+        return self._model, self._data
+
+    def _bounds(self, reach: float) -> np.ndarray:
+        """Return bounds (2, p) [m] around the nominal translations.
+
+        A length lies between a fifth and five times the nominal one, other coordinates within half
+        the reach, those of the base within ten times.
+        """
+        parts, centre = self.translations, self.initial
+        plain = [part.size == 1 and not part.offset.any() for part in parts]
+        sizes = np.array([part.size for part in parts], dtype=int)
+        length = np.repeat(np.array(plain, dtype=bool), sizes) & (centre > 0.0)
+        wide = [_WIDE_BASE if part.joint == FIRST else _WIDE for part in parts]
+        margin = np.repeat(np.array(wide), sizes) * reach
+        low = np.where(length, _SHORTEST * centre, centre - margin)
+        return np.stack([low, np.where(length, _LONGEST * centre, centre + margin)])
 
     def _parent(self, model: pin.Model, part: Translation) -> int:
         """Return the joint in whose axes a translation is given."""
@@ -185,6 +209,14 @@ class FrameKinematics(TaskKinematics):
             self._axes, self._last_column, self._place_numbers, Jdot,
         )  # fmt: skip
         return Jdot
+
+    def write(self, model: pin.Model, a_k: np.ndarray) -> None:
+        """Write the translations of an estimate a_k (p) [m] into a model of the chain."""
+        PlacedTranslations(model, self._frame, self.translations).write(a_k)
+
+    def read(self, model: pin.Model, a_k: np.ndarray) -> np.ndarray:
+        """Return the translations (p) [m] of a model of the chain."""
+        return PlacedTranslations(model, self._frame, self.translations).read()
 
     def _stack(self, blocks: Sequence[np.ndarray]) -> np.ndarray:
         """Return the position rows (m_p, p) of R (block) B for blocks (3, 3) in parent axes."""

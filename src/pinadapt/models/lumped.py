@@ -341,6 +341,7 @@ class LumpedDynamics(InertialDynamics):
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the parameters (p) of a robot; None if more than lengths and inertias differ."""
+        robot = robot.in_base_axes
         whole = self._found.fit(robot.model) if self.differs_only_in_bodies(robot) else None
         if whole is None:
             return None

@@ -33,6 +33,9 @@ class TaskKinematics(ABC):
         positions: m_p.
         initial: (p) the values of the nominal robot [m].
         translations: the unknown translations, in the order of their parameters.
+        anchored: whether x is measured in the axes of the robot's base.
+        sizes: (p) how far each parameter may be off, relative to each other.
+        bounds: (2, p) where the parameters stay by default.
         a_k: (p) the estimate [m].
         last_joint: (m_p) position of the last joint before the frame [m], a view.
         p_hat: (m_p) estimated positions [m].
@@ -55,6 +58,9 @@ class TaskKinematics(ABC):
     initial: np.ndarray
     a_k: np.ndarray
     translations: Sequence[Translation] = ()
+    anchored: bool = True
+    sizes: np.ndarray
+    bounds: np.ndarray
     last_joint: np.ndarray
     p_hat: np.ndarray
     X_k: np.ndarray
@@ -76,6 +82,10 @@ class TaskKinematics(ABC):
     @abstractmethod
     def x_hat(self) -> np.ndarray:
         """The estimated task coordinates."""
+
+    def first(self, q: np.ndarray, x: np.ndarray | None) -> np.ndarray:
+        """Return the estimate (p) to start from at a measured q (nq) and x, if that is measured."""
+        return self.initial
 
     @abstractmethod
     def at(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -99,6 +109,18 @@ class TaskKinematics(ABC):
     @abstractmethod
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the parameters (p) of a robot with the same chain; None if none reproduce it."""
+
+    def seen(self, a_k: np.ndarray) -> Robot:
+        """Return the nominal robot with x in the axes in which an estimate a_k (p) has it."""
+        return self.robot
+
+    @abstractmethod
+    def write(self, model: pin.Model, a_k: np.ndarray) -> None:
+        """Write the translations of an estimate a_k (p) [m] into a model of the chain."""
+
+    @abstractmethod
+    def read(self, model: pin.Model, a_k: np.ndarray) -> np.ndarray:
+        """Return an estimate a_k (p) with the translations of a model of the chain [m]."""
 
     @abstractmethod
     def base(self, samples: int = 50) -> int:
@@ -136,6 +158,7 @@ class JointKinematics(TaskKinematics):
         self.Y_k, self.last_joint = np.zeros((n, 0)), np.zeros(0)
         self.p_hat, self.X_k = np.zeros(0), np.zeros((0, 0))
         self._q, self.xd_hat = robot.q0, np.zeros(n)
+        self.sizes, self.bounds = np.zeros(0), np.zeros((2, 0))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy by the arguments."""
@@ -165,6 +188,13 @@ class JointKinematics(TaskKinematics):
     def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
         """Return the empty Ybar_k (nv, 0)."""
         return self.Y_k
+
+    def write(self, model: pin.Model, a_k: np.ndarray) -> None:
+        """Write nothing."""
+
+    def read(self, model: pin.Model, a_k: np.ndarray) -> np.ndarray:
+        """Return the empty parameters (0)."""
+        return self.initial
 
     def value(self, robot: Robot) -> np.ndarray:
         """Return the empty parameters (0), which fit every robot with this chain."""

@@ -121,6 +121,43 @@ def shift_joints(model: pin.Model, translations: Mapping[str, ArrayLike] | None)
         )
 
 
+_ROUNDING = 1e-6  # of an entry of a rotation matrix
+
+
+def placement(rotation: ArrayLike, translation: ArrayLike, where: str) -> pin.SE3:
+    """Return a placement from a rotation, as matrix (3, 3) or vector (3) [rad], and a position (3).
+
+    Raises:
+        RobotError: wrong sizes, or a matrix that is no rotation.
+    """
+    given = numbers(rotation, f"{where}.rotation", error=RobotError)
+    if given.shape == (3,):
+        R = pin.exp3(given)
+    elif given.shape != (3, 3):
+        raise RobotError(
+            f"expected a matrix (3, 3) or a rotation vector (3) [rad], got shape {given.shape}.",
+            where=f"{where}.rotation",
+        )
+    else:
+        R = given
+        off = float(np.abs(R @ R.T - np.eye(3)).max())
+        if off > _ROUNDING or np.linalg.det(R) < 0.0:
+            flaw = "it mirrors" if off <= _ROUNDING else f"R R^T is off the identity by {off:.2g}"
+            raise RobotError(f"is no rotation: {flaw}.", where=f"{where}.rotation")
+    return pin.SE3(R, vector(translation, 3, f"{where}.translation", error=RobotError))
+
+
+def move_base(model: pin.Model, base: pin.SE3) -> None:
+    """Place all that is fixed to the world, and gravity, by the placement of the base."""
+    for joint in range(1, model.njoints):
+        if model.parents[joint] == 0:
+            model.jointPlacements[joint] = base * model.jointPlacements[joint]
+    for frame in model.frames[1:]:
+        if frame.parentJoint == 0:
+            frame.placement = base * frame.placement
+    model.gravity = pin.Motion(base.rotation @ model.gravity.linear, np.zeros(3))
+
+
 @dataclass(frozen=True)
 class Shaft:
     """A motor that turns with two joints, u = v_first + sign v_second, as of a coupled wrist.

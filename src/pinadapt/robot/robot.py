@@ -60,6 +60,8 @@ class Robot:
         welded: whether the description has a floating base, which is fixed here.
         mounting: the plane that the chain is mounted on; None for a floating base and for robots of
             the catalogue.
+        tracker: the placement of the base in the axes in which x is measured, which the model has,
+            see ``seen_from``; None: x is in the axes of the base.
         loads: loads added with ``changed``, in the axes of the last joint; the model contains them.
         origin: the URDF that the robot was read from, or None.
         remark: about where its parameters come from, for the first comment of its URDF.
@@ -77,6 +79,7 @@ class Robot:
     welded: bool = False
     mounting: MountingPlane | None = None
     loads: tuple[pin.Inertia, ...] = ()
+    tracker: pin.SE3 | None = None
     origin: Origin | None = None
     remark: str = ""
 
@@ -209,6 +212,33 @@ class Robot:
             coulomb=self._coefficients(coulomb, "friction.coulomb", friction.coulomb),
         )
         return replace(self, model=model, friction=friction, loads=loads)
+
+    def seen_from(self, rotation: ArrayLike, translation: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
+        """Return this robot with x in the axes of a tracker that stands somewhere.
+
+        Base and gravity of the model are turned into these axes, so that its torques are the same.
+
+        Args:
+            rotation: (3, 3) from the axes of the base to those of the tracker, or (3) the same as a
+                rotation vector [rad].
+            translation: (3) the base in the axes of the tracker [m].
+
+        Raises:
+            RobotError: wrong sizes, or no rotation.
+        """
+        tracker = changes.placement(rotation, translation, "tracker")
+        model = self.model.copy()
+        changes.move_base(model, tracker)
+        before = pin.SE3.Identity() if self.tracker is None else self.tracker
+        return replace(self, model=model, tracker=tracker * before, mounting=None)
+
+    @cached_property
+    def in_base_axes(self) -> Robot:
+        """This robot with x in the axes of its base."""
+        if self.tracker is None:
+            return self
+        back = self.tracker.inverse()
+        return replace(self.seen_from(back.rotation, back.translation), tracker=None)
 
     def urdf(self, *, shapes: bool = True) -> str:
         """Return this robot as a URDF that Pinocchio and MuJoCo read.

@@ -30,6 +30,7 @@ from ..information.payload import (
     whole_arm,
     whole_arm_information,
 )
+from ..information.tracker import FoundTracker, find_tracker
 from ..models.dynamics import Dynamics
 from ..robot.robot import Robot
 from ..tuning.defaults import INERTIA
@@ -184,6 +185,19 @@ class Rollout(Recording):
             position_information(controller, samples, state),
             LearnedParameters.of(controller, state).units,
         )
+
+    def tracker(self) -> FoundTracker:
+        """Return where the tracker stands, told by the frames since the last mark.
+
+        It has the rotation and position of the base in the tracker's axes and the unknown
+        translations, with deviations, see ``information.find_tracker``.
+
+        Raises:
+            InputError: as ``learned``.
+            LogError: the controller has no unknown tracker, or the frames do not show it.
+        """
+        kinematics, samples = self.evaluated().controller.kinematics, self.samples_since_last_mark()
+        return find_tracker(kinematics, [sample.measurement for sample in samples])
 
     def payload(
         self, *, refined: bool = False, arm: float = 0.0, empty: Rollout | None = None

@@ -42,7 +42,7 @@ def true_robot(described: Robot, truth: TruthKeys) -> Robot:
     Raises:
         InputError: keys do not fit the robot.
     """
-    return described.changed(
+    true = described.changed(
         inertial_scale=truth.inertial_scale,
         payload=payload_of(truth.payload),
         tool_translation=truth.tool_translation,
@@ -50,6 +50,9 @@ def true_robot(described: Robot, truth: TruthKeys) -> Robot:
         armature=truth.armature,
         friction=friction_of(described, truth.friction),
     )
+    if truth.tracker is None:
+        return true
+    return true.seen_from(truth.tracker.rotation, truth.tracker.translation)
 
 
 def initial_model(described: Robot, belief: BeliefSection) -> Robot:

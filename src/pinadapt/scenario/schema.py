@@ -88,6 +88,13 @@ class FrictionSection(Section):
     shafts: list[ShaftSection] = []
 
 
+class TrackerSection(Section):
+    """[truth] tracker: the base in the axes in which x is measured; rotation vector [rad], [m]."""
+
+    rotation: Vector3 = [0.0, 0.0, 0.0]
+    translation: Vector3 = [0.0, 0.0, 0.0]
+
+
 class TruthKeys(Section):
     """Keys of [truth] and of its changes."""
 
@@ -97,6 +104,7 @@ class TruthKeys(Section):
     link_translation: dict[str, Vector3] = {}
     friction: FrictionSection = FrictionSection()
     armature: NotNegative | list[NotNegative] | None = None
+    tracker: TrackerSection | None = None
 
 
 class TruthChange(TruthKeys):

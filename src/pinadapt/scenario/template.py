@@ -25,7 +25,7 @@ from ..description.chain import links_of, massless_joints
 from ..description.description import describe
 from ..description.urdf import is_path
 from ..description.xacro import XacroArguments
-from ..exceptions import RobotError
+from ..exceptions import InputError, RobotError
 from ..laws import DEFAULT, LAWS
 from ..models.joint_effects import typical_coefficients
 from ..robot.changes import Payload
@@ -123,6 +123,7 @@ class Template:
         mass: total mass of the robot [kg], if links are described without inertia; else None.
         massless: names of these links, one for each such body.
         law: name of the control law.
+        tracker: whether x is measured in the axes of a tracker whose placement is unknown.
         planar: whether the task is a plane because no circle in space is within the limits.
     """
 
@@ -134,6 +135,7 @@ class Template:
     massless: Sequence[str]
     law: str = DEFAULT
     planar: bool = False
+    tracker: bool = False
 
     @classmethod
     def of(
@@ -145,6 +147,7 @@ class Template:
         xacro: XacroArguments | None = None,
         mass: float | None = None,
         law: str = DEFAULT,
+        tracker: bool = False,
     ) -> Template:
         """Load a robot, with the choices of ``load`` for what is not given, and find a motion.
 
@@ -153,7 +156,14 @@ class Template:
 
         Raises:
             RobotError: as ``load``, ``find_circle`` and ``find_swing``.
+            InputError: a tracker for a joint task or a law that does not learn from positions.
         """
+        if tracker and not (LAWS[law].uses_position_error and task != JOINT):
+            raise InputError(
+                "a tracker needs a task of the frame and a law that learns from positions.",
+                where="--tracker",
+                hint='Take the law "separation".',
+            )
         if task is None and LAWS[law].joint_space:
             task = JOINT
         make = partial(load, source, xacro=xacro, mass=mass)
@@ -171,7 +181,7 @@ class Template:
         if mass is not None:
             model = describe(source, xacro=xacro).model
             massless = [links_of(model, joint)[0] for joint in massless_joints(model)]
-        return cls(source, robot, path, xacro or {}, mass, massless, law, planar)
+        return cls(source, robot, path, xacro or {}, mass, massless, law, planar, tracker)
 
     @property
     def name(self) -> str:
@@ -218,7 +228,8 @@ class Template:
         """The keys of [unknown]."""
         if self.rests:
             return {"dynamic": "all"}
-        tool: dict[str, Any] = {"kinematic": ["tool"]} if self.robot.task.positions else {}
+        words = ["tracker", "tool"] if self.tracker else ["tool"]
+        tool: dict[str, Any] = {"kinematic": words} if self.robot.task.positions else {}
         return {**tool, "dynamic": "all", "joint": "all"}
 
     @cached_property
@@ -327,6 +338,12 @@ _TRUTH_OF_JOINTS = (
     "com in m from the frame; Ixx Ixy Iyy Ixz Iyz Izz in kg m^2]. Replace it by what you expect of "
     "your robot."
 )
+_TRACKER = (
+    "The base in the axes of the tracker that measures x: a rotation vector [rad] and a position "
+    "[m]. The motion is given in the same axes."
+)
+_TURN = [0.0, 0.0, 2.1]
+_PLACE = np.array([0.8, -0.5, 0.3])  # of the reach
 _PLANAR = (
     "This chain can follow no circle in space within its joint limits and away from "
     "singularities; the task is the plane in which it can follow the largest one."
@@ -416,6 +433,10 @@ def _truth(template: Template) -> Table:
     table = tomlkit.table()
     if template.robot.task.positions:
         table["tool_translation"] = _numbers(template.tool)
+    if template.tracker:
+        _remark(table, _TRACKER)
+        place = _PLACE * template.robot.reach
+        table["tracker"] = _inline({"rotation": _TURN, "translation": _numbers(place, 2)})
     table["payload"] = _payload(template.load)
     _option(table, "inertial_scale = 1.3", "every mass and inertia 30 % larger than described", 45)
     viscous, coulomb = template.friction

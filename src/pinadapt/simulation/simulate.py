@@ -19,19 +19,23 @@ from numpy.typing import ArrayLike
 from .._checks import instance, keywords
 from ..controller.controller import Controller
 from ..controller.learned import LearnedParameters
-from ..controller.state import Sample
+from ..controller.limits import Limits
+from ..controller.state import ControllerState, Sample
 from ..exceptions import DivergedError, InputError, Interrupted
+from ..information.tracker import FoundTracker, find_tracker
 from ..plants.mujoco_plant import MujocoFile
 from ..plants.pinocchio_plant import PinocchioPlant
-from ..plants.plant import PlantMaker, SimulatedPlant
+from ..plants.plant import Plant, PlantMaker, SimulatedPlant
 from ..plants.sensors import SimulatedSensors
-from ..records import Sensors
-from ..reference import starting_from
+from ..records import Desired, Measurement, Sensors
+from ..reference import Wiggle, starting_from
 from ..robot.motors import Actuators
 from ..robot.robot import Robot, Succession
 from ..rollout.recording import Evaluation, Ringing, path_times, ringing, slowdowns
 from ..rollout.rollout import Rollout
+from ..tasks.task import JointTask
 from ..trajectories.given import TrajectoryLike, as_trajectory
+from ..tuning.make_controller import make_controller
 from .engine import Engine
 from .loop import Events, run, run_continuous, sample_indices
 from .prepare import check_options, findings, prepare
@@ -164,7 +168,8 @@ def simulate(
             Pinocchio's.
         start: initial estimates, ``a_k`` (p_k) [m] and ``a_d`` (p_d) by name, with ``information``
             as of ``Controller.init``; or what was learned before. By default those of the
-            controller's model.
+            controller's model; an unknown tracker is found by a ``Wiggle`` of the joints before the
+            run begins, from the same home, and ``start={}`` omits that.
         seed: of the noise and of lost frames.
         record_every: keep one sample of so many; the loop itself runs at every one.
         title: of the rollout.
@@ -200,8 +205,12 @@ def simulate(
         )
     indices = sample_indices(duration, dt, ends=engine.continuous)
     trajectory = as_trajectory(trajectory, true.task)
+    if not controller.kinematics.anchored and not isinstance(start, LearnedParameters):
+        given = {"a_k": None} if start is None else dict(start)
+        if given.get("a_k", ()) is None:
+            start = {**given, "a_k": wiggled(plant, controller, dt, simulated).a_k}
     state = prepare(plant, controller, trajectory, start, duration)
-    believed = controller.kinematics.robot
+    believed = controller.kinematics.seen(state.a_k)
     trajectory = starting_from(trajectory, believed, plant.measure(), duration=duration)
     check_memory(controller, len(indices), record_every)
     robots = replace(Succession.of(true, events.changes), known=plant.described)
@@ -239,6 +248,65 @@ def simulate(
     if rollout.interrupted is not None:
         raise Interrupted(rollout)
     return rollout
+
+
+class _WithoutFrames:
+    """A controller of the joints beside a tracker, whose frames it has no use for."""
+
+    def __init__(self, controller: Controller) -> None:
+        self._controller = controller
+
+    def init(self, measurement: Measurement) -> ControllerState:
+        """Return the state to start from."""
+        return self._controller.init(measurement._replace(x=None, x_time=None, xd=None))
+
+    def step(
+        self, state: ControllerState, measurement: Measurement, desired: Desired, dt: float
+    ) -> tuple[np.ndarray, ControllerState]:
+        """Return torque and next state."""
+        seen = measurement._replace(x=None, x_time=None, xd=None)
+        return self._controller.step(state, seen, desired, dt)
+
+
+def wiggled(
+    plant: Plant,
+    controller: Controller,
+    dt: float,
+    sensors: SimulatedSensors | None = None,
+    duration: float = 2.0,
+) -> FoundTracker:
+    """Return where the tracker stands, from a ``Wiggle`` of all joints of a plant.
+
+    A controller of the joints moves it, with the default unknowns and limits.
+
+    Args:
+        plant: at its home, to which it returns.
+        controller: with an unknown tracker.
+        dt: period [s].
+        sensors: through which the plant is seen; None for perfect ones.
+        duration: of the wiggle [s].
+
+    Raises:
+        LogError: the frames show no tracker, see ``find_tracker``.
+        DivergedError: the arm could not be wiggled.
+    """
+    robot = controller.kinematics.robot
+    joints = replace(robot, task=JointTask.of_chain(robot.model))
+    seen = controller.sensors
+    noise = {name: seen.noise[name] for name in ("q", "v") if name in seen.noise}
+    own = make_controller(
+        joints,
+        dt=dt,
+        sensors=Sensors(encoder=seen.encoder, noise=noise),
+        limits=Limits(torque=controller.limits.torque),
+    )
+    motion = Wiggle(robot, duration)
+    late = 0.0 if seen.camera is None else seen.camera.delay
+    driver: Any = _WithoutFrames(own)
+    loop = run(plant, driver, motion, dt=dt, duration=duration + late, sensors=sensors)
+    measurements = [sample.measurement for sample in loop]
+    plant.reset()
+    return find_tracker(controller.kinematics, measurements)
 
 
 @contextmanager

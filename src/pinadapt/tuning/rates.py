@@ -496,7 +496,8 @@ def kinematic_adaptation(
         stiffness = 1.0 if loop is None else loop.stiffness
         effects = [np.sqrt(stiffness) * Y_p for Y_p in motion.kinematic_regressors]
         mode = min(law.kinematic_mode * bandwidth, settings.kinematic)
-        gamma_k = rate_for(mode, effects, Gradient(1.0, size), kinematics.initial)
+        unit = Gradient(kinematics.sizes**2, size)
+        gamma_k = rate_for(mode, effects, unit, kinematics.initial) * kinematics.sizes**2
     moved: Adaptation = Gradient(gamma_k, size, "gamma_k")
     if kind == LeastSquares.name:
         P_0 = moved.gain(kinematics.initial)
@@ -538,7 +539,7 @@ def kinematic_least_squares(
     rate, forgetting = rates.get("kinematic_rate"), rates.get("kinematic_forgetting")
     if forgetting is None:
         forgetting = _KINEMATIC_FORGETTING * min(bandwidth, settings.smoothing)
-    size = motion.kinematics.size
+    kinematics, size = motion.kinematics, motion.kinematics.size
     options: dict[str, Any] = {"weight": None, "forgetting": forgetting, "directional": True}
     if rates.get("R_k") is not None and rate is None:
         return LeastSquares(P_0, size, **options)
@@ -548,7 +549,11 @@ def kinematic_least_squares(
     typical = float(np.mean(squares)) if squares else 0.0
     # noise of the measured signal over its size by the prior, white over a second
     spread = quality.x if law.uses_position_error else quality.x * _velocity_filter(law, bandwidth)
-    off = _PRIOR * motion.robot.reach * math.sqrt(typical / np.mean(np.diag(P_0)))
+    off = (
+        _PRIOR
+        * motion.robot.reach
+        * math.sqrt(typical / np.mean(np.diag(P_0) / kinematics.sizes**2))
+    )
     noise = rate * (spread / off) ** 2 / quality.rate if spread and off else 0.0
     floor = typical * max(noise, _FINEST**2)
     return LeastSquares(P_0, size, rate=rate, floor=floor or 1.0, **options)

@@ -26,6 +26,7 @@ from ..models.joint_effects import (
 )
 from ..models.lumped import LumpedDynamics
 from ..models.task_kinematics import JointKinematics, TaskKinematics
+from ..models.tracker_kinematics import TRACKER, TrackerKinematics
 from ..models.translations import BASE, FIRST, LENGTHS, TOOL, Translation
 from ..robot.robot import Robot
 from ..tasks.task import JointTask
@@ -33,7 +34,7 @@ from .rates import FORGETTING, PREDICTING
 
 REGRESSORS = ("exact", "nominal")
 EFFECTS = tuple(kind for kind in KINDS if kind not in USUAL)
-WORDS = (TOOL, BASE, LENGTHS, "bodies", PAYLOAD, "friction", "armature", *EFFECTS)
+WORDS = (TOOL, BASE, TRACKER, LENGTHS, "bodies", PAYLOAD, "friction", "armature", *EFFECTS)
 _FRICTION = ("viscous", "coulomb")
 
 Words = str | Sequence[str | Translation]
@@ -45,8 +46,8 @@ class Unknown:
 
     ``make_controller``, ``make_estimator``, ``identify`` and ``excite`` also take plain words in
     its place, such as ``unknown="payload"`` or ``unknown=["tool", "friction"]``: what they do not
-    name is known then. The words are "tool", "base", "lengths", "bodies", "payload", "friction",
-    "armature", "load", "asymmetry" and "offset".
+    name is known then. The words are "tool", "base", "tracker", "lengths", "bodies", "payload",
+    "friction", "armature", "load", "asymmetry" and "offset".
 
     The kinematic estimates stand in the order of the chain: base, ``translations``, ``lengths``,
     tool.
@@ -56,6 +57,8 @@ class Unknown:
             one of the frame and ``lengths`` does not contain it; see also ``identify`` and
             ``excite``.
         base: whether the position of the base is unknown, in the frame in which x is measured.
+        tracker: whether x is measured in axes of its own, turned and displaced from those of the
+            base by an unknown placement, see ``models.TrackerKinematics``.
         translations: joints whose whole placement is unknown, by name, or ``Translation`` objects.
             The words "tool", "base", "lengths" and "joint:length" may stand among them, which
             fixes their place among the estimates.
@@ -80,6 +83,7 @@ class Unknown:
 
     tool: bool | None = None
     base: bool = False
+    tracker: bool = False
     translations: Words = ()
     lengths: bool | str | Sequence[str] = False
     bodies: str | Sequence[str] = "all"
@@ -92,9 +96,9 @@ class Unknown:
 
     def __post_init__(self) -> None:
         """Refuse values of the wrong kind."""
-        for name in ("tool", "base", "armature"):
+        for name in ("tool", "base", "tracker", "armature"):
             value = getattr(self, name)
-            if value is not None or name == "base":
+            if value is not None or name in ("base", "tracker"):
                 flag(value, f"unknown.{name}")
         if not isinstance(self.lengths, bool):
             name_list(self.lengths, "unknown.lengths")
@@ -139,6 +143,7 @@ class Unknown:
         return cls(
             tool=TOOL in words,
             base=BASE in words,
+            tracker=TRACKER in words,
             lengths=LENGTHS in words,
             bodies=bodies,
             friction="friction" in words,
@@ -225,10 +230,18 @@ def nominal_kinematics(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskKi
     """
     if isinstance(robot.task, JointTask):
         return JointKinematics(robot, unknown.translation_words(tool=False))
-    kinematics = FrameKinematics(robot, unknown.translation_words(tool=True))
-    if not law.uses_position_error and any(p.joint == FIRST for p in kinematics.translations):
+    words = unknown.translation_words(tool=True)
+    tracked = unknown.tracker or TRACKER in words
+    kinematics: TaskKinematics
+    if tracked:  # it contains the position of the base
+        kinematics = TrackerKinematics(robot, [w for w in words if w not in (TRACKER, BASE)])
+    else:
+        kinematics = FrameKinematics(robot, words)
+    first = tracked or any(part.joint == FIRST for part in kinematics.translations)
+    if first and not law.uses_position_error:
         raise ParameterError(
-            f"the law '{law.name}' learns from velocities, which do not depend on '{BASE}'.",
+            f"the law '{law.name}' learns from velocities, which do not show where "
+            f"'{TRACKER if tracked else BASE}' is.",
             where="unknown.kinematic",
             hint='Take the law "separation", which learns from positions too.',
         )

@@ -13,15 +13,17 @@ from meshcat.geometry import Cylinder, Material, Sphere
 
 from ..description.chain import configuration_from_angles
 from ..models.task_kinematics import TaskKinematics
-from ..models.translations import PlacedTranslations
 from ..robot.robot import Robot, Succession
 from ..tasks.frame import FrameTask
-from .shapes import (
+from .drawing import (
     BONES,
     DESIRED,
     ESTIMATED,
     LOAD,
     TRUE,
+    Node,
+    Poses,
+    Window,
     draw_shapes,
     ghost,
     rod,
@@ -29,7 +31,6 @@ from .shapes import (
     solid,
     tube,
 )
-from .window import Node, Poses, Window
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +69,9 @@ def motion_of(
     kinematics: TaskKinematics | None = None,
     a_k: np.ndarray | None = None,
 ) -> ChainMotion:
-    """Return where the joints of a robot are at configurations q. The robot is not changed.
+    """Return where the joints of a robot are at configurations q, in the axes of its base.
+
+    The robot is not changed.
 
     Args:
         robot: the robot.
@@ -76,16 +79,14 @@ def motion_of(
         kinematics: has the unknown translations of this robot; None: it has none.
         a_k: (F, p) their values at each moment [m]; None: those of the description.
     """
+    robot = robot.in_base_axes
     model = robot.model.copy()
     data = model.createData()
     frame = model.frames[robot.frame_id]
-    placed = PlacedTranslations(
-        model, robot.frame_id, () if kinematics is None else kinematics.translations
-    )
     joints, origins, tool = [], [], []
     for k, configuration in enumerate(q):
-        if a_k is not None:
-            placed.write(a_k[k])
+        if a_k is not None and kinematics is not None:
+            kinematics.write(model, a_k[k])
         pin.forwardKinematics(model, data, configuration)
         joints.append([placement.homogeneous for placement in data.oMi])
         origins.append([placement.translation.copy() for placement in data.liMi])
@@ -106,18 +107,42 @@ def motion_in_time(robots: Succession, t: np.ndarray, q: np.ndarray) -> ChainMot
 
 
 def desired_tip(true: Robot, x_d: np.ndarray, tip: np.ndarray) -> np.ndarray:
-    """Return the desired positions of the tool (L, 3) [m], world axes.
+    """Return the desired positions of the tool (L, 3) [m], in the axes of the robot's base.
 
     Args:
         true: the robot; x_d are coordinates of its task.
         x_d: (L, .) desired coordinates.
-        tip: (L, 3) or (3) actual positions of the tool [m], for coordinates outside of the task.
+        tip: (L, 3) or (3) actual positions of the tool [m] in the same axes, for coordinates
+            outside of the task.
     """
     if isinstance(true.task, FrameTask):
-        path = np.array(np.broadcast_to(tip, (len(x_d), 3)))
+        path, tracker = np.array(np.broadcast_to(tip, (len(x_d), 3))), true.tracker
+        if tracker is not None:
+            path = path @ tracker.rotation.T + tracker.translation
         path[:, true.task.place] = x_d[:, : true.task.positions]
-        return path
+        return path if tracker is None else (path - tracker.translation) @ tracker.rotation
     return motion_of(true, np.array([configuration_from_angles(true.model, x) for x in x_d])).tip
+
+
+def taken_axes(true: Robot, kinematics: TaskKinematics, a_k: np.ndarray) -> np.ndarray | None:
+    """Return where a controller takes what is in the base's axes to be (F, 4, 4), by its tracker.
+
+    None where the axes of x are known.
+
+    Args:
+        true: the robot.
+        kinematics: of the controller.
+        a_k: (F, p) estimates.
+    """
+    if kinematics.anchored:
+        return None
+    true_placement = pin.SE3.Identity() if true.tracker is None else true.tracker
+    placements = []
+    for estimate in a_k:
+        tracker = kinematics.seen(estimate).tracker
+        assert tracker is not None
+        placements.append((tracker.inverse() * true_placement).homogeneous)
+    return np.array(placements)
 
 
 _POSES = 50  # at which differences of the tool are looked for
@@ -246,7 +271,8 @@ class Scene:
     The true robot, which may change during the run, has its own colours. The estimated robot is a
     translucent ghost, visible where it differs. Each has a rod from its last joint to its tool. The
     desired path is green, the true tool and its path are red, loads are orange balls. All lengths
-    are in world axes.
+    are in the axes of the robot's base. Where the axes of x are unknown (a tracker), the blue path
+    is the desired one where the controller takes it to be.
     """
 
     def __init__(
@@ -309,6 +335,16 @@ class Scene:
     def move_point(self, desired: np.ndarray, poses: Poses) -> None:
         """Move the desired point to (F, 3) [m]."""
         poses.move(self.root["desired point"], desired)
+
+    def add_taken_path(self, points: np.ndarray, radius: float) -> None:
+        """Draw the desired path (L, 3) [m] once more, as the controller takes it to be."""
+        if len(points) > 1:
+            material = ghost(0.7, ESTIMATED)
+            self.root["taken path"].set_object(tube(points, radius * self.size), material)
+
+    def move_taken_path(self, placements: np.ndarray, poses: Poses) -> None:
+        """Move that path by placements (F, 4, 4) in the axes of the base."""
+        poses.move_rigidly(self.root["taken path"], placements)
 
     def add_path(self, name: str, points: np.ndarray, colour: int, radius: float) -> None:
         """Draw a path (L, 3) [m]; fewer than two points are not drawn."""

@@ -1,0 +1,242 @@
+"""Positions in the axes of a tracker that stands anywhere."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+
+import pinadapt as pa
+from pinadapt.information.tracker import find_tracker
+from pinadapt.models.tracker_kinematics import Tracker, TrackerKinematics
+from pinadapt.reference import Wiggle
+from tests.support.chains import catalogue_robot, chains, random_state, seeded
+from tests.support.differences import derivative
+from tests.support.loops import energy_along, with_tool_and_load
+
+TURN = np.array([1.2, -1.5, 0.8])  # [rad] 2.1 together
+PLACE = np.array([0.5, -0.4, 1.1])
+UNKNOWN = pa.Unknown(tracker=True)
+
+
+def check(robot, unknown):
+    """Every quantity against finite differences, at another than the described estimate."""
+    rng = np.random.default_rng(5)
+    kinematics = TrackerKinematics(robot, unknown)
+    q, v, a = random_state(robot, rng)
+    a_k = kinematics.initial + 0.2 * rng.standard_normal(kinematics.size)
+    a_k_rate = rng.standard_normal(kinematics.size)
+
+    def at(t, rate=0.0):
+        way = pin.integrate(robot.model, q, v * t + a * (t * t / 2))
+        kinematics.update(a_k + t * rate * a_k_rate, way, v + a * t)
+        return kinematics
+
+    p = kinematics.positions
+    xd, xdd = derivative(lambda t: at(t).p_hat), derivative(lambda t: at(t).xd_hat)
+    Jdot, Jdot_v = derivative(lambda t: at(t, 1.0).J), derivative(lambda t: at(t).J) @ v
+    at(0.0)
+    size = 1.0 + np.abs(kinematics.J).max() * (1.0 + np.abs(v).max()) ** 2
+    assert np.allclose(kinematics.xd_hat[:p], xd, atol=1e-8 * size)
+    assert np.allclose(kinematics.J @ v, kinematics.xd_hat, atol=1e-12 * size)
+    assert np.allclose(kinematics.Y_k @ a_k, kinematics.xd_hat, atol=1e-12 * size)
+    assert np.allclose(kinematics.X_k @ a_k, kinematics.p_hat, atol=1e-12 * size)
+    assert np.allclose(kinematics.Jdot_v, Jdot_v, atol=1e-7 * size)
+    assert np.allclose(kinematics.J @ a + kinematics.Jdot_v, xdd, atol=1e-6 * size)
+    regressor = kinematics.acceleration_regressor(a)
+    assert np.allclose(regressor @ a_k, kinematics.J @ a + kinematics.Jdot_v, atol=1e-11 * size)
+    assert np.allclose(kinematics.jacobian_rate(a_k_rate), Jdot, atol=1e-7 * size)
+    x, X_k = kinematics.at(q)
+    assert np.allclose(X_k, kinematics.X_k, atol=1e-12 * size)
+    assert np.allclose(x[:p], kinematics.p_hat, atol=1e-12 * size)
+
+
+@pytest.mark.parametrize("name", ["planar_2r", "scara", "panda", "kinova"])
+def test_identities_on_robots(name):
+    robot = catalogue_robot(name)
+    check(robot, ["tool"])
+    check(robot, [robot.joint_names[1], "tool:length"])
+
+
+def test_identities_of_poses():
+    check(pa.load("panda", task="pose"), ["tool"])
+
+
+@given(robot=chains)
+@seeded
+def test_identities_on_random_chains(robot):
+    check(robot, ["tool"])
+
+
+@pytest.mark.parametrize("name", ["panda", "scara", "planar_2r"])
+def test_the_true_parameters_are_those_of_tracker_and_tool(name):
+    robot, rng = catalogue_robot(name), np.random.default_rng(2)
+    turn = [0.0, 0.0, 2.0] if robot.task.size == 2 else TURN
+    true = robot.changed(tool_translation=[0.03, -0.02, 0.0]).seen_from(turn, PLACE)
+    kinematics = TrackerKinematics(robot, ["tool"])
+    a_k = kinematics.value(true)
+    q, v, _ = random_state(robot, rng)
+    kinematics.update(a_k, q, v)
+    assert kinematics.x_hat == pytest.approx(true.position(q), abs=1e-12)
+    found = kinematics.tracker(a_k)
+    assert found.misfit < 1e-12
+    assert found.placement.rotation == pytest.approx(pin.exp3(np.array(turn)), abs=1e-9)
+    assert kinematics.parameters(found) == pytest.approx(a_k, abs=1e-9)
+    model = robot.model.copy()
+    kinematics.write(model, a_k)
+    frame = model.frames[robot.frame_id].placement.translation
+    assert frame == pytest.approx(true.model.frames[robot.frame_id].placement.translation)
+
+
+def test_a_robot_that_a_tracker_sees_has_the_same_torques():
+    robot, rng = catalogue_robot("panda"), np.random.default_rng(1)
+    seen = robot.seen_from(TURN, PLACE)
+    q, v, a = random_state(robot, rng)
+    ours, theirs = robot.model, seen.model
+    assert pin.rnea(theirs, theirs.createData(), q, v, a) == pytest.approx(
+        pin.rnea(ours, ours.createData(), q, v, a), abs=1e-9
+    )
+    assert seen.position(q) == pytest.approx(pin.exp3(TURN) @ robot.position(q) + PLACE)
+    twice = robot.seen_from(pin.exp3(TURN)).seen_from(np.zeros(3), PLACE)
+    assert twice.tracker.homogeneous == pytest.approx(seen.tracker.homogeneous)
+    for wrong in (np.diag([1.0, 1.0, -1.0]), 2.0 * np.eye(3), np.zeros(4)):
+        with pytest.raises(pa.RobotError, match=r"tracker\.rotation"):
+            robot.seen_from(wrong)
+
+
+def circle_of(true, robot, radius=0.05, turn=TURN, by=(0.01, -0.01, 0.02)):
+    """Return a circle in the axes of the tracker, beside where the robot is."""
+    R, rows = pin.exp3(np.array(turn)), robot.task.place
+    x_0 = true.position(true.q0) + (R @ by)[rows]
+    u, w = (R @ e for e in np.eye(3)[:2])
+
+    def path(t):
+        phi = np.pi * t
+        return x_0 + radius * (u[rows] * (1.0 - np.cos(phi)) + w[rows] * np.sin(phi))
+
+    return pa.trajectories.as_trajectory(path, robot.task)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kinematic", ["gradient", "least-squares"])
+@pytest.mark.parametrize("name", ["planar_2r", "ur5", "panda", "scara"])
+def test_lyapunov_equality_with_an_unknown_tracker(name, kinematic):
+    robot = catalogue_robot(name)
+    turn = [0.0, 0.0, 0.6] if robot.task.size == 2 else 0.3 * TURN
+    true = with_tool_and_load(robot).seen_from(turn, PLACE)
+    believed = robot.changed(inertial_scale=0.7)
+    controller = pa.make_controller(
+        believed,
+        unknown=pa.Unknown(tracker=True, friction=False, armature=False),
+        adaptation="natural",
+        kinematic_adaptation=kinematic,
+        limits=pa.Limits(box=False),
+        gamma_d=5.0,
+        R_k=5.0,
+    )
+    energy = energy_along(
+        true, controller, circle_of(true, robot, turn=turn).as_given(), seconds=0.03
+    )
+    assert energy.mismatch() <= 1e-4
+    assert np.abs(energy.rate).max() > 1e-4
+    assert (energy.rate <= 0.0).all() and energy.largest_rise() <= 1e-12
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "angle"), [("panda", 180.0), ("ur5", 120.0)])
+def test_a_wiggle_makes_no_angle_special(name, angle):
+    """Frame, tool, load and every inertia unknown; in the first second 3 % of the radius."""
+    robot = catalogue_robot(name)
+    turn = np.radians(angle) * TURN / np.linalg.norm(TURN)
+    true = with_tool_and_load(robot.changed(inertial_scale=1 / 0.7)).seen_from(turn, PLACE)
+    controller = pa.make_controller(robot, unknown=UNKNOWN, adaptation="natural", dt=2e-3)
+    circle = circle_of(true, robot, 0.1, turn, np.zeros(3))
+    rollout = pa.simulate(true, controller, circle, duration=3.0, record_every=5)
+    assert rollout.diverged is None
+    assert rollout.distance.max() < 3e-3
+    assert rollout.distance[-30:].max() < 3e-4
+
+
+@pytest.fixture(scope="module")
+def frames():
+    """Measurements of a wiggling Panda with a tool, seen by a tracker."""
+    robot = catalogue_robot("panda")
+    true = robot.changed(tool_translation=[0.02, -0.03, 0.05]).seen_from(TURN, PLACE)
+    motion, samples = Wiggle(robot), []
+    for t in np.arange(0.0, 2.0, 0.01):
+        q = pa.description.chain.configuration_from_angles(robot.model, motion.at(t).x_d)
+        samples.append(pa.Measurement(t, q, motion.at(t).xd_d, true.position(q)))
+    kinematics = TrackerKinematics(robot, ["tool"])
+    return true, kinematics, samples
+
+
+def test_the_tracker_is_found_from_frames(frames):
+    true, kinematics, samples = frames
+    found = find_tracker(kinematics, samples)
+    assert found.tracker.placement.homogeneous == pytest.approx(true.tracker.homogeneous, abs=1e-9)
+    assert found.a_k == pytest.approx(kinematics.value(true), abs=1e-9)
+    assert "119.2 deg" in str(found) and "tool_z" in str(found)
+
+
+def test_deviations_are_those_of_many_noises(frames):
+    """Rotation, position and tool, over a hundred draws of noise."""
+    true, kinematics, samples = frames
+    rng, off = np.random.default_rng(0), []
+    for _ in range(60):
+        noisy = [s._replace(x=s.x + 1e-3 * rng.standard_normal(3)) for s in samples[::4]]
+        found = find_tracker(kinematics, noisy)
+        turn = pin.log3(found.tracker.placement.rotation @ true.tracker.rotation.T)
+        place = found.tracker.placement.translation - true.tracker.translation
+        tool = found.tracker.a - kinematics.tracker(kinematics.value(true)).a
+        off.append(np.concatenate([turn, place, tool]) / found.deviations)
+    assert np.sqrt(np.mean(np.square(off), axis=0)) == pytest.approx(1.0, abs=0.35)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda s: s._replace(x=1e3 * s.x), "millimetres"),
+        (lambda s: s._replace(x=s.x * [1, -1, 1]), "left-handed"),
+        (lambda s: s._replace(x=np.array([0.1, 0.2, 0.3])), "does not move with the arm"),
+        (lambda s: s._replace(x=None), "no frame"),
+    ],
+)
+def test_wrong_frames_are_named(frames, change, message):
+    _, kinematics, samples = frames
+    with pytest.raises(pa.LogError, match=message):
+        find_tracker(kinematics, [change(sample) for sample in samples])
+
+
+def test_frames_of_another_clock_and_of_another_point_are_named(frames):
+    _, kinematics, samples = frames
+    late = [a._replace(x=b.x) for a, b in zip(samples[8:], samples, strict=False)]
+    with pytest.raises(pa.LogError, match=r"taken (7|8)\d(\.\d+)? ms before"):
+        find_tracker(kinematics, late)
+    other = [s._replace(x=s.x + 0.2 * (s.x - PLACE) ** 2) for s in samples]
+    with pytest.raises(pa.LogError, match="no tracker explains"):
+        find_tracker(kinematics, other)
+
+
+def test_a_tool_that_no_motion_shows_is_named(frames):
+    """Along the axis of the one joint that moves, the tool and the tracker are not told apart."""
+    true, kinematics, samples = frames
+    still = samples[0].q
+    alone = []
+    for sample in samples:
+        q = still.copy()
+        q[0] = sample.q[0]
+        alone.append(sample._replace(q=q, x=true.position(q)))
+    assert find_tracker(kinematics, alone).unseen
+
+
+def test_what_cannot_be_done_is_said():
+    robot = catalogue_robot("panda")
+    with pytest.raises(pa.ParameterError, match="where 'tracker' is"):
+        pa.make_controller(robot, law="adaptive-jacobian", unknown=UNKNOWN)
+    with pytest.raises(pa.InputError, match="tracker"):
+        pa.Unknown(tracker=2)
+    known = pa.make_controller(robot, adaptation="natural")
+    with pytest.raises(pa.LogError, match="no tracker"):
+        find_tracker(known.kinematics, [])
+    with pytest.raises(pa.RobotError):
+        TrackerKinematics(pa.load("panda", task="joint"))
+    assert Tracker(pin.SE3.Identity(), np.zeros(0)).misfit == 0.0
