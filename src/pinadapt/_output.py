@@ -13,7 +13,7 @@ from html import escape
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
-from .exceptions import InputError, ScenarioError
+from .exceptions import InputError, PinadaptError, ScenarioError
 
 if sys.version_info >= (3, 11):
     import tomllib as toml
@@ -45,6 +45,34 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ScenarioError(f"not valid TOML: {error}", where=str(path)) from error
     except RecursionError as error:
         raise ScenarioError("not valid TOML: nested too deeply.", where=str(path)) from error
+
+
+@contextmanager
+def read_as_data(path: Path, error: type[InputError]) -> Iterator[None]:
+    """Turn whatever the parser of a file raises into an error about the file.
+
+    Parsers of damaged files raise almost anything: KeyError, AssertionError, errors of their own,
+    MemoryError where a header claims a thousand billion rows.
+
+    Raises:
+        error: the block inside raised an error that is not one of pinadapt's.
+    """
+    try:
+        yield
+    except (PinadaptError, Warning):
+        raise
+    except MemoryError as reason:
+        raise error(
+            "is damaged, or larger than the memory: it claims more data than can be read.",
+            where=str(path),
+        ) from reason
+    except Exception as reason:
+        words = " ".join(str(reason).split()).rstrip(".")
+        raise error(
+            f"cannot be read: {type(reason).__name__}{': ' * bool(words)}{words[:200]}.",
+            where=str(path),
+            hint="It is damaged, or of another kind than its name says.",
+        ) from reason
 
 
 @contextmanager

@@ -285,7 +285,7 @@ class LearnedParameters:
         path = Path(path)
         try:
             content = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise ParameterError(f"cannot be read: {error}.", where=str(path)) from error
         if not isinstance(content, dict) or content.get("format") != _FORMAT:
             raise ParameterError(f"is no file of {_FORMAT}.", where=str(path))

@@ -21,6 +21,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from .._checks import instance, keywords, name_list, word
+from .._output import read_as_data
 from ..exceptions import LogError, did_you_mean
 from ..robot.robot import Robot
 from .columns import Selection, at_times, log_of_columns
@@ -100,7 +101,7 @@ class RolloutFile(Format):
         """Return what else is known of a run, nothing where there is no summary."""
         try:
             content = json.loads(file.read_text(encoding="utf-8"))
-        except (OSError, ValueError):
+        except (OSError, ValueError, RecursionError):
             return {}
         return content if isinstance(content, dict) else {}
 
@@ -736,10 +737,11 @@ def _table(path: Path) -> dict[str, np.ndarray]:
     """Return the columns of another file."""
     if not path.is_file():
         raise LogError("there is no such file.", where=str(path))
-    if path.suffix.lower() in Npz.suffixes:
-        return _arrays(path)
-    if path.suffix.lower() in Csv.suffixes:
-        return Csv().table(path)
+    with read_as_data(path, LogError):
+        if path.suffix.lower() in Npz.suffixes:
+            return _arrays(path)
+        if path.suffix.lower() in Csv.suffixes:
+            return Csv().table(path)
     raise LogError(
         "a signal of its own is read from text files and npz archives only.", where=str(path)
     )
@@ -763,9 +765,10 @@ def _without_repeated(log: Log) -> Log:
 def _read(path: Path, selection: Selection) -> Log:
     if not path.exists():
         raise LogError("there is no such file or folder.", where=str(path))
-    for kind in FORMATS.values():
-        if kind.accepts(path):
-            return kind.read(path, selection)
+    with read_as_data(path, LogError):
+        for kind in FORMATS.values():
+            if kind.accepts(path):
+                return kind.read(path, selection)
     known = ", ".join(suffix for kind in FORMATS.values() for suffix in kind.suffixes)
     raise LogError(
         "is not a log of a known format.",

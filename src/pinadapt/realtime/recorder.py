@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._output import read_as_data
 from .._version import __version__
 from ..exceptions import InputError, LogError
 from ..logs.mcap import (
@@ -595,17 +596,19 @@ class CycleLog:
         Raises:
             LogError: it is no log of a loop, or has no cycle.
         """
-        content = read_mcap(Path(path))
-        rows = content.messages.get("/pinadapt/cycle", [])
-        if not rows:
-            raise LogError("has no cycle of a loop.", where=str(path))
-        fields = fields_of(content.definitions["/pinadapt/cycle"])
-        values = np.array([numbers_of(data) for _, data in rows])
-        events = [
-            json.loads(text_of(data)) for _, data in content.messages.get("/pinadapt/events", [])
-        ]
-        slow = [numbers_of(data) for _, data in content.messages.get("/pinadapt/estimates", [])]
-        return cls(content.about, Row(fields, values), events, np.array(slow), content.whole)
+        with read_as_data(Path(path), LogError):
+            content = read_mcap(Path(path))
+            rows = content.messages.get("/pinadapt/cycle", [])
+            if not rows:
+                raise LogError("has no cycle of a loop.", where=str(path))
+            fields = fields_of(content.definitions["/pinadapt/cycle"])
+            values = np.array([numbers_of(data) for _, data in rows])
+            events = [
+                json.loads(text_of(data))
+                for _, data in content.messages.get("/pinadapt/events", [])
+            ]
+            slow = [numbers_of(data) for _, data in content.messages.get("/pinadapt/estimates", [])]
+            return cls(content.about, Row(fields, values), events, np.array(slow), content.whole)
 
     def __len__(self) -> int:
         """Return the number of cycles."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -329,7 +328,7 @@ def load(folder: Path, kind: type[Run]) -> Run:
             where=str(folder),
             hint="`rollout.save` and `pinadapt run` write one.",
         ) from error
-    except (KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
+    except Exception as error:  # of any kind, where a file is damaged
         raise InputError(
             f"does not hold a run of this version of pinadapt ({type(error).__name__}: {error}).",
             where=str(folder),

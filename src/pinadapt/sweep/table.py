@@ -22,7 +22,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from .._output import columns, whole_file
+from .._output import columns, read_as_data, whole_file
 from ..exceptions import InputError, did_you_mean
 
 JOURNAL, PARTS, TABLE = "journal.jsonl", "parts", "table"
@@ -152,9 +152,10 @@ class CaseTable:
         """Return the table of one file, ``.parquet`` or ``.csv``.
 
         Raises:
-            InputError: it is a Parquet file, but pyarrow is not installed.
+            InputError: the file is damaged, or it is Parquet and pyarrow is not installed.
         """
-        return cls.joined([_read_file(path)])
+        with read_as_data(path, InputError):
+            return cls.joined([_read_file(path)])
 
     def save(self, path: Path) -> None:
         """Write one file, ``.parquet`` or ``.csv``, completely or not at all."""
@@ -305,11 +306,12 @@ def read(folder: Path) -> CaseTable:
     """Return the table of a folder: what was joined, parts and journal.
 
     Raises:
-        InputError: a Parquet file is there, but pyarrow is not installed.
+        InputError: a file is damaged, or it is Parquet and pyarrow is not installed.
     """
-    parts = [_read_file(path) for path in _files(folder)]
-    rows = [flat_row(row) for row in _journal(folder)]
-    return CaseTable.joined([*parts, _columns_of(rows)] if rows else parts)
+    with read_as_data(folder, InputError):
+        parts = [_read_file(path) for path in _files(folder)]
+        rows = [flat_row(row) for row in _journal(folder)]
+        return CaseTable.joined([*parts, _columns_of(rows)] if rows else parts)
 
 
 def _files(folder: Path) -> list[Path]:
@@ -337,8 +339,10 @@ def _journal(folder: Path) -> Iterator[dict[str, Any]]:
         for line in file:
             if not line.endswith(b"\n"):
                 return
-            with suppress(ValueError):
-                yield json.loads(line)
+            with suppress(ValueError, RecursionError):
+                row = json.loads(line)
+                if isinstance(row, dict):
+                    yield row
 
 
 class Store:

@@ -1,0 +1,191 @@
+"""Files that are damaged in a thousand ways: read, or refused with a typed error that names them.
+
+Further tests of files: what a xacro file cannot do, ``tests/description/test_expressions.py``;
+wrong numbers and words in scenarios, ``tests/house/test_hostile_input.py``; a process killed while
+it writes, ``tests/cli/test_interrupted.py`` and ``test_output_files.py``. The network:
+``tests/view/test_live.py`` and ``tests/realtime/test_recorder.py``.
+"""
+
+import io
+import random
+import re
+import shutil
+import warnings
+import zipfile
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from pinadapt.controller import LearnedParameters
+from pinadapt.logs.mcap import McapWriter
+from pinadapt.realtime import CycleLog
+from pinadapt.sweep.table import CaseTable, has_parquet
+from tests.logs.test_logs import columns_of, write_bag, write_csv
+from tests.support.chains import catalogue_robot
+from tests.support.paths import ROOT
+from tests.support.recorded import recorded
+
+pytestmark = pytest.mark.slow
+
+XACRO = """<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">
+<xacro:arg name="length" default="0.3"/><xacro:property name="m" value="${2 * pi / 4}"/>
+<xacro:property name="y" value="${load_yaml('y.yaml')}"/>
+<xacro:macro name="box" params="name mass:=1.0 *origin"><link name="${name}"><inertial>
+<xacro:insert_block name="origin"/><mass value="${mass * y.k}"/>
+<inertia ixx="${mass / 3}" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link></xacro:macro>
+<xacro:box name="more" mass="$(arg length)"><origin xyz="0 0 ${sin(m)}"/></xacro:box>
+<joint name="welded" type="fixed"><parent link="link4"/><child link="more"/></joint>"""
+NUMBERS = b"0 -1 1e308 nan inf 1e-320 999999999999 9e99 true 1,2 [1] null 0x10 1_0".split()
+MARKS = [*b"< > / \" ' \\ & \x00 \xff\xfe ${ } $( { [ ] # = ,".split(), b"\n", b"[" * 5000]
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return catalogue_robot("ur5")
+
+
+@pytest.fixture(scope="module")
+def planar():
+    return pa.load("planar_2r")
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory, robot, planar):
+    """Return kind -> the bytes of its files, and a function that reads them from a folder."""
+    log, folder = recorded("ur5", duration=1.2, dt=1e-2, rate=10.0), tmp_path_factory.mktemp("a")
+    write_csv(folder / "a.csv", columns_of(log, range(6)))
+    arrays = {"t": log.t, "q": log.q, "v": log.v, "tau": log.tau, "x": log.x, "x_time": log.x_time}
+    np.savez(folder / "a.npz", joint_names=np.array(robot.joint_names), **arrays)
+    (folder / "run").mkdir()
+    arrays |= {"x_d": log.q[:, :3], "x": log.q[:, :3], "saturated": log.q > 9.0}
+    np.savez(folder / "run" / "rollout.npz", **arrays)
+    (folder / "run" / "summary.json").write_text('{"changes": [{"at": 0.1, "what": "load"}]}')
+    for kind in ("a.bag", "sqlite3", "mcap"):
+        write_bag(folder / kind, "ros1" if kind == "a.bag" else kind, log, robot.joint_names)
+    controller = pa.make_controller(planar, adaptation="natural")
+    state = controller.init(pa.plants.PinocchioPlant(planar).measure())
+    LearnedParameters.of(controller, state).save(folder / "a.json")
+    table = CaseTable.of([{"case": 0, "seed": 1, "x": 1.5}, {"case": 1, "seed": 2, "x": 2.5}])
+    for name in ("table.csv", *(["table.parquet"] if has_parquet() else [])):
+        table.save(folder / name)
+    arm = (ROOT / "tests" / "data" / "arm4.urdf").read_text()
+    (folder / "a.urdf").write_text(arm)
+    (folder / "x").mkdir()
+    (folder / "x" / "a.xacro").write_text(XACRO + arm.split('<robot name="arm4">')[1])
+    (folder / "x" / "y.yaml").write_text("k: 1.5\nj: [1, {a: 3}]\nangle: !degrees 30\n")
+    (folder / "a.xml").write_text(planar.mjcf())
+    readers = {
+        "a.csv": lambda path: pa.read_log(path, robot),
+        "a.npz": lambda path: pa.read_log(path, robot),
+        "run": lambda path: pa.read_log(path, robot),
+        "a.bag": lambda path: pa.read_log(path, robot),
+        "sqlite3": lambda path: pa.read_log(path, robot),
+        "mcap": lambda path: pa.read_log(path, robot),
+        "a.json": lambda path: LearnedParameters.load(path).start(controller),
+        "table.csv": CaseTable.load,
+        "table.parquet": CaseTable.load,
+        "a.urdf": pa.load,
+        "x": lambda path: pa.load(path / "a.xacro"),
+        "a.xml": pa.load,
+    }
+    return folder, readers
+
+
+def damaged(data, rng):
+    """Return bytes with one to three faults: flipped, cut, repeated, or other numbers and marks."""
+    data = bytearray(data)
+    for _ in range(rng.choice([1, 1, 3])):
+        at, kind = rng.randrange(len(data) or 1), rng.randrange(6)
+        if kind == 0:
+            for _ in range(rng.choice([1, 10])):
+                data[rng.randrange(len(data))] = rng.randrange(256)
+        elif kind == 1:
+            del data[at:]
+        elif kind == 2:
+            del data[at : at + rng.choice([1, 16, 1000])]
+        elif kind == 3:
+            data[at:at] = data[at : at + 200] * rng.choice([1, 50])
+        elif kind == 4:
+            data[at : at + 4] = rng.choice([0, 1, 2**31 - 1, 2**32 - 1]).to_bytes(4, "little")
+        else:
+            found = [m.span() for m in re.finditer(rb"\d+\.?\d*", bytes(data[:50_000]))]
+            where = slice(*rng.choice(found)) if found and rng.random() < 0.6 else slice(at, at)
+            data[where] = rng.choice(NUMBERS if where.start < where.stop else MARKS)
+        if not data:
+            break
+    return bytes(data)
+
+
+def reheaded(data, rng):
+    """Return an archive of numpy with one header that claims something else."""
+    written, claims = io.BytesIO(), [b"(1000000000000,)", b"(0,)", b"()", b"(1000000, 1000000)"]
+    with zipfile.ZipFile(io.BytesIO(data)) as old, zipfile.ZipFile(written, "w") as new:
+        chosen = rng.choice(old.namelist())
+        for name in old.namelist():
+            raw = old.read(name)
+            if name == chosen:
+                raw = re.sub(rb"\((\d+), ?(\d+)?\)", rng.choice(claims), raw, count=1)
+                raw = re.sub(rb"<f8", rng.choice([b"<f8", b"|O ", b"<i8", b"<U9"]), raw, count=1)
+            if name != chosen or rng.random() < 0.7:
+                new.writestr(name, raw)
+    return written.getvalue()
+
+
+KINDS = {  # how many damaged files of each are read
+    "a.csv": 25,
+    "a.npz": 25,
+    "run": 25,
+    "a.bag": 15,
+    "sqlite3": 15,
+    "mcap": 15,
+    "a.json": 25,
+    "table.csv": 25,
+    "table.parquet": 15,
+    "a.urdf": 12,
+    "x": 15,
+    "a.xml": 15,
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_damaged_file_is_read_or_refused(kind, whole, tmp_path):
+    folder, readers = whole
+    rng, refused = random.Random(kind), 0
+    source, copy = folder / kind, tmp_path / kind
+    if not source.exists():
+        pytest.skip("pyarrow is not installed")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        readers[kind](source)
+        for _ in range(KINDS[kind]):
+            if source.is_dir():
+                shutil.copytree(source, copy, dirs_exist_ok=True)
+                file = rng.choice(sorted(source.iterdir()))
+            else:
+                file = source
+            data = file.read_bytes()
+            change = reheaded if file.suffix == ".npz" and rng.random() < 0.6 else damaged
+            (copy / file.name if source.is_dir() else copy).write_bytes(change(data, rng))
+            try:
+                readers[kind](copy)
+            except pa.InputError as error:
+                refused += 1
+                assert str(error)
+    assert refused > 0
+
+
+def test_the_error_names_the_file_and_the_reason(tmp_path, robot):
+    path = tmp_path / "a.npz"
+    with zipfile.ZipFile(path, "w") as archive:
+        head = b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000, 99), }\n"
+        archive.writestr("t.npy", b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head)
+    with pytest.raises(pa.LogError, match=r"a\.npz: is damaged, or larger than the memory"):
+        pa.read_log(path, robot)
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        McapWriter(file, [])
+    with path.open("ab") as file:  # a record of a message that is too short for its own head
+        file.write(b"\x05" + (3).to_bytes(8, "little") + bytes(3))
+    with pytest.raises(pa.LogError, match=r"a\.mcap"):
+        CycleLog.read(path)
