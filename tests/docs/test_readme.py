@@ -33,7 +33,6 @@ def test_the_code_runs(tmp_path, monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("path", "task", "periods"),  # the README's four are shortened to what the error takes
     [
-        (ROOT / "robots" / "planar_2r" / "planar_2r.urdf", "xy", 2),
         (example_path("double_pendulum_simple"), "yz", 2),
         (ROOT / "tests" / "data" / "arm4.urdf", "xyz", 2),
     ],

@@ -119,7 +119,7 @@ def test_heavier_links_are_no_certain_load(name, dynamic):
     controller = pa.make_controller(
         described, adaptation="natural", unknown=pa.Unknown(bodies=dynamic), dt=2e-3
     )
-    rollout = pa.simulate(true, controller, pa.reachable_circle(true), duration=3.0)
+    rollout = pa.simulate(true, controller, pa.reachable_circle(true), duration=2.0)
     for refined in (False, True):
         estimate = rollout.payload(refined=refined)
         assert not estimate.certain and abs(estimate.mass) <= 1.1 * estimate.mass_known_to

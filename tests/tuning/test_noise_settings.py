@@ -349,7 +349,7 @@ def norms_of_run(bits, **options):
 
 
 def test_an_arm_with_differenced_encoders_of_17_bits_is_held():
-    rollout, norms = norms_of_run(17, duration=12.0)
+    rollout, norms = norms_of_run(17, duration=9.0)
     assert rollout.diverged is None
     assert rollout.distance[rollout.t > 7.0].max() < 5e-4
     late = norms[rollout.t > 6.0]
