@@ -45,7 +45,7 @@ import numpy as np
 from .._compiled import compile_all, one_blas_thread
 from .._output import check_writable, percent, read_toml
 from .._version import __version__
-from ..exceptions import InputError, PinadaptError
+from ..exceptions import InputError
 from ..rollout.recording import extreme
 from ..rollout.rollout import Rollout
 from ..rollout.summary import FOLLOWS
@@ -80,7 +80,7 @@ _IMPORTABLE = (
 )
 
 
-class EngineError(PinadaptError):
+class EngineError(InputError):
     """An engine that cannot run any case."""
 
 

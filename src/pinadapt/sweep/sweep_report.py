@@ -334,6 +334,11 @@ class Report:
         return found
 
     @cached_property
+    def _pictures(self) -> dict[str, bytes]:
+        """The figures as PNG files, by file name."""
+        return {name: figure.png(dpi=_DPI) for name, figure in self.figures().items()}
+
+    @cached_property
     def _split(self) -> dict[str, np.ndarray]:
         """The cases of each word of the most influential parameter of few words; else all."""
         words = [each.name for each in self.influences() if each.words]
@@ -515,8 +520,8 @@ class Report:
             FIGURES[1]: "Percentiles over one parameter",
             FIGURES[2]: "What matters",
         }
-        for name, figure in self.figures().items():
-            picture = b64encode(figure.png(dpi=_DPI)).decode()
+        for name, drawn in self._pictures.items():
+            picture = b64encode(drawn).decode()
             parts.append(f"<h2>{captions[name]}</h2>")
             parts.append(f'<img alt="{captions[name]}" src="data:image/png;base64,{picture}">')
         lists = [("Worst cases", self._worst, self.worst)] if self.results else []
@@ -560,11 +565,10 @@ class Report:
 
     def save(self, folder: Path) -> None:
         """Write ``report.html``, ``report.json`` and the figures into a folder."""
-        figures = self.figures()
         for name in FIGURES:
-            if name in figures:
+            if name in self._pictures:
                 with whole_file(folder / name) as file:
-                    file.write(figures[name].png(dpi=_DPI))
+                    file.write(self._pictures[name])
             else:
                 (folder / name).unlink(missing_ok=True)
         write_text(folder / NUMBERS, json.dumps(self.summary(), indent=2) + "\n")
