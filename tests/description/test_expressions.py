@@ -6,6 +6,7 @@ import time
 import pytest
 
 import pinadapt as pa
+from pinadapt.description import xacro
 from pinadapt.description.xacro import LONGEST, evaluate
 from tests.support.descriptions import XMLNS
 from tests.support.paths import ARM4
@@ -107,6 +108,9 @@ ATTACKS = [
     "'a' * 10**9",
     "10**9 * [0]",
     "list(range(10**9))",
+    "round(10**300, -10**9)",
+    "round(1.5, 10**9)",
+    "sum([[1]] * 50000, [])",
     "range(10**9)",
     "'a' * 90000 + 'a' * 90000",
     "str([0] * 99999) + str([0] * 99999)",
@@ -172,6 +176,13 @@ def test_a_file_that_grows_without_end_is_refused_within_seconds(what, tmp_path)
     with pytest.raises(pa.RobotError, match=r"elements|characters|too large"):
         pa.load(written(tmp_path, HANGS[what]))
     assert time.process_time() - begun < 10.0
+
+
+def test_an_expansion_has_a_limit_of_time(tmp_path, monkeypatch):
+    monkeypatch.setattr(xacro, "_SECONDS", 0.02)
+    slow = '<a b="${len(sorted(list(range(90000))))}"/>'
+    with pytest.raises(pa.RobotError, match=r"takes more than 0\.02 s"):
+        pa.load(written(tmp_path, 20 * slow))
 
 
 CODE = {

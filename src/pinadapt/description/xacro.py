@@ -9,6 +9,7 @@ import math
 import operator
 import os
 import re
+import time
 import warnings
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -41,6 +42,7 @@ _NEAR = 2  # of these, how many up a folder without package.xml counts as a pack
 _ELEMENTS = 15_000  # of an expanded file; an arm with a hand has some 300
 _BOOLEANS = {"true": True, "false": False}
 _CHARACTERS = 20_000_000  # of all texts in which expressions were replaced
+_SECONDS = 30.0  # of processor time that an expansion may take; an arm with a hand takes two
 
 
 def is_xacro(path: Path, root: ElementTree.Element) -> bool:
@@ -182,10 +184,12 @@ class _Budget:
     Attributes:
         elements: that may still be visited.
         characters: that replaced texts may still have.
+        until: processor time of this thread at which it must be complete [s].
     """
 
     elements: int = _ELEMENTS
     characters: int = _CHARACTERS
+    until: float = field(default_factory=lambda: time.thread_time() + _SECONDS)
 
     def element(self, function: Any) -> Any:
         """Return a function that visits an element, which counts."""
@@ -206,6 +210,8 @@ class _Budget:
             """Replace expressions if the texts are not too long."""
             found = function(*given)
             self.characters -= len(found) if isinstance(found, str) else 1
+            if time.thread_time() > self.until:
+                raise RobotError(f"its expansion takes more than {_SECONDS:g} s.")
             if self.characters < 0:
                 raise RobotError(f"expressions give more than {_CHARACTERS} characters.")
             return found
@@ -385,6 +391,7 @@ def _stem(name: str) -> str:
 # list of what is allowed, and the sizes of numbers, texts and lists are bounded.
 
 LONGEST = 100_000  # characters and elements of a value, together
+_DIGITS = 400  # of a number, before or after the point
 _BITS = 1024  # of a whole number; beyond it no float holds it
 _TEXT = 10_000  # characters of an expression
 _HINT = (
@@ -443,6 +450,20 @@ def _remainder(a: Any, b: Any) -> Any:
     return a % b
 
 
+def _round(number: float, digits: int | None = None) -> float:
+    """Return a number rounded to digits after the point, as many as a number can have."""
+    if digits is not None and abs(digits) > _DIGITS:
+        raise RobotError(f"a number has at most {_DIGITS} digits.", hint=_HINT)
+    return round(number, digits)
+
+
+def _sum(numbers: Iterable[float], start: float = 0) -> float:
+    """Return the sum of numbers; lists are copied once more for each that is added."""
+    if not all(isinstance(each, int | float) for each in (start, *numbers)):
+        raise RobotError("sum() adds numbers only.", hint="Join lists by +.")
+    return sum(numbers, start)
+
+
 def _range(*limits: int) -> list[int]:
     """Return whole numbers."""
     if len(range(*limits)) > LONGEST:
@@ -481,7 +502,9 @@ _SLOW = {"factorial", "comb", "perm", "prod"}  # of whole numbers, which they ma
 _FUNCTIONS: dict[str, Callable[..., Any]] = {
     **{name: f for name, f in vars(math).items() if callable(f) and name[0] != "_"},
     **{f.__name__: f for f in (abs, all, any, bool, dict, divmod, float, int, len, list, max)},
-    **{f.__name__: f for f in (min, round, sorted, str, sum, tuple)},
+    **{f.__name__: f for f in (min, sorted, str, tuple)},
+    "round": _round,
+    "sum": _sum,
     "range": _range,
     **{f.__name__: _as_list(f) for f in (enumerate, reversed, zip)},
     "pow": _power,
