@@ -339,7 +339,7 @@ def test_a_copy_gives_the_same_torques():
 
 
 def test_normalisation_prevents_chatter_with_delayed_motors():
-    plain, slower = (measure("ur5", "late motors", kind, 5.0) for kind in ("none", "normalised"))
+    plain, slower = (measure("ur5", "late motors", kind, 3.0) for kind in ("none", "normalised"))
     assert plain["chatter"] > 10.0 * slower["chatter"]
     assert slower["error_mm"] < 0.05 < plain["error_mm"]
 

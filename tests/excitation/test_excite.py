@@ -255,7 +255,7 @@ def test_bodies_and_floor_stay_apart():
 
     def closest(motion):
         distances = []
-        for q in joints_of(motion, 100):
+        for q in joints_of(motion, 50):
             pin.computeDistances(robot.model, data, geometry, found, q)
             distances.append(min(result.min_distance for result in found.distanceResults))
         return min(distances)

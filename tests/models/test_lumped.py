@@ -98,7 +98,7 @@ def at(dynamics, a_d, *state):
 
 @each_size(seed=0, rotors=0.2)
 @given(robot=chains, seed=seeds, rotors=st.sampled_from([0.0, 0.2]))
-@settings(seeded, max_examples=30)
+@settings(seeded, max_examples=13)
 def test_lumped_regressor_equals_rnea_at_the_true_lengths(robot, seed, rotors):
     rng = np.random.default_rng(seed)
     wrong = robot.changed(armature=rotors)
