@@ -270,7 +270,7 @@ def swept(folder, *arguments):
 
 
 def test_the_command_writes_table_page_and_figures_and_runs_a_case_alone(
-    scenario, tmp_path, capsys
+    scenario, tmp_path, capsys, blank_pictures
 ):
     out = tmp_path / "out"
     vary = ["truth.payload.mass=lin(0.1, 2, 3)", "simulation.noise.x=[0.0, 1e-3, 1e30]"]
