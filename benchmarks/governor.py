@@ -363,7 +363,7 @@ def main() -> None:
         rows[row["name"]] = row
     found = list(rows.values())
     save(given.save, found)
-    print(f"\n{table(found)}\n\n{counts(found)}\n\n{rows['cost of a step [us]']}")
+    print(f"\n{table(found)}\n\n{counts(found)}\n\n{rows.get('cost of a step [us]', '')}")
 
 
 if __name__ == "__main__":

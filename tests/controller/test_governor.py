@@ -122,9 +122,9 @@ def test_each_factor_has_a_name(governor):
     assert target(governor, torque=50.0 * one[3])[0] == 0.0
     fast = 2.0 * robot.model.velocityLimit[2] * one[2, :3]
     rate, cause = target(governor, desired=(fast, still))
-    assert cause == "joint speed of panda_joint3" and rate == pytest.approx(0.45 * 0.45**2)
+    assert cause == "joint speed of panda_joint3" and rate == pytest.approx(0.425**3)
     slowed = target(governor, desired=(0.25 * fast, still), path=PathTime(0.0, 0.25))
-    assert slowed == (pytest.approx(0.45), cause)  # of the path at full rate
+    assert slowed == (pytest.approx(0.425), cause)  # of the path at full rate
     slowing = target(
         governor, desired=(0.25 * fast, -2.0 * fast), path=PathTime(0.0, 0.25, -2.0, "error")
     )
@@ -140,6 +140,26 @@ def test_each_factor_has_a_name(governor):
     rate, cause = target(governor, age=0.06 + 1 / 30 + 0.05 + 0.125)
     assert cause == "frames" and rate == pytest.approx(0.5)
     assert target(governor, age=0.5)[0] == 0.0
+
+
+def test_laws_that_keep_no_speeds_stop_before_a_singularity():
+    """By the distance of J_hat from a singularity, of home's; joint and set-point laws never."""
+    robot, near = catalogue_robot("ur5"), {}
+    for law in ("separation", "adaptive-inverse-dynamics", "approximate-jacobian"):
+        controller = pa.make_controller(robot, law=law, adaptation="natural", limits=GOVERNED)
+        near[law] = controller.limits.governor
+        damped = getattr(controller.law, "speeds", None)
+        assert (damped is not None) == (law == "separation")
+    assert near["separation"].near == near["approximate-jacobian"].near == 0.0
+    found, still = near["adaptive-inverse-dynamics"], (np.zeros(3), np.zeros(3))
+    assert found.near == pytest.approx(2.0 * found.singular)
+    for share, expected in ((2.5, 1.0), (1.5, 0.5**3), (1.0, 0.0), (0.1, 0.0)):
+        inverse = RightInverse(np.eye(3, 6) * share * found.singular * np.sqrt(3.0))
+        rate, cause = found.target(
+            PathTime(), np.zeros(3), robot.q0, still, inverse, np.zeros(6), 0.0
+        )
+        assert rate == pytest.approx(expected)
+        assert cause == ("" if expected == 1.0 else "singularity")
 
 
 def test_lost_frames_are_explained_by_the_camera_that_loses_them():
@@ -173,7 +193,15 @@ def test_continuous_joints_have_no_stop():
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"slow": 1.0}, {"hold": 1.0}, {"creep": 0.0}, {"quick": -1.0}, {"effort": "high"}]
+    "wrong",
+    [
+        {"slow": 1.0},
+        {"hold": 1.0},
+        {"singular": 0.8},
+        {"creep": 0.0},
+        {"quick": -1.0},
+        {"effort": "high"},
+    ],
 )
 def test_settings_that_make_no_governor_are_refused(wrong):
     with pytest.raises(pa.GainError, match=f"governor.{next(iter(wrong))}"):

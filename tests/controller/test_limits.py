@@ -92,6 +92,38 @@ def test_the_rate_of_the_solution_is_its_derivative(shape, smallest):
     assert np.allclose(derivative(at, h=1e-5), rate, rtol=1e-4, atol=1e-4 * np.abs(rate).max())
 
 
+@pytest.mark.parametrize("smallest", [0.5, 0.03])
+@pytest.mark.parametrize("shape", SHAPES, ids=str)
+def test_a_solution_keeps_speeds_smoothly(shape, smallest):
+    """Null motion and sum are shortened, with exact rates; slow ones are the same to the bit."""
+    rng, s_0, (m, n) = np.random.default_rng(4), 0.2, shape
+    J, Jdot = jacobian(rng, shape, smallest), rng.standard_normal(shape)
+    inverse, speeds = RightInverse(J, s_0), rng.uniform(0.5, 2.0, n)
+    u, ud, psi, psid = (rng.standard_normal(k) for k in (m, m, n, n))
+    if inverse.unique:
+        psi = psid = None
+    seen = set()
+    for size in (1e-3, 0.1, 0.3, 1.0, 3.0, 30.0):
+
+        def at(t, size=size):
+            given = None if psi is None else size * (psi + t * psid)
+            return RightInverse(J + t * Jdot, s_0).solve(size * (u + t * ud), given, speeds)
+
+        moving = (size * ud, None if psi is None else size * psid, Jdot)
+        given = (size * u, None if psi is None else size * psi, *moving)
+        r, rate = inverse.solve_with_rate(*given, speeds)
+        free, free_rate = inverse.solve_with_rate(*given)
+        assert np.abs(r / speeds).max() < 1.06 and np.array_equal(r, at(0.0))
+        numerical = derivative(at, h=1e-6)
+        assert np.allclose(numerical, rate, rtol=1e-4, atol=1e-4 * np.abs(rate).max())
+        if size == 1e-3:
+            assert np.array_equal(r, free) and np.array_equal(rate, free_rate)
+        seen.add(np.array_equal(r, free))
+    assert seen == {True, False}
+    null = inverse.solve(np.zeros(m), None if psi is None else 1e3 * psi, speeds)
+    assert np.abs(null / speeds).max() < 0.55
+
+
 @pytest.mark.parametrize("shape", SHAPES, ids=str)
 def test_a_lost_rank_is_a_message_without_damping(shape):
     J = jacobian(np.random.default_rng(3), shape, 0.0)

@@ -263,6 +263,33 @@ def test_right_inverse_and_rate(m, n, rng, laid):
     assert np.isnan(rate).all() and np.isnan(x).all()
 
 
+def test_bound_smoothly(rng, laid):
+    """Nothing up to the knee, direction and rate beyond it, and never more than the most."""
+    x, rate, limits = rng.standard_normal(6), rng.standard_normal(6), rng.uniform(0.5, 2.0, 6)
+    limits[2] = np.inf
+    r = ((np.abs(x) / limits) ** 8).sum() ** 0.125
+
+    def bound(size, t=0.0):
+        found, found_rate = laid(size * (x + t * rate)), laid(size * rate)
+        did = linear_algebra.bound_smoothly(laid(limits), 0.5, 0.6, found, found_rate)
+        return did, found, found_rate
+
+    did, found, found_rate = bound(0.49 / r)
+    assert not did and np.array_equal(found, 0.49 / r * x)
+    for size in (0.51 / r, 1.0 / r, 1e6 / r):
+        did, found, found_rate = bound(size)
+        assert did and close(found / np.linalg.norm(found), x / np.linalg.norm(x))
+        assert (np.abs(found) <= 0.6 * limits).all()
+        g = 0.5 + 0.1 * np.tanh((size * r - 0.5) / 0.1)
+        assert close(found, x * g / r)
+        numerical = (bound(size, 1e-6)[1] - bound(size, -1e-6)[1]) / 2e-6
+        assert close(found_rate, numerical, 1e-6)
+    for nothing in (np.zeros(6), np.full(6, NAN)):
+        left = nothing.copy()
+        assert not linear_algebra.bound_smoothly(limits, 0.5, 0.6, left, rate.copy())
+        assert np.array_equal(left, nothing, equal_nan=True)
+
+
 @pytest.mark.parametrize(("m", "n"), [(2, 2), (3, 6), (6, 7)])
 def test_null_space(m, n, rng, laid):
     J, z, null = laid(rng.standard_normal((m, n))), laid(rng.standard_normal(n)), filled(n)

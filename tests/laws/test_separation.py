@@ -114,6 +114,21 @@ def test_equality_along_the_trajectory(case):
     assert (energy.rate <= 0.0).all() and energy.largest_rise() <= 1e-12
 
 
+def test_equality_with_a_reference_that_keeps_speeds():
+    """The reference asks for more than the joints have, all the time."""
+    true, controller, path = frame("panda")
+    speeds = np.full(7, 0.04)
+    controller.law = controller.law.within(speeds)
+    energy = energy_along(true, controller, path, seconds=0.03)
+    assert energy.mismatch() <= 1e-4
+    assert (energy.rate <= 0.0).all() and energy.largest_rise() <= 1e-12
+    plant = pa.plants.PinocchioPlant(true)
+    state = controller.init(plant.measure())
+    s = controller.observe(state, plant.measure(), path.at(0.0))
+    asked = s.v - controller.law._reference_error(s)
+    assert 0.03 < np.abs(asked).max() < 1.06 * 0.04
+
+
 @pytest.mark.parametrize("name", ["panda", "kinova"])
 def test_arms_are_held_without_task_velocity(name):
     """Nothing is tuned; law (11) loses kinova's wrist."""

@@ -240,6 +240,40 @@ def subtract_null_space_damping(
         torque[t] -= null[t]
 
 
+@compiled("b1(f8[:], f8, f8, f8[:], f8[:])", fills=2)
+def bound_smoothly(
+    limits: np.ndarray, knee: float, most: float, x: np.ndarray, rate: np.ndarray
+) -> bool:
+    """Shorten x (n), and change its rate (n) with it, so that |x_i| < most limits_i; else False.
+
+    Nothing happens up to r = knee, r the norm of x / limits with the eighth power, which is hardly
+    more than the largest. Beyond, x is multiplied by g(r) / r, with g = knee + w tanh((r - knee) /
+    w), w = most - knee: twice continuously differentiable.
+    """
+    largest, total = 0.0, 0.0
+    for i in range(len(x)):
+        largest = max(largest, abs(x[i]) / limits[i])
+    if not (largest > 0.0 and largest < math.inf):
+        return False
+    for i in range(len(x)):
+        total += (abs(x[i]) / limits[i] / largest) ** 8
+    r = largest * total**0.125
+    if r <= knee:
+        return False
+    slope = 0.0  # dr/dt
+    for i in range(len(x)):
+        share = x[i] / limits[i] / r
+        slope += share**7 * rate[i] / limits[i]
+    width = most - knee
+    t = math.tanh((r - knee) / width)
+    f = (knee + width * t) / r
+    f_rate = (1.0 - t * t - f) * slope / r
+    for i in range(len(x)):
+        rate[i] = f * rate[i] + f_rate * x[i]
+        x[i] *= f
+    return True
+
+
 @compiled("void(f8[:,:], f8[:], f8[:])")
 def apply(A: np.ndarray, x: np.ndarray, product: np.ndarray) -> None:
     """Write A x (m), A (m, n)."""

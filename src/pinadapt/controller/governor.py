@@ -26,7 +26,7 @@ from ..tasks.task import JointTask, Task
 from ..trajectories.trajectory import Trajectory
 
 ERROR, FRAMES = "error", "frames"
-EFFORT, STOP, SPEED = "effort", "joint stop", "joint speed"
+EFFORT, STOP, SPEED, SINGULAR = "effort", "joint stop", "joint speed", "singularity"
 _RARE = 1e-6  # share of frames with more lost ones before them than a declared camera explains
 _SPARE = 0.05  # [s] by which a frame may be older than the camera explains
 
@@ -38,8 +38,9 @@ class PathTime(NamedTuple):
         lag: t - s, by how much the path is late [s].
         rate: ds/dt, from 0 to 1.
         acceleration: d^2s/dt^2 [1/s].
-        cause: what slowed the path last, empty at full rate: "error", "frames", or "effort",
-            "joint stop" or "joint speed" with the name of the joint, as in "effort of elbow".
+        cause: what slowed the path last, empty at full rate: "error", "frames", "singularity", or
+            "effort", "joint stop" or "joint speed" with the name of the joint, as in "effort of
+            elbow".
     """
 
     lag: float = 0.0
@@ -65,7 +66,7 @@ class PathTime(NamedTuple):
 class Governor:
     """When the time of the path slows down; the defaults do not act on a run that goes well.
 
-    The target of the rate ds/dt is the smallest of five factors from 0 to 1:
+    The target of the rate ds/dt is the smallest of these factors from 0 to 1:
 
     * error: 1 up to the share ``slow`` of a stop error, ``creep`` from there on, 0 from ``hold``
       stop errors on, so that a path that leaves the workspace comes back by itself, and one that is
@@ -75,7 +76,12 @@ class Governor:
       proportion below, at least ``creep``;
     * joint speed: what brings the velocity of the joints for the path, J_hat^+ x_d' now or as it
       will be when the rate has followed, whichever is larger, to the share ``speed`` of the
-      description's limits; less while the rate is still above that;
+      description's limits; less while the rate is still above that. Laws with
+      ``Law.keeps_speeds`` keep their whole reference, with feedback and null motion, below 1.06
+      times that;
+    * singularity, for laws with ``Law.keeps_speeds`` false, whose joints would spin there: 1 while
+      J_hat is as far from a singularity as the share ``near`` of home, 0 from ``singular`` on, by
+      ``RightInverse.conditioning``. A path that leaves the workspace ends its time there;
     * frames: 1 while the latest frame is as old as the declared camera explains, 0 at ``gap`` more.
 
     The rate follows the target through two low passes in a row, dy/dt = w (target - y) and
@@ -91,6 +97,8 @@ class Governor:
         creep: least rate below ``hold`` errors and at joint stops.
         effort: of the torque limits of the controller, from which the path slows.
         speed: of the velocity limits that the path may ask for.
+        near: of home's distance from a singularity, below which the path slows.
+        singular: the same, from which on it stops.
         lead: time to a joint's stop [s].
         gap: by which a frame may be older than the camera explains when the path rests [s].
         blind: time without a frame after which the step is refused [s].
@@ -107,7 +115,9 @@ class Governor:
     hold: float = 6.0
     creep: float = 0.2
     effort: float = 0.9
-    speed: float = 0.9
+    speed: float = 0.85
+    near: float = 0.8
+    singular: float = 0.4
     lead: float = 0.3
     gap: float = 0.25
     blind: float = 10.0
@@ -125,6 +135,11 @@ class Governor:
                     f"must be a share below 1, got {getattr(self, name):g}.",
                     where=f"governor.{name}",
                 )
+        if self.singular >= self.near:
+            raise GainError(
+                f"must be less than near = {self.near:g}, got {self.singular:g}.",
+                where="governor.singular",
+            )
         if self.hold <= 1.0:
             raise GainError(
                 f"must be more than one stop error, got {self.hold:g}.", where="governor.hold"
@@ -199,6 +214,8 @@ class PathGovernor:
         velocity: (n) velocities that the path may ask for [rad/s or m/s].
         torque: (n) limits of the controller [N m or N].
         frames: age of a frame from which the path slows [s].
+        near, singular: conditioning of J_hat below which the path slows, and stops; zero for a law
+            that needs neither.
     """
 
     settings: Governor
@@ -211,6 +228,8 @@ class PathGovernor:
     velocity: np.ndarray
     torque: np.ndarray
     frames: float
+    near: float = 0.0
+    singular: float = 0.0
 
     def target(
         self,
@@ -242,7 +261,15 @@ class PathGovernor:
             *desired, inverse.J, inverse.gram_inverse, self.velocity,
             path.rate, path.acceleration, 2.0 / given.quick, factor,
         )  # fmt: skip
-        return float(factor[0]), self.names[found]
+        target, cause = float(factor[0]), self.names[found]
+        if inverse.conditioning < self.near:
+            way = (inverse.conditioning - self.singular) / (self.near - self.singular)
+            room = max(way, 0.0)
+            if room < path.rate:  # as in the kernel: it follows with more than a lag
+                room *= (room / path.rate) ** 2
+            if room < target:
+                return room, SINGULAR
+        return target, cause
 
     def limited(self, torque: np.ndarray | None) -> PathGovernor:
         """Return the governor with other torque limits (n) [N m or N], None for none."""

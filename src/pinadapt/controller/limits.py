@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import flag, instance, numbers, positive, vector
 from ..exceptions import GainError, ParameterError
+from ..laws.law import Law
 from ..models.dynamics import Dynamics
 from ..models.right_inverse import RightInverse
 from ..models.task_kinematics import TaskKinematics
@@ -101,6 +102,7 @@ def limits_for(
     dynamics: Dynamics,
     limits: Limits,
     sensors: Sensors,
+    law: type[Law],
 ) -> ControllerLimits:
     """Return the limits of a controller for a robot.
 
@@ -113,6 +115,7 @@ def limits_for(
         dynamics: its dynamics.
         limits: as given.
         sensors: as declared.
+        law: the kind of law.
 
     Raises:
         GainError: torque limits that are not positive.
@@ -126,12 +129,17 @@ def limits_for(
     )
     torque = torque_limits(robot, limits.torque)
     governor = Governor() if limits.governor is True else limits.governor or None
+    path = None
+    if governor is not None:
+        path = governor.of(robot, kinematics.task, sensors, torque)
+        if not (law.keeps_speeds or law.set_point):
+            path = replace(path, singular=governor.singular * s_home, near=governor.near * s_home)
     return ControllerLimits(
         torque,
         limits.damping * s_home,
         _ABSURD * size if limits.stop_on_divergence else np.inf,
         limits.stop_on_divergence,
-        None if governor is None else governor.of(robot, kinematics.task, sensors, torque),
+        path,
         _IDEAL if limits.actuators is None else limits.actuators,
     )
 

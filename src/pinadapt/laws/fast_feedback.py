@@ -186,6 +186,10 @@ class FastFeedback(Law):
         """Return this feedback around the law for motors that are late by up to a time [s]."""
         return replace(self, law=self._law.tolerant(late, robot))
 
+    def within(self, speeds: np.ndarray) -> FastFeedback:
+        """Return this feedback around the law with a reference that keeps speeds (n)."""
+        return replace(self, law=self._law.within(speeds))
+
     def guarded(self, adaptation: Adaptation, dynamics: Dynamics) -> Adaptation:
         """Return the adaptation, wrapped in what the law's proof needs."""
         return self._law.guarded(adaptation, dynamics)

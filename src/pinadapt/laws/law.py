@@ -197,6 +197,8 @@ class Law(ABC):
         uses_acceleration: whether ``command`` reads ``Signals.a`` for torque or drives. If not, a
             continuous loop with the ideal acceleration evaluates the law once instead of twice.
         inverts_estimate: whether it needs M_hat^-1 at the moving estimate.
+        keeps_speeds: whether its reference may be shortened to speeds that joints have, see
+            ``within``. Else a governor stops the path before singularities of J_hat.
         joint_space: whether it is for joint tasks only.
         set_point: whether it needs a desired motion that comes to rest, see ``Trajectory.settles``.
         learns_kinematics: whether it moves the kinematic estimate.
@@ -232,6 +234,7 @@ class Law(ABC):
     velocity_error: ClassVar[bool] = False
     uses_acceleration: ClassVar[bool] = True
     inverts_estimate: ClassVar[bool] = False
+    keeps_speeds: ClassVar[bool] = False
     joint_space: ClassVar[bool] = False
     set_point: ClassVar[bool] = False
     learns_kinematics: ClassVar[bool] = True
@@ -311,6 +314,13 @@ class Law(ABC):
         Args:
             late: the delay [s].
             robot: the nominal robot.
+        """
+        return self
+
+    def within(self, speeds: np.ndarray) -> Law:
+        """Return the law with a reference that keeps speeds of the joints (n) [rad/s or m/s].
+
+        The law itself where its proof needs the reference as it is.
         """
         return self
 

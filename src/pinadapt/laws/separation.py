@@ -111,6 +111,10 @@ class Separation(Law):
             sigma c for c in V, dV/dt gains c dsigma/dt dx_o^T dx_o / 2, which the observer's own
             damping outweighs while sigma grows slower than exp(2 beta t). The prediction error,
             which needs no dx_o, goes on.
+        speeds: (n) that qd_r keeps [rad/s or m/s], see ``RightInverse.solve_with_rate``; None: it
+            is as it is. With a governor they are those that the path may ask for. V has the same
+            derivative with any twice differentiable qd_r. What the error asks for beyond it has to
+            wait, and the path waits with it.
     """
 
     task: Task
@@ -129,12 +133,14 @@ class Separation(Law):
     K_far: Any = None
     carried: Any = 0.0
     Y_fast: float = math.inf
+    speeds: np.ndarray | None = None
 
     name = "separation"
     sources = ("Wang2017",)
     uses_position_error = True
     uses_acceleration = False
     velocity_error = True
+    keeps_speeds = True
     joint_effects = "all"
     remembers = True
     bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0, "lag": -1.0}
@@ -288,6 +294,10 @@ class Separation(Law):
         K_far = more[:, None] * self.K_v * more
         return replace(self, late=late, far=far, K_far=K_far, carried=(counted - own) / late)
 
+    def within(self, speeds: np.ndarray) -> Separation:
+        """Return the law with these speeds (n) [rad/s or m/s], unless it has some."""
+        return replace(self, speeds=speeds) if self.speeds is None else self
+
     def decorrelated(self, bandwidth: float) -> Separation:
         """Return the law with another lambda_s [1/s]."""
         return replace(self, lambda_s=bandwidth)
@@ -311,9 +321,8 @@ class Separation(Law):
 
     def _reference_error(self, s: Signals) -> np.ndarray:
         """Return s = qd - qd_r (n)."""
-        return np.asarray(
-            s.v - s.inverse.solve(self._reference(s)[0], self.posture.null_motion(s)[0])
-        )
+        psi = self.posture.null_motion(s)[0]
+        return np.asarray(s.v - s.inverse.solve(self._reference(s)[0], psi, self.speeds))
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return tau = Y a_d - K_D s, and the drives of both estimates."""
@@ -326,7 +335,7 @@ class Separation(Law):
         # qd_r = J_hat^+ u + N psi and its derivative, dJ_hat/dt with the moving estimate
         Jdot = model.kinematics.jacobian_rate(a_k_rate)
         psi, psid = self.posture.null_motion(s)
-        qd_r, qdd_r = s.inverse.solve_with_rate(u, psi, ud, psid, Jdot)
+        qd_r, qdd_r = s.inverse.solve_with_rate(u, psi, ud, psid, Jdot, self.speeds)
         v, error, torque = s.v, empty(qd_r.size), empty(qd_r.size)
         if s.filtered.s_f.size:  # decorrelated
             noise = v - qd_r - s.filtered.s_f

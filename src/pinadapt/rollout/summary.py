@@ -13,8 +13,10 @@ import numpy as np
 
 from .._output import Sheet, Table, number, percent, whole_file, write_text
 from .._version import __version__
+from ..controller.governor import SINGULAR
 from ..exceptions import InputError
 from ..information.information import TorquePrediction
+from ..controller.governor import SINGULAR
 from ..laws import DEFAULT, LAWS
 from ..tasks.frame import TASKS
 from ..tasks.task import DISPLAYS, JointTask, Task
@@ -360,6 +362,7 @@ _OFTEN, _MOSTLY = 0.05, 0.5  # shares of the samples
 _SETTLED = 5.0  # [s] after which a loop with default gains has converged
 _READABLE = 1e6  # larger numbers are written with an exponent
 _MOTION = "desired"  # first word of the reason if the desired motion ended the loop
+_STOPPED = 0.01  # rate of the path, below which it stands
 _SHOWN = 2  # times at which the path was slowed, in words
 _FALLING = 0.7  # error in the last third of a run relative to the second, below which it falls
 
@@ -472,6 +475,12 @@ def slowed_words(rollout: Recording) -> str:
         words.append(f"{more} more times")
     if rollout.path_time is not None:
         words.append(f"{_short(float(rollout.t[-1] - rollout.path_time[-1]), 2)} s late at the end")
+    last = max(rollout.slowed, key=lambda each: each.end)
+    if last.end >= rollout.t[-1] and last.least_rate < _STOPPED and SINGULAR in last.cause:
+        words.append(
+            "and it stays there, since this law needs a Jacobian far from singular: keep the path "
+            f"inside the workspace, or take the law '{DEFAULT}', which goes through"
+        )
     return ", ".join(words)
 
 

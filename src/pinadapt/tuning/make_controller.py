@@ -168,7 +168,7 @@ def make_controller(
     rates = {name: gains.pop(name, None) for name in RATES}
     lengths = lumped_lengths(kinematics, unknown, metric_of(kind), chosen)
     dynamics = nominal_dynamics(robot, unknown, chosen.joint_effects, lengths)
-    applied = limits_for(robot, kinematics, dynamics, limits, sensors)
+    applied = limits_for(robot, kinematics, dynamics, limits, sensors, chosen)
     if adaptation is None and kind == "natural":
         kind = default_adaptation(chosen, robot, dynamics)
     motion = TypicalMotion(robot, kinematics, dynamics, bandwidth(robot, dt), applied.torque)
@@ -183,6 +183,8 @@ def make_controller(
         patient = kind in MEMORIES and applied.actuators.ideal and gains.get("lag") is None
         if patient and learns_friction(robot, dynamics):  # else the feedback compensates it
             tuned = tuned.tolerant(LATE, robot)
+    if applied.governor is not None:
+        tuned = tuned.within(applied.governor.velocity)
     _warn(tuned, (kind, kind_k), motion, gains | rates, payload)
     box, given = make_box(robot, kinematics, limits.box), rates | gains
     adaptation_k = moved_kinematics(kind_k, tuned, motion, w, given, box, settings, quality)
