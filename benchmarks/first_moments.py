@@ -2,7 +2,7 @@
 
 ``python -m benchmarks.first_moments [PATH...] [--robots NAMES] [--save FILE]`` runs arms of the
 catalogue, and further descriptions by their paths, on the circle that ``reachable_circle`` finds,
-with the default law, natural adaptation and default gains at 1 kHz, each as given (at full speed
+with the default law, adaptation and gains at 1 kHz, each as given (at full speed
 from the first sample) and from rest, as ``simulate`` does by default. Rows of other robots in the
 file are kept.
 
@@ -58,7 +58,7 @@ def row(source: str | Path) -> dict[str, Any]:
     true = robot.changed(tool_translation=tool, payload=load)
     circle = pa.reachable_circle(robot)
     path = circle.starting_at(true.position(true.q0))
-    adaptive = pa.make_controller(robot.changed(inertial_scale=INERTIAS), adaptation="natural")
+    adaptive = pa.make_controller(robot.changed(inertial_scale=INERTIAS))
     informed = pa.make_controller(true, adaptation="none")
     limits = effort_limits(robot.model)
     data = true.model.createData()

@@ -16,7 +16,6 @@ from .._version import __version__
 from ..controller.governor import SINGULAR
 from ..exceptions import InputError
 from ..information.information import TorquePrediction
-from ..controller.governor import SINGULAR
 from ..laws import DEFAULT, LAWS
 from ..tasks.frame import TASKS
 from ..tasks.task import DISPLAYS, JointTask, Task
