@@ -42,6 +42,7 @@ ROBOTS = (
     "tiago_arm",
     "talos_left_arm",
     "baxter_left",
+    "tiago_pro_left_arm",
 )
 TOOL = np.array([0.02, -0.02, 0.04])  # of the reach, in the frame's axes
 LOAD, INERTIAS = 0.05, 0.7  # of the mass; factor on the inertias of the model

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
+from benchmarks import first_moments
 from benchmarks.governor import (
     HEALTHY,
     HERE,
@@ -155,4 +156,6 @@ def test_the_page_shows_the_figures_of_the_benchmark():
     rows = json.loads((HERE / "governor.json").read_text())["rows"]
     page = (HERE.parent / "docs" / "motions.md").read_text()
     assert table(rows) in page and counts(rows) in page
+    started = json.loads((HERE / "first_moments.json").read_text())["rows"]
+    assert first_moments.table(started) in page
     assert all(row["with"]["slowed"] == [] for row in rows if row["case"] == "healthy")
