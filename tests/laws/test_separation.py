@@ -115,7 +115,7 @@ def test_equality_along_the_trajectory(case):
 
 
 def test_equality_with_a_reference_that_keeps_speeds():
-    """The reference asks for more than the joints have, all the time."""
+    """The error asks for more than the joints have all the time; they are behind, and pushed."""
     true, controller, path = frame("panda")
     speeds = np.full(7, 0.04)
     controller.law = controller.law.within(speeds)
@@ -125,8 +125,10 @@ def test_equality_with_a_reference_that_keeps_speeds():
     plant = pa.plants.PinocchioPlant(true)
     state = controller.init(plant.measure())
     s = controller.observe(state, plant.measure(), path.at(0.0))
-    asked = s.v - controller.law._reference_error(s)
+    asked, lacking = controller.law._reference_velocity(s)
     assert 0.03 < np.abs(asked).max() < 1.06 * 0.04
+    push = controller.law._push(s, s.v - asked, lacking)
+    assert (push * lacking >= 0.0).all() and push.any()
 
 
 @pytest.mark.parametrize("name", ["panda", "kinova"])

@@ -111,10 +111,11 @@ class Separation(Law):
             sigma c for c in V, dV/dt gains c dsigma/dt dx_o^T dx_o / 2, which the observer's own
             damping outweighs while sigma grows slower than exp(2 beta t). The prediction error,
             which needs no dx_o, goes on.
-        speeds: (n) that qd_r keeps [rad/s or m/s], see ``RightInverse.solve_with_rate``; None: it
-            is as it is. With a governor they are those that the path may ask for. V has the same
-            derivative with any twice differentiable qd_r. What the error asks for beyond it has to
-            wait, and the path waits with it.
+        speeds: (n) that qd_r keeps [rad/s or m/s], see ``RightInverse.keeping``; None: it is as it
+            is. With a governor they are those that the path may ask for. V has the same derivative
+            with any differentiable qd_r. What the error asks for beyond it has to wait, and the
+            path waits with it. A joint that a load spins the other way is damped up to twice as
+            much meanwhile: a term of dV/dt that is not positive.
     """
 
     task: Task
@@ -321,8 +322,31 @@ class Separation(Law):
 
     def _reference_error(self, s: Signals) -> np.ndarray:
         """Return s = qd - qd_r (n)."""
+        return np.asarray(s.v - self._reference_velocity(s)[0])
+
+    def _reference_velocity(self, s: Signals) -> tuple[np.ndarray, np.ndarray | None]:
+        """Return qd_r (n), and what it lacks to keep the speeds (n), or None where nothing."""
         psi = self.posture.null_motion(s)[0]
-        return np.asarray(s.v - s.inverse.solve(self._reference(s)[0], psi, self.speeds))
+        free = s.inverse.solve(self._reference(s)[0], psi)
+        if self.speeds is None:
+            return free, None
+        still = np.zeros(free.size)
+        none, fixed = None if psi is None else still, np.zeros(s.inverse.J.shape)
+        kept = s.inverse.keeping(self.speeds, free, still, psi, none, fixed)[0]
+        return kept, None if kept is free else free - kept
+
+    def _push(self, s: Signals, error: np.ndarray, lacking: np.ndarray) -> np.ndarray:
+        """Return the torque (n) that a joint behind a shortened reference gets [N m or N].
+
+        It is -d_i min(|s_i|, |lacking_i|) sign(s_i) where both have opposite signs, d_i as K_D for
+        the joint alone: no more damping than K_D again, which only takes from V.
+        """
+        D = np.diag(self.K_v)
+        if self.M_0 is not None and self.lag:
+            K, rate, carried = self._limit(s.filtered.age, s.dx)
+            D = 1.0 / (1.0 / np.diag(K) + 1.0 / (rate * np.diag(self.M_0(s.q)) + carried))
+        size = np.minimum(np.abs(error), np.abs(lacking)) * (error * lacking < 0.0)
+        return np.asarray(-D * np.copysign(size, error))
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return tau = Y a_d - K_D s, and the drives of both estimates."""
@@ -335,7 +359,10 @@ class Separation(Law):
         # qd_r = J_hat^+ u + N psi and its derivative, dJ_hat/dt with the moving estimate
         Jdot = model.kinematics.jacobian_rate(a_k_rate)
         psi, psid = self.posture.null_motion(s)
-        qd_r, qdd_r = s.inverse.solve_with_rate(u, psi, ud, psid, Jdot, self.speeds)
+        qd_r, qdd_r = s.inverse.solve_with_rate(u, psi, ud, psid, Jdot)
+        free = qd_r
+        if self.speeds is not None:
+            qd_r, qdd_r = s.inverse.keeping(self.speeds, free, qdd_r, psi, psid, Jdot)
         v, error, torque = s.v, empty(qd_r.size), empty(qd_r.size)
         if s.filtered.s_f.size:  # decorrelated
             noise = v - qd_r - s.filtered.s_f
@@ -348,6 +375,8 @@ class Separation(Law):
             kernels.subtract_limited_damping(
                 feedforward, limit[0], M_0, *limit[1:], s.v, qd_r, error, torque
             )
+        if qd_r is not free:
+            torque += self._push(s, error, free - qd_r)
         return Command(torque, Drives(Drive(Y, error), kinematic))
 
     def _kinematic_drive(self, s: Signals) -> Drive:
@@ -372,10 +401,13 @@ class Separation(Law):
 
     def dissipation(self, s: Signals, truth: Truth) -> float:
         """Return dV/dt, but for what a change of sigma adds."""
-        error, dx_o, epsilon = self._reference_error(s), s.filtered.dx_o, s.epsilon
+        qd_r, lacking = self._reference_velocity(s)
+        error, dx_o, epsilon = s.v - qd_r, s.filtered.dx_o, s.epsilon
         f = truth.friction.torque
         K_D = self.K_D(s.q, s.filtered.age, s.dx, s.lateness)
         joints = error @ (K_D @ error) + error @ (f(s.v) - f(s.v - error))
+        if lacking is not None:
+            joints -= error @ self._push(s, error, lacking)
         task = self.sigma(s) * self.c * self.beta * dx_o @ dx_o + epsilon @ (self.R_k @ epsilon)
         return float(-joints - task)
 

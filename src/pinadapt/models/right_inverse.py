@@ -55,16 +55,8 @@ class RightInverse:
             )
         self.unique = m == n and not self.damping
 
-    def solve(
-        self, u: np.ndarray, psi: np.ndarray | None, speeds: np.ndarray | None = None
-    ) -> np.ndarray:
-        """Return J^+ u + (I - J^+ J) psi (n), u (m), psi (n), or None where J^+ is unique.
-
-        With speeds (n) the null motion and the sum keep them, as in ``solve_with_rate``.
-        """
-        if speeds is not None:
-            still, none = np.zeros(u.size), None if psi is None else np.zeros(psi.size)
-            return self.solve_with_rate(u, psi, still, none, np.zeros(self.J.shape), speeds)[0]
+    def solve(self, u: np.ndarray, psi: np.ndarray | None) -> np.ndarray:
+        """Return J^+ u + (I - J^+ J) psi (n), u (m), psi (n), or None where J^+ is unique."""
         if psi is None:
             return self.gram_inverse.dot(u).dot(self.J)
         u, psi = np.asarray(u, dtype=float), np.asarray(psi, dtype=float)
@@ -79,45 +71,50 @@ class RightInverse:
         ud: np.ndarray,
         psid: np.ndarray | None,
         Jdot: np.ndarray,
-        speeds: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return r = ``solve(u, psi)`` and dr/dt (n), where u, psi and J change at ud, psid, Jdot.
 
         With y = (J J^T + mu^2 I)^-1 (u - J psi), so that r = psi + J^T y,
         dr/dt = J^+ (ud - Jdot r - y d(mu^2)/dt) + (I - J^+ J) (psid + Jdot^T y).
-
-        With speeds (n) the null motion (I - J^+ J) psi is shortened smoothly to at most 0.55 of
-        them, from 0.45 on, and then r as a whole to at most 1.06, from 1 on; both keep their
-        directions.
         """
         if psi is None or psid is None:
             r = self.solve(u, None)
-            rate = self.solve(ud - Jdot.dot(r), None)
-        else:
-            r, rate = self._with_null_motion(u, psi, ud, psid, Jdot)
-        if speeds is None:
-            return r, rate
-        if psi is not None and psid is not None:
-            null, null_rate = self.null(psi), np.zeros(psi.size)
-            if kernels.bound_smoothly(speeds, *_NULL, null, null_rate):
-                still = np.zeros(u.size)
-                null, null_rate = self._with_null_motion(still, psi, still, psid, Jdot)
-                r, rate = r - null, rate - null_rate
-                kernels.bound_smoothly(speeds, *_NULL, null, null_rate)
-                r, rate = r + null, rate + null_rate
-        kernels.bound_smoothly(speeds, *_WHOLE, r, rate)
-        return r, rate
-
-    def _with_null_motion(
-        self, u: np.ndarray, psi: np.ndarray, ud: np.ndarray, psid: np.ndarray, Jdot: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return r and dr/dt (n) as ``solve_with_rate``, without bounds."""
+            return r, self.solve(ud - Jdot.dot(r), None)
         missed, y, r, rate = empty(u.size), empty(u.size), empty(psi.size), empty(psi.size)
         damping_rate = self._damping_rate(Jdot) if self.damping else 0.0
         kernels.right_inverse_and_rate(
             self.J, self.gram_inverse, u, psi, ud, psid, Jdot, damping_rate, missed, y, r, rate
         )
         return r, rate
+
+    def keeping(
+        self,
+        speeds: np.ndarray,
+        r: np.ndarray,
+        rate: np.ndarray,
+        psi: np.ndarray | None,
+        psid: np.ndarray | None,
+        Jdot: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return r and dr/dt (n) of ``solve_with_rate``, shortened smoothly to speeds (n).
+
+        First the null motion (I - J^+ J) psi, which the damping near a singularity lets reach the
+        task, to at most 0.55 of the speeds, from 0.45 on; then r as a whole to at most 1.06, from 1
+        on. Both keep their directions; r itself is returned where both are slow enough.
+        """
+        kept, kept_rate = r, rate
+        if psi is not None and psid is not None:
+            null, null_rate = self.null(psi), np.zeros(psi.size)
+            if kernels.bound_smoothly(speeds, *_NULL, null, null_rate):
+                still = np.zeros(len(self.J))
+                null, null_rate = self.solve_with_rate(still, psi, still, psid, Jdot)
+                kept, kept_rate = r - null, rate - null_rate
+                kernels.bound_smoothly(speeds, *_NULL, null, null_rate)
+                kept, kept_rate = kept + null, kept_rate + null_rate
+        whole, whole_rate = kept.copy(), kept_rate.copy()
+        if kernels.bound_smoothly(speeds, *_WHOLE, whole, whole_rate):
+            return whole, whole_rate
+        return kept, kept_rate
 
     def null(self, z: np.ndarray) -> np.ndarray:
         """Return (I - J^+ J) z (n), without damping the projection onto the null space."""
