@@ -63,6 +63,7 @@ _FOREIGN, _LEFT = 0.4, 0.25
 _TURNED = math.radians(25.0)  # from the described gravity
 _STRENGTH = (0.6, 1.6)  # of gravity, between which its direction is believed
 _SCATTER = 1.5  # by which the factors of joints differ that have one gain in common
+_HEAVY, _SAME, _SIZE = 0.3, 0.95, (0.8, 1.25)  # share of the largest torque; correlation; factor
 _PRICE = 0.15  # of each number that an explanation chooses, in log(residual^2)
 _LOAD_NUMBERS = 4  # mass and first moments
 # log(residual^2) by which a mistake must be likelier than none, and a finding than another one
@@ -622,6 +623,26 @@ class _Comparison:
         return max(min(holds, most), _LIGHTEST * self._robot.mass)
 
     def _causes(self, plain: _TorqueFit) -> Iterator[Cause]:
+        """Yield the likeliest mistakes, none if the log is as likely without one.
+
+        Where the strong joints alone look like those of another robot, that is one of them.
+        """
+        found = list(self._mistakes(plain))
+        yield from found
+        heavy = plain.described > _HEAVY * plain.described.max(initial=0.0)
+        sizes, told = plain.factor[heavy], any("robot" in cause.words for cause in found)
+        if not found or told or len(sizes) < 2 or (plain.correlation[heavy] < _SAME).any():
+            return
+        common = float(np.exp(np.mean(np.log(sizes))))
+        alike = (np.abs(np.log(sizes / common)) < math.log(_SCATTER)).all()
+        if alike and not _SIZE[0] < common < _SIZE[1]:
+            named = " and ".join(self._names[j] for j in np.flatnonzero(heavy))
+            yield Cause(
+                f"it is the log of a robot of another size, as the torques of {named} are all "
+                f"about {common:.2g} times the described ones"
+            )
+
+    def _mistakes(self, plain: _TorqueFit) -> Iterator[Cause]:
         """Yield the likeliest mistakes; none if the log is as likely without one, loaded or not."""
         least = 1 if plain.judged.any() else 0
         fitting = [
