@@ -343,7 +343,7 @@ class Separation(Law):
         """
         D = np.diag(self.K_v)
         if self.M_0 is not None and self.lag:
-            K, rate, carried = self._limit(s.filtered.age, s.dx)
+            K, rate, carried = self._limit(s.filtered.age, s.dx, s.lateness)
             D = 1.0 / (1.0 / np.diag(K) + 1.0 / (rate * np.diag(self.M_0(s.q)) + carried))
         size = np.minimum(np.abs(error), np.abs(lacking)) * (error * lacking < 0.0)
         return np.asarray(-D * np.copysign(size, error))
