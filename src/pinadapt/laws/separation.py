@@ -42,6 +42,7 @@ _EAGER = 3.0  # times the delay of the motors, during which a ringing does not g
 _FAR, _TURNED = 0.01, 0.06  # errors that are large: of the reach, and [rad]
 _MARGIN = 3.0  # lag over the time by which the torques may be late
 _UNKNOWN = 1.0  # [s] after the start, during which a load that nobody announced may strike
+_PUSH = 2.0  # times the damping, more for a joint behind a shortened reference
 _OBSERVER = 1.0  # beta in bandwidths
 _FAST = 0.5  # Y_fast in parts of the largest norm of a typical motion
 _TINY = 1e-300
@@ -114,8 +115,8 @@ class Separation(Law):
         speeds: (n) that qd_r keeps [rad/s or m/s], see ``RightInverse.keeping``; None: it is as it
             is. With a governor they are those that the path may ask for. V has the same derivative
             with any differentiable qd_r. What the error asks for beyond it has to wait, and the
-            path waits with it. A joint that a load spins the other way is damped up to twice as
-            much meanwhile: a term of dV/dt that is not positive.
+            path waits with it. A joint that a load spins the other way is damped up to three times
+            as much meanwhile: a term of dV/dt that is not positive.
     """
 
     task: Task
@@ -339,14 +340,15 @@ class Separation(Law):
         """Return the torque (n) that a joint behind a shortened reference gets [N m or N].
 
         It is -d_i min(|s_i|, |lacking_i|) sign(s_i) where both have opposite signs, d_i as K_D for
-        the joint alone: no more damping than K_D again, which only takes from V.
+        the joint alone, twice: more damping only takes from V. Bounded, the reference alone would
+        pull less than the whole one does.
         """
         D = np.diag(self.K_v)
         if self.M_0 is not None and self.lag:
             K, rate, carried = self._limit(s.filtered.age, s.dx, s.lateness)
             D = 1.0 / (1.0 / np.diag(K) + 1.0 / (rate * np.diag(self.M_0(s.q)) + carried))
         size = np.minimum(np.abs(error), np.abs(lacking)) * (error * lacking < 0.0)
-        return np.asarray(-D * np.copysign(size, error))
+        return np.asarray(-_PUSH * D * np.copysign(size, error))
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return tau = Y a_d - K_D s, and the drives of both estimates."""

@@ -320,7 +320,8 @@ def _sections(template: Template, folder: Path) -> Iterable[tuple[str, str, Tabl
         _option(
             motion, 'start = "moving"', "at full speed from the first sample, not from rest", 20
         )
-    _remark(motion, _GOVERNOR)
+    stops = not (LAWS[template.law].keeps_speeds or rests or joints)
+    _remark(motion, _GOVERNOR + _STOPS * stops)
     motion["governor"] = True
     yield "reference", reference, motion
     yield "simulation", "", _simulation(template)
@@ -356,6 +357,7 @@ _GOVERNOR = (
     "The path waits while the error is large, a motor is at its limit, a joint near its stop or "
     "its velocity limit, or frames are missing, and goes on afterwards."
 )
+_STOPS = " Before a singularity, as at the edge of the workspace, it stops: this law cannot pass."
 _MASS = (
     "Total mass of the robot [kg]. These links are described without inertia: {links}. The mass "
     "that the other links leave is distributed over them with one density: as solids of their "
