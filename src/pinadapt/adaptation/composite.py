@@ -169,6 +169,7 @@ _SETTLED = math.exp(-10.0)  # share of fresh after which it may begin anew again
 _UNUSUAL = 10.0  # times the usual innovation
 _FIRST = 3e-3  # innovation that is usual at a new start
 _CALM = 0.1  # least share of rho
+_SHORT = 0.1  # of the interval: periods below it prepare a look in the samples before
 _IN_TIME = 2e-3  # [s] lateness below which the tracking error teaches faster
 _KEEN = 2.0  # times kappa, which is added then
 _UNKNOWN = 0.1  # [s] lateness beside an empty memory
@@ -255,9 +256,10 @@ class CompositeMemory(Wrapper):
                 evaluated and held over steps of ``interval``; a prediction error that grows like a
                 contradiction is looked at immediately. The two samples before a look make I + A P
                 and its factors, so that no sample pays for all: P is then that of two samples ago.
-                V does not notice, as H is positive semidefinite for every P. As part of an ODE
-                (``rate``) all are continuous; the memory neither begins anew nor trusts itself
-                less, and is quiet for 6 / bandwidth after an announcement.
+                V does not notice, as H is positive semidefinite for every P. A period longer than a
+                tenth of the interval has time for all at once, and P changes more meanwhile. As
+                part of an ODE (``rate``) all are continuous; the memory neither begins anew nor
+                trusts itself less, and is quiet for 6 / bandwidth after an announcement.
 
     G. Kreisselmeier, *Adaptive observers with exponential rate of convergence*, IEEE TAC 22 (1977)
     2-8 (the integrals); Y. Pan, H. Yu, *Composite learning robot control with guaranteed parameter
@@ -444,7 +446,7 @@ class CompositeMemory(Wrapper):
         known = _UNUSUAL * max(clock.usual, clock.residual)
         if due > 0.5 * dt and size <= max(self.contradiction, known):
             after = self.inner.step(inner, self._total(drive, pull, clock, late), dt)
-            if due < 2.5 * dt:
+            if due < 2.5 * dt and dt < _SHORT * self.interval:
                 factors = self._prepared(factors, estimate.value, A, last=due < 1.5 * dt)
             memory = A, b, pull, origin, lasting, heard, passed, *factors
             return Estimate(after.value, (*memory, *after.memory), late)
