@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import pinadapt as pa
@@ -161,3 +162,41 @@ def test_impossible_numbers_are_refused(given, words):
 
 def test_the_answers_are_in_order():
     assert sorted(Answer) == [Answer.NONE, Answer.REST, Answer.HOLD, Answer.DAMP, Answer.STOP]
+
+
+class Touched(PlantArm):
+    """An arm on whose tool a force acts from a cycle on."""
+
+    force, at = np.zeros(3), 500
+
+    def send(self, torque):
+        if self._count >= self.at:
+            true, q = self.plant.robot, self.plant.measure().q
+            data, frame = true.model.createData(), (true.frame_id, pin.LOCAL_WORLD_ALIGNED)
+            J = pin.computeFrameJacobian(true.model, data, q, *frame)[:3]
+            torque = torque + J.T @ self.force
+        super().send(torque)
+
+
+@pytest.mark.parametrize("newtons", [0.0, 50.0])
+def test_a_push_on_a_large_arm_is_contact_and_a_load_and_tool_that_are_learned_are_not(newtons):
+    """With the noise of an encoder of 17 bits; both sides of the threshold by a margin."""
+    described = pa.load("panda")
+    true = described.changed(
+        payload=pa.Payload(1.0, [0.02, 0.0, 0.06]), tool_translation=[0.02, -0.01, 0.05]
+    )
+    sensors = pa.Sensors(camera=pa.Camera(rate=30.0, delay=0.05), encoder=2.0 * np.pi / 2**17)
+    of = pa.make_controller(
+        described, adaptation="natural", unknown=pa.Unknown(tool=True), sensors=sensors, dt=PERIOD
+    )
+    on = arm(true, Touched, sensors=sensors)
+    on.force = np.array([0.0, newtons, 0.0])
+    motion = pa.trajectories.Circle(described.position(described.q0), 0.1, 3.0)
+    loop = Loop(on, motion=motion, of=of, seconds=1.3)
+    reason, phases = ended(loop)
+    if not newtons:
+        assert reason == "the time is over" and len(loop.said) == 4
+        return
+    assert reason.startswith("contact: ") and phases[1] == "damping"
+    damped = next(t for t, phase, _ in loop.loop.ending.phases if phase == "damping")
+    assert damped < (Touched.at - 2) * PERIOD + 0.15

@@ -158,17 +158,18 @@ def explain_torque(
     after: np.ndarray,
     residual: np.ndarray,
 ) -> None:
-    """Write the memory (2, n) after dt [s], low pass and mean, and the residual (n).
+    """Write the memory (3, n) after dt [s], low pass, mean and smoothed rest, and the last (n).
 
-    The mean is what the residual is now if ``slow``, its bandwidth, is infinite. A memory of NaN
-    begins at the present momentum.
+    The rest is smoothed at twice the bandwidth, as its noise is white. The mean is what it is now
+    if ``slow``, its bandwidth, is infinite. A memory of NaN begins at the present momentum.
     """
     n, m = len(tau), len(a)
     if Y_M.shape != (n, m) or Y_0.shape != (n, m) or len(p_0) != n or len(tau_0) != n:
         raise ValueError(WRONG_SIZE)
-    if memory.shape != (2, n) or after.shape != (2, n) or len(residual) != n:
+    if memory.shape != (3, n) or after.shape != (3, n) or len(residual) != n:
         raise ValueError(WRONG_SIZE)
     share, mean_share = -math.expm1(-bandwidth * dt), -math.expm1(-slow * dt)
+    smooth = -math.expm1(-2.0 * bandwidth * dt)
     for i in range(len(tau)):
         p, beta = p_0[i], tau_0[i]
         for j in range(len(a)):
@@ -178,7 +179,8 @@ def explain_torque(
         after[0, i] = low + share * (tau[i] + bandwidth * p - beta - low)
         r = after[0, i] - bandwidth * p
         after[1, i] = r if mean_share == 1.0 else memory[1, i] + mean_share * (r - memory[1, i])
-        residual[i] = r - after[1, i]
+        rest = memory[2, i] if memory[2, i] == memory[2, i] else 0.0
+        residual[i] = after[2, i] = rest + smooth * (r - after[1, i] - rest)
 
 
 @compiled("f8(f8[:], f8[:], i8)", fills=0)

@@ -27,6 +27,8 @@ from ..models.dynamics import Dynamics
 from ..records import Measurement
 from .arm import ArmFacts
 
+_DEVIATIONS = 10.0  # of noise that are no contact; at half of it the adaptation rests
+
 
 class Answer(IntEnum):
     """What a finding leads to, the gentlest first."""
@@ -70,8 +72,9 @@ class Safety:
         error: largest task error of positions [m]; None: a tenth of the reach.
         angle: largest error of rotations and of turning joints [rad].
         saturated: longest time at a torque limit [s].
-        contact: unexplained torque, as a share of the effort limits, at which the arm is damped; at
-            half of it the adaptation rests.
+        contact: unexplained torque, as a share of the effort limits, at which the arm is damped, or
+            ten deviations of what the declared noise makes of it, if that is more; at half of it
+            the adaptation rests.
         camera: longest time without a frame beyond what the declared camera explains [s].
         stale: cycles with the same measurement after which the arm is damped.
         late: cycles that may be late in a short while; one on time makes up for a fiftieth of one.
@@ -88,7 +91,7 @@ class Safety:
     error: float | None = None
     angle: float = 0.5
     saturated: float = 0.3
-    contact: float = 0.25
+    contact: float = 0.1
     camera: float = 0.5
     stale: int = 5
     late: int = 10
@@ -122,6 +125,8 @@ class MomentumResidual:
     estimates. It is the momentum observer of A. De Luca, R. Mattone, *Actuator failure detection
     and isolation using generalized momenta*, ICRA 2003. An obstacle comes suddenly; a wrong model,
     or a load that is being learned, changes with the motion. So the slow part of r is taken off.
+    The noise of the velocity is white in r, as lambda p has it; a second low pass at 2 lambda
+    leaves a sixth of it at 1 kHz.
 
     Attributes:
         settled: whether the slow part has been found.
@@ -137,6 +142,17 @@ class MomentumResidual:
         """Begin anew: whatever is unexplained now is part of the model."""
         self._memory: np.ndarray | None = None
         self._time = 0.0
+
+    def deviation(self, M: np.ndarray, v: float, dt: float) -> np.ndarray:
+        """Return the deviation (n) of the residual [N m or N] where the velocity has white noise.
+
+        Args:
+            M: (n, n) mass matrix.
+            v: deviation of the noise [rad/s or m/s].
+            dt: period [s].
+        """
+        kept = math.sqrt(min(self._bandwidth * dt, 1.0))  # by the second low pass
+        return np.asarray(self._bandwidth * v * kept * np.sqrt((M * M).sum(axis=1)))
 
     @property
     def settled(self) -> bool:
@@ -161,10 +177,10 @@ class MomentumResidual:
             dt: [s].
         """
         if self._memory is None:
-            self._memory = np.full((2, v.size), math.nan)
+            self._memory = np.full((3, v.size), math.nan)
         self._time += dt
         slow = self._slow if self.settled else math.inf
-        after, residual = np.empty((2, v.size)), np.empty(v.size)
+        after, residual = np.empty((3, v.size)), np.empty(v.size)
         signals = *self._dynamics.momentum(q, v), a_d, tau
         kernels.explain_torque(*signals, self._bandwidth, dt, slow, self._memory, after, residual)
         self._memory = after
@@ -200,7 +216,9 @@ class Checklist:
         self._lower, self._upper = position_limits(model)
         self._plain = model.nq == n
         self._near = self._lower + safety.margin, self._upper - safety.margin
-        inertia = np.diag(pin.crba(model, model.createData(), robot.q0))
+        M = pin.crba(model, model.createData(), robot.q0)
+        M = np.triu(M) + np.triu(M, 1).T
+        inertia = np.diag(M)
         with np.errstate(divide="ignore"):
             self._brake = 0.5 * self.limit / inertia
         self._box = None if safety.box is None else numbers(safety.box, "safety.box")
@@ -216,6 +234,9 @@ class Checklist:
         self._blind = explained_age(controller.sensors) + safety.camera
         self._contact, self._full = safety.contact * self.limit, 0.999 * self.limit
         self._residual = MomentumResidual(controller.dynamics) if controller.dynamics.size else None
+        if self._residual is not None:
+            noise = self._residual.deviation(M, controller.senses.quality.v, facts.period)
+            self._contact = np.maximum(self._contact, _DEVIATIONS * noise)
         self.residual = np.zeros(n)
         self.latched = ""
         self._same = self._late = 0.0
