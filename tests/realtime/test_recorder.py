@@ -108,8 +108,11 @@ def test_mcap_reads_it(run):
         made = reader.make_reader(file)
         counts = made.get_summary().statistics.channel_message_counts
         topics = {c.topic: counts[i] for i, c in made.get_summary().channels.items()}
+        kinds = {schema.name: schema for schema in made.get_summary().schemas.values()}
         assert sum(1 for _ in made.iter_messages()) == sum(counts.values())
     assert topics["/joint_states"] == topics["/pinadapt/cycle"] == run[3].cycles
+    assert {"sensor_msgs/msg/JointState", "geometry_msgs/msg/PointStamped"} <= set(kinds)
+    assert all(schema.encoding == "ros2msg" and schema.data for schema in kinds.values())
     assert topics["/pinadapt/estimates"] > 0 and topics["/pinadapt/events"] > 5
 
 
