@@ -334,7 +334,7 @@ def test_lyapunov_equality_while_damping_and_share_follow_the_lateness(name):
     sizes = [np.trace(law.K_D(robot.q0, age)) for age in np.linspace(0.0, 0.02, 9)]
     assert max(sizes) > 1.2 * min(sizes)
     controller.law = law
-    adaptation = with_share(controller, 0.1, first_share=0.2).adaptation_d
+    adaptation = with_share(controller, 0.1, first_share=0.2, timely_share=0.2).adaptation_d
     init = adaptation.init
     adaptation.init = lambda value: replace(init(value), lateness=5e-4)
     energy = energy_along(real(robot), controller, beside(real(robot)), seconds=0.02)
@@ -416,9 +416,8 @@ def test_memory_tells_by_how_much_torques_are_late():
 
 
 def test_tracking_error_teaches_faster_where_torques_are_in_time():
-    """By up to three times, never faster than beside an empty memory, nor for gains of a user."""
-    for first, most in ((1.0, 3.0), (0.2, 2.0), (None, 1.0)):
-        adaptation, estimate, _ = remembering(share=0.1, first_share=first)
+    for timely, most in ((0.3, 3.0), (None, 1.0)):
+        adaptation, estimate, _ = remembering(share=0.1, timely_share=timely)
         numbers = estimate.memory[6].copy()
         numbers[2] = 0.0  # long after the start
         memory = (*estimate.memory[:6], numbers, *estimate.memory[7:])

@@ -171,7 +171,6 @@ _FIRST = 3e-3  # innovation that is usual at a new start
 _CALM = 0.1  # least share of rho
 _SHORT = 0.1  # of the interval: periods below it prepare a look in the samples before
 _IN_TIME = 2e-3  # [s] lateness below which the tracking error teaches faster
-_KEEN = 2.0  # times kappa, which is added then
 _UNKNOWN = 0.1  # [s] lateness beside an empty memory
 _AT_REST = 1e-6, 1e-2  # mean squares of errors and their rates that tell nothing
 
@@ -228,7 +227,7 @@ class CompositeMemory(Wrapper):
                 with dkappa/dt <= 0 and a law's V >= 0 it decreases at least as fast as with a
                 constant kappa. At a new start kappa, and with it V, jumps up. ``emphasis`` is
                 kappa(t) / kappa, for V in the metric Gamma^-1, this V over kappa. Where torques are
-                in time, 2 kappa (1 - T / 2 ms) is added, at most kappa_1 - kappa, T the lateness
+                in time, (kappa_3 - kappa) (1 - T / 2 ms) is added, T the lateness
                 below: a tracking error that teaches faster compensates more of what sampling
                 leaves, and rings only where torques are late. V may rise by dkappa/dt (the law's V)
                 while T falls.
@@ -278,6 +277,7 @@ class CompositeMemory(Wrapper):
         share: kappa.
         first_share: kappa_1, with which the tracking error teaches beside an empty memory.
         lone_share: kappa_2, with which it teaches beside a memory that explains nothing.
+        timely_share: kappa_3, with which it teaches where torques are in time.
         contradiction: d above which the memory begins anew; infinite for never.
         unexplained: q^2 at which the memory is trusted by half; infinite for always wholly.
         least_trust: from 0 to 1, that lasting innovations leave.
@@ -301,6 +301,7 @@ class CompositeMemory(Wrapper):
         share: float = 1.0,
         first_share: float | None = None,
         lone_share: float | None = None,
+        timely_share: float | None = None,
         contradiction: float = math.inf,
         unexplained: float = math.inf,
         least_trust: float = 0.0,
@@ -319,6 +320,7 @@ class CompositeMemory(Wrapper):
             share: kappa in (0, 1], Gamma / P.
             first_share: kappa_1 from kappa to 1; None: kappa.
             lone_share: kappa_2, the same.
+            timely_share: kappa_3, the same.
             contradiction: normalised innovation above which the memory begins anew; infinite:
                 never.
             unexplained: mean square of lasting innovations at which the memory is trusted by half;
@@ -348,6 +350,7 @@ class CompositeMemory(Wrapper):
             )
         self.first_share = self._greater(first_share, "first_share")
         self.lone_share = self._greater(lone_share, "lone_share")
+        self.timely_share = self._greater(timely_share, "timely_share")
         self.contradiction = _positive_or_infinite(contradiction, "contradiction")
         self.unexplained = _positive_or_infinite(unexplained, "unexplained")
         self.least_trust = positive(least_trust, "least_trust", zero=True)
@@ -519,8 +522,7 @@ class CompositeMemory(Wrapper):
         """Return kappa(t) / kappa."""
         first = 1.0 + (self.first_share / self.share - 1.0) * clock.fresh
         if lateness < _IN_TIME:
-            more = min(_KEEN, self.first_share / self.share - 1.0)
-            first += more * (1.0 - lateness / _IN_TIME)
+            first += (self.timely_share / self.share - 1.0) * (1.0 - lateness / _IN_TIME)
         return max(first, (1.0 - self._trust(clock)) * self.lone_share / self.share)
 
     def _greater(self, share: float | None, name: str) -> float:

@@ -74,6 +74,7 @@ _FORGETTING = 0.125
 _DOUBT = 1.0  # at which a memory forgets when contradicted by as much as its noise
 _NOISE = 0.01  # that a memory assumes, in the roots of the units of the floor
 _CONTRADICTION = 1e-3  # normalised innovation at which it begins anew
+_TIMELY = 3.0  # times the share, with which it teaches where torques are in time
 _LONE = 0.25  # share with which the tracking error teaches where a memory explains nothing
 _UNEXPLAINED = 3e-3  # mean square of lasting innovations at which it is trusted by half
 _LEAST_TRUST = 0.1  # that they leave where friction is learned
@@ -194,7 +195,10 @@ def dynamic_adaptation(
     moved = _tracking_adaptation(metric_of(kind), law, motion, bandwidth * share**0.5, rates, lmi)
     if kind in _METRICS:
         mode = law.prediction_mode
-        moved = predicting(kind, moved, motion, bandwidth, share, rates, mode, jitter, first)
+        timely = _TIMELY if law.remembers else 1.0
+        moved = predicting(
+            kind, moved, motion, bandwidth, share, rates, mode, jitter, first, timely
+        )
     return law.guarded(moved, motion.dynamics)
 
 
@@ -318,6 +322,7 @@ def predicting(
     mode: float,
     jitter: float,
     first: float,
+    timely: float,
 ) -> Adaptation:
     """Return an adaptation that also follows the prediction error of the torque.
 
@@ -361,6 +366,8 @@ def predicting(
         jitter: standard deviation of the joint velocity behind its low pass [rad/s or m/s].
         first: share of the default rates with which the tracking error teaches beside a memory that
             is empty.
+        timely: times the share, with which it teaches where torques are in time; laws that need
+            M_hat^-1 or a fixed M_hat_0 bear no faster one.
 
     Raises:
         GainError: a rate that is not positive.
@@ -386,6 +393,7 @@ def predicting(
             share=share,
             first_share=first,
             lone_share=max(share, min(first, _LONE)),
+            timely_share=max(share, min(first, timely * share)),
             contradiction=_CONTRADICTION,
             unexplained=_UNEXPLAINED,
             least_trust=_LEAST_TRUST if learns_friction(motion.robot, motion.dynamics) else 0.0,
