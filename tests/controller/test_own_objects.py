@@ -233,9 +233,11 @@ def test_estimates_rest_until_they_are_told_to_move(law):
     assert not start.adapting and not state.adapting
     assert unchanged((state.dynamic, state.kinematic), snapshot((start.dynamic, start.kinematic)))
     assert not unchanged(state.filters, snapshot(start.filters))  # they go on
-    _, moved = controller.step(state.adapt(), *samples[-1], 1e-3)
+    sample, desired = samples[-1]
+    then, later = (sample._replace(t=sample.t + k * 1e-3) for k in (1, 2))
+    _, moved = controller.step(state.adapt(), then, desired, 1e-3)
     assert moved.adapting and (moved.a_d != state.a_d).any() and (moved.a_k != state.a_k).any()
-    rested = controller.step(moved.adapt(False), *samples[-1], 1e-3)[1]
+    rested = controller.step(moved.adapt(False), later, desired, 1e-3)[1]
     assert np.array_equal(rested.a_d, moved.a_d) and np.array_equal(rested.a_k, moved.a_k)
 
 

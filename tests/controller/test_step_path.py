@@ -41,12 +41,17 @@ def test_a_step_of_the_default_law_passes_few_files(options):
     plant = pa.plants.PinocchioPlant(robot)
     velocity = 0.3 * np.random.default_rng(0).standard_normal(robot.model.nv)
     measurement = plant.measurement(robot.q0, velocity)
+
+    def sample(k):
+        """Return the arm's k-th sample, at a constant velocity."""
+        return plant.measurement(plant.integrate(robot.q0, 1e-3 * k * velocity), velocity, 1e-3 * k)
+
     still = np.zeros(3)
     desired = pa.Desired(robot.position(robot.q0), still, still)
     state = controller.init(measurement)
     for k in range(3):
-        state = controller.step(state, measurement._replace(t=1e-3 * k), desired, 1e-3)[1]
-    measurement = measurement._replace(t=3e-3)
+        state = controller.step(state, sample(k), desired, 1e-3)[1]
+    measurement = sample(3)
     entered = files_of(lambda: controller.step(state, measurement, desired, 1e-3))
     assert entered[0] == "controller/controller.py"
     assert len(set(entered)) <= FILES, sorted(set(entered))

@@ -58,9 +58,14 @@ def test_the_frame_stays_in_its_box():
 
 
 def test_an_error_that_is_too_large_is_damped():
+    reason, phases = ended(Loop(safety=Safety(error=1e-5)))
+    assert phases[1] == "damping" and "error: coordinate" in reason
+
+
+def test_a_position_that_jumps_is_damped_before_it_is_an_error():
     away = lambda arm, m: m._replace(x=m.x + 0.3)  # noqa: E731
     reason, phases = ended(Loop(faulty(away)))
-    assert phases[1] == "damping" and ("error: coordinate 1" in reason)
+    assert phases[1] == "damping" and "'x' has jumped" in reason
 
 
 def test_a_motor_that_stays_at_its_limit_is_held():

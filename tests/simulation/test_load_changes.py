@@ -142,11 +142,13 @@ def test_a_change_is_told_in_words(change, words):
 # --- the loop ---
 
 
-def loop(changes=None, beliefs=None, **options):
+def loop(changes=None, beliefs=None, guards=True, **options):
     """Return a short rollout of a z1 that carries a light load at first."""
     true = arm(payload=LIGHT)
     controller = pa.make_controller(
-        arm(inertial_scale=0.9), unknown=pa.Unknown(friction=False, armature=False)
+        arm(inertial_scale=0.9),
+        unknown=pa.Unknown(friction=False, armature=False),
+        limits=pa.Limits(guards=guards),
     )
     options = {
         "duration": 0.06,
@@ -187,14 +189,17 @@ def test_several_changes_come_in_order_of_their_time_and_a_new_tool_moves_the_ti
 
 
 def test_the_true_parameters_are_those_of_each_time():
-    rollout, plain = loop({0.03: arm(payload=HEAVY, tool_translation=TOOL)}), loop()
+    anywhere = {"position": False}  # a tool that nobody announces is refused
+    rollout = loop({0.03: arm(payload=HEAVY, tool_translation=TOOL)}, guards=anywhere)
+    plain = loop()
     value = pa.models.BodyDynamics(arm()).value
     assert plain.a_d_true.shape == (60,) and rollout.a_d_true.shape == (60, 60)
     assert np.array_equal(rollout.a_d_true[29], plain.a_d_true)
     assert np.array_equal(rollout.a_d_true[30], value(arm(payload=HEAVY)))
     assert np.allclose(rollout.a_k_true[30] - rollout.a_k_true[29], TOOL)
     assert np.isfinite(rollout.lyapunov).all()
-    assert loop({0.03: arm(link_translation={"joint3": [0.0, 0.0, 0.01]})}).a_d_true is None
+    longer = {0.03: arm(link_translation={"joint3": [0.0, 0.0, 0.01]})}
+    assert loop(longer, guards=anywhere).a_d_true is None
 
 
 def test_v_falls_on_either_side_of_a_change_and_jumps_there():

@@ -21,6 +21,11 @@ def snapshot(record: tuple) -> list[Any]:
     return [leaf if leaf is None else np.copy(leaf) for leaf in leaves(record)]
 
 
+def guarded_alike(state: pa.ControllerState) -> pa.ControllerState:
+    """Return a state without what its guards keep, to be compared with one that has none."""
+    return state._replace(sensed=state.sensed._replace(first=None, trail=np.zeros(0)))
+
+
 def unchanged(record: tuple, before: list[Any]) -> bool:
     """Tell whether a record is still what its snapshot says, to the bit."""
     return all(

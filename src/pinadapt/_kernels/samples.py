@@ -8,37 +8,227 @@ import numpy as np
 
 from .._compiled import WRONG_SIZE, compiled
 
-MOVES, STILL, FAR, FAST = 0, 1, 2, 3
+MOVES, STILL, FAR, FRAME, TURNED, FROZEN = range(6)
+JOINTS, KINDS = 8, 8  # from where on an answer names a joint: JOINTS + KINDS * joint + kind
+FAST, JUMP, SPIKE, APART, CIRCLE, BEYOND, STUCK = range(7)
+
+# Rows of bounds, one number a joint, and numbers of all joints together.
+FASTEST, TOLERANCE, MOST, SHOWN, LEAP, LOWEST, HIGHEST, CLEAR = range(8)
+SLOW, FARTHEST, LONGEST, LATE, FLOOR, UNKNOWN, STEADY, TURN, RECENTLY, ROUND = range(10)
+
+# The trail: what is kept of the samples to compare the next one with. Numbers of all joints, the
+# last frame's error (3) and coordinates (7), and then some of each joint.
+STEPPED, BAD, BRIDGED, LOST, FRAMES, STALE, REPEATED, DEAF, TORQUES, SEEN, SINCE, RECENT = range(12)
+ERROR, PLACE = 12, 15
+TRAIL = 22
+RATE, WAY, SAID, LONG_WAY, LONG_SAID, PATH, SAID_PATH, PEAK = range(8)
+Q_STILL, V_STILL, AGREED, RAW, LEAST, BELIEVED, SAGGED = range(8, 15)
+TRAIL_ROWS = 15
+SHORT, LONG = 0.05, 0.5  # [s] over which ways are summed
+_SHARE, _LONG_SHARE = 0.25, 0.5  # of the way, by which q and v may differ
+_SHAKEN, _SHOWN = 5.0, 10.0  # the path that v says: of that of q, and of the tolerance, at most
+_TELLING = 4.0  # tolerances of a way after which an arm moves, and q and v are believed
+_COUNTS = 3.0  # least changes of q, by which it clearly changes from sample to sample
+_LEARNED = 0.5  # of a frame's error, by which learning may change it
 
 
-@compiled("i8(f8[:], f8[:], f8, f8[:], f8[:], f8)", fills=0)
+@compiled(
+    "i8(f8[:], f8[:], f8[:], f8[:], f8[:], f8[:], f8, f8[:,::1], i8[::1], f8[::1], f8[::1],"
+    " f8[::1])"
+)
 def check_sample(
+    q: np.ndarray,
+    q_before: np.ndarray,
     v: np.ndarray,
-    fast: np.ndarray,
-    slow: float,
     x: np.ndarray,
     place: np.ndarray,
-    far: float,
+    p_hat: np.ndarray,
+    dt: float,
+    bounds: np.ndarray,
+    places: np.ndarray,
+    numbers: np.ndarray,
+    before: np.ndarray,
+    after: np.ndarray,
 ) -> int:
-    """Return 3 + i for the first |v_i| > fast_i, 2 for |x - place| > far, 1 for a slow arm, else 0.
+    """Return what is wrong with a sample, 1 if all joints are slow, else 0.
 
-    Slow is |v_i| < slow in all joints. NaN is neither fast nor far. place (m_p) may be shorter than
-    x, and x be empty.
+    What is wrong is 2 to 5 for x, and 8 + 8 i + kind for joint i. ``after`` becomes ``before`` with
+    the sample added; where it is empty, the sample is compared with none before. NaN is never
+    wrong. With sums that forget over T,
+
+        D = sum dq,   W = sum v dt (trapezoid),   P = sum |dq|,   P_v = sum |v dt| above a count,
+        tol = tol_0 + L min(peak |v|, v_max),
+
+    * FAST: |v| > v_fastest.   CIRCLE: cosine^2 + sine^2 is not 1.   BEYOND: q outside its range,
+      where no sample before it is known.
+    * JUMP: q is not where v brings it, |dq - v dt| > tol_0 + 2 dt min(|v|, v_max).
+    * SPIKE: v changed by more than a bound, and q went on as before; once the two have agreed over
+      a way of four tol.
+    * STUCK: q is the same to the bit, and so is v, by which q should have changed by more than
+      three times its least change so far; or v has become zero at once, and not that of all joints.
+    * APART: v is not the rate of q: |W - D| > share max(|W|, |D|) + tol, with a share of 1/4 over
+      T = 50 ms and 1/2 over 0.5 s, or P_v > 5 P + 10 tol over 0.5 s.
+    * FAR: |x - place| > far.
+    * FRAME: the error e = p_hat - x of a frame has changed by more than the unknown translations,
+      of at most ``unknown``, learning and noise explain: |de| > floor + unknown (sum |dq|) + |e|/2,
+      with the turns of all joints since the last frame and shortly before.
+    * FROZEN: x has not changed, and p_hat and the joints have moved by more than a bound.
+    * TURNED: a measured orientation has turned by more than all joints together and a bound.
+
+    Args:
+        q: (nq) configuration, of a continuous joint cosine and sine.
+        q_before: (nq) at the sample before.
+        v: (n) joint velocity [rad/s or m/s].
+        x: task coordinates, positions first, of a pose a quaternion last; empty without a frame.
+        place: (m_p) of the last joint [m].
+        p_hat: (m_p) where the model has the frame when x was taken [m]; empty: x is not compared.
+        dt: since the sample before [s]; that one is forgotten where it is long ago.
+        bounds: (8, n), see ``Guards``.
+        places: (n + 1) where each joint begins in q, and the end.
+        numbers: (10), see ``Guards``.
+        before: the trail, or empty.
+        after: the trail with this sample.
     """
-    if len(fast) != len(v):
+    n, kept, follows, short, long = len(v), len(after) > 0, False, 1.0, 1.0
+    if n > 0:
+        if bounds.shape != (CLEAR + 1, n) or len(places) != n + 1 or len(q) != places[n]:
+            raise ValueError(WRONG_SIZE)
+        if len(q_before) != len(q) or (kept and len(after) != TRAIL + TRAIL_ROWS * n):
+            raise ValueError(WRONG_SIZE)
+    if len(numbers) != ROUND + 1 or len(before) != len(after) or (kept and len(after) < TRAIL):
         raise ValueError(WRONG_SIZE)
-    resting = True
-    for i in range(len(v)):
-        speed = abs(v[i])
-        if speed > fast[i]:
-            return 3 + i
-        resting &= speed < slow
+    if kept and len(p_hat) > 0 and (len(p_hat) > 3 or (len(x) > 0 and len(x) < len(p_hat))):
+        raise ValueError(WRONG_SIZE)
+    if kept and len(p_hat) > 0 and len(x) > 7:
+        raise ValueError(WRONG_SIZE)
+    if kept:
+        follows = 0.0 <= dt <= numbers[LONGEST]
+        for k in range(TRAIL if follows and n > 0 else len(before)):
+            after[k] = before[k]
+        if dt > numbers[LONGEST]:
+            after[SEEN] = after[SINCE] = after[RECENT] = 0.0
+            for k in range(TRAIL, len(after)):
+                if (k - TRAIL) % TRAIL_ROWS not in (AGREED, LEAST):
+                    after[k] = 0.0
+    if follows and n > 0:
+        short, long = np.exp(-dt / SHORT), np.exp(-dt / LONG)
+        if dt > 0.0:
+            after[STALE] = 0.0
+        elif before[STEPPED] != 0.0:
+            after[STALE] += 1.0
+            after[REPEATED] += 1.0
+    halted = follows and dt > 0.0  # all joints stopped at once: by brakes, or in a simulation
+    for i in range(n):
+        halted = halted and v[i] == 0.0 and q[places[i]] == before[TRAIL + TRAIL_ROWS * i + RAW]
+        if not halted:
+            break
+    resting, turned, apart, fast = True, 0.0, -1, -1
+    for i in range(n):
+        now, first = v[i], places[i]
+        speed = abs(now)
+        if speed > bounds[FASTEST, i]:
+            fast = i if fast < 0 else fast
+        resting &= speed < numbers[SLOW]
+        plain = places[i + 1] - first == 1
+        if not plain and abs(q[first] ** 2 + q[first + 1] ** 2 - 1.0) > numbers[ROUND]:
+            return JOINTS + KINDS * i + CIRCLE
+        at = TRAIL + TRAIL_ROWS * i
+        if kept:
+            after[at + RATE], after[at + RAW] = now, q[first]
+        if not follows:
+            if kept and plain and (q[first] < bounds[LOWEST, i] or q[first] > bounds[HIGHEST, i]):
+                return JOINTS + KINDS * i + BEYOND
+            continue
+        if plain:
+            way = q[first] - q_before[first]
+        else:
+            way = np.arctan2(
+                q[first + 1] * q_before[first] - q[first] * q_before[first + 1],
+                q[first] * q_before[first] + q[first + 1] * q_before[first + 1],
+            )
+        rate, agreed = before[at + RATE], before[at + AGREED]
+        said = 0.5 * dt * (now + rate)  # exact for a torque that is held
+        most, tolerance = bounds[MOST, i], bounds[TOLERANCE, i]
+        leap, same = abs(now - rate) > bounds[LEAP, i], q[first] == before[at + RAW]
+        least = before[at + LEAST]
+        clear = abs(rate) > bounds[CLEAR, i] and abs(rate) * dt > _COUNTS * least > 0.0
+        if same and clear and (now == rate or (now == 0.0 and not halted)):
+            return JOINTS + KINDS * i + STUCK
+        if agreed != 0.0 and fast == i:
+            return JOINTS + KINDS * i + FAST
+        if agreed != 0.0 and leap and abs(way - rate * dt) < abs(way - now * dt):
+            return JOINTS + KINDS * i + SPIKE
+        quick = max(speed, abs(rate))
+        gate = tolerance + 2.0 * dt * (quick if quick < most else most)
+        if abs(way - said) > gate and (agreed != 0.0 or not leap):
+            return JOINTS + KINDS * i + JUMP
+        step, told = abs(way), abs(said)
+        change = abs(q[first] - before[at + RAW])
+        after[at + LEAST] = change if change > 0.0 and not 0.0 < least < change else least
+        D, W = short * before[at + WAY] + way, short * before[at + SAID] + said
+        D_l, W_l = long * before[at + LONG_WAY] + way, long * before[at + LONG_SAID] + said
+        P = long * before[at + PATH] + step
+        P_v = long * before[at + SAID_PATH] + (told if told > bounds[SHOWN, i] else 0.0)
+        peak = long * before[at + PEAK]
+        peak = speed if speed > peak else peak
+        after[at + WAY], after[at + SAID] = D, W
+        after[at + LONG_WAY], after[at + LONG_SAID] = D_l, W_l
+        after[at + PATH], after[at + SAID_PATH], after[at + PEAK] = P, P_v, peak
+        after[at + Q_STILL] = before[at + Q_STILL] + dt if same else 0.0
+        after[at + V_STILL] = before[at + V_STILL] + dt if now == rate else 0.0
+        turned += step
+        tolerance += numbers[LATE] * (peak if peak < most else most)
+        larger = max(abs(W_l), abs(D_l))
+        if (
+            abs(W - D) > _SHARE * max(abs(W), abs(D)) + tolerance
+            or abs(W_l - D_l) > _LONG_SHARE * larger + tolerance
+            or P_v > _SHAKEN * P + _SHOWN * tolerance
+        ):
+            apart = i if apart < 0 else apart
+        after[at + BELIEVED] = after[at + SAGGED] = 0.0
+        after[at + AGREED] = 1.0 if larger > _TELLING * tolerance else agreed
+    if apart >= 0:
+        return JOINTS + KINDS * apart + APART
+    if fast >= 0:
+        return JOINTS + KINDS * fast + FAST
+    if kept and n > 0:
+        after[STEPPED], after[BAD] = 1.0, 0.0
+        after[LOST] += dt if after[LOST] > 0.0 else 0.0
+        after[SINCE] += turned
+        after[RECENT] = np.exp(-dt / numbers[RECENTLY]) * before[RECENT] + turned
     square = 0.0
     for i in range(min(len(x), len(place))):
         square += (x[i] - place[i]) ** 2
-    if square > far * far:
-        return 2
-    return 1 if resting else 0
+    if square > numbers[FARTHEST] ** 2:
+        return FAR
+    answer = STILL if resting else MOVES
+    if not kept or len(p_hat) == 0 or len(x) == 0:
+        return answer
+    same, change, error, m = after[SEEN] != 0.0, 0.0, 0.0, len(p_hat)
+    for k in range(len(x)):
+        same &= x[k] == after[PLACE + k]
+    for k in range(m):
+        change += (p_hat[k] - x[k] - after[ERROR + k]) ** 2
+        error += after[ERROR + k] ** 2
+    change, turned = np.sqrt(change), after[SINCE] + after[RECENT]
+    if same:
+        moved = after[SINCE] * numbers[UNKNOWN] > numbers[STEADY]  # p_hat does not only learn
+        return FROZEN if moved and change > numbers[STEADY] else answer
+    if after[SEEN] != 0.0:
+        if change > numbers[FLOOR] + numbers[UNKNOWN] * turned + _LEARNED * np.sqrt(error):
+            return FRAME
+        if len(x) == m + 4:
+            cosine = 0.0
+            for k in range(m, len(x)):
+                cosine += x[k] * after[PLACE + k]
+            if 2.0 * np.arccos(min(abs(cosine), 1.0)) > turned + numbers[TURN]:
+                return TURNED
+    after[SEEN], after[LOST], after[SINCE] = 1.0, 0.0, 0.0
+    for k in range(len(x)):
+        after[PLACE + k] = x[k]
+    for k in range(m):
+        after[ERROR + k] = p_hat[k] - x[k]
+    return answer
 
 
 @compiled("f8(f8[:], f8[:], f8[:])", fills=0)
@@ -304,129 +494,73 @@ def path_rate(
 # then rows of n, one number a joint.
 JUDGED, TIME, EARLIER, WEIGHT, HEALTHY, MOVED, AGE, HEARD, SUSPECT = range(9)
 HEADER = 9
-WAY, SAID, SAID_PATH, PATH, PEAK, AGREED, HELD, DRIVE, FORMER, LATTER, OFFSET, SPEED = range(12)
-ROWS = 12
-NOTHING, WINDOW, TOLD, APART = 0, 1, 2, 3
-MEMORY = 0.5  # [s] over which ways are summed
-LAG = 0.01  # [s] by which q and v may be late, one of the other
-_SHARE = 0.5  # of the way, by which the two may differ
-_SHAKEN, _SHOWN = 5.0, 10.0  # the path that v says: of that of q, and of the tolerance, at most
-_TELLING = 4.0  # tolerances after which a way that agrees is believed
-_LATEST = 2.0  # [s] after the first joint that agrees
+TRAVEL, HELD, DRIVE, FORMER, LATTER, OFFSET = range(6)
+ROWS = 6
+NOTHING, WINDOW, TOLD = 0, 1, 2
+_LATEST = 2.0  # [s] after it has begun to
 _LONGEST = 60.0  # [s]
 _STILL = 0.02  # of tol_0, a change of way in half a window that need not be judged
-_ROUND = 1e-9  # [s]
+_BRIEF = 1e-9  # [s]
 
 
-@compiled("i8(f8[:], f8[:], f8[:], f8, f8[:,:], i8[:], f8, f8, f8[:], f8[:])")
+@compiled("i8(f8[:], f8, f8[:], f8, f8, f8[:], f8[:])")
 def first_samples(
-    q: np.ndarray,
-    q_before: np.ndarray,
     v: np.ndarray,
     dt: float,
-    bounds: np.ndarray,
-    places: np.ndarray,
+    tolerance: np.ndarray,
     longest: float,
     half: float,
     before: np.ndarray,
     after: np.ndarray,
 ) -> int:
-    """Compare v with the rate of q, joint by joint, and add the sample to the sums.
+    """Add a sample to the window in which gravity is judged.
 
-    The answer is 3 + i if the v of joint i is not the rate of its q; else 1 if a window is over in
-    which the arm's speed has changed, 2 if nothing is left to check, and 0 if neither. ``after``
-    becomes ``before`` with the sample added. For each joint, with sums that forget over 0.5 s,
-
-        D = sum dq,   W = sum v dt,   P = sum |dq|,   P_v = sum |v dt| of what a count shows.
-
-    A v that is the rate of q, both late by up to L = 10 ms, and up to a half too large or small,
-    has |W - D| <= max(|W|, |D|) / 2 + tol, with tol = tol_0 + L min(|v|, v_max), and
-    P_v <= 5 P + 10 tol.
+    The answer is 1 if a window is over in which the arm's speed has changed, 2 if nothing is left
+    to judge, two seconds after the arm has begun to move or after a minute, and 0 if neither.
+    ``after`` becomes ``before`` with the sample added.
 
     Args:
-        q: (nq) configuration, of a continuous joint cosine and sine.
-        q_before: (nq) at the sample before.
         v: (n) joint velocity [rad/s or m/s].
-        dt: time since that sample [s]; nothing is learned from none, or from a long one.
-        bounds: (3, n) tol_0 [rad or m], v_max [rad/s or m/s], and the smallest way that an encoder
-            shows [rad or m].
-        places: (n + 1) where each joint begins in q, and the end.
+        dt: time since the sample before [s]; nothing is learned from none, or from a long one.
+        tolerance: (n) tol_0 of ``check_sample`` [rad or m].
         longest: time [s] from which on a sample does not follow the one before.
         half: of the window [s].
         before: what the samples before have told.
         after: the same with this one.
     """
     n = len(v)
-    if len(places) != n + 1 or len(q) != places[n] or len(q_before) != len(q):
-        raise ValueError(WRONG_SIZE)
-    if bounds.shape != (3, n) or len(before) != HEADER + ROWS * n:
-        raise ValueError(WRONG_SIZE)
-    if len(after) != len(before):
+    if len(tolerance) != n or len(before) != HEADER + ROWS * n or len(after) != len(before):
         raise ValueError(WRONG_SIZE)
     for k in range(len(before)):
         after[k] = before[k]
     if not dt > 0.0:
         return NOTHING
     if dt > longest:
-        for k in range(len(after)):
-            row = (k - HEADER) // n
-            if TIME <= k <= WEIGHT or (k >= HEADER and row != AGREED):
+        for k in range(TIME, len(after)):
+            if k <= WEIGHT or k >= HEADER:
                 after[k] = 0.0
         for i in range(n):
-            after[HEADER + SPEED * n + i] = v[i]
             after[HEADER + HELD * n + i] = np.nan
         return NOTHING
     after[AGE] += dt
-    keep = np.exp(-dt / MEMORY)
-    apart, agreed, some = -1, True, False
+    keep, some = np.exp(-dt / LONG), after[MOVED] > 0.0
     for i in range(n):
-        first = places[i]
-        if places[i + 1] - first == 1:
-            way = q[first] - q_before[first]
-        else:
-            way = np.arctan2(
-                q[first + 1] * q_before[first] - q[first] * q_before[first + 1],
-                q[first] * q_before[first] + q[first + 1] * q_before[first + 1],
-            )
-        at = HEADER + i
-        said = 0.5 * dt * (v[i] + before[at + SPEED * n])  # exact for a torque that is held
-        after[at + SPEED * n] = v[i]
-        after[at + WAY * n] = D = keep * before[at + WAY * n] + way
-        after[at + SAID * n] = W = keep * before[at + SAID * n] + said
-        shown = abs(said) if abs(said) > bounds[2, i] else 0.0
-        after[at + SAID_PATH * n] = P_v = keep * before[at + SAID_PATH * n] + shown
-        after[at + PATH * n] = P = keep * before[at + PATH * n] + abs(way)
-        after[at + PEAK * n] = peak = max(keep * before[at + PEAK * n], abs(v[i]))
-        if before[at + AGREED * n] == 0.0:
-            tolerance = bounds[0, i] + LAG * min(peak, bounds[1, i])
-            most = max(abs(W), abs(D))
-            if abs(W - D) > _SHARE * most + tolerance or P_v > _SHAKEN * P + _SHOWN * tolerance:
-                apart = i if apart < 0 else apart
-            elif most > _TELLING * tolerance:
-                after[at + AGREED * n] = 1.0
-        told = after[at + AGREED * n] != 0.0
-        agreed &= told
-        some |= told
-    if apart >= 0:
-        return APART + apart
+        at = HEADER + TRAVEL * n + i
+        after[at] = keep * before[at] + dt * v[i]
+        some |= abs(after[at]) > _TELLING * tolerance[i]
     if some:
         after[MOVED] += dt
-    if after[MOVED] > _LATEST:
-        after[JUDGED] = 0.0
-        for i in range(n):
-            after[HEADER + AGREED * n + i] = 1.0
-        agreed = True
-    if after[AGE] > _LONGEST or (agreed and after[JUDGED] == 0.0):
+    if after[MOVED] > _LATEST or after[AGE] > _LONGEST or after[JUDGED] == 0.0:
         return TOLD
-    if after[JUDGED] == 0.0 or np.isnan(after[HEADER + HELD * n]):
+    if np.isnan(after[HEADER + HELD * n]):
         return NOTHING
-    if before[TIME] > 2.0 * half - _ROUND:  # the next window
+    if before[TIME] > 2.0 * half - _BRIEF:  # the next window
         after[TIME] = after[EARLIER] = after[WEIGHT] = 0.0
-        for k in range(HEADER + DRIVE * n, HEADER + SPEED * n):
+        for k in range(HEADER + DRIVE * n, HEADER + ROWS * n):
             after[k] = 0.0
     time = after[TIME] + 0.5 * dt
     weight = dt * max(min(time, 2.0 * half - time), 0.0)
-    earlier = after[TIME] < half - _ROUND
+    earlier = after[TIME] < half - _BRIEF
     row = FORMER if earlier else LATTER
     for i in range(n):
         after[HEADER + DRIVE * n + i] += weight * after[HEADER + HELD * n + i]
@@ -434,11 +568,11 @@ def first_samples(
     after[TIME] += dt
     after[EARLIER] += dt if earlier else 0.0
     after[WEIGHT] += weight
-    if after[TIME] < 2.0 * half - _ROUND:
+    if after[TIME] < 2.0 * half - _BRIEF:
         return NOTHING
     moved = after[HEARD] + after[SUSPECT] > 0.0
     for i in range(n):
         latter, former = after[HEADER + LATTER * n + i], after[HEADER + FORMER * n + i]
         change = latter / (after[TIME] - after[EARLIER]) - former / after[EARLIER]
-        moved |= abs(change) * half > _STILL * bounds[0, i]
+        moved |= abs(change) * half > _STILL * tolerance[i]
     return WINDOW if moved else NOTHING

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._kernels import samples as kernels
 from ..adaptation.adaptation import Adaptation
 from ..exceptions import ParameterError
 from ..laws.law import Law
@@ -77,7 +78,12 @@ def announced_state(
         return state
     a_k = _with_tool(controller.kinematics, nominal.unloaded, state.a_k, tool_translation)
     a_k = controller.adaptation_k.validate(a_k)
-    return state._replace(kinematic=controller.adaptation_k.reset_to(state.kinematic, a_k, a_k))
+    trail = state.sensed.trail.copy()
+    trail[kernels.SEEN : kernels.SEEN + 1] = 0.0  # the next frame is that of another tool
+    return state._replace(
+        kinematic=controller.adaptation_k.reset_to(state.kinematic, a_k, a_k),
+        sensed=state.sensed._replace(trail=trail),
+    )
 
 
 def _loaded(

@@ -10,10 +10,11 @@ from types import EllipsisType
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from numpy import empty
 from numpy.typing import ArrayLike
 
-from .._checks import shown
+from .._checks import positive, shown
 from .._compiled import compile_all
 from .._kernels import samples as kernels
 from .._output import Sheet, Table
@@ -41,6 +42,10 @@ from .sensing import Guards, Senses
 from .state import ControllerState
 
 _FLOAT, _HELD = np.dtype(float), Frozen()
+_SHORT = 1e-3  # [s] period of a controller that has none
+_LONGEST = 10.0  # periods between two samples
+_SPRING = 0.5  # of the torque limits, that a spring of an arm at rest may take
+_DAMPED = 0.3  # of its speed that a joint loses in a period, at most
 
 
 class Controller:
@@ -85,8 +90,7 @@ class Controller:
         self.law, self.kinematics, self.dynamics = law, kinematics, dynamics
         self.adaptation_k, self.adaptation_d = adaptation_k, adaptation_d
         self.limits = ControllerLimits() if limits is None else limits
-        everything = Guards(np.full(kinematics.nv, np.inf))
-        self.senses = Senses(everything) if senses is None else senses
+        self.senses = Senses(Guards.none(kinematics.nv)) if senses is None else senses
         self.sensors = self.senses.sensors
         self.motion, self.period, self.nominal = motion, period, nominal
         self.compensation = compensation
@@ -102,16 +106,19 @@ class Controller:
             kinematics, dynamics, adaptation_k, adaptation_d, nothing, nothing
         )
         self._alone = Lock()  # for a thread that uses the scratch
+        self._data = kinematics.robot.model.createData()
         compile_all()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Copy all but the lock."""
-        return {name: value for name, value in vars(self).items() if name != "_alone"}
+        """Copy all but lock and scratch."""
+        own = ("_alone", "_data")
+        return {name: value for name, value in vars(self).items() if name not in own}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Have the kernels compiled where a copy arrives in a new process."""
         self.__dict__.update(state)
         self._alone = Lock()
+        self._data = self.kinematics.robot.model.createData()
         compile_all()
 
     def __repr__(self) -> str:
@@ -307,6 +314,8 @@ class Controller:
             raise _used_by_another_thread()
         try:
             s, sensed, elapsed = self._observe(state, measurement, desired, dt)
+            if not elapsed:  # the time of the sample before
+                s.adapting = False
             model = self._model(state, s, elapsed)
             torque, drives = self.sent(s, self.law.command(s, model))
             dynamic = model.adaptation_d.step(model.dynamic, drives.dynamic, elapsed)
@@ -334,6 +343,78 @@ class Controller:
             s.t, dynamic, kinematic, s.a_0, filters, state.adapting, state.load, sensed,
             torque_filter, path,
         )  # fmt: skip
+
+    def safe(
+        self,
+        state: ControllerState,
+        measurement: Measurement | None = None,
+        *,
+        damping: float = 30.0,
+        hold: bool = True,
+    ) -> tuple[np.ndarray, ControllerState]:
+        """Return the torque (n) that brings the arm to rest [N m or N], and the next state.
+
+        Gravity by the estimate, damping, and springs that keep what the estimate has wrong from
+        moving the arm far:
+
+            tau = g(q; a_d) - diag(M(q)) (damping v + (damping / 2)^2 (q - q_0)),
+
+        with M of the description, q_0 where it was called with ``hold`` first, and springs of at
+        most half of the torque limits.
+
+        For an arm whose ``step`` was refused: it needs no x, and of q and v only what can be
+        believed, joint by joint: while both follow from the sample before, both; differences of q
+        where v does not; the integral of v where q does not, or is stuck; where neither does, or
+        without a measurement, the motion of an arm that is damped. Hand the state on from sample to
+        sample, as soon as one was refused. The estimates rest; to go on, begin with ``init`` and
+        ``a_d=state.a_d``, or after a single refused sample with ``step`` and the state before it.
+
+        A joint of which nothing is measured is braked by the model alone, and may move on. This is
+        no emergency stop, which needs no sensor.
+
+        Args:
+            state: the last one, of ``init``, ``step`` or ``safe``.
+            measurement: whatever there is of the sample; None: nothing came.
+            damping: rate at which a joint alone loses its speed [1/s]; less where the period of the
+                controller is long.
+            hold: whether there are springs; not for an arm that is moved by hand.
+
+        Raises:
+            InputError: the state is that of another controller, another thread is using this one,
+                or a damping that is negative.
+        """
+        damping = positive(damping, "damping", zero=True)
+        if not self._alone.acquire(blocking=False):
+            raise _used_by_another_thread()
+        try:
+            self._inputs.state(state)
+            t = math.nan if measurement is None else self._inputs.time(measurement.t)
+            period = self.period if math.isfinite(self.period) else _SHORT
+            elapsed = t - state.t
+            dt = elapsed if 0.0 < elapsed <= _LONGEST * period else period
+            damping = min(damping, _DAMPED / period)
+            model, dynamics = self.kinematics.robot.model, self.dynamics
+            sensed = self.senses.believed(state.sensed, measurement, dt, damping, model)
+            zero = np.zeros(model.nv)
+            dynamics.load(state.a_d)
+            torque = np.array(dynamics.torque(sensed.q, zero, zero))
+            inertia, limits = np.diag(pin.crba(model, self._data, sensed.q)), self.limits.torque
+            torque -= damping * inertia * sensed.v
+            sagged = self.senses.sagged(sensed)
+            if hold:
+                spring = 0.25 * damping**2 * inertia * sagged
+                most = math.inf if limits is None else _SPRING * limits
+                torque -= np.clip(spring, -most, most)
+            else:
+                sagged[:] = 0.0
+        finally:
+            self._alone.release()
+        if limits is not None:
+            torque = np.clip(torque, -limits, limits)
+        if self.compensation is not None:
+            torque = torque - self.compensation(sensed.q)
+        later = t if t > state.t else state.t + dt
+        return torque, state._replace(t=later, sensed=sensed)
 
     def _governed(
         self,
@@ -450,10 +531,12 @@ class Controller:
         senses, kinematics, dynamics = self.senses, self.kinematics, self.dynamics
         t_before, dynamic, kinematic, a_0, filters, adapting, _, before, torque_filter, _ = state
         task, a_k, (x_d, xd_d, xdd_d) = kinematics.task, kinematic.value, desired
-        t, elapsed = measurement.t, 0.0
+        t, elapsed, since = measurement.t, 0.0, None
         if dt is not ...:
-            elapsed = senses.guards.elapsed(t_before, t, dt, self.period)
-        sensed, still = senses.read(
+            guards = senses.guards
+            elapsed = guards.elapsed(t_before, t, dt, self.period, before.trail)
+            since = t - t_before if guards.clock else elapsed
+        sensed, still, measurement = senses.read(
             before,
             t_before,
             measurement,
@@ -461,9 +544,9 @@ class Controller:
             kinematics,
             a_k,
             self._position_error,
-            dt is not ...,
+            since,
         )
-        q, v, x, epsilon, X_k, _, _, _ = sensed
+        q, v, x, epsilon, X_k, _, _, _, _ = sensed
         a_d = dynamic.value
         if self._projects:
             a_d = self.adaptation_d.project(dynamic, q)

@@ -1,7 +1,8 @@
-"""What the first samples must agree with: joint limits, model, the rate of q, gravity.
+"""What the first samples must agree with: joint limits, model, gravity.
 
-A wrong unit, sign, order or frame shows where the arm starts, or as soon as it moves, and costs
-nothing once it has moved as it should.
+A wrong unit, order or frame shows where the arm starts, gravity that is added twice or not at all
+as soon as it moves; once it has moved as it should, they cost nothing. What every sample must agree
+with is in ``sensing``.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from .._kernels import samples as kernels
-from ..description.chain import is_slide, position_limits, velocity_limits
+from ..description.chain import is_slide, position_limits
 from ..exceptions import ImplausibleError
 from ..models.task_kinematics import TaskKinematics
 from ..records import Sensors
@@ -32,8 +33,6 @@ _UNITS = {"millimetres": 1000.0, "centimetres": 100.0}
 _UNEXPLAINED = 0.25  # of the reach, by which x may be where no unknown explains it
 _TURNED = math.radians(30.0)  # of a measured orientation against that of the model
 _TIGHT = 0.1  # of the reach: an order of joints that would fit
-_STEADY = 5e-3  # [rad, or of the reach for slides] by which sums of v and of dq may differ
-_FASTER = 2.0  # of the velocity limits
 _NOISE = 5.0  # standard deviations
 _WINDOW, _PERIODS = 0.012, 12  # [s] and periods, in which gravity is judged
 _LONGEST_HALF, _VISIBLE = 0.025, 0.1  # [s], and share of gravity below which noise stays
@@ -42,11 +41,8 @@ _SURE = 0.95  # thresholds above it are never reached
 _ASIDE = 0.5  # of what looks like gravity, that may be something else
 _HEALTHY, _WINDOWS = 0.5, 3.0  # share, and windows below it after which all is well
 _MEASURED = 0.7  # of gravity, by which a measured torque differs from the one sent
-_SHARE = 0.5  # of a way, which v and q may differ by
-_CLEARLY = 3.0  # times further
 _WEIGHTLESS = 0.5  # [rad/s^2 or m/s^2], accelerations by gravity that tell nothing
 _LIGHT, _HEAVY, _LOAD = 2.0 / 3.0, 1.5, 0.3  # what inertias and load may be, of those of the model
-_OTHER = 0.25  # by which a known factor may be missed
 _SWITCH = "limits=pa.Limits(guards={{'{}': False}}) switches this check off."
 
 
@@ -66,9 +62,6 @@ class FirstSamples:
 
     Position: x may be as far from x_hat(q) as the box of the unknown translations allows, and a
     quarter of the reach; a measured orientation may be off by 30 degrees.
-
-    Differences: see the kernel ``first_samples``; tol_0 is 5 mrad (of the reach for slides), two
-    counts, and five deviations of the noise.
 
     Gravity: with the arm's own gravity torque g_a(q) and the model's M, C and g without anything
     learned, each window of 12 ms (twelve periods, or up to
@@ -91,11 +84,10 @@ class FirstSamples:
         position, limits: whether these are checked.
         box: (2, p) of the kinematic estimates [m].
         noise: of a measured position [m].
-        bounds, places, longest, half: of the kernel ``first_samples``.
+        tolerance, longest, half: of the kernel ``first_samples``.
         gravity: g_a of q (nq), or None to leave gravity alone.
         declared: whether the arm is said to add it.
         acceleration: (n) standard deviation of dv/dt over a window [rad/s^2 or m/s^2].
-        differences: whether v is compared with q.
         held: where in what is remembered the torque (n) stands that is held from the last sample
             on [N m or N]; NaN while it is unknown.
     """
@@ -105,24 +97,21 @@ class FirstSamples:
     limits: bool
     box: np.ndarray
     noise: float
-    bounds: np.ndarray
-    places: np.ndarray
+    tolerance: np.ndarray
     longest: float
     half: float
     gravity: Compensation | None
     declared: bool
     acceleration: np.ndarray
-    differences: bool
     held: slice
 
     def init(
-        self, q: np.ndarray, v: np.ndarray, x: np.ndarray | None, kinematics: TaskKinematics
+        self, q: np.ndarray, x: np.ndarray | None, kinematics: TaskKinematics
     ) -> np.ndarray | None:
         """Return what there is to remember of the first samples, None for nothing.
 
         Args:
             q: (nq) the first configuration.
-            v: (n) the first joint velocity [rad/s or m/s].
             x: the first task coordinates, or None.
             kinematics: updated to the sample.
 
@@ -133,15 +122,10 @@ class FirstSamples:
             raise ImplausibleError("q", q, flaw, hint=_SWITCH.format("limits"))
         if self.position and x is not None and kinematics.positions and kinematics.anchored:
             self._check_place(q, x, kinematics)
-        if not self.differences and self.gravity is None:
+        if self.gravity is None:
             return None
-        n = self.robot.model.nv
-        first = np.zeros(kernels.HEADER + kernels.ROWS * n)
-        first[self.held] = np.nan
-        first[kernels.JUDGED] = float(self.gravity is not None)
-        _row(first, kernels.SPEED, n)[:] = v
-        if not self.differences:
-            _row(first, kernels.AGREED, n)[:] = 1.0
+        first = np.zeros(kernels.HEADER + kernels.ROWS * self.robot.model.nv)
+        first[self.held], first[kernels.JUDGED] = np.nan, 1.0
         return first
 
     def explained(self, kinematics: TaskKinematics) -> float:
@@ -231,66 +215,25 @@ class FirstSamples:
             first[kernels.HEARD] = 1.0
             _row(first, kernels.OFFSET, n)[:] += elapsed * (tau - first[self.held])
 
-    def judge(
-        self, found: int, first: np.ndarray, q: np.ndarray, v: np.ndarray
-    ) -> np.ndarray | None:
+    def judge(self, found: int, first: np.ndarray, q: np.ndarray) -> np.ndarray | None:
         """Return what to remember from now on, after what the kernel found; None when all is told.
 
         Args:
             found: not 0.
             first: what is remembered, to be changed.
             q: (nq) configuration.
-            v: (n) joint velocity [rad/s or m/s].
 
         Raises:
-            ImplausibleError: v is not the rate of q, or the arm adds its gravity torque although it
-                was not said, or the reverse.
+            ImplausibleError: the arm adds its gravity torque although it was not said, or the
+                reverse.
         """
-        if found >= kernels.APART:
-            raise self._apart(found - kernels.APART, first, v)
-        if found == kernels.TOLD:
+        if found == kernels.TOLD or not first[kernels.HEALTHY] < _WINDOWS:
             return None
-        if self.gravity is None or not first[kernels.HEALTHY] < _WINDOWS:
-            first[kernels.JUDGED] = 0.0
-            return first
+        assert self.gravity is not None  # else nothing is remembered
         seen = self._gravity_share(first, q, self.gravity(q))
         first[kernels.SUSPECT] = float(seen.suspect)
         first[kernels.HEALTHY] += seen.share < _HEALTHY
         return first
-
-    def ratio(self, first: np.ndarray, i: int) -> str:
-        """Return by what factor the velocity of a joint i says more than its position, if it does.
-
-        Args:
-            first: what is remembered.
-            i: index of the joint.
-        """
-        model, n = self.robot.model, self.robot.model.nv
-        said = float(_row(first, kernels.SAID_PATH, n)[i])
-        way = float(_row(first, kernels.PATH, n)[i])
-        if said <= _CLEARLY * way:
-            return ""
-        unit = "m" if is_slide(model.joints[i + 1]) else "rad"
-        words, guess = _named_factor(way, said, unit)
-        return f" q moved by {way:.3g} {unit} and v says {said:.3g} {unit}{words}: {guess}"
-
-    def _apart(self, i: int, first: np.ndarray, v: np.ndarray) -> ImplausibleError:
-        """Return the error of a joint i whose velocity is not the rate of its position."""
-        model, n = self.robot.model, self.robot.model.nv
-        rows = (kernels.WAY, kernels.SAID, kernels.SAID_PATH, kernels.PATH)
-        way, said, said_path, path = (float(_row(first, row, n)[i]) for row in rows)
-        if abs(said - way) < _SHARE * max(abs(said), abs(way)):  # the paths tell
-            way, said = path, said_path
-        unit = "m" if is_slide(model.joints[i + 1]) else "rad"
-        words, guess = _named_factor(way, said, unit)
-        return ImplausibleError(
-            "v",
-            v,
-            f"is not the rate of q: joint '{model.names[i + 1]}' moved by {way:.3g} {unit} and v "
-            f"says {said:.3g} {unit}{words}",
-            guess,
-            f"v is dq/dt of the joints, in rad/s and m/s. {_SWITCH.format('differences')}",
-        )
 
     def _gravity_share(self, first: np.ndarray, q: np.ndarray, own: np.ndarray) -> _Seen:
         """Return the share of the gravity in question that a window shows.
@@ -406,6 +349,7 @@ def make_first_samples(
     *,
     unloaded: Robot,
     on: Mapping[str, bool],
+    tolerance: np.ndarray,
     box: np.ndarray,
     sensors: Sensors,
     compensation: Compensation | None,
@@ -417,6 +361,7 @@ def make_first_samples(
         robot: the nominal robot.
         unloaded: without the load announced at first.
         on: whether a guard is on, by name.
+        tolerance: (n) of ways [rad or m], see ``Guards``.
         box: (2, p) of the kinematic estimates [m].
         sensors: of the robot.
         compensation: what the arm is said to add to the torques sent, or None.
@@ -424,14 +369,6 @@ def make_first_samples(
     """
     model, n = robot.model, robot.model.nv
     counts = np.broadcast_to(np.asarray(sensors.encoder, dtype=float), n)
-    noise = sensors.deviation("q") + sensors.deviation("v") * math.sqrt(dt * kernels.MEMORY)
-    slides = np.array([is_slide(joint) for joint in model.joints[1:]])
-    scale = np.where(slides, min(1.0, robot.reach), 1.0)
-    bounds = np.stack([
-        _STEADY * scale + 2.0 * counts + _NOISE * noise,
-        _FASTER * velocity_limits(model),
-        np.maximum(2.0 * counts, 0.15 * _STEADY * scale),
-    ])  # fmt: skip
     gravity: Compensation | None = None
     if on["gravity"] and (np.any(model.gravity.linear) or compensation is not None):
         gravity = Gravity(unloaded) if compensation is None else compensation
@@ -444,14 +381,12 @@ def make_first_samples(
         limits=on["limits"],
         box=box,
         noise=sensors.deviation("x"),
-        bounds=bounds,
-        places=np.array([joint.idx_q for joint in model.joints[1:]] + [model.nq], dtype=np.int64),
+        tolerance=tolerance,
         longest=10.5 * dt,
         half=half,
         gravity=gravity,
         declared=compensation is not None,
         acceleration=acceleration,
-        differences=on["differences"],
         held=slice(kernels.HEADER + kernels.HELD * n, kernels.HEADER + (kernels.HELD + 1) * n),
     )
 
@@ -526,7 +461,8 @@ def misfit(model: pin.Model, q: np.ndarray) -> str | None:
 
 def _misfit(model: pin.Model, q: np.ndarray) -> str | None:
     """Return which joint is where it cannot be, or None."""
-    lower, upper = position_limits(model)
+    lower, upper = limit_margins(model)
+    stated = position_limits(model)
     for joint in model.joints[1:]:
         i, at = joint.idx_v, joint.idx_q
         name, slide = model.names[joint.id], is_slide(joint)
@@ -539,19 +475,27 @@ def _misfit(model: pin.Model, q: np.ndarray) -> str | None:
                     f"sine, and ({q[at]:.4g}, {q[at + 1]:.4g}) are those of no angle"
                 )
             continue
-        low, high = float(lower[i]), float(upper[i])
-        if math.isinf(low):
-            most = _MOST_SLIDE if slide else _MOST
-            if abs(q[at]) > most:
-                return f"is implausible: joint '{name}' at {q[at]:.4g} {unit}, over {most:.4g}"
+        low, high = float(stated[0][i]), float(stated[1][i])
+        if lower[i] <= q[at] <= upper[i]:
             continue
-        margin = (_BEYOND_SLIDE if slide else _BEYOND) + _BEYOND_RANGE * (high - low)
-        if not low - margin <= q[at] <= high + margin:
-            return (
-                f"is out of the joint limits: joint '{name}' at {q[at]:.4g} {unit}, limits "
-                f"{low:.4g} to {high:.4g}"
-            )
+        if math.isinf(low):
+            return f"is implausible: joint '{name}' at {q[at]:.4g} {unit}, over {upper[i]:.4g}"
+        return (
+            f"is out of the joint limits: joint '{name}' at {q[at]:.4g} {unit}, limits "
+            f"{low:.4g} to {high:.4g}"
+        )
     return None
+
+
+def limit_margins(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lowest and highest q (n) at which a joint may stand [rad or m]."""
+    low, high = position_limits(model)
+    slides = np.array([is_slide(joint) for joint in model.joints[1:]])
+    stated = np.isfinite(low)
+    beyond, most = np.where(slides, _BEYOND_SLIDE, _BEYOND), np.where(slides, _MOST_SLIDE, _MOST)
+    with np.errstate(invalid="ignore"):
+        margin = beyond + _BEYOND_RANGE * (high - low)
+    return np.where(stated, low - margin, -most), np.where(stated, high + margin, most)
 
 
 def _orders(robot: Robot | pin.Model) -> dict[str, np.ndarray]:
@@ -566,30 +510,6 @@ def _orders(robot: Robot | pin.Model) -> dict[str, np.ndarray]:
     if (rank != np.arange(len(names))).any():
         orders = {"the alphabetical one, of ROS,": rank, **orders}
     return orders
-
-
-def _named_factor(way: float, said: float, unit: str) -> tuple[str, str]:
-    """Return the ratio of a way as v says it and one as q says it, and what may cause it."""
-    known = {
-        180.0 / math.pi: "degrees/s{}? v * pi / 180 would fit",
-        math.pi / 180.0: "is q in degrees? q * pi / 180 would fit",
-        30.0 / math.pi: "turns a minute{}?",
-        1.0: "the wrong sign?",
-    }
-    if unit == "m":
-        known = {1e3: "mm/s{}? v / 1000 would fit", 1e-3: "is q in mm?", 1.0: "the wrong sign?"}
-    for value, words in known.items():
-        factor = said / way if way else math.inf
-        if value == 1.0 and factor > 0.0:
-            continue
-        if abs(abs(factor) / value - 1.0) < (_OTHER if value != 1.0 else 2.0 * _OTHER):
-            sign = ", and of the wrong sign" if factor < 0.0 else ""
-            return f", {factor:.3g} times as far", words.format(sign)
-    if abs(said) < 0.1 * abs(way):
-        return "", "v stuck at zero, or of another joint?"
-    if abs(way) < 1e-3 * abs(said):
-        return "", "q stuck, or v of another joint?"
-    return f", {said / way:.3g} times as far", "late, or at the motor, before a gear?"
 
 
 def _angle(error: np.ndarray) -> float:

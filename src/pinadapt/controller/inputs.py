@@ -118,6 +118,13 @@ class InputCheck:
         w = None if w is None else _array(w, self._v, "w")
         return Measurement(_number(t, "t"), q, v, x, x_time, xd, a, tau, w)
 
+    def time(self, given: Any) -> float:
+        """Return a time [s], NaN if it is none."""
+        try:
+            return _number(given, "t")
+        except MeasurementError:
+            return math.nan
+
     def torque(self, given: Any) -> np.ndarray | None:
         """Return a measured torque (n) as an array of finite floats, None as it is.
 

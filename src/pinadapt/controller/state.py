@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .._kernels import samples as kernels
 from ..adaptation.adaptation import Estimate
 from ..models.delay_compensation import SensedState
 from ..records import Desired, Measurement
@@ -14,6 +15,30 @@ from ..robot.changes import Payload
 from .governor import PathTime
 
 _NOTHING = SensedState(np.zeros(0), np.zeros(0))
+
+
+class Bridged(NamedTuple):
+    """How many samples were replaced by a prediction, because they did not follow from the others.
+
+    Attributes:
+        joints: samples of q or v.
+        frames: frames of the camera, taken for missing ones.
+        torques: measured torques, taken for those that were sent.
+        times: samples with the time of the one before, in which no time was taken to pass.
+    """
+
+    joints: int = 0
+    frames: int = 0
+    torques: int = 0
+    times: int = 0
+
+    @classmethod
+    def of(cls, trail: np.ndarray) -> Bridged:
+        """Return the numbers in the trail of a state."""
+        if not trail.size:
+            return cls()
+        places = (kernels.BRIDGED, kernels.FRAMES, kernels.TORQUES, kernels.REPEATED)
+        return cls(*(int(trail[place]) for place in places))
 
 
 class ControllerState(NamedTuple):
@@ -54,6 +79,11 @@ class ControllerState(NamedTuple):
     def a_k(self) -> np.ndarray:
         """The kinematic estimate (p_k) [m]."""
         return self.kinematic.value
+
+    @property
+    def bridged(self) -> Bridged:
+        """How many samples were replaced by a prediction since the start."""
+        return Bridged.of(self.sensed.trail)
 
     def adapt(self, adapting: bool = True) -> ControllerState:
         """Return this state with estimates that move from now on, or rest."""

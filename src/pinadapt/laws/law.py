@@ -72,8 +72,8 @@ class EstimatedModel:
     stop_on_divergence: bool = True
 
     def dynamic_rate(self, drive: Drive) -> np.ndarray:
-        """Return da_d/dt (p_d) under a drive, its mean over dt."""
-        if self.dt is None:
+        """Return da_d/dt (p_d) under a drive, its mean over dt if that is not zero."""
+        if not self.dt:
             return self.adaptation_d.rate(self.dynamic, drive).value
         after = self.adaptation_d.step(self.dynamic, drive, self.dt)
         return np.asarray((after.value - self.dynamic.value) / self.dt)

@@ -62,6 +62,8 @@ class SensedState(NamedTuple):
         frame: the last frame of the camera; None if x was measured at this sample.
         history: (t, q) of the samples since the last frame was taken, oldest first.
         first: what the first samples have told, see ``FirstSamples``; None once they have told all.
+        trail: of the samples, with which the next one is compared, see the kernel ``check_sample``;
+            empty: it is not.
     """
 
     q: np.ndarray
@@ -72,6 +74,7 @@ class SensedState(NamedTuple):
     frame: Frame | None = None
     history: tuple[tuple[float, np.ndarray], ...] = ()
     first: np.ndarray | None = None
+    trail: np.ndarray = _EMPTY
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,6 @@ from types import FrameType
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from .._checks import instance, positive, vector
 from .._compiled import one_blas_thread
@@ -296,8 +295,7 @@ class RealtimeLoop:
         self._slowness = positive(slowness, "slowness")
         self._scheduling = Scheduling() if scheduling is None else scheduling
         self._say = say if say is not None else _print
-        self._model = model = kinematics.robot.model
-        self._data, n = model.createData(), model.nv
+        n = kinematics.robot.model.nv
         self._zero, self._still = np.zeros(n), np.zeros(kinematics.task.size)
         self._sent = np.zeros(n)
         self._given: np.ndarray | None = None
@@ -376,8 +374,7 @@ class RealtimeLoop:
             self._checks.limited(torque, self._zero, self._facts.period)
             self._checks.of_arm(sample, self._facts.period)
             self._watched(sample, self._facts.period, warm, desired, torque, torque)
-            self._gravity(sample, state)
-            self._damping(sample, 1.0)
+            controller.safe(warm, sample, damping=self.safety.damping)
         self._checks = Checklist(self.safety, controller, self._facts)
         gc.collect()
         gc.disable()
@@ -390,7 +387,8 @@ class RealtimeLoop:
             m = m._replace(x=first.x)  # the arm rests, so a frame of before is one of now
         self._begin = self._t = m.t
         self._state = controller.init(m, **self._start).adapt(self._adapting)
-        self._sent = self._gravity(m, self._state)  # what holds the arm as the brakes have held it
+        # what holds the arm as the brakes have held it
+        self._sent, _ = controller.safe(self._state, m, damping=0.0)
         self._enter(Phase.RUNNING, f"stage '{self.stage.value}'")
         return m
 
@@ -486,13 +484,13 @@ class RealtimeLoop:
             return None
         torque: np.ndarray | None = None
         if self._phase is Phase.RUNNING and self.stage is Stage.GRAVITY:
-            torque = self._gravity(m, self._state) - self._damping(m, _FREE)
+            torque = self._safe(m, _FREE, hold=False)
         elif self._phase in (Phase.RUNNING, Phase.HOLDING):
             torque = self._controlled(m, dt)
         if self._phase is Phase.DAMPING:
-            torque = self._gravity(m, self._state) - self._damping(m, self.safety.damping)
+            torque = self._safe(m, self.safety.damping)
             torque += self._checks.unexplained  # of a load that is not learned: it does not sink
-            self._until_rest(m)
+            self._until_rest()
         if self._phase is Phase.HOLDING and not self._halted:
             self._quiet += 1
             if self._quiet * self._facts.period > _HOLD:
@@ -557,21 +555,16 @@ class RealtimeLoop:
         motor = torque if added is None else torque + added(m.q)
         return self._checks.of_motion(m, dt, x, dx, self._age, motor, given, state.a_d)
 
-    def _gravity(self, m: Measurement, state: ControllerState | None) -> np.ndarray:
-        """Return the torque (n) that holds the arm at rest by what is learned, to be sent."""
-        dynamics, added = self._controller.dynamics, self._controller.compensation
-        if state is not None:
-            dynamics.load(state.a_d)
-        torque = np.asarray(dynamics.torque(m.q, self._zero, self._zero))
-        return torque if added is None else torque - added(m.q)
+    def _safe(self, m: Measurement, damping: float, hold: bool = True) -> np.ndarray:
+        """Return the torque (n) of gravity and damping [1/s], whatever the sensors say."""
+        assert self._state is not None
+        torque, self._state = self._controller.safe(self._state, m, damping=damping, hold=hold)
+        return torque
 
-    def _damping(self, m: Measurement, rate: float) -> np.ndarray:
-        """Return the torque (n) of D v, by which a joint alone loses its speed at a rate [1/s]."""
-        return np.asarray(rate * np.diag(pin.crba(self._model, self._data, m.q)) * m.v)
-
-    def _until_rest(self, m: Measurement) -> None:
-        """Stop once the joints rest, or after a while."""
-        self._quiet = self._quiet + 1 if np.abs(m.v).max() < _STILL else 0
+    def _until_rest(self) -> None:
+        """Stop once the joints rest, as far as can be believed, or after a while."""
+        assert self._state is not None
+        self._quiet = self._quiet + 1 if np.abs(self._state.sensed.v).max() < _STILL else 0
         self._since += 1
         if self._quiet >= _QUIET or self._since * self._facts.period > _DAMP:
             self._enter(Phase.STOPPED, self.ending.reason)

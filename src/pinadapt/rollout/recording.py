@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..controller.controller import Controller
-from ..controller.state import ControllerState, Sample
+from ..controller.state import Bridged, ControllerState, Sample
 from ..description.chain import effort_limits
 from ..exceptions import InputError, ParameterError
 from ..information.information import MotionTorques, TorquePrediction, motion_torques
@@ -20,6 +20,8 @@ from ..plants.pinocchio_plant import PinocchioPlant
 from ..robot.robot import EARLY, Robot, Succession
 from ..tasks.task import Task
 from .limit_excess import LimitExcess, motion_of_plant, motion_of_reference
+
+_NONE_BRIDGED = Bridged()
 
 
 class Evaluation:
@@ -352,6 +354,7 @@ class Recording:
         slowed: when a governor slowed the path, and why, in order; see ``Limits.governor``.
         ringing: which torque oscillates faster than the motion, how fast and how much, or None; see
             ``pinadapt.rollout.ringing``.
+        bridged: how many samples the controller replaced by a prediction, by kind.
     """
 
     title: str
@@ -383,6 +386,7 @@ class Recording:
     path_time: np.ndarray | None = None
     slowed: tuple[Slowdown, ...] = ()
     ringing: Ringing | None = None
+    bridged: Bridged = _NONE_BRIDGED
 
     @cached_property
     def error(self) -> np.ndarray:

@@ -14,6 +14,7 @@ import numpy as np
 from .._output import Sheet, Table, number, percent, whole_file, write_text
 from .._version import __version__
 from ..controller.governor import SINGULAR
+from ..controller.state import Bridged
 from ..exceptions import InputError
 from ..information.information import TorquePrediction
 from ..laws import DEFAULT, LAWS
@@ -65,6 +66,7 @@ def summary(rollout: Recording) -> dict[str, Any]:
         "changes": [_transient(transient) for transient in rollout.transients],
         "slowed": [_slowdown(slowdown) for slowdown in rollout.slowed],
         "ringing": None if rollout.ringing is None else rollout.ringing._asdict(),
+        "bridged": rollout.bridged._asdict(),
         "recorded": _recorded(rollout),
         "version": __version__,
     }
@@ -235,6 +237,9 @@ def _remarks(rollout: Recording, numbers: dict[str, Any]) -> list[tuple[str, str
         rows.append(("path slowed", slowed_words(rollout)))
     if rollout.step_time:
         rows.append(("controller step (mean)", number(numbers["step_time_us"], "us", digits=0)))
+    if any(rollout.bridged):
+        found = [f"{count} of {name}" for name, count in rollout.bridged._asdict().items() if count]
+        rows.append(("samples bridged by prediction", ", ".join(found)))
     return rows + _ended_early(rollout)
 
 
@@ -303,6 +308,7 @@ def load(folder: Path, kind: type[Run]) -> Run:
         )
         if numbers["ringing"] is not None:
             given["ringing"] = Ringing(**numbers["ringing"])
+        given["bridged"] = Bridged(**numbers["bridged"])
         given["marks"] = tuple((at, what) for at, what in rest["marks"])
         given["step_time"], given["wall_time"] = (
             numbers["step_time_us"] / 1e6,

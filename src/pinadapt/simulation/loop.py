@@ -13,7 +13,13 @@ import numpy as np
 from .._checks import instance, mapping, positive
 from ..controller.controller import Controller
 from ..controller.state import ControllerState, Sample
-from ..exceptions import DivergedError, ImplausibleError, InputError, did_you_mean
+from ..exceptions import (
+    DivergedError,
+    ImplausibleError,
+    InputError,
+    PinadaptError,
+    did_you_mean,
+)
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..plants.plant import Plant, SimulatedPlant
 from ..plants.sensors import SimulatedSensors
@@ -105,6 +111,7 @@ def _due(events: Mapping[float, Any], before: float, now: float) -> list[Any]:
 
 
 MOST_SAMPLES = 10**10
+_DAMP, _STILL = 1.5, 0.01  # [s] longest, [rad/s or m/s] below which an arm rests
 FASTEST = 1e4  # [rad/s or m/s]; beyond this norm of the joint velocities the loop has diverged
 
 
@@ -137,6 +144,8 @@ def run(
 
     Yields:
         One sample a period.
+
+    A plant that is not simulated is brought to rest first, whatever ends the loop but its end.
 
     Raises:
         DivergedError: the loop diverged, at its ``time`` and for its ``reason``, a guard's
@@ -173,13 +182,17 @@ def run(
             started = perf_counter()
             torque, after = controller.step(state, measurement, desired, dt)
             step_time = perf_counter() - started
-        except DivergedError as error:
-            raise DivergedError(error.reason, truth.t) from error
-        except ImplausibleError as error:
-            real = isinstance(plant, SimulatedPlant)
-            raise DivergedError(lost(error, real=real), truth.t) from error
-        except InputError as error:
-            raise unusable(error, truth.t) from error
+        except PinadaptError as error:
+            simulated = isinstance(plant, SimulatedPlant)
+            if not simulated and isinstance(controller, Controller):
+                _bring_to_rest(plant, controller, state, measurement, dt)
+            if isinstance(error, DivergedError):
+                raise DivergedError(error.reason, truth.t) from error
+            if isinstance(error, ImplausibleError):
+                raise DivergedError(lost(error, real=simulated), truth.t) from error
+            if isinstance(error, InputError):
+                raise unusable(error, truth.t) from error
+            raise
         given = plant.motors(torque)
         yield Sample(truth.t, measurement, desired, state, given, truth, step_time)
         plant.step(torque, dt)
@@ -188,6 +201,22 @@ def run(
             now = truth.t + dt
             events.change(plant, truth.t, now)
             state = events.announce(controller, state, truth.t, now)
+
+
+def _bring_to_rest(
+    plant: Plant,
+    controller: Controller,
+    state: ControllerState,
+    measurement: Measurement,
+    dt: float,
+) -> None:
+    """Bring an arm to rest, after a sample that ends its loop; see ``Controller.safe``."""
+    for _ in range(round(_DAMP / dt)):
+        torque, state = controller.safe(state, measurement)
+        plant.step(torque, dt)
+        if np.abs(state.sensed.v).max() < _STILL:
+            break
+        measurement = plant.measure()
 
 
 def lost(error: ImplausibleError, *, real: bool) -> str:

@@ -20,7 +20,7 @@ from .._checks import instance, keywords
 from ..controller.controller import Controller
 from ..controller.learned import LearnedParameters
 from ..controller.limits import Limits
-from ..controller.state import ControllerState, Sample
+from ..controller.state import Bridged, ControllerState, Sample
 from ..exceptions import DivergedError, InputError, Interrupted
 from ..information.tracker import FoundTracker, find_tracker
 from ..plants.mujoco_plant import MujocoFile
@@ -443,6 +443,7 @@ def rollout_of(
         evaluation=Evaluation(controller, robots, samples),
         marks=_marks(robots, announced),
         interrupted=kept.interrupted,
+        bridged=samples[-1].state.bridged if samples else Bridged(),
         path_extent=extent,
         path_time=path_times(samples),
         slowed=slowdowns(samples),

@@ -1,0 +1,308 @@
+"""Sensors that lie: how soon it is found, and where the arm is by then.
+
+``python -m benchmarks.lying_sensors [--robots A,B] [--laws A,B] [--only FAULT] [--save FILE]`` runs
+cases of the zoo (tool, load, every inertia and the friction unknown, a circle) at 1 kHz, and from
+the second second on one sensor lies. Each row is a
+fault of one robot under one law, beside the same run without it:
+
+* refused: time from the first wrong sample to the error [ms], or "-" if all of it was bridged;
+* farther: how much farther a joint went by then than without the fault, at most [deg or cm];
+* torque: the largest one until then, of the limit of its motor;
+* drift: how far a joint went in the 3 s after the error, on the torque of ``Controller.safe`` and
+  with the fault going on [deg or cm], and speed: the fastest joint at their end [rad/s or m/s].
+
+Nothing of this is a proof: a sensor may lie in ways that no comparison shows.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import math
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+import pinadapt as pa
+from pinadapt.description.chain import is_slide
+from pinadapt.zoo.experiment import zoo_case
+
+from .timing import HERE, save
+
+DT, BEGIN, LONGEST, AFTER = 1e-3, 1.0, 1.0, 3.0  # [s]
+ROBOTS, LAWS = ("panda", "ur5", "kinova"), ("separation", "adaptive-inverse-dynamics")
+JOINT = 1  # that lies alone
+Spoil = Callable[["Liar", pa.Measurement], pa.Measurement]
+
+
+class Liar:
+    """A sensor that lies from an instant on.
+
+    Attributes:
+        model: of the robot.
+        count: of wrong samples before this one.
+        first: the last true sample.
+    """
+
+    def __init__(self, robot: pa.Robot, spoil: Spoil) -> None:
+        """Take the robot, and what spoils a true sample."""
+        self.model, self._spoil = robot.model, spoil
+        self.count, self.first = 0, pa.Measurement(0.0, robot.q0, np.zeros(robot.model.nv))
+
+    def __call__(self, sample: pa.Measurement) -> pa.Measurement:
+        """Return what is said in place of a true sample."""
+        wrong = self._spoil(self, sample)
+        self.count += 1
+        return wrong
+
+    def angles(self, sample: pa.Measurement, change: Callable[[np.ndarray], Any]) -> np.ndarray:
+        """Return q with the joint's angle changed; a continuous joint's is that of its pair."""
+        joint = self.model.joints[JOINT + 1]
+        q = sample.q.copy()
+        if joint.nq == 1:
+            q[joint.idx_q] = change(q[joint.idx_q])
+        else:
+            angle = change(np.arctan2(q[joint.idx_q + 1], q[joint.idx_q]))
+            q[joint.idx_q : joint.idx_q + 2] = np.cos(angle), np.sin(angle)
+        return q
+
+
+def _joint(values: np.ndarray, value: float) -> np.ndarray:
+    """Return a copy with one joint's value replaced."""
+    changed = values.copy()
+    changed[JOINT] = value
+    return changed
+
+
+def _stuck_q(liar: Liar, s: pa.Measurement, v: bool = False) -> pa.Measurement:
+    joint = liar.model.joints[JOINT + 1]
+    part = slice(joint.idx_q, joint.idx_q + joint.nq)
+    q = s.q.copy()
+    q[part] = liar.first.q[part]
+    return s._replace(q=q, v=_joint(s.v, 0.0) if v else s.v)
+
+
+def _degrees(liar: Liar, s: pa.Measurement) -> pa.Measurement:
+    return s._replace(q=np.degrees(s.q))
+
+
+def _once(spoil: Spoil) -> Spoil:
+    return lambda liar, s: spoil(liar, s) if liar.count == 0 else s
+
+
+def _off(liar: Liar, s: pa.Measurement, by: float) -> pa.Measurement:
+    return s if s.x is None else s._replace(x=s.x + by * np.eye(s.x.size)[0])
+
+
+def _frozen(liar: Liar, s: pa.Measurement) -> pa.Measurement:
+    return liar.first._replace(t=s.t)
+
+
+FAULTS: dict[str, Spoil] = {
+    "v of a joint stuck": lambda a, s: s._replace(v=_joint(s.v, a.first.v[JOINT])),
+    "v of a joint zero": lambda a, s: s._replace(v=_joint(s.v, 0.0)),
+    "v of all joints stuck": lambda a, s: s._replace(v=a.first.v),
+    "v of the wrong sign": lambda a, s: s._replace(v=-s.v),
+    "v in degrees": lambda a, s: s._replace(v=np.degrees(s.v)),
+    "v 50 rad/s, once": _once(lambda a, s: s._replace(v=_joint(s.v, 50.0))),
+    "q of a joint stuck": _stuck_q,
+    "encoder stuck, v zero with it": lambda a, s: _stuck_q(a, s, v=True),
+    "q wraps by 2 pi": lambda a, s: s._replace(q=a.angles(s, lambda angle: angle - 2.0 * np.pi)),
+    "q in degrees": _degrees,
+    "q off by 0.5, once": _once(lambda a, s: s._replace(q=a.angles(s, lambda q: q + 0.5))),
+    "q off by 0.1 for good": lambda a, s: s._replace(q=a.angles(s, lambda q: q + 0.1)),
+    "(cos, sin) times 1.2": lambda a, s: s._replace(q=1.2 * s.q),
+    "x off by 1 m, once": _once(lambda a, s: _off(a, s, 1.0)),
+    "x off by 0.3 m for good": lambda a, s: _off(a, s, 0.3),
+    "x frozen": lambda a, s: s._replace(x=a.first.x),
+    "torque 1e4 N m, once": _once(lambda a, s: s._replace(tau=np.full(s.v.size, 1e4))),
+    "torque times 100": lambda a, s: s if s.tau is None else s._replace(tau=100.0 * s.tau),
+    "time of every second sample": lambda a, s: s._replace(t=s.t - DT * (a.count % 2)),
+    "time stands": lambda a, s: s._replace(t=a.first.t),
+    "all repeated, time goes on": _frozen,
+    "not a number": lambda a, s: s._replace(v=_joint(s.v, math.nan)),
+}
+CONTINUOUS = ("(cos, sin) times 1.2",)
+WRAPS = ("q wraps by 2 pi",)  # which a continuous joint does not do
+MEASURES = ("torque 1e4 N m, once", "torque times 100")
+
+
+@dataclass
+class Row:
+    """What one fault did; see the module."""
+
+    robot: str
+    law: str
+    fault: str
+    refused: float | None
+    farther: float
+    torque: float
+    drift: float
+    speed: float
+    bridged: int
+    reason: str
+
+
+class Loop:
+    """A closed loop on the case of a robot of the zoo, sample by sample.
+
+    Attributes:
+        true: the robot.
+        controller: that drives it.
+        plant: that it drives.
+        liar: the sensors, once they lie.
+        state: of the controller.
+    """
+
+    def __init__(self, name: str, law: str, measures: bool = False, dt: float = DT) -> None:
+        """Take a robot, a law, whether torques are measured, and the period [s]."""
+        case = zoo_case(name)
+        self.true, self.measures, self.dt = case.true, measures, dt
+        options: dict[str, Any] = {"adaptation": "least-squares"} if measures else {}
+        self.controller = pa.make_controller(
+            case.estimated,
+            law=law,
+            dt=dt,
+            unknown=pa.Unknown(friction=True, armature=True),
+            limits=pa.Limits(torque=case.efforts_suffice),
+            **options,
+        )
+        self.plant = pa.plants.PinocchioPlant(self.true)
+        self.motion = pa.reference.starting_from(case.motion, self.true, self.plant.measure())
+        self.given: np.ndarray | None = None
+        self.liar: Liar | None = None
+        self.state = self.controller.init(self.plant.measure())
+        self.sample = self.plant.measure()
+
+    def lying(self, fault: str) -> Loop:
+        """Return a copy whose sensors lie from now on."""
+        other = copy.deepcopy(self)
+        other.liar = Liar(self.true, FAULTS[fault])
+        other.liar.first = self.sample
+        return other
+
+    def measured(self) -> tuple[pa.Measurement, pa.Measurement]:
+        """Return the truth, and what the sensors say."""
+        truth = self.plant.measure()
+        self.sample = truth._replace(tau=self.given) if self.measures else truth
+        return truth, self.sample if self.liar is None else self.liar(self.sample)
+
+    def samples(self, duration: float) -> Iterator[tuple[pa.Measurement, np.ndarray]]:
+        """Yield truth and torque of each sample until the controller refuses one."""
+        for _ in range(round(duration / self.dt)):
+            truth, sample = self.measured()
+            desired = self.motion.at(truth.t)
+            torque, self.state = self.controller.step(self.state, sample, desired, self.dt)
+            yield truth, torque
+            self.send(torque)
+
+    def send(self, torque: np.ndarray) -> None:
+        """Let the arm move on for a period."""
+        self.given = self.plant.motors(torque)
+        self.plant.step(torque, self.dt)
+
+    def rest(self, duration: float) -> Iterator[pa.Measurement]:
+        """Yield the truth while the arm is on the torque of ``Controller.safe``."""
+        for _ in range(round(duration / self.dt)):
+            truth, sample = self.measured()
+            yield truth
+            torque, self.state = self.controller.safe(self.state, sample)
+            self.send(torque)
+
+
+def row(loop: Loop, names: tuple[str, str, str], honest: list[np.ndarray]) -> Row:
+    """Return what a fault does, that has just begun.
+
+    Args:
+        loop: whose sensors lie.
+        names: of robot, law and fault.
+        honest: q (nq) of each sample from now on if they did not.
+    """
+    limit, model = np.asarray(loop.true.model.effortLimit), loop.true.model
+    limit = np.where(limit > 0.0, limit, np.inf)
+    refused, share, reason, k, farthest = None, 0.0, "", 0, 0.0
+    try:
+        for truth, torque in loop.samples(LONGEST):
+            share = max(share, float((np.abs(torque) / limit).max()))
+            farthest = max(farthest, _apart(model, honest[k], truth.q))
+            k += 1
+    except pa.PinadaptError as error:
+        refused = 1e3 * k * loop.dt
+        reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        farthest = max(farthest, _apart(model, honest[k], loop.plant.measure().q))
+    drift, speed, bridged = 0.0, math.nan, sum(loop.state.bridged)
+    if refused is not None:
+        start = loop.plant.measure().q
+        for truth in loop.rest(AFTER):
+            drift = max(drift, _apart(model, start, truth.q))
+            speed = float(np.abs(truth.v).max())
+    return Row(*names, refused, farthest, share, drift, speed, bridged, reason)
+
+
+def _apart(model: Any, q: np.ndarray, other: np.ndarray) -> float:
+    """Return how far the farthest joint is from another place [deg, or cm of slides]."""
+    unit = [1e2 if is_slide(joint) else math.degrees(1.0) for joint in model.joints[1:]]
+    return float(np.abs(np.array(unit) * pin.difference(model, q, other)).max())
+
+
+def begun(name: str, law: str, measures: bool = False, dt: float = DT) -> Loop:
+    """Return a loop in motion, where a sensor may begin to lie."""
+    loop = Loop(name, law, measures, dt)
+    for _ in loop.samples(BEGIN):
+        pass
+    return loop
+
+
+def fitting(model: Any) -> list[str]:
+    """Return the faults that a robot can have."""
+    continuous = model.joints[JOINT + 1].nq == 2
+    return [name for name in FAULTS if name not in (WRAPS if continuous else CONTINUOUS)]
+
+
+def rows(robots: list[str], laws: list[str], only: str = "") -> Iterator[Row]:
+    """Yield a row for each robot, law and fault."""
+    for name in robots:
+        for law in laws:
+            loops = {measures: begun(name, law, measures) for measures in (False, True)}
+            honest = {
+                measures: [s.q for s, _ in copy.deepcopy(loop).samples(LONGEST + 0.1)]
+                for measures, loop in loops.items()
+            }
+            for fault in fitting(loops[False].true.model):
+                if only in fault:
+                    measures = fault in MEASURES
+                    lying = loops[measures].lying(fault)
+                    yield row(lying, (name, law, fault), honest[measures])
+
+
+def main() -> None:
+    """Print the table, and write it to a file."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--robots", default=",".join(ROBOTS))
+    parser.add_argument("--laws", default=",".join(LAWS))
+    parser.add_argument("--only", default="", help="faults with this in their name")
+    parser.add_argument("--save", type=Path, default=None, help=f"e.g. {HERE}/lying_sensors.json")
+    options = parser.parse_args()
+    found = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for each in rows(options.robots.split(","), options.laws.split(","), options.only):
+            when = "-" if each.refused is None else f"{each.refused:.0f}"
+            print(
+                f"{each.robot:8} {each.law[:12]:12} {each.fault:32} {when:>5} ms "
+                f"{each.farther:7.2f} deg {each.torque:5.2f}  drift {each.drift:7.2f} deg "
+                f"{each.speed:6.3f} /s  {each.bridged:3d}  {each.reason[:110]}",
+                flush=True,
+            )
+            found.append(vars(each))
+    if options.save is not None:
+        save(options.save, found)
+
+
+if __name__ == "__main__":
+    main()
