@@ -1,0 +1,118 @@
+"""Arrays that do not fit: public methods refuse them, and read or write nothing outside of them.
+
+Further tests of arrays and objects: what comes into a step, ``tests/controller/test_inputs.py``;
+copies, threads and limits, ``tests/controller/test_copies.py`` and ``test_guards.py``; laws and
+adaptations of a user's own, ``tests/controller/test_own_objects.py``; the sizes that each kernel
+checks, ``tests/kernels/test_kernels.py``.
+"""
+
+import mmap
+import tempfile
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from pinadapt.adaptation import Drive, Estimate
+from tests.support.chains import catalogue_robot
+
+EFFECTS = pa.Unknown(friction=True, armature=True)
+
+
+@pytest.fixture(scope="module")
+def loop():
+    """Return a controller of a UR5 with rotors and friction, and the first state of a loop."""
+    robot = catalogue_robot("ur5")
+    controller = pa.make_controller(
+        robot, law="adaptive-jacobian", adaptation="natural", unknown=EFFECTS
+    )
+    state = controller.init(pa.plants.PinocchioPlant(robot).measure())
+    return controller, state
+
+
+def methods(loop):
+    """Return the name of a method -> the method, and arrays that fit it."""
+    controller, state = loop
+    kin, dyn, law = controller.kinematics, controller.dynamics, controller.law
+    ad, a = controller.adaptation_d, state.dynamic.value
+    q, v = controller.motion.robot.q0, np.full(6, 0.1)
+    drive, bodies = np.full(a.size, 0.01), np.zeros((6, dyn.inertial.size))
+
+    def step(value, gradient):
+        return ad.step(Estimate(value), Drive(gradient[None], np.ones(1), gradient=gradient), 1e-3)
+
+    return {
+        "kinematics.update": (kin.update, [kin.initial, q, v]),
+        "dynamics.load": (dyn.load, [a]),
+        "dynamics.torque": (dyn.torque, [q, v, v]),
+        "dynamics.regressor": (dyn.regressor, [q, v, v]),
+        "dynamics.slotine_li": (dyn.slotine_li, [q, v, v, v]),
+        "dynamics.momentum": (dyn.momentum, [q, v]),
+        "joints.regressor": (lambda *given: dyn.joints.regressor(q, *given, bodies), [v, v]),
+        "posture.offset": (law.posture.offset, [q]),
+        "posture.acceleration": (law.posture.acceleration, [q, v]),
+        "adaptation.step": (step, [a, drive]),
+        "adaptation.gain": (ad.gain, [a]),
+    }
+
+
+METHODS = (
+    "kinematics.update",
+    "dynamics.load",
+    "dynamics.torque",
+    "dynamics.regressor",
+    "dynamics.slotine_li",
+    "dynamics.momentum",
+    "joints.regressor",
+    "posture.offset",
+    "posture.acceleration",
+    "adaptation.step",
+    "adaptation.gain",
+)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_an_array_that_is_too_short_is_refused(name, loop):
+    method, arrays = methods(loop)[name]
+    method(*arrays)
+    for k, array in enumerate(arrays):
+        for short in (array[..., :-1], array[..., :0], array[..., : array.shape[-1] // 2]):
+            with pytest.raises((pa.InputError, ValueError, IndexError)):
+                method(*arrays[:k], short, *arrays[k + 1 :])
+
+
+def read_only(array):
+    """Return a copy in memory that the system does not let anybody write, as joblib's maps are."""
+    with tempfile.TemporaryFile() as file:
+        file.write(np.ascontiguousarray(array).tobytes())
+        file.flush()
+        memory = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    return np.frombuffer(memory).reshape(array.shape)
+
+
+LAYOUTS = {
+    "read-only": read_only,
+    "strided": lambda x: np.repeat(x, 2, axis=-1)[..., ::2],
+    "Fortran": np.asfortranarray,
+}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("name", METHODS)
+def test_memory_layouts_give_the_same_and_are_not_written(name, layout, loop):
+    method, arrays = methods(loop)[name]
+    laid, kept = [LAYOUTS[layout](x) for x in arrays], [x.copy() for x in arrays]
+    expected = method(*arrays)
+    found = method(*laid)
+    for a, b in zip(flat(expected), flat(found), strict=True):
+        assert np.allclose(a, b, rtol=1e-12, atol=1e-12)
+    assert all(np.array_equal(a, b) for a, b in zip(laid, kept, strict=True))
+
+
+def flat(result):
+    """Return the arrays of what a method returns."""
+    if isinstance(result, Estimate):
+        return [result.value]
+    if isinstance(result, np.ndarray):
+        return [np.array(result)]
+    return [] if result is None else [np.array(each) for each in result]
