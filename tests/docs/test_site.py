@@ -69,11 +69,12 @@ def test_the_workflow_runs_make_targets_on_all_versions_of_python():
     workflow = text_of(".github/workflows/checks.yml")
     targets = re.findall(r"run: make (\w+)", workflow)
     assert set(targets) == {"lint", "test", "docs"}
-    for target in targets:
-        assert re.search(rf"^{target}:", text_of("Makefile"), re.M)
+    assert "run: make ${{ matrix.target }}" in workflow
+    for target in [*targets, *re.search(r"target: \[(.+)\]", workflow).group(1).split(", ")]:
+        assert re.search(rf"^{target}\b.*:", text_of("Makefile"), re.M)
     least = re.search(r'requires-python = ">=(3\.\d+)"', text_of("pyproject.toml")).group(1)
     matrices = re.findall(r"python-version: (\[.+\])", workflow)
-    assert [json.loads(matrix) for matrix in matrices] == [[least, "3.11", "3.12", "3.13"]] * 2
+    assert [json.loads(matrix) for matrix in matrices] == [[least, "3.11", "3.12", "3.13"]] * 3
 
 
 def test_the_hooks_run_the_same_tools_as_lint():
