@@ -15,6 +15,7 @@ import pytest
 import pinadapt as pa
 from pinadapt.adaptation import Drive, Estimate
 from tests.support.chains import catalogue_robot
+from tests.support.snapshots import snapshot, unchanged
 
 EFFECTS = pa.Unknown(friction=True, armature=True)
 
@@ -116,3 +117,32 @@ def flat(result):
     if isinstance(result, np.ndarray):
         return [np.array(result)]
     return [] if result is None else [np.array(each) for each in result]
+
+
+LOOPS = {
+    "memory": {},
+    "natural": {"adaptation": "natural"},
+    "set points": {"law": "approximate-jacobian", "adaptation": "natural"},
+}
+
+
+@pytest.mark.parametrize("options", LOOPS.values(), ids=LOOPS)
+def test_what_goes_out_and_comes_in_is_the_callers(options):
+    robot = pa.load("planar_2r")
+    controller, plant = pa.make_controller(robot, **options), pa.plants.PinocchioPlant(robot)
+    first = plant.measure()
+    state = controller.init(first)
+    for k in range(1, 4):
+        sample = plant.measurement(robot.q0 + 1e-3 * k, np.full(2, 0.1), 1e-3 * k)
+        desired = pa.Desired(first.x.copy(), np.zeros(2), np.zeros(2))
+        torque, state = controller.step(state, sample, desired, 1e-3)
+        before = snapshot(state)
+        for array in (torque, sample.q, sample.v, sample.x, *desired):
+            array += 9.0
+        assert unchanged(state, before)
+    for part, value in (("x_d", np.inf), ("x_d", -np.inf), ("x_d", np.nan)):
+        wrong = pa.Desired(first.x, *np.zeros((2, 2)))._replace(**{part: np.full(2, value)})
+        with pytest.raises(pa.InputError, match="not finite"), np.errstate(all="ignore"):
+            controller.step(state, plant.measurement(robot.q0, np.zeros(2), 0.004), wrong, 1e-3)
+        with pytest.raises(pa.InputError, match="not finite"):
+            controller.observe(state, plant.measurement(robot.q0, np.zeros(2), 0.004), wrong)

@@ -329,7 +329,8 @@ class Controller:
             if path is not None:
                 path = self._governed(path, s, sensed, given, elapsed)
             if self._torque_filter is not None:
-                torque_filter = self._torque_filter.step(s.filtered_torque, given, elapsed)
+                held = given.copy()  # the torque that goes out is the caller's
+                torque_filter = self._torque_filter.step(s.filtered_torque, held, elapsed)
             size = kernels.size_of_estimates(dynamic.value, kinematic.value, torque)
             if not size < self.limits.estimate**2:
                 raise self._divergence(size)
@@ -445,6 +446,7 @@ class Controller:
         if not self._alone.acquire(blocking=False):
             raise _used_by_another_thread()
         try:
+            self._inputs.finite(*self._inputs.sample(state, measurement, desired))
             s = self._observe(state, measurement, desired)[0]
         finally:
             self._alone.release()

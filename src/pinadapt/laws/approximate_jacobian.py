@@ -14,7 +14,7 @@ from .._checks import definite_matrix, numbers, positive
 from ..adaptation.adaptation import Adaptation, Drive, Drives
 from ..adaptation.projections import GravityProjection
 from ..description.chain import jacobian_bounds, position_bounds
-from ..exceptions import GainError
+from ..exceptions import DivergedError, GainError
 from ..models.dynamics import Dynamics
 from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
@@ -223,6 +223,8 @@ class ApproximateJacobian(Law):
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return the torque and the drive Z^T y; the kinematic estimate is not adapted."""
+        if not np.isfinite(s.dx).all():  # a bounded torque would not show it
+            raise DivergedError("the error of the task is not finite.")
         rest, pull = np.zeros(s.v.size), self._pull(s)
         # tau = Z a_d + g_0 - J_hat^T K_P s(dx) - K_v qd
         torque = model.dynamics.torque(s.q, rest, rest) - pull - self.brake(s.v)
