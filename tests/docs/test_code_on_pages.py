@@ -93,12 +93,13 @@ def test_the_loop_on_hardware_runs_and_adapts_only_when_enabled(after):
     block = block.replace('pa.load("my_robot.urdf", frame="tool0")', 'pa.load("ur5")')
     scope = {"arm": arm, "operator": Operator(after)}
     exec(block, scope)
-    assert arm.error is None and len(arm.sent) == 600
+    assert arm.error is None and len(arm.sent) > 600  # and then it comes to rest
+    assert np.abs(scope["state"].sensed.v).max() < 0.01
     state, initial = scope["state"], scope["controller"].dynamics.initial
     assert state.adapting == (after < 600)
     assert np.array_equal(state.a_d, initial) == (after > 600)
     reached = scope["motion"].at(0.6).x_d
-    assert np.linalg.norm(arm.read().x - reached) < 0.01
+    assert np.linalg.norm(arm.read().x - reached) < 0.03  # at rest: a load not learned sags
     assert np.abs(arm.sent[0]).max() < 30.0  # without the gravity torque that the arm adds itself
 
 

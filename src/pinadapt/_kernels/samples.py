@@ -29,7 +29,7 @@ _SHARE, _LONG_SHARE = 0.25, 0.5  # of the way, by which q and v may differ
 _SHAKEN, _SHOWN = 5.0, 10.0  # the path that v says: of that of q, and of the tolerance, at most
 _TELLING = 4.0  # tolerances of a way after which an arm moves, and q and v are believed
 _COUNTS = 3.0  # least changes of q, by which it clearly changes from sample to sample
-_LEARNED = 0.5  # of a frame's error, by which learning may change it
+_LEARNED = 1.0  # of a frame's error, which learning may take away between two frames
 
 
 @compiled(
@@ -70,7 +70,7 @@ def check_sample(
       T = 50 ms and 1/2 over 0.5 s, or P_v > 5 P + 10 tol over 0.5 s.
     * FAR: |x - place| > far.
     * FRAME: the error e = p_hat - x of a frame has changed by more than the unknown translations,
-      of at most ``unknown``, learning and noise explain: |de| > floor + unknown (sum |dq|) + |e|/2,
+      of at most ``unknown``, learning and noise explain: |de| > floor + unknown (sum |dq|) + |e|,
       with the turns of all joints since the last frame and shortly before.
     * FROZEN: x has not changed, and p_hat and the joints have moved by more than a bound.
     * TURNED: a measured orientation has turned by more than all joints together and a bound.
