@@ -56,6 +56,7 @@ def drive(folder, *arguments, kind="simulated"):
     return main(["drive", *kind.split(), *given, "--safety", "late=1000000", *arguments])
 
 
+@pytest.mark.slow
 def test_an_arm_of_ones_own_is_driven_replayed_and_learned(folder, capsys):
     assert drive(folder, "--adapt", "--duration", "0.3", kind=f"{folder}/mine.py:Mine here") == 0
     out = capsys.readouterr().out

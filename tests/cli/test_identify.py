@@ -156,6 +156,7 @@ def test_a_doubtful_log_is_no_success(copy, tmp_path, capsys):
     (tmp_path / "log.intake.toml").unlink()
 
 
+@pytest.mark.slow
 def test_each_of_several_logs_is_checked(copy, tmp_path, capsys):
     bad = copy(lambda t, q, v, tau: {"tau": -tau})
     for arguments in (["--test", str(bad)], ["--empty", str(bad)], []):

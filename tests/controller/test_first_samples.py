@@ -326,6 +326,7 @@ def counted(resolution):
     return lambda sample: sample._replace(q=resolution * np.rint(sample.q / resolution))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "make",
     [
@@ -371,6 +372,7 @@ def test_missed_samples_raise_no_alarm():
         loop.plant.step(torque, DT)
 
 
+@pytest.mark.slow
 def test_once_all_is_told_nothing_is_remembered():
     """And the torque is the same to the bit, with the guards and without.
 
@@ -456,6 +458,7 @@ def test_a_measured_torque_in_another_unit_is_told(name):
     assert len(list(Loop(robot).run(0.1, measures_torque=0.8))) == 100
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compensated", [None, "nominal"])
 @pytest.mark.parametrize("scale", [2.0 / 3.0, 1.5])
 @pytest.mark.parametrize("name", [*ARMS, "planar_2r", "tiago_arm"])

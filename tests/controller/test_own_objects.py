@@ -258,7 +258,7 @@ def test_a_run_whose_estimates_rest_is_the_one_of_no_adaptation(mode):
 def all_of(signals):
     """Return what signals hold, and what their inverse and filters hold."""
     own = [name for name in signals.__slots__ if name not in ("inverse", "filtered")]
-    assert len(own) == 22
+    assert len(own) == 23
     filtered, inverse = signals.filtered, signals.inverse
     names = getattr(filtered, "_fields", None) or filtered.__slots__
     parts = *(getattr(filtered, name) for name in names), inverse.J, inverse.gram_inverse

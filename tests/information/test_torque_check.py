@@ -108,6 +108,7 @@ def mistakes():
     yield "another robot", lambda log, r: (log, catalogue_robot("xarm7")), "log of another robot"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("named", [False, True])
 def test_any_order_of_the_joints_is_found_by_what_fits(named):
     log, robot = panda()
@@ -126,6 +127,7 @@ def gravity_torques(log, robot):
     return 0.93 * np.array([gravity(q) for q in log.q])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("what", "make", "words"), list(mistakes()), ids=lambda x: str(x)[:20])
 def test_usual_mistakes_are_named_with_what_mends_them(what, make, words):
     assert words in causes(*make(*panda()))

@@ -260,6 +260,7 @@ def test_nobody_at_a_port_and_a_port_in_use_are_said():
 # --- processes that are killed ---
 
 
+@pytest.mark.slow
 def test_a_viewer_sees_the_loop_and_its_death_changes_nothing():
     """A live view draws what the desk answers; another viewer is killed while it asks."""
     from pinadapt.view.live import LiveView
@@ -288,6 +289,7 @@ def test_a_viewer_sees_the_loop_and_its_death_changes_nothing():
     assert not np.array_equal(seen[0].state.a_d, seen[-1].state.a_d)
 
 
+@pytest.mark.slow
 def test_a_killed_loop_leaves_its_log_and_an_arm_at_rest(tmp_path):
     """kill -9: the log is whole, and the arm stops by itself."""
     code = f"""
@@ -340,6 +342,7 @@ def runs(pid):
         return False
 
 
+@pytest.mark.slow
 def test_a_plant_in_a_process_of_its_own_that_dies_is_noticed(tmp_path):
     """At 50 Hz: ten periods, after which the loop ends as late, are then more than a stall."""
     of = pa.make_controller(robot(), dt=20e-3, adaptation="none")

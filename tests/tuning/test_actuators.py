@@ -88,6 +88,7 @@ def test_ideal_actuators_are_the_check_without_them():
             assert one.longest == pytest.approx(other.longest, rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["panda", "kinova", "z1"])  # ur5 below, under all laws
 @pytest.mark.parametrize(
     "actuators",
@@ -110,6 +111,7 @@ def test_default_gains_for_declared_actuators_pass(name, actuators):
     assert actuators.words in repr(controller)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", pa.laws.LAWS)
 @pytest.mark.parametrize(
     "actuators",
