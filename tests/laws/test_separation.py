@@ -145,7 +145,7 @@ def test_arms_are_held_without_task_velocity(name):
 def test_the_observer_is_that_of_its_differential_equation():
     """dx_o/dt = J_hat qd - beta (x_o - x): halving dt leaves less than half of the difference."""
     robot = catalogue_robot("ur5")
-    controller = pa.make_controller(robot, law="separation")
+    controller = pa.make_controller(robot, law="separation", limits=pa.Limits(guards=False))
     plant = pa.plants.PinocchioPlant(robot)
     at_home, v = plant.measure(), np.full(6, 0.2)
     state = controller.init(at_home)
