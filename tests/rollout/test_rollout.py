@@ -172,6 +172,11 @@ def test_first_and_last_v_are_those_of_the_whole_run():
     rollout, _ = tracked()
     assert np.array_equal(rollout.lyapunov_ends, rollout.lyapunov[[0, -1]])
     assert f"{rollout.lyapunov[-1]:.4g}" in str(rollout)
+    evaluation = rollout.evaluated()
+    first = evaluation.samples[0]
+    wild = first.measurement._replace(v=np.full(first.measurement.v.size, 1e3))
+    V = evaluation.storage([first, first._replace(measurement=wild)])  # the second was bridged
+    assert V[0] == rollout.lyapunov[0] and np.isnan(V[1])
 
 
 def test_a_pickled_rollout_has_the_same_numbers_and_no_controller():

@@ -13,7 +13,7 @@ import numpy as np
 from ..controller.controller import Controller
 from ..controller.state import Bridged, ControllerState, Sample
 from ..description.chain import effort_limits
-from ..exceptions import InputError, ParameterError
+from ..exceptions import ImplausibleError, InputError, ParameterError
 from ..information.information import MotionTorques, TorquePrediction, motion_torques
 from ..laws.law import Truth
 from ..plants.pinocchio_plant import PinocchioPlant
@@ -142,7 +142,10 @@ class Evaluation:
 
     @np.errstate(all="ignore")
     def storage(self, samples: Sequence[Sample]) -> np.ndarray | None:
-        """Return V at some of the samples (k), or None where it is undefined for one of them."""
+        """Return V at some of the samples (k), or None where it is undefined for all of them.
+
+        NaN at a sample that the controller had to bridge.
+        """
         if self._true_k is None or self._true_d is None or not samples:
             return None
         plants = [PinocchioPlant(robot) for robot in self.true.robots]
@@ -152,7 +155,11 @@ class Evaluation:
             parts = self.controller.parameter_storage(sample.state, a_k, a_d)
             if parts is None:
                 return None
-            signals = self.controller.observe(sample.state, sample.measurement, sample.desired)
+            try:
+                signals = self.controller.observe(sample.state, sample.measurement, sample.desired)
+            except ImplausibleError:
+                V.append(np.nan)
+                continue
             of_law = law.storage(signals, truth_at(plant, sample, a_k, a_d))
             V.append(parts + self.controller.adaptation_d.emphasis(sample.state.dynamic) * of_law)
         return np.array(V)

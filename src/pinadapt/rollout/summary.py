@@ -219,7 +219,9 @@ def _largest_torque(rollout: Recording) -> str:
 
 
 def _ends(lyapunov: np.ndarray | None) -> str:
-    return "undefined" if lyapunov is None else f"{lyapunov[0]:.4g} -> {lyapunov[1]:.4g}"
+    if lyapunov is None or np.isnan(lyapunov).any():
+        return "undefined"
+    return f"{lyapunov[0]:.4g} -> {lyapunov[1]:.4g}"
 
 
 def _remarks(rollout: Recording, numbers: dict[str, Any]) -> list[tuple[str, str]]:
