@@ -20,7 +20,7 @@ import argparse
 import copy
 import math
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -278,6 +278,37 @@ def rows(robots: list[str], laws: list[str], only: str = "") -> Iterator[Row]:
                     measures = fault in MEASURES
                     lying = loops[measures].lying(fault)
                     yield row(lying, (name, law, fault), honest[measures])
+
+
+def report(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return a table in Markdown: the worst of the robots, by fault and law."""
+    laws = list(dict.fromkeys(row["law"] for row in rows))
+    lines = [["fault", *(f"`{law}`" for law in laws)], ["---"] * (len(laws) + 1)]
+    for fault in dict.fromkeys(row["fault"] for row in rows):
+        lines.append([fault])
+        for law in laws:
+            own = [row for row in rows if (row["fault"], row["law"]) == (fault, law)]
+            lines[-1].append(_worst(own))
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _worst(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return time to the refusal, way, torque and drift, each the largest of some rows."""
+    if not rows:
+        return "-"
+    far, torque = (max(row[key] for row in rows) for key in ("farther", "torque"))
+    words = f"{_angle(far)}, {100.0 * torque:.0f} %"
+    missed = [row["robot"] for row in rows if row["refused"] is None]
+    late = max((row["refused"] for row in rows if row["refused"] is not None), default=None)
+    if late is None:
+        return f"bridged, {words}"
+    drift = max(row["drift"] for row in rows)
+    never = f" ({', '.join(missed)}: not within 1 s)" if missed else ""
+    return f"{late:.0f} ms{never}, {words}, {_angle(drift)}"
+
+
+def _angle(degrees: float) -> str:
+    return f"{degrees:.0f}°" if degrees >= 100.0 else f"{degrees:.2g}°" if degrees > 0.01 else "0°"
 
 
 def main() -> None:
