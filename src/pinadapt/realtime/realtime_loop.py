@@ -667,6 +667,7 @@ class RealtimeLoop:
             return
 
         def count(number: int, frame: FrameType | None) -> None:
+            """Count a signal; end at once before the first cycle, and at the fourth."""
             self._signals += 1
             if self._phase is Phase.STARTING or self._signals > 3:
                 raise KeyboardInterrupt

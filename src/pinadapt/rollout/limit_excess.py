@@ -216,15 +216,18 @@ class _Limits(NamedTuple):
 
     @classmethod
     def of(cls, robot: Robot) -> _Limits:
+        """Return the limits of a description."""
         lower, upper = position_limits(robot.model)
         return cls(lower, upper, velocity_limits(robot.model), effort_limits(robot.model))
 
     @property
     def stated(self) -> bool:
+        """Whether the description states any limit."""
         return bool(np.isfinite(np.concatenate(self)).any())
 
     @np.errstate(invalid="ignore")  # inf - inf is no excess
     def excess(self, motion: DrivenMotion) -> Excess:
+        """Return by how much a motion exceeds the limits, zero where it does not."""
         return Excess(
             _largest(np.maximum(motion.q - self.upper, self.lower - motion.q)),
             _largest(np.abs(motion.v) - self.velocity),

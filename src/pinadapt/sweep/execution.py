@@ -318,6 +318,7 @@ def _within(
     found: Future[dict[str, Any]] = Future()
 
     def target() -> None:
+        """Run the case and hand over its row, or what it raised."""
         try:
             found.set_result(run_case(work, case, version))
         except BaseException as error:
@@ -484,6 +485,7 @@ class _Process:
         self._case: Future[Any] | None = None
 
     def start(self) -> None:
+        """Start the process of the pool, before there is a case for it."""
         with _one_thread_each(), _deaf():
             future = self._pool.submit(os.getpid)
         future.add_done_callback(self._started)
@@ -531,6 +533,7 @@ class _Process:
                 os.kill(self._pid, getattr(signal, "SIGKILL", signal.SIGTERM))
 
     def end(self) -> None:
+        """Kill the process and give up its pool."""
         self._kill()
         self._pid = 0
         self._pool.shutdown(wait=False, cancel_futures=True)

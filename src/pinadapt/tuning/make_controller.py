@@ -195,6 +195,7 @@ def make_controller(
     tuning = Tuning(tuned, motion, w, dt, quality, settings)
 
     def adaptation_d(share: float = 1.0) -> Adaptation:
+        """Return the adaptation of the dynamics, at a share of its rate."""
         if isinstance(adaptation, Adaptation):
             return modified(tuned.guarded(adaptation, dynamics), modifying, tuning)
         return _adaptation(kind, modifying, tuning, rates, unknown.lmi, share)
@@ -406,6 +407,7 @@ def _tuned(
         return tuned, motion.bandwidth * tuned.bandwidth_share
 
     def slowed(share: float) -> Law:
+        """Return the law with a share of its feedback."""
         return tuned if share == 1.0 else chosen.tuned(motion, dt, share, **gains)
 
     share = stable_share_of_feedback(

@@ -271,6 +271,7 @@ def stable_share_of_feedback(
         joints = ActuatedJoints(motion, actuators, K_f, of_task=len(whole) == 1)
 
     def radius(share: float) -> float:
+        """Return the spectral radius of the loop with a share of the feedback."""
         if joints is None:
             return _feedback_radius(of(share), dt, 1.0)
         return joints.feedback_radius(of(share), dt, 1.0)
