@@ -25,3 +25,9 @@ def pytest_collection_finish(session):
     """Search what is collected and imported for garbage once, not whenever a test searches."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(autouse=True, scope="module")
+def left_by_other_modules():
+    """Leave what earlier modules made out of such searches: a real-time loop begins with one."""
+    gc.freeze()
