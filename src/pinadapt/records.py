@@ -30,7 +30,7 @@ class Measurement(NamedTuple):
         v: (nv) joint velocity [rad/s or m/s].
         x: task coordinates in world axes, from a camera or tracker, not from the model: (m) [m], or
             for a pose position [m] and unit quaternion xyzw (7), of either sign. None where there
-            is none at this sample. A joint task has no use for it: there x is q.
+            is none at this sample. A joint task ignores it, of whatever size: there x is q.
         x_time: time of x [s]; None: t.
         xd: (m) task velocity [m/s], a pose's first three rows alone being read; needed only by the
             laws that say so.

@@ -103,6 +103,8 @@ def test_time_is_any_number(frame, t):
 def test_what_a_law_does_not_need_may_be_missing():
     joints = Loop("slotine-li")
     assert joints.step(x=None, xd=None, a=None, tau=None)[0].tobytes() == joints.step()[0].tobytes()
+    seen = joints.step(x=np.zeros(3), x_time=0.0, xd=np.zeros(3))  # of the frame, by a tracker
+    assert seen[0].tobytes() == joints.step()[0].tobytes()
 
 
 # --- refused ---

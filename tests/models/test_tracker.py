@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from hypothesis import given
+from scipy.spatial.transform import Rotation
 
 import pinadapt as pa
 from pinadapt.information.tracker import find_tracker
@@ -15,6 +16,7 @@ from tests.support.loops import energy_along, with_tool_and_load
 
 TURN = np.array([1.2, -1.5, 0.8])  # [rad] 2.1 together
 PLACE = np.array([0.5, -0.4, 1.1])
+TOOL = [0.02, -0.03, 0.05]
 UNKNOWN = pa.Unknown(tracker=True)
 
 
@@ -160,7 +162,7 @@ def test_a_wiggle_makes_no_angle_special(name, angle):
 def frames():
     """Measurements of a wiggling Panda with a tool, seen by a tracker."""
     robot = catalogue_robot("panda")
-    true = robot.changed(tool_translation=[0.02, -0.03, 0.05]).seen_from(TURN, PLACE)
+    true = robot.changed(tool_translation=TOOL).seen_from(TURN, PLACE)
     motion, samples = Wiggle(robot), []
     for t in np.arange(0.0, 2.0, 0.01):
         q = pa.description.chain.configuration_from_angles(robot.model, motion.at(t).x_d)
@@ -175,6 +177,23 @@ def test_the_tracker_is_found_from_frames(frames):
     assert found.tracker.placement.homogeneous == pytest.approx(true.tracker.homogeneous, abs=1e-9)
     assert found.a_k == pytest.approx(kinematics.value(true), abs=1e-9)
     assert "119.2 deg" in str(found) and "tool_z" in str(found)
+
+
+def test_the_tracker_is_that_of_the_closed_form(frames):
+    """With the tool known the best rotation is that of two clouds of points (Kabsch)."""
+    true, _, samples = frames
+    known = TrackerKinematics(catalogue_robot("panda").changed(tool_translation=TOOL))
+    rng = np.random.default_rng(3)
+    noisy = [s._replace(x=s.x + 1e-3 * rng.standard_normal(3)) for s in samples]
+    found = find_tracker(known, noisy).tracker.placement
+    p = np.array([known.robot.position(s.q) for s in noisy])
+    x = np.array([s.x for s in noisy])
+    closed, _ = Rotation.align_vectors(x - x.mean(axis=0), p - p.mean(axis=0))
+    t = x.mean(axis=0) - closed.apply(p.mean(axis=0))
+    assert found.rotation == pytest.approx(closed.as_matrix(), abs=1e-8)
+    assert found.translation == pytest.approx(t, abs=1e-8)
+    off = pin.log3(found.rotation @ true.tracker.rotation.T)
+    assert 1e-5 < np.linalg.norm(off) < 1e-2  # the noise is felt by both
 
 
 def test_deviations_are_those_of_many_noises(frames):

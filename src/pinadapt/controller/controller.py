@@ -192,7 +192,9 @@ class Controller:
         """Return the state to start from, as ``init``, for a measurement that was checked."""
         kinematics, dynamics = self.kinematics, self.dynamics
         initial = (
-            kinematics.first(measurement.q, measurement.x) if a_k is None else kinematics.initial
+            kinematics.initial_at(measurement.q, measurement.x)
+            if a_k is None
+            else kinematics.initial
         )
         a_k = initial_estimate(a_k, initial, "belief.kinematic", kinematics.names)
         dynamic = self.adaptation_d.init(
@@ -298,7 +300,8 @@ class Controller:
     ) -> tuple[np.ndarray, ControllerState]:
         """Return the torque (n) [N m or N] to hold for the next dt [s], and the next state.
 
-        Everything that comes in is checked; ``state`` is as good as before, whatever is raised.
+        Everything that comes in is checked; ``state`` is as good as before, whatever is raised. A
+        joint task ignores x.
 
         Raises:
             MeasurementError: a signal that the law uses is missing, of the wrong size or type, or

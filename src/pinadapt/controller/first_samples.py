@@ -120,7 +120,7 @@ class FirstSamples:
         """
         if self.limits and (flaw := misfit(self.robot.model, q)):
             raise ImplausibleError("q", q, flaw, hint=_SWITCH.format("limits"))
-        if self.position and x is not None and kinematics.positions and kinematics.anchored:
+        if self.position and x is not None and kinematics.positions and kinematics.calibrated:
             self._check_place(q, x, kinematics)
         if self.gravity is None:
             return None

@@ -111,6 +111,8 @@ class InputCheck:
             raise InputError(f"expected a Measurement, got {given!r}.", where="measurement")
         t, q, v, x, x_time, xd, a, tau, w = given
         q, v = _array(q, self._q, "q"), _array(v, self._v, "v")
+        if not self._measures_x:  # a joint task
+            x = x_time = xd = None
         x = None if x is None else _array(x, self._x, "x")
         x_time = None if x_time is None else _number(x_time, "x_time")
         xd = None if xd is None else _array(xd, self._m, "xd")

@@ -830,7 +830,7 @@ def make_guards(
         on[name] = wanted
     model, n, size = robot.model, robot.model.nv, robot.reach
     parts = kinematics.translations
-    based = not kinematics.anchored or any(part.joint == FIRST for part in parts)
+    based = not kinematics.calibrated or any(part.joint == FIRST for part in parts)
     scale = size if kinematics.positions else 1.0
     slides = np.array([is_slide(joint) for joint in model.joints[1:]])
     lengths = np.where(slides, min(1.0, size), 1.0)
@@ -860,7 +860,7 @@ def make_guards(
     numbers[kernels.RECENTLY] = _RECENT + 3.0 * quality.age
     if on["position"] and kinematics.positions:
         numbers[kernels.FARTHEST] = (_FAR_BASE if based else _FAR) * size
-    if on["position"] and kinematics.positions and kinematics.anchored:
+    if on["position"] and kinematics.positions and kinematics.calibrated:
         x_noise = 2.0 * _CERTAIN * quality.x
         numbers[kernels.FLOOR] = numbers[kernels.STEADY] = _FRAME * size + x_noise
         numbers[kernels.UNKNOWN] = _UNEXPLAINED * size + _unknown_lengths(kinematics, box)

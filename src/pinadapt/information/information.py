@@ -7,7 +7,7 @@ least-squares estimate, and its null space what the motion does not excite.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -20,6 +20,8 @@ from ..controller.learned import AlongExcited
 from ..controller.state import ControllerState, Sample
 from ..models.dynamics import Dynamics
 from ..models.excited import Excited, TorqueSums, names_together, scales
+from ..models.task_kinematics import TaskKinematics
+from ..records import Measurement
 from .measured_motion import instants_of_samples, motion_of_samples
 
 BLOCK = 0.05  # [s] over which rows of the torque are averaged, so that their noise is independent
@@ -187,22 +189,12 @@ def position_information(
     A late frame is compared with the configuration at the time when it was taken.
     """
     kinematics, m = controller.kinematics, controller.kinematics.positions
-    times = np.array([sample.t for sample in samples])
-    W, r, last = [], [], None
-    for k, sample in enumerate(samples if kinematics.size else ()):
-        t, q, v, x, taken, *_ = sample.measurement
-        if x is None or (taken is not None and taken == last):
-            continue
-        last = taken
-        if taken is not None and taken < t:
-            k = max(int(np.searchsorted(times, taken, side="right")) - 1, 0)
-            share = (taken - times[k]) / (times[k + 1] - times[k])
-            before, after = samples[k].measurement, samples[k + 1].measurement
-            q = kinematics.between(before.q, after.q, float(np.clip(share, 0.0, 1.0)))
+    W, r = [], []
+    measurements = [sample.measurement for sample in samples if kinematics.size]
+    for q, v, x in frames(kinematics, measurements):
         kinematics.update(state.a_k, q, v)
-        position, X_k = kinematics.p_hat, kinematics.X_k
-        W.append(X_k)
-        r.append(np.asarray(x)[:m] - position)
+        W.append(kinematics.X_k)
+        r.append(x - kinematics.p_hat)
     shape = len(W), m
     return _information(
         kinematics.names,
@@ -211,6 +203,26 @@ def position_information(
         np.array(r).reshape(shape),
         np.full(m, controller.kinematics.robot.reach),
     )
+
+
+def frames(
+    kinematics: TaskKinematics, measurements: Sequence[Measurement]
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Yield q (nq), v (nv) and the measured positions x (m_p) of each frame of a motion.
+
+    Of a late frame q is that at ``x_time``, between two measurements.
+    """
+    times, last = np.array([each.t for each in measurements]), None
+    for t, q, v, x, taken, *_ in measurements:
+        if x is None or (taken is not None and taken == last):
+            continue
+        last = taken
+        if taken is not None and taken < t and len(times) > 1:
+            k = int(np.clip(np.searchsorted(times, taken, side="right") - 1, 0, len(times) - 2))
+            share = float(np.clip((taken - times[k]) / (times[k + 1] - times[k]), 0.0, 1.0))
+            before, after = measurements[k], measurements[k + 1]
+            q, v = kinematics.between(before.q, after.q, share), before.v
+        yield q, v, np.asarray(x, dtype=float)[: kinematics.positions]
 
 
 def _information(

@@ -22,6 +22,7 @@ from ..exceptions import LogError
 from ..models.task_kinematics import TaskKinematics
 from ..models.tracker_kinematics import Tracker, TrackerKinematics
 from ..records import Measurement
+from .information import Information, frames
 
 _LEAST_WAY = 2e-3  # of the reach: rms motion of the frame that shows anything
 _ROUNDS = 20
@@ -29,11 +30,10 @@ _CONVERGED = 1e-12
 _PRIOR = 0.1  # of the reach: standard deviation of a described translation
 _LEAST_NOISE = 1e-6  # of the reach
 _FEWEST = 4
-_RIDGE = 1e-4  # of the largest singular value
-_RANK = 1e-13
-_PART = 1e-6  # of a direction
+_LUMPED = 1e-5  # of the reach: deviation of a frame when lumped parameters are fitted
 _SCALE = 0.7  # logarithm by which the size of a motion may differ
 _LEAST_SHARE = 0.2
+_MIRRORED = -0.5  # determinant; near zero where the motion does not show all axes
 _EXPLAINED = 0.5  # share of the residual's size that a mistake must take away
 _WORST = 0.05  # rms residual over rms motion, from which no tracker explains the frames
 _UNSEEN = 0.9  # of the prior deviation
@@ -110,7 +110,7 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
         raise LogError(
             "these kinematics have no tracker.", hint="Take unknown=pa.Unknown(tracker=True)."
         )
-    p, r, x, rate = _frames(kinematics, samples)
+    p, r, x, rate = _seen(kinematics, samples)
     motion, reach = _rms(p - p.mean(axis=0)), kinematics.robot.reach
     if len(p) < _FEWEST or motion < _LEAST_WAY * reach:
         raise LogError(
@@ -120,26 +120,23 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
         )
     found = _lumped(kinematics, p, r, x)
     _check_axes(found.reshape(x.shape[1], -1)[:, :3], p, x, motion)
-    tracker, residual, H, _ = _fitted(kinematics, kinematics.tracker(found), p, r, x)
-    sigma = max(_deviation(residual, len(H)), _LEAST_NOISE * reach)
+    tracker, residual, information = _fitted(kinematics, kinematics.tracker(found), p, r, x)
+    names = information.names
+    sigma = _noise(residual, len(names), reach)
     if sigma * _correlated(residual) > _WORST * motion:
-        _, other, _, late = _fitted(kinematics, tracker, p, r, x, rate)
-        left = _deviation(other, len(H))
+        _, other, timed = _fitted(kinematics, tracker, p, r, x, rate)
         cause = ""
-        if left < _EXPLAINED * sigma:
-            cause = f"; frames taken {1e3 * late:.3g} ms before their time would explain it"
+        if _noise(other, len(names), reach) < _EXPLAINED * sigma:
+            late = 1e3 * float(timed.estimate[-1])
+            cause = f"; frames taken {late:.3g} ms before their time would explain it"
         raise LogError(
             f"no tracker explains these frames: they are off by {1e3 * sigma:.3g} mm (rms) in a "
             f"motion of {1e3 * motion:.3g} mm{cause}.",
             hint="Is x of this frame, of this robot, and timed on the clock of q?",
         )
-    deviations = sigma * _spread(H)
-    turned = [f"{word} {axis}" for word in ("turn about", "base") for axis in "xyz"]
-    names = (*turned, *kinematics.translation_names)
+    deviations = information.deviations
     prior = np.repeat([1.0, reach, _PRIOR * reach], [3, 3, len(tracker.a)])
-    unseen = tuple(
-        name for name, off in zip(names, deviations / prior, strict=True) if off > _UNSEEN
-    )
+    unseen = [name for name, off in zip(names, deviations / prior, strict=True) if off > _UNSEEN]
     return FoundTracker(
         tracker,
         kinematics.parameters(tracker),
@@ -147,8 +144,60 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
         names,
         sigma,
         len(p),
-        unseen,
+        tuple(unseen),
     )
+
+
+def _seen(
+    kinematics: TrackerKinematics, samples: Sequence[Measurement]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return of N frames p (N, 3), r (N, 3, k), x (N, m_p), and dp/dt (N, 3)."""
+    rows = [(*kinematics.in_base(q, v), x) for q, v, x in frames(kinematics, samples)]
+    if not rows:
+        raise LogError("there is no frame: no measurement has an x.")
+    p, r, pd, x = (np.array(column) for column in zip(*rows, strict=True))
+    return p, r, x, pd
+
+
+def _lumped(
+    kinematics: TrackerKinematics, p: np.ndarray, r: np.ndarray, x: np.ndarray
+) -> np.ndarray:
+    """Return the least-squares estimate (p) of the lumped parameters.
+
+    Of the blocks is known before how large they are, and nothing else.
+    """
+    m = x.shape[1]
+    start = kinematics.initial.reshape(m, -1).copy()
+    start[:, :-1] = 0.0
+    phi = [kinematics.lumped(*each) for each in zip(p, r, strict=True)]
+    W = np.kron(np.array(phi), np.eye(m)).reshape(len(p), m, -1, m)
+    W = W.swapaxes(2, 3).reshape(len(p), m, -1)
+    prior = (_LUMPED * kinematics.robot.reach / kinematics.sizes) ** 2 * len(p)
+    found = _told(kinematics.names, start.ravel(), W, x - start[:, -1], prior)
+    return found.estimate + found.correction
+
+
+def _told(
+    names: tuple[str, ...],
+    a: np.ndarray,
+    W: np.ndarray,
+    residual: np.ndarray,
+    prior: np.ndarray,
+    off: np.ndarray | float = 0.0,
+) -> Information:
+    """Return what rows W (N, m_p, p) with a residual (N, m_p) say of parameters a (p).
+
+    Args:
+        names: of the parameters.
+        a: estimate.
+        W: slopes.
+        residual: at the estimate.
+        prior: (p) inverse variances of what was known before, times the noise's variance.
+        off: (p) what was known before, less the estimate.
+    """
+    rows, r = W.reshape(-1, len(a)), residual.ravel()
+    H, score = rows.T @ rows + np.diag(prior), rows.T @ r + prior * off
+    return Information(names, a, H, score, np.ones(W.shape[1]), len(W))
 
 
 def _fitted(
@@ -158,8 +207,8 @@ def _fitted(
     r: np.ndarray,
     x: np.ndarray,
     rate: np.ndarray | None = None,
-) -> tuple[Tracker, np.ndarray, np.ndarray, float]:
-    """Return tracker, residual (N, m_p) [m], information and lateness [s] of the best fit.
+) -> tuple[Tracker, np.ndarray, Information]:
+    """Return tracker, residual (N, m_p) [m] and what the frames say at the best fit.
 
     Args:
         kinematics: with the described translations, which are known to a tenth of the reach.
@@ -167,82 +216,37 @@ def _fitted(
         p: (N, 3) positions in the axes of the base by the description [m].
         r: (N, 3, k) their derivatives by the translations.
         x: (N, m_p) frames [m].
-        rate: (N, 3) dp/dt, if the frames may all be late; None: they are in time.
+        rate: (N, 3) dp/dt, if the frames may all be late; None: they are in time. Then the last
+            parameter is how late they are [s].
     """
     R, t, a = start.placement.rotation, start.placement.translation, start.a
     a_0, rows, reach = kinematics.nominal, kinematics.task.place, kinematics.robot.reach
-    late, k = 0.0, len(a)
-    prior = np.repeat([0.0, 1.0 / (_PRIOR * reach) ** 2, 0.0], [6, k, 1])
+    lateness = [0.0] if rate is not None else []
+    turned = [f"{word} {axis}" for word in ("turn about", "base") for axis in "xyz"]
+    names = (*turned, *kinematics.translation_names, *("late" for _ in lateness))
+    known = np.repeat([0.0, 1.0 / (_PRIOR * reach) ** 2, 0.0], [6, len(a), len(lateness)])
     for _ in range(_ROUNDS):
-        moved = p if rate is None else p - late * rate
+        moved = p if rate is None else p - lateness[0] * rate
         y = (moved + r @ (a - a_0)) @ R.T
         residual = x - (y + t)[:, rows]
         slopes = [
-            np.concatenate([-pin.skew(y_i), np.eye(3), R @ r_i, np.zeros((3, 1))], axis=1)
-            for y_i, r_i in zip(y, r, strict=True)
+            np.array([-pin.skew(each) for each in y]),
+            np.tile(np.eye(3), (len(y), 1, 1)),
+            R @ r,
         ]
-        W = np.stack(slopes)
         if rate is not None:
-            W[:, :, -1] = -rate @ R.T
-        W = W[:, rows]
-        sigma = max(_deviation(residual, 6 + k), _LEAST_NOISE * reach)
-        off = np.concatenate([np.zeros(6), a_0 - a, [0.0]])
-        gradient = np.einsum("nmp,nm->p", W, residual) + sigma**2 * prior * off
-        H = np.einsum("nmp,nmq->pq", W, W) + np.diag(sigma**2 * prior)
-        scale = np.sqrt(np.maximum(np.diag(H), np.finfo(float).tiny))
-        step = np.linalg.pinv(H / np.outer(scale, scale), rcond=_RANK, hermitian=True)
-        step = step @ (gradient / scale) / scale
-        R, t, a = pin.exp3(step[:3]) @ R, t + step[3:6], a + step[6:-1]
-        late += float(step[-1])
+            slopes.append(-(rate @ R.T)[:, :, None])
+        W = np.concatenate(slopes, axis=2)[:, rows]
+        sigma = _noise(residual, len(names), reach)
+        estimate = np.concatenate([pin.log3(R), t, a, lateness])
+        off = np.concatenate([np.zeros(6), a_0 - a, np.zeros(len(lateness))])
+        told = _told(names, estimate, W / sigma, residual / sigma, known, off)
+        step = told.correction
+        R, t, a = pin.exp3(step[:3]) @ R, t + step[3:6], a + step[6 : 6 + len(a)]
+        lateness = [late + float(step[-1]) for late in lateness]
         if np.abs(step).max() < _CONVERGED:
             break
-    return Tracker(pin.SE3(R, t), a), residual, H[:-1, :-1], late
-
-
-def _spread(H: np.ndarray) -> np.ndarray:
-    """Return the roots of the diagonal of H^-1 (p, p); infinite where H says nothing."""
-    scale = np.sqrt(np.maximum(np.diag(H), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(H / np.outer(scale, scale))
-    told = values > _RANK
-    variance = np.sum(vectors[:, told] ** 2 / values[told], axis=1) / scale**2
-    free = np.sum(vectors[:, ~told] ** 2, axis=1) > _PART
-    return np.where(free, np.inf, np.sqrt(variance))
-
-
-def _frames(
-    kinematics: TrackerKinematics, samples: Sequence[Measurement]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return of N frames p (N, 3), r (N, 3, k), x (N, m_p), and dx/dt but for a turn (N, 3)."""
-    times = np.array([sample.t for sample in samples])
-    rows, last = [], None
-    for k, sample in enumerate(samples):
-        t, q, v, x, taken, *_ = sample
-        if x is None or (taken is not None and taken == last):
-            continue
-        last = taken
-        if taken is not None and taken < t:
-            k = min(max(int(np.searchsorted(times, taken, side="right")) - 1, 0), len(times) - 2)
-            share = float(np.clip((taken - times[k]) / (times[k + 1] - times[k]), 0.0, 1.0))
-            q, v = kinematics.between(samples[k].q, samples[k + 1].q, share), samples[k].v
-        p, r, pd = kinematics.in_base(q, v)
-        rows.append((p, r, np.asarray(x, dtype=float)[: kinematics.positions], pd))
-    if not rows:
-        raise LogError("there is no frame: no measurement has an x.")
-    p, r, x, pd = (np.array(column) for column in zip(*rows, strict=True))
-    return p, r, x, pd
-
-
-def _lumped(
-    kinematics: TrackerKinematics, p: np.ndarray, r: np.ndarray, x: np.ndarray
-) -> np.ndarray:
-    """Return the least-squares estimate (p) of the lumped parameters, near the described ones."""
-    phi = np.array([kinematics.lumped(*each) for each in zip(p, r, strict=True)])
-    m = x.shape[1]
-    start, sizes = kinematics.initial.reshape(m, -1), kinematics.sizes.reshape(m, -1)[0]
-    start = start * np.append(np.zeros(start.shape[1] - 1), 1.0)  # of the blocks nothing is known
-    U, s, V = np.linalg.svd(phi * sizes, full_matrices=False)
-    weight = s / (s**2 + (_RIDGE * s[0]) ** 2)
-    return np.asarray((start + (V.T * weight @ U.T @ (x - phi @ start.T)).T * sizes).ravel())
+    return Tracker(pin.SE3(R, t), a), residual, told
 
 
 def _check_axes(B: np.ndarray, p: np.ndarray, x: np.ndarray, motion: float) -> None:
@@ -255,16 +259,17 @@ def _check_axes(B: np.ndarray, p: np.ndarray, x: np.ndarray, motion: float) -> N
             f"the frames move {size:.3g} times as far as the arm. {still}{unit}".strip(),
             hint="Give x in metres, of a point that is fixed to the last body.",
         )
-    if len(B) == 3 and np.linalg.det(B) < 0.0:
+    if len(B) == 3 and np.linalg.det(B) < _MIRRORED:
         raise LogError(
             "the axes of the tracker are left-handed: only a mirror explains the frames.",
             hint="Change the sign of one coordinate of x.",
         )
 
 
-def _deviation(residual: np.ndarray, parameters: int) -> float:
-    """Return the standard deviation of the noise that leaves a residual (N, m_p)."""
-    return math.sqrt(float(np.sum(residual**2)) / max(1, residual.size - parameters))
+def _noise(residual: np.ndarray, parameters: int, reach: float) -> float:
+    """Return the standard deviation of the noise that leaves a residual (N, m_p) [m]."""
+    variance = float(np.sum(residual**2)) / max(1, residual.size - parameters)
+    return max(math.sqrt(variance), _LEAST_NOISE * reach)
 
 
 def _correlated(residual: np.ndarray) -> float:

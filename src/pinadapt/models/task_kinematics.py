@@ -33,7 +33,7 @@ class TaskKinematics(ABC):
         positions: m_p.
         initial: (p) the values of the nominal robot [m].
         translations: the unknown translations, in the order of their parameters.
-        anchored: whether x is measured in the axes of the robot's base.
+        calibrated: whether it is known how the axes of x stand against the robot's base.
         sizes: (p) how far each parameter may be off, relative to each other.
         bounds: (2, p) where the parameters stay by default.
         a_k: (p) the estimate [m].
@@ -58,7 +58,7 @@ class TaskKinematics(ABC):
     initial: np.ndarray
     a_k: np.ndarray
     translations: Sequence[Translation] = ()
-    anchored: bool = True
+    calibrated: bool = True
     sizes: np.ndarray
     bounds: np.ndarray
     last_joint: np.ndarray
@@ -83,7 +83,7 @@ class TaskKinematics(ABC):
     def x_hat(self) -> np.ndarray:
         """The estimated task coordinates."""
 
-    def first(self, q: np.ndarray, x: np.ndarray | None) -> np.ndarray:
+    def initial_at(self, q: np.ndarray, x: np.ndarray | None) -> np.ndarray:
         """Return the estimate (p) to start from at a measured q (nq) and x, if that is measured."""
         return self.initial
 

@@ -76,7 +76,7 @@ class TrackerKinematics(TaskKinematics):
         self._inside, self.translations = inside, inside.translations
         self.robot, self.task, self.frame = robot.undrawn(), task, robot.frame
         self.joint_names, self.nq, self.nv = robot.joint_names, inside.nq, inside.nv
-        self._rows, self.positions, self.anchored = task.place, task.positions, False
+        self._rows, self.positions, self.calibrated = task.place, task.positions, False
         self._turns, self.nominal = task.size > task.positions, inside.initial
         inside.update(self.nominal, robot.q0, np.zeros(self.nv))
         self._home = _stacked(inside.p_hat, inside.X_k)
@@ -239,7 +239,7 @@ class TrackerKinematics(TaskKinematics):
         pairs = zip(self._Phi, self._drift, strict=True)
         return self._regressor(*(Phi.dot(a) + drift for Phi, drift in pairs))
 
-    def first(self, q: np.ndarray, x: np.ndarray | None) -> np.ndarray:
+    def initial_at(self, q: np.ndarray, x: np.ndarray | None) -> np.ndarray:
         """Return the estimate (p) to start from: as described, with the position measured.
 
         Args:

@@ -182,8 +182,8 @@ def trajectory_of(reference: Reference, true: Robot) -> Trajectory:
 def _path(reference: Reference, true: Robot) -> Trajectory:
     """Return the motion of [reference] at its own speed."""
     start, task = true.position(true.q0), true.task
-    motion, anchored = _motion(reference, task)
-    motion = motion if anchored else motion.starting_at(start[: _size(task)])
+    motion, placed = _motion(reference, task)
+    motion = motion if placed else motion.starting_at(start[: _size(task)])
     if not isinstance(task, PoseTask):
         if reference.orientation is not None:
             raise ScenarioError(

@@ -20,14 +20,14 @@ from .._checks import instance, keywords
 from ..controller.controller import Controller
 from ..controller.learned import LearnedParameters
 from ..controller.limits import Limits
-from ..controller.state import Bridged, ControllerState, Sample
+from ..controller.state import Bridged, Sample
 from ..exceptions import DivergedError, InputError, Interrupted
 from ..information.tracker import FoundTracker, find_tracker
 from ..plants.mujoco_plant import MujocoFile
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..plants.plant import Plant, PlantMaker, SimulatedPlant
 from ..plants.sensors import SimulatedSensors
-from ..records import Desired, Measurement, Sensors
+from ..records import Sensors
 from ..reference import Wiggle, starting_from
 from ..robot.motors import Actuators
 from ..robot.robot import Robot, Succession
@@ -205,7 +205,7 @@ def simulate(
         )
     indices = sample_indices(duration, dt, ends=engine.continuous)
     trajectory = as_trajectory(trajectory, true.task)
-    if not controller.kinematics.anchored and not isinstance(start, LearnedParameters):
+    if not controller.kinematics.calibrated and not isinstance(start, LearnedParameters):
         given = {"a_k": None} if start is None else dict(start)
         if given.get("a_k", ()) is None:
             start = {**given, "a_k": wiggled(plant, controller, dt, simulated).a_k}
@@ -250,24 +250,6 @@ def simulate(
     return rollout
 
 
-class _WithoutFrames:
-    """A controller of the joints beside a tracker, whose frames it has no use for."""
-
-    def __init__(self, controller: Controller) -> None:
-        self._controller = controller
-
-    def init(self, measurement: Measurement) -> ControllerState:
-        """Return the state to start from."""
-        return self._controller.init(measurement._replace(x=None, x_time=None, xd=None))
-
-    def step(
-        self, state: ControllerState, measurement: Measurement, desired: Desired, dt: float
-    ) -> tuple[np.ndarray, ControllerState]:
-        """Return torque and next state."""
-        seen = measurement._replace(x=None, x_time=None, xd=None)
-        return self._controller.step(state, seen, desired, dt)
-
-
 def wiggled(
     plant: Plant,
     controller: Controller,
@@ -302,8 +284,7 @@ def wiggled(
     )
     motion = Wiggle(robot, duration)
     late = 0.0 if seen.camera is None else seen.camera.delay
-    driver: Any = _WithoutFrames(own)
-    loop = run(plant, driver, motion, dt=dt, duration=duration + late, sensors=sensors)
+    loop = run(plant, own, motion, dt=dt, duration=duration + late, sensors=sensors)
     measurements = [sample.measurement for sample in loop]
     plant.reset()
     return find_tracker(controller.kinematics, measurements)

@@ -22,7 +22,7 @@ from ..robot.robot import Robot, Succession
 from ..trajectories.given import TrajectoryLike, as_trajectory
 from .drawing import DESIRED, TRUE, Poses, Window, framed
 from .page import Moment, Page, curves_of, not_excited_words, reading_of, viewpoint_for
-from .scene import Scene, ShownEstimates, desired_tip, motion_in_time, motion_of, taken_axes
+from .scene import Scene, ShownEstimates, desired_tip, estimated_axes, motion_in_time, motion_of
 
 if TYPE_CHECKING:
     from ..controller.state import Sample
@@ -285,8 +285,8 @@ class LiveView:
         self._scene = Scene(self._window, self._robots, controller.kinematics, viewpoint.size)
         self._scene.add_point()
         self._scene.add_path("desired", path, DESIRED, 0.004)
-        if not controller.kinematics.anchored:
-            self._scene.add_taken_path(path, 0.004)
+        if not controller.kinematics.calibrated:
+            self._scene.add_estimated_path(path, 0.004)
         page = Page(title or true.name, self._scene.legend, viewpoint, self._curves, duration)
         self._server = Server(page.html(), self._window, port)
         self.url = self._server.url
@@ -348,9 +348,9 @@ class LiveView:
         self._scene.place(t, truth, estimated, self._poses)
         desired = desired_tip(self._robots.robots[0], sample.desired.x_d[None], truth.tip)
         self._scene.move_point(desired, self._poses)
-        taken = taken_axes(self._robots.robots[0], kinematics, a_k[None])
-        if taken is not None:
-            self._scene.move_taken_path(taken, self._poses)
+        axes = estimated_axes(self._robots.robots[0], kinematics, a_k[None])
+        if axes is not None:
+            self._scene.move_estimated_path(axes, self._poses)
         self._trace(truth.tip[0])
         assert sample.truth.x is not None  # perfect sensors see the task
         predicted = self._predicted(sample)

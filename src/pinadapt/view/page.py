@@ -26,7 +26,7 @@ from ..models.excited import Excited, names_together
 from ..robot.robot import Succession
 from ..tasks.task import DISPLAYS, RowGroup
 from .drawing import DESIRED, TRUE, Keyframes, Window, framed, ghost
-from .scene import Scene, ShownEstimates, desired_tip, motion_in_time, motion_of, taken_axes
+from .scene import Scene, ShownEstimates, desired_tip, estimated_axes, motion_in_time, motion_of
 
 
 class Moment(NamedTuple):
@@ -73,7 +73,7 @@ def curves_of(robots: Succession, controller: Controller) -> list[Curve]:
     curves = [_error(task, group) for group in task.groups]
     truths = [controller.kinematics.value(robot) for robot in robots.robots]
     known = all(truth is not None for truth in truths)
-    if controller.kinematics.size and controller.kinematics.anchored and known:
+    if controller.kinematics.size and controller.kinematics.calibrated and known:
         curves.append(_translations(robots, truths))
     if controller.dynamics.size:
         curves.append(Curve("error of predicted torque", "%", _percent("torque_error")))
@@ -390,9 +390,9 @@ def animation_of(
         scene.add_point()
         scene.move_point(desired[np.searchsorted(line, frames).clip(max=len(line) - 1)], keys)
         scene.add_path("desired", desired, DESIRED, 0.004)
-        if (taken := taken_axes(true, kinematics, a_k[frames])) is not None:
-            scene.add_taken_path(desired, 0.004)
-            scene.move_taken_path(taken, keys)
+        if (axes := estimated_axes(true, kinematics, a_k[frames])) is not None:
+            scene.add_estimated_path(desired, 0.004)
+            scene.move_estimated_path(axes, keys)
         scene.add_path("true", traced, TRUE, 0.005)
         window.note("reveal", reveal=scene.root["paths"]["true"].path.lower())
     curves = _curves(rollout, robots, controller, window)

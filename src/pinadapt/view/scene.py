@@ -124,17 +124,18 @@ def desired_tip(true: Robot, x_d: np.ndarray, tip: np.ndarray) -> np.ndarray:
     return motion_of(true, np.array([configuration_from_angles(true.model, x) for x in x_d])).tip
 
 
-def taken_axes(true: Robot, kinematics: TaskKinematics, a_k: np.ndarray) -> np.ndarray | None:
-    """Return where a controller takes what is in the base's axes to be (F, 4, 4), by its tracker.
+def estimated_axes(true: Robot, kinematics: TaskKinematics, a_k: np.ndarray) -> np.ndarray | None:
+    """Return by which placements (F, 4, 4) a controller errs about the tracker; None if calibrated.
 
-    None where the axes of x are known.
+    A point that the tracker sees at one place of the base's axes seems to the controller to be at
+    that place moved by the placement. The placement is the identity for a tracker that is known.
 
     Args:
         true: the robot.
         kinematics: of the controller.
         a_k: (F, p) estimates.
     """
-    if kinematics.anchored:
+    if kinematics.calibrated:
         return None
     true_placement = pin.SE3.Identity() if true.tracker is None else true.tracker
     placements = []
@@ -336,15 +337,15 @@ class Scene:
         """Move the desired point to (F, 3) [m]."""
         poses.move(self.root["desired point"], desired)
 
-    def add_taken_path(self, points: np.ndarray, radius: float) -> None:
-        """Draw the desired path (L, 3) [m] once more, as the controller takes it to be."""
+    def add_estimated_path(self, points: np.ndarray, radius: float) -> None:
+        """Draw the desired path (L, 3) [m] a second time, where the controller believes it is."""
         if len(points) > 1:
             material = ghost(0.7, ESTIMATED)
-            self.root["taken path"].set_object(tube(points, radius * self.size), material)
+            self.root["estimated path"].set_object(tube(points, radius * self.size), material)
 
-    def move_taken_path(self, placements: np.ndarray, poses: Poses) -> None:
-        """Move that path by placements (F, 4, 4) in the axes of the base."""
-        poses.move_rigidly(self.root["taken path"], placements)
+    def move_estimated_path(self, placements: np.ndarray, poses: Poses) -> None:
+        """Move the path of ``add_estimated_path`` by placements (F, 4, 4) of ``estimated_axes``."""
+        poses.move_rigidly(self.root["estimated path"], placements)
 
     def add_path(self, name: str, points: np.ndarray, colour: int, radius: float) -> None:
         """Draw a path (L, 3) [m]; fewer than two points are not drawn."""
